@@ -34,8 +34,8 @@ from typing import Any
 import numpy as np
 
 import pfd_core as pfd
+from pfd_ros.messages.command_bytes import EffortArray
 from pfd_ros.messages.convert import JointStateEncoder, decode_floats, decode_joint_state
-from pfd_ros.testing.command_bytes import EffortArray
 from pfd_ros.testing.lockstep_arm import LockstepArm
 
 STIFFNESS, DAMPING = np.full(6, 100.0), np.full(6, 10.0)

@@ -23,6 +23,7 @@ To change or add
     an input                arm.events.Source, a rule in arm.validation, rows in node.endpoints and
                             recording.format.CHANNELS
     an output               arm.output_settings.OUTPUTS and arm.outputs
+    frames of the links     arm.link_frames: /tf of recordings
     a parameter             a field of arm.*_settings, a line of config/sim_arm.yaml
     NaN in a command        arm.commands
     log lines, diagnostics  node.reporting, node.diagnostics

@@ -21,6 +21,7 @@ From the inputs to the outputs:
     tip_frames        frames on the last link: wrenches and inertias transformed to its frame
     wrench            the rules for external wrenches, and how long one acts
     requests          the rules for requests (pause, step, reset) and for states to set
+    link_frames       the frames of a URDF's links, for /tf of a recording
     described_robot   the robot that settings name, and what its URDF adds to them
     ros2_control      the <ros2_control> blocks of a URDF: topics, initial positions, mimic joints
     followed_clock    the rules for ticks of another node's clock

@@ -36,7 +36,16 @@ MOST_COMPILED = 4
 LATEST_NS = (2**31 - 86_400) * NANOSECONDS
 # Settings that may differ between the run that saved a state and the run that continues from it:
 # simulated time is a part of the state, and a recording is of one run.
-PER_RUN = frozenset({'start_time', 'real_time_factor', 'recording', 'recording_state_period'})
+PER_RUN = frozenset(
+    {
+        'start_time',
+        'real_time_factor',
+        'recording',
+        'recording_time',
+        'recording_tf_rate',
+        'recording_state_period',
+    }
+)
 
 
 def load_robot(settings: Settings, source: str | pfd.Urdf | None = None) -> pfd.Robot:
@@ -159,6 +168,7 @@ class Arm:
             integrator=self._simulator.integrator,
             method=self._simulator.method,
             position_sums='compensated' if self._simulator.compensated else 'plain',
+            recording_time=settings.log_time,
         )
         # q, qd, tau and commanded efforts of single steps, (ROWS, 4, n); new when all are used.
         self._rows: NDArray[Any] = np.empty(0)

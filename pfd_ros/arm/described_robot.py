@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.link_frames import LinkFrames, link_frames
 from pfd_ros.arm.ros2_control import (
     Ros2Control,
     read_ros2_control,
@@ -42,6 +44,21 @@ class DescribedRobot:
     def text(self) -> str:
         """The URDF to publish: as it was read, or written of the robot."""
         return pfd.robot_to_urdf(self.robot) if self.urdf is None else self.urdf.text
+
+    def recorded_frames(
+        self, settings: Settings, report: Callable[[str], None]
+    ) -> LinkFrames | None:
+        """Return what makes the arm visible in a recording; None if the settings name no file.
+
+        None also, with a line to `report`, for a robot that cannot be written as URDF.
+        """
+        if not settings.recording:
+            return None
+        try:
+            return link_frames(self.text, settings, self.robot)
+        except ValueError as error:
+            report(f'no robot_description and no /tf in the recording: {error}')
+            return None
 
 
 def described_robot(settings: Settings, source: str) -> DescribedRobot:

@@ -44,6 +44,7 @@ from pfd_ros.arm.events import (
     COMMANDS,
     DROPPED_STATES,
     STATES,
+    TF,
     Arrival,
     Event,
     Output,
@@ -52,6 +53,7 @@ from pfd_ros.arm.events import (
     ValidationRow,
     Verdict,
 )
+from pfd_ros.arm.link_frames import LinkFrames
 from pfd_ros.arm.outputs import extra_outputs
 from pfd_ros.arm.pace import Pace, needs_event
 from pfd_ros.arm.sensors import Sensors
@@ -85,6 +87,8 @@ class Engine:
         From `load_robot` or out of a recording.
     rows
         Whether validation rows and the whole state are encoded, which only recordings hold.
+    frames
+        The frames of the links, which only recordings hold; None for none.
 
     Attributes
     ----------
@@ -92,6 +96,8 @@ class Engine:
         The simulated arm, which holds the state.
     publish_every
         Cycles from one state to the next.
+    frames
+        As given.
 
     Raises
     ------
@@ -99,9 +105,17 @@ class Engine:
         If the settings do not go with the robot.
     """
 
-    def __init__(self, settings: Settings, robot: pfd.Robot, *, rows: bool = True) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        robot: pfd.Robot,
+        *,
+        rows: bool = True,
+        frames: LinkFrames | None = None,
+    ) -> None:
         self.arm = Arm(settings, robot)
-        self._rows = rows
+        self._rows, self.frames = rows, frames
+        self._frames_every = 0 if frames is None or TF not in frames.roles else frames.every
         self._save_every = settings.save_every if rows else 0
         self.publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
@@ -272,7 +286,7 @@ class Engine:
     def encode_states(self, stamps_ns: NDArray[Any], rows: NDArray[Any]) -> bytes | None:
         """Return the messages of the states of a stretch, one after the other.
 
-        None if cycles have other messages too, but for the clock.
+        None if cycles have other messages too, but for clock ticks and frames.
 
         Parameters
         ----------
@@ -510,7 +524,7 @@ class Engine:
                 wrench.advance(state.wrench, skipped)
 
     def _add_state_and_tick(self, outputs: list[Output], role: str) -> None:
-        """Add the state of this cycle, the outputs beside it, and the clock tick."""
+        """Add the state of this cycle, the outputs beside it, the clock tick and the frames."""
         arm, cycle = self.arm, self.state.cycle
         if role:
             state = self._encoder.encode(arm.stamp_ns, *self.measured())
@@ -521,6 +535,10 @@ class Engine:
         if self._clock_every and cycle % self._clock_every == 0:
             tick = convert.encode_clock(arm.stamp_ns)
             outputs.append(Output(CLOCK, cycle // self._clock_every, tick))
+        if self._frames_every and cycle % self._frames_every == 0:
+            assert self.frames is not None
+            data = self.frames.encode(arm.stamp_ns, arm.q)
+            outputs.append(Output(TF, cycle // self._frames_every, data))
 
     def _further_outputs(self, number: int) -> list[Output]:
         messages = [] if self._extra is None else self._extra.messages()

@@ -98,6 +98,8 @@ ARM_STATE = 'arm_state'
 # A state that the sensors drop: recorded, not published; it is numbered with the others.
 DROPPED_STATES = 'dropped_states'
 NUMBERED_AS_STATES = frozenset({STATES, DROPPED_STATES})
+# For viewers, recorded and not published: the URDF, and the frames of its links.
+DESCRIPTION, TF_STATIC, TF = 'robot_description', 'tf_static', 'tf'
 
 
 class Output(NamedTuple):

@@ -37,6 +37,10 @@ SLOWEST_SHARE = 1e-12
 # next is monotonic for controllers that live through both.
 TIME_OF_DAY = -1.0
 
+# Values of `recording_time`.
+WALL, SIMULATED = 'wall', 'simulated'
+# Settings that some recordings are older than, and what these recordings have instead.
+ABSENT = {'recording_time': WALL, 'recording_tf_rate': 0.0}
 # Names of `position_sums`, and whether the simulator then compensates; None leaves it to it.
 POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
@@ -110,6 +114,19 @@ class Settings(
     )
     frame_id: str = setting('', 'header.frame_id of joint_states')
     recording: str = setting('', "MCAP file to write, never over another; '' records nothing")
+    recording_time: str = setting(
+        'auto',
+        'Time base of the recording, log_time: wall, simulated, or auto, which is wall for a run '
+        'in real time and simulated for one in lockstep, at another factor or by a clock',
+        values=('auto', WALL, SIMULATED),
+    )
+    recording_tf_rate: float = setting(
+        50.0,
+        'Frames of the links in the recording, /tf, per simulated second, Hz, in whole steps; 0 '
+        'records none',
+        0.0,
+        1e5,
+    )
     recording_state_period: float = setting(
         5.0,
         'Simulated time between two recorded states of the whole arm, from which a replay can '
@@ -186,6 +203,14 @@ class Settings(
         return dataclasses.replace(self, start_time=start)
 
     @property
+    def log_time(self) -> str:
+        """Time base of the recording, WALL or SIMULATED; publish times have the other one."""
+        if self.recording_time != 'auto':
+            return self.recording_time
+        in_real_time = self.real_time_factor == 1.0 and not self.lockstep
+        return WALL if in_real_time and not self.follows_clock else SIMULATED
+
+    @property
     def step_ns(self) -> int:
         """Simulated time per step in nanoseconds."""
         return round(self.step_size * NANOSECONDS)
@@ -206,6 +231,12 @@ class Settings(
     def clock_every(self) -> int:
         """Steps from one `/clock` tick to the next."""
         return self._steps_per('clock_rate', self.clock_rate)
+
+    @property
+    def tf_every(self) -> int:
+        """Steps from one `/tf` of the recording to the next; 0 without any."""
+        steps = self.recording_tf_rate * self.step_size
+        return max(1, round(1.0 / max(steps, SLOWEST_SHARE))) if steps else 0
 
     @property
     def save_every(self) -> int:
@@ -280,3 +311,14 @@ def from_values(values: Mapping[str, Any]) -> Settings:
             f'unknown settings {listed(sorted(unknown))}; the file is from another version of pfd'
         )
     return Settings(**{name: typed(name, value, kinds[name]) for name, value in values.items()})
+
+
+def to_recorded(settings: Settings) -> dict[str, Any]:
+    """Return the values of settings by name, but for those that `from_recorded` adds."""
+    values = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
+    return {k: v for k, v in values.items() if k not in ABSENT or v != ABSENT[k]}
+
+
+def from_recorded(values: Mapping[str, Any]) -> Settings:
+    """Return settings from a recording, perhaps an older one; as `from_values`."""
+    return from_values({**ABSENT, **values})

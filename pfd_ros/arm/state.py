@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 import pfd_core as pfd
 from pfd_ros.arm.actuator_command import ActuatorCommand
 from pfd_ros.arm.effects import StateChange
-from pfd_ros.arm.settings import Settings, from_values
+from pfd_ros.arm.settings import Settings, from_recorded, to_recorded
 
 # The beginning of the bytes of a state; the digest of the rest follows.
 MAGIC = b'pfd_ros arm state 1\n'
@@ -280,7 +280,7 @@ def _tree(value: Any) -> Any:
     if isinstance(value, pfd.SimulationState):
         return {'simulation': [_tree(dict(value.arrays)), value.start, value.steps, value.status]}
     if isinstance(value, Settings):
-        return {'settings': {f.name: _tree(getattr(value, f.name)) for f in fields(value)}}
+        return {'settings': {name: _tree(entry) for name, entry in to_recorded(value).items()}}
     if isinstance(value, dict):
         return {'table': {name: _tree(entry) for name, entry in value.items()}}
     if is_dataclass(value) or hasattr(value, '_fields'):
@@ -317,7 +317,7 @@ def _record(tree: Any) -> Any:
         buffer.start, buffer.steps, buffer.status = start, steps, status
         return buffer
     if kind == 'settings':
-        return from_values({name: _record(value) for name, value in content.items()})
+        return from_recorded({name: _record(value) for name, value in content.items()})
     if kind == 'table':
         return {name: _record(value) for name, value in content.items()}
     if kind == 'tuple':

@@ -7,6 +7,7 @@
     sim       pfd sim: the node
     replay    pfd replay: summary and verification of a recording
     replay_publish    pfd replay --publish: any log on its topics
+    what_if   pfd replay --what-if: its inputs into a changed arm
     info      pfd info: topics, times and settings of a log
     compare   pfd compare: differences of two logs
     recover   pfd recover: a whole file from one that was cut off or damaged

@@ -14,6 +14,7 @@ import statistics
 from typing import Any
 
 from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.settings import SIMULATED
 from pfd_ros.cli.replay import describe
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.recording.bags import Bag
@@ -82,7 +83,8 @@ def run(given: argparse.Namespace) -> int:
     if given.json:
         print(json.dumps(as_json(bag, counts, span, run_of_node, settings), allow_nan=False))
         return 0
-    for line in lines_of(bag, counts, span):
+    simulated = run_of_node is not None and run_of_node.settings.log_time == SIMULATED
+    for line in lines_of(bag, counts, span, simulated=simulated):
         print(one_line(line))
     if run_of_node is not None:
         print()
@@ -106,6 +108,10 @@ def _date(ns: int) -> str:
         return f'{ns} ns'  # later than the year 9999
 
 
+def _simulated(ns: int) -> str:
+    return f'{ns / NANOSECONDS:.6f} s of simulated time'
+
+
 def _replay(run_of_node: Summary) -> str:
     """Return whether a recording can be replayed."""
     if not run_of_node.states:
@@ -117,8 +123,11 @@ def _replay(run_of_node: Summary) -> str:
     return 'can be verified with `pfd replay LOG --verify`'
 
 
-def lines_of(bag: Bag, counts: Mapping[str, TopicCount], span: tuple[int, int]) -> list[str]:
+def lines_of(
+    bag: Bag, counts: Mapping[str, TopicCount], span: tuple[int, int], *, simulated: bool = False
+) -> list[str]:
     """Return the lines about any log, as `ros2 bag info` has them."""
+    shown = _simulated if simulated else _date
     total = sum(found.count for found in counts.values())
     lines = [
         f'log        {bag.path}',
@@ -127,8 +136,8 @@ def lines_of(bag: Bag, counts: Mapping[str, TopicCount], span: tuple[int, int]) 
     ]
     if total:
         lines += [
-            f'begin      {_date(span[0])}',
-            f'end        {_date(span[1])}',
+            f'begin      {shown(span[0])}',
+            f'end        {shown(span[1])}',
             f'length     {(span[1] - span[0]) / NANOSECONDS:.6f} s',
         ]
     if not counts:
@@ -181,6 +190,7 @@ def as_json(
         found['run'] = {
             'robot': run_of_node.settings.robot,
             'settings': dict(settings),
+            'log_time': run_of_node.settings.log_time,
             'versions': run_of_node.versions,
             'steps': run_of_node.simulated,
             'simulated_seconds': run_of_node.simulated * run_of_node.settings.step_size,

@@ -143,6 +143,9 @@ class _Reading(Playback):
         self.run_to(message.cycle - 1)
         self.driver.take(self.inbox.take(message))
 
+    def aside(self, message: PlacedMessage) -> None:
+        """Skip a message that does not move the arm."""
+
     def output_now(self, message: PlacedMessage) -> None:
         """Read a state."""
         if message.role != STATES:

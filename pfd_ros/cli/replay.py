@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd replay`: print the summary of a recording, verify it bit for bit, or publish any log."""
+"""`pfd replay`: a recording summarized, verified or changed, or any log published."""
 
 from __future__ import annotations
 
@@ -9,36 +9,47 @@ from collections.abc import Callable
 from pathlib import Path
 import sys
 
-from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Verdict
-from pfd_ros.cli import replay_publish
+from pfd_ros.arm.events import CLOCK, STATES, TAKEN, TF, Verdict
+from pfd_ros.cli import replay_publish, what_if
 from pfd_ros.recording.provenance import versions
 from pfd_ros.replay.summary import Summary
 from pfd_ros.replay.verify import read
 from pfd_ros.text import one_line
 
-HELP = 'summary of a recording, its verification bit for bit, or any log on its topics'
+HELP = 'summary of a recording, its verification, its inputs into a changed arm; or publish a log'
 EXAMPLE = 'pfd replay run.mcap --verify'
 # Exit status of --verify for an incomplete recording whose recorded part is equal.
 INCOMPLETE = 3
 # Software whose versions may change the bits.
 DECISIVE = ('pfd', 'numpy', 'llvmlite')
 # Nouns for the messages of some roles.
-NOUNS = {STATES: 'states', CLOCK: 'clock ticks', TAKEN: 'rows of applied commands'}
+NOUNS = {STATES: 'states', CLOCK: 'clock ticks', TAKEN: 'rows of applied commands', TF: 'frames'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the recording, the check and the publication."""
+    """Declare the recording and what is done with it."""
     parser.add_argument(
-        'log', type=Path, metavar='LOG', help='a recording; with --publish any bag, also a folder'
+        'log',
+        type=Path,
+        metavar='LOG',
+        help='a recording; with --publish and --commands any bag, also a folder',
     )
-    parser.add_argument(
+    mode = parser.add_mutually_exclusive_group()
+    mode.add_argument(
         '--verify', action='store_true', help='simulate it again; fail at the first differing bit'
+    )
+    mode.add_argument(
+        '--what-if',
+        nargs='*',
+        metavar='KEY=VALUE',
+        help='simulate its inputs with other parameters of the node, and compare',
     )
     parser.add_argument(
         '--allow-incomplete',
         action='store_true',
         help=f'with --verify: status 0, not {INCOMPLETE}, for a log that is equal and not whole',
     )
+    what_if.add_arguments(parser)
     replay_publish.add_arguments(parser)
 
 
@@ -59,6 +70,11 @@ def run(given: argparse.Namespace) -> int:
     if wrong:
         print(f'pfd replay: {wrong}', file=sys.stderr)
         return 2
+    alone = '' if given.what_if is not None else what_if.given_without(given)
+    if alone:
+        raise ValueError(f'{alone} goes with --what-if')
+    if given.what_if is not None:
+        return what_if.run(given, progress_on(sys.stderr))
     if given.publish:
         return replay_publish.run(given)
     summary = read(given.log, verify=given.verify, progress=progress_on(sys.stderr))

@@ -103,6 +103,7 @@ def conflict(given: argparse.Namespace) -> str:
     """Return what is wrong with the options given together, '' if nothing is."""
     if given.publish:
         others = [name for name in ('verify', 'allow_incomplete') if getattr(given, name)]
+        others += [] if given.what_if is None else ['what_if']
         return f'--publish and {_option(others[0])} exclude each other' if others else ''
     unused = [name for name, value in DEFAULTS.items() if getattr(given, name) != value]
     return f'{_option(unused[0])} needs --publish' if unused else ''

@@ -5,10 +5,13 @@
     cdr            the wire format, one value at a time
     convert        fields of each message that the node reads or writes; names of the types
     stamped        messages of a header and a fixed count of numbers: pose, wrench, inertia
+    transforms     frames of links, as on /tf
+    node_reports   diagnostics and transitions of the node
+    command_bytes  bytes of commands without names, and of states to set
     columns        fields of many messages as arrays, by the definition of their type
     definitions    text and hash of a message type, from where ROS installed them
     qos            QoS profiles as rosbag2 writes them
     topics         topics that a description names, where nobody has remapped them
 
-A new message type is a name in `convert`, and its functions there or in `stamped`.
+A new message type is a name in `convert`, and its functions there or in the next three modules.
 """

@@ -133,6 +133,15 @@ class CdrWriter:
         self._align(4)
         self.data += struct.pack('<I', value)
 
+    def uint8(self, value: int) -> None:
+        """Append an unsigned integer of one byte."""
+        self.data += struct.pack('<B', value)
+
+    def uint64(self, value: int) -> None:
+        """Append an unsigned integer of eight bytes."""
+        self._align(8)
+        self.data += struct.pack('<Q', value)
+
     def string(self, value: str) -> None:
         """Append a string."""
         encoded = value.encode('utf-8') + b'\0'

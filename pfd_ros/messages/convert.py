@@ -29,6 +29,9 @@ BYTE_ARRAY = 'std_msgs/msg/UInt8MultiArray'
 POSE = 'geometry_msgs/msg/PoseStamped'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 INERTIA = 'geometry_msgs/msg/InertiaStamped'
+TRANSFORMS = 'tf2_msgs/msg/TFMessage'
+DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
+TRANSITION = 'lifecycle_msgs/msg/TransitionEvent'
 
 # Arrays of a JointState with one number per joint, in the order of `name`.
 JOINT_FIELDS = ('position', 'velocity', 'effort')

@@ -20,6 +20,14 @@ import sys
 NUMBERS = frozenset(f'{kind}{bits}' for kind in ('int', 'uint') for bits in (8, 16, 32, 64))
 PRIMITIVES = NUMBERS | {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring'}
 _FIELD = re.compile(r'^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+')
+# Types that can be recorded where ROS has not installed them: text without comments, and hash. The
+# wheels on PyPI lack tf2_msgs.
+KNOWN = {
+    'tf2_msgs/msg/TFMessage': (
+        'geometry_msgs/TransformStamped[] transforms\n',
+        'RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087',
+    )
+}
 _CONSTANT = re.compile(r'^\s*\w+(?:<=\d+)?\s+\w+\s*=')
 
 
@@ -72,7 +80,7 @@ def full_text(type_name: str) -> str:
     while waiting:
         name = waiting.pop(0)
         if name not in texts:
-            texts[name] = _file(name, '.msg').read_text(encoding='utf-8')
+            texts[name] = _text(name)
             waiting += _uses(name, texts[name])
     head, *rest = texts.items()
     parts = [head[1]]
@@ -81,11 +89,21 @@ def full_text(type_name: str) -> str:
     return '\n'.join(parts)
 
 
+def _text(type_name: str) -> str:
+    """Return the text of one type: as ROS installed it, or else of KNOWN."""
+    try:
+        return _file(type_name, '.msg').read_text(encoding='utf-8')
+    except ValueError:
+        if type_name not in KNOWN:
+            raise
+        return KNOWN[type_name][0]
+
+
 def type_hash(type_name: str) -> str:
-    """Return the type's hash ('RIHS01_...'), or '' where ROS did not install a valid one."""
+    """Return the type's hash ('RIHS01_...'), or '' where none is known."""
     try:
         described = json.loads(_file(type_name, '.json').read_text(encoding='utf-8'))
         hashes = {entry['type_name']: entry['hash_string'] for entry in described['type_hashes']}
         return str(hashes.get(type_name, ''))
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return ''
+        return KNOWN.get(type_name, ('', ''))[1]

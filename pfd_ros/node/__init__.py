@@ -20,7 +20,7 @@ Around it:
     command_counts   validation results counted by source
     graph_check      other nodes on the topics: wrong types, QoS, second publishers
     throttled_log    log lines at growing intervals while a problem lasts
-    diagnostics      main thread: /diagnostics once a second
+    diagnostics      main thread: /diagnostics once a second, recorded and published
     reporting        main thread: log lines once a second, totals, problems at the end
     sim_arm          one configured arm: connects these parts
     lifecycle        the rclpy node: parameters, transitions, the arm from configure to cleanup

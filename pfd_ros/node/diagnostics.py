@@ -16,12 +16,12 @@ A new value is a pair of texts in the function of its task.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import time
 from typing import Any, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
@@ -37,6 +37,7 @@ from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.speeding import speeding
 from pfd_ros.arm.stable_gains import gain_limits
 from pfd_ros.messages.convert import NANOSECONDS
+from pfd_ros.messages.node_reports import Status, encode_diagnostics
 from pfd_ros.node.graph_check import GraphCheck
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.recording.format import ROLE_OF_SOURCE
@@ -302,22 +303,18 @@ class DiagnosticsPublisher:
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
 
-    def publish(self, tasks: Iterable[Task]) -> None:
-        """Publish the status of each task."""
-        message = DiagnosticArray()
-        seconds, nanoseconds = divmod(time.time_ns(), NANOSECONDS)
-        message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanoseconds
-        message.status = [
-            DiagnosticStatus(
-                level=task.level,
+    def publish(self, tasks: Iterable[Task], record: Callable[[bytes], None]) -> None:
+        """Record and publish the status of each task."""
+        statuses = [
+            Status(
+                level=task.level[0],
                 name=f'{self._name}: {task.name}',
                 message=one_line(task.message, TEXT_LENGTH),
                 hardware_id=self._name,
-                values=[
-                    KeyValue(key=key, value=one_line(value, TEXT_LENGTH))
-                    for key, value in task.values
-                ],
+                values=[(key, one_line(value, TEXT_LENGTH)) for key, value in task.values],
             )
             for task in tasks
         ]
-        self._publisher.publish(message)
+        data = encode_diagnostics(time.time_ns(), statuses)
+        record(data)
+        self._publisher.publish(data)

@@ -33,18 +33,33 @@ from dataclasses import dataclass, replace
 from functools import partial
 import gc
 import threading
+import time
 from typing import Any
 
+from lifecycle_msgs.msg import State, Transition
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
+from pfd_ros.messages.node_reports import encode_transition
 from pfd_ros.node import parameters
 from pfd_ros.node.diagnostics import ERROR, OK, DiagnosticsPublisher, Task
 from pfd_ros.node.sim_arm import SimArm
 from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.node.workers import Workers, described
+from pfd_ros.recording.format import DIAGNOSTICS, TRANSITIONS
 from pfd_ros.text import cut, one_line
 
 NAME = 'sim_arm'
+UNCONFIGURED, INACTIVE, ACTIVE = (
+    (State.PRIMARY_STATE_UNCONFIGURED, 'unconfigured'),
+    (State.PRIMARY_STATE_INACTIVE, 'inactive'),
+    (State.PRIMARY_STATE_ACTIVE, 'active'),
+)
+# Number, start and goal of each transition that an arm outlives, and so of those recorded.
+TRANSITIONS_OF_ARM = {
+    'configure': (Transition.TRANSITION_CONFIGURE, UNCONFIGURED, INACTIVE),
+    'activate': (Transition.TRANSITION_ACTIVATE, INACTIVE, ACTIVE),
+    'deactivate': (Transition.TRANSITION_DEACTIVATE, ACTIVE, INACTIVE),
+}
 # For each thread to end, and for ROS and the interpreter to go down.
 END_SECONDS = 10
 
@@ -161,7 +176,14 @@ class SimArmNode(LifecycleNode):
                 self._error = error
                 self._problems.append(f'{name} failed: {described(error)}')
                 return TransitionCallbackReturn.ERROR
+            if name in TRANSITIONS_OF_ARM:
+                self._record(TRANSITIONS, _transition_event(name))
         return TransitionCallbackReturn.SUCCESS
+
+    def _record(self, role: str, data: bytes) -> None:
+        """Record a message of the node itself, while an arm is configured."""
+        if self.arm is not None:
+            self.arm.stepper.session.record_next(role, data)
 
     def _configure(self) -> None:
         settings = replace(parameters.read(self), autostart=self._starting)
@@ -253,7 +275,7 @@ class SimArmNode(LifecycleNode):
                 self.arm.reporter.report()
                 tasks += self.arm.diagnostics.tasks()
             self._report_callbacks()
-            self._diagnostics.publish(tasks)
+            self._diagnostics.publish(tasks, partial(self._record, DIAGNOSTICS))
         finally:
             self._lock.release()
 
@@ -296,6 +318,12 @@ class _Guarded:
         except Exception as error:
             self.failed(error)
             return response
+
+
+def _transition_event(name: str) -> bytes:
+    """Return the event of a completed transition, from and to the states that last."""
+    transition, start, goal = TRANSITIONS_OF_ARM[name]
+    return encode_transition(time.time_ns(), (transition, name), start, goal)
 
 
 def always() -> bool:

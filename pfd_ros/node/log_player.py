@@ -201,7 +201,9 @@ class _Player:
         self._sent = 0
         self._late: Counter[str] = Counter()
         self._longest_late_ns = 0
-        self._served_ns = self._shown_ns = 0
+        self._served_ns = self._shown_ns = self._looked_ns = 0
+        # Topics on which another node publishes, too.
+        self._shared: set[str] = set()
         self._schedule: Schedule | None = None
         # Whether a signal came while messages were read; why they could not be read.
         self._cut_short = False
@@ -265,12 +267,19 @@ class _Player:
         until = time.monotonic() + DISCOVERY_SECONDS
         while not self._stop.is_set() and (left := until - time.monotonic()) > 0:
             self._serve(min(left, SLICE_SECONDS))
+
+    def _report_others(self, now: int) -> None:
+        """Report once a topic on which another node publishes; discovery may take seconds."""
+        if now - self._looked_ns < NANOSECONDS:
+            return
+        self._looked_ns = now
         own = Counter(end.topic_name for end in self._ends)
         if self._clock:
             own[self._clock.topic] += 1
-        others = [name for name in own if self.node.count_publishers(name) > own[name]]
-        for name in sorted(others):
-            say(f'another node publishes on {name}, too')
+        for name in sorted(own.keys() - self._shared):
+            if self.node.count_publishers(name) > own[name]:
+                self._shared.add(name)
+                say(f'another node publishes on {name}, too')
 
     def _step(self) -> None:
         """Publish what is due, or wait for it and answer calls."""
@@ -283,6 +292,7 @@ class _Player:
             if now - self._served_ns > SERVE_NS:
                 break
         self._show(now)
+        self._report_others(now)
         when = schedule.next_ns()
         wait = SLICE_SECONDS if when is None else (when - time.monotonic_ns()) / NANOSECONDS
         if not schedule.ended:

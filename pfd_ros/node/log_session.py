@@ -4,34 +4,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-import pfd_core as pfd
-from pfd_ros.arm.events import ARM_STATE, DROPPED_STATES, TAKEN
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import (
+    ARM_STATE,
+    DESCRIPTION,
+    DROPPED_STATES,
+    TAKEN,
+    TF,
+    TF_STATIC,
+    Output,
+)
 from pfd_ros.arm.outputs import roles_of
-from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.node.endpoints import Endpoints
-from pfd_ros.recording.format import CHANNELS, PARAMETERS, REQUESTS, ROLE_OF_SOURCE
+from pfd_ros.recording.format import (
+    CHANNELS,
+    DIAGNOSTICS,
+    PARAMETERS,
+    REQUESTS,
+    ROLE_OF_SOURCE,
+    TRANSITIONS,
+)
 
 if TYPE_CHECKING:
     from pfd_ros.recording.recorder import LogRecorder
 
-# Channels that only the file has: validation rows, requests of services, changed parameters, the
-# states dropped by the sensors, and the state of the whole arm.
+# Channels without an endpoint of the arm: validation rows, requests of services, changed
+# parameters, states dropped by the sensors, the state of the whole arm, what viewers need, and
+# messages of the node itself.
 OWN_TOPICS = {
     TAKEN: '~/applied_commands',
     REQUESTS: '~/requests',
     PARAMETERS: '~/parameter_changes',
     DROPPED_STATES: '~/dropped_states',
     ARM_STATE: '~/arm_state',
+    DESCRIPTION: 'robot_description',
+    TF_STATIC: '/tf_static',
+    TF: '/tf',
+    DIAGNOSTICS: '/diagnostics',
+    TRANSITIONS: '~/transition_event',
 }
+# Those whose last message a late reader needs.
+LATCHED = frozenset({DESCRIPTION, TF_STATIC})
 
 
 @dataclass(frozen=True)
@@ -40,11 +64,29 @@ class LogSession:
 
     recorder: LogRecorder | None = None
     roles: Sequence[str] = ()
+    _numbers: Counter[str] = field(default_factory=Counter)
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        return {role: place for place, role in enumerate(self.roles)}
 
     def record(self, role: str, number: int, data: bytes) -> None:
         """Record one message without blocking."""
         if self.recorder is not None:
-            self.recorder.record(self.roles.index(role), number, data)
+            self.recorder.record(self._places[role], number, data)
+
+    def record_all(self, outputs: Iterable[Output], stamp_ns: int) -> None:
+        """Record outputs of one cycle, or of what was taken before it, at one time."""
+        if self.recorder is not None:
+            places = self._places
+            self.recorder.record_all(
+                [(places[role], number, data) for role, number, data in outputs], stamp_ns
+            )
+
+    def record_next(self, role: str, data: bytes) -> None:
+        """Record a message of the node itself, whose numbers only the recording has."""
+        self._numbers[role] += 1
+        self.record(role, self._numbers[role], data)
 
     @property
     def backlog(self) -> float:
@@ -88,23 +130,23 @@ class LogSession:
             recorder.close(lambda: recorder.ending(totals()))
 
 
-def open_session(
-    node: Node, settings: Settings, robot: pfd.Robot, endpoints: Endpoints, program: str
-) -> LogSession:
-    """Open the recording, with a channel for each endpoint and for the validation rows.
+def open_session(node: Node, engine: Engine, endpoints: Endpoints) -> LogSession:
+    """Open the recording, with a channel for each endpoint and of OWN_TOPICS.
 
     The recorded settings have 'auto' resolved, since another version may choose differently.
+    The first messages are the URDF and the frames that never move.
 
     Raises
     ------
     OSError
         If the file exists or cannot be written.
     """
+    settings, frames = engine.settings, engine.frames
     if not settings.recording:
         return LogSession()
     # Imported here: a node without a recording starts faster.
     from pfd_ros.recording import provenance
-    from pfd_ros.recording.mcap_file import TimeBase, Topic
+    from pfd_ros.recording.mcap_file import Topic
     from pfd_ros.recording.recorder import LogRecorder
 
     subscribed = endpoints.subscriptions
@@ -114,17 +156,24 @@ def open_session(
         role: Topic(end.topic_name, CHANNELS[role].type, qos_of(end.qos_profile))
         for role, end in ends.items()
     }
+    absent = {DROPPED_STATES, ARM_STATE, DESCRIPTION, TF_STATIC, TF} - roles_of(settings)
+    absent -= frozenset() if frames is None else frames.roles
     for role, topic in OWN_TOPICS.items():
-        if role in (DROPPED_STATES, ARM_STATE) and role not in roles_of(settings):
+        if role in absent:
             continue
         name = node.resolve_topic_name(topic)
-        channels[role] = Topic(name, CHANNELS[role].type, qos_text(1))
+        durability = 'transient_local' if role in LATCHED else 'volatile'
+        channels[role] = Topic(name, CHANNELS[role].type, qos_text(1, durability=durability))
     roles = [role for role in CHANNELS if role in channels]
     topics = [replace(channels[role], vital=CHANNELS[role].vital) for role in roles]
     names = {role: channels[role].name for role in roles}
-    head = provenance.file_head(settings, robot, names, TimeBase(), program)
+    base = provenance.time_base(settings)
+    head = provenance.file_head(settings, engine.arm.robot, names, base, engine.arm.program)
     error = node.get_logger().error
-    return LogSession(LogRecorder(Path(settings.recording), topics, head, error), roles)
+    session = LogSession(LogRecorder(Path(settings.recording), topics, head, error), roles)
+    if frames is not None:
+        session.record_all(frames.opening(settings.start_ns), settings.start_ns)
+    return session
 
 
 def qos_of(profile: QoSProfile) -> str:

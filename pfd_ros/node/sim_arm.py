@@ -93,7 +93,8 @@ class SimArm:
         robot = model.described.robot
         settings = parameters.declare_joints(node, model.described.settings, robot)
         with compile_report(node.get_logger().info, robot.name):
-            engine = Engine(settings, robot, rows=bool(settings.recording))
+            frames = model.described.recorded_frames(settings, node.get_logger().warning)
+            engine = Engine(settings, robot, rows=bool(settings.recording), frames=frames)
             kernels = MassKernels(engine.arm)
         endpoints = create_endpoints(
             node,
@@ -108,7 +109,7 @@ class SimArm:
         counts = CommandCounts()
         graph = GraphCheck(node, endpoints, log, counts=counts)
         # Last, so that a rejected parameter leaves no file.
-        session = open_session(node, engine.settings, robot, endpoints, engine.arm.program)
+        session = open_session(node, engine, endpoints)
         publishers = {
             role: NonblockingPublisher(publisher)
             for role, publisher in endpoints.publishers.items()

@@ -170,10 +170,10 @@ class Stepper:
         self.receiver.answer(events, [validation for _, validation, _ in validations])
 
     def _put_out(self, outputs: Sequence[Output]) -> None:
+        self.session.record_all(outputs, self.engine.arm.stamp_ns)
         for role, number, data in outputs:
             if role in NUMBERED_AS_STATES:
                 self.states = number
-            self.session.record(role, number, data)
             self._publish(role, data)
 
     def _publish(self, role: str, data: bytes) -> None:

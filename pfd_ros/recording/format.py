@@ -15,10 +15,13 @@ from typing import NamedTuple
 from pfd_ros.arm.events import (
     ARM_STATE,
     CLOCK,
+    DESCRIPTION,
     DROPPED_STATES,
     PAYLOAD_IN_USE,
     STATES,
     TAKEN,
+    TF,
+    TF_STATIC,
     Source,
 )
 from pfd_ros.arm.output_settings import OUTPUTS
@@ -76,6 +79,7 @@ class Channel(NamedTuple):
 NAMED_COMMANDS, ARRAY_COMMANDS = 'joint_commands', 'commands'
 SET_STATE, REQUESTS, PARAMETERS = 'set_state', 'requests', 'parameters'
 EXTERNAL_WRENCH, PAYLOAD, FOLLOWED = 'external_wrench', 'payload', 'followed_clock'
+DIAGNOSTICS, TRANSITIONS = 'diagnostics', 'transition_event'
 # In the order of the recorder's topics: the inputs come first, by Source.
 CHANNELS = {
     NAMED_COMMANDS: Channel(convert.JOINT_STATE, vital=True),
@@ -92,8 +96,15 @@ CHANNELS = {
     DROPPED_STATES: Channel(convert.JOINT_STATE, always=False),
     **{role: Channel(kind, always=False) for role, kind in OUTPUTS.items()},
     CLOCK: Channel(convert.CLOCK, always=False),
+    TF: Channel(convert.TRANSFORMS, always=False),
     ARM_STATE: Channel(convert.BYTE_ARRAY, always=False),
+    DESCRIPTION: Channel(convert.STRING, always=False),
+    TF_STATIC: Channel(convert.TRANSFORMS, always=False),
+    DIAGNOSTICS: Channel(convert.DIAGNOSTICS, always=False),
+    TRANSITIONS: Channel(convert.TRANSITION, always=False),
 }
+# Neither inputs nor outputs of a cycle: a replay does not simulate them.
+ASIDE = frozenset({DESCRIPTION, TF_STATIC, DIAGNOSTICS, TRANSITIONS})
 ROLE_OF_SOURCE = {
     Source.NAMED: NAMED_COMMANDS,
     Source.ARRAY: ARRAY_COMMANDS,

@@ -15,7 +15,7 @@ from typing import Any
 
 import pfd_core as pfd
 from pfd_ros.arm import settings as settings_file
-from pfd_ros.arm.events import ARM_STATE, CLOCK, DROPPED_STATES
+from pfd_ros.arm.events import ARM_STATE, CLOCK, DROPPED_STATES, TF
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
@@ -98,7 +98,7 @@ def read_roles(topics: Any) -> dict[str, str]:
 
 def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
     """Return the settings of a recording with channels of these roles, by topic."""
-    settings = settings_file.from_values(_table(value, HeadKey.SETTINGS))
+    settings = settings_file.from_recorded(_table(value, HeadKey.SETTINGS))
     needed = {role for role, channel in CHANNELS.items() if channel.always}
     if not set(roles.values()) >= needed:
         raise ValueError(f'its topics are {sorted(roles.values())}, expected {sorted(needed)}')
@@ -106,6 +106,8 @@ def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
         raise ValueError(
             f'publish_clock is {settings.publish_clock}, its topics are {list(roles)}'
         )
+    if TF in roles.values() and not settings.tf_every:
+        raise ValueError(f'recording_tf_rate is 0, its topics are {list(roles)}')
     chosen = {DROPPED_STATES, ARM_STATE, *OUTPUTS}
     if chosen & set(roles.values()) != chosen & roles_of(settings):
         raise ValueError(

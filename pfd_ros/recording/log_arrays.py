@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
+from pfd_ros.arm.settings import SIMULATED, WALL
 from pfd_ros.messages.columns import MOST_PADDING, PADDED, parse_definition, read_columns
 from pfd_ros.messages.convert import JOINT_FIELDS, JOINT_STATE, NANOSECONDS
 from pfd_ros.recording.bags import Bag, BagTopic, definition_of
@@ -75,6 +76,9 @@ class TopicArrays(Fields):
         N, and the number of those left out.
     log_ns, published_ns : ndarray of int64, (N,)
         Times of the log [ns].
+    simulated_ns : ndarray of int64, (N,), or None
+        Simulated time of the state before or with the message [ns]; None if the log does not
+        hold it: bags of other programs, and recordings from before `recording_time`.
     names : tuple of str
         Joints of a JointState, in the order of position, velocity and effort, which are
         (N, len(names)) and NaN where a message has no value of a joint; () for other types.
@@ -86,6 +90,7 @@ class TopicArrays(Fields):
     recorded: int
     log_ns: NDArray[np.int64] = field(repr=False)
     published_ns: NDArray[np.int64] = field(repr=False)
+    simulated_ns: NDArray[np.int64] | None = field(default=None, repr=False)
     names: tuple[str, ...] = ()
 
     def __len__(self) -> int:
@@ -103,12 +108,14 @@ class TopicArrays(Fields):
 
     @property
     def time(self) -> NDArray[np.float64]:
-        """The stamp [s], (N,); for types without one the log time."""
-        return _seconds(self.log_ns if self.stamp_ns is None else self.stamp_ns)
+        """The stamp [s], (N,); for types without one `simulated_ns`, or else the log time."""
+        if self.stamp_ns is not None:
+            return _seconds(self.stamp_ns)
+        return _seconds(self.log_ns if self.simulated_ns is None else self.simulated_ns)
 
     @property
     def log_time(self) -> NDArray[np.float64]:
-        """The log time [s], (N,)."""
+        """The log time [s], (N,): time of day or simulated time, see `recording_time`."""
         return _seconds(self.log_ns)
 
 
@@ -169,8 +176,13 @@ class LogArrays:
             raise KeyError(f'no topic {topic!r}; topics are {listed(list(self._raw))}')
         if topic not in self._read:
             with damage_named(self.path, lambda: f', topic {topic!r}'):
-                self._read[topic] = _decoded(self._raw[topic])
+                self._read[topic] = _decoded(self._raw[topic], self._log_time)
         return self._read[topic]
+
+    @property
+    def _log_time(self) -> str:
+        """The time base of a recording of ours, '' where it is unknown."""
+        return str((self.settings or {}).get('recording_time', ''))
 
     def to_pandas(self, topic: str) -> Any:
         """
@@ -278,7 +290,7 @@ def read_log(
     return LogArrays(bag.path, kinds, settings, robot, bag.complete, raw)
 
 
-def _decoded(raw: _Raw) -> TopicArrays:
+def _decoded(raw: _Raw, log_time: str) -> TopicArrays:
     types = parse_definition(raw.topic.type, definition_of(raw.topic))
     arrays, places = read_columns(raw.topic.type, types, raw.data)
     names: tuple[str, ...] = ()
@@ -287,7 +299,9 @@ def _decoded(raw: _Raw) -> TopicArrays:
     log_ns, published_ns = (
         np.array(times, np.int64)[places] for times in (raw.log_ns, raw.published_ns)
     )
-    return TopicArrays(arrays, raw.topic.type, places, len(raw.data), log_ns, published_ns, names)
+    simulated_ns = {SIMULATED: log_ns, WALL: published_ns}.get(log_time)
+    counts = raw.topic.type, places, len(raw.data)
+    return TopicArrays(arrays, *counts, log_ns, published_ns, simulated_ns, names)
 
 
 def _by_joint(

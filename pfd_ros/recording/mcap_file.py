@@ -50,10 +50,24 @@ class Topic:
 
 @dataclass(frozen=True)
 class TimeBase:
-    """One moment on two clocks, ns: recorded times follow the steady clock."""
+    """One moment on two clocks, ns: the time of day follows the steady clock.
+
+    Attributes
+    ----------
+    wall_ns, steady_ns
+        The moment.
+    simulated
+        Whether log times are simulated time, and publish times the time of day; else the other
+        way round.
+    start_ns
+        Simulated time before the first step; None where nobody knows it: both times are the time
+        of day then.
+    """
 
     wall_ns: int = field(default_factory=time.time_ns)
     steady_ns: int = field(default_factory=time.monotonic_ns)
+    simulated: bool = False
+    start_ns: int | None = None
 
     def now_ns(self) -> int:
         """Return the time of day by the steady clock, within 0 to LAST_NS."""
@@ -120,10 +134,11 @@ class McapFile:
             self.sink.discard()
             raise
 
-    def add(self, topic: int, log_ns: int, sequence: int, data: bytes) -> None:
+    def add(self, topic: int, log_ns: int, published_ns: int, sequence: int, data: bytes) -> None:
         """Add one message to the next flush."""
-        self._updates[topic](DIGEST_PREFIX.pack(sequence, log_ns, log_ns, len(data)) + data)
-        self._writer.add_message(self._channels[topic], log_ns, data, log_ns, sequence)
+        prefix = DIGEST_PREFIX.pack(sequence, log_ns, published_ns, len(data))
+        self._updates[topic](prefix + data)
+        self._writer.add_message(self._channels[topic], log_ns, data, published_ns, sequence)
         self.counts[topic] += 1
         self.waiting += len(data)
 

@@ -17,12 +17,15 @@ from mcap.records import Attachment
 
 import pfd_core as pfd
 from pfd_ros.arm import settings as settings_file
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import SIMULATED, Settings
 from pfd_ros.recording.format import FORMAT, ROBOT, HeadKey
 from pfd_ros.recording.mcap_file import FileHead, TimeBase
 
 # Keys of the versions: the commit of the software, and the digest of the compiled program.
 COMMIT, PROGRAM = 'commit', 'program'
+# How the times of messages are to be read; for people.
+WALL_TIME = 'wall_ns + steady clock since steady_ns'
+SIMULATED_TIME = 'simulated time of the last state'
 
 
 def _installed(name: str) -> str:
@@ -75,6 +78,11 @@ def _robot_yaml(robot: pfd.Robot) -> str:
     return pfd.robot_to_yaml(replace(robot, frames=frames), frames=True)
 
 
+def time_base(settings: Settings) -> TimeBase:
+    """Return the clocks of a recording that begins now."""
+    return TimeBase(simulated=settings.log_time == SIMULATED, start_ns=settings.start_ns)
+
+
 def file_head(
     settings: Settings,
     robot: pfd.Robot,
@@ -106,7 +114,8 @@ def file_head(
             {
                 'wall_ns': base.wall_ns,
                 'steady_ns': base.steady_ns,
-                'log_time': 'wall_ns + steady clock since steady_ns',
+                'log_time': SIMULATED_TIME if base.simulated else WALL_TIME,
+                'publish_time': WALL_TIME if base.simulated else SIMULATED_TIME,
                 'header.stamp': 'simulated time: start_time + step * step_size',
             }
         ),

@@ -12,7 +12,7 @@ See docs/decisions/0004-recording-layout.md.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 import json
 from pathlib import Path
@@ -102,13 +102,14 @@ class LogRecorder:
         ]
         # For recording, failing and closing; the writing thread locks it only briefly.
         self._lock = threading.Lock()
-        self._queue: deque[tuple[int, int, int, bytes]] = deque()
+        self._queue: deque[tuple[int, int, int, int, bytes]] = deque()
         # Bytes queued are counted under the lock, bytes written on the recording's thread.
         self._bytes_in = 0
         self._bytes_out = 0
         self._rounds = 0
         self._seen, self._checked, self._stalled = 0, time.monotonic(), 0.0
         self._last_ns = 0
+        self._simulated_ns = self._base.start_ns
         self._closed = False
         self._finished = False
         self._closing = threading.Event()
@@ -148,27 +149,52 @@ class LogRecorder:
         return max(have / most for have, most in zip(waiting, self._limits, strict=True))
 
     def record(self, topic: int, sequence: int, data: bytes) -> None:
-        """Queue one message; it counts as dropped if the queue is full or the recording failed.
+        """Queue one message at the simulated time of the last state; as `record_all`."""
+        self.record_all(((topic, sequence, data),))
 
-        A message after `close` is not recorded and not counted.
+    def record_all(
+        self, messages: Iterable[tuple[int, int, bytes]], simulated_ns: int | None = None
+    ) -> None:
+        """Queue messages that belong to one moment, and so have one log time.
+
+        A message counts as dropped if the queue is full or the recording failed. After `close`
+        messages are not recorded and not counted.
+
+        Parameters
+        ----------
+        messages
+            Topic, sequence number and bytes of each.
+        simulated_ns
+            Simulated time of the moment, ns; default: that of the last call.
         """
-        size = len(data)
-        most, most_bytes = self._capacities[topic]
         with self._lock:
             if self._closed:
                 return
-            waiting = self._bytes_in - self._bytes_out + size
-            full = len(self._queue) >= most or waiting > most_bytes or size > MESSAGE_BYTES
-            if full or self.error:
-                self.dropped[topic] += 1
-                return
-            # Times increase in file order.
-            now = self._base.now_ns()
-            if now > self._last_ns:
-                self._last_ns = now
-            self._queue.append((topic, self._last_ns, sequence & SEQUENCE_MASK, data))
-            self._bytes_in += size
-            self._accepted[topic] += 1
+            if simulated_ns is not None:
+                self._simulated_ns = max(0, simulated_ns)
+            wall_ns = self._base.now_ns()
+            if self._simulated_ns is None:
+                log_ns = published_ns = wall_ns
+            elif self._base.simulated:
+                log_ns, published_ns = self._simulated_ns, wall_ns
+            else:
+                log_ns, published_ns = wall_ns, self._simulated_ns
+            # Log times increase in file order.
+            if log_ns < self._last_ns:
+                log_ns = self._last_ns
+            self._last_ns = log_ns
+            for topic, sequence, data in messages:
+                size = len(data)
+                most, most_bytes = self._capacities[topic]
+                waiting = self._bytes_in - self._bytes_out + size
+                full = len(self._queue) >= most or waiting > most_bytes or size > MESSAGE_BYTES
+                if full or self.error:
+                    self.dropped[topic] += 1
+                    continue
+                number = sequence & SEQUENCE_MASK
+                self._queue.append((topic, log_ns, published_ns, number, data))
+                self._bytes_in += size
+                self._accepted[topic] += 1
 
     def close(
         self,
@@ -271,8 +297,8 @@ class LogRecorder:
         for _ in range(ROUND_MESSAGES):
             if not self._queue or file.waiting >= ROUND_BYTES:
                 return
-            topic, log_ns, sequence, data = self._queue.popleft()
-            file.add(topic, log_ns, sequence, data)
+            topic, log_ns, published_ns, sequence, data = self._queue.popleft()
+            file.add(topic, log_ns, published_ns, sequence, data)
             self._bytes_out += len(data)
 
     def _flush(self, file: McapFile) -> None:

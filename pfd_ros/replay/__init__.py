@@ -21,4 +21,16 @@ Two logs, of simulated or real arms:
 
     compare       differences by joint, with the lag between the clocks
     compare_plot  both logs over time
+
+Inputs of a recording, or of any bag, into an arm with something changed:
+
+    what_if_settings  KEY=VALUE -> settings and robot
+    changed_inputs    inputs of a recording at other cycles, for other joints
+    bag_inputs        commands of any bag as inputs, by zero-order hold
+    new_log           the recording of the new run
+    changed_runs      the new run, and the same with one bit changed
+    divergence        differences summed over a run of any length, and curves for plots
+    state_comparison  recorded states next to those of both runs
+    what_if           all of it: `what_if`
+    what_if_plot      positions and differences over time
 """

@@ -19,6 +19,8 @@ from pfd_ros.arm.state import ArmState
 from pfd_ros.messages import convert
 from pfd_ros.messages.convert import decode_clock, decode_rows
 from pfd_ros.messages.stamped import NUMBERS, decode_stamped
+from pfd_ros.messages.transforms import NUMBERS as TRANSFORM
+from pfd_ros.messages.transforms import decode_transforms
 from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE
 
 
@@ -67,6 +69,12 @@ def _differences(kind: str, recorded: bytes, computed: bytes) -> Iterator[str]:
         array, ours = (convert.decode_array(data) for data in (recorded, computed))
         yield from _of_values('layout', (array.labels, array.sizes), (ours.labels, ours.sizes))
         yield from _of_numbers('', array.values, ours.values, _places(ours))
+    elif kind == convert.TRANSFORMS:
+        frames, made = (decode_transforms(data) for data in (recorded, computed))
+        for name in ('frames', 'stamps_ns'):
+            yield from _of_values(name, getattr(frames, name), getattr(made, name))
+        places = [f'frame {child!r}, {name}' for _, child in made.frames for name in TRANSFORM]
+        yield from _of_numbers('', frames.numbers.ravel(), made.numbers.ravel(), places)
     else:
         numbers, mine = (decode_stamped(data, kind) for data in (recorded, computed))
         for name in ('stamp_ns', 'frame_id'):

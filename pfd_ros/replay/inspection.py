@@ -17,10 +17,13 @@ import hashlib
 from pfd_ros.arm.events import (
     ARM_STATE,
     CLOCK,
+    DESCRIPTION,
     DROPPED_STATES,
     NUMBERED_AS_STATES,
     STATES,
     TAKEN,
+    TF,
+    TF_STATIC,
     Verdict,
 )
 from pfd_ros.arm.output_settings import OUTPUTS
@@ -38,6 +41,8 @@ from pfd_ros.replay.summary import Summary
 # cycle; those that a flood drops stand in the file long before their rows.
 WAITING_LIMIT = 1 << 16
 WAITING_BYTES = 1 << 26
+# Messages that are computed from the URDF.
+FRAMES = frozenset({TF, TF_STATIC})
 
 
 @dataclass
@@ -81,6 +86,8 @@ class Inspection:
         replay should look for the place first.
     state
         The last state, published or dropped by the sensors, as it was recorded.
+    description
+        The URDF as it was recorded, b'' without one.
     blocked
         Whether inputs are missing after the last recorded state of the whole arm.
     """
@@ -89,6 +96,7 @@ class Inspection:
     ending: Ending | None = None
     altered: str = ''
     state: bytes = b''
+    description: bytes = b''
     blocked: bool = False
 
 
@@ -135,8 +143,11 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
         # It may lie before the last chunk, which a cut-off file lacks.
         log.ending if log.complete else None,
         state=newest.data,
+        description=channels.get(DESCRIPTION, _ChannelCount()).data,
         blocked=bool(counts.waiting.blocked),
     )
+    if not found.description and any(channels[role].found for role in channels.keys() & FRAMES):
+        found.summary.lost[DESCRIPTION] = 1
     _add_failure(found)
     _check_complete(log, found, channels)
     return found
@@ -168,8 +179,11 @@ class _Counts:
         if message.role == ARM_STATE:
             self.waiting.resume(message)
         if message.role == STATES:
-            self.first_ns = self.first_ns or message.log_ns
-            self.last_ns = message.log_ns
+            self.first_ns = self.first_ns or message.wall_ns
+            self.last_ns = message.wall_ns
+
+    def aside(self, message: PlacedMessage) -> None:
+        self._add(message)
 
 
 class _WaitingEvents:
@@ -312,9 +326,10 @@ def _lacks_beginning_alone(
     # Steps of the last missing state and of the next one.
     start = channels[STATES].front * settings.publish_every
     end = start + settings.publish_every
-    for role in channels.keys() & {CLOCK, *OUTPUTS}:
+    rates = {CLOCK: settings.clock_every, TF: settings.tf_every}
+    for role in channels.keys() & {*rates, *OUTPUTS}:
         front = channels[role].front
-        every = settings.clock_every if role == CLOCK else settings.publish_every
+        every = rates.get(role, settings.publish_every)
         if not front * every <= end or not start <= (front + 1) * every:
             return False
     missing = {role: n - channels[role].found for role, n in ending.recorded.items()}
@@ -339,8 +354,9 @@ def _count_states(published: Mapping[str, int]) -> int:
 def _add_lost_ends(summary: Summary, channels: Mapping[str, _ChannelCount]) -> None:
     """Count the messages that the end of a cut-off file lacks."""
     settings = summary.settings
-    for role in channels.keys() & {CLOCK, *OUTPUTS}:
-        every = settings.clock_every if role == CLOCK else settings.publish_every
+    rates = {CLOCK: settings.clock_every, TF: settings.tf_every}
+    for role in channels.keys() & {*rates, *OUTPUTS}:
+        every = rates.get(role, settings.publish_every)
         # The last state may have been cut off from what follows it.
         late = max(0, summary.steps - 1) // every - channels[role].last
         if late > 0:
@@ -358,13 +374,15 @@ def _check_totals(found: Inspection, ending: Ending, published: Mapping[str, int
             f'its end record counts {ending.steps} steps and {ending.states} states, '
             f'of which {states} were recorded or dropped, one in {every} steps'
         )
-    if CLOCK in published:
+    rates = {CLOCK: ('clock ticks', settings.clock_every), TF: ('frames', settings.tf_every)}
+    for role, (noun, each) in rates.items():
+        if role not in published:
+            continue
         first = states * every if ending.failure else last
-        ticks, each = published[CLOCK], settings.clock_every
         # A node that ends when it cannot publish a state has not come to its tick.
-        if not first // each - 1 <= ticks <= last // each:
+        if not first // each - 1 <= published[role] <= last // each:
             raise ValueError(
-                f'its end record counts {ticks} clock ticks, one in {each} of {last} steps'
+                f'its end record counts {published[role]} {noun}, one in {each} of {last} steps'
             )
     for role in published.keys() & OUTPUTS.keys():
         # A node may end between a state and what follows it.

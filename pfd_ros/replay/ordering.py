@@ -5,8 +5,9 @@
 The messages of a channel are numbered from 1; numbers may be missing, if the disk was too slow,
 but never repeat or decrease; states that the sensors dropped are numbered with those they
 published. Within a cycle come the validation rows, of events that overflowed or were validated, a
-new payload, the state, its outputs, the clock tick. No cycle lies further ahead than the
-arm can have reached at the recorded time: a damaged number would otherwise be simulated through.
+new payload, the state, its outputs, the clock tick, the frames of the links. No cycle lies further
+ahead than the arm can have reached at the recorded time: a damaged number would otherwise be
+simulated through.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from pfd_ros.arm.events import (
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
+    TF,
     Arrival,
     Event,
     Overflow,
@@ -32,9 +34,10 @@ from pfd_ros.arm.events import (
     ValidationRow,
     Verdict,
 )
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import SIMULATED, Settings
 from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, rows_as_written
 from pfd_ros.recording.format import (
+    ASIDE,
     CHANNELS,
     PARAMETERS,
     ROLE_OF_SOURCE,
@@ -65,9 +68,9 @@ class PlacedMessage(NamedTuple):
     lost
         Messages of the channel that are missing right before it.
     cycle
-        The cycle it is an output of; 0 for an input.
-    log_ns
-        When it was recorded, ns.
+        The cycle it is an output of; 0 for an input, and for what is neither.
+    wall_ns
+        Time of day when it was recorded, ns.
     data
         The message.
     rows
@@ -84,6 +87,7 @@ class PlacedMessage(NamedTuple):
     data: bytes
     rows: tuple[ValidationRow, ...] = ()
     published_ns: int = 0
+    wall_ns: int = 0
 
 
 @dataclass
@@ -106,11 +110,25 @@ class Inbox:
         """Return the message that a row is about, b'' if it is missing."""
         return self._payloads.get((row.source, row.sequence), b'')
 
+    def has(self, row: ValidationRow) -> bool:
+        """Return whether the message that a row is about is here."""
+        return (row.source, row.sequence) in self._payloads
+
+    def pop(self, row: ValidationRow) -> bytes:
+        """Return the message that a row is about, b'' if it is missing, and forget it."""
+        data = self._payloads.pop((row.source, row.sequence), b'')
+        self._bytes -= len(data)
+        return data
+
+    def rest(self) -> Iterator[tuple[Source, int, bytes]]:
+        """Yield source, number and message of the inputs that no row has taken."""
+        for (source, number), data in self._payloads.items():
+            yield source, number, data
+
     def take(self, message: PlacedMessage) -> list[Event]:
         """Return the events that the rows of a message are about, and forget them."""
         rows = message.rows
-        payloads = [self._payloads.pop((row.source, row.sequence), b'') for row in rows]
-        self._bytes -= sum(map(len, payloads))
+        payloads = [self.pop(row) for row in rows]
         if rows[0].verdict is Verdict.OVERFLOWED:
             return [Overflow(rows[0].source, [row.sequence for row in rows])]
         return [
@@ -142,11 +160,13 @@ class _Order:
     def __init__(self, log: Log) -> None:
         settings = log.settings
         self._every = dict.fromkeys(CHANNELS, settings.publish_every)
-        self._every[CLOCK] = settings.clock_every
+        self._every |= {CLOCK: settings.clock_every, TF: settings.tf_every}
         self._every[ARM_STATE] = settings.save_every
         self._settings, self._rate = settings, 0.0
+        self._simulated = settings.log_time == SIMULATED
         self._allow(settings)
-        self._started_ns = self._last_ns = log.started_ns
+        self._started_ns = log.started_ns
+        self._last_ns = settings.start_ns if self._simulated else log.started_ns
         self._last = dict.fromkeys(log.roles.values(), 0)
         self._place = (0, _RANKS[CLOCK])
         # The cycle of the last validation rows.
@@ -180,7 +200,7 @@ class _Order:
         self._last_ns = entry.log_ns
         number, lost = self._number(entry)
         rows: tuple[ValidationRow, ...] = ()
-        if role in SOURCE_OF_ROLE:
+        if role in SOURCE_OF_ROLE or role in ASIDE:
             cycle = 0
             if role == PARAMETERS:
                 self._allow_change(entry.data)
@@ -196,9 +216,8 @@ class _Order:
         else:
             cycle = number * self._every[role]
             self._follow(entry, cycle)
-        return PlacedMessage(
-            role, number, lost, cycle, entry.log_ns, entry.data, rows, entry.published_ns
-        )
+        times = entry.published_ns, entry.published_ns if self._simulated else entry.log_ns
+        return PlacedMessage(role, number, lost, cycle, entry.log_ns, entry.data, rows, *times)
 
     def _number(self, entry: Entry) -> tuple[int, int]:
         """Return the number of a message and how many are missing before it."""
@@ -223,13 +242,21 @@ class _Order:
                 f'but step {self._place[0]} was recorded before it'
             )
         self._place = place
-        seconds = (entry.log_ns - self._started_ns) / NANOSECONDS
+        seconds = self._seconds(entry)
         if cycle > self._rate * (seconds + AHEAD):
             raise ValueError(
                 f'{entry.role} {entry.sequence} belongs to step {cycle}, '
                 f'{seconds:.3f} s after the start, when at most '
                 f'{self._rate * (seconds + AHEAD):.0f} steps can have been done'
             )
+
+    def _seconds(self, entry: Entry) -> float:
+        """Return the time since the start of the recording, s."""
+        if not self._simulated:
+            return (entry.log_ns - self._started_ns) / NANOSECONDS
+        # Programs that write a file again may drop publish times.
+        wall_ns = entry.published_ns - self._started_ns
+        return max(wall_ns, entry.log_ns - self._settings.start_ns) / NANOSECONDS
 
 
 def _rows(entry: Entry) -> tuple[ValidationRow, ...]:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Playback: the messages of a recording, by kind, for an engine or for a count.
 
-A message is an input, validation rows that say which cycle took inputs, or another output. This is
-the only place that distinguishes them.
+A message is an input, validation rows that say which cycle took inputs, another output, or none of
+these, such as the robot's URDF. This is the only place that distinguishes them.
 """
 
 from __future__ import annotations
@@ -21,17 +21,19 @@ from numpy.typing import NDArray
 
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import CLOCK, COMMANDS, STATES, TAKEN, Source, Verdict
+from pfd_ros.arm.events import CLOCK, COMMANDS, STATES, TAKEN, TF, Source, Verdict
 from pfd_ros.messages.convert import decode_efforts, decode_joint_state, decode_named_efforts
-from pfd_ros.recording.format import SOURCE_OF_ROLE
+from pfd_ros.recording.format import ASIDE, SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Log
 from pfd_ros.replay.ordering import Inbox, PlacedMessage, placed_messages
 
 # Messages from one report of progress to the next.
 PROGRESS_MESSAGES = 1000
 # Outputs of cycles that run in one native call, and how many messages are collected for a call.
-IN_STRETCHES = frozenset({STATES, CLOCK})
+IN_STRETCHES = frozenset({STATES, CLOCK, TF})
 FEWEST_COLLECTED, MOST_COLLECTED = 48, 12_288
+# Cycles of a call, whose states are in memory; messages may be far apart.
+MOST_CYCLES = 1 << 17
 
 
 class Follower(Protocol):
@@ -44,7 +46,10 @@ class Follower(Protocol):
         """Follow validation rows."""
 
     def output(self, message: PlacedMessage) -> None:
-        """Follow another output."""
+        """Follow another output of a cycle."""
+
+    def aside(self, message: PlacedMessage) -> None:
+        """Follow a message that is neither input nor output of a cycle."""
 
 
 def follow(log: Log, follower: Follower, progress: Callable[[float], None] | None = None) -> None:
@@ -62,6 +67,8 @@ def follow(log: Log, follower: Follower, progress: Callable[[float], None] | Non
             follower.put(message)
         elif message.role == TAKEN:
             follower.take(message)
+        elif message.role in ASIDE:
+            follower.aside(message)
         else:
             follower.output(message)
         if progress is not None and count % PROGRESS_MESSAGES == 0:
@@ -80,13 +87,16 @@ class Stretch(NamedTuple):
     rows
         q, qd and the efforts that acted, (k, 3, n), model order.
     messages
-        The recorded states and clock ticks.
+        The recorded states, clock ticks and frames.
+    taken
+        The messages of validation rows, one command each.
     """
 
     first: int
     stamps_ns: NDArray[Any]
     rows: NDArray[Any]
     messages: list[PlacedMessage]
+    taken: list[PlacedMessage]
 
     def of(self, role: str) -> tuple[NDArray[Any], list[bytes]]:
         """Return the places in `rows` and the data of the recorded messages of a role."""
@@ -175,7 +185,11 @@ class Playback(ABC):
         taken = [message for message in messages if message.role == TAKEN]
         cycles = np.array([message.cycle for message in taken])
         first, count = taken[0].cycle, messages[-1].cycle + 1 - taken[0].cycle
-        if (np.diff(cycles) <= 0).any() or not _answered(engine, cycles, count):
+        if (
+            count > MOST_CYCLES
+            or (np.diff(cycles) <= 0).any()
+            or not _answered(engine, cycles, count)
+        ):
             return False
         self.run_to(first - 1)
         if engine.cycles != first - 1:
@@ -202,13 +216,17 @@ class Playback(ABC):
         others = [message for message in messages if message.role != TAKEN]
         # A failure or a reflex ends a stretch early, in a cycle to be followed by itself.
         ended = engine.state.failure or engine.state.actuators.tripped
-        if ended or not self.stretched(Stretch(first, stamps, rows, others)):
+        if ended or not self.stretched(Stretch(first, stamps, rows, others, taken)):
             engine.restore(before)
             return False
         engine.state.row_messages += len(taken)
         for message in taken:
             self.inbox.take(message)
         return True
+
+    @abstractmethod
+    def aside(self, message: PlacedMessage) -> None:
+        """Follow a message that is neither input nor output of a cycle."""
 
     def run_to(self, cycle: int) -> None:
         """Run the cycles up to this one."""

@@ -16,14 +16,17 @@ from pathlib import Path
 import pfd_core as pfd
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import ARM_STATE, CLOCK, STATES, TAKEN, Output
+from pfd_ros.arm.events import ARM_STATE, CLOCK, STATES, TAKEN, TF, TF_STATIC, Output
+from pfd_ros.arm.link_frames import link_frames
 from pfd_ros.arm.state import ArmState
 from pfd_ros.messages.convert import (
     BYTE_ARRAY,
     FLOAT_ARRAY,
+    TRANSFORMS,
     decode_bytes,
     decode_clock,
     decode_joint_state,
+    decode_string,
     encode_clocks,
 )
 from pfd_ros.recording.format import CHANNELS
@@ -39,6 +42,8 @@ from pfd_ros.text import cut
 
 # Share of the progress that the inspection gets when the file is simulated too.
 INSPECTION_SHARE = 0.1
+# Types of outputs that do not begin with a stamp.
+STAMPED_ELSEWHERE = frozenset({FLOAT_ARRAY, BYTE_ARRAY, TRANSFORMS})
 
 
 class DifferenceError(LogError):
@@ -89,7 +94,11 @@ def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | Non
         raise LogError(f'{log.path} holds no states, so there is nothing to verify')
     if found.blocked:
         raise LogError(f'{log.path} {found.summary.obstacle}')
-    engine = Engine(found.summary.settings, recorded_robot(log, found.state))
+    settings, frames = found.summary.settings, None
+    robot = recorded_robot(log, found.state)
+    if found.description:
+        frames = link_frames(decode_string(found.description), settings, robot)
+    engine = Engine(settings, robot, frames=frames)
     replay = _Replay(Driver(engine), gaps=list(found.summary.gaps))
     program = engine.arm.program
     try:
@@ -206,8 +215,11 @@ class _Replay(Playback):
 
     def output_now(self, message: PlacedMessage) -> None:
         """Compare an output of a cycle."""
-        # An array has no stamp; if the states have the same gap, theirs says so.
-        if message.lost and CHANNELS[message.role].type not in (FLOAT_ARRAY, BYTE_ARRAY):
+        if message.role == TF and self.driver.engine.frames is None:
+            return  # without the URDF, whose loss the inspection has noted
+        # An array has no stamp, and frames have it elsewhere; if the states have the same gap,
+        # theirs says so.
+        if message.lost and CHANNELS[message.role].type not in STAMPED_ELSEWHERE:
             self._run_to_stamp(message)
         self.driver.run_to(message.cycle)
         if message.role not in self.outputs:
@@ -225,7 +237,23 @@ class _Replay(Playback):
         if replayed != b''.join(states):
             return False
         places, ticks = stretch.of(CLOCK)
-        return encode_clocks(stamps[places]) == b''.join(ticks)
+        if encode_clocks(stamps[places]) != b''.join(ticks):
+            return False
+        frames, (places, recorded) = self.driver.engine.frames, stretch.of(TF)
+        return frames is None or all(
+            frames.encode(stamp, row[0]) == data
+            for stamp, row, data in zip(
+                stamps[places].tolist(), rows[places], recorded, strict=True
+            )
+        )
+
+    def aside(self, message: PlacedMessage) -> None:
+        """Compare the frames that never move."""
+        engine = self.driver.engine
+        if message.role == TF_STATIC and engine.frames is not None:
+            opening = engine.frames.opening(engine.settings.start_ns)
+            replayed = {output.role: output.data for output in opening}
+            self._compare(message, replayed.get(TF_STATIC, b''))
 
     def finish(self, ending: Ending) -> None:
         """Run to where the node stopped, and compare whether it had failed by then."""

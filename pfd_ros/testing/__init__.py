@@ -11,7 +11,6 @@ From the fixtures to the arm, and back to assertions:
     patience           interrupts a controller that blocks
     engine_run         the engine in lockstep: messages in, outputs out, optionally recorded
     run_log            the recording of such a run
-    command_bytes      the bytes of commands without names, and of states to set
     metrics            settling time, overshoot, rate of torques: definitions
     symptoms           diagnosis of a joint that missed its target: definitions and messages
     trajectory         Trajectory: the arrays of a run, its metrics, and assertions

@@ -18,9 +18,9 @@ from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Output, Source, Verdict
 from pfd_ros.arm.state import ArmState
+from pfd_ros.messages.command_bytes import EffortArray
 from pfd_ros.messages.convert import NANOSECONDS, permutation
 from pfd_ros.recording.format import ROLE_OF_SOURCE
-from pfd_ros.testing.command_bytes import EffortArray
 from pfd_ros.testing.metrics import Array
 from pfd_ros.testing.run_log import RunLog
 
@@ -121,8 +121,7 @@ class EngineRun:
     def _put(self, outputs: Sequence[Output]) -> None:
         self._outputs += outputs
         if self.log is not None:
-            for output in outputs:
-                self.log.record(*output)
+            self.log.record_all(outputs)
 
     def _check(self) -> None:
         if self.engine.arm.failure:

@@ -13,8 +13,10 @@ each run.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from functools import partial
 from time import perf_counter
 from typing import Any
+import warnings
 
 import numpy as np
 
@@ -25,9 +27,9 @@ from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.state import ArmState
+from pfd_ros.messages.command_bytes import state_bytes
 from pfd_ros.messages.convert import NANOSECONDS, WRENCH
 from pfd_ros.messages.stamped import stamped_encoder
-from pfd_ros.testing.command_bytes import state_bytes
 from pfd_ros.testing.controller import Controller, asked, blocked, refusal
 from pfd_ros.testing.engine_run import EngineRun
 from pfd_ros.testing.exchange import Exchange
@@ -93,11 +95,12 @@ class LockstepArm:
     ) -> None:
         found = loaded(robot, lockstep_settings(robot, settings))
         self.robot, chosen = found.robot, found.settings
-        self.engine = Engine(chosen, self.robot, rows=bool(chosen.recording))
+        frames = found.recorded_frames(chosen, partial(warnings.warn, stacklevel=3))
+        self.engine = Engine(chosen, self.robot, rows=bool(chosen.recording), frames=frames)
         self.settings = self.engine.settings
         self.names = self.engine.arm.names
         self._limits = limits_of(self.robot, self.engine.arm.order)
-        self._run = EngineRun(self.engine, open_log(self.engine, self.robot))
+        self._run = EngineRun(self.engine, open_log(self.engine))
         self._topics = found.control.topics
         self._ros_args = tuple(ros_args)
         if self.settings.command_topic:

@@ -19,11 +19,11 @@ import numpy as np
 
 from pfd_ros.arm.arm import joint_order
 from pfd_ros.arm.events import COMMANDS, STATES, Source
+from pfd_ros.messages.command_bytes import state_bytes
 from pfd_ros.messages.convert import NANOSECONDS, JointMessage, decode_joint_state
 from pfd_ros.messages.stamped import effort_encoder
 from pfd_ros.messages.topics import remapped, topic_of
 from pfd_ros.recording.format import ROLE_OF_SOURCE
-from pfd_ros.testing.command_bytes import state_bytes
 from pfd_ros.testing.controller import Controller, ControllerError, asked, blocked, raised, refusal
 from pfd_ros.testing.controllers import Controllers, NoAnswerError, split
 from pfd_ros.testing.exchange import (

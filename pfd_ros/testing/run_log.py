@@ -4,23 +4,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 import time
 from typing import Any
 
-import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import TAKEN
+from pfd_ros.arm.events import DESCRIPTION, TAKEN, TF, TF_STATIC, Output
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE
-from pfd_ros.recording.mcap_file import TimeBase, Topic
+from pfd_ros.recording.mcap_file import Topic
 from pfd_ros.recording.recorder import LogRecorder
 
 # Topics that the node's names stand for, where no node has resolved them.
-ABSOLUTE = {'joint_commands', 'joint_states', 'clock'}
+ABSOLUTE = {'joint_commands', 'joint_states', 'clock', DESCRIPTION, TF_STATIC, TF}
 # The loop is faster than a disk: between two looks at the recorder's queue, and from there on.
 LOOK_MESSAGES = 1000
 BACKLOG_LIMIT = 0.25
@@ -47,11 +48,25 @@ class RunLog:
     accepted: int = 0
     _since: int = 0
 
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        return {role: place for place, role in enumerate(self.roles)}
+
     def record(self, role: str, number: int, data: bytes) -> None:
         """Record one message; waits for the disk now and then."""
-        self.recorder.record(self.roles.index(role), number, data)
-        self._since += 1
-        if self._since == LOOK_MESSAGES:
+        self.recorder.record(self._places[role], number, data)
+        self._wait(1)
+
+    def record_all(self, outputs: Sequence[Output]) -> None:
+        """Record outputs of one cycle, or of what was taken before it, at one time."""
+        places = self._places
+        messages = [(places[role], number, data) for role, number, data in outputs]
+        self.recorder.record_all(messages, self.engine.arm.stamp_ns)
+        self._wait(len(messages))
+
+    def _wait(self, messages: int) -> None:
+        self._since += messages
+        if self._since >= LOOK_MESSAGES:
             self._since = 0
             while self.recorder.backlog > BACKLOG_LIMIT:
                 time.sleep(DISK_POLL_SECONDS)
@@ -79,7 +94,7 @@ class RunLog:
         }
 
 
-def open_log(engine: Engine, robot: pfd.Robot) -> RunLog | None:
+def open_log(engine: Engine) -> RunLog | None:
     """Open the file that the settings name, if they name one.
 
     Raises
@@ -87,16 +102,26 @@ def open_log(engine: Engine, robot: pfd.Robot) -> RunLog | None:
     OSError
         If it exists or cannot be written.
     """
-    settings = engine.settings
+    settings, frames = engine.settings, engine.frames
     if not settings.recording:
         return None
     wanted = {*ROLE_OF_SOURCE.values(), TAKEN, *roles_of(settings)}
+    if frames is not None:
+        wanted |= frames.roles
     roles = tuple(role for role in CHANNELS if role in wanted)
     names = {role: f'/{role}' if role in ABSOLUTE else f'/sim_arm/{role}' for role in roles}
     topics = [
-        Topic(names[role], CHANNELS[role].type, qos_text(1), CHANNELS[role].vital)
-        for role in roles
+        Topic(names[role], CHANNELS[role].type, _qos(role), CHANNELS[role].vital) for role in roles
     ]
-    head = provenance.file_head(settings, robot, names, TimeBase(), engine.arm.program)
+    base = provenance.time_base(settings)
+    head = provenance.file_head(settings, engine.arm.robot, names, base, engine.arm.program)
     recorder = LogRecorder(Path(settings.recording), topics, head, lambda line: None)
-    return RunLog(engine, recorder, roles)
+    log = RunLog(engine, recorder, roles)
+    if frames is not None:
+        log.record_all(frames.opening(settings.start_ns))
+    return log
+
+
+def _qos(role: str) -> str:
+    latched = role in (DESCRIPTION, TF_STATIC)
+    return qos_text(1, durability='transient_local' if latched else 'volatile')

@@ -1,8 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Verifies files in this process and prints the outcome of each, one JSON object a line.
+"""Replays files in this process and prints the outcome of each, one JSON object a line.
 
-    python read_hostile.py SECONDS FILE ...
+    python read_hostile.py OPTION SECONDS FILE ...
+
+OPTION is that of `pfd replay`, such as --verify.
 
 A file that takes more than SECONDS of processor time is given up.
 """
@@ -43,7 +45,7 @@ def bounded(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def verify(path: str, seconds: float) -> dict[str, Any]:
+def replay(option: str, path: str, seconds: float) -> dict[str, Any]:
     out, err = io.StringIO(), io.StringIO()
     try:
         with (
@@ -51,7 +53,7 @@ def verify(path: str, seconds: float) -> dict[str, Any]:
             contextlib.redirect_stderr(err),
             bounded(seconds),
         ):
-            status = main(['replay', path, '--verify'])
+            status = main(['replay', path, option])
     except BaseException:
         status = -1
         err.write(traceback.format_exc())
@@ -68,5 +70,5 @@ def peak_mb() -> float:
 
 
 if __name__ == '__main__':
-    for name in sys.argv[2:]:
-        print(json.dumps(verify(name, float(sys.argv[1]))), flush=True)
+    for name in sys.argv[3:]:
+        print(json.dumps(replay(sys.argv[1], name, float(sys.argv[2]))), flush=True)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 import json
 from pathlib import Path
 from typing import Any
@@ -24,12 +25,11 @@ from pfd_ros.arm.events import (
     Verdict,
 )
 from pfd_ros.arm.outputs import roles_of
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import WALL, Settings
 from pfd_ros.messages import cdr
 from pfd_ros.messages.convert import JointMessage, decode_joint_state
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import CHANNELS, END, HEAD, ROLE_OF_SOURCE
-from pfd_ros.recording.mcap_file import TimeBase
 from pfd_ros.recording.reader import Log
 from pfd_ros.replay.ordering import placed_messages
 
@@ -118,8 +118,12 @@ def simulate(
         number = counts[role]
         if role in NUMBERED_AS_STATES:
             number = sum(counts[each] for each in NUMBERED_AS_STATES)
-        log_ns = START_NS + step * chosen.step_ns
-        made.messages.append(Sent(topic, number, log_ns, data))
+        wall_ns = START_NS + step * chosen.step_ns
+        # Of the state before an input, or of this step.
+        simulated_ns = engine.arm.stamp_ns
+        times = (wall_ns, simulated_ns)
+        log_ns, published_ns = times if first.log_time == WALL else times[::-1]
+        made.messages.append(Sent(topic, number, log_ns, data, published_ns))
         return number
 
     for step in range(1, steps + 1):
@@ -132,7 +136,7 @@ def simulate(
         accepted += sum(found.verdict is Verdict.ACCEPTED for _, found, _ in result.validations)
         for role, number, data in result.outputs:
             assert number == record(role, step, data)
-    base = TimeBase(START_NS, 0)
+    base = replace(provenance.time_base(first), wall_ns=START_NS, steady_ns=0)
     head = provenance.file_head(first, robot, roles, base, engine.arm.program)
     made.metadata.append((HEAD, dict(head.values)))
     made.attachments += [File(record.name, record.data) for record in head.attachments]

@@ -74,10 +74,22 @@ def write(folder: Path) -> list[Path]:
 @pytest.fixture(scope='module')
 def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
     """Return the result of verifying each case, and the good file before and after."""
-    folder = tmp_path_factory.mktemp('hostile')
-    paths = [GOLDEN, *write(folder), GOLDEN]
+    return replayed('--verify', tmp_path_factory.mktemp('hostile'))
+
+
+@pytest.fixture(scope='module')
+def what_ifs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
+    """Return the result of running each case again without a change, and that of good files."""
+    return replayed('--what-if', tmp_path_factory.mktemp('what_if'))
+
+
+def replayed(option: str, folder: Path) -> dict[str, dict[str, Any]]:
+    """Return the result of `pfd replay` with an option for each case and for good files."""
+    good = folder / 'good.mcap'
+    good.write_bytes(GOLDEN.read_bytes())
+    paths = [good, *write(folder), good]
     done = subprocess.run(
-        [sys.executable, str(HERE / 'read_hostile.py'), str(SECONDS), *map(str, paths)],
+        [sys.executable, str(HERE / 'read_hostile.py'), option, str(SECONDS), *map(str, paths)],
         cwd=folder,
         env=environment(1),
         capture_output=True,
@@ -112,3 +124,32 @@ def test_good_files_verify_before_and_after(outcomes: dict[str, dict[str, Any]])
 
 def test_no_file_takes_much_memory(outcomes: dict[str, dict[str, Any]]) -> None:
     assert outcomes['good again']['peak_mb'] < MEGABYTES
+
+
+# Files that can be run, and whose outputs are not those of their inputs: --verify finds that.
+DIFFERENT = {
+    'end_failure',
+    'other_robot',
+    'row_other_verdict',
+    'row_overflowed',
+    'settings_other_start',
+    'terminal_escapes',
+}
+
+
+@pytest.mark.parametrize('name', EXPECTED)
+def test_a_hostile_file_is_no_source_of_a_what_if(
+    what_ifs: dict[str, dict[str, Any]], name: str
+) -> None:
+    found = what_ifs[name]
+    assert found['status'] == (0 if name in DIFFERENT else 1), found
+    lines = (found['out'] if name in DIFFERENT else found['err']).splitlines()
+    assert all(line.isprintable() for line in lines)
+    if name not in DIFFERENT:
+        assert (found['out'], len(lines)) == ('', 1)
+        assert len(lines[0]) < 800
+
+
+def test_a_what_if_takes_little_memory(what_ifs: dict[str, dict[str, Any]]) -> None:
+    assert {what_ifs[name]['status'] for name in ('good', 'good again')} == {0}
+    assert what_ifs['good again']['peak_mb'] < MEGABYTES

@@ -9,8 +9,10 @@ import signal
 import time
 from typing import Any
 
+from mcap.reader import make_reader
 import pytest
 from ros_processes import JOINTS, PATIENCE, Peer, Processes, call, stamp_ns
+from rosbags.typesys import Stores, get_typestore
 from transitions import change
 
 from pfd_ros.arm.events import Verdict
@@ -40,6 +42,18 @@ def set_text(peer: Peer, name: str, text: str) -> Any:
     value = ParameterValue(type=4, string_value=text)
     chosen = [Parameter(name=name, value=value)]
     return call(peer, SetParameters, 'set_parameters', parameters=chosen).results[0]
+
+
+def transitions(path: Path) -> list[tuple[int, str, str, str]]:
+    """Return the recorded transitions: number, label, labels of start and goal."""
+    store, found = get_typestore(Stores.ROS2_JAZZY), []
+    with path.open('rb') as stream:
+        topics = ['/sim_arm/transition_event']
+        for schema, _, message in make_reader(stream).iter_messages(topics=topics):
+            event = store.deserialize_cdr(message.data, schema.name)
+            moved = event.transition
+            found.append((moved.id, moved.label, event.start_state.label, event.goal_state.label))
+    return found
 
 
 def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, peer_of) -> None:
@@ -96,6 +110,13 @@ def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, 
     assert change(peer, 'cleanup')
     # The file is closed and stays: the next arm needs another one.
     assert read(processes.folder / 'a.mcap', verify=True).complete
+    assert transitions(processes.folder / 'a.mcap') == [
+        (1, 'configure', 'unconfigured', 'inactive'),
+        (3, 'activate', 'inactive', 'active'),
+        (4, 'deactivate', 'active', 'inactive'),
+        (3, 'activate', 'inactive', 'active'),
+        (4, 'deactivate', 'active', 'inactive'),
+    ]
     assert not change(peer, 'configure')
     node.wait_for_text('a.mcap exists and is not overwritten')
     assert set_text(peer, 'recording', 'b.mcap').successful

@@ -12,12 +12,14 @@ import time
 
 from mcap.reader import make_reader
 import pytest
-from ros_processes import JOINTS, PATIENCE, Processes
+from ros_processes import JOINTS, PATIENCE, Processes, stamp_ns
+from rosbags.typesys import Stores, get_typestore
 from simulating import rows_of
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.cli import main as command_line
 from pfd_ros.node.receiving import MOST_MESSAGES
+from pfd_ros.recording.reader import Log
 from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
@@ -52,13 +54,47 @@ def test_a_signal_ends_the_node_cleanly_and_the_file_is_whole(
     assert json.loads(end[0]['totals'])['states'] == states + summary.missing
 
 
-def wait_for_steps(processes: Processes) -> None:
-    """Wait until the recording has grown beyond its head."""
-    path = processes.folder / 'arm.mcap'
-    head, deadline = path.stat().st_size, time.monotonic() + PATIENCE
-    while path.stat().st_size <= head:
+def wait_for_steps(processes: Processes, role: str = 'joint_states') -> None:
+    """Wait until the recording holds a message of a role."""
+    log, deadline = Log(processes.folder / 'arm.mcap'), time.monotonic() + PATIENCE
+    while all(entry.role != role for entry in log.entries()):
         assert time.monotonic() < deadline
         time.sleep(0.02)
+        log = Log(log.path)
+
+
+@pytest.mark.parametrize('factor', ['1.0', '5.0'])
+def test_a_node_records_what_viewers_need_and_its_diagnostics(
+    processes: Processes, factor: str
+) -> None:
+    arm = processes.arm('-p', 'recording:=arm.mcap', '-p', f'real_time_factor:={factor}')
+    wait_for_steps(processes, 'diagnostics')
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    assert not read(processes.folder / 'arm.mcap', verify=True).absent
+    store, found = get_typestore(Stores.ROS2_JAZZY), []
+    with (processes.folder / 'arm.mcap').open('rb') as stream:
+        for schema, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+            decoded = store.deserialize_cdr(message.data, schema.name)
+            found.append((channel, message, decoded))
+    assert [channel.topic for channel, *_ in found[:2]] == ['/robot_description', '/tf_static']
+    for channel, *_ in found[:2]:
+        assert 'durability: transient_local' in channel.metadata['offered_qos_profiles']
+    links = {frame.child_frame_id for frame in found[1][2].transforms}
+    links |= {f.child_frame_id for c, _, m in found if c.topic == '/tf' for f in m.transforms}
+    assert links == set(re.findall('<child link="(.*?)"', found[0][2].data))
+    diagnostics = [m for channel, _, m in found if channel.topic == '/diagnostics']
+    assert [status.name for status in diagnostics[0].status] == [
+        f'sim_arm: {task}'
+        for task in ('lifecycle', 'stepping', 'commands', 'simulation', 'recording')
+    ]
+    assert {v.key: v.value for v in diagnostics[0].status[4].values}['open'] == 'True'
+    for channel, message, decoded in found:
+        if channel.topic == '/joint_states':
+            times = message.log_time, message.publish_time
+            # Wall time is log time in real time alone.
+            wall, simulated = times if factor == '1.0' else times[::-1]
+            assert simulated == stamp_ns(decoded)
+            assert abs(wall - time.time_ns()) < PATIENCE * 1e9
 
 
 def test_a_killed_node_leaves_a_file_that_verifies(processes: Processes, peer_of) -> None:

@@ -22,10 +22,10 @@ from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.setting_fields import joint_values
 from pfd_ros.arm.settings import Settings
 from pfd_ros.cli.recorded_motion import read_motion
+from pfd_ros.messages.command_bytes import state_bytes
 from pfd_ros.messages.stamped import decode_inertia, encode_inertia
 from pfd_ros.node.diagnostics import MassKernels
 from pfd_ros.replay.verify import read
-from pfd_ros.testing.command_bytes import state_bytes
 
 PUSH = Source.ARRAY, efforts(1.0, -0.5)
 TIP = 'tip_link'

@@ -12,7 +12,7 @@ import random
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 import pytest
-from read_hostile import bounded, verify
+from read_hostile import bounded, replay
 from rewriting import ARRAY, GOLDEN, NAMED, Recording, load
 from simulating import efforts, simulate
 
@@ -243,7 +243,7 @@ def test_a_changed_head_is_refused_in_a_short_line_or_changes_nothing(
     damaged: Path, recording: Recording
 ) -> None:
     recording.save(damaged, closed=False)
-    found = verify(str(damaged), SECONDS)
+    found = replay('--verify', str(damaged), SECONDS)
     event(f'status {found["status"]}')
     # The file has no end.
     assert found['status'] in (1, INCOMPLETE), found

@@ -1,0 +1,156 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The inputs and the states of a recording, for an arm with other steps, other times or joints.
+
+    other steps    an input is taken before the first step that begins when it was taken, or later
+    other times    commands and wrenches lose their stamps; those that were stale are left out
+    other joints   commands without names are permuted, or become commands by name
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+from zlib import crc32
+
+from pfd_ros.arm.events import (
+    DROPPED_STATES,
+    STATES,
+    TAKEN,
+    Source,
+    ValidationRow,
+    Verdict,
+)
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.cdr import HEADER
+from pfd_ros.messages.command_bytes import EffortArray
+from pfd_ros.messages.convert import NANOSECONDS, TIME, decode_floats
+from pfd_ros.messages.stamped import effort_encoder
+from pfd_ros.recording.format import ROLE_OF_SOURCE, SOURCE_OF_ROLE
+from pfd_ros.replay.ordering import Inbox, PlacedMessage
+
+# Sources whose stamps are compared with the time of the arm.
+STAMPED = frozenset({Source.NAMED, Source.WRENCH})
+
+
+class Fed(NamedTuple):
+    """
+    A message for a changed arm.
+
+    Attributes
+    ----------
+    message
+        Its cycle is one of the changed arm.
+    at
+        Of a state: how many cycles of the changed arm end by its time; between two of them it is
+        no whole number.
+    time
+        Of a state: seconds after the start.
+
+    """
+
+    message: PlacedMessage
+    at: float = 0.0
+    time: float = 0.0
+
+
+@dataclass
+class ChangedInputs:
+    """
+    The messages of a recording for a changed arm.
+
+    Parameters
+    ----------
+    old, new
+        Settings of the recording and of the changed arm.
+    old_names, new_names
+        Joints in published order.
+
+    """
+
+    old: Settings
+    new: Settings
+    old_names: tuple[str, ...]
+    new_names: tuple[str, ...]
+    _inbox: Inbox = field(default_factory=Inbox)
+    _numbers: Counter[Source] = field(default_factory=Counter)
+
+    def __post_init__(self) -> None:
+        """Derive what changes."""
+        self._retimed = self.old.step_ns != self.new.step_ns
+        self._restamped = self._retimed or self.old.start_ns != self.new.start_ns
+        self._renamed = self.old_names != self.new_names
+        # Joints of the recording that the arm lacks make commands by name.
+        self._by_name = sorted(self.old_names) != sorted(self.new_names)
+
+    def cycle_of(self, cycle: int) -> int:
+        """Return the last cycle of the changed arm within so many cycles of the recording."""
+        return cycle * self.old.step_ns // self.new.step_ns
+
+    def messages(self, placed: Iterator[PlacedMessage]) -> Iterator[Fed]:
+        """Yield inputs, validation rows and states; other outputs are those of the old arm."""
+        for message in placed:
+            if message.role in SOURCE_OF_ROLE:
+                if self._restamped or self._renamed:
+                    self._inbox.put(message)
+                else:
+                    yield Fed(message)
+            elif message.role == TAKEN:
+                yield from self._taken(message)
+            elif message.role in (STATES, DROPPED_STATES):
+                yield self._state(message)
+        for source, _, data in self._inbox.rest():
+            source, data = self._changed(source, data)
+            yield Fed(PlacedMessage(ROLE_OF_SOURCE[source], self._next(source), 0, 0, 0, data))
+
+    def _next(self, source: Source) -> int:
+        self._numbers[source] += 1
+        return self._numbers[source]
+
+    def _state(self, message: PlacedMessage) -> Fed:
+        time = message.cycle * self.old.step_ns
+        cycle = -(-time // self.new.step_ns)
+        lost = message.lost if message.role == STATES else 0
+        placed = message._replace(role=STATES, cycle=cycle, lost=lost)
+        return Fed(placed, time / self.new.step_ns, time / NANOSECONDS)
+
+    def _taken(self, message: PlacedMessage) -> Iterator[Fed]:
+        if not self._restamped and not self._renamed:
+            yield Fed(message)
+            return
+        begin = (message.cycle - 1) * self.old.step_ns
+        cycle = 1 - (-begin // self.new.step_ns)
+        rows = []
+        for row in message.rows:
+            known = self._inbox.has(row)
+            data = self._inbox.pop(row)
+            if self._restamped and row.verdict is Verdict.STALE and row.source in STAMPED:
+                continue
+            source, data = self._changed(row.source, data)
+            number = self._next(source)
+            checksum = 0 if row.verdict is Verdict.OVERFLOWED else crc32(data)
+            rows.append(ValidationRow(cycle, source, number, row.verdict, checksum))
+            if known:
+                role = ROLE_OF_SOURCE[source]
+                yield Fed(PlacedMessage(role, number, 0, 0, message.log_ns, data))
+        if rows:
+            yield Fed(message._replace(cycle=cycle, rows=tuple(rows)))
+
+    def _changed(self, source: Source, data: bytes) -> tuple[Source, bytes]:
+        if source is Source.ARRAY and self._renamed:
+            try:
+                efforts = decode_floats(data)
+            except ValueError:
+                return source, data
+            if len(efforts) != len(self.old_names):
+                return source, data
+            if self._by_name:
+                return Source.NAMED, effort_encoder(self.old_names).encode(0, efforts)
+            order = [self.old_names.index(name) for name in self.new_names]
+            return source, EffortArray(len(order)).encode(efforts[order])
+        if source in STAMPED and self._restamped and len(data) >= len(HEADER) + TIME.size:
+            data = data[: len(HEADER)] + bytes(TIME.size) + data[len(HEADER) + TIME.size :]
+        return source, data

@@ -1,0 +1,281 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Runs of changed arms that follow a source: the new run, written as a log, and the rounding run.
+
+Playback runs cycles with nothing but commands in one native call, as for a verification.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfd_ros.arm.events import CLOCK, STATES, TAKEN, TAKEN_COLUMNS, Output, Verdict
+from pfd_ros.messages.command_bytes import state_bytes
+from pfd_ros.messages.convert import decode_joint_state, encode_clocks, encode_rows
+from pfd_ros.recording.format import ROLE_OF_SOURCE, SET_STATE
+from pfd_ros.replay.new_log import LogTimes, NewLog
+from pfd_ros.replay.ordering import PlacedMessage
+from pfd_ros.replay.playback import Playback, Stretch
+from pfd_ros.text import cut
+
+Array = NDArray[Any]
+# The last bit of 1.
+BIT = 2.0**-52
+
+
+def one_bit(q: Array) -> Array:
+    """Return positions changed by the last bit of 1, or of their own above 1."""
+    return np.where(np.abs(q) < 1.0, q + BIT, np.nextafter(q, np.inf))
+
+
+@dataclass
+class ChangedRun(Playback):
+    """
+    A run that follows a source.
+
+    Attributes
+    ----------
+    rows
+        Some cycles (k,), and their measured positions, velocities and efforts, (k, 3, n), model
+        order; NaN after a failure. Only the cycles next to recorded states are kept.
+    failed_in, failure
+        The cycle in which the simulation stopped for the first time, and why; 0 and '' if it did
+        not.
+
+    """
+
+    rows: list[tuple[Array, Array]] = field(default_factory=list)
+    failed_in: int = 0
+    failure: str = ''
+
+    def __post_init__(self) -> None:
+        """Begin with the state before the first cycle."""
+        self._keep_row()
+
+    @property
+    def reached(self) -> int:
+        """The last cycle that was run."""
+        return self.driver.engine.cycles
+
+    def _keep_row(self) -> None:
+        engine = self.driver.engine
+        row = np.full((1, 3, engine.arm.robot.n), np.nan)
+        if not engine.state.failure:
+            row[0] = engine.measured()
+        self.rows.append((np.array([engine.cycles]), row))
+
+    def take_now(self, message: PlacedMessage) -> None:
+        """Run to the cycle that took inputs, and apply them."""
+        self.run_to(message.cycle - 1)
+        self.driver.take(self.inbox.take(message))
+
+    def output_now(self, message: PlacedMessage) -> None:
+        """Run to the cycle of a recorded state."""
+        self.run_to(message.cycle)
+
+    def stretched(self, stretch: Stretch) -> bool:
+        """Keep the states of a stretch."""
+        states = np.array([message.cycle for message in stretch.messages], int) - stretch.first
+        last = len(stretch.rows) - 1
+        near = np.unique(np.concatenate([states - 1, states, [last - 1, last]]))
+        near = near[near >= 0]
+        self.rows.append((near + stretch.first, stretch.rows[near]))
+        return True
+
+    def run_to(self, cycle: int) -> None:
+        """Run the cycles up to this one, also those of a failed arm."""
+        engine = self.driver.engine
+        while engine.cycles < cycle:
+            self.driver.step()
+            if engine.cycles >= cycle - 1:
+                self._keep_row()
+            if engine.state.failure and not self.failed_in:
+                self.failed_in, self.failure = engine.cycles, engine.state.failure
+
+    def at(self, places: Array) -> Array:
+        """Return the states at some places among the cycles, (k, 3, n), by interpolation."""
+        cycles, rows = (np.concatenate(parts) for parts in zip(*self.rows, strict=True))
+        low = np.floor(places).astype(int)
+        share = (places - low)[:, None, None]
+        before = rows[np.searchsorted(cycles, low)]
+        after = rows[np.searchsorted(cycles, np.ceil(places).astype(int))]
+        with np.errstate(over='ignore', invalid='ignore'):
+            found: Array = np.where(share == 0.0, before, before + share * (after - before))
+        kept = int(np.searchsorted(cycles, low[-1]))
+        self.rows = [(cycles[kept:].copy(), rows[kept:].copy())]
+        return found
+
+
+@dataclass
+class RoundingRun(ChangedRun):
+    """The run whose positions are changed by one bit wherever the arm is set to some."""
+
+    def put(self, message: PlacedMessage) -> None:
+        """Keep an input until its cycle."""
+        if message.role == SET_STATE:
+            message = message._replace(data=_nudged(message.data))
+        super().put(message)
+
+
+def _nudged(data: bytes) -> bytes:
+    """Return a state to set with each position changed by one bit."""
+    try:
+        state = decode_joint_state(data)
+    except ValueError:
+        return data
+    return state_bytes(state.names, one_bit(state.position), state.velocity)
+
+
+@dataclass
+class NewRun(ChangedRun):
+    """
+    The changed run, written as a log.
+
+    Attributes
+    ----------
+    log
+        The log.
+    times
+        Log times of the cycles.
+    accepted
+        Inputs that the arm accepted.
+    rejected
+        Those validated otherwise than recorded, by result.
+    first_rejected
+        The first of them.
+
+    """
+
+    log: NewLog = field(kw_only=True)
+    times: LogTimes = field(kw_only=True)
+    accepted: int = 0
+    rejected: Counter[str] = field(default_factory=Counter)
+    first_rejected: str = ''
+    _now_ns: int = 0
+    # Of the last message.
+    _cycle: int = 0
+
+    def __post_init__(self) -> None:
+        """Have the outputs written."""
+        super().__post_init__()
+        self.driver.put = self._keep
+
+    def _keep(self, outputs: Sequence[Output]) -> None:
+        if outputs and outputs[0].role != TAKEN:
+            self._now_ns = self.times.at(self.reached)
+        for output in outputs:
+            self.log.add(output.role, self._now_ns, output.number, output.data)
+
+    def take(self, message: PlacedMessage) -> None:
+        """Follow validation rows."""
+        self.times.add(message.cycle - 1, message.log_ns)
+        if self._alone(message):
+            self.flush()
+            self.take_now(message)
+        else:
+            super().take(message)
+
+    def output(self, message: PlacedMessage) -> None:
+        """Follow a recorded state."""
+        self.times.add(message.cycle, message.log_ns)
+        if self._alone(message):
+            self.flush()
+            self.output_now(message)
+        else:
+            super().output(message)
+
+    def _alone(self, message: PlacedMessage) -> bool:
+        """Return whether cycles up to this message have outputs that no stretch writes.
+
+        These are a new payload, in its first cycle, and the recorded states of the whole arm.
+        """
+        engine, before = self.driver.engine, self._cycle
+        self._cycle = message.cycle
+        every = engine.settings.save_every
+        saved = every and (before // every < message.cycle // every or not message.cycle % every)
+        return bool(saved) or engine.arm.plant.payload != engine.state.payload
+
+    def take_now(self, message: PlacedMessage) -> None:
+        """Run to the cycle that took inputs, apply them, and compare their validation."""
+        self.run_to(message.cycle - 1)
+        self._now_ns = message.log_ns
+        self._write_inputs(message)
+        found = self.driver.take(self.inbox.take(message))
+        self.accepted += sum(
+            count for _, validation, count in found if validation.verdict is Verdict.ACCEPTED
+        )
+        if message.rows[0].verdict is Verdict.OVERFLOWED:
+            return
+        for row, (source, validation, _) in zip(message.rows, found, strict=True):
+            if validation.verdict is row.verdict:
+                continue
+            self.rejected[validation.verdict.name.lower()] += 1
+            if not self.first_rejected:
+                self.first_rejected = (
+                    f'step {message.cycle}: {ROLE_OF_SOURCE[source]} {row.sequence} is '
+                    f'{validation.verdict.name.lower()} ({cut(validation.detail, 200)}), recorded '
+                    f'as {row.verdict.name.lower()}'
+                )
+
+    def _write_inputs(self, message: PlacedMessage) -> None:
+        for row in message.rows:
+            if self.inbox.has(row):
+                role = ROLE_OF_SOURCE[row.source]
+                self.log.add(role, message.log_ns, row.sequence, self.inbox.payload(row))
+
+    def stretched(self, stretch: Stretch) -> bool:
+        """Write the inputs and outputs of a stretch."""
+        engine = self.driver.engine
+        settings, count = engine.settings, len(stretch.rows)
+        cycles = np.arange(stretch.first, stretch.first + count)
+        every = settings.clock_every if settings.publish_clock else count + stretch.first
+        published, ticks = cycles % engine.publish_every == 0, cycles % every == 0
+        states = engine.encode_states(stretch.stamps_ns[published], stretch.rows[published])
+        if states is None:
+            return False
+        state = _parts(states, int(published.sum()))
+        tick = _parts(encode_clocks(stretch.stamps_ns[ticks]), int(ticks.sum()))
+        # The rows of each cycle that took a command, one at most.
+        taken = {message.cycle: message for message in stretch.taken}
+        number = engine.state.row_messages
+        log_ns = self.times.of(stretch.first, count).tolist()
+        for cycle, at_ns, with_state, with_tick in zip(
+            cycles.tolist(), log_ns, published.tolist(), ticks.tolist(), strict=True
+        ):
+            if cycle in taken:
+                message, number = taken[cycle], number + 1
+                self._write_inputs(message)
+                rows = encode_rows(message.rows, TAKEN_COLUMNS)
+                self.log.add(TAKEN, message.log_ns, number, rows)
+            if with_state:
+                self.log.add(STATES, at_ns, cycle // engine.publish_every, next(state))
+            if with_tick:
+                self.log.add(CLOCK, at_ns, cycle // every, next(tick))
+        self.accepted += len(stretch.taken)
+        return super().stretched(stretch)
+
+    def finish(self) -> None:
+        """Write the inputs that were not taken, and the totals."""
+        for source, number, data in self.inbox.rest():
+            self.log.add(ROLE_OF_SOURCE[source], 0, number, data)
+        arm = self.driver.engine.arm
+        self.log.finish(
+            {
+                'steps': arm.step,
+                'commands_accepted': self.accepted,
+                'failure': arm.failure,
+            }
+        )
+
+
+def _parts(data: bytes, count: int) -> Iterator[bytes]:
+    """Yield messages of one size that follow one another."""
+    size = len(data) // max(count, 1)
+    return (data[k : k + size] for k in range(0, len(data), max(size, 1)))

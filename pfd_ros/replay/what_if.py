@@ -1,0 +1,429 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What if: the recorded inputs into an arm with something changed, and how far it diverges.
+
+    new run         the recorded inputs, at the cycles in which they took effect, into the changed
+                    arm; written as a log
+    rounding run    the same, with each position that the arm is set to changed by the last bit of
+                    1 rad (or m): how fast motions diverge by rounding alone
+
+Both follow the source message by message, in one pass. States are compared at the times of the
+recorded ones, as they were measured; states after a failure of the simulation are not compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pfd_core as pfd
+from pfd_ros.arm.driver import Driver
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import (
+    STATES,
+    TAKEN,
+)
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.convert import (
+    NANOSECONDS,
+    JointMessage,
+    decode_joint_state,
+)
+from pfd_ros.recording.bags import DATABASES
+from pfd_ros.recording.format import SOURCE_OF_ROLE
+from pfd_ros.recording.reader import Log, LogError, damage_named
+from pfd_ros.replay.bag_inputs import BagInputs
+from pfd_ros.replay.changed_inputs import ChangedInputs, Fed
+from pfd_ros.replay.changed_runs import NewRun, RoundingRun, one_bit
+from pfd_ros.replay.divergence import FIELDS
+from pfd_ros.replay.inspection import inspect
+from pfd_ros.replay.new_log import LogTimes, NewLog, free_path
+from pfd_ros.replay.ordering import PlacedMessage, placed_messages
+from pfd_ros.replay.playback import PROGRESS_MESSAGES
+from pfd_ros.replay.state_comparison import StateComparison
+from pfd_ros.replay.verify import recorded_robot
+from pfd_ros.replay.what_if_settings import (
+    Changes,
+    changed_arm,
+    described_arm,
+    published_names,
+    read_changes,
+)
+
+Array = NDArray[Any]
+# Beyond these a run has diverged: positions [rad or m], velocities [rad/s or m/s], efforts [N m
+# or N].
+THRESHOLDS = (1e-3, 1e-2, 1e-1)
+# States of an arm that failed that may be missing: their stamps stand still.
+MOST_STOPPED = 10_000
+# Share of the progress that the inspection of a recording gets.
+INSPECTION_SHARE = 0.1
+
+
+@dataclass(frozen=True)
+class JointDivergence:
+    """
+    The divergence of one joint in one field, in the field's unit; times in s after the start.
+
+    `largest`, `rms` and `first_at` are of the new run from the recorded states, `rounding_...` of
+    the rounding run from the new run. None: never beyond the threshold, or nothing compared.
+    """
+
+    field: str
+    joint: str
+    largest: float | None
+    largest_at: float | None
+    rms: float | None
+    first_at: float | None
+    rounding_largest: float | None
+    rounding_rms: float | None
+    rounding_first_at: float | None
+
+
+@dataclass(frozen=True)
+class WhatIf:
+    """
+    The result of a run with something changed.
+
+    Attributes
+    ----------
+    source, log
+        The recording or bag, and the log of the new run.
+    changes
+        As given.
+    robot, settings
+        Of the new run, 'auto' resolved.
+    seconds
+        Simulated by the new run.
+    states
+        Recorded states that were compared.
+    thresholds
+        For each field.
+    joints
+        Compared, in recorded order.
+    divergences
+        By field and joint.
+    only_in_log, only_in_arm
+        Joints that the other one lacks.
+    failure, failed_at
+        Why and when the simulation stopped, '' and None if it did not.
+    rounding_failed_at
+        The same of the rounding run.
+    rejected
+        Inputs whose validation result is not the recorded one, by result.
+    first_rejected
+        The first of them, '' for none.
+    skipped
+        Messages of a bag that were not used, by reason.
+    complete
+        Whether the source was closed properly.
+    curves
+        Times (k,), positions recorded and new (k, 2, m), sizes of the differences of the new run
+        and of the rounding run (k, 2, m).
+
+    """
+
+    source: Path
+    log: Path
+    changes: tuple[str, ...]
+    robot: str
+    settings: Settings
+    seconds: float
+    states: int
+    thresholds: tuple[float, ...]
+    joints: tuple[str, ...]
+    divergences: tuple[JointDivergence, ...]
+    only_in_log: tuple[str, ...]
+    only_in_arm: tuple[str, ...]
+    failure: str
+    failed_at: float | None
+    rounding_failed_at: float | None
+    rejected: Mapping[str, int]
+    first_rejected: str
+    skipped: Mapping[str, int]
+    complete: bool
+    curves: tuple[Array, Array, Array] = field(repr=False, compare=False)
+
+
+@dataclass
+class _Case:
+    """An arm, and the messages for it."""
+
+    path: Path
+    settings: Settings
+    robot: pfd.Robot
+    messages: Iterator[Fed]
+    # Time from one state of a recording to the next.
+    state_ns: int = 0
+    # The cycle that ends at time 0, and the last one of the source, 0 if its states say so.
+    origin: int = 0
+    last: int = 0
+    started_ns: int = 0
+    topics: Mapping[str, str] = field(default_factory=dict)
+    rename: Callable[[str], str] = str
+    skipped: Mapping[str, int] = field(default_factory=dict)
+    progress: Callable[[], float] = lambda: 0.0
+    complete: Callable[[], bool] = lambda: True
+
+
+def what_if(
+    path: Path,
+    words: Sequence[str] = (),
+    *,
+    commands: str = '',
+    states: str = '',
+    rename: Mapping[str, str] | None = None,
+    out: Path | None = None,
+    thresholds: Sequence[float] = THRESHOLDS,
+    progress: Callable[[float], None] | None = None,
+) -> WhatIf:
+    """
+    Run the inputs of a log into an arm with something changed, and compare.
+
+    Parameters
+    ----------
+    path : Path
+        A recording of the node; with `commands` any bag.
+    words : sequence of str
+        KEY=VALUE by the parameters of the node; none repeats a recording.
+    commands : str
+        Topic of commands, for a bag: JointStates with efforts, or Float64MultiArrays.
+    states : str
+        Topic of the bag's states; default as BagInputs chooses it.
+    rename : mapping of str to str, optional
+        Replaced beginnings of the bag's names of joints.
+    out : Path, optional
+        The log of the new run, by default next to the source.
+    thresholds : sequence of float
+        For positions, velocities and efforts.
+    progress : callable, optional
+        Called now and then with the finished part, 0 to 1.
+
+    Raises
+    ------
+    ValueError
+        If a setting is refused, or the log (LogError) is damaged, holds too little to be
+        replayed, or no joint of the arm. No log is written then.
+    OSError
+        If a file cannot be read or written; the log exists.
+
+    """
+    path = Path(path)
+    if len(thresholds) != len(FIELDS) or not all(0 <= x < np.inf for x in thresholds):
+        raise ValueError(f'thresholds must be 3 numbers, 0 or more, got {list(thresholds)}')
+    changes = read_changes(words)
+    if commands:
+        case = _of_bag(path, changes, BagInputs(path, commands, states, rename or {}))
+    elif states or rename:
+        raise ValueError('--states and --rename are for bags: name a topic with --commands')
+    else:
+        case = _of_recording(path, changes, progress)
+    target = out or free_path(path)
+    engine = Engine(case.settings, case.robot)
+    # Compiled code is shared; the start alone differs.
+    nudged = _start_changed(engine.settings, case.robot)
+    others = Engine(nudged, case.robot, rows=False)
+    log = NewLog(
+        target,
+        engine.settings,
+        case.robot,
+        case.topics,
+        case.started_ns,
+        engine.arm.program,
+    )
+    try:
+        runs = (
+            NewRun(Driver(engine), log=log, times=LogTimes(case.started_ns)),
+            RoundingRun(Driver(others)),
+        )
+        with damage_named(path):
+            found = _follow(case, runs, tuple(thresholds), progress)
+        runs[0].finish()
+        return _result(case, changes, runs, found, target)
+    except BaseException:
+        log.discard()
+        raise
+
+
+def _of_recording(path: Path, changes: Changes, progress: Callable[[float], None] | None) -> _Case:
+    if path.is_dir() or path.suffix in DATABASES:
+        raise LogError(f'{path} is no recording of this node: name a topic with --commands')
+    part = None if progress is None else lambda done: progress(INSPECTION_SHARE * done)
+    log = Log(path)
+    with damage_named(path):
+        found = inspect(log, part)
+        if found.altered:
+            raise ValueError(found.altered)
+        if not found.summary.states:
+            raise LogError(f'{path} holds no states, so there is nothing to compare')
+        if found.summary.obstacle:
+            raise LogError(f'{path} {found.summary.obstacle}')
+        recorded = found.summary.settings
+        robot = recorded_robot(log, found.state)
+        topics = {role: topic for topic, role in log.roles.items()}
+        started_ns = log.started_ns
+    settings, new = changed_arm(recorded, robot, changes)
+    names = published_names(recorded, robot), published_names(settings, new)
+    inputs = ChangedInputs(recorded, settings, *names)
+    last = 0
+    if found.ending is not None:
+        last = found.ending.steps + bool(found.ending.failure)
+    return _Case(
+        path,
+        settings,
+        new,
+        inputs.messages(placed_messages(log)),
+        state_ns=recorded.publish_every * recorded.step_ns,
+        last=inputs.cycle_of(last),
+        started_ns=started_ns,
+        topics=topics,
+        progress=lambda: log.position / log.size,
+        complete=lambda: log.complete,
+    )
+
+
+def _of_bag(path: Path, changes: Changes, inputs: BagInputs) -> _Case:
+    settings, robot = described_arm(changes)
+    settings = inputs.settled(settings, given='start_time' in changes.values)
+    return _Case(
+        path,
+        settings,
+        robot,
+        inputs.messages(settings, robot),
+        origin=1,
+        started_ns=max(0, inputs.start_ns - settings.step_ns),
+        rename=inputs.renamed,
+        skipped=inputs.skipped,
+    )
+
+
+def _start_changed(settings: Settings, robot: pfd.Robot) -> Settings:
+    start = settings.initial_positions or (0.0,) * robot.n
+    return replace(settings, initial_positions=tuple(one_bit(np.array(start)).tolist()))
+
+
+def _follow(
+    case: _Case,
+    runs: tuple[NewRun, RoundingRun],
+    thresholds: tuple[float, ...],
+    progress: Callable[[float], None] | None,
+) -> StateComparison:
+    """Let both runs follow the messages of a source, and compare their states."""
+    found: StateComparison | None = None
+    for count, fed in enumerate(case.messages):
+        message = fed.message
+        state = None
+        if message.role == STATES:
+            state = _decoded(message.data, case)
+            if state is not None and message.lost and found is not None:
+                _check_gap(message, state.stamp_ns - found.newest_ns, case)
+        for run in runs:
+            if message.role in SOURCE_OF_ROLE:
+                run.put(message)
+            elif message.role == TAKEN:
+                run.take(message)
+            else:
+                run.output(message)
+        if state is not None:
+            found = found or StateComparison(runs, state.names, thresholds)
+            found.add(state, fed)
+            found.drain()
+        if progress is not None and count % PROGRESS_MESSAGES == 0:
+            progress(INSPECTION_SHARE + (1 - INSPECTION_SHARE) * case.progress())
+    for run in runs:
+        run.flush()
+        run.run_to(case.last)
+    if found is None:
+        raise LogError(f'{case.path} holds no states, so there is nothing to compare')
+    found.drain(all_of_them=True)
+    if case.origin and runs[0].first_rejected.startswith('step 1:'):
+        raise LogError(f'{case.path}: {runs[0].first_rejected}')
+    return found
+
+
+def _decoded(data: bytes, case: _Case) -> JointMessage | None:
+    """Return a recorded state with the arm's names of joints; None for other bytes in a bag."""
+    try:
+        state = decode_joint_state(data)
+    except ValueError:
+        if case.origin:
+            return None
+        raise
+    return replace(state, names=tuple(case.rename(name) for name in state.names))
+
+
+def _check_gap(message: PlacedMessage, after_ns: int, case: _Case) -> None:
+    """Raise ValueError if many states are missing, and the stamp behind them contradicts it."""
+    if message.lost > MOST_STOPPED and after_ns < message.lost * case.state_ns:
+        raise ValueError(
+            f'step {message.cycle}: {message.lost} states are missing, but the stamp is '
+            f'{after_ns / NANOSECONDS:.6g} s after the last one'
+        )
+
+
+def _result(
+    case: _Case,
+    changes: Changes,
+    runs: tuple[NewRun, RoundingRun],
+    found: StateComparison,
+    target: Path,
+) -> WhatIf:
+    new, rounding = runs
+    engine = new.driver.engine
+    step = engine.settings.step_ns / NANOSECONDS
+    moving = engine.arm.robot.joint_names
+    locked = case.settings.published_locks
+
+    def when(cycle: int) -> float | None:
+        return (cycle - case.origin) * step if cycle else None
+
+    return WhatIf(
+        case.path,
+        target,
+        changes.words,
+        engine.arm.robot.name,
+        engine.settings,
+        (new.reached - case.origin) * step,
+        found.states,
+        tuple(float(x) for x in found.divergence.thresholds),
+        found.joints,
+        tuple(_divergences(found)),
+        tuple(x for x in found.recorded_names if x not in moving and x not in locked),
+        tuple(x for x in moving if x not in found.recorded_names),
+        new.failure,
+        when(new.failed_in),
+        when(rounding.failed_in),
+        dict(new.rejected),
+        new.first_rejected,
+        dict(case.skipped),
+        case.complete(),
+        found.curves.arrays(),
+    )
+
+
+def _divergences(found: StateComparison) -> Iterator[JointDivergence]:
+    new, rounding = found.divergence, found.rounding
+    for k, kind in enumerate(FIELDS):
+        for m, joint in enumerate(found.joints):
+            columns = (
+                new.largest,
+                new.largest_at,
+                new.rms,
+                new.first_at,
+                rounding.largest,
+                rounding.rms,
+                rounding.first_at,
+            )
+            if new.count[k, m]:
+                yield JointDivergence(kind, joint, *(_number(x[k, m]) for x in columns))
+
+
+def _number(value: Any) -> float | None:
+    """Return a number, None for NaN; an infinity is an overflow, the largest number."""
+    return None if np.isnan(value) else float(np.nan_to_num(value))

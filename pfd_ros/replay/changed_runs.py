@@ -89,6 +89,9 @@ class ChangedRun(Playback):
         self.rows.append((near + stretch.first, stretch.rows[near]))
         return True
 
+    def aside(self, message: PlacedMessage) -> None:
+        """Follow no message that is neither input nor output of a cycle."""
+
     def run_to(self, cycle: int) -> None:
         """Run the cycles up to this one, also those of a failed arm."""
         engine = self.driver.engine

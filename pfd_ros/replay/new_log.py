@@ -95,7 +95,7 @@ class NewLog:
     def add(self, role: str, log_ns: int, number: int, data: bytes) -> None:
         """Write a message; times that would decrease are those of the message before."""
         self._last_ns = max(self._last_ns, log_ns)
-        self._file.add(self._index[role], self._last_ns, number & 0xFFFFFFFF, data)
+        self._file.add(self._index[role], self._last_ns, self._last_ns, number & 0xFFFFFFFF, data)
         self._counts[role] += 1
         self._newest[role] = max(self._newest[role], number)
         if self._file.waiting >= FLUSH_BYTES:

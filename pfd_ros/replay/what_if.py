@@ -225,7 +225,8 @@ def what_if(
     else:
         case = _of_recording(path, changes, progress)
     target = out or free_path(path)
-    engine = Engine(case.settings, case.robot)
+    # The frames of the source are not those of the changed arm.
+    engine = Engine(replace(case.settings, recording_tf_rate=0.0), case.robot)
     # Compiled code is shared; the start alone differs.
     nudged = _start_changed(engine.settings, case.robot)
     others = Engine(nudged, case.robot, rows=False)

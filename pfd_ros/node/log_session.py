@@ -19,7 +19,6 @@ from pfd_ros.arm.events import (
     ARM_STATE,
     DESCRIPTION,
     DROPPED_STATES,
-    TAKEN,
     TF,
     TF_STATIC,
     Output,
@@ -29,33 +28,13 @@ from pfd_ros.messages.qos import qos_text
 from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.recording.format import (
     CHANNELS,
-    DIAGNOSTICS,
-    PARAMETERS,
-    REQUESTS,
+    LATCHED,
+    OWN_TOPICS,
     ROLE_OF_SOURCE,
-    TRANSITIONS,
 )
 
 if TYPE_CHECKING:
     from pfd_ros.recording.recorder import LogRecorder
-
-# Channels without an endpoint of the arm: validation rows, requests of services, changed
-# parameters, states dropped by the sensors, the state of the whole arm, what viewers need, and
-# messages of the node itself.
-OWN_TOPICS = {
-    TAKEN: '~/applied_commands',
-    REQUESTS: '~/requests',
-    PARAMETERS: '~/parameter_changes',
-    DROPPED_STATES: '~/dropped_states',
-    ARM_STATE: '~/arm_state',
-    DESCRIPTION: 'robot_description',
-    TF_STATIC: '/tf_static',
-    TF: '/tf',
-    DIAGNOSTICS: '/diagnostics',
-    TRANSITIONS: '~/transition_event',
-}
-# Those whose last message a late reader needs.
-LATCHED = frozenset({DESCRIPTION, TF_STATIC})
 
 
 @dataclass(frozen=True)

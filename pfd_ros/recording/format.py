@@ -103,6 +103,25 @@ CHANNELS = {
     DIAGNOSTICS: Channel(convert.DIAGNOSTICS, always=False),
     TRANSITIONS: Channel(convert.TRANSITION, always=False),
 }
+# Channels without an endpoint of the arm: validation rows, requests of services, changed
+# parameters, states dropped by the sensors, the state of the whole arm, what viewers need, and
+# messages of the node itself.
+OWN_TOPICS = {
+    TAKEN: '~/applied_commands',
+    REQUESTS: '~/requests',
+    PARAMETERS: '~/parameter_changes',
+    DROPPED_STATES: '~/dropped_states',
+    ARM_STATE: '~/arm_state',
+    DESCRIPTION: 'robot_description',
+    TF_STATIC: '/tf_static',
+    TF: '/tf',
+    DIAGNOSTICS: '/diagnostics',
+    TRANSITIONS: '~/transition_event',
+}
+# Topics of the node without its name before them.
+ABSOLUTE = frozenset({NAMED_COMMANDS, STATES, CLOCK})
+# Those whose last message a late reader needs.
+LATCHED = frozenset({DESCRIPTION, TF_STATIC})
 # Neither inputs nor outputs of a cycle: a replay does not simulate them.
 ASIDE = frozenset({DESCRIPTION, TF_STATIC, DIAGNOSTICS, TRANSITIONS})
 ROLE_OF_SOURCE = {

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.arm.events import CLOCK, STATES, TAKEN, TAKEN_COLUMNS, Output, Verdict
+from pfd_ros.arm.events import CLOCK, STATES, TAKEN, TAKEN_COLUMNS, TF, Output, Verdict
 from pfd_ros.messages.command_bytes import state_bytes
 from pfd_ros.messages.convert import decode_joint_state, encode_clocks, encode_rows
 from pfd_ros.recording.format import ROLE_OF_SOURCE, SET_STATE
@@ -174,7 +174,8 @@ class NewRun(ChangedRun):
         if outputs and outputs[0].role != TAKEN:
             self._now_ns = self.times.at(self.reached)
         for output in outputs:
-            self.log.add(output.role, self._now_ns, output.number, output.data)
+            stamp_ns = self.driver.engine.arm.stamp_ns
+            self.log.add(output.role, self._now_ns, output.number, output.data, stamp_ns)
 
     def take(self, message: PlacedMessage) -> None:
         """Follow validation rows."""
@@ -209,7 +210,7 @@ class NewRun(ChangedRun):
         """Run to the cycle that took inputs, apply them, and compare their validation."""
         self.run_to(message.cycle - 1)
         self._now_ns = message.log_ns
-        self._write_inputs(message)
+        self._write_inputs(message, self.driver.engine.arm.stamp_ns)
         found = self.driver.take(self.inbox.take(message))
         self.accepted += sum(
             count for _, validation, count in found if validation.verdict is Verdict.ACCEPTED
@@ -227,11 +228,12 @@ class NewRun(ChangedRun):
                     f'as {row.verdict.name.lower()}'
                 )
 
-    def _write_inputs(self, message: PlacedMessage) -> None:
+    def _write_inputs(self, message: PlacedMessage, stamp_ns: int) -> None:
         for row in message.rows:
             if self.inbox.has(row):
                 role = ROLE_OF_SOURCE[row.source]
-                self.log.add(role, message.log_ns, row.sequence, self.inbox.payload(row))
+                payload = self.inbox.payload(row)
+                self.log.add(role, message.log_ns, row.sequence, payload, stamp_ns)
 
     def stretched(self, stretch: Stretch) -> bool:
         """Write the inputs and outputs of a stretch."""
@@ -248,27 +250,35 @@ class NewRun(ChangedRun):
         # The rows of each cycle that took a command, one at most.
         taken = {message.cycle: message for message in stretch.taken}
         number = engine.state.row_messages
+        moving = engine.frames is not None and TF in engine.frames.roles
+        frames = engine.frames if moving else None
         log_ns = self.times.of(stretch.first, count).tolist()
-        for cycle, at_ns, with_state, with_tick in zip(
-            cycles.tolist(), log_ns, published.tolist(), ticks.tolist(), strict=True
+        stamps = stretch.stamps_ns.tolist()
+        for cycle, at_ns, stamp_ns, with_state, with_tick in zip(
+            cycles.tolist(), log_ns, stamps, published.tolist(), ticks.tolist(), strict=True
         ):
             if cycle in taken:
                 message, number = taken[cycle], number + 1
-                self._write_inputs(message)
+                before_ns = stamp_ns - settings.step_ns
+                self._write_inputs(message, before_ns)
                 rows = encode_rows(message.rows, TAKEN_COLUMNS)
-                self.log.add(TAKEN, message.log_ns, number, rows)
+                self.log.add(TAKEN, message.log_ns, number, rows, before_ns)
             if with_state:
-                self.log.add(STATES, at_ns, cycle // engine.publish_every, next(state))
+                number_of_state = cycle // engine.publish_every
+                self.log.add(STATES, at_ns, number_of_state, next(state), stamp_ns)
             if with_tick:
-                self.log.add(CLOCK, at_ns, cycle // every, next(tick))
+                self.log.add(CLOCK, at_ns, cycle // every, next(tick), stamp_ns)
+            if frames is not None and cycle % frames.every == 0:
+                data = frames.encode(stamp_ns, stretch.rows[cycle - stretch.first, 0])
+                self.log.add(TF, at_ns, cycle // frames.every, data, stamp_ns)
         self.accepted += len(stretch.taken)
         return super().stretched(stretch)
 
     def finish(self) -> None:
         """Write the inputs that were not taken, and the totals."""
-        for source, number, data in self.inbox.rest():
-            self.log.add(ROLE_OF_SOURCE[source], 0, number, data)
         arm = self.driver.engine.arm
+        for source, number, data in self.inbox.rest():
+            self.log.add(ROLE_OF_SOURCE[source], 0, number, data, arm.stamp_ns)
         self.log.finish(
             {
                 'steps': arm.step,

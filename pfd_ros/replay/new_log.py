@@ -15,20 +15,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import pfd_core as pfd
-from pfd_ros.arm.events import CLOCK, NUMBERED_AS_STATES, STATES, TAKEN
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import NUMBERED_AS_STATES, TAKEN
 from pfd_ros.arm.outputs import roles_of
-from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.qos import qos_text
+from pfd_ros.arm.settings import SIMULATED
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE, SOURCE_OF_ROLE, EndKey
-from pfd_ros.recording.mcap_file import McapFile, TimeBase, Topic
+from pfd_ros.recording.format import (
+    CHANNELS,
+    ROLE_OF_SOURCE,
+    SEQUENCE_MASK,
+    SOURCE_OF_ROLE,
+    EndKey,
+)
+from pfd_ros.recording.mcap_file import McapFile, TimeBase
 
 # Bytes of messages that wait for a flush.
 FLUSH_BYTES = 1 << 22
-# Full names of topics, where no recording has resolved them.
-ABSOLUTE = {'joint_commands', STATES, CLOCK}
-OWN = {TAKEN: 'applied_commands'}
 
 
 def free_path(source: Path) -> Path:
@@ -50,14 +52,12 @@ class NewLog:
     ----------
     path
         The file, which must not exist.
-    settings, robot
-        Of the run.
+    engine
+        Of the run, before its first cycle.
     topics
         Topic of each role that the source has.
     started_ns
         Log time of the start.
-    program
-        Digest of the compiled program.
 
     Raises
     ------
@@ -69,33 +69,39 @@ class NewLog:
     def __init__(
         self,
         path: Path,
-        settings: Settings,
-        robot: pfd.Robot,
+        engine: Engine,
         topics: Mapping[str, str],
         started_ns: int,
-        program: str,
     ) -> None:
+        settings, frames = engine.settings, engine.frames
         wanted = roles_of(settings) | {TAKEN, *ROLE_OF_SOURCE.values()}
+        if frames is not None:
+            wanted |= frames.roles
         roles = [role for role in CHANNELS if role in wanted]
-        names = {role: topics.get(role) or _own_name(role) for role in roles}
+        channels = provenance.topics_without_node(roles, topics)
+        names = {role: channel.name for role, channel in zip(roles, channels, strict=True)}
         base = TimeBase(started_ns, time.monotonic_ns())
-        head = provenance.file_head(settings, robot, names, base, program)
-        channels = [
-            Topic(names[role], CHANNELS[role].type, qos_text(1), CHANNELS[role].vital)
-            for role in roles
-        ]
+        head = provenance.file_head(settings, engine.arm.robot, names, base, engine.arm.program)
         self.path = path
         self._index = {role: k for k, role in enumerate(roles)}
         self._names = names
         self._file = McapFile(path, channels, head)
-        self._last_ns = started_ns
+        self._simulated = settings.log_time == SIMULATED
+        self._last_ns = max(started_ns, settings.start_ns) if self._simulated else started_ns
         self._counts: Counter[str] = Counter()
         self._newest: Counter[str] = Counter()
+        if frames is not None:
+            for output in frames.opening(settings.start_ns):
+                self.add(output.role, started_ns, output.number, output.data, settings.start_ns)
 
-    def add(self, role: str, log_ns: int, number: int, data: bytes) -> None:
-        """Write a message; times that would decrease are those of the message before."""
+    def add(self, role: str, log_ns: int, number: int, data: bytes, stamp_ns: int) -> None:
+        """Write a message at a simulated time; a log time that would decrease is the last one."""
         self._last_ns = max(self._last_ns, log_ns)
-        self._file.add(self._index[role], self._last_ns, self._last_ns, number & 0xFFFFFFFF, data)
+        # Of a run whose log times are simulated, the time of day is not known.
+        published_ns = self._last_ns if self._simulated else stamp_ns
+        self._file.add(
+            self._index[role], self._last_ns, published_ns, number & SEQUENCE_MASK, data
+        )
         self._counts[role] += 1
         self._newest[role] = max(self._newest[role], number)
         if self._file.waiting >= FLUSH_BYTES:
@@ -121,10 +127,6 @@ class NewLog:
     def discard(self) -> None:
         """Close and remove the file."""
         self._file.sink.discard()
-
-
-def _own_name(role: str) -> str:
-    return f'/{role}' if role in ABSOLUTE else f'/sim_arm/{OWN.get(role, role)}'
 
 
 class LogTimes:

@@ -29,11 +29,13 @@ from pfd_ros.arm.events import (
     STATES,
     TAKEN,
 )
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.link_frames import link_frames
+from pfd_ros.arm.settings import WALL, Settings
 from pfd_ros.messages.convert import (
     NANOSECONDS,
     JointMessage,
     decode_joint_state,
+    decode_string,
 )
 from pfd_ros.recording.bags import DATABASES
 from pfd_ros.recording.format import SOURCE_OF_ROLE
@@ -166,6 +168,8 @@ class _Case:
     last: int = 0
     started_ns: int = 0
     topics: Mapping[str, str] = field(default_factory=dict)
+    # For the frames of the links; '' for none.
+    urdf: str = ''
     rename: Callable[[str], str] = str
     skipped: Mapping[str, int] = field(default_factory=dict)
     progress: Callable[[], float] = lambda: 0.0
@@ -225,19 +229,12 @@ def what_if(
     else:
         case = _of_recording(path, changes, progress)
     target = out or free_path(path)
-    # The frames of the source are not those of the changed arm.
-    engine = Engine(replace(case.settings, recording_tf_rate=0.0), case.robot)
+    frames = link_frames(case.urdf, case.settings, case.robot) if case.urdf else None
+    engine = Engine(case.settings, case.robot, frames=frames)
     # Compiled code is shared; the start alone differs.
     nudged = _start_changed(engine.settings, case.robot)
     others = Engine(nudged, case.robot, rows=False)
-    log = NewLog(
-        target,
-        engine.settings,
-        case.robot,
-        case.topics,
-        case.started_ns,
-        engine.arm.program,
-    )
+    log = NewLog(target, engine, case.topics, case.started_ns)
     try:
         runs = (
             NewRun(Driver(engine), log=log, times=LogTimes(case.started_ns)),
@@ -269,7 +266,9 @@ def _of_recording(path: Path, changes: Changes, progress: Callable[[float], None
         robot = recorded_robot(log, found.state)
         topics = {role: topic for topic, role in log.roles.items()}
         started_ns = log.started_ns
-    settings, new = changed_arm(recorded, robot, changes)
+    settings, new, urdf = changed_arm(recorded, robot, changes)
+    if 'robot' not in changes.values and found.description:
+        urdf = decode_string(found.description)
     names = published_names(recorded, robot), published_names(settings, new)
     inputs = ChangedInputs(recorded, settings, *names)
     last = 0
@@ -284,14 +283,18 @@ def _of_recording(path: Path, changes: Changes, progress: Callable[[float], None
         last=inputs.cycle_of(last),
         started_ns=started_ns,
         topics=topics,
+        urdf=urdf,
         progress=lambda: log.position / log.size,
         complete=lambda: log.complete,
     )
 
 
 def _of_bag(path: Path, changes: Changes, inputs: BagInputs) -> _Case:
-    settings, robot = described_arm(changes)
+    settings, robot, urdf = described_arm(changes)
     settings = inputs.settled(settings, given='start_time' in changes.values)
+    if 'recording_time' not in changes.values:
+        # The times of the bag, whose clock may be any.
+        settings = replace(settings, recording_time=WALL)
     return _Case(
         path,
         settings,
@@ -299,6 +302,7 @@ def _of_bag(path: Path, changes: Changes, inputs: BagInputs) -> _Case:
         inputs.messages(settings, robot),
         origin=1,
         started_ns=max(0, inputs.start_ns - settings.step_ns),
+        urdf=urdf,
         rename=inputs.renamed,
         skipped=inputs.skipped,
     )

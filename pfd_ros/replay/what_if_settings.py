@@ -11,13 +11,14 @@ carried over by name. A scene file takes the place of all effects of the recordi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from typing import Any
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import joint_order
-from pfd_ros.arm.described_robot import described_robot
+from pfd_ros.arm.described_robot import DescribedRobot, described_robot
 from pfd_ros.arm.plant_settings import effect_fields, joint_settings
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.setting_fields import joint_values, parameter_name, typed
@@ -123,9 +124,9 @@ def _value(key: str, text: str, kind: str) -> Any:
 
 def changed_arm(
     settings: Settings, robot: pfd.Robot, changes: Changes
-) -> tuple[Settings, pfd.Robot]:
+) -> tuple[Settings, pfd.Robot, str]:
     """
-    Return the settings and the robot of a recording after changes.
+    Return settings and robot of a recording after changes, and the URDF of another robot, or ''.
 
     Raises
     ------
@@ -133,9 +134,9 @@ def changed_arm(
         If a value is refused, or the changes do not go with the recording.
 
     """
-    values = dict(changes.values)
+    values, urdf = dict(changes.values), ''
     if 'robot' in values:
-        settings, robot = _other_robot(settings, robot, values)
+        settings, robot, urdf = _other_robot(settings, robot, values)
     else:
         unbound = sorted(values.keys() & set(MODEL))
         if unbound:
@@ -149,12 +150,12 @@ def changed_arm(
     settings = replace(settings, **values)
     if changes.values.get('scene'):
         settings = with_scene_text(settings)
-    return _with_joints(settings, robot, changes), robot
+    return _with_joints(settings, robot, changes), robot, urdf
 
 
-def described_arm(changes: Changes) -> tuple[Settings, pfd.Robot]:
+def described_arm(changes: Changes) -> tuple[Settings, pfd.Robot, str]:
     """
-    Return the settings and the robot of changes alone, as fast as possible.
+    Return settings, robot and URDF of changes alone, as fast as possible.
 
     Raises
     ------
@@ -167,7 +168,7 @@ def described_arm(changes: Changes) -> tuple[Settings, pfd.Robot]:
     settings = Settings(**{'real_time_factor': 0.0, **changes.values})
     found = described_robot(settings, settings.robot)
     settings = with_scene_text(found.settings)
-    return _with_joints(settings, found.robot, changes), found.robot
+    return _with_joints(settings, found.robot, changes), found.robot, _urdf_of(found)
 
 
 def published_names(settings: Settings, robot: pfd.Robot) -> tuple[str, ...]:
@@ -177,8 +178,8 @@ def published_names(settings: Settings, robot: pfd.Robot) -> tuple[str, ...]:
 
 def _other_robot(
     settings: Settings, robot: pfd.Robot, values: Mapping[str, Any]
-) -> tuple[Settings, pfd.Robot]:
-    """Return another robot, and settings with the numbers for each joint carried over by name."""
+) -> tuple[Settings, pfd.Robot, str]:
+    """Return settings with the numbers for each joint by name, another robot, and its URDF."""
     default = Settings()
     names = published_names(settings, robot)
     per_joint = [f.name for f in fields(Settings) if f.metadata['per_joint']]
@@ -208,7 +209,14 @@ def _other_robot(
     its = dict(zip(moving, found.settings.initial_positions, strict=False))
     at = tuple(start.get(joint, its.get(joint, 0.0)) for joint in order)
     carried['initial_positions'] = at if any(at) or settings.initial_positions else ()
-    return replace(found.settings, **carried), new
+    return replace(found.settings, **carried), new, _urdf_of(found)
+
+
+def _urdf_of(found: DescribedRobot) -> str:
+    """Return the URDF of a robot, '' for one that cannot be written as URDF."""
+    with suppress(ValueError):
+        return found.text
+    return ''
 
 
 def _effect_names() -> frozenset[str]:

@@ -12,16 +12,13 @@ import time
 from typing import Any
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import DESCRIPTION, TAKEN, TF, TF_STATIC, Output
+from pfd_ros.arm.events import TAKEN, Output
 from pfd_ros.arm.outputs import roles_of
-from pfd_ros.messages.qos import qos_text
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE
-from pfd_ros.recording.mcap_file import Topic
 from pfd_ros.recording.recorder import LogRecorder
 
 # Topics that the node's names stand for, where no node has resolved them.
-ABSOLUTE = {'joint_commands', 'joint_states', 'clock', DESCRIPTION, TF_STATIC, TF}
 # The loop is faster than a disk: between two looks at the recorder's queue, and from there on.
 LOOK_MESSAGES = 1000
 BACKLOG_LIMIT = 0.25
@@ -109,10 +106,8 @@ def open_log(engine: Engine) -> RunLog | None:
     if frames is not None:
         wanted |= frames.roles
     roles = tuple(role for role in CHANNELS if role in wanted)
-    names = {role: f'/{role}' if role in ABSOLUTE else f'/sim_arm/{role}' for role in roles}
-    topics = [
-        Topic(names[role], CHANNELS[role].type, _qos(role), CHANNELS[role].vital) for role in roles
-    ]
+    topics = provenance.topics_without_node(roles, {})
+    names = {role: topic.name for role, topic in zip(roles, topics, strict=True)}
     base = provenance.time_base(settings)
     head = provenance.file_head(settings, engine.arm.robot, names, base, engine.arm.program)
     recorder = LogRecorder(Path(settings.recording), topics, head, lambda line: None)
@@ -120,8 +115,3 @@ def open_log(engine: Engine) -> RunLog | None:
     if frames is not None:
         log.record_all(frames.opening(settings.start_ns))
     return log
-
-
-def _qos(role: str) -> str:
-    latched = role in (DESCRIPTION, TF_STATIC)
-    return qos_text(1, durability='transient_local' if latched else 'volatile')

@@ -67,7 +67,9 @@ def extras() -> Iterator[Finding]:
         found = metadata.metadata(PACKAGE)
         requirements = metadata.requires(PACKAGE) or []
     except metadata.PackageNotFoundError:
-        yield Finding('extras', f'unknown: {PACKAGE} runs from a folder, it is not installed')
+        yield Finding(
+            'extras', f'unknown: {PACKAGE} is not installed, it runs from its source folder'
+        )
         return
     for extra in found.get_all('Provides-Extra') or ():
         names = [
@@ -83,7 +85,9 @@ def extras() -> Iterator[Finding]:
         else:
             use = EXTRAS.get(extra, 'more')
             cure = f"pip install '{PACKAGE}[{extra}]'"
-            yield Finding('extra', f'{extra}: missing {", ".join(missing)}, for {use}: {cure}')
+            yield Finding(
+                'extra', f'{extra}: {", ".join(missing)} not installed; needed for {use}: {cure}'
+            )
 
 
 def _version(name: str) -> str:
@@ -104,7 +108,7 @@ def clock() -> Iterator[Finding]:
         f'{np.quantile(periods, 0.99):.3f} ms, longest {periods.max():.3f} ms'
     )
     if missed > MISSED:
-        text += f'; {100 * missed:.0f} % missed: the machine is busy, lockstep does not mind'
+        text += f'; {100 * missed:.0f} % missed: a busy machine; lockstep runs are not affected'
     yield Finding('clock', text)
 
 
@@ -129,14 +133,16 @@ def dds() -> Iterator[Finding]:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        yield Finding('dds', f'{label}: a node does not end', failed=True)
+        yield Finding(
+            'dds', f'{label}: the test node did not exit within {2 * DISCOVERY:g} s', failed=True
+        )
         return
     finally:
         publisher.kill()
         _, error = publisher.communicate()
     if subscriber.returncode == 0:
         seconds = float(subscriber.stdout)
-        yield Finding('dds', f'{label}: a message to another process came after {seconds:.2f} s')
+        yield Finding('dds', f'{label}: message received by another process after {seconds:.2f} s')
         return
     lines = (error + subscriber.stderr).strip().splitlines()
     why = lines[-1] if lines else f'no message within {DISCOVERY:g} s; is a firewall on?'

@@ -115,7 +115,7 @@ def _simulated(ns: int) -> str:
 def _replay(run_of_node: Summary) -> str:
     """Return whether a recording can be replayed."""
     if not run_of_node.states:
-        return 'not possible: it holds no states'
+        return 'not possible: the recording has no states'
     if run_of_node.obstacle:
         return f'up to a gap: it {run_of_node.obstacle}'
     if run_of_node.dropped:

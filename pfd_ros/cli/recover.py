@@ -30,6 +30,6 @@ def run(given: argparse.Namespace) -> int:
         print(one_line(f'lost       {part}'))
     if found.lost_parts > len(found.lost):
         print(f'lost       {found.lost_parts - len(found.lost)} more parts')
-    state = 'the log was not whole' if found.lost_parts else 'the log was whole'
+    state = 'the log was incomplete' if found.lost_parts else 'the log was whole'
     print(one_line(f'{found.messages} messages in {target}; {state}'))
     return 0

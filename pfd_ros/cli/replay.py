@@ -66,13 +66,12 @@ def run(given: argparse.Namespace) -> int:
     OSError
         If it cannot be read.
     """
-    wrong = replay_publish.conflict(given)
+    wrong = replay_publish.conflict(given) or what_if.conflict(given)
+    if given.allow_incomplete and not given.verify:
+        wrong = '--allow-incomplete requires --verify'
     if wrong:
         print(f'pfd replay: {wrong}', file=sys.stderr)
         return 2
-    alone = '' if given.what_if is not None else what_if.given_without(given)
-    if alone:
-        raise ValueError(f'{alone} goes with --what-if')
     if given.what_if is not None:
         return what_if.run(given, progress_on(sys.stderr))
     if given.publish:
@@ -124,7 +123,7 @@ def describe(summary: Summary) -> list[str]:
         f'duration   {simulated:.3f} s simulated, {summary.seconds:.3f} s on the clock',
         f'steps      {summary.simulated} of {settings.step_size:g} s',
         f'states     {summary.states}, {summary.rate:.2f} Hz{unpublished}',
-        f'inputs     {accepted} accepted, {summary.verdicts.total() - accepted} not',
+        f'inputs     {accepted} accepted, {summary.verdicts.total() - accepted} rejected',
     ]
     lines += [
         f'           {count} {verdict.name.lower()}'

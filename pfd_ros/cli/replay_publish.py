@@ -106,7 +106,7 @@ def conflict(given: argparse.Namespace) -> str:
         others += [] if given.what_if is None else ['what_if']
         return f'--publish and {_option(others[0])} exclude each other' if others else ''
     unused = [name for name, value in DEFAULTS.items() if getattr(given, name) != value]
-    return f'{_option(unused[0])} needs --publish' if unused else ''
+    return f'{_option(unused[0])} requires --publish' if unused else ''
 
 
 def _option(name: str) -> str:

@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--commands',
         default='',
         metavar='TOPIC',
-        help='of any bag: efforts, as JointState or Float64MultiArray; needs robot=',
+        help='topic with efforts of any bag (JointState or Float64MultiArray); requires robot=',
     )
     group.add_argument(
         '--states', default='', metavar='TOPIC', help="with --commands: the bag's JointStates"
@@ -35,29 +35,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs='+',
         default=(),
         metavar='OLD=NEW',
-        help='with --commands: names of joints that begin with OLD begin with NEW instead',
+        help='with --commands: replace the prefix OLD of joint names by NEW',
     )
     group.add_argument(
-        '--out', type=Path, metavar='FILE', help='log of the new run (default LOG_what_if.mcap)'
+        '--out',
+        type=Path,
+        metavar='FILE',
+        help='log of the new run (default: next to LOG, its name with _what_if)',
     )
     group.add_argument(
-        '--plot', type=Path, metavar='FILE', help='picture of both runs (default: FILE.png)'
+        '--plot',
+        type=Path,
+        metavar='FILE',
+        help='picture of both runs (default: the name of the new log with .png)',
     )
     group.add_argument(
         '--thresholds',
         nargs=len(FIELDS),
         type=float,
-        default=THRESHOLDS,
         metavar=('Q', 'QD', 'TAU'),
-        help='differences beyond which runs have diverged (default %(default)s)',
+        help='differences beyond which runs have diverged; default '
+        + ' '.join(map(str, THRESHOLDS)),
     )
     group.add_argument('--json', action='store_true', help='print JSON')
 
 
-def given_without(given: argparse.Namespace) -> str:
-    """Return the first option that needs --what-if, '' if there is none."""
-    options = ('commands', 'states', 'rename', 'out', 'plot', 'json')
-    return next((f'--{name}' for name in options if getattr(given, name)), '')
+def conflict(given: argparse.Namespace) -> str:
+    """Return which option requires --what-if and was given without, '' if none was."""
+    options = ('commands', 'states', 'rename', 'out', 'plot', 'thresholds', 'json')
+    alone = [f'--{name}' for name in options if getattr(given, name)]
+    return f'{alone[0]} requires --what-if' if alone and given.what_if is None else ''
 
 
 def run(given: argparse.Namespace, progress: Callable[[float], None] | None) -> int:
@@ -80,7 +87,7 @@ def run(given: argparse.Namespace, progress: Callable[[float], None] | None) -> 
         states=given.states,
         rename=rename,
         out=given.out,
-        thresholds=given.thresholds,
+        thresholds=given.thresholds or THRESHOLDS,
         progress=progress,
     )
     picture = given.plot or found.log.with_suffix('.png')
@@ -156,12 +163,12 @@ def lines_of(found: WhatIf) -> list[str]:
             'is compared from there on'
         )
     if found.rounding_failed_at is not None:
-        lines.append(
-            f'FAILED     the run with one bit changed, at {found.rounding_failed_at:.6f} s'
-        )
+        lines.append(f'FAILED     the rounding run stopped at {found.rounding_failed_at:.6f} s')
     if found.rejected:
         counts = ', '.join(f'{count} {name}' for name, count in sorted(found.rejected.items()))
-        lines.append(f'inputs     not validated as recorded: {counts}; {found.first_rejected}')
+        lines.append(
+            f'inputs     with another validation result: {counts}; {found.first_rejected}'
+        )
     lines += [
         f'skipped    {count} messages: {reason}' for reason, count in sorted(found.skipped.items())
     ]

@@ -3,7 +3,7 @@
 """Read the metadata records HEAD and END of a recording strictly.
 
 All functions raise only ValueError, with a message that names the value.
-`provenance.py` writes HEAD; the node and `mcap_file.py` write END.
+`provenance.py` builds HEAD, `recorder.py` builds END, `mcap_file.py` writes both.
 """
 
 from __future__ import annotations

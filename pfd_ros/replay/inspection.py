@@ -270,7 +270,10 @@ class _WaitingEvents:
             self.blocked = 0
 
     def _block(self, cycle: int, reason: str) -> None:
-        self.obstacle = self.obstacle or f'{reason}, and what follows cannot be replayed'
+        self.obstacle = (
+            self.obstacle
+            or f'{reason}, and what follows cannot be replayed up to the next recorded arm state'
+        )
         self.blocked = self.blocked or max(1, cycle)
 
 

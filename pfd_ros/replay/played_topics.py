@@ -148,7 +148,7 @@ def window_of(
 def is_command(topic: BagTopic, role: str = '') -> bool:
     """Return whether a topic holds commands, by its role in a recording of ours or by its name."""
     if role in SOURCE_OF_ROLE:
-        return role != FOLLOWED
+        return role != FOLLOWED or topic.type != CHANNELS[FOLLOWED].type
     if role == TAKEN and topic.type == CHANNELS[TAKEN].type:
         return False
     last = topic.name.rpartition('/')[2]

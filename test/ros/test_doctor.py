@@ -47,7 +47,7 @@ def test_a_machine_in_order_has_a_line_for_each_subject_and_status_0(processes: 
     status, lines = printed(processes.domain)
     assert status == 0
     assert {*lines} >= {'pfd', 'python', 'processor', 'compiler', 'cache', 'clock', 'speed'}
-    assert 'a message to another process came after' in lines['dds']
+    assert 'message received by another process after' in lines['dds']
     assert 'residual' in lines['compiler']
 
 
@@ -90,7 +90,7 @@ def test_a_missing_extra_is_named_with_what_installs_it(
     (folder / 'METADATA').write_text(METADATA, encoding='utf-8')
     monkeypatch.syspath_prepend(str(tmp_path))
     texts = [found.text for found in doctor.extras()]
-    assert texts[0].startswith('plots: missing a-package-that-nobody-has, for ')
+    assert texts[0].startswith('plots: a-package-that-nobody-has not installed; needed for ')
     assert texts[0].endswith("pip install 'pfd_ros[plots]'")
     assert texts[1] == 'test: installed'
 

@@ -66,7 +66,7 @@ def test_a_recording_without_states_cannot_be_replayed(
     path = simulate(0).save(tmp_path / 'a.mcap')
     assert main(['info', str(path)]) == 0
     out = capsys.readouterr().out
-    assert 'replay     not possible: it holds no states' in out
+    assert 'replay     not possible: the recording has no states' in out
     assert 'begin' not in out
     assert main(['info', str(path), '--json']) == 0
     found = json.loads(capsys.readouterr().out)

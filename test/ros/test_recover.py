@@ -162,7 +162,7 @@ def test_the_command_prints_what_is_lost_and_never_overwrites(
     assert main(['recover', str(cut)]) == 0
     out = capsys.readouterr().out
     assert 'lost       the end, from byte' in out
-    assert f'messages in {tmp_path / "cut.recovered.mcap"}; the log was not whole' in out
+    assert f'messages in {tmp_path / "cut.recovered.mcap"}; the log was incomplete' in out
     assert main(['recover', str(cut)]) == 1
     assert 'File exists' in capsys.readouterr().err
 

@@ -227,7 +227,7 @@ def test_a_summary_says_what_is_in_the_file(
 ) -> None:
     assert command_line.main(['replay', str(recorded)]) == 0
     told = capsys.readouterr().out
-    assert '21 accepted, 1 not' in told
+    assert '21 accepted, 1 rejected' in told
     assert '1 unknown_names' in told
     assert 'cut off' not in told
     assert 'equal' not in told

@@ -507,8 +507,8 @@ def test_a_wrong_word_is_one_line_and_writes_nothing(
 def test_options_of_what_if_need_it(
     option: str, swing: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(['replay', str(swing), option, 'a']) == 1
-    assert capsys.readouterr().err == f'pfd replay: {option} goes with --what-if\n'
+    assert main(['replay', str(swing), option, 'a']) == 2
+    assert capsys.readouterr().err == f'pfd replay: {option} requires --what-if\n'
 
 
 def test_a_log_is_published_or_run_with_a_change(

@@ -71,7 +71,7 @@ def cache() -> Iterator[Finding]:
     works = disk_cache.read(name) == payload
     (folder / f'{name}{disk_cache.SUFFIX}').unlink(missing_ok=True)
     if not works:
-        cure = 'it must be a folder that you, and nobody else, can write'
+        cure = 'it must be writable by this user only'
         yield Finding('cache', f'{folder} is not used: {cure}', failed=True)
         return
     sizes = []

@@ -57,9 +57,9 @@ def assert_sound(found: dict[str, Array]) -> None:
 @on_each
 @pytest.mark.parametrize('scene', [EVERYTHING, WRENCH], ids=['everything', 'wrench'])
 def test_random_chains_agree_with_pinocchio(method: str, schedule: str, scene: pfd.Scene) -> None:
-    # The 48 chains have every number of joints with every share of prismatic ones.
+    # Ten of 48 chains, with 1 to 12 joints, some of prismatic joints alone.
     everything = scene is EVERYTHING
-    for rng, robot in every(6, chains(48, seed=21)):
+    for rng, robot in every(5, chains(48, seed=21)):
         oracle = Oracle(robot, robot.armature if everything else None)
         q, qd, qdd = random_state(rng, robot.n)
         wrench = rng.normal(size=6) * 10

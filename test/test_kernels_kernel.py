@@ -38,12 +38,12 @@ def test_kernel_and_emulator_give_the_same_bits(name: str, dtype: str) -> None:
 
 
 @pytest.mark.parametrize('dtype', DTYPES)
-def test_random_chains_give_the_same_bits_with_wrench_and_brakes(dtype: str) -> None:
+@pytest.mark.parametrize('n', [1, 2, 3, pytest.param(6, marks=pytest.mark.slow)])
+def test_random_chains_give_the_same_bits_with_wrench_and_brakes(n: int, dtype: str) -> None:
     rng = np.random.default_rng(2)
     scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
-    for n in (1, 2, 3):
-        kernel = pfd.compile_kernel(random_chain(rng, n), scene=scene, dtype=dtype)
-        assert_bits_of_the_emulator(kernel, rng)
+    kernel = pfd.compile_kernel(random_chain(rng, n), scene=scene, dtype=dtype)
+    assert_bits_of_the_emulator(kernel, rng)
 
 
 @pytest.mark.parametrize('dtype', DTYPES)

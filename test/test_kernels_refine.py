@@ -258,11 +258,12 @@ def test_a_residual_link_by_link_saves_what_sums_about_the_base_have_lost() -> N
 
 
 @pytest.mark.parametrize('dtype', ROUNDING)
-def test_kernel_batch_emulator_and_estimate_give_the_same_bits(dtype: str) -> None:
-    robot = pfd.load_robot('planar2')
+@pytest.mark.parametrize('name', ['planar2', pytest.param('ur5', marks=pytest.mark.slow)])
+def test_kernel_batch_emulator_and_estimate_give_the_same_bits(name: str, dtype: str) -> None:
+    robot = pfd.load_robot(name)
     kernel = pfd.compile_kernel(robot, method='composite_body', dtype=dtype, refine=1)
     rng = np.random.default_rng(2)
-    q, qd, tau = (rng.uniform(-3, 3, (21, 2)).astype(dtype) for _ in range(3))
+    q, qd, tau = (rng.uniform(-3, 3, (21, robot.n)).astype(dtype) for _ in range(3))
     found = kernel(q, qd, tau)
     emulated = run(kernel.program, {'q': q, 'qd': qd, 'tau': tau}, dtype)
     np.testing.assert_array_equal(found, next(iter(emulated.values())))

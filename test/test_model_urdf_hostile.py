@@ -372,7 +372,7 @@ def test_every_chain_of_the_examples_has_the_physics_of_pinocchio_or_is_refused(
                 continue
             loaded += 1
             assert_same_physics(robot, other, followed(other, locked))
-    assert loaded
+    assert loaded > len(refused)
     assert not [line for line in refused if not re.search(REFUSALS, line)]
 
 

@@ -69,11 +69,19 @@ def test_a_value_that_a_template_lacks_is_an_error() -> None:
         page('speed-summary', batch='batch of 64')
 
 
+def test_a_value_without_a_place_and_one_that_is_no_text_are_errors() -> None:
+    with pytest.raises(ValueError, match='speed-summary has no place for extra'):
+        page('speed-summary', batch='batch of 64', ratios=[], extra='')
+    with pytest.raises(TypeError, match='batch in speed-summary must be text, got None'):
+        page('speed-summary', batch=None, ratios=[])
+
+
 def test_every_template_is_of_a_page() -> None:
     source = ''.join(path.read_text() for path in REPORT.glob('*.py'))
     named = {path.stem for path in (REPORT / 'texts').iterdir()}
-    used = set(re.findall(r"'([\w-]+)'", source))
-    assert named <= used
+    used = set(re.findall(r"\b(?:page|_page)\(\s*'([\w-]+)'", source))
+    used |= set(re.findall(r"^NAME = '([\w-]+)'", source, re.MULTILINE))
+    assert named == used
 
 
 def test_a_page_and_its_data_are_written_and_numbers_that_are_not_finite_are_null(

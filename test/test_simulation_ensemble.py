@@ -165,12 +165,12 @@ def test_a_slide_of_unit_mass_whose_program_has_no_operations_is_simulated() -> 
 
 
 def test_a_lifted_mass_comes_to_rest_where_the_law_carries_its_weight() -> None:
-    robot = slider(0, 1)
+    robot = slider(0, 1, mass=2.0)
     # Critically damped: the slowest time constant is 2 m/kd = 0.05 s; twenty of them.
-    kp, kd = np.array([[400.0], [1600.0]]), np.array([[40.0], [80.0]])
+    kp, kd = np.array([[800.0], [3200.0]]), np.array([[80.0], [160.0]])
     many = pfd.Ensemble(robot, 2)
     runs = many.rollout(steps=2000, feedback=pfd.Feedback(kp, kd, [0.3]), every=2000)
-    np.testing.assert_allclose(runs.q[:, 0], 0.3 - 9.81 / kp, rtol=0, atol=SETTLED)
+    np.testing.assert_allclose(runs.q[:, 0], 0.3 - 2.0 * 9.81 / kp, rtol=0, atol=SETTLED)
     np.testing.assert_allclose(runs.qdd[:, 0], 0.0, rtol=0, atol=SETTLED)
 
 
@@ -303,7 +303,22 @@ def test_a_state_that_does_not_fit_is_refused() -> None:
         many.reset(None, [np.inf, 0.0])
 
 
-@pytest.mark.parametrize('every', [1, 2, 3, 5, 7, 50])
+def test_pieces_of_a_rollout_are_short_and_write_the_states_of_the_whole() -> None:
+    for steps, every, most in product(range(25), (1, 2, 3, 5, 7, 50), (1, 2, 3, 4, 7, 100)):
+        end, written = 0, []
+        for first, count, interval in ensemble.pieces(steps, every, most):
+            assert first == end
+            # Python looks for signals after each piece.
+            assert 1 <= count <= most
+            end += count
+            own = list(range(first + interval, end + 1, interval))
+            assert len(own) == end // every - first // every
+            written += own
+        assert end == steps
+        assert written == list(range(every, steps + 1, every))
+
+
+@pytest.mark.parametrize('every', [1, 3, 5])
 @pytest.mark.parametrize('integrator', pfd.INTEGRATORS)
 def test_the_bits_do_not_depend_on_the_pieces(
     integrator: str, every: int, monkeypatch: pytest.MonkeyPatch

@@ -132,11 +132,11 @@ TWO_ARMS = urdf(
 )
 
 
-def slider(x: float, z: float) -> pfd.Robot:
-    """Return a mass of 1 kg on a straight rail."""
+def slider(x: float, z: float, mass: float = 1.0) -> pfd.Robot:
+    """Return a mass, kg, on a straight rail."""
     rail = joint('j', 'prismatic', 'base', 'mass', axis=f'{x} 0 {z}')
     return pfd.load_robot(
-        urdf('slider', link('base'), link('mass', 1.0, J='0.1 0.1 0.1 0 0 0'), rail)
+        urdf('slider', link('base'), link('mass', mass, J='0.1 0.1 0.1 0 0 0'), rail)
     )
 
 

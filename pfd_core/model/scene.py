@@ -148,7 +148,7 @@ class Scene:
         Raises
         ------
         ValueError
-            If a name is that of no effect.
+            If a name is not an effect.
 
         """
         if not isinstance(names, (set, frozenset, tuple, list)):

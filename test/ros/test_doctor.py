@@ -68,6 +68,15 @@ def test_a_folder_that_others_can_write_is_a_failure(
     assert str(tmp_path) in found.text
 
 
+def test_a_file_in_the_place_of_the_folder_is_a_failure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'file').write_text('', encoding='utf-8')
+    monkeypatch.setenv('PFD_CACHE', str(tmp_path / 'file'))
+    (found,) = doctor.cache()
+    assert found.failed
+
+
 def test_without_a_cache_the_line_says_what_that_costs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PFD_CACHE', '')
     (found,) = doctor.cache()

@@ -69,14 +69,15 @@ def cache() -> Iterator[Finding]:
     name, payload = disk_cache.digest('doctor', secrets.token_hex(8)), b'doctor'
     disk_cache.write(name, payload)
     works = disk_cache.read(name) == payload
-    (folder / f'{name}{disk_cache.SUFFIX}').unlink(missing_ok=True)
+    with suppress(OSError):  # the folder may be a file
+        (folder / f'{name}{disk_cache.SUFFIX}').unlink()
     if not works:
         cure = 'it must be writable by this user only'
         yield Finding('cache', f'{folder} is not used: {cure}', failed=True)
         return
     sizes = []
     for path in folder.glob(f'*{disk_cache.SUFFIX}'):
-        with suppress(FileNotFoundError):  # another process removes old ones
+        with suppress(OSError):  # another process removes old ones
             sizes.append(path.stat().st_size)
     yield Finding('cache', f'{folder}: {len(sizes)} files, {sum(sizes) / 1e6:.1f} MB')
 

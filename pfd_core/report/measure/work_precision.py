@@ -106,7 +106,7 @@ class RunPoint:
     minimum, median : float or None
         Seconds for each simulated second.
     trajectory_error, energy_error : float or None
-        Errors, as pfd_core.report.measure.motions defines them.
+        Errors, as pfd_core.report.measure.energies defines them.
 
     """
 

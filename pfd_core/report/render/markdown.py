@@ -32,9 +32,13 @@ Columns = Mapping[str, str | Callable[[Any], object]]
 def page(name: str, /, **values: Any) -> str:
     """Return the page or section of a template of texts, ended by a line break."""
     template = files('pfd_core.report') / 'texts' / f'{name}.md'
+    text = template.read_text(encoding='utf-8')
+    unused = sorted(values.keys() - set(BLOCK.findall(text)))
+    if unused:
+        raise ValueError(f'the template {name} has no place for {", ".join(unused)}')
     lines: list[str] = []
     left_out = False
-    for line in template.read_text(encoding='utf-8').splitlines():
+    for line in map(str.rstrip, text.splitlines()):
         block = BLOCK.fullmatch(line)
         if block:
             value = values[block[1]]
@@ -42,8 +46,11 @@ def page(name: str, /, **values: Any) -> str:
             if not left_out:
                 lines.append(value.rstrip('\n') if isinstance(value, str) else '\n'.join(value))
         elif line or not left_out:
-            text = line.format_map(values)
-            lines.append(paragraph(text) if len(line) > WIDTH and line[0] != '-' else text)
+            for key in BLOCK.findall(line):
+                if not isinstance(values[key], (str, int, float)):
+                    raise TypeError(f'{key} in {name} must be text, got {values[key]!r:.40}')
+            filled = line.format_map(values)
+            lines.append(paragraph(filled) if len(line) > WIDTH and line[0] != '-' else filled)
         else:
             left_out = False
     return '\n'.join(lines) + '\n'

@@ -3,10 +3,11 @@
 """
 recover: all readable messages of an MCAP file that was cut off or damaged, as a new whole file.
 
-The frames of the records lead through the file. Where one is damaged, the index, if there is one,
-leads to the next chunk. A chunk whose checksum differs or that cannot be unpacked is left out,
-and the last one, where the file ends within it, is unpacked as far as it goes. Metadata,
-attachments, schemas and channels are copied, the latter also from the index; nothing is added.
+The frames of the records lead through the file. Where one is damaged, the index leads to the next
+chunk, unless the checksum of the index differs or no chunk begins there. A chunk whose checksum
+differs or that cannot be unpacked is left out, and the last one, where the file ends within it,
+is unpacked as far as it goes. Metadata, attachments, schemas and channels are copied, the latter
+also from the index; nothing is added.
 """
 
 from __future__ import annotations
@@ -18,12 +19,15 @@ from dataclasses import dataclass, field
 from itertools import chain
 import os
 from pathlib import Path
+import struct
 from typing import BinaryIO
+import zlib
 
 from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
     Channel,
+    ChunkIndex,
     Footer,
     Header,
     McapRecord,
@@ -47,8 +51,11 @@ from pfd_ros.recording.reader import LogError, damage_named, opened
 
 # Lost parts that are kept: a hostile file could have any number.
 MOST_LOST = 10
-# Bytes of the footer.
-_FOOTER = 20
+# Bytes of the footer, of the checksum at its end, and of the record that ends the data.
+_FOOTER, _CRC, _DATA_END = 20, 4, 4
+# Channel and number of bytes of a message index, before its entries.
+_MESSAGE_INDEX = struct.Struct('<HI')
+_BLOCK = 1 << 20
 _DATA = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.METADATA, Opcode.ATTACHMENT)
 
 
@@ -136,9 +143,13 @@ class _Index:
             header: Header = parse_record(kind, stream.read(min(length, RECORD_BYTES)))
             self.profile = header.profile
         with suppress(Exception):  # damage has as many exceptions as parsers
-            stream.seek(size - len(MAGIC) - _FOOTER)
+            end = size - len(MAGIC)
+            stream.seek(end - _FOOTER)
             footer: Footer = parse_record(Opcode.FOOTER, stream.read(_FOOTER))
             at = footer.summary_start
+            # 0 means that the writer computed none.
+            if footer.summary_crc not in (0, _crc_of(stream, at, end - _CRC)):
+                return
             while at and at + FRAME.size < size:
                 stream.seek(at)
                 kind, length = FRAME.unpack(stream.read(FRAME.size))
@@ -146,7 +157,9 @@ class _Index:
                     break
                 body = stream.read(length)
                 if kind == Opcode.CHUNK_INDEX:
-                    self.chunks.append(parse_record(Opcode.CHUNK_INDEX, body).chunk_start_offset)
+                    chunk: ChunkIndex = parse_record(Opcode.CHUNK_INDEX, body)
+                    if _begins_there(stream, chunk):
+                        self.chunks.append(chunk.chunk_start_offset)
                 elif kind in _DATA:
                     self.records.append(parse_record(Opcode(kind), body))
                 at += FRAME.size + length
@@ -156,6 +169,22 @@ class _Index:
         """Return the first byte of the first chunk behind another one."""
         place = bisect_right(self.chunks, at)
         return self.chunks[place] if place < len(self.chunks) else None
+
+
+def _crc_of(stream: BinaryIO, begin: int, end: int) -> int:
+    stream.seek(begin)
+    crc, left = 0, end - begin
+    while left > 0 and (block := stream.read(min(left, _BLOCK))):
+        crc = zlib.crc32(block, crc)
+        left -= len(block)
+    return crc
+
+
+def _begins_there(stream: BinaryIO, chunk: ChunkIndex) -> bool:
+    """Return whether a chunk begins where the index says."""
+    stream.seek(chunk.chunk_start_offset)
+    frame = FRAME.pack(Opcode.CHUNK, chunk.chunk_length - FRAME.size)
+    return stream.read(FRAME.size) == frame
 
 
 def _copy(
@@ -206,49 +235,59 @@ def _readable(
     stream: BinaryIO, size: int, found: Recovered, index: _Index
 ) -> Iterator[McapRecord]:
     """Yield the records that can be read, and note what cannot."""
-    at = len(MAGIC)
+    begin = len(MAGIC)
     while True:
+        stream.seek(begin)
         frame = stream.read(FRAME.size)
+        at = begin + FRAME.size
         if len(frame) < FRAME.size:
-            found.lose(f'the end, from byte {at} on')
+            found.lose(f'the end, from byte {begin} on')
             return
         kind, length = FRAME.unpack(frame)
-        at += FRAME.size
-        following = index.next_chunk(at - FRAME.size)
-        if kind == Opcode.DATA_END and following is None:
+        following = index.next_chunk(begin)
+        if kind == Opcode.DATA_END and (length == _DATA_END or following is None):
             stream.seek(-len(MAGIC), os.SEEK_END)
             if stream.read() != MAGIC:
-                found.lose(f'the index, from byte {at - FRAME.size} on')
+                found.lose(f'the index, from byte {begin} on')
             return
-        if following is not None and at + length > following:
-            found.lose(f'{following - at} bytes at byte {at}: their length is damaged')
-            at = following
-            stream.seek(at)
-            continue
-        if kind == length == 0:
-            found.lose(f'the end, from byte {at - FRAME.size} on, which is zero')
+        if following is None and kind == length == 0:
+            found.lose(f'the end, from byte {begin} on, which is zero')
             return
-        if length > size - at:
-            body = stream.read(min(size - at, RECORD_BYTES))
-            found.lose(f'the end, from byte {at - FRAME.size} on')
+        if following is None and length > size - at:
+            found.lose(f'the end, from byte {begin} on')
             if kind == Opcode.CHUNK:
-                yield from records_in_truncated_chunk(body)
+                yield from records_in_truncated_chunk(stream.read(min(size - at, RECORD_BYTES)))
             return
-        if length > RECORD_BYTES:
-            found.lose(f'{length} bytes at byte {at}: longer than any record')
-            stream.seek(length, os.SEEK_CUR)
+        damage = ''
+        if length > min(RECORD_BYTES, size - at):
+            damage = 'longer than any record'
         else:
-            body = stream.read(length)
             records: list[McapRecord] = []
             try:
-                if kind == Opcode.CHUNK:
-                    # Whole, or its checksum means nothing.
-                    records = list(records_in_chunk(parse_record(Opcode.CHUNK, body)))
-                elif kind in _DATA:
-                    records = [parse_record(Opcode(kind), body)]
-                elif kind not in (Opcode.HEADER, Opcode.MESSAGE_INDEX):
-                    found.lose(f'{length} bytes at byte {at}: unknown kind of record {kind:#04x}')
+                # A chunk whole, or its checksum means nothing.
+                records = list(_records_of(kind, stream.read(length)))
             except Exception as error:  # damage has as many exceptions as parsers
-                found.lose(f'{length} bytes at byte {at}: {str(error) or type(error).__name__}')
+                damage = str(error) or type(error).__name__
             yield from records
-        at += length
+        # The index is used only where the frame failed: it may be the damaged one.
+        if damage and following is not None and (at + length > following or not length):
+            found.lose(f'{following - begin} bytes at byte {begin}: their length is damaged')
+            begin = following
+            continue
+        if damage:
+            found.lose(f'{length} bytes at byte {at}: {damage}')
+        begin = at + length
+
+
+def _records_of(kind: int, body: bytes) -> Iterator[McapRecord]:
+    """Yield the records to copy of a record in the data section; an exception if it is damaged."""
+    if kind == Opcode.CHUNK:
+        yield from records_in_chunk(parse_record(Opcode.CHUNK, body))
+    elif kind in _DATA:
+        yield parse_record(Opcode(kind), body)
+    elif kind == Opcode.MESSAGE_INDEX:
+        _, length = _MESSAGE_INDEX.unpack_from(body)
+        if _MESSAGE_INDEX.size + length != len(body):
+            raise ValueError('record MESSAGE_INDEX has inconsistent fields')
+    elif kind != Opcode.HEADER:
+        raise ValueError(f'unknown kind of record {kind:#04x}')

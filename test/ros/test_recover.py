@@ -10,6 +10,7 @@ import random
 import struct
 
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader
@@ -116,6 +117,58 @@ def test_a_damaged_chunk_of_many_costs_its_messages_and_no_topic(
     assert found.lost_parts == 1
     assert lost in found.lost[0]
     assert 0 < len(messages_of(GOLDEN)) - found.messages < 30
+
+
+def damage_index_offset(data: bytearray, chunk: int, xor: int, crc: bool) -> None:
+    """Change the offset of a chunk in the index; without `crc` also remove the checksum."""
+    # At the end: the body of the footer (start of the summary, ..., checksum) and the magic.
+    (at,) = struct.unpack_from('<Q', data, len(data) - 28)
+    number = -1
+    while True:
+        kind, length = struct.unpack_from('<BQ', data, at)
+        number += kind == Opcode.CHUNK_INDEX
+        if number == chunk:
+            # Frame, first and last time of the chunk.
+            (offset,) = struct.unpack_from('<Q', data, at + 9 + 16)
+            struct.pack_into('<Q', data, at + 9 + 16, offset ^ xor)
+            break
+        at += 9 + length
+    if not crc:
+        data[-12:-8] = bytes(4)
+
+
+@pytest.mark.parametrize('crc', [True, False], ids=['checksum differs', 'no checksum'])
+@pytest.mark.parametrize('xor', [0x07, 0x4000])
+def test_a_damaged_offset_in_the_index_costs_no_message(
+    tmp_path: Path, xor: int, crc: bool
+) -> None:
+    path = load(GOLDEN).save(tmp_path / 'small.mcap', chunk_size=2000)
+    whole, data = messages_of(path), path.read_bytes()
+    count = len(chunks(path))
+    assert count > 20
+    for chunk in range(count):
+        damaged = bytearray(data)
+        damage_index_offset(damaged, chunk, xor, crc)
+        path.write_bytes(damaged)
+        target = tmp_path / f'{chunk}.mcap'
+        found = recover(path, target)
+        assert messages_of(target) == whole
+        assert found.messages == len(whole)
+        assert not any('length is damaged' in part for part in found.lost)
+        assert found.lost_parts == crc
+
+
+def test_a_damaged_offset_is_not_used_behind_a_damaged_chunk(tmp_path: Path) -> None:
+    path = load(GOLDEN).save(tmp_path / 'small.mcap', chunk_size=2000)
+    begin, _ = chunks(path)[3]
+    data = bytearray(path.read_bytes())
+    data[begin + 6] ^= 0x10
+    damage_index_offset(data, 4, 0x07, crc=False)
+    path.write_bytes(data)
+    found = recover(path, tmp_path / 'a.mcap')
+    # Chunk 4 cannot be found any more; the walk continues at chunk 5.
+    assert found.lost_parts == 1
+    assert 0 < len(messages_of(GOLDEN)) - found.messages < 60
 
 
 def test_damage_outside_the_chunks_is_not_called_whole(tmp_path: Path) -> None:

@@ -435,8 +435,7 @@ class _Player:
 
     def _apply(self, schedule: Schedule, given: dict[str, float]) -> None:
         if 'seek_to' in given:
-            log_ns = self._window.first_ns + round(given['seek_to'] * NANOSECONDS)
-            schedule.seek(time.monotonic_ns(), log_ns)
+            schedule.seek(time.monotonic_ns(), self._window.at(given['seek_to']))
         if 'rate' in given:
             schedule.set_rate(time.monotonic_ns(), float(given['rate']))
             say(f'rate {given["rate"]:g} from {self._position()} on')

@@ -54,6 +54,20 @@ class Window:
     begin_ns: int
     end_ns: int
 
+    def at(self, seconds: float) -> int:
+        """Return the log time [ns] so many seconds after the first message.
+
+        Raises
+        ------
+        ValueError
+            If it lies before the log or after the window.
+        """
+        last = (self.end_ns - 1 - self.first_ns) / SECOND
+        # Compared before it is converted: 1e300 s has no number of ns.
+        if not 0 <= seconds <= last:
+            raise ValueError(f'{seconds:g} s is outside of the log, expected 0 to {last:g} s')
+        return min(self.first_ns + round(seconds * SECOND), self.end_ns - 1)
+
 
 class Schedule:
     """The messages of a log, each at its time.
@@ -218,9 +232,10 @@ class Schedule:
             If it lies before the log or after the window.
         """
         if not self.window.first_ns <= log_ns < self.window.end_ns:
-            last = (self.window.end_ns - 1 - self.window.first_ns) / SECOND
-            found = (log_ns - self.window.first_ns) / SECOND
-            raise ValueError(f'{found:g} s is outside of the log, expected 0 to {last:g} s')
+            raise ValueError(
+                f'{log_ns} ns is outside of the log, expected {self.window.first_ns} to '
+                f'{self.window.end_ns - 1} ns'
+            )
         self._go(now_ns, log_ns, None)
 
     def _times(self) -> Iterator[int]:

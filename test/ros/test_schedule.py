@@ -175,6 +175,18 @@ def test_a_seek_outside_of_the_log_is_refused(at: int) -> None:
     assert len(sends(drain(schedule, 3 * UNIT))) == 1
 
 
+@pytest.mark.parametrize('seconds', [-1e-9, 3.1, 1e300, -1e300, float('inf'), float('nan')])
+def test_a_time_outside_of_the_log_is_refused(seconds: float) -> None:
+    window = Window(10**9, 2 * 10**9, 4 * 10**9 + 1)
+    with pytest.raises(ValueError, match='s is outside of the log, expected 0 to 3 s'):
+        window.at(seconds)
+
+
+def test_a_time_of_the_log_counts_from_its_first_message() -> None:
+    window = Window(10**9, 2 * 10**9, 4 * 10**9 + 1)
+    assert [window.at(seconds) for seconds in (0, 0.5, 3.0)] == [10**9, 1_500_000_000, 4 * 10**9]
+
+
 class Playing(RuleBasedStateMachine):
     """Calls in any order, events taken now or late; the model is a position that advances."""
 

@@ -33,7 +33,7 @@ class Send(NamedTuple):
 
 
 class Tick(NamedTuple):
-    """Publish a time of the log on the clock."""
+    """Publish a time of the log on the clock; late ticks are one."""
 
     log_ns: int
 
@@ -174,12 +174,13 @@ class Schedule:
         when = min(self._times(), default=None)
         if self.ended or when is None or when > now_ns:
             return None
+        # A clock that is a period late comes first, or late messages would hold it up.
+        late = self._tick_ns is not None and now_ns - self._tick_at >= self._tick_ns
         # Of events at one time messages come first: the clock is never ahead of them.
-        if when == self._message_at():
+        if when == self._message_at() and not late:
             return self._take(when)
-        if self._tick_ns is not None and when == self._tick_at:
-            self._tick_at += self._tick_ns
-            return Tick(self.position_ns(when))
+        if self._tick_ns is not None and (late or when == self._tick_at):
+            return self._newest_tick(self._tick_ns, now_ns)
         if not self._loop:
             self.ended = True
             return None
@@ -271,16 +272,25 @@ class Schedule:
         self._next = self._following()
         return Send(message, when)
 
+    def _newest_tick(self, period_ns: int, now_ns: int) -> Tick:
+        """Return one tick for all that are due, not ahead of a message that was not sent."""
+        newest = self._tick_at + (now_ns - self._tick_at) // period_ns * period_ns
+        self._tick_at = newest + period_ns
+        return Tick(self._unpassed_ns(self.position_ns(newest)))
+
+    def _unpassed_ns(self, log_ns: int) -> int:
+        """Return a log time, or that of the next message if it is earlier."""
+        if self._next is None or self.paused:
+            return log_ns
+        return min(log_ns, max(self._next.log_ns, self._reached_ns))
+
     def _following(self) -> BagMessage | None:
         message = next(self._messages, None)
         return None if message is None or message.log_ns >= self.window.end_ns else message
 
     def _set_anchor(self, now_ns: int) -> None:
         """Begin a stretch now; the position does not pass a message that was not sent."""
-        position = self.position_ns(now_ns)
-        if self._next is not None and not self.paused:
-            position = min(position, max(self._next.log_ns, self._reached_ns))
-        self._anchor = now_ns, position
+        self._anchor = now_ns, self._unpassed_ns(self.position_ns(now_ns))
         self._tick_at = max(self._tick_at, now_ns)
 
     def _go(self, when: int, log_ns: int, loop: int | None) -> None:

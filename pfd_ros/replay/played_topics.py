@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 import re
 
 from pfd_ros.arm.events import TAKEN
@@ -167,10 +168,15 @@ def obstacle_of(topic: BagTopic) -> str:
         return f'its messages are encoded as {cut(topic.encoding)!r}, not {MESSAGE_ENCODING!r}'
     if not _TYPE.fullmatch(topic.type):
         return f'{cut(topic.type)!r} is no type of messages'
+    missing = f'type {cut(topic.type)} is not installed'
     try:
         installed = full_text(topic.type)
+        # A definition may be known without the package that publishes it; ValueError if the name
+        # is that of a module without a specification.
+        if find_spec(topic.type.partition('/')[0]) is None:
+            return missing
     except ValueError:
-        return f'type {cut(topic.type)} is not installed'
+        return missing
     if not topic.definition or topic.definition == installed:
         return ''
     try:

@@ -20,7 +20,8 @@ from mcap.writer import Writer
 import pytest
 from rewriting import ARRAY, CLOCK, GOLDEN, NAMED, STATES, TAKEN, load
 from ros_processes import Peer, Process, Processes, call, environment
-from test_read_log import REAL_ARMS, STORE, rosbag2
+from test_played_topics import install_definition
+from test_read_log import REAL_ARMS, rosbag2
 from test_signals import wait_for_handlers
 
 from pfd_ros.messages.convert import decode_clock, encode_string
@@ -377,14 +378,19 @@ def test_a_terminal_shows_the_position_on_one_line(processes: Processes, tmp_pat
 
 
 def test_a_type_that_is_not_installed_is_named_and_the_others_are_played(
-    processes: Processes, peer_of: PeerOf, tmp_path: Path
+    processes: Processes, peer_of: PeerOf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / 'bag'
-    with rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as writer:
-        for kind, topic in (('tf2_msgs/msg/TFMessage', '/tf_of_others'), (STRING, WORDS)):
-            connection = writer.add_connection(topic, kind, typestore=STORE)
+    kind = install_definition(tmp_path, monkeypatch)
+    path = tmp_path / 'things.mcap'
+    with path.open('wb') as stream:
+        writer = Writer(stream)
+        writer.start('ros2', 'test')
+        for type_name, topic in ((kind, '/things'), (STRING, WORDS)):
+            schema = writer.register_schema(type_name, 'ros2msg', b'string data\n')
+            channel = writer.register_channel(topic, 'cdr', schema)
             for k in range(3):
-                writer.write(connection, SECOND + k, word(k))
+                writer.add_message(channel, SECOND + k, word(k), SECOND + k)
+        writer.finish()
     peer = peer_of(processes)
     listener = Listener(peer, (WORDS, STRING))
     player = start(processes, path, '--start-paused')
@@ -392,9 +398,9 @@ def test_a_type_that_is_not_installed_is_named_and_the_others_are_played(
     paused(peer, False)
     assert listener.end_of(player) == 0
     assert listener.on(WORDS) == [word(k) for k in range(3)]
-    assert 'not published: /tf_of_others: type tf2_msgs/msg/TFMessage is not installed' in (
-        player.text()
-    )
+    text = player.text()
+    assert '3 messages of 1 topics' in text
+    assert f'not published: /things: type {kind} is not installed' in text
 
 
 def test_a_second_publisher_of_a_topic_is_reported(

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from pathlib import Path
 
 import hostile_bytes
@@ -158,6 +159,28 @@ def test_topics_that_cannot_be_published_are_named_and_the_others_are(tmp_path: 
         "not published: /path: '../../etc/msg/Passwd' is no type of messages",
         'not published: /unknown: type nobody_msgs/msg/Thing is not installed',
     )
+
+
+def install_definition(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Install the definition of a type whose Python package nobody has; return the type."""
+    path = folder / 'share' / 'nobody_msgs' / 'msg' / 'Thing.msg'
+    path.parent.mkdir(parents=True)
+    path.write_text('string data\n', encoding='utf-8')
+    prefixes = [str(folder), *filter(None, [os.environ.get('AMENT_PREFIX_PATH')])]
+    monkeypatch.setenv('AMENT_PREFIX_PATH', os.pathsep.join(prefixes))
+    return 'nobody_msgs/msg/Thing'
+
+
+def test_a_type_whose_package_cannot_be_imported_is_not_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind = install_definition(tmp_path, monkeypatch)
+    row = ('/thing', kind, 'cdr', 'string data\n')
+    line = f'not published: /thing: type {kind} is not installed'
+    found = choose(write(tmp_path / 'a.mcap', row, ('/words', STRING, 'cdr', '')))
+    assert (list(found.topics), found.notes) == (['/words'], (line,))
+    with pytest.raises(ValueError, match=f'nothing to publish: {line}'):
+        choose(write(tmp_path / 'b.mcap', row))
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,8 @@
 A command that was recorded must not reach a real arm by accident. In a recording of the node the
 commands are the topics of its inputs. In every log they are also the topics whose last names are
 those of the node's inputs, whose name contains a word of COMMAND_PARTS or COMMAND_WORDS, and whose
-type is one of COMMAND_TYPES. A topic that is named by the caller is published.
+type is one of COMMAND_TYPES. Outputs of the node under their own names are no commands. A topic
+that is named by the caller is published.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from importlib.util import find_spec
 import re
 
 from pfd_ros.arm.events import TAKEN
+from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.messages.columns import parse_definition
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.messages.definitions import full_text
@@ -32,7 +34,12 @@ CLOCK_TOPIC = '/clock'
 # Last names of the topics that the node `sim_arm` subscribes to.
 INPUT_NAMES = frozenset({'joint_commands', 'commands', 'set_state', 'external_wrench', 'payload'})
 COMMAND_PARTS = ('command', 'cmd', 'setpoint')
-COMMAND_WORDS = frozenset({'goal', 'jog', 'reference', 'references', 'set', 'target', 'targets'})
+COMMAND_WORDS = frozenset(
+    {
+        *('desired', 'equilibrium', 'goal', 'jog', 'move', 'reference', 'references', 'script'),
+        *('effort', 'efforts', 'set', 'target', 'targets', 'torque', 'torques'),
+    }
+)
 COMMAND_TYPES = frozenset(
     {
         'ackermann_msgs/msg/AckermannDrive',
@@ -117,7 +124,10 @@ def choose(
             continue
         chosen[name] = Played(name, names.get(name, name), topic.type, _qos(topic, notes))
     if withheld:
-        notes.append(f'not published, since they are commands: {listed(withheld)}; see --topics')
+        notes.append(
+            f'Not publishing {len(withheld)} command topics: {listed(withheld)}. Name them in '
+            '--topics to publish them'
+        )
     if not chosen:
         raise ValueError(f'{bag.path} has nothing to publish: {"; ".join(notes) or "no topics"}')
     kinds: dict[str, str] = {}
@@ -152,8 +162,10 @@ def is_command(topic: BagTopic, role: str = '') -> bool:
         return role != FOLLOWED or topic.type != CHANNELS[FOLLOWED].type
     if role == TAKEN and topic.type == CHANNELS[TAKEN].type:
         return False
-    last = topic.name.rpartition('/')[2]
-    words = {word.lower() for word in _WORD.findall(topic.name)}
+    folder, _, last = topic.name.rpartition('/')
+    # Outputs of the node are called `bias_torques`; under another name, the name decides.
+    own = role == last and role in OUTPUTS and topic.type == OUTPUTS[role]
+    words = {word.lower() for word in _WORD.findall(folder if own else topic.name)}
     return (
         last in INPUT_NAMES
         or topic.type in COMMAND_TYPES

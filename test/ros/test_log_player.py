@@ -173,7 +173,9 @@ def test_each_message_of_a_recording_comes_bit_for_bit_and_no_command(
         assert listener.on(topic) == [sent.data for sent in recorded.on(topic)]
     assert listener.on(NAMED) == listener.on(ARRAY) == []
     text = player.text()
-    assert f"not published, since they are commands: ['{NAMED}', '{ARRAY}']" in text
+    assert (
+        f"Not publishing 2 command topics: ['{NAMED}', '{ARRAY}']. Name them in --topics" in text
+    )
     assert 'the log has /clock: the recorded clock is published' in text
     assert 'published 440 messages' in text
 

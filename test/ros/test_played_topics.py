@@ -18,6 +18,7 @@ from rewriting import GOLDEN, load
 from test_read_log import STORE, rosbag2
 import yaml
 
+from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.messages.qos import Qos, offered_qos, qos_text
 from pfd_ros.recording.bags import Bag, BagTopic
 from pfd_ros.recording.format import HEAD
@@ -58,8 +59,8 @@ def test_commands_of_a_recording_are_withheld_by_their_role() -> None:
     found = choose(bag)
     assert sorted(found.topics) == ['/clock', '/joint_states', '/sim_arm/applied_commands']
     assert found.notes == (
-        "not published, since they are commands: ['/joint_commands', '/sim_arm/commands']; "
-        'see --topics',
+        "Not publishing 2 command topics: ['/joint_commands', '/sim_arm/commands']. Name them in "
+        '--topics to publish them',
     )
 
 
@@ -89,6 +90,40 @@ def test_a_role_of_an_output_does_not_make_a_command_harmless(tmp_path: Path) ->
     assert '/joint_commands' not in choose(bag).topics
 
 
+@pytest.mark.parametrize(
+    'stated',
+    [
+        {'followed_clock': '/joint_commands', 'joint_commands': '/x'},
+        {'bias_torques': '/joint_commands', 'joint_commands': '/x'},
+        {'taken': '/joint_commands', 'joint_commands': '/x'},
+    ],
+)
+def test_a_head_cannot_state_a_role_that_publishes_joint_commands(
+    tmp_path: Path, stated: dict[str, str]
+) -> None:
+    recorded = load(GOLDEN)
+    recorded.edit(HEAD, 'topics', lambda roles: roles | stated)
+    bag = read(recorded.save(tmp_path / 'a.mcap'))
+    assert json.loads(bag.head['topics']).items() >= stated.items()
+    assert '/joint_commands' not in choose(bag).topics
+
+
+@pytest.mark.parametrize('output', sorted(OUTPUTS))
+def test_outputs_of_the_node_are_published(output: str) -> None:
+    topic = BagTopic(f'/sim_arm/{output}', OUTPUTS[output], 'cdr', '')
+    assert not is_command(topic, output)
+
+
+def test_the_role_of_an_output_makes_only_its_own_name_harmless() -> None:
+    for name, kind in (
+        ('/effort_controller/effort', STATE),
+        ('/arm/torque', STATE),
+        ('/torques/bias_torques', STATE),
+        ('/sim_arm/bias_torques', FLOATS),
+    ):
+        assert is_command(BagTopic(name, kind, 'cdr', ''), 'bias_torques')
+
+
 def test_named_commands_are_published_and_nothing_else() -> None:
     found = choose(read(GOLDEN), ['/joint_commands'], [('/joint_commands', '/x')])
     assert [(topic.name, topic.published) for topic in found.topics.values()] == [
@@ -113,6 +148,17 @@ def test_named_commands_are_published_and_nothing_else() -> None:
         ('/gripper/GoalPose', 'geometry_msgs/msg/PoseStamped', True),
         ('/arm/targetPose', 'geometry_msgs/msg/PoseStamped', True),
         ('/controller/reference', FLOATS, True),
+        ('/x/desired_pose', 'geometry_msgs/msg/PoseStamped', True),
+        ('/desired_joint_states', STATE, True),
+        ('/effort_controller/effort', FLOATS, True),
+        ('/joint_efforts', FLOATS, True),
+        ('/torque', FLOATS, True),
+        ('/arm/jointTorques', FLOATS, True),
+        ('/ur_driver/script', STRING, True),
+        ('/move_j', FLOATS, True),
+        ('/equilibrium_pose', 'geometry_msgs/msg/PoseStamped', True),
+        ('/removed', FLOATS, False),
+        ('/description', STRING, False),
         ('/offset', FLOATS, False),
         ('/reset_count', STRING, False),
         ('/robot_description', STRING, False),
@@ -200,7 +246,7 @@ def test_wrong_topics_and_remappings_are_named(
 
 
 def test_a_log_of_commands_alone_has_nothing_to_publish(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"nothing to publish: .*\['/a/commands'\]; see --topics"):
+    with pytest.raises(ValueError, match=r"nothing to publish: .*\['/a/commands'\]. Name them in"):
         choose(write(tmp_path / 'a.mcap', ('/a/commands', FLOATS, 'cdr', '')))
 
 

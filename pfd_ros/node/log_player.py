@@ -25,7 +25,7 @@ from typing import Any, TextIO
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
+from rclpy._rclpy_pybind11 import RCLError, RMWError
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import NameValidationException
@@ -68,7 +68,8 @@ LATE_NS = 10_000_000
 GAP_NS = 10 * NANOSECONDS
 # A Clock has 31 bits for the seconds.
 CLOCK_SECONDS = 1 << 31
-ERRORS = (RCLError, NameValidationException, RuntimeError)
+# Of the middleware; other errors are of this program, and end it with their traceback.
+ERRORS = (RCLError, RMWError, NameValidationException)
 
 
 @dataclass(frozen=True)
@@ -114,14 +115,15 @@ def play(bag: Bag, options: PlayOptions, stop: Stop) -> int:
     if ticks and window.end_ns > CLOCK_SECONDS * NANOSECONDS:
         raise ValueError(f'log times up to {window.end_ns} ns do not fit into {CLOCK_TOPIC}')
     try:
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        player = _Player(bag, options, window, choice, ticks, stop)
+        try:
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            player = _Player(bag, options, window, choice, ticks, stop)
+        except ERRORS as error:
+            raise ValueError(f'ROS: {error}') from error
         try:
             return player.run()
         finally:
             player.node.destroy_node()
-    except ERRORS as error:
-        raise ValueError(f'ROS: {error}') from error
     finally:
         try_shutdown()
 
@@ -188,8 +190,8 @@ class _Player:
             self._clock = NonblockingPublisher(
                 self.node.create_publisher(Clock, CLOCK_TOPIC, profile)
             )
-        self.node.create_service(SetBool, '~/pause', self._on_pause)
-        self.node.create_service(Trigger, '~/step', self._on_step)
+        self.node.create_service(SetBool, '~/pause', self._watched(self._on_pause))
+        self.node.create_service(Trigger, '~/step', self._watched(self._on_step))
         for name, value, meaning in (
             ('rate', options.rate, "speed, as a multiple of the log's"),
             ('seek_to', options.start_offset, 'continue at this time [s] of the log'),
@@ -197,7 +199,7 @@ class _Player:
             # ros2 param set takes 5 for an integer.
             about = ParameterDescriptor(description=meaning, dynamic_typing=True)
             self.node.declare_parameter(name, value, about)
-        self.node.add_on_set_parameters_callback(self._on_parameters)
+        self.node.add_on_set_parameters_callback(self._watched(self._on_parameters))
         self._sent = 0
         self._late: Counter[str] = Counter()
         self._longest_late_ns = 0
@@ -205,7 +207,8 @@ class _Player:
         # Topics on which another node publishes, too.
         self._shared: set[str] = set()
         self._schedule: Schedule | None = None
-        # Whether a signal came while messages were read; why they could not be read.
+        # Whether a signal came while messages were read; why they could not be read, or an error
+        # of this program in a callback.
         self._cut_short = False
         self._failure: Exception | None = None
 
@@ -302,11 +305,24 @@ class _Player:
         """Run at most one callback, or wait for so long."""
         try:
             self._executor.spin_once(timeout_sec=seconds)
-        except OSError:
-            raise  # of the output
         except Exception as error:
-            say(f'a callback failed: {described(error)}')
+            if self._failure is not None:
+                raise
+            # Of rclpy: any node may send its services requests that it does not expect.
+            say(f'ROS: a request failed: {described(error)}')
         self._served_ns = time.monotonic_ns()
+
+    def _watched(self, callback: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a callback whose errors end the player, unlike those of rclpy's callbacks."""
+
+        def call(*args: Any) -> Any:
+            try:
+                return callback(*args)
+            except Exception as error:
+                self._failure = error
+                raise
+
+        return call
 
     def _handle(self, event: Send | Tick | Jump, now: int) -> None:
         if isinstance(event, Send):

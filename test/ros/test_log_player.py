@@ -86,6 +86,21 @@ def start(processes: Processes, log: Path, *options: str) -> Process:
     return processes.python('-m', 'pfd_ros.cli.main', 'replay', str(log), '--publish', *options)
 
 
+def start_with_fault(processes: Processes, log: Path, method: str, error: str) -> Process:
+    """Start a player in which a method of the schedule raises an error."""
+    code = f"""
+from pfd_ros.cli.main import main
+from pfd_ros.replay.schedule import Schedule
+
+def fail(*_):
+    raise {error}('a bug')
+
+Schedule.{method} = fail
+raise SystemExit(main(['replay', {str(log)!r}, '--publish']))
+"""
+    return processes.python('-c', code)
+
+
 def paused(peer: Peer, value: bool) -> str:
     from std_srvs.srv import SetBool
 
@@ -334,6 +349,36 @@ def test_a_signal_at_any_moment_ends_the_player_cleanly(
         time.sleep(0.3 * k)
         assert player.end(signal.SIGTERM) == 128 + signal.SIGTERM, player.text()
         assert 'Traceback' not in player.text()
+
+
+@pytest.mark.parametrize('error', ['NotImplementedError', 'RecursionError', 'OverflowError'])
+def test_an_error_of_the_player_itself_is_a_traceback_and_not_called_ros(
+    processes: Processes, tmp_path: Path, error: str
+) -> None:
+    log = write_words(tmp_path / 'words.mcap', 2)
+    player = start_with_fault(processes, log, 'next_ns', error)
+    assert player.process.wait(60) == 1
+    assert 'Traceback' in player.text()
+    assert f'{error}: a bug' in player.text()
+    assert 'ROS:' not in player.text()
+
+
+def test_a_callback_that_fails_ends_the_player(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    from std_srvs.srv import SetBool
+
+    peer = peer_of(processes)
+    log = write_words(tmp_path / 'words.mcap', 200)
+    player = start_with_fault(processes, log, 'pause', 'KeyError')
+    player.wait_for_text('begin at')
+    client = peer.node.create_client(SetBool, '/log_player/pause')
+    peer.wait(client.service_is_ready)
+    client.call_async(SetBool.Request(data=True))
+    peer.wait(lambda: player.process.poll() is not None)
+    assert player.process.returncode == 1
+    assert "KeyError: 'a bug'" in player.text()
+    peer.node.destroy_client(client)
 
 
 def test_an_output_that_is_closed_ends_the_player(processes: Processes, tmp_path: Path) -> None:

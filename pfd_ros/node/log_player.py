@@ -50,7 +50,14 @@ from pfd_ros.node.main import STATUS_BASE, Stop
 from pfd_ros.node.workers import described
 from pfd_ros.recording.bags import Bag, BagMessage
 from pfd_ros.recording.reader import LogError
-from pfd_ros.replay.log_order import Survey, in_time_order, survey
+from pfd_ros.replay.log_order import (
+    AHEAD_BYTES,
+    AHEAD_MESSAGES,
+    KEPT_BYTES,
+    Survey,
+    in_time_order,
+    survey,
+)
 from pfd_ros.replay.played_topics import CLOCK_TOPIC, KNOWN_QOS, Choice, Played, choose, window_of
 from pfd_ros.replay.schedule import RATES, Jump, Schedule, Send, Tick, Window
 from pfd_ros.text import cut, one_line
@@ -110,7 +117,7 @@ def play(bag: Bag, options: PlayOptions, stop: Stop) -> int:
         say(line)
     ticks = options.clock_hz is not None
     if ticks and any(topic.published == CLOCK_TOPIC for topic in choice.topics.values()):
-        say(f'the log has {CLOCK_TOPIC}: the recorded clock is published, --clock has no effect')
+        say(f'Ignoring --clock: the log contains {CLOCK_TOPIC}')
         ticks = False
     if ticks and window.end_ns > CLOCK_SECONDS * NANOSECONDS:
         raise ValueError(f'log times up to {window.end_ns} ns do not fit into {CLOCK_TOPIC}')
@@ -282,7 +289,7 @@ class _Player:
         for name in sorted(own.keys() - self._shared):
             if self.node.count_publishers(name) > own[name]:
                 self._shared.add(name)
-                say(f'another node publishes on {name}, too')
+                say(f'Another publisher on {name}: stop it, or use --remap')
 
     def _step(self) -> None:
         """Publish what is due, or wait for it and answer calls."""
@@ -339,7 +346,7 @@ class _Player:
             back = 'back ' if event.to_ns < event.from_ns else ''
             times = f'from {self._seconds(event.from_ns)} to {self._seconds(event.to_ns)}'
             label = 'seek' if event.loop is None else f'loop {event.loop}'
-            say(f'{label}: time goes {back}{times}')
+            say(f'{label}: jumped {back}{times}')
 
     def _wait_for_readers(self) -> None:
         """Wait until reliable subscriptions have the last messages."""
@@ -362,18 +369,21 @@ class _Player:
             say(f'no message was more than {LATE_NS * 1e-6:g} ms late; at most {worst:.1f} ms')
         if schedule.unordered:
             say(
-                f'{schedule.unordered} messages lie far behind later ones in the log; they were '
-                'published when they were read'
+                f'{schedule.unordered} messages are out of order by more than {AHEAD_MESSAGES} '
+                f'messages or {AHEAD_BYTES >> 20} MiB; published late'
             )
         if schedule.left_out:
-            say(f'{schedule.left_out} older messages of transient local topics were too large')
+            say(
+                f'{schedule.left_out} transient local messages before the start were not sent: '
+                f'more than {KEPT_BYTES >> 20} MiB'
+            )
         refused = 0
         for publisher in (*self._publishers.values(), *((self._clock,) if self._clock else ())):
             refused += publisher.refused
             if publisher.refused:
                 say(
-                    f'{publisher.topic}: {publisher.refused} messages were refused, since a '
-                    f'subscription is too slow: {publisher.detail}'
+                    f'{publisher.refused} messages not published on {publisher.topic}: a reliable '
+                    f'subscriber is too slow: {publisher.detail}'
                 )
         return refused
 
@@ -410,18 +420,18 @@ class _Player:
     def _one_message(self, schedule: Schedule) -> str:
         now = time.monotonic_ns()
         if not schedule.step(now):
-            raise ValueError('the end of the log')
+            raise ValueError('end of the log reached')
         while (event := schedule.due(now)) is not None:
             self._handle(event, now)
             if isinstance(event, Send) and event.due_ns is not None:
                 topic = self._publishers[event.message.topic].topic
                 return f'{topic} at {self._seconds(event.message.log_ns)}'
-        raise ValueError('the end of the log')
+        raise ValueError('end of the log reached')
 
     def _answer(self, response: Any, action: Callable[[Schedule], str]) -> Any:
         try:
             if self._schedule is None:
-                raise ValueError('it has not begun')
+                raise ValueError('playback has not started: try again')
             response.success, response.message = True, action(self._schedule)
         except ValueError as error:
             response.success, response.message = False, one_line(f'refused: {error}')
@@ -442,7 +452,7 @@ class _Player:
                     f'rate is {given["rate"]:g}, expected {RATES[0]:g} to {RATES[1]:g}'
                 )
             if given and self._schedule is None:
-                raise ValueError('it has not begun')
+                raise ValueError('playback has not started: try again')
             if self._schedule is not None:
                 self._apply(self._schedule, given)
         except ValueError as error:

@@ -214,7 +214,7 @@ class Schedule:
             If it is not paused.
         """
         if not self.paused:
-            raise ValueError('it is not paused')
+            raise ValueError('player is not paused: call ~/pause first')
         if self._next is None and self._loop:
             self.loops += 1
             self._go(now_ns, self.window.begin_ns, self.loops)

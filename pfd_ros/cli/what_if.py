@@ -182,7 +182,7 @@ def lines_of(found: WhatIf) -> list[str]:
         'N; times in s after the start'
     )
     lines.append(
-        'rounding   the new run again, with its initial positions changed by their last bit'
+        'rounding   the new run again, with 2.2e-16 added to each position that the arm is set to'
     )
     width = max((len(item.joint) for item in found.divergences), default=0)
     head = f'{"":9}  {"":{width}}  {"new run - recorded":49}  rounding alone'

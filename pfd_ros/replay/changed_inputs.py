@@ -135,7 +135,7 @@ class ChangedInputs:
             rows.append(ValidationRow(cycle, source, number, row.verdict, checksum))
             if known:
                 role = ROLE_OF_SOURCE[source]
-                yield Fed(PlacedMessage(role, number, 0, 0, message.log_ns, data))
+                yield Fed(message._replace(role=role, number=number, cycle=0, data=data, rows=()))
         if rows:
             yield Fed(message._replace(cycle=cycle, rows=tuple(rows)))
 

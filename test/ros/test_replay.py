@@ -21,7 +21,8 @@ from simulating import states_of
 from pfd_ros.arm.events import Verdict
 from pfd_ros.cli import main as command_line
 from pfd_ros.cli.recorded_motion import read_motion
-from pfd_ros.cli.replay import INCOMPLETE, progress_on
+from pfd_ros.cli.replay import INCOMPLETE
+from pfd_ros.cli.terminal import progress_on
 from pfd_ros.messages.convert import decode_clock, decode_joint_state
 from pfd_ros.recording.format import END
 from pfd_ros.recording.reader import Log, LogError

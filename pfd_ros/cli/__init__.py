@@ -15,8 +15,8 @@
     recorded_motion  for `pfd report scene`: the efforts and brakes of every step, and the states
     robots    pfd robots
     urdf      pfd urdf: the URDF of a robot
-    terminal  for several commands: progress on a terminal
     doctor    pfd doctor: what is installed, whether it works, how fast this machine is
+    terminal  for several commands: printed lines, JSON, progress on a terminal
 
 A new command is a module with `HELP`, `EXAMPLE`, `add_arguments` and `run`, and a name in
 `main.COMMANDS`.

@@ -7,10 +7,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
-import json
 from pathlib import Path
 import sys
 
+from pfd_ros.cli.terminal import print_json, print_lines
 from pfd_ros.replay.divergence import FIELDS
 from pfd_ros.replay.what_if import THRESHOLDS, JointDivergence, WhatIf, what_if
 from pfd_ros.replay.what_if_plot import check_picture, plot
@@ -97,16 +97,12 @@ def run(given: argparse.Namespace, progress: Callable[[float], None] | None) -> 
     drawn, note = _draw(found, picture)
     status = int(given.plot is not None and not drawn)
     if given.json:
-        print(json.dumps({**as_json(found), 'plot': drawn}, allow_nan=False))
+        print_json({**as_json(found), 'plot': drawn})
         if note:
             print(one_line(note), file=sys.stderr)
         return status
-    for line in (
-        *lines_of(found),
-        *([f'plot       {drawn}'] if drawn else []),
-        *filter(None, [note]),
-    ):
-        print(one_line(line))
+    drawn_line = f'plot       {drawn}' if drawn else ''
+    print_lines(filter(None, (*lines_of(found), drawn_line, note)))
     return status
 
 

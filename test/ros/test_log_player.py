@@ -20,7 +20,7 @@ from mcap.writer import Writer
 import pytest
 from rewriting import ARRAY, CLOCK, GOLDEN, NAMED, STATES, TAKEN, load
 from ros_processes import Peer, Process, Processes, call, environment
-from test_read_log import REAL_ARMS, STORE, rosbag2
+from test_read_log import STORE, rosbag2
 from test_signals import wait_for_handlers
 
 from pfd_ros.messages.convert import decode_clock, encode_string
@@ -490,16 +490,13 @@ def test_options_that_make_no_sense_have_status_2(
 
 @pytest.mark.parametrize('name', ['panda_exciting_trajectory', 'ur10_exciting_trajectory'])
 def test_a_log_of_a_real_arm_comes_bit_for_bit(
-    processes: Processes, peer_of: PeerOf, name: str
+    processes: Processes, peer_of: PeerOf, real_arms: Path, name: str
 ) -> None:
-    folder = os.environ.get(REAL_ARMS)
-    if folder is None:
-        pytest.skip(f'set {REAL_ARMS} to a folder with bags of real arms')
     peer = peer_of(processes)
     listener = Listener(peer, (STATES, 'sensor_msgs/msg/JointState'))
-    player = start(processes, Path(folder) / name, '--rate', '10', '--start-paused')
+    player = start(processes, real_arms / name, '--rate', '10', '--start-paused')
     begin(peer, player, listener)
     paused(peer, False)
     assert listener.end_of(player) == 0, player.text()
-    with rosbag2.Reader(Path(folder) / name) as reader:
+    with rosbag2.Reader(real_arms / name) as reader:
         assert listener.on(STATES) == [bytes(data) for _, _, data in reader.messages()]

@@ -8,7 +8,6 @@ Compute the references of the hard motions, and write them into motion_reference
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 import sys
 
@@ -32,7 +31,7 @@ def main(names: list[str]) -> None:
     rows = {
         motion.name: {
             'self_difference': float(f'{found[motion.name].self_difference:.1e}'),
-            'q': list(asdict(found[motion.name])['q']),
+            'q': list(found[motion.name].q),
         }
         for motion in MOTIONS
         if motion.name in found

@@ -16,15 +16,20 @@ Subpackages in the order of data flow; each imports only from those above it.
 
 To change or add
 
-    an effect of a joint    a record in model.effects, a field in model.scene
-    rotor inertia           model.urdf_reader and model.yaml_robot read it
+    an effect of a joint    a record in model.effects, a field in model.scene; of a motor also its
+                            torque in algorithms.chain.drives
+    rotor inertia           config/robots/*.yaml, read by model.yaml_robot (_drive); of a URDF by
+                            model.urdf_reader (_armature); acts with Scene(armature=...)
+    an equation             algorithms.paper lists its modules with the paper's equations
     a method                a module of algorithms, a row of algorithms.programs.FORWARD, and a
                             name in SERIAL or ITERATIVE if it is one of these
-    an integrator           simulation.integrators.TABLE; for friction and stops
-                            also simulation.simulation.SCHEMES
+    an integrator           a row of simulation.integrators.TABLE; for friction and stops also a
+                            Scheme in simulation.contact.schemes and a row of
+                            simulation.simulation.SCHEMES
     sine and cosine         kernels.passes.sincos
     threads of batches      kernels.runtime.threads
-    a column of a report    the record and the pages that report lists
+    a column of a report    a field of the table's record in report.measure, and the Columns of its
+                            page, as report.counts_pages.SYSTEMS
 
 The names below are the public ones.
 """

@@ -22,12 +22,14 @@ To change or add
 
     an input                arm.events.Source, a rule in arm.validation, rows in node.endpoints and
                             recording.format.CHANNELS
-    an output               arm.output_settings.OUTPUTS and arm.outputs
+    a published topic       arm.output_settings.OUTPUTS and a writer in arm.outputs; endpoints and
+                            channels follow. One not of each state: node.diagnostics
     frames of the links     arm.link_frames: /tf of recordings
     a parameter             a field of arm.*_settings, a line of config/sim_arm.yaml
-    NaN in a command        arm.commands
+    NaN in a command        arm.commands: validate_named, validate_array
     log lines, diagnostics  node.reporting, node.diagnostics
-    metadata of recordings  recording.format.HeadKey and EndKey, recording.provenance
+    metadata of recordings  recording.format.HeadKey, EndKey; built in provenance.file_head and
+                            recorder.LogRecorder.ending, written by mcap_file
     a `pfd` command         a module of cli, a name in cli.main.COMMANDS
 """
 

@@ -17,6 +17,9 @@ import zipfile
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+DATA = sorted((ROOT / 'pfd_core/report').glob('data/*')) + sorted(
+    (ROOT / 'pfd_core/report').glob('texts/*')
+)
 TIMEOUT = 240.0
 COLCON = shutil.which(
     'colcon', path=os.pathsep.join([str(Path(sys.executable).parent), os.environ['PATH']])

@@ -11,7 +11,8 @@ import pytest
 
 from pfd_core.algorithms.paper.array_solver import factor
 from pfd_core.algorithms.paper.triangular_array import solve_cycles
-from pfd_core.report.render.array_activity import activity_svg, solve_picture
+from pfd_core.report.counts_pages import solve_picture
+from pfd_core.report.render.array_activity import activity_svg
 
 SVG = '{http://www.w3.org/2000/svg}'
 

@@ -131,7 +131,7 @@ class Plant(FrozenArrays):
 
 
 def given_scene(scene: Scene | None) -> Scene:
-    """Return a scene, for None that of gravity alone; ValueError for anything else."""
+    """Return a scene, the default one for None; ValueError for anything else."""
     if scene is None:
         return Scene()
     if not isinstance(scene, Scene):

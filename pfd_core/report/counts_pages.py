@@ -9,12 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from pfd_core.algorithms.paper.array_solver import solve
 from pfd_core.report.cases.paper import KINDS
 from pfd_core.report.measure.convergence import Convergence, measure_convergence, robots
 from pfd_core.report.measure.counts import PRINTED_AT, SIZES, Row, best_serial, measure
 from pfd_core.report.measure.counts import row as counts_of
 from pfd_core.report.measure.timing import show_progress
-from pfd_core.report.render.array_activity import solve_picture
+from pfd_core.report.render.array_activity import activity_svg
 from pfd_core.report.render.markdown import Columns, grid, page, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import over_joints, save
@@ -223,3 +224,14 @@ def _draw(rows: Sequence[Row], figure: Any) -> None:
         over_joints(axes, [2**k for k in range(1, 7)])
         axes.set_title(f'{kind} without routes: measured, and formula of Table 1 (dashed)')
     figure.axes[0].legend(fontsize=7)
+
+
+def solve_picture(n: int) -> str:
+    """Return the SVG of a whole solve of n equations by the triangular array."""
+    # The actions do not depend on the numbers of a positive definite matrix.
+    H = [[n + 1.0 if i == j else 1.0 for j in range(n)] for i in range(n)]
+    trace = solve(H, [1.0] * n).trace
+    title = (
+        f'Triangular array, n = {n}: factorisation and both substitutions, {trace.cycles} cycles'
+    )
+    return activity_svg(trace, title)

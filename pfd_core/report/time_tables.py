@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Tables of times for all pages that have them: ways over robots, and quantities compared with the peers.
+Tables of times for all pages that have them: ways over robots, quantities over peers.
 
 The quantities are those other than forward dynamics; their plot has a panel for each.
 """

@@ -16,6 +16,7 @@
     robots    pfd robots
     urdf      pfd urdf: the URDF of a robot
     doctor    pfd doctor: what is installed, whether it works, how fast this machine is
+    terminal  for several commands: printed lines, JSON, progress on a terminal
 
 A new command is a module with `HELP`, `EXAMPLE`, `add_arguments` and `run`, and a name in
 `main.COMMANDS`.

@@ -6,13 +6,12 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
-import json
 from pathlib import Path
 
+from pfd_ros.cli.terminal import print_json, print_lines
 from pfd_ros.messages.convert import JOINT_FIELDS
 from pfd_ros.recording.log_arrays import read_log
 from pfd_ros.replay.compare import Comparison, compare
-from pfd_ros.text import one_line
 
 HELP = 'differences of two logs, joint by joint'
 EXAMPLE = 'pfd compare real.mcap simulated.mcap --tolerance 0.01'
@@ -57,10 +56,9 @@ def run(given: argparse.Namespace) -> int:
         *logs, tolerance=given.tolerance, fields=given.fields, topics=topics, lag=given.lag
     )
     if given.json:
-        print(json.dumps(as_json(found), allow_nan=False))
+        print_json(as_json(found))
     else:
-        for line in lines_of(found):
-            print(one_line(line))
+        print_lines(lines_of(found))
     if given.plot:
         from pfd_ros.replay.compare_plot import plot  # needs matplotlib
 

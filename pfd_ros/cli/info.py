@@ -8,7 +8,6 @@ import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
-import json
 from pathlib import Path
 import statistics
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.settings import SIMULATED
 from pfd_ros.cli.replay import describe
+from pfd_ros.cli.terminal import print_json, print_lines
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.recording.bags import Bag
 from pfd_ros.replay.summary import Summary
@@ -81,11 +81,10 @@ def run(given: argparse.Namespace) -> int:
     run_of_node = read(files[0]) if bag.head and len(files) == 1 else None
     settings = (bag.settings if run_of_node else None) or {}
     if given.json:
-        print(json.dumps(as_json(bag, counts, span, run_of_node, settings), allow_nan=False))
+        print_json(as_json(bag, counts, span, run_of_node, settings))
         return 0
     simulated = run_of_node is not None and run_of_node.settings.log_time == SIMULATED
-    for line in lines_of(bag, counts, span, simulated=simulated):
-        print(one_line(line))
+    print_lines(lines_of(bag, counts, span, simulated=simulated))
     if run_of_node is not None:
         print()
         for line in describe(run_of_node)[1:]:

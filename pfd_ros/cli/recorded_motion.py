@@ -25,10 +25,9 @@ from pfd_ros.arm.events import STATES
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.recording.reader import Log, LogError, damage_named
-from pfd_ros.replay.inspection import inspect
 from pfd_ros.replay.ordering import PlacedMessage
 from pfd_ros.replay.playback import Playback, Stretch, follow
-from pfd_ros.replay.verify import recorded_robot
+from pfd_ros.replay.verify import simulable
 from pfd_ros.text import cut, listed
 
 # Steps that a motion has at most: a hundred seconds at 1 kHz.
@@ -71,15 +70,8 @@ def read_motion(
     path = Path(path)
     log = Log(path)
     with damage_named(path):
-        found = inspect(log, progress)
+        found, recorded = simulable(log, progress)
         summary, settings = found.summary, found.summary.settings
-        if found.altered:
-            raise ValueError(found.altered)
-        if not summary.states:
-            raise ValueError('it holds no states')
-        if summary.obstacle:
-            raise LogError(f'{path} {summary.obstacle}')
-        recorded = recorded_robot(log, found.state)
         steps = min(summary.simulated, MOST_STEPS)
         engine = Engine(settings, recorded, rows=False)
         if engine.state.wrench is not None:

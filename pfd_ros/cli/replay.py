@@ -5,12 +5,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 import sys
 
 from pfd_ros.arm.events import CLOCK, STATES, TAKEN, TF, Verdict
 from pfd_ros.cli import replay_publish, what_if
+from pfd_ros.cli.terminal import progress_on
 from pfd_ros.recording.provenance import versions
 from pfd_ros.replay.summary import Summary
 from pfd_ros.replay.verify import read
@@ -88,21 +88,6 @@ def run(given: argparse.Namespace) -> int:
         return 0 if given.allow_incomplete else INCOMPLETE
     print(f'verified: {equal}')
     return 0
-
-
-def progress_on(stream: object) -> Callable[[float], None] | None:
-    """Return a function that prints the progress on a terminal, or None without a terminal."""
-    if stream is None or not getattr(stream, 'isatty', bool)():
-        return None
-    shown = -1
-
-    def draw(part: float) -> None:
-        nonlocal shown
-        if int(100 * part) != shown:
-            shown = int(100 * part)
-            print(f'\r{shown:3d} %', end='\r', file=sys.stderr, flush=True)
-
-    return draw
 
 
 def _end(summary: Summary) -> str:

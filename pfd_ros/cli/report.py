@@ -11,7 +11,7 @@ import sys
 
 import pfd_core as pfd
 from pfd_core.report.cases.quantities import QUANTITIES
-from pfd_ros.cli.replay import progress_on
+from pfd_ros.cli.terminal import progress_on
 
 REPORTS = {
     'counts': 'steps of every method compared with the paper',

@@ -7,12 +7,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
-import json
 from pathlib import Path
 import sys
 
+from pfd_ros.cli.terminal import print_json, print_lines
 from pfd_ros.replay.divergence import FIELDS
 from pfd_ros.replay.what_if import THRESHOLDS, JointDivergence, WhatIf, what_if
+from pfd_ros.replay.what_if_plot import check_picture, plot
 from pfd_ros.text import listed, one_line
 
 
@@ -68,7 +69,9 @@ def conflict(given: argparse.Namespace) -> str:
 
 
 def run(given: argparse.Namespace, progress: Callable[[float], None] | None) -> int:
-    """Run the inputs into the changed arm, and print how far it diverges; the status is 0.
+    """Run the inputs into the changed arm, and print how far it diverges.
+
+    The status is 0, or 1 if a picture was requested and could not be written.
 
     Raises
     ------
@@ -78,8 +81,8 @@ def run(given: argparse.Namespace, progress: Callable[[float], None] | None) -> 
         If a file cannot be read or written.
     """
     rename = dict(_renaming(word) for word in given.rename)
-    if given.plot is not None and given.plot.exists():
-        raise FileExistsError(f'{given.plot} exists and is not overwritten; choose another name')
+    if given.plot is not None:
+        check_picture(given.plot)
     found = what_if(
         given.log,
         given.what_if,
@@ -91,19 +94,16 @@ def run(given: argparse.Namespace, progress: Callable[[float], None] | None) -> 
         progress=progress,
     )
     picture = given.plot or found.log.with_suffix('.png')
-    drawn, note = _draw(found, picture, asked=given.plot is not None)
+    drawn, note = _draw(found, picture)
+    status = int(given.plot is not None and not drawn)
     if given.json:
-        print(json.dumps({**as_json(found), 'plot': drawn}, allow_nan=False))
+        print_json({**as_json(found), 'plot': drawn})
         if note:
             print(one_line(note), file=sys.stderr)
-        return 0
-    for line in (
-        *lines_of(found),
-        *([f'plot       {drawn}'] if drawn else []),
-        *filter(None, [note]),
-    ):
-        print(one_line(line))
-    return 0
+        return status
+    drawn_line = f'plot       {drawn}' if drawn else ''
+    print_lines(filter(None, (*lines_of(found), drawn_line, note)))
+    return status
 
 
 def _renaming(word: str) -> tuple[str, str]:
@@ -113,15 +113,11 @@ def _renaming(word: str) -> tuple[str, str]:
     return old, new
 
 
-def _draw(found: WhatIf, path: Path, *, asked: bool) -> tuple[str, str]:
+def _draw(found: WhatIf, path: Path) -> tuple[str, str]:
     """Return the path of the picture, '' without one, and a line that says why."""
-    from pfd_ros.replay.what_if_plot import plot  # needs matplotlib
-
     try:
         plot(found, path)
     except (ValueError, OSError) as error:
-        if asked:
-            raise
         return '', f'no plot    {error}'
     return str(path), ''
 
@@ -182,7 +178,7 @@ def lines_of(found: WhatIf) -> list[str]:
         'N; times in s after the start'
     )
     lines.append(
-        'rounding   the new run again, with its initial positions changed by their last bit'
+        'rounding   the new run again, with 2.2e-16 added to each position that the arm is set to'
     )
     width = max((len(item.joint) for item in found.divergences), default=0)
     head = f'{"":9}  {"":{width}}  {"new run - recorded":49}  rounding alone'

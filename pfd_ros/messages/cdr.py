@@ -18,7 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 HEADER = b'\x00\x01\x00\x00'
+NANOSECONDS = 1_000_000_000
+# A builtin_interfaces/Time, and its place in a message that begins with one.
+TIME = struct.Struct('<iI')
+STAMP = slice(len(HEADER), len(HEADER) + TIME.size)
 _ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
+
+
+def time_bytes(stamp_ns: int) -> bytes:
+    """Return a builtin_interfaces/Time."""
+    return TIME.pack(*divmod(stamp_ns, NANOSECONDS))
 
 
 class CdrReader:
@@ -123,10 +132,10 @@ class CdrWriter:
     def _align(self, align: int) -> None:
         self.data += bytes((len(HEADER) - len(self.data)) % align)
 
-    def int32(self, value: int) -> None:
-        """Append a signed integer of four bytes."""
+    def time(self, stamp_ns: int) -> None:
+        """Append a builtin_interfaces/Time."""
         self._align(4)
-        self.data += struct.pack('<i', value)
+        self.data += time_bytes(stamp_ns)
 
     def uint32(self, value: int) -> None:
         """Append an unsigned integer of four bytes."""

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.messages.cdr import HEADER, CdrReader, CdrWriter
+from pfd_ros.messages.cdr import HEADER, STAMP, TIME, CdrReader, CdrWriter, time_bytes
+from pfd_ros.messages.cdr import NANOSECONDS as NANOSECONDS  # other subpackages take it from here
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 FLOAT_ARRAY = 'std_msgs/msg/Float64MultiArray'
@@ -35,8 +36,6 @@ TRANSITION = 'lifecycle_msgs/msg/TransitionEvent'
 
 # Arrays of a JointState with one number per joint, in the order of `name`.
 JOINT_FIELDS = ('position', 'velocity', 'effort')
-NANOSECONDS = 1_000_000_000
-TIME = struct.Struct('<iI')
 # The beginning of a Float64MultiArray without a layout, and the place of its first number.
 _NO_LAYOUT, _FIRST_NUMBER = HEADER + bytes(8), 20
 
@@ -212,7 +211,7 @@ def decode_bytes(data: bytes) -> bytes:
 
 def encode_clock(stamp_ns: int) -> bytes:
     """Return a Clock message."""
-    return HEADER + TIME.pack(*divmod(stamp_ns, NANOSECONDS))
+    return HEADER + time_bytes(stamp_ns)
 
 
 def decode_clock(data: bytes) -> int:
@@ -257,7 +256,7 @@ class JointStateEncoder:
         self, stamp_ns: int, position: NDArray[Any], velocity: NDArray[Any], effort: NDArray[Any]
     ) -> bytes:
         """Return the message; the arrays are (n,)."""
-        TIME.pack_into(self._data, len(HEADER), *divmod(stamp_ns, NANOSECONDS))
+        self._data[STAMP] = time_bytes(stamp_ns)
         for target, values in zip(self._arrays, (position, velocity, effort), strict=True):
             target[:] = values[self._order]
         return bytes(self._data)
@@ -351,7 +350,7 @@ def encode_clocks(stamps_ns: NDArray[Any]) -> bytes:
 def _write_stamps(rows: NDArray[Any], stamps_ns: NDArray[Any]) -> None:
     """Write stamps into messages that begin with one, (k, bytes)."""
     times = np.stack(np.divmod(stamps_ns, NANOSECONDS), axis=1).astype('<u4')
-    rows[:, len(HEADER) : len(HEADER) + TIME.size] = times.view(np.uint8)
+    rows[:, STAMP] = times.view(np.uint8)
 
 
 def permutation(order: Sequence[int]) -> NDArray[np.intp] | None:
@@ -362,8 +361,7 @@ def permutation(order: Sequence[int]) -> NDArray[np.intp] | None:
 def headed(frame_id: str) -> CdrWriter:
     """Return a message that begins with a std_msgs/Header, whose stamp is zero."""
     writer = CdrWriter()
-    writer.int32(0)
-    writer.uint32(0)
+    writer.time(0)
     writer.string(frame_id)
     return writer
 

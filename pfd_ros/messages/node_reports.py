@@ -4,11 +4,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from itertools import chain
 from typing import NamedTuple
 
 from pfd_ros.messages.cdr import CdrWriter
-from pfd_ros.messages.convert import NANOSECONDS
 
 
 class Status(NamedTuple):
@@ -24,15 +24,16 @@ class Status(NamedTuple):
 def encode_diagnostics(stamp_ns: int, statuses: Sequence[Status]) -> bytes:
     """Return a DiagnosticArray."""
     writer = CdrWriter()
-    _time(writer, stamp_ns)
+    writer.time(stamp_ns)
     writer.string('')
     writer.uint32(len(statuses))
     for status in statuses:
         writer.uint8(status.level)
-        _strings(writer, (status.name, status.message, status.hardware_id))
+        for text in (status.name, status.message, status.hardware_id):
+            writer.string(text)
         writer.uint32(len(status.values))
-        for pair in status.values:
-            _strings(writer, pair)
+        for text in chain.from_iterable(status.values):
+            writer.string(text)
     return bytes(writer.data)
 
 
@@ -46,14 +47,3 @@ def encode_transition(
         writer.uint8(number)
         writer.string(label)
     return bytes(writer.data)
-
-
-def _time(writer: CdrWriter, stamp_ns: int) -> None:
-    seconds, nanoseconds = divmod(stamp_ns, NANOSECONDS)
-    writer.int32(seconds)
-    writer.uint32(nanoseconds)
-
-
-def _strings(writer: CdrWriter, values: Iterable[str]) -> None:
-    for value in values:
-        writer.string(value)

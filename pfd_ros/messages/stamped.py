@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.messages.cdr import HEADER, CdrReader, CdrWriter
-from pfd_ros.messages.convert import INERTIA, NANOSECONDS, POSE, TIME, WRENCH, headed, read_time
+from pfd_ros.messages.cdr import STAMP, CdrReader, CdrWriter, time_bytes
+from pfd_ros.messages.convert import INERTIA, POSE, WRENCH, headed, read_time
 
 # The names of the numbers of each type, in their order; m, quaternions, N, N m, kg, kg m^2.
 NUMBERS = {
@@ -64,7 +64,7 @@ class StampedEncoder:
 
     def encode(self, stamp_ns: int, values: NDArray[Any]) -> bytes:
         """Return the message; the values are (count,)."""
-        TIME.pack_into(self._data, len(HEADER), *divmod(stamp_ns, NANOSECONDS))
+        self._data[STAMP] = time_bytes(stamp_ns)
         self._numbers[:] = values
         return bytes(self._data)
 

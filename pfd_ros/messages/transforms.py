@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.messages.cdr import CdrReader, CdrWriter
-from pfd_ros.messages.convert import NANOSECONDS, TIME, read_time
+from pfd_ros.messages.cdr import TIME, CdrReader, CdrWriter, time_bytes
+from pfd_ros.messages.convert import read_time
 
 # The numbers of a transform: translation in m, and a quaternion.
 NUMBERS = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
@@ -61,9 +61,8 @@ class TransformEncoder:
         writer.uint32(len(frames))
         stamps, numbers = [], []
         for parent, child in frames:
-            writer.int32(0)
-            stamps.append(len(writer.data) - 4)
-            writer.uint32(0)
+            writer.time(0)
+            stamps.append(len(writer.data) - TIME.size)
             writer.string(parent)
             writer.string(child)
             numbers.append(writer.row(np.zeros(len(NUMBERS))))
@@ -74,8 +73,6 @@ class TransformEncoder:
 
     def encode(self, stamp_ns: int, numbers: NDArray[Any]) -> bytes:
         """Return the message; the numbers are (k, 7)."""
-        self._data[self._stamps] = np.frombuffer(
-            TIME.pack(*divmod(stamp_ns, NANOSECONDS)), np.uint8
-        )
+        self._data[self._stamps] = np.frombuffer(time_bytes(stamp_ns), np.uint8)
         self._data[self._numbers] = np.ascontiguousarray(numbers, '<f8').view(np.uint8)
         return self._data.tobytes()

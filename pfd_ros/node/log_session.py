@@ -5,10 +5,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from pathlib import Path
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from rclpy.node import Node
@@ -34,33 +32,31 @@ from pfd_ros.recording.format import (
 )
 
 if TYPE_CHECKING:
+    from pfd_ros.recording.engine_log import EngineLog
     from pfd_ros.recording.recorder import LogRecorder
 
 
 @dataclass(frozen=True)
 class LogSession:
-    """An open recording with channels of these roles, or none if the settings name no file."""
+    """An open recording, or none if the settings name no file."""
 
-    recorder: LogRecorder | None = None
-    roles: Sequence[str] = ()
+    log: EngineLog | None = None
     _numbers: Counter[str] = field(default_factory=Counter)
 
-    @cached_property
-    def _places(self) -> dict[str, int]:
-        return {role: place for place, role in enumerate(self.roles)}
+    @property
+    def recorder(self) -> LogRecorder | None:
+        """The queue of the recording."""
+        return None if self.log is None else self.log.recorder
 
     def record(self, role: str, number: int, data: bytes) -> None:
         """Record one message without blocking."""
-        if self.recorder is not None:
-            self.recorder.record(self._places[role], number, data)
+        if self.log is not None:
+            self.log.record(role, number, data)
 
     def record_all(self, outputs: Iterable[Output], stamp_ns: int) -> None:
         """Record outputs of one cycle, or of what was taken before it, at one time."""
-        if self.recorder is not None:
-            places = self._places
-            self.recorder.record_all(
-                [(places[role], number, data) for role, number, data in outputs], stamp_ns
-            )
+        if self.log is not None:
+            self.log.record_all(outputs, stamp_ns)
 
     def record_next(self, role: str, data: bytes) -> None:
         """Record a message of the node itself, whose numbers only the recording has."""
@@ -104,16 +100,12 @@ class LogSession:
 
     def close(self, totals: Callable[[], Mapping[str, Any]]) -> None:
         """Write the queue and the totals of the run, and close the file."""
-        recorder = self.recorder
-        if recorder is not None:
-            recorder.close(lambda: recorder.ending(totals()))
+        if self.log is not None:
+            self.log.close(totals)
 
 
 def open_session(node: Node, engine: Engine, endpoints: Endpoints) -> LogSession:
     """Open the recording, with a channel for each endpoint and of OWN_TOPICS.
-
-    The recorded settings have 'auto' resolved, since another version may choose differently.
-    The first messages are the URDF and the frames that never move.
 
     Raises
     ------
@@ -124,35 +116,27 @@ def open_session(node: Node, engine: Engine, endpoints: Endpoints) -> LogSession
     if not settings.recording:
         return LogSession()
     # Imported here: a node without a recording starts faster.
-    from pfd_ros.recording import provenance
+    from pfd_ros.recording.engine_log import open_engine_log
     from pfd_ros.recording.mcap_file import Topic
-    from pfd_ros.recording.recorder import LogRecorder
+
+    def topic(role: str, name: str, qos: str) -> Topic:
+        return Topic(name, CHANNELS[role].type, qos, CHANNELS[role].vital)
 
     subscribed = endpoints.subscriptions
     ends: dict[str, Any] = {ROLE_OF_SOURCE[source]: end for source, end in subscribed.items()}
     ends |= endpoints.publishers
     channels = {
-        role: Topic(end.topic_name, CHANNELS[role].type, qos_of(end.qos_profile))
-        for role, end in ends.items()
+        role: topic(role, end.topic_name, qos_of(end.qos_profile)) for role, end in ends.items()
     }
     absent = {DROPPED_STATES, ARM_STATE, DESCRIPTION, TF_STATIC, TF} - roles_of(settings)
     absent -= frozenset() if frames is None else frames.roles
-    for role, topic in OWN_TOPICS.items():
+    for role, own in OWN_TOPICS.items():
         if role in absent:
             continue
-        name = node.resolve_topic_name(topic)
+        name = node.resolve_topic_name(own)
         durability = 'transient_local' if role in LATCHED else 'volatile'
-        channels[role] = Topic(name, CHANNELS[role].type, qos_text(1, durability=durability))
-    roles = [role for role in CHANNELS if role in channels]
-    topics = [replace(channels[role], vital=CHANNELS[role].vital) for role in roles]
-    names = {role: channels[role].name for role in roles}
-    base = provenance.time_base(settings)
-    head = provenance.file_head(settings, engine.arm.robot, names, base, engine.arm.program)
-    error = node.get_logger().error
-    session = LogSession(LogRecorder(Path(settings.recording), topics, head, error), roles)
-    if frames is not None:
-        session.record_all(frames.opening(settings.start_ns), settings.start_ns)
-    return session
+        channels[role] = topic(role, name, qos_text(1, durability=durability))
+    return LogSession(open_engine_log(engine, channels, node.get_logger().error))
 
 
 def qos_of(profile: QoSProfile) -> str:

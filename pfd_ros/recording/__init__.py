@@ -8,6 +8,7 @@
 Writing, from the callers to the disk:
 
     provenance      the head of a file: settings, robot, topics, versions, clocks
+    engine_log      EngineLog: the messages of an engine's run, by role
     recorder        LogRecorder: a bounded queue and the thread that empties it
     mcap_file       the records of the file, and the digests of its topics
     sink            bytes to the disk in complete flushes

@@ -157,17 +157,22 @@ class McapFile:
         self.sink.sync()
 
 
-def _begin(
-    sink: Sink, topics: Sequence[Topic], schemas: Mapping[str, str], head: FileHead
-) -> tuple[Writer, list[int], str]:
-    """Write the head of the file; return the writer, the channel of each topic, and a digest."""
-    writer = Writer(
-        cast('IO[bytes]', sink),  # has the methods that the writer uses
+def new_writer(stream: IO[bytes]) -> Writer:
+    """Return a writer of compressed chunks with checksums of everything."""
+    return Writer(
+        stream,
         chunk_size=CHUNK_BYTES,
         compression=CompressionType.ZSTD,
         enable_crcs=True,
         enable_data_crcs=True,
     )
+
+
+def _begin(
+    sink: Sink, topics: Sequence[Topic], schemas: Mapping[str, str], head: FileHead
+) -> tuple[Writer, list[int], str]:
+    """Write the head of the file; return the writer, the channel of each topic, and a digest."""
+    writer = new_writer(cast('IO[bytes]', sink))  # has the methods that the writer uses
     metadata = [_channel_metadata(topic) for topic in topics]
     digests = {
         topic.name: of_channel(

@@ -35,9 +35,9 @@ from mcap.records import (
     Metadata,
     Schema,
 )
-from mcap.writer import CompressionType, Writer
 
-from pfd_ros.recording.format import CHUNK_BYTES, RECORD_BYTES
+from pfd_ros.recording.format import RECORD_BYTES
+from pfd_ros.recording.mcap_file import new_writer
 from pfd_ros.recording.mcap_stream import (
     FRAME,
     IN_SUMMARY,
@@ -190,13 +190,7 @@ def _begins_there(stream: BinaryIO, chunk: ChunkIndex) -> bool:
 def _copy(
     records: Iterator[McapRecord], written: BinaryIO, found: Recovered, index: _Index
 ) -> None:
-    writer = Writer(
-        written,
-        chunk_size=CHUNK_BYTES,
-        compression=CompressionType.ZSTD,
-        enable_crcs=True,
-        enable_data_crcs=True,
-    )
+    writer = new_writer(written)
     writer.start(index.profile, 'pfd recover')
     # A damaged file may name a channel before its schema.
     schemas: dict[int, int] = {0: 0}

@@ -228,7 +228,9 @@ class BagInputs:
         qd = first.velocity[known] if with_velocities else np.zeros(len(known))
         data = state_bytes([first.names[k] for k in known], first.position[known], qd)
         yield from _input(Source.SET_STATE, 1, 1, self.start_ns, data)
-        yield Fed(PlacedMessage(STATES, 0, 0, 1, self.start_ns, self._first_data), 1.0, 0.0)
+        times = self.start_ns, self.start_ns
+        state = PlacedMessage(STATES, 0, 0, 1, self.start_ns, self._first_data, (), *times)
+        yield Fed(state, 1.0, 0.0)
 
     def _command(self, item: _Timed, held: _Held) -> bool:
         """Take over the efforts of a message; return whether it has any that count."""
@@ -370,9 +372,10 @@ class _Held:
 
 def _input(source: Source, number: int, cycle: int, log_ns: int, data: bytes) -> Iterator[Fed]:
     """Yield an input and its validation row."""
-    yield Fed(PlacedMessage(ROLE_OF_SOURCE[source], number, 0, 0, log_ns, data))
+    times = log_ns, log_ns
+    yield Fed(PlacedMessage(ROLE_OF_SOURCE[source], number, 0, 0, log_ns, data, (), *times))
     row = ValidationRow(cycle, source, number, Verdict.ACCEPTED, crc32(data))
-    yield Fed(PlacedMessage(TAKEN, 0, 0, cycle, log_ns, b'', (row,)))
+    yield Fed(PlacedMessage(TAKEN, 0, 0, cycle, log_ns, b'', (row,), *times))
 
 
 def _stamp(data: bytes) -> int:

@@ -25,9 +25,9 @@ from pfd_ros.arm.events import (
     Verdict,
 )
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.cdr import HEADER
+from pfd_ros.messages.cdr import STAMP, time_bytes
 from pfd_ros.messages.command_bytes import EffortArray
-from pfd_ros.messages.convert import NANOSECONDS, TIME, decode_floats
+from pfd_ros.messages.convert import NANOSECONDS, decode_floats
 from pfd_ros.messages.stamped import effort_encoder
 from pfd_ros.recording.format import ROLE_OF_SOURCE, SOURCE_OF_ROLE
 from pfd_ros.replay.ordering import Inbox, PlacedMessage
@@ -135,7 +135,7 @@ class ChangedInputs:
             rows.append(ValidationRow(cycle, source, number, row.verdict, checksum))
             if known:
                 role = ROLE_OF_SOURCE[source]
-                yield Fed(PlacedMessage(role, number, 0, 0, message.log_ns, data))
+                yield Fed(message._replace(role=role, number=number, cycle=0, data=data, rows=()))
         if rows:
             yield Fed(message._replace(cycle=cycle, rows=tuple(rows)))
 
@@ -151,6 +151,6 @@ class ChangedInputs:
                 return Source.NAMED, effort_encoder(self.old_names).encode(0, efforts)
             order = [self.old_names.index(name) for name in self.new_names]
             return source, EffortArray(len(order)).encode(efforts[order])
-        if source in STAMPED and self._restamped and len(data) >= len(HEADER) + TIME.size:
-            data = data[: len(HEADER)] + bytes(TIME.size) + data[len(HEADER) + TIME.size :]
+        if source in STAMPED and self._restamped and len(data) >= STAMP.stop:
+            data = data[: STAMP.start] + time_bytes(0) + data[STAMP.stop :]
         return source, data

@@ -146,7 +146,7 @@ class NewRun(ChangedRun):
     log
         The log.
     times
-        Log times of the cycles.
+        Times of day of the cycles.
     accepted
         Inputs that the arm accepted.
     rejected
@@ -179,7 +179,7 @@ class NewRun(ChangedRun):
 
     def take(self, message: PlacedMessage) -> None:
         """Follow validation rows."""
-        self.times.add(message.cycle - 1, message.log_ns)
+        self.times.add(message.cycle - 1, message.wall_ns)
         if self._alone(message):
             self.flush()
             self.take_now(message)
@@ -188,7 +188,7 @@ class NewRun(ChangedRun):
 
     def output(self, message: PlacedMessage) -> None:
         """Follow a recorded state."""
-        self.times.add(message.cycle, message.log_ns)
+        self.times.add(message.cycle, message.wall_ns)
         if self._alone(message):
             self.flush()
             self.output_now(message)
@@ -209,7 +209,7 @@ class NewRun(ChangedRun):
     def take_now(self, message: PlacedMessage) -> None:
         """Run to the cycle that took inputs, apply them, and compare their validation."""
         self.run_to(message.cycle - 1)
-        self._now_ns = message.log_ns
+        self._now_ns = message.wall_ns
         self._write_inputs(message, self.driver.engine.arm.stamp_ns)
         found = self.driver.take(self.inbox.take(message))
         self.accepted += sum(
@@ -233,7 +233,7 @@ class NewRun(ChangedRun):
             if self.inbox.has(row):
                 role = ROLE_OF_SOURCE[row.source]
                 payload = self.inbox.payload(row)
-                self.log.add(role, message.log_ns, row.sequence, payload, stamp_ns)
+                self.log.add(role, message.wall_ns, row.sequence, payload, stamp_ns)
 
     def stretched(self, stretch: Stretch) -> bool:
         """Write the inputs and outputs of a stretch."""
@@ -262,7 +262,7 @@ class NewRun(ChangedRun):
                 before_ns = stamp_ns - settings.step_ns
                 self._write_inputs(message, before_ns)
                 rows = encode_rows(message.rows, TAKEN_COLUMNS)
-                self.log.add(TAKEN, message.log_ns, number, rows, before_ns)
+                self.log.add(TAKEN, message.wall_ns, number, rows, before_ns)
             if with_state:
                 number_of_state = cycle // engine.publish_every
                 self.log.add(STATES, at_ns, number_of_state, next(state), stamp_ns)
@@ -278,7 +278,7 @@ class NewRun(ChangedRun):
         """Write the inputs that were not taken, and the totals."""
         arm = self.driver.engine.arm
         for source, number, data in self.inbox.rest():
-            self.log.add(ROLE_OF_SOURCE[source], 0, number, data, arm.stamp_ns)
+            self.log.add(ROLE_OF_SOURCE[source], self._now_ns, number, data, arm.stamp_ns)
         self.log.finish(
             {
                 'steps': arm.step,

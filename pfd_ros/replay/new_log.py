@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Mapping
 import json
 from pathlib import Path
-import time
 from typing import Any
 
 import numpy as np
@@ -29,6 +28,8 @@ from pfd_ros.recording.format import (
 )
 from pfd_ros.recording.mcap_file import McapFile, TimeBase
 
+# Times of cycles in memory.
+MOST_TIMES = 4096
 # Bytes of messages that wait for a flush.
 FLUSH_BYTES = 1 << 22
 
@@ -57,7 +58,7 @@ class NewLog:
     topics
         Topic of each role that the source has.
     started_ns
-        Log time of the start.
+        Time of day of the start.
 
     Raises
     ------
@@ -80,25 +81,27 @@ class NewLog:
         roles = [role for role in CHANNELS if role in wanted]
         channels = provenance.topics_without_node(roles, topics)
         names = {role: channel.name for role, channel in zip(roles, channels, strict=True)}
-        base = TimeBase(started_ns, time.monotonic_ns())
+        self._simulated = settings.log_time == SIMULATED
+        base = TimeBase(started_ns, simulated=self._simulated, start_ns=settings.start_ns)
         head = provenance.file_head(settings, engine.arm.robot, names, base, engine.arm.program)
         self.path = path
         self._index = {role: k for k, role in enumerate(roles)}
         self._names = names
         self._file = McapFile(path, channels, head)
-        self._simulated = settings.log_time == SIMULATED
-        self._last_ns = max(started_ns, settings.start_ns) if self._simulated else started_ns
+        self._last_ns = settings.start_ns if self._simulated else started_ns
         self._counts: Counter[str] = Counter()
         self._newest: Counter[str] = Counter()
         if frames is not None:
             for output in frames.opening(settings.start_ns):
                 self.add(output.role, started_ns, output.number, output.data, settings.start_ns)
 
-    def add(self, role: str, log_ns: int, number: int, data: bytes, stamp_ns: int) -> None:
-        """Write a message at a simulated time; a log time that would decrease is the last one."""
+    def add(self, role: str, wall_ns: int, number: int, data: bytes, stamp_ns: int) -> None:
+        """Write a message with its time of day and its simulated time.
+
+        A log time that would decrease is the one of the previous message.
+        """
+        log_ns, published_ns = (stamp_ns, wall_ns) if self._simulated else (wall_ns, stamp_ns)
         self._last_ns = max(self._last_ns, log_ns)
-        # Of a run whose log times are simulated, the time of day is not known.
-        published_ns = self._last_ns if self._simulated else stamp_ns
         self._file.add(
             self._index[role], self._last_ns, published_ns, number & SEQUENCE_MASK, data
         )
@@ -130,7 +133,7 @@ class NewLog:
 
 
 class LogTimes:
-    """The log time of each cycle, ns: between those of recorded outputs in proportion."""
+    """The time of day of each cycle, ns: between those of recorded outputs in proportion."""
 
     def __init__(self, started_ns: int) -> None:
         self._cycles, self._times = [0], [started_ns]
@@ -142,8 +145,11 @@ class LogTimes:
             self._times.append(max(log_ns, self._times[-1]))
 
     def at(self, cycle: int) -> int:
-        """Return the time of one cycle."""
+        """Return the time of one cycle; those before may be forgotten."""
         k = bisect_left(self._cycles, cycle)
+        if k > MOST_TIMES:
+            del self._cycles[: k - 1], self._times[: k - 1]
+            k = 1
         if k == len(self._cycles):
             return self._times[-1]
         if self._cycles[k] == cycle or k == 0:

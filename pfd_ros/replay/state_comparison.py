@@ -65,7 +65,8 @@ class StateComparison:
 
     def drain(self, *, all_of_them: bool = False) -> None:
         """Compare the states that both runs have reached."""
-        if len(self._pending) < PENDING and not all_of_them:
+        waiting = max(len(self._pending), *(len(run.rows) for run in self._runs))
+        if waiting < PENDING and not all_of_them:
             return
         reached = min(run.reached for run in self._runs)
         ready = next(

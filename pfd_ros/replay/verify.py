@@ -116,6 +116,28 @@ def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | Non
         found.summary.stopped_at, found.summary.failure = arm.step, arm.failure
 
 
+def simulable(
+    log: Log, progress: Callable[[float], None] | None = None
+) -> tuple[Inspection, pfd.Robot]:
+    """Inspect a recording; return the result, and its robot.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged, or holds too little to be simulated to its end (LogError).
+    OSError
+        If it cannot be read.
+    """
+    found = inspect(log, progress)
+    if found.altered:
+        raise ValueError(found.altered)
+    if not found.summary.states:
+        raise LogError(f'{log.path} holds no states, so there is nothing to simulate')
+    if found.summary.obstacle:
+        raise LogError(f'{log.path} {found.summary.obstacle}')
+    return found, recorded_robot(log, found.state)
+
+
 def recorded_robot(log: Log, state: bytes) -> pfd.Robot:
     """Return the robot of a recording; compiling one of other joints could take minutes."""
     robot = read_robot(log.robot_yaml)

@@ -44,12 +44,11 @@ from pfd_ros.replay.bag_inputs import BagInputs
 from pfd_ros.replay.changed_inputs import ChangedInputs, Fed
 from pfd_ros.replay.changed_runs import NewRun, RoundingRun, one_bit
 from pfd_ros.replay.divergence import FIELDS
-from pfd_ros.replay.inspection import inspect
 from pfd_ros.replay.new_log import LogTimes, NewLog, free_path
 from pfd_ros.replay.ordering import PlacedMessage, placed_messages
 from pfd_ros.replay.playback import PROGRESS_MESSAGES
 from pfd_ros.replay.state_comparison import StateComparison
-from pfd_ros.replay.verify import recorded_robot
+from pfd_ros.replay.verify import simulable
 from pfd_ros.replay.what_if_settings import (
     Changes,
     changed_arm,
@@ -255,15 +254,8 @@ def _of_recording(path: Path, changes: Changes, progress: Callable[[float], None
     part = None if progress is None else lambda done: progress(INSPECTION_SHARE * done)
     log = Log(path)
     with damage_named(path):
-        found = inspect(log, part)
-        if found.altered:
-            raise ValueError(found.altered)
-        if not found.summary.states:
-            raise LogError(f'{path} holds no states, so there is nothing to compare')
-        if found.summary.obstacle:
-            raise LogError(f'{path} {found.summary.obstacle}')
+        found, robot = simulable(log, part)
         recorded = found.summary.settings
-        robot = recorded_robot(log, found.state)
         topics = {role: topic for topic, role in log.roles.items()}
         started_ns = log.started_ns
     settings, new, urdf = changed_arm(recorded, robot, changes)

@@ -5,16 +5,44 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pfd_ros.replay.what_if import WhatIf
-from pfd_ros.text import cut
+from pfd_ros.text import cut, listed
 
 # Above so many joints the panels would be too small to read.
 MOST_JOINTS = 12
 # Differences below are drawn there: a logarithm has no zero.
 LEAST = 1e-17
+
+
+def check_picture(path: Path) -> None:
+    """
+    Check that a picture can be written, before a long run.
+
+    Raises
+    ------
+    ValueError
+        If matplotlib is not installed, or does not write files of this suffix.
+    OSError
+        If the file exists.
+
+    """
+    if path.exists():
+        raise FileExistsError(f'{path} exists and is not overwritten; choose another name')
+    known = _figure()().canvas.get_supported_filetypes()
+    if path.suffix.lstrip('.') not in known:
+        raise ValueError(f'{path} has no suffix of a picture; expected one of {listed(known)}')
+
+
+def _figure() -> Any:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ValueError("a plot needs matplotlib: pip install 'pfd_ros[report]'") from error
+    return Figure
 
 
 def plot(found: WhatIf, path: Path) -> None:
@@ -29,10 +57,7 @@ def plot(found: WhatIf, path: Path) -> None:
         If the file exists or cannot be written.
 
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ValueError("a plot needs matplotlib: pip install 'pfd_ros[report]'") from error
+    Figure = _figure()
     time, positions, sizes = found.curves
     joints = found.joints[:MOST_JOINTS]
     figure = Figure(figsize=(11.0, 1.6 * len(joints) + 1.3), layout='constrained')
@@ -66,7 +91,11 @@ def plot(found: WhatIf, path: Path) -> None:
     title = f'{found.source.name}: {changes or "nothing changed"}'
     figure.suptitle(cut(title, 120), fontsize=10)
     with path.open('xb') as stream:
-        figure.savefig(stream, dpi=120, format=path.suffix.lstrip('.') or 'png')
+        try:
+            figure.savefig(stream, dpi=120, format=path.suffix.lstrip('.') or 'png')
+        except BaseException:
+            path.unlink()
+            raise
 
 
 def _range(recorded: np.ndarray, new: np.ndarray) -> tuple[float, float]:

@@ -143,7 +143,7 @@ def changed_arm(
             raise ValueError(
                 f'{unbound[0]} needs robot=: a recording holds its robot as one chain of joints'
             )
-    settings = _with_scene(settings, robot, changes)
+    settings = _with_scene(settings, changes)
     values = {name: value for name, value in values.items() if name not in MODEL}
     if 'method' in values:
         values.setdefault('payload_changes', 'auto')
@@ -225,7 +225,7 @@ def _effect_names() -> frozenset[str]:
     return frozenset({'gravity', *switches}.union(*(joint_settings(f) for f in effect_fields())))
 
 
-def _with_scene(settings: Settings, robot: pfd.Robot, changes: Changes) -> Settings:
+def _with_scene(settings: Settings, changes: Changes) -> Settings:
     """Return settings in which a scene and the effects that change do not conflict."""
     effects = _effect_names()
     given = {name: v for name, v in changes.values.items() if name in effects}

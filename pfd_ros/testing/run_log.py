@@ -6,19 +6,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from pathlib import Path
 import time
 from typing import Any
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import TAKEN, Output
 from pfd_ros.arm.outputs import roles_of
-from pfd_ros.recording import provenance
+from pfd_ros.recording.engine_log import EngineLog, open_engine_log
 from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE
-from pfd_ros.recording.recorder import LogRecorder
+from pfd_ros.recording.provenance import topics_without_node
 
-# Topics that the node's names stand for, where no node has resolved them.
 # The loop is faster than a disk: between two looks at the recorder's queue, and from there on.
 LOOK_MESSAGES = 1000
 BACKLOG_LIMIT = 0.25
@@ -40,32 +37,25 @@ class RunLog:
     """
 
     engine: Engine
-    recorder: LogRecorder
-    roles: tuple[str, ...]
+    log: EngineLog
     accepted: int = 0
     _since: int = 0
 
-    @cached_property
-    def _places(self) -> dict[str, int]:
-        return {role: place for place, role in enumerate(self.roles)}
-
     def record(self, role: str, number: int, data: bytes) -> None:
         """Record one message; waits for the disk now and then."""
-        self.recorder.record(self._places[role], number, data)
+        self.log.record(role, number, data)
         self._wait(1)
 
     def record_all(self, outputs: Sequence[Output]) -> None:
         """Record outputs of one cycle, or of what was taken before it, at one time."""
-        places = self._places
-        messages = [(places[role], number, data) for role, number, data in outputs]
-        self.recorder.record_all(messages, self.engine.arm.stamp_ns)
-        self._wait(len(messages))
+        self.log.record_all(outputs, self.engine.arm.stamp_ns)
+        self._wait(len(outputs))
 
     def _wait(self, messages: int) -> None:
         self._since += messages
         if self._since >= LOOK_MESSAGES:
             self._since = 0
-            while self.recorder.backlog > BACKLOG_LIMIT:
+            while self.log.recorder.backlog > BACKLOG_LIMIT:
                 time.sleep(DISK_POLL_SECONDS)
 
     def close(self) -> None:
@@ -76,10 +66,11 @@ class RunLog:
         RecordingError
             If the file does not hold everything.
         """
-        self.recorder.close(lambda: self.recorder.ending(self._totals()))
-        lost = sum(self.recorder.dropped)
-        if self.recorder.error or lost:
-            raise RecordingError(self.recorder.error or f'{lost} messages were not recorded')
+        self.log.close(self._totals)
+        recorder = self.log.recorder
+        lost = sum(recorder.dropped)
+        if recorder.error or lost:
+            raise RecordingError(recorder.error or f'{lost} messages were not recorded')
 
     def _totals(self) -> dict[str, Any]:
         engine = self.engine
@@ -106,12 +97,5 @@ def open_log(engine: Engine) -> RunLog | None:
     if frames is not None:
         wanted |= frames.roles
     roles = tuple(role for role in CHANNELS if role in wanted)
-    topics = provenance.topics_without_node(roles, {})
-    names = {role: topic.name for role, topic in zip(roles, topics, strict=True)}
-    base = provenance.time_base(settings)
-    head = provenance.file_head(settings, engine.arm.robot, names, base, engine.arm.program)
-    recorder = LogRecorder(Path(settings.recording), topics, head, lambda line: None)
-    log = RunLog(engine, recorder, roles)
-    if frames is not None:
-        log.record_all(frames.opening(settings.start_ns))
-    return log
+    channels = dict(zip(roles, topics_without_node(roles, {}), strict=True))
+    return RunLog(engine, open_engine_log(engine, channels, lambda line: None))

@@ -1,10 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fixtures: processes that leave none behind, peers, and the recording of a real run."""
+"""Fixtures: processes that leave none behind, peers, recordings, and logs of real arms."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+import os
 from pathlib import Path
 import signal
 
@@ -12,6 +13,9 @@ import pytest
 from ros_processes import HAS_ROS, JOINTS, Peer, Processes
 
 from pfd_ros.testing.session import claimed_domain, initialised
+
+# A folder with logs of real arms, each a bag of rosbag2 with /joint_states.
+REAL_ARMS = 'PFD_REAL_ARM_LOGS'
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -46,6 +50,15 @@ def domain() -> Iterator[int]:
     """Return a ROS domain of this module, in which rclpy is initialised."""
     with claimed_domain() as found, initialised(found):
         yield found
+
+
+@pytest.fixture(scope='session')
+def real_arms() -> Path:
+    """Return the folder with logs of real arms."""
+    folder = os.environ.get(REAL_ARMS)
+    if folder is None:
+        pytest.skip(f'set {REAL_ARMS} to a folder with bags of real arms')
+    return Path(folder)
 
 
 @pytest.fixture(scope='session')

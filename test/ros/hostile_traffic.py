@@ -131,14 +131,18 @@ class Messages:
             ]
         )
 
+    def stamp(self, writer: CdrWriter) -> None:
+        """Append a time: seconds, some negative, and nanoseconds, some of a second or more."""
+        writer.uint32(self.random.choice((0, 0, 0, -1 % 2**32, 1, 2**31 - 1)))
+        writer.uint32(self.random.choice((0, 0, 0, 1, 2**32 - 1)))
+
     def named(self) -> bytes:
         """Return a JointState: whole or ragged, known joints or strange ones."""
         names = list(JOINTS)
         if self.random.random() < 0.7:
             names = [self.name() for _ in range(self.size())]
         writer = CdrWriter()
-        writer.int32(self.random.choice((0, 0, 0, -1, 1, 2**31 - 1)))
-        writer.uint32(self.random.choice((0, 0, 0, 1, 2**32 - 1)))
+        self.stamp(writer)
         writer.string(self.name())
         writer.strings(tuple(names))
         for _ in range(3):
@@ -163,8 +167,7 @@ class Messages:
     def stamped(self, count: int) -> bytes:
         """Return numbers with a header: a WrenchStamped has 6, an InertiaStamped 10."""
         writer = CdrWriter()
-        writer.int32(self.random.choice((0, 0, 0, -1, 1, 2**31 - 1)))
-        writer.uint32(self.random.choice((0, 0, 0, 1, 2**32 - 1)))
+        self.stamp(writer)
         writer.string(TIP if self.random.random() < 0.5 else self.name())
         writer.row(self.numbers(count, savage=self.random.choice((0.0, 0.0, 0.2))))
         return bytes(writer.data)

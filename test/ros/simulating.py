@@ -73,8 +73,7 @@ def joint_state(
 ) -> bytes:
     """Return a JointState, a command by name or a state to jump to; its arrays may be ragged."""
     writer = cdr.CdrWriter()
-    writer.int32(stamp_ns // 1_000_000_000)
-    writer.uint32(stamp_ns % 1_000_000_000)
+    writer.time(stamp_ns)
     writer.string('')
     writer.strings(tuple(names))
     for values in (position, velocity, effort):

@@ -4,10 +4,13 @@
 
 from __future__ import annotations
 
+from array import array
+from contextlib import nullcontext
 from pathlib import Path
 import shlex
 import subprocess
 import sys
+import time
 
 import pytest
 from ros_processes import Processes, environment
@@ -82,6 +85,17 @@ def test_without_a_cache_the_line_says_what_that_costs(monkeypatch: pytest.Monke
     (found,) = doctor.cache()
     assert not found.failed
     assert 'compiles its kernels again' in found.text
+
+
+@pytest.mark.parametrize('times', [(), (1,)])
+def test_a_timer_that_does_not_get_to_run_is_a_finding(
+    monkeypatch: pytest.MonkeyPatch, times: tuple[int, ...]
+) -> None:
+    monkeypatch.setattr(doctor, 'bare_timer', lambda period: nullcontext(array('q', times)))
+    monkeypatch.setattr(time, 'sleep', lambda seconds: None)
+    (found,) = doctor.clock()
+    assert found.subject == 'clock'
+    assert f'woke {len(times)} times in 1 s, expected 1000' in found.text
 
 
 def test_a_kernel_with_a_wrong_answer_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,7 @@ import pytest
 from rewriting import ARRAY, CLOCK, GOLDEN, NAMED, STATES, TAKEN, load
 from ros_processes import Peer, Process, Processes, call, environment
 from test_played_topics import install_definition
-from test_read_log import REAL_ARMS, rosbag2
+from test_read_log import rosbag2
 from test_signals import wait_for_handlers
 
 from pfd_ros.messages.convert import decode_clock, encode_string
@@ -381,6 +381,26 @@ def test_a_callback_that_fails_ends_the_player(
     peer.node.destroy_client(client)
 
 
+def test_a_request_that_rclpy_cannot_answer_does_not_end_the_player(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    from rcl_interfaces.msg import Parameter, ParameterValue
+    from rcl_interfaces.srv import SetParameters
+
+    peer = peer_of(processes)
+    log = write_words(tmp_path / 'words.mcap', 200)
+    player = start(processes, log)
+    player.wait_for_text('begin at')
+    client = peer.node.create_client(SetParameters, '/log_player/set_parameters')
+    peer.wait(client.service_is_ready)
+    unknown = Parameter(name='rate', value=ParameterValue(type=200))
+    client.call_async(SetParameters.Request(parameters=[unknown]))
+    player.wait_for_text('ROS: a request failed: ')
+    assert set_parameter(peer, 'rate', 2.0) == ''
+    peer.node.destroy_client(client)
+    assert player.end(signal.SIGINT) == 128 + signal.SIGINT
+
+
 def test_an_output_that_is_closed_ends_the_player(processes: Processes, tmp_path: Path) -> None:
     log = write_words(tmp_path / 'words.mcap', 4, apart=0.05)
     command = [sys.executable, '-m', 'pfd_ros.cli.main', 'replay', str(log), '--publish', '--loop']
@@ -544,16 +564,13 @@ def test_options_that_make_no_sense_have_status_2(
 
 @pytest.mark.parametrize('name', ['panda_exciting_trajectory', 'ur10_exciting_trajectory'])
 def test_a_log_of_a_real_arm_comes_bit_for_bit(
-    processes: Processes, peer_of: PeerOf, name: str
+    processes: Processes, peer_of: PeerOf, real_arms: Path, name: str
 ) -> None:
-    folder = os.environ.get(REAL_ARMS)
-    if folder is None:
-        pytest.skip(f'set {REAL_ARMS} to a folder with bags of real arms')
     peer = peer_of(processes)
     listener = Listener(peer, (STATES, 'sensor_msgs/msg/JointState'))
-    player = start(processes, Path(folder) / name, '--rate', '10', '--start-paused')
+    player = start(processes, real_arms / name, '--rate', '10', '--start-paused')
     begin(peer, player, listener)
     paused(peer, False)
     assert listener.end_of(player) == 0, player.text()
-    with rosbag2.Reader(Path(folder) / name) as reader:
+    with rosbag2.Reader(real_arms / name) as reader:
         assert listener.on(STATES) == [bytes(data) for _, _, data in reader.messages()]

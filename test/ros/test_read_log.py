@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from copy import deepcopy
 from itertools import chain
-import os
 from pathlib import Path
 import random
 import sqlite3
@@ -26,8 +25,6 @@ from pfd_ros import read_log
 from pfd_ros.recording.reader import LogError
 
 NUMBERS = {'float64': float, 'float32': np.float32, 'bool': bool}
-# A folder with logs of real arms, each a bag of rosbag2 with /joint_states.
-REAL_ARMS = 'PFD_REAL_ARM_LOGS'
 
 
 def flat(kind: str, message: Any) -> dict[str, Any]:
@@ -365,11 +362,8 @@ def test_mutated_bags_are_read_or_refused_as_logs(whole_bag: Path, data: st.Data
         event('read')
 
 
-def test_logs_of_real_arms_are_read_as_sqlite_and_rosbags_have_them() -> None:
-    folder = os.environ.get(REAL_ARMS)
-    if folder is None:
-        pytest.skip(f'set {REAL_ARMS} to a folder with bags of real arms')
-    bags = [path.parent for path in Path(folder).glob('*/metadata.yaml')]
+def test_logs_of_real_arms_are_read_as_sqlite_and_rosbags_have_them(real_arms: Path) -> None:
+    bags = [path.parent for path in real_arms.glob('*/metadata.yaml')]
     assert bags
     for bag in bags:
         states = read_log(bag)['/joint_states']

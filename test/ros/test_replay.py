@@ -20,11 +20,14 @@ from simulating import states_of
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.cli import main as command_line
-from pfd_ros.cli.replay import INCOMPLETE, progress_on
+from pfd_ros.cli.recorded_motion import read_motion
+from pfd_ros.cli.replay import INCOMPLETE
+from pfd_ros.cli.terminal import progress_on
 from pfd_ros.messages.convert import decode_clock, decode_joint_state
 from pfd_ros.recording.format import END
 from pfd_ros.recording.reader import Log, LogError
 from pfd_ros.replay.verify import DifferenceError, read
+from pfd_ros.replay.what_if import what_if
 
 pytestmark = pytest.mark.ros
 
@@ -215,11 +218,17 @@ def test_half_of_the_states_cannot_be_taken_away_without_a_status(
     assert 0 < read(tmp_path / 'a.mcap').states < read(recorded).states
 
 
-def test_a_recording_without_states_cannot_be_verified(recorded: Path, tmp_path: Path) -> None:
+def test_a_recording_without_states_is_read_and_not_simulated(
+    recorded: Path, tmp_path: Path
+) -> None:
     path = without(recorded, tmp_path, STATES, range(1, 1 << 20))
-    with pytest.raises(LogError, match='holds no states'):
+    with pytest.raises(LogError, match='holds no states, so there is nothing to verify'):
         read(path, verify=True)
+    for simulate in (what_if, read_motion):
+        with pytest.raises(LogError, match='holds no states, so there is nothing to simulate'):
+            simulate(path)
     assert read(path).states == 0
+    assert not (tmp_path / f'{path.stem}_what_if.mcap').exists()
 
 
 def test_a_summary_says_what_is_in_the_file(

@@ -428,8 +428,40 @@ def test_without_matplotlib_there_is_a_line_and_no_picture(
     assert main([*arguments, str(tmp_path / 'b.mcap')]) == 0
     (line,) = (x for x in capsys.readouterr().out.splitlines() if x.startswith('no plot'))
     assert "a plot needs matplotlib: pip install 'pfd_ros[report]'" in line
+    # Before the run, if a picture was requested.
     assert main([*arguments, str(tmp_path / 'c.mcap'), '--plot', str(tmp_path / 'c.png')]) == 1
-    assert not (tmp_path / 'b.png').exists()
+    assert [path.name for path in tmp_path.iterdir()] == ['b.mcap']
+
+
+def test_a_picture_of_an_unknown_format_is_refused_before_the_run(
+    swing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ['replay', str(swing), '--what-if', '--out', str(tmp_path / 'b.mcap')]
+    assert main([*arguments, '--plot', str(tmp_path / 'b.xyz')]) == 1
+    assert 'b.xyz has no suffix of a picture' in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('record', [swung, eventful, saving, failing])
+def test_the_log_times_of_a_run_without_a_change_are_the_recorded_ones(
+    record: Callable[[Path], Path], tmp_path: Path
+) -> None:
+    log = record(tmp_path / 'a.mcap')
+    found = what_if(log)
+    times = [
+        [(m.topic, m.sequence, m.log_ns) for m in load(path).messages] for path in (log, found.log)
+    ]
+    assert len({log_ns for *_, log_ns in times[0]}) > 100
+    assert sorted(times[1]) == sorted(times[0])
+
+
+def test_wall_times_of_a_source_without_them_are_interpolated(swing: Path, tmp_path: Path) -> None:
+    found = what_if(swing, ['recording_time=wall'], out=tmp_path / 'b.mcap')
+    wall = [message.log_ns for message in load(found.log).on(STATES)]
+    source = [message.published_ns for message in load(swing).on(STATES)]
+    assert wall == pytest.approx(source, abs=1)
+    stamps = read_log(found.log)['/joint_states'].time
+    assert stamps[-1] - stamps[0] == pytest.approx(0.999)
 
 
 def test_nothing_is_overwritten(

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,8 +19,6 @@ from pfd_ros.cli.main import main
 from pfd_ros.recording.reader import LogError
 from pfd_ros.replay.what_if import WhatIf, what_if
 
-# A folder with logs of real arms, each a bag of rosbag2 with /joint_states.
-REAL_ARMS = 'PFD_REAL_ARM_LOGS'
 JOINT_STATE, FLOATS = 'sensor_msgs/msg/JointState', 'std_msgs/msg/Float64MultiArray'
 NAMES = ('shoulder', 'elbow')
 H = 1e-3
@@ -273,13 +270,6 @@ def test_a_bag_without_a_topic_of_commands_is_no_recording(
     assert capsys.readouterr().err == line
 
 
-def real_arm(name: str) -> Path:
-    folder = os.environ.get(REAL_ARMS)
-    if folder is None:
-        pytest.skip(f'set {REAL_ARMS} to a folder with bags of real arms')
-    return Path(folder) / name
-
-
 @pytest.mark.parametrize(
     ('name', 'robot', 'rename'),
     [
@@ -288,9 +278,9 @@ def real_arm(name: str) -> Path:
     ],
 )
 def test_efforts_of_real_arms_act_at_their_times(
-    tmp_path: Path, name: str, robot: str, rename: dict[str, str]
+    real_arms: Path, tmp_path: Path, name: str, robot: str, rename: dict[str, str]
 ) -> None:
-    bag = real_arm(name)
+    bag = real_arms / name
     source = robot if robot == 'panda' else str(example_robot(robot))
     words = [f'robot={source}', 'effort_limits=false', 'torque_speed=false', 'integrator=rk4']
     found = what_if(bag, words, commands='/joint_states', rename=rename, out=tmp_path / 'new.mcap')

@@ -78,7 +78,7 @@ def batch(program: Program, form: Format, size: int, name: str = 'batch') -> str
 
     `form` is strided. `table` holds, for each input and then for the output (`size` elements), a
     pointer, the stride between states and the stride between elements, in bytes. The result is
-    0, or 1 if some input number is not finite. `name` is that of the function.
+    0, or 1 if some input number is not finite. `name` is the function's name.
     """
     sizes = {name: program.inputs[name] for name in arguments(program)} | {'out': size}
     ir = Function(f'define i64 @{name}(i64 %count, ptr %table)')

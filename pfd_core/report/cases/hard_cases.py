@@ -104,7 +104,10 @@ def _cases(name: str) -> Iterator[Case]:
     for case, row in table(name).items():
         maker, *given = row.pop('make')
         make = partial(getattr(problems, maker), *given, **row.pop('options', {}))
-        read = {key: READ.get(key, bool)(value) for key, value in row.items()}
+        unknown = sorted(row.keys() - READ.keys())
+        if unknown:
+            raise ValueError(f'case {case} of {name} has unknown keys {unknown}')
+        read = {key: READ[key](value) for key, value in row.items()}
         yield Case(case, make=make, **read)
 
 
@@ -113,10 +116,17 @@ def _bound(text: object) -> Bound:
     return Bound(float(value), unit)
 
 
+def _switch(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f'a switch is {value!r}, expected true or false')
+    return value
+
+
 READ: dict[str, Callable[[Any], Any]] = {
     'cause': str,
     **dict.fromkeys(('float64', 'float32', 'plain'), _bound),
     'before': tuple,
+    **dict.fromkeys(('wide', 'fast'), _switch),
 }
 CASES: Sequence[Case] = tuple(_cases('hard_cases'))
 MECHANISMS: Sequence[Case] = tuple(_cases('mechanisms'))

@@ -115,7 +115,7 @@ class Point:
     error : float or None
         Largest error over the states of the case; None for an answer that is not finite.
     in_units : float or None
-        Largest error over kappa_s u, u that of the number format.
+        Largest error over kappa_s u, u the rounding unit of the number format.
 
     """
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from html import escape
 
-from pfd_core.algorithms.paper.array_solver import solve
 from pfd_core.machine.systolic import Place, Trace
 
 # Colour of each action, from a palette for colour-blind readers.
@@ -97,14 +96,3 @@ def _cell(place: Place, n: int, action: str | None) -> str:
         r = CELL / 2 - 1
         return f'<circle cx="{x + CELL / 2:g}" cy="{y + CELL / 2:g}" r="{r:g}" {style}/>'
     return f'<rect x="{x + 1}" y="{y + 1}" width="{CELL - 2}" height="{CELL - 2}" {style}/>'
-
-
-def solve_picture(n: int) -> str:
-    """Return the SVG of a whole solve of n equations by the triangular array."""
-    # The actions do not depend on the numbers of a positive definite matrix.
-    H = [[n + 1.0 if i == j else 1.0 for j in range(n)] for i in range(n)]
-    trace = solve(H, [1.0] * n).trace
-    title = (
-        f'Triangular array, n = {n}: factorisation and both substitutions, {trace.cycles} cycles'
-    )
-    return activity_svg(trace, title)

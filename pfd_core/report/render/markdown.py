@@ -24,6 +24,8 @@ from typing import Any
 
 WIDTH = 99
 BLOCK = re.compile(r'{(\w+)}')
+# A place for a value or for an attribute of it, perhaps with a format.
+PLACE = re.compile(r'{(\w+)((?:\.\w+)*)(?::[^}]*)?}')
 # Titles of a table, each with the field of a row, or a function of a row, that gives its cells. Of
 # equal titles the second ends with a space.
 Columns = Mapping[str, str | Callable[[Any], object]]
@@ -33,7 +35,7 @@ def page(name: str, /, **values: Any) -> str:
     """Return the page or section of a template of texts, ended by a line break."""
     template = files('pfd_core.report') / 'texts' / f'{name}.md'
     text = template.read_text(encoding='utf-8')
-    unused = sorted(values.keys() - set(BLOCK.findall(text)))
+    unused = sorted(values.keys() - {key for key, _ in PLACE.findall(text)})
     if unused:
         raise ValueError(f'the template {name} has no place for {", ".join(unused)}')
     lines: list[str] = []
@@ -46,8 +48,8 @@ def page(name: str, /, **values: Any) -> str:
             if not left_out:
                 lines.append(value.rstrip('\n') if isinstance(value, str) else '\n'.join(value))
         elif line or not left_out:
-            for key in BLOCK.findall(line):
-                if not isinstance(values[key], (str, int, float)):
+            for key, attribute in PLACE.findall(line):
+                if not attribute and not isinstance(values[key], (str, int, float)):
                     raise TypeError(f'{key} in {name} must be text, got {values[key]!r:.40}')
             filled = line.format_map(values)
             lines.append(paragraph(filled) if len(line) > WIDTH and line[0] != '-' else filled)

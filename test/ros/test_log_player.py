@@ -486,6 +486,25 @@ def test_a_second_publisher_of_a_topic_is_reported(
     peer.node.destroy_publisher(other)
 
 
+def test_messages_far_out_of_order_are_counted_at_the_end(
+    processes: Processes, tmp_path: Path
+) -> None:
+    path = tmp_path / 'unordered.mcap'
+    with path.open('wb') as stream:
+        writer = Writer(stream)
+        writer.start('ros2', 'test')
+        schema = writer.register_schema(STRING, 'ros2msg', b'string data\n')
+        channel = writer.register_channel(WORDS, 'cdr', schema)
+        # One more than can wait lies before the last one in the file.
+        for at in (*range(1, 4099), 0):
+            writer.add_message(channel, at, word(0), at)
+        writer.finish()
+    player = start(processes, path)
+    assert player.process.wait(60) == 0
+    line = '1 messages are out of order by more than 4096 messages or 16 MiB; published late'
+    assert line in player.text()
+
+
 def test_a_log_that_was_cut_off_is_published_up_to_the_cut(
     processes: Processes, peer_of: PeerOf, tmp_path: Path
 ) -> None:

@@ -219,6 +219,7 @@ def test_random_chains_agree_with_pinocchio() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_thirty_chains_agree_with_pinocchio_and_every_tenth_with_differences() -> None:
     for k, (rng, robot) in enumerate(chains(30, seed=46)):
         assert against_pinocchio(rng, robot, with_springs(robot)) < PINOCCHIO

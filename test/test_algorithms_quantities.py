@@ -25,7 +25,7 @@ from pfd_core.model import Frame, Plant, resolve
 from pfd_core.model.geometry import rotation_z
 
 FEW, MANY = 6, 100
-SEVERAL = [FEW, pytest.param(MANY, marks=pytest.mark.slow)]
+SEVERAL = [FEW, pytest.param(MANY, marks=[pytest.mark.slow, pytest.mark.long])]
 # All effects with a torque or an energy, and brakes and effort limits, which no quantity has.
 EVERYTHING = pfd.Scene(
     damping='model',

@@ -223,6 +223,7 @@ def test_the_demo_proves_itself_and_no_live_arm_hears_of_it(
 
 @pytest.mark.ros
 @pytest.mark.slow
+@pytest.mark.long
 def test_demos_side_by_side_do_not_disturb_each_other(tmp_path: Path) -> None:
     folders = [tmp_path / str(k) for k in range(3)]
     for folder in folders:

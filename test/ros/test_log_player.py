@@ -338,6 +338,7 @@ def test_a_signal_before_the_end_has_the_status_of_a_shell(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_signal_at_any_moment_ends_the_player_cleanly(
     processes: Processes, tmp_path: Path
 ) -> None:

@@ -373,7 +373,7 @@ ARMS: dict[str, Callable[[], Arm]] = {
 }
 # Arms of which composite bodies are further off than SHOWN in some of the states.
 HARD = ('rods_12', 'heavy_tip_1e8')
-# The method whose 50 digits are the reference: never the one that is tested.
+# The method whose 50 digits are the reference: never the tested one.
 OTHER = {'composite_body': 'articulated_body', 'articulated_body': 'pcrbm'}
 
 # Largest ratio of estimate and error, either way, where the error is above SHOWN: the same number
@@ -396,7 +396,7 @@ def assert_estimates(arm: str, method: str, dtype: str, count: int) -> None:
     }
     kernel = pfd.compile_kernel(robot, scene=scene, method=method, dtype=dtype, refine=1)
     qdd, estimates = kernel.error_estimate(*state.values())
-    # The answer before the step. That of a kernel without refinement differs in its last bits,
+    # The answer before the step. A kernel without refinement differs in its last bits,
     # for other products are fused there, and so by a multiple in its error.
     emulated = run(
         lower(record_with_first_answer(plant, method, dtype), dtype).compiled, state, dtype

@@ -61,7 +61,7 @@ LONG = '\n  '.join(
 
 def record_nothing(turns: int) -> None:
     for _ in range(turns):
-        with recipe._uncollected():
+        with recipe.uncollected():
             time.sleep(1e-5)
             assert not gc.isenabled()
 

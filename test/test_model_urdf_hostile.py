@@ -376,7 +376,7 @@ def test_every_chain_of_the_examples_has_the_physics_of_pinocchio_or_is_refused(
     assert not [line for line in refused if not re.search(REFUSALS, line)]
 
 
-# ---- misspelt names, and those of other tools ------------------------------------------------
+# ---- misspelt names, and names of other tools ------------------------------------------------
 
 
 NAMED = """
@@ -438,7 +438,7 @@ def test_a_misspelt_name_is_warned_of_with_the_likely_one(
         warnings.simplefilter('always')
         try:
             pfd.load_robot(NAMED.replace(right, wrong))
-        except ValueError:  # without its <inertial> the arm is no body
+        except ValueError:  # without its <inertial> the arm has no body
             assert right == 'inertial>'
     (warning,) = found
     assert re.search(text, str(warning.message))

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The speeds in README.md and in the guide are those of docs/report/speed.json."""
+"""The speeds in README.md and in the guide equal docs/report/speed.json."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ TINY = quantity_rows.Plan(
 )
 COUNT = 3
 WITH_COMPILER = pytest.mark.skipif(
-    shutil.which(casadi.COMPILER[0]) is None, reason='there is no C compiler'
+    shutil.which(casadi.COMPILER[0]) is None, reason='needs a C compiler'
 )
 
 

@@ -33,7 +33,7 @@ BENCHMARK = Path(__file__).resolve().parent.parent / 'benchmarks' / 'speed.py'
 # MuJoCo gets rotations as unit quaternions, which adds their rounding to that of the dynamics.
 QUATERNIONS = 10 * tolerances.DYNAMICS
 WITH_COMPILER = pytest.mark.skipif(
-    shutil.which(casadi.COMPILER[0]) is None, reason='there is no C compiler'
+    shutil.which(casadi.COMPILER[0]) is None, reason='needs a C compiler'
 )
 # Other quantities have tests of their own.
 TINY = replace(speed.QUICK, robots=('planar2', 'chain3'), others=None)

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Ensembles: every arm moves by the bits of its own simulator, with any feedback."""
+"""Ensembles: every arm has the bits of a single simulator, with any feedback."""
 
 from __future__ import annotations
 

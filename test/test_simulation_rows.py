@@ -20,7 +20,7 @@ TAUS = np.random.default_rng(1).normal(size=(30, 2))
 
 
 def adams_bashforth(system: System, h: float, q: Any, qd: Any, before: Any) -> tuple[Any, ...]:
-    """Advance by the acceleration and that of the step before, which is a row of the state."""
+    """Advance by the last two accelerations; the older one is a row of the state."""
     a = system.accelerations(q, qd, 0)
     return system.advance(q, h * qd), qd + h * (1.5 * a - 0.5 * before), a
 

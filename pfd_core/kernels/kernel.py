@@ -102,7 +102,7 @@ class Kernel:
 
     @property
     def code_digest(self) -> str:
-        """SHA-256 of the LLVM IR of one state, in hex; the processor is no part of it."""
+        """SHA-256 of the LLVM IR of one state, in hex, the same for every processor."""
         return self._code.single.digest
 
     @property

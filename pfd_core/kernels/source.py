@@ -98,7 +98,9 @@ class KernelSource:
         return self._recorded()
 
     def _recorded(self) -> Stages:
-        with _uncollected():
+        # A recording has no cycles of references; to look for them would take a third of the time
+        # of a long program.
+        with uncollected():
             return self._lowered()
 
     @property
@@ -290,12 +292,11 @@ def _is_outline(value: Any) -> bool:
 
 
 @contextmanager
-def _uncollected() -> Iterator[None]:
+def uncollected() -> Iterator[None]:
     """
-    Switch off the collection of reference cycles, of which a recording has none.
+    Switch off the collection of reference cycles.
 
-    It would visit all instructions again and again, for a third of the time of a long program.
-    The collector is common to all threads, so threads record in turn, and no process forks
+    The collector is common to all threads, so threads do this in turn, and no process forks
     meanwhile.
     """
     with no_fork:

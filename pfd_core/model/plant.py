@@ -68,7 +68,7 @@ class Plant(FrozenArrays):
     sliding_friction : ndarray or None
         (n, 3) [N m, N m, rad/s; N, N, m/s]: Coulomb friction, the friction at rest towards which
         it rises, and the velocity at which it has risen half-way, of joints that stay in motion.
-        It is no field of Scene: at an instant no joint sticks.
+        Scene has no such field: at an instant no joint sticks.
     effects : mapping
         Field of Scene -> numbers of an effect that is on, (n,) or (n, columns), in the units of
         its record in `pfd_core.model.effects`. Static friction is there with friction, and

@@ -92,7 +92,7 @@ class Scene:
         torques do not. The braking torque is limited by the first row at any speed. "model": the
         robot's effort limit up to its velocity limit, then linear to zero at twice that speed.
     gravity_compensation : bool or Scene
-        Whether the motors add gravity torques to the commanded torques: True for those of the
+        Whether the motors add gravity torques to the commanded torques: True for the
         robot without its payload, in the gravity of this scene; a scene for its own gravity and
         payload.
     motor_lag : None or array_like
@@ -241,7 +241,7 @@ def scene_from_yaml(text: str, source: str) -> Scene:
     Raises
     ------
     ValueError
-        If it is no YAML, a key is unknown or duplicate, or Scene rejects a value.
+        If it is not YAML, a key is unknown or duplicate, or Scene rejects a value.
 
     """
     document = read_yaml(text, source)

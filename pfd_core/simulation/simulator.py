@@ -94,7 +94,7 @@ class Simulator(Simulation):
 
     @property
     def code_digest(self) -> str:
-        """SHA-256 of the LLVM IR of its steps, in hex; the processor is no part of it."""
+        """SHA-256 of the LLVM IR of its steps, in hex, the same for every processor."""
         return self._native.native.digest
 
     @property

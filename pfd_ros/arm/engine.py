@@ -524,7 +524,7 @@ class Engine:
                 wrench.advance(state.wrench, skipped)
 
     def _add_state_and_tick(self, outputs: list[Output], role: str) -> None:
-        """Add the state of this cycle, the outputs beside it, the clock tick and the frames."""
+        """Add the state of this cycle, its further outputs, the clock tick and the frames."""
         arm, cycle = self.arm, self.state.cycle
         if role:
             state = self._encoder.encode(arm.stamp_ns, *self.measured())

@@ -102,11 +102,11 @@ class LinkFrames:
 
 
 def link_frames(text: str, settings: Settings, robot: pfd.Robot) -> LinkFrames:
-    """Return the frames of a URDF for an arm; ValueError if the text is no URDF of a tree."""
+    """Return the frames of a URDF for an arm; ValueError if the text is not a URDF of a tree."""
     # Other text would be taken for the name of a robot or a file.
     urdf = pfd.read_urdf(text) if text.lstrip().startswith('<') else None
     if urdf is None:
-        raise ValueError(f'{DESCRIPTION} is no URDF: it starts with {cut(text[:20])!r}')
+        raise ValueError(f'{DESCRIPTION} is not a URDF: it starts with {cut(text[:20])!r}')
     if len(urdf.joints) >= len(urdf.links):
         raise ValueError(
             f'{DESCRIPTION} has {len(urdf.joints)} joints and {len(urdf.links)} links: no tree'
@@ -139,7 +139,7 @@ def _rules(urdf: pfd.Urdf, moving: Sequence[str], locked: Mapping[str, float]) -
 
 
 class _Rule(NamedTuple):
-    """The position of a joint: multiplier * (that of its leader) + offset, without one offset."""
+    """The position of a joint: multiplier * the leader's + offset, or offset without one."""
 
     leader: str | None
     multiplier: float

@@ -126,7 +126,7 @@ def _show_rate(states: States) -> list[str]:
 
 def unless_busy(late: list[str], bare_off: float) -> tuple[list[str], list[str]]:
     """
-    Return remarks and problems: what comes late is no problem on a machine that is too busy.
+    Return remarks and problems: lateness on a machine that is too busy is not a problem.
 
     Parameters
     ----------

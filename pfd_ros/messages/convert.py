@@ -67,7 +67,7 @@ def decode_array(data: bytes) -> ArrayMessage:
     Raises
     ------
     ValueError
-        If the bytes are no such message.
+        If the bytes are not such a message.
     """
     reader = CdrReader(data)
     return ArrayMessage(*_read_layout(reader), reader.numbers('f8'))
@@ -79,7 +79,7 @@ def decode_joint_state(data: bytes) -> JointMessage:
     Raises
     ------
     ValueError
-        If the bytes are no such message.
+        If the bytes are not such a message.
     """
     reader = CdrReader(data)
     return JointMessage(

@@ -70,7 +70,7 @@ def offered_qos(text: str) -> Qos | None:
     Raises
     ------
     ValueError
-        If the text is no list of QoS profiles.
+        If the text is not a list of QoS profiles.
     """
     if len(text) > TEXT_BYTES:
         raise ValueError(f'QoS profiles of {len(text)} characters, expected at most {TEXT_BYTES}')
@@ -102,7 +102,7 @@ def offered_qos(text: str) -> Qos | None:
 def _qos(row: dict[str, Any]) -> Qos:
     depth = _whole(row.get('depth', '0'), 'depth')
     return Qos(
-        # 0 stands for the default of the middleware.
+        # 0 means the default of the middleware.
         depth=min(depth, MOST_DEPTH) or DEFAULT_DEPTH,
         keep_all=row.get('history') in _KEEP_ALL,
         reliable=row.get('reliability') not in _BEST_EFFORT,

@@ -40,7 +40,7 @@ def decode_stamped(data: bytes, kind: str) -> StampedMessage:
     Raises
     ------
     ValueError
-        If the bytes are no such message.
+        If the bytes are not such a message.
     """
     reader = CdrReader(data)
     stamp_ns, frame_id = read_time(reader), reader.string()

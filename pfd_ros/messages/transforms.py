@@ -35,7 +35,7 @@ def decode_transforms(data: bytes) -> TransformMessage:
     Raises
     ------
     ValueError
-        If the bytes are no such message.
+        If the bytes are not such a message.
     """
     reader = CdrReader(data)
     frames, stamps, numbers = [], [], []

@@ -320,7 +320,7 @@ class _Player:
         self._served_ns = time.monotonic_ns()
 
     def _watched(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback whose errors end the player, unlike those of rclpy's callbacks."""
+        """Return a callback whose errors end the player, unlike errors of rclpy's callbacks."""
 
         def call(*args: Any) -> Any:
             try:

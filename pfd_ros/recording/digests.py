@@ -87,7 +87,7 @@ def sealed_end(values: Mapping[str, str], head_digest: str) -> dict[str, str]:
 
 
 def check_end(texts: Mapping[str, str], head_digest: str) -> None:
-    """Raise ValueError if a record END is not the one that was written."""
+    """Raise ValueError if a record END was altered."""
     values = {key: text for key, text in texts.items() if key != EndKey.DIGEST}
     if texts.get(EndKey.DIGEST) != sealed_end(values, head_digest)[EndKey.DIGEST]:
         raise ValueError('the totals in its end record are not the recorded ones')

@@ -93,7 +93,7 @@ def time_base(settings: Settings) -> TimeBase:
 
 
 def topics_without_node(roles: Sequence[str], names: Mapping[str, str]) -> list[Topic]:
-    """Return the channels of a run without ROS; topics without a name are those of `sim_arm`."""
+    """Return the channels of a run without ROS; topics without a name get `sim_arm`'s."""
     found = []
     for role in roles:
         own = OWN_TOPICS.get(role, role if role in ABSOLUTE else f'~/{role}')

@@ -165,7 +165,7 @@ class LogRecorder:
         messages
             Topic, sequence number and bytes of each.
         simulated_ns
-            Simulated time of the moment, ns; default: that of the last call.
+            Simulated time of the moment, ns; default: as in the last call.
         """
         with self._lock:
             if self._closed:

@@ -30,7 +30,7 @@ Inputs of a recording, or of any bag, into an arm with something changed:
     new_log           the recording of the new run
     changed_runs      the new run, and the same with one bit changed
     divergence        differences summed over a run of any length, and curves for plots
-    state_comparison  recorded states next to those of both runs
+    state_comparison  recorded states next to the states of both runs
     what_if           all of it: `what_if`
     what_if_plot      positions and differences over time
 """

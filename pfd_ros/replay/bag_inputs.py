@@ -206,7 +206,7 @@ class BagInputs:
                 )
             last_ns = item.time_ns
             begins = place.cycle_after(item.time_ns)
-            # Until then newer efforts replace those of the command.
+            # Until then newer efforts replace the command's.
             if held.changed and begins > cycle:
                 yield from held.command(cycle, place.begin(cycle))
             if item.is_command:

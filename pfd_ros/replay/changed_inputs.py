@@ -91,7 +91,7 @@ class ChangedInputs:
         return cycle * self.old.step_ns // self.new.step_ns
 
     def messages(self, placed: Iterator[PlacedMessage]) -> Iterator[Fed]:
-        """Yield inputs, validation rows and states; other outputs are those of the old arm."""
+        """Yield inputs, validation rows and states; other outputs belong to the old arm."""
         for message in placed:
             if message.role in SOURCE_OF_ROLE:
                 if self._restamped or self._renamed:

@@ -93,7 +93,7 @@ class ChangedRun(Playback):
         """Follow no message that is neither input nor output of a cycle."""
 
     def run_to(self, cycle: int) -> None:
-        """Run the cycles up to this one, also those of a failed arm."""
+        """Run the cycles up to this one, also if the arm has failed."""
         engine = self.driver.engine
         while engine.cycles < cycle:
             self.driver.step()

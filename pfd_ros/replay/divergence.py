@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 FIELDS = ('position', 'velocity', 'effort')
-# Rows of a curve; of longer runs each row stands for several states.
+# Rows of a curve; a row of a longer run covers several states.
 MOST_ROWS = 4000
 
 
@@ -79,7 +79,7 @@ class Curves:
     """
     Positions of two runs and their differences over time, in MOST_ROWS rows at most.
 
-    Where a row stands for several states, it has the first positions and the largest differences.
+    Where a row covers several states, it has the first positions and the largest differences.
 
     """
 

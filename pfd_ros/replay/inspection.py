@@ -227,7 +227,7 @@ class _WaitingEvents:
     def take(self, message: PlacedMessage) -> None:
         lost = message.number - self._rows - 1
         if lost:
-            # They may be of any step from that of the rows before on.
+            # They may be of any step from the previous rows' step on.
             self._block(
                 self._last,
                 f'lacks {lost} records of commands taken before step {message.cycle}: '

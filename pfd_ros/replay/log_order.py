@@ -23,7 +23,7 @@ KEPT_BYTES = 1 << 26
 def in_time_order(
     messages: Iterable[BagMessage], most: int = AHEAD_MESSAGES, most_bytes: int = AHEAD_BYTES
 ) -> Iterator[BagMessage]:
-    """Yield messages by log time, those of one time as they came, within a window of the file.
+    """Yield messages by log time, equal times in file order, within a window of the file.
 
     A message that lies further behind later ones is yielded as soon as it is read.
     """
@@ -109,7 +109,7 @@ def survey(bag: Bag, stopped: Callable[[], bool] = bool) -> Survey:
     Raises
     ------
     LogError
-        If a file is no bag, or damaged before its end.
+        If a file is not a bag, or damaged before its end.
     ValueError
         If a log time is none of ROS.
     OSError

@@ -133,7 +133,7 @@ class NewLog:
 
 
 class LogTimes:
-    """The time of day of each cycle, ns: between those of recorded outputs in proportion."""
+    """The time of day of each cycle, ns, interpolated between recorded outputs."""
 
     def __init__(self, started_ns: int) -> None:
         self._cycles, self._times = [0], [started_ns]

@@ -263,7 +263,7 @@ def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
     """Return the rows of a message: all of one cycle, and all of overflow or none."""
     decoded = rows_as_written(entry.data, TAKEN_COLUMNS)
     if decoded is None:
-        # Bytes that are no message have a separate error.
+        # Bytes that cannot be decoded have a separate error.
         decode_rows(entry.data, len(TAKEN_COLUMNS))
         raise ValueError(f'taken {entry.sequence} is not as the node writes it')
     for _, source, _, verdict, _ in decoded:

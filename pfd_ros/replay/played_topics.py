@@ -5,7 +5,7 @@
 A command that was recorded must not reach a real arm by accident. In a recording of the node the
 commands are the topics of its inputs. In every log they are also the topics whose last names are
 those of the node's inputs, whose name contains a word of COMMAND_PARTS or COMMAND_WORDS, and whose
-type is one of COMMAND_TYPES. Outputs of the node under their own names are no commands. A topic
+type is one of COMMAND_TYPES. Outputs of the node under their own names are not commands. A topic
 that is named by the caller is published.
 """
 
@@ -179,7 +179,7 @@ def obstacle_of(topic: BagTopic) -> str:
     if topic.encoding != MESSAGE_ENCODING:
         return f'its messages are encoded as {cut(topic.encoding)!r}, not {MESSAGE_ENCODING!r}'
     if not _TYPE.fullmatch(topic.type):
-        return f'{cut(topic.type)!r} is no type of messages'
+        return f'{cut(topic.type)!r} is not a message type'
     missing = f'type {cut(topic.type)} is not installed'
     try:
         installed = full_text(topic.type)
@@ -209,7 +209,7 @@ def _roles(bag: Bag) -> dict[str, str]:
 
 
 def _qos(topic: BagTopic, notes: list[str]) -> Qos:
-    """Return the recorded QoS, or the one that the name stands for."""
+    """Return the recorded QoS, or the QoS for the name."""
     default = KNOWN_QOS.get(topic.name.rpartition('/')[2], Qos())
     try:
         return offered_qos(topic.qos) or default

@@ -279,7 +279,7 @@ class Schedule:
         return Tick(self._unpassed_ns(self.position_ns(newest)))
 
     def _unpassed_ns(self, log_ns: int) -> int:
-        """Return a log time, or that of the next message if it is earlier."""
+        """Return a log time, or the next message's if it is earlier."""
         if self._next is None or self.paused:
             return log_ns
         return min(log_ns, max(self._next.log_ns, self._reached_ns))

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recorded states next to those of the new run and of the rounding run, in bounded memory."""
+"""The recorded states next to the states of both runs, in bounded memory."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PENDING = 4096
 
 
 class StateComparison:
-    """The recorded states next to those of both runs."""
+    """The recorded states next to the states of both runs."""
 
     def __init__(
         self,

@@ -250,7 +250,7 @@ def what_if(
 
 def _of_recording(path: Path, changes: Changes, progress: Callable[[float], None] | None) -> _Case:
     if path.is_dir() or path.suffix in DATABASES:
-        raise LogError(f'{path} is no recording of this node: name a topic with --commands')
+        raise LogError(f'{path} is not a recording of this node: name a topic with --commands')
     part = None if progress is None else lambda done: progress(INSPECTION_SHARE * done)
     log = Log(path)
     with damage_named(path):

@@ -28,7 +28,7 @@ from pfd_ros.text import cut, listed
 
 # Settings that only a robot read from a file or a name has.
 MODEL = ('base_link', 'tip_link', 'locked', 'locked_positions', 'ros2_control')
-# Least similarity (difflib's ratio) of an unknown name to the one that is suggested.
+# Least similarity (difflib's ratio) of an unknown name to the suggested name.
 ALIKE = 0.6
 
 
@@ -101,7 +101,7 @@ def _field(key: str, text: str) -> tuple[Any, str]:
             return item, key.removeprefix(group)
     known = sorted({parameter_name(item) for item in fields(Settings)})
     near = get_close_matches(cut(key), known, n=1, cutoff=ALIKE)
-    hint = f'did you mean {near[0]!r}?' if near else '`pfd info LOG` lists those of a log'
+    hint = f'did you mean {near[0]!r}?' if near else '`pfd info LOG` lists all'
     raise ValueError(f'unknown setting {cut(key)!r}: {hint}')
 
 
@@ -213,7 +213,7 @@ def _other_robot(
 
 
 def _urdf_of(found: DescribedRobot) -> str:
-    """Return the URDF of a robot, '' for one that cannot be written as URDF."""
+    """Return the URDF of a robot, '' if it cannot be written as URDF."""
     with suppress(ValueError):
         return found.text
     return ''
@@ -236,8 +236,8 @@ def _with_scene(settings: Settings, changes: Changes) -> Settings:
     if not settings.scene or not (given or single):
         return settings
     raise ValueError(
-        f'{[*given, *single][0]} cannot be changed by itself: the effects of the log are those of '
-        'a scene file; give scene=FILE'
+        f'{[*given, *single][0]} cannot be changed by itself: the effects of the log come from a '
+        'scene file; give scene=FILE'
     )
 
 

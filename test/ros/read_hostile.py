@@ -4,7 +4,7 @@
 
     python read_hostile.py OPTION SECONDS FILE ...
 
-OPTION is that of `pfd replay`, such as --verify.
+OPTION is one of `pfd replay`, such as --verify.
 
 A file that takes more than SECONDS of processor time is given up.
 """

@@ -38,9 +38,9 @@ HAS_DEFINITIONS = any((share / 'sensor_msgs').is_dir() for share in definitions.
 
 
 def head(base: TimeBase | None = None) -> FileHead:
-    told = {'format': FORMAT, 'topics': json.dumps(ROLES)}
+    values = {'format': FORMAT, 'topics': json.dumps(ROLES)}
     robot = Attachment(0, 0, ROBOT, 'application/yaml', b'robot: 1')
-    return FileHead('test', told, [robot], base or TimeBase())
+    return FileHead('test', values, [robot], base or TimeBase())
 
 
 def state(k: int) -> bytes:

@@ -97,7 +97,7 @@ class Recording:
         self.head(END)['digests'] = json.dumps(digests)
 
     def seal(self) -> None:
-        """Make the digests in the head, and the seal of the end record, those of the contents."""
+        """Compute the digests in the head and the seal of the end record from the contents."""
         for name, values in self.metadata:
             if name == HEAD:
                 digests = {
@@ -135,7 +135,7 @@ class Recording:
     ) -> Path:
         """Write the file; if it is not closed, it has no end record either.
 
-        All digests but those of the messages are those of the contents, as if an attacker had
+        All digests but the messages' are computed from the contents, as if an attacker had
         altered the contents; if not `sealed` they are as they were.
         """
         if sealed:

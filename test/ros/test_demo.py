@@ -157,9 +157,9 @@ def test_without_a_free_domain_the_demo_ends_with_one_line(
 ) -> None:
     monkeypatch.setattr(domains, '_locked', lambda path: None)
     assert main(['demo', '--out', str(tmp_path)]) == 1
-    told = capsys.readouterr().err
-    assert told.count('\n') == 1
-    assert 'all ROS domains from 1 to 101 are taken' in told
+    printed = capsys.readouterr().err
+    assert printed.count('\n') == 1
+    assert 'all ROS domains from 1 to 101 are taken' in printed
 
 
 @pytest.mark.ros
@@ -182,18 +182,18 @@ def start_demo(folder: Path, domain: int) -> subprocess.Popen[str]:
 
 
 def check_demo(folder: Path, process: subprocess.Popen[str]) -> str:
-    told = process.communicate(timeout=3 * PATIENCE)[0]
+    printed = process.communicate(timeout=3 * PATIENCE)[0]
     # A busy machine may miss the rate, and where commands are lost the tracking, and nothing else.
-    failures = re.findall('FAILED: (.*)', told)
-    late = ('the rate is',) if ', lost 0\n' in told else ('the rate is', 'the arm was')
-    assert all(failure.startswith(late) for failure in failures), told
-    assert process.returncode == (1 if failures else 0), told
-    assert re.search(r'replay +\d+ states, \d+ steps: every bit equal', told)
-    assert re.search(r'commands +sent \d+, recorded \d+, lost \d+', told)
-    assert re.search(r'joint6 +\d\.\d+e-\d+ +\d\.\d+e-\d+', told)
+    failures = re.findall('FAILED: (.*)', printed)
+    late = ('the rate is',) if ', lost 0\n' in printed else ('the rate is', 'the arm was')
+    assert all(failure.startswith(late) for failure in failures), printed
+    assert process.returncode == (1 if failures else 0), printed
+    assert re.search(r'replay +\d+ states, \d+ steps: every bit equal', printed)
+    assert re.search(r'commands +sent \d+, recorded \d+, lost \d+', printed)
+    assert re.search(r'joint6 +\d\.\d+e-\d+ +\d\.\d+e-\d+', printed)
     assert (folder / 'here' / 'arm_0.png').read_bytes().startswith(b'\x89PNG')
     assert read(folder / 'here' / 'arm_0.mcap', verify=True).complete
-    return told
+    return printed
 
 
 @pytest.mark.slow
@@ -216,9 +216,9 @@ def test_the_demo_proves_itself_and_no_live_arm_hears_of_it(
         process.kill()
     assert commands == peer.states == peer.clocks == []
     assert seen == {'peer'}
-    told = (tmp_path / 'here' / 'arm_0.sim_arm.txt').read_text()
-    assert re.search(r'subscribed to /pfd_demo_[0-9a-f]{8}/joint_commands', told)
-    assert re.search(r'/pfd_demo_[0-9a-f]{8}/clock \(', told)
+    printed = (tmp_path / 'here' / 'arm_0.sim_arm.txt').read_text()
+    assert re.search(r'subscribed to /pfd_demo_[0-9a-f]{8}/joint_commands', printed)
+    assert re.search(r'/pfd_demo_[0-9a-f]{8}/clock \(', printed)
 
 
 @pytest.mark.ros

@@ -161,7 +161,7 @@ def check_bits(
 ) -> None:
     """Change one bit, so many times, and check that each is found."""
     draw = random.Random(seed)
-    # Definitions and QoS are those of the golden recording; made-up runs have none.
+    # Definitions and QoS come from the golden recording; made-up runs have none.
     for kind in whole.channels:
         kind.definition = kind.definition or b'float64 x\n'
         kind.metadata = kind.metadata or {'offered_qos_profiles': '- depth: 1\n'}
@@ -177,7 +177,7 @@ def check_bits(
         change.make(altered, draw)
         path = altered.save(folder / 'altered.mcap', sealed=False)
         status, said = verified(path, capsys)
-        # Under another name the end record is one that other tools write: it is missing.
+        # Under another name it is a record of another tool: the end record is missing.
         wanted = INCOMPLETE if change.part == END else 1
         assert status == wanted, (change.part, said)
         assert status != 1 or len(said.splitlines()) == 1, said

@@ -36,5 +36,5 @@ def test_golden_recordings_have_two_arms_every_verdict_and_every_input() -> None
     verdicts = {verdict for summary in found for verdict in summary.verdicts}
     assert {Verdict(number) for number in range(12)} <= verdicts
     sources = {row.source for path in GOLDEN for m in placed_messages(Log(path)) for row in m.rows}
-    # An arm with a clock of its own takes no ticks.
+    # An arm that follows no clock takes no ticks.
     assert sources == set(Source) - {Source.TICK}

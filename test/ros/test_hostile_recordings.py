@@ -120,7 +120,7 @@ def test_no_file_takes_much_memory(outcomes: dict[str, dict[str, Any]]) -> None:
     assert outcomes['good again']['peak_mb'] < MEGABYTES
 
 
-# Files that can be run, and whose outputs are not those of their inputs: --verify finds that.
+# Files that can be run, but with outputs that do not follow from their inputs.
 DIFFERENT = {
     'end_failure',
     'other_robot',

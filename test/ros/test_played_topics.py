@@ -196,13 +196,13 @@ def test_topics_that_cannot_be_published_are_named_and_the_others_are(tmp_path: 
     found = choose(bag)
     assert list(found.topics) == ['/good']
     assert found.notes == (
-        "not published: /event: 'std_srvs/srv/SetBool_Event' is no type of messages",
+        "not published: /event: 'std_srvs/srv/SetBool_Event' is not a message type",
         "not published: /json: its messages are encoded as 'json', not 'cdr'",
         'not published: /module: type antigravity/msg/Fly is not installed',
         'not published: /no_definition: type std_msgs/msg/Stringx is not installed',
         'not published: /other: type sensor_msgs/msg/JointState has other fields than the '
         'installed one',
-        "not published: /path: '../../etc/msg/Passwd' is no type of messages",
+        "not published: /path: '../../etc/msg/Passwd' is not a message type",
         'not published: /unknown: type nobody_msgs/msg/Thing is not installed',
     )
 

@@ -93,13 +93,13 @@ def test_one_flipped_bit_is_found_and_placed(
 
     rewrite(recorded, tmp_path / 'a.mcap', change)
     status = command_line.main(['replay', str(tmp_path / 'a.mcap'), '--verify'])
-    told = capsys.readouterr().err
+    printed = capsys.readouterr().err
     assert status == 1
-    assert 'step 123' in told
-    assert f', {field}: recorded ' in told
+    assert 'step 123' in printed
+    assert f', {field}: recorded ' in printed
     names = states_of(recorded)[0].names
-    assert repr(names[5]) in told
-    assert told.count('0x') == 2
+    assert repr(names[5]) in printed
+    assert printed.count('0x') == 2
 
 
 def test_the_sign_of_a_zero_is_a_bit_like_any_other(recorded: Path, tmp_path: Path) -> None:
@@ -183,9 +183,9 @@ def test_a_cut_off_recording_verifies_up_to_the_cut(
     (tmp_path / 'a.mcap').write_bytes(data[: int(0.7 * summary)])
     arguments = ['replay', str(tmp_path / 'a.mcap'), '--verify']
     assert command_line.main(arguments) == INCOMPLETE
-    told = capsys.readouterr().out
-    assert 'cut off' in told
-    assert 'every bit equal; missing: the end of the file, which was not closed' in told
+    printed = capsys.readouterr().out
+    assert 'cut off' in printed
+    assert 'every bit equal; missing: the end of the file, which was not closed' in printed
     assert command_line.main([*arguments, '--allow-incomplete']) == 0
 
 
@@ -235,11 +235,11 @@ def test_a_summary_says_what_is_in_the_file(
     recorded: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert command_line.main(['replay', str(recorded)]) == 0
-    told = capsys.readouterr().out
-    assert '21 accepted, 1 rejected' in told
-    assert '1 unknown_names' in told
-    assert 'cut off' not in told
-    assert 'equal' not in told
+    printed = capsys.readouterr().out
+    assert '21 accepted, 1 rejected' in printed
+    assert '1 unknown_names' in printed
+    assert 'cut off' not in printed
+    assert 'equal' not in printed
 
 
 def test_the_progress_runs_from_start_to_end(recorded: Path) -> None:

@@ -134,7 +134,7 @@ def test_commands_by_name_are_replayed_in_stretches(
 def test_a_stale_command_by_name_is_rejected_as_in_single_cycles(
     stale: tuple[int, ...], tmp_path: Path, lengths: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # One stamp older than that of the state to answer.
+    # One stamp older than the state to answer.
     recording = named(lambda k: (k - 1 - (k in stale)) * 1_000_000, lockstep=True)
     path = recording.save(tmp_path / 'a.mcap')
     summary = read(path, verify=True)

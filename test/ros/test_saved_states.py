@@ -87,7 +87,7 @@ def test_an_engine_continues_from_a_recorded_state_with_the_same_bits(run: Recor
 def test_a_recording_without_its_beginning_verifies_from_the_first_state_in_it(
     run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], step: int, closed: bool
 ) -> None:
-    # The end record is that of the whole run.
+    # The end record belongs to the whole run.
     path = from_step(run, step).save(tmp_path / 'a.mcap', closed=closed)
     status, said = verified(path, capsys)
     assert status == INCOMPLETE, said

@@ -348,7 +348,7 @@ def test_the_layout_of_foxglove_names_topics_and_fields_of_a_recording(
     ]
     assert arm['sourceType'] == 'topic'
     assert types[arm['topic']] == 'std_msgs/msg/String'
-    # Of the node alone, which has a test of its own.
+    # Recorded by the node alone; another test covers them.
     assert panels['DiagnosticSummary!node']['topicToRender'] == '/diagnostics'
     curves = [path for panel in panels.values() for path in panel.get('paths', ())]
     assert len(curves) == 3 * 7 + 2

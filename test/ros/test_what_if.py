@@ -102,7 +102,7 @@ def contents(path: Path) -> dict[str, list[tuple[int, bytes]]]:
     """Return number and bytes of the messages of each topic that has some."""
     found: dict[str, list[tuple[int, bytes]]] = {}
     for message in load(path).messages:
-        # What a node reports of itself is no output of the arm.
+        # Reports of the node about itself are not outputs of the arm.
         if message.topic in ('/diagnostics', '/sim_arm/transition_event'):
             continue
         found.setdefault(message.topic, []).append((message.sequence, message.data))
@@ -279,7 +279,7 @@ def test_stamped_commands_act_in_other_steps(tmp_path: Path) -> None:
     assert not what_if(log, ['start_time=7']).rejected
     found = what_if(log, ['step_size=0.0005'])
     assert not found.rejected
-    # The one that was stale is left out.
+    # The stale one is omitted.
     assert len(read_log(found.log)['/joint_commands']) == 2
 
 
@@ -380,7 +380,7 @@ def test_a_run_that_overflows_says_when(
     assert found['states'] == 1
     assert main(['replay', str(out), '--verify']) == 0
     assert 'FAILED     simulation stopped after step 1' in capsys.readouterr().out
-    # The other way round: the states of the failed arm are there, and the new run goes on.
+    # The other way round: the states of the failed arm are there, and the new run continues.
     back = what_if(out, ['damping=[0, 0]'], out=tmp_path / 'c.mcap')
     assert (back.failure, back.states) == ('', 1000)
 
@@ -482,7 +482,7 @@ def test_nothing_is_overwritten(
     [
         (['payload.mas=2'], "unknown setting 'payload.mas': did you mean 'payload.mass'?"),
         (['payload_mass=2'], "unknown setting 'payload_mass': did you mean 'payload.mass'?"),
-        (['zzzzzzzz=2'], "unknown setting 'zzzzzzzz': `pfd info LOG` lists those of a log"),
+        (['zzzzzzzz=2'], "unknown setting 'zzzzzzzz': `pfd info LOG` lists all"),
         (['payload.mass'], "--what-if takes KEY=VALUE, got 'payload.mass'"),
         (['=2'], "--what-if takes KEY=VALUE, got '=2'"),
         (['substeps=1', 'substeps=2'], 'substeps is given twice'),
@@ -553,7 +553,7 @@ def test_a_log_is_published_or_run_with_a_change(
 def test_a_hole_in_the_states_is_not_simulated_through(swing: Path, tmp_path: Path) -> None:
     hostile = load(swing)
     last = hostile.on(STATES)[-1]
-    # Without frames, whose times would be below that of the last state.
+    # Without frames, whose times would be below the last state's.
     hostile.keep(lambda m: m is last or (m.sequence < 900 and m.topic != '/tf'))
     last.sequence += 1 << 30
     last.log_ns += 10_000 * 10**9

@@ -266,7 +266,7 @@ def test_a_bag_without_a_topic_of_commands_is_no_recording(
 ) -> None:
     bag = own_bag(tmp_path / 'bag')
     assert main(['replay', str(bag), '--what-if', 'robot=planar2']) == 1
-    line = f'pfd replay: {bag} is no recording of this node: name a topic with --commands\n'
+    line = f'pfd replay: {bag} is not a recording of this node: name a topic with --commands\n'
     assert capsys.readouterr().err == line
 
 

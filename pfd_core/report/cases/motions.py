@@ -165,7 +165,7 @@ class Reference:
     q : tuple of str
         Angles [rad] in 25 digits.
     self_difference : float
-        Largest distance of an angle from that of a second computation with longer macro steps.
+        Largest distance of an angle from a second computation with longer macro steps.
 
     """
 
@@ -196,7 +196,7 @@ class Check:
     bound : float
         Largest value allowed.
     duration : float, optional
-        Time of the run [s]; default: that of the reference.
+        Time of the run [s]; default: the reference's.
     dtype : {'float64', 'float32'}
         Number format of a run in fixed steps.
 

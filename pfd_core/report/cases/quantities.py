@@ -67,7 +67,7 @@ QUANTITIES = {
 
 
 def argument_names(quantity: str) -> tuple[str, ...]:
-    """Return the names of the arguments of a quantity, among those of `random_states`."""
+    """Return the names of a quantity's arguments, as `random_states` names them."""
     kernel = KERNEL_QUANTITIES.get(quantity)
     return STATE if kernel is None else kernel.arguments
 

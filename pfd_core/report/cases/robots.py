@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Robots of the reports: chains of rods of many kinds, mechanisms, and those of the configuration.
+Robots of the reports: chains of rods of many kinds, mechanisms, and the included robots.
 
     robot           chainN and denseN, of equal rods, and robots that `load_robot` knows
     uniform_chain   skew axes, for counts of steps
@@ -13,7 +13,7 @@ Robots of the reports: chains of rods of many kinds, mechanisms, and those of th
                     world. Each joint turns about, or slides along, one of the axes of the world
 
 The numbers of `chain` and `mechanism` are rounded to float32, so that one reference serves both
-number formats. Those of the arms of config/robots are as published.
+number formats. Rotations of the arms in config/robots are as published.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def joint_frames(robot: Robot) -> Iterator[tuple[Array, Array, Array, Array]]:
     """
     Yield, joint by joint, how peers describe a chain: a frame that turns about its own z.
 
-    Each is rotation (3, 3) and origin (3,) of the joint's frame in that of the joint before, and
+    Each is rotation (3, 3) and origin (3,) of a joint's frame in the previous joint's frame, and
     centre of mass (3,) and inertia about it (3, 3) of the link, in the joint's frame.
     """
     R, p = robot.base_rotation, robot.base_position
@@ -215,7 +215,7 @@ def mechanism(
     drops : mapping, optional
         Index of a link to the distance by which its frame lies behind, along the next axis [m].
     inertias : mapping, optional
-        Index of a link to its moments of inertia [kg m^2], where they are not those of a rod.
+        Index of a link to its moments of inertia [kg m^2], where it is not a rod.
 
     """
     n = len(axes)

@@ -62,7 +62,7 @@ class Pinocchio(Contender):
         placement = pin.SE3(robot.rotations[-1], robot.translations[-1])
         placement *= pin.SE3(tip.rotation, tip.translation)
         frame = pin.Frame(robot.tip, robot.n, 0, placement, pin.FrameType.OP_FRAME)
-        # The index of the tip's frame, the only one besides that of the world.
+        # The index of the tip's frame, the only one besides the world's.
         self.tip = self.model.addFrame(frame)
         self.data = self.model.createData()
 

@@ -119,7 +119,7 @@ class Side:
 
 
 class Contender:
-    """A program made for one robot, and its ways of doing a work: none if it has none."""
+    """A program made for one robot, and its ways of doing a work, perhaps none."""
 
     def sides(self, work: Work) -> Iterator[Side]:
         """Return the ways of doing a work."""

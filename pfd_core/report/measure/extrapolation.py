@@ -37,7 +37,7 @@ Numbers = NDArray[Any]
 Substeps = Callable[[Numbers, Decimal, int], Numbers]
 # Digits that are stored.
 STORED = 25
-# Macro steps of the second computation, as a part of those of the first.
+# Macro steps of the second computation, as a part of the first one's.
 FEWER = 0.75
 
 

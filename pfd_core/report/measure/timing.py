@@ -12,15 +12,14 @@ time without disturbance, the median the typical time.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
-import gc
 import statistics
 import sys
 import time
 
 import numpy as np
 
+from pfd_core.kernels.source import uncollected
 from pfd_core.report.contenders.work import Side, Work
 from pfd_core.report.measure.differences import largest_difference
 
@@ -135,7 +134,8 @@ def interleave(sides: Sequence[Side], units: int, pace: Pace) -> list[Times]:
     turns = min(pace.turns, max(pace.fewest, round(pace.budget / turn))) if sides else 0
     times: list[list[float]] = [[] for _ in sides]
     ratios: list[list[float]] = [[] for _ in sides]
-    with _uncollected():
+    # The time of a collection grows with this process.
+    with uncollected():
         for t in range(turns):
             for k, near in _order(sides, backwards=t % 2 == 1):
                 times[k].append(_chunk(sides[k].run, calls[k], warm[k]) / units)
@@ -145,18 +145,6 @@ def interleave(sides: Sequence[Side], units: int, pace: Pace) -> list[Times]:
         Times(min(own), statistics.median(own), statistics.median(ratio) if ratio else None)
         for own, ratio in zip(times, ratios, strict=True)
     ]
-
-
-@contextmanager
-def _uncollected() -> Iterator[None]:
-    """Switch off the collection of reference cycles, whose time grows with this process."""
-    running = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if running:
-            gc.enable()
 
 
 def _order(sides: Sequence[Side], backwards: bool) -> Iterator[tuple[int, int | None]]:

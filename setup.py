@@ -31,6 +31,7 @@ setup(
         'pfd_core.config': ['*.yaml', 'robots/*'],
         'pfd_core': ['py.typed'],
         'pfd_core.report': ['data/*', 'texts/*.md'],
+        'pfd_ros.page': ['assets/*'],
         'pfd_ros.testing': ['*.xml'],
     },
     data_files=[

@@ -9,6 +9,8 @@ Subpackages in the order of data flow; each imports only from those above it:
     arm          the simulated arm without ROS, clock or thread: settings, events, engine
     recording    the MCAP file of a run, written and read
     replay       a recording inspected and simulated again, bit for bit
+    motion       measures of the motion of a joint, from samples
+    page         a log as one HTML page: what went wrong first, and its curves
     node         the arm on its topics, in real time; parameters, threads, log lines
     testing      the arm in a controller's tests: pytest fixtures, lockstep, assertions
     demo         the node and a controller as two processes, and the results
@@ -30,6 +32,7 @@ To change or add
     log lines, diagnostics  node.reporting, node.diagnostics
     metadata of recordings  recording.format.HeadKey, EndKey; built in provenance.file_head and
                             recorder.LogRecorder.ending, written by mcap_file
+    a check of a page       page.findings, fed by page.reading
     a `pfd` command         a module of cli, a name in cli.main.COMMANDS
 """
 

@@ -41,10 +41,12 @@ PFD_ROS = {
     'arm': {'text', 'messages'},
     'recording': {'text', 'messages', 'arm'},
     'replay': {'text', 'messages', 'arm', 'recording'},
+    'motion': set(),
+    'page': {'text', 'messages', 'arm', 'recording', 'motion'},
     'node': {'text', 'messages', 'arm', 'recording', 'replay'},
-    'testing': {'text', 'messages', 'arm', 'recording', 'replay'},
+    'testing': {'text', 'messages', 'arm', 'recording', 'replay', 'motion', 'page'},
     'demo': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'testing'},
-    'cli': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'demo'},
+    'cli': {'text', 'messages', 'arm', 'recording', 'replay', 'page', 'node', 'demo'},
 }
 SIMULATION: dict[str, set[str]] = {'contact': set()}
 REPORT: dict[str, set[str]] = {

@@ -79,6 +79,7 @@ def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
         *(f'pfd_core/report/{path.parent.name}/{path.name}' for path in DATA),
         'pfd_ros/node/main.py',
         'pfd_ros/testing/loopback.xml',
+        *(f'pfd_ros/page/assets/{path.name}' for path in (ROOT / 'pfd_ros/page/assets').iterdir()),
         'share/pfd_ros/package.xml',
         'share/pfd_ros/config/sim_arm.yaml',
         'share/pfd_ros/launch/two_arms.launch.py',

@@ -12,6 +12,7 @@
     compare   pfd compare: differences of two logs
     recover   pfd recover: a whole file from one that was cut off or damaged
     report    pfd report: counts, speed, hard cases, a scene
+    log_page  pfd report log: the HTML page of a log
     recorded_motion  for `pfd report scene`: the efforts and brakes of every step, and the states
     robots    pfd robots
     urdf      pfd urdf: the URDF of a robot

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd report`: tables and plots, measured on this machine."""
+"""`pfd report`: tables and plots, measured on this machine; and the page of a log."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import sys
 
 import pfd_core as pfd
 from pfd_core.report.cases.quantities import QUANTITIES
+from pfd_ros.cli import log_page
 from pfd_ros.cli.terminal import progress_on
 
 REPORTS = {
@@ -19,16 +20,29 @@ REPORTS = {
     'hard-cases': 'errors of ill-conditioned forward dynamics, some ten minutes',
     'mechanisms': 'errors of the default method for unusual mechanisms, some minutes',
     'scene': 'cost and error of each effect of a scene, and the smallest scene within a tolerance',
+    'log': 'one HTML page of a log: what went wrong first, and its curves; opens without network',
 }
-HELP = 'tables and plots, measured on this machine'
-EXAMPLE = 'pfd report scene --robot puma560 --trajectory sine --tolerance 1e-3'
+HELP = 'tables and plots, measured on this machine; and the page of a log'
+EXAMPLE = 'pfd report log run.mcap'
+EXAMPLES = {
+    'scene': 'pfd report scene --robot puma560 --trajectory sine --tolerance 1e-3',
+    'log': 'pfd report log run.mcap --out run.html',
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the kinds of report, and the arguments of each."""
     kinds = parser.add_subparsers(dest='what', required=True, metavar='WHAT')
     for name, text in REPORTS.items():
-        kind = kinds.add_parser(name, help=text, description=text)
+        kind = kinds.add_parser(
+            name,
+            help=text,
+            description=text,
+            epilog=f'example: {EXAMPLES.get(name, f"pfd report {name}")}',
+        )
+        if name == 'log':
+            log_page.add_arguments(kind)
+            continue
         kind.add_argument(
             '--out', type=Path, help='folder for the pages; default ./pfd_report', metavar='DIR'
         )
@@ -77,7 +91,9 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(given: argparse.Namespace) -> int:
-    """Measure, write the pages and print their paths."""
+    """Measure, or read a log; write the pages and print their paths."""
+    if given.what == 'log':
+        return log_page.run(given)
     from pfd_core.report import (
         against_error_pages,
         counts_pages,

@@ -16,13 +16,14 @@ import os
 from pathlib import Path
 import sqlite3
 import stat
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 import yaml
 
 from pfd_ros.messages.definitions import full_text
 from pfd_ros.recording.format import (
+    END,
     HEAD,
     MESSAGE_ENCODING,
     RECORD_BYTES,
@@ -75,8 +76,9 @@ class Bag:
         A file, or a folder with metadata.yaml.
     topics
         By name.
-    head, robot_text
-        Metadata HEAD and attachment ROBOT of a recording of the node, empty for other bags.
+    head, robot_text, end
+        Metadata HEAD, attachment ROBOT and metadata END of a recording of the node, empty for
+        other bags.
     complete
         Whether the last file was closed properly; known after the last message.
 
@@ -86,7 +88,17 @@ class Bag:
     topics: dict[str, BagTopic] = field(default_factory=dict)
     head: dict[str, str] = field(default_factory=dict)
     robot_text: bytes = b''
+    end: dict[str, str] = field(default_factory=dict)
     complete: bool = False
+    _stream: BinaryIO | None = field(default=None, repr=False)
+
+    @property
+    def progress(self) -> float:
+        """Share of the open MCAP file that was read, 0 to 1; 0 where it is unknown."""
+        stream = self._stream
+        if stream is None or stream.closed:
+            return 0.0
+        return stream.tell() / max(1, os.fstat(stream.fileno()).st_size)
 
     @property
     def settings(self) -> dict[str, Any] | None:
@@ -155,6 +167,7 @@ class Bag:
         channels: dict[int, str] = {}
         self.complete = False
         with opened(path) as stream:
+            self._stream = stream
             records = McapStream(stream, os.fstat(stream.fileno()).st_size)
             with suppress(CutOffError):
                 for record in records:
@@ -173,6 +186,8 @@ class Bag:
                         self._add(_topic_of(record, schemas.get(record.schema_id)))
                     elif isinstance(record, Metadata) and record.name == HEAD:
                         self.head = self.head or record.metadata
+                    elif isinstance(record, Metadata) and record.name == END:
+                        self.end = record.metadata
                     elif isinstance(record, Attachment) and record.name == ROBOT:
                         if len(record.data) > ROBOT_BYTES:
                             raise ValueError(

@@ -8,7 +8,7 @@ Only the messages of the chosen topics and of the chosen window of time are kept
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 import math
@@ -23,10 +23,14 @@ import pfd_core as pfd
 from pfd_ros.arm.settings import SIMULATED, WALL
 from pfd_ros.messages.columns import MOST_PADDING, PADDED, parse_definition, read_columns
 from pfd_ros.messages.convert import JOINT_FIELDS, JOINT_STATE, NANOSECONDS
-from pfd_ros.recording.bags import Bag, BagTopic, definition_of
+from pfd_ros.recording.bags import Bag, BagMessage, BagTopic, definition_of
 from pfd_ros.recording.head import read_robot
-from pfd_ros.recording.reader import damage_named
+from pfd_ros.recording.reader import LogError, damage_named
 from pfd_ros.text import listed
+
+# Of a part of a log: bytes of its messages, and what Python adds to each.
+PART_BYTES = 1 << 25
+MESSAGE_MEMORY = 128
 
 
 @dataclass(frozen=True)
@@ -179,6 +183,10 @@ class LogArrays:
                 self._read[topic] = _decoded(self._raw[topic], self._log_time)
         return self._read[topic]
 
+    def messages(self, topic: str) -> Sequence[bytes]:
+        """Return the bytes of the messages of a topic, those that are not of its type too."""
+        return self._raw[topic].data
+
     @property
     def _log_time(self) -> str:
         """The time base of a recording of ours, '' where it is unknown."""
@@ -265,14 +273,8 @@ def read_log(
         begin_ns = message.log_ns if begin_ns is None else begin_ns
         if not first <= (message.log_ns - begin_ns) / NANOSECONDS < last:
             continue
-        if wanted is not None and message.topic not in wanted:
-            continue
-        if message.topic not in raw:
-            raw[message.topic] = _Raw(bag.topics[message.topic])
-        found = raw[message.topic]
-        found.log_ns.append(message.log_ns)
-        found.published_ns.append(message.published_ns)
-        found.data.append(message.data)
+        if wanted is None or message.topic in wanted:
+            _add(raw, bag, message)
     missing = sorted((wanted or set()) - set(bag.topics))
     if missing:
         raise ValueError(
@@ -281,11 +283,69 @@ def read_log(
     for name, topic in bag.topics.items():
         if wanted is None or name in wanted:
             raw.setdefault(name, _Raw(topic))
-    robot = None
+    return _arrays(bag, raw, *_settings_and_robot(bag))
+
+
+def read_parts(bag: Bag, size: int = PART_BYTES) -> Iterator[LogArrays]:
+    """
+    Read all topics of a log in one pass, in parts of bounded memory, in the order of the log.
+
+    A message is in one part. `topics` and `complete` of a part are known up to its end. Before an
+    error is raised, the messages before the damage are yielded.
+
+    Parameters
+    ----------
+    bag : Bag
+        The log, before any message was read.
+    size : int
+        Bytes of the messages of a part, at least.
+
+    Raises
+    ------
+    ValueError, OSError
+        As for `read_log`.
+
+    """
+    raw: dict[str, _Raw] = {}
+    held, failure = 0, None
+    model: tuple[Any, Any] | None = None
+    try:
+        for message in bag.messages():
+            _add(raw, bag, message)
+            held += len(message.data) + MESSAGE_MEMORY
+            if held >= size:
+                model = model or _settings_and_robot(bag)
+                yield _arrays(bag, raw, *model)
+                raw, held = {}, 0
+    except (LogError, OSError) as error:
+        failure = error
+    yield _arrays(bag, raw, *(model or _settings_and_robot(bag)))
+    if failure is not None:
+        raise failure
+
+
+def _add(raw: dict[str, _Raw], bag: Bag, message: BagMessage) -> None:
+    if message.topic not in raw:
+        raw[message.topic] = _Raw(bag.topics[message.topic])
+    found = raw[message.topic]
+    found.log_ns.append(message.log_ns)
+    found.published_ns.append(message.published_ns)
+    found.data.append(message.data)
+
+
+def _settings_and_robot(bag: Bag) -> tuple[Mapping[str, Any] | None, pfd.Robot | None]:
     with damage_named(bag.path):
         settings = bag.settings
-        if bag.robot_text:
-            robot = read_robot(bag.robot_text.decode('utf-8'))
+        robot = read_robot(bag.robot_text.decode('utf-8')) if bag.robot_text else None
+    return settings, robot
+
+
+def _arrays(
+    bag: Bag,
+    raw: Mapping[str, _Raw],
+    settings: Mapping[str, Any] | None,
+    robot: pfd.Robot | None,
+) -> LogArrays:
     kinds = {name: topic.type for name, topic in bag.topics.items()}
     return LogArrays(bag.path, kinds, settings, robot, bag.complete, raw)
 

@@ -11,8 +11,6 @@ From the fixtures to the arm, and back to assertions:
     patience           interrupts a controller that blocks
     engine_run         the engine in lockstep: messages in, outputs out, optionally recorded
     run_log            the recording of such a run
-    metrics            settling time, overshoot, rate of torques: definitions
-    symptoms           diagnosis of a joint that missed its target: definitions and messages
     trajectory         Trajectory: the arrays of a run, its metrics, and assertions
 
 Over ROS:
@@ -29,5 +27,6 @@ Over ROS:
     node_process        that process: its parameters and its end
 
 Only `plugin` imports pytest. rclpy is imported inside the functions that need it. A new metric is
-a function in metrics, a method of trajectory.Trajectory, and perhaps an assertion there.
+a function in pfd_ros.motion.metrics, a method of trajectory.Trajectory, and perhaps an assertion
+there.
 """

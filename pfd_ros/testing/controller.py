@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_ros.testing.metrics import Array
+from pfd_ros.motion.metrics import Array
 from pfd_ros.testing.patience import Watch
 from pfd_ros.text import one_line
 

@@ -20,8 +20,8 @@ from pfd_ros.arm.events import Arrival, Output, Source, Verdict
 from pfd_ros.arm.state import ArmState
 from pfd_ros.messages.command_bytes import EffortArray
 from pfd_ros.messages.convert import NANOSECONDS, permutation
+from pfd_ros.motion.metrics import Array
 from pfd_ros.recording.format import ROLE_OF_SOURCE
-from pfd_ros.testing.metrics import Array
 from pfd_ros.testing.run_log import RunLog
 
 

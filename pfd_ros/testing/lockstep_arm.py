@@ -30,6 +30,7 @@ from pfd_ros.arm.state import ArmState
 from pfd_ros.messages.command_bytes import state_bytes
 from pfd_ros.messages.convert import NANOSECONDS, WRENCH
 from pfd_ros.messages.stamped import stamped_encoder
+from pfd_ros.motion.metrics import Array
 from pfd_ros.testing.controller import Controller, asked, blocked, refusal
 from pfd_ros.testing.engine_run import EngineRun
 from pfd_ros.testing.exchange import Exchange
@@ -45,7 +46,6 @@ from pfd_ros.testing.lockstep_settings import (
     plain_values,
     rows_of,
 )
-from pfd_ros.testing.metrics import Array
 from pfd_ros.testing.patience import (
     PATIENCE_SECONDS,
     START_PATIENCE_SECONDS,

@@ -19,7 +19,7 @@ from pfd_ros.arm.described_robot import DescribedRobot, described_robot
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings, from_values
 from pfd_ros.messages.convert import NANOSECONDS
-from pfd_ros.testing.metrics import Array
+from pfd_ros.motion.metrics import Array
 from pfd_ros.testing.trajectory import Limits, Rows
 from pfd_ros.text import cut
 

@@ -23,6 +23,7 @@ from pfd_ros.messages.command_bytes import state_bytes
 from pfd_ros.messages.convert import NANOSECONDS, JointMessage, decode_joint_state
 from pfd_ros.messages.stamped import effort_encoder
 from pfd_ros.messages.topics import remapped, topic_of
+from pfd_ros.motion.metrics import Array
 from pfd_ros.recording.format import ROLE_OF_SOURCE
 from pfd_ros.testing.controller import Controller, ControllerError, asked, blocked, raised, refusal
 from pfd_ros.testing.controllers import Controllers, NoAnswerError, split
@@ -42,7 +43,6 @@ from pfd_ros.testing.lockstep_settings import (
     lockstep_settings,
     rows_of,
 )
-from pfd_ros.testing.metrics import Array
 from pfd_ros.testing.node_process import NodeProcess, NodeProcessError, parameters_of
 from pfd_ros.testing.patience import (
     PATIENCE_SECONDS,

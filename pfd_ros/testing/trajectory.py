@@ -12,9 +12,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_ros.testing import metrics
-from pfd_ros.testing.metrics import Array
-from pfd_ros.testing.symptoms import symptoms
+from pfd_ros.motion import metrics
+from pfd_ros.motion.metrics import Array
+from pfd_ros.motion.symptoms import symptoms
 
 # One joint by name, several, or all.
 Joints: TypeAlias = str | Sequence[str] | None
@@ -173,7 +173,7 @@ class Trajectory:
 
         Oscillation with frequency and growth, divergence, or a steady offset from the target; the
         share of the time at the torque limit; the first sample beyond a limit. `target` is as for
-        settling_time. pfd_ros.testing.symptoms defines the measures.
+        settling_time. pfd_ros.motion.symptoms defines the measures.
         """
         goals = None if target is None else self._per_joint('target', target)
         return [

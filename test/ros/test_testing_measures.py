@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from pfd_ros.testing import metrics
+from pfd_ros.motion import metrics
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.trajectory import Limits, Trajectory
 

@@ -10,7 +10,7 @@ from controller_faults import FAULTS, GOAL, WITHIN, callback
 import numpy as np
 import pytest
 
-from pfd_ros.testing import symptoms
+from pfd_ros.motion import symptoms
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.trajectory import Limits, Trajectory
 

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pfd_ros.testing.metrics import Array, first_beyond
+from pfd_ros.motion.metrics import Array, first_beyond
 
 # Least reversal of a turn, as a share of the largest in the motion: noise is smaller.
 REVERSAL = 0.05

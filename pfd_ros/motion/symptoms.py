@@ -52,7 +52,8 @@ class Oscillation(NamedTuple):
 
 def turns(values: Array) -> list[int]:
     """Return the samples at which a signal turns, in the order of time."""
-    span = float(np.ptp(values))
+    # A motion may be at the torque limit from its first sample on.
+    span = float(np.ptp(values)) if len(values) else 0.0
     least = REVERSAL * span
     found: list[int] = []
     if span == 0.0:

@@ -83,7 +83,7 @@ LATEST_START = 1e6
 # Around the first finding, for the diagnosis of each joint.
 BEFORE, AFTER = 20.0, 5.0
 MOST_DIAGNOSED = 1 << 16
-TEXT_LENGTH = 200
+TEXT_LENGTH, MARK_LENGTH = 200, 100
 NAMES = {'position': 'position', 'velocity': 'velocity', 'effort': 'effort'}
 UNITS = {
     'position': ('rad', 'm'),
@@ -266,10 +266,8 @@ class LogReading:
             ns = found.stamp_ns if self._by_stamp[topic] else found.log_ns
         assert ns is not None
         if self.origin_ns is None:
-            first = (
-                int(found.log_ns[0]) if not self.own or found.simulated_ns is None else int(ns[0])
-            )
-            self.origin_ns = 0 if self.own and first < LATEST_START * NANOSECONDS else first
+            first = int(ns[0] if self.own else found.log_ns[0])
+            self.origin_ns = 0 if first < LATEST_START * NANOSECONDS else first
         times: Array = (ns - self.origin_ns) / NANOSECONDS
         back = int(np.count_nonzero(np.diff(times) < 0.0))
         if back:
@@ -382,7 +380,7 @@ class LogReading:
             check.feed(time, getattr(found, item)[:, column], self.findings)
         for item in JOINT_FIELDS:
             values = getattr(found, item)
-            for column in np.flatnonzero(np.isinf(values).any(axis=0)):
+            for column in np.flatnonzero(np.isinf(values).any(axis=0)).tolist():
                 k = int(np.argmax(np.isinf(values[:, column])))
                 self.findings.add(
                     'not finite',
@@ -660,7 +658,7 @@ class LogReading:
             text = one_line(f'the simulation stopped: {ending.failure}', TEXT_LENGTH)
             self.findings.add('failure', BAD, text, (time, max(time, self.span[1])), key='end')
         for mark in self.marks:
-            text = one_line(mark.text, TEXT_LENGTH)
+            text = one_line(mark.text.partition('\n')[0], MARK_LENGTH)
             self.findings.add(mark.label, BAD, text, (mark.time,) * 2, key=mark.text)
         missing = self._missing(ending)
         found = self.findings.sorted()
@@ -714,7 +712,7 @@ class LogReading:
 
     def _origin(self) -> str:
         if not self.origin_ns:
-            return 'simulated time' if self.own else ''
+            return 'simulated time'
         with suppress(ValueError, OverflowError, OSError):
             day = datetime.fromtimestamp(self.origin_ns // NANOSECONDS, timezone.utc)
             return f't = 0 is {day:%Y-%m-%d %H:%M:%S} UTC'

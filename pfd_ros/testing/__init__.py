@@ -11,7 +11,9 @@ From the fixtures to the arm, and back to assertions:
     patience           interrupts a controller that blocks
     engine_run         the engine in lockstep: messages in, outputs out, optionally recorded
     run_log            the recording of such a run
+    journal            the inputs of an unrecorded run, to record it after a failure
     trajectory         Trajectory: the arrays of a run, its metrics, and assertions
+    artifacts          what a failed test leaves: recording and page of each arm
 
 Over ROS:
 
@@ -25,6 +27,7 @@ Over ROS:
     controller_process  a controller as such a process
     process_arm         ProcessArm: the node as a separate process, in lockstep over topics
     node_process        that process: its parameters and its end
+    received_log        the states that came from it, as a bag
 
 Only `plugin` imports pytest. rclpy is imported inside the functions that need it. A new metric is
 a function in pfd_ros.motion.metrics, a method of trajectory.Trajectory, and perhaps an assertion

@@ -9,6 +9,7 @@ fast. Both have the same bits.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 import itertools
 from typing import Any
@@ -22,7 +23,9 @@ from pfd_ros.messages.command_bytes import EffortArray
 from pfd_ros.messages.convert import NANOSECONDS, permutation
 from pfd_ros.motion.metrics import Array
 from pfd_ros.recording.format import ROLE_OF_SOURCE
+from pfd_ros.testing.journal import ADVANCE, STEP, Journal
 from pfd_ros.testing.run_log import RunLog
+from pfd_ros.testing.trajectory import Rows
 
 
 class ArmError(Exception):
@@ -31,13 +34,14 @@ class ArmError(Exception):
 
 @dataclass
 class EngineRun:
-    """An engine in lockstep, and the recording of its run.
+    """An engine in lockstep, and the recording of its run or the journal of its inputs.
 
     Every method that runs steps raises ArmError if the state does not stay finite.
     """
 
     engine: Engine
     log: RunLog | None = None
+    journal: Journal | None = None
     _numbers: dict[Source, itertools.count[int]] = field(init=False)
     _encoder: EffortArray = field(init=False)
     # None where published order is model order.
@@ -79,6 +83,8 @@ class EngineRun:
 
     def send(self, source: Source, data: bytes) -> Validation:
         """Send a serialized message to the arm, as on a topic; return the validation result."""
+        if self.journal is not None:
+            self.journal.add((source, data), len(data))
         arrival = Arrival(source, next(self._numbers[source]), data)
         if self.log is not None:
             self.log.record(ROLE_OF_SOURCE[source], arrival.sequence, data)
@@ -88,6 +94,20 @@ class EngineRun:
             self.log.accepted += validation.verdict is Verdict.ACCEPTED
         return validation
 
+    def repeat(self, journal: Journal) -> None:
+        """Take the inputs of a journal in their order, up to a failure of the arm."""
+        with suppress(ArmError):
+            for entry in journal.entries:
+                if isinstance(entry, Rows):
+                    for efforts in entry.tau[: entry.count]:
+                        self.command(efforts)
+                elif entry == ADVANCE:
+                    self.advance()
+                elif entry == STEP:
+                    self.step()
+                else:
+                    self.send(*entry)
+
     def restore(self, state: ArmState) -> None:
         """Continue from a saved state; ValueError for one of another arm, or in a recorded run."""
         if self.log is not None:
@@ -96,6 +116,8 @@ class EngineRun:
                 'holds one run from its start: restore a state in an arm without recording'
             )
         self.engine.restore(state)
+        if self.journal is not None:
+            self.journal.restart(state.copy())
 
     def demand(self, source: Source, data: bytes) -> None:
         """Send a message; ValueError if the arm does not accept it."""
@@ -105,11 +127,15 @@ class EngineRun:
 
     def advance(self) -> list[Output]:
         """Run to the next published state, if the last one has its answer; return the messages."""
+        if self.journal is not None:
+            self.journal.add(ADVANCE, 0)
         self._driver.run_to_answer()
         return self._ended()
 
     def step(self) -> list[Output]:
         """Run one step; return its messages."""
+        if self.journal is not None:
+            self.journal.add(STEP, 0)
         self._driver.step()
         return self._ended()
 

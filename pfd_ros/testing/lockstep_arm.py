@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from functools import partial
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 import warnings
@@ -34,6 +35,7 @@ from pfd_ros.motion.metrics import Array
 from pfd_ros.testing.controller import Controller, asked, blocked, refusal
 from pfd_ros.testing.engine_run import EngineRun
 from pfd_ros.testing.exchange import Exchange
+from pfd_ros.testing.journal import Journal
 from pfd_ros.testing.lockstep_settings import (
     JointValues,
     RobotSource,
@@ -53,6 +55,7 @@ from pfd_ros.testing.patience import (
     Waits,
     Watch,
 )
+from pfd_ros.testing.received_log import write_received
 from pfd_ros.testing.rejections import checked_reasons
 from pfd_ros.testing.run_log import open_log
 from pfd_ros.testing.topic_run import TopicRun
@@ -100,7 +103,9 @@ class LockstepArm:
         self.settings = self.engine.settings
         self.names = self.engine.arm.names
         self._limits = limits_of(self.robot, self.engine.arm.order)
-        self._run = EngineRun(self.engine, open_log(self.engine))
+        log = open_log(self.engine)
+        self._run = EngineRun(self.engine, log, Journal() if log is None else None)
+        self._given = robot, settings
         self._topics = found.control.topics
         self._ros_args = tuple(ros_args)
         if self.settings.command_topic:
@@ -178,6 +183,8 @@ class LockstepArm:
         """
         rows = rows_of(self.settings, seconds, len(self.names))
         names = self.names
+        if self._run.journal is not None:
+            self._run.journal.add_run(rows, callback=True)
         command, measured, arm = self._run.command, self._run.measured, self.engine.arm
         with Watch(patience) as watch:
             for k in range(len(rows.time)):
@@ -192,10 +199,10 @@ class LockstepArm:
                     raise blocked(watch, patience, t, k) from None
                 rows.compute_time[k] = perf_counter() - begun
                 rows.tau[k] = efforts
+                rows.count = k + 1
                 validation = command(efforts)
                 if validation.verdict is not Verdict.ACCEPTED:
                     raise refusal(efforts, names, t, validation.detail)
-        rows.count = len(rows.time)
         return rows.trajectory(names, self._limits)
 
     def spin(
@@ -239,6 +246,8 @@ class LockstepArm:
         """
         rows = rows_of(self.settings, seconds, len(self.names))
         run = TopicRun(self._run, rows, checked_reasons(allow_rejected))
+        if self._run.journal is not None:
+            self._run.journal.add_run(rows, callback=False)
         if self._exchange is None:
             self._exchange = Exchange(roles_of(self.settings), self._ros_args, self._topics)
         self._exchange.run(run, controllers, Waits(patience, start_patience))
@@ -284,6 +293,37 @@ class LockstepArm:
         """
         self._run.restore(state)
         self.settings = self.engine.settings
+
+    def record_again(self, path: Path) -> str:
+        """Run an unrecorded arm again with the same inputs, hence with the same bits, recorded.
+
+        A recording holds one run from its start: of an arm that was restored, only the states of
+        its runs since then are written. Return what the recording lacks, '' for nothing.
+
+        Raises
+        ------
+        ValueError
+            If the arm is recorded, or its inputs are too many to be kept.
+        OSError
+            If the file exists or cannot be written.
+        """
+        journal = self._run.journal
+        if journal is None or not journal.complete:
+            reason = 'is recorded' if journal is None else 'has too many inputs'
+            raise ValueError(f'this run {reason}, and is not run again: use recording=...')
+        if journal.start is not None:
+            write_received(self.names, journal.runs, path)
+            return (
+                'the arm was restored from a saved state: only its states since then are written'
+            )
+        robot, settings = self._given
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore')  # the first arm has warned
+            again = LockstepArm(robot, **{**settings, 'recording': str(path)})
+        with again:
+            again._run.repeat(journal)
+        same = again.q.tobytes() == self.q.tobytes()
+        return '' if same else 'the arm was run again, and its last state differs'
 
     def push(self, force: Sequence[float], torque: Sequence[float], frame: str = '') -> None:
         """Apply a force and a torque to the last link until the next push or a reset.

@@ -15,14 +15,46 @@ from typing import Any
 
 import pytest
 
+# The arms of a test, by its node.
+ARMS = pytest.StashKey[list[Any]]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Declare where failing tests leave their recordings."""
+    parser.getgroup('sim_arm', 'simulated arms').addoption(
+        '--sim-arm-artifacts',
+        metavar='DIR',
+        help='folder where failing tests with sim_arm leave a recording and an HTML page of each '
+        'arm; default: next to the temporary folder of the test',
+    )
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[Any]) -> Iterator[None]:
+    """Write recording and page of each arm of a failed test, and name them in its report."""
+    outcome: Any = yield
+    arms = item.stash.get(ARMS, [])
+    if not arms or call.when != 'call' or call.excinfo is None:
+        return
+    report = outcome.get_result()
+    if report.failed:
+        from pfd_ros.testing.artifacts import folder_of, write_artifacts
+
+        lines = write_artifacts(arms, folder_of(item), call.excinfo.value)
+        report.sections.append(('sim_arm', '\n'.join(lines)))
+
 
 @pytest.fixture
-def sim_arm(request: pytest.FixtureRequest) -> Iterator[Callable[..., Any]]:
+def sim_arm(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[..., Any]]:
     """Return a function that creates simulated arms: sim_arm(robot='ur5', publish_rate=500).
 
     The arguments are those of pfd_ros.testing.lockstep_arm.LockstepArm; with process=True, of
-    pfd_ros.testing.process_arm.ProcessArm. At the end of the test the arms are closed.
+    pfd_ros.testing.process_arm.ProcessArm. At the end of the test the arms are closed. A failed
+    test leaves a recording and an HTML page of each arm, see --sim-arm-artifacts.
     """
+    made = request.node.stash.setdefault(ARMS, [])
     with ExitStack() as arms:
 
         def make(robot: Any, *, process: bool = False, **settings: Any) -> Any:
@@ -30,10 +62,12 @@ def sim_arm(request: pytest.FixtureRequest) -> Iterator[Callable[..., Any]]:
                 request.getfixturevalue('ros_domain')
                 from pfd_ros.testing.process_arm import ProcessArm
 
-                return arms.enter_context(ProcessArm(robot, **settings))
-            from pfd_ros.testing.lockstep_arm import LockstepArm
+                made.append(arms.enter_context(ProcessArm(robot, **settings)))
+            else:
+                from pfd_ros.testing.lockstep_arm import LockstepArm
 
-            return arms.enter_context(LockstepArm(robot, **settings))
+                made.append(arms.enter_context(LockstepArm(robot, **settings)))
+            return made[-1]
 
         yield make
 

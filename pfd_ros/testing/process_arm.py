@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 import time
 from typing import Any, NoReturn
 
@@ -34,6 +35,7 @@ from pfd_ros.testing.exchange import (
     bare_node,
     require_rclpy,
 )
+from pfd_ros.testing.journal import MOST_BYTES
 from pfd_ros.testing.lockstep_settings import (
     JointValues,
     RobotSource,
@@ -51,6 +53,7 @@ from pfd_ros.testing.patience import (
     Waits,
     Watch,
 )
+from pfd_ros.testing.received_log import write_received
 from pfd_ros.testing.rejections import REASONS, STALE, checked_reasons
 from pfd_ros.testing.session import executor_with, spin, take_down
 from pfd_ros.testing.trajectory import Rows, Trajectory
@@ -100,6 +103,7 @@ class ProcessArm:
         self._encoder = effort_encoder(self.names)
         self._state: JointMessage | None = None
         self._answer = b''
+        self._received: list[Rows] = []
         self._on_new: Callable[[JointMessage], None] | None = None
         # What the node has counted so far, the simulated time of that, and what spin has
         # validated.
@@ -177,6 +181,15 @@ class ProcessArm:
             self._wait(lambda: self._state is not None, START_SECONDS, 'the first state')
         assert self._state is not None
         return self._state
+
+    @property
+    def received_time(self) -> float:
+        """The stamp of the last state that came, s of simulated time; 0 before the first."""
+        return 0.0 if self._state is None else self._state.stamp_ns / NANOSECONDS
+
+    def write_received(self, path: Path) -> None:
+        """Write the states of the runs so far; OSError if the file exists."""
+        write_received(self.names, self._received, path)
 
     def run(
         self, controller: Controller, seconds: float, *, patience: float = PATIENCE_SECONDS
@@ -347,6 +360,9 @@ class ProcessArm:
         from rclpy.task import Future
 
         nodes, processes = split(controllers)
+        self._received.append(rows)
+        while len(self._received) > 1 and sum(one.size for one in self._received) > MOST_BYTES:
+            del self._received[0]
         first, ended, heard = self._last_state(), Future(), time.perf_counter()
         executor = executor_with([self.node, *nodes])
         own = {self.node.get_fully_qualified_name()}

@@ -18,6 +18,8 @@ from pfd_ros.motion.symptoms import symptoms
 
 # One joint by name, several, or all.
 Joints: TypeAlias = str | Sequence[str] | None
+# Attribute of a failed assertion: its time [s].
+MOMENT = 'motion_time'
 # More limits are not listed in a failed assertion.
 MOST_LISTED = 5
 
@@ -64,6 +66,14 @@ class ComputationTime(NamedTuple):
             for name, seconds in zip(self._fields, self[:3], strict=False)
         )
         return f'{", ".join(told)} of the control period of {1e3 * self.period:.4g} ms'
+
+
+def failure(text: str, time: float) -> AssertionError:
+    """Return the error of a failed assertion, with the time in the motion at which it fails."""
+    error = AssertionError(text)
+    # No subclass: pytest would print its full name in front of the text.
+    error.__dict__[MOMENT] = float(time)
+    return error
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,10 +225,11 @@ class Trajectory:
         if outside:
             j = outside[0]
             k = int(np.argmax(~(errors[:, j] <= within)))
-            raise AssertionError(
+            raise failure(
                 f'joint {self.names[j]!r} is {errors[k, j]:.6g} from its target {goals[j]:.6g} at '
                 f't = {self.time[k]:.6g} s, expected within {within:.6g} from '
-                f't = {self.time[0] + by:.6g} s on{self._diagnosis(target, outside)}'
+                f't = {self.time[0] + by:.6g} s on{self._diagnosis(target, outside)}',
+                self.time[k],
             )
 
     def assert_overshoot_below(
@@ -238,11 +249,12 @@ class Trajectory:
                 )
             k = int(np.argmax((self.q[:, j] - goals[j]) / (goals[j] - self.q[0, j])))
             if not shares[j] < bound:
-                raise AssertionError(
+                raise failure(
                     f'joint {self.names[j]!r} is at {self.q[k, j]:.6g} at '
                     f't = {self.time[k]:.6g} s, {100 * shares[j]:.4g} % of its step beyond the '
                     f'target {goals[j]:.6g}, expected below {100 * bound:.4g} %'
-                    f'{self._diagnosis(target, [j])}'
+                    f'{self._diagnosis(target, [j])}',
+                    self.time[k],
                 )
 
     def assert_torque_rate_below(self, bound: ArrayLike, *, joint: Joints = None) -> None:
@@ -253,11 +265,12 @@ class Trajectory:
             found = metrics.rates(self.time, self.tau[:, j])
             if len(found) and not found.max() < bounds[j]:
                 k = int(np.argmax(found))
-                raise AssertionError(
+                raise failure(
                     f'effort of joint {self.names[j]!r} changes by {found[k]:.6g} per second at '
                     f't = {self.time[k + 1]:.6g} s, from {self.tau[k, j]:.6g} to '
                     f'{self.tau[k + 1, j]:.6g}, expected below {bounds[j]:.6g} per second'
-                    f'{self._diagnosis(None, [j])}'
+                    f'{self._diagnosis(None, [j])}',
+                    self.time[k + 1],
                 )
 
     def assert_computes_within(self, seconds: float, *, quantile: float = 0.99) -> None:
@@ -272,10 +285,11 @@ class Trajectory:
         told, found = self.computation_time(), float(np.quantile(self.compute_time, quantile))
         if not found <= seconds:
             k = int(np.argmax(self.compute_time))
-            raise AssertionError(
+            raise failure(
                 f'the controller takes {1e3 * found:.4g} ms for a command (quantile '
                 f'{quantile:g}), expected at most {1e3 * seconds:.4g} ms; {told}; longest at '
-                f't = {self.time[k]:.6g} s'
+                f't = {self.time[k]:.6g} s',
+                self.time[k],
             )
 
     def assert_no_limit_hit(self) -> None:
@@ -286,7 +300,7 @@ class Trajectory:
         if hits:
             joints = sorted({self.index(hit.joint) for hit in hits[:MOST_LISTED]})
             more = '; ...' if len(hits) > MOST_LISTED else ''
-            raise AssertionError(f'{shown}{more}{self._diagnosis(None, joints)}')
+            raise failure(f'{shown}{more}{self._diagnosis(None, joints)}', hits[0].time)
 
     def _columns(self, joint: Joints) -> list[int]:
         if joint is None:
@@ -312,6 +326,11 @@ class Rows:
         self.count, self.period = 0, period
         self.time, self.compute_time = np.empty(count), np.empty(count)
         self.q, self.qd, self.tau = (np.empty((count, joints)) for _ in range(3))
+
+    @property
+    def size(self) -> int:
+        """Bytes of all rows."""
+        return sum(x.nbytes for x in (self.time, self.compute_time, self.q, self.qd, self.tau))
 
     def trajectory(self, names: tuple[str, ...], limits: Limits) -> Trajectory:
         """Return the rows so far."""

@@ -103,8 +103,7 @@ class LockstepArm:
         self.settings = self.engine.settings
         self.names = self.engine.arm.names
         self._limits = limits_of(self.robot, self.engine.arm.order)
-        log = open_log(self.engine)
-        self._run = EngineRun(self.engine, log, Journal() if log is None else None)
+        self._run = EngineRun(self.engine, open_log(self.engine))
         self._given = robot, settings
         self._topics = found.control.topics
         self._ros_args = tuple(ros_args)
@@ -294,6 +293,11 @@ class LockstepArm:
         self._run.restore(state)
         self.settings = self.engine.settings
 
+    def keep_inputs(self) -> None:
+        """Keep the inputs of an arm that has had none, for `record_again`, up to 64 MB of them."""
+        if self._run.log is None:
+            self._run.journal = Journal()
+
     def record_again(self, path: Path) -> str:
         """Run an unrecorded arm again with the same inputs, hence with the same bits, recorded.
 
@@ -303,14 +307,14 @@ class LockstepArm:
         Raises
         ------
         ValueError
-            If the arm is recorded, or its inputs are too many to be kept.
+            If its inputs were not kept.
         OSError
             If the file exists or cannot be written.
         """
         journal = self._run.journal
         if journal is None or not journal.complete:
-            reason = 'is recorded' if journal is None else 'has too many inputs'
-            raise ValueError(f'this run {reason}, and is not run again: use recording=...')
+            reason = 'were not kept' if journal is None else 'are too many to be kept'
+            raise ValueError(f'the inputs of this run {reason}: record it with recording=...')
         if journal.start is not None:
             write_received(self.names, journal.runs, path)
             return (

@@ -67,9 +67,12 @@ def sim_arm(
                 from pfd_ros.testing.lockstep_arm import LockstepArm
 
                 made.append(arms.enter_context(LockstepArm(robot, **settings)))
+                made[-1].keep_inputs()
             return made[-1]
 
         yield make
+    # The node of a test lives as long as the session.
+    made.clear()
 
 
 @pytest.fixture

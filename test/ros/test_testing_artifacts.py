@@ -1,0 +1,198 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A failing test leaves a recording and a page of each arm, and pytest names them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+
+import numpy as np
+from plugin_sessions import install, session
+import pytest
+
+from pfd_ros import read_log
+from pfd_ros.cli.main import main
+from pfd_ros.page.reading import read_contents
+
+TESTS = """
+import numpy as np
+import pytest
+
+def controller(t, q, qd):
+    return -20.0 * q - 2.0 * qd + (5.0 if t > 0.1 else 0.0)
+
+def test_settles(sim_arm):
+    arm = sim_arm(robot='planar2', gravity=[0.0, 0.0, 0.0], external_wrench=True)
+    arm.run(controller, 0.05)
+    arm.push([0, 0, 0], [0, 0, 1.0])
+    arm.reset()
+    motion = arm.run(controller, 0.3)
+    np.save('q.npy', motion.q)
+    motion.assert_settles(0.0, within=1e-3, by=0.0)
+
+def test_own_assertion(sim_arm, tmp_path):
+    arm = sim_arm(robot='planar2')
+    assert arm.run(controller, 0.2).q[-1, 0] == 7.0
+
+def test_two_arms(sim_arm):
+    for gravity in (0.0, -9.81):
+        sim_arm(robot='planar2', gravity=[0.0, 0.0, gravity]).run(controller, 0.02)
+    raise RuntimeError('</pre><script>alert(1)</script>')
+
+def test_nan(sim_arm):
+    sim_arm(robot='planar2').run(lambda t, q, qd: q * np.nan if t > 0.01 else 0 * q, 0.05)
+
+def test_recorded(sim_arm, tmp_path):
+    arm = sim_arm(robot='planar2', recording=tmp_path / 'own.mcap')
+    arm.run(controller, 0.05)
+    raise RuntimeError
+
+def test_restored(sim_arm):
+    arm = sim_arm(robot='planar2')
+    arm.run(controller, 0.05)
+    state = arm.save()
+    arm.run(controller, 0.05)
+    arm.restore(state)
+    arm.run(controller, 0.02)
+    raise RuntimeError
+
+def test_passes(sim_arm):
+    sim_arm(robot='planar2').run(controller, 0.02)
+
+@pytest.mark.xfail
+def test_xfail(sim_arm):
+    sim_arm(robot='planar2').run(controller, 0.02)
+    raise RuntimeError
+
+def test_no_arm(sim_arm):
+    raise RuntimeError
+"""
+FAILING = ('settles', 'own_assertion', 'two_arms', 'nan', 'recorded', 'restored')
+
+
+@pytest.fixture(scope='module')
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp('site')
+    install(folder)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def failed(site: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Return the folder of a session, with its artifacts, and its output."""
+    folder = tmp_path_factory.mktemp('session')
+    options = ['--sim-arm-artifacts', 'left', '-n', '2', '-p', 'xdist']
+    return folder, session(site, folder, TESTS, options, status=1)
+
+
+def place(folder: Path, name: str) -> Path:
+    return folder / 'left' / f'test_it.py_test_{name}'
+
+
+def test_failing_tests_with_arms_leave_a_folder_that_the_report_names(
+    failed: tuple[Path, str],
+) -> None:
+    folder, text = failed
+    assert {path.name for path in (folder / 'left').iterdir()} == {
+        f'test_it.py_test_{name}' for name in FAILING
+    }
+    for name in FAILING:
+        arm = 'arm1' if name == 'two_arms' else 'arm'
+        assert f'recording  {place(folder, name)}/{arm}.mcap' in text
+        assert f'page       {place(folder, name)}/{arm}.html' in text
+    assert 'not written' not in text
+
+
+def test_the_recording_is_the_run_that_failed_bit_for_bit(failed: tuple[Path, str]) -> None:
+    folder, _ = failed
+    log = place(folder, 'settles') / 'arm.mcap'
+    assert main(['replay', str(log), '--verify']) == 0
+    recorded = read_log(log)['/joint_states'].position
+    run = np.load(folder / 'q.npy')
+    # The last row of a motion is one period before the last state.
+    assert recorded[-len(run) : -1].tobytes() == run[1:].tobytes()
+
+
+@pytest.mark.parametrize('name', FAILING[:4])
+def test_recordings_of_unrecorded_runs_are_whole(
+    failed: tuple[Path, str], name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for log in place(failed[0], name).glob('*.mcap'):
+        assert main(['replay', str(log), '--verify']) == 0
+        assert 'verified' in capsys.readouterr().out
+
+
+def test_the_page_marks_the_moment_of_the_assertion(failed: tuple[Path, str]) -> None:
+    folder, text = failed
+    expected = re.search(
+        r"AssertionError: joint '\w+' is \S+ from its target 0 at t = (\S+) s", text
+    )
+    assert expected is not None
+    page = (place(folder, 'settles') / 'arm.html').read_text(encoding='utf-8')
+    assert f'failed assertion <button data-time="{float(expected[1])!r}">' in page
+    # A plain assertion has no time: the end of the run is marked.
+    page = (place(folder, 'own_assertion') / 'arm.html').read_text(encoding='utf-8')
+    assert 'failed assertion <button data-time="0.201">' in page
+    assert '== 7.0' in page
+
+
+def test_the_text_of_an_error_is_escaped(failed: tuple[Path, str]) -> None:
+    page = (place(failed[0], 'two_arms') / 'arm2.html').read_text(encoding='utf-8')
+    assert '</pre><script>alert' not in page
+    assert '&lt;/pre&gt;&lt;script&gt;alert(1)' in page
+
+
+def test_the_input_that_was_rejected_is_on_the_page(failed: tuple[Path, str]) -> None:
+    found = read_contents(place(failed[0], 'nan') / 'arm.mcap').findings
+    (rejected,) = (f for f in found if f.kind == 'rejected input')
+    assert 'not_finite' in rejected.text
+    assert rejected.time == pytest.approx(0.011)
+
+
+def test_of_a_restored_arm_the_states_since_then_are_written(failed: tuple[Path, str]) -> None:
+    states = read_log(place(failed[0], 'restored') / 'arm.mcap')['/joint_states']
+    assert states.time == pytest.approx(0.051 + 0.001 * np.arange(20))
+    assert 'the log has its states since then' in ' '.join(failed[1].split())
+
+
+def test_without_the_option_the_folder_is_next_to_the_temporary_folder(
+    site: Path, tmp_path: Path
+) -> None:
+    session(site, tmp_path, TESTS, ['--basetemp', str(tmp_path / 'base')], status=1)
+    left = {path.name for path in (tmp_path / 'base').iterdir() if path.name.endswith('-sim_arm')}
+    assert left == {
+        *(f'test_{name}-sim_arm' for name in FAILING if name not in ('own_assertion', 'recorded')),
+        'test_own_assertion0-sim_arm',
+        'test_recorded0-sim_arm',
+    }
+
+
+def test_a_second_session_keeps_the_artifacts_of_the_first(site: Path, tmp_path: Path) -> None:
+    code = """
+def test_falls(sim_arm):
+    arm = sim_arm(robot='planar2')
+    arm.run(lambda t, q, qd: 0 * q, 0.02).assert_settles(1.0, within=0.1, by=0.0)
+"""
+    for _ in range(2):
+        session(site, tmp_path, code, ['--sim-arm-artifacts', 'left'], status=1)
+    names = sorted(path.name for path in (tmp_path / 'left').iterdir())
+    assert names == ['test_it.py_test_falls', 'test_it.py_test_falls-2']
+
+
+@pytest.mark.ros
+def test_of_an_arm_in_another_process_the_received_states_are_written(
+    site: Path, tmp_path: Path
+) -> None:
+    code = """
+def test_falls(sim_arm):
+    arm = sim_arm(robot='planar2', process=True)
+    arm.run(lambda t, q, qd: 0 * q, 0.05).assert_settles(1.0, within=0.1, by=0.0)
+"""
+    text = session(site, tmp_path, code, ['--sim-arm-artifacts', 'left'], status=1)
+    assert 'the recording holds the states received here' in text
+    folder = tmp_path / 'left' / 'test_it.py_test_falls'
+    states = read_log(folder / 'arm.mcap')['/joint_states']
+    assert len(states) == 50
+    assert states.time[[0, -1]] == pytest.approx([0.001, 0.05])
+    assert 'failed assertion <button data-time="0.001">' in (folder / 'arm.html').read_text()

@@ -70,7 +70,7 @@ from pfd_ros.recording.format import (
 )
 from pfd_ros.recording.head import Ending, read_ending, read_roles, strict_json
 from pfd_ros.recording.log_arrays import LogArrays, TopicArrays, read_parts
-from pfd_ros.recording.reader import LogError
+from pfd_ros.recording.reader import LogError, damage_named
 from pfd_ros.text import cut, one_line
 
 # Of one page.
@@ -293,8 +293,10 @@ class LogReading:
         # Events, which have no span yet, come after the states that set the axis of time.
         for topic in sorted(topics, key=lambda t: t != self.states_topic):
             try:
-                self._feed_topic(topic, part)
-            except (LogError, ValueError) as error:
+                # Whatever a hostile message causes becomes a LogError.
+                with damage_named(self.path):
+                    self._feed_topic(topic, part)
+            except LogError as error:
                 self.notes[one_line(f'topic {cut(topic)!r} is not shown: {error}')] = None
         for topic in topics:
             self._commands_before[topic] += counted[topic]
@@ -634,6 +636,8 @@ class LogReading:
             ]
             with np.errstate(all='ignore'):
                 text = symptoms(time[good], *columns, target=None, limits=bounds, period=period)
+            if not self._limits:
+                text = text.removesuffix(', no limit reached')
             lines.append(one_line(f'{name}: {text}', 300))
         return lines, f't = {time[0]:.3f} s to {time[-1]:.3f} s' if len(time) else ''
 

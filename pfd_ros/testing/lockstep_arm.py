@@ -317,9 +317,7 @@ class LockstepArm:
             raise ValueError(f'the inputs of this run {reason}: record it with recording=...')
         if journal.start is not None:
             write_received(self.names, journal.runs, path)
-            return (
-                'the arm was restored from a saved state: only its states since then are written'
-            )
+            return 'the arm was restored from a saved state: the log has its states since then'
         robot, settings = self._given
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')  # the first arm has warned

@@ -4,6 +4,6 @@
 
 They know neither arms nor files:
 
-metrics    settling time, overshoot, rate of torques: definitions
-symptoms   diagnosis of a joint that missed its target: definitions and messages
+    metrics    settling time, overshoot, rate of torques: definitions
+    symptoms   diagnosis of a joint that missed its target: definitions and messages
 """

@@ -145,6 +145,8 @@ class GapCheck:
 
     topic: str
     period: float = 0.0
+    # A note, if the settings let the sensors drop states.
+    severity: str = WARNING
     _last: float | None = None
 
     def feed(self, time: Array, findings: Findings) -> Array:
@@ -163,7 +165,7 @@ class GapCheck:
             end, length = float(time[place]), float(intervals[k])
             findings.add(
                 'gap',
-                WARNING,
+                self.severity,
                 f'no state on {self.topic} for {1e3 * length:.4g} ms '
                 f'(period {1e3 * self.period:.4g} ms)',
                 (end - length, end),

@@ -338,7 +338,9 @@ class LogReading:
             self._check_states(time, found)
         places: Array = np.empty(0, np.intp)
         if main:
-            self._gaps = self._gaps or GapCheck(topic, self._period())
+            dropped = self.model.settings is not None and self.model.settings.drop_state
+            severity = NOTE if dropped else WARNING
+            self._gaps = self._gaps or GapCheck(topic, self._period(), severity)
             places = self._gaps.feed(time, self.findings)
         for item in JOINT_FIELDS:
             values = getattr(found, item)

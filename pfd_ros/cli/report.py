@@ -22,7 +22,7 @@ REPORTS = {
     'scene': 'cost and error of each effect of a scene, and the smallest scene within a tolerance',
     'log': 'one HTML page of a log: what went wrong first, and its curves; opens without network',
 }
-HELP = 'tables and plots, measured on this machine; and the page of a log'
+HELP = 'make tables and plots, measured on this machine, or the page of a log'
 EXAMPLE = 'pfd report log run.mcap'
 EXAMPLES = {
     'scene': 'pfd report scene --robot puma560 --trajectory sine --tolerance 1e-3',

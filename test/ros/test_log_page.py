@@ -10,6 +10,7 @@ from html.parser import HTMLParser
 from itertools import pairwise
 import json
 from pathlib import Path
+import random
 import re
 from typing import Any
 import zlib
@@ -17,6 +18,7 @@ import zlib
 from bags import STORE, rosbag2
 from browser import check_curves, drawn, needs_browser, screenshot
 from hypothesis import given, settings, strategies
+from mcap.reader import make_reader
 from mcap.writer import Writer
 import numpy as np
 import pytest
@@ -358,6 +360,44 @@ def test_what_lies_before_damage_is_shown(tmp_path: Path, fault: Path) -> None:
     contents = read_contents(path)
     assert any(str(path) in note for note in contents.notes)
     assert contents.plots[0].curve.samples > 500
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_hostile_messages_in_a_whole_file_do_not_hide_the_others(
+    tmp_path: Path, seed: int
+) -> None:
+    rng, path = random.Random(seed), tmp_path / 'hostile.mcap'
+    with GOLDEN.open('rb') as stream, path.open('xb') as out:
+        reader, writer = make_reader(stream), Writer(out)
+        writer.start(profile='ros2')
+        for record in list(reader.iter_metadata()):
+            writer.add_metadata(record.name, record.metadata)
+        for item in reader.iter_attachments():
+            times = item.create_time, item.log_time
+            writer.add_attachment(*times, item.name, item.media_type, item.data)
+        channels: dict[int, int] = {}
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            assert schema is not None
+            if channel.id not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, number
+                )
+            data = bytearray(message.data)
+            if rng.random() < 0.1:
+                at = rng.randrange(len(data))
+                data[at : at + 8] = rng.choice((b'', b'\xff' * 8, bytes(6) + b'\xf0\x7f'))
+            at_ns = rng.choice((0, (1 << 63) - 1)) if rng.random() < 0.01 else message.log_time
+            place = channels[channel.id], at_ns, bytes(data), message.publish_time
+            writer.add_message(*place, message.sequence)
+        writer.finish()
+    contents = read_contents(path)
+    text = page(contents)
+    data_text = re.search('id="data">(.*?)</script>', text, re.DOTALL)
+    assert data_text is not None
+    assert json.loads(data_text[1])['plots'][0]['title'] == 'position'
+    # 269 states, and breaks in the curve where states are damaged.
+    assert contents.plots[0].curve.samples > 200
 
 
 @pytest.mark.parametrize('data', [b'', b'not a log', b'\x89MCAP0\r\n' + bytes(100)])

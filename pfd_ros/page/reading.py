@@ -80,6 +80,8 @@ MOST_COLUMNS = 64
 SAME_CLOCK_SECONDS = 10.0
 # A smaller simulated time is shown as it is, a later one is a time of day.
 LATEST_START = 1e6
+# Time without commands at the end of a log that is an event.
+SILENCE_SECONDS = 0.1
 # Around the first finding, for the diagnosis of each joint.
 BEFORE, AFTER = 20.0, 5.0
 MOST_DIAGNOSED = 1 << 16
@@ -658,6 +660,11 @@ class LogReading:
         settings, ending = self.model.settings, self._ending()
         if settings is not None and np.isfinite(self.span[1]):
             self.inputs.check_timeout(self.span[1], self.findings)
+            last = self.inputs.last_accepted
+            if last is not None and self.span[1] - last > SILENCE_SECONDS:
+                rest = self.span[1] - last
+                text = f'the last command: none in the {rest:.3g} s that follow'
+                self.findings.add('event', NOTE, text, (last, last), key=text)
         if ending is not None and ending.failure and settings is not None:
             stopped = settings.start_ns + ending.steps * settings.step_ns - (self.origin_ns or 0)
             time = stopped / NANOSECONDS

@@ -8,7 +8,7 @@ fast. Both have the same bits.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 import itertools
@@ -23,7 +23,7 @@ from pfd_ros.messages.command_bytes import EffortArray
 from pfd_ros.messages.convert import NANOSECONDS, permutation
 from pfd_ros.motion.metrics import Array
 from pfd_ros.recording.format import ROLE_OF_SOURCE
-from pfd_ros.testing.journal import ADVANCE, STEP, Journal
+from pfd_ros.testing.journal import Input, Journal
 from pfd_ros.testing.run_log import RunLog
 from pfd_ros.testing.trajectory import Rows
 
@@ -84,7 +84,7 @@ class EngineRun:
     def send(self, source: Source, data: bytes) -> Validation:
         """Send a serialized message to the arm, as on a topic; return the validation result."""
         if self.journal is not None:
-            self.journal.add((source, data), len(data))
+            self.journal.add(self.engine.cycles, source, data)
         arrival = Arrival(source, next(self._numbers[source]), data)
         if self.log is not None:
             self.log.record(ROLE_OF_SOURCE[source], arrival.sequence, data)
@@ -94,19 +94,21 @@ class EngineRun:
             self.log.accepted += validation.verdict is Verdict.ACCEPTED
         return validation
 
-    def repeat(self, journal: Journal) -> None:
-        """Take the inputs of a journal in their order, up to a failure of the arm."""
+    def repeat(self, inputs: Iterable[Input], cycles: int) -> None:
+        """Take inputs at their cycles, and run so many cycles, up to a failure of the arm."""
         with suppress(ArmError):
-            for entry in journal.entries:
-                if isinstance(entry, Rows):
-                    for efforts in entry.tau[: entry.count]:
+            for before, source, content in inputs:
+                self._run_to(before)
+                if isinstance(content, Rows):
+                    for efforts in content.tau[: content.count]:
                         self.command(efforts)
-                elif entry == ADVANCE:
-                    self.advance()
-                elif entry == STEP:
-                    self.step()
-                else:
-                    self.send(*entry)
+                elif source is not None:
+                    self.send(source, content)
+            self._run_to(cycles)
+
+    def _run_to(self, cycles: int) -> None:
+        while self.engine.cycles < cycles:
+            self.step()
 
     def restore(self, state: ArmState) -> None:
         """Continue from a saved state; ValueError for one of another arm, or in a recorded run."""
@@ -127,15 +129,11 @@ class EngineRun:
 
     def advance(self) -> list[Output]:
         """Run to the next published state, if the last one has its answer; return the messages."""
-        if self.journal is not None:
-            self.journal.add(ADVANCE, 0)
         self._driver.run_to_answer()
         return self._ended()
 
     def step(self) -> list[Output]:
         """Run one step; return its messages."""
-        if self.journal is not None:
-            self.journal.add(STEP, 0)
         self._driver.step()
         return self._ended()
 

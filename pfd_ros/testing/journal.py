@@ -10,7 +10,7 @@ trajectory.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 from pfd_ros.arm.events import Source
 from pfd_ros.arm.state import ArmState
@@ -19,10 +19,8 @@ from pfd_ros.testing.trajectory import Rows
 # Memory of the inputs of one arm, and of a message beyond its bytes.
 MOST_BYTES = 1 << 26
 MESSAGE_MEMORY = 128
-# What follows a message: steps up to the next published state, or one step.
-ADVANCE: Literal['advance'] = 'advance'
-STEP: Literal['step'] = 'step'
-Entry: TypeAlias = Rows | tuple[Source, bytes] | Literal['advance', 'step']
+# The cycles that ran before; a message of a source, or efforts of rows, one a control period.
+Input: TypeAlias = tuple[int, Source | None, bytes | Rows]
 
 
 @dataclass
@@ -34,7 +32,7 @@ class Journal:
     start
         The restored state, None for the start of the arm.
     entries
-        Rows, whose efforts were commanded one a control period; messages; ADVANCE and STEP.
+        The inputs.
     runs
         The rows of all runs, over topics too.
     complete
@@ -42,27 +40,31 @@ class Journal:
     """
 
     start: ArmState | None = None
-    entries: list[Entry] = field(default_factory=list)
+    entries: list[Input] = field(default_factory=list)
     runs: list[Rows] = field(default_factory=list)
     complete: bool = True
     _size: int = 0
 
-    def add(self, entry: Entry, size: int) -> None:
-        """Add an input of so many bytes."""
-        self._size += size + MESSAGE_MEMORY
+    def add(self, cycles: int, source: Source, data: bytes) -> None:
+        """Add a message that is sent after so many cycles."""
+        self._size += len(data) + MESSAGE_MEMORY
+        self.entries.append((cycles, source, data))
         if self._size > MOST_BYTES:
-            self.complete = False
-            self.entries.clear()
-            self.runs.clear()
-        else:
-            self.entries.append(entry)
+            self._drop()
 
-    def add_run(self, rows: Rows, callback: bool) -> None:
+    def add_run(self, cycles: int, rows: Rows, callback: bool) -> None:
         """Add a run; the efforts of a callback are inputs, messages of a topic come one by one."""
+        self._size += rows.size
+        self.runs.append(rows)
         if callback:
-            self.add(rows, rows.size)
-        if self._size + rows.size <= MOST_BYTES:
-            self.runs.append(rows)
+            self.entries.append((cycles, None, rows))
+        if self._size > MOST_BYTES:
+            self._drop()
+
+    def _drop(self) -> None:
+        self.complete = False
+        self.entries.clear()
+        self.runs.clear()
 
     def restart(self, state: ArmState) -> None:
         """Begin again with a state."""

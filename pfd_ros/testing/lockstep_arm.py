@@ -183,7 +183,7 @@ class LockstepArm:
         rows = rows_of(self.settings, seconds, len(self.names))
         names = self.names
         if self._run.journal is not None:
-            self._run.journal.add_run(rows, callback=True)
+            self._run.journal.add_run(self.engine.cycles, rows, callback=True)
         command, measured, arm = self._run.command, self._run.measured, self.engine.arm
         with Watch(patience) as watch:
             for k in range(len(rows.time)):
@@ -246,7 +246,7 @@ class LockstepArm:
         rows = rows_of(self.settings, seconds, len(self.names))
         run = TopicRun(self._run, rows, checked_reasons(allow_rejected))
         if self._run.journal is not None:
-            self._run.journal.add_run(rows, callback=False)
+            self._run.journal.add_run(self.engine.cycles, rows, callback=False)
         if self._exchange is None:
             self._exchange = Exchange(roles_of(self.settings), self._ros_args, self._topics)
         self._exchange.run(run, controllers, Waits(patience, start_patience))
@@ -323,7 +323,7 @@ class LockstepArm:
             warnings.simplefilter('ignore')  # the first arm has warned
             again = LockstepArm(robot, **{**settings, 'recording': str(path)})
         with again:
-            again._run.repeat(journal)
+            again._run.repeat(journal.entries, self.engine.cycles)
         same = again.q.tobytes() == self.q.tobytes()
         return '' if same else 'the arm was run again, and its last state differs'
 

@@ -23,6 +23,7 @@ from mcap.writer import Writer
 import numpy as np
 import pytest
 from rewriting import GOLDEN
+from simulating import efforts, simulate
 
 import pfd_core as pfd
 from pfd_ros import read_log
@@ -236,8 +237,17 @@ def test_a_run_without_problems_says_what_was_checked(tmp_path: Path) -> None:
         arm.run(lambda t, q, qd: np.full(2, 0.1), 0.2)
     contents = read_contents(path)
     assert contents.first is None
+    assert not contents.findings
     assert 'rejected inputs' in contents.checked
     assert 'Nothing went wrong' in page(contents)
+
+
+def test_the_last_command_is_an_event_if_the_log_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / 'silent.mcap'
+    simulate(400, {100: [efforts(0.0, 0.0)], 150: [efforts(0.0, 0.0)]}).save(path)
+    found = [f for f in read_contents(path).findings if 'the last command' in f.text]
+    assert [f.severity for f in found] == ['note']
+    assert 'none in the 0.25' in found[0].text
 
 
 def test_missing_states_are_a_gap_and_no_line_crosses_it(tmp_path: Path) -> None:

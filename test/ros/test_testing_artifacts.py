@@ -181,6 +181,41 @@ def test_falls(sim_arm):
 
 
 @pytest.mark.ros
+def test_a_run_over_topics_is_recorded_again_with_the_bits_of_its_motion(
+    site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = """
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+class Controller(Node):
+    def __init__(self):
+        super().__init__('controller')
+        self.out = self.create_publisher(Float64MultiArray, 'sim_arm/commands', 1)
+        self.create_subscription(JointState, 'joint_states', self.answer, 10)
+
+    def answer(self, state):
+        efforts = -5.0 * np.array(state.position) - np.array(state.velocity)
+        self.out.publish(Float64MultiArray(data=efforts.tolist()))
+
+def test_spins(sim_arm, ros_domain):
+    node = Controller()
+    motion = sim_arm(robot='planar2').spin(0.2, node)
+    np.save('q.npy', motion.q)
+    node.destroy_node()
+    assert False
+"""
+    session(site, tmp_path, code, ['--sim-arm-artifacts', 'left'], status=1)
+    log = tmp_path / 'left' / 'test_it.py_test_spins' / 'arm.mcap'
+    assert main(['replay', str(log), '--verify']) == 0
+    assert 'verified' in capsys.readouterr().out
+    recorded = read_log(log)['/joint_states'].position
+    assert recorded[:-1].tobytes() == np.load(tmp_path / 'q.npy')[1:].tobytes()
+
+
+@pytest.mark.ros
 def test_of_an_arm_in_another_process_the_received_states_are_written(
     site: Path, tmp_path: Path
 ) -> None:

@@ -98,7 +98,7 @@ class LogRecorder:
         topics: Sequence[Topic],
         head: FileHead,
         report: Callable[[str], None],
-        opening: Iterable[tuple[int, int, bytes]] = (),
+        opening: Sequence[tuple[int, int, bytes]] = (),
         limits: Limits | None = None,
         flush_seconds: float = FLUSH_SECONDS,
         limit: int = QUEUE_LIMIT,
@@ -136,7 +136,7 @@ class LogRecorder:
         # the queue the messages that were dropped before it.
         self._state_topic = -1 if limits is None else limits.state
         self._dropped_before: deque[tuple[int, ...]] = deque()
-        first = self._timed(opening)
+        first = self._timed(opening) if opening else []
         file = RunFiles(path, self.topics, head, first, limits)
         self.path = file.path
         self.recorded[:] = file.counts
@@ -229,7 +229,7 @@ class LogRecorder:
         self._last_ns = log_ns
         return log_ns, published_ns
 
-    def _timed(self, opening: Iterable[tuple[int, int, bytes]]) -> list[Timed]:
+    def _timed(self, opening: Sequence[tuple[int, int, bytes]]) -> list[Timed]:
         """Return the first messages with their times, but for those that are too long."""
         log_ns, published_ns = self._times_ns()
         found = []

@@ -153,10 +153,11 @@ def _replay_of(parts: Sequence[_FilePart]) -> _Replay:
         obstacle = next(p.found.summary.obstacle for p in parts if p.log is blocking)
         raise LogError(f'{blocking.path} {obstacle}')
     settings, frames = found.summary.settings, None
-    robot = recorded_robot(log, found.state)
-    if found.description:
-        frames = link_frames(decode_string(found.description), settings, robot)
-    return _Replay(Driver(Engine(settings, robot, frames=frames)), gaps=gaps)
+    with damage_named(log.path):
+        robot = recorded_robot(log, found.state)
+        if found.description:
+            frames = link_frames(decode_string(found.description), settings, robot)
+        return _Replay(Driver(Engine(settings, robot, frames=frames)), gaps=gaps)
 
 
 def _replay(part: _FilePart, replay: _Replay, progress: Callable[[float], None] | None) -> None:

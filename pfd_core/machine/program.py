@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 import math
 import operator
 from typing import Any, NamedTuple
@@ -71,6 +71,12 @@ class Steps:
     square_roots: int = 0
     routes: int = 0
     sines: int = 0
+
+    def __add__(self, other: Steps) -> Steps:
+        return Steps(**{cost: n + getattr(other, cost) for cost, n in asdict(self).items()})
+
+    def __sub__(self, other: Steps) -> Steps:
+        return Steps(**{cost: n - getattr(other, cost) for cost, n in asdict(self).items()})
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ def inertia_matrix(
 
     """
     F, n_jj, diagonal = composite_forces(recorder, chain, pose, armature)
-    return _rows(recorder, chain, pose, F, n_jj, diagonal)
+    return rows_of_moments(recorder, chain, pose, F, n_jj, diagonal)
 
 
 def record_pcrbm(
@@ -160,7 +160,7 @@ def _forces(
     return F, N
 
 
-def _rows(
+def rows_of_moments(
     recorder: Recorder,
     chain: Links,
     pose: Pose,

@@ -7,7 +7,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 import math
 
-from closed_forms import EVERY_SIZE, arithmetic, chain, levels
+from closed_forms import (
+    EVERY_SIZE,
+    Counts,
+    arithmetic,
+    by_section,
+    chain,
+    levels,
+    routes_by_section,
+)
 import mpmath
 import numpy as np
 from oracle import Oracle, error, relative
@@ -21,11 +29,9 @@ from pfd_core.algorithms.paper.pcgm_1987 import record_pcgm_1987
 from pfd_core.algorithms.paper.pcrbm_1987 import record_pcrbm_1987
 from pfd_core.algorithms.programs import EDITION, FORWARD
 from pfd_core.machine.emulator import run
-from pfd_core.machine.program import Program
 from pfd_core.model import resolve
 from pfd_core.report.cases.robots import uniform_chain
 
-Counts = tuple[int, int, int, int]
 RIGHT_ANGLED = pfd.Scene(external_wrench=True, damping='model', armature='model', brakes=True)
 
 
@@ -214,19 +220,6 @@ def pcrbm_routes(n: int) -> dict[str, int]:
         'column sweeps': 3 * few,  # n - 1 components each way, n - 1 diagonals transposed
     }
     return {section: count for section, count in found.items() if count}
-
-
-def by_section(program: Program) -> dict[str, Counts]:
-    """Return the arithmetic of each section that has any."""
-    sections = dict.fromkeys(one.section for one in program.instructions)
-    counts = {section: arithmetic(program.count(section=section)) for section in sections}
-    return {section: row for section, row in counts.items() if any(row)}
-
-
-def routes_by_section(program: Program) -> dict[str, int]:
-    sections = dict.fromkeys(one.section for one in program.instructions)
-    counts = {section: program.count(section=section).routes for section in sections}
-    return {section: count for section, count in counts.items() if count}
 
 
 @pytest.mark.parametrize('literal', [False, True])

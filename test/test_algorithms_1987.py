@@ -132,6 +132,29 @@ def test_step_6_as_printed_is_wrong_only_for_sliding_joints() -> None:
         assert not off < 0.01 if sliding else off < 1e-9  # z . F_j = 0 is no pivot: NaN
 
 
+def test_equations_of_appendix_a_as_printed_are_wrong() -> None:
+    # (A.3) for any arm, (A.8) where a joint slides that is not the first of its pairs.
+    rng = np.random.default_rng(10)
+    for types in (['revolute'] * 4, ['revolute', 'prismatic'] * 2):
+        robot = random_chain(rng, 4, joint_types=types)
+        q, qd, tau = random_state(rng, 4)
+        wanted = Oracle(robot).qdd(q, qd, tau)
+        for misprint in (pcrbm_1987.A_3, pcrbm_1987.A_8):
+            program = record_pcrbm_1987(resolve(robot), 'parallel', misprints=[misprint])
+            with np.errstate(all='ignore'):
+                found = run(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
+            right = misprint == pcrbm_1987.A_8 and 'prismatic' not in types
+            assert (relative(found, wanted) < 1e-3) == right
+
+
+def test_step_7_as_printed_loses_the_iterate() -> None:
+    robot = pfd.load_robot('ur5')
+    q, qd, tau = random_state(np.random.default_rng(11), 6)
+    given = {'q': q, 'qd': qd, 'tau': tau}
+    program = record_pcgm_1987(resolve(robot), 'parallel', misprints=[pcgm_1987.STEP_7])
+    assert not relative(run(program, given)['qdd'], Oracle(robot).qdd(q, qd, tau)) < 0.01
+
+
 def test_step_4_as_printed_gives_the_answer_plus_the_estimate() -> None:
     robot = pfd.load_robot('ur5')
     q, qd, tau = random_state(np.random.default_rng(8), 6)

@@ -12,6 +12,7 @@ from typing import Any
 from pfd_core.algorithms.paper.array_solver import solve
 from pfd_core.machine.program import Steps
 from pfd_core.report.cases.paper import KINDS, TABLE, value
+from pfd_core.report.errata_pages import write as write_errata
 from pfd_core.report.measure.convergence import Convergence, measure_convergence, robots
 from pfd_core.report.measure.counts import (
     AS_PRINTED,
@@ -290,7 +291,7 @@ def run(folder: Path) -> list[Path]:
 
 def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) -> list[Path]:
     """
-    Write counts.md, counts.json, the activity of the array, array.svg, and a plot, counts.png.
+    Write counts.md and .json, a plot, counts.png, the array at work, array.svg, and errata.md.
 
     The plot is skipped if matplotlib (extra `report`) is not installed.
     """
@@ -302,7 +303,8 @@ def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) 
     pages = write_page(folder, 'counts', markdown(rows, iterations), data)
     activity = folder / 'array.svg'
     activity.write_text(solve_picture(PRINTED_AT), encoding='utf-8')
-    return [*pages, activity, *save(partial(_draw, rows), folder, 'counts', (12, 5.5), ['png'])]
+    pages += [activity, write_errata(folder)]
+    return [*pages, *save(partial(_draw, rows), folder, 'counts', (12, 5.5), ['png'])]
 
 
 def _draw(rows: Sequence[Row], figure: Any) -> None:

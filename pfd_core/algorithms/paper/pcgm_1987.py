@@ -7,7 +7,7 @@ Procedure PCGM step by step as the paper prints it: n iterations, H u by NE1.
     3       b by NE1
     4       y = tau - b,  w_0 = u_0 = y - H x_0                       (printed: y)
     5, 6    e_0 = w_0' w_0;  stop if it is zero
-    7       t = H u_i by NE1
+    7       t = H u_i by NE1                                          (printed: also x_1 = t)
     8       g_i = e_i / u_i't
     9, 10   x_(i+1) = x_i + g_i u_i;  stop if i = n - 1
     11      w_(i+1) = w_i - g_i t
@@ -16,8 +16,8 @@ Procedure PCGM step by step as the paper prints it: n iterations, H u by NE1.
     16      i = i + 1, back to step 7                                 (printed: 5)
 
 Lee and Chang 1987, section 3. Corrected, and nothing else: step 4 for an estimate x_0 other than
-zero, and the number in step 16. MISPRINTS names what can be run as printed. Here steps 11 to 15
-also run in the last iteration, as item (d) counts them.
+zero, step 7, which leaves x alone, and the number in step 16. MISPRINTS names what can be run as
+printed. Here steps 11 to 15 also run in the last iteration, as item (d) counts them.
 
 n iterations are an answer in exact arithmetic only: output `converged` is one, since the procedure
 ends in any case, and whether qdd satisfies the equations of motion is checked after it
@@ -50,9 +50,10 @@ from pfd_core.model import Plant
 from pfd_core.model.checked_numbers import choice
 
 # What can be run as it is printed: name, and what is wrong.
-STEP_4, STEP_16 = 'step 4', 'step 16'
+STEP_4, STEP_7, STEP_16 = 'step 4', 'step 7', 'step 16'
 MISPRINTS = {
     STEP_4: 'w_0 = tau - b for any x_0, where tau - b - H x_0 is needed',
+    STEP_7: 'x_1 = t overwrites the iterate',
     STEP_16: 'the loop goes back to step 5 and repeats the inner product of step 12',
 }
 
@@ -98,6 +99,8 @@ def record_pcgm_1987(
     def step(x: Lanes, w: Lanes, u: Lanes, e: Lanes) -> tuple[tuple[Lanes, ...], Lanes]:
         with recorder.section('step 7'):
             t = times(u)
+        if STEP_7 in misprints:
+            x = t
         with recorder.section('step 8'):
             g = broadcast(e / total(u * t), 0)
         with recorder.section('steps 9 to 11'):

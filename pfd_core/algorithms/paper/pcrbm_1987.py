@@ -62,10 +62,14 @@ from pfd_core.model import Plant
 from pfd_core.model.checked_numbers import choice
 
 # What can be run as it is printed: name, and what is wrong.
-CHOLESKY, STEP_6 = 'equations (11), (12)', 'step 6'
+CHOLESKY, STEP_6 = AS_PRINTED = ('equations (11), (12)', 'step 6')
+# Appendix A has them other than the procedure.
+A_3, A_8 = 'equation (A.3)', 'equation (A.8)'
 MISPRINTS = {
     CHOLESKY: 'h_ij h_kj and h_ii stand where l_ij l_kj and l_ii are needed',
     STEP_6: 'F_j and N_j of a translational joint are those of a rotational one',
+    A_3: 'the first bracket of (19) has the factor M_j instead of M_(j+1)',
+    A_8: '(26) goes by the type of joint j instead of joint i',
 }
 
 
@@ -96,7 +100,7 @@ def record_pcrbm_1987(plant: Plant, schedule: str, *, misprints: Collection[str]
         choice('misprint', name, MISPRINTS)
     # Steps 1, 2 and 9.
     recorder, chain, at, y = forward_equations(plant, schedule, newton_euler, fohra)
-    M, c, E = _composite_bodies(recorder, chain, at)
+    M, c, E = _composite_bodies(recorder, chain, at, A_3 in misprints)
     with recorder.section('step 6'):
         F, N = _forces(chain, at, M, c, E, STEP_6 in misprints)
     with recorder.section('equation (23)'):
@@ -109,7 +113,7 @@ def record_pcrbm_1987(plant: Plant, schedule: str, *, misprints: Collection[str]
     rotors = armature(recorder, plant)
     if rotors is not None:
         diagonal = diagonal + rotors
-    rows = rows_of_moments(recorder, chain, at, F, n_jj, diagonal)
+    rows = rows_of_moments(recorder, chain, at, F, n_jj, diagonal, by_column=A_8 in misprints)
     free = None
     if plant.brakes:
         rows, y, free = held_joints(rows, y)
@@ -123,7 +127,7 @@ def record_pcrbm_1987(plant: Plant, schedule: str, *, misprints: Collection[str]
 
 
 def _composite_bodies(
-    recorder: Recorder, chain: Links, at: Pose
+    recorder: Recorder, chain: Links, at: Pose, literal: bool
 ) -> tuple[Lanes, LaneArray, LaneArray]:
     """Return M_j, c_j and E_j, (3, 3), of the links j..n: steps 3 to 5."""
     n = recorder.lanes
@@ -142,7 +146,8 @@ def _composite_bodies(
     with recorder.section('equation (19)'):
         reach = at.p_star - c
         u, v = shift(c, -1) + reach, at.s + reach
-        terms = beyond * parallel_axis(u) + at.J + chain.m * parallel_axis(v)
+        first = on(M, range(n - 1)) if literal else beyond
+        terms = first * parallel_axis(u) + at.J + chain.m * parallel_axis(v)
         terms = merge(terms, at.J)
     with recorder.section('equation (20)'):
         E = suffix(lambda left, right: left + right, symmetric_matrix(terms))

@@ -21,7 +21,7 @@ as fast. Efficiency is speed-up over processors, cells of the array among them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -50,9 +50,9 @@ GIVEN = ('joint rotation', 'rotations')  # the sections that the paper does not 
 PRINTED_AT = 6
 AS_PRINTED, CORRECTED, BEST_KNOWN = EDITIONS = ('as printed', 'corrected', 'best known')
 # The procedures of the paper that the first two editions of a system are recorded from.
-PROCEDURES = {
-    'pcrbm': ('pcrbm_1987', pcrbm_1987.MISPRINTS),
-    'pcrbm_array': ('pcrbm_1987', pcrbm_1987.MISPRINTS),
+PROCEDURES: dict[str, tuple[str, Collection[str]]] = {
+    'pcrbm': ('pcrbm_1987', pcrbm_1987.AS_PRINTED),
+    'pcrbm_array': ('pcrbm_1987', pcrbm_1987.AS_PRINTED),
     'pcgm': ('pcgm_1987', pcgm_1987.MISPRINTS),
 }
 # Sections of PCRBM that the array executes instead of n processors.

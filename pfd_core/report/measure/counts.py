@@ -246,7 +246,6 @@ def _counted(method: str, n: int, edition: str, iterations: int) -> tuple[Steps,
     return packed, unpacked, work, min(work, alone)
 
 
-@cache
 def _program(method: str, n: int, schedule: str, edition: str) -> Program:
     plant = resolve(uniform_chain(n))
     if edition == BEST_KNOWN:
@@ -310,18 +309,14 @@ class CountedPart:
 
 def counted_parts(n: int) -> Iterator[CountedPart]:
     """Yield the parts of section 2.5 and of section 3, counted by their recorded sections."""
+    recordings = (('parallel', AS_PRINTED), ('unpacked', AS_PRINTED), ('parallel', CORRECTED))
+    programs = {
+        system: [_program(system, n, *recording) for recording in recordings]
+        for system in dict.fromkeys(part.system for part in PARTS)
+    }
     for part in PARTS:
-        yield CountedPart(
-            part,
-            *(
-                _in_sections(_program(part.system, n, schedule, edition), part.sections)
-                for schedule, edition in (
-                    ('parallel', AS_PRINTED),
-                    ('unpacked', AS_PRINTED),
-                    ('parallel', CORRECTED),
-                )
-            ),
-        )
+        steps = (_in_sections(program, part.sections) for program in programs[part.system])
+        yield CountedPart(part, *steps)
 
 
 def _of_kind(steps: Steps, kind: str) -> int:

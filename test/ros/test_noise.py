@@ -7,7 +7,6 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from scipy import stats
 
 from pfd_ros.arm.noise import (
     BLOCK,
@@ -76,6 +75,9 @@ def samples(draw, seed: int, channel: Channel, cycles: int = 4000, n: int = 6) -
 
 # The deviates are fixed numbers: a p-value is one too, and a limit of 1e-3 is no game of chance.
 def test_deviates_have_their_distributions() -> None:
+    # Not in every worker that collects this file: it takes 0.7 s.
+    from scipy import stats
+
     for seed in (0, 1, LARGEST_SEED):
         flat = samples(uniform, seed, Channel.POSITION).ravel()
         assert ((flat >= 0) & (flat < 1)).all()

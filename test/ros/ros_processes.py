@@ -22,6 +22,8 @@ from pfd_ros.testing import domains
 from pfd_ros.testing.child_process import ChildProcess
 
 ROOT = Path(__file__).resolve().parents[2]
+# Of the package under test; an installation has byte code, which a checkout may not have.
+PACKAGES = Path(domains.__file__).parents[2]
 # Longest wait for anything a process should do: discovery alone may take three seconds, and
 # compiling a robot on a machine with twenty times its load some minutes. Nothing is measured
 # against it.
@@ -59,7 +61,7 @@ def resident_bytes(pid: int) -> int:
 
 
 def environment(domain: int) -> dict[str, str]:
-    path = [os.environ.get('PYTHONPATH', ''), str(ROOT)]
+    path = [os.environ.get('PYTHONPATH', ''), str(PACKAGES)]
     return domains.environment(os.environ, domain) | {
         'ROS_PYTHON_CHECK_FIELDS': '1',
         'PYTHONPATH': os.pathsep.join(part for part in path if part),

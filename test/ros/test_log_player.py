@@ -18,9 +18,19 @@ import time
 from typing import Any
 
 from forked_process import failing
-from mcap.writer import Writer
 import pytest
-from rewriting import ARRAY, CLOCK, GOLDEN, NAMED, STATES, TAKEN, load
+from rewriting import (
+    ARRAY,
+    CLOCK,
+    GOLDEN,
+    NAMED,
+    STATES,
+    TAKEN,
+    Recording,
+    Sent,
+    load,
+    ros_topic,
+)
 from ros_processes import Peer, Process, Processes, call, environment
 from test_played_topics import install_definition
 from test_read_log import rosbag2
@@ -32,7 +42,7 @@ from pfd_ros.recording.bags import Bag
 
 pytestmark = pytest.mark.ros
 
-STRING = 'std_msgs/msg/String'
+STRING, DEFINITION = 'std_msgs/msg/String', 'string data\n'
 MAP, WORDS = '/map', '/words'
 SECOND = 1_000_000_000
 PFD = ('-m', 'pfd_ros.cli.main')
@@ -135,24 +145,16 @@ def word(k: int) -> bytes:
 
 def write_words(path: Path, count: int, apart: float = 1.0, maps: Sequence[int] = (0, 3)) -> Path:
     """Write an MCAP file with a word every so many s, and transient local maps before some."""
-    with path.open('wb') as stream:
-        writer = Writer(stream)
-        writer.start('ros2', 'test')
-        schema = writer.register_schema(STRING, 'ros2msg', b'string data\n')
-        channels = {
-            topic: writer.register_channel(
-                topic, 'cdr', schema, {'offered_qos_profiles': qos_text(1, durability=durability)}
-            )
-            for topic, durability in ((WORDS, 'volatile'), (MAP, 'transient_local'))
-        }
-        for k in range(count):
-            at = SECOND + round(k * apart * SECOND)
-            if k in maps:
-                data = encode_string(f'map {k:03d}')
-                writer.add_message(channels[MAP], at, data, at)
-            writer.add_message(channels[WORDS], at, word(k), at)
-        writer.finish()
-    return path
+    bag = Recording()
+    for topic, durability in ((WORDS, 'volatile'), (MAP, 'transient_local')):
+        qos = qos_text(1, durability=durability)
+        bag.channels.append(ros_topic(topic, STRING, DEFINITION, qos=qos))
+    for k in range(count):
+        at = SECOND + round(k * apart * SECOND)
+        if k in maps:
+            bag.messages.append(Sent(MAP, 0, at, encode_string(f'map {k:03d}')))
+        bag.messages.append(Sent(WORDS, 0, at, word(k)))
+    return bag.save(path)
 
 
 def kinds_of(log: Path) -> dict[str, str]:
@@ -444,16 +446,11 @@ def test_a_type_that_is_not_installed_is_named_and_the_others_are_played(
     processes: Processes, peer_of: PeerOf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kind = install_definition(tmp_path, monkeypatch)
-    path = tmp_path / 'things.mcap'
-    with path.open('wb') as stream:
-        writer = Writer(stream)
-        writer.start('ros2', 'test')
-        for type_name, topic in ((kind, '/things'), (STRING, WORDS)):
-            schema = writer.register_schema(type_name, 'ros2msg', b'string data\n')
-            channel = writer.register_channel(topic, 'cdr', schema)
-            for k in range(3):
-                writer.add_message(channel, SECOND + k, word(k), SECOND + k)
-        writer.finish()
+    bag = Recording()
+    for type_name, topic in ((kind, '/things'), (STRING, WORDS)):
+        bag.channels.append(ros_topic(topic, type_name, DEFINITION))
+        bag.messages += [Sent(topic, 0, SECOND + k, word(k)) for k in range(3)]
+    path = bag.save(tmp_path / 'things.mcap')
     peer = peer_of(processes)
     listener = Listener(peer, (WORDS, STRING))
     player = start(processes, path, '--start-paused')
@@ -485,16 +482,10 @@ def test_a_second_publisher_of_a_topic_is_reported(
 def test_messages_far_out_of_order_are_counted_at_the_end(
     processes: Processes, tmp_path: Path
 ) -> None:
-    path = tmp_path / 'unordered.mcap'
-    with path.open('wb') as stream:
-        writer = Writer(stream)
-        writer.start('ros2', 'test')
-        schema = writer.register_schema(STRING, 'ros2msg', b'string data\n')
-        channel = writer.register_channel(WORDS, 'cdr', schema)
-        # One more than can wait lies before the last one in the file.
-        for at in (*range(1, 4099), 0):
-            writer.add_message(channel, at, word(0), at)
-        writer.finish()
+    # One more than can wait lies before the last one in the file.
+    messages = [Sent(WORDS, 0, at, word(0)) for at in (*range(1, 4099), 0)]
+    bag = Recording(channels=[ros_topic(WORDS, STRING, DEFINITION)], messages=messages)
+    path = bag.save(tmp_path / 'unordered.mcap')
     player = start(processes, path)
     assert player.process.wait(60) == 0
     line = '1 messages are out of order by more than 4096 messages or 16 MiB; published late'

@@ -67,8 +67,9 @@ from pfd_ros.recording.format import (
     SET_STATE,
     SOURCE_OF_ROLE,
     HeadKey,
+    Part,
 )
-from pfd_ros.recording.head import Ending, read_ending, read_roles, strict_json
+from pfd_ros.recording.head import Ending, read_ending, read_part, read_roles, strict_json
 from pfd_ros.recording.log_arrays import LogArrays, TopicArrays, read_parts
 from pfd_ros.recording.reader import LogError, damage_named
 from pfd_ros.text import cut, one_line
@@ -648,13 +649,26 @@ class LogReading:
     # The end.
 
     def _ending(self) -> Ending | None:
+        """Return the end record; of a folder that of its last file, from the first file on."""
         if not self.bag.end or not self.model.roles:
             return None
         try:
-            return read_ending(self.bag.end, self.model.roles)
+            ending = read_ending(self.bag.end, self.model.roles, self._part())
         except ValueError as error:
             self.notes[one_line(f'the end record cannot be read: {error}')] = None
             return None
+        if ending.totals is None:
+            self.notes['the run continues in another file'] = None
+        return ending
+
+    def _part(self) -> Part:
+        """Return the place of the first file in its run."""
+        text = self.bag.head.get(HeadKey.PART)
+        if text is None:
+            return Part()
+        part = read_part(strict_json(text), self.model.roles)
+        self.notes[f'the run begins in another file: this is file {part.number}'] = None
+        return part
 
     def _contents(self) -> Contents:
         settings, ending = self.model.settings, self._ending()
@@ -665,10 +679,11 @@ class LogReading:
                 rest = self.span[1] - last
                 text = f'the last command: none in the {rest:.3g} s that follow'
                 self.findings.add('event', NOTE, text, (last, last), key=text)
-        if ending is not None and ending.failure and settings is not None:
-            stopped = settings.start_ns + ending.steps * settings.step_ns - (self.origin_ns or 0)
+        totals = None if ending is None else ending.totals
+        if totals is not None and totals.failure and settings is not None:
+            stopped = settings.start_ns + totals.steps * settings.step_ns - (self.origin_ns or 0)
             time = stopped / NANOSECONDS
-            text = one_line(f'the simulation stopped: {ending.failure}', TEXT_LENGTH)
+            text = one_line(f'the simulation stopped: {totals.failure}', TEXT_LENGTH)
             self.findings.add('failure', BAD, text, (time, max(time, self.span[1])), key='end')
         for mark in self.marks:
             text = one_line(mark.text.partition('\n')[0], MARK_LENGTH)

@@ -91,6 +91,8 @@ def _write_log(arm: Any, log: Path) -> list[str]:
         return [one_line(f'the recording is incomplete: {failed}')]
     finally:
         source = Path(arm.settings.recording)
+        if not source.exists():  # files of bounded size: the last one, with the failure
+            source = max(source.parent.glob(f'{source.stem}_*.mcap'), default=source)
         try:
             os.link(source, log)
         except OSError:

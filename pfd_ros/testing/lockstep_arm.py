@@ -321,7 +321,8 @@ class LockstepArm:
         robot, settings = self._given
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')  # the first arm has warned
-            again = LockstepArm(robot, **{**settings, 'recording': str(path)})
+            one_file = {'recording_max_size': 0, 'recording_max_duration': 0.0}
+            again = LockstepArm(robot, **{**settings, **one_file, 'recording': str(path)})
         with again:
             again._run.repeat(journal.entries, self.engine.cycles)
         same = again.q.tobytes() == self.q.tobytes()

@@ -36,6 +36,7 @@ from pfd_ros.page.html import page
 from pfd_ros.page.intervals import Intervals
 from pfd_ros.page.packing import BLOCK, GAP, packed_times, packed_values
 from pfd_ros.page.reading import read_contents
+from pfd_ros.testing.engine_run import ArmError
 from pfd_ros.testing.lockstep_arm import LockstepArm
 
 HOSTILE = '</script><img src=x onerror=alert(1)>&"\'{{}}\u2028'
@@ -240,6 +241,19 @@ def test_a_run_without_problems_says_what_was_checked(tmp_path: Path) -> None:
     assert not contents.findings
     assert 'rejected inputs' in contents.checked
     assert 'Nothing went wrong' in page(contents)
+
+
+def test_a_failed_simulation_and_files_of_one_run_are_told(tmp_path: Path) -> None:
+    endless = {'effort_limits': False, 'torque_speed': False, 'recording_max_duration': 0.05}
+    arm = LockstepArm('planar2', recording=tmp_path / 'run.mcap', **endless)
+    with arm, pytest.raises(ArmError):
+        arm.run(lambda t, q, qd: 0 * q + (1e300 if t > 0.1 else 0.0), 0.3)
+    first, *_, last = (read_contents(path) for path in sorted(tmp_path.glob('run_*.mcap')))
+    assert 'the run continues in another file' in first.notes
+    assert any('the run begins in another file' in note for note in last.notes)
+    (failure,) = (f for f in last.findings if f.kind == 'failure')
+    assert failure.time == pytest.approx(0.101)
+    assert 'not finite' in failure.text
 
 
 def test_the_last_command_is_an_event_if_the_log_goes_on(tmp_path: Path) -> None:

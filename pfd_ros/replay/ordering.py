@@ -12,15 +12,19 @@ simulated through.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import NamedTuple
+
+import numpy as np
 
 from pfd_ros.arm.changes import read_changes
 from pfd_ros.arm.events import (
     ARM_STATE,
     CLOCK,
+    DROPPED_STATES,
     NUMBERED_AS_STATES,
     PAYLOAD_IN_USE,
     STATES,
@@ -39,12 +43,12 @@ from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, ro
 from pfd_ros.recording.format import (
     ASIDE,
     CHANNELS,
+    LAST_NS,
     PARAMETERS,
-    ROLE_OF_SOURCE,
     SEQUENCE_MASK,
     SOURCE_OF_ROLE,
 )
-from pfd_ros.recording.reader import Entry, Log
+from pfd_ros.recording.reader import Entries, Entry, Log
 
 # Steps per second that no node reaches; the bound where the settings name none.
 FASTEST = 1e6
@@ -54,6 +58,15 @@ AHEAD = 1.0
 MOST_KEPT, MOST_BYTES = 1 << 17, 1 << 27
 # Order of the outputs within a cycle; only validation rows may be several messages.
 _RANKS = {role: rank for rank, role in enumerate(CHANNELS)}
+# Inputs, whose validation rows have their cycle, and messages of the node itself.
+_OF_NO_CYCLE = frozenset({*SOURCE_OF_ROLE, *ASIDE})
+_HAVE_CYCLES = np.array([role not in _OF_NO_CYCLE for role in CHANNELS])
+# Messages whose number alone, or whose rows, place them.
+_REGULAR = CHANNELS.keys() - {PARAMETERS, PAYLOAD_IN_USE, DROPPED_STATES}
+# By their numbers, from 0 on.
+_SOURCES, _VERDICTS = tuple(Source), tuple(Verdict)
+# Larger integers have no exact float64.
+_EXACT = 1 << 53
 
 
 class PlacedMessage(NamedTuple):
@@ -138,7 +151,12 @@ class Inbox:
 
 
 def placed_messages(log: Log) -> Iterator[PlacedMessage]:
-    """Yield the messages of a recording.
+    """Yield the messages of a recording, as `placed_blocks` does."""
+    return chain.from_iterable(placed_blocks(log))
+
+
+def placed_blocks(log: Log) -> Iterator[list[PlacedMessage]]:
+    """Yield the messages of a recording, some at a time.
 
     Raises
     ------
@@ -148,10 +166,10 @@ def placed_messages(log: Log) -> Iterator[PlacedMessage]:
         If it cannot be read.
     """
     order: _Order | None = None
-    for entry in log.entries():
+    for entries in log.blocks():
         if order is None:
             order = _Order(log)
-        yield order.place(entry)
+        yield order.place_all(entries) or [order.place(entry) for entry in entries.single()]
 
 
 class _Order:
@@ -161,14 +179,15 @@ class _Order:
         settings = log.settings
         self._every = dict.fromkeys(CHANNELS, settings.publish_every)
         self._every |= {CLOCK: settings.clock_every, TF: settings.tf_every}
-        self._every[ARM_STATE] = settings.save_every
+        self._every |= dict.fromkeys(_OF_NO_CYCLE, 0) | {ARM_STATE: settings.save_every}
         self._settings, self._rate = settings, 0.0
         self._simulated = settings.log_time == SIMULATED
         self._allow(settings)
         self._started_ns = log.started_ns
         self._last_ns = settings.start_ns if self._simulated else log.started_ns
         self._last = dict.fromkeys(log.roles.values(), 0)
-        self._place = (0, _RANKS[CLOCK])
+        # Of the last output: its cycle, then its order within the cycle.
+        self._place = _RANKS[CLOCK]
         # The cycle of the last validation rows.
         self._taken = 1
 
@@ -187,6 +206,62 @@ class _Order:
                 factor = values['real_time_factor']
                 self._allow(replace(self._settings, real_time_factor=factor))
 
+    def place_all(self, entries: Entries) -> list[PlacedMessage]:
+        """Return messages of which none is missing or impossible; [] if `place` has to look."""
+        block, roles, count = entries.block, entries.roles, len(entries.roles)
+        times = np.stack([block.log_ns, block.published_ns])
+        if not _REGULAR.issuperset(roles) or max(times.max(), self._started_ns, self._last_ns) > LAST_NS:
+            return []
+        log_ns, published_ns = times.astype(np.int64)
+        wall_ns = published_ns if self._simulated else log_ns
+        ranks = np.array([_RANKS[role] for role in roles])
+        numbers, cycles = np.zeros((2, count), np.int64)
+        rows: list[tuple[ValidationRow, ...]] = [()] * count
+        last, taken = dict(self._last), self._taken
+        for role in dict.fromkeys(roles):
+            (places,) = np.nonzero(ranks == _RANKS[role])
+            numbers[places] = last[role] + 1 + np.arange(len(places))
+            last[role] += len(places)
+            if role == TAKEN:
+                found = _rows_of([block.data[k] for k in places.tolist()])
+                steps = [some[0].cycle for some in found] or [_EXACT]
+                taken = steps[-1]
+                for k, some in zip(places.tolist(), found, strict=False):
+                    rows[k] = some
+            else:
+                steps = [last[role] * self._every[role]]
+            if max(steps) >= _EXACT:
+                return []
+            cycles[places] = steps if role == TAKEN else numbers[places] * self._every[role]
+        outputs = _HAVE_CYCLES[ranks]
+        begun = (wall_ns - self._started_ns)[outputs]
+        if self._simulated:
+            begun = np.maximum(begun, (log_ns - self._settings.start_ns)[outputs])
+        order = np.append(self._place, (cycles * len(_RANKS) + ranks)[outputs])
+        if (
+            (block.sequences != numbers).any()
+            or (np.diff(log_ns, prepend=self._last_ns) < 0).any()
+            or (np.diff(order) < (ranks[outputs] != _RANKS[TAKEN])).any()
+            or (cycles[outputs] > self._rate * (begun / NANOSECONDS + AHEAD)).any()
+        ):
+            return []
+        self._last, self._taken = last, taken
+        self._last_ns, self._place = int(log_ns[-1]), int(order[-1])
+        columns = (x.tolist() for x in (published_ns, wall_ns))
+        return list(
+            map(
+                PlacedMessage,
+                roles,
+                numbers.tolist(),
+                [0] * count,
+                cycles.tolist(),
+                log_ns.tolist(),
+                block.data,
+                rows,
+                *columns,
+            )
+        )
+
     def place(self, entry: Entry) -> PlacedMessage:
         """Return a message with its number and its cycle."""
         role = entry.role
@@ -200,21 +275,16 @@ class _Order:
         self._last_ns = entry.log_ns
         number, lost = self._number(entry)
         rows: tuple[ValidationRow, ...] = ()
-        if role in SOURCE_OF_ROLE or role in ASIDE:
-            cycle = 0
-            if role == PARAMETERS:
-                self._allow_change(entry.data)
+        cycle = number * self._every[role]
+        if role == PARAMETERS:
+            self._allow_change(entry.data)
         elif role == TAKEN:
             rows = _rows(entry)
-            cycle = rows[0].cycle
-            self._taken = cycle
-            self._follow(entry, cycle)
+            self._taken = cycle = rows[0].cycle
         elif role == PAYLOAD_IN_USE:
             # In the step that a change was taken for, or the first one.
             cycle = self._taken
-            self._follow(entry, cycle)
-        else:
-            cycle = number * self._every[role]
+        if role not in _OF_NO_CYCLE:
             self._follow(entry, cycle)
         times = entry.published_ns, entry.published_ns if self._simulated else entry.log_ns
         return PlacedMessage(role, number, lost, cycle, entry.log_ns, entry.data, rows, *times)
@@ -235,11 +305,11 @@ class _Order:
 
     def _follow(self, entry: Entry, cycle: int) -> None:
         """Check that an output of this cycle can follow the output before it."""
-        place = cycle, _RANKS[entry.role]
-        if place < self._place or (place == self._place and entry.role != TAKEN):
+        place = cycle * len(_RANKS) + _RANKS[entry.role]
+        if place - self._place < (entry.role != TAKEN):
             raise ValueError(
                 f'{entry.role} {entry.sequence} belongs to step {cycle}, '
-                f'but step {self._place[0]} was recorded before it'
+                f'but step {self._place // len(_RANKS)} was recorded before it'
             )
         self._place = place
         seconds = self._seconds(entry)
@@ -259,15 +329,37 @@ class _Order:
         return max(wall_ns, entry.log_ns - self._settings.start_ns) / NANOSECONDS
 
 
+def _rows_of(messages: Sequence[bytes]) -> list[tuple[ValidationRow, ...]]:
+    """Return the rows of messages of one length; [] if one has rows that no node writes."""
+    table = rows_as_written(messages, TAKEN_COLUMNS)
+    if table is None:
+        return []
+    steps, sources, _, verdicts, _ = np.moveaxis(table, 2, 0)
+    overflowed = verdicts == Verdict.OVERFLOWED
+    if (
+        not np.isin(sources, _SOURCES).all()
+        or not np.isin(verdicts, _VERDICTS).all()
+        or not steps.all()
+        or (steps != steps[:, :1]).any()
+        or (overflowed != overflowed[:, :1]).any()
+    ):
+        return []
+    return [
+        tuple(ValidationRow(c, _SOURCES[s], n, _VERDICTS[v], d) for c, s, n, v, d in rows)
+        for rows in table.tolist()
+    ]
+
+
 def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
     """Return the rows of a message: all of one cycle, and all of overflow or none."""
-    decoded = rows_as_written(entry.data, TAKEN_COLUMNS)
-    if decoded is None:
-        # Bytes that cannot be decoded have a separate error.
-        decode_rows(entry.data, len(TAKEN_COLUMNS))
+    for found in _rows_of([entry.data]):
+        return found
+    # Bytes that cannot be decoded have a separate error.
+    decoded = decode_rows(entry.data, len(TAKEN_COLUMNS))
+    if rows_as_written([entry.data], TAKEN_COLUMNS) is None:
         raise ValueError(f'taken {entry.sequence} is not as the node writes it')
     for _, source, _, verdict, _ in decoded:
-        if source not in ROLE_OF_SOURCE or verdict not in Verdict._value2member_map_:
+        if source not in _SOURCES or verdict not in _VERDICTS:
             raise ValueError(
                 f'taken {entry.sequence} names source {source} and verdict {verdict}, '
                 f'expected at most {max(Source)} and {max(Verdict)}'
@@ -275,6 +367,4 @@ def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
     cycles = {row[0] for row in decoded}
     if len(cycles) > 1 or 0 in cycles:
         raise ValueError(f'taken {entry.sequence} names steps {sorted(cycles)[:5]}, expected one')
-    if len({row[3] == Verdict.OVERFLOWED for row in decoded}) > 1:
-        raise ValueError(f'taken {entry.sequence} mixes commands validated and overflowed')
-    return tuple(ValidationRow(c, Source(s), n, Verdict(v), d) for c, s, n, v, d in decoded)
+    raise ValueError(f'taken {entry.sequence} mixes commands validated and overflowed')

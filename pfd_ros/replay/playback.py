@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from bisect import bisect_left
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
@@ -22,13 +22,11 @@ from numpy.typing import NDArray
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import CLOCK, COMMANDS, STATES, TAKEN, TF, Source, Verdict
-from pfd_ros.messages.convert import decode_efforts, decode_joint_state, decode_named_efforts
+from pfd_ros.messages.convert import decode_efforts, decode_joint_state, decode_joint_states
 from pfd_ros.recording.format import ASIDE, SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Log
-from pfd_ros.replay.ordering import Inbox, PlacedMessage, placed_messages
+from pfd_ros.replay.ordering import Inbox, PlacedMessage, placed_blocks
 
-# Messages from one report of progress to the next.
-PROGRESS_MESSAGES = 1000
 # Outputs of cycles that run in one native call, and how many messages are collected for a call.
 IN_STRETCHES = frozenset({STATES, CLOCK, TF})
 FEWEST_COLLECTED, MOST_COLLECTED = 48, 12_288
@@ -37,19 +35,10 @@ MOST_CYCLES = 1 << 17
 
 
 class Follower(Protocol):
-    """What follows a recording, message by message."""
+    """What follows a recording, some messages at a time."""
 
-    def put(self, message: PlacedMessage) -> None:
-        """Follow an input."""
-
-    def take(self, message: PlacedMessage) -> None:
-        """Follow validation rows."""
-
-    def output(self, message: PlacedMessage) -> None:
-        """Follow another output of a cycle."""
-
-    def aside(self, message: PlacedMessage) -> None:
-        """Follow a message that is neither input nor output of a cycle."""
+    def follow(self, messages: Sequence[PlacedMessage]) -> None:
+        """Follow the next messages."""
 
 
 def follow(log: Log, follower: Follower, progress: Callable[[float], None] | None = None) -> None:
@@ -62,16 +51,9 @@ def follow(log: Log, follower: Follower, progress: Callable[[float], None] | Non
     OSError
         If it cannot be read.
     """
-    for count, message in enumerate(placed_messages(log)):
-        if message.role in SOURCE_OF_ROLE:
-            follower.put(message)
-        elif message.role == TAKEN:
-            follower.take(message)
-        elif message.role in ASIDE:
-            follower.aside(message)
-        else:
-            follower.output(message)
-        if progress is not None and count % PROGRESS_MESSAGES == 0:
+    for messages in placed_blocks(log):
+        follower.follow(messages)
+        if progress is not None:
             progress(log.position / log.size)
 
 
@@ -135,6 +117,19 @@ class Playback(ABC):
     @abstractmethod
     def stretched(self, stretch: Stretch) -> bool:
         """Follow a stretch; if it returns False, nothing of it has happened."""
+
+    def follow(self, messages: Sequence[PlacedMessage]) -> None:
+        """Follow the next messages."""
+        for message in messages:
+            role = message.role
+            if role in SOURCE_OF_ROLE:
+                self.put(message)
+            elif role == TAKEN:
+                self.take(message)
+            elif role in ASIDE:
+                self.aside(message)
+            else:
+                self.output(message)
 
     def put(self, message: PlacedMessage) -> None:
         """Keep an input until its cycle."""
@@ -250,12 +245,13 @@ def _named_efforts(
     None if the rules have to look at each of them: for stale stamps, or other joints.
     """
     with suppress(ValueError):
-        found = decode_named_efforts(payloads)
+        found = decode_joint_states(payloads)
         if found is not None:
-            names, stamps, efforts = found
+            names, stamps, position, velocity, efforts = found
             own = engine.arm.names
             fresh = (stamps == 0) | (stamps >= _oldest_ns(engine, cycles))
-            if sorted(names) == sorted(own) and fresh.all():
+            alone = position.size == velocity.size == 0 and efforts.shape[1] == len(names)
+            if alone and sorted(names) == sorted(own) and fresh.all():
                 return efforts[:, [names.index(name) for name in own]]
     return None
 

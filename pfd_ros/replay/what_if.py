@@ -15,6 +15,7 @@ recorded ones, as they were measured; states after a failure of the simulation a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,20 +26,17 @@ from numpy.typing import NDArray
 import pfd_core as pfd
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import (
-    STATES,
-    TAKEN,
-)
+from pfd_ros.arm.events import STATES
 from pfd_ros.arm.link_frames import link_frames
 from pfd_ros.arm.settings import WALL, Settings
 from pfd_ros.messages.convert import (
     NANOSECONDS,
-    JointMessage,
+    JointColumns,
     decode_joint_state,
+    decode_joint_states,
     decode_string,
 )
 from pfd_ros.recording.bags import DATABASES
-from pfd_ros.recording.format import SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.bag_inputs import BagInputs
 from pfd_ros.replay.changed_inputs import ChangedInputs, Fed
@@ -46,7 +44,6 @@ from pfd_ros.replay.changed_runs import NewRun, RoundingRun, one_bit
 from pfd_ros.replay.divergence import FIELDS
 from pfd_ros.replay.new_log import LogTimes, NewLog, free_path
 from pfd_ros.replay.ordering import PlacedMessage, placed_messages
-from pfd_ros.replay.playback import PROGRESS_MESSAGES
 from pfd_ros.replay.state_comparison import StateComparison
 from pfd_ros.replay.verify import simulable
 from pfd_ros.replay.what_if_settings import (
@@ -63,6 +60,8 @@ Array = NDArray[Any]
 THRESHOLDS = (1e-3, 1e-2, 1e-1)
 # States of an arm that failed that may be missing: their stamps stand still.
 MOST_STOPPED = 10_000
+# Messages and bytes that both runs follow at a time.
+BATCH, BATCH_BYTES = 4096, 1 << 22
 # Share of the progress that the inspection of a recording gets.
 INSPECTION_SHARE = 0.1
 
@@ -313,25 +312,25 @@ def _follow(
 ) -> StateComparison:
     """Let both runs follow the messages of a source, and compare their states."""
     found: StateComparison | None = None
-    for count, fed in enumerate(case.messages):
-        message = fed.message
-        state = None
-        if message.role == STATES:
-            state = _decoded(message.data, case)
-            if state is not None and message.lost and found is not None:
-                _check_gap(message, state.stamp_ns - found.newest_ns, case)
+    newest_ns: int | None = None
+    for batch in _batches(case.messages):
+        states = [fed for fed in batch if fed.message.role == STATES]
+        decoded = list(_decoded(states, case))
+        for columns, some in decoded:
+            for fed, stamp_ns in zip(some, columns.stamps_ns.tolist(), strict=True):
+                if fed.message.lost and newest_ns is not None:
+                    _check_gap(fed.message, stamp_ns - newest_ns, case)
+                newest_ns = stamp_ns
+        messages = [fed.message for fed in batch]
         for run in runs:
-            if message.role in SOURCE_OF_ROLE:
-                run.put(message)
-            elif message.role == TAKEN:
-                run.take(message)
-            else:
-                run.output(message)
-        if state is not None:
-            found = found or StateComparison(runs, state.names, thresholds)
-            found.add(state, fed)
+            run.follow(messages)
+        for columns, some in decoded:
+            found = found or StateComparison(runs, columns.names, thresholds)
+            places, times = np.array([fed[1:] for fed in some]).T
+            found.add(columns, places, times, of_bag=bool(case.origin))
+        if found is not None:
             found.drain()
-        if progress is not None and count % PROGRESS_MESSAGES == 0:
+        if progress is not None:
             progress(INSPECTION_SHARE + (1 - INSPECTION_SHARE) * case.progress())
     for run in runs:
         run.flush()
@@ -344,15 +343,36 @@ def _follow(
     return found
 
 
-def _decoded(data: bytes, case: _Case) -> JointMessage | None:
-    """Return a recorded state with the arm's names of joints; None for other bytes in a bag."""
-    try:
-        state = decode_joint_state(data)
-    except ValueError:
-        if case.origin:
-            return None
-        raise
-    return replace(state, names=tuple(case.rename(name) for name in state.names))
+def _batches(messages: Iterator[Fed]) -> Iterator[list[Fed]]:
+    """Yield messages, some at a time, in bounded memory."""
+    batch: list[Fed] = []
+    size = 0
+    for fed in messages:
+        batch.append(fed)
+        size += len(fed.message.data)
+        if len(batch) >= BATCH or size >= BATCH_BYTES:
+            yield batch
+            batch, size = [], 0
+    yield batch
+
+
+def _decoded(states: list[Fed], case: _Case) -> Iterator[tuple[JointColumns, list[Fed]]]:
+    """Yield recorded states with the arm's names of joints; in a bag, other bytes are left out."""
+    found: list[tuple[JointColumns, list[Fed]]] = []
+    with suppress(ValueError):
+        columns = decode_joint_states([fed.message.data for fed in states]) if states else None
+        found = [] if columns is None else [(columns, states)]
+    for fed in () if found else states:
+        try:
+            state = decode_joint_state(fed.message.data)
+        except ValueError:
+            if case.origin:
+                continue
+            raise
+        arrays = (x[None] for x in (state.position, state.velocity, state.effort))
+        found.append((JointColumns(state.names, np.array([state.stamp_ns]), *arrays), [fed]))
+    for columns, some in found:
+        yield columns._replace(names=tuple(map(case.rename, columns.names))), some
 
 
 def _check_gap(message: PlacedMessage, after_ns: int, case: _Case) -> None:

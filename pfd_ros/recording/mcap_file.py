@@ -16,9 +16,10 @@ import time
 from typing import IO, cast
 
 from mcap.records import Attachment
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 
 from pfd_ros.messages.definitions import full_text, type_hash
+from pfd_ros.recording.block_writer import BlockWriter
 from pfd_ros.recording.digests import digest_of, of_attachment, of_channel, sealed_end, sealed_head
 from pfd_ros.recording.format import (
     CHUNK_BYTES,
@@ -33,6 +34,10 @@ from pfd_ros.recording.format import (
     HeadKey,
 )
 from pfd_ros.recording.sink import Sink
+
+
+# Messages that are written at a time.
+BLOCK_MESSAGES = 256
 
 
 @dataclass(frozen=True)
@@ -123,6 +128,7 @@ class McapFile:
         schemas = {topic.type: full_text(topic.type) for topic in topics}
         self.counts = [0] * len(topics)
         self.waiting = 0
+        self._pending: list[tuple[int, int, int, int, bytes]] = []
         self._digests = {name: hashlib.sha256() for name in names}
         self._updates = [digest.update for digest in self._digests.values()]
         self.sink = Sink(path)
@@ -136,19 +142,29 @@ class McapFile:
 
     def add(self, topic: int, log_ns: int, published_ns: int, sequence: int, data: bytes) -> None:
         """Add one message to the next flush."""
-        prefix = DIGEST_PREFIX.pack(sequence, log_ns, published_ns, len(data))
-        self._updates[topic](prefix + data)
-        self._writer.add_message(self._channels[topic], log_ns, data, published_ns, sequence)
+        self._pending.append((topic, log_ns, published_ns, sequence, data))
         self.counts[topic] += 1
         self.waiting += len(data)
+        if len(self._pending) >= BLOCK_MESSAGES:
+            self._write()
+
+    def _write(self) -> None:
+        """Write the pending messages to the next flush."""
+        pending, self._pending = self._pending, []
+        pack, updates, channels = DIGEST_PREFIX.pack, self._updates, self._channels
+        for topic, log_ns, published_ns, sequence, data in pending:
+            updates[topic](pack(sequence, log_ns, published_ns, len(data)) + data)
+        self._writer.add_messages([(channels[topic], *rest) for topic, *rest in pending])
 
     def flush(self) -> None:
         """Write all messages to the operating system."""
+        self._write()
         self._writer.flush()
         self.waiting = 0
 
     def finish(self, ending: Mapping[str, str]) -> None:
         """Write the last metadata record and the index, and sync the file."""
+        self._write()
         digests = {name: digest.hexdigest() for name, digest in self._digests.items()}
         values = {**ending, EndKey.DIGESTS: json.dumps(digests)}
         self._writer.add_metadata(END, sealed_end(values, self._head_digest))
@@ -157,11 +173,11 @@ class McapFile:
         self.sink.sync()
 
 
-def new_writer(stream: IO[bytes]) -> Writer:
+def new_writer(stream: IO[bytes]) -> BlockWriter:
     """Return a writer of compressed chunks with checksums of everything."""
-    return Writer(
+    return BlockWriter(
         stream,
-        chunk_size=CHUNK_BYTES,
+        CHUNK_BYTES,
         compression=CompressionType.ZSTD,
         enable_crcs=True,
         enable_data_crcs=True,
@@ -170,7 +186,7 @@ def new_writer(stream: IO[bytes]) -> Writer:
 
 def _begin(
     sink: Sink, topics: Sequence[Topic], schemas: Mapping[str, str], head: FileHead
-) -> tuple[Writer, list[int], str]:
+) -> tuple[BlockWriter, list[int], str]:
     """Write the head of the file; return the writer, the channel of each topic, and a digest."""
     writer = new_writer(cast('IO[bytes]', sink))  # has the methods that the writer uses
     metadata = [_channel_metadata(topic) for topic in topics]

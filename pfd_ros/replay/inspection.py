@@ -33,7 +33,7 @@ from pfd_ros.messages.convert import decode_bytes, decode_clock
 from pfd_ros.recording.format import DIGEST_PREFIX, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
 from pfd_ros.recording.head import Ending
 from pfd_ros.recording.reader import Log
-from pfd_ros.replay.ordering import PlacedMessage
+from pfd_ros.replay.ordering import Block, PlacedMessage, messages_of
 from pfd_ros.replay.playback import follow
 from pfd_ros.replay.summary import Summary
 
@@ -162,9 +162,9 @@ class _Counts:
         self.waiting = _WaitingEvents()
         self.first_ns = self.last_ns = 0
 
-    def follow(self, messages: Sequence[PlacedMessage]) -> None:
+    def follow(self, block: Block) -> None:
         by_role: dict[str, list[PlacedMessage]] = {}
-        for message in messages:
+        for message in messages_of(block):
             role = message.role
             by_role.setdefault(role, []).append(message)
             if role in SOURCE_OF_ROLE:

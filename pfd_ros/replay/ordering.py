@@ -12,13 +12,14 @@ simulated through.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import chain
-from typing import NamedTuple
+from itertools import chain, compress, repeat
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.arm.changes import read_changes
 from pfd_ros.arm.events import (
@@ -39,7 +40,13 @@ from pfd_ros.arm.events import (
     Verdict,
 )
 from pfd_ros.arm.settings import SIMULATED, Settings
-from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, rows_as_written
+from pfd_ros.messages.convert import (
+    NANOSECONDS,
+    decode_rows,
+    decode_string,
+    encode_rows,
+    rows_as_written,
+)
 from pfd_ros.recording.format import (
     ASIDE,
     CHANNELS,
@@ -57,10 +64,11 @@ AHEAD = 1.0
 # Inputs that a replay keeps: twice those that an inspection lets wait, see inspection.py.
 MOST_KEPT, MOST_BYTES = 1 << 17, 1 << 27
 # Order of the outputs within a cycle; only validation rows may be several messages.
-_RANKS = {role: rank for rank, role in enumerate(CHANNELS)}
+ROLES = tuple(CHANNELS)
+RANKS = {role: rank for rank, role in enumerate(ROLES)}
 # Inputs, whose validation rows have their cycle, and messages of the node itself.
 _OF_NO_CYCLE = frozenset({*SOURCE_OF_ROLE, *ASIDE})
-_HAVE_CYCLES = np.array([role not in _OF_NO_CYCLE for role in CHANNELS])
+HAVE_CYCLES = np.array([role not in _OF_NO_CYCLE for role in ROLES])
 # Messages whose number alone, or whose rows, place them.
 _REGULAR = CHANNELS.keys() - {PARAMETERS, PAYLOAD_IN_USE, DROPPED_STATES}
 # By their numbers, from 0 on.
@@ -103,6 +111,83 @@ class PlacedMessage(NamedTuple):
     wall_ns: int = 0
 
 
+class Columns(NamedTuple):
+    """Messages of a recording as columns (k,); none is missing before one of them.
+
+    Attributes
+    ----------
+    ranks
+        Of each role, its place in `ROLES`.
+    rows
+        The validation rows, (k, rows a message, len(TAKEN_COLUMNS)); zeros for other roles.
+    numbers, cycles, data, wall_ns, log_ns, published_ns
+        As of a PlacedMessage.
+    """
+
+    ranks: NDArray[Any]
+    numbers: NDArray[Any]
+    cycles: NDArray[Any]
+    data: list[bytes]
+    rows: NDArray[Any]
+    wall_ns: NDArray[Any]
+    log_ns: NDArray[Any]
+    published_ns: NDArray[Any]
+
+    def where(self, chosen: NDArray[np.bool_]) -> Columns:
+        """Return some of the messages."""
+        parts = (list(compress(x, chosen)) if isinstance(x, list) else x[chosen] for x in self)
+        return Columns(*parts)
+
+    def between(self, begin: int, end: int) -> Columns:
+        """Return some messages that follow one another."""
+        return Columns(*(x[begin:end] for x in self))
+
+    def messages(self) -> Iterator[PlacedMessage]:
+        """Yield them one by one."""
+        rows: list[tuple[ValidationRow, ...]] = [()] * len(self.data)
+        for k in np.flatnonzero(self.ranks == RANKS[TAKEN]).tolist():
+            rows[k] = _validation_rows(self.rows[k])
+        return map(
+            PlacedMessage,
+            [ROLES[rank] for rank in self.ranks.tolist()],
+            self.numbers.tolist(),
+            repeat(0),
+            self.cycles.tolist(),
+            self.log_ns.tolist(),
+            self.data,
+            rows,
+            self.published_ns.tolist(),
+            self.wall_ns.tolist(),
+        )
+
+
+# Some messages that follow one another.
+Block: TypeAlias = Columns | list[PlacedMessage]
+
+
+def columns_of(messages: Sequence[PlacedMessage]) -> Columns:
+    """Return messages of at most one validation row as columns."""
+    rows = np.zeros((len(messages), 1, len(TAKEN_COLUMNS)), np.uint64)
+    data = []
+    for k, message in enumerate(messages):
+        if message.rows:
+            (rows[k, 0],) = message.rows
+        # Rows may not be the ones in the data.
+        data.append(encode_rows(message.rows, TAKEN_COLUMNS) if message.rows else message.data)
+    names = 'number', 'cycle', 'wall_ns', 'log_ns', 'published_ns'
+    number, cycle, *times = (np.array([getattr(x, name) for x in messages]) for name in names)
+    ranks = np.array([RANKS[message.role] for message in messages])
+    return Columns(ranks, number, cycle, data, rows, *times)
+
+
+def joined(blocks: Sequence[Columns]) -> Columns:
+    """Return messages that follow one another."""
+    parts = zip(*blocks, strict=True)
+    return Columns(
+        *([*chain(*x)] if isinstance(x[0], list) else np.concatenate(x) for x in parts)
+    )
+
+
 @dataclass
 class Inbox:
     """The inputs of a recording that no validation row has taken yet."""
@@ -112,12 +197,26 @@ class Inbox:
 
     def put(self, message: PlacedMessage) -> None:
         """Keep an input."""
-        self._bytes += len(message.data)
+        self.put_all(SOURCE_OF_ROLE[message.role], [message.number], [message.data])
+
+    def put_all(self, source: Source, numbers: Sequence[int], payloads: Sequence[bytes]) -> None:
+        """Keep inputs of one source."""
+        size = sum(map(len, payloads))
+        self._bytes += size
         if len(self._payloads) > MOST_KEPT or self._bytes > MOST_BYTES:
             # An inspection has found that their rows are missing.
             self._payloads.clear()
-            self._bytes = len(message.data)
-        self._payloads[SOURCE_OF_ROLE[message.role], message.number] = message.data
+            self._bytes = size
+        self._payloads.update(zip(zip(repeat(source), numbers), payloads, strict=True))
+
+    def payloads(self, source: Source, numbers: Sequence[int]) -> list[bytes]:
+        """Return the messages of some numbers of a source, b'' for those that are missing."""
+        return [self._payloads.get((source, number), b'') for number in numbers]
+
+    def forget(self, source: Source, numbers: Sequence[int]) -> None:
+        """Forget messages by their numbers."""
+        for number in numbers:
+            self._bytes -= len(self._payloads.pop((source, number), b''))
 
     def payload(self, row: ValidationRow) -> bytes:
         """Return the message that a row is about, b'' if it is missing."""
@@ -151,12 +250,17 @@ class Inbox:
 
 
 def placed_messages(log: Log) -> Iterator[PlacedMessage]:
-    """Yield the messages of a recording, as `placed_blocks` does."""
-    return chain.from_iterable(placed_blocks(log))
+    """Yield the messages of a recording one by one, as `placed_blocks` does."""
+    return chain.from_iterable(map(messages_of, placed_blocks(log)))
 
 
-def placed_blocks(log: Log) -> Iterator[list[PlacedMessage]]:
-    """Yield the messages of a recording, some at a time.
+def messages_of(block: Block) -> Iterable[PlacedMessage]:
+    """Return the messages of a block one by one."""
+    return block.messages() if isinstance(block, Columns) else block
+
+
+def placed_blocks(log: Log) -> Iterator[Block]:
+    """Yield the messages of a recording.
 
     Raises
     ------
@@ -187,7 +291,7 @@ class _Order:
         self._last_ns = settings.start_ns if self._simulated else log.started_ns
         self._last = dict.fromkeys(log.roles.values(), 0)
         # Of the last output: its cycle, then its order within the cycle.
-        self._place = _RANKS[CLOCK]
+        self._place = RANKS[CLOCK]
         # The cycle of the last validation rows.
         self._taken = 1
 
@@ -206,61 +310,51 @@ class _Order:
                 factor = values['real_time_factor']
                 self._allow(replace(self._settings, real_time_factor=factor))
 
-    def place_all(self, entries: Entries) -> list[PlacedMessage]:
-        """Return messages of which none is missing or impossible; [] if `place` has to look."""
+    def place_all(self, entries: Entries) -> Columns | None:
+        """Return messages if none is missing or impossible; None if `place` has to look."""
         block, roles, count = entries.block, entries.roles, len(entries.roles)
         times = np.stack([block.log_ns, block.published_ns])
-        if not _REGULAR.issuperset(roles) or max(times.max(), self._started_ns, self._last_ns) > LAST_NS:
-            return []
+        if not _REGULAR.issuperset(roles):
+            return None
+        if max(int(times.max()), self._started_ns, self._last_ns) > LAST_NS:
+            return None
         log_ns, published_ns = times.astype(np.int64)
         wall_ns = published_ns if self._simulated else log_ns
-        ranks = np.array([_RANKS[role] for role in roles])
+        ranks = np.array([RANKS[role] for role in roles])
         numbers, cycles = np.zeros((2, count), np.int64)
-        rows: list[tuple[ValidationRow, ...]] = [()] * count
+        rows = np.zeros((count, 1, len(TAKEN_COLUMNS)), np.uint64)
         last, taken = dict(self._last), self._taken
         for role in dict.fromkeys(roles):
-            (places,) = np.nonzero(ranks == _RANKS[role])
+            (places,) = np.nonzero(ranks == RANKS[role])
             numbers[places] = last[role] + 1 + np.arange(len(places))
             last[role] += len(places)
             if role == TAKEN:
                 found = _rows_of([block.data[k] for k in places.tolist()])
-                steps = [some[0].cycle for some in found] or [_EXACT]
-                taken = steps[-1]
-                for k, some in zip(places.tolist(), found, strict=False):
-                    rows[k] = some
+                if found is None or found[:, 0, 0].max() >= _EXACT:
+                    return None
+                rows = np.zeros((count, *found.shape[1:]), np.uint64)
+                rows[places] = found
+                cycles[places] = found[:, 0, 0]
+                taken = int(cycles[places[-1]])
+            elif last[role] * self._every[role] < _EXACT:
+                cycles[places] = numbers[places] * self._every[role]
             else:
-                steps = [last[role] * self._every[role]]
-            if max(steps) >= _EXACT:
-                return []
-            cycles[places] = steps if role == TAKEN else numbers[places] * self._every[role]
-        outputs = _HAVE_CYCLES[ranks]
+                return None
+        outputs = HAVE_CYCLES[ranks]
         begun = (wall_ns - self._started_ns)[outputs]
         if self._simulated:
             begun = np.maximum(begun, (log_ns - self._settings.start_ns)[outputs])
-        order = np.append(self._place, (cycles * len(_RANKS) + ranks)[outputs])
+        order = np.append(self._place, (cycles * len(ROLES) + ranks)[outputs])
         if (
             (block.sequences != numbers).any()
             or (np.diff(log_ns, prepend=self._last_ns) < 0).any()
-            or (np.diff(order) < (ranks[outputs] != _RANKS[TAKEN])).any()
+            or (np.diff(order) < (ranks[outputs] != RANKS[TAKEN])).any()
             or (cycles[outputs] > self._rate * (begun / NANOSECONDS + AHEAD)).any()
         ):
-            return []
+            return None
         self._last, self._taken = last, taken
         self._last_ns, self._place = int(log_ns[-1]), int(order[-1])
-        columns = (x.tolist() for x in (published_ns, wall_ns))
-        return list(
-            map(
-                PlacedMessage,
-                roles,
-                numbers.tolist(),
-                [0] * count,
-                cycles.tolist(),
-                log_ns.tolist(),
-                block.data,
-                rows,
-                *columns,
-            )
-        )
+        return Columns(ranks, numbers, cycles, block.data, rows, wall_ns, log_ns, published_ns)
 
     def place(self, entry: Entry) -> PlacedMessage:
         """Return a message with its number and its cycle."""
@@ -305,11 +399,11 @@ class _Order:
 
     def _follow(self, entry: Entry, cycle: int) -> None:
         """Check that an output of this cycle can follow the output before it."""
-        place = cycle * len(_RANKS) + _RANKS[entry.role]
+        place = cycle * len(ROLES) + RANKS[entry.role]
         if place - self._place < (entry.role != TAKEN):
             raise ValueError(
                 f'{entry.role} {entry.sequence} belongs to step {cycle}, '
-                f'but step {self._place // len(_RANKS)} was recorded before it'
+                f'but step {self._place // len(ROLES)} was recorded before it'
             )
         self._place = place
         seconds = self._seconds(entry)
@@ -329,31 +423,36 @@ class _Order:
         return max(wall_ns, entry.log_ns - self._settings.start_ns) / NANOSECONDS
 
 
-def _rows_of(messages: Sequence[bytes]) -> list[tuple[ValidationRow, ...]]:
-    """Return the rows of messages of one length; [] if one has rows that no node writes."""
+def _validation_rows(numbers: NDArray[Any]) -> tuple[ValidationRow, ...]:
+    rows = (ValidationRow(c, _SOURCES[s], n, _VERDICTS[v], d) for c, s, n, v, d in numbers.tolist())
+    return tuple(rows)
+
+
+def _rows_of(messages: Sequence[bytes]) -> NDArray[Any] | None:
+    """Return the rows of messages with as many each, (messages, rows, len(TAKEN_COLUMNS)).
+
+    None if one has others, or some that no node writes.
+    """
     table = rows_as_written(messages, TAKEN_COLUMNS)
     if table is None:
-        return []
+        return None
     steps, sources, _, verdicts, _ = np.moveaxis(table, 2, 0)
     overflowed = verdicts == Verdict.OVERFLOWED
-    if (
-        not np.isin(sources, _SOURCES).all()
-        or not np.isin(verdicts, _VERDICTS).all()
-        or not steps.all()
-        or (steps != steps[:, :1]).any()
-        or (overflowed != overflowed[:, :1]).any()
-    ):
-        return []
-    return [
-        tuple(ValidationRow(c, _SOURCES[s], n, _VERDICTS[v], d) for c, s, n, v, d in rows)
-        for rows in table.tolist()
-    ]
+    possible = (
+        np.isin(sources, _SOURCES).all()
+        and np.isin(verdicts, _VERDICTS).all()
+        and steps.all()
+        and (steps == steps[:, :1]).all()
+        and (overflowed == overflowed[:, :1]).all()
+    )
+    return table if possible else None
 
 
 def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
     """Return the rows of a message: all of one cycle, and all of overflow or none."""
-    for found in _rows_of([entry.data]):
-        return found
+    found = _rows_of([entry.data])
+    if found is not None:
+        return _validation_rows(found[0])
     # Bytes that cannot be decoded have a separate error.
     decoded = decode_rows(entry.data, len(TAKEN_COLUMNS))
     if rows_as_written([entry.data], TAKEN_COLUMNS) is None:

@@ -39,11 +39,11 @@ from pfd_ros.messages.convert import (
 from pfd_ros.recording.bags import DATABASES
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.bag_inputs import BagInputs
-from pfd_ros.replay.changed_inputs import ChangedInputs, Fed
+from pfd_ros.replay.changed_inputs import ChangedInputs, FedBlock, fed_blocks
 from pfd_ros.replay.changed_runs import NewRun, RoundingRun, one_bit
 from pfd_ros.replay.divergence import FIELDS
 from pfd_ros.replay.new_log import LogTimes, NewLog, free_path
-from pfd_ros.replay.ordering import PlacedMessage, placed_messages
+from pfd_ros.replay.ordering import PlacedMessage, placed_blocks
 from pfd_ros.replay.state_comparison import StateComparison
 from pfd_ros.replay.verify import simulable
 from pfd_ros.replay.what_if_settings import (
@@ -60,8 +60,6 @@ Array = NDArray[Any]
 THRESHOLDS = (1e-3, 1e-2, 1e-1)
 # States of an arm that failed that may be missing: their stamps stand still.
 MOST_STOPPED = 10_000
-# Messages and bytes that both runs follow at a time.
-BATCH, BATCH_BYTES = 4096, 1 << 22
 # Share of the progress that the inspection of a recording gets.
 INSPECTION_SHARE = 0.1
 
@@ -158,7 +156,7 @@ class _Case:
     path: Path
     settings: Settings
     robot: pfd.Robot
-    messages: Iterator[Fed]
+    blocks: Iterator[FedBlock]
     # Time from one state of a recording to the next.
     state_ns: int = 0
     # The cycle that ends at time 0, and the last one of the source, 0 if its states say so.
@@ -269,7 +267,7 @@ def _of_recording(path: Path, changes: Changes, progress: Callable[[float], None
         path,
         settings,
         new,
-        inputs.messages(placed_messages(log)),
+        inputs.blocks(placed_blocks(log)),
         state_ns=recorded.publish_every * recorded.step_ns,
         last=inputs.cycle_of(last),
         started_ns=started_ns,
@@ -290,7 +288,7 @@ def _of_bag(path: Path, changes: Changes, inputs: BagInputs) -> _Case:
         path,
         settings,
         robot,
-        inputs.messages(settings, robot),
+        fed_blocks(inputs.messages(settings, robot)),
         origin=1,
         started_ns=max(0, inputs.start_ns - settings.step_ns),
         urdf=urdf,
@@ -313,20 +311,18 @@ def _follow(
     """Let both runs follow the messages of a source, and compare their states."""
     found: StateComparison | None = None
     newest_ns: int | None = None
-    for batch in _batches(case.messages):
-        states = [fed for fed in batch if fed.message.role == STATES]
-        decoded = list(_decoded(states, case))
-        for columns, some in decoded:
-            for fed, stamp_ns in zip(some, columns.stamps_ns.tolist(), strict=True):
-                if fed.message.lost and newest_ns is not None:
-                    _check_gap(fed.message, stamp_ns - newest_ns, case)
-                newest_ns = stamp_ns
-        messages = [fed.message for fed in batch]
+    for block in case.blocks:
+        decoded = list(_decoded(block, case))
+        stamps_ns = [stamp for columns, *_ in decoded for stamp in columns.stamps_ns.tolist()]
+        for k, message in block.lost:
+            before_ns = stamps_ns[k - 1] if k else newest_ns
+            if before_ns is not None:
+                _check_gap(message, stamps_ns[k] - before_ns, case)
+        newest_ns = stamps_ns[-1] if stamps_ns else newest_ns
         for run in runs:
-            run.follow(messages)
-        for columns, some in decoded:
+            run.follow(block.block)
+        for columns, places, times in decoded:
             found = found or StateComparison(runs, columns.names, thresholds)
-            places, times = np.array([fed[1:] for fed in some]).T
             found.add(columns, places, times, of_bag=bool(case.origin))
         if found is not None:
             found.drain()
@@ -343,36 +339,32 @@ def _follow(
     return found
 
 
-def _batches(messages: Iterator[Fed]) -> Iterator[list[Fed]]:
-    """Yield messages, some at a time, in bounded memory."""
-    batch: list[Fed] = []
-    size = 0
-    for fed in messages:
-        batch.append(fed)
-        size += len(fed.message.data)
-        if len(batch) >= BATCH or size >= BATCH_BYTES:
-            yield batch
-            batch, size = [], 0
-    yield batch
+def _decoded(block: FedBlock, case: _Case) -> Iterator[tuple[JointColumns, Array, Array]]:
+    """Yield recorded states with the arm's names of joints, `at` and `time`.
 
-
-def _decoded(states: list[Fed], case: _Case) -> Iterator[tuple[JointColumns, list[Fed]]]:
-    """Yield recorded states with the arm's names of joints; in a bag, other bytes are left out."""
-    found: list[tuple[JointColumns, list[Fed]]] = []
-    with suppress(ValueError):
-        columns = decode_joint_states([fed.message.data for fed in states]) if states else None
-        found = [] if columns is None else [(columns, states)]
-    for fed in () if found else states:
+    In a bag, other bytes are left out.
+    """
+    columns = None
+    if block.states:
+        with suppress(ValueError):
+            columns = decode_joint_states(block.states)
+    if columns is not None:
+        yield _renamed(columns, case), block.at, block.time
+        return
+    for k, data in enumerate(block.states):
         try:
-            state = decode_joint_state(fed.message.data)
+            state = decode_joint_state(data)
         except ValueError:
             if case.origin:
                 continue
             raise
         arrays = (x[None] for x in (state.position, state.velocity, state.effort))
-        found.append((JointColumns(state.names, np.array([state.stamp_ns]), *arrays), [fed]))
-    for columns, some in found:
-        yield columns._replace(names=tuple(map(case.rename, columns.names))), some
+        columns = JointColumns(state.names, np.array([state.stamp_ns]), *arrays)
+        yield _renamed(columns, case), block.at[k : k + 1], block.time[k : k + 1]
+
+
+def _renamed(columns: JointColumns, case: _Case) -> JointColumns:
+    return columns._replace(names=tuple(map(case.rename, columns.names)))
 
 
 def _check_gap(message: PlacedMessage, after_ns: int, case: _Case) -> None:

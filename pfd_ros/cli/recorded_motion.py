@@ -160,9 +160,7 @@ class _Reading(Playback):
             self._add_state(int(place) + stretch.first, data, *stretch.rows[place, :2])
         return True
 
-    def _add_state(
-        self, cycle: int, data: bytes, q: NDArray[Any], qd: NDArray[Any]
-    ) -> None:
+    def _add_state(self, cycle: int, data: bytes, q: NDArray[Any], qd: NDArray[Any]) -> None:
         """Add a recorded state; a measured one is replaced by the true one, q and qd."""
         engine = self.driver.engine
         if engine.sensors is None:

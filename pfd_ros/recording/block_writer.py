@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 import struct
-from typing import Any, NamedTuple
+from typing import Any, TypeAlias
 
 from mcap.opcode import Opcode
 from mcap.records import MessageIndex
@@ -22,18 +22,12 @@ _MESSAGE = struct.Struct('<BQHIQQ')
 _FIELDS = struct.calcsize('<HIQQ')
 
 
-class NewMessage(NamedTuple):
-    """A message to write; times in ns."""
-
-    channel: int
-    log_ns: int
-    published_ns: int
-    sequence: int
-    data: bytes
+# Channel, log time [ns], publish time [ns], sequence, data.
+NewMessage: TypeAlias = tuple[int, int, int, int, bytes]
 
 
 class BlockWriter(Writer):
-    """A writer of chunks of at most `chunk_size` bytes and one message."""
+    """A writer of chunks that end with the message that exceeds `chunk_size` bytes."""
 
     def __init__(self, stream: Any, chunk_size: int, **options: Any) -> None:
         super().__init__(stream, chunk_size, **options)
@@ -45,7 +39,7 @@ class BlockWriter(Writer):
         chunk = self._Writer__chunk_builder  # type: ignore[attr-defined]
         begin, size = 0, chunk.count
         for k, message in enumerate(messages, 1):
-            size += _MESSAGE.size + len(message[4])
+            size += _MESSAGE.size + len(message[-1])
             if size > self._chunk_size:
                 self._extend(chunk, messages[begin:k])
                 self._Writer__finalize_chunk()  # type: ignore[attr-defined]
@@ -71,7 +65,7 @@ class BlockWriter(Writer):
         places = {channel: index.records for channel, index in chunk.message_indices.items()}
         statistics.message_count += len(messages)
         chunk.num_messages += len(messages)
-        at, parts = chunk.count, []
+        at, parts = chunk.count, list[bytes]()
         pack, kind = _MESSAGE.pack, int(Opcode.MESSAGE)
         for channel, log_ns, published_ns, sequence, data in messages:
             places[channel].append((log_ns, at))

@@ -19,7 +19,7 @@ from mcap.records import Attachment
 from mcap.writer import CompressionType
 
 from pfd_ros.messages.definitions import full_text, type_hash
-from pfd_ros.recording.block_writer import BlockWriter
+from pfd_ros.recording.block_writer import BlockWriter, NewMessage
 from pfd_ros.recording.digests import digest_of, of_attachment, of_channel, sealed_end, sealed_head
 from pfd_ros.recording.format import (
     CHUNK_BYTES,
@@ -34,7 +34,6 @@ from pfd_ros.recording.format import (
     HeadKey,
 )
 from pfd_ros.recording.sink import Sink
-
 
 # Messages that are written at a time.
 BLOCK_MESSAGES = 256
@@ -128,7 +127,8 @@ class McapFile:
         schemas = {topic.type: full_text(topic.type) for topic in topics}
         self.counts = [0] * len(topics)
         self.waiting = 0
-        self._pending: list[tuple[int, int, int, int, bytes]] = []
+        # By topic in place of channel.
+        self._pending: list[NewMessage] = []
         self._digests = {name: hashlib.sha256() for name in names}
         self._updates = [digest.update for digest in self._digests.values()]
         self.sink = Sink(path)
@@ -151,10 +151,12 @@ class McapFile:
     def _write(self) -> None:
         """Write the pending messages to the next flush."""
         pending, self._pending = self._pending, []
-        pack, updates, channels = DIGEST_PREFIX.pack, self._updates, self._channels
+        pack, updates = DIGEST_PREFIX.pack, self._updates
+        messages: list[NewMessage] = []
         for topic, log_ns, published_ns, sequence, data in pending:
             updates[topic](pack(sequence, log_ns, published_ns, len(data)) + data)
-        self._writer.add_messages([(channels[topic], *rest) for topic, *rest in pending])
+            messages.append((self._channels[topic], log_ns, published_ns, sequence, data))
+        self._writer.add_messages(messages)
 
     def flush(self) -> None:
         """Write all messages to the operating system."""

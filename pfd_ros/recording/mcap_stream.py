@@ -62,15 +62,15 @@ _LIMITS: dict[int, int] = {
     Opcode.CHANNEL: DEFINITION_BYTES,
     Opcode.METADATA: TEXT_BYTES,
 }
-_IN_CHUNK = frozenset(map(int, (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)))
-_IN_DATA = _IN_CHUNK | {
+_IN_CHUNK: frozenset[int] = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
+_IN_DATA: frozenset[int] = _IN_CHUNK | {
     Opcode.CHUNK,
     Opcode.MESSAGE_INDEX,
     Opcode.ATTACHMENT,
     Opcode.METADATA,
     Opcode.DATA_END,
 }
-IN_SUMMARY = frozenset(
+IN_SUMMARY: frozenset[int] = frozenset(
     {
         Opcode.SCHEMA,
         Opcode.CHANNEL,
@@ -188,7 +188,7 @@ class McapStream:
             raise ValueError('wrong magic at its end')
         self.complete = True
 
-    def _next(self, expected: frozenset[Opcode]) -> tuple[Opcode, bytes]:
+    def _next(self, expected: frozenset[int]) -> tuple[Opcode, bytes]:
         """Return kind and body of the next record."""
         opcode, length = FRAME.unpack(self._read(FRAME.size))
         if opcode == length == 0 and self._rest_is_zero():
@@ -294,7 +294,8 @@ def _block(data: bytes, starts: list[int], ends: list[int]) -> MessageBlock:
     places = np.array(starts)[:, None] + np.arange(size)
     prefixes = np.frombuffer(data, np.uint8)[places].view(_MESSAGE_PREFIX)[:, 0]
     parts = [data[begin + size : end] for begin, end in zip(starts, ends, strict=True)]
-    return MessageBlock(*(prefixes[name] for name in _MESSAGE_PREFIX.fields), parts)
+    channels, sequences, log_ns, published_ns = (prefixes[x] for x in _MESSAGE_PREFIX.names or ())
+    return MessageBlock(channels, sequences, log_ns, published_ns, parts)
 
 
 def _unpacked(compression: str, data: bytes, limit: int) -> tuple[bytes, bool]:

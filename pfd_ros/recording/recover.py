@@ -189,7 +189,10 @@ def _begins_there(stream: BinaryIO, chunk: ChunkIndex) -> bool:
 
 
 def _copy(
-    records: Iterator[McapRecord | MessageBlock], written: BinaryIO, found: Recovered, index: _Index
+    records: Iterator[McapRecord | MessageBlock],
+    written: BinaryIO,
+    found: Recovered,
+    index: _Index,
 ) -> None:
     writer = new_writer(written)
     writer.start(index.profile, 'pfd recover')

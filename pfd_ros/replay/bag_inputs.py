@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-import heapq
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 from zlib import crc32
@@ -42,6 +42,7 @@ from pfd_ros.recording.bags import Bag, BagMessage
 from pfd_ros.recording.format import MESSAGE_ENCODING, ROLE_OF_SOURCE
 from pfd_ros.recording.reader import LogError
 from pfd_ros.replay.changed_inputs import Fed
+from pfd_ros.replay.log_order import in_time_order
 from pfd_ros.replay.ordering import PlacedMessage
 from pfd_ros.replay.what_if_settings import published_names
 from pfd_ros.text import cut, listed
@@ -57,11 +58,10 @@ USUAL_STATES = '/joint_states'
 
 
 class _Timed(NamedTuple):
-    """A message with its time [ns]; at one time states come first."""
+    """A message with its time [ns]."""
 
     time_ns: int
     is_command: bool
-    number: int
     data: bytes
 
 
@@ -274,34 +274,20 @@ class BagInputs:
         return name
 
     def _in_order(self) -> Iterator[_Timed]:
-        """Yield states and commands by time."""
-        heap: list[_Timed] = []
-        size = 0
+        """Yield states and commands by time; at one time states come first."""
         last = 0
-        for number, message in enumerate(Bag(self.path).messages()):
-            for is_command, topic in ((False, self.states), (True, self.commands)):
-                if message.topic == topic:
-                    heapq.heappush(
-                        heap, _Timed(self._time(message), is_command, number, message.data)
-                    )
-                    size += len(message.data)
-            while len(heap) > AHEAD or size > AHEAD_BYTES:
-                item = heapq.heappop(heap)
-                size -= len(item.data)
-                if self._follows(item, last):
-                    last = item.time_ns
-                    yield item
-        while heap:
-            item = heapq.heappop(heap)
-            if self._follows(item, last):
+        for item in in_time_order(self._read(), AHEAD, AHEAD_BYTES, time=itemgetter(0, 1)):
+            if item.time_ns >= last:
                 last = item.time_ns
                 yield item
+            else:
+                self.skipped['before earlier messages, or before 1970'] += 1
 
-    def _follows(self, item: _Timed, last: int) -> bool:
-        if item.time_ns >= last:
-            return True
-        self.skipped['before earlier messages, or before 1970'] += 1
-        return False
+    def _read(self) -> Iterator[_Timed]:
+        for message in Bag(self.path).messages():
+            for is_command, topic in ((False, self.states), (True, self.commands)):
+                if message.topic == topic:
+                    yield _Timed(self._time(message), is_command, message.data)
 
     def _time(self, message: BagMessage) -> int:
         return _stamp(message.data) if self._stamped else message.log_ns

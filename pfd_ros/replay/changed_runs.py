@@ -260,7 +260,9 @@ class NewRun(ChangedRun):
         # The command of each cycle, one at most, and its row.
         taken = stretch.taken
         rows_ns, numbers = taken.wall_ns.tolist(), taken.rows[:, 0, 2].tolist()
-        commands = zip(taken.cycles.tolist(), rows_ns, numbers, taken.data, stretch.payloads, strict=True)
+        commands = zip(
+            taken.cycles.tolist(), rows_ns, numbers, taken.data, stretch.payloads, strict=True
+        )
         role_of_command = ROLE_OF_SOURCE[stretch.source]
         command = next(commands, None)
         number = engine.state.row_messages

@@ -135,12 +135,14 @@ class Columns(NamedTuple):
 
     def where(self, chosen: NDArray[np.bool_]) -> Columns:
         """Return some of the messages."""
-        parts = (list(compress(x, chosen)) if isinstance(x, list) else x[chosen] for x in self)
-        return Columns(*parts)
+        columns: Iterable[Any] = self
+        return Columns._make(
+            list(compress(x, chosen)) if isinstance(x, list) else x[chosen] for x in columns
+        )
 
     def between(self, begin: int, end: int) -> Columns:
         """Return some messages that follow one another."""
-        return Columns(*(x[begin:end] for x in self))
+        return Columns._make(x[begin:end] for x in self)
 
     def messages(self) -> Iterator[PlacedMessage]:
         """Yield them one by one."""
@@ -182,9 +184,9 @@ def columns_of(messages: Sequence[PlacedMessage]) -> Columns:
 
 def joined(blocks: Sequence[Columns]) -> Columns:
     """Return messages that follow one another."""
-    parts = zip(*blocks, strict=True)
-    return Columns(
-        *([*chain(*x)] if isinstance(x[0], list) else np.concatenate(x) for x in parts)
+    columns: Iterable[Any] = zip(*blocks, strict=True)
+    return Columns._make(
+        [*chain(*x)] if isinstance(x[0], list) else np.concatenate(x) for x in columns
     )
 
 
@@ -424,7 +426,9 @@ class _Order:
 
 
 def _validation_rows(numbers: NDArray[Any]) -> tuple[ValidationRow, ...]:
-    rows = (ValidationRow(c, _SOURCES[s], n, _VERDICTS[v], d) for c, s, n, v, d in numbers.tolist())
+    rows = (
+        ValidationRow(c, _SOURCES[s], n, _VERDICTS[v], d) for c, s, n, v, d in numbers.tolist()
+    )
     return tuple(rows)
 
 

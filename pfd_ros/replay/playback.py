@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import chain, groupby
+from itertools import groupby
 from typing import Any, NamedTuple, Protocol
 from zlib import crc32
 
@@ -130,7 +130,7 @@ class Playback(ABC):
 
     driver: Driver
     inbox: Inbox = field(default_factory=Inbox)
-    _collected: list[Block] = field(default_factory=list)
+    _collected: list[Columns | PlacedMessage] = field(default_factory=list)
     _count: int = 0
     # Of the commands that were collected.
     _source: int = -1
@@ -221,7 +221,7 @@ class Playback(ABC):
             if self._collected and self._source != rows[0].source:
                 self.flush()
             self._source = rows[0].source
-            self._collect([message], 1)
+            self._collect(message)
         else:
             self.flush()
             self.take_now(message)
@@ -229,13 +229,13 @@ class Playback(ABC):
     def output(self, message: PlacedMessage) -> None:
         """Follow another output."""
         if self._collected and message.role in IN_STRETCHES and not message.lost:
-            self._collect([message], 1)
+            self._collect(message)
         else:
             self.flush()
             self.output_now(message)
 
-    def _collect(self, block: Block, count: int) -> None:
-        self._collected.append(block)
+    def _collect(self, some: Columns | PlacedMessage, count: int = 1) -> None:
+        self._collected.append(some)
         self._count += count
         if self._count >= MOST_COLLECTED:
             self.flush()
@@ -245,9 +245,13 @@ class Playback(ABC):
         blocks, self._collected, self._count = self._collected, [], 0
         if not blocks:
             return
-        parts = []
-        for are_single, some in groupby(blocks, lambda block: isinstance(block, list)):
-            parts += [columns_of([*chain(*some)])] if are_single else some
+        parts: list[Columns] = []
+        group: Any
+        for kind, group in groupby(blocks, type):
+            if kind is Columns:
+                parts += group
+            else:
+                parts.append(columns_of(list(group)))
         block = joined(parts)
         # The messages of the last cycle may not have come yet.
         cut = int(np.searchsorted(block.cycles, block.cycles[-1]))

@@ -71,7 +71,9 @@ class StateComparison:
         pending = sum(len(times) for _, times, _ in self._pending)
         if max(pending, *(len(run.rows) for run in self._runs)) < PENDING and not all_of_them:
             return
-        places, time, recorded = (np.concatenate(parts) for parts in zip(*self._pending, strict=True))
+        places, time, recorded = (
+            np.concatenate(parts) for parts in zip(*self._pending, strict=True)
+        )
         later = places > min(run.reached for run in self._runs)
         ready = int(later.argmax()) if later.any() else len(places)
         if not ready:

@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 import pfd_core as pfd
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import STATES
 from pfd_ros.arm.link_frames import link_frames
 from pfd_ros.arm.settings import WALL, Settings
 from pfd_ros.messages.convert import (

@@ -6,8 +6,8 @@ The commands and the states of any bag, for an arm that is set to the first reco
     cycle 1     sets the first state, with the positions and velocities of the joints by name
     cycle k     begins k - 2 steps after it, under the newest effort of each joint: zero-order hold
 
-Times are the stamps in the headers, if both topics have them, else the log's. Messages that cannot
-be used are counted by reason in `skipped`.
+Times are the stamps in the headers, if the first messages of both topics have one, else the log's.
+Messages that cannot be used are counted by reason in `skipped`.
 """
 
 from __future__ import annotations
@@ -90,6 +90,8 @@ class BagInputs:
         Joints of the first state, after renaming.
     skipped
         Messages that were not used, by reason.
+    times
+        'stamps' or 'log times', see above.
 
     Raises
     ------
@@ -105,6 +107,7 @@ class BagInputs:
     start_ns: int = field(default=0, init=False)
     names: tuple[str, ...] = field(default=(), init=False)
     skipped: Counter[str] = field(default_factory=Counter, init=False)
+    times: str = field(default='', init=False)
 
     def __post_init__(self) -> None:
         """Find the topics, their types and whether both have stamps."""
@@ -151,7 +154,8 @@ class BagInputs:
                     f'{self.path}: topic {cut(name)!r} is encoded as {cut(encoding)!r}, expected '
                     f'{MESSAGE_ENCODING!r}'
                 )
-        self._stamped = self._named and min(stamps[self.commands], stamps[self.states]) > 0
+        stamped = self._named and min(stamps[self.commands], stamps[self.states]) > 0
+        self.times = 'stamps' if stamped else 'log times'
         self._timed = self._in_order()
         # Commands before the first state, which act together when the arm starts.
         self._early: deque[_Timed] = deque(maxlen=AHEAD)
@@ -290,7 +294,7 @@ class BagInputs:
                     yield _Timed(self._time(message), is_command, message.data)
 
     def _time(self, message: BagMessage) -> int:
-        return _stamp(message.data) if self._stamped else message.log_ns
+        return _stamp(message.data) if self.times == 'stamps' else message.log_ns
 
 
 class _Places(NamedTuple):

@@ -118,6 +118,8 @@ class WhatIf:
         The first of them, '' for none.
     skipped
         Messages of a bag that were not used, by reason.
+    times
+        Of a bag's messages: 'stamps' or 'log times'; '' for a recording.
     complete
         Whether the source was closed properly.
     curves
@@ -144,6 +146,7 @@ class WhatIf:
     rejected: Mapping[str, int]
     first_rejected: str
     skipped: Mapping[str, int]
+    times: str
     complete: bool
     curves: tuple[Array, Array, Array] = field(repr=False, compare=False)
 
@@ -167,6 +170,7 @@ class _Case:
     urdf: str = ''
     rename: Callable[[str], str] = str
     skipped: Mapping[str, int] = field(default_factory=dict)
+    times: str = ''
     progress: Callable[[], float] = lambda: 0.0
     complete: Callable[[], bool] = lambda: True
 
@@ -293,6 +297,7 @@ def _of_bag(path: Path, changes: Changes, inputs: BagInputs) -> _Case:
         urdf=urdf,
         rename=inputs.renamed,
         skipped=inputs.skipped,
+        times=inputs.times,
     )
 
 
@@ -410,6 +415,7 @@ def _result(
         dict(new.rejected),
         new.first_rejected,
         dict(case.skipped),
+        case.times,
         case.complete(),
         found.curves.arrays(),
     )

@@ -151,11 +151,20 @@ def encode_rows(rows: Sequence[Sequence[int]], columns: Sequence[str]) -> bytes:
     return _rows_layout(len(rows), tuple(columns)) + struct.pack(f'<{len(numbers)}Q', *numbers)
 
 
-def rows_as_written(messages: Sequence[bytes], columns: tuple[str, ...]) -> NDArray[Any] | None:
-    """Return the rows of messages with the bytes that `encode_rows` writes.
+def rows_as_written(data: bytes, columns: tuple[str, ...]) -> list[tuple[int, ...]] | None:
+    """Return the rows of a message if it has the bytes that `encode_rows` writes, else None."""
+    width, start = len(columns), len(_rows_layout(1, columns))
+    count, rest = divmod(len(data) - start, 8 * width)
+    if count < 1 or rest or data[:start] != _rows_layout(count, columns):
+        return None
+    numbers = struct.unpack_from(f'<{count * width}Q', data, start)
+    return [numbers[k : k + width] for k in range(0, len(numbers), width)]
 
-    Returns (messages, rows, columns); None if one has other bytes or another number of rows.
-    """
+
+def all_rows_as_written(
+    messages: Sequence[bytes], columns: tuple[str, ...]
+) -> NDArray[Any] | None:
+    """Return the rows of messages with as many each, (messages, rows, columns), as above."""
     width = len(columns)
     count = (len(messages[0]) - len(_rows_layout(1, columns))) // (8 * width)
     if count < 1:

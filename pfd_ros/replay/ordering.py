@@ -42,6 +42,7 @@ from pfd_ros.arm.events import (
 from pfd_ros.arm.settings import SIMULATED, Settings
 from pfd_ros.messages.convert import (
     NANOSECONDS,
+    all_rows_as_written,
     decode_rows,
     decode_string,
     encode_rows,
@@ -148,7 +149,7 @@ class Columns(NamedTuple):
         """Yield them one by one."""
         rows: list[tuple[ValidationRow, ...]] = [()] * len(self.data)
         for k in np.flatnonzero(self.ranks == RANKS[TAKEN]).tolist():
-            rows[k] = _validation_rows(self.rows[k])
+            rows[k] = _validation_rows(self.rows[k].tolist())
         return map(
             PlacedMessage,
             [ROLES[rank] for rank in self.ranks.tolist()],
@@ -425,19 +426,12 @@ class _Order:
         return max(wall_ns, entry.log_ns - self._settings.start_ns) / NANOSECONDS
 
 
-def _validation_rows(numbers: NDArray[Any]) -> tuple[ValidationRow, ...]:
-    rows = (
-        ValidationRow(c, _SOURCES[s], n, _VERDICTS[v], d) for c, s, n, v, d in numbers.tolist()
-    )
-    return tuple(rows)
-
-
 def _rows_of(messages: Sequence[bytes]) -> NDArray[Any] | None:
     """Return the rows of messages with as many each, (messages, rows, len(TAKEN_COLUMNS)).
 
     None if one has others, or some that no node writes.
     """
-    table = rows_as_written(messages, TAKEN_COLUMNS)
+    table = all_rows_as_written(messages, TAKEN_COLUMNS)
     if table is None:
         return None
     steps, sources, _, verdicts, _ = np.moveaxis(table, 2, 0)
@@ -454,12 +448,10 @@ def _rows_of(messages: Sequence[bytes]) -> NDArray[Any] | None:
 
 def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
     """Return the rows of a message: all of one cycle, and all of overflow or none."""
-    found = _rows_of([entry.data])
-    if found is not None:
-        return _validation_rows(found[0])
-    # Bytes that cannot be decoded have a separate error.
-    decoded = decode_rows(entry.data, len(TAKEN_COLUMNS))
-    if rows_as_written([entry.data], TAKEN_COLUMNS) is None:
+    decoded = rows_as_written(entry.data, TAKEN_COLUMNS)
+    if decoded is None:
+        # Bytes that cannot be decoded have a separate error.
+        decode_rows(entry.data, len(TAKEN_COLUMNS))
         raise ValueError(f'taken {entry.sequence} is not as the node writes it')
     for _, source, _, verdict, _ in decoded:
         if source not in _SOURCES or verdict not in _VERDICTS:
@@ -470,4 +462,10 @@ def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
     cycles = {row[0] for row in decoded}
     if len(cycles) > 1 or 0 in cycles:
         raise ValueError(f'taken {entry.sequence} names steps {sorted(cycles)[:5]}, expected one')
-    raise ValueError(f'taken {entry.sequence} mixes commands validated and overflowed')
+    if len({row[3] == Verdict.OVERFLOWED for row in decoded}) > 1:
+        raise ValueError(f'taken {entry.sequence} mixes commands validated and overflowed')
+    return _validation_rows(decoded)
+
+
+def _validation_rows(rows: Iterable[Sequence[int]]) -> tuple[ValidationRow, ...]:
+    return tuple(ValidationRow(c, _SOURCES[s], n, _VERDICTS[v], d) for c, s, n, v, d in rows)

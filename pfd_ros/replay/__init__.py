@@ -10,6 +10,7 @@ From the file to the verdict:
                   are one native call
     inspection    whether everything that was recorded is in the file, without simulating
     summary       the result of an inspection for people
+    run_parts     the files of one run, in order, and whether each continues the other
     differences   the first difference between a recorded message and the replayed one
     verify        the engine fed from the recording, its outputs compared byte for byte: `read`
 

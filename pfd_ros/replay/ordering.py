@@ -292,7 +292,8 @@ class _Order:
         self._allow(settings)
         self._started_ns = log.started_ns
         self._last_ns = settings.start_ns if self._simulated else log.started_ns
-        self._last = dict.fromkeys(log.roles.values(), 0)
+        part = log.part
+        self._last = {role: part.last_number(role) for role in log.roles.values()}
         # Of the last output: its cycle, then its order within the cycle.
         self._place = RANKS[CLOCK]
         # The cycle of the last validation rows.

@@ -199,6 +199,8 @@ class McapFile:
 
     def _write(self) -> None:
         """Write the pending messages to the next flush."""
+        if not self._pending:
+            return
         pending, self._pending = self._pending, []
         pack, updates = DIGEST_PREFIX.pack, self._updates
         messages: list[NewMessage] = []

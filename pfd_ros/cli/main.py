@@ -32,7 +32,7 @@ NO_ROS = (
 
 # The modules of this package that are commands, in the order of `pfd --help`.
 COMMANDS = (
-    *('demo', 'sim', 'replay', 'info', 'compare', 'recover'),
+    *('demo', 'sim', 'replay', 'info', 'compare', 'view', 'recover'),
     *('report', 'robots', 'urdf', 'doctor'),
 )
 NEED_ROS = {'demo', 'sim'}

@@ -1,0 +1,77 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd view`: the arm of a log in 3D, in a browser."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import suppress
+import importlib.util
+from pathlib import Path
+import threading
+import webbrowser
+
+from pfd_ros.cli.terminal import print_lines
+
+HELP = 'show the arm of a log in 3D, in a browser'
+EXAMPLE = 'pfd view run.mcap --open'
+NEEDED = ('viser', 'trimesh', 'collada')
+PORT = 8080
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the log and what is shown of it."""
+    parser.add_argument(
+        'log', type=Path, metavar='LOG', help='MCAP file, .db3 file or rosbag2 folder'
+    )
+    parser.add_argument(
+        '--robot',
+        metavar='ROBOT',
+        help='the model, in place of the one in the log: a .urdf, .xacro or .yaml file, or a '
+        'name that `pfd robots` lists',
+    )
+    parser.add_argument('--topic', metavar='TOPIC', help='the topic of joint states')
+    parser.add_argument(
+        '--package-path',
+        action='append',
+        type=Path,
+        default=[],
+        metavar='FOLDER',
+        help='a package with meshes, or a folder of packages; may be repeated',
+    )
+    parser.add_argument(
+        '--port',
+        type=_port,
+        default=PORT,
+        metavar='N',
+        help=f'port of the page on this computer (default {PORT}; 0: any free one)',
+    )
+    parser.add_argument('--open', action='store_true', help='open the page in the browser')
+
+
+def run(given: argparse.Namespace) -> int:
+    """Show a log until Ctrl-C."""
+    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
+    if missing:
+        raise ValueError("the 3D view needs viser and trimesh: pip install 'pfd_ros[view]'")
+    from pfd_ros.view import log_page, server
+    from pfd_ros.view.player import Player
+
+    content = log_page.content_of(given.log, given.robot, given.topic, tuple(given.package_path))
+    print_lines(content.lines)
+    with server.page(given.port, given.log.name) as page:
+        player = Player(page.gui, content.motion, log_page.fill(page, content))
+        url = server.address(page)
+        with suppress(KeyboardInterrupt):
+            print(f'{url} shows {given.log.name}; Ctrl-C ends it', flush=True)
+            if given.open and not webbrowser.open(url):
+                print(f'no browser was found for --open: open {url} yourself', flush=True)
+            player.run(threading.Event())
+    return 0
+
+
+def _port(text: str) -> int:
+    number = int(text) if text.isascii() and text.isdecimal() else -1
+    if not 0 <= number < 1 << 16:
+        raise argparse.ArgumentTypeError(f'port must be in [0, 65535], got {text!r}')
+    return number

@@ -8,10 +8,11 @@ import argparse
 from contextlib import suppress
 import importlib.util
 from pathlib import Path
+import sys
 import threading
 import webbrowser
 
-from pfd_ros.cli.terminal import print_lines
+from pfd_ros.cli.terminal import print_lines, progress_on
 
 HELP = 'show the arm of a log in 3D, in a browser'
 EXAMPLE = 'pfd view run.mcap --open'
@@ -32,6 +33,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--topic', metavar='TOPIC', help='the topic of joint states')
     parser.add_argument(
+        '--ghost',
+        type=Path,
+        metavar='LOG',
+        help='a second log, shown translucent',
+    )
+    parser.add_argument(
+        '--ghost-topic',
+        metavar='TOPIC',
+        help='the topic of joint states of the ghost, such as commanded positions; without '
+        '--ghost a topic of the same log',
+    )
+    parser.add_argument(
         '--package-path',
         action='append',
         type=Path,
@@ -46,6 +59,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         help=f'port of the page on this computer (default {PORT}; 0: any free one)',
     )
+    parser.add_argument(
+        '--export',
+        type=Path,
+        metavar='FILE',
+        help='write one .html file that plays the log without Python or a network, and end',
+    )
     parser.add_argument('--open', action='store_true', help='open the page in the browser')
 
 
@@ -54,13 +73,25 @@ def run(given: argparse.Namespace) -> int:
     missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
     if missing:
         raise ValueError("the 3D view needs viser and trimesh: pip install 'pfd_ros[view]'")
-    from pfd_ros.view import log_page, server
+    from pfd_ros.view import export, log_page, server
     from pfd_ros.view.player import Player
 
-    content = log_page.content_of(given.log, given.robot, given.topic, tuple(given.package_path))
+    folders = tuple(given.package_path)
+    content = log_page.content_of(given.log, given.robot, given.topic, folders)
     print_lines(content.lines)
+    ghost = None
+    if given.ghost or given.ghost_topic:
+        path, robot = given.ghost or given.log, None if given.ghost else given.robot
+        ghost = log_page.content_of(path, robot, given.ghost_topic, folders, content.seen.urdf)
+        print_lines(f'ghost: {line}' for line in ghost.lines)
+        if log_page.offset_of(content.motion, ghost.motion) is None:
+            print_lines(['ghost: the logs have no time in common: both start at 0'])
+    if given.export:
+        size = export.export(content, ghost, given.export, progress_on(sys.stderr))
+        print(f'{given.export} plays {given.log.name} in a browser ({size / 1e6:.1f} MB)')
+        return 0
     with server.page(given.port, given.log.name) as page:
-        player = Player(page.gui, content.motion, log_page.fill(page, content))
+        player = Player(page.gui, content.motion, log_page.fill(page, content, ghost))
         url = server.address(page)
         with suppress(KeyboardInterrupt):
             print(f'{url} shows {given.log.name}; Ctrl-C ends it', flush=True)

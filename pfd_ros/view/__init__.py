@@ -10,12 +10,14 @@ Geometry, without a browser
     skeleton     links without visuals, from frames, inertias and reach
     shapes       a URDF -> triangles fixed to links
     poses        joint positions -> frames of all links
+    loads        torques and limits of joints -> colours
     motion       a log -> joint states over time, and its model
 
 The page, with viser
 
     server       the server on 127.0.0.1
-    scene        the arm in a page
+    scene        the arm, rings of its joints, a path and the floor in a page
     player       time slider, play, speed, step
     log_page     the page of a log
+    export       the page of a log as one file that plays without Python
 """

@@ -74,7 +74,7 @@ class Seen:
     folder: Path | None
 
 
-def read(path: Path, robot: str | None, topic: str | None) -> Seen:
+def read(path: Path, robot: str | None, topic: str | None, other: pfd.Urdf | None = None) -> Seen:
     """
     Return what a log shows.
 
@@ -87,6 +87,8 @@ def read(path: Path, robot: str | None, topic: str | None) -> Seen:
     topic : str or None
         The topic of joint states; default: joint_states, or else the one with most joints of
         the model.
+    other : Urdf, optional
+        The model of a log that has none.
 
     Raises
     ------
@@ -97,7 +99,7 @@ def read(path: Path, robot: str | None, topic: str | None) -> Seen:
 
     """
     log = read_log(path, types=TYPES)
-    urdf = model_of(log, robot)
+    urdf = model_of(log, robot, other)
     problems = []
     if not log.complete:
         problems.append(f'{path} was cut off or not closed: it is shown up to the cut')
@@ -111,13 +113,15 @@ def read(path: Path, robot: str | None, topic: str | None) -> Seen:
     return Seen(urdf, motion, tuple(problems), log, folder_of(log, robot))
 
 
-def model_of(log: LogArrays, robot: str | None) -> pfd.Urdf:
+def model_of(log: LogArrays, robot: str | None, other: pfd.Urdf | None) -> pfd.Urdf:
     """Return the model to draw: the one named, or the URDF or the robot that a log contains."""
     if robot is not None:
         return pfd.read_urdf(robot) or _parsed(pfd.urdf_of(robot))
     for topic in (name for name in log if name.rpartition('/')[2] == DESCRIPTION):
         if log.topics[topic] == STRING and len(log[topic]):
             return _parsed_text(str(log[topic].data[-1]), f'{topic} of {log.path}')
+    if log.robot is None and other is not None:
+        return other
     if log.robot is None:
         raise ValueError(f'{log.path} {NO_MODEL}')
     return _parsed_text(pfd.robot_to_urdf(log.robot), f'the robot in {log.path}')

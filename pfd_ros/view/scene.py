@@ -1,19 +1,26 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The arm in the page: a node for each link that is drawn, moved to the link's frame."""
+"""What a page shows: an arm, rings with the loads of its joints, a path, and the floor."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 import trimesh
 
+import pfd_core as pfd
+from pfd_ros.view.loads import UNKNOWN
 from pfd_ros.view.poses import LinkPoses
 from pfd_ros.view.shapes import Drawing
+from pfd_ros.view.skeleton import reach_of
 from pfd_ros.view.visuals import Colour
 
+PATH_COLOURS = ((160, 205, 250), (20, 60, 140))
+# Radius of a ring and of its wire, as parts of the reach.
+RING, RING_WIRE = 0.062, 0.007
 FLOOR_COLOUR = (205, 208, 214)
 # Lines of the floor each way.
 FLOOR_LINES = 8
@@ -73,6 +80,63 @@ class DrawnArm:
         for link, node in self._frames.items():
             place(node, frames[link])
         return frames
+
+
+class JointRings:
+    """A ring around the axis of each joint, whose colour is the joint's load.
+
+    Parameters
+    ----------
+    scene : viser.SceneApi
+        The page's scene.
+    urdf : Urdf
+        The model.
+    joints : sequence of str
+        Names of the joints.
+    poses : LinkPoses
+        The frames of its links.
+
+    """
+
+    def __init__(
+        self, scene: Any, urdf: pfd.Urdf, joints: Sequence[str], poses: LinkPoses
+    ) -> None:
+        reach = reach_of(urdf)
+        ring = trimesh.creation.torus(RING * reach, RING_WIRE * reach, 32, 12)
+        self._links = [poses.index(urdf.joints[name].child) for name in joints]
+        self._nodes, self._meshes = [], []
+        self._colours: list[Colour] = []
+        for number, name in enumerate(joints):
+            node = scene.add_frame(f'/joints/{number}', show_axes=False)
+            turn = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], urdf.joints[name].axis)
+            mesh = scene.add_mesh_simple(
+                f'/joints/{number}/ring',
+                trimesh.transform_points(ring.vertices, turn).astype(np.float32),
+                np.array(ring.faces, np.int32),
+                color=UNKNOWN,
+                cast_shadow=False,
+            )
+            self._nodes.append(node)
+            self._meshes.append(mesh)
+            self._colours.append(UNKNOWN)
+
+    def show(self, frames: NDArray[np.float64], colours: Sequence[Colour]) -> None:
+        """Move the rings to frames of all links (links, 4, 4) and give each its colour."""
+        for k, (node, link) in enumerate(zip(self._nodes, self._links, strict=True)):
+            place(node, frames[link])
+            if colours[k] != self._colours[k]:
+                self._meshes[k].color = self._colours[k] = colours[k]
+
+
+def add_path(scene: Any, points: NDArray[np.float64], thickness: float) -> None:
+    """Draw a path through points (N, 3), light at its start and dark at its end."""
+    if len(points) < 2:
+        return
+    segments = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+    part = np.linspace(0.0, 1.0, len(segments))[:, None]
+    ends = (1 - part) * np.array(PATH_COLOURS[0]) + part * np.array(PATH_COLOURS[1])
+    colours = np.repeat(ends[:, None], 2, axis=1).astype(np.uint8)
+    scene.add_line_segments('/path', segments, colours, thickness=thickness)
 
 
 def place(node: Any, frame: NDArray[np.float64]) -> None:

@@ -9,15 +9,15 @@ Subpackages in the order of data flow; each imports only from those above it:
     arm          the simulated arm without ROS, clock or thread: settings, events, engine
     recording    the MCAP file of a run, written and read
     replay       a recording inspected and simulated again, bit for bit
-    view         the arm of a log in 3D, in a browser
     node         the arm on its topics, in real time; parameters, threads, log lines
+    view         the arm of a log or of a running node in 3D, in a browser
     testing      the arm in a controller's tests: pytest fixtures, lockstep, assertions
     demo         the node and a controller as two processes, and the results
     cli          the command `pfd`, one module a command
 
 `pfd_ros.read_log` returns the messages of a recording, or of any bag, as arrays.
 
-Only `node`, `testing` and `demo` import rclpy.
+Only `node`, `testing`, `demo` and `view.live` import rclpy.
 
 To change or add
 

@@ -41,11 +41,11 @@ PFD_ROS = {
     'arm': {'text', 'messages'},
     'recording': {'text', 'messages', 'arm'},
     'replay': {'text', 'messages', 'arm', 'recording'},
-    'view': {'text', 'messages', 'arm', 'recording'},
     'node': {'text', 'messages', 'arm', 'recording', 'replay'},
+    'view': {'text', 'messages', 'arm', 'recording', 'node'},
     'testing': {'text', 'messages', 'arm', 'recording', 'replay'},
     'demo': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'testing'},
-    'cli': {'text', 'messages', 'arm', 'recording', 'replay', 'view', 'node', 'demo'},
+    'cli': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'view', 'demo'},
 }
 SIMULATION: dict[str, set[str]] = {'contact': set()}
 REPORT: dict[str, set[str]] = {
@@ -68,7 +68,7 @@ RESERVED = {
     'pinocchio': {'pfd_core.report.contenders'},
     'viser': {'pfd_ros.view'},
     'trimesh': {'pfd_ros.view'},
-    'rclpy': {'pfd_ros.node', 'pfd_ros.testing', 'pfd_ros.demo'},
+    'rclpy': {'pfd_ros.node', 'pfd_ros.testing', 'pfd_ros.demo', 'pfd_ros.view.live'},
 }
 
 

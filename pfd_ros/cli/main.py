@@ -95,7 +95,8 @@ def _run(words: list[str], stop: Stop | None) -> int:
     if given.ros_args and given.command != 'sim':
         print(f'pfd: {given.command} takes no --ros-args', file=sys.stderr)
         return 2
-    needs_ros = given.command in NEED_ROS or getattr(given, 'publish', False)
+    asked = getattr(given, 'publish', False) or getattr(given, 'live', False)
+    needs_ros = given.command in NEED_ROS or asked
     if needs_ros and importlib.util.find_spec('rclpy') is None:
         print(f'pfd: {NO_ROS}', file=sys.stderr)
         return 1

@@ -47,7 +47,8 @@ class Loads:
         ends = np.array([item.effort for item in limits])
         known = np.isfinite(ends) & (ends > 0)
         largest = np.max(np.abs(np.nan_to_num(effort)), axis=0, initial=0.0)
-        self._ends = np.where(known, ends, largest)
+        # Without a scale a torque has no colour.
+        self._ends = np.where(known, ends, np.where(largest > 0, largest, np.nan))
         self.unlimited = tuple(np.array(joints, object)[~known])
         self._lower = np.array([item.lower for item in limits])
         self._upper = np.array([item.upper for item in limits])

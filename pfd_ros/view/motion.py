@@ -116,18 +116,24 @@ def read(path: Path, robot: str | None, topic: str | None, other: pfd.Urdf | Non
 def model_of(log: LogArrays, robot: str | None, other: pfd.Urdf | None) -> pfd.Urdf:
     """Return the model to draw: the one named, or the URDF or the robot that a log contains."""
     if robot is not None:
-        return pfd.read_urdf(robot) or _parsed(pfd.urdf_of(robot))
+        return named_model(robot)
     for topic in (name for name in log if name.rpartition('/')[2] == DESCRIPTION):
         if log.topics[topic] == STRING and len(log[topic]):
-            return _parsed_text(str(log[topic].data[-1]), f'{topic} of {log.path}')
+            return parsed_text(str(log[topic].data[-1]), f'{topic} of {log.path}')
     if log.robot is None and other is not None:
         return other
     if log.robot is None:
         raise ValueError(f'{log.path} {NO_MODEL}')
-    return _parsed_text(pfd.robot_to_urdf(log.robot), f'the robot in {log.path}')
+    return parsed_text(pfd.robot_to_urdf(log.robot), f'the robot in {log.path}')
 
 
-def _parsed_text(text: str, label: str) -> pfd.Urdf:
+def named_model(robot: str) -> pfd.Urdf:
+    """Return the model of a robot, as `load_robot` takes it."""
+    return pfd.read_urdf(robot) or _parsed(pfd.urdf_of(robot))
+
+
+def parsed_text(text: str, label: str) -> pfd.Urdf:
+    """Return a model from the text of a URDF; ValueError, with the label, for another text."""
     # Other text would be taken for the name of a robot or a file.
     if not text.lstrip().startswith('<'):
         raise ValueError(f'{label} is not a URDF: it starts with {cut(text[:20])!r}')

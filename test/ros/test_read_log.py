@@ -168,16 +168,6 @@ def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> Non
         read_log(GOLDEN, **arguments)
 
 
-def test_types_choose_what_is_read() -> None:
-    kind = 'sensor_msgs/msg/JointState'
-    log = read_log(GOLDEN, types=[kind])
-    assert {log.topics[topic] for topic in log} == {kind}
-    assert set(log.topics) == set(read_log(GOLDEN))
-    assert len(log['/joint_states']) == 269
-    with pytest.raises(ValueError, match=r"types must be a list of names, got '.*': write \['"):
-        read_log(GOLDEN, types=kind)
-
-
 def test_unknown_topics_and_fields_are_named() -> None:
     log = read_log(GOLDEN)
     with pytest.raises(KeyError, match="no topic '/nothing'"):

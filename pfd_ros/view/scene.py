@@ -70,7 +70,7 @@ class DrawnArm:
                 shape.faces,
                 color=colour or shape.colour,
                 opacity=opacity,
-                flat_shading=shape.stands_in,
+                flat_shading=shape.flat,
                 side='double',
             )
 

@@ -26,6 +26,7 @@ from pfd_ros.view.visuals import (
     Cylinder,
     Geometry,
     MeshFile,
+    Sphere,
     Visual,
     visuals_of,
 )
@@ -51,6 +52,8 @@ class Shape:
         Vertices of each triangle.
     colour : tuple of int
         Red, green and blue, 0 to 255.
+    flat : bool
+        Whether each triangle is shaded by itself, as edges of boxes and of STL are sharp.
     stands_in : bool
         Whether it is drawn in place of a visual that the URDF lacks or that cannot be read.
 
@@ -60,6 +63,7 @@ class Shape:
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
     colour: Colour
+    flat: bool
     stands_in: bool = False
 
 
@@ -106,7 +110,13 @@ def draw(urdf: pfd.Urdf, folders: MeshFolders) -> Drawing:
     # A frame without a form among links with forms is drawn as its author wanted, not at all.
     bare = (unread if drawn or unread else set(urdf.links)) - drawn
     shapes += [
-        Shape(solid.link, *_primitive(solid.geometry, solid.pose), SKELETON_COLOUR, True)
+        Shape(
+            solid.link,
+            *_primitive(solid.geometry, solid.pose),
+            SKELETON_COLOUR,
+            not isinstance(solid.geometry, Sphere),
+            True,
+        )
         for solid in skeleton_of(urdf, bare)
     ]
     if not visuals and not problems:
@@ -147,8 +157,10 @@ def _shapes(visual: Visual, files: _Files) -> Iterator[Shape]:
     form = visual.geometry
     if not isinstance(form, MeshFile):
         placed = _primitive(form, visual.pose)
-        yield Shape(visual.link, *placed, visual.colour or DEFAULT_COLOUR)
+        flat = not isinstance(form, Sphere)
+        yield Shape(visual.link, *placed, visual.colour or DEFAULT_COLOUR, flat)
         return
+    flat = form.uri.lower().endswith('.stl')
     for part in files.read(form.uri):
         vertices = part.vertices * np.array(form.scale) @ visual.pose[:3, :3].T
         vertices += visual.pose[:3, 3]
@@ -157,7 +169,7 @@ def _shapes(visual: Visual, files: _Files) -> Iterator[Shape]:
         faces = np.ascontiguousarray(part.faces[:, ::-1]) if mirrored else part.faces
         # The colour of a material counts only for meshes without colours, as in rviz.
         colour = part.colour or visual.colour or DEFAULT_COLOUR
-        yield Shape(visual.link, vertices.astype(np.float32), faces, colour)
+        yield Shape(visual.link, vertices.astype(np.float32), faces, colour, flat)
 
 
 def _primitive(

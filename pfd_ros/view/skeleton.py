@@ -78,8 +78,11 @@ def _body(inertial: Any, reach: float) -> tuple[Box, NDArray[np.float64]]:
     matrix = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
     moments, axes = np.linalg.eigh(matrix)
     # Of a box m (b^2 + c^2) / 12 = moment about a, and so on.
-    squares = 6.0 / inertial.mass * (moments.sum() - 2 * moments)
-    edges = np.clip(np.sqrt(np.maximum(squares, 0.0)), LEAST * reach, LONGEST * reach)
+    with np.errstate(over='ignore', invalid='ignore'):
+        squares = 6.0 / inertial.mass * (moments.sum() - 2 * moments)
+    # A tiny mass gives infinity, or NaN.
+    squares = np.nan_to_num(np.maximum(squares, 0.0))
+    edges = np.clip(np.sqrt(squares), LEAST * reach, LONGEST * reach)
     if np.linalg.det(axes) < 0:
         axes[:, 0] = -axes[:, 0]
     pose = pose_of(inertial.origin.xyz, inertial.origin.rpy)

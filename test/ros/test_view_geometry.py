@@ -147,6 +147,13 @@ def test_a_urdf_without_visuals_is_drawn_from_frames_and_inertias() -> None:
     assert c == pytest.approx(edge_limit)  # longer ones are cut
 
 
+@pytest.mark.parametrize('mass', ['1e-300', '5e-324', '1e100'])
+def test_an_unlikely_mass_is_drawn_as_a_finite_box(mass: str) -> None:
+    drawing = drawn(urdf().replace('mass value="2"', f'mass value="{mass}"'))
+    points = np.concatenate([shape.vertices for shape in drawing.shapes])
+    assert np.abs(points).max() < 2.0
+
+
 def test_meshes_are_found_by_path_and_package_and_scaled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

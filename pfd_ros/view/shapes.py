@@ -31,8 +31,9 @@ from pfd_ros.view.visuals import (
     visuals_of,
 )
 
-# Of all meshes together: what a browser draws at a few frames a second.
+# Of all meshes together: what a browser draws at a few frames a second, and what is read at most.
 MOST_TRIANGLES = 3_000_000
+MOST_BYTES = 256 * 2**20
 SKELETON_COLOUR = (214, 160, 84)
 MOST_PROBLEMS = 5
 
@@ -132,12 +133,16 @@ class _Files:
     def __init__(self, folders: MeshFolders) -> None:
         self._folders = folders
         self._read: dict[str, list[Triangles] | str] = {}
-        self._count = 0
+        self._count = self._bytes = 0
 
     def read(self, uri: str) -> list[Triangles]:
         if uri not in self._read:
             try:
-                self._read[uri] = read_mesh(self._folders.find(uri))
+                path = self._folders.find(uri)
+                self._bytes += path.stat().st_size
+                if self._bytes > MOST_BYTES:
+                    raise ValueError(f'the meshes have more than {MOST_BYTES >> 20} MiB together')
+                self._read[uri] = read_mesh(path)
             except (ValueError, OSError) as error:
                 self._read[uri] = str(error)
         found = self._read[uri]

@@ -266,6 +266,26 @@ def test_missing_meshes_are_counted_and_the_others_drawn(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
+    ('bound', 'value', 'reason'),
+    [
+        ('MOST_BYTES', 600, 'the meshes have more than 0 MiB together'),
+        ('MOST_TRIANGLES', 8, 'the meshes have more than 8 triangles together'),
+    ],
+)
+def test_meshes_have_bounds_together(
+    bound: str, value: int, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = [f'{k}.stl' for k in range(4)]
+    for name in names:
+        (tmp_path / name).write_bytes(box_stl(0.5))
+    monkeypatch.setattr(f'pfd_ros.view.shapes.{bound}', value)
+    drawing = drawn(urdf(*map(mesh, names)), tmp_path)
+    assert drawing.problems[0].startswith('2 of 4 meshes are not read')
+    assert drawing.problems[0].endswith(reason)
+    assert len(drawing.shapes) == 2
+
+
+@pytest.mark.parametrize(
     'element',
     [
         '<box size="0.1 0.2"/>',

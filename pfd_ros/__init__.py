@@ -12,13 +12,14 @@ Subpackages in the order of data flow; each imports only from those above it:
     motion       measures of the motion of a joint, from samples
     page         a log as one HTML page: what went wrong first, and its curves
     node         the arm on its topics, in real time; parameters, threads, log lines
+    view         the arm of a log or of a running node in 3D, in a browser
     testing      the arm in a controller's tests: pytest fixtures, lockstep, assertions
     demo         the node and a controller as two processes, and the results
     cli          the command `pfd`, one module a command
 
 `pfd_ros.read_log` returns the messages of a recording, or of any bag, as arrays.
 
-Only `node`, `testing` and `demo` import rclpy.
+Only `node`, `testing`, `demo` and `view.live` import rclpy.
 
 To change or add
 
@@ -35,6 +36,7 @@ To change or add
     metadata of recordings  recording.format.HeadKey, EndKey; built in provenance.file_head and
                             recorder.LogRecorder.ending, written by mcap_file
     a check of a page       page.findings, fed by page.reading
+    what `pfd view` draws   view.scene, view.log_page; from a new topic also view.motion
     a `pfd` command         a module of cli, a name in cli.main.COMMANDS
 """
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant
 from pfd_core.model.checked_numbers import Array
+from pfd_core.simulation.contact.dense_events import dense_event_programs
 from pfd_core.simulation.contact.events import (
     record_commit,
     record_cut,
@@ -68,10 +69,7 @@ def contact_programs(
     """
     n = plant.robot.n
     programs = {
-        'watch': record_watch(plant),
-        'directions': record_directions(n),
-        'modes': record_modes(plant, scheme.sticks),
-        'pivot': record_pivot(n),
+        **_common_programs(plant, dtype, scheme.sticks),
         **scheme.programs(plant),
         'end': record_end(plant, scheme),
         'cut': record_cut(plant, scheme, dtype),
@@ -83,6 +81,23 @@ def contact_programs(
         programs['follow'] = record_follow(plant)
     if scheme is not RK4:
         programs['drive'] = record_drive(plant)
+    return programs
+
+
+def adaptive_contact_programs(plant: Plant) -> dict[str, Program]:
+    """Return the programs of events in adaptive steps, in float64."""
+    return _common_programs(plant, 'float64', sticks=True) | dense_event_programs(plant)
+
+
+def _common_programs(plant: Plant, dtype: str, sticks: bool) -> dict[str, Program]:
+    """Return the programs of the modes and impacts between two segments."""
+    n = plant.robot.n
+    programs = {
+        'watch': record_watch(plant),
+        'directions': record_directions(n),
+        'modes': record_modes(plant, sticks),
+        'pivot': record_pivot(n),
+    }
     if plant.friction is not None:
         programs['effort'] = record_effort(plant)
     if plant.joint_limits is not None:

@@ -22,7 +22,7 @@ from pfd_core.kernels.runtime import processor
 from pfd_core.report.cases.motions import MOTIONS, REFERENCES
 from pfd_core.simulation import adaptive
 
-# The true error of a motion in units of the tolerance. Seen 3.3.
+# The true error of a motion in units of the tolerance. Seen 3.6.
 KEPT = 10.0
 TOLERANCES = [10.0**-k for k in range(3, 14)]
 # Motions with references in extended precision, except those that damping makes stiff.

@@ -194,7 +194,6 @@ def integrate(
         returns, except a non-finite one, which the step size control treats as overflow.
 
     """
-    resolve(robot, scene)  # ValueError for a wrong robot or scene
     choice('integrator', integrator, PAIRS)
     duration = _above_zero('duration', duration)
     atol, rtol = _above_zero('atol', atol), real_number('rtol', rtol)
@@ -202,16 +201,17 @@ def integrate(
         raise ValueError(f'rtol must be at least {SMALLEST_RTOL} and below 1, got {rtol}')
     max_steps = integer('max_steps', max_steps, 1)
     wants_dense = switch('dense', dense)
-    scene, n = given_scene(scene), robot.n
+    scene = given_scene(scene)
+    try:
+        steps = _native(robot, scene, integrator, method, refine)
+    except TypeError:  # an unhashable argument, which KernelSpec names
+        steps = _native.__wrapped__(robot, scene, integrator, method, refine)
+    n = robot.n
     inputs = scene_inputs(scene, n, 'float64', wrench, brakes)
     if scene.payload == INPUT:
         inputs |= payload_inputs(robot, scene, 'float64', None)
     if not callable(tau):
         tau = real_array('tau', tau, shape=(n,))
-    try:
-        steps = _native(robot, scene, integrator, method, refine)
-    except TypeError:  # an unhashable argument, which KernelSpec names
-        steps = _native.__wrapped__(robot, scene, integrator, method, refine)
     settings = {
         'duration': duration,
         'longest': min(duration, _above_zero('max_step', max_step, finite=False)),

@@ -31,9 +31,9 @@ def compile_kernel(
     robot : Robot
         The chain.
     method : str
-        A name in METHODS, or 'auto': the cheapest, or with `refine`, where its rounding would be
-        too large for a step to mend, articulated bodies. Quantities other than forward dynamics
-        and its derivatives have one method.
+        A name in METHODS, or 'auto': the cheapest, or articulated bodies where the cheapest loses
+        too many digits, with `refine` more than a step can correct. Quantities other than
+        forward dynamics and its derivatives have one method.
     scene : Scene, optional
         Which effects are on; default: rigid links and gravity. A quantity ignores the effects
         that it does not depend on.
@@ -41,9 +41,9 @@ def compile_kernel(
         Number format of the kernel and its arrays.
     refine : int
         Steps of iterative refinement, at least 0, of forward dynamics, and of the accelerations
-        at which derivatives are taken. One takes nearly every scene to the last
-        digits of the number format, for about half as much work again as the default method,
-        and enables `error_estimate`.
+        at which derivatives are taken. One step reaches rounding level in nearly every
+        scene, for about half as much work again as the default method, and enables
+        `error_estimate`.
     quantity : str
         The result, and its arguments:
 

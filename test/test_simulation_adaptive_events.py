@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 import os
 import subprocess
 import sys
@@ -200,12 +201,19 @@ def test_a_grazed_stop_is_found_between_two_looks_at_the_step() -> None:
     assert run.q.min() >= -way
 
 
-@pytest.mark.parametrize('seed', [3, pytest.param(5, marks=pytest.mark.slow)])
-def test_chains_of_impacts_end_and_pass_no_stop(seed: int) -> None:
+@pytest.mark.parametrize(('seed', 'stribeck'), [(8, False), (5, True)])
+def test_chains_of_impacts_end_and_pass_no_stop(seed: int, stribeck: bool) -> None:
+    # The joints throw each other off their stops, with velocities that fall below 1e-9 rad/s. Seen
+    # 300 and 2300 attempts.
     rng = np.random.default_rng(seed)
     case, scene = random_case(rng)
+    n = case.robot.n
+    if stribeck:
+        static = case.friction * rng.uniform(1, 2, n)
+        velocity = rng.uniform(0.1, 1, n)
+        scene = replace(scene, static_friction=static, stribeck_velocity=velocity)
     q, qd = random_start(rng, case)
-    run = pfd.integrate(case.robot, case.tau, 1.0, scene=scene, q=q, qd=qd)
+    run = pfd.integrate(case.robot, case.tau, 2.0, scene=scene, q=q, qd=qd, max_steps=5000)
     assert run.status == 'ok'
     assert (run.q >= case.limits[:, 0]).all()
     assert (run.q <= case.limits[:, 1]).all()

@@ -158,8 +158,7 @@ def _attempt() -> Program:
     """
     Return the program of the size `h` and the end `time.end` of the next attempt.
 
-    Up to the end the steps are equal: a remainder might be below the smallest step. `last` says
-    whether the attempt ends there.
+    Up to the end the steps are equal: a remainder might be below the smallest step.
     """
     recorder = Recorder(1, 'sequential')
     time, size, duration = _single(recorder, 'time', 'size', 'duration')
@@ -167,9 +166,7 @@ def _attempt() -> Program:
     close = sign_of(2.0 * size - left)
     last = both(close, negated(left / size - (1.0 + ROUNDED_TIME)))
     h = where(last, left, where(close, 0.5 * left, size))
-    return program_with_outputs(
-        recorder, h=[h], last=[last], **{'time.end': [where(last, duration, time + h)]}
-    )
+    return program_with_outputs(recorder, h=[h], **{'time.end': [where(last, duration, time + h)]})
 
 
 def _judge(pair: EmbeddedPair, n: int) -> Program:

@@ -21,7 +21,7 @@ SINGLE = (
     *('watch', 'busy', 'hits', 'still', 'again', 'event', 'rest', 'rest.end'),
     # Of adaptive steps.
     *('time', 'time.end', 'size', 'grow', 'error', 'duration', 'longest', 'smallest'),
-    *('rtol', 'atol', 'h', 'last', 'finite', 'accepted', 'stiff'),
+    *('rtol', 'atol', 'h', 'finite', 'accepted', 'stiff'),
     *('theta', 'theta.before', 'theta.turn', 'margin', 'held', 'stuck', 'calmed'),
 )
 
@@ -95,7 +95,12 @@ class Calls:
     def run(self, name: str, **arrays: str) -> None:
         """Call a program on the arrays of its names, or on other arrays if given."""
         program = self._programs[name]
-        self.call(name, [arrays.get(key, key) for key in (*program.inputs, *program.outputs)])
+        sizes = {**program.inputs, **{key: out.shape[0] for key, out in program.outputs.items()}}
+        for key, size in sizes.items():
+            if size != self.size(arrays.get(key, key)):
+                raise ValueError(f'{key!r} of {name!r} has {size} elements, unlike its array')
+        names = (*program.inputs, *program.outputs)
+        self.call(name, [arrays.get(key, key) for key in names])
 
     def motor(self, q: str, qd: str, tau: str) -> str:
         """Return the array of motor torques for commanded torques at a state."""

@@ -31,9 +31,10 @@ def compile_kernel(
     robot : Robot
         The chain.
     method : str
-        A name in METHODS, or 'auto': the cheapest, or with `refine`, where its rounding would be
-        too large for a step to mend, articulated bodies. Quantities other than forward dynamics
-        and its derivatives have one method.
+        A name in METHODS, or 'auto': for forward dynamics the cheapest that rounds about as little
+        on this robot as articulated bodies, with a step of refinement where none does
+        (`kernel.method`, `kernel.spec.refine`). Quantities other than forward dynamics and its
+        derivatives have one method.
     scene : Scene, optional
         Which effects are on; default: rigid links and gravity. A quantity ignores the effects
         that it does not depend on.
@@ -42,8 +43,7 @@ def compile_kernel(
     refine : int
         Steps of iterative refinement, at least 0, of forward dynamics, and of the accelerations
         at which derivatives are taken. One takes nearly every scene to the last
-        digits of the number format, for about half as much work again as the default method,
-        and enables `error_estimate`.
+        digits of the number format, for about half as much work again as the default method.
     quantity : str
         The result, and its arguments:
 
@@ -88,5 +88,4 @@ def compile_spec(spec: KernelSpec) -> Kernel:
     def with_error() -> Kernel:
         return Kernel(spec, forward(spec, names=('qdd', 'error')), recreate)
 
-    estimates = spec.refine and spec.quantity == 'forward_dynamics'
-    return Kernel(spec, source_of(spec), recreate, with_error if estimates else None)
+    return Kernel(spec, source_of(spec), recreate, with_error)

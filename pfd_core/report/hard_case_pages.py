@@ -99,7 +99,7 @@ CASE_COLUMNS: Columns = {
 KERNELS: Columns = {
     'case': lambda x: x[0].name,
     'auto is': lambda x: (
-        x[1].method if x[1].method == x[2].method else f'{x[1].method}, refined {x[2].method}'
+        x[1].method if x[1].method == x[2].method else f'{x[1].method}; refined: {x[2].method}'
     ),
     'not refined': lambda x: order(x[1].error) + ', bound missed' * (x[1].met is False),
     'refined': lambda x: order(x[2].error),

@@ -37,7 +37,7 @@ TINY = Plan(
 PAGES = Findings(
     cases=[
         CaseFacts(
-            NAME, 'coaxial', 3, 1, 'composite_body', 0, 'composite_body', 7e11, 2.0, 6e-41, 1e-41
+            NAME, 'coaxial', 3, 1, 'composite_body', 'composite_body', 7e11, 2.0, 6e-41, 1e-41
         )
     ],
     points=[

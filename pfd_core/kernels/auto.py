@@ -100,10 +100,12 @@ def _accurate(plant: Plant) -> str:
     if plant.robot.n >= LONG:
         return ''
     first = FEW_JOINTS if plant.robot.n <= SHORT else _cheapest(plant)
+    # With rotors articulated bodies lose more than `roundings` shows (geared_rotors_1e6).
+    methods = (first, MANY_JOINTS) if plant.inertia is None else (FEW_JOINTS,)
     return next(
         (
             method
-            for method in dict.fromkeys((first, MANY_JOINTS))
+            for method in dict.fromkeys(methods)
             if roundings(plant, method) <= MOST_ROUNDINGS[method]
         ),
         '',
@@ -123,7 +125,9 @@ def roundings(plant: Plant, method: str) -> float:
     bare = replace(
         without_torques(plant),
         gravity=plant.gravity,
-        **dict.fromkeys(('external_wrench', 'brakes', 'payload_input'), False),
+        external_wrench=False,
+        brakes=False,
+        payload_input=False,
     )
     torques, plain, refined = (
         expand_sines(program, 'float64')

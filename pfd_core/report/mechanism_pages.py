@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from pfd_core.report.measure.timing import show_progress
 from pfd_core.report.render.markdown import Columns, bullets, page, table, write
 
 PEER = 'Pinocchio aba'
-HELD_OUT = 20261123
+HELD_OUT = 20261124
 # States of a case, and of a chain of more than LONG joints.
 STATES, FEW_STATES, LONG = 40, 4, 40
 SHARES = (0.5, 0.9)
@@ -113,7 +114,7 @@ def _cell(way: str, one: Result) -> str:
 COLUMNS: Columns = {
     'case': 'name',
     'auto is': 'auto',
-    **{way: (lambda one, way=way: _cell(way, one)) for way in (*WAYS, PEER)},
+    **{way: partial(_cell, way) for way in (*WAYS, PEER)},
     'worse': lambda one: f'{one.worst_ratio:.2f}' + ' (worse)' * (one.worst_ratio > 1),
 }
 

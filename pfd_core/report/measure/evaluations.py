@@ -84,12 +84,13 @@ class CaseFacts:
     n: int
     states: int
     auto: str
-    steps: int
     refined: str
     kappa_j: float
     kappa_s: float
     difference: float
     residual: float
+    # Results of before `auto` refined have none.
+    steps: int = 0
 
     def default(self, refine: int) -> str:
         """Return the method of the kernels of 'auto' with so many steps, '' if none has."""

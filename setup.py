@@ -11,6 +11,8 @@ ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps
 REPORT = ['matplotlib', 'mpmath']
 # Peers of `pfd report speed` other than Pinocchio.
 PEERS = ['casadi', 'mujoco']
+# Completion of `pfd` in shells, as ros2 and colcon have it.
+COMPLETION = ['argcomplete']
 
 setup(
     name=NAME,
@@ -47,9 +49,11 @@ setup(
         'ros': ROS,
         'report': REPORT,
         'peers': PEERS,
+        'completion': COMPLETION,
         'test': [
             *REPORT,
             *PEERS,
+            *COMPLETION,
             'colcon-common-extensions',
             'colcon-ros',
             'example-robot-data',

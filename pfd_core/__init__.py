@@ -17,7 +17,8 @@ Subpackages in the order of data flow; each imports only from those above it.
 To change or add
 
     an effect of a joint    a record in model.effects, a field in model.scene; of a motor also its
-                            torque in algorithms.chain.drives
+                            torque in algorithms.chain.drives; dry friction also
+                            simulation.contact.modes (record_effort, record_modes)
     rotor inertia           config/robots/*.yaml, read by model.yaml_robot (_drive); of a URDF by
                             model.urdf_reader (_armature); acts with Scene(armature=...)
     an equation             algorithms.paper lists its modules with the paper's equations
@@ -27,9 +28,9 @@ To change or add
                             Scheme in simulation.contact.schemes and a row of
                             simulation.simulation.SCHEMES
     sine and cosine         kernels.passes.sincos
-    threads of batches      kernels.runtime.threads
+    threads of batches      kernels.runtime.threads: thread_count, block_size
     a column of a report    a field of the table's record in report.measure, and the Columns of its
-                            page, as report.counts_pages.SYSTEMS
+                            page, as report.counts_pages.SYSTEMS; report lists pages and tables
 
 The names below are the public ones.
 """

@@ -22,8 +22,10 @@ To change or add
 
     an input                arm.events.Source, a rule in arm.validation, rows in node.endpoints and
                             recording.format.CHANNELS
-    a published topic       arm.output_settings.OUTPUTS and a writer in arm.outputs; endpoints and
-                            channels follow. One not of each state: node.diagnostics
+    a published topic       arm.output_settings.OUTPUTS and a writer in arm.outputs; a quantity of
+                            the model also a row in arm.model_kernels, a new type also a class in
+                            node.endpoints. Not with each state: a publisher of its own, as
+                            node.diagnostics has; a new value there: a pair in its function
     frames of the links     arm.link_frames: /tf of recordings
     a parameter             a field of arm.*_settings, a line of config/sim_arm.yaml
     NaN in a command        arm.commands: validate_named, validate_array
@@ -44,7 +46,7 @@ __all__ = ['read_log']
 
 
 def __getattr__(name: str) -> Any:
-    # Not with the package: `pfd --help` and the node's start need neither.
+    # Imported lazily: `pfd --help` and the node do not need it.
     if name == 'read_log':
         from pfd_ros.recording.log_arrays import read_log
 

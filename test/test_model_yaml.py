@@ -259,9 +259,9 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
     (tmp_path / 'folder.yaml').mkdir()
     (tmp_path / 'zero.urdf').symlink_to('/dev/zero')
     for name in ('pipe.urdf', 'folder.yaml', 'zero.urdf'):
-        with pytest.raises(ValueError, match=rf'cannot read .*{name}.: it is no regular file'):
+        with pytest.raises(ValueError, match=rf'cannot read .*{name}.: it is not a regular file'):
             pfd.load_robot(tmp_path / name)
-        with pytest.raises(ValueError, match='it is no regular file'):
+        with pytest.raises(ValueError, match='it is not a regular file'):
             pfd.load_robot(str(tmp_path / name))
     with open(tmp_path / 'huge.urdf', 'wb') as file:
         file.truncate(LARGEST_FILE + 1)

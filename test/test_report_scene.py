@@ -22,9 +22,11 @@ from pfd_core.report.cases.excitations import SETTINGS, DrivenMotion, excited_mo
 from pfd_core.report.measure import scene_needs
 from pfd_core.report.measure.scene_effects import effects_on, full_scene, spelled
 from pfd_core.report.measure.scene_errors import SceneRow, cut, measure, run_full
+from pfd_core.report.measure.scene_margins import MEASURES, OVER_A_STEP, floors, margin_of
 
 # RK4 with steps of 0.5 ms on exp(-d t / I), d / I up to 10: (h d / I)^4 and less.
 INTEGRATION = 1e-10
+STOPS = 'joint stops'
 
 
 @pytest.fixture(scope='module')
@@ -135,6 +137,102 @@ def test_a_simulation_that_overflows_has_an_infinite_error(disc: pfd.Robot) -> N
     motion = motion_of(disc, np.full((300, 1), 1e308))
     row = error_without(disc, pfd.Scene(armature=(1e100,)), 'armature', motion, 1.0)
     assert (row.largest, row.rms) == (math.inf, math.inf)
+
+
+# Margins, and errors that every scene has
+
+
+def test_the_margin_of_a_torque_is_its_share_of_the_largest_commanded_torque(
+    disc: pfd.Robot,
+) -> None:
+    d, tau = 0.5, 3.0
+    motion = motion_of(disc, np.full((100, 1), tau))
+    margin = margin_of(run_full(disc, pfd.Scene(damping=(d,)), motion, 1.0), 'damping')
+    # The last velocity but one of the disc, which tau accelerates from rest.
+    qd = tau / d * (1 - np.exp(-d * 0.099 / INERTIA))
+    assert (margin.kind, margin.joint) == ('torque', 'axis')
+    assert margin.value == pytest.approx(d * qd / tau, rel=INTEGRATION)
+
+
+def test_the_margin_of_rotors_is_that_of_their_acceleration(disc: pfd.Robot) -> None:
+    motion = motion_of(disc, np.full((100, 1), 3.0), qd=0.0)
+    for window in (0.02, 0.1):  # no acceleration is taken across the start of a window
+        margin = margin_of(run_full(disc, pfd.Scene(armature=(0.5,)), motion, window), 'armature')
+        assert margin.value == pytest.approx(0.5 / (0.5 + INERTIA), rel=INTEGRATION)
+
+
+def test_the_margin_of_stops_is_the_least_distance_to_one(disc: pfd.Robot) -> None:
+    motion = motion_of(disc, np.zeros((100, 1)), qd=2.0)
+    margin = margin_of(run_full(disc, pfd.Scene(joint_limits=((-1.0, 0.5),)), motion, 1.0), STOPS)
+    assert (margin.kind, margin.value) == ('stop', pytest.approx(0.3, rel=ROUNDING))
+
+
+def test_the_margin_of_limits_is_the_largest_share_of_the_limit(disc: pfd.Robot) -> None:
+    motion = motion_of(disc, np.linspace(0.0, 10.0, 100)[:, None])
+    scene = pfd.Scene(effort_limits=(40.0,))
+    assert margin_of(run_full(disc, scene, motion, 1.0), 'effort limits').value == 0.25
+    # The table falls from 20 at 1 rad/s to 0 at 3 rad/s; the disc keeps turning at 2 rad/s.
+    coasting = motion_of(disc, np.full((2, 1), 1e-9), qd=2.0)
+    table = pfd.Scene(torque_speed=(((1.0, 20.0), (3.0, 0.0)),))
+    margin = margin_of(run_full(disc, table, coasting, 1.0), 'torque-speed tables')
+    assert margin.value == pytest.approx(1e-9 / 10.0, rel=1e-6)
+
+
+def test_the_margins_of_friction_and_brakes_are_shares_of_the_time(disc: pfd.Robot) -> None:
+    held = np.arange(100)[:, None] < 60
+    motion = motion_of(disc, np.zeros((100, 1)), held=held)
+    full = run_full(disc, pfd.Scene(brakes=True, friction=(1.0,)), motion, 1.0)
+    assert margin_of(full, 'brakes').value == pytest.approx(0.6)
+    assert margin_of(full, 'friction').value == 1.0
+
+
+def test_every_effect_but_the_lag_of_motors_has_a_margin() -> None:
+    measured = {effect.name for effect in EFFECTS} - OVER_A_STEP | set(MEASURES)
+    assert {effect.name for effect in EFFECTS} - measured == {'motor lag'}
+
+
+def test_a_motion_of_one_step_exercises_no_torque(disc: pfd.Robot) -> None:
+    full = run_full(disc, pfd.Scene(damping=(1.0,)), motion_of(disc, np.ones((1, 1))), 1.0)
+    assert margin_of(full, 'damping').value == 0.0
+
+
+def test_the_error_of_the_integrator_is_that_of_the_closed_form(disc: pfd.Robot) -> None:
+    # So strong that a step of RK4 has an error far above rounding.
+    d, qd = 200.0, 2.0
+    motion = motion_of(disc, np.zeros((100, 1)), qd=qd)
+    full = run_full(disc, pfd.Scene(damping=(d,)), motion, 1.0)
+    t = 1e-3 * np.arange(1, 101)[:, None]
+    exact = qd * INERTIA / d * (1 - np.exp(-d * t / INERTIA))
+    integrator, *rounding = floors(full)
+    # Steps a quarter as long leave 1/256 of the error.
+    assert integrator.largest == pytest.approx(np.abs(full.q - exact).max(), rel=1 / 200)
+    assert all(floor.largest < 1e-5 for floor in rounding)
+    assert [floor.cause.split(':')[0] for floor in rounding] == ['rounding', 'rounding in float32']
+
+
+def test_the_page_advises_and_names_what_the_motion_says_nothing_about(
+    disc: pfd.Robot, tmp_path: Path
+) -> None:
+    scene = pfd.Scene(gravity=None, damping=(0.5,), joint_limits=((-1.0, 5.0),))
+    motion = motion_of(disc, np.full((100, 1), 3.0))
+    needs = scene_needs.scene_needs(disc, scene, motion, 1e-6, pace=FAST)
+    assert [row.exercised for row in needs.effects] == [True, False]
+    page, *_ = scene_pages.write(needs, tmp_path)
+    text = ' '.join(page.read_text().split())
+    assert '**Advice**: simulate this motion with damping. The motion says nothing about' in text
+    assert 'joint stops: axis comes within 1 rad or m of a stop' in text
+
+
+def test_a_difference_of_more_than_a_turn_is_said_to_diverge(
+    disc: pfd.Robot, tmp_path: Path
+) -> None:
+    motion = motion_of(disc, np.full((100, 1), 3000.0))
+    needs = scene_needs.scene_needs(
+        disc, pfd.Scene(gravity=None, armature=(100.0,)), motion, 1e-3, pace=FAST
+    )
+    page, data, *_ = scene_pages.write(needs, tmp_path)
+    assert 'Without any effect the motion diverges' in ' '.join(page.read_text().split())
+    assert json.loads(data.read_text())['bare']['largest'] > 2 * math.pi
 
 
 # Windows

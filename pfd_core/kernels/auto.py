@@ -42,7 +42,7 @@ from pfd_core.model.checked_numbers import integer
 from pfd_core.model.error_text import quote
 
 FEW_JOINTS, MANY_JOINTS = 'composite_body', 'grouped_articulated_body'
-# Steps of refinement; the second one hardly finds a digit to mend, and each adds its code.
+# Steps of refinement; the second one hardly finds a digit to correct, and each adds its code.
 REFINE_AT_MOST = 16
 # The longest chain that always takes FEW_JOINTS, and the shortest that always takes MANY_JOINTS.
 SHORT, LONG = 7, 16

@@ -31,10 +31,10 @@ def compile_kernel(
     robot : Robot
         The chain.
     method : str
-        A name in METHODS, or 'auto': for forward dynamics the cheapest that rounds about as little
-        on this robot as articulated bodies, with a step of refinement where none does
-        (`kernel.method`, `kernel.spec.refine`). Quantities other than forward dynamics and its
-        derivatives have one method.
+        A name in METHODS, or 'auto': for forward dynamics the cheapest with small rounding errors
+        on this robot, with a step of refinement where none has them (`kernel.method`,
+        `kernel.spec.refine`). Quantities other than forward dynamics and its derivatives have one
+        method.
     scene : Scene, optional
         Which effects are on; default: rigid links and gravity. A quantity ignores the effects
         that it does not depend on.
@@ -42,8 +42,8 @@ def compile_kernel(
         Number format of the kernel and its arrays.
     refine : int
         Steps of iterative refinement, at least 0, of forward dynamics, and of the accelerations
-        at which derivatives are taken. One takes nearly every scene to the last
-        digits of the number format, for about half as much work again as the default method.
+        at which derivatives are taken. One step reaches rounding level in nearly every
+        scene, for about half as much work again as the default method.
     quantity : str
         The result, and its arguments:
 

@@ -6,9 +6,10 @@ The table of effects: one record for each effect of a scene (EFFECTS).
 A record holds the fields of the effect in Scene, with units and checks, and its physics. Methods,
 quantities, derivatives, energy, the choice of an integrator, YAML, the parameters of the node,
 reports and the table in docs/guides/model-quantities.md are derived from the records. A new effect
-of a joint is a record here and a field of Scene with the record's name for it.
+of a joint is a record here and a field of Scene with the record's name for it. One that acts over
+a step, as dry friction does (STEP), also changes pfd_core.simulation.contact.modes.
 
-A joint takes its own torques in addition to the torques of its link:
+The effects add to the joint torques of the rigid links:
 
     tau = tau of links, gravity and wrench
           + viscosity qd + torque(q, qd) + inertia qdd        summed over the effects
@@ -139,14 +140,14 @@ class Effect:
     acts : str
         LINKS, JOINTS, MOTORS, BRAKES or STEP.
     at_rest : bool
-        Whether it takes a torque at rest, as a function of q.
+        Whether it exerts a torque at zero velocity, as a function of q.
     inertia : bool
         Whether the inertia matrix depends on it. On the joints the number of its first field
         multiplies qdd.
     viscosity : bool
         Whether the number of its first field multiplies qd; integrators may take it implicitly.
     torque : callable or None
-        (c, q, qd) -> the torque that the joint takes [N m or N].
+        (c, q, qd) -> the resisting torque [N m or N].
     potential : callable or None
         (c, q) -> the energy that it stores [J], if it is conservative.
     needs : str

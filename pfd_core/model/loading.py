@@ -236,7 +236,7 @@ def _text(path: Path) -> str:
 def _content(path: Path) -> bytes:
     """Return the bytes of a regular file; OSError for a pipe, a device and a larger file."""
     if not path.is_file():
-        raise OSError(errno.EINVAL, 'it is no regular file')
+        raise OSError(errno.EINVAL, 'it is not a regular file')
     with path.open('rb') as file:
         content = file.read(LARGEST_FILE + 1)
     if len(content) > LARGEST_FILE:

@@ -14,7 +14,14 @@ from typing import Any
 from pfd_core.model import Robot, Scene
 from pfd_core.report.cases.excitations import DrivenMotion
 from pfd_core.report.measure.scene_errors import SceneRow
-from pfd_core.report.measure.scene_needs import TIMED_STEPS, WINDOW, Needs, scene_needs
+from pfd_core.report.measure.scene_margins import Margin
+from pfd_core.report.measure.scene_needs import (
+    TIMED_STEPS,
+    WINDOW,
+    EffectRow,
+    Needs,
+    scene_needs,
+)
 from pfd_core.report.measure.scene_search import MOST_EXHAUSTED, pareto_front
 from pfd_core.report.measure.timing import show_progress
 from pfd_core.report.render.markdown import Columns, page, paragraph, table
@@ -24,6 +31,17 @@ from pfd_core.report.render.plots import save
 
 # Rows of the table of scenes; the JSON has all.
 MOST_SCENES = 40
+# A joint that is a whole turn off [rad], or so many metres, has lost the motion.
+DIVERGED = 2 * math.pi
+DIVERGES, OVERFLOWS = 'diverges', 'overflows'
+MARGINS = {
+    'torque': 'its torque is up to {share} of the largest of {joint}',
+    'limit': '{joint} comes to {share} of its limit',
+    'stop': '{joint} comes within {value:.2g} rad or m of a stop',
+    'rest': '{joint} is at rest {share} of the time',
+    'held': '{joint} is held {share} of the time',
+    '': '-',
+}
 
 
 def markdown(needs: Needs) -> str:
@@ -39,7 +57,9 @@ def markdown(needs: Needs) -> str:
         kept=listed(small.effects),
         gone=listed(row.name for row in needs.effects if not row.needed),
         differs=f'{_error(small.largest)}{worst if small.largest else ""}',
-        bare_error=_error(needs.bare.largest),
+        bare=_bare(needs.bare),
+        advice=paragraph(_advice(needs)),
+        floors=table(FLOORS, needs.floors),
         timed=min(TIMED_STEPS, needs.steps),
         effects=[
             *table(EFFECTS, needs.effects),
@@ -62,6 +82,40 @@ def _machine(machine: dict[str, Any]) -> str:
     versions = ', '.join(f'{name} {number}' for name, number in machine['versions'].items())
     load = f'load before the start {machine["load"]}'
     return '; '.join([machine['processor'], versions, load, machine['date']]) + '.'
+
+
+def _margin(margin: Margin) -> str:
+    share = '' if math.isnan(margin.value) else f'{100 * margin.value:.3g} %'
+    return MARGINS[margin.kind].format(share=share, value=margin.value, joint=margin.joint)
+
+
+def _bare(bare: SceneRow) -> str:
+    if bare.refused:
+        return f'the simulation refuses the scene ({bare.refused})'
+    error = _error(bare.largest)
+    lost = error in (DIVERGES, OVERFLOWS)
+    return f'the motion {error}' if lost else f'the difference is {error}'
+
+
+def _advice(needs: Needs) -> str:
+    """Return what to simulate this motion with, and what it says nothing about."""
+    unneeded = [row for row in needs.effects if not row.needed]
+    small = [row.name for row in unneeded if row.exercised]
+    silent = [row for row in needs.effects if not row.exercised]
+    advice = f'simulate this motion with {listed(needs.smallest.effects)}.'
+    if small:
+        advice += f' Leave out {listed(small)}, whose error is within the tolerance.'
+    if silent:
+        advice += (
+            f' The motion says nothing about {listed(row.name for row in silent)}, which do not '
+            f'change it ({"; ".join(map(_silence, silent))}): test with a motion that does, or '
+            'keep them.'
+        )
+    return f'**Advice**: {advice}'
+
+
+def _silence(row: EffectRow) -> str:
+    return f'{row.name}: {_margin(row.margin)}'
 
 
 def _unless_refused(row: SceneRow, value: object) -> object:
@@ -88,8 +142,10 @@ EFFECTS: Columns = {
     'at [s]': lambda row: (
         f'{row.without.time:.3f}' if row.without.largest and row.without.joint else '-'
     ),
+    'in this motion': lambda row: _margin(row.margin),
     'in the smallest scene': lambda row: yes(row.needed),
 }
+FLOORS: Columns = {'difference': 'cause', 'largest': lambda row: _error(row.largest)}
 SCENES: Columns = {
     'effects': lambda row: listed(row.effects),
     'operations': 'operations',
@@ -134,7 +190,9 @@ def _searched(needs: Needs) -> str:
 
 def _error(value: float) -> str:
     if not math.isfinite(value):
-        return 'overflows'
+        return OVERFLOWS
+    if value > DIVERGED:
+        return DIVERGES
     return f'{value:.1e}' if value else '0'
 
 

@@ -209,8 +209,8 @@ class Simulation(ABC):
         """
         Positions as angles from -pi to pi and whole turns, each (n,) or (B, n).
 
-        Of joints that turn; sliding ones keep their position [m], with 0 turns. An angle has the
-        digits that q has lost to its turns, where positions are `compensated`.
+        Of joints that turn; sliding ones keep their position [m], with 0 turns. With `compensated`
+        positions an angle keeps full precision after any number of turns.
         """
         arrays = self._now.arrays
         return split_turns(arrays['q'], arrays.get('q_low'), self.robot.turning)
@@ -303,7 +303,8 @@ class Simulation(ABC):
         Return A and B of one step: d x' / d x and d x' / d tau, x = (q, qd), exact to rounding.
 
         `A, B = simulation.linearize(q, qd, tau)`; the `status` of the result states for each joint
-        whether they are derivatives in both directions. The state of the simulation plays no part.
+        whether they are derivatives in both directions. The result does not depend on the
+        simulation's current state.
         In a scene with a motor lag the torques of the motors follow qd in x; they are taken to
         have reached tau.
 

@@ -84,7 +84,7 @@ def named_values_rule(message: JointMessage, since_ns: int | None = None) -> Val
             )
         # The terms of a finite sum are finite; for a few joints faster than NumPy.
         if not math.isfinite(sum(values.tolist())) and np.isinf(values).any():
-            return Validation(Verdict.INFINITE, f'{kind} holds an infinity')
+            return Validation(Verdict.INFINITE, f'{kind} contains inf')
     if since_ns is not None and 0 != message.stamp_ns < since_ns:
         return Validation(
             Verdict.STALE, f'stamp {message.stamp_ns} ns, expected {since_ns} ns or later'
@@ -105,12 +105,15 @@ def kinds_of(message: JointMessage) -> dict[str, NDArray[Any]]:
 
 def too_far(position: NDArray[Any], velocity: NDArray[Any]) -> Validation | None:
     """Return the validation result of positions and velocities that no joint can have."""
-    if (np.abs(position) > LARGEST_POSITION).any() or (np.abs(velocity) > LARGEST_VELOCITY).any():
-        return Validation(
-            Verdict.REFUSED,
-            f'expected positions up to {LARGEST_POSITION:g} and velocities up to '
-            f'{LARGEST_VELOCITY:g}',
-        )
+    for kind, values, bound in (
+        ('position', position, LARGEST_POSITION),
+        ('velocity', velocity, LARGEST_VELOCITY),
+    ):
+        beyond = values[np.abs(values) > bound]
+        if len(beyond):
+            return Validation(
+                Verdict.REFUSED, f'{kind} {beyond[0]:g}, expected {bound:g} at most in magnitude'
+            )
     return None
 
 
@@ -128,7 +131,7 @@ def validate_named(
     message
         The command.
     index
-        Joint name to place in the model.
+        Index of each joint in the model, by name.
     since_ns
         Simulated time of the last start, reset or jump, or of the state that a command in
         lockstep must answer; commands stamped before it are left-overs. Stamp 0 means now.
@@ -191,7 +194,7 @@ def _validate_numbers(
     message, gains
         As in `validate_named`.
     known
-        Places in the message of the joints.
+        Indices in the message of the joints.
     joints
         Their indices in the model, (k,).
     """
@@ -217,7 +220,8 @@ def _validate_numbers(
         if (asked & ~given).any():
             idle = [message.names[known[k]] for k in np.flatnonzero(asked & ~given)]
             return Validation(
-                Verdict.NO_EFFORT, f'no effort for {listed(idle)}, whose servo has no gain for it'
+                Verdict.NO_EFFORT,
+                f'no effort for {listed(idle)}, and no servo gain for their targets',
             )
     if not given.any():
         return Validation(Verdict.ALL_NAN, 'every number is NaN')
@@ -239,11 +243,11 @@ def validate_array(efforts: NDArray[Any], order: NDArray[Any]) -> Validation:
     efforts
         The numbers of the message.
     order
-        Place in the model of each number, in the order of the parameter `joints`, (n,).
+        Index in the model of each number, in the order of the parameter `joints`, (n,).
     """
     if len(efforts) != len(order):
         return Validation(Verdict.WRONG_SIZE, f'{len(efforts)} numbers for {len(order)} joints')
     # For a few joints faster than NumPy; the terms of a finite sum are finite.
     if not math.isfinite(sum(efforts.tolist())) and not np.isfinite(efforts).all():
-        return Validation(Verdict.NOT_FINITE, 'holds a number that is not finite')
+        return Validation(Verdict.NOT_FINITE, 'contains a number that is not finite')
     return Validation(Verdict.ACCEPTED, effect=Command(order, efforts))

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Outputs in addition to joint_states: quantities of the model, of the tip, and the true state.
 
-All of it describes the true state of the cycle whose joint_states it follows, not the measured
-one. With the joints in published order, H qdd + b = tau + tau_ext, where
+All outputs describe the true state of the cycle, not the measured one. With the joints in
+published order, H qdd + b = tau + tau_ext, where
 
-    true_states       q, qd and the efforts tau that led there
+    true_states       q, qd and the efforts tau of the last step
     acceleration      qdd under tau, (n,); zero after a jump, and once the arm has failed
     external_torques  tau_ext = J'k, of the wrench k on the tip
     inertia_matrix    H, rotors included, (n, n)
@@ -20,8 +20,8 @@ The three torques come as JointState, with names and stamp, and under the same n
 Float64MultiArray: a topic of ROS 2 has one type.
 
 These are of the arm with its payload, without gravity compensation, whose torque is added to tau.
-Dry friction, stops and brakes are not in that equation. Numbers are finite: an overflow is 0. No
-step compiles a kernel.
+Dry friction, stops and brakes are not in that equation. Numbers are finite: an overflow is 0.
+Kernels are compiled before the first step.
 """
 
 from __future__ import annotations

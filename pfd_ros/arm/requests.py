@@ -58,7 +58,7 @@ def validate_request(text: str, pace: PaceState) -> Validation:
     if name in ('step', 'reset') and not pace.active:
         return Validation(Verdict.REFUSED, f'{name}: the arm is inactive')
     if name == 'step' and not pace.paused:
-        return Validation(Verdict.REFUSED, 'step: the arm is not in a pause')
+        return Validation(Verdict.REFUSED, 'step: the arm is not paused')
     return Validation(Verdict.ACCEPTED, name, effect=Request(name, count))
 
 
@@ -101,5 +101,5 @@ def validate_state(
         if name in index and q == q
     ]
     if not given:
-        return Validation(Verdict.ALL_NAN, 'no position for a joint that moves')
+        return Validation(Verdict.ALL_NAN, 'no position for any moving joint')
     return Validation(Verdict.ACCEPTED, '', effect=StateChange(*zip(*given, strict=True)))

@@ -150,7 +150,7 @@ class Settings(
         if self.follows_clock and self.publish_clock:
             raise ValueError('an arm with time_source clock needs publish_clock false')
         if len(set(self.outputs)) < len(self.outputs):
-            raise ValueError(f'outputs names one twice: {listed(self.outputs)}')
+            raise ValueError(f'outputs has duplicates: {listed(self.outputs)}')
         if 0.0 < self.real_time_factor < SLOWEST_FACTOR:
             raise ValueError(
                 f'real_time_factor is {self.real_time_factor!r}, '
@@ -268,7 +268,10 @@ class Settings(
         if rate == 0.0:
             return 1
         if rate * self.step_size < SLOWEST_SHARE:
-            raise ValueError(f'{name} is {rate!r} Hz, expected more, or 0 for every step')
+            least = SLOWEST_SHARE / self.step_size
+            raise ValueError(
+                f'{name} is {rate!r}, expected {least:g} Hz or more, or 0 for every step'
+            )
         steps = 1.0 / (rate * self.step_size)
         whole = round(steps)
         if whole < 1 or abs(steps - whole) > WHOLE * steps:

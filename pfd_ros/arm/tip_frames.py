@@ -26,7 +26,7 @@ def tip_frame(robot: pfd.Robot, name: str) -> Any:
     """
     frame = robot.frames.get(name)
     if frame is None or frame.link != robot.n:
-        why = 'is no frame of the arm' if frame is None else 'does not move with the last link'
+        why = 'is not a frame of the arm' if frame is None else 'does not move with the last link'
         carried = [robot.tip, *(k for k, f in robot.frames.items() if f.link == robot.n)]
         raise ValueError(
             f'frame_id {cut(name)!r} {why}; expected one of {listed(list(dict.fromkeys(carried)))}'

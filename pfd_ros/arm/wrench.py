@@ -42,7 +42,7 @@ def validate_wrench(
         return Validation(Verdict.REFUSED, 'start the arm with external_wrench:=true')
     numbers = (*message.force, *message.torque)
     if not all(map(math.isfinite, numbers)):
-        return Validation(Verdict.NOT_FINITE, 'holds a number that is not finite')
+        return Validation(Verdict.NOT_FINITE, 'contains a number that is not finite')
     if max(map(abs, numbers)) > LARGEST_WRENCH:
         return Validation(Verdict.REFUSED, f'expected {LARGEST_WRENCH:g} N and N m at most')
     if 0 != message.stamp_ns < since_ns:

@@ -13,7 +13,7 @@ from pfd_ros.messages.convert import JOINT_FIELDS
 from pfd_ros.recording.log_arrays import read_log
 from pfd_ros.replay.compare import Comparison, compare
 
-HELP = 'differences of two logs, joint by joint'
+HELP = 'compare two logs, joint by joint'
 EXAMPLE = 'pfd compare real.mcap simulated.mcap --tolerance 0.01'
 
 
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar='X',
-        help='largest difference that is none, in the unit of each field (default 0)',
+        help='differences up to X count as equal, in the unit of each field (default 0)',
     )
     parser.add_argument(
         '--fields',

@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-HELP = 'the arm and a controller as two ROS 2 processes for a few seconds'
+HELP = 'run the arm and a controller as two ROS 2 processes for a few seconds'
 EXAMPLE = 'pfd demo --robot panda'
 
 

@@ -23,7 +23,7 @@ from pfd_core.report.measure.installation import Finding, cache, compiler, proce
 from pfd_ros.demo.bare_timer import bare_timer, missing_share
 from pfd_ros.text import one_line
 
-HELP = 'what is installed, whether it works, how fast this machine is'
+HELP = 'check what is installed, whether it works, and how fast this machine is'
 EXAMPLE = 'pfd doctor'
 PACKAGE = 'pfd_ros'
 # What the extras of setup.py give.
@@ -31,6 +31,7 @@ EXTRAS = {
     'ros': 'the node (pfd sim, pfd demo) and tests over topics',
     'report': 'the plots of pfd demo, pfd compare and pfd report',
     'peers': 'CasADi and MuJoCo in pfd report speed',
+    'completion': 'completion of pfd in bash and zsh, see docs/guides/node.md',
     'test': 'the tests of this project',
 }
 # Period [s] and length [s] of the test of the clock, and the share of periods it may miss.

@@ -22,7 +22,7 @@ from pfd_ros.replay.summary import Summary
 from pfd_ros.replay.verify import read
 from pfd_ros.text import one_line
 
-HELP = 'the topics, times and settings of a log'
+HELP = 'list the topics, times and settings of a log'
 EXAMPLE = 'pfd info run.mcap'
 # Intervals between messages kept for the median of a topic; later ones are not in it.
 INTERVALS = 100_000

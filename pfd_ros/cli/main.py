@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the command of the arguments; errors become one line and an exit status.
 
+Shells complete commands and options through argcomplete: the extra `completion`, and
+`eval "$(register-python-argcomplete pfd)"`.
+
 A command is imported when it runs, not with this module: `pfd sim` imports no other command, and a
 signal during the imports, which take a second, ends it like a later one.
 """
@@ -60,9 +63,21 @@ def parser(commands: Mapping[str, Any]) -> argparse.ArgumentParser:
     return found
 
 
+def _complete(line: str) -> int:
+    """Answer the shell that completes a line; it has been set up by argcomplete."""
+    try:
+        import argcomplete
+    except ImportError:
+        return 1
+    argcomplete.autocomplete(parser(commands_of(line.split()[1:])))
+    return 0
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status, 0 only for success."""
     words = list(sys.argv[1:] if args is None else args)
+    if '_ARGCOMPLETE' in os.environ:
+        return _complete(os.environ.get('COMP_LINE', ''))
     try:
         node = words[:1] == ['sim'] or (words[:1] == ['replay'] and '--publish' in words)
         return _run(words, stop_on_signals() if node else None)

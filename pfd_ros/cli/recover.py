@@ -10,7 +10,7 @@ from pathlib import Path
 from pfd_ros.recording.recover import recover
 from pfd_ros.text import one_line
 
-HELP = 'all readable messages of a cut off or damaged log, as a whole file'
+HELP = 'write all readable messages of a truncated or damaged log to a new file'
 EXAMPLE = 'pfd recover cut.mcap --out whole.mcap'
 
 

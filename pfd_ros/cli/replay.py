@@ -16,7 +16,7 @@ from pfd_ros.replay.summary import Summary
 from pfd_ros.replay.verify import read
 from pfd_ros.text import one_line
 
-HELP = 'summary of a recording, its verification, its inputs into a changed arm; or publish a log'
+HELP = 'summarize, verify or re-simulate a recording with changes; or publish a log'
 EXAMPLE = 'pfd replay run.mcap --verify'
 # Exit status of --verify for an incomplete recording whose recorded part is equal.
 INCOMPLETE = 3
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--allow-incomplete',
         action='store_true',
-        help=f'with --verify: status 0, not {INCOMPLETE}, for a log that is equal and not whole',
+        help=f'with --verify: status 0, not {INCOMPLETE}, for a log that is equal but incomplete',
     )
     what_if.add_arguments(parser)
     replay_publish.add_arguments(parser)
@@ -125,7 +125,7 @@ def describe(summary: Summary) -> list[str]:
         for role, count in sorted(summary.lost.items())
     ]
     if summary.obstacle:
-        lines.append(f'note       it {summary.obstacle}')
+        lines.append(f'note       {summary.obstacle}')
     if not summary.complete:
         lines.append('cut off    the file was not closed; the summary is up to the cut')
     elif not summary.ended:

@@ -48,17 +48,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--start-offset',
         type=_number('start offset', 0.0, LONGEST_SECONDS),
         metavar='S',
-        help='begin so many s after the first message; transient local messages from before it '
+        help='start S seconds after the first message; transient local messages from before it '
         'are sent first',
     )
     group.add_argument(
         '--duration',
         type=_number('duration', 1e-9, LONGEST_SECONDS),
         metavar='S',
-        help='end after so many s of the log',
+        help='stop after S seconds of log time',
     )
     group.add_argument(
-        '--topics', nargs='+', metavar='TOPIC', help='only these topics, also commands'
+        '--topics', nargs='+', metavar='TOPIC', help='publish only these topics; may name commands'
     )
     group.add_argument(
         '--remap',

@@ -20,7 +20,7 @@ REPORTS = {
     'mechanisms': 'errors of the default compared with pinocchio.aba, some minutes',
     'scene': 'cost and error of each effect of a scene, and the smallest scene within a tolerance',
 }
-HELP = 'tables and plots, measured on this machine'
+HELP = 'make tables and plots, measured on this machine'
 EXAMPLE = 'pfd report scene --robot puma560 --trajectory sine --tolerance 1e-3'
 
 

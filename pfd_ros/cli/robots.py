@@ -8,7 +8,7 @@ import argparse
 
 import pfd_core as pfd
 
-HELP = 'the included robots'
+HELP = 'list the included robots'
 EXAMPLE = 'pfd robots'
 
 

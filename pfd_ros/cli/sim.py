@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 
-HELP = 'the node; accepts --ros-args like every ROS 2 node'
+HELP = 'run the simulated arm; accepts --ros-args like every ROS 2 node'
 EXAMPLE = 'pfd sim --ros-args -p robot:=ur5 -p recording:=run.mcap'
 
 

@@ -10,13 +10,15 @@ import sys
 
 import pfd_core as pfd
 
-HELP = 'the URDF of a robot'
+HELP = 'write the URDF of a robot'
 EXAMPLE = 'pfd urdf puma560 --out puma560.urdf'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the robot and the file."""
-    parser.add_argument('robot', help='a name of `pfd robots`, or a .urdf, .xacro or .yaml file')
+    parser.add_argument(
+        'robot', help='a robot that `pfd robots` lists, or a .urdf, .xacro or .yaml file'
+    )
     parser.add_argument('--out', type=Path, metavar='FILE', help='file to write instead of stdout')
 
 

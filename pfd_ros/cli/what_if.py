@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--out',
         type=Path,
         metavar='FILE',
-        help='log of the new run (default: next to LOG, its name with _what_if)',
+        help='log of the new run (default: LOG_what_if.mcap)',
     )
     group.add_argument(
         '--plot',
@@ -163,7 +163,7 @@ def lines_of(found: WhatIf) -> list[str]:
     if found.rejected:
         counts = ', '.join(f'{count} {name}' for name, count in sorted(found.rejected.items()))
         lines.append(
-            f'inputs     with another validation result: {counts}; {found.first_rejected}'
+            f'inputs     accepted or rejected differently: {counts}; {found.first_rejected}'
         )
     lines += [
         f'skipped    {count} messages: {reason}' for reason, count in sorted(found.skipped.items())

@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A controller under test: computed torque, as for a real arm.
 
-Subscribes to `joint_states` and answers each with efforts on `joint_commands`. Prints one line of
-JSON with its counts when its motion is over.
+Subscribes to `joint_states` and answers each with efforts on `joint_commands`. It knows links and
+rotors of the arm, not its friction and payload. In the middle of the motion the process pushes the
+tip: one message on `sim_arm/external_wrench`. Prints one line of JSON with its counts when its
+motion is over.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import argparse
 import json
 import sys
 
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import rclpy
 from rclpy.duration import Duration
@@ -22,11 +25,11 @@ from rclpy.utilities import remove_ros_args, try_shutdown
 from sensor_msgs.msg import JointState
 
 import pfd_core as pfd
+from pfd_ros.demo.computed_torque import efforts
+from pfd_ros.demo.disturbances import PUSH_BEGIN, push_force
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.messages.convert import NANOSECONDS
 
-# Critically damped, 20 rad/s: slow enough for delays of a millisecond.
-STIFFNESS, DAMPING = 400.0, 40.0
 # Simulated time between discovery of the arm and the motion.
 SETTLE_NS = NANOSECONDS // 2
 LONGEST_SECONDS = 1e8
@@ -40,19 +43,21 @@ class Controller(Node):
         self.robot = pfd.load_robot(robot_name)
         self.motion = motion_of(self.robot)
         # The first call compiles the robot, which takes too long during control.
-        pfd.inverse_dynamics(self.robot, *self.motion.at(0.0))
+        efforts(self.robot, self.motion, 0.0, *self.motion.at(0.0)[:2])
         self.length_ns = round(seconds * NANOSECONDS)
         self.ended: Future = Future()
         self.sent = 0
         self.found_ns: int | None = None
+        self.pushed = False
         self.publisher = self.create_publisher(JointState, 'joint_commands', 10)
+        self.hand = self.create_publisher(WrenchStamped, 'sim_arm/external_wrench', 1)
         self.create_subscription(JointState, 'joint_states', self.on_state, 1)
 
     def on_state(self, state: JointState) -> None:
         """Answer a state with efforts."""
         now = state.header.stamp.sec * NANOSECONDS + state.header.stamp.nanosec
         if self.found_ns is None:
-            if self.publisher.get_subscription_count():
+            if self.publisher.get_subscription_count() and self.hand.get_subscription_count():
                 self.found_ns = now
             return
         passed = now - self.found_ns - SETTLE_NS
@@ -61,15 +66,24 @@ class Controller(Node):
         if passed >= self.length_ns:
             self.ended.set_result(None)
             return
+        if not self.pushed and passed >= PUSH_BEGIN * self.length_ns:
+            self.push()
         place = [state.name.index(name) for name in self.robot.joint_names]
         q, qd = np.array(state.position)[place], np.array(state.velocity)[place]
-        wanted, wanted_qd, wanted_qdd = self.motion.at(passed / NANOSECONDS)
-        qdd = wanted_qdd + STIFFNESS * (wanted - q) + DAMPING * (wanted_qd - qd)
-        effort = pfd.inverse_dynamics(self.robot, q, qd, qdd)
+        effort = efforts(self.robot, self.motion, passed / NANOSECONDS, q, qd)
         command = JointState(name=list(self.robot.joint_names), effort=effort.tolist())
         command.header.stamp = state.header.stamp
         self.publisher.publish(command)
         self.sent += 1
+
+    def push(self) -> None:
+        """Push the tip, for the time that the arm's parameter `external_wrench_timeout` states."""
+        self.pushed = True
+        wrench = WrenchStamped()
+        wrench.header.frame_id = self.robot.tip
+        force = wrench.wrench.force
+        force.x, force.y, force.z = push_force(self.robot).tolist()
+        self.hand.publish(wrench)
 
 
 def main(args: list[str] | None = None) -> int:

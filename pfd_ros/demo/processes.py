@@ -23,11 +23,13 @@ import yaml
 import pfd_core as pfd
 from pfd_ros.arm.settings import Settings
 from pfd_ros.demo.bare_timer import bare_timer
+from pfd_ros.demo.disturbances import disturbances
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.demo.results import show_results
 from pfd_ros.recording.reader import LogError
 from pfd_ros.testing.child_process import ChildProcess
 from pfd_ros.testing.domains import FIRST, LAST, environment, own_domain
+from pfd_ros.testing.node_process import parameters_of
 
 # For discovery and compilation on a busy machine.
 START_SECONDS = 60.0
@@ -70,10 +72,13 @@ def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
     base = free_name(folder)
     # A unique name, in case the domain is used by others.
     namespace = f'/pfd_demo_{secrets.token_hex(4)}'
-    parameters = {
-        'robot': robot_name,
-        'initial_positions': motion_of(robot).start.tolist(),
-        'recording': str(base.with_suffix('.mcap')),
+    settings = Settings(
+        robot=robot_name,
+        initial_positions=tuple(motion_of(robot).start.tolist()),
+        recording=str(base.with_suffix('.mcap')),
+        **disturbances(robot, seconds),
+    )
+    parameters = parameters_of(settings, robot.joint_names) | {
         # At depth 1 a newer command may replace a waiting one; the demo counts every command.
         'qos_overrides': {
             f'{namespace}/joint_commands': {'subscription': {'depth': COMMAND_DEPTH}}

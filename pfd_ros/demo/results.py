@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 import pfd_core as pfd
 from pfd_ros.arm.events import STATES
 from pfd_ros.demo.bare_timer import missing_share
+from pfd_ros.demo.disturbances import PUSH_BEGIN, PUSH_END, payload_mass, push_force
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.messages.convert import NANOSECONDS, decode_joint_state
 from pfd_ros.recording.reader import Log
@@ -105,7 +106,7 @@ def show_results(
         f'{states.messages.total()} messages'
     )
     problems += _show_replay(read(path, verify=True))
-    _plot(base.with_suffix('.png'), states.names, t, wanted, shown)
+    _plot(base.with_suffix('.png'), robot, t, wanted, shown)
     return problems
 
 
@@ -163,22 +164,36 @@ def _show_replay(summary: Summary) -> list[str]:
 
 
 def _plot(
-    path: Path, names: tuple[str, ...], t: NDArray[Any], wanted: NDArray[Any], shown: NDArray[Any]
+    path: Path, robot: pfd.Robot, t: NDArray[Any], wanted: NDArray[Any], shown: NDArray[Any]
 ) -> None:
-    """Plot commanded and simulated joints, if matplotlib is installed."""
+    """Plot commanded and simulated positions and their difference, if matplotlib is installed."""
     try:
         from matplotlib.figure import Figure
     except ImportError:
         print("plot       none: needs matplotlib, pip install 'pfd_ros[report]'")
         return
-    count = len(names)
-    figure = Figure(figsize=(8, 1.5 * count), layout='constrained')
-    for i, axes in enumerate(np.atleast_1d(figure.subplots(count, 1, sharex=True))):
-        axes.plot(t, wanted[:, i], color='0.6', linewidth=3, label='commanded')
-        axes.plot(t, shown[:, i], color='C0', linewidth=1, label='simulated')
-        axes.set_ylabel(names[i])
-        if i == 0:
-            axes.legend(loc='upper right')
-    axes.set_xlabel('simulated time, s')
+    figure = Figure(figsize=(9, 1.3 * robot.n + 0.7), layout='constrained')
+    rows = figure.subplots(robot.n, 2, sharex=True, squeeze=False)
+    for i, (position, error) in enumerate(rows):
+        unit = 'm' if robot.joint_types[i] == 'prismatic' else 'rad'
+        position.plot(t, wanted[:, i], color='0.65', linewidth=3, label='commanded')
+        position.plot(t, shown[:, i], color='C0', linewidth=1, label='simulated')
+        position.set_ylabel(f'{robot.joint_names[i]}, {unit}')
+        error.axhline(0.0, color='0.65', linewidth=1)
+        error.plot(t, 1e3 * (shown[:, i] - wanted[:, i]), color='C3', linewidth=1)
+        error.set_ylabel(f'm{unit}')
+        if t.size:
+            error.axvspan(PUSH_BEGIN * t[-1], PUSH_END * t[-1], color='C1', alpha=0.2, linewidth=0)
+    (position, error), final = rows[0], rows[-1]
+    position.set_title('position')
+    position.legend(loc='upper right', fontsize='small')
+    error.set_title('simulated - commanded (shaded: push)')
+    for axes in final:
+        axes.set_xlabel('simulated time, s')
+    figure.suptitle(
+        f'{robot.name}: the controller knows links and rotors; the arm also has friction, '
+        f'{payload_mass(robot):.2g} kg at the tip, and a push of {push_force(robot)[0]:.2g} N',
+        fontsize='medium',
+    )
     figure.savefig(path, dpi=120)
     print(f'plot       {path}')

@@ -163,7 +163,7 @@ def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]
         )
     text = decode_string(received[0])
     if not text.lstrip().startswith('<'):
-        raise ValueError(f'{topic} is no URDF: it starts with {text[:20]!r}')
+        raise ValueError(f'{topic} is not a URDF: it starts with {text[:20]!r}')
     return text
 
 

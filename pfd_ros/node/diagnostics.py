@@ -11,7 +11,7 @@ One status for each task, as REP 107 has it:
                    largest stable gains of a PD loop
     recording      open, failed, waiting, dropped
 
-A new value is a pair of texts in the function of its task.
+To add a value, append a pair (name, text) in the function of its task.
 """
 
 from __future__ import annotations

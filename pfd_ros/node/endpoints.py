@@ -52,7 +52,7 @@ PUBLISHED = {
 }
 # Those whose last message reaches subscribers that come later.
 LATCHED = frozenset({Source.PAYLOAD, PAYLOAD_IN_USE})
-# A clock may come best effort; a tick that is lost is made up for by the next one.
+# The clock is subscribed best effort; the next tick replaces a lost one.
 UNRELIABLE = frozenset({Source.TICK})
 AT_ONCE = Duration()
 # Longest call of a publisher, s; the step timer makes up for delays this long.
@@ -103,7 +103,7 @@ def create_endpoints(
     overridable: dict[str, Any] = {
         'qos_overriding_options': QoSOverridingOptions.with_default_policies()
     }
-    # No events of the middleware: graph_check.py tells the same with names and cures, once.
+    # No events of the middleware: graph_check.py logs the same with node names and remedies, once.
     publishers = {
         role: node.create_publisher(
             kind,

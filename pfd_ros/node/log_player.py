@@ -120,7 +120,7 @@ def play(bag: Bag, options: PlayOptions, stop: Stop) -> int:
         say(f'Ignoring --clock: the log contains {CLOCK_TOPIC}')
         ticks = False
     if ticks and window.end_ns > CLOCK_SECONDS * NANOSECONDS:
-        raise ValueError(f'log times up to {window.end_ns} ns do not fit into {CLOCK_TOPIC}')
+        raise ValueError(f'log times up to {window.end_ns} ns exceed the range of {CLOCK_TOPIC}')
     try:
         try:
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
@@ -190,7 +190,7 @@ class _Player:
                     raise ValueError(f'--remap {cut(played.name)}: {error}') from error
                 say(f'not published: {cut(played.name)}: {error}')
         if not self._publishers:
-            raise ValueError(f'{bag.path} has nothing to publish')
+            raise ValueError(f'{bag.path} has no topic to publish; --topics names commands')
         self._clock = None
         if ticks:
             profile = profile_of(KNOWN_QOS['clock'])

@@ -79,7 +79,8 @@ class Reporter:
         event('timeouts', link.timeouts, timeout_text(engine.settings), last=last)
         text = f'all joints braked by the reflex: {actuators.reflex}; call ~/reset to release them'
         event('reflex', actuators.trips, text, error=True, last=last)
-        text = f'simulation stopped: {arm.failure or "until a reset"}; call ~/reset to start again'
+        reason = f': {arm.failure}' if arm.failure else ''
+        text = f'simulation stopped{reason}; call ~/reset to restart'
         event('failure', state.failures, text, error=True, last=last)
         self._report_lockstep(last)
         speed = speeding(arm)
@@ -97,8 +98,8 @@ class Reporter:
         newest = 'none' if stamp_ns is None else f't = {stamp_ns / NANOSECONDS:.9g} s'
         text = (
             f's without a command for the state at t = '
-            f'{engine.arm.stamp_ns / NANOSECONDS:.9g} s, last stamp received: {newest}; '
-            'does the controller run at publish_rate and on this /clock?'
+            f'{engine.arm.stamp_ns / NANOSECONDS:.9g} s (last stamp: {newest}); check that the '
+            'controller answers each state and uses this /clock'
         )
         self.log.count('lockstep', waited, text, last=last)
 
@@ -115,7 +116,7 @@ class Reporter:
         topic = self.endpoints.subscriptions[Source.TICK].topic_name
         if silent >= LOST_CLOCK_SECONDS:
             self._silent += 1
-            text = f'no {topic} for {silent} s: simulation paused until it resumes'
+            text = f'no {topic} for {silent} s: simulation paused until it is received again'
             # Each check is counted, so the line is repeated at growing intervals.
             self.log.repeated('clock', self._silent, text)
 

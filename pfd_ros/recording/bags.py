@@ -202,7 +202,7 @@ class Bag:
             names = {}
             for number, name, kind, encoding, qos in rows:
                 if not all(isinstance(value, str) for value in (name, kind, encoding, qos)):
-                    raise ValueError(f'topic {number!r} has a field that is no string')
+                    raise ValueError(f'topic {number!r} has a field that is not a string')
                 names[number] = name
                 text = definitions.get(kind, '')
                 self._add(BagTopic(name, kind, encoding, text, qos))

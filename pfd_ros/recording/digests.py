@@ -90,7 +90,7 @@ def check_end(texts: Mapping[str, str], head_digest: str) -> None:
     """Raise ValueError if a record END was altered."""
     values = {key: text for key, text in texts.items() if key != EndKey.DIGEST}
     if texts.get(EndKey.DIGEST) != sealed_end(values, head_digest)[EndKey.DIGEST]:
-        raise ValueError('the totals in its end record are not the recorded ones')
+        raise ValueError('the end record was altered: its digest does not match')
 
 
 class HeadCheck:

@@ -149,7 +149,9 @@ class Log:
     def _json(self, key: str) -> Any:
         """Return one value of the record HEAD."""
         if not self.head_texts:
-            raise LogError(f'{self.path} is no recording of this node: it has no {HEAD!r} record')
+            raise LogError(
+                f'{self.path} is not a recording of this node: it has no {HEAD!r} record'
+            )
         if key not in self.head_texts:
             raise LogError(f'{self.path} has no {key!r} in its metadata')
         with damage_named(self.path, lambda: f': {key!r} in its metadata'):
@@ -294,7 +296,7 @@ def opened(path: Path) -> Iterator[BinaryIO]:
     flags = os.O_RDONLY | getattr(os, 'O_NONBLOCK', 0) | getattr(os, 'O_BINARY', 0)
     with open(path, 'rb', opener=lambda name, _: os.open(name, flags)) as stream:
         if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
-            raise LogError(f'{path} is no regular file')
+            raise LogError(f'{path} is not a regular file')
         yield stream
 
 

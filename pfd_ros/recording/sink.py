@@ -55,7 +55,7 @@ class Sink:
         except OSError as error:
             raise self._refusal(error) from error
         except ValueError as error:
-            raise ValueError(f'{self._name} is no valid file name: {error}') from error
+            raise ValueError(f'{self._name} is not a valid file name: {error}') from error
 
     def write(self, data: bytes) -> int:
         """Append bytes to the next flush."""

@@ -272,7 +272,7 @@ class _WaitingEvents:
     def _block(self, cycle: int, reason: str) -> None:
         self.obstacle = (
             self.obstacle
-            or f'{reason}, and what follows cannot be replayed up to the next recorded arm state'
+            or f'{reason}; the messages until the next recorded arm state cannot be replayed'
         )
         self.blocked = self.blocked or max(1, cycle)
 

@@ -225,7 +225,7 @@ class _Replay(Playback):
     def _continue_from(self, saved: ArmState) -> None:
         engine = self.driver.engine
         if saved.first != engine.state.first:
-            raise ValueError(f'the state after step {saved.cycle} is of an arm of other settings')
+            raise ValueError(f'the state after step {saved.cycle} was saved with other settings')
         engine.restore(saved)
 
     def take_now(self, message: PlacedMessage) -> None:

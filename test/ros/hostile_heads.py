@@ -115,7 +115,7 @@ CASES = {
     ),
     'topics_unknown_role': Case('expected topics of', topics(lambda t: t.update(wings='/wings'))),
     'topics_few': Case(NAMED_FILE, topics(lambda t: {'joint_states': t['joint_states']})),
-    'no_head': Case('is no recording of this node', lambda r: r.metadata.pop(0)),
+    'no_head': Case('is not a recording of this node', lambda r: r.metadata.pop(0)),
     'another_format': Case("has the recording format '99', expected '2'", say('format', '99')),
     'large_head': Case('a record of', say('settings', ' ' * (1 << 21))),
     'terminal_escapes': Case('recorded', setting('frame_id', '"\\u001b[2J\\n\\r\\u0007"')),

@@ -177,7 +177,7 @@ def test_a_kind_without_numbers_is_no_command_of_it() -> None:
 
 def test_a_position_for_a_joint_without_a_servo_says_which() -> None:
     got = validate_named(message('abc', position=[1, 2, 3]), INDEX, START_NS, GAINS)
-    assert got.detail == "no effort for ['c'], whose servo has no gain for it"
+    assert got.detail == "no effort for ['c'], and no servo gain for their targets"
 
 
 def test_unknown_names_are_reported_and_known_ones_act() -> None:

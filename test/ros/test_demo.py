@@ -11,6 +11,7 @@ import re
 import subprocess
 import sys
 import threading
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,11 +21,14 @@ import pfd_core as pfd
 from pfd_ros.cli.main import main
 from pfd_ros.demo import processes as demo
 from pfd_ros.demo.bare_timer import bare_timer, missing_share
+from pfd_ros.demo.computed_torque import efforts
+from pfd_ros.demo.disturbances import PUSH_BEGIN, disturbances, push_force
 from pfd_ros.demo.motion import motion_of
-from pfd_ros.demo.results import unless_busy
+from pfd_ros.demo.results import TRACKING_LIMIT, unless_busy
 from pfd_ros.replay.verify import read
 from pfd_ros.testing import domains
 from pfd_ros.testing.domains import FIRST, LAST, own_domain
+from pfd_ros.testing.lockstep_arm import LockstepArm
 
 if HAS_ROS:
     from sensor_msgs.msg import JointState
@@ -55,6 +59,28 @@ def test_the_motion_has_the_derivatives_it_states() -> None:
     (q0, v0, _), (_, v, a), (q1, v1, _) = (motion.at(t + k * STEP) for k in (-1, 0, 1))
     np.testing.assert_allclose((q1 - q0) / (2 * STEP), v, rtol=0, atol=DIFFERENCE_TOLERANCE)
     np.testing.assert_allclose((v1 - v0) / (2 * STEP), a, rtol=0, atol=DIFFERENCE_TOLERANCE)
+
+
+# Friction, payload and push move a joint off its motion by some hundredths of a radian.
+VISIBLE = 1e-3
+
+
+@pytest.mark.parametrize('name', pfd.known_robots())
+def test_the_disturbances_are_visible_and_the_controller_masters_them(name: str) -> None:
+    robot, seconds = pfd.load_robot(name), 2.0
+    motion = motion_of(robot)
+    settings = disturbances(robot, seconds)
+    with LockstepArm(robot=name, initial_positions=motion.start.tolist(), **settings) as arm:
+
+        def control(t: float, q: Any, qd: Any) -> Any:
+            return efforts(robot, motion, t, q, qd)
+
+        before = arm.run(control, PUSH_BEGIN * seconds)
+        arm.push(push_force(robot), (0.0, 0.0, 0.0))
+        after = arm.run(control, (1.0 - PUSH_BEGIN) * seconds)
+    off = [np.abs(part.q - motion.at(part.time)[0]).max() for part in (before, after)]
+    assert min(off) > VISIBLE
+    assert max(off) < TRACKING_LIMIT
 
 
 def test_a_run_is_recorded_under_a_new_name(tmp_path: Path) -> None:

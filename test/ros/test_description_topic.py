@@ -34,8 +34,8 @@ def test_the_description_of_a_latched_publisher_is_returned(processes: Processes
 @pytest.mark.parametrize(
     ('text', 'reason'),
     [
-        ('joints: []', "/robot_description is no URDF: it starts with 'joints: []'"),
-        ('', "is no URDF: it starts with ''"),
+        ('joints: []', "/robot_description is not a URDF: it starts with 'joints: []'"),
+        ('', "is not a URDF: it starts with ''"),
         ('<' + 'a' * (1 << 24), 'bytes, expected 16777216 at most'),
     ],
     ids=['yaml', 'empty', 'large'],

@@ -251,7 +251,7 @@ def test_an_end_record_of_another_run_is_refused(
     altered.metadata[-1] = other.metadata[-1]
     status, said = verified(altered.save(tmp_path / 'a.mcap', sealed=False), capsys)
     assert status == 1
-    assert 'the totals in its end record are not the recorded ones' in said
+    assert 'the end record was altered: its digest does not match' in said
 
 
 def test_a_changed_command_without_effect_is_found_in_a_cut_off_file(

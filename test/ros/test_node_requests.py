@@ -102,7 +102,7 @@ def test_pause_step_reset_and_jump_while_a_controller_runs(processes: Processes,
     settled(peer)
     assert stamp_ns(peer.states[-1]) == before + 7 * MILLISECOND
     assert pause(peer, False).success
-    assert 'refused: step: the arm is not in a pause' in trigger(peer, 'step').message
+    assert 'refused: step: the arm is not paused' in trigger(peer, 'step').message
 
     assert trigger(peer, 'reset').success
     peer.let_pass(20)

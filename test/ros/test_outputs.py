@@ -250,7 +250,7 @@ def test_quaternions_have_unit_length_a_positive_w_and_turn_as_the_matrix(
     ('wrong', 'text'),
     [
         (('colour',), r"outputs is 'colour', expected one of \['true_states'"),
-        (('energy', 'energy'), 'outputs names one twice'),
+        (('energy', 'energy'), 'outputs has duplicates'),
     ],
 )
 def test_outputs_that_there_are_not_are_refused(wrong: tuple[str, ...], text: str) -> None:

@@ -214,8 +214,8 @@ BAD_NAMES = {
     '300 characters': (lambda folder: folder / ('a' * 300), OSError, 'File name too long'),
     '400 kB': (lambda folder: folder / ('nix/' * 100_000), OSError, 'File name too long'),
     'two lines': (lambda folder: folder / 'two\nlines' / 'a', OSError, 'No such file'),
-    'null': (lambda folder: folder / 'a\0b', ValueError, 'is no valid file name'),
-    'surrogate': (lambda folder: folder / '\ud800', ValueError, 'is no valid file name'),
+    'null': (lambda folder: folder / 'a\0b', ValueError, 'is not a valid file name'),
+    'surrogate': (lambda folder: folder / '\ud800', ValueError, 'is not a valid file name'),
 }
 
 

@@ -257,8 +257,8 @@ def assert_one_line(done: subprocess.CompletedProcess[str], expected: str) -> No
 @pytest.mark.parametrize(
     ('name', 'expected'),
     [
-        ('fifo', 'is no regular file'),
-        ('/dev/zero', 'is no regular file'),
+        ('fifo', 'is not a regular file'),
+        ('/dev/zero', 'is not a regular file'),
         ('folder', 'directory'),
         ('nix', 'No such file'),
         ('empty', 'not an MCAP file'),

@@ -184,7 +184,7 @@ def test_set_state_and_reset_set_the_exact_state_and_time_continues() -> None:
     [
         ([1.0], r'q has shape \(1,\), expected \(6,\)'),
         ({'nobody': 1.0}, r"q names \['nobody'\]"),
-        ([1e9] * 6, 'refused: expected positions up to'),
+        ([1e9] * 6, 'refused: position 1e.09, expected 1e.06 at most'),
         ([float('nan')] * 6, 'all_nan'),
     ],
 )

@@ -1,11 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The example repository of the documentation passes its own tests, from a copy of it."""
+"""The test in README.md passes, and the example repository's own tests, from a copy of it."""
 
 from __future__ import annotations
 
 from pathlib import Path
+import re
 import shutil
+from typing import Any
 
 from plugin_sessions import install, run
 import pytest
@@ -17,6 +19,13 @@ EXAMPLE = ROOT / 'docs' / 'examples' / 'controller_package'
 @pytest.fixture
 def copied(tmp_path: Path) -> Path:
     return Path(shutil.copytree(EXAMPLE, tmp_path / 'controller_package'))
+
+
+def test_the_test_in_the_readme_passes(sim_arm) -> None:
+    (code,) = re.findall('```py\n(.*?)```', (ROOT / 'README.md').read_text(encoding='utf-8'), re.S)
+    names: dict[str, Any] = {}
+    exec(code, names)
+    names['test_controller_settles'](sim_arm)
 
 
 @pytest.mark.ros

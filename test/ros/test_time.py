@@ -77,7 +77,7 @@ def test_an_arm_follows_a_clock_forwards_only_and_says_when_it_is_lost(
     stamps = [stamp_ns(state) for state in peer.states]
     assert (np.diff(stamps) > 0).all()
     assert set(np.diff(stamps) % (2 * MILLISECOND)) == {0}
-    arm.wait_for_text('no /clock for 5 s: simulation paused until it resumes')
+    arm.wait_for_text('no /clock for 5 s: simulation paused until it is received again')
     assert arm.end(signal.SIGINT) == 0, arm.text()
     summary = read(processes.folder / 'arm.mcap', verify=True)
     assert summary.verdicts[Verdict.STALE] >= 1
@@ -96,7 +96,7 @@ def test_two_arms_on_one_clock_have_the_same_stamps(processes: Processes, peer_o
     peers[1].let_pass(200)
     # Its clock ends, and it stands at a time that the leader has reached.
     assert leader.end(signal.SIGINT) == 0, leader.text()
-    follower.wait_for_text('simulation paused until it resumes')
+    follower.wait_for_text('simulation paused until it is received again')
     assert follower.end(signal.SIGINT) == 0, follower.text()
     stamps = {}
     for name in ('left', 'right'):

@@ -69,7 +69,7 @@ def test_a_wrench_moves_the_arm_as_pinocchio_says(frame: str) -> None:
 @pytest.mark.parametrize(
     ('message', 'verdict', 'reason'),
     [
-        (wrench('nowhere', (1.0, 0.0, 0.0)), Verdict.UNKNOWN_NAMES, 'is no frame of the arm'),
+        (wrench('nowhere', (1.0, 0.0, 0.0)), Verdict.UNKNOWN_NAMES, 'is not a frame of the arm'),
         (wrench('', (1.0, 0.0, 0.0)), Verdict.UNKNOWN_NAMES, "expected one of ['tip_link']"),
         (wrench('base_link', (1.0, 0.0, 0.0)), Verdict.UNKNOWN_NAMES, 'does not move with'),
         (wrench('%s{0}' * 9999), Verdict.UNKNOWN_NAMES, '(49995 characters)'),

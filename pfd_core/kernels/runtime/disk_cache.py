@@ -164,7 +164,7 @@ def _contents(path: Path) -> bytes | None:
         state = os.fstat(handle)
         if not (stat.S_ISREG(state.st_mode) and _ours(state) and state.st_size <= 2 * LARGEST):
             LOG.info(
-                '%r is no file of the cache (user %d, mode %s, %d bytes): it is not used',
+                '%r is not a file of the cache (user %d, mode %s, %d bytes): it is not used',
                 *(str(path), state.st_uid, stat.filemode(state.st_mode), state.st_size),
             )
             return None

@@ -83,18 +83,18 @@ def thread_count(threads: object) -> int:
 
 def block_size(count: int, threads: int, width: int, operations: int) -> int:
     """
-    Return the members of a block, a multiple of the members in a vector register.
+    Return the size of a block, a multiple of the vector width.
 
     Parameters
     ----------
     count : int
-        Members of the whole.
+        States of the batch.
     threads : int
         Threads that share them.
     width : int
-        Members of a vector register.
+        States in a vector register.
     operations : int
-        Operations on registers for each register of members.
+        Operations on registers for each register of states.
 
     """
     least, most = (
@@ -108,16 +108,16 @@ def block_size(count: int, threads: int, width: int, operations: int) -> int:
 
 def run(work: Callable[[int, int], int], count: int, block: int, threads: int) -> int:
     """
-    Run work on the blocks of a whole, by some threads of which the caller's is one.
+    Run work on the blocks of a batch, on several threads, one of which is the caller's.
 
     Parameters
     ----------
     work : callable
-        work(first, size) works on `size` members from `first` on, and returns flags.
+        work(first, size) computes `size` states from `first` on, and returns flags.
     count, block : int
-        Members of the whole, and of a block.
+        States of the batch, and of a block.
     threads : int
-        The most that are used, at least 1.
+        Maximum number of threads, at least 1.
 
     Returns
     -------

@@ -41,6 +41,7 @@ Errors of smaller scenes:
 
     scene_effects       the effects that are on, and the full scene of a robot
     scene_errors        trajectories in smaller scenes against the full one (SceneRow)
+    scene_margins       how far a motion exercises each effect; errors that every scene has
     scene_search        the smallest scene within a tolerance; the best scene of every cost
     scene_needs         cost, time and error of each effect, and the answer (EffectRow, Needs)
 """

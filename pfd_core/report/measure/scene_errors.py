@@ -73,8 +73,8 @@ class FullRun:
         (W, 2), first step of each window and of the next.
     starts : list of Simulator
         The simulation at the start of each window, with all of its state.
-    q : ndarray
-        (K, n), positions after each step.
+    q, qd : ndarray
+        (K, n), positions and velocities after each step.
     departure : float
         Largest difference of a position at the end of a window from the next state of the
         motion [rad or m].
@@ -87,6 +87,7 @@ class FullRun:
     windows: Array
     starts: list[Simulator]
     q: Array
+    qd: Array
     departure: float
 
 
@@ -126,7 +127,7 @@ def run_full(robot: Robot, scene: Scene, motion: DrivenMotion, seconds: float) -
     motion = replace(motion, settings={**motion.settings, 'integrator': simulator.integrator})
     windows = cut(motion, seconds)
     starts = []
-    q = np.empty_like(motion.taus)
+    q, qd = np.empty_like(motion.taus), np.empty_like(motion.taus)
     departure = 0.0
     for k, (first, end) in enumerate(windows):
         found = int(np.searchsorted(motion.after, first))
@@ -137,30 +138,46 @@ def run_full(robot: Robot, scene: Scene, motion: DrivenMotion, seconds: float) -
             if not np.array_equal((simulator.q, simulator.qd), known):
                 simulator.reset(*known)
         starts.append(copy(simulator))
-        q[first:end] = roll(simulator, motion, first, end)
+        q[first:end], qd[first:end] = roll(simulator, motion, first, end)
         if simulator.status != 'ok':
             raise ValueError(
                 f'{motion.name} in {spelled(scene)} overflows by step {end}: without a finite '
                 'full scene there is nothing to compare a smaller one with'
             )
-    return FullRun(robot, scene, motion, windows, starts, q, departure)
+    return FullRun(robot, scene, motion, windows, starts, q, qd, departure)
 
 
-def roll(simulator: Simulator, motion: DrivenMotion, first: int, end: int) -> Array:
-    """Return the positions after steps [first, end) of a motion, from the simulator's state."""
+def roll(simulator: Simulator, motion: DrivenMotion, first: int, end: int) -> tuple[Array, Array]:
+    """Return q and qd after steps [first, end) of a motion, from the simulator's state."""
     wrench = np.zeros(6) if simulator.scene.external_wrench else None
     if not simulator.scene.brakes:
-        return simulator.rollout(motion.taus[first:end], wrench).q
+        run = simulator.rollout(motion.taus[first:end], wrench)
+        return run.q, run.qd
     # A rollout has the same brakes throughout.
     held = motion.held[first:end]
     changes = first + 1 + np.flatnonzero((held[1:] != held[:-1]).any(axis=1))
     bounds = [first, *changes.tolist(), end]
-    return np.concatenate(
-        [
-            simulator.rollout(motion.taus[a:b], wrench, brakes=motion.held[a]).q
-            for a, b in pairwise(bounds)
-        ]
-    )
+    runs = [
+        simulator.rollout(motion.taus[a:b], wrench, brakes=motion.held[a])
+        for a, b in pairwise(bounds)
+    ]
+    return np.concatenate([run.q for run in runs]), np.concatenate([run.qd for run in runs])
+
+
+def roll_windows(simulator: Simulator, full: FullRun) -> tuple[Array, Array]:
+    """Return q and qd after all steps, each window from the start of the full run's."""
+    q, qd = np.empty_like(full.q), np.empty_like(full.q)
+    for (first, end), start in zip(full.windows, full.starts, strict=True):
+        simulator.take_state(start)
+        q[first:end], qd[first:end] = roll(simulator, full.motion, first, end)
+    return q, qd
+
+
+def distances(q: Array, reference: Array) -> Array:
+    """Return the differences of positions; infinite where one is not finite."""
+    off: Array = np.abs(q - reference)
+    off[~np.isfinite(off)] = math.inf
+    return off
 
 
 def measure(full: FullRun, scene: Scene) -> SceneRow:
@@ -171,12 +188,7 @@ def measure(full: FullRun, scene: Scene) -> SceneRow:
     except ValueError as error:  # such as a massless link without the armature that moved it
         count = full.starts[0].operations
         return SceneRow(effects, text, count, math.inf, math.inf, refused=str(error))
-    q = np.empty_like(full.q)
-    for (first, end), start in zip(full.windows, full.starts, strict=True):
-        simulator.take_state(start)
-        q[first:end] = roll(simulator, full.motion, first, end)
-    off = np.abs(q - full.q)
-    off[~np.isfinite(off)] = math.inf
+    off = distances(roll_windows(simulator, full)[0], full.q)
     step, joint = np.unravel_index(np.argmax(off), off.shape)
     return SceneRow(
         effects,

@@ -30,6 +30,7 @@ from pfd_core.report.measure.scene_errors import (
     run_full,
     simulator_of,
 )
+from pfd_core.report.measure.scene_margins import Floor, Margin, floors, margin_of
 from pfd_core.report.measure.scene_search import (
     MOST_EXHAUSTED,
     size,
@@ -43,6 +44,8 @@ from pfd_core.report.measure.timing import Pace, Row, take_turns
 PACE = Pace(turns=100, budget=8.0)
 # Length of a window [s].
 WINDOW = 0.1
+# Largest difference [rad or m] that rounding makes in a window, of steps with the same results.
+ROUNDING = 1e-12
 # Steps of the windows by which a step is timed, at least where there are as many.
 TIMED_STEPS = 1000
 
@@ -70,6 +73,8 @@ class EffectRow:
         median over the turns.
     needed : bool
         Whether the effect is on in the smallest scene.
+    margin : Margin
+        How far the motion exercises the effect.
 
     """
 
@@ -82,6 +87,12 @@ class EffectRow:
     times_least: float
     times: float
     needed: bool
+    margin: Margin
+
+    @property
+    def exercised(self) -> bool:
+        """Whether the motion differs without the effect: otherwise it says nothing about it."""
+        return self.without.largest > ROUNDING
 
 
 @dataclass(frozen=True)
@@ -107,6 +118,8 @@ class Needs:
         The smallest scene as a scene file has it.
     effects : list of EffectRow
         The effects of the full scene.
+    floors : list of Floor
+        Errors that every scene has: of the integrator and of rounding.
     off : list of str
         The effects that are off in it.
     refused : dict
@@ -137,6 +150,7 @@ class Needs:
     smallest: SceneRow
     yaml: str
     effects: list[EffectRow]
+    floors: list[Floor]
     off: list[str]
     refused: Mapping[str, str]
     scenes: list[SceneRow]
@@ -203,6 +217,9 @@ def scene_needs(
     left_out = search(names, row, tolerance)
     singles = {name: row(frozenset({name})) for name in names}
     bare = row(frozenset(names))
+    progress('errors of integrator and rounding')
+    margins = {name: margin_of(full, name) for name in names}
+    common = floors(full)
     progress('timing')
     timed = {name: scene.without({name}) for name in names if not singles[name].refused}
     times = time_steps(full, {**timed, SMALLEST: scene.without(left_out)}, pace or PACE)
@@ -221,7 +238,8 @@ def scene_needs(
         bare=bare,
         smallest=row(left_out),
         yaml=scene_to_yaml(scene.without(left_out)),
-        effects=effect_rows(row(frozenset()), singles, times, row(left_out)),
+        effects=effect_rows(row(frozenset()), singles, times, row(left_out), margins),
+        floors=common,
         off=[effect.name for effect in EFFECTS if effect.name not in names],
         refused=dict(refused or {}),
         scenes=sorted(rows.values(), key=size),
@@ -239,7 +257,11 @@ def _above_zero(name: str, value: float) -> float:
 
 
 def effect_rows(
-    full: SceneRow, singles: Mapping[str, SceneRow], times: Mapping[str, Row], smallest: SceneRow
+    full: SceneRow,
+    singles: Mapping[str, SceneRow],
+    times: Mapping[str, Row],
+    smallest: SceneRow,
+    margins: Mapping[str, Margin],
 ) -> list[EffectRow]:
     """Return a row for each effect, from the scenes without it."""
     total = sum(single.rms for single in singles.values())
@@ -257,6 +279,7 @@ def effect_rows(
                 times[FULL].minimum / time.minimum if time else math.nan,
                 (time.times if time else None) or math.nan,
                 name in smallest.effects,
+                margins[name],
             )
         )
     return rows

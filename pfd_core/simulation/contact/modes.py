@@ -41,8 +41,7 @@ from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
 
-# Largest number of pivots, times the number of joints. Random matrices of condition 1e8 need less
-# than four.
+# Maximum number of pivots per joint. Random matrices of condition 1e8 need less than four.
 PIVOTS = 4
 
 

@@ -86,9 +86,9 @@ def choose(plant: Plant, method: str, refine: int) -> str:
 
 def default(plant: Plant, method: str, refine: int) -> tuple[str, int]:
     """Return the method and the steps of refinement of a kernel of forward dynamics."""
-    chosen = choose(plant, method, refine)
-    if method != 'auto' or refine:
-        return chosen, refine
+    named = not isinstance(method, str) or method != 'auto'
+    if named or integer('refine', refine, 0, REFINE_AT_MOST):
+        return choose(plant, method, refine), refine
     plain = get_or_compute(
         ('accurate', plant.digest), lambda: _accurate(plant), {'', *MOST_ROUNDINGS}.__contains__
     )
@@ -100,8 +100,10 @@ def _accurate(plant: Plant) -> str:
     if plant.robot.n >= LONG:
         return ''
     first = FEW_JOINTS if plant.robot.n <= SHORT else _cheapest(plant)
-    # With rotors articulated bodies lose more than `roundings` shows (geared_rotors_1e6).
-    methods = (first, MANY_JOINTS) if plant.inertia is None else (FEW_JOINTS,)
+    # With rotors or brakes no row of a grouped articulated body vanishes, and it loses more than
+    # `roundings` shows (geared_rotors_1e6).
+    stiff = plant.brakes or plant.inertia is not None
+    methods = (FEW_JOINTS,) if stiff else (first, MANY_JOINTS)
     return next(
         (
             method

@@ -43,5 +43,24 @@ def elimination(n: int) -> int:
     return sum(c < n for c in elements) + math.ceil(sum(c for c in elements if c >= n) / n)
 
 
-def arithmetic(steps: pfd.Steps) -> tuple[int, int, int, int]:
+Counts = tuple[int, int, int, int]
+
+
+def by_section(program: pfd.Program) -> dict[str, Counts]:
+    """Return the arithmetic of each section that has any."""
+    counts = {section: arithmetic(steps) for section, steps in _sections(program)}
+    return {section: row for section, row in counts.items() if any(row)}
+
+
+def routes_by_section(program: pfd.Program) -> dict[str, int]:
+    """Return the routes of each section that has any."""
+    return {section: steps.routes for section, steps in _sections(program) if steps.routes}
+
+
+def _sections(program: pfd.Program) -> list[tuple[str, pfd.Steps]]:
+    names = dict.fromkeys(one.section for one in program.instructions)
+    return [(name, program.count(section=name)) for name in names]
+
+
+def arithmetic(steps: pfd.Steps) -> Counts:
     return steps.multiplications, steps.additions, steps.divisions, steps.square_roots

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from closed_forms import SIZES, arithmetic, chain, levels
+from closed_forms import SIZES, arithmetic, by_section, chain, levels
 import numpy as np
 from oracle import Oracle, jacobi_condition, relative
 import pytest
@@ -176,10 +176,10 @@ def test_elimination_with_exchanges_takes_what_is_written(m: int) -> None:
 
 @pytest.mark.parametrize('n', SIZES)
 def test_steps_grow_as_the_logarithm_of_the_joints(n: int) -> None:
-    program = record_divide_and_conquer(resolve(chain(n)), 'parallel')
+    counts = by_section(record_divide_and_conquer(resolve(chain(n)), 'parallel'))
     L = levels(n)
     single, joining, parting, last = (
-        arithmetic(program.count(section=s))
+        counts.get(s, (0, 0, 0, 0))
         for s in ('single links', 'joining', 'parting', 'accelerations')
     )
     assert single == (135, 53, 1, 0)

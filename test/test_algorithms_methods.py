@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import mpmath
@@ -28,7 +29,8 @@ CASES = [
         marks=[pytest.mark.slow]
         * (method == 'divide_and_conquer' or (method not in SERIAL and schedule != 'parallel')),
     )
-    for method in pfd.METHODS
+    # The n iterations of pcgm_1987 end too early in double precision: test_algorithms_1987.
+    for method in (*pfd.METHODS, 'pcrbm_1987')
     for schedule in (SCHEDULES if method not in SERIAL else ('sequential',))
 ]
 # Their link parameters are grouped in float64, and their iterations end before the last digit.
@@ -173,3 +175,34 @@ def test_fifty_digits_agree_with_those_of_pcrbm_and_measure_the_rounding(
     rounding = error(run(program, given)['qdd'], wanted)
     H = Oracle(robot, robot.armature).H(given['q'])
     assert 0 < rounding < ACCELERATION * jacobi_condition(H) or n == 1
+
+
+def exact(values: Array) -> Array:
+    """Return multiples of 1/256: their products and sums are exact in float64."""
+    return np.round(np.asarray(values) * 256) / 256
+
+
+@pytest.mark.parametrize('n', [1, 2, 4, 6])
+@pytest.mark.parametrize('method', ROUNDED)
+def test_fifty_digits_agree_also_where_parameters_are_grouped_or_iterations_end(
+    method: str, n: int
+) -> None:
+    # Parameters that group without rounding, and a stop beyond the last digit.
+    robot, given = right_angled(n)
+    robot = replace(
+        robot,
+        translations=exact(robot.translations),
+        masses=exact(robot.masses),
+        centers=exact(robot.centers),
+        inertias=exact(robot.inertias) + np.eye(3),
+        damping=exact(robot.damping),
+        armature=exact(robot.armature),
+        base_rotation=np.eye(3),
+    )
+    given['free'] = (np.arange(n) % 3 != 1).astype(float)
+    plant = resolve(robot, replace(EVERYTHING, gravity=(0.0, 0.0, -9.8125)))
+    wanted = run(record('pcrbm', plant, 'parallel'), given, digits=50)['qdd']
+    stop = {'tolerance': FIFTY_DIGITS} if method in ITERATIVE else {}
+    for schedule in SCHEDULES if method not in SERIAL else ('sequential',):
+        program = FORWARD[method](plant, schedule, **stop)
+        assert error(run(program, given, digits=50)['qdd'], wanted) < FIFTY_DIGITS

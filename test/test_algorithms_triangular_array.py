@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from closed_forms import SIZES
+from closed_forms import SIZES, arithmetic, by_section, routes_by_section
 import mpmath
 import numpy as np
 from oracle import Oracle, jacobi_condition, relative
@@ -288,11 +288,11 @@ def test_the_cells_do_a_cholesky_solve_and_the_lanes_pcrbm_and_ne1(n: int, sched
     assert cells == pfd.Steps(work, work, n * (n - 1) // 2 + 2 * n, n)
     # Beside the cells all of PCRBM but its own solve.
     pcrbm = FORWARD['pcrbm'](plant, schedule)
-    solve = [pcrbm.count(section=section) for section in ('factorisation', 'column sweep')]
-    for kind in ('multiplications', 'additions', 'divisions'):
-        rest = getattr(pcrbm.count(), kind) - sum(getattr(part, kind) for part in solve)
-        assert getattr(whole, kind) == rest + getattr(cells, kind)
-    streams = program.count(section=f'streams of the {SECTION}').routes
+    parts = by_section(pcrbm)
+    solve = [parts.get(section, (0, 0, 0, 0)) for section in ('factorisation', 'column sweep')]
+    own = np.subtract(arithmetic(pcrbm.count()), np.sum(solve, axis=0))
+    assert tuple(own + arithmetic(cells)) == arithmetic(whole)
+    streams = routes_by_section(program).get(f'streams of the {SECTION}', 0)
     elements = n * (n + 1) // 2 + n
     # h_11 and y_1 are on lane 0 anyway.
     assert streams == (elements - 2 if schedule == 'parallel' else 0)

@@ -141,23 +141,17 @@ def test_a_wrong_argument_of_a_public_function_is_named(name: str) -> None:
     assert not found, '\n'.join(found)
 
 
-def instances() -> dict[str, Any]:
-    """Return an instance of each public class that has methods with parameters."""
-    simulator, ensemble = pfd.Simulator(ROBOT), pfd.Ensemble(ROBOT, 2)
-    kernel = pfd.compile_kernel(ROBOT, refine=1)
-    return {
-        'AdaptiveTrajectory': pfd.integrate(ROBOT, STATE, duration=0.01, dense=True),
-        'Ensemble': ensemble,
-        'Kernel': kernel,
-        'MotorSimulator': pfd.MotorSimulator(ROBOT),
-        'Program': kernel.program,
-        'Robot': ROBOT,
-        'Scene': pfd.Scene(),
-        'Simulator': simulator,
-        'Urdf': pfd.read_urdf(pfd.urdf_of('planar2')),
-    }
-
-
+INSTANCES: dict[str, Callable[[], Any]] = {
+    'AdaptiveTrajectory': lambda: pfd.integrate(ROBOT, STATE, duration=0.01, dense=True),
+    'Ensemble': lambda: pfd.Ensemble(ROBOT, 2),
+    'Kernel': lambda: pfd.compile_kernel(ROBOT, refine=1),
+    'MotorSimulator': lambda: pfd.MotorSimulator(ROBOT),
+    'Program': lambda: pfd.compile_kernel(ROBOT, refine=1).program,
+    'Robot': lambda: ROBOT,
+    'Scene': pfd.Scene,
+    'Simulator': lambda: pfd.Simulator(ROBOT),
+    'Urdf': lambda: pfd.read_urdf(pfd.urdf_of('planar2')),
+}
 STATES: dict[str, Any] = {'q': STATE, 'qd': STATE, 'tau': STATE}
 OUT = np.zeros(2)
 MOTION = pfd.MotorSimulator(ROBOT).new_state()
@@ -231,10 +225,11 @@ def test_a_wrong_argument_of_a_public_method_is_named(
     owner: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # where Scene.save writes
+    one = INSTANCES[owner]()
     found = [
         line
         for name, valid in METHODS[owner].items()
-        for line in problems(f'{owner}.{name}', getattr(instances()[owner], name), valid)
+        for line in problems(f'{owner}.{name}', getattr(one, name), valid)
     ]
     assert not found, '\n'.join(found)
 

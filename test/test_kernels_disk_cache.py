@@ -440,6 +440,7 @@ def race(processes: int, forks: int, turns: int) -> None:
     assert [child.returncode for child in children] == [0] * processes
 
 
+@pytest.mark.slow
 def test_processes_that_fill_and_clear_the_folder_together_all_work(folder: Path) -> None:
     race(2, 5, 20)
     assert not list(folder.glob(f'{cache.UNFINISHED}*'))

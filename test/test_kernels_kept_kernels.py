@@ -87,6 +87,7 @@ def test_a_second_process_gets_the_same_bits_without_recording_or_compiling(fold
         assert kept[key] == fresh[key], key
 
 
+@pytest.mark.slow
 def test_two_processes_at_once_leave_one_sound_copy(folder: Path) -> None:
     children = [start_child('planar2'), start_child('planar2')]
     first, second = (result(child) for child in children)

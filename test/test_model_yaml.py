@@ -20,6 +20,7 @@ from zoo import ODD_ARM, ROWS, random_state, to_pinocchio
 
 import pfd_core as pfd
 from pfd_core.model.loading import LARGEST_FILE
+from pfd_core.model.yaml_reader import read_yaml
 
 # The book prints four digits after the point.
 PRINTED = 0.5e-4 * 1.001
@@ -40,6 +41,11 @@ def test_known_robots_load_without_a_warning_and_name_their_source(name: str) ->
     assert f'{name}.yaml' in robot.source
     assert np.isfinite(robot.effort_limit).all()
     assert np.isfinite(robot.velocity_limit).all()
+
+
+def test_a_document_that_was_read_before_is_as_in_its_file() -> None:
+    read_yaml('joints: [a]', 'first')['joints'].append('b')
+    assert read_yaml('joints: [a]', 'second') == {'joints': ['a']}
 
 
 def test_every_known_robot_is_listed() -> None:

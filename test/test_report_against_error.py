@@ -104,6 +104,7 @@ def test_every_method_format_and_refinement_has_a_point_for_every_batch(
         assert point.times > 0
 
 
+@pytest.mark.slow
 def test_errors_are_those_of_the_kernels_in_units_of_kappa_s_u(points: list[Point]) -> None:
     (case,) = (case for case in CASES if case.name == NAME)
     problem = case.make()
@@ -121,6 +122,7 @@ def test_errors_are_those_of_the_kernels_in_units_of_kappa_s_u(points: list[Poin
             assert point.in_units == pytest.approx(units)
 
 
+@pytest.mark.slow
 def test_an_answer_that_is_lost_has_no_error(points: list[Point]) -> None:
     lost = {(p.way, p.dtype, p.refine) for p in points if p.error is None}
     # Conjugate gradients do not converge there in single precision.
@@ -129,6 +131,7 @@ def test_an_answer_that_is_lost_has_no_error(points: list[Point]) -> None:
     }
 
 
+@pytest.mark.slow
 def test_pinocchio_is_there_in_both_conventions_and_by_crba(points: list[Point]) -> None:
     (case,) = (case for case in CASES if case.name == NAME)
     answers = dict(peer_answers(case.make()))

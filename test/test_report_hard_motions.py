@@ -116,6 +116,7 @@ def test_a_coasting_flywheel_ends_where_its_closed_form_says(scheme: str) -> Non
 
 
 @pytest.mark.parametrize(('scheme', 'columns', 'order'), [('midpoint', 2, 4), ('implicit', 3, 3)])
+@pytest.mark.slow
 def test_extrapolation_has_the_order_of_its_columns(scheme: str, columns: int, order: int) -> None:
     plant = resolve(pfd.load_robot('planar2'), pfd.Scene(damping=(0.5, 0.5)))
 

@@ -223,6 +223,7 @@ def test_every_quantity_has_a_row_for_every_way_and_size(
     )
 
 
+@pytest.mark.slow
 def test_rows_have_times_ratios_and_errors(measured: tuple[list[Row], list[str]]) -> None:
     for row in (row for row in measured[0] if row.work != port_limit.WORK):
         assert 0 < row.minimum <= row.median

@@ -157,6 +157,7 @@ def test_every_way_gives_what_pinocchio_gives(findings: speed.Findings) -> None:
         assert row.difference < (tolerances.SINGLE if single else QUATERNIONS), row
 
 
+@pytest.mark.slow
 def test_every_contender_that_is_installed_is_measured(findings: speed.Findings) -> None:
     ways = '\n'.join(row.way for row in findings.rows)
     left_out = '\n'.join(findings.left_out)
@@ -166,6 +167,7 @@ def test_every_contender_that_is_installed_is_measured(findings: speed.Findings)
         assert 0 < row.minimum <= row.median
 
 
+@pytest.mark.slow
 def test_results_that_lie_on_the_disk_are_measured_too(findings: speed.Findings) -> None:
     works = {row.work for row in findings.rows if row.way == 'composite_body float64'}
     assert {'first result', 'first result, from disk', 'first batch, from disk'} <= works
@@ -173,6 +175,7 @@ def test_results_that_lie_on_the_disk_are_measured_too(findings: speed.Findings)
     assert ways == {'pfd.forward_dynamics', 'pfd.forward_dynamics, from disk'}
 
 
+@pytest.mark.slow
 def test_the_port_limit_of_every_kernel_is_measured(findings: speed.Findings) -> None:
     found = [(row.robot, row.way) for row in findings.rows if row.work == port_limit.WORK]
     own = [way for way in TINY.makers if way.startswith(tuple(ours.METHODS))]
@@ -192,6 +195,7 @@ def test_kernels_without_a_port_limit_are_left_out_with_the_reason(
     )
 
 
+@pytest.mark.slow
 def test_measuring_leaves_the_cache_of_the_user_as_it_is(findings: speed.Findings) -> None:
     assert 'pfd_speed_' not in os.environ.get('PFD_CACHE', '')
 

@@ -92,6 +92,7 @@ def test_errors_are_the_largest_of_an_angle_and_of_the_energy() -> None:
     assert drift == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_every_integrator_has_a_point_for_every_step_or_tolerance(
     points: dict[str, list[RunPoint]],
 ) -> None:
@@ -103,6 +104,7 @@ def test_every_integrator_has_a_point_for_every_step_or_tolerance(
         assert {way for way, *_ in settings} <= set(WAYS)
 
 
+@pytest.mark.slow
 def test_a_point_has_all_its_numbers_or_none(points: dict[str, list[RunPoint]]) -> None:
     names = ('evaluations', 'minimum', 'median', 'trajectory_error', 'energy_error')
     for run in (run for found in points.values() for run in found):
@@ -114,6 +116,7 @@ def test_a_point_has_all_its_numbers_or_none(points: dict[str, list[RunPoint]]) 
             assert values == [None] * len(names)
 
 
+@pytest.mark.slow
 def test_a_run_that_blew_up_is_a_missing_point_and_its_neighbours_are_not(
     points: dict[str, list[RunPoint]],
 ) -> None:
@@ -123,6 +126,7 @@ def test_a_run_that_blew_up_is_a_missing_point_and_its_neighbours_are_not(
     assert {run.status for run in points['short']} == {'ok'}
 
 
+@pytest.mark.slow
 def test_errors_fall_with_the_order_of_the_integrator(points: dict[str, list[RunPoint]]) -> None:
     errors = {(run.way, run.step): run.trajectory_error for run in points['short']}
     for way, integrator in TABLE.items():
@@ -131,6 +135,7 @@ def test_errors_fall_with_the_order_of_the_integrator(points: dict[str, list[Run
         assert fall == pytest.approx(integrator.order, abs=0.4), way
 
 
+@pytest.mark.slow
 def test_evaluations_are_those_of_a_simulated_second(points: dict[str, list[RunPoint]]) -> None:
     found = {(run.way, run.step): run.evaluations for run in points['short']}
     # imex2 solves for the damping only where there is one.

@@ -321,7 +321,7 @@ def test_columns_of_a_held_joint_are_the_derivatives_of_the_step(case: str) -> N
             assert (apart <= ONE_SIDED) == (sign in signs), (column, sign, slope)
 
 
-@pytest.mark.parametrize('integrator', ['rk4', 'imex2'])
+@pytest.mark.parametrize('integrator', [pytest.param('rk4', marks=pytest.mark.slow), 'imex2'])
 def test_the_velocity_of_a_held_wrist_moves_a_whole_arm_by_its_momentum(integrator: str) -> None:
     robot = pfd.load_robot('ur5')
     friction = [2.0, 50.0, 2.0, 20.0, 2.0, 20.0]

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pfd_core.algorithms.convergence import record_small_correction
 from pfd_core.algorithms.paper.pcrbm_array import SECTION
 from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
-from pfd_core.algorithms.programs import ITERATIVE, TOLERANCES, record_forward_dynamics
+from pfd_core.algorithms.programs import TOLERANCES, record_forward_dynamics
 from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps, check_processors
@@ -106,7 +106,7 @@ def emulate(
     q, qd, tau : array_like
         Positions, velocities and torques, (..., n) [rad or m, s, N m or N].
     method : str
-        A name in METHODS.
+        A name in METHODS, or 'pcrbm_1987' or 'pcgm_1987': the paper's procedures step by step.
     scene : Scene, optional
         Effects that are on; default: rigid links and gravity.
     wrench : array_like, optional
@@ -140,7 +140,7 @@ def emulate(
     tolerance = TOLERANCES.get('float64' if digits else dtype)
     plant = resolve(robot, scene)
     program = record_forward_dynamics(plant, method, 'parallel', tolerance)
-    check = record_small_correction(plant) if method in ITERATIVE else None
+    check = record_small_correction(plant) if 'converged' in program.outputs else None
     given: dict[str, ArrayLike] = {'q': q, 'qd': qd, 'tau': tau}
     given |= scene_inputs(scene, robot.n, 'float64', wrench, brakes)
     if wrench is not None:
@@ -177,14 +177,7 @@ def _steps(method: str, program: Program, processors: int | None, iterations: in
     steps = program.count(processors, iterations=iterations)
     if method != 'pcrbm_array':
         return steps
-    return on_cells(steps, program.count(processors, section=SECTION), solve_steps(program.lanes))
-
-
-def on_cells(steps: Steps, cells: Steps, cycles: Steps) -> Steps:
-    """Return steps with the array's own cycles in the place of the operations of all cells."""
-    return Steps(
-        **{k: v - getattr(cells, k) + getattr(cycles, k) for k, v in asdict(steps).items()}
-    )
+    return steps - program.count(processors, section=SECTION) + solve_steps(program.lanes)
 
 
 def processors_of(method: str, n: int, processors: int) -> int:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Whole programs by name: inverse dynamics, and forward dynamics by each method (METHODS).
+Whole programs by name: inverse dynamics, and forward dynamics by each method (FORWARD).
 
     H(q) qdd + C(q, qd) qd + G(q) = tau        Lee and Chang 1987, eq. (1)
 
@@ -9,12 +9,14 @@ Whole programs by name: inverse dynamics, and forward dynamics by each method (M
     terms              H and bias
     walker_orin_1 .. 4, articulated_body       serial, which the paper compares with
     pcrbm, pcrbm_array, pcgm                   the paper's, on n lanes, corrected
+    pcrbm_1987, pcgm_1987                      the paper's step by step, for comparison with it
     pcrbm_base_origin, divide_and_conquer      beyond the paper, on n lanes
     composite_body, grouped_articulated_body   serial methods at their cheapest, for kernels
 
-On n lanes all methods take the bias from pfd_core.algorithms.beyond.omega, which has fewer steps
-than the paper's NE1. Inputs are described in pfd_core.algorithms.chain.interface. A new method is
-a row of FORWARD and, if it is serial or iterative, a name in SERIAL or ITERATIVE.
+On n lanes all METHODS, which kernels offer, take the bias from pfd_core.algorithms.beyond.omega,
+which has fewer steps than the paper's NE1. Inputs are described in
+pfd_core.algorithms.chain.interface. A new method is a row of FORWARD and, if it is serial,
+iterative or not for kernels, a name in SERIAL, ITERATIVE or EDITION.
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ from pfd_core.algorithms.grouped.articulated_body import record_grouped_articula
 from pfd_core.algorithms.grouped.composite_body import record_composite_body
 from pfd_core.algorithms.paper.newton_euler import newton_euler
 from pfd_core.algorithms.paper.pcgm import TOLERANCE, record_pcgm
+from pfd_core.algorithms.paper.pcgm_1987 import record_pcgm_1987
 from pfd_core.algorithms.paper.pcrbm import inertia_matrix, record_pcrbm
+from pfd_core.algorithms.paper.pcrbm_1987 import record_pcrbm_1987
 from pfd_core.algorithms.paper.pcrbm_array import record_pcrbm_array
 from pfd_core.algorithms.serial.articulated_body import record_articulated_body
 from pfd_core.algorithms.serial.walker_orin import (
@@ -90,8 +94,12 @@ FORWARD: dict[str, Callable[..., Program]] = {
     'divide_and_conquer': record_divide_and_conquer,
     'composite_body': record_composite_body,
     'grouped_articulated_body': record_grouped_articulated_body,
+    'pcrbm_1987': record_pcrbm_1987,
+    'pcgm_1987': record_pcgm_1987,
 }
-METHODS = tuple(FORWARD)
+# Methods for comparison with the paper: emulated and counted, not compiled.
+EDITION = ('pcrbm_1987', 'pcgm_1987')
+METHODS = tuple(method for method in FORWARD if method not in EDITION)
 # Methods for one processor; the others have a lane for each joint.
 SERIAL = (
     'walker_orin_1',

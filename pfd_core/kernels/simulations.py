@@ -108,6 +108,8 @@ def compile_rollout(
     run = ctypes.CFUNCTYPE(integer, integer, ctypes.c_void_p, *inputs, *states)
     accelerate = ctypes.CFUNCTYPE(None, integer, *inputs, ctypes.c_void_p)
     pointed = ctypes.CFUNCTYPE(integer, integer, ctypes.c_void_p)
+    # Of the inputs alone: code from disk needs no recording.
+    inputs_alone = Program(1, (), dict(sources.inputs), {})
     calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
     return Rollout(
         sources.main.work * calls,
@@ -119,7 +121,7 @@ def compile_rollout(
         accelerate(native.address('accelerations')),
         native,
         pointed(native.address('cycles')) if motors else None,
-        block_names(step_program, sources.signature) if motors else (),
+        block_names(step_program, inputs_alone) if motors else (),
     )
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 import math
 import operator
 from typing import Any, NamedTuple
@@ -71,6 +71,12 @@ class Steps:
     square_roots: int = 0
     routes: int = 0
     sines: int = 0
+
+    def __add__(self, other: Steps) -> Steps:
+        return Steps(**{cost: n + getattr(other, cost) for cost, n in asdict(self).items()})
+
+    def __sub__(self, other: Steps) -> Steps:
+        return Steps(**{cost: n - getattr(other, cost) for cost, n in asdict(self).items()})
 
 
 @dataclass(frozen=True)
@@ -132,15 +138,22 @@ class Program:
             Processors of the machine; with fewer than lanes an instruction takes several
             steps. Default: one per lane.
         section : str, optional
-            Count only this part of the program.
+            Count only this part of the program, a section of some instruction.
         iterations : int
             Number of runs of the repeated part, if there is one.
+
+        Raises
+        ------
+        ValueError
+            If an argument is not such a number or section.
 
         """
         processors = check_processors(processors, self.lanes)
         iterations = _integer('iterations', iterations, 0)
-        if section is not None and not isinstance(section, str):
-            raise ValueError(f'section must be a name or None, got {section!r:.100}')
+        if section is not None:
+            known = tuple(dict.fromkeys(one.section for one in self.instructions))
+            if not isinstance(section, str) or section not in known:
+                raise ValueError(f'section must be one of {known} or None, got {section!r:.100}')
         totals = dict.fromkeys(COSTS, 0)
         for (cost, lanes), times in self._work(iterations, section).items():
             totals[cost] += times * math.ceil(lanes / processors)

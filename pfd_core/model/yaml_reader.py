@@ -15,6 +15,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from copy import deepcopy
+from functools import lru_cache
 from typing import Any
 
 import yaml
@@ -51,9 +53,15 @@ def read_yaml(text: str, source: str) -> Any:
             f'{quote(source)} has {len(text)} characters; a YAML file may have {MOST_CHARACTERS}'
         )
     try:
-        return _Loader(text).get_single_data()
+        return deepcopy(_parsed(text))
     except yaml.YAMLError as error:
         raise ValueError(f'{quote(source)} is not YAML: {_one_line(error)}') from error
+
+
+@lru_cache(maxsize=8)
+def _parsed(text: str) -> Any:
+    """Parse a document, the robot of many arms only once: that takes longer than all else."""
+    return _Loader(text).get_single_data()
 
 
 def table(

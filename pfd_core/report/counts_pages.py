@@ -4,15 +4,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pfd_core.algorithms.paper.array_solver import solve
-from pfd_core.report.cases.paper import KINDS
+from pfd_core.machine.program import Steps
+from pfd_core.report.cases.paper import KINDS, TABLE, value
+from pfd_core.report.errata_pages import write as write_errata
 from pfd_core.report.measure.convergence import Convergence, measure_convergence, robots
-from pfd_core.report.measure.counts import PRINTED_AT, SIZES, Row, best_serial, measure
+from pfd_core.report.measure.counts import (
+    AS_PRINTED,
+    BEST_KNOWN,
+    CORRECTED,
+    PRINTED_AT,
+    PROCEDURES,
+    SIZES,
+    Cell,
+    CountedPart,
+    Row,
+    best_serial,
+    counted_parts,
+    measure,
+    published_serial,
+)
 from pfd_core.report.measure.counts import row as counts_of
 from pfd_core.report.measure.timing import show_progress
 from pfd_core.report.render.array_activity import activity_svg
@@ -25,20 +41,28 @@ def markdown(rows: Sequence[Row], iterations: Sequence[Convergence]) -> str:
     """Return the whole page."""
     chosen = [row for row in rows if row.n == PRINTED_AT]
     best, arithmetic = best_serial(PRINTED_AT)
+    editions = {(row.system, row.edition): row for row in chosen}
+    pcrbm = TABLE['pcrbm']
+    printed = (pcrbm.multiplications.printed or 0) + (pcrbm.additions.printed or 0)
+    published = int(published_serial(PRINTED_AT))
     return page(
         'counts',
         n=PRINTED_AT,
-        best={row.system: row.title for row in chosen}[best],
+        best=editions[best, BEST_KNOWN].title,
         arithmetic=arithmetic,
+        published=published,
+        printed=printed,
+        printed_speed_up=f'{published / printed:.2f}',
         states=iterations[0].states,
+        parts=table(PARTS, counted_parts(PRINTED_AT)),
         systems=table(SYSTEMS, [one for row in chosen for one in _noted(row, iterations)]),
         claims=table(
             CLAIMS,
             [
-                (row, kind, iterations)
+                (editions, row, kind, iterations)
                 for row in chosen
                 for kind, cell in row.cells.items()
-                if cell.claimed is not None
+                if cell.claimed is not None and row.edition == BEST_KNOWN
             ],
         ),
         convergence=table(CONVERGENCE, iterations),
@@ -53,21 +77,24 @@ def markdown(rows: Sequence[Row], iterations: Sequence[Convergence]) -> str:
 
 # Columns of rows with a note on their iterations.
 SYSTEMS: Columns = {
-    'system': lambda x: x[0].title + x[1],
+    'system': lambda x: _edition(x[0]) + x[1],
     'processors': lambda x: x[0].processors,
     'mult': lambda x: x[0].steps.multiplications + x[0].steps.divisions,
     'of these div': lambda x: x[0].steps.divisions,
     'add': lambda x: x[0].steps.additions,
     'sqrt': lambda x: x[0].steps.square_roots,
     'routes': lambda x: x[0].steps.routes,
-    'unpacked: mult': lambda x: _parallel(
+    'one lane per link: mult': lambda x: _parallel(
         x[0], x[0].unpacked.multiplications + x[0].unpacked.divisions
     ),
     'add ': lambda x: _parallel(x[0], x[0].unpacked.additions),
     'routes ': lambda x: _parallel(x[0], x[0].unpacked.routes),
     'busy': lambda x: f'{x[0].busy:.0%}',
     'speed-up, arithmetic alone / with routes': lambda x: _speed_up(x[0]),
+    'over published counts': lambda x: _ratio(x[0].published_speed_up),
+    'over one processor': lambda x: _ratio(x[0].own_speed_up),
     'efficiency, alone / with routes': lambda x: _efficiency(x[0]),
+    'of the same algorithm': lambda x: f'{x[0].own_efficiency:.0%}',
 }
 
 
@@ -75,6 +102,8 @@ def _noted(row: Row, iterations: Sequence[Convergence]) -> list[tuple[Row, str]]
     """Return a row; an iterative method also with the iterations to converge, each noted."""
     if row.iterations is None:
         return [(row, '')]
+    if row.edition != BEST_KNOWN:
+        return [(row, f', {row.iterations} iterations')]
     fewest, most = _range(iterations, row)
     return [
         (counts_of(row.system, row.n, count), f', {count} iterations ({note})')
@@ -106,24 +135,83 @@ def _speed_up(row: Row) -> str:
     return f'{row.speed_up:.2f} / {row.routed_speed_up:.2f}'
 
 
+def _ratio(value: float | None) -> str:
+    return '-' if value is None else f'{value:.2f}'
+
+
 def _efficiency(row: Row) -> str:
     if row.efficiency is None or row.routed_speed_up is None:
         return '-'
     return f'{row.efficiency:.0%} / {row.routed_speed_up / row.units:.0%}'
 
 
-# Columns of (row, kind of operation, iterations of all robots).
+# Columns of (rows by system and edition, row of the best known, kind of operation, iterations).
 CLAIMS: Columns = {
-    'system': lambda x: x[0].title,
-    'operation': lambda x: x[1],
-    'measured': lambda x: x[0].cells[x[1]].measured,
-    'unpacked': lambda x: _number(x[0].cells[x[1]].unpacked),
-    'formula': lambda x: _number(x[0].cells[x[1]].claimed),
-    'printed': lambda x: _number(x[0].cells[x[1]].printed),
-    'sum of its parts': lambda x: _number(x[0].cells[x[1]].parts),
-    'measured is': lambda x: x[0].cells[x[1]].comparison,
-    'remark': lambda x: _remark(*x),
+    'system': lambda x: x[1].title,
+    'operation': lambda x: x[2],
+    'formula': lambda x: _number(x[1].cells[x[2]].claimed),
+    'printed': lambda x: _number(x[1].cells[x[2]].printed),
+    'sum of its parts': lambda x: _number(x[1].cells[x[2]].parts),
+    'as printed': lambda x: _of(x, AS_PRINTED, lambda cell: cell.measured),
+    'one lane per link': lambda x: _of(x, AS_PRINTED, lambda cell: cell.unpacked),
+    'corrected': lambda x: _of(x, CORRECTED, lambda cell: cell.measured),
+    'one lane per link ': lambda x: _of(x, CORRECTED, lambda cell: cell.unpacked),
+    'best known': lambda x: x[1].cells[x[2]].measured,
+    'one lane per link  ': lambda x: _number(x[1].cells[x[2]].unpacked),
+    'as printed is': lambda x: _of(x, AS_PRINTED, lambda cell: cell.comparison),
+    'remark': lambda x: _remark(*x[1:]),
 }
+
+
+def _of(
+    x: tuple[Mapping[tuple[str, str], Row], Row, str, Any],
+    edition: str,
+    cell: Callable[[Cell], object],
+) -> object:
+    """Return a cell of an edition, or a dash where a system does not have it."""
+    editions, row, kind, _ = x
+    found = editions.get((row.system, edition))
+    return '-' if found is None else cell(found.cells[kind])
+
+
+# Columns of a CountedPart.
+PARTS: Columns = {
+    'system': lambda x: TABLE[x.part.system].title,
+    'item': 'part.item',
+    'what': 'part.text',
+    'count': lambda x: 'derived' if x.part.derived else 'decomposed from the total',
+    'paper: mult': lambda x: _formula(x, KINDS[0]),
+    'add': lambda x: _formula(x, KINDS[1]),
+    'as printed: mult': lambda x: _mult(x.as_printed),
+    'add ': 'as_printed.additions',
+    'one lane per link: mult': lambda x: _mult(x.unpacked),
+    'add  ': 'unpacked.additions',
+    'corrected: mult': lambda x: _mult(x.corrected),
+    'add   ': 'corrected.additions',
+    'as printed is': lambda x: _difference(x),
+    'remark': 'part.remark',
+}
+
+
+def _formula(x: CountedPart, kind: str) -> str:
+    formula, claimed = getattr(x.part, kind), str(_claimed(x, kind))
+    return claimed if formula == claimed else f'{formula} = {claimed}'
+
+
+def _claimed(x: CountedPart, kind: str) -> int:
+    return int(value(getattr(x.part, kind), PRINTED_AT))
+
+
+def _mult(steps: Steps) -> int:
+    return steps.multiplications + steps.divisions
+
+
+def _difference(x: CountedPart) -> str:
+    more = (
+        _mult(x.as_printed) - _claimed(x, KINDS[0]),
+        x.as_printed.additions - _claimed(x, KINDS[1]),
+    )
+    return f'{more[0]:+d} / {more[1]:+d}' if any(more) else 'equal'
 
 
 def _remark(row: Row, kind: str, iterations: Sequence[Convergence]) -> str:
@@ -135,8 +223,8 @@ def _remark(row: Row, kind: str, iterations: Sequence[Convergence]) -> str:
     few, many = _range(iterations, row)
     cost = [counts_of(row.system, row.n, k).cells[kind].measured for k in (few, many)]
     price = (
-        f'both for {row.n} iterations, which leave errors of up to {worst:.0e}; {few} to {many} '
-        f'iterations converge and take {cost[0]} to {cost[1]}'
+        f'all for {row.n} iterations, which leave errors of up to {worst:.0e}; {few} to {many} '
+        f'iterations converge and take {cost[0]} to {cost[1]} (best known)'
     )
     return '; '.join(filter(None, (remark, price)))
 
@@ -174,7 +262,12 @@ def _over_n(rows: Sequence[Row], cell: Callable[[Row], str]) -> list[str]:
 
 
 def _title(row: Row) -> str:
-    return row.title + (', n iterations' if row.iterations else '')
+    return _edition(row) + (', n iterations' if row.iterations else '')
+
+
+def _edition(row: Row) -> str:
+    """Return the title of a system, with the edition if it has several."""
+    return row.title + (f', {row.edition}' if row.system in PROCEDURES else '')
 
 
 def _measured_and_claimed(kind: str, row: Row) -> str:
@@ -198,31 +291,42 @@ def run(folder: Path) -> list[Path]:
 
 def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) -> list[Path]:
     """
-    Write counts.md, counts.json, the activity of the array, array.svg, and a plot, counts.png.
+    Write counts.md and .json, a plot, counts.png, the array at work, array.svg, and errata.md.
 
     The plot is skipped if matplotlib (extra `report`) is not installed.
     """
-    data = {'counts': rows, 'convergence': iterations}
+    data = {
+        'counts': rows,
+        'parts': list(counted_parts(PRINTED_AT)),
+        'convergence': iterations,
+    }
     pages = write_page(folder, 'counts', markdown(rows, iterations), data)
     activity = folder / 'array.svg'
     activity.write_text(solve_picture(PRINTED_AT), encoding='utf-8')
-    return [*pages, activity, *save(partial(_draw, rows), folder, 'counts', (12, 5.5), ['png'])]
+    pages += [activity, write_errata(folder)]
+    return [*pages, *save(partial(_draw, rows), folder, 'counts', (12, 5.5), ['png'])]
 
 
 def _draw(rows: Sequence[Row], figure: Any) -> None:
-    """Draw multiplications and additions over n, formulas dashed."""
+    """Draw multiplications and additions over n, formulas dashed, as printed dotted."""
     for axes, kind in zip(figure.subplots(1, 2), KINDS[:2], strict=True):
-        for k, title in enumerate(dict.fromkeys(map(_title, rows))):
-            own = [row for row in rows if _title(row) == title]
-            n, cells = [row.n for row in own], [row.cells[kind] for row in own]
+        for k, system in enumerate(dict.fromkeys(row.system for row in rows)):
             color = f'C{k}' if k < 10 else 'black'
+            best, printed = (
+                [row for row in rows if (row.system, row.edition) == (system, edition)]
+                for edition in (BEST_KNOWN, AS_PRINTED)
+            )
+            n, cells = [row.n for row in best], [row.cells[kind] for row in best]
             measured = [cell.measured for cell in cells]
-            axes.loglog(n, measured, color=color, marker='.', label=title)
+            axes.loglog(n, measured, color=color, marker='.', label=_title(best[0]))
             if cells[0].claimed is not None:
                 claimed = [cell.claimed for cell in cells]
                 axes.loglog(n, claimed, color=color, linestyle='--', lw=0.8)
+            if printed:
+                counts = [row.cells[kind].measured for row in printed]
+                axes.loglog(n, counts, color=color, linestyle=':')
         over_joints(axes, [2**k for k in range(1, 7)])
-        axes.set_title(f'{kind} without routes: measured, and formula of Table 1 (dashed)')
+        axes.set_title(f'{kind}, no routes: counted, as printed (dotted), Table 1 (dashed)')
     figure.axes[0].legend(fontsize=7)
 
 

@@ -44,6 +44,9 @@ PER_RUN = frozenset(
         'recording_time',
         'recording_tf_rate',
         'recording_state_period',
+        'recording_flush_period',
+        'recording_max_size',
+        'recording_max_duration',
     }
 )
 

@@ -40,7 +40,13 @@ TIME_OF_DAY = -1.0
 # Values of `recording_time`.
 WALL, SIMULATED = 'wall', 'simulated'
 # Settings that some recordings are older than, and what these recordings have instead.
-ABSENT = {'recording_time': WALL, 'recording_tf_rate': 0.0}
+ABSENT: dict[str, Any] = {
+    'recording_time': WALL,
+    'recording_tf_rate': 0.0,
+    'recording_flush_period': 0.1,
+    'recording_max_size': 0,
+    'recording_max_duration': 0.0,
+}
 # Names of `position_sums`, and whether the simulator then compensates; None leaves it to it.
 POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
@@ -134,6 +140,27 @@ class Settings(
         0.0,
         1e6,
     )
+    recording_flush_period: float = setting(
+        0.1,
+        'Time after which a recorded message is in the file, s: what is lost if the process is '
+        'killed',
+        0.01,
+        10.0,
+    )
+    recording_max_size: int = setting(
+        0,
+        'Size of a file of the recording, bytes, after which a new file begins at the next '
+        'recorded state of the whole arm; 0 is one file',
+        0,
+        1 << 62,
+    )
+    recording_max_duration: float = setting(
+        0.0,
+        'Simulated time in a file of the recording, s, after which a new file begins; 0 is one '
+        'file',
+        0.0,
+        1e6,
+    )
 
     def __post_init__(self) -> None:
         """Check every value, so that the users of settings need not."""
@@ -155,6 +182,11 @@ class Settings(
             raise ValueError(
                 f'real_time_factor is {self.real_time_factor!r}, '
                 f'expected 0 or {SLOWEST_FACTOR!r} and more'
+            )
+        if self.splits and not self.recording_state_period:
+            raise ValueError(
+                'recording_max_size and recording_max_duration need recording_state_period above '
+                '0: each file begins with a recorded state of the whole arm'
             )
         self.check_plant()
         if not self.robot:
@@ -242,7 +274,20 @@ class Settings(
     def save_every(self) -> int:
         """Steps from one recorded state of the whole arm to the next; 0 is never."""
         period = self.recording_state_period
+        if self.recording_max_duration:
+            period = min(period, self.recording_max_duration)
         return max(1, round(period / self.step_size)) if period else 0
+
+    @property
+    def splits(self) -> bool:
+        """Whether the recording may have several files."""
+        return self.recording_max_size > 0 or self.recording_max_duration > 0.0
+
+    @property
+    def states_per_file(self) -> int:
+        """Recorded states of the whole arm after which a file is long enough; 0 is never."""
+        steps = round(self.recording_max_duration / self.step_size)
+        return max(1, steps // self.save_every) if self.recording_max_duration else 0
 
     @property
     def state_delay_steps(self) -> int:

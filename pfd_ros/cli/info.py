@@ -119,6 +119,11 @@ def _replay(run_of_node: Summary) -> str:
         return f'up to a gap: it {run_of_node.obstacle}'
     if run_of_node.dropped:
         return f'of what is there; {run_of_node.dropped} messages were not recorded'
+    if run_of_node.part > 1 or run_of_node.continues:
+        return (
+            f'as part {run_of_node.part} of a run: `pfd replay LOG ... --verify` with all its '
+            'files'
+        )
     return 'can be verified with `pfd replay LOG --verify`'
 
 
@@ -191,6 +196,9 @@ def as_json(
             'settings': dict(settings),
             'log_time': run_of_node.settings.log_time,
             'versions': run_of_node.versions,
+            'part': run_of_node.part,
+            'continues': run_of_node.continues,
+            'first_step': run_of_node.start + 1,
             'steps': run_of_node.simulated,
             'simulated_seconds': run_of_node.simulated * run_of_node.settings.step_size,
             'wall_seconds': run_of_node.seconds,

@@ -24,6 +24,8 @@ from pfd_ros.text import one_line
 
 # Exit status after Ctrl-C, as in shells.
 INTERRUPTED = 130
+# Of a program whose reader closed the pipe, as by SIGPIPE.
+CLOSED_PIPE = 141
 NO_ROS = (
     'this command needs ROS 2 (rclpy), which is not installed; '
     "install it with: pip install 'pfd_ros[ros]'"
@@ -84,13 +86,22 @@ def main(args: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         _close_output()
         return INTERRUPTED
+    except BrokenPipeError:
+        # `pfd info LOG | head -1`: the reader has what it wanted.
+        _close_output()
+        return CLOSED_PIPE
 
 
 def _run(words: list[str], stop: Stop | None) -> int:
     commands = commands_of(words)
     # Arguments for ROS, which argparse would reject.
     cut = words.index('--ros-args') if '--ros-args' in words else len(words)
-    given = parser(commands).parse_args(words[:cut])
+    try:
+        given = parser(commands).parse_args(words[:cut])
+    finally:
+        # The text of --help, while a closed pipe can still be noticed.
+        if sys.stdout is not None:
+            sys.stdout.flush()
     given.ros_args, given.stop = words[cut:], stop
     if given.ros_args and given.command != 'sim':
         print(f'pfd: {given.command} takes no --ros-args', file=sys.stderr)
@@ -104,6 +115,8 @@ def _run(words: list[str], stop: Stop | None) -> int:
         # While a full disk or a closed pipe can still be reported.
         if sys.stdout is not None:
             sys.stdout.flush()
+    except BrokenPipeError:
+        raise
     except (ValueError, OSError) as error:
         _close_output()
         if sys.stderr is not None:

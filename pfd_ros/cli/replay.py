@@ -12,8 +12,9 @@ from pfd_ros.arm.events import CLOCK, STATES, TAKEN, TF, Verdict
 from pfd_ros.cli import replay_publish, what_if
 from pfd_ros.cli.terminal import progress_on
 from pfd_ros.recording.provenance import versions
+from pfd_ros.replay.run_parts import files_of
 from pfd_ros.replay.summary import Summary
-from pfd_ros.replay.verify import read
+from pfd_ros.replay.verify import read_run
 from pfd_ros.text import one_line
 
 HELP = 'summarize, verify or re-simulate a recording with changes; or publish a log'
@@ -29,10 +30,12 @@ NOUNS = {STATES: 'states', CLOCK: 'clock ticks', TAKEN: 'rows of applied command
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the recording and what is done with it."""
     parser.add_argument(
-        'log',
+        'logs',
+        nargs='+',
         type=Path,
         metavar='LOG',
-        help='a recording; with --publish and --commands any bag, also a folder',
+        help='a recording, or all files of one run or their folder; with --publish and --commands '
+        'any bag, also a folder',
     )
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument(
@@ -66,9 +69,12 @@ def run(given: argparse.Namespace) -> int:
     OSError
         If it cannot be read.
     """
+    given.log = given.logs[0]
     wrong = replay_publish.conflict(given) or what_if.conflict(given)
     if given.allow_incomplete and not given.verify:
         wrong = '--allow-incomplete requires --verify'
+    if len(given.logs) > 1 and (given.publish or given.what_if is not None):
+        wrong = f'got {len(given.logs)} logs, expected one with --publish and --what-if'
     if wrong:
         print(f'pfd replay: {wrong}', file=sys.stderr)
         return 2
@@ -76,15 +82,17 @@ def run(given: argparse.Namespace) -> int:
         return what_if.run(given, progress_on(sys.stderr))
     if given.publish:
         return replay_publish.run(given)
-    summary = read(given.log, verify=given.verify, progress=progress_on(sys.stderr))
-    for line in describe(summary):
-        print(line)
+    files = files_of(given.logs)
+    found = read_run(files, verify=given.verify, progress=progress_on(sys.stderr))
+    for part in found.parts:
+        for line in describe(part):
+            print(line)
     if not given.verify:
         return 0
-    compared = summary.states - summary.uncompared
-    equal = f'{compared} states, every bit equal{_end(summary)}'
-    if summary.absent:
-        print(f'equal as far as it goes: {equal}; missing: {", ".join(summary.absent)}')
+    several = f' in {len(files)} files' if len(files) > 1 else ''
+    equal = f'{found.compared} states{several}, every bit equal{_end(found.parts[-1])}'
+    if found.absent:
+        print(f'equal as far as it goes: {equal}; missing: {", ".join(found.absent)}')
         return 0 if given.allow_incomplete else INCOMPLETE
     print(f'verified: {equal}')
     return 0
@@ -97,6 +105,14 @@ def _end(summary: Summary) -> str:
     return f', and the simulation stopped after step {summary.stopped_at} as recorded'
 
 
+def _place(summary: Summary) -> str:
+    """Return the place of a file in its run, '' for a run of one file."""
+    if summary.part == 1 and not summary.continues:
+        return ''
+    begins = f' that begins after step {summary.start}' if summary.part > 1 else ''
+    return f', in part {summary.part} of a run{begins}'
+
+
 def describe(summary: Summary) -> list[str]:
     """Return the lines that describe a recording."""
     settings = summary.settings
@@ -106,7 +122,7 @@ def describe(summary: Summary) -> list[str]:
     lines = [
         one_line(f'{summary.path}: {settings.robot}'),
         f'duration   {simulated:.3f} s simulated, {summary.seconds:.3f} s on the clock',
-        f'steps      {summary.simulated} of {settings.step_size:g} s',
+        f'steps      {summary.simulated} of {settings.step_size:g} s{_place(summary)}',
         f'states     {summary.states}, {summary.rate:.2f} Hz{unpublished}',
         f'inputs     {accepted} accepted, {summary.verdicts.total() - accepted} rejected',
     ]

@@ -14,7 +14,7 @@ from pfd_core.report.cases.quantities import QUANTITIES
 from pfd_ros.cli.terminal import progress_on
 
 REPORTS = {
-    'counts': 'steps of every method compared with the paper',
+    'counts': 'steps of every method compared with the paper, and its errata',
     'speed': 'times compared with other libraries, some ten minutes',
     'hard-cases': 'errors of ill-conditioned forward dynamics, some ten minutes',
     'mechanisms': 'errors of the default compared with pinocchio.aba, some minutes',

@@ -248,7 +248,7 @@ class ArmDiagnostics:
             return Task('recording', OK, 'not requested', [('open', False)])
         values: list[tuple[str, object]] = [
             ('open', not recorder.failed),
-            ('file', self.stepper.engine.settings.recording),
+            ('file', str(recorder.path)),
             ('waiting_share', f'{recorder.waiting_share:.4f}'),
             ('recorded', sum(recorder.recorded)),
             ('dropped', sum(recorder.dropped)),

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The MCAP file of a run, written and read; see docs/decisions/0004.
+"""The MCAP files of a run, written and read; see docs/decisions/0004.
 
     format          the format's version, roles, types, columns, bounds, for writer and reader
     digests         digests of everything in the file that decides a run or its reading
@@ -10,6 +10,7 @@ Writing, from the callers to the disk:
     provenance      the head of a file: settings, robot, topics, versions, clocks
     engine_log      EngineLog: the messages of an engine's run, by role
     recorder        LogRecorder: a bounded queue and the thread that empties it
+    run_files       the files of a run: when a new one begins, and what it repeats
     mcap_file       the records of the file, and the digests of its topics
     sink            bytes to the disk in complete flushes
 
@@ -27,5 +28,6 @@ Any bag as arrays, `pfd_ros.read_log`:
 
 A new channel is a row of format.CHANNELS (its role and bytes: see pfd_ros.arm). A new key of the
 metadata is one of format.HeadKey, which provenance.file_head writes and `head` reads, or one of
-EndKey, which `recorder` writes; unknown keys are ignored.
+EndKey, which `recorder` writes (in a run of several files also `run_files`); unknown keys are
+ignored.
 """

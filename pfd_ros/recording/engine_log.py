@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Output
+from pfd_ros.arm.events import ARM_STATE, TAKEN, Output
+from pfd_ros.arm.settings import Settings
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS
+from pfd_ros.recording.format import CHANNELS, SOURCE_OF_ROLE
 from pfd_ros.recording.mcap_file import Topic
 from pfd_ros.recording.recorder import LogRecorder
+from pfd_ros.recording.run_files import Limits
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,29 @@ def open_engine_log(
     names = {role: channels[role].name for role in roles}
     base = provenance.time_base(settings)
     head = provenance.file_head(settings, engine.arm.robot, names, base, engine.arm.program)
-    log = EngineLog(LogRecorder(Path(settings.recording), topics, head, report), roles)
-    if frames is not None:
-        log.record_all(frames.opening(settings.start_ns), settings.start_ns)
-    return log
+    opening = () if frames is None else frames.opening(settings.start_ns)
+    recorder = LogRecorder(
+        Path(settings.recording),
+        topics,
+        head,
+        report,
+        [(roles.index(role), number, data) for role, number, data in opening],
+        _limits(settings, roles),
+        settings.recording_flush_period,
+    )
+    return EngineLog(recorder, roles)
+
+
+def _limits(settings: Settings, roles: Sequence[str]) -> Limits | None:
+    if not settings.splits:
+        return None
+    inputs: dict[int, int] = {
+        source: roles.index(role) for role, source in SOURCE_OF_ROLE.items() if role in roles
+    }
+    return Limits(
+        settings.recording_max_size,
+        settings.states_per_file,
+        roles.index(ARM_STATE),
+        roles.index(TAKEN),
+        inputs,
+    )

@@ -9,6 +9,7 @@ See docs/decisions/0004-recording-layout.md.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import struct
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from pfd_ros.arm.events import (
     CLOCK,
     DESCRIPTION,
     DROPPED_STATES,
+    NUMBERED_AS_STATES,
     PAYLOAD_IN_USE,
     STATES,
     TAKEN,
@@ -46,16 +48,54 @@ class HeadKey:
     CLOCK = 'clock'
     DIGESTS = 'digests'  # of the other values, the attachments and the channels, by name
     DIGEST = 'digest'  # of the text of DIGESTS
+    PART = 'part'  # of a file that continues another one: Part by its fields
 
 
 class EndKey:
-    """Keys of the record END; each value except DIGEST is JSON, by topic except TOTALS."""
+    """Keys of the record END; each value except DIGEST is JSON.
+
+    TOTALS and CONTINUES are of the run; the others are by topic. RECORDED and DROPPED count from
+    the beginning of the run, DIGESTS are of the messages in the file.
+    """
 
     TOTALS = 'totals'
     RECORDED = 'recorded'
     DROPPED = 'dropped'
     DIGESTS = 'digests'
     DIGEST = 'digest'  # of the digest in HEAD and the other values
+    CONTINUES = 'continues'  # true in place of TOTALS: another file follows
+
+
+class Part(NamedTuple):
+    """The place of a file in the run that it is a part of.
+
+    Attributes
+    ----------
+    number
+        From 1.
+    first
+        Digest in the head of the first file, '' in itself.
+    previous
+        Digest of the end record of the file before.
+    recorded, dropped
+        Messages before this file: by topic in the file, by role once it is read. Messages that
+        are repeated at its beginning are not among them.
+    """
+
+    number: int = 1
+    first: str = ''
+    previous: str = ''
+    recorded: Mapping[str, int] = {}
+    dropped: Mapping[str, int] = {}
+
+    def before(self, role: str) -> int:
+        """Return the number of messages of a role before this file."""
+        return self.recorded.get(role, 0) + self.dropped.get(role, 0)
+
+    def last_number(self, role: str) -> int:
+        """Return the number of the last message of a role before this file."""
+        roles = NUMBERED_AS_STATES if role in NUMBERED_AS_STATES else (role,)
+        return sum(self.before(each) for each in roles)
 
 
 class Channel(NamedTuple):

@@ -21,7 +21,7 @@ from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.recording import digests
 from pfd_ros.recording.digests import digest_of, is_digest
-from pfd_ros.recording.format import CHANNELS, FORMAT, ROBOT, EndKey, HeadKey
+from pfd_ros.recording.format import CHANNELS, FORMAT, ROBOT, EndKey, HeadKey, Part
 from pfd_ros.text import one_line
 
 # Larger counts are damage; no loop should run to them.
@@ -29,16 +29,32 @@ COUNT_LIMIT = 1 << 53
 
 
 @dataclass(frozen=True)
-class Ending:
-    """The totals of the node's run, written when it closed the file; messages by role."""
+class Totals:
+    """The totals of the node's run."""
 
     steps: int
     states: int
     accepted: int
     failure: str
+
+
+@dataclass(frozen=True)
+class Ending:
+    """The end record of a file; messages in this file by role.
+
+    Attributes
+    ----------
+    totals
+        Of the run, written when it ended; None if another file follows.
+    recorded, dropped
+        Numbers of messages.
+    digests
+        SHA-256 of the messages, in hex.
+    """
+
+    totals: Totals | None
     recorded: Mapping[str, int]
     dropped: Mapping[str, int]
-    # SHA-256 of the messages, in hex.
     digests: Mapping[str, str]
 
 
@@ -140,7 +156,33 @@ def read_started_ns(value: Any) -> int:
     return _count(_table(value, HeadKey.CLOCK), 'wall_ns', HeadKey.CLOCK, 1 << 64)
 
 
-def read_ending(texts: Mapping[str, str], roles: Mapping[str, str]) -> Ending:
+def read_part(value: Any, roles: Mapping[str, str]) -> Part:
+    """Return the place of a file in its run, for a file that continues another one.
+
+    Parameters
+    ----------
+    value
+        Of the key PART.
+    roles
+        Role of each topic of the recording.
+    """
+    found = _table(value, HeadKey.PART)
+    number = _count(found, 'number', HeadKey.PART)
+    if number < 2:
+        raise ValueError(f'number of {HeadKey.PART} is {number}, expected 2 and more')
+    for key in ('first', 'previous'):
+        if not is_digest(found.get(key)):
+            raise ValueError(
+                f'{key} of {HeadKey.PART} is {_quoted(found.get(key))}, expected SHA-256'
+            )
+    recorded, dropped = (
+        _counts(_table(found.get(key), key), roles, f'messages {key} before it')
+        for key in ('recorded', 'dropped')
+    )
+    return Part(number, found['first'], found['previous'], recorded, dropped)
+
+
+def read_ending(texts: Mapping[str, str], roles: Mapping[str, str], part: Part) -> Ending:
     """Return the contents of a record END.
 
     Parameters
@@ -149,26 +191,36 @@ def read_ending(texts: Mapping[str, str], roles: Mapping[str, str]) -> Ending:
         The record.
     roles
         Role of each topic of the recording.
+    part
+        Place of the file in its run.
     """
-    totals = _table_of(texts, EndKey.TOTALS)
-    failure = totals.get('failure')
+    recorded, dropped = (
+        _counts(_table_of(texts, key), roles, f'messages {key}')
+        for key in (EndKey.RECORDED, EndKey.DROPPED)
+    )
+    for role in recorded:
+        recorded[role] -= part.recorded.get(role, 0)
+        dropped[role] -= part.dropped.get(role, 0)
+        if min(recorded[role], dropped[role]) < 0:
+            raise ValueError(f'its end record counts fewer messages {role} than its head')
+    totals = None
+    if texts.get(EndKey.CONTINUES) != 'true':
+        totals = _totals(_table_of(texts, EndKey.TOTALS))
+    return Ending(totals, recorded, dropped, _digests(texts, roles))
+
+
+def _totals(values: Mapping[str, Any]) -> Totals:
+    failure = values.get('failure')
     if not isinstance(failure, str):
         raise ValueError(f'failure of its end record is {_quoted(failure)}, expected a string')
+    label = 'its end record'
+    steps, states = (_count(values, key, label) for key in ('steps', 'states'))
+    return Totals(steps, states, _count(values, 'commands_accepted', label), failure)
 
-    def counted(key: str) -> dict[str, int]:
-        label = f'messages {key}'
-        values = _by_role(_table_of(texts, key), roles, f'{label} are')
-        return {role: _count(values, role, label) for role in values}
 
-    return Ending(
-        steps=_count(totals, 'steps', 'its end record'),
-        states=_count(totals, 'states', 'its end record'),
-        accepted=_count(totals, 'commands_accepted', 'its end record'),
-        failure=failure,
-        recorded=counted(EndKey.RECORDED),
-        dropped=counted(EndKey.DROPPED),
-        digests=_digests(texts, roles),
-    )
+def _counts(values: Mapping[str, Any], roles: Mapping[str, str], label: str) -> dict[str, int]:
+    counted = _by_role(values, roles, f'{label} are')
+    return {role: _count(counted, role, label) for role in counted}
 
 
 def _digests(texts: Mapping[str, str], roles: Mapping[str, str]) -> dict[str, str]:

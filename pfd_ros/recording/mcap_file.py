@@ -34,6 +34,9 @@ from pfd_ros.recording.format import (
 )
 from pfd_ros.recording.sink import Sink
 
+# Bytes, about, of a channel, a schema without its definition, or a chunk in the index of a file.
+INDEX_BYTES = 300
+
 
 @dataclass(frozen=True)
 class Topic:
@@ -85,6 +88,54 @@ class FileHead:
     base: TimeBase
 
 
+@dataclass(frozen=True)
+class ChannelTable:
+    """The channels of a file, with the definitions of their types; read from the disk once.
+
+    Attributes
+    ----------
+    topics
+        The topics, of distinct names.
+    schemas
+        Definitions by type.
+    metadata
+        Metadata of the channel of each topic.
+    digests
+        Digests of the channels by topic.
+    """
+
+    topics: Sequence[Topic]
+    schemas: Mapping[str, str]
+    metadata: Sequence[Mapping[str, str]]
+    digests: Mapping[str, str]
+
+
+def channel_table(topics: Sequence[Topic]) -> ChannelTable:
+    """Return the channels of some topics.
+
+    Raises
+    ------
+    ValueError
+        If a message definition is not installed, or two topics have one name.
+    """
+    names = [topic.name for topic in topics]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f'duplicate topics in a recording: {twice}')
+    schemas = {topic.type: full_text(topic.type) for topic in topics}
+    metadata = [_channel_metadata(topic) for topic in topics]
+    digests = {
+        topic.name: of_channel(
+            topic.name,
+            MESSAGE_ENCODING,
+            (topic.type, SCHEMA_ENCODING, digest_of(schemas[topic.type])),
+            values,
+        )
+        for topic, values in zip(topics, metadata, strict=True)
+    }
+    return ChannelTable(topics, schemas, metadata, digests)
+
+
 class McapFile:
     """The file of a recording, written by one thread.
 
@@ -92,7 +143,7 @@ class McapFile:
     ----------
     path
         The file; it must not exist.
-    topics
+    channels
         The channels.
     head
         Written and flushed at once.
@@ -105,31 +156,30 @@ class McapFile:
         Number of added messages, by index in `topics`.
     waiting
         Bytes of messages added since the last flush.
+    index_bytes
+        About how many bytes the end of the file will have.
+    head_digest
+        The digest in the head.
 
     Raises
     ------
     OSError
         If the file exists or cannot be written.
     ValueError
-        If a message definition is not installed, two topics have one name, or the name is not
-        valid for a file.
+        If the name is not valid for a file.
     """
 
-    def __init__(self, path: Path, topics: Sequence[Topic], head: FileHead) -> None:
-        names = [topic.name for topic in topics]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise ValueError(f'duplicate topics in a recording: {twice}')
-        schemas = {topic.type: full_text(topic.type) for topic in topics}
+    def __init__(self, path: Path, channels: ChannelTable, head: FileHead) -> None:
+        topics, schemas = channels.topics, channels.schemas
         self.counts = [0] * len(topics)
         self.waiting = 0
-        self._digests = {name: hashlib.sha256() for name in names}
+        self.index_bytes = sum(len(text) + INDEX_BYTES for text in schemas.values())
+        self.index_bytes += INDEX_BYTES * len(topics)
+        self._digests = {topic.name: hashlib.sha256() for topic in topics}
         self._updates = [digest.update for digest in self._digests.values()]
         self.sink = Sink(path)
         try:
-            self._writer, self._channels, self._head_digest = _begin(
-                self.sink, topics, schemas, head
-            )
+            self._writer, self._channels, self.head_digest = _begin(self.sink, channels, head)
         except BaseException:
             self.sink.discard()
             raise
@@ -146,15 +196,22 @@ class McapFile:
         """Write all messages to the operating system."""
         self._writer.flush()
         self.waiting = 0
+        self.index_bytes += INDEX_BYTES
 
     def finish(self, ending: Mapping[str, str]) -> None:
         """Write the last metadata record and the index, and sync the file."""
+        self.end(ending)
+        self.sink.sync()
+
+    def end(self, ending: Mapping[str, str]) -> str:
+        """Write the last metadata record and the index; return the digest of the record."""
         digests = {name: digest.hexdigest() for name, digest in self._digests.items()}
         values = {**ending, EndKey.DIGESTS: json.dumps(digests)}
-        self._writer.add_metadata(END, sealed_end(values, self._head_digest))
+        sealed = sealed_end(values, self.head_digest)
+        self._writer.add_metadata(END, sealed)
         self._writer.finish()
         self.sink.flush()
-        self.sink.sync()
+        return sealed[EndKey.DIGEST]
 
 
 def new_writer(stream: IO[bytes]) -> Writer:
@@ -168,23 +225,11 @@ def new_writer(stream: IO[bytes]) -> Writer:
     )
 
 
-def _begin(
-    sink: Sink, topics: Sequence[Topic], schemas: Mapping[str, str], head: FileHead
-) -> tuple[Writer, list[int], str]:
+def _begin(sink: Sink, table: ChannelTable, head: FileHead) -> tuple[Writer, list[int], str]:
     """Write the head of the file; return the writer, the channel of each topic, and a digest."""
     writer = new_writer(cast('IO[bytes]', sink))  # has the methods that the writer uses
-    metadata = [_channel_metadata(topic) for topic in topics]
-    digests = {
-        topic.name: of_channel(
-            topic.name,
-            MESSAGE_ENCODING,
-            (topic.type, SCHEMA_ENCODING, digest_of(schemas[topic.type])),
-            values,
-        )
-        for topic, values in zip(topics, metadata, strict=True)
-    }
     files = {record.name: of_attachment(record) for record in head.attachments}
-    first = sealed_head(head.values, files, digests)
+    first = sealed_head(head.values, files, table.digests)
     writer.start(PROFILE, head.library)
     writer.add_metadata(HEAD, first)
     for record in head.attachments:
@@ -193,11 +238,11 @@ def _begin(
         )
     ids = {
         name: writer.register_schema(name, SCHEMA_ENCODING, text.encode())
-        for name, text in schemas.items()
+        for name, text in table.schemas.items()
     }
     channels = [
-        writer.register_channel(topic.name, MESSAGE_ENCODING, ids[topic.type], values)
-        for topic, values in zip(topics, metadata, strict=True)
+        writer.register_channel(topic.name, MESSAGE_ENCODING, ids[topic.type], dict(values))
+        for topic, values in zip(table.topics, table.metadata, strict=True)
     ]
     writer.flush()
     return writer, channels, first[HeadKey.DIGEST]

@@ -8,8 +8,8 @@ messages by role, with the settings, the robot and the totals of the run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 import os
 from pathlib import Path
@@ -31,6 +31,7 @@ from pfd_ros.recording.format import (
     ROBOT_BYTES,
     SCHEMA_ENCODING,
     HeadKey,
+    Part,
 )
 from pfd_ros.recording.mcap_stream import MAGIC, CutOffError, McapStream
 from pfd_ros.text import cut
@@ -130,7 +131,28 @@ class Log:
     def ending(self) -> head.Ending | None:
         """Totals of the node's run; None if the node did not close the file."""
         with damage_named(self.path):
-            return head.read_ending(self.end_texts, self.roles) if self.end_texts else None
+            if not self.end_texts:
+                return None
+            return head.read_ending(self.end_texts, self.roles, self.part)
+
+    @property
+    def part(self) -> Part:
+        """Place of the file in its run."""
+        with damage_named(self.path):
+            if HeadKey.PART not in self.head_texts:
+                return Part()
+            return head.read_part(self._json(HeadKey.PART), self.roles)
+
+    def read_head(self) -> None:
+        """Read the file up to its first message, so that the properties are available.
+
+        Raises
+        ------
+        LogError, OSError
+            As `entries`.
+        """
+        with closing(self.entries()) as entries:
+            next(entries, None)
 
     def check_digests(self) -> None:
         """Compare the digests of the head and the totals, once `entries` has ended.
@@ -157,7 +179,7 @@ class Log:
         with damage_named(self.path, lambda: f': {key!r} in its metadata'):
             return head.strict_json(self.head_texts[key])
 
-    def entries(self) -> Iterator[Entry]:
+    def entries(self) -> Generator[Entry]:
         """Yield the messages in the order in which they were recorded.
 
         Raises

@@ -3,9 +3,9 @@
 """Record all inputs and outputs of the arm in one MCAP file, on a separate thread.
 
 Callers only append to a queue, bounded in messages and bytes. The thread empties it in bounded
-rounds every few milliseconds, closes a chunk every 0.2 s and syncs once a second, so that a
-killed process loses a fraction of a second and a power cut little more. A fault of the disk or
-of the thread is reported and does not stop the arm.
+rounds every few milliseconds, closes a chunk after half of the flush period and syncs once a
+second, so that a killed process loses less than a flush period and a power cut little more than a
+second. A fault of the disk or of the thread is reported and does not stop the arm.
 See docs/decisions/0004-recording-layout.md.
 """
 
@@ -15,19 +15,25 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 import json
+import math
 from pathlib import Path
 import threading
 import time
 from typing import Any
 
 from pfd_ros.recording.format import MESSAGE_BYTES, SEQUENCE_MASK, EndKey
-from pfd_ros.recording.mcap_file import FileHead, McapFile, Topic
+from pfd_ros.recording.mcap_file import FileHead, Topic
+from pfd_ros.recording.run_files import Limits, RunFiles, Timed
 from pfd_ros.recording.sink import FileLostError
 from pfd_ros.text import one_line
 
 # Waking per message would double the cost; longer rounds block the interpreter too long.
 DRAIN_SECONDS = 0.015
-FLUSH_SECONDS = 0.2
+# Within which a recorded message is in the file.
+FLUSH_SECONDS = 0.1
+# A chunk is closed after this share of that time: the rest is for the round before, the
+# compression, and a processor that has other work.
+FLUSH_SHARE = 0.5
 SYNC_SECONDS = 1.0
 # A round ends at either bound, so that flushes are on time under load.
 ROUND_MESSAGES = 1 << 12
@@ -58,6 +64,12 @@ class LogRecorder:
         Written first, so that a truncated file still has its settings, robot and topics.
     report
         Called once, with one line, if the recording fails. It may be called on any thread.
+    opening
+        Topic, sequence number and bytes of the first messages, in the file at once.
+    limits
+        When a new file begins; None for one file.
+    flush_seconds
+        Time after which a recorded message is in the file, s.
     limit, limit_bytes
         Largest number of messages and bytes that wait for the disk.
 
@@ -66,6 +78,8 @@ class LogRecorder:
     recorded, dropped
         Number of recorded and dropped messages, by index in `topics`. After closing or a failure
         their sum is the number of messages before it.
+    path
+        The file that is being written.
     error
         The reported line, or ''.
 
@@ -84,6 +98,9 @@ class LogRecorder:
         topics: Sequence[Topic],
         head: FileHead,
         report: Callable[[str], None],
+        opening: Sequence[tuple[int, int, bytes]] = (),
+        limits: Limits | None = None,
+        flush_seconds: float = FLUSH_SECONDS,
         limit: int = QUEUE_LIMIT,
         limit_bytes: int = QUEUE_BYTES,
     ) -> None:
@@ -91,7 +108,8 @@ class LogRecorder:
         self.dropped = [0] * len(topics)
         self.recorded = [0] * len(topics)
         self.error = ''
-        self._accepted = [0] * len(topics)
+        self._flush_seconds = flush_seconds * FLUSH_SHARE
+        self._drain_seconds = min(DRAIN_SECONDS, self._flush_seconds / 2)
         self._base = head.base
         self._report = report
         self._limits = limit, limit_bytes
@@ -114,7 +132,15 @@ class LogRecorder:
         self._finished = False
         self._closing = threading.Event()
         self._ending: Callable[[], Mapping[str, str]] = dict
-        file = McapFile(path, self.topics, head)
+        # The state of the whole arm, with which a new file may begin, and for each such message in
+        # the queue the messages that were dropped before it.
+        self._state_topic = -1 if limits is None else limits.state
+        self._dropped_before: deque[tuple[int, ...]] = deque()
+        first = self._timed(opening) if opening else []
+        file = RunFiles(path, self.topics, head, first, limits)
+        self.path = file.path
+        self.recorded[:] = file.counts
+        self._accepted = list(file.counts)
         self._thread = threading.Thread(
             target=self._run, args=(file,), name='recording', daemon=True
         )
@@ -172,17 +198,7 @@ class LogRecorder:
                 return
             if simulated_ns is not None:
                 self._simulated_ns = max(0, simulated_ns)
-            wall_ns = self._base.now_ns()
-            if self._simulated_ns is None:
-                log_ns = published_ns = wall_ns
-            elif self._base.simulated:
-                log_ns, published_ns = self._simulated_ns, wall_ns
-            else:
-                log_ns, published_ns = wall_ns, self._simulated_ns
-            # Log times increase in file order.
-            if log_ns < self._last_ns:
-                log_ns = self._last_ns
-            self._last_ns = log_ns
+            log_ns, published_ns = self._times_ns()
             for topic, sequence, data in messages:
                 size = len(data)
                 most, most_bytes = self._capacities[topic]
@@ -195,6 +211,34 @@ class LogRecorder:
                 self._queue.append((topic, log_ns, published_ns, number, data))
                 self._bytes_in += size
                 self._accepted[topic] += 1
+                if topic == self._state_topic:
+                    self._dropped_before.append(tuple(self.dropped))
+
+    def _times_ns(self) -> tuple[int, int]:
+        """Return the log time and the publish time of a message that comes now, ns."""
+        wall_ns = self._base.now_ns()
+        if self._simulated_ns is None:
+            log_ns = published_ns = wall_ns
+        elif self._base.simulated:
+            log_ns, published_ns = self._simulated_ns, wall_ns
+        else:
+            log_ns, published_ns = wall_ns, self._simulated_ns
+        # Log times increase in file order.
+        if log_ns < self._last_ns:
+            log_ns = self._last_ns
+        self._last_ns = log_ns
+        return log_ns, published_ns
+
+    def _timed(self, opening: Sequence[tuple[int, int, bytes]]) -> list[Timed]:
+        """Return the first messages with their times, but for those that are too long."""
+        log_ns, published_ns = self._times_ns()
+        found = []
+        for topic, sequence, data in opening:
+            if len(data) > MESSAGE_BYTES:
+                self.dropped[topic] += 1
+            else:
+                found.append(Timed(topic, log_ns, published_ns, sequence, data))
+        return found
 
     def close(
         self,
@@ -257,7 +301,7 @@ class LogRecorder:
         with suppress(Exception):
             self._report(self.error)
 
-    def _run(self, file: McapFile) -> None:
+    def _run(self, file: RunFiles) -> None:
         try:
             self._write(file)
             file.sink.close()
@@ -268,12 +312,14 @@ class LogRecorder:
             with suppress(OSError):
                 file.sink.close()
 
-    def _write(self, file: McapFile) -> None:
-        flushed = synced = time.monotonic()
-        while not self._closing.wait(0 if self._behind() else DRAIN_SECONDS):
+    def _write(self, file: RunFiles) -> None:
+        # The first messages, and those after a pause, are flushed at once.
+        flushed, synced = -math.inf, time.monotonic()
+        while not self._closing.wait(0 if self._behind() else self._drain_seconds):
             self._drain(file)
             now = time.monotonic()
-            if now - flushed >= FLUSH_SECONDS or file.waiting >= ROUND_BYTES:
+            late = file.waiting and now - flushed >= self._flush_seconds
+            if late or file.waiting >= ROUND_BYTES:
                 self._flush(file)
                 flushed = now
             if now - synced >= SYNC_SECONDS:
@@ -291,17 +337,22 @@ class LogRecorder:
         waiting = self._bytes_in - self._bytes_out
         return len(self._queue) >= ROUND_MESSAGES or waiting >= ROUND_BYTES
 
-    def _drain(self, file: McapFile) -> None:
+    def _drain(self, file: RunFiles) -> None:
         """Move messages from the queue to the file, a round at most."""
         self._rounds += 1
         for _ in range(ROUND_MESSAGES):
             if not self._queue or file.waiting >= ROUND_BYTES:
                 return
-            topic, log_ns, published_ns, sequence, data = self._queue.popleft()
+            message = self._queue.popleft()
+            topic, log_ns, published_ns, sequence, data = message
+            if topic == self._state_topic:
+                self._flush(file)
+                file.begin_state(Timed(*message), self._dropped_before.popleft())
+                self.path = file.path
             file.add(topic, log_ns, published_ns, sequence, data)
             self._bytes_out += len(data)
 
-    def _flush(self, file: McapFile) -> None:
+    def _flush(self, file: RunFiles) -> None:
         file.flush()
         with self._lock:
             if self.error:

@@ -8,6 +8,7 @@ From the file to the verdict:
     playback      messages by kind, for an engine or for a count
     inspection    whether everything that was recorded is in the file, without simulating
     summary       the result of an inspection for people
+    run_parts     the files of one run, in order, and whether each continues the other
     differences   the first difference between a recorded message and the replayed one
     verify        the engine fed from the recording, its outputs compared byte for byte: `read`
 

@@ -30,8 +30,14 @@ from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import ArmState
 from pfd_ros.messages.convert import decode_bytes, decode_clock
-from pfd_ros.recording.format import DIGEST_PREFIX, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
-from pfd_ros.recording.head import Ending
+from pfd_ros.recording.format import (
+    DIGEST_PREFIX,
+    ROLE_OF_SOURCE,
+    SEQUENCE_MASK,
+    SOURCE_OF_ROLE,
+    Part,
+)
+from pfd_ros.recording.head import Ending, Totals
 from pfd_ros.recording.reader import Log
 from pfd_ros.replay.ordering import PlacedMessage
 from pfd_ros.replay.playback import follow
@@ -89,7 +95,8 @@ class Inspection:
     description
         The URDF as it was recorded, b'' without one.
     blocked
-        Whether inputs are missing after the last recorded state of the whole arm.
+        First step whose inputs are missing after the last recorded state of the whole arm, 0 if
+        none is.
     """
 
     summary: Summary
@@ -97,7 +104,7 @@ class Inspection:
     altered: str = ''
     state: bytes = b''
     description: bytes = b''
-    blocked: bool = False
+    blocked: int = 0
 
 
 def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspection:
@@ -110,13 +117,16 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
     OSError
         If it cannot be read.
     """
-    counts = _Counts()
+    log.read_head()
+    part = log.part
+    counts = _Counts(_WaitingEvents(part))
     follow(log, counts, progress)
     log.check_digests()
+    waiting = counts.waiting
     channels = counts.channels
     settings = log.settings
     for role in log.roles.values():
-        channels.setdefault(role, _ChannelCount())
+        channels.setdefault(role, _ChannelCount(last=part.last_number(role)))
     states, unpublished = channels[STATES], channels.get(DROPPED_STATES, _ChannelCount())
     newest = max(states, unpublished, key=lambda channel: channel.last)
     # Nobody knows which of the two a lost state was.
@@ -134,18 +144,22 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
             lost={role: channel.lost for role, channel in channels.items() if channel.lost},
             dropped=sum(channel.lost for channel in channels.values()),
             verdicts=counts.verdicts,
-            waiting=len(counts.waiting),
+            waiting=len(waiting),
             first_ns=counts.first_ns,
             last_ns=counts.last_ns,
-            obstacle=counts.waiting.obstacle,
-            gaps=counts.waiting.gaps,
+            obstacle=waiting.obstacle,
+            gaps=waiting.gaps,
+            part=part.number,
+            start=waiting.start,
         ),
         # It may lie before the last chunk, which a cut-off file lacks.
         log.ending if log.complete else None,
         state=newest.data,
         description=channels.get(DESCRIPTION, _ChannelCount()).data,
-        blocked=bool(counts.waiting.blocked),
+        blocked=waiting.blocked,
     )
+    if found.ending is not None:
+        found.summary.continues = found.ending.totals is None
     if not found.description and any(channels[role].found for role in channels.keys() & FRAMES):
         found.summary.lost[DESCRIPTION] = 1
     _add_failure(found)
@@ -156,10 +170,10 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
 class _Counts:
     """Counts of the messages of a recording, by channel and verdict."""
 
-    def __init__(self) -> None:
+    def __init__(self, waiting: _WaitingEvents) -> None:
         self.channels: dict[str, _ChannelCount] = {}
         self.verdicts: Counter[Verdict] = Counter()
-        self.waiting = _WaitingEvents()
+        self.waiting = waiting
         self.first_ns = self.last_ns = 0
 
     def _add(self, message: PlacedMessage) -> None:
@@ -178,6 +192,8 @@ class _Counts:
         self._add(message)
         if message.role == ARM_STATE:
             self.waiting.resume(message)
+        else:
+            self.waiting.pass_by(message)
         if message.role == STATES:
             self.first_ns = self.first_ns or message.wall_ns
             self.last_ns = message.wall_ns
@@ -195,18 +211,20 @@ class _WaitingEvents:
         What is missing first, or ''.
     blocked
         First step that cannot be replayed, 0 if the steps read last can.
-    gaps
+    gaps, start
         As in Summary.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, part: Part) -> None:
         self.obstacle = ''
-        self.blocked = 0
+        self.blocked = self.start = 0
+        # Whether the state that a later file of a run begins with is still to come.
+        self._opening = part.number > 1
         self.gaps: list[tuple[int, int]] = []
         self._sizes: dict[tuple[int, int], int] = {}
         self._bytes = 0
         # Messages of rows before this place, and the step of the last one.
-        self._rows = self._last = 0
+        self._rows, self._last = part.last_number(TAKEN), 0
 
     def __len__(self) -> int:
         return len(self._sizes)
@@ -224,7 +242,14 @@ class _WaitingEvents:
             self._sizes.clear()
             self._bytes = 0
 
+    def pass_by(self, message: PlacedMessage) -> None:
+        """Note an output that needs the state of the whole arm before it."""
+        if self._opening:
+            self._opening = False
+            self._block(message.cycle, 'lacks the arm state at its beginning')
+
     def take(self, message: PlacedMessage) -> None:
+        self.pass_by(message)
         lost = message.number - self._rows - 1
         if lost:
             # They may be of any step from the previous rows' step on.
@@ -247,6 +272,8 @@ class _WaitingEvents:
 
     def resume(self, message: PlacedMessage) -> None:
         """Let a recorded state of the whole arm end the steps that cannot be replayed."""
+        if self._opening:
+            self._opening, self.start = False, message.cycle
         saved = ArmState.from_bytes(decode_bytes(message.data))
         if saved.cycle != message.cycle:
             raise ValueError(
@@ -280,9 +307,9 @@ class _WaitingEvents:
 def _add_failure(found: Inspection) -> None:
     """Add where the simulation failed, if it did: from the end record, or the last stamp."""
     summary, ending = found.summary, found.ending
-    if ending is not None:
-        if ending.failure:
-            summary.stopped_at, summary.failure = ending.steps, ending.failure
+    if ending is not None and ending.totals is not None:
+        if ending.totals.failure:
+            summary.stopped_at, summary.failure = ending.totals.steps, ending.totals.failure
         return
     try:
         stamp = decode_clock(found.state)
@@ -299,11 +326,14 @@ def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCou
     if ending is None:
         _add_lost_ends(found.summary, channels)
         return
-    if _lacks_beginning_alone(ending, channels, found.summary.settings):
+    part = log.part
+    if _lacks_beginning_alone(ending, channels, found.summary.settings, part):
         found.summary.beginning = False
         return
     found.summary.dropped = sum(ending.dropped.values())
-    published = {role: n + ending.dropped[role] for role, n in ending.recorded.items()}
+    published = {
+        role: part.before(role) + n + ending.dropped[role] for role, n in ending.recorded.items()
+    }
     states = _count_states(published)
     for role, channel in channels.items():
         recorded, dropped = ending.recorded[role], ending.dropped[role]
@@ -319,19 +349,27 @@ def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCou
             found.summary.lost[role] = dropped
         if channel.digest.hexdigest() != ending.digests[role]:
             found.altered = found.altered or f'the messages {role} are not the recorded ones'
-    _check_totals(found, ending, published)
+    if ending.totals is not None:
+        _check_totals(found, ending.totals, published)
+        accepted = found.summary.verdicts[Verdict.ACCEPTED]
+        # The end record of a run counts those of all its files.
+        if part.number == 1 and not ending.dropped[TAKEN] and ending.totals.accepted != accepted:
+            raise ValueError(
+                f'its end record counts {ending.totals.accepted} commands accepted, '
+                f'it holds {accepted}'
+            )
 
 
 def _lacks_beginning_alone(
-    ending: Ending, channels: Mapping[str, _ChannelCount], settings: Settings
+    ending: Ending, channels: Mapping[str, _ChannelCount], settings: Settings, part: Part
 ) -> bool:
     """Return whether a file is whole from some time on, as a filter by time leaves it."""
     # Steps of the last missing state and of the next one.
-    start = channels[STATES].front * settings.publish_every
+    start = (part.last_number(STATES) + channels[STATES].front) * settings.publish_every
     end = start + settings.publish_every
     rates = {CLOCK: settings.clock_every, TF: settings.tf_every}
     for role in channels.keys() & {*rates, *OUTPUTS}:
-        front = channels[role].front
+        front = part.last_number(role) + channels[role].front
         every = rates.get(role, settings.publish_every)
         if not front * every <= end or not start <= (front + 1) * every:
             return False
@@ -366,7 +404,7 @@ def _add_lost_ends(summary: Summary, channels: Mapping[str, _ChannelCount]) -> N
             summary.lost[role] = channels[role].lost + late
 
 
-def _check_totals(found: Inspection, ending: Ending, published: Mapping[str, int]) -> None:
+def _check_totals(found: Inspection, ending: Totals, published: Mapping[str, int]) -> None:
     """Compare the totals of an end record with one another, and with the messages by role."""
     settings = found.summary.settings
     states, every = _count_states(published), settings.publish_every
@@ -393,8 +431,3 @@ def _check_totals(found: Inspection, ending: Ending, published: Mapping[str, int
             raise ValueError(
                 f'its end record counts {states} states and {published[role]} messages {role}'
             )
-    accepted = found.summary.verdicts[Verdict.ACCEPTED]
-    if not ending.dropped[TAKEN] and ending.accepted != accepted:
-        raise ValueError(
-            f'its end record counts {ending.accepted} commands accepted, it holds {accepted}'
-        )

@@ -26,7 +26,7 @@ from pfd_ros.recording.format import (
     SOURCE_OF_ROLE,
     EndKey,
 )
-from pfd_ros.recording.mcap_file import McapFile, TimeBase
+from pfd_ros.recording.mcap_file import McapFile, TimeBase, channel_table
 
 # Times of cycles in memory.
 MOST_TIMES = 4096
@@ -87,7 +87,7 @@ class NewLog:
         self.path = path
         self._index = {role: k for k, role in enumerate(roles)}
         self._names = names
-        self._file = McapFile(path, channels, head)
+        self._file = McapFile(path, channel_table(channels), head)
         self._last_ns = settings.start_ns if self._simulated else started_ns
         self._counts: Counter[str] = Counter()
         self._newest: Counter[str] = Counter()

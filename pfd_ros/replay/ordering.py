@@ -167,7 +167,8 @@ class _Order:
         self._allow(settings)
         self._started_ns = log.started_ns
         self._last_ns = settings.start_ns if self._simulated else log.started_ns
-        self._last = dict.fromkeys(log.roles.values(), 0)
+        part = log.part
+        self._last = {role: part.last_number(role) for role in log.roles.values()}
         self._place = (0, _RANKS[CLOCK])
         # The cycle of the last validation rows.
         self._taken = 1

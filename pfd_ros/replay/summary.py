@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pfd_ros.arm.events import STATES, Verdict
 from pfd_ros.arm.settings import Settings
+from pfd_ros.text import one_line
 
 # Gaps that a summary names.
 _SHOWN = 3
@@ -47,6 +48,10 @@ class Summary:
     beginning: bool = True
     # States within gaps, which a replay did not compare.
     uncompared: int = 0
+    # Number of the file in its run, the step before its first one, and whether another follows.
+    part: int = 1
+    start: int = 0
+    continues: bool = False
 
     @property
     def missing(self) -> int:
@@ -56,6 +61,11 @@ class Summary:
     @property
     def absent(self) -> list[str]:
         """The parts that a whole recording has and this one lacks."""
+        return RunSummary([self]).absent
+
+    @property
+    def lacking(self) -> list[str]:
+        """The parts that the file should have and lacks."""
         found = []
         if not self.complete:
             found.append('the end of the file, which was not closed')
@@ -73,8 +83,8 @@ class Summary:
 
     @property
     def simulated(self) -> int:
-        """Steps until the arm stopped, or else `steps`."""
-        return self.steps if self.stopped_at is None else self.stopped_at
+        """Steps in the file until the arm stopped, or to the last one."""
+        return max(0, (self.steps if self.stopped_at is None else self.stopped_at) - self.start)
 
     @property
     def seconds(self) -> float:
@@ -86,3 +96,36 @@ class Summary:
         """Recorded states per second of wall time, Hz; 0 if there are too few to say."""
         published = self.states + self.missing
         return (published - 1) / self.seconds if published > 1 and self.seconds > 0 else 0.0
+
+
+@dataclass
+class RunSummary:
+    """The files of one run, in their order."""
+
+    parts: list[Summary]
+
+    @property
+    def compared(self) -> int:
+        """States that a replay compared."""
+        return sum(part.states - part.uncompared for part in self.parts)
+
+    @property
+    def absent(self) -> list[str]:
+        """The parts that a whole recording has and this one lacks."""
+        found, number = [], 0
+        for part in self.parts:
+            found += _between(number, part.part)
+            place = f' ({one_line(part.path.name)})' if len(self.parts) > 1 else ''
+            found += [f'{lacking}{place}' for lacking in part.lacking]
+            number = part.part
+        if self.parts[-1].continues:
+            found.append(f'the parts of the run after part {number}')
+        return found
+
+
+def _between(number: int, other: int) -> list[str]:
+    """Return the parts of a run between two parts."""
+    if other - number < 2:
+        return []
+    first, last = number + 1, other - 1
+    return [f'part {first} of the run' if first == last else f'parts {first} to {last} of the run']

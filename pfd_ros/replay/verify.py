@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import pfd_core as pfd
 from pfd_ros.arm.driver import Driver
@@ -30,14 +31,15 @@ from pfd_ros.messages.convert import (
     encode_clocks,
 )
 from pfd_ros.recording.format import CHANNELS
-from pfd_ros.recording.head import Ending, read_robot
+from pfd_ros.recording.head import Totals, read_robot
 from pfd_ros.recording.provenance import COMMIT, PROGRAM, commit, versions
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.differences import difference
 from pfd_ros.replay.inspection import Inspection, inspect
 from pfd_ros.replay.ordering import PlacedMessage
 from pfd_ros.replay.playback import Playback, Stretch, follow
-from pfd_ros.replay.summary import Summary
+from pfd_ros.replay.run_parts import continues, in_order
+from pfd_ros.replay.summary import RunSummary, Summary
 from pfd_ros.text import cut
 
 # Share of the progress that the inspection gets when the file is simulated too.
@@ -53,12 +55,22 @@ class DifferenceError(LogError):
 def read(
     path: Path, *, verify: bool = False, progress: Callable[[float], None] | None = None
 ) -> Summary:
-    """Read a recording to its end, and with `verify` replay it.
+    """Read one file of a recording to its end, and with `verify` replay it; as `read_run`."""
+    return read_run([path], verify=verify, progress=progress).parts[0]
+
+
+def read_run(
+    paths: Sequence[Path],
+    *,
+    verify: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> RunSummary:
+    """Read the files of a recording to their ends, and with `verify` replay it.
 
     Parameters
     ----------
-    path
-        The file; a file that was cut off is read up to the cut.
+    paths
+        The files, in any order; a file that was cut off is read up to the cut.
     verify
         Run the engine again and compare all its outputs, verdicts too.
     progress
@@ -69,49 +81,97 @@ def read(
     DifferenceError
         At the first differing bit; the text names step, joint, field and both values.
     LogError
-        If the file is no recording, is damaged, or holds too little to be replayed.
+        If a file is no recording, is damaged, or holds too little to be replayed, or the files
+        are not of one run.
     OSError
-        If it cannot be read.
+        If one cannot be read.
     """
+    logs = in_order([Log(Path(path)) for path in paths])
+    share = (INSPECTION_SHARE if verify else 1.0) / len(logs)
 
     def part(start: float, share: float) -> Callable[[float], None] | None:
         return None if progress is None else lambda done: progress(start + share * done)
 
-    path = Path(path)
-    log = Log(path)
-    with damage_named(path):
-        found = inspect(log, part(0.0, INSPECTION_SHARE if verify else 1.0))
-        if verify:
-            _replay(log, found, part(INSPECTION_SHARE, 1.0 - INSPECTION_SHARE))
-        if found.altered:
-            raise ValueError(found.altered)
-    return found.summary
+    parts: list[_FilePart] = []
+    for k, log in enumerate(logs):
+        with damage_named(log.path):
+            found = inspect(log, part(k * share, share))
+            gapless = k > 0 and continues(logs[k - 1], log)
+            parts.append(_FilePart(log, found, gapless))
+    if verify:
+        replay = _replay_of(parts)
+        rest = (1.0 - INSPECTION_SHARE) / len(parts)
+        for k, each in enumerate(parts):
+            with damage_named(each.log.path):
+                _replay(each, replay, part(INSPECTION_SHARE + k * rest, rest))
+                _check_altered(each)
+        _check_compared(parts)
+    for each in parts:
+        with damage_named(each.log.path):
+            _check_altered(each)
+    return RunSummary([each.found.summary for each in parts])
 
 
-def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | None) -> None:
-    """Feed an engine from a recording and compare its outputs with the recorded ones."""
+class _FilePart(NamedTuple):
+    """A file of a run, inspected; `gapless` if it continues the file before."""
+
+    log: Log
+    found: Inspection
+    gapless: bool
+
+
+def _check_altered(part: _FilePart) -> None:
+    if part.found.altered:
+        raise ValueError(part.found.altered)
+
+
+def _check_compared(parts: Sequence[_FilePart]) -> None:
+    """Raise LogError if no state could be compared."""
+    summaries = [part.found.summary for part in parts]
+    if not RunSummary(summaries).compared:
+        why = next(summary for summary in summaries if summary.obstacle)
+        raise LogError(f'{why.path} {why.obstacle}')
+
+
+def _replay_of(parts: Sequence[_FilePart]) -> _Replay:
+    """Return an engine at the beginning of a run, and where it has to skip steps."""
+    log, found, _ = next((part for part in parts if part.found.summary.states), parts[0])
     if found.summary.states == 0:
         raise LogError(f'{log.path} holds no states, so there is nothing to verify')
-    if found.blocked:
-        raise LogError(f'{log.path} {found.summary.obstacle}')
+    gaps: list[tuple[int, int]] = []
+    # First step whose inputs are missing at the end of the file before.
+    blocked, blocking = 0, log
+    for part in parts:
+        summary = part.found.summary
+        if blocked and not summary.start:
+            break
+        if blocked or (summary.start and not part.gapless):
+            gaps.append((blocked or summary.start, summary.start))
+        gaps += summary.gaps
+        blocked, blocking = part.found.blocked, part.log
+    if blocked:
+        obstacle = next(p.found.summary.obstacle for p in parts if p.log is blocking)
+        raise LogError(f'{blocking.path} {obstacle}')
     settings, frames = found.summary.settings, None
-    robot = recorded_robot(log, found.state)
-    if found.description:
-        frames = link_frames(decode_string(found.description), settings, robot)
-    engine = Engine(settings, robot, frames=frames)
-    replay = _Replay(Driver(engine), gaps=list(found.summary.gaps))
-    program = engine.arm.program
+    with damage_named(log.path):
+        robot = recorded_robot(log, found.state)
+        if found.description:
+            frames = link_frames(decode_string(found.description), settings, robot)
+        return _Replay(Driver(Engine(settings, robot, frames=frames)), gaps=gaps)
+
+
+def _replay(part: _FilePart, replay: _Replay, progress: Callable[[float], None] | None) -> None:
+    """Feed an engine from a file and compare its outputs with the recorded ones."""
+    log, found, _ = part
+    arm, before = replay.driver.engine.arm, replay.uncompared
     try:
         follow(log, replay, progress)
         replay.flush()
-        if found.ending is not None:
-            replay.finish(found.ending)
+        if found.ending is not None and found.ending.totals is not None:
+            replay.finish(found.ending.totals)
     except DifferenceError as error:
-        raise DifferenceError(f'{error}; {_cause(found, program)}') from error
-    found.summary.uncompared = replay.uncompared
-    if found.summary.uncompared == found.summary.states:
-        raise LogError(f'{log.path} {found.summary.obstacle}')
-    arm = engine.arm
+        raise DifferenceError(f'{error}; {_cause(found, arm.program)}') from error
+    found.summary.uncompared = replay.uncompared - before
     if arm.failure:
         found.summary.stopped_at, found.summary.failure = arm.step, arm.failure
 
@@ -133,6 +193,10 @@ def simulable(
         raise ValueError(found.altered)
     if not found.summary.states:
         raise LogError(f'{log.path} holds no states, so there is nothing to simulate')
+    if found.summary.part > 1:
+        raise LogError(
+            f'{log.path} is part {found.summary.part} of a run: expected a log from its start'
+        )
     if found.summary.obstacle:
         raise LogError(f'{log.path} {found.summary.obstacle}')
     return found, recorded_robot(log, found.state)
@@ -277,7 +341,7 @@ class _Replay(Playback):
             replayed = {output.role: output.data for output in opening}
             self._compare(message, replayed.get(TF_STATIC, b''))
 
-    def finish(self, ending: Ending) -> None:
+    def finish(self, ending: Totals) -> None:
         """Run to where the node stopped, and compare whether it had failed by then."""
         # The cycle that failed follows the last good step.
         self.driver.run_to(ending.steps + bool(ending.failure))

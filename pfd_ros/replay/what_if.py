@@ -264,8 +264,8 @@ def _of_recording(path: Path, changes: Changes, progress: Callable[[float], None
     names = published_names(recorded, robot), published_names(settings, new)
     inputs = ChangedInputs(recorded, settings, *names)
     last = 0
-    if found.ending is not None:
-        last = found.ending.steps + bool(found.ending.failure)
+    if found.ending is not None and found.ending.totals is not None:
+        last = found.ending.totals.steps + bool(found.ending.totals.failure)
     return _Case(
         path,
         settings,

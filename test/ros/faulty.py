@@ -208,6 +208,10 @@ def put_in(fault: str) -> None:
         raise ValueError(f'unknown fault {fault!r}')
 
 
+def main(args: list[str]) -> int:
+    put_in(args[0])
+    return node.main(args[1:])
+
+
 if __name__ == '__main__':
-    put_in(sys.argv[1])
-    raise SystemExit(node.main(sys.argv[2:]))
+    raise SystemExit(main(sys.argv[1:]))

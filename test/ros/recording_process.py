@@ -50,13 +50,12 @@ def clog(path: Path) -> None:
 
 
 def main(path: Path, way: str) -> None:
-    # Many flushes to be caught in, and a short wait for the first.
-    recording.FLUSH_SECONDS = 0.02
     if way == 'clog':
         # It would see that the file has been replaced, by its name and by the size of the pipe.
         recording.SYNC_SECONDS = 1e9
         os.fstat = lambda _: path.stat()
-    recorder, _ = start(path)
+    # Many flushes to be caught in.
+    recorder, _ = start(path, flush_seconds=0.02)
     for topic in (0, 1):
         threading.Thread(target=produce, args=(recorder, topic), daemon=True).start()
     wait_for(lambda: min(recorder.recorded) > 0 or recorder.failed)

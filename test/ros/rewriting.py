@@ -48,6 +48,14 @@ class Type:
     metadata: dict[str, str] = field(default_factory=dict)
 
 
+def ros_topic(
+    topic: str, kind: str, definition: str = '', encoding: str = 'cdr', qos: str = ''
+) -> Type:
+    """Return the channel of a ROS 2 topic, with its offered QoS."""
+    metadata = {'offered_qos_profiles': qos} if qos else {}
+    return Type(topic, encoding, kind, 'ros2msg', definition.encode(), metadata)
+
+
 @dataclass
 class File:
     """An attachment."""

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 import importlib.util
 import itertools
@@ -16,10 +16,14 @@ import sys
 import time
 from typing import Any
 
+from forked_process import ForkedProcess
+
 from pfd_ros.testing import domains
 from pfd_ros.testing.child_process import ChildProcess
 
 ROOT = Path(__file__).resolve().parents[2]
+# Of the package under test; an installation has byte code, which a checkout may not have.
+PACKAGES = Path(domains.__file__).parents[2]
 # Longest wait for anything a process should do: discovery alone may take three seconds, and
 # compiling a robot on a machine with twenty times its load some minutes. Nothing is measured
 # against it.
@@ -57,7 +61,7 @@ def resident_bytes(pid: int) -> int:
 
 
 def environment(domain: int) -> dict[str, str]:
-    path = [os.environ.get('PYTHONPATH', ''), str(ROOT)]
+    path = [os.environ.get('PYTHONPATH', ''), str(PACKAGES)]
     return domains.environment(os.environ, domain) | {
         'ROS_PYTHON_CHECK_FIELDS': '1',
         'PYTHONPATH': os.pathsep.join(part for part in path if part),
@@ -65,13 +69,22 @@ def environment(domain: int) -> dict[str, str]:
 
 
 class Process:
-    """A process of ours and its output."""
+    """A process of ours and its output.
 
-    def __init__(self, command: Sequence[str], folder: Path, domain: int) -> None:
-        self.output = folder / f'output_{time.monotonic_ns()}.txt'
-        command = [sys.executable, *command]
-        child = ChildProcess(command, self.output, environment(domain), folder)
-        self.process, self.text = child.process, child.text
+    Parameters
+    ----------
+    process
+        Of subprocess, or a ForkedProcess.
+    output
+        The file with its stdout and stderr.
+    """
+
+    def __init__(self, process: Any, output: Path) -> None:
+        self.process, self.output = process, output
+
+    def text(self) -> str:
+        """Return its stdout and stderr so far."""
+        return self.output.read_text(encoding='utf-8', errors='replace')
 
     def wait_for_text(self, wanted: str) -> None:
         deadline = time.monotonic() + PATIENCE
@@ -100,20 +113,39 @@ class Processes:
         self.started: list[Process] = []
 
     def python(self, *command: str) -> Process:
-        self.started.append(Process(command, self.folder, self.domain))
+        """Start an interpreter."""
+        output, env = self._output(), environment(self.domain)
+        child = ChildProcess([sys.executable, *command], output, env, self.folder)
+        self.started.append(Process(child.process, output))
         return self.started[-1]
+
+    def forked(
+        self, module: str, *args: str, replaced: Mapping[str, Any] | None = None
+    ) -> Process:
+        """Start `main` of a module, in a process that need not import it: see ForkedProcess."""
+        output, env = self._output(), environment(self.domain)
+        output.touch()
+        child = ForkedProcess(module, args, output, env, self.folder, replaced or {})
+        self.started.append(Process(child, output))
+        return self.started[-1]
+
+    def _output(self) -> Path:
+        return self.folder / f'output_{time.monotonic_ns()}.txt'
 
     def arm(self, *ros_args: str, ready: bool = True) -> Process:
         """Start a node; with `ready`, return once it steps."""
-        return self._node(NODE, ros_args, ready)
+        return self._node('pfd_ros.node.main', (), ros_args, ready)
 
     def faulty(self, fault: str, *ros_args: str, ready: bool = True) -> Process:
         """Start a node with a fault in it; see faulty.py."""
-        return self._node((FAULTY, fault), ros_args, ready)
+        return self._node('faulty', (fault,), ros_args, ready)
 
-    def _node(self, command: Sequence[str], ros_args: Sequence[str], ready: bool) -> Process:
+    def _node(
+        self, module: str, args: Sequence[str], ros_args: Sequence[str], ready: bool
+    ) -> Process:
         # States tell the efforts that were sent, however fast a free joint turns by then.
-        process = self.python(*command, '--ros-args', '-p', 'torque_speed:=false', *ros_args)
+        settings = ('--ros-args', '-p', 'torque_speed:=false', *ros_args)
+        process = self.forked(module, *args, *settings)
         if ready:
             process.wait_for_text('until the first command')
         return process

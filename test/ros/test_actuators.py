@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +99,9 @@ def test_limits_can_be_switched_off() -> None:
     assert acted(actuators(torque_speed=False), (99.0, 9.0), (19.0, 50.0)) == [20.0, 9.0]
 
 
+recorded = cache(record_actuators)
+
+
 def limited(made: Actuators, wanted: np.ndarray, velocities: np.ndarray) -> np.ndarray:
     """Return the efforts within the limits of actuators, in model order."""
     n = len(wanted)
@@ -109,7 +113,7 @@ def limited(made: Actuators, wanted: np.ndarray, velocities: np.ndarray) -> np.n
         'motors': made.limits.ravel(),
         'targets': np.full(2 * n, NAN),
     }
-    found: np.ndarray = run_program(record_actuators(n), given)['actuators'][:n]
+    found: np.ndarray = run_program(recorded(n), given)['actuators'][:n]
     return found
 
 
@@ -123,7 +127,7 @@ def test_limits_are_those_of_a_scene_with_the_limits_of_the_model(
     settings = Settings(robot=robot, **{name: name in limits for name in UNLIMITED})
     made = Actuators(settings, arm, range(arm.n))
     rng = np.random.default_rng(5)
-    for _ in range(100):
+    for _ in range(40):
         wanted = 3.0 * arm.effort_limit * rng.uniform(-1, 1, arm.n)
         velocities = 3.0 * arm.velocity_limit * rng.uniform(-1, 1, arm.n)
         given = {'tau': wanted, 'qd': velocities}

@@ -99,14 +99,13 @@ def whole() -> tuple[list[list[Output]], list[ArmState]]:
 
 
 @pytest.mark.parametrize('start', range(0, CYCLES // EVERY))
-def test_a_fresh_arm_continues_a_saved_run_with_the_same_bits_to_the_end(
-    whole, start: int
-) -> None:
+def test_a_fresh_arm_continues_a_saved_run_with_the_same_bits(whole, start: int) -> None:
     found, states = whole
     engine = made(**RICH)
     engine.restore(states[start])
     assert engine.state == states[start]
-    for k in range(start, CYCLES // EVERY):
+    # On to the end by induction: the other starts have the states after this one.
+    for k in range(start, min(start + 2, CYCLES // EVERY)):
         assert outputs(engine, EVERY) == found[k]
         assert engine.state == states[k + 1]
 

@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 import signal
 import subprocess
 import sys
 
 import pytest
+from rewriting import GOLDEN
 from ros_processes import Processes, environment
 
 import pfd_core as pfd
@@ -173,3 +175,26 @@ def test_an_error_of_several_lines_is_printed_in_one(
     assert told.startswith(r'pfd replay: not YAML: line 1 \x1b[2Jand xxx')
     assert told.count('\n') == 1
     assert len(told) < 1000
+
+
+@pytest.mark.parametrize(
+    'words', [['info', str(GOLDEN)], ['robots'], ['--help'], ['info', '--help']]
+)
+def test_a_reader_that_ends_first_ends_a_command_quietly(words: list[str]) -> None:
+    # argparse ignores errors of output that is not buffered.
+    of_shell = {k: v for k, v in environment(1).items() if k != 'PYTHONUNBUFFERED'}
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        done = subprocess.run(
+            [sys.executable, '-m', 'pfd_ros.cli.main', *words],
+            env=of_shell,
+            stdout=writing,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            timeout=120,
+        )
+    finally:
+        os.close(writing)
+    assert (done.returncode, done.stderr) == (command_line.CLOSED_PIPE, '')

@@ -47,7 +47,7 @@ def command(part: str) -> list[str]:
 
 def start(processes: Processes, part: str, *more: str, ready: bool = True) -> Process:
     (processes.folder / 'arm.urdf').write_text(gripper_arm.with_block(BLOCK))
-    arm = processes.python('-m', 'pfd_ros.cli.main', 'sim', *command(part), *more)
+    arm = processes.forked('pfd_ros.cli.main', 'sim', *command(part), *more)
     if ready:
         arm.wait_for_text('until the first command')
     return arm

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib import import_module
 import os
 from pathlib import Path
@@ -16,9 +17,20 @@ import sys
 import time
 from typing import Any
 
-from mcap.writer import Writer
+from forked_process import failing
 import pytest
-from rewriting import ARRAY, CLOCK, GOLDEN, NAMED, STATES, TAKEN, load
+from rewriting import (
+    ARRAY,
+    CLOCK,
+    GOLDEN,
+    NAMED,
+    STATES,
+    TAKEN,
+    Recording,
+    Sent,
+    load,
+    ros_topic,
+)
 from ros_processes import Peer, Process, Processes, call, environment
 from test_played_topics import install_definition
 from test_read_log import rosbag2
@@ -30,9 +42,10 @@ from pfd_ros.recording.bags import Bag
 
 pytestmark = pytest.mark.ros
 
-STRING = 'std_msgs/msg/String'
+STRING, DEFINITION = 'std_msgs/msg/String', 'string data\n'
 MAP, WORDS = '/map', '/words'
 SECOND = 1_000_000_000
+PFD = ('-m', 'pfd_ros.cli.main')
 PeerOf = Callable[..., Peer]
 
 
@@ -69,11 +82,11 @@ class Listener:
     def end_of(self, player: Process) -> int:
         """Listen until the player ends, and return its exit status."""
         self.peer.wait(lambda: player.process.poll() is not None)
-        # What has arrived and is still waiting for its callback.
+        # The player waited for the last acknowledgement; callbacks may still wait.
         count = -1
         while count < len(self.messages):
             count = len(self.messages)
-            self.peer.executor.spin_once(timeout_sec=0.5)
+            self.peer.executor.spin_once(timeout_sec=0.1)
         return int(player.process.returncode)
 
 
@@ -82,23 +95,15 @@ def class_of(kind: str) -> Any:
     return getattr(import_module(f'{package}.msg'), name)
 
 
-def start(processes: Processes, log: Path, *options: str) -> Process:
-    return processes.python('-m', 'pfd_ros.cli.main', 'replay', str(log), '--publish', *options)
+def start(processes: Processes, log: Path, *options: str, **replaced: Any) -> Process:
+    """Start a player, perhaps with other methods of its schedule.
 
-
-def start_with_fault(processes: Processes, log: Path, method: str, error: str) -> Process:
-    """Start a player in which a method of the schedule raises an error."""
-    code = f"""
-from pfd_ros.cli.main import main
-from pfd_ros.replay.schedule import Schedule
-
-def fail(*_):
-    raise {error}('a bug')
-
-Schedule.{method} = fail
-raise SystemExit(main(['replay', {str(log)!r}, '--publish']))
-"""
-    return processes.python('-c', code)
+    It waits for no subscriptions: where some are to be there, `begin` waits.
+    """
+    faults = {f'pfd_ros.replay.schedule:Schedule.{name}': it for name, it in replaced.items()}
+    faults['pfd_ros.node.log_player:DISCOVERY_SECONDS'] = 0.0
+    args = ('replay', str(log), '--publish', *options)
+    return processes.forked('pfd_ros.cli.main', *args, replaced=faults)
 
 
 def paused(peer: Peer, value: bool) -> str:
@@ -140,24 +145,16 @@ def word(k: int) -> bytes:
 
 def write_words(path: Path, count: int, apart: float = 1.0, maps: Sequence[int] = (0, 3)) -> Path:
     """Write an MCAP file with a word every so many s, and transient local maps before some."""
-    with path.open('wb') as stream:
-        writer = Writer(stream)
-        writer.start('ros2', 'test')
-        schema = writer.register_schema(STRING, 'ros2msg', b'string data\n')
-        channels = {
-            topic: writer.register_channel(
-                topic, 'cdr', schema, {'offered_qos_profiles': qos_text(1, durability=durability)}
-            )
-            for topic, durability in ((WORDS, 'volatile'), (MAP, 'transient_local'))
-        }
-        for k in range(count):
-            at = SECOND + round(k * apart * SECOND)
-            if k in maps:
-                data = encode_string(f'map {k:03d}')
-                writer.add_message(channels[MAP], at, data, at)
-            writer.add_message(channels[WORDS], at, word(k), at)
-        writer.finish()
-    return path
+    bag = Recording()
+    for topic, durability in ((WORDS, 'volatile'), (MAP, 'transient_local')):
+        qos = qos_text(1, durability=durability)
+        bag.channels.append(ros_topic(topic, STRING, DEFINITION, qos=qos))
+    for k in range(count):
+        at = SECOND + round(k * apart * SECOND)
+        if k in maps:
+            bag.messages.append(Sent(MAP, 0, at, encode_string(f'map {k:03d}')))
+        bag.messages.append(Sent(WORDS, 0, at, word(k)))
+    return bag.save(path)
 
 
 def kinds_of(log: Path) -> dict[str, str]:
@@ -345,22 +342,22 @@ def test_a_signal_at_any_moment_ends_the_player_cleanly(
     # While modules are imported, the log is read, publishers are created, and later.
     log = write_words(tmp_path / 'words.mcap', 100)
     for k in range(8):
-        player = start(processes, log)
+        player = processes.python(*PFD, 'replay', str(log), '--publish')
         wait_for_handlers(player)
         time.sleep(0.3 * k)
         assert player.end(signal.SIGTERM) == 128 + signal.SIGTERM, player.text()
         assert 'Traceback' not in player.text()
 
 
-@pytest.mark.parametrize('error', ['NotImplementedError', 'RecursionError', 'OverflowError'])
+@pytest.mark.parametrize('error', [NotImplementedError, RecursionError, OverflowError])
 def test_an_error_of_the_player_itself_is_a_traceback_and_not_called_ros(
-    processes: Processes, tmp_path: Path, error: str
+    processes: Processes, tmp_path: Path, error: type[Exception]
 ) -> None:
     log = write_words(tmp_path / 'words.mcap', 2)
-    player = start_with_fault(processes, log, 'next_ns', error)
+    player = start(processes, log, next_ns=partial(failing, error))
     assert player.process.wait(60) == 1
     assert 'Traceback' in player.text()
-    assert f'{error}: a bug' in player.text()
+    assert f'{error.__name__}: a bug' in player.text()
     assert 'ROS:' not in player.text()
 
 
@@ -371,7 +368,7 @@ def test_a_callback_that_fails_ends_the_player(
 
     peer = peer_of(processes)
     log = write_words(tmp_path / 'words.mcap', 200)
-    player = start_with_fault(processes, log, 'pause', 'KeyError')
+    player = start(processes, log, pause=partial(failing, KeyError))
     player.wait_for_text('begin at')
     client = peer.node.create_client(SetBool, '/log_player/pause')
     peer.wait(client.service_is_ready)
@@ -404,7 +401,7 @@ def test_a_request_that_rclpy_cannot_answer_does_not_end_the_player(
 
 def test_an_output_that_is_closed_ends_the_player(processes: Processes, tmp_path: Path) -> None:
     log = write_words(tmp_path / 'words.mcap', 4, apart=0.05)
-    command = [sys.executable, '-m', 'pfd_ros.cli.main', 'replay', str(log), '--publish', '--loop']
+    command = [sys.executable, *PFD, 'replay', str(log), '--publish', '--loop']
     with subprocess.Popen(
         command,
         env=environment(processes.domain),
@@ -424,7 +421,7 @@ def test_a_terminal_shows_the_position_on_one_line(processes: Processes, tmp_pat
     log = write_words(tmp_path / 'words.mcap', 5, apart=0.2)
     ours, theirs = pty.openpty()
     player = subprocess.Popen(
-        [sys.executable, '-m', 'pfd_ros.cli.main', 'replay', str(log), '--publish'],
+        [sys.executable, *PFD, 'replay', str(log), '--publish'],
         env=environment(processes.domain),
         stdout=theirs,
         stderr=theirs,
@@ -449,16 +446,11 @@ def test_a_type_that_is_not_installed_is_named_and_the_others_are_played(
     processes: Processes, peer_of: PeerOf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kind = install_definition(tmp_path, monkeypatch)
-    path = tmp_path / 'things.mcap'
-    with path.open('wb') as stream:
-        writer = Writer(stream)
-        writer.start('ros2', 'test')
-        for type_name, topic in ((kind, '/things'), (STRING, WORDS)):
-            schema = writer.register_schema(type_name, 'ros2msg', b'string data\n')
-            channel = writer.register_channel(topic, 'cdr', schema)
-            for k in range(3):
-                writer.add_message(channel, SECOND + k, word(k), SECOND + k)
-        writer.finish()
+    bag = Recording()
+    for type_name, topic in ((kind, '/things'), (STRING, WORDS)):
+        bag.channels.append(ros_topic(topic, type_name, DEFINITION))
+        bag.messages += [Sent(topic, 0, SECOND + k, word(k)) for k in range(3)]
+    path = bag.save(tmp_path / 'things.mcap')
     peer = peer_of(processes)
     listener = Listener(peer, (WORDS, STRING))
     player = start(processes, path, '--start-paused')
@@ -490,16 +482,10 @@ def test_a_second_publisher_of_a_topic_is_reported(
 def test_messages_far_out_of_order_are_counted_at_the_end(
     processes: Processes, tmp_path: Path
 ) -> None:
-    path = tmp_path / 'unordered.mcap'
-    with path.open('wb') as stream:
-        writer = Writer(stream)
-        writer.start('ros2', 'test')
-        schema = writer.register_schema(STRING, 'ros2msg', b'string data\n')
-        channel = writer.register_channel(WORDS, 'cdr', schema)
-        # One more than can wait lies before the last one in the file.
-        for at in (*range(1, 4099), 0):
-            writer.add_message(channel, at, word(0), at)
-        writer.finish()
+    # One more than can wait lies before the last one in the file.
+    messages = [Sent(WORDS, 0, at, word(0)) for at in (*range(1, 4099), 0)]
+    bag = Recording(channels=[ros_topic(WORDS, STRING, DEFINITION)], messages=messages)
+    path = bag.save(tmp_path / 'unordered.mcap')
     player = start(processes, path)
     assert player.process.wait(60) == 0
     line = '1 messages are out of order by more than 4096 messages or 16 MiB; published late'

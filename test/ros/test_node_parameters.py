@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 import signal
@@ -80,24 +79,6 @@ def make_what_is_in_the_way(folder: Path) -> None:
     (folder / 'large.yaml').write_text(f'/**: {{ros__parameters: {{joints: [{names}]}}}}')
 
 
-@pytest.fixture(scope='module')
-def endings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str]]:
-    """Return exit status and output by the words of each case, from forks of one process."""
-    folder = tmp_path_factory.mktemp('bad')
-    make_what_is_in_the_way(folder)
-    cases = folder / 'cases.json'
-    cases.write_text(json.dumps([['--ros-args', *args] for args, _ in BAD]), encoding='utf-8')
-    processes = Processes(folder)
-    try:
-        process = processes.python(str(Path(__file__).with_name('forked_nodes.py')), str(cases))
-        assert process.end() == 0, process.text()
-        found = json.loads(process.text())
-    finally:
-        processes.close()
-    assert (folder / 'there.mcap').read_bytes() == b'dear'
-    return {text: tuple(ending) for (_, text), ending in zip(BAD, found, strict=True)}
-
-
 def assert_refused(status: int, output: str, text: str) -> None:
     assert status == 1
     lines = [line for line in output.splitlines() if not line.startswith(('[WARN]', '[INFO]'))]
@@ -110,14 +91,17 @@ def assert_refused(status: int, output: str, text: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(('args', 'text'), BAD, ids=lambda value: str(value)[:60])
 def test_a_bad_parameter_is_named_and_the_status_is_1(
-    endings: dict[str, tuple[int, str]], args: tuple[str, ...], text: str
+    processes: Processes, args: tuple[str, ...], text: str
 ) -> None:
-    assert_refused(*endings[text], text)
+    make_what_is_in_the_way(processes.folder)
+    process = processes.forked('pfd_ros.node.main', '--ros-args', *args)
+    assert_refused(process.end(), process.text(), text)
+    assert (processes.folder / 'there.mcap').read_bytes() == b'dear'
 
 
 def test_a_process_with_a_bad_parameter_ends_so_too(processes: Processes) -> None:
     args, text = BAD[0]
-    process = processes.arm(*args, ready=False)
+    process = processes.python('-m', *NODE, '--ros-args', *args)
     assert_refused(process.end(), process.text(), text)
 
 

@@ -20,7 +20,7 @@ from pfd_ros.arm.events import Verdict
 from pfd_ros.cli import main as command_line
 from pfd_ros.node.receiving import MOST_MESSAGES
 from pfd_ros.recording.reader import Log
-from pfd_ros.replay.verify import read
+from pfd_ros.replay.verify import read, read_run
 
 pytestmark = pytest.mark.ros
 
@@ -52,6 +52,21 @@ def test_a_signal_ends_the_node_cleanly_and_the_file_is_whole(
         end = [m.metadata for m in reader.iter_metadata() if m.name == 'pfd_ros_end']
     assert states == summary.states
     assert json.loads(end[0]['totals'])['states'] == states + summary.missing
+
+
+def test_a_node_with_limits_records_the_files_of_one_run(processes: Processes) -> None:
+    arm = processes.arm(
+        *('-p', 'recording:=arm.mcap', '-p', 'recording_max_duration:=0.5'),
+        *('-p', 'recording_max_size:=100000000', '-p', 'real_time_factor:=2.0'),
+    )
+    deadline = time.monotonic() + PATIENCE
+    while not (processes.folder / 'arm_000003.mcap').exists():
+        assert time.monotonic() < deadline, arm.text()
+        time.sleep(0.05)
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    found = read_run(sorted(processes.folder.glob('arm_*.mcap')), verify=True)
+    assert found.absent == []
+    assert [part.start for part in found.parts[:3]] == [0, 500, 1000]
 
 
 def wait_for_steps(processes: Processes, role: str = 'joint_states') -> None:

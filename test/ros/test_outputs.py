@@ -265,6 +265,11 @@ def recorded(**chosen: Any) -> Recording:
     return simulate(60, {5: [efforts(1.0, -0.5)]}, **{'outputs': ALL, **chosen})
 
 
+@pytest.fixture(scope='module')
+def usual() -> Recording:
+    return recorded()
+
+
 @pytest.mark.parametrize('closed', [True, False], ids=['closed', 'cut-off'])
 @pytest.mark.parametrize('sensors', [{}, {'drop_state': 0.3, 'noise_position': 0.1}])
 def test_a_recording_with_every_output_verifies(
@@ -298,17 +303,19 @@ def flipped(message: Sent) -> None:
     ],
 )
 def test_one_changed_bit_of_an_output_is_found_with_its_element(
-    tmp_path: Path, role: str, place: str
+    usual: Recording, tmp_path: Path, role: str, place: str
 ) -> None:
-    made = recorded()
+    made = usual.copy()
     flipped(made.on(f'/sim_arm/{role}')[29])
     made.recount()
     with pytest.raises(DifferenceError, match=f'step 30: {role}: {place}: recorded '):
         read(made.save(tmp_path / 'log.mcap'), verify=True)
 
 
-def test_an_output_that_is_no_such_message_is_a_difference(tmp_path: Path) -> None:
-    made = recorded()
+def test_an_output_that_is_no_such_message_is_a_difference(
+    usual: Recording, tmp_path: Path
+) -> None:
+    made = usual.copy()
     sent = made.on('/sim_arm/tip_pose')[3]
     sent.data = sent.data[:-1]
     made.recount()

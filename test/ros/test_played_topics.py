@@ -12,9 +12,8 @@ from pathlib import Path
 import hostile_bytes
 from hypothesis import event, given
 from hypothesis import strategies as st
-from mcap.writer import Writer
 import pytest
-from rewriting import GOLDEN, load
+from rewriting import GOLDEN, Recording, Sent, load, ros_topic
 from test_read_log import STORE, rosbag2
 import yaml
 
@@ -42,16 +41,11 @@ def read(path: Path) -> Bag:
 
 def write(path: Path, *rows: tuple[str, str, str, str], qos: str = '') -> Bag:
     """Write an MCAP file with a message of each topic, type, encoding and definition."""
-    with path.open('wb') as stream:
-        writer = Writer(stream)
-        writer.start('ros2', 'test')
-        for topic, kind, encoding, text in rows:
-            schema = writer.register_schema(kind, 'ros2msg', text.encode())
-            metadata = {'offered_qos_profiles': qos} if qos else {}
-            channel = writer.register_channel(topic, encoding, schema, metadata)
-            writer.add_message(channel, 1, b'\0\1\0\0\0\0\0\0', 1)
-        writer.finish()
-    return read(path)
+    bag = Recording()
+    for topic, kind, encoding, text in rows:
+        bag.channels.append(ros_topic(topic, kind, text, encoding, qos))
+        bag.messages.append(Sent(topic, 0, 1, b'\0\1\0\0\0\0\0\0'))
+    return read(bag.save(path))
 
 
 def test_commands_of_a_recording_are_withheld_by_their_role() -> None:

@@ -14,11 +14,10 @@ from typing import Any
 from bags import STORE, random_message, rosbag2, write_bag
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
-from mcap.writer import Writer
 import numpy as np
 import pytest
 from read_hostile import bounded
-from rewriting import GOLDEN, STATES, Recording, load
+from rewriting import GOLDEN, STATES, Recording, Sent, load, ros_topic
 
 import pfd_core as pfd
 from pfd_ros import read_log
@@ -243,15 +242,9 @@ def test_files_that_are_no_bag_are_refused(tmp_path: Path, name: str, content: b
 
 def mcap_of(path: Path, kind: str, definition: str, messages: list[bytes]) -> Path:
     """Write an MCAP file with one topic."""
-    with path.open('wb') as stream:
-        writer = Writer(stream)
-        writer.start('ros2', 'test')
-        schema = writer.register_schema(kind, 'ros2msg', definition.encode())
-        channel = writer.register_channel('/topic', 'cdr', schema)
-        for k, data in enumerate(messages):
-            writer.add_message(channel, k, data, k, k)
-        writer.finish()
-    return path
+    sent = [Sent('/topic', k, k, data) for k, data in enumerate(messages)]
+    bag = Recording(channels=[ros_topic('/topic', kind, definition)], messages=sent)
+    return bag.save(path)
 
 
 TEN = ''.join(

@@ -145,7 +145,7 @@ def record_all(run: Recording, path: Path, room: int) -> tuple[LogRecorder, list
     topics = [Topic(kind.topic, kind.schema, '') for kind in run.channels]
     place = {topic.name: k for k, topic in enumerate(topics)}
     reports: list[str] = []
-    recorder = LogRecorder(path, topics, head, reports.append)
+    recorder = LogRecorder(path, topics, head, reports.append, flush_seconds=1e-3)
     with largest_file(path.stat().st_size + room):
         for m in run.messages:
             recorder.record(place[m.topic], m.sequence, m.data)
@@ -157,7 +157,6 @@ def test_the_part_of_a_run_before_the_disk_was_full_replays_to_the_same_bits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # A flush for each round, of which the disk takes the first few.
-    monkeypatch.setattr(recording, 'FLUSH_SECONDS', 0.0)
     monkeypatch.setattr(recording, 'ROUND_MESSAGES', 50)
     run = simulate(400, {1: [efforts(1.0, 2.0)]}, real_time_factor=0.0, publish_clock=False)
     recorder, reports = record_all(run, tmp_path / 'a.mcap', 8_000)

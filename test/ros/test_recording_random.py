@@ -189,6 +189,7 @@ def damage_messages(r: Recording, kind: str, draw: st.DrawFn) -> None:
 
 @settings(max_examples=3 * settings().max_examples)
 @given(st.data(), st.booleans())
+@pytest.mark.slow
 def test_altered_messages_are_refused(
     small: tuple[bytes, list[Message]], damaged: Path, data: st.DataObject, closed: bool
 ) -> None:

@@ -146,6 +146,18 @@ def test_a_named_motion_needs_no_recording(tmp_path: Path) -> None:
     assert found['smallest']['effects'] == ['gravity']
 
 
+@pytest.fixture(scope='module')
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with recordings that a report refuses."""
+    folder = tmp_path_factory.mktemp('logs')
+    simulate(30, MOVE).save(folder / 'moved.mcap')
+    simulate(30).save(folder / 'resting.mcap')
+    simulate(30, {3: [efforts(1.0)]}).save(folder / 'refused.mcap')
+    simulate(0).save(folder / 'empty.mcap')
+    (folder / 'text.mcap').write_text('no recording')
+    return folder
+
+
 @pytest.mark.parametrize(
     ('args', 'error'),
     [
@@ -168,16 +180,12 @@ def test_a_named_motion_needs_no_recording(tmp_path: Path) -> None:
 def test_bad_input_is_one_line(
     args: Sequence[str],
     error: str,
+    logs: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    simulate(30, MOVE).save(Path('moved.mcap'))
-    simulate(30).save(Path('resting.mcap'))
-    simulate(30, {3: [efforts(1.0)]}).save(Path('refused.mcap'))
-    simulate(0).save(Path('empty.mcap'))
-    Path('text.mcap').write_text('no recording')
+    monkeypatch.chdir(logs)
     assert report(tmp_path, '--tolerance', '1e-3', *args) == 1
     told = capsys.readouterr().err
     assert told.startswith('pfd report: ')

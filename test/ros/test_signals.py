@@ -12,7 +12,7 @@ import sys
 import time
 
 import pytest
-from ros_processes import FAULTY, PATIENCE, Process, Processes
+from ros_processes import FAULTY, NODE, PATIENCE, Process, Processes
 
 INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 STATUS_BASE = 128  # of a shell, for a process that a signal ended
@@ -88,7 +88,7 @@ def test_a_node_ends_under_repeated_signals_at_any_moment_of_its_life(
 ) -> None:
     # From before the imports until after the last line. Signals that are due at once are one.
     for k in range(10):
-        arm = processes.arm(ready=False)
+        arm = processes.python(*NODE, '--ros-args')
         time.sleep(0.2 * k)
         deadline = time.monotonic() + PATIENCE
         while arm.process.poll() is None and time.monotonic() < deadline:
@@ -110,7 +110,7 @@ def test_what_hangs_after_the_recording_is_closed_is_ended_by_an_alarm(
 
 
 # Ways to start the node, without the arguments for ROS.
-STARTS = (('-m', 'pfd_ros.cli.main', 'sim'), ('-m', 'pfd_ros.node.main'))
+STARTS = (('-m', 'pfd_ros.cli.main', 'sim'), NODE)
 # Processes that start at the same time.
 AT_ONCE = 4
 

@@ -27,42 +27,42 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_session_that_does_not_use_the_plugin_imports_neither_ros_nor_the_library(
-    site: Path, tmp_path: Path
-) -> None:
+@pytest.fixture(scope='module')
+def output(site: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return what a session prints whose tests run in this order, the last of which fails."""
     code = """
 import sys
 def test_modules(pytestconfig):
     assert pytestconfig.pluginmanager.hasplugin('pfd_ros')
     for name in ('rclpy', 'pfd_core', 'numpy', 'pfd_ros.arm', 'pfd_ros.messages'):
         assert name not in sys.modules, name
-"""
-    assert '1 passed' in session(site, tmp_path, code)
 
-
-def test_a_callback_needs_no_ros(site: Path, tmp_path: Path) -> None:
-    code = """
-import sys
 def test_hold(sim_arm):
     arm = sim_arm(robot='planar2', gravity=[0.0, 0.0, 0.0])
     assert not arm.run(lambda t, q, qd: 0 * q, 0.01).q.any()
     assert 'rclpy' not in sys.modules
-"""
-    assert '1 passed' in session(site, tmp_path, code)
 
-
-def test_a_failed_assertion_shows_the_line_of_the_test_and_none_of_the_helper(
-    site: Path, tmp_path: Path
-) -> None:
-    code = """
 def test_falls(sim_arm):
     arm = sim_arm(robot='planar2')
     arm.run(lambda t, q, qd: 0 * q, 0.5).assert_settles(0.0, within=0.01, by=0.4)
 """
-    text = session(site, tmp_path, code, status=1)
-    assert "AssertionError: joint 'shoulder' is" in text
-    assert 'test_it.py:4: AssertionError' in text
-    assert 'trajectory.py' not in text
+    return session(site, tmp_path_factory.mktemp('session'), code, ['-rA'], status=1)
+
+
+def test_a_session_that_does_not_use_the_plugin_imports_neither_ros_nor_the_library(
+    output: str,
+) -> None:
+    assert 'PASSED test_it.py::test_modules' in output
+
+
+def test_a_callback_needs_no_ros(output: str) -> None:
+    assert 'PASSED test_it.py::test_hold' in output
+
+
+def test_a_failed_assertion_shows_the_line_of_the_test_and_none_of_the_helper(output: str) -> None:
+    assert "AssertionError: joint 'shoulder' is" in output
+    assert 'test_it.py:15: AssertionError' in output
+    assert 'trajectory.py' not in output
 
 
 @pytest.mark.ros

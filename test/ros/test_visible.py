@@ -26,7 +26,7 @@ from rosbags.typesys import Stores, get_typestore
 
 import pfd_core as pfd
 from pfd_ros.messages import definitions
-from pfd_ros.messages.convert import TRANSFORMS
+from pfd_ros.messages.convert import TRANSFORMS, encode_string
 from pfd_ros.recording.format import HEAD
 from pfd_ros.recording.reader import LogError
 from pfd_ros.replay.verify import DifferenceError, read
@@ -136,11 +136,13 @@ def expected(text: str, positions: dict[str, float]) -> dict[str, pin.SE3]:
 
 
 @pytest.mark.parametrize('name', ROBOTS)
-def test_the_frames_lead_from_the_root_to_each_link_as_in_pinocchio(
+def test_the_frames_verify_and_lead_from_the_root_to_each_link_as_in_pinocchio(
     name: str, tmp_path: Path
 ) -> None:
     source, settings = ROBOTS[name]
-    found = messages(recorded(tmp_path / 'a.mcap', source(), **settings))
+    path = recorded(tmp_path / 'a.mcap', source(), **settings)
+    assert not read(path, verify=True).absent
+    found = messages(path)
     # The URDF comes first, so that a viewer has it from the start.
     assert found[0][0] == DESCRIPTION
     text = found[0][2].data
@@ -166,13 +168,6 @@ def test_the_frames_lead_from_the_root_to_each_link_as_in_pinocchio(
         assert set(frames) == links - {root for root, _ in placed.values()}
         for link, theirs in expected(text, positions).items():
             assert np.abs(placed[link][1].homogeneous - theirs.homogeneous).max() < 1e-12
-
-
-@pytest.mark.parametrize('name', ROBOTS)
-def test_a_recording_with_frames_verifies(name: str, tmp_path: Path) -> None:
-    source, settings = ROBOTS[name]
-    summary = read(recorded(tmp_path / 'a.mcap', source(), **settings), verify=True)
-    assert not summary.absent
 
 
 def test_positions_far_from_zero_have_frames(tmp_path: Path) -> None:
@@ -276,17 +271,14 @@ def test_a_gap_in_the_frames_is_reported(tmp_path: Path) -> None:
     assert summary.lost == {'tf': 3}
 
 
-@pytest.mark.parametrize(
-    'text', ['', 'puma560', '/etc/passwd', '<robot/>', '<robot name="x"><link name="a"/>' * 9]
-)
-def test_a_description_that_is_no_urdf_is_one_clear_error(text: str, tmp_path: Path) -> None:
+def test_a_description_that_is_no_urdf_is_one_clear_error(tmp_path: Path) -> None:
     made = load(recorded(tmp_path / 'a.mcap', 'planar2'))
     (message,) = made.on(DESCRIPTION)
-    encoded = text.encode() + b'\0'
-    message.data = b'\x00\x01\x00\x00' + len(encoded).to_bytes(4, 'little') + encoded
-    with pytest.raises(ValueError, match=r'b\.mcap: ') as caught:
-        read(made.save(tmp_path / 'b.mcap', closed=False), verify=True)
-    assert '\n' not in str(caught.value)
+    for text in ('', 'puma560', '/etc/passwd', '<robot/>', '<robot name="x"><link name="a"/>' * 9):
+        message.data = encode_string(text)
+        with pytest.raises(ValueError, match=r'b\.mcap: ') as caught:
+            read(made.save(tmp_path / 'b.mcap', closed=False), verify=True)
+        assert '\n' not in str(caught.value)
 
 
 def test_the_definition_of_a_transform_message_is_that_of_jazzy() -> None:

@@ -23,6 +23,7 @@ degrees.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +35,9 @@ from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array, rotated_symmetric
 from pfd_core.model import Plant, Robot
 from pfd_core.model.geometry import Array, product
+
+# Products over lanes of matrices, (3, 3).
+Recurrence = Callable[[LaneArray], LaneArray]
 
 
 @dataclass(frozen=True)
@@ -94,11 +98,13 @@ class Pose:
     J: LaneArray
 
 
-def chain_on_lanes(plant: Plant, schedule: str) -> tuple[Recorder, Links, Pose]:
-    """Return a recorder on n lanes, the links on it, and their pose at the input q."""
+def chain_on_lanes(
+    plant: Plant, schedule: str, orientation: Recurrence = prefix_product
+) -> tuple[Recorder, Links, Pose]:
+    """Return a recorder on n lanes, the links on it, and their pose at the input q, as `pose`."""
     recorder = Recorder(plant.robot.n, schedule)
     chain = links(recorder, plant.robot, keep_tip=plant.external_wrench)
-    return recorder, chain, pose(recorder, chain, input_row(recorder, 'q'))
+    return recorder, chain, pose(recorder, chain, input_row(recorder, 'q'), orientation)
 
 
 def link_parameters(robot: Robot, keep_tip: bool) -> tuple[Array, Array, Array, Array]:
@@ -133,12 +139,18 @@ def links(recorder: Recorder, robot: Robot, keep_tip: bool) -> Links:
     )
 
 
-def pose(recorder: Recorder, chain: Links, q: Lanes) -> Pose:
-    """Return the pose of the links at joint positions q [rad or m]."""
+def pose(
+    recorder: Recorder, chain: Links, q: Lanes, orientation: Recurrence = prefix_product
+) -> Pose:
+    """
+    Return the pose of the links at joint positions q [rad or m].
+
+    `orientation` gives the products R_1 .. R_i of the rotations R_i, (3, 3), by lanes.
+    """
     with recorder.section('joint rotation'):
         R = _joint_rotation(chain, q)
     with recorder.section('orientation'):
-        R = prefix_product(R)
+        R = orientation(R)
     with recorder.section('link vectors'):
         z0 = array([recorder.constant(value) for value in (0.0, 0.0, 1.0)])
         z = merge(shift(R[:, 2], 1), z0)

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pfd_core.algorithms.chain.base_axes import (
     Links,
     Pose,
+    Recurrence,
     chain_on_lanes,
     wrench_in_base_axes,
 )
@@ -23,6 +24,7 @@ from pfd_core.algorithms.chain.drives import motor_torques
 from pfd_core.algorithms.chain.interface import input_row, wrench_input
 from pfd_core.algorithms.chain.joint_torques import plus_joint_torques
 from pfd_core.machine.lanes import broadcast, merge, on, where
+from pfd_core.machine.packing import prefix_product
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
 
@@ -31,13 +33,22 @@ LinkTorques = Callable[..., Lanes]
 
 
 def forward_equations(
-    plant: Plant, schedule: str, link_torques: LinkTorques
+    plant: Plant,
+    schedule: str,
+    link_torques: LinkTorques,
+    orientation: Recurrence = prefix_product,
 ) -> tuple[Recorder, Links, Pose, Lanes]:
-    """Return a recorder on n lanes, the links, their pose at the input q, and y [N m or N]."""
-    recorder, chain, at = chain_on_lanes(plant, schedule)
+    """
+    Return a recorder on n lanes, the links, their pose at the input q, and y [N m or N].
+
+    `orientation` as for pfd_core.algorithms.chain.base_axes.pose.
+    """
+    recorder, chain, at = chain_on_lanes(plant, schedule, orientation)
     qd, tau = input_row(recorder, 'qd'), input_row(recorder, 'tau')
     (tau,) = motor_torques(plant, [tau], [qd], (chain, at))
-    return recorder, chain, at, tau - torques(plant, chain, at, qd, None, link_torques)
+    bias = torques(plant, chain, at, qd, None, link_torques)
+    with recorder.section('right-hand side'):
+        return recorder, chain, at, tau - bias
 
 
 def torques(

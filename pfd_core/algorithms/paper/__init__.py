@@ -3,10 +3,14 @@
 """
 Lee and Chang 1987, corrected where the paper errs; each procedure whole in its file.
 
+The modules of 1987 are the paper's own forms, for comparison with it; the others are cheaper.
+
     newton_euler        NE1: joint torques, hence the bias; eq. (27)
     pcrbm               PCRBM: H by composite bodies, eqs (15) to (26), and the whole program
     cholesky            H = L D L' or L L' and the solve on n lanes; section 2.4
     elimination_order   orders of elimination: the products that n lanes form in each step
+    pcrbm_1987          Procedure PCRBM step by step, eqs (13) to (28), with NE1 and Cholesky
+    pcgm_1987           Procedure PCGM step by step, n iterations
     pcgm                PCGM: conjugate gradients, H u by NE1, and the whole program; section 3,
                         Appendix B
     pcrbm_array         PCRBM with the solve on the triangular array: the whole program

@@ -102,7 +102,7 @@ def solve(
         if z is None:
             z = column_sweep(factors.columns, y, factors.diagonal)
             z = z if square_roots else z / factors.pivots
-        columns = _transposed(factors.columns, recorder.lanes)
+        columns = transposed(factors.columns, recorder.lanes)
         x = column_sweep(columns, z, factors.diagonal, downward=True)
     return x, factors.pivots
 
@@ -272,7 +272,7 @@ class _Elimination:
         return Factors(columns, diagonal, collect(self.pivots), z)
 
 
-def _transposed(columns: Sequence[Lanes], n: int) -> list[Lanes | None]:
+def transposed(columns: Sequence[Lanes], n: int) -> list[Lanes | None]:
     """
     Return the columns of L': l_ji on lane i < j, for each j.
 

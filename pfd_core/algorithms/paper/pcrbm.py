@@ -77,7 +77,7 @@ def inertia_matrix(
 
     """
     F, n_jj, diagonal = composite_forces(recorder, chain, pose, armature)
-    return _rows(recorder, chain, pose, F, n_jj, diagonal)
+    return rows_of_moments(recorder, chain, pose, F, n_jj, diagonal)
 
 
 def record_pcrbm(
@@ -160,15 +160,20 @@ def _forces(
     return F, N
 
 
-def _rows(
+def rows_of_moments(
     recorder: Recorder,
     chain: Links,
     pose: Pose,
     F: LaneArray,
     n_jj: LaneArray,
     diagonal: Lanes,
+    by_column: bool = False,
 ) -> list[Lanes]:
-    """Return the rows of H from the moments n_jj on the diagonal, by the row sweep."""
+    """
+    Return the rows of H from the moments n_jj on the diagonal, by the row sweep.
+
+    `by_column` takes the type of joint j for h_ij, as Appendix A prints it, instead of joint i.
+    """
     n = recorder.lanes
     if n == 1:
         return [diagonal]
@@ -180,7 +185,11 @@ def _rows(
     with recorder.section('row sweep'):
         moments = row_sweep(terms, n_jj)
     with recorder.section('elements of H'):
-        felt = [F if i in chain.translational else moments[i] for i in range(n - 1)]
+        if by_column:
+            sliding = on(F, chain.translational)
+            felt = [merge(sliding, moments[i]) for i in range(n - 1)]
+        else:
+            felt = [F if i in chain.translational else moments[i] for i in range(n - 1)]
         elements = packed(
             dot, [(broadcast(pose.z, i), on(felt[i], lanes)) for i, lanes in enumerate(beyond)]
         )

@@ -30,8 +30,9 @@ Lane l holds the set that the (l + 1)-th processor works on, another in every it
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 from pfd_core.machine.lanes import sqrt
@@ -41,6 +42,7 @@ from pfd_core.machine.recorder import Lanes, Recorder
 
 Index = tuple[int, int]  # (k, i) of S_ki, counted from 1 as in the paper
 Place = tuple[Lanes, int]  # a value on one lane
+Elements = Callable[[Sequence[Index | None]], Lanes]  # of H, on lanes 0, 1, ...
 
 
 @dataclass(frozen=True)
@@ -183,25 +185,8 @@ def record_literal_cholesky(n: int, schedule: str) -> Program:
         in general not the Cholesky factor, and `radicands`, (n,), the operands of the roots.
 
     """
-    states = set_ordering(n)
     recorder = Recorder(n, schedule)
-    lhat: dict[Index, Place] = {}
-    with recorder.section('set ordering'):
-        for before, after in pairwise(states):
-            _add(recorder, before, after, lhat)
-    diagonal = [(k, k) for k in range(1, n + 1)]
-    with recorder.section('square roots'):
-        radicands = _row(recorder, diagonal, lhat)
-        roots = sqrt(radicands)
-    L = {index: (roots, lane) for lane, index in enumerate(diagonal)}
-    below = [(k, i) for i in range(1, n + 1) for k in range(i + 1, n + 1)]
-    with recorder.section('divisions'):
-        for start in range(0, len(below), n):
-            chunk = below[start : start + n]
-            quotients = _row(recorder, chunk, lhat) / _elements(
-                recorder, [(i, i) for _, i in chunk]
-            )
-            L |= {index: (quotients, lane) for lane, index in enumerate(chunk)}
+    L, radicands = literal_factor(recorder, partial(_elements, recorder))
     zero = (recorder.constant(0.0), 0)
     indices = [(k, i) for k in range(1, n + 1) for i in range(1, n + 1)]
     recorder.output('L', (n, n), [L.get(index, zero) for index in indices])
@@ -209,12 +194,51 @@ def record_literal_cholesky(n: int, schedule: str) -> Program:
     return recorder.program()
 
 
-def _add(recorder: Recorder, before: State, after: State, lhat: dict[Index, Place]) -> None:
+def literal_factor(recorder: Recorder, elements: Elements) -> tuple[dict[Index, Place], Lanes]:
+    """
+    Record equations (11) and (12) on n lanes.
+
+    Parameters
+    ----------
+    recorder : Recorder
+        On n lanes.
+    elements : callable
+        elements(indices) has the elements (k, i) of H, k >= i counted from 1, on lanes 0, 1, ...;
+        None leaves a lane empty.
+
+    Returns
+    -------
+    L : dict
+        (k, i) to the place of l_ki.
+    radicands : Lanes
+        The operand of the root l_kk on lane k - 1.
+
+    """
+    n = recorder.lanes
+    lhat: dict[Index, Place] = {}
+    with recorder.section('set ordering'):
+        for before, after in pairwise(set_ordering(n)):
+            _add(elements, before, after, lhat)
+    diagonal = [(k, k) for k in range(1, n + 1)]
+    with recorder.section('square roots'):
+        radicands = _row(elements, diagonal, lhat)
+        roots = sqrt(radicands)
+    L = {index: (roots, lane) for lane, index in enumerate(diagonal)}
+    below = [(k, i) for i in range(1, n + 1) for k in range(i + 1, n + 1)]
+    with recorder.section('divisions'):
+        for start in range(0, len(below), n):
+            chunk = below[start : start + n]
+            quotients = _row(elements, chunk, lhat) / elements([(i, i) for _, i in chunk])
+            L |= {index: (quotients, lane) for lane, index in enumerate(chunk)}
+    return L, radicands
+
+
+def _add(elements: Elements, before: State, after: State, lhat: dict[Index, Place]) -> None:
     """Record the additions of one iteration, each with the product that it adds."""
     terms = [(k, i, before.counters[k, i] + 1) for k, i in after.picked]
-    h_ij = _elements(recorder, [(i, j) for _, i, j in terms])
-    h_kj = _elements(recorder, [(k, j) for k, _, j in terms])
-    sums = _row(recorder, after.picked, lhat) + -(h_ij * h_kj)
+    h_ij = elements([(i, j) for _, i, j in terms])
+    h_kj = elements([(k, j) for k, _, j in terms])
+    sums = _row(elements, after.picked, lhat) + -(h_ij * h_kj)
     lhat |= {index: (sums, lane) for lane, index in enumerate(after.picked)}
 
 
@@ -225,10 +249,10 @@ def _elements(recorder: Recorder, indices: Sequence[Index | None]) -> Lanes:
     return recorder.input('H', [*flat, *[None] * (n - len(flat))])
 
 
-def _row(recorder: Recorder, indices: Sequence[Index], lhat: Mapping[Index, Place]) -> Lanes:
+def _row(elements: Elements, indices: Sequence[Index], lhat: Mapping[Index, Place]) -> Lanes:
     """Return the sums so far of some sets on lanes 0, 1, ...; h_ki where none was begun."""
     begun = {lane: lhat[index] for lane, index in enumerate(indices) if index in lhat}
     if len(begun) == len(indices):
         return gather(begun)
-    h = _elements(recorder, [None if index in lhat else index for index in indices])
+    h = elements([None if index in lhat else index for index in indices])
     return gather({lane: begun.get(lane, (h, lane)) for lane in range(len(indices))})

@@ -11,7 +11,7 @@ PCRBM, (d) and (e) of section 3 for PCGM. The serial methods and the array have 
 The available copy is a scan. Of the multiplications of PCRBM in Table 1 it shows P6, 10 h and 4 n;
 31 L + 170 is from the formula of section 2.5, which prints 2 n instead of 4 n.
 
-The claims are stored in data/paper.yaml.
+The claims are stored in data/paper.yaml, the counts of parts in data/paper_parts.yaml.
 """
 
 from __future__ import annotations
@@ -63,6 +63,40 @@ class System:
     processors: str
 
 
+@dataclass(frozen=True)
+class Part:
+    """
+    A part of a system of the paper, with the sections of the recorded procedure that it is.
+
+    Attributes
+    ----------
+    system : str
+        Name in TABLE.
+    item : str
+        Item of section 2.5 or section 3, or of which item or total it is a part.
+    text : str
+        What it is.
+    derived : bool
+        Whether the paper gives its count; otherwise it is decomposed from the total.
+    sections : tuple of str
+        Sections of the recorded procedure, as printed and corrected.
+    multiplications, additions : str
+        Formulas.
+    remark : str
+        Why the count is another; or empty.
+
+    """
+
+    system: str
+    item: str
+    text: str
+    derived: bool
+    sections: tuple[str, ...]
+    multiplications: str
+    additions: str
+    remark: str = ''
+
+
 def levels(n: int) -> int:
     """Return ceil(log2 n)."""
     return (n - 1).bit_length()
@@ -109,3 +143,8 @@ TABLE = {
     )
     for name, row in table('paper').items()
 }
+PARTS = tuple(
+    Part(system=system, **{**row, 'sections': tuple(row['sections'])})
+    for system, rows in table('paper_parts').items()
+    for row in rows
+)

@@ -8,6 +8,7 @@ Steps:
     counts              steps of every method measured on recorded programs, compared with the
                         paper (Row)
     convergence         iterations of the iterative methods to converge, and errors after n of them
+    errata              misprints of the paper as a table, each executed (Erratum)
 
 Times:
 

@@ -8,28 +8,55 @@ the comparisons here, and the tables show divisions in a column of their own. Ro
 move data between lanes, the paper does not count. A cycle of the triangular array is one
 multiplication, one addition where some cell subtracts, and one root where some cell takes one.
 
-Speed-up is the arithmetic of the best direct method recorded for one processor, at that n, over
-that of a system; efficiency is speed-up over its processors, cells of the array among them.
+A system of the paper has up to three editions. *As printed*: its procedure step by step, misprints
+included, as far as it can be executed. *Corrected*: what must change for a right result, nothing
+more. *Best known*: our own, with packing and other formulas. Serial methods have the last one
+only, since the paper quotes their totals.
+
+Speed-up is the arithmetic of one processor over that of a system: of the same algorithm, or of the
+best of all direct algorithms at that n. One processor executes an algorithm by its sequential
+recording or operation by operation, whichever is less; so n processors cannot be more than n times
+as fast. Efficiency is speed-up over processors, cells of the array among them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from pfd_core.algorithms.emulation import arithmetic, on_cells, processors_of
+import numpy as np
+
+from pfd_core.algorithms.emulation import arithmetic, processors_of
+from pfd_core.algorithms.paper import pcgm_1987, pcrbm_1987
+from pfd_core.algorithms.paper.array_solver import factor
+from pfd_core.algorithms.paper.literal_array import literal_array
 from pfd_core.algorithms.paper.pcrbm_array import SECTION
-from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
-from pfd_core.algorithms.programs import ITERATIVE, METHODS, SERIAL, record_forward_dynamics
+from pfd_core.algorithms.paper.triangular_array import MULTIPLY, solve_cycles, solve_steps
+from pfd_core.algorithms.programs import (
+    FORWARD,
+    ITERATIVE,
+    METHODS,
+    SERIAL,
+    record_forward_dynamics,
+)
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import resolve
-from pfd_core.report.cases.paper import KINDS, TABLE, Claim
+from pfd_core.report.cases.paper import KINDS, PARTS, TABLE, Claim, Part
 from pfd_core.report.cases.robots import uniform_chain
 
 SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 32, 48, 64)
 GIVEN = ('joint rotation', 'rotations')  # the sections that the paper does not count
 PRINTED_AT = 6
+AS_PRINTED, CORRECTED, BEST_KNOWN = EDITIONS = ('as printed', 'corrected', 'best known')
+# The procedures of the paper that the first two editions of a system are recorded from.
+PROCEDURES: dict[str, tuple[str, Collection[str]]] = {
+    'pcrbm': ('pcrbm_1987', pcrbm_1987.AS_PRINTED),
+    'pcrbm_array': ('pcrbm_1987', pcrbm_1987.AS_PRINTED),
+    'pcgm': ('pcgm_1987', pcgm_1987.MISPRINTS),
+}
+# Sections of PCRBM that the array executes instead of n processors.
+FACTORISATION = ('set ordering', 'square roots', 'divisions', 'factorisation')
 # Systems that the paper does not have.
 BEYOND = {
     'pcrbm_base_origin': 'PCRBM about the base origin',
@@ -49,13 +76,14 @@ class Cell:
     measured : int
         Steps, divisions counted as multiplications.
     unpacked : int or None
-        Steps without packing of partly filled rows of lanes; None on one processor.
+        Steps with one lane a link, without packing; None on one processor.
     claimed : float or None
         Value of the paper's formula; None for a system that the paper does not have.
     printed, parts : float or None
         The value printed for n = 6, and the sum of the parts that the paper counts.
     comparison : str
-        Whether `measured` is 'equal' to, 'lower' or 'higher' than `claimed`; '' without a claim.
+        Whether `measured` is 'equal' to, 'lower' or 'higher' than `claimed`; '' if it is not as
+        printed or there is no claim.
     remark : str
         Contradictions in the paper, or limits of the comparison; or empty.
 
@@ -73,12 +101,14 @@ class Cell:
 @dataclass(frozen=True)
 class Row:
     """
-    The counts of one system at one n.
+    The counts of one edition of a system at one n.
 
     Attributes
     ----------
     system, title : str
         Name of the method, and its name on the page.
+    edition : str
+        One of EDITIONS.
     n : int
         Joints.
     iterations : int or None
@@ -86,13 +116,19 @@ class Row:
     processors, units : str, int
         Formula in words, and number.
     steps, unpacked : Steps
-        Steps on that machine, with and without packing of rows of lanes.
+        Steps on that machine, with and without packing of rows of lanes. As printed and corrected,
+        only the pairs i < j are packed.
     busy : float
         Share of the processors' arithmetic steps that did useful work, 0 to 1.
-    speed_up, efficiency : float or None
-        None for an iterative method.
+    speed_up, published_speed_up : float or None
+        Over the best direct algorithm on one processor, and over the best serial formula of
+        Table 1; None for an iterative method.
     routed_speed_up : float or None
-        Speed-up with each route counted as a step.
+        `speed_up` with each route counted as a step, packed or not, whichever is faster.
+    own_speed_up : float
+        Over the same algorithm on one processor, with as many iterations.
+    efficiency, own_efficiency : float or None
+        `speed_up` and `own_speed_up` over `units`.
     cells : dict
         By kind of operation.
 
@@ -100,6 +136,7 @@ class Row:
 
     system: str
     title: str
+    edition: str
     n: int
     iterations: int | None
     processors: str
@@ -108,36 +145,43 @@ class Row:
     unpacked: Steps
     busy: float
     speed_up: float | None
+    published_speed_up: float | None
     routed_speed_up: float | None
+    own_speed_up: float
     efficiency: float | None
+    own_efficiency: float
     cells: dict[str, Cell]
 
 
 def measure(sizes: Iterable[int] = SIZES) -> Iterator[Row]:
-    """Yield the counts of every method for some n; iterative methods take n iterations."""
+    """Yield the counts of every system for some n; iterative methods take n iterations."""
     for n in sizes:
         for method in METHODS:
-            yield row(method, n)
+            for edition in EDITIONS if method in PROCEDURES else (BEST_KNOWN,):
+                yield row(method, n, edition=edition)
 
 
-def row(method: str, n: int, iterations: int | None = None) -> Row:
+def row(method: str, n: int, iterations: int | None = None, edition: str = BEST_KNOWN) -> Row:
     """
-    Return the counts of one method at one n.
+    Return the counts of one edition of a method at one n.
 
     An iterative method takes `iterations`, default n as in the paper. It has no speed-up, since
     the iterations to converge depend on the state.
     """
     iterative = method in ITERATIVE
     iterations = (n if iterations is None else iterations) if iterative else None
-    steps, unpacked, work = _counted(method, n, iterations or 1)
+    steps, unpacked, work, alone = _counted(method, n, edition, iterations or 1)
     lanes = 1 if method in SERIAL else n
     units = processors_of(method, n, lanes)
     taken = arithmetic(steps)
     speed_up = None if iterative else best_serial(n)[1] / taken
+    own_speed_up = alone / taken
+    routed = min(arithmetic(s) + s.routes for s in (steps, unpacked))
     system = TABLE.get(method)
     return Row(
         system=method,
         title=system.title if system else BEYOND[method],
+        edition=edition,
         n=n,
         iterations=iterations,
         processors=system.processors if system else ('1' if lanes == 1 else 'n'),
@@ -146,14 +190,18 @@ def row(method: str, n: int, iterations: int | None = None) -> Row:
         unpacked=unpacked,
         busy=work / (taken * units),
         speed_up=speed_up,
-        routed_speed_up=None if speed_up is None else speed_up * taken / (taken + steps.routes),
+        published_speed_up=None if iterative else published_serial(n) / taken,
+        routed_speed_up=None if speed_up is None else speed_up * taken / routed,
+        own_speed_up=own_speed_up,
         efficiency=None if speed_up is None else speed_up / units,
+        own_efficiency=own_speed_up / units,
         cells={
             kind: _cell(
                 _of_kind(steps, kind),
                 None if lanes == 1 else _of_kind(unpacked, kind),
                 getattr(system, kind) if system else None,
                 n,
+                edition == AS_PRINTED,
             )
             for kind in KINDS
         },
@@ -162,28 +210,50 @@ def row(method: str, n: int, iterations: int | None = None) -> Row:
 
 @cache
 def best_serial(n: int) -> tuple[str, int]:
-    """Return the direct method for one processor with least arithmetic, and its arithmetic."""
-    counts = {method: serial_arithmetic(method, n) for method in SERIAL if method not in ITERATIVE}
+    """Return the direct method with least arithmetic on one processor, and its arithmetic."""
+    counts = {
+        method: _counted(method, n, edition, 1)[-1]
+        for method in METHODS
+        if method not in ITERATIVE
+        # As printed is not among them: it does not give qdd.
+        for edition in ((CORRECTED, BEST_KNOWN) if method in PROCEDURES else (BEST_KNOWN,))
+    }
     best = min(counts, key=counts.__getitem__)
     return best, counts[best]
 
 
-def serial_arithmetic(method: str, n: int) -> int:
-    """Return the arithmetic of a direct method recorded for one processor."""
-    return arithmetic(_net(_program(method, n, 'sequential'), 1, 1))
+def published_serial(n: int) -> float:
+    """Return the least total that a formula of Table 1 gives for a direct serial method."""
+    serial = (TABLE[method] for method in SERIAL if method in TABLE and method not in ITERATIVE)
+    claims = ((system.multiplications, system.additions) for system in serial)
+    return float(min(one.formula(n) + other.formula(n) for one, other in claims))
 
 
 @cache
-def _counted(method: str, n: int, iterations: int) -> tuple[Steps, Steps, int]:
-    """Return the steps, the steps without packing, and the useful operations of a method."""
-    program = _program(method, n, 'parallel')
-    plain = program if method in SERIAL else _program(method, n, 'unpacked')
-    packed, unpacked = (_on_the_machine(method, n, p, iterations) for p in (program, plain))
-    return packed, unpacked, arithmetic(_net(program, 1, iterations))
+def _counted(method: str, n: int, edition: str, iterations: int) -> tuple[Steps, Steps, int, int]:
+    """
+    Return the steps of an edition, and without packing, its operations, and on one processor.
+
+    One processor takes the recording for it, or executes the operations of all one by one.
+    """
+    program = _program(method, n, 'parallel', edition)
+    plain = program if method in SERIAL else _program(method, n, 'unpacked', edition)
+    packed, unpacked = (
+        _on_the_machine(method, n, edition, p, iterations) for p in (program, plain)
+    )
+    work = arithmetic(_net(program, 1, iterations))
+    alone = arithmetic(_net(_program(method, n, 'sequential', edition), 1, iterations))
+    return packed, unpacked, work, min(work, alone)
 
 
-def _program(method: str, n: int, schedule: str) -> Program:
-    return record_forward_dynamics(resolve(uniform_chain(n)), method, schedule)
+def _program(method: str, n: int, schedule: str, edition: str) -> Program:
+    plant = resolve(uniform_chain(n))
+    if edition == BEST_KNOWN:
+        return record_forward_dynamics(plant, method, schedule)
+    procedure, misprints = PROCEDURES[method]
+    return FORWARD[procedure](
+        plant, schedule, misprints=misprints if edition == AS_PRINTED else ()
+    )
 
 
 def _net(program: Program, processors: int | None, iterations: int) -> Steps:
@@ -192,15 +262,61 @@ def _net(program: Program, processors: int | None, iterations: int) -> Steps:
     return replace(program, instructions=counted).count(processors, iterations=iterations)
 
 
-def _on_the_machine(method: str, n: int, program: Program, iterations: int) -> Steps:
+def _on_the_machine(method: str, n: int, edition: str, program: Program, iterations: int) -> Steps:
     """Return the steps of a method; cells of the array that act in one cycle are one step."""
     steps = _net(program, None, iterations)
     if method != 'pcrbm_array':
         return steps
+    if edition != BEST_KNOWN:
+        # The array factors, and n processors substitute. What it does depends on n alone.
+        run = literal_array if edition == AS_PRINTED else factor
+        trace = run(np.eye(n)).trace
+        subtracting = sum(MULTIPLY in acting.values() for acting in trace.actions)
+        cells = _in_sections(program, FACTORISATION)
+        return steps - cells + Steps(trace.cycles, subtracting, square_roots=n)
     solve = solve_steps(n)
     # In a cycle some cells multiply while others divide or take a root: one multiplication.
     cycles = replace(solve, multiplications=solve_cycles(n) - solve.divisions)
-    return on_cells(steps, program.count(section=SECTION), cycles)
+    return steps - program.count(section=SECTION) + cycles
+
+
+def _in_sections(program: Program, sections: Sequence[str]) -> Steps:
+    """Return the steps of those of the sections that a program has."""
+    present = {one.section for one in program.instructions}
+    return sum((program.count(section=s) for s in sections if s in present), Steps())
+
+
+@dataclass(frozen=True)
+class CountedPart:
+    """
+    A part of a system that the paper counts, or that its total decomposes into.
+
+    Attributes
+    ----------
+    part : Part
+        What the paper gives.
+    as_printed, unpacked, corrected : Steps
+        Steps of its sections: as printed with pairs packed and with one lane a link, and
+        corrected with pairs packed. Of a repeated part, one iteration.
+
+    """
+
+    part: Part
+    as_printed: Steps
+    unpacked: Steps
+    corrected: Steps
+
+
+def counted_parts(n: int) -> Iterator[CountedPart]:
+    """Yield the parts of section 2.5 and of section 3, counted by their recorded sections."""
+    recordings = (('parallel', AS_PRINTED), ('unpacked', AS_PRINTED), ('parallel', CORRECTED))
+    programs = {
+        system: [_program(system, n, *recording) for recording in recordings]
+        for system in dict.fromkeys(part.system for part in PARTS)
+    }
+    for part in PARTS:
+        steps = (_in_sections(program, part.sections) for program in programs[part.system])
+        yield CountedPart(part, *steps)
 
 
 def _of_kind(steps: Steps, kind: str) -> int:
@@ -209,7 +325,9 @@ def _of_kind(steps: Steps, kind: str) -> int:
     return int(getattr(steps, kind)) + divisions
 
 
-def _cell(measured: int, unpacked: int | None, claim: Claim | None, n: int) -> Cell:
+def _cell(
+    measured: int, unpacked: int | None, claim: Claim | None, n: int, as_printed: bool
+) -> Cell:
     if claim is None:
         return Cell(measured, unpacked, None, None, None, '', '')
     claimed = claim.formula(n)
@@ -220,6 +338,6 @@ def _cell(measured: int, unpacked: int | None, claim: Claim | None, n: int) -> C
         float(claimed),
         claim.printed if n == PRINTED_AT else None,
         None if claim.parts is None else float(claim.parts(n)),
-        ('equal', 'higher', 'lower')[order],
+        ('equal', 'higher', 'lower')[order] if as_printed else '',
         claim.remark,
     )

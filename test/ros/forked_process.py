@@ -1,0 +1,103 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Processes that start in a moment: forks of one process that has imported what they need."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import ctypes
+from functools import reduce
+from importlib import import_module
+import multiprocessing
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+from typing import Any
+
+_FORKS = multiprocessing.get_context('forkserver')
+_FORKS.set_forkserver_preload(
+    ['pfd_ros.node.process', 'pfd_ros.node.log_player', 'pfd_ros.cli.replay', __name__]
+)
+PR_SET_PDEATHSIG = 1
+
+
+class ForkedProcess:
+    """A process that calls `main(args)` of a module, with the methods of subprocess.Popen.
+
+    Parameters
+    ----------
+    module, args
+        Whose function `main` returns the exit status, and its arguments.
+    output
+        A file for its stdout and stderr.
+    env, cwd
+        As for subprocess.Popen.
+    replaced
+        What the process has in place of things of a module: 'module:name' or
+        'module:Class.name' -> a value that can be pickled.
+    """
+
+    def __init__(
+        self,
+        module: str,
+        args: Sequence[str],
+        output: Path,
+        env: Mapping[str, str],
+        cwd: Path,
+        replaced: Mapping[str, Any],
+    ) -> None:
+        job = (module, list(args), output, dict(env), cwd, dict(replaced))
+        self._process = _FORKS.Process(target=_run, args=job)
+        self._process.start()
+        self.pid = self._process.pid
+
+    @property
+    def returncode(self) -> int | None:
+        return self._process.exitcode
+
+    def poll(self) -> int | None:
+        return self._process.exitcode
+
+    def wait(self, seconds: float) -> int:
+        self._process.join(seconds)
+        if self.returncode is None:
+            raise subprocess.TimeoutExpired(self._process.name, seconds)
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
+def failing(error: type[Exception], *_: Any) -> None:
+    """Raise an error: what a partial function of it replaces has a bug."""
+    raise error('a bug')
+
+
+def _run(
+    module: str,
+    args: list[str],
+    output: Path,
+    env: dict[str, str],
+    cwd: Path,
+    replaced: dict[str, Any],
+) -> None:
+    if sys.platform == 'linux':
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
+    os.setsid()
+    os.chdir(cwd)
+    os.environ.clear()
+    os.environ.update(env)
+    with output.open('ab') as stream:
+        os.dup2(stream.fileno(), 1)
+        os.dup2(stream.fileno(), 2)
+    for where, value in replaced.items():
+        name, _, path = where.partition(':')
+        *owners, last = path.split('.')
+        setattr(reduce(getattr, owners, import_module(name)), last, value)
+    sys.exit(import_module(module).main(args))

@@ -1,0 +1,106 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Routes of the methods on n lanes, with one lane per link, as closed forms by hand.
+
+A recurrence on vectors takes a shift of each component in each of L = ceil(log2 n) levels; a row
+of pairs i < j takes a broadcast of each component of link i. Packed routes are our own numbers.
+"""
+
+from __future__ import annotations
+
+from closed_forms import EVERY_SIZE, chain, levels, routes_by_section
+import pytest
+
+from pfd_core.algorithms.paper.pcrbm_array import SECTION
+from pfd_core.algorithms.programs import FORWARD
+from pfd_core.model import resolve
+
+Routes = dict[str, int]
+
+
+def pose_and_bias(n: int) -> Routes:
+    """Return 9 elements a level of R; z_(i-1); five sums of vectors, and w_(i-1)."""
+    many = n > 1
+    return {
+        'orientation': 9 * levels(n),
+        'link vectors': 3 * many,
+        'omega': 15 * levels(n) + 3 * many,
+    }
+
+
+def composite_bodies(n: int) -> Routes:
+    """Return M, c with its coefficients, E; M_(j+1), c_(j+1); p*_i and z_i for the pairs."""
+    L, many = levels(n), n > 1
+    return {
+        'composite bodies': L + (4 * L - 1) * many + 6 * L + 4 * many,
+        'moments of the row sweep': 3 * (n - 1),
+        'elements of H': 3 * (n - 1),
+    }
+
+
+def solve(n: int) -> Routes:
+    """Return l_ij for j < i < n - 1 and 1/d_j; n - 1 elements each way, n - 1 diagonals."""
+    return {
+        'factorisation': (n - 1) * (n - 2) // 2 + n - 1,
+        'column sweep': 3 * (n - 1),
+    }
+
+
+def about_the_base(n: int) -> Routes:
+    """Return o_i and o_(i-1); mass, first moment and inertia; pairs at distances around."""
+    L = levels(n)
+    # Two 6-vectors for each distance; a pair farther apart than n/2 comes out on the other lane.
+    far = sum(n - d for d in range(1, n) if 2 * d > n)
+    return {
+        'base origin': 3 * L + 3 * (n > 1),
+        'composite bodies': 10 * L,
+        'elements of H': 12 * (n // 2) + far,
+    }
+
+
+def streams(n: int) -> Routes:
+    """Return the elements of H and y on their way to the array; h_11 and y_1 are on lane 0."""
+    return {f'streams of the {SECTION}': n * (n + 1) // 2 + n - 2}
+
+
+EXPECTED = {
+    'pcrbm': lambda n: pose_and_bias(n) | composite_bodies(n) | solve(n),
+    'pcrbm_array': lambda n: pose_and_bias(n) | composite_bodies(n) | streams(n),
+    'pcrbm_base_origin': lambda n: pose_and_bias(n) | about_the_base(n) | solve(n),
+    # Four sums of vectors, two inner products, of which each result is broadcast.
+    'pcgm': lambda n: (
+        pose_and_bias(n)
+        | {
+            'first residual': levels(n),
+            'product with H': 12 * levels(n),
+            'iteration': 2 * levels(n) + 2 * (n > 1),
+        }
+    ),
+}
+
+
+@pytest.mark.parametrize('n', EVERY_SIZE)
+@pytest.mark.parametrize('method', EXPECTED)
+def test_routes_with_one_lane_per_link_have_their_closed_forms(method: str, n: int) -> None:
+    found = routes_by_section(FORWARD[method](resolve(chain(n)), 'unpacked'))
+    assert found == {section: count for section, count in EXPECTED[method](n).items() if count}
+
+
+# Not derived: our own numbers, which change if a packing does.
+GOLDEN = {
+    'pcrbm': (378, 174),
+    'pcrbm_array': (350, 169),
+    'pcrbm_base_origin': (345, 189),
+    'pcgm': (330, 125),
+    'divide_and_conquer': (913, 780),
+    'pcrbm_1987': (255, 183),
+    'pcgm_1987': (125, 125),
+}
+
+
+@pytest.mark.parametrize('method', GOLDEN)
+def test_packed_routes_of_six_joints_are_our_golden_numbers(method: str) -> None:
+    plant = resolve(chain(6))
+    found = tuple(FORWARD[method](plant, s).count().routes for s in ('parallel', 'unpacked'))
+    assert found == GOLDEN[method]

@@ -13,6 +13,8 @@ REPORT = ['matplotlib', 'mpmath']
 PEERS = ['casadi', 'mujoco']
 # Completion of `pfd` in shells, as ros2 and colcon have it.
 COMPLETION = ['argcomplete']
+# The 3D view: its page, and meshes of URDFs (COLLADA through pycollada).
+VIEW = ['viser>=1.1', 'trimesh>=4', 'pycollada']
 
 setup(
     name=NAME,
@@ -49,11 +51,13 @@ setup(
         'ros': ROS,
         'report': REPORT,
         'peers': PEERS,
+        'view': VIEW,
         'completion': COMPLETION,
         'test': [
             *REPORT,
             *PEERS,
             *COMPLETION,
+            *VIEW,
             'colcon-common-extensions',
             'colcon-ros',
             'example-robot-data',

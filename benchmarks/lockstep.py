@@ -4,6 +4,7 @@
 Print control steps per second of an arm in lockstep, compared with bare loops of the same work.
 
     python benchmarks/lockstep.py [seconds]
+    python benchmarks/lockstep.py replay [simulated seconds, default 60]
 
 A UR5 with its rotors, two substeps a step, under the same PD controller. Rounds of all cases take
 turns within one run, each after one that is not timed, and each case prints the best and the
@@ -19,6 +20,13 @@ loops say more than the rates.
     node          over topics in one process: the arm, and a node with ordinary messages
     raw node      the same, and a node that reads and writes bytes
     raw echo      as echo, with bytes at both ends
+
+`replay` records such a run at 1 kHz, one command a step, and prints the processor time of reading
+it again, as a multiple of what the package `mcap` needs to iterate over the messages.
+
+    mcap          make_reader(...).iter_messages()
+    verify        pfd replay --verify
+    what-if       pfd replay --what-if, which writes a log of as many messages
 """
 
 from __future__ import annotations
@@ -28,14 +36,17 @@ from contextlib import ExitStack
 from pathlib import Path
 import sys
 from tempfile import TemporaryDirectory
-from time import perf_counter, sleep
+from time import perf_counter, process_time, sleep
 from typing import Any
 
+from mcap.reader import make_reader
 import numpy as np
 
 import pfd_core as pfd
 from pfd_ros.messages.command_bytes import EffortArray
 from pfd_ros.messages.convert import JointStateEncoder, decode_floats, decode_joint_state
+from pfd_ros.replay.verify import read
+from pfd_ros.replay.what_if import what_if
 from pfd_ros.testing.lockstep_arm import LockstepArm
 
 STIFFNESS, DAMPING = np.full(6, 100.0), np.full(6, 10.0)
@@ -44,6 +55,8 @@ GOAL = np.array([0.3, -0.6, 0.9, 0.2, -0.5, 0.4])
 STEPS = 200
 # Longest time after a round until the last of its messages is in the file.
 WRITING_SECONDS = 0.3
+# Each case of `replay`.
+ROUNDS = 3
 SETTINGS: dict[str, Any] = {'robot': 'ur5', 'armature': True, 'substeps': 2}
 
 
@@ -216,5 +229,36 @@ def main(seconds: float) -> None:
         print(f'{name:12} {1 / best[name]:10.0f}  {1 / np.median(found):12.0f}  {share}')
 
 
+def iterate(path: Path) -> None:
+    with path.open('rb') as stream:
+        for _ in make_reader(stream).iter_messages():
+            pass
+
+
+def replay(seconds: float) -> None:
+    with TemporaryDirectory() as folder:
+        path, new = Path(folder) / 'run.mcap', Path(folder) / 'new.mcap'
+        with LockstepArm(**SETTINGS, recording=path) as arm:
+            arm.run(lambda t, q, qd: pd(q, qd), seconds)
+        times: dict[str, list[float]] = {'mcap': [], 'verify': [], 'what-if': []}
+        for _ in range(ROUNDS):
+            for name, found in times.items():
+                before = process_time()
+                if name == 'mcap':
+                    iterate(path)
+                elif name == 'verify':
+                    read(path, verify=True)
+                else:
+                    what_if(path, ['payload.mass=1'], out=new)
+                found.append(process_time() - before)
+                new.unlink(missing_ok=True)
+        bare = min(times['mcap'])
+        for name, found in times.items():
+            print(f'{name:8} {min(found):7.2f} s  {min(found) / bare:.2f} of mcap')
+
+
 if __name__ == '__main__':
+    if sys.argv[1:2] == ['replay']:
+        replay(float(sys.argv[2]) if len(sys.argv) > 2 else 60.0)
+        raise SystemExit
     main(float(sys.argv[1]) if len(sys.argv) > 1 else 20.0)

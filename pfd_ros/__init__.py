@@ -10,13 +10,14 @@ Subpackages in the order of data flow; each imports only from those above it:
     recording    the MCAP file of a run, written and read
     replay       a recording inspected and simulated again, bit for bit
     node         the arm on its topics, in real time; parameters, threads, log lines
+    view         the arm of a log or of a running node in 3D, in a browser
     testing      the arm in a controller's tests: pytest fixtures, lockstep, assertions
     demo         the node and a controller as two processes, and the results
     cli          the command `pfd`, one module a command
 
 `pfd_ros.read_log` returns the messages of a recording, or of any bag, as arrays.
 
-Only `node`, `testing` and `demo` import rclpy.
+Only `node`, `testing`, `demo` and `view.live` import rclpy.
 
 To change or add
 
@@ -32,6 +33,7 @@ To change or add
     log lines, diagnostics  node.reporting, node.diagnostics
     metadata of recordings  recording.format.HeadKey, EndKey; built in provenance.file_head and
                             recorder.LogRecorder.ending, written by mcap_file
+    what `pfd view` draws   view.scene, view.log_page; from a new topic also view.motion
     a `pfd` command         a module of cli, a name in cli.main.COMMANDS
 """
 

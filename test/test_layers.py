@@ -42,9 +42,10 @@ PFD_ROS = {
     'recording': {'text', 'messages', 'arm'},
     'replay': {'text', 'messages', 'arm', 'recording'},
     'node': {'text', 'messages', 'arm', 'recording', 'replay'},
+    'view': {'text', 'messages', 'arm', 'recording', 'node'},
     'testing': {'text', 'messages', 'arm', 'recording', 'replay'},
     'demo': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'testing'},
-    'cli': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'demo'},
+    'cli': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'view', 'demo'},
 }
 SIMULATION: dict[str, set[str]] = {'contact': set()}
 REPORT: dict[str, set[str]] = {
@@ -65,7 +66,9 @@ ORDERS = {
 RESERVED = {
     'llvmlite': {'pfd_core.kernels'},
     'pinocchio': {'pfd_core.report.contenders'},
-    'rclpy': {'pfd_ros.node', 'pfd_ros.testing', 'pfd_ros.demo'},
+    'viser': {'pfd_ros.view'},
+    'trimesh': {'pfd_ros.view'},
+    'rclpy': {'pfd_ros.node', 'pfd_ros.testing', 'pfd_ros.demo', 'pfd_ros.view.live'},
 }
 
 

@@ -70,7 +70,7 @@ class LinkFrames:
     ) -> None:
         self._text = urdf.text
         self.every = every
-        rules = _rules(urdf, moving, locked)
+        rules = joint_rules(urdf, moving, locked)
         joints = urdf.joints.values()
         moved = [joint for joint in joints if rules[joint.name].leader is not None]
         fixed = [joint for joint in joints if rules[joint.name].leader is None]
@@ -79,11 +79,11 @@ class LinkFrames:
         self._sources = np.array([places[str(rule.leader)] for rule in followed], np.intp)
         self._factors = np.array([rule.multiplier for rule in followed], float)
         self._offsets = np.array([rule.offset for rule in followed], float)
-        self._transforms = _Transforms(moved)
+        self._transforms = JointTransforms(moved)
         self._encoder = TransformEncoder([(joint.parent, joint.child) for joint in moved])
         self._fixed_encoder = TransformEncoder([(joint.parent, joint.child) for joint in fixed])
         positions = np.array([rules[joint.name].offset for joint in fixed], float)
-        self._fixed_numbers = _Transforms(fixed).at(positions)
+        self._fixed_numbers = JointTransforms(fixed).at(positions)
         present = {DESCRIPTION: True, TF_STATIC: every and fixed, TF: every and moved}
         self.roles = frozenset(role for role, there in present.items() if there)
 
@@ -114,14 +114,26 @@ def link_frames(text: str, settings: Settings, robot: pfd.Robot) -> LinkFrames:
     return LinkFrames(urdf, robot.joint_names, settings.locks, settings.tf_every)
 
 
-def _rules(urdf: pfd.Urdf, moving: Sequence[str], locked: Mapping[str, float]) -> dict[str, _Rule]:
-    """Return the rule of each joint of a URDF."""
-    rules: dict[str, _Rule] = {}
+def joint_rules(
+    urdf: pfd.Urdf, moving: Sequence[str], locked: Mapping[str, float]
+) -> dict[str, JointRule]:
+    """Return the rule of each joint of a URDF, by name.
+
+    Parameters
+    ----------
+    urdf
+        The model.
+    moving
+        Names of the joints whose positions are known; joints that mimic them follow.
+    locked
+        Position of each locked joint, rad or m; other names are ignored. Other joints are at 0.
+    """
+    rules: dict[str, JointRule] = {}
     for name in urdf.joints:
         if name in moving:
-            rules[name] = _Rule(name, 1.0, 0.0)
+            rules[name] = JointRule(name, 1.0, 0.0)
         elif name in locked:
-            rules[name] = _Rule(None, 0.0, locked[name])
+            rules[name] = JointRule(None, 0.0, locked[name])
     # Of joints that mimic others that mimic others, each round finds some.
     following = True
     while following:
@@ -131,14 +143,14 @@ def _rules(urdf: pfd.Urdf, moving: Sequence[str], locked: Mapping[str, float]) -
             if mimic is not None and joint.name not in rules and mimic.leader in rules:
                 leader, multiplier, offset = rules[mimic.leader]
                 factor = mimic.multiplier
-                rules[joint.name] = _Rule(
+                rules[joint.name] = JointRule(
                     leader, factor * multiplier, factor * offset + mimic.offset
                 )
                 following = True
-    return {name: rules.get(name, _Rule(None, 0.0, 0.0)) for name in urdf.joints}
+    return {name: rules.get(name, JointRule(None, 0.0, 0.0)) for name in urdf.joints}
 
 
-class _Rule(NamedTuple):
+class JointRule(NamedTuple):
     """The position of a joint: multiplier * the leader's + offset, or offset without one."""
 
     leader: str | None
@@ -146,8 +158,8 @@ class _Rule(NamedTuple):
     offset: float
 
 
-class _Transforms:
-    """The transforms of k joints as functions of their positions."""
+class JointTransforms:
+    """The transforms of k joints, from parent to child link, as functions of their positions."""
 
     def __init__(self, joints: Sequence[Any]) -> None:
         count = len(joints)

@@ -10,6 +10,7 @@
     what_if   pfd replay --what-if: its inputs into a changed arm
     info      pfd info: topics, times and settings of a log
     compare   pfd compare: differences of two logs
+    view      pfd view: the arm of a log or of a running node in 3D, in a browser
     recover   pfd recover: a whole file from one that was cut off or damaged
     report    pfd report: counts, speed, hard cases, a scene
     recorded_motion  for `pfd report scene`: the efforts and brakes of every step, and the states

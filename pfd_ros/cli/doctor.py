@@ -31,6 +31,7 @@ EXTRAS = {
     'ros': 'the node (pfd sim, pfd demo) and tests over topics',
     'report': 'the plots of pfd demo, pfd compare and pfd report',
     'peers': 'CasADi and MuJoCo in pfd report speed',
+    'view': 'pfd view: the arm of a log or of a running node in 3D',
     'completion': 'completion of pfd in bash and zsh, see docs/guides/node.md',
     'test': 'the tests of this project',
 }

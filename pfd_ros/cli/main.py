@@ -34,7 +34,7 @@ NO_ROS = (
 
 # The modules of this package that are commands, in the order of `pfd --help`.
 COMMANDS = (
-    *('demo', 'sim', 'replay', 'info', 'compare', 'recover'),
+    *('demo', 'sim', 'replay', 'info', 'compare', 'view', 'recover'),
     *('report', 'robots', 'urdf', 'doctor'),
 )
 NEED_ROS = {'demo', 'sim'}
@@ -106,7 +106,8 @@ def _run(words: list[str], stop: Stop | None) -> int:
     if given.ros_args and given.command != 'sim':
         print(f'pfd: {given.command} takes no --ros-args', file=sys.stderr)
         return 2
-    needs_ros = given.command in NEED_ROS or getattr(given, 'publish', False)
+    asked = getattr(given, 'publish', False) or getattr(given, 'live', False)
+    needs_ros = given.command in NEED_ROS or asked
     if needs_ros and importlib.util.find_spec('rclpy') is None:
         print(f'pfd: {NO_ROS}', file=sys.stderr)
         return 1

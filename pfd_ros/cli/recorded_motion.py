@@ -25,7 +25,7 @@ from pfd_ros.arm.events import STATES
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.recording.reader import Log, LogError, damage_named
-from pfd_ros.replay.ordering import PlacedMessage
+from pfd_ros.replay.ordering import Columns, PlacedMessage
 from pfd_ros.replay.playback import Playback, Stretch, follow
 from pfd_ros.replay.verify import simulable
 from pfd_ros.text import cut, listed
@@ -120,6 +120,10 @@ class _Reading(Playback):
     braked: list[NDArray[Any]] = field(default_factory=list)
     states: list[tuple[int, NDArray[Any], NDArray[Any]]] = field(default_factory=list)
 
+    def together(self, block: Columns) -> bool:
+        """Return whether no output comes after the last step."""
+        return bool(block.cycles[-1] <= self.steps)
+
     def take(self, message: PlacedMessage) -> None:
         """Follow validation rows, up to the last step."""
         if message.cycle <= self.steps:
@@ -144,7 +148,7 @@ class _Reading(Playback):
             return
         self.run_to(message.cycle)
         arm = self.driver.engine.arm
-        self._add_state(message, arm.q, arm.qd)
+        self._add_state(message.cycle, message.data, arm.q, arm.qd)
 
     def stretched(self, stretch: Stretch) -> bool:
         """Read the states of a stretch."""
@@ -152,21 +156,20 @@ class _Reading(Playback):
             return False
         self.efforts += [*stretch.rows[:, 2]]
         self.braked += [np.zeros(stretch.rows.shape[2], bool)] * len(stretch.rows)
-        for message in stretch.messages:
-            if message.role == STATES:
-                self._add_state(message, *stretch.rows[message.cycle - stretch.first, :2])
+        for place, data in zip(*stretch.of(STATES), strict=True):
+            self._add_state(int(place) + stretch.first, data, *stretch.rows[place, :2])
         return True
 
-    def _add_state(self, message: PlacedMessage, q: NDArray[Any], qd: NDArray[Any]) -> None:
+    def _add_state(self, cycle: int, data: bytes, q: NDArray[Any], qd: NDArray[Any]) -> None:
         """Add a recorded state; a measured one is replaced by the true one, q and qd."""
         engine = self.driver.engine
         if engine.sensors is None:
-            state = decode_joint_state(message.data)
+            state = decode_joint_state(data)
             order, count = list(engine.arm.order), len(engine.arm.order)
             q, qd = np.empty((2, count))
             # Locked joints come after those that move.
             q[order], qd[order] = state.position[:count], state.velocity[:count]
-        self.states.append((message.cycle, q, qd))
+        self.states.append((cycle, q, qd))
 
     def run_to(self, cycle: int) -> None:
         """Do the steps up to this one."""

@@ -140,6 +140,7 @@ def as_json(found: WhatIf) -> dict[str, object]:
         'rejected': dict(found.rejected),
         'first_rejected': found.first_rejected,
         'skipped': dict(found.skipped),
+        'times': found.times,
         'complete': found.complete,
         'divergences': [asdict(item) for item in found.divergences],
     }
@@ -153,6 +154,8 @@ def lines_of(found: WhatIf) -> list[str]:
         f'{found.source}: {found.robot}, {changes}',
         f'new run    {found.log}, {found.seconds:.3f} s, {found.states} recorded states compared',
     ]
+    if found.times:
+        lines.append(f'times      {found.times} of the messages')
     if found.failed_at is not None:
         lines.append(
             f'FAILED     simulation stopped at {found.failed_at:.6f} s: {found.failure}; nothing '

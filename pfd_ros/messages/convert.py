@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 import math
 import struct
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.messages.cdr import HEADER, STAMP, TIME, CdrReader, CdrWriter, time_bytes
+from pfd_ros.messages.cdr import HEADER, STAMP, CdrReader, CdrWriter, time_bytes
 from pfd_ros.messages.cdr import NANOSECONDS as NANOSECONDS  # other subpackages take it from here
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -161,6 +161,32 @@ def rows_as_written(data: bytes, columns: tuple[str, ...]) -> list[tuple[int, ..
     return [numbers[k : k + width] for k in range(0, len(numbers), width)]
 
 
+def all_rows_as_written(
+    messages: Sequence[bytes], columns: tuple[str, ...]
+) -> NDArray[Any] | None:
+    """Return the rows of messages with as many each, (messages, rows, columns), as above."""
+    width = len(columns)
+    count = (len(messages[0]) - len(_rows_layout(1, columns))) // (8 * width)
+    if count < 1:
+        return None
+    begin = _rows_layout(count, columns)
+    found = _numbers_at(len(begin), messages, begin, count * width, '<u8')
+    return None if found is None else found.reshape(len(messages), count, width)
+
+
+def _numbers_at(
+    start: int, messages: Sequence[bytes], begin: bytes, count: int, kind: str
+) -> NDArray[Any] | None:
+    """Return the `count` numbers at the end of messages; None if one is longer or begins other."""
+    size = start + 8 * count
+    if set(map(len, messages)) != {size}:
+        return None
+    rows = np.frombuffer(b''.join(messages), np.uint8).reshape(-1, size)
+    if (rows[:, : len(begin)] != np.frombuffer(begin, np.uint8)).any():
+        return None
+    return np.ascontiguousarray(rows[:, start:]).view(kind)
+
+
 def decode_rows(data: bytes, width: int) -> list[list[int]]:
     """Return the rows that `encode_rows` wrote.
 
@@ -283,11 +309,7 @@ def decode_efforts(messages: Sequence[bytes], count: int) -> NDArray[Any] | None
     None if one has another number of them, or a layout.
     """
     begin = _NO_LAYOUT + count.to_bytes(4, 'little')
-    size = _FIRST_NUMBER + 8 * count
-    if not all(len(data) == size and data.startswith(begin) for data in messages):
-        return None
-    rows = np.frombuffer(b''.join(messages), np.uint8).reshape(-1, size)
-    return np.ascontiguousarray(rows[:, _FIRST_NUMBER:]).view('<f8').astype('f8')
+    return _numbers_at(_FIRST_NUMBER, messages, begin, count, '<f8')
 
 
 class _Spans(CdrReader):
@@ -295,21 +317,28 @@ class _Spans(CdrReader):
 
     def __init__(self, data: bytes) -> None:
         super().__init__(data)
-        self.spans: list[tuple[int, int]] = []
+        self.spans: list[slice] = []
 
     def take(self, size: int, align: int) -> int:
         start = super().take(size, align)
-        self.spans.append((start, start + size))
+        self.spans.append(slice(start, start + size))
         return start
 
 
-def decode_named_efforts(
-    messages: Sequence[bytes],
-) -> tuple[tuple[str, ...], NDArray[Any], NDArray[Any]] | None:
-    """Return names, stamps (k,) in ns and efforts (k, n) of JointStates with efforts alone.
+class JointColumns(NamedTuple):
+    """The JointStates of k messages with equal names: stamps (k,) in ns, the others (k, count)."""
 
-    None if the messages differ in anything but stamps, efforts and padding, or have positions or
-    velocities.
+    names: tuple[str, ...]
+    stamps_ns: NDArray[Any]
+    position: NDArray[Any]
+    velocity: NDArray[Any]
+    effort: NDArray[Any]
+
+
+def decode_joint_states(messages: Sequence[bytes]) -> JointColumns | None:
+    """Return JointStates as `decode_joint_state` does, together.
+
+    None if they differ in anything but stamps, numbers and padding.
 
     Raises
     ------
@@ -321,23 +350,23 @@ def decode_named_efforts(
     read_time(reader)
     reader.string()
     names = reader.strings()
-    others = len(reader.numbers('f8')) + len(reader.numbers('f8'))
-    if others or reader.order != '<' or len(reader.numbers('f8')) != len(names) or not names:
-        return None
-    (stamp, *_), numbers = reader.spans[0], reader.spans.pop()
-    if any(len(data) != len(first) for data in messages):
+    equal, spans = [slice(0, len(HEADER)), *reader.spans[2:]], []
+    for _ in JOINT_FIELDS:
+        reader.spans.clear()
+        count = len(reader.numbers('f8'))
+        equal.append(reader.spans[0])
+        spans.append(reader.spans[-1] if count else slice(0))
+    if reader.order != '<' or set(map(len, messages)) != {len(first)}:
         return None
     rows = np.frombuffer(b''.join(messages), np.uint8).reshape(len(messages), -1)
-    same = [place for start, end in reader.spans[2:] for place in range(start, end)]
-    if (rows[:, same] != rows[0, same]).any() or (rows[:, : len(HEADER)] != rows[0, :4]).any():
+    same = np.concatenate([np.arange(*span.indices(len(first))) for span in equal])
+    times = np.ascontiguousarray(rows[:, STAMP]).view('<i4,<u4')[:, 0]
+    nanoseconds = times['f1'].astype(np.int64)
+    if (rows[:, same] != rows[0, same]).any() or (nanoseconds >= NANOSECONDS).any():
         return None
-    times = np.ascontiguousarray(rows[:, stamp : stamp + TIME.size])
-    seconds = times[:, :4].copy().view('<i4')[:, 0].astype(np.int64)
-    nanoseconds = times[:, 4:].copy().view('<u4')[:, 0].astype(np.int64)
-    if (nanoseconds >= NANOSECONDS).any():
-        return None
-    efforts = np.ascontiguousarray(rows[:, slice(*numbers)]).view('<f8').astype('f8')
-    return names, seconds * NANOSECONDS + nanoseconds, efforts
+    stamps_ns = times['f0'].astype(np.int64) * NANOSECONDS + nanoseconds
+    numbers = [np.ascontiguousarray(rows[:, span]).view('<f8').astype('f8') for span in spans]
+    return JointColumns(names, stamps_ns, *numbers)
 
 
 def encode_clocks(stamps_ns: NDArray[Any]) -> bytes:

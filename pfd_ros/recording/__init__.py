@@ -12,11 +12,12 @@ Writing, from the callers to the disk:
     recorder        LogRecorder: a bounded queue and the thread that empties it
     run_files       the files of a run: when a new one begins, and what it repeats
     mcap_file       the records of the file, and the digests of its topics
+    block_writer    many messages at once, with the bytes of the package `mcap`
     sink            bytes to the disk in complete flushes
 
 Reading, from bytes to a log:
 
-    mcap_stream     the records of the file in order: lengths, chunks, checksums
+    mcap_stream     the records of the file, messages in blocks: lengths, chunks, checksums
     head            the metadata records: settings, topics, software versions, totals
     reader          Log: checks the format; messages by role, settings, robot, totals; LogError
     recover         recover: the readable messages of a cut off or damaged file as a new one

@@ -18,7 +18,7 @@ import sqlite3
 import stat
 from typing import Any, NamedTuple
 
-from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Metadata, Schema
 import yaml
 
 from pfd_ros.messages.definitions import full_text
@@ -32,7 +32,7 @@ from pfd_ros.recording.format import (
     HeadKey,
 )
 from pfd_ros.recording.head import strict_json
-from pfd_ros.recording.mcap_stream import CutOffError, McapStream
+from pfd_ros.recording.mcap_stream import CutOffError, McapStream, MessageBlock
 from pfd_ros.recording.reader import LogError, damage_named, opened
 from pfd_ros.text import cut
 
@@ -158,12 +158,13 @@ class Bag:
             records = McapStream(stream, os.fstat(stream.fileno()).st_size)
             with suppress(CutOffError):
                 for record in records:
-                    if isinstance(record, Message):
-                        name = channels.get(record.channel_id)
-                        if name is None:
-                            raise ValueError(f'unknown channel {record.channel_id}')
-                        times = record.log_time, record.publish_time
-                        yield BagMessage(name, *times, record.data)
+                    if isinstance(record, MessageBlock):
+                        for message in record.messages():
+                            name = channels.get(message.channel_id)
+                            if name is None:
+                                raise ValueError(f'unknown channel {message.channel_id}')
+                            times = message.log_time, message.publish_time
+                            yield BagMessage(name, *times, message.data)
                     elif isinstance(record, Schema):
                         schemas[record.id] = record
                         if len(schemas) > TOPIC_LIMIT:

@@ -227,6 +227,7 @@ def read_log(
     path: str | os.PathLike[str],
     *,
     topics: Collection[str] | None = None,
+    types: Collection[str] | None = None,
     start: float | None = None,
     end: float | None = None,
 ) -> LogArrays:
@@ -239,6 +240,8 @@ def read_log(
         An MCAP or SQLite (.db3) file, or a folder of rosbag2.
     topics : collection of str, optional
         Names of topics to read, default all.
+    types : collection of str, optional
+        Read only topics of these types, such as 'sensor_msgs/msg/JointState'.
     start, end : float, optional
         Window [s], in log time after the first message of the log: start <= t < end.
 
@@ -252,8 +255,9 @@ def read_log(
         If it cannot be read.
 
     """
-    if isinstance(topics, str):
-        raise ValueError(f'topics must be a list of names, got {topics!r}: write [{topics!r}]')
+    for label, names in (('topics', topics), ('types', types)):
+        if isinstance(names, str):
+            raise ValueError(f'{label} must be a list of names, got {names!r}: write [{names!r}]')
     first, last = (-math.inf if start is None else start), (math.inf if end is None else end)
     if not first < last:
         raise ValueError(f'start must be before end, got {start} and {end}')
@@ -267,6 +271,8 @@ def read_log(
             continue
         if wanted is not None and message.topic not in wanted:
             continue
+        if types is not None and bag.topics[message.topic].type not in types:
+            continue
         if message.topic not in raw:
             raw[message.topic] = _Raw(bag.topics[message.topic])
         found = raw[message.topic]
@@ -279,7 +285,7 @@ def read_log(
             f'{path} has no topic {listed(missing)}; topics are {listed(sorted(bag.topics))}'
         )
     for name, topic in bag.topics.items():
-        if wanted is None or name in wanted:
+        if (wanted is None or name in wanted) and (types is None or topic.type in types):
             raw.setdefault(name, _Raw(topic))
     robot = None
     with damage_named(bag.path):

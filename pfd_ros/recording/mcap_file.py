@@ -16,9 +16,10 @@ import time
 from typing import IO, cast
 
 from mcap.records import Attachment
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 
 from pfd_ros.messages.definitions import full_text, type_hash
+from pfd_ros.recording.block_writer import BlockWriter, NewMessage
 from pfd_ros.recording.digests import digest_of, of_attachment, of_channel, sealed_end, sealed_head
 from pfd_ros.recording.format import (
     CHUNK_BYTES,
@@ -34,6 +35,8 @@ from pfd_ros.recording.format import (
 )
 from pfd_ros.recording.sink import Sink
 
+# Messages that are written at a time.
+BLOCK_MESSAGES = 256
 # Bytes, about, of a channel, a schema without its definition, or a chunk in the index of a file.
 INDEX_BYTES = 300
 
@@ -173,6 +176,8 @@ class McapFile:
         topics, schemas = channels.topics, channels.schemas
         self.counts = [0] * len(topics)
         self.waiting = 0
+        # By topic in place of channel.
+        self._pending: list[NewMessage] = []
         self.index_bytes = sum(len(text) + INDEX_BYTES for text in schemas.values())
         self.index_bytes += INDEX_BYTES * len(topics)
         self._digests = {topic.name: hashlib.sha256() for topic in topics}
@@ -186,14 +191,27 @@ class McapFile:
 
     def add(self, topic: int, log_ns: int, published_ns: int, sequence: int, data: bytes) -> None:
         """Add one message to the next flush."""
-        prefix = DIGEST_PREFIX.pack(sequence, log_ns, published_ns, len(data))
-        self._updates[topic](prefix + data)
-        self._writer.add_message(self._channels[topic], log_ns, data, published_ns, sequence)
+        self._pending.append((topic, log_ns, published_ns, sequence, data))
         self.counts[topic] += 1
         self.waiting += len(data)
+        if len(self._pending) >= BLOCK_MESSAGES:
+            self._write()
+
+    def _write(self) -> None:
+        """Write the pending messages to the next flush."""
+        if not self._pending:
+            return
+        pending, self._pending = self._pending, []
+        pack, updates = DIGEST_PREFIX.pack, self._updates
+        messages: list[NewMessage] = []
+        for topic, log_ns, published_ns, sequence, data in pending:
+            updates[topic](pack(sequence, log_ns, published_ns, len(data)) + data)
+            messages.append((self._channels[topic], log_ns, published_ns, sequence, data))
+        self._writer.add_messages(messages)
 
     def flush(self) -> None:
         """Write all messages to the operating system."""
+        self._write()
         self._writer.flush()
         self.waiting = 0
         self.index_bytes += INDEX_BYTES
@@ -205,6 +223,7 @@ class McapFile:
 
     def end(self, ending: Mapping[str, str]) -> str:
         """Write the last metadata record and the index; return the digest of the record."""
+        self._write()
         digests = {name: digest.hexdigest() for name, digest in self._digests.items()}
         values = {**ending, EndKey.DIGESTS: json.dumps(digests)}
         sealed = sealed_end(values, self.head_digest)
@@ -214,18 +233,18 @@ class McapFile:
         return sealed[EndKey.DIGEST]
 
 
-def new_writer(stream: IO[bytes]) -> Writer:
+def new_writer(stream: IO[bytes]) -> BlockWriter:
     """Return a writer of compressed chunks with checksums of everything."""
-    return Writer(
+    return BlockWriter(
         stream,
-        chunk_size=CHUNK_BYTES,
+        CHUNK_BYTES,
         compression=CompressionType.ZSTD,
         enable_crcs=True,
         enable_data_crcs=True,
     )
 
 
-def _begin(sink: Sink, table: ChannelTable, head: FileHead) -> tuple[Writer, list[int], str]:
+def _begin(sink: Sink, table: ChannelTable, head: FileHead) -> tuple[BlockWriter, list[int], str]:
     """Write the head of the file; return the writer, the channel of each topic, and a digest."""
     writer = new_writer(cast('IO[bytes]', sink))  # has the methods that the writer uses
     files = {record.name: of_attachment(record) for record in head.attachments}

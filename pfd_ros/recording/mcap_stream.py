@@ -11,11 +11,11 @@ Source: the MCAP format specification, version 0.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 from io import BytesIO
 import struct
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 import zlib
 
 import lz4.frame
@@ -24,6 +24,8 @@ from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
+import numpy as np
+from numpy.typing import NDArray
 import zstandard
 
 from pfd_ros.recording.format import DEFINITION_BYTES, NAME_BYTES, RECORD_BYTES, TEXT_BYTES
@@ -31,13 +33,17 @@ from pfd_ros.recording.format import DEFINITION_BYTES, NAME_BYTES, RECORD_BYTES,
 MAGIC = b'\x89MCAP0\r\n'
 # Kind and length, before the body of a record.
 FRAME = struct.Struct('<BQ')
-# Channel, sequence, log time and publish time of a message, before its data.
-_MESSAGE_PREFIX = struct.Struct('<HIQQ')
+# Before the data of a message.
+_MESSAGE_PREFIX = np.dtype(
+    [('channel', '<u2'), ('sequence', '<u4'), ('log_ns', '<u8'), ('published_ns', '<u8')]
+)
+# Messages of a block: bounds the memory of a chunk of many small messages.
+BLOCK_MESSAGES = 1 << 12
 # Times, size and checksum of a chunk, before the name of its compression and its data.
 _CHUNK_PREFIX = struct.Struct('<QQQI')
 _COUNT, _LENGTH = struct.Struct('<I'), struct.Struct('<Q')
 
-# Messages are parsed here; the strict reader checks only checksums of the index and statistics.
+# Messages are read in blocks; the strict reader checks only checksums of the index and statistics.
 _PARSERS: dict[int, Any] = {
     Opcode.HEADER: records.Header,
     Opcode.SCHEMA: Schema,
@@ -56,15 +62,15 @@ _LIMITS: dict[int, int] = {
     Opcode.CHANNEL: DEFINITION_BYTES,
     Opcode.METADATA: TEXT_BYTES,
 }
-_IN_CHUNK = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
-_IN_DATA = _IN_CHUNK | {
+_IN_CHUNK: frozenset[int] = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
+_IN_DATA: frozenset[int] = _IN_CHUNK | {
     Opcode.CHUNK,
     Opcode.MESSAGE_INDEX,
     Opcode.ATTACHMENT,
     Opcode.METADATA,
     Opcode.DATA_END,
 }
-IN_SUMMARY = frozenset(
+IN_SUMMARY: frozenset[int] = frozenset(
     {
         Opcode.SCHEMA,
         Opcode.CHANNEL,
@@ -80,6 +86,30 @@ IN_SUMMARY = frozenset(
 
 class CutOffError(ValueError):
     """The file ends within a record."""
+
+
+class MessageBlock(NamedTuple):
+    """Messages that follow one another, as columns.
+
+    Attributes
+    ----------
+    channels, sequences, log_ns, published_ns
+        Of each message, (k,); unsigned integers.
+    data
+        The messages.
+    """
+
+    channels: NDArray[Any]
+    sequences: NDArray[Any]
+    log_ns: NDArray[Any]
+    published_ns: NDArray[Any]
+    data: list[bytes]
+
+    def messages(self) -> Iterator[Message]:
+        """Yield them one by one."""
+        columns = self.channels, self.log_ns, self.published_ns, self.sequences
+        channels, log_ns, published_ns, sequences = (column.tolist() for column in columns)
+        return map(Message, channels, log_ns, self.data, published_ns, sequences)
 
 
 class McapStream:
@@ -110,8 +140,8 @@ class McapStream:
         self._size = size
         self._crc = 0
 
-    def __iter__(self) -> Iterator[McapRecord]:
-        """Yield schemas, channels, messages, metadata and attachments of the data section.
+    def __iter__(self) -> Iterator[McapRecord | MessageBlock]:
+        """Yield schemas, channels, metadata and attachments of the data section, and messages.
 
         Raises
         ------
@@ -133,6 +163,8 @@ class McapStream:
                 _compare_checksums(
                     parse_record(opcode, body).data_section_crc, before, 'the data section'
                 )
+            elif opcode == Opcode.MESSAGE:
+                yield message_block(body)
             elif opcode != Opcode.MESSAGE_INDEX:
                 yield parse_record(opcode, body)
         self._check_summary()
@@ -156,7 +188,7 @@ class McapStream:
             raise ValueError('wrong magic at its end')
         self.complete = True
 
-    def _next(self, expected: frozenset[Opcode]) -> tuple[Opcode, bytes]:
+    def _next(self, expected: frozenset[int]) -> tuple[Opcode, bytes]:
         """Return kind and body of the next record."""
         opcode, length = FRAME.unpack(self._read(FRAME.size))
         if opcode == length == 0 and self._rest_is_zero():
@@ -185,32 +217,27 @@ class McapStream:
         return True
 
 
-def records_in_chunk(chunk: Chunk) -> Iterator[McapRecord]:
+def records_in_chunk(chunk: Chunk) -> Iterator[McapRecord | MessageBlock]:
     """Yield the records of a chunk; ValueError if its size, checksum or a record is wrong."""
     size = chunk.uncompressed_size
     if size > RECORD_BYTES:
         raise ValueError(f'a chunk of {size} bytes, expected at most {RECORD_BYTES}')
     # One byte more than its header states, if there is more.
-    unpacked, whole = _unpacked(chunk.compression, chunk.data, size + 1)
-    data = memoryview(unpacked)
+    data, whole = _unpacked(chunk.compression, chunk.data, size + 1)
     if len(data) <= size and not whole:
         raise ValueError('a chunk ends within its LZ4 frame')
     if len(data) != size:
         raise ValueError(f'a chunk of {size} bytes has {len(data)} or more')
     _compare_checksums(chunk.uncompressed_crc, zlib.crc32(data), 'a chunk')
-    at = 0
-    while at < size:
-        if size - at < FRAME.size:
-            raise ValueError('a chunk ends within a record')
-        opcode, length = FRAME.unpack_from(data, at)
-        at += FRAME.size
-        if opcode not in _IN_CHUNK or length > size - at:
-            raise ValueError(f'a chunk holds a record of kind {opcode:#04x}, {length} bytes')
-        yield parse_record(opcode, data[at : at + length])
-        at += length
+    end = yield from _records(data)
+    if size - end >= FRAME.size:
+        opcode, length = FRAME.unpack_from(data, end)
+        raise ValueError(f'a chunk holds a record of kind {opcode:#04x}, {length} bytes')
+    if end < size:
+        raise ValueError('a chunk ends within a record')
 
 
-def records_in_truncated_chunk(body: bytes) -> Iterator[McapRecord]:
+def records_in_truncated_chunk(body: bytes) -> Iterator[McapRecord | MessageBlock]:
     """Yield the whole records at the beginning of a chunk that the file ends within."""
     at = _CHUNK_PREFIX.size
     if len(body) < at + _COUNT.size:
@@ -221,15 +248,54 @@ def records_in_truncated_chunk(body: bytes) -> Iterator[McapRecord]:
     data = b''
     with suppress(ValueError, zstandard.ZstdError, RuntimeError, EOFError):
         data, _ = _unpacked(name, body[at + name_length + _LENGTH.size :], RECORD_BYTES)
-    at = 0
-    while at + FRAME.size <= len(data):
-        opcode, length = FRAME.unpack_from(data, at)
-        at += FRAME.size
-        if opcode not in _IN_CHUNK or at + length > len(data):
-            return
-        with suppress(ValueError, struct.error):
-            yield parse_record(opcode, data[at : at + length])
-        at += length
+    yield from _records(data, ignored=(ValueError, struct.error))
+
+
+def _records(
+    data: bytes, ignored: tuple[type[Exception], ...] = ()
+) -> Generator[McapRecord | MessageBlock, None, int]:
+    """Yield the records of a chunk; return where they end, perhaps before a wrong one."""
+    starts: list[int] = []
+    ends: list[int] = []
+    at, size, unpack = 0, len(data), FRAME.unpack_from
+    # Not as enumerated values, whose comparison takes longer.
+    frame, message, shortest = FRAME.size, int(Opcode.MESSAGE), _MESSAGE_PREFIX.itemsize
+    while at + frame <= size:
+        opcode, length = unpack(data, at)
+        begin = at + frame
+        end = begin + length
+        if end > size or opcode not in _IN_CHUNK or (opcode == message and length < shortest):
+            break
+        at = end
+        if opcode == message:
+            starts.append(begin)
+            ends.append(end)
+        if starts and (opcode != message or len(starts) == BLOCK_MESSAGES):
+            yield _block(data, starts, ends)
+            starts, ends = [], []
+        if opcode != message:
+            with suppress(*ignored):
+                yield parse_record(opcode, data[begin:end])
+    if starts:
+        yield _block(data, starts, ends)
+    return at
+
+
+def message_block(body: bytes) -> MessageBlock:
+    """Return the message of a record outside chunks; ValueError if it is too short."""
+    if len(body) < _MESSAGE_PREFIX.itemsize:
+        raise ValueError(f'a message of {len(body)} bytes')
+    return _block(body, [0], [len(body)])
+
+
+def _block(data: bytes, starts: list[int], ends: list[int]) -> MessageBlock:
+    """Return the messages whose records begin and end at some places."""
+    size = _MESSAGE_PREFIX.itemsize
+    places = np.array(starts)[:, None] + np.arange(size)
+    prefixes = np.frombuffer(data, np.uint8)[places].view(_MESSAGE_PREFIX)[:, 0]
+    parts = [data[begin + size : end] for begin, end in zip(starts, ends, strict=True)]
+    channels, sequences, log_ns, published_ns = (prefixes[x] for x in _MESSAGE_PREFIX.names or ())
+    return MessageBlock(channels, sequences, log_ns, published_ns, parts)
 
 
 def _unpacked(compression: str, data: bytes, limit: int) -> tuple[bytes, bool]:
@@ -246,8 +312,8 @@ def _unpacked(compression: str, data: bytes, limit: int) -> tuple[bytes, bool]:
     return data, True
 
 
-def parse_record(opcode: int, body: bytes | memoryview) -> Any:
-    """Return the record of a body.
+def parse_record(opcode: int, body: bytes) -> Any:
+    """Return the record of a body, but for messages.
 
     Raises
     ------
@@ -255,11 +321,6 @@ def parse_record(opcode: int, body: bytes | memoryview) -> Any:
         If the package `mcap` would not write this body for the record: a field is longer than the
         body, trailing bytes, a duplicate key, a wrong checksum of an attachment.
     """
-    if opcode == Opcode.MESSAGE:
-        # Nearly all records, so parsed directly.
-        channel, sequence, log_ns, published_ns = _MESSAGE_PREFIX.unpack_from(body)
-        data = bytes(body[_MESSAGE_PREFIX.size :])
-        return Message(channel, log_ns, data, published_ns, sequence)
     _check_length(opcode, len(body))
     written: Any = RecordBuilder()
     with suppress(EndOfFile):

@@ -16,7 +16,7 @@ from pathlib import Path
 import stat
 from typing import Any, BinaryIO, NamedTuple
 
-from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, McapRecord, Metadata, Schema
 
 from pfd_ros.arm.settings import Settings
 from pfd_ros.recording import digests, head
@@ -33,7 +33,7 @@ from pfd_ros.recording.format import (
     HeadKey,
     Part,
 )
-from pfd_ros.recording.mcap_stream import MAGIC, CutOffError, McapStream
+from pfd_ros.recording.mcap_stream import MAGIC, CutOffError, McapStream, MessageBlock
 from pfd_ros.text import cut
 
 # Of channels without one.
@@ -71,11 +71,24 @@ class Entry(NamedTuple):
     published_ns: int
 
 
+class Entries(NamedTuple):
+    """Messages recorded one after the other: the role of each, and their columns."""
+
+    roles: list[str]
+    block: MessageBlock
+
+    def single(self) -> Iterator[Entry]:
+        """Yield them one by one."""
+        block = self.block
+        columns = block.log_ns.tolist(), block.sequences.tolist()
+        return map(Entry, self.roles, *columns, block.data, block.published_ns.tolist())
+
+
 @dataclass
 class Log:
     """A recording, read sequentially.
 
-    Its properties are available once the iterator `entries` has reached the first message,
+    Its properties are available once the iterator `blocks` has reached the first message,
     `ending` once it has ended; they raise LogError if the file does not have them.
 
     Parameters
@@ -86,7 +99,7 @@ class Log:
     Attributes
     ----------
     complete
-        Whether the file was closed properly; known once `entries` has ended.
+        Whether the file was closed properly; known once `blocks` has ended.
     size
         Bytes of the file when it was first opened; bytes added later are ignored.
     position
@@ -155,7 +168,7 @@ class Log:
             next(entries, None)
 
     def check_digests(self) -> None:
-        """Compare the digests of the head and the totals, once `entries` has ended.
+        """Compare the digests of the head and the totals, once `blocks` has ended.
 
         Raises
         ------
@@ -180,6 +193,11 @@ class Log:
             return head.strict_json(self.head_texts[key])
 
     def entries(self) -> Generator[Entry]:
+        """Yield the messages one by one, as `blocks` does."""
+        for block in self.blocks():
+            yield from block.single()
+
+    def blocks(self) -> Iterator[Entries]:
         """Yield the messages in the order in which they were recorded.
 
         Raises
@@ -196,19 +214,18 @@ class Log:
             self.head_texts = self.end_texts = {}
             self.robot_yaml = ''
             self._check = digests.HeadCheck()
-            yield from self._entries(stream)
+            yield from self._blocks(stream)
 
-    def _entries(self, stream: BinaryIO) -> Iterator[Entry]:
+    def _blocks(self, stream: BinaryIO) -> Iterator[Entries]:
         records = McapStream(stream, self.size)
         channels = _ChannelTable(self._check)
         try:
             for record in records:
                 self.position = records.position
-                if isinstance(record, Message):
-                    role = channels.role(record.channel_id, self.roles)
-                    yield Entry(
-                        role, record.log_time, record.sequence, record.data, record.publish_time
-                    )
+                if isinstance(record, MessageBlock):
+                    numbers = record.channels.tolist()
+                    roles = {x: channels.role(x, self.roles) for x in dict.fromkeys(numbers)}
+                    yield Entries([roles[number] for number in numbers], record)
                 elif isinstance(record, Schema):
                     channels.add_schema(record)
                 elif isinstance(record, Channel):

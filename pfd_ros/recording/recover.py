@@ -31,7 +31,6 @@ from mcap.records import (
     Footer,
     Header,
     McapRecord,
-    Message,
     Metadata,
     Schema,
 )
@@ -43,6 +42,8 @@ from pfd_ros.recording.mcap_stream import (
     IN_SUMMARY,
     MAGIC,
     McapStream,
+    MessageBlock,
+    message_block,
     parse_record,
     records_in_chunk,
     records_in_truncated_chunk,
@@ -56,7 +57,7 @@ _FOOTER, _CRC, _DATA_END = 20, 4, 4
 # Channel and number of bytes of a message index, before its entries.
 _MESSAGE_INDEX = struct.Struct('<HI')
 _BLOCK = 1 << 20
-_DATA = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.METADATA, Opcode.ATTACHMENT)
+_DATA = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.ATTACHMENT)
 
 
 @dataclass
@@ -188,7 +189,10 @@ def _begins_there(stream: BinaryIO, chunk: ChunkIndex) -> bool:
 
 
 def _copy(
-    records: Iterator[McapRecord], written: BinaryIO, found: Recovered, index: _Index
+    records: Iterator[McapRecord | MessageBlock],
+    written: BinaryIO,
+    found: Recovered,
+    index: _Index,
 ) -> None:
     writer = new_writer(written)
     writer.start(index.profile, 'pfd recover')
@@ -205,17 +209,19 @@ def _copy(
             channels[record.id] = writer.register_channel(
                 record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
             )
-        elif isinstance(record, Message) and record.channel_id in channels:
-            writer.add_message(
-                channels[record.channel_id],
-                record.log_time,
-                record.data,
-                record.publish_time,
-                record.sequence,
-            )
-            found.messages += 1
-        elif isinstance(record, Message):
-            found.lose(f'a message of channel {record.channel_id}, which is lost')
+        elif isinstance(record, MessageBlock):
+            for message in record.messages():
+                if message.channel_id not in channels:
+                    found.lose(f'a message of channel {message.channel_id}, which is lost')
+                    continue
+                writer.add_message(
+                    channels[message.channel_id],
+                    message.log_time,
+                    message.data,
+                    message.publish_time,
+                    message.sequence,
+                )
+                found.messages += 1
         elif isinstance(record, Metadata):
             writer.add_metadata(record.name, record.metadata)
         elif isinstance(record, Attachment):
@@ -227,7 +233,7 @@ def _copy(
 
 def _readable(
     stream: BinaryIO, size: int, found: Recovered, index: _Index
-) -> Iterator[McapRecord]:
+) -> Iterator[McapRecord | MessageBlock]:
     """Yield the records that can be read, and note what cannot."""
     begin = len(MAGIC)
     while True:
@@ -256,7 +262,7 @@ def _readable(
         if length > min(RECORD_BYTES, size - at):
             damage = 'longer than any record'
         else:
-            records: list[McapRecord] = []
+            records: list[McapRecord | MessageBlock] = []
             try:
                 # A chunk whole, or its checksum means nothing.
                 records = list(_records_of(kind, stream.read(length)))
@@ -273,10 +279,12 @@ def _readable(
         begin = at + length
 
 
-def _records_of(kind: int, body: bytes) -> Iterator[McapRecord]:
+def _records_of(kind: int, body: bytes) -> Iterator[McapRecord | MessageBlock]:
     """Yield the records to copy of a record in the data section; an exception if it is damaged."""
     if kind == Opcode.CHUNK:
         yield from records_in_chunk(parse_record(Opcode.CHUNK, body))
+    elif kind == Opcode.MESSAGE:
+        yield message_block(body)
     elif kind in _DATA:
         yield parse_record(Opcode(kind), body)
     elif kind == Opcode.MESSAGE_INDEX:

@@ -4,8 +4,10 @@
 
 From the file to the verdict:
 
-    ordering      each message in its cycle; impossible numbers, orders and times are refused
-    playback      messages by kind, for an engine or for a count
+    ordering      each message in its cycle; impossible numbers, orders and times are refused;
+                  columns of messages where nothing is missing
+    playback      messages by kind, for an engine or for a count; cycles with nothing but commands
+                  are one native call
     inspection    whether everything that was recorded is in the file, without simulating
     summary       the result of an inspection for people
     run_parts     the files of one run, in order, and whether each continues the other

@@ -6,8 +6,8 @@ The commands and the states of any bag, for an arm that is set to the first reco
     cycle 1     sets the first state, with the positions and velocities of the joints by name
     cycle k     begins k - 2 steps after it, under the newest effort of each joint: zero-order hold
 
-Times are the stamps in the headers, if both topics have them, else the log's. Messages that cannot
-be used are counted by reason in `skipped`.
+Times are the stamps in the headers, if the first messages of both topics have one, else the log's.
+Messages that cannot be used are counted by reason in `skipped`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-import heapq
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 from zlib import crc32
@@ -42,6 +42,7 @@ from pfd_ros.recording.bags import Bag, BagMessage
 from pfd_ros.recording.format import MESSAGE_ENCODING, ROLE_OF_SOURCE
 from pfd_ros.recording.reader import LogError
 from pfd_ros.replay.changed_inputs import Fed
+from pfd_ros.replay.log_order import in_time_order
 from pfd_ros.replay.ordering import PlacedMessage
 from pfd_ros.replay.what_if_settings import published_names
 from pfd_ros.text import cut, listed
@@ -57,11 +58,10 @@ USUAL_STATES = '/joint_states'
 
 
 class _Timed(NamedTuple):
-    """A message with its time [ns]; at one time states come first."""
+    """A message with its time [ns]."""
 
     time_ns: int
     is_command: bool
-    number: int
     data: bytes
 
 
@@ -90,6 +90,8 @@ class BagInputs:
         Joints of the first state, after renaming.
     skipped
         Messages that were not used, by reason.
+    times
+        'stamps' or 'log times', see above.
 
     Raises
     ------
@@ -105,6 +107,7 @@ class BagInputs:
     start_ns: int = field(default=0, init=False)
     names: tuple[str, ...] = field(default=(), init=False)
     skipped: Counter[str] = field(default_factory=Counter, init=False)
+    times: str = field(default='', init=False)
 
     def __post_init__(self) -> None:
         """Find the topics, their types and whether both have stamps."""
@@ -151,7 +154,8 @@ class BagInputs:
                     f'{self.path}: topic {cut(name)!r} is encoded as {cut(encoding)!r}, expected '
                     f'{MESSAGE_ENCODING!r}'
                 )
-        self._stamped = self._named and min(stamps[self.commands], stamps[self.states]) > 0
+        stamped = self._named and min(stamps[self.commands], stamps[self.states]) > 0
+        self.times = 'stamps' if stamped else 'log times'
         self._timed = self._in_order()
         # Commands before the first state, which act together when the arm starts.
         self._early: deque[_Timed] = deque(maxlen=AHEAD)
@@ -274,37 +278,23 @@ class BagInputs:
         return name
 
     def _in_order(self) -> Iterator[_Timed]:
-        """Yield states and commands by time."""
-        heap: list[_Timed] = []
-        size = 0
+        """Yield states and commands by time; at one time states come first."""
         last = 0
-        for number, message in enumerate(Bag(self.path).messages()):
-            for is_command, topic in ((False, self.states), (True, self.commands)):
-                if message.topic == topic:
-                    heapq.heappush(
-                        heap, _Timed(self._time(message), is_command, number, message.data)
-                    )
-                    size += len(message.data)
-            while len(heap) > AHEAD or size > AHEAD_BYTES:
-                item = heapq.heappop(heap)
-                size -= len(item.data)
-                if self._follows(item, last):
-                    last = item.time_ns
-                    yield item
-        while heap:
-            item = heapq.heappop(heap)
-            if self._follows(item, last):
+        for item in in_time_order(self._read(), AHEAD, AHEAD_BYTES, time=itemgetter(0, 1)):
+            if item.time_ns >= last:
                 last = item.time_ns
                 yield item
+            else:
+                self.skipped['before earlier messages, or before 1970'] += 1
 
-    def _follows(self, item: _Timed, last: int) -> bool:
-        if item.time_ns >= last:
-            return True
-        self.skipped['before earlier messages, or before 1970'] += 1
-        return False
+    def _read(self) -> Iterator[_Timed]:
+        for message in Bag(self.path).messages():
+            for is_command, topic in ((False, self.states), (True, self.commands)):
+                if message.topic == topic:
+                    yield _Timed(self._time(message), is_command, message.data)
 
     def _time(self, message: BagMessage) -> int:
-        return _stamp(message.data) if self._stamped else message.log_ns
+        return _stamp(message.data) if self.times == 'stamps' else message.log_ns
 
 
 class _Places(NamedTuple):

@@ -11,10 +11,13 @@ The inputs and the states of a recording, for an arm with other steps, other tim
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.arm.events import (
     DROPPED_STATES,
@@ -30,10 +33,22 @@ from pfd_ros.messages.command_bytes import EffortArray
 from pfd_ros.messages.convert import NANOSECONDS, decode_floats
 from pfd_ros.messages.stamped import effort_encoder
 from pfd_ros.recording.format import ROLE_OF_SOURCE, SOURCE_OF_ROLE
-from pfd_ros.replay.ordering import Inbox, PlacedMessage
+from pfd_ros.replay.ordering import (
+    RANKS,
+    ROLES,
+    Block,
+    Columns,
+    Inbox,
+    PlacedMessage,
+    messages_of,
+)
 
 # Sources whose stamps are compared with the time of the arm.
 STAMPED = frozenset({Source.NAMED, Source.WRENCH})
+# By the rank of a role.
+_FED = np.array([role in {*SOURCE_OF_ROLE, TAKEN, STATES} for role in ROLES])
+# Messages and bytes of a block.
+BATCH, BATCH_BYTES = 4096, 1 << 22
 
 
 class Fed(NamedTuple):
@@ -55,6 +70,40 @@ class Fed(NamedTuple):
     message: PlacedMessage
     at: float = 0.0
     time: float = 0.0
+
+
+class FedBlock(NamedTuple):
+    """Messages for a changed arm; of the states among them data, lost, `at` and `time`, (k,)."""
+
+    block: Block
+    states: list[bytes]
+    lost: list[tuple[int, PlacedMessage]]
+    at: NDArray[Any]
+    time: NDArray[Any]
+
+
+def fed_blocks(messages: Iterator[Fed]) -> Iterator[FedBlock]:
+    """Yield messages, some at a time, in bounded memory."""
+    batch: list[Fed] = []
+    size = 0
+    for fed in messages:
+        batch.append(fed)
+        size += len(fed.message.data)
+        if len(batch) >= BATCH or size >= BATCH_BYTES:
+            yield _fed_block(batch)
+            batch, size = [], 0
+    yield _fed_block(batch)
+
+
+def _fed_block(batch: list[Fed]) -> FedBlock:
+    states = [fed for fed in batch if fed.message.role == STATES]
+    return FedBlock(
+        [fed.message for fed in batch],
+        [fed.message.data for fed in states],
+        [(k, fed.message) for k, fed in enumerate(states) if fed.message.lost],
+        np.array([fed.at for fed in states]),
+        np.array([fed.time for fed in states]),
+    )
 
 
 @dataclass
@@ -90,9 +139,27 @@ class ChangedInputs:
         """Return the last cycle of the changed arm within so many cycles of the recording."""
         return cycle * self.old.step_ns // self.new.step_ns
 
-    def messages(self, placed: Iterator[PlacedMessage]) -> Iterator[Fed]:
+    def blocks(self, placed: Iterator[Block]) -> Iterator[FedBlock]:
         """Yield inputs, validation rows and states; other outputs belong to the old arm."""
-        for message in placed:
+        for block in placed:
+            if isinstance(block, Columns) and self._keeps(block):
+                # States that the sensors dropped have no columns.
+                some = block.where(_FED[block.ranks])
+                states = some.where(some.ranks == RANKS[STATES])
+                time = states.cycles * self.old.step_ns / NANOSECONDS
+                yield FedBlock(some, states.data, [], states.cycles.astype(float), time)
+            else:
+                yield from fed_blocks(self._fed(messages_of(block)))
+        yield from fed_blocks(self._rest())
+
+    def _keeps(self, block: Columns) -> bool:
+        """Return whether nothing of some messages changes."""
+        # Larger times have no exact float64.
+        exact = int(block.cycles.max()) * self.old.step_ns < 1 << 53
+        return exact and not self._restamped and not self._renamed
+
+    def _fed(self, messages: Iterable[PlacedMessage]) -> Iterator[Fed]:
+        for message in messages:
             if message.role in SOURCE_OF_ROLE:
                 if self._restamped or self._renamed:
                     self._inbox.put(message)
@@ -102,6 +169,8 @@ class ChangedInputs:
                 yield from self._taken(message)
             elif message.role in (STATES, DROPPED_STATES):
                 yield self._state(message)
+
+    def _rest(self) -> Iterator[Fed]:
         for source, _, data in self._inbox.rest():
             source, data = self._changed(source, data)
             yield Fed(PlacedMessage(ROLE_OF_SOURCE[source], self._next(source), 0, 0, 0, data))

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.arm.events import CLOCK, STATES, TAKEN, TAKEN_COLUMNS, TF, Output, Verdict
+from pfd_ros.arm.events import CLOCK, STATES, TAKEN, TF, Output, Verdict
 from pfd_ros.messages.command_bytes import state_bytes
-from pfd_ros.messages.convert import decode_joint_state, encode_clocks, encode_rows
+from pfd_ros.messages.convert import decode_joint_state, encode_clocks
 from pfd_ros.recording.format import ROLE_OF_SOURCE, SET_STATE
 from pfd_ros.replay.new_log import LogTimes, NewLog
-from pfd_ros.replay.ordering import PlacedMessage
+from pfd_ros.replay.ordering import RANKS, Columns, PlacedMessage
 from pfd_ros.replay.playback import Playback, Stretch
 from pfd_ros.text import cut
 
@@ -82,7 +82,7 @@ class ChangedRun(Playback):
 
     def stretched(self, stretch: Stretch) -> bool:
         """Keep the states of a stretch."""
-        states = np.array([message.cycle for message in stretch.messages], int) - stretch.first
+        states = stretch.outputs.cycles - stretch.first
         last = len(stretch.rows) - 1
         near = np.unique(np.concatenate([states - 1, states, [last - 1, last]]))
         near = near[near >= 0]
@@ -177,10 +177,20 @@ class NewRun(ChangedRun):
             stamp_ns = self.driver.engine.arm.stamp_ns
             self.log.add(output.role, self._now_ns, output.number, output.data, stamp_ns)
 
+    def together(self, block: Columns) -> bool:
+        """Return whether stretches write all outputs of these cycles; note their times."""
+        last = int(block.cycles[-1])
+        if self._alone(last):
+            return False
+        self._cycle = last
+        self.times.add_all(block.cycles - (block.ranks == RANKS[TAKEN]), block.wall_ns)
+        return True
+
     def take(self, message: PlacedMessage) -> None:
         """Follow validation rows."""
         self.times.add(message.cycle - 1, message.wall_ns)
-        if self._alone(message):
+        alone, self._cycle = self._alone(message.cycle), message.cycle
+        if alone:
             self.flush()
             self.take_now(message)
         else:
@@ -189,21 +199,21 @@ class NewRun(ChangedRun):
     def output(self, message: PlacedMessage) -> None:
         """Follow a recorded state."""
         self.times.add(message.cycle, message.wall_ns)
-        if self._alone(message):
+        alone, self._cycle = self._alone(message.cycle), message.cycle
+        if alone:
             self.flush()
             self.output_now(message)
         else:
             super().output(message)
 
-    def _alone(self, message: PlacedMessage) -> bool:
-        """Return whether cycles up to this message have outputs that no stretch writes.
+    def _alone(self, cycle: int) -> bool:
+        """Return whether the next cycles up to this one have outputs that no stretch writes.
 
         These are a new payload, in its first cycle, and the recorded states of the whole arm.
         """
         engine, before = self.driver.engine, self._cycle
-        self._cycle = message.cycle
         every = engine.settings.save_every
-        saved = every and (before // every < message.cycle // every or not message.cycle % every)
+        saved = every and (before // every < cycle // every or not cycle % every)
         return bool(saved) or engine.arm.plant.payload != engine.state.payload
 
     def take_now(self, message: PlacedMessage) -> None:
@@ -247,31 +257,36 @@ class NewRun(ChangedRun):
             return False
         state = _parts(states, int(published.sum()))
         tick = _parts(encode_clocks(stretch.stamps_ns[ticks]), int(ticks.sum()))
-        # The rows of each cycle that took a command, one at most.
-        taken = {message.cycle: message for message in stretch.taken}
+        # The command of each cycle, one at most, and its row.
+        taken = stretch.taken
+        rows_ns, numbers = taken.wall_ns.tolist(), taken.rows[:, 0, 2].tolist()
+        commands = zip(
+            taken.cycles.tolist(), rows_ns, numbers, taken.data, stretch.payloads, strict=True
+        )
+        role_of_command = ROLE_OF_SOURCE[stretch.source]
+        command = next(commands, None)
         number = engine.state.row_messages
         moving = engine.frames is not None and TF in engine.frames.roles
         frames = engine.frames if moving else None
         log_ns = self.times.of(stretch.first, count).tolist()
-        stamps = stretch.stamps_ns.tolist()
+        stamps, add = stretch.stamps_ns.tolist(), self.log.add
         for cycle, at_ns, stamp_ns, with_state, with_tick in zip(
             cycles.tolist(), log_ns, stamps, published.tolist(), ticks.tolist(), strict=True
         ):
-            if cycle in taken:
-                message, number = taken[cycle], number + 1
+            if command is not None and command[0] == cycle:
+                _, wall_ns, sequence, row, payload = command
+                command, number = next(commands, None), number + 1
                 before_ns = stamp_ns - settings.step_ns
-                self._write_inputs(message, before_ns)
-                rows = encode_rows(message.rows, TAKEN_COLUMNS)
-                self.log.add(TAKEN, message.wall_ns, number, rows, before_ns)
+                add(role_of_command, wall_ns, sequence, payload, before_ns)
+                add(TAKEN, wall_ns, number, row, before_ns)
             if with_state:
-                number_of_state = cycle // engine.publish_every
-                self.log.add(STATES, at_ns, number_of_state, next(state), stamp_ns)
+                add(STATES, at_ns, cycle // engine.publish_every, next(state), stamp_ns)
             if with_tick:
-                self.log.add(CLOCK, at_ns, cycle // every, next(tick), stamp_ns)
+                add(CLOCK, at_ns, cycle // every, next(tick), stamp_ns)
             if frames is not None and cycle % frames.every == 0:
                 data = frames.encode(stamp_ns, stretch.rows[cycle - stretch.first, 0])
-                self.log.add(TF, at_ns, cycle // frames.every, data, stamp_ns)
-        self.accepted += len(stretch.taken)
+                add(TF, at_ns, cycle // frames.every, data, stamp_ns)
+        self.accepted += len(numbers)
         return super().stretched(stretch)
 
     def finish(self) -> None:

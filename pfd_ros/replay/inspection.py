@@ -10,7 +10,7 @@ numbers: missing messages are counted.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 import hashlib
 
@@ -31,6 +31,7 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import ArmState
 from pfd_ros.messages.convert import decode_bytes, decode_clock
 from pfd_ros.recording.format import (
+    ASIDE,
     DIGEST_PREFIX,
     ROLE_OF_SOURCE,
     SEQUENCE_MASK,
@@ -39,7 +40,7 @@ from pfd_ros.recording.format import (
 )
 from pfd_ros.recording.head import Ending, Totals
 from pfd_ros.recording.reader import Log
-from pfd_ros.replay.ordering import PlacedMessage
+from pfd_ros.replay.ordering import Block, PlacedMessage, messages_of
 from pfd_ros.replay.playback import follow
 from pfd_ros.replay.summary import Summary
 
@@ -64,17 +65,17 @@ class _ChannelCount:
     data: bytes = b''
     digest: hashlib._Hash = field(default_factory=hashlib.sha256)
 
-    def add(self, message: PlacedMessage) -> None:
-        self.found += 1
-        self.last = message.number
-        if message.lost:
-            self.lost += message.lost
-            self.front = message.lost if self.found == 1 else self.front
-            self.gap = self.gap or f'{message.number - message.lost} to {message.number - 1}'
-        self.data = message.data
-        times = message.log_ns, message.published_ns
-        number, size = message.number & SEQUENCE_MASK, len(message.data)
-        self.digest.update(DIGEST_PREFIX.pack(number, *times, size) + message.data)
+    def add(self, messages: Sequence[PlacedMessage]) -> None:
+        self.front = self.front if self.found else messages[0].lost
+        for message in messages:
+            if message.lost:
+                self.lost += message.lost
+                self.gap = self.gap or f'{message.number - message.lost} to {message.number - 1}'
+        self.found += len(messages)
+        self.last, self.data = messages[-1].number, messages[-1].data
+        pack, mask = DIGEST_PREFIX.pack, SEQUENCE_MASK
+        for _, number, _, _, log_ns, data, _, published_ns, _ in messages:
+            self.digest.update(pack(number & mask, log_ns, published_ns, len(data)) + data)
 
 
 @dataclass
@@ -176,30 +177,26 @@ class _Counts:
         self.waiting = waiting
         self.first_ns = self.last_ns = 0
 
-    def _add(self, message: PlacedMessage) -> None:
-        self.channels.setdefault(message.role, _ChannelCount()).add(message)
-
-    def put(self, message: PlacedMessage) -> None:
-        self._add(message)
-        self.waiting.put(message)
-
-    def take(self, message: PlacedMessage) -> None:
-        self._add(message)
-        self.waiting.take(message)
-        self.verdicts.update(row.verdict for row in message.rows)
-
-    def output(self, message: PlacedMessage) -> None:
-        self._add(message)
-        if message.role == ARM_STATE:
-            self.waiting.resume(message)
-        else:
-            self.waiting.pass_by(message)
-        if message.role == STATES:
-            self.first_ns = self.first_ns or message.wall_ns
-            self.last_ns = message.wall_ns
-
-    def aside(self, message: PlacedMessage) -> None:
-        self._add(message)
+    def follow(self, block: Block) -> None:
+        by_role: dict[str, list[PlacedMessage]] = {}
+        for message in messages_of(block):
+            role = message.role
+            by_role.setdefault(role, []).append(message)
+            if role in SOURCE_OF_ROLE:
+                self.waiting.put(message)
+            elif role == TAKEN:
+                self.waiting.take(message)
+            elif role == ARM_STATE:
+                self.waiting.resume(message)
+            elif role not in ASIDE:
+                self.waiting.pass_by(message)
+        for role, some in by_role.items():
+            self.channels.setdefault(role, _ChannelCount()).add(some)
+        for message in by_role.get(TAKEN, ()):
+            self.verdicts.update([row.verdict for row in message.rows])
+        if STATES in by_role:
+            self.first_ns = self.first_ns or by_role[STATES][0].wall_ns
+            self.last_ns = by_role[STATES][-1].wall_ns
 
 
 class _WaitingEvents:

@@ -8,6 +8,8 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 import heapq
+from operator import attrgetter
+from typing import Any, Protocol, TypeVar
 
 from pfd_ros.recording.bags import Bag, BagMessage
 from pfd_ros.recording.format import LAST_NS
@@ -20,17 +22,29 @@ AHEAD_BYTES = 1 << 24
 KEPT_BYTES = 1 << 26
 
 
+class _Message(Protocol):
+    @property
+    def data(self) -> bytes: ...
+
+
+_AnyMessage = TypeVar('_AnyMessage', bound=_Message)
+
+
 def in_time_order(
-    messages: Iterable[BagMessage], most: int = AHEAD_MESSAGES, most_bytes: int = AHEAD_BYTES
-) -> Iterator[BagMessage]:
-    """Yield messages by log time, equal times in file order, within a window of the file.
+    messages: Iterable[_AnyMessage],
+    most: int = AHEAD_MESSAGES,
+    most_bytes: int = AHEAD_BYTES,
+    *,
+    time: Callable[[_AnyMessage], Any] = attrgetter('log_ns'),
+) -> Iterator[_AnyMessage]:
+    """Yield messages by `time`, equal times in file order, within a window of the file.
 
     A message that lies further behind later ones is yielded as soon as it is read.
     """
-    waiting: list[tuple[int, int, BagMessage]] = []
+    waiting: list[tuple[Any, int, _AnyMessage]] = []
     size = 0
     for number, message in enumerate(messages):
-        heapq.heappush(waiting, (message.log_ns, number, message))
+        heapq.heappush(waiting, (time(message), number, message))
         size += len(message.data)
         while len(waiting) > most or size > most_bytes:
             *_, first = heapq.heappop(waiting)

@@ -89,7 +89,6 @@ class NewLog:
         self._names = names
         self._file = McapFile(path, channel_table(channels), head)
         self._last_ns = settings.start_ns if self._simulated else started_ns
-        self._counts: Counter[str] = Counter()
         self._newest: Counter[str] = Counter()
         if frames is not None:
             for output in frames.opening(settings.start_ns):
@@ -101,24 +100,26 @@ class NewLog:
         A log time that would decrease is the one of the previous message.
         """
         log_ns, published_ns = (stamp_ns, wall_ns) if self._simulated else (wall_ns, stamp_ns)
-        self._last_ns = max(self._last_ns, log_ns)
+        if log_ns > self._last_ns:
+            self._last_ns = log_ns
         self._file.add(
             self._index[role], self._last_ns, published_ns, number & SEQUENCE_MASK, data
         )
-        self._counts[role] += 1
-        self._newest[role] = max(self._newest[role], number)
+        if number > self._newest[role]:
+            self._newest[role] = number
         if self._file.waiting >= FLUSH_BYTES:
             self._file.flush()
 
     def finish(self, totals: Mapping[str, Any]) -> None:
         """Write the totals of the run, and close the file."""
-        recorded = {name: self._counts[role] for role, name in self._names.items()}
+        counts = {role: self._file.counts[place] for role, place in self._index.items()}
+        recorded = {name: counts[role] for role, name in self._names.items()}
         # Inputs that the source lost are lost here too; nothing else is.
         dropped = {
-            name: self._newest[role] - self._counts[role] if role in SOURCE_OF_ROLE else 0
+            name: self._newest[role] - counts[role] if role in SOURCE_OF_ROLE else 0
             for role, name in self._names.items()
         }
-        states = sum(self._counts[role] for role in NUMBERED_AS_STATES)
+        states = sum(counts.get(role, 0) for role in NUMBERED_AS_STATES)
         ending = {
             EndKey.TOTALS: {**totals, 'states': states},
             EndKey.RECORDED: recorded,
@@ -143,6 +144,14 @@ class LogTimes:
         if cycle > self._cycles[-1]:
             self._cycles.append(cycle)
             self._times.append(max(log_ns, self._times[-1]))
+
+    def add_all(self, cycles: NDArray[Any], log_ns: NDArray[Any]) -> None:
+        """Add the times of cycles, as `add` one after the other."""
+        reached = np.maximum.accumulate(np.append(self._cycles[-1], cycles))
+        later = np.diff(reached) > 0
+        times = np.maximum.accumulate(np.append(self._times[-1], log_ns[later]))
+        self._cycles += reached[1:][later].tolist()
+        self._times += times[1:].tolist()
 
     def at(self, cycle: int) -> int:
         """Return the time of one cycle; those before may be forgotten."""

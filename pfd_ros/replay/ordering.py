@@ -12,15 +12,20 @@ simulated through.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from itertools import chain, compress, repeat
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.arm.changes import read_changes
 from pfd_ros.arm.events import (
     ARM_STATE,
     CLOCK,
+    DROPPED_STATES,
     NUMBERED_AS_STATES,
     PAYLOAD_IN_USE,
     STATES,
@@ -35,16 +40,23 @@ from pfd_ros.arm.events import (
     Verdict,
 )
 from pfd_ros.arm.settings import SIMULATED, Settings
-from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, rows_as_written
+from pfd_ros.messages.convert import (
+    NANOSECONDS,
+    all_rows_as_written,
+    decode_rows,
+    decode_string,
+    encode_rows,
+    rows_as_written,
+)
 from pfd_ros.recording.format import (
     ASIDE,
     CHANNELS,
+    LAST_NS,
     PARAMETERS,
-    ROLE_OF_SOURCE,
     SEQUENCE_MASK,
     SOURCE_OF_ROLE,
 )
-from pfd_ros.recording.reader import Entry, Log
+from pfd_ros.recording.reader import Entries, Entry, Log
 
 # Steps per second that no node reaches; the bound where the settings name none.
 FASTEST = 1e6
@@ -53,7 +65,17 @@ AHEAD = 1.0
 # Inputs that a replay keeps: twice those that an inspection lets wait, see inspection.py.
 MOST_KEPT, MOST_BYTES = 1 << 17, 1 << 27
 # Order of the outputs within a cycle; only validation rows may be several messages.
-_RANKS = {role: rank for rank, role in enumerate(CHANNELS)}
+ROLES = tuple(CHANNELS)
+RANKS = {role: rank for rank, role in enumerate(ROLES)}
+# Inputs, whose validation rows have their cycle, and messages of the node itself.
+_OF_NO_CYCLE = frozenset({*SOURCE_OF_ROLE, *ASIDE})
+HAVE_CYCLES = np.array([role not in _OF_NO_CYCLE for role in ROLES])
+# Messages whose number alone, or whose rows, place them.
+_REGULAR = CHANNELS.keys() - {PARAMETERS, PAYLOAD_IN_USE, DROPPED_STATES}
+# By their numbers, from 0 on.
+_SOURCES, _VERDICTS = tuple(Source), tuple(Verdict)
+# Larger integers have no exact float64.
+_EXACT = 1 << 53
 
 
 class PlacedMessage(NamedTuple):
@@ -90,6 +112,85 @@ class PlacedMessage(NamedTuple):
     wall_ns: int = 0
 
 
+class Columns(NamedTuple):
+    """Messages of a recording as columns (k,); none is missing before one of them.
+
+    Attributes
+    ----------
+    ranks
+        Of each role, its place in `ROLES`.
+    rows
+        The validation rows, (k, rows a message, len(TAKEN_COLUMNS)); zeros for other roles.
+    numbers, cycles, data, wall_ns, log_ns, published_ns
+        As of a PlacedMessage.
+    """
+
+    ranks: NDArray[Any]
+    numbers: NDArray[Any]
+    cycles: NDArray[Any]
+    data: list[bytes]
+    rows: NDArray[Any]
+    wall_ns: NDArray[Any]
+    log_ns: NDArray[Any]
+    published_ns: NDArray[Any]
+
+    def where(self, chosen: NDArray[np.bool_]) -> Columns:
+        """Return some of the messages."""
+        columns: Iterable[Any] = self
+        return Columns._make(
+            list(compress(x, chosen)) if isinstance(x, list) else x[chosen] for x in columns
+        )
+
+    def between(self, begin: int, end: int) -> Columns:
+        """Return some messages that follow one another."""
+        return Columns._make(x[begin:end] for x in self)
+
+    def messages(self) -> Iterator[PlacedMessage]:
+        """Yield them one by one."""
+        rows: list[tuple[ValidationRow, ...]] = [()] * len(self.data)
+        for k in np.flatnonzero(self.ranks == RANKS[TAKEN]).tolist():
+            rows[k] = _validation_rows(self.rows[k].tolist())
+        return map(
+            PlacedMessage,
+            [ROLES[rank] for rank in self.ranks.tolist()],
+            self.numbers.tolist(),
+            repeat(0),
+            self.cycles.tolist(),
+            self.log_ns.tolist(),
+            self.data,
+            rows,
+            self.published_ns.tolist(),
+            self.wall_ns.tolist(),
+        )
+
+
+# Some messages that follow one another.
+Block: TypeAlias = Columns | list[PlacedMessage]
+
+
+def columns_of(messages: Sequence[PlacedMessage]) -> Columns:
+    """Return messages of at most one validation row as columns."""
+    rows = np.zeros((len(messages), 1, len(TAKEN_COLUMNS)), np.uint64)
+    data = []
+    for k, message in enumerate(messages):
+        if message.rows:
+            (rows[k, 0],) = message.rows
+        # Rows may not be the ones in the data.
+        data.append(encode_rows(message.rows, TAKEN_COLUMNS) if message.rows else message.data)
+    names = 'number', 'cycle', 'wall_ns', 'log_ns', 'published_ns'
+    number, cycle, *times = (np.array([getattr(x, name) for x in messages]) for name in names)
+    ranks = np.array([RANKS[message.role] for message in messages])
+    return Columns(ranks, number, cycle, data, rows, *times)
+
+
+def joined(blocks: Sequence[Columns]) -> Columns:
+    """Return messages that follow one another."""
+    columns: Iterable[Any] = zip(*blocks, strict=True)
+    return Columns._make(
+        [*chain(*x)] if isinstance(x[0], list) else np.concatenate(x) for x in columns
+    )
+
+
 @dataclass
 class Inbox:
     """The inputs of a recording that no validation row has taken yet."""
@@ -99,12 +200,26 @@ class Inbox:
 
     def put(self, message: PlacedMessage) -> None:
         """Keep an input."""
-        self._bytes += len(message.data)
+        self.put_all(SOURCE_OF_ROLE[message.role], [message.number], [message.data])
+
+    def put_all(self, source: Source, numbers: Sequence[int], payloads: Sequence[bytes]) -> None:
+        """Keep inputs of one source."""
+        size = sum(map(len, payloads))
+        self._bytes += size
         if len(self._payloads) > MOST_KEPT or self._bytes > MOST_BYTES:
             # An inspection has found that their rows are missing.
             self._payloads.clear()
-            self._bytes = len(message.data)
-        self._payloads[SOURCE_OF_ROLE[message.role], message.number] = message.data
+            self._bytes = size
+        self._payloads.update(zip(zip(repeat(source), numbers), payloads, strict=True))
+
+    def payloads(self, source: Source, numbers: Sequence[int]) -> list[bytes]:
+        """Return the messages of some numbers of a source, b'' for those that are missing."""
+        return [self._payloads.get((source, number), b'') for number in numbers]
+
+    def forget(self, source: Source, numbers: Sequence[int]) -> None:
+        """Forget messages by their numbers."""
+        for number in numbers:
+            self._bytes -= len(self._payloads.pop((source, number), b''))
 
     def payload(self, row: ValidationRow) -> bytes:
         """Return the message that a row is about, b'' if it is missing."""
@@ -138,6 +253,16 @@ class Inbox:
 
 
 def placed_messages(log: Log) -> Iterator[PlacedMessage]:
+    """Yield the messages of a recording one by one, as `placed_blocks` does."""
+    return chain.from_iterable(map(messages_of, placed_blocks(log)))
+
+
+def messages_of(block: Block) -> Iterable[PlacedMessage]:
+    """Return the messages of a block one by one."""
+    return block.messages() if isinstance(block, Columns) else block
+
+
+def placed_blocks(log: Log) -> Iterator[Block]:
     """Yield the messages of a recording.
 
     Raises
@@ -148,10 +273,10 @@ def placed_messages(log: Log) -> Iterator[PlacedMessage]:
         If it cannot be read.
     """
     order: _Order | None = None
-    for entry in log.entries():
+    for entries in log.blocks():
         if order is None:
             order = _Order(log)
-        yield order.place(entry)
+        yield order.place_all(entries) or [order.place(entry) for entry in entries.single()]
 
 
 class _Order:
@@ -161,7 +286,7 @@ class _Order:
         settings = log.settings
         self._every = dict.fromkeys(CHANNELS, settings.publish_every)
         self._every |= {CLOCK: settings.clock_every, TF: settings.tf_every}
-        self._every[ARM_STATE] = settings.save_every
+        self._every |= dict.fromkeys(_OF_NO_CYCLE, 0) | {ARM_STATE: settings.save_every}
         self._settings, self._rate = settings, 0.0
         self._simulated = settings.log_time == SIMULATED
         self._allow(settings)
@@ -169,7 +294,8 @@ class _Order:
         self._last_ns = settings.start_ns if self._simulated else log.started_ns
         part = log.part
         self._last = {role: part.last_number(role) for role in log.roles.values()}
-        self._place = (0, _RANKS[CLOCK])
+        # Of the last output: its cycle, then its order within the cycle.
+        self._place = RANKS[CLOCK]
         # The cycle of the last validation rows.
         self._taken = 1
 
@@ -188,6 +314,52 @@ class _Order:
                 factor = values['real_time_factor']
                 self._allow(replace(self._settings, real_time_factor=factor))
 
+    def place_all(self, entries: Entries) -> Columns | None:
+        """Return messages if none is missing or impossible; None if `place` has to look."""
+        block, roles, count = entries.block, entries.roles, len(entries.roles)
+        times = np.stack([block.log_ns, block.published_ns])
+        if not _REGULAR.issuperset(roles):
+            return None
+        if max(int(times.max()), self._started_ns, self._last_ns) > LAST_NS:
+            return None
+        log_ns, published_ns = times.astype(np.int64)
+        wall_ns = published_ns if self._simulated else log_ns
+        ranks = np.array([RANKS[role] for role in roles])
+        numbers, cycles = np.zeros((2, count), np.int64)
+        rows = np.zeros((count, 1, len(TAKEN_COLUMNS)), np.uint64)
+        last, taken = dict(self._last), self._taken
+        for role in dict.fromkeys(roles):
+            (places,) = np.nonzero(ranks == RANKS[role])
+            numbers[places] = last[role] + 1 + np.arange(len(places))
+            last[role] += len(places)
+            if role == TAKEN:
+                found = _rows_of([block.data[k] for k in places.tolist()])
+                if found is None or found[:, 0, 0].max() >= _EXACT:
+                    return None
+                rows = np.zeros((count, *found.shape[1:]), np.uint64)
+                rows[places] = found
+                cycles[places] = found[:, 0, 0]
+                taken = int(cycles[places[-1]])
+            elif last[role] * self._every[role] < _EXACT:
+                cycles[places] = numbers[places] * self._every[role]
+            else:
+                return None
+        outputs = HAVE_CYCLES[ranks]
+        begun = (wall_ns - self._started_ns)[outputs]
+        if self._simulated:
+            begun = np.maximum(begun, (log_ns - self._settings.start_ns)[outputs])
+        order = np.append(self._place, (cycles * len(ROLES) + ranks)[outputs])
+        if (
+            (block.sequences != numbers).any()
+            or (np.diff(log_ns, prepend=self._last_ns) < 0).any()
+            or (np.diff(order) < (ranks[outputs] != RANKS[TAKEN])).any()
+            or (cycles[outputs] > self._rate * (begun / NANOSECONDS + AHEAD)).any()
+        ):
+            return None
+        self._last, self._taken = last, taken
+        self._last_ns, self._place = int(log_ns[-1]), int(order[-1])
+        return Columns(ranks, numbers, cycles, block.data, rows, wall_ns, log_ns, published_ns)
+
     def place(self, entry: Entry) -> PlacedMessage:
         """Return a message with its number and its cycle."""
         role = entry.role
@@ -201,21 +373,16 @@ class _Order:
         self._last_ns = entry.log_ns
         number, lost = self._number(entry)
         rows: tuple[ValidationRow, ...] = ()
-        if role in SOURCE_OF_ROLE or role in ASIDE:
-            cycle = 0
-            if role == PARAMETERS:
-                self._allow_change(entry.data)
+        cycle = number * self._every[role]
+        if role == PARAMETERS:
+            self._allow_change(entry.data)
         elif role == TAKEN:
             rows = _rows(entry)
-            cycle = rows[0].cycle
-            self._taken = cycle
-            self._follow(entry, cycle)
+            self._taken = cycle = rows[0].cycle
         elif role == PAYLOAD_IN_USE:
             # In the step that a change was taken for, or the first one.
             cycle = self._taken
-            self._follow(entry, cycle)
-        else:
-            cycle = number * self._every[role]
+        if role not in _OF_NO_CYCLE:
             self._follow(entry, cycle)
         times = entry.published_ns, entry.published_ns if self._simulated else entry.log_ns
         return PlacedMessage(role, number, lost, cycle, entry.log_ns, entry.data, rows, *times)
@@ -236,11 +403,11 @@ class _Order:
 
     def _follow(self, entry: Entry, cycle: int) -> None:
         """Check that an output of this cycle can follow the output before it."""
-        place = cycle, _RANKS[entry.role]
-        if place < self._place or (place == self._place and entry.role != TAKEN):
+        place = cycle * len(ROLES) + RANKS[entry.role]
+        if place - self._place < (entry.role != TAKEN):
             raise ValueError(
                 f'{entry.role} {entry.sequence} belongs to step {cycle}, '
-                f'but step {self._place[0]} was recorded before it'
+                f'but step {self._place // len(ROLES)} was recorded before it'
             )
         self._place = place
         seconds = self._seconds(entry)
@@ -260,6 +427,26 @@ class _Order:
         return max(wall_ns, entry.log_ns - self._settings.start_ns) / NANOSECONDS
 
 
+def _rows_of(messages: Sequence[bytes]) -> NDArray[Any] | None:
+    """Return the rows of messages with as many each, (messages, rows, len(TAKEN_COLUMNS)).
+
+    None if one has others, or some that no node writes.
+    """
+    table = all_rows_as_written(messages, TAKEN_COLUMNS)
+    if table is None:
+        return None
+    steps, sources, _, verdicts, _ = np.moveaxis(table, 2, 0)
+    overflowed = verdicts == Verdict.OVERFLOWED
+    possible = (
+        np.isin(sources, _SOURCES).all()
+        and np.isin(verdicts, _VERDICTS).all()
+        and steps.all()
+        and (steps == steps[:, :1]).all()
+        and (overflowed == overflowed[:, :1]).all()
+    )
+    return table if possible else None
+
+
 def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
     """Return the rows of a message: all of one cycle, and all of overflow or none."""
     decoded = rows_as_written(entry.data, TAKEN_COLUMNS)
@@ -268,7 +455,7 @@ def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
         decode_rows(entry.data, len(TAKEN_COLUMNS))
         raise ValueError(f'taken {entry.sequence} is not as the node writes it')
     for _, source, _, verdict, _ in decoded:
-        if source not in ROLE_OF_SOURCE or verdict not in Verdict._value2member_map_:
+        if source not in _SOURCES or verdict not in _VERDICTS:
             raise ValueError(
                 f'taken {entry.sequence} names source {source} and verdict {verdict}, '
                 f'expected at most {max(Source)} and {max(Verdict)}'
@@ -278,4 +465,8 @@ def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
         raise ValueError(f'taken {entry.sequence} names steps {sorted(cycles)[:5]}, expected one')
     if len({row[3] == Verdict.OVERFLOWED for row in decoded}) > 1:
         raise ValueError(f'taken {entry.sequence} mixes commands validated and overflowed')
-    return tuple(ValidationRow(c, Source(s), n, Verdict(v), d) for c, s, n, v, d in decoded)
+    return _validation_rows(decoded)
+
+
+def _validation_rows(rows: Iterable[Sequence[int]]) -> tuple[ValidationRow, ...]:
+    return tuple(ValidationRow(c, _SOURCES[s], n, _VERDICTS[v], d) for c, s, n, v, d in rows)

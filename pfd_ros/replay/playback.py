@@ -9,10 +9,10 @@ these, such as the robot's URDF. This is the only place that distinguishes them.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from bisect import bisect_left
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import groupby
 from typing import Any, NamedTuple, Protocol
 from zlib import crc32
 
@@ -22,34 +22,44 @@ from numpy.typing import NDArray
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import CLOCK, COMMANDS, STATES, TAKEN, TF, Source, Verdict
-from pfd_ros.messages.convert import decode_efforts, decode_joint_state, decode_named_efforts
-from pfd_ros.recording.format import ASIDE, SOURCE_OF_ROLE
+from pfd_ros.messages.convert import decode_efforts, decode_joint_state, decode_joint_states
+from pfd_ros.recording.format import (
+    ARRAY_COMMANDS,
+    ASIDE,
+    NAMED_COMMANDS,
+    ROLE_OF_SOURCE,
+    SOURCE_OF_ROLE,
+)
 from pfd_ros.recording.reader import Log
-from pfd_ros.replay.ordering import Inbox, PlacedMessage, placed_messages
+from pfd_ros.replay.ordering import (
+    HAVE_CYCLES,
+    RANKS,
+    ROLES,
+    Block,
+    Columns,
+    Inbox,
+    PlacedMessage,
+    columns_of,
+    joined,
+    placed_blocks,
+)
 
-# Messages from one report of progress to the next.
-PROGRESS_MESSAGES = 1000
 # Outputs of cycles that run in one native call, and how many messages are collected for a call.
 IN_STRETCHES = frozenset({STATES, CLOCK, TF})
 FEWEST_COLLECTED, MOST_COLLECTED = 48, 12_288
 # Cycles of a call, whose states are in memory; messages may be far apart.
 MOST_CYCLES = 1 << 17
+# By the rank of a role: commands, and what comes in stretches.
+_IN_STRETCHES = np.array(
+    [role in {NAMED_COMMANDS, ARRAY_COMMANDS, TAKEN, *IN_STRETCHES} for role in ROLES]
+)
 
 
 class Follower(Protocol):
-    """What follows a recording, message by message."""
+    """What follows a recording, some messages at a time."""
 
-    def put(self, message: PlacedMessage) -> None:
-        """Follow an input."""
-
-    def take(self, message: PlacedMessage) -> None:
-        """Follow validation rows."""
-
-    def output(self, message: PlacedMessage) -> None:
-        """Follow another output of a cycle."""
-
-    def aside(self, message: PlacedMessage) -> None:
-        """Follow a message that is neither input nor output of a cycle."""
+    def follow(self, block: Block) -> None:
+        """Follow the next messages."""
 
 
 def follow(log: Log, follower: Follower, progress: Callable[[float], None] | None = None) -> None:
@@ -62,16 +72,9 @@ def follow(log: Log, follower: Follower, progress: Callable[[float], None] | Non
     OSError
         If it cannot be read.
     """
-    for count, message in enumerate(placed_messages(log)):
-        if message.role in SOURCE_OF_ROLE:
-            follower.put(message)
-        elif message.role == TAKEN:
-            follower.take(message)
-        elif message.role in ASIDE:
-            follower.aside(message)
-        else:
-            follower.output(message)
-        if progress is not None and count % PROGRESS_MESSAGES == 0:
+    for block in placed_blocks(log):
+        follower.follow(block)
+        if progress is not None:
             progress(log.position / log.size)
 
 
@@ -86,23 +89,28 @@ class Stretch(NamedTuple):
         Simulated time of the states (k,), ns.
     rows
         q, qd and the efforts that acted, (k, 3, n), model order.
-    messages
-        The recorded states, clock ticks and frames.
+    source
+        Of the commands.
     taken
         The messages of validation rows, one command each.
+    payloads
+        The commands.
+    outputs
+        The recorded states, clock ticks and frames.
     """
 
     first: int
     stamps_ns: NDArray[Any]
     rows: NDArray[Any]
-    messages: list[PlacedMessage]
-    taken: list[PlacedMessage]
+    source: Source
+    taken: Columns
+    payloads: list[bytes]
+    outputs: Columns
 
     def of(self, role: str) -> tuple[NDArray[Any], list[bytes]]:
         """Return the places in `rows` and the data of the recorded messages of a role."""
-        found = [message for message in self.messages if message.role == role]
-        places = np.array([message.cycle for message in found], int) - self.first
-        return places, [message.data for message in found]
+        found = self.outputs.where(self.outputs.ranks == RANKS[role])
+        return found.cycles - self.first, found.data
 
 
 @dataclass
@@ -122,7 +130,10 @@ class Playback(ABC):
 
     driver: Driver
     inbox: Inbox = field(default_factory=Inbox)
-    _collected: list[PlacedMessage] = field(default_factory=list)
+    _collected: list[Columns | PlacedMessage] = field(default_factory=list)
+    _count: int = 0
+    # Of the commands that were collected.
+    _source: int = -1
 
     @abstractmethod
     def take_now(self, message: PlacedMessage) -> None:
@@ -136,6 +147,69 @@ class Playback(ABC):
     def stretched(self, stretch: Stretch) -> bool:
         """Follow a stretch; if it returns False, nothing of it has happened."""
 
+    @abstractmethod
+    def aside(self, message: PlacedMessage) -> None:
+        """Follow a message that is neither input nor output of a cycle."""
+
+    def together(self, block: Columns) -> bool:
+        """Return whether outputs of cycles may be collected without looking at each."""
+        return True
+
+    def follow(self, block: Block) -> None:
+        """Follow the next messages."""
+        if isinstance(block, list):
+            for message in block:
+                self._follow(message)
+            return
+        # Messages of other kinds divide a block.
+        begin = 0
+        for place in np.flatnonzero(~_IN_STRETCHES[block.ranks]).tolist():
+            self._follow_commands(block.between(begin, place))
+            self.follow(list(block.between(place, place + 1).messages()))
+            begin = place + 1
+        self._follow_commands(block.between(begin, len(block.data)))
+
+    def _follow_commands(self, block: Columns) -> None:
+        """Follow commands and what comes in cycles with nothing else."""
+        taken = block.ranks == RANKS[TAKEN]
+        sources = np.unique(block.rows[taken, 0, 1])
+        outputs = block.where(HAVE_CYCLES[block.ranks])
+        regular = (
+            len(block.data) >= FEWEST_COLLECTED
+            and block.rows.shape[1] == 1
+            and len(sources) == 1
+            and int(sources[0]) in COMMANDS
+            and not block.rows[taken, 0, 3].any()
+            and self.together(outputs)
+        )
+        if not regular:
+            self.follow(list(block.messages()))
+            return
+        if self._collected and self._source != sources[0]:
+            self.flush()
+        for source in COMMANDS:
+            some = block.where(block.ranks == RANKS[ROLE_OF_SOURCE[source]])
+            self.inbox.put_all(source, some.numbers.tolist(), some.data)
+        if not self._collected:
+            # What belongs to the cycles before the first command.
+            begin = int(taken[HAVE_CYCLES[block.ranks]].argmax())
+            for message in outputs.between(0, begin).messages():
+                self.output_now(message)
+            outputs = outputs.between(begin, len(outputs.data))
+        self._source = int(sources[0])
+        self._collect(outputs, len(outputs.data))
+
+    def _follow(self, message: PlacedMessage) -> None:
+        role = message.role
+        if role in SOURCE_OF_ROLE:
+            self.put(message)
+        elif role == TAKEN:
+            self.take(message)
+        elif role in ASIDE:
+            self.aside(message)
+        else:
+            self.output(message)
+
     def put(self, message: PlacedMessage) -> None:
         """Keep an input until its cycle."""
         self.inbox.put(message)
@@ -144,8 +218,9 @@ class Playback(ABC):
         """Follow validation rows."""
         rows = message.rows
         if len(rows) == 1 and rows[0].source in COMMANDS and rows[0].verdict is Verdict.ACCEPTED:
-            if self._collected and self._collected[0].rows[0].source is not rows[0].source:
+            if self._collected and self._source != rows[0].source:
                 self.flush()
+            self._source = rows[0].source
             self._collect(message)
         else:
             self.flush()
@@ -159,32 +234,42 @@ class Playback(ABC):
             self.flush()
             self.output_now(message)
 
-    def _collect(self, message: PlacedMessage) -> None:
-        self._collected.append(message)
-        if len(self._collected) >= MOST_COLLECTED:
+    def _collect(self, some: Columns | PlacedMessage, count: int = 1) -> None:
+        self._collected.append(some)
+        self._count += count
+        if self._count >= MOST_COLLECTED:
             self.flush()
 
     def flush(self) -> None:
         """Follow all messages that were collected."""
-        messages, self._collected = self._collected, []
-        if not messages:
+        blocks, self._collected, self._count = self._collected, [], 0
+        if not blocks:
             return
+        parts: list[Columns] = []
+        group: Any
+        for kind, group in groupby(blocks, type):
+            if kind is Columns:
+                parts += group
+            else:
+                parts.append(columns_of(list(group)))
+        block = joined(parts)
         # The messages of the last cycle may not have come yet.
-        cut = bisect_left(messages, messages[-1].cycle, key=lambda message: message.cycle)
-        if cut >= FEWEST_COLLECTED and self._run_stretch(messages[:cut]):
-            messages = messages[cut:]
-        for message in messages:
+        cut = int(np.searchsorted(block.cycles, block.cycles[-1]))
+        if cut >= FEWEST_COLLECTED and self._run_stretch(block.between(0, cut)):
+            block = block.between(cut, len(block.data))
+        for message in block.messages():
             if message.role == TAKEN:
                 self.take_now(message)
             else:
                 self.output_now(message)
 
-    def _run_stretch(self, messages: list[PlacedMessage]) -> bool:
+    def _run_stretch(self, block: Columns) -> bool:
         """Run the cycles of some messages in one native call; return whether it was possible."""
         engine = self.driver.engine
-        taken = [message for message in messages if message.role == TAKEN]
-        cycles = np.array([message.cycle for message in taken])
-        first, count = taken[0].cycle, messages[-1].cycle + 1 - taken[0].cycle
+        are_taken = block.ranks == RANKS[TAKEN]
+        taken = block.where(are_taken)
+        cycles, first = taken.cycles, int(taken.cycles[0])
+        count = int(block.cycles[-1]) + 1 - first
         if (
             count > MOST_CYCLES
             or (np.diff(cycles) <= 0).any()
@@ -195,9 +280,9 @@ class Playback(ABC):
         if engine.cycles != first - 1:
             return False
         before = engine.save()
-        source = taken[0].rows[0].source
-        payloads = [self.inbox.payload(message.rows[0]) for message in taken]
-        if [message.rows[0].crc32 for message in taken] != [crc32(data) for data in payloads]:
+        source, numbers = Source(self._source), taken.rows[:, 0, 2].tolist()
+        payloads = self.inbox.payloads(source, numbers)
+        if taken.rows[:, 0, 4].tolist() != [*map(crc32, payloads)]:
             return False
         if source is Source.ARRAY:
             efforts = decode_efforts(payloads, engine.arm.robot.n)
@@ -213,20 +298,16 @@ class Playback(ABC):
             engine.state.newest_ns = decode_joint_state(payloads[-1]).stamp_ns
         steps = before.step + 1 + np.arange(len(rows))
         stamps = before.origin_ns + steps * engine.settings.step_ns
-        others = [message for message in messages if message.role != TAKEN]
+        outputs = block.where(~are_taken)
+        stretch = Stretch(first, stamps, rows, source, taken, payloads, outputs)
         # A failure or a reflex ends a stretch early, in a cycle to be followed by itself.
         ended = engine.state.failure or engine.state.actuators.tripped
-        if ended or not self.stretched(Stretch(first, stamps, rows, others, taken)):
+        if ended or not self.stretched(stretch):
             engine.restore(before)
             return False
-        engine.state.row_messages += len(taken)
-        for message in taken:
-            self.inbox.take(message)
+        engine.state.row_messages += len(cycles)
+        self.inbox.forget(source, numbers)
         return True
-
-    @abstractmethod
-    def aside(self, message: PlacedMessage) -> None:
-        """Follow a message that is neither input nor output of a cycle."""
 
     def run_to(self, cycle: int) -> None:
         """Run the cycles up to this one."""
@@ -250,12 +331,13 @@ def _named_efforts(
     None if the rules have to look at each of them: for stale stamps, or other joints.
     """
     with suppress(ValueError):
-        found = decode_named_efforts(payloads)
+        found = decode_joint_states(payloads)
         if found is not None:
-            names, stamps, efforts = found
+            names, stamps, position, velocity, efforts = found
             own = engine.arm.names
             fresh = (stamps == 0) | (stamps >= _oldest_ns(engine, cycles))
-            if sorted(names) == sorted(own) and fresh.all():
+            alone = position.size == velocity.size == 0 and efforts.shape[1] == len(names)
+            if alone and sorted(names) == sorted(own) and fresh.all():
                 return efforts[:, [names.index(name) for name in own]]
     return None
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.messages.convert import JointMessage
-from pfd_ros.replay.changed_inputs import Fed
+from pfd_ros.messages.convert import JointColumns
 from pfd_ros.replay.changed_runs import NewRun, RoundingRun
 from pfd_ros.replay.divergence import FIELDS, Curves, Divergence
 
@@ -38,12 +37,22 @@ class StateComparison:
         count = len(self.joints)
         self.divergence, self.rounding = (Divergence(count, thresholds) for _ in range(2))
         self.curves = Curves(count)
-        self.states = self.newest_ns = 0
-        self._pending: list[tuple[float, float, Array]] = []
+        self.states = 0
+        self._pending: list[tuple[Array, Array, Array]] = []
 
-    def add(self, state: JointMessage, fed: Fed) -> None:
-        """Keep a recorded state until both runs have reached it."""
-        names = state.names
+    def add(self, states: JointColumns, places: Array, times: Array, *, of_bag: bool) -> None:
+        """Keep recorded states until both runs have reached them.
+
+        Parameters
+        ----------
+        states
+            k states.
+        places, times
+            How many cycles of the changed arm end by each, and seconds after the start, (k,).
+        of_bag
+            Whether the efforts are the new run's inputs, and act after the state.
+        """
+        names = states.names
         if names not in self._places:
             known = [k for k, name in enumerate(names) if name in self.joints]
             # Names that no arm has must not fill the memory.
@@ -51,32 +60,26 @@ class StateComparison:
                 self._places.clear()
             self._places[names] = known, [self.joints.index(names[k]) for k in known]
         source, target = self._places[names]
-        values = np.full((len(FIELDS), len(self.joints)), np.nan)
-        for row, numbers in zip(
-            values, (state.position, state.velocity, state.effort), strict=True
-        ):
-            if len(numbers) == len(names):
-                row[target] = numbers[source]
-        if fed.message.number == 0:
-            # A bag's efforts are the new run's inputs, and act after the state.
-            values[FIELDS.index('effort')] = np.nan
-        self.newest_ns = state.stamp_ns
-        self._pending.append((fed.at, fed.time, values))
+        values = np.full((len(times), len(FIELDS), len(self.joints)), np.nan)
+        for row, numbers in enumerate((states.position, states.velocity, states.effort)):
+            if numbers.shape[1] == len(names) and not (of_bag and FIELDS[row] == 'effort'):
+                values[:, row, target] = numbers[:, source]
+        self._pending.append((places, times, values))
 
     def drain(self, *, all_of_them: bool = False) -> None:
         """Compare the states that both runs have reached."""
-        waiting = max(len(self._pending), *(len(run.rows) for run in self._runs))
-        if waiting < PENDING and not all_of_them:
+        pending = sum(len(times) for _, times, _ in self._pending)
+        if max(pending, *(len(run.rows) for run in self._runs)) < PENDING and not all_of_them:
             return
-        reached = min(run.reached for run in self._runs)
-        ready = next(
-            (k for k, item in enumerate(self._pending) if item[0] > reached), len(self._pending)
+        places, time, recorded = (
+            np.concatenate(parts) for parts in zip(*self._pending, strict=True)
         )
+        later = places > min(run.reached for run in self._runs)
+        ready = int(later.argmax()) if later.any() else len(places)
         if not ready:
             return
-        part, self._pending = self._pending[:ready], self._pending[ready:]
-        places, time = (np.array([item[k] for item in part]) for k in (0, 1))
-        recorded = np.array([item[2] for item in part])
+        self._pending = [(places[ready:], time[ready:], recorded[ready:])]
+        places, time, recorded = places[:ready], time[:ready], recorded[:ready]
         new, other = (run.at(places)[:, :, self._columns] for run in self._runs)
         with np.errstate(over='ignore', invalid='ignore'):
             differences, rounding = new - recorded, other - new

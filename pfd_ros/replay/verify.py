@@ -36,7 +36,7 @@ from pfd_ros.recording.provenance import COMMIT, PROGRAM, commit, versions
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.differences import difference
 from pfd_ros.replay.inspection import Inspection, inspect
-from pfd_ros.replay.ordering import PlacedMessage
+from pfd_ros.replay.ordering import Columns, PlacedMessage
 from pfd_ros.replay.playback import Playback, Stretch, follow
 from pfd_ros.replay.run_parts import continues, in_order
 from pfd_ros.replay.summary import RunSummary, Summary
@@ -268,6 +268,10 @@ class _Replay(Playback):
             return False
         self.flush()
         return True
+
+    def together(self, block: Columns) -> bool:
+        """Return whether no output is in a gap."""
+        return not self.gaps or block.cycles[-1] < self.gaps[0][0]
 
     def take(self, message: PlacedMessage) -> None:
         """Follow validation rows, but not those in a gap."""

@@ -15,6 +15,7 @@ recorded ones, as they were measured; states after a failure of the simulation a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,28 +26,23 @@ from numpy.typing import NDArray
 import pfd_core as pfd
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import (
-    STATES,
-    TAKEN,
-)
 from pfd_ros.arm.link_frames import link_frames
 from pfd_ros.arm.settings import WALL, Settings
 from pfd_ros.messages.convert import (
     NANOSECONDS,
-    JointMessage,
+    JointColumns,
     decode_joint_state,
+    decode_joint_states,
     decode_string,
 )
 from pfd_ros.recording.bags import DATABASES
-from pfd_ros.recording.format import SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.bag_inputs import BagInputs
-from pfd_ros.replay.changed_inputs import ChangedInputs, Fed
+from pfd_ros.replay.changed_inputs import ChangedInputs, FedBlock, fed_blocks
 from pfd_ros.replay.changed_runs import NewRun, RoundingRun, one_bit
 from pfd_ros.replay.divergence import FIELDS
 from pfd_ros.replay.new_log import LogTimes, NewLog, free_path
-from pfd_ros.replay.ordering import PlacedMessage, placed_messages
-from pfd_ros.replay.playback import PROGRESS_MESSAGES
+from pfd_ros.replay.ordering import PlacedMessage, placed_blocks
 from pfd_ros.replay.state_comparison import StateComparison
 from pfd_ros.replay.verify import simulable
 from pfd_ros.replay.what_if_settings import (
@@ -122,6 +118,8 @@ class WhatIf:
         The first of them, '' for none.
     skipped
         Messages of a bag that were not used, by reason.
+    times
+        Of a bag's messages: 'stamps' or 'log times'; '' for a recording.
     complete
         Whether the source was closed properly.
     curves
@@ -148,6 +146,7 @@ class WhatIf:
     rejected: Mapping[str, int]
     first_rejected: str
     skipped: Mapping[str, int]
+    times: str
     complete: bool
     curves: tuple[Array, Array, Array] = field(repr=False, compare=False)
 
@@ -159,7 +158,7 @@ class _Case:
     path: Path
     settings: Settings
     robot: pfd.Robot
-    messages: Iterator[Fed]
+    blocks: Iterator[FedBlock]
     # Time from one state of a recording to the next.
     state_ns: int = 0
     # The cycle that ends at time 0, and the last one of the source, 0 if its states say so.
@@ -171,6 +170,7 @@ class _Case:
     urdf: str = ''
     rename: Callable[[str], str] = str
     skipped: Mapping[str, int] = field(default_factory=dict)
+    times: str = ''
     progress: Callable[[], float] = lambda: 0.0
     complete: Callable[[], bool] = lambda: True
 
@@ -270,7 +270,7 @@ def _of_recording(path: Path, changes: Changes, progress: Callable[[float], None
         path,
         settings,
         new,
-        inputs.messages(placed_messages(log)),
+        inputs.blocks(placed_blocks(log)),
         state_ns=recorded.publish_every * recorded.step_ns,
         last=inputs.cycle_of(last),
         started_ns=started_ns,
@@ -291,12 +291,13 @@ def _of_bag(path: Path, changes: Changes, inputs: BagInputs) -> _Case:
         path,
         settings,
         robot,
-        inputs.messages(settings, robot),
+        fed_blocks(inputs.messages(settings, robot)),
         origin=1,
         started_ns=max(0, inputs.start_ns - settings.step_ns),
         urdf=urdf,
         rename=inputs.renamed,
         skipped=inputs.skipped,
+        times=inputs.times,
     )
 
 
@@ -313,25 +314,23 @@ def _follow(
 ) -> StateComparison:
     """Let both runs follow the messages of a source, and compare their states."""
     found: StateComparison | None = None
-    for count, fed in enumerate(case.messages):
-        message = fed.message
-        state = None
-        if message.role == STATES:
-            state = _decoded(message.data, case)
-            if state is not None and message.lost and found is not None:
-                _check_gap(message, state.stamp_ns - found.newest_ns, case)
+    newest_ns: int | None = None
+    for block in case.blocks:
+        decoded = list(_decoded(block, case))
+        stamps_ns = [stamp for columns, *_ in decoded for stamp in columns.stamps_ns.tolist()]
+        for k, message in block.lost:
+            before_ns = stamps_ns[k - 1] if k else newest_ns
+            if before_ns is not None:
+                _check_gap(message, stamps_ns[k] - before_ns, case)
+        newest_ns = stamps_ns[-1] if stamps_ns else newest_ns
         for run in runs:
-            if message.role in SOURCE_OF_ROLE:
-                run.put(message)
-            elif message.role == TAKEN:
-                run.take(message)
-            else:
-                run.output(message)
-        if state is not None:
-            found = found or StateComparison(runs, state.names, thresholds)
-            found.add(state, fed)
+            run.follow(block.block)
+        for columns, places, times in decoded:
+            found = found or StateComparison(runs, columns.names, thresholds)
+            found.add(columns, places, times, of_bag=bool(case.origin))
+        if found is not None:
             found.drain()
-        if progress is not None and count % PROGRESS_MESSAGES == 0:
+        if progress is not None:
             progress(INSPECTION_SHARE + (1 - INSPECTION_SHARE) * case.progress())
     for run in runs:
         run.flush()
@@ -344,15 +343,32 @@ def _follow(
     return found
 
 
-def _decoded(data: bytes, case: _Case) -> JointMessage | None:
-    """Return a recorded state with the arm's names of joints; None for other bytes in a bag."""
-    try:
-        state = decode_joint_state(data)
-    except ValueError:
-        if case.origin:
-            return None
-        raise
-    return replace(state, names=tuple(case.rename(name) for name in state.names))
+def _decoded(block: FedBlock, case: _Case) -> Iterator[tuple[JointColumns, Array, Array]]:
+    """Yield recorded states with the arm's names of joints, `at` and `time`.
+
+    In a bag, other bytes are left out.
+    """
+    columns = None
+    if block.states:
+        with suppress(ValueError):
+            columns = decode_joint_states(block.states)
+    if columns is not None:
+        yield _renamed(columns, case), block.at, block.time
+        return
+    for k, data in enumerate(block.states):
+        try:
+            state = decode_joint_state(data)
+        except ValueError:
+            if case.origin:
+                continue
+            raise
+        arrays = (x[None] for x in (state.position, state.velocity, state.effort))
+        columns = JointColumns(state.names, np.array([state.stamp_ns]), *arrays)
+        yield _renamed(columns, case), block.at[k : k + 1], block.time[k : k + 1]
+
+
+def _renamed(columns: JointColumns, case: _Case) -> JointColumns:
+    return columns._replace(names=tuple(map(case.rename, columns.names)))
 
 
 def _check_gap(message: PlacedMessage, after_ns: int, case: _Case) -> None:
@@ -399,6 +415,7 @@ def _result(
         dict(new.rejected),
         new.first_rejected,
         dict(case.skipped),
+        case.times,
         case.complete(),
         found.curves.arrays(),
     )

@@ -124,6 +124,16 @@ def test_a_window_and_topics_choose_what_is_read() -> None:
     assert (len(empty), empty.names) == (0, ())
 
 
+def test_types_choose_what_is_read() -> None:
+    kind = 'sensor_msgs/msg/JointState'
+    log = read_log(GOLDEN, types=[kind])
+    assert {log.topics[topic] for topic in log} == {kind}
+    assert set(log.topics) == set(read_log(GOLDEN))
+    assert len(log['/joint_states']) == 269
+    with pytest.raises(ValueError, match=r"types must be a list of names, got '.*': write \['"):
+        read_log(GOLDEN, types=kind)
+
+
 def test_a_log_that_was_cut_off_is_read_up_to_the_cut(tmp_path: Path) -> None:
     path = tmp_path / 'cut.mcap'
     data = GOLDEN.read_bytes()

@@ -15,7 +15,6 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
-from mcap.writer import Writer
 import pytest
 from recordings import (
     HAS_DEFINITIONS,
@@ -38,6 +37,7 @@ from recordings import (
 from zstandard import ZstdError
 
 from pfd_ros.recording import recorder as recording
+from pfd_ros.recording.block_writer import BlockWriter
 from pfd_ros.recording.format import LAST_NS, MESSAGE_BYTES
 from pfd_ros.recording.mcap_file import McapFile, TimeBase
 from pfd_ros.recording.recorder import LogRecorder
@@ -95,7 +95,7 @@ def test_any_exception_of_the_thread_is_said_once_and_leaves_a_readable_file(
     error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorder, reports = running(tmp_path / 'a.mcap')
-    monkeypatch.setattr(Writer, 'add_message', raising(error))
+    monkeypatch.setattr(BlockWriter, 'add_messages', raising(error))
     sent = fail_after(recorder, 20)
     recorder.record(0, sent + 1, state(sent + 1))
     check_failed(recorder, reports, sent + 1, tmp_path / 'a.mcap')
@@ -109,7 +109,7 @@ def test_a_report_that_fails_changes_nothing(
     report = raising(RuntimeError('no logger'))
     recorder = LogRecorder(tmp_path / 'a.mcap', TOPICS, head(), report)
     flushed(recorder, 20)
-    monkeypatch.setattr(Writer, 'add_message', raising(struct.error('too large')))
+    monkeypatch.setattr(BlockWriter, 'add_messages', raising(struct.error('too large')))
     sent = fail_after(recorder, 20)
     recorder.close()
     assert (recorder.recorded[0], recorder.dropped[0]) == (20, sent - 20)
@@ -126,7 +126,7 @@ def test_a_thread_that_ends_without_a_word_is_seen(
             raise MuteError
 
     recorder, reports = running(tmp_path / 'a.mcap')
-    monkeypatch.setattr(Writer, 'add_message', raising(MuteError()))
+    monkeypatch.setattr(BlockWriter, 'add_messages', raising(MuteError()))
     sent = fail_after(recorder, 20)
     assert 'ended unexpectedly' in recorder.error
     check_failed(recorder, reports, sent, tmp_path / 'a.mcap')
@@ -151,7 +151,7 @@ def test_a_thread_that_cannot_be_started_leaves_no_file(
 def test_a_failed_recording_gives_its_messages_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, hang: Hang
 ) -> None:
-    monkeypatch.setattr(Writer, 'add_message', hang.before(refuse))
+    monkeypatch.setattr(BlockWriter, 'add_messages', hang.before(refuse))
     recorder, reports = start(tmp_path / 'a.mcap')
     message = bytes(MEGABYTE)
     alone = sys.getrefcount(message)

@@ -256,7 +256,7 @@ def test_a_changed_head_is_refused_in_a_short_line_or_changes_nothing(
 
 
 NOTHING_YET = (
-    'no recording of this node|holds no states|no robot in its attachment|'
+    'not a recording of this node|holds no states|no robot in its attachment|'
     'not an MCAP file|damaged after byte 8$'
 )
 

@@ -16,6 +16,7 @@ from ros_processes import example_robot
 import pfd_core as pfd
 from pfd_ros import read_log
 from pfd_ros.cli.main import main
+from pfd_ros.cli.what_if import lines_of
 from pfd_ros.recording.reader import LogError
 from pfd_ros.replay.what_if import WhatIf, what_if
 
@@ -140,6 +141,7 @@ def test_efforts_without_names_act_in_the_order_of_the_joints(tmp_path: Path) ->
     # Without stamps of the commands the times are the log's.
     assert largest(found) < ROUNDING
     assert found.joints == NAMES[::-1]
+    assert 'times      log times of the messages' in lines_of(found)
 
 
 def test_efforts_between_two_steps_act_from_the_next_one_on(tmp_path: Path) -> None:
@@ -166,6 +168,7 @@ def test_messages_are_put_in_the_order_of_their_stamps(tmp_path: Path) -> None:
     # States come late in the log.
     late = [Sent('/s', 1.02 + t, joint_state(t, position=Q0)) for t in (1.002, 1.008)]
     found = run(write(tmp_path / 'bag', [*sent, *late]), '/c')
+    assert 'times      stamps of the messages' in lines_of(found)
     new = read_log(found.log)['/joint_states']
     wanted = motion(np.repeat(taus(2), 4, axis=0)).q
     np.testing.assert_allclose(new.position[1:9], wanted, atol=ROUNDING)

@@ -9,6 +9,7 @@ import functools
 import importlib
 import itertools
 from operator import attrgetter
+import re
 import struct
 from typing import Any
 
@@ -295,6 +296,31 @@ def test_garbage_is_read_or_refused_with_a_value_error(decoder: str, data: st.Da
         event('refused')
     else:
         event('read')
+
+
+@given(st.data(), st.booleans())
+def test_joint_states_read_together_are_those_read_one_by_one(
+    data: st.DataObject, altered: bool
+) -> None:
+    encoder = convert.JointStateEncoder(['a', 'b'], 'base')
+    messages = [encoder.encode(k * STAMP, *np.full((3, 2), k / 3)) for k in range(3)]
+    if altered:
+        messages[data.draw(st.integers(0, 2))] = data.draw(strange_bytes(messages[0]))
+    try:
+        found = convert.decode_joint_states(messages)
+    except ValueError as error:
+        with pytest.raises(ValueError, match=re.escape(str(error))):
+            convert.decode_joint_state(messages[0])
+        return
+    if found is None:
+        event('differ')
+        assert altered
+        return
+    single = [convert.decode_joint_state(message) for message in messages]
+    assert {one.names for one in single} == {found.names}
+    assert [one.stamp_ns for one in single] == found.stamps_ns.tolist()
+    for name in convert.JOINT_FIELDS:
+        assert bits([getattr(one, name) for one in single]) == bits(getattr(found, name))
 
 
 @pytest.mark.parametrize('nanoseconds', [1_000_000_000, 2**32 - 1])

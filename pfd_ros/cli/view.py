@@ -1,0 +1,150 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd view`: the arm of a log or of a running node in 3D, in a browser."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import suppress
+import importlib.util
+from pathlib import Path
+import sys
+import threading
+import webbrowser
+
+from pfd_ros.cli.terminal import print_lines, progress_on
+from pfd_ros.text import listed, one_line
+
+HELP = 'show the arm of a log or of a running node in 3D, in a browser'
+EXAMPLE = 'pfd view run.mcap --open'
+NEEDED = ('viser', 'trimesh', 'collada')
+PORT = 8080
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the log and what is shown of it."""
+    parser.add_argument(
+        'log', type=Path, nargs='?', metavar='LOG', help='MCAP file, .db3 file or rosbag2 folder'
+    )
+    parser.add_argument(
+        '--live', action='store_true', help='show a running arm, from its joint_states; needs ROS'
+    )
+    parser.add_argument(
+        '--robot',
+        metavar='ROBOT',
+        help='the model, in place of the one in the log or on robot_description: a .urdf, .xacro '
+        'or .yaml file, or a name that `pfd robots` lists',
+    )
+    parser.add_argument('--topic', metavar='TOPIC', help='the topic of joint states')
+    parser.add_argument(
+        '--ghost',
+        type=Path,
+        metavar='LOG',
+        help='a second log, shown translucent',
+    )
+    parser.add_argument(
+        '--ghost-topic',
+        metavar='TOPIC',
+        help='the topic of joint states of the ghost, such as commanded positions; without '
+        '--ghost a topic of the same log',
+    )
+    parser.add_argument(
+        '--package-path',
+        action='append',
+        type=Path,
+        default=[],
+        metavar='FOLDER',
+        help='a package with meshes, or a folder of packages; may be repeated',
+    )
+    parser.add_argument(
+        '--port',
+        type=_port,
+        default=PORT,
+        metavar='N',
+        help=f'port of the page on this computer (default {PORT}; 0: any free one)',
+    )
+    parser.add_argument(
+        '--export',
+        type=Path,
+        metavar='FILE',
+        help='write one .html file that plays the log without Python or a network, and end',
+    )
+    parser.add_argument('--open', action='store_true', help='open the page in the browser')
+
+
+def run(given: argparse.Namespace) -> int:
+    """Show a log or a running arm until Ctrl-C, or write a page."""
+    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
+    if missing:
+        raise ValueError("the 3D view needs viser and trimesh: pip install 'pfd_ros[view]'")
+    if given.live:
+        unused = ('log', 'ghost', 'ghost_topic', 'export')
+        others = [name for name in unused if getattr(given, name)]
+        if others:
+            raise ValueError(f'--live shows a running arm: it takes no {listed(others)}')
+        with suppress(KeyboardInterrupt):
+            _live(given)
+        return 0
+    if given.log is None:
+        raise ValueError('name a log, or show a running arm with --live')
+    return _log(given)
+
+
+def _log(given: argparse.Namespace) -> int:
+    from pfd_ros.view import export, log_page, server
+    from pfd_ros.view.player import Player
+
+    folders = tuple(given.package_path)
+    content = log_page.content_of(given.log, given.robot, given.topic, folders)
+    print_lines(content.lines)
+    ghost = None
+    if given.ghost or given.ghost_topic:
+        path, robot = given.ghost or given.log, None if given.ghost else given.robot
+        ghost = log_page.content_of(path, robot, given.ghost_topic, folders, content.seen.urdf)
+        print_lines(f'ghost: {line}' for line in ghost.lines)
+        if log_page.offset_of(content.motion, ghost.motion) is None:
+            print_lines(['ghost: the logs have no time in common: both start at 0'])
+    if given.export:
+        size = export.export(content, ghost, given.export, progress_on(sys.stderr))
+        print(f'{given.export} plays {given.log.name} in a browser ({size / 1e6:.1f} MB)')
+        return 0
+    with server.page(given.port, given.log.name) as page:
+        player = Player(page.gui, content.motion, log_page.fill(page, content, ghost))
+        with suppress(KeyboardInterrupt):
+            _announce(server.address(page), given.log.name, given.open)
+            player.run(threading.Event())
+    return 0
+
+
+def _live(given: argparse.Namespace) -> None:
+    from pfd_ros.view import live, server
+    from pfd_ros.view.live_arm import LiveArm
+    from pfd_ros.view.mesh_files import MeshFolders
+    from pfd_ros.view.motion import folder_of, named_model, parsed_text
+
+    # Before anything is waited for: a port in use is an error at once.
+    with server.page(given.port, 'live') as page, live.view_node() as node:
+        if given.robot is not None:
+            urdf = named_model(given.robot)
+        else:
+            urdf = parsed_text(live.model_text(node), 'robot_description')
+        folders = MeshFolders(folder_of(None, given.robot), tuple(given.package_path))
+        arm = LiveArm(page, urdf, folders)
+        print_lines(arm.problems)
+        topic = given.topic or live.TOPIC
+        _announce(server.address(page), topic, given.open)
+        live.follow(node, topic, arm, lambda line: print_lines([line]))
+
+
+def _announce(url: str, shown: str, browse: bool) -> None:
+    """Print the address of a page, and open it if that was asked."""
+    print(f'{url} shows {one_line(shown)}; Ctrl-C ends it', flush=True)
+    if browse and not webbrowser.open(url):
+        print(f'no browser was found for --open: open {url} yourself', flush=True)
+
+
+def _port(text: str) -> int:
+    number = int(text) if text.isascii() and text.isdecimal() else -1
+    if not 0 <= number < 1 << 16:
+        raise argparse.ArgumentTypeError(f'port must be in [0, 65535], got {text!r}')
+    return number

@@ -1,0 +1,25 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The arm of a log or of a running node in 3D, in a browser.
+
+Geometry, without a browser
+
+    visuals      <visual> elements of a URDF
+    mesh_files   package:// and other URIs -> files -> triangles, within bounds
+    skeleton     links without visuals, from frames, inertias and reach
+    shapes       a URDF -> triangles fixed to links
+    poses        joint positions -> frames of all links
+    loads        torques and limits of joints -> colours
+    motion       a log -> joint states over time, and its model
+
+The page, with viser
+
+    server       the server on 127.0.0.1
+    scene        the arm, rings of its joints, a path and the floor in a page
+    player       time slider, play, speed, step
+    log_page     the page of a log
+    live_arm     an arm in a page that follows joint states
+    live         joint states of a running node; imports rclpy
+    export       the page of a log as one file that plays without Python
+"""

@@ -1,0 +1,208 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Files of meshes: where a URI of a URDF leads, and their triangles, within bounds.
+
+A URDF of a recording comes from outside. Only regular files with the suffix of a mesh are opened,
+nothing is fetched from a network, and a mesh's own references to other files (textures, .mtl) are
+not followed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+import io
+import os
+from pathlib import Path
+import re
+import stat
+from urllib.parse import unquote, urlsplit
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+import trimesh
+
+from pfd_ros.text import cut, one_line
+from pfd_ros.view.visuals import LARGEST, Colour
+
+SUFFIXES = ('.stl', '.dae', '.obj')
+# Of one file. Meshes of published robots have up to 20 MB and 200 000 triangles.
+MOST_BYTES = 32 * 2**20
+MOST_TRIANGLES = 1_000_000
+# A node of a COLLADA file may hold another one twice, and so on: so many nodes have at most
+# 2^8 copies.
+MOST_INSTANCES = 16
+INSTANCES = re.compile(rb'<\s*instance_node\b')
+DECLARATIONS = re.compile(rb'<!\s*(?:DOCTYPE|ENTITY)', re.IGNORECASE)
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """Vertices (V, 3) [m], faces (F, 3), and the colour that the file gives them, or None."""
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    colour: Colour | None
+
+
+@dataclass(frozen=True)
+class MeshFolders:
+    """
+    Where meshes are looked for.
+
+    Attributes
+    ----------
+    folder : Path or None
+        Folder of the URDF, from which relative paths start; None for a URDF without a file.
+    packages : tuple of Path
+        Folders of packages, or folders that contain them, before those of the environment
+        (AMENT_PREFIX_PATH, ROS_PACKAGE_PATH) and those around the URDF.
+
+    """
+
+    folder: Path | None = None
+    packages: tuple[Path, ...] = ()
+
+    def find(self, uri: str) -> Path:
+        """
+        Return the file of a URI: package://NAME/PATH, file:///PATH, or a path.
+
+        Raises
+        ------
+        ValueError
+            If it is another URI, leaves its package, is no mesh, or there is no such file.
+
+        """
+        path = self._path(uri)
+        if path.suffix.lower() not in SUFFIXES:
+            raise ValueError(f'its suffix must be one of {", ".join(SUFFIXES)}')
+        try:
+            mode = path.stat().st_mode
+        except (OSError, ValueError) as error:
+            raise ValueError(f'there is no file {cut(str(path), 200)}') from error
+        if not stat.S_ISREG(mode):
+            raise ValueError(f'{cut(str(path), 200)} is no regular file')
+        return path
+
+    def _path(self, uri: str) -> Path:
+        if not uri:
+            raise ValueError('it has no filename')
+        # A letter and a colon is a drive, not a scheme.
+        scheme = re.match(r'([A-Za-z][A-Za-z0-9+.-]+):', uri)
+        if scheme is None:
+            return self._relative(uri)
+        if scheme[1] == 'package':
+            return self._of_package(uri.removeprefix('package:').lstrip('/'))
+        if scheme[1] == 'file':
+            return self._relative(unquote(urlsplit(uri).path))
+        raise ValueError(f'{scheme[1]}: is not read; use package://, file:// or a path')
+
+    def _relative(self, path: str) -> Path:
+        if self.folder is None and not os.path.isabs(path):
+            raise ValueError('the path is relative, and the URDF has no folder: use --robot FILE')
+        return (self.folder or Path()) / path
+
+    def _of_package(self, path: str) -> Path:
+        name, _, inner = path.partition('/')
+        inside = os.path.normpath(inner)
+        if name in ('', '.', '..') or inside.startswith('..') or os.path.isabs(inside):
+            raise ValueError('the path leaves its package')
+        folders = [folder for folder in self._folders_of(name) if folder.is_dir()]
+        for folder in folders:
+            if (folder / inside).exists():
+                return folder / inside
+        if folders:
+            raise ValueError(f'there is no file {cut(str(folders[0] / inside), 200)}')
+        raise ValueError(f'package {cut(name)!r} is not found: use --package-path FOLDER')
+
+    def _folders_of(self, name: str) -> Iterator[Path]:
+        for folder in self.packages:
+            yield from ([folder] if folder.name == name else [])
+            yield folder / name
+            yield folder / 'share' / name
+        for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
+            yield Path(prefix, 'share', name)
+        for root in filter(None, os.environ.get('ROS_PACKAGE_PATH', '').split(os.pathsep)):
+            yield Path(root, name)
+        if self.folder is not None:
+            around = self.folder.absolute()
+            for folder in (around, *around.parents):
+                yield from ([folder] if folder.name == name else [])
+                yield folder / name
+
+
+def read_mesh(path: Path) -> list[Triangles]:
+    """
+    Return the triangles of a file, by colour; lengths of COLLADA in metres.
+
+    The up axis of COLLADA is ignored, as rviz and Gazebo do.
+
+    Raises
+    ------
+    ValueError
+        If it is too large, or not a mesh.
+    OSError
+        If it cannot be read.
+
+    """
+    with path.open('rb') as stream:
+        data = stream.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES:
+        raise ValueError(f'it has more than {MOST_BYTES >> 20} MiB')
+    kind = path.suffix.lower()[1:]
+    if kind == 'dae':
+        if DECLARATIONS.search(data):
+            raise ValueError('it has a <!DOCTYPE> or <!ENTITY>')
+        if len(INSTANCES.findall(data)) > MOST_INSTANCES:
+            raise ValueError(f'it has more than {MOST_INSTANCES} <instance_node>')
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore')
+            return list(_triangles(trimesh.load_scene(io.BytesIO(data), file_type=kind), kind))
+    except Exception as error:  # the parsers raise whatever a file provokes
+        reason = one_line(f'{type(error).__name__}: {error}', 160)
+        raise ValueError(f'it cannot be read: {reason}') from error
+
+
+def _triangles(scene: trimesh.Scene, kind: str) -> Iterator[Triangles]:
+    by_colour: dict[Colour | None, list[trimesh.Trimesh]] = {}
+    count = 0
+    for node in scene.graph.nodes_geometry:
+        pose, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if not isinstance(mesh, trimesh.Trimesh):
+            continue
+        count += len(mesh.faces)
+        if count > MOST_TRIANGLES:
+            raise ValueError(f'more than {MOST_TRIANGLES} triangles')
+        placed = mesh.copy()
+        units = placed.units if kind == 'dae' else None
+        placed.apply_transform(pose)
+        if units not in (None, 'meters'):
+            placed.apply_scale(trimesh.units.unit_conversion(units, 'meters'))
+        by_colour.setdefault(_colour(mesh), []).append(placed)
+    if not count:
+        raise ValueError('no triangles')
+    for colour, meshes in by_colour.items():
+        offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+        vertices = np.concatenate([np.array(mesh.vertices) for mesh in meshes])
+        if not np.all(np.abs(vertices) <= LARGEST / 1e-3):
+            raise ValueError('a vertex is not finite, or too far away')
+        faces = [
+            np.array(mesh.faces) + offset for mesh, offset in zip(meshes, offsets, strict=False)
+        ]
+        yield Triangles(
+            vertices.astype(np.float32), np.array(np.concatenate(faces), np.int32), colour
+        )
+
+
+def _colour(mesh: trimesh.Trimesh) -> Colour | None:
+    """Return the main colour of a mesh, None where the file has none."""
+    if not mesh.visual.defined:
+        return None
+    colour = getattr(mesh.visual, 'main_color', None)
+    if colour is None:
+        colour = mesh.visual.material.main_color
+    red, green, blue = (int(part) for part in np.asarray(colour)[:3])
+    return red, green, blue

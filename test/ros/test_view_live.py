@@ -1,0 +1,117 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd view --live` follows the joint states of a running arm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import signal
+import subprocess
+import sys
+from typing import Any
+import urllib.request
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from ros_processes import PATIENCE, Processes, environment
+from view_models import STATE, STORE, joint_state, parsed, urdf
+
+from pfd_ros.cli.main import main
+from pfd_ros.view.live_arm import LiveArm
+from pfd_ros.view.mesh_files import MeshFolders
+from pfd_ros.view.poses import LinkPoses
+from pfd_ros.view.server import page
+
+
+@pytest.fixture
+def empty() -> Iterator[Any]:
+    with page(0, 'test') as server:
+        yield server
+
+
+def encoded(*state: Any) -> bytes:
+    return bytes(STORE.serialize_cdr(joint_state(0.0, *state), STATE))
+
+
+def test_the_arm_follows_joint_states_by_name_and_skips_what_is_none(empty: Any) -> None:
+    model = parsed(urdf())
+    arm = LiveArm(empty, model, MeshFolders())
+    assert arm.joints == ('swing',)
+    pinocchio = pin.buildModelFromXML(urdf())
+    data = pinocchio.createData()
+    end = LinkPoses(model, ['swing']).index('end')
+    node = empty.scene._handle_from_node_name[f'/arm/link_{end}']
+
+    def check(q: float) -> None:
+        arm.draw()
+        pin.framesForwardKinematics(pinocchio, data, np.array([q]))
+        expected = data.oMf[pinocchio.getFrameId('end', pin.FrameType.BODY)].translation
+        np.testing.assert_allclose(node.position, expected, atol=1e-12)
+
+    check(0.0)
+    arm.take(encoded(['other', 'swing'], [9.0, 0.7], [1.0, 2.0]))
+    check(0.7)
+    # Shorter fields, numbers that are none, and bytes that are no message move nothing.
+    for message in (
+        encoded(['other'], [3.0]),
+        encoded(['other', 'swing'], [3.0]),
+        encoded(['swing'], []),
+        encoded(['swing'], [np.nan]),
+        encoded(['swing'], [np.inf]),
+        encoded(['swing'], [1e300]),
+        b'',
+        b'\x00\x01\x00\x00\xff\xff\xff\xff',
+        bytes(1 << 21),
+    ):
+        arm.take(message)
+        check(0.7)
+    assert (arm.received, arm.malformed) == (10, 3)
+    arm.take(encoded(['swing'], [-1.2]))
+    check(-1.2)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'error'),
+    [
+        ((), 'name a log, or show a running arm with --live'),
+        (('--live', 'run.mcap', '--ghost', 'b.mcap'), "it takes no ['log', 'ghost']"),
+        (('--live', '--export', 'a.html'), "it takes no ['export']"),
+    ],
+)
+def test_a_log_and_live_exclude_each_other(
+    arguments: tuple[str, ...], error: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip('rclpy')
+    assert main(['view', *arguments]) == 1
+    assert error in capsys.readouterr().err
+
+
+@pytest.mark.ros
+def test_a_running_arm_is_followed_until_ctrl_c(processes: Processes) -> None:
+    processes.arm('-p', 'robot:=ur5', '-p', 'publish_description:=true')
+    command = [sys.executable, '-m', 'pfd_ros.cli.main', 'view', '--live', '--port', '0']
+    viewer = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=environment(processes.domain),
+    )
+    try:
+        assert viewer.stdout is not None
+        lines: list[str] = []
+        for line in viewer.stdout:
+            lines.append(line)
+            if 'joint_states' in line and ('receiving' in line or 'no message' in line):
+                break
+        assert lines[-1] == 'receiving /joint_states\n', lines
+        (announced,) = (line for line in lines if line.startswith('http://127.0.0.1:'))
+        with urllib.request.urlopen(announced.split()[0], timeout=PATIENCE) as answer:
+            assert b'<html' in answer.read()
+        viewer.send_signal(signal.SIGINT)
+        rest, _ = viewer.communicate(timeout=PATIENCE)
+        assert (rest, viewer.returncode) == ('', 0)
+    finally:
+        viewer.kill()
+        viewer.communicate()

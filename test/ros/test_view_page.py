@@ -1,0 +1,192 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Loads, the tip's path and a ghost in the page of `pfd view`, and the page as one file."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator
+from pathlib import Path
+import re
+from typing import Any
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+import pytest
+from ros_processes import example_robot
+from view_models import STATE, UR5, joint_state, parsed, recorded, swinging, urdf, write_bag
+import zstandard
+
+from pfd_ros import read_log
+from pfd_ros.cli.main import main
+from pfd_ros.view.loads import AT_LIMIT, UNKNOWN, Loads, load_colour
+from pfd_ros.view.log_page import Content, content_of, fill, offset_of, tip_path
+from pfd_ros.view.server import page
+
+TIMES = (0.0, 0.1, 0.2, 0.35, 0.5)
+NONE, FULL = (70, 120, 200), (225, 60, 45)
+
+
+@pytest.fixture
+def empty() -> Iterator[Any]:
+    with page(0, 'test') as server:
+        yield server
+
+
+@pytest.fixture(scope='module')
+def ur5_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp('view') / 'ur5.mcap', example_robot(UR5), 1.0)
+
+
+def pendulum_model() -> tuple[Any, Any]:
+    model = pin.buildModelFromXML(urdf())
+    return model, model.createData()
+
+
+def tip_of(log: Path, places: np.ndarray) -> np.ndarray:
+    """Return the tip of a UR5 at some states of a log, by Pinocchio."""
+    model = pin.buildModelFromUrdf(str(example_robot(UR5)))
+    data = model.createData()
+    states, found = read_log(log)['/joint_states'], []
+    for place in places:
+        q = pin.neutral(model)
+        for name, value in zip(states.names, states.position[place], strict=True):
+            q[model.joints[model.getJointId(name)].idx_q] = value
+        pin.framesForwardKinematics(model, data, q)
+        frame = data.oMf[model.getFrameId('wrist_3_link', pin.FrameType.BODY)]
+        found.append(frame.translation.copy())
+    return np.array(found)
+
+
+def test_a_torque_is_blue_at_none_and_red_at_its_limit() -> None:
+    assert load_colour(0.0) == NONE
+    assert load_colour(1.0) == load_colour(7.0) == FULL
+    assert load_colour(float('nan')) == UNKNOWN
+    loads = Loads(parsed(urdf()), ['swing'], np.array([[4.0]]))
+    assert loads.unlimited == ()
+    zero = np.zeros(1)
+    colours = [loads.colours(zero, np.array([effort]))[0] for effort in (0.0, -10.0, 10.0, np.nan)]
+    assert colours == [NONE, FULL, FULL, UNKNOWN]
+    assert loads.colours(zero, np.array([5.0]))[0] not in (NONE, FULL)
+
+
+def test_a_joint_at_the_end_of_its_range_is_violet() -> None:
+    loads = Loads(parsed(urdf()), ['swing'], np.zeros((1, 1)))
+    found = {q: loads.colours(np.array([q]), np.zeros(1))[0] for q in (-3.1, -3.0, 2.9, 3.0)}
+    assert found == {-3.1: AT_LIMIT, -3.0: AT_LIMIT, 2.9: NONE, 3.0: AT_LIMIT}
+    endless = urdf().replace('type="revolute"', 'type="continuous"')
+    loads = Loads(parsed(endless), ['swing'], np.zeros((1, 1)))
+    assert loads.colours(np.array([9.0]), np.zeros(1)) == [NONE]
+
+
+def test_without_an_effort_limit_the_scale_ends_at_the_largest_torque() -> None:
+    free = parsed(urdf().replace('effort="10"', 'effort="0"'))
+    loads = Loads(free, ['swing'], np.array([[-4.0], [np.nan], [2.0]]))
+    assert loads.unlimited == ('swing',)
+    assert loads.colours(np.zeros(1), np.array([-4.0])) == [FULL]
+    # No torque at all divides by nothing.
+    assert Loads(free, ['swing'], np.zeros((2, 1))).colours(np.zeros(1), np.zeros(1)) == [NONE]
+
+
+def test_the_path_is_that_of_the_tip_as_pinocchio_has_it(ur5_log: Path) -> None:
+    found = content_of(ur5_log)
+    assert found.tip == 'wrist_3_link'
+    path = tip_path(found)
+    assert len(path) == len(found.motion.time)
+    places = np.array([0, len(path) // 2, len(path) - 1])
+    np.testing.assert_allclose(path[places], tip_of(ur5_log, places), atol=1e-12)
+
+
+def test_a_ghost_is_shown_at_the_same_stamps(tmp_path: Path, empty: Any) -> None:
+    arm = content_of(swinging(tmp_path / 'a', TIMES, text=urdf()))
+    states = [
+        ('/joint_states', STATE, k, joint_state(100.2 + 0.1 * k, ['swing'], [1.0 + k]))
+        for k in range(3)
+    ]
+    # It has no model: that of the arm is taken.
+    ghost = content_of(write_bag(tmp_path / 'b', states), other=arm.seen.urdf)
+    assert offset_of(arm.motion, ghost.motion) == pytest.approx(0.2)
+    show = fill(empty, arm, ghost)
+    model, data = pendulum_model()
+    for time, q in ((0.0, 1.0), (0.25, 1.0), (0.35, 2.0), (0.5, 3.0)):
+        show(time)
+        node = empty.scene._handle_from_node_name[f'/ghost/link_{ghost.poses.index("end")}']
+        pin.framesForwardKinematics(model, data, np.array([q]))
+        expected = data.oMf[model.getFrameId('end', pin.FrameType.BODY)].translation
+        np.testing.assert_allclose(node.position, expected, atol=1e-12)
+
+
+def test_logs_without_a_time_in_common_start_together(tmp_path: Path) -> None:
+    arm = content_of(swinging(tmp_path / 'a', TIMES, text=urdf()))
+    state = ('/joint_states', STATE, 0, joint_state(7.0, ['swing'], [1.0]))
+    ghost = content_of(write_bag(tmp_path / 'b', [state]), other=arm.seen.urdf)
+    assert offset_of(arm.motion, ghost.motion) is None
+
+
+class Exported:
+    """The messages in an exported page, by their time."""
+
+    def __init__(self, path: Path) -> None:
+        found = re.search(r'__VISER_EMBED_DATA__="([^"]*)"', path.read_text(encoding='utf-8'))
+        assert found is not None
+        data = base64.b64decode(found[1])
+        size = int.from_bytes(data[:8], 'little')
+        raw = zstandard.ZstdDecompressor().decompress(data[8:], max_output_size=size)
+        header = 8 + int.from_bytes(raw[:8], 'little')
+        decoded = msgspec.msgpack.decode(raw[8:header])
+        self.duration = decoded['durationSeconds']
+        self.messages = decoded['messages']
+
+    def positions(self, node: str) -> list[tuple[float, list[float]]]:
+        """Return the times [s] and positions of a node."""
+        return [
+            (time, message['position'])
+            for time, message in self.messages
+            if message.get('name') == node and message['type'] == 'SetPositionMessage'
+        ]
+
+
+def test_the_exported_page_has_the_arm_at_the_times_of_the_log(
+    ur5_log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / 'arm.html'
+    assert main(['view', str(ur5_log), '--export', str(target)]) == 0
+    assert capsys.readouterr().out.startswith(f'{target} plays ur5.mcap in a browser (')
+    exported = Exported(target)
+    found: Content = content_of(ur5_log)
+    assert exported.duration == pytest.approx(found.motion.duration, abs=0.05)
+    node = f'/arm/link_{found.poses.index("wrist_3_link")}'
+    positions = exported.positions(node)
+    assert len(positions) >= 30  # a second
+    chosen = [positions[k] for k in (0, len(positions) // 2, -1)]
+    # Times are sums of the times between frames: rounded.
+    places = np.array([found.motion.at(time + 1e-6) for time, _ in chosen])
+    expected = tip_of(ur5_log, places)
+    np.testing.assert_allclose([position for _, position in chosen], expected, atol=1e-6)
+    assert np.linalg.norm(expected[1] - expected[0]) > 0.2
+    # Nothing in the page is loaded from elsewhere.
+    text = target.read_text(encoding='utf-8')
+    assert not re.findall(r'(?:src|href)="(?:https?:)?//', text)
+
+
+def test_an_export_replaces_no_file_and_leaves_none_behind(
+    ur5_log: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    there = tmp_path / 'there.html'
+    there.write_text('mine')
+    assert main(['view', str(ur5_log), '--export', str(there)]) == 1
+    assert there.read_text() == 'mine'
+    assert 'File exists' in capsys.readouterr().err
+    assert main(['view', str(ur5_log), '--export', str(tmp_path / 'no' / 'a.html')]) == 1
+    assert 'No such file or directory' in capsys.readouterr().err
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr('pfd_ros.view.export.fill', interrupted)
+    assert main(['view', str(ur5_log), '--export', str(tmp_path / 'b.html')]) == 130
+    assert not (tmp_path / 'b.html').exists()

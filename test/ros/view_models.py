@@ -1,0 +1,113 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Models and logs that the tests of `pfd view` show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from bags import STORE, rosbag2
+import numpy as np
+from ros_processes import example_robot
+
+import pfd_core as pfd
+from pfd_ros.testing.lockstep_arm import LockstepArm
+
+UR5 = 'ur_description/urdf/ur5_robot.urdf'
+PANDA = 'panda_description/urdf/panda.urdf'
+SO100 = 'so_arm_description/urdf/so100.urdf'
+STATE, STRING = 'sensor_msgs/msg/JointState', 'std_msgs/msg/String'
+
+
+def urdf(*visuals: str, robot: str = '') -> str:
+    """Return the URDF of a pendulum of 0.4 m with these visuals on its arm."""
+    body = (
+        '<inertial><origin xyz="0 0 -0.2"/><mass value="2"/>'
+        '<inertia ixx="0.1" iyy="0.1" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    return (
+        f'<robot name="pendulum">{robot}<link name="base"/>'
+        f'<link name="arm">{body}{"".join(visuals)}</link><link name="end"/>'
+        '<joint name="swing" type="revolute"><parent link="base"/><child link="arm"/>'
+        '<origin xyz="0 0 0.5"/><axis xyz="0 1 0"/>'
+        '<limit lower="-3" upper="3" velocity="9" effort="10"/></joint>'
+        '<joint name="weld" type="fixed"><parent link="arm"/><child link="end"/>'
+        '<origin xyz="0 0 -0.4"/></joint></robot>'
+    )
+
+
+def visual(geometry: str, origin: str = '', material: str = '') -> str:
+    """Return a <visual>."""
+    return f'<visual>{origin}<geometry>{geometry}</geometry>{material}</visual>'
+
+
+def parsed(text: str) -> pfd.Urdf:
+    """Return the record of a URDF."""
+    found = pfd.read_urdf(text)
+    assert found is not None
+    return found
+
+
+def recorded(path: Path, robot: Any, seconds: float = 0.5, **settings: Any) -> Path:
+    """Record an arm that swings."""
+    with LockstepArm(robot, recording=path, **settings) as arm:
+        swing = np.linspace(3.0, -2.0, len(arm.names))
+        arm.run(lambda t, q, qd: swing * np.cos(9.0 * t) - 0.3 * qd, seconds)
+    return path
+
+
+def example_urdf(path: str) -> tuple[pfd.Urdf, Path]:
+    """Return a robot of example-robot-data and the folder of its file."""
+    source = example_robot(path)
+    found = pfd.read_urdf(source)
+    assert found is not None
+    return found, source.parent
+
+
+Message = tuple[str, str, int, Any]
+
+
+def joint_state(
+    seconds: float, names: Sequence[str], position: Sequence[float], effort: Sequence[float] = ()
+) -> Any:
+    """Return a JointState of rosbags."""
+    types = STORE.types
+    stamp = types['builtin_interfaces/msg/Time'](*divmod(round(seconds * 1e9), 10**9))
+    return types[STATE](
+        types['std_msgs/msg/Header'](stamp, ''),
+        list(names),
+        np.array(position, float),
+        np.array([]),
+        np.array(effort, float),
+    )
+
+
+def write_bag(path: Path, messages: Iterable[Message]) -> Path:
+    """Write messages, each with topic, type and log time [ns], by rosbags."""
+    with rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+        connections: dict[str, Any] = {}
+        for topic, kind, log_ns, message in messages:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
+            data = STORE.serialize_cdr(message, kind)
+            writer.write(connections[topic], log_ns, data)
+    return path
+
+
+def swinging(
+    path: Path, times: Sequence[float], *, text: str | None = None, topic: str = '/joint_states'
+) -> Path:
+    """Write a bag of the pendulum of `urdf`, at position t at time t [s]; log times are later."""
+    described = [] if text is None else [('/robot_description', STRING, 0, text_message(text))]
+    states = [
+        (topic, STATE, round((t + 0.5) * 1e9), joint_state(t + 100.0, ['swing'], [t], [-10.0 * t]))
+        for t in times
+    ]
+    return write_bag(path, [*described, *states])
+
+
+def text_message(text: str) -> Any:
+    """Return a String of rosbags."""
+    return STORE.types[STRING](text)

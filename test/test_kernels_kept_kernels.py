@@ -93,7 +93,7 @@ def test_two_processes_at_once_leave_one_sound_copy(folder: Path) -> None:
     first, second = (result(child) for child in children)
     assert (first['single'], first['batch']) == (second['single'], second['batch'])
     written = contents(folder)
-    # Facts, the loss of the pivots, two modules of IR and two objects; nothing unfinished.
+    # Facts, the method of the default, two modules of IR and two objects; nothing unfinished.
     assert len(written) == 6
     assert all(cache.read(Path(name).stem) for name in written)
     assert result(start_child('planar2'))['emitted'] == 0

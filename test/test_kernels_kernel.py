@@ -403,9 +403,14 @@ def test_a_missing_wrench_is_an_error() -> None:
 @pytest.mark.parametrize('shape', [(2,), (3, 2), (3000, 2)])
 def test_brakes_are_taken_by_their_name_and_nowhere_else(shape: tuple[int, ...]) -> None:
     # An array in the place of the wrench once went for the mask inside, which is inverted.
-    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=pfd.Scene(brakes=True))
+    kernel, without = (
+        pfd.compile_kernel(
+            pfd.load_robot('planar2'), method='composite_body', scene=pfd.Scene(brakes=brakes)
+        )
+        for brakes in (True, False)
+    )
     q, qd, tau = (x.reshape(shape) for x in random_states(2, max(1, int(np.prod(shape[:-1])))))
-    free = KERNEL(q, qd, tau)
+    free = without(q, qd, tau)
     for mask in (np.zeros(shape), np.ones(shape), np.zeros(shape, bool)):
         with pytest.raises(ValueError, match='wrench was given, but'):
             kernel(q, qd, tau, mask)

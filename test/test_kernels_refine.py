@@ -143,6 +143,7 @@ def expected(name: str, method: str, dtype: str) -> Any:
 
 
 METHODS = ('composite_body', 'articulated_body')
+OTHER = {'composite_body': 'articulated_body', 'articulated_body': 'pcrbm'}
 
 
 @pytest.mark.parametrize('name', HARD_CASES)
@@ -346,11 +347,22 @@ def test_a_massless_end_has_an_infinite_estimate() -> None:
         assert result['error'][0, 0] == np.inf
 
 
-def test_a_kernel_without_refinement_has_no_estimate() -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
-    zero = np.zeros(2)
-    with pytest.raises(ValueError, match='no error estimate: compile it with refine=1 or more'):
-        kernel.error_estimate(zero, zero, zero)
+@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('name', ['puma560', 'ur5', 'panda'])
+def test_a_kernel_without_refinement_estimates_the_error_of_its_own_bits(
+    name: str, method: str
+) -> None:
+    robot = pfd.load_robot(name)
+    kernel = pfd.compile_kernel(robot, method=method)
+    states = np.random.default_rng(40).uniform(-2.0, 2.0, (3, 20, robot.n))
+    qdd, estimates = kernel.error_estimate(*states)
+    assert (qdd == kernel(*states)).all()
+    right = reference(
+        resolve(robot), dict(zip(('q', 'qd', 'tau'), states, strict=True)), OTHER[method]
+    )
+    errors = relative_error(qdd, right)
+    # Within 5 %, or a tenth of a rounding.
+    assert (np.abs(estimates - errors) <= np.maximum(0.05 * errors, 0.1 * 2.0**-53)).all()
 
 
 @pytest.mark.parametrize('refine', [-1, 0.5, '1', None])
@@ -374,7 +386,7 @@ ARMS: dict[str, Callable[[], Arm]] = {
 # Arms of which composite bodies are further off than SHOWN in some of the states.
 HARD = ('rods_12', 'heavy_tip_1e8')
 # The method whose 50 digits are the reference: never the tested one.
-OTHER = {'composite_body': 'articulated_body', 'articulated_body': 'pcrbm'}
+
 
 # Largest ratio of estimate and error, either way, where the error is above SHOWN: the same number
 # of units of rounding in both formats.

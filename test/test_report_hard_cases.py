@@ -250,7 +250,10 @@ def test_a_missed_bound_is_on_the_page_and_a_lost_answer_null_in_the_json(tmp_pa
     problem, known = solved(case.name)
     rows = tuple(kernel_rows(case, problem, known, condition(case.name)))
     assert [row.met for row in rows] == [None, True, None, False]
-    assert [row.method for row in rows[:2]] == ['articulated_body', 'grouped_articulated_body']
+    assert [row.method for row in rows[:2]] == [
+        'grouped_articulated_body, refined',
+        'grouped_articulated_body',
+    ]
     found = Result(
         name=case.name,
         cause=case.cause,

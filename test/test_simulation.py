@@ -86,7 +86,7 @@ def test_native_steps_are_the_integrator_on_numpy_bit_for_bit(
 ) -> None:
     robot = random_chain(np.random.default_rng(2), 3)
     scene = pfd.Scene(damping=DAMPING, armature=np.full(3, 0.1))
-    kernel = pfd.compile_kernel(robot, scene=scene)
+    kernel = pfd.compile_kernel(robot, method='composite_body', scene=scene)
     step_size, substeps = 2e-3, 2
     sim = pfd.Simulator(
         robot,
@@ -101,9 +101,11 @@ def test_native_steps_are_the_integrator_on_numpy_bit_for_bit(
     program = record_step(row, 3, h, DAMPING, compensated=compensated)
     exact = ExactLoss()
     advance = exact if compensated else operator.add
-    undamped = pfd.compile_kernel(robot, scene=replace(scene, damping=None))
+    undamped = pfd.compile_kernel(
+        robot, method='composite_body', scene=replace(scene, damping=None)
+    )
     heavier = replace(scene, gravity=None, damping=None, armature=row.implicit * h * DAMPING + 0.1)
-    heavy = pfd.compile_kernel(robot, scene=heavier)
+    heavy = pfd.compile_kernel(robot, method='composite_body', scene=heavier)
 
     def solve(q: np.ndarray, y: np.ndarray) -> np.ndarray:
         return heavy(q, np.zeros(3), y)
@@ -194,7 +196,7 @@ def test_a_braked_joint_stops_at_once_and_stays() -> None:
 def test_accelerations_are_read_later_as_they_were() -> None:
     robot = pfd.load_robot('planar2')
     scene = pfd.Scene(external_wrench=True, brakes=True)
-    kernel = pfd.compile_kernel(robot, scene=scene)
+    kernel = pfd.compile_kernel(robot, method='composite_body', scene=scene)
     sim = pfd.Simulator(robot, scene)
     taus, wrench = np.full((4, 2), 0.5), np.full(6, 0.25)
     given, pushed = taus.copy(), wrench.copy()

@@ -25,8 +25,8 @@ DOP853 = PAIRS['dop853']
 # Sums of products of up to eight coefficients, which are doubles, up to 4e2 and cancel.
 ROUNDED_COEFFICIENTS = 1e-12
 
-# Error of an angle over 3 s in units of rtol: the errors of up to 100 steps add. Seen up to 13.
-SUMMED_ERROR = 50.0
+# Error of an angle over 3 s in units of rtol: what `integrate` promises.
+KEPT = 10.0
 
 # Drift of the energy in units of the peak kinetic energy, at two tolerances, over 10 s.
 # Seen a fifth of this.
@@ -147,9 +147,9 @@ def test_a_pendulum_swings_as_its_closed_form_says_between_the_steps_too(rtol: f
     run = swing_with_the_elbow_held(3.0, rtol=rtol, atol=rtol)
     assert run.status == 'ok'
     assert run.time[-1] == 3.0
-    assert pendulum_errors(run).max() < SUMMED_ERROR * rtol
+    assert pendulum_errors(run).max() < KEPT * rtol
     between = run.at(np.linspace(0.0, 3.0, 301)[::-1])
-    assert pendulum_errors(between).max() < SUMMED_ERROR * rtol
+    assert pendulum_errors(between).max() < KEPT * rtol
     for states in (run, between):
         np.testing.assert_array_equal(states.q[:, 1], 0.0)
         np.testing.assert_array_equal(states.qd[:, 1], 0.0)

@@ -69,7 +69,7 @@ def record_refined(
     method : str
         A name in METHODS.
     steps : int
-        Steps of refinement; 0 is the method alone.
+        Steps of refinement.
     tolerance : float, optional
         Relative residual at which an iterative method stops; default for double precision.
     estimate : {'float64', 'float32', None}
@@ -78,13 +78,14 @@ def record_refined(
     Returns
     -------
     Program
-        The method's own outputs, of which qdd is refined, and with one step or more `error`,
-        (1,): the estimated relative error of qdd before the last step, infinite where the answer
-        is not finite, a pivot is not positive or the iteration has not converged.
+        The method's own outputs, of which qdd is refined, and with an estimate `error`, (1,): the
+        estimated relative error of qdd before the last step, of qdd itself without steps. It is
+        infinite where the answer is not finite, a pivot is not positive or the iteration has not
+        converged.
 
     """
     method_program = record_forward_dynamics(plant, method, 'sequential', tolerance)
-    if steps == 0:
+    if steps == 0 and estimate is None:
         return method_program
     solve = record_forward_dynamics(without_torques(plant), method, 'sequential', tolerance)
     torques = record_link_torques(plant)
@@ -95,14 +96,14 @@ def record_refined(
         tau = motor_torques(plant, tau, input_list(recorder, 'qd', n))
     zero = recorder.constant(0.0)
     results = inline(recorder, method_program, {})
-    qdd = results['qdd']
+    qdd = before = results['qdd']
+    rest = {'qd': [zero] * n, 'wrench': [zero] * 6}
     for _ in range(steps):
         before = qdd
         needed = inline(recorder, torques, {'qdd': qdd})['tau']
         with recorder.section('residual'):
             r = [given - t for given, t in zip(tau, needed, strict=True)]
-        rest = {'qd': [zero] * n, 'tau': r, 'wrench': [zero] * 6}
-        delta = inline(recorder, solve, rest)['qdd']
+        delta = inline(recorder, solve, rest | {'tau': r})['qdd']
         with recorder.section('correction'):
             qdd = [a + d for a, d in zip(qdd, delta, strict=True)]
     if estimate is not None:

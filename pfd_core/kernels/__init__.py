@@ -17,7 +17,8 @@ Subpackages and modules in the order of data flow; each imports only from those 
     kernel         Kernel: a call checks and converts its arguments and runs native code
     compile        compile_kernel
     functions      forward_dynamics, inverse_dynamics: plain functions that keep their kernels
-    simulations    compile_rollout, compile_ensemble: whole simulations in native code
+    simulations    compile_rollout, compile_ensemble, compile_adaptive: whole simulations in
+                   native code
     linear_steps   compile_linear_step: the derivatives of a step of a simulation
 
 A new pass is a module of passes and a line of pipeline.lower; a new function in native code a

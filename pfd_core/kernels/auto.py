@@ -3,6 +3,11 @@
 """
 The method that 'auto' selects: the cheapest one that keeps the digits of the answer.
 
+A kernel of forward dynamics measures its rounding errors when it is made (`roundings`). It takes
+the first method within its limit in MOST_ROUNDINGS, and one step of refinement where none is, as
+on all chains of LONG joints and more (docs/decisions/0040-a-default-that-is-not-worse.md). What
+follows is about the method of a step of a simulation, and of a refined kernel.
+
 The cheapest is the serial method whose kernel has the fewest operations. The matrix of
 composite bodies grows with n^2 and its factors with n^3, articulated bodies with n, from a higher
 start. Ordinary arms of up to seven joints are cheaper by the former, chains of sixteen and more by
@@ -20,15 +25,19 @@ corrected up to u^-1/2. Beyond LARGEST_LOSS_REFINED a refined kernel uses articu
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 import numpy as np
 
 from pfd_core.algorithms.grouped.composite_body import record_inertia_matrix
+from pfd_core.algorithms.grouped.link_torques import record_link_torques
 from pfd_core.algorithms.programs import METHODS, record_forward_dynamics
+from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.passes.pipeline import lower, operations
+from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.kernels.runtime.json_cache import get_or_compute
 from pfd_core.machine.emulator import run
-from pfd_core.model import Plant
+from pfd_core.model import Plant, without_torques
 from pfd_core.model.checked_numbers import integer
 from pfd_core.model.error_text import quote
 
@@ -43,6 +52,14 @@ ACCURATE = 'articulated_body'
 LARGEST_LOSS, LARGEST_LOSS_REFINED = 1e3, 1e7
 # Poses at which the pivots are looked at.
 POSES = 16
+# Largest rounding error that an answer may have without refinement, in roundings (`roundings`).
+MOST_ROUNDINGS = {FEW_JOINTS: 3.0, MANY_JOINTS: 3.8}
+# States at which rounding errors are measured, the share of them that a limit is for, and the
+# relative change of a state that shows how far rounding its numbers changes the answer.
+STATES, SHARE, CHANGE = 256, 0.9, 2.0**-26
+# Torques of these states, relative to the largest of inertia and gravity: an arm that all but
+# falls, on which errors of large torques near the base meet small inertias near the tip.
+TORQUES = 2.0**-6
 
 
 def choose(plant: Plant, method: str, refine: int) -> str:
@@ -65,6 +82,80 @@ def choose(plant: Plant, method: str, refine: int) -> str:
         return FEW_JOINTS
     choices = (FEW_JOINTS, MANY_JOINTS)
     return get_or_compute(('auto', plant.digest), lambda: _cheapest(plant), choices.__contains__)
+
+
+def default(plant: Plant, method: str, refine: int) -> tuple[str, int]:
+    """Return the method and the steps of refinement of a kernel of forward dynamics."""
+    named = not isinstance(method, str) or method != 'auto'
+    if named or integer('refine', refine, 0, REFINE_AT_MOST):
+        return choose(plant, method, refine), refine
+    plain = get_or_compute(
+        ('accurate', plant.digest), lambda: _accurate(plant), {'', *MOST_ROUNDINGS}.__contains__
+    )
+    return (plain, 0) if plain else (choose(plant, 'auto', 1), 1)
+
+
+def _accurate(plant: Plant) -> str:
+    """Return the first method whose errors are within its limit, cheapest first, or ''."""
+    if plant.robot.n >= LONG:
+        return ''
+    first = FEW_JOINTS if plant.robot.n <= SHORT else _cheapest(plant)
+    # With rotors or brakes no row of a grouped articulated body vanishes, and it loses more than
+    # `roundings` shows (geared_rotors_1e6).
+    stiff = plant.brakes or plant.inertia is not None
+    methods = (FEW_JOINTS,) if stiff else (first, MANY_JOINTS)
+    return next(
+        (
+            method
+            for method in dict.fromkeys(methods)
+            if roundings(plant, method) <= MOST_ROUNDINGS[method]
+        ),
+        '',
+    )
+
+
+def roundings(plant: Plant, method: str) -> float:
+    """
+    Return how far a method rounds on a robot with its payload and rotors, in gravity.
+
+    The error of a state is max |difference| / max |qdd| compared with the refined answer. Its
+    unit is the change of the refined answer when each number of the state changes by a unit of
+    rounding, at least a unit of rounding itself. The result is the SHARE-quantile over STATES
+    states, the same on every machine: bits of a generator that NumPy guarantees, sines written
+    out, no sums of unknown order.
+    """
+    bare = replace(
+        without_torques(plant),
+        gravity=plant.gravity,
+        external_wrench=False,
+        brakes=False,
+        payload_input=False,
+    )
+    torques, plain, refined = (
+        expand_sines(program, 'float64')
+        for program in (
+            record_link_torques(bare),
+            *(record_refined(bare, method, steps, estimate=None) for steps in (0, 1)),
+        )
+    )
+    shape = (5, STATES, plant.robot.n)
+    bits = np.random.PCG64(0).random_raw(math.prod(shape)).reshape(shape)
+    # Uniform within [-1, 1), from the upper 53 bits.
+    q, qd, qdd, tau, signs = (bits >> np.uint64(11)) * 2.0**-52 - 1
+    states = {'q': np.pi * q, 'qd': qd}
+    with np.errstate(all='ignore'):
+        needed = run(torques, states | {'qdd': qdd})['tau']
+        states['tau'] = TORQUES * np.abs(needed).max() * tau
+        near = {name: x * (1 + np.copysign(CHANGE, signs)) for name, x in states.items()}
+        right = run(refined, states)['qdd']
+        error, change = (
+            np.abs(x - right).max(axis=-1) / np.abs(right).max(axis=-1)
+            for x in (run(plain, states)['qdd'], run(refined, near)['qdd'])
+        )
+        found = error / (2.0**-53 * np.maximum(1.0, change / CHANGE))
+    # A joint without inertia, which only brakes can hold, has no acceleration to compare.
+    found = np.sort(np.where(np.isfinite(right).all(axis=-1), found, 0.0))
+    return float(found[int(SHARE * STATES)])
 
 
 def _cheapest(plant: Plant) -> str:

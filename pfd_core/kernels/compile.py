@@ -31,9 +31,10 @@ def compile_kernel(
     robot : Robot
         The chain.
     method : str
-        A name in METHODS, or 'auto': the cheapest, or articulated bodies where the cheapest loses
-        too many digits, with `refine` more than a step can correct. Quantities other than
-        forward dynamics and its derivatives have one method.
+        A name in METHODS, or 'auto': for forward dynamics the cheapest with small rounding errors
+        on this robot, with a step of refinement where none has them (`kernel.method`,
+        `kernel.spec.refine`). Quantities other than forward dynamics and its derivatives have one
+        method.
     scene : Scene, optional
         Which effects are on; default: rigid links and gravity. A quantity ignores the effects
         that it does not depend on.
@@ -42,8 +43,7 @@ def compile_kernel(
     refine : int
         Steps of iterative refinement, at least 0, of forward dynamics, and of the accelerations
         at which derivatives are taken. One step reaches rounding level in nearly every
-        scene, for about half as much work again as the default method, and enables
-        `error_estimate`.
+        scene, for about half as much work again as the default method.
     quantity : str
         The result, and its arguments:
 
@@ -88,5 +88,4 @@ def compile_spec(spec: KernelSpec) -> Kernel:
     def with_error() -> Kernel:
         return Kernel(spec, forward(spec, names=('qdd', 'error')), recreate)
 
-    estimates = spec.refine and spec.quantity == 'forward_dynamics'
-    return Kernel(spec, source_of(spec), recreate, with_error if estimates else None)
+    return Kernel(spec, source_of(spec), recreate, with_error)

@@ -206,33 +206,30 @@ class Kernel:
         payload: Payload | None = None,
     ) -> tuple[NDArray[Any], NDArray[Any]]:
         """
-        Return qdd, the same bits as a call gives, and its relative error before the last step.
+        Return qdd, the same bits as a call gives, and its relative error.
 
-        Arguments and errors are those of a call, and ValueError for a kernel with refine=0. The
-        error, () or (B,), is max |difference| / max |exact qdd|. It is estimated from torques
-        with nearly twice the digits: within 5 % of the error for the included arms, also where
-        tau is close to the bias. For other robots it is within a factor of 3 wherever the error
-        is above 1e-13 (5e-5 in float32) and below 0.1, away from equilibrium: there, on axes at
-        other than right angles, rounding of the robot's rotations matters as much, and it may be
-        a twentieth of the difference to another method. It is infinite where a pivot is not
-        above zero or the answer not finite.
+        With steps of refinement (`kernel.spec.refine`) it is the error before the last step.
+        Arguments and errors are those of a call. The error, () or (B,), is max |difference| /
+        max |exact qdd|. It is estimated from torques with nearly twice the digits: within 5 % of
+        the error for the included arms, also where tau is close to the bias. For other
+        robots it is within a factor of 3 wherever the error is above 1e-13 (5e-5 in float32) and
+        below 0.1, away from equilibrium: there, on axes at other than right angles, rounding of
+        the robot's rotations matters as much, and it may be a twentieth of the difference to
+        another method. It is infinite where a pivot is not above zero or the answer not finite.
 
         Near equilibrium the answer itself is no better than the one before: there the last
         rounding of the torques is its error, too. An estimate costs four to five times as
-        much as a call, in a kernel that is compiled at the first estimate.
+        much as a call, in a kernel that is compiled at the first estimate: a kernel that is
+        never asked for one takes no time and no memory for it.
         """
         both = self._with_error(q, qd, tau, wrench, brakes=brakes, payload=payload)
         return both[..., :-1], both[..., -1]
 
     @cached_property
     def _with_error(self) -> Kernel:
-        if self.quantity != 'forward_dynamics':
+        if self._make_with_error is None or self.quantity != 'forward_dynamics':
             raise ValueError(
                 f'a kernel of {self.quantity} has no error estimate, only one of forward_dynamics'
-            )
-        if self._make_with_error is None:
-            raise ValueError(
-                'the kernel has no error estimate: compile it with refine=1 or more, got refine=0'
             )
         return self._make_with_error()
 

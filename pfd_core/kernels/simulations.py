@@ -5,6 +5,7 @@ Simulations in native code: an integrator's step around @evaluate, over all step
 
     compile_rollout      one arm                    (pfd_core.kernels.codegen.rollout)
     compile_ensemble     one arm per SIMD lane      (pfd_core.kernels.codegen.arms)
+    compile_adaptive     one arm, adaptive steps    (pfd_core.kernels.codegen.adaptive)
 """
 
 from __future__ import annotations
@@ -16,12 +17,13 @@ from functools import partial
 from typing import Any
 
 from pfd_core.algorithms.chain.actuators import record_actuators
+from pfd_core.kernels.codegen.adaptive import WRITTEN, AdaptivePair, carried
 from pfd_core.kernels.codegen.arms import PARAMETERS
 from pfd_core.kernels.codegen.cycles import block_names
-from pfd_core.kernels.codegen.module import ensemble_module, rollout_module
+from pfd_core.kernels.codegen.module import adaptive_module, ensemble_module, rollout_module
 from pfd_core.kernels.codegen.rollout import written
 from pfd_core.kernels.codegen.segments import Contact
-from pfd_core.kernels.codegen.step import further_rows, torque_row
+from pfd_core.kernels.codegen.step import extra_arguments, further_rows, torque_row
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.runtime.jit import Native, simd_width
 from pfd_core.kernels.source import KernelSource, forward, motors, quantity_source, turned_joints
@@ -152,6 +154,59 @@ def compile_ensemble(
     rows = further_rows(step_program)
     count = partial(sources.step_operations, step_program)
     return NativeEnsemble(width, sources.main.work, count, rows, run, native)
+
+
+@dataclass(frozen=True)
+class AdaptiveSteps:
+    """Adaptive steps of one arm in native code; pointers are given as addresses."""
+
+    work: int  # operations of the evaluations in one attempt
+    inputs: tuple[str, ...]  # of the dynamics, besides the state
+    arrays: tuple[str, ...]  # that both functions take before those that are written
+    begin: Callable[..., None]  # @begin (pfd_core.kernels.codegen.adaptive)
+    run: Callable[..., int]  # @adaptive, without the interpreter's lock
+    begin_law: Callable[..., None]  # the same with a law in Python, with the lock
+    run_law: Callable[..., int]
+    native: Native  # owner of the code
+
+
+def compile_adaptive(spec: KernelSpec, pair: AdaptivePair, contact: Contact) -> AdaptiveSteps:
+    """
+    Compile adaptive steps of a robot; `spec` is of a STEP in float64.
+
+    `contact` has the programs of the steps, and of dry friction and joint stops if the scene has
+    any, not lowered yet.
+    """
+    if 'modes' in contact.programs:
+        sources = _contact_sources(spec, contact)
+    else:
+        main = forward(spec)
+        sources = _Sources(
+            main, f' {contact.key}', {'_braked': main}, main.inputs, spec.dtype, contact
+        )
+    inputs = tuple(extra_arguments(sources.signature))
+
+    def ir() -> str:
+        _, lowered = sources.further()
+        assert lowered is not None
+        return adaptive_module(pair, lowered, inputs, spec.dtype, turned_joints(spec.robot))
+
+    native = sources.main.compile(f'adaptive {pair}{sources.key}', ir)
+    arrays, integer = carried(contact, inputs), ctypes.c_int64
+    # The law is an object of Python, or a null pointer.
+    state: list[Any] = [ctypes.c_void_p] * (4 + len(arrays))
+    own: list[Any] = [integer, integer, *state, *([ctypes.c_void_p] * len(WRITTEN))]
+    begin, run = (native.address(name) for name in ('begin', 'adaptive'))
+    return AdaptiveSteps(
+        sources.main.work * len(pair.nodes),
+        inputs,
+        arrays,
+        ctypes.CFUNCTYPE(None, *state)(begin),
+        ctypes.CFUNCTYPE(integer, *own)(run),
+        ctypes.PYFUNCTYPE(None, *state)(begin),
+        ctypes.PYFUNCTYPE(integer, *own)(run),
+        native,
+    )
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from pfd_core.kernels.auto import choose
+from pfd_core.kernels.auto import choose, default
 from pfd_core.kernels.quantities import check_options, quantity_named, reduced
 from pfd_core.model import Plant, Robot, Scene, in_motion, resolve, without_step_effects
 from pfd_core.model.checked_numbers import DTYPES, choice
@@ -40,7 +40,7 @@ class KernelSpec:
     dtype : str
         'float64' or 'float32'.
     refine : int
-        Steps of iterative refinement.
+        Steps of iterative refinement, also those that 'auto' selected.
     quantity : str
         A name in QUANTITIES, or STEP or STEP_IN_MOTION.
     frame : str or None
@@ -82,10 +82,13 @@ class KernelSpec:
         if quantity.of_frame:
             frame = self.robot.tip if self.frame is None else self.frame
             place = self.robot.frame(frame).digest
+        method, refine = quantity.method, self.refine
+        if self.quantity == 'forward_dynamics':
+            method, refine = default(plant, self.method, refine)
         resolved: dict[str, Any] = {
             'scene': scene,
-            'method': quantity.method or choose(plant, self.method, self.refine),
-            'refine': int(self.refine),
+            'method': method or choose(plant, self.method, refine),
+            'refine': int(refine),
             'frame': frame,
             'plant': plant,
             'place': place,

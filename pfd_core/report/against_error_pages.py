@@ -127,7 +127,7 @@ def _summary(findings: Findings, most: int) -> list[str]:
             for point in findings.points
             if (point.case, point.batch, point.dtype) == (case.name, most, 'float64')
         }
-        plain, refined = (known.get((case.default(refine), refine)) for refine in (0, 1))
+        plain, refined = known.get((case.auto, case.steps)), known.get((case.refined, 1))
         cost = f'{1 / refined.times:.2f}' if refined is not None and refined.times else '-'
         found = {
             'kappa_J': f'{case.kappa_j:.0e}',
@@ -167,7 +167,8 @@ def _case(case: CaseFacts, points: Sequence[Point], sizes: Sequence[int]) -> str
     other = '' if case.refined == case.auto else f', refined {case.refined}'
     facts = (
         f'{case.cause}. n = {case.n}, {case.states} state{"s" * (case.states > 1)}, auto is '
-        f'{case.auto}{other}; kappa_J {case.kappa_j:.0e}, kappa_s {case.kappa_s:.1e}; '
+        f'{case.auto}{", refined" * case.steps}{other}; '
+        f'kappa_J {case.kappa_j:.0e}, kappa_s {case.kappa_s:.1e}; '
         f'reference of 50 digits, second evaluation {case.difference:.0e}, residual '
         f'{case.residual:.0e}.\n'
     )

@@ -99,9 +99,11 @@ CASE_COLUMNS: Columns = {
 KERNELS: Columns = {
     'case': lambda x: x[0].name,
     'auto is': lambda x: (
-        x[1].method if x[1].method == x[2].method else f'{x[1].method}, refined {x[2].method}'
+        x[1].method
+        if x[1].method.removesuffix(', refined') == x[2].method
+        else f'{x[1].method}; refined: {x[2].method}'
     ),
-    'not refined': lambda x: order(x[1].error) + ', bound missed' * (x[1].met is False),
+    'default': lambda x: order(x[1].error) + ', bound missed' * (x[1].met is False),
     'refined': lambda x: order(x[2].error),
     'refined, in kappa_s u': lambda x: (
         f'{x[2].in_units:.2g}' if math.isfinite(x[2].in_units) else 'lost'

@@ -6,7 +6,7 @@ Time: the motion of an arm, or of many arms at once, in native code.
     rows            further rows of the state: compensated positions, motor torques
     integrators     one step of qdd = f(q, qd, t); the table of integrators
     stiffness       the integrator that 'auto' selects
-    contact/        dry friction, joint stops and impacts within a step
+    contact/        dry friction, joint stops and impacts within a step, fixed or adaptive
     feedback        laws that compute torques from the state, within native code
     turns           angles and whole turns of positions
     state           SimulationState: a state as one record; double buffering of steps
@@ -17,8 +17,9 @@ Time: the motion of an arm, or of many arms at once, in native code.
     ensemble        Ensemble: many arms, in rollouts
     trajectory      Trajectory: the states that a rollout returns
     embedded_pairs  Runge-Kutta pairs for adaptive steps as data; their dense output
-    step_control    adaptive steps: estimated error, next size, status at the end
-    adaptive        integrate: one arm offline, to a tolerance; AdaptiveTrajectory
+    step_control    programs of adaptive steps: stages, estimated error, next size
+    adaptive        integrate: one arm offline, to a tolerance; AdaptiveTrajectory. The loop over
+                    the steps is native code (kernels.codegen.adaptive)
 
 A new integrator is a function and a row of integrators.TABLE (INTEGRATORS are its names); with
 friction and stops it is refused until contact.schemes has a Scheme for it and simulation.SCHEMES

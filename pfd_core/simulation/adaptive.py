@@ -7,9 +7,12 @@ Adaptive integration of one arm in double precision, for offline runs and refere
     run.time, run.q, run.qd, run.qdd         at the ends of the steps
     run.at(np.linspace(0.0, 10.0, 501))      at any times: dense output
 
-The state y = (q, qd) obeys y' = (qd, f(q, qd, tau)), f the forward dynamics of a native kernel.
-The steps and the dense output are those of an embedded pair (pfd_core.simulation.embedded_pairs),
-their sizes follow from its estimates of the error (pfd_core.simulation.step_control).
+The state y = (q, qd) obeys y' = (qd, f(q, qd, tau)), f the forward dynamics. The steps and the
+dense output are those of an embedded pair (pfd_core.simulation.embedded_pairs), their sizes follow
+from its estimates of the error (pfd_core.simulation.step_control). A step ends at a reversal of a
+joint with dry friction, at a stop, and where a joint at rest is released
+(pfd_core.simulation.contact.dense_events). All of it is native code
+(pfd_core.kernels.codegen.adaptive); this module checks arguments and keeps what was written.
 The torque acts continuously, whereas a Simulator holds it for each step.
 """
 
@@ -17,21 +20,49 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache
 import math
+import time
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.kernels.compile import compile_kernel
-from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
+from pfd_core.algorithms.grouped.payload_input import payload_inputs
+from pfd_core.kernels.codegen.adaptive import CONTROL, COUNTS, STATUSES, WRITTEN, AdaptivePair
+from pfd_core.kernels.codegen.segments import Contact
+from pfd_core.kernels.codegen.step import REPORT
+from pfd_core.kernels.functions import CACHED_KERNELS
+from pfd_core.kernels.runtime.cpython_abi import supported
+from pfd_core.kernels.runtime.threads import address
+from pfd_core.kernels.simulations import AdaptiveSteps, compile_adaptive
+from pfd_core.kernels.spec import STEP, KernelSpec
+from pfd_core.model import (
+    Robot,
+    Scene,
+    given_scene,
+    resolve,
+    scene_inputs,
+)
 from pfd_core.model.checked_numbers import Array, choice, integer, real_array, real_number
-from pfd_core.model.scene_checks import switch
+from pfd_core.model.scene_checks import INPUT, switch
+from pfd_core.simulation.contact.dense_events import ROWS
+from pfd_core.simulation.contact.modes import PIVOTS
+from pfd_core.simulation.contact.programs import adaptive_contact_programs, has_contact
 from pfd_core.simulation.embedded_pairs import PAIRS, interpolate
-from pfd_core.simulation.step_control import SMALLEST_RTOL, Steps
+from pfd_core.simulation.step_control import SMALLEST_RTOL, SMALLEST_STEP, control_programs
 from pfd_core.simulation.trajectory import Trajectory
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
+
+# Part of the tolerance that a step may use: its error adds to those of the other steps, and the
+# arm amplifies it. A tenth costs a third more steps.
+SHARE = 0.1
+# A run is cut into pieces, between which Python looks for signals. A piece may take this many
+# seconds, by the time that the one before took; the first has this many operations.
+PIECE_SECONDS = 0.05
+FIRST_OPERATIONS = 1_000_000
+# Most attempts in a piece: as many rows of arrays are kept for their steps.
+MOST_ATTEMPTS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,22 +71,31 @@ class AdaptiveTrajectory(Trajectory):
     A Trajectory at the start and at the end of each accepted step, K + 1 times.
 
     Its status is 'ok', or the reason for an end before the duration: 'not_finite' where a number
-    overflows however small the step, 'step_too_small' where the tolerance cannot be met, or
-    'too_many_steps'. `finite_steps` is K. `qdd` is under the torque at each time.
+    overflows however small the step, 'step_too_small' where the tolerance cannot be met,
+    'too_many_steps', or 'too_stiff' for too many steps of which most are as short as stability
+    demands: Simulator with integrator='imex2' treats strong damping implicitly. `finite_steps` is
+    K. `qdd` is under the torque at each time. At an impact the state is the one after it.
 
     Attributes
     ----------
     evaluations : int
-        Evaluations of the forward dynamics, those for the dense output included.
+        Evaluations of the forward dynamics, those for the dense output and events included.
     rejected_steps : int
         Steps that were tried and taken again with a smaller size.
-    _dense : numpy.ndarray
-        (K, 7, 2 n), coefficients of the dense output in each step.
+    stiff_steps : int
+        Accepted steps at the limit of stability.
+    events : numpy.ndarray
+        (E,), times at which a joint reached a stop, came to rest under dry friction or was
+        released [s].
 
     """
 
     evaluations: int
     rejected_steps: int
+    stiff_steps: int
+    events: Array
+    # Sizes of the steps before events cut them, (K,), and dense output in each, (K, 7, 2 n).
+    _sizes: Array = field(repr=False)
     _dense: Array | None = field(repr=False)
 
     def at(self, times: ArrayLike) -> Trajectory:
@@ -81,7 +121,7 @@ class AdaptiveTrajectory(Trajectory):
         if outside.size:
             raise ValueError(f'times must lie from 0 to {end:g} s, got {outside[0]}')
         step = np.searchsorted(self.time[1:-1], points, side='right')
-        size = np.diff(self.time)[step, np.newaxis]
+        size = self._sizes[step, np.newaxis]
         part = (points - self.time[step])[:, np.newaxis] / size
         begin = np.hstack([self.q, self.qd])[step]
         rise, slope = interpolate(self._dense[step], part)
@@ -112,12 +152,15 @@ def integrate(
     """
     Return the motion of an arm, integrated with steps that keep to a tolerance.
 
+    A KeyboardInterrupt ends it within a fraction of a second.
+
     Parameters
     ----------
     robot : Robot
         The chain.
     tau : array_like or callable
         Torques [N m or N], (n,): constant, or tau(t, q, qd) with t in seconds since the start.
+        An exception of the function ends the run and is passed on.
     duration : float
         Seconds to integrate, above zero.
     scene : Scene, optional
@@ -129,14 +172,16 @@ def integrate(
     brakes : array_like of bool
         Joints that stay where they are, (n,); only if the scene has brakes, default none.
     rtol, atol : float
-        Error in a step, as root mean square over the state of error / (atol + rtol |state|): at
-        most 1. The error of the motion is larger, by what the arm amplifies and the steps add.
+        Error of the motion, as root mean square over the state of error / (atol + rtol |state|):
+        a step's estimate is kept to a tenth of 1, so that the sum of all is about 1 at most where
+        the arm does not amplify it. A chaotic motion amplifies an error without limit.
     integrator : str
         A name in pfd_core.simulation.embedded_pairs.PAIRS.
     method, refine
         As for compile_kernel.
     dense : bool
-        Whether the run has states between the steps; costs three evaluations a step.
+        Whether the run has states between the steps; costs three evaluations a step, in a scene
+        without dry friction and stops.
     max_step : float
         Largest step [s], for torques with pulses that a longer step would not see.
     max_steps : int
@@ -149,95 +194,181 @@ def integrate(
         returns, except a non-finite one, which the step size control treats as overflow.
 
     """
-    resolve(robot, scene)  # ValueError for a wrong robot or scene
     choice('integrator', integrator, PAIRS)
     duration = _above_zero('duration', duration)
-    longest = min(duration, _above_zero('max_step', max_step, finite=False))
-    tolerances = _above_zero('atol', atol), real_number('rtol', rtol)
-    if not SMALLEST_RTOL <= tolerances[1] < 1:
+    atol, rtol = _above_zero('atol', atol), real_number('rtol', rtol)
+    if not SMALLEST_RTOL <= rtol < 1:
         raise ValueError(f'rtol must be at least {SMALLEST_RTOL} and below 1, got {rtol}')
     max_steps = integer('max_steps', max_steps, 1)
-    slope = _Slope(robot, scene, tau, wrench, brakes, method, refine)
-    start = slope.start(q, qd)
-    steps = Steps(PAIRS[integrator], slope, start, tolerances, switch('dense', dense))
-    # Overflow is a status of the run.
-    with np.errstate(over='ignore', invalid='ignore'):
-        status = steps.run(duration, longest, max_steps)
-    states, slopes = np.array(steps.states), np.array(steps.slopes)
+    wants_dense = switch('dense', dense)
+    scene = given_scene(scene)
+    try:
+        steps = _native(robot, scene, integrator, method, refine)
+    except TypeError:  # an unhashable argument, which KernelSpec names
+        steps = _native.__wrapped__(robot, scene, integrator, method, refine)
     n = robot.n
-    return AdaptiveTrajectory(
-        time=np.array(steps.times),
-        q=states[:, :n].copy(),
-        qd=states[:, n:].copy(),
-        _qdd=slopes[:, n:].copy(),
-        status=status,
-        finite_steps=len(states) - 1,
-        evaluations=slope.evaluations,
-        rejected_steps=steps.rejected,
-        _dense=np.array(steps.dense).reshape(-1, 7, 2 * n) if dense else None,
+    inputs = scene_inputs(scene, n, 'float64', wrench, brakes)
+    if scene.payload == INPUT:
+        inputs |= payload_inputs(robot, scene, 'float64', None)
+    if not callable(tau):
+        tau = real_array('tau', tau, shape=(n,))
+    settings = {
+        'duration': duration,
+        'longest': min(duration, _above_zero('max_step', max_step, finite=False)),
+        'smallest': SMALLEST_STEP * duration,
+        'rtol': max(SHARE * rtol, SMALLEST_RTOL),
+        'atol': SHARE * atol,
+    }
+    run = _Run(steps, settings, _start(n, inputs, q, qd), inputs, tau)
+    run.advance(max_steps, wants_dense)
+    return run.trajectory(wants_dense)
+
+
+@lru_cache(CACHED_KERNELS, typed=True)
+def _native(
+    robot: Robot, scene: Scene, integrator: str, method: str, refine: int
+) -> AdaptiveSteps:
+    """Return the native code for a robot in a scene; ValueError if there is none."""
+    plant, n = resolve(robot, scene), robot.n
+    if plant.motor_lag is not None:
+        raise ValueError(
+            "'motor_lag' of the scene acts over a step of time, not at an instant: simulate with "
+            'Simulator or Ensemble, or leave it out of the scene'
+        )
+    pair = PAIRS[integrator]
+    programs = control_programs(pair, n)
+    if has_contact(plant):
+        programs |= adaptive_contact_programs(plant)
+    contact = Contact(programs, (), 0.0, 0.0, PIVOTS * n, 0)
+    spec = KernelSpec(robot, scene, method, 'float64', refine, STEP)
+    return compile_adaptive(
+        spec, AdaptivePair(tuple(pair.nodes.tolist()), pair.end, ROWS), contact
     )
 
 
-class _Slope:
-    """The right-hand side y' = (qd, f(q, qd, tau)) of a robot in a scene, and its evaluations."""
+def _start(
+    n: int, inputs: dict[str, Array], q: ArrayLike | None, qd: ArrayLike | None
+) -> dict[str, Array]:
+    """Return the state at the start; braked joints do not move."""
+    state = {name: np.zeros(n) for name in ('q', 'qd')}
+    for name, value in (('q', q), ('qd', qd)):
+        if value is not None:
+            state[name][:] = real_array(name, value, shape=(n,))
+    if 'free' in inputs:
+        state['qd'][inputs['free'] == 0] = 0.0
+    return state
+
+
+class _Run:
+    """One run: the arrays that native code advances, and the rows that it has written."""
 
     def __init__(
         self,
-        robot: Robot,
-        scene: Scene | None,
+        steps: AdaptiveSteps,
+        settings: dict[str, float],
+        start: dict[str, Array],
+        inputs: dict[str, Array],
         tau: ArrayLike | TorqueLaw,
-        wrench: ArrayLike | None,
-        brakes: ArrayLike | None,
-        method: str,
-        refine: int,
     ) -> None:
-        self.n = robot.n
-        self.evaluations = 0
-        scene = given_scene(scene)
-        self._torque = _checked_law(tau, self.n) if callable(tau) else _constant_law(tau, self.n)
-        inputs = scene_inputs(scene, self.n, 'float64', wrench, brakes)
-        self._free = inputs.get('free')
-        self._kernel = partial(
-            compile_kernel(robot, method=method, scene=scene, refine=refine),
-            wrench=inputs.get('wrench'),
-            brakes=None if self._free is None else self._free == 0,
+        n = len(start['q'])
+        self._steps = steps
+        self._control = np.array([settings.get(name, 0.0) for name in CONTROL])
+        self._counts = np.zeros(len(COUNTS), np.int64)
+        # Time, state and torques of a law, which the constant ones take the place of.
+        self._asked = np.zeros(1 + 3 * n)
+        torques = self._asked[1 + 2 * n :]
+        law = None
+        if callable(tau):
+            if not supported():
+                raise ValueError('tau must be an array: this Python cannot be called back')
+            law = _checked_law(tau, self._asked, n)
+        else:
+            torques[:] = tau
+        given = inputs | start | {'tau': torques}
+        self._arrays = {name: _given(given, name, n) for name in steps.arrays}
+        self._law = law
+        self._rows: list[dict[str, Array]] = []
+
+    @property
+    def _state(self) -> list[int]:
+        """Addresses that both native functions take."""
+        own = (self._asked, self._counts, self._control, *self._arrays.values())
+        return [0 if self._law is None else id(self._law), *(address(x) for x in own)]
+
+    def advance(self, max_steps: int, dense: bool) -> None:
+        """Take steps up to the end, or as many as are allowed."""
+        steps, state = self._steps, self._state
+        begin, run = steps.begin, steps.run
+        if self._law is not None:
+            begin, run = steps.begin_law, steps.run_law
+        begin(*state)
+        n = len(self._arrays['q'])
+        # A run may end before its first step.
+        self._begun = {
+            'time': np.zeros(1),
+            **{name: np.empty(0) for name in ('size', 'event')},
+            'dense': np.empty((0, ROWS, 2 * n)),
+        }
+        self._begun |= {name: self._arrays[name][np.newaxis].copy() for name in REPORT}
+        tried = 0
+        count = max(1, FIRST_OPERATIONS // max(1, steps.work))
+        while tried < max_steps and not self.status:
+            count = min(count, max_steps - tried, MOST_ATTEMPTS)
+            began = time.perf_counter()
+            shapes = {**dict.fromkeys(WRITTEN, (count,)), **dict.fromkeys(REPORT, (count, n))}
+            shapes['dense'] = (count if dense else 1, ROWS, 2 * n)
+            out = {name: np.empty(shapes[name]) for name in WRITTEN}
+            accepted = run(count, dense, *state, *(address(x) for x in out.values()))
+            self._rows.append({name: x[:accepted] for name, x in out.items()})
+            tried += count
+            spent = max(time.perf_counter() - began, 1e-9)
+            count = max(1, min(2 * count, int(count * PIECE_SECONDS / spent)))
+
+    @property
+    def status(self) -> str:
+        """The status in native code, empty while the run is not over."""
+        return STATUSES[self._count('status')]
+
+    def _count(self, name: str) -> int:
+        return int(self._counts[COUNTS.index(name)])
+
+    def trajectory(self, dense: bool) -> AdaptiveTrajectory:
+        """Return what was written."""
+        whole = {
+            name: np.concatenate([x[name] for x in [self._begun, *self._rows] if name in x])
+            for name in WRITTEN
+        }
+        steps, stiff = len(whole['size']), self._count('stiff')
+        out_of_steps = 'too_stiff' if 2 * stiff > steps else 'too_many_steps'
+        return AdaptiveTrajectory(
+            time=whole['time'],
+            q=whole['q'],
+            qd=whole['qd'],
+            _qdd=whole['qdd'],
+            status=self.status or out_of_steps,
+            finite_steps=steps,
+            evaluations=self._count('evaluations'),
+            rejected_steps=self._count('rejected'),
+            stiff_steps=stiff,
+            events=whole['time'][1:][whole['event'] > 0],
+            _sizes=whole['size'],
+            _dense=whole['dense'] if dense else None,
         )
 
-    def start(self, q: ArrayLike | None, qd: ArrayLike | None) -> Array:
-        """Return the state at the start, (2 n,); braked joints do not move."""
-        state = np.zeros(2 * self.n)
-        for part, name, value in zip(np.split(state, 2), ('q', 'qd'), (q, qd), strict=True):
-            if value is not None:
-                part[:] = real_array(name, value, shape=(self.n,))
-        if self._free is not None:
-            state[self.n :][self._free == 0] = 0.0
-        return state
 
-    def __call__(self, time: float, state: Array) -> Array:
-        """Return the slope at a state, (2 n,); NaN where the state or the torque is not finite."""
-        slope = np.full(2 * self.n, np.nan)
-        if not np.isfinite(state).all():
-            return slope
-        q, qd = state[: self.n], state[self.n :]
-        tau = self._torque(time, q, qd)
-        if not np.isfinite(tau).all():
-            return slope
-        self.evaluations += 1
-        slope[: self.n] = qd
-        slope[self.n :] = self._kernel(q, qd, tau)
-        return slope
+def _given(given: dict[str, Array], name: str, n: int) -> Array:
+    """Return an array for native code, zeros where nothing is given."""
+    return np.ascontiguousarray(given[name]) if name in given else np.zeros(n)
 
 
-def _constant_law(tau: ArrayLike, n: int) -> Callable[[float, Array, Array], Array]:
-    fixed = real_array('tau', tau, shape=(n,)).copy()
-    return lambda time, q, qd: fixed
+def _checked_law(tau: TorqueLaw, asked: Array, n: int) -> Callable[[], None]:
+    """Return the function that native code calls: it reads and writes the array `asked`."""
+    q, qd, torques = asked[1 : 1 + n], asked[1 + n : 1 + 2 * n], asked[1 + 2 * n :]
 
-
-def _checked_law(tau: TorqueLaw, n: int) -> Callable[[float, Array, Array], Array]:
-    def law(time: float, q: Array, qd: Array) -> Array:
+    def law() -> None:
         # Copies: the caller's function may keep or change its arguments.
-        found = tau(time, q.copy(), qd.copy())
-        return real_array('tau(t, q, qd)', found, shape=(n,), finite=False)
+        found = tau(float(asked[0]), q.copy(), qd.copy())
+        torques[:] = real_array('tau(t, q, qd)', found, shape=(n,), finite=False)
 
     return law
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -176,8 +177,12 @@ def _dop853() -> EmbeddedPair:
 PAIRS = {'dop853': _dop853()}
 
 
-def dense_coefficients(pair: EmbeddedPair, size: float, stages: Array) -> Array:
-    """Return the coefficients (7, m) of the dense output of a step from its slopes (s, m)."""
+def dense_coefficients(pair: EmbeddedPair, size: Any, stages: Array) -> Array:
+    """
+    Return the coefficients (7, m) of the dense output of a step from its slopes (s, m).
+
+    Size and slopes are numbers, or values over lanes that a program is recorded with.
+    """
     rise = size * (pair.matrix[pair.end] @ stages)
     first, last = size * stages[0], size * stages[pair.end]
     return np.vstack([rise, first - rise, 2 * rise - (first + last), size * (pair.dense @ stages)])

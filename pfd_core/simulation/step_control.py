@@ -1,26 +1,42 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Step size control: steps of an embedded pair whose estimated error keeps to a tolerance.
+Step size control: the programs of adaptive steps, which native code calls in turn.
+
+    first_size    the size of the first step, from the slope at the start
+    attempt       the size of the next attempt: whole steps up to the end
+    stage1 ...    position and velocity of each stage of an embedded pair
+    judge         error of the attempt, whether it is accepted, next size
+    stiffness     whether stability, not accuracy, may have limited the step
+    dense         coefficients of the dense output
 
 The error of a step is the root mean square over the state of estimate / (atol + rtol |state|). A
 step with an error above 1 is rejected and tried again with a smaller size; the size of the next
 step follows from the error and the order (Hairer, Norsett, Wanner, section II.4). A number that
-is not finite is an infinite error: the step is rejected, until its size is below the smallest.
+is not finite is an error that is no number: the step is rejected, until its size is below the
+smallest. The order is a power of two, so that its root is a sequence of square roots, with the
+same bits on every processor.
+
+Slopes of the position are the velocities v of the stages (v0 = qd), slopes of the velocity their
+accelerations a. The native code around them is pfd_core.kernels.codegen.adaptive.
+
+One register holds one number; flags are 1 or 0.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 import math
+from typing import Any
 
 import numpy as np
 
-from pfd_core.model.checked_numbers import Array
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.machine.lanes import absolute, sqrt, where
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.simulation.contact.modes import both, negated, sign_of
 from pfd_core.simulation.embedded_pairs import EmbeddedPair, dense_coefficients
-
-# The right-hand side of y' = slope(t, y).
-Slope = Callable[[float, Array], Array]
 
 # The next step is this fraction of the step at which the error would be 1, and at least and at
 # most these multiples of the last one (Hairer, Norsett, Wanner, equation II.4.13).
@@ -31,98 +47,201 @@ SMALLEST_STEP = 2.0**-48
 ROUNDED_TIME = 1e-9
 # Below this the rounding of a step is larger than the tolerance.
 SMALLEST_RTOL = 1e-14
+# Size of a step times the largest eigenvalue of the system at which DOP853 becomes unstable
+# (Hairer, Wanner, Solving Ordinary Differential Equations II, section IV.2; program dop853.f).
+STABLE = 6.1
 
 
-class Steps:
-    """Accepted steps of a run so far: times, states, slopes and dense output."""
-
-    def __init__(
-        self,
-        pair: EmbeddedPair,
-        slope: Slope,
-        start: Array,
-        tolerances: tuple[float, float],
-        dense: bool,
-    ) -> None:
-        self._pair, self._slope, self._wants_dense = pair, slope, dense
-        self._atol, self._rtol = tolerances
-        self.times, self.states = [0.0], [start]
-        self.slopes = [slope(0.0, start)]
-        self.dense: list[Array] = []
-        self.rejected = 0
-
-    def run(self, duration: float, longest: float, max_steps: int) -> str:
-        """Take steps up to the duration; return the status."""
-        smallest = SMALLEST_STEP * duration
-        if not np.isfinite(self.slopes[0]).all():
-            return 'not_finite'
-        size, error, most = min(longest, max(smallest, self._first_size())), 0.0, GROW
-        for _ in range(max_steps):
-            left = duration - self.times[-1]
-            if size < smallest:
-                return 'step_too_small' if math.isfinite(error) else 'not_finite'
-            if left < 2 * size:
-                # Equal steps up to the end: a remainder might be below the smallest step.
-                size = left / max(1, math.ceil(left / size - ROUNDED_TIME))
-            error = self._try(size, duration if size == left else self.times[-1] + size)
-            if self.times[-1] == duration:
-                return 'ok'
-            # The step after a rejected one does not grow.
-            accepted = error <= 1
-            size = min(longest, size * min(_size_factor(error, self._pair.order), most))
-            most = GROW if accepted else 1.0
-            self.rejected += not accepted
-        return 'too_many_steps'
-
-    def _try(self, size: float, end: float) -> float:
-        """Append a step up to a time if its error, which is returned, is at most 1."""
-        pair, y, begin = self._pair, self.states[-1], self.times[-1]
-        stages = np.empty((len(pair.nodes), len(y)))
-        stages[0] = self.slopes[-1]
-        for k in range(1, pair.end + 1):
-            state = y + size * (pair.matrix[k, :k] @ stages[:k])
-            stages[k] = self._slope(begin + size * pair.nodes[k], state)
-        error = self._error(size, stages, y, state)
-        if not error <= 1:
-            return error
-        if self._wants_dense:
-            for k in range(pair.end + 1, len(stages)):
-                inner = y + size * (pair.matrix[k, :k] @ stages[:k])
-                stages[k] = self._slope(begin + size * pair.nodes[k], inner)
-            dense = dense_coefficients(pair, size, stages)
-            if not np.isfinite(dense).all():
-                return math.inf
-            self.dense.append(dense)
-        self.times.append(end)
-        self.states.append(state)
-        self.slopes.append(stages[pair.end])
-        return error
-
-    def _error(self, size: float, stages: Array, begin: Array, end: Array) -> float:
-        """
-        Return the error of a step in units of the tolerance, infinite if a number is not finite.
-
-        The two estimates are combined as in section II.10 of Hairer, Norsett, Wanner.
-        """
-        used = self._pair.end + 1
-        scale = self._atol + self._rtol * np.maximum(np.abs(begin), np.abs(end))
-        estimates = (self._pair.estimates[:, :used] @ stages[:used]) / scale
-        high, low = (estimates**2).mean(axis=1).tolist()
-        if not math.isfinite(high + low) or not np.isfinite(stages[:used]).all():
-            return math.inf
-        return size * high / math.sqrt(high + 0.01 * low) if high else 0.0
-
-    def _first_size(self) -> float:
-        """Return a first step from the slope at the start (Hairer, Norsett, Wanner, II.4)."""
-        scale = self._atol + self._rtol * np.abs(self.states[0])
-        speed = float(np.sqrt(((self.slopes[0] / scale) ** 2).mean()))
-        if not 0 < speed < math.inf:
-            return math.inf
-        return float((0.01 / speed) ** (1 / self._pair.order))
+def control_programs(pair: EmbeddedPair, n: int) -> dict[str, Program]:
+    """Return the programs of adaptive steps of n joints by a pair, by name."""
+    stages = {f'stage{k}': _stage(pair, n, k) for k in range(1, len(pair.nodes))}
+    return {
+        'first_size': _first_size(pair, n),
+        'attempt': _attempt(),
+        **stages,
+        'judge': _judge(pair, n),
+        'stiffness': _stiffness(pair, n),
+        'dense': _dense(pair, n),
+    }
 
 
-def _size_factor(error: float, order: int) -> float:
-    """Return the next step size in units of the last one."""
-    if error == 0:
-        return GROW
-    return min(GROW, max(SHRINK, SAFETY * math.pow(error, -1 / order)))
+def _read(recorder: Recorder, n: int, *names: str) -> Any:
+    return np.array([input_list(recorder, name, n) for name in names], dtype=object)
+
+
+def _single(recorder: Recorder, *names: str) -> list[Lanes]:
+    return [input_list(recorder, name, 1)[0] for name in names]
+
+
+def velocities(stages: int) -> list[str]:
+    """Return the names of the velocities of the first stages."""
+    return ['qd', *(f'qd{k}' for k in range(1, stages))]
+
+
+def accelerations(stages: int) -> list[str]:
+    """Return the names of the accelerations of the first stages."""
+    return ['qdd', *(f'qdd{k}' for k in range(1, stages))]
+
+
+def _weighted(weights: Any, rows: Any) -> Any:
+    """Return the sums of rows with weights; a row without weight is left out."""
+    used = np.flatnonzero(weights)
+    total = float(weights[used[0]]) * rows[used[0]]
+    for j in used[1:]:
+        total = total + float(weights[j]) * rows[j]
+    return total
+
+
+def _stage(pair: EmbeddedPair, n: int, k: int) -> Program:
+    """Return the program of position `at` and velocity `qd<k>` of a stage."""
+    recorder = Recorder(1, 'sequential')
+    used = np.flatnonzero(pair.matrix[k, :k])
+    weights = pair.matrix[k, used]
+    q, qd = _read(recorder, n, 'q', 'qd')
+    (h,) = _single(recorder, 'h')
+    v = _read(recorder, n, *(velocities(k)[j] for j in used))
+    a = _read(recorder, n, *(accelerations(k)[j] for j in used))
+    at, end = q + h * _weighted(weights, v), qd + h * _weighted(weights, a)
+    name = 'q.end' if k == pair.end else f'at{k}'
+    return program_with_outputs(recorder, **{name: list(at), f'qd{k}': list(end)})
+
+
+def _scales(recorder: Recorder, *states: Any) -> Any:
+    """Return atol + rtol times the largest absolute value of states, for each element."""
+    atol, rtol = _single(recorder, 'atol', 'rtol')
+    largest = [absolute(x) for x in states[0]]
+    for state in states[1:]:
+        largest = [_larger(absolute(x), y) for x, y in zip(state, largest, strict=True)]
+    return np.array([atol + rtol * x for x in largest], dtype=object)
+
+
+def _mean_square(values: Sequence[Lanes]) -> Lanes:
+    total: Lanes = values[0] * values[0]
+    for x in values[1:]:
+        total = total + x * x
+    mean: Lanes = total * (1 / len(values))
+    return mean
+
+
+def _root(x: Lanes, order: int) -> Lanes:
+    """Return the root of an order that is a power of two."""
+    for _ in range(int(math.log2(order))):
+        x = sqrt(x)
+    return x
+
+
+def _larger(a: Lanes, b: Lanes) -> Lanes:
+    result: Lanes = where(a - b, a, b)
+    return result
+
+
+def _smaller(a: Lanes, b: Lanes) -> Lanes:
+    result: Lanes = where(b - a, a, b)
+    return result
+
+
+def _first_size(pair: EmbeddedPair, n: int) -> Program:
+    """Return the program of `size` and `grow` at the start (Hairer, Norsett, Wanner, II.4)."""
+    recorder = Recorder(1, 'sequential')
+    q, qd, a = _read(recorder, n, 'q', 'qd', 'qdd')
+    longest, smallest = _single(recorder, 'longest', 'smallest')
+    scales = _scales(recorder, [*q, *qd])
+    speed = sqrt(_mean_square(np.array([*qd, *a], dtype=object) / scales))
+    size = _smaller(longest, _larger(smallest, _root(0.01 / speed, pair.order)))
+    known = both(sign_of(speed), sign_of(float(np.finfo(float).max) - speed))
+    return program_with_outputs(
+        recorder, size=[where(known, size, longest)], grow=[recorder.constant(GROW)]
+    )
+
+
+def _attempt() -> Program:
+    """
+    Return the program of the size `h` and the end `time.end` of the next attempt.
+
+    Up to the end the steps are equal: a remainder might be below the smallest step.
+    """
+    recorder = Recorder(1, 'sequential')
+    time, size, duration = _single(recorder, 'time', 'size', 'duration')
+    left = duration - time
+    close = sign_of(2.0 * size - left)
+    last = both(close, negated(left / size - (1.0 + ROUNDED_TIME)))
+    h = where(last, left, where(close, 0.5 * left, size))
+    return program_with_outputs(recorder, h=[h], **{'time.end': [where(last, duration, time + h)]})
+
+
+def _judge(pair: EmbeddedPair, n: int) -> Program:
+    """
+    Return the program of `error`, `accepted`, and `size` and `grow` of the next attempt.
+
+    The two estimates are combined as in section II.10 of Hairer, Norsett, Wanner. `finite` is 0,
+    or NaN if a number of the end of the step is not finite.
+    """
+    recorder = Recorder(1, 'sequential')
+    end = pair.end
+    q, qd, q_end, qd_end = _read(recorder, n, 'q', 'qd', 'q.end', f'qd{end}')
+    h, grow, longest, finite = _single(recorder, 'h', 'grow', 'longest', 'finite')
+    scales = _scales(recorder, [*q, *qd], [*q_end, *qd_end])
+    used = np.flatnonzero(pair.estimates.any(axis=0))
+    slopes = [
+        [*v, *a]
+        for v, a in zip(
+            _read(recorder, n, *(velocities(end)[j] for j in used)),
+            _read(recorder, n, *(accelerations(end)[j] for j in used)),
+            strict=True,
+        )
+    ]
+    rows = np.array(slopes, dtype=object)
+    high, low = (
+        _mean_square(_weighted(weights[used], rows) / scales) for weights in pair.estimates
+    )
+    error = h * high / sqrt(where(high, high + 0.01 * low, 1.0)) + finite
+    accepted = both(sign_of(2.0 - error), negated(error - 1.0))
+    factor = SAFETY / _root(error, pair.order)
+    factor = where(factor - SHRINK, _smaller(factor, recorder.constant(GROW)), SHRINK)
+    factor = where(error, factor, where(accepted, GROW, SHRINK))
+    return program_with_outputs(
+        recorder,
+        error=[error],
+        accepted=[accepted],
+        size=[_smaller(longest, h * _smaller(factor, grow))],
+        grow=[where(accepted, GROW, 1.0)],
+    )
+
+
+def _stiffness(pair: EmbeddedPair, n: int) -> Program:
+    """
+    Return the program of `stiff`: whether the step is as long as stability permits.
+
+    The last two stages have the same time; their slopes and states differ by the largest
+    eigenvalue (Hairer, Wanner, section IV.2).
+    """
+    recorder = Recorder(1, 'sequential')
+    end = pair.end
+    before, after = (
+        _read(recorder, n, *names)
+        for names in (
+            (f'at{end - 1}', f'qd{end - 1}', f'qdd{end - 1}'),
+            ('q.end', f'qd{end}', f'qdd{end}'),
+        )
+    )
+    (h,) = _single(recorder, 'h')
+    change = after - before
+    states = _mean_square([*change[0], *change[1]])
+    slopes = _mean_square([*change[1], *change[2]])
+    return program_with_outputs(recorder, stiff=[sign_of((h * h) * slopes - STABLE**2 * states)])
+
+
+def _dense(pair: EmbeddedPair, n: int) -> Program:
+    """Return the program of the rows `dense<k>.q` and `dense<k>.qd` of the dense output."""
+    recorder = Recorder(1, 'sequential')
+    stages = len(pair.nodes)
+    (h,) = _single(recorder, 'h')
+    outputs: dict[str, list[Lanes]] = {}
+    for part, names in (('q', velocities(stages)), ('qd', accelerations(stages))):
+        used = [j for j in range(stages) if pair.matrix[pair.end, j] or pair.dense[:, j].any()]
+        used = sorted({0, pair.end, *used})
+        rows = np.zeros((stages, n), dtype=object)
+        rows[used] = _read(recorder, n, *(names[j] for j in used))
+        for k, row in enumerate(dense_coefficients(pair, h, rows)):
+            outputs[f'dense{k}.{part}'] = list(row)
+    return program_with_outputs(recorder, **outputs)

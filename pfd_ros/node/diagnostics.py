@@ -85,7 +85,7 @@ class MassKernels:
         over_a_step = {effect.name for effect in pfd.EFFECTS if effect.acts == 'step'}
         smooth = self.scene.without(over_a_step | {'brakes', 'external wrench'})
         self.accelerations = pfd.compile_kernel(
-            arm.robot, method=arm.settings.method, scene=smooth, refine=1
+            arm.robot, method=arm.settings.method, scene=smooth
         )
         # Compiled now, and not beside a stepping thread.
         zero = np.zeros(arm.robot.n)
@@ -94,7 +94,7 @@ class MassKernels:
     def error_estimate(
         self, q: NDArray[Any], qd: NDArray[Any], tau: NDArray[Any], payload: Mapping[str, Any]
     ) -> float:
-        """Return the relative error of accelerations by the method in use, without refinement."""
+        """Return the relative error of accelerations by the method in use."""
         return float(self.accelerations.error_estimate(q, qd, tau, **payload)[1])
 
 

@@ -17,6 +17,7 @@ Code generation: program -> LLVM IR. Each module writes the functions it is name
     linear_step      @linear_step, @evaluate: derivatives of a step
     calls            functions that run procedures and @evaluate_NAME on arrays
     segments         @step with dry friction and joint stops, from event to event
+    adaptive         @adaptive: steps of an embedded pair, with error control and events
     cycles           @cycles: steps whose efforts pass actuators
     rollout          @rollout, @accelerations: the simulation of one arm
     law              feedback laws of an ensemble

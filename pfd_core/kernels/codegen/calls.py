@@ -17,7 +17,13 @@ from pfd_core.kernels.codegen.spelling import Array, Format, arguments
 from pfd_core.machine.program import Program
 
 # Arrays with one number per arm; all others have one per joint.
-SINGLE = ('watch', 'busy', 'hits', 'still', 'again', 'event', 'rest', 'rest.end')
+SINGLE = (
+    *('watch', 'busy', 'hits', 'still', 'again', 'event', 'rest', 'rest.end'),
+    # Of adaptive steps.
+    *('time', 'time.end', 'size', 'grow', 'error', 'duration', 'longest', 'smallest'),
+    *('rtol', 'atol', 'h', 'finite', 'accepted', 'stiff'),
+    *('theta', 'theta.before', 'theta.turn', 'margin', 'held', 'stuck', 'calmed'),
+)
 
 
 class Calls:
@@ -34,6 +40,8 @@ class Calls:
         Lowered programs by name; the dynamics under the suffix of their @evaluate.
     form : Format
         Number format and width.
+    first : sequence of str
+        Parameters before the arrays, as `i64 %steps`.
 
     """
 
@@ -44,8 +52,9 @@ class Calls:
         programs: Mapping[str, Program],
         dynamics: Mapping[str, Program],
         form: Format,
+        first: Sequence[str] = (),
     ) -> None:
-        self.ir = Function(f'{head}({", ".join(f"ptr %{name}" for name in given)})')
+        self.ir = Function(f'{head}({", ".join([*first, *(f"ptr %{name}" for name in given)])})')
         self._arrays = {name: f'%{name}' for name in given}
         self._programs, self._dynamics, self._form = programs, dynamics, form
         self._n = dynamics['_braked'].inputs['q']
@@ -55,6 +64,18 @@ class Calls:
         if name not in self._arrays:
             self._arrays[name] = self.ir.array(self._form.type, self.size(name))
         return self._arrays[name]
+
+    def place(self, name: str, address: str) -> None:
+        """Let an array lie at an address."""
+        self._arrays[name] = address
+
+    def number(self, name: str) -> str:
+        """Return the first number of an array."""
+        return self._form.read(self.ir, Array(self.address(name)), 0)
+
+    def set(self, name: str, value: str) -> None:
+        """Write the first number of an array."""
+        self._form.write(self.ir, Array(self.address(name)), 0, value)
 
     def size(self, name: str) -> int:
         """Return the length of an array per arm."""
@@ -74,7 +95,12 @@ class Calls:
     def run(self, name: str, **arrays: str) -> None:
         """Call a program on the arrays of its names, or on other arrays if given."""
         program = self._programs[name]
-        self.call(name, [arrays.get(key, key) for key in (*program.inputs, *program.outputs)])
+        sizes = {**program.inputs, **{key: out.shape[0] for key, out in program.outputs.items()}}
+        for key, size in sizes.items():
+            if size != self.size(arrays.get(key, key)):
+                raise ValueError(f'{key!r} of {name!r} has {size} elements, unlike its array')
+        names = (*program.inputs, *program.outputs)
+        self.call(name, [arrays.get(key, key) for key in names])
 
     def motor(self, q: str, qd: str, tau: str) -> str:
         """Return the array of motor torques for commanded torques at a state."""
@@ -90,9 +116,9 @@ class Calls:
         self.run('effort', qd=qd, tau=tau)
         return 'effort'
 
-    def call(self, function: str, names: Sequence[str]) -> None:
-        """Call a function on arrays."""
-        self.ir.call('void', function, *(f'ptr {self.address(name)}' for name in names))
+    def call(self, function: str, names: Sequence[str], first: Sequence[str] = ()) -> None:
+        """Call a function on arrays; `first` are the arguments before them."""
+        self.ir.call('void', function, *first, *(f'ptr {self.address(name)}' for name in names))
 
     def evaluate(self, suffix: str, result: str, **arrays: str) -> None:
         """Evaluate dynamics on the arrays of their names, or on other arrays if given."""
@@ -101,8 +127,7 @@ class Calls:
 
     def any(self, name: str) -> str:
         """Return an i1, true if a number is above zero for any of `width` arms."""
-        value = self._form.read(self.ir, Array(self.address(name)), 0)
-        above = self.ir.let(f'fcmp ogt {self._form.type} {value}, {self._form.zero}')
+        above = self.ir.let(f'fcmp ogt {self._form.type} {self.number(name)}, {self._form.zero}')
         return self._form.any(self.ir, above)
 
     @contextmanager

@@ -8,6 +8,7 @@ Whole modules of LLVM IR: the functions of a kernel or of a simulation, and thei
     linear_module      the same, of the linearised steps of an integrator
     rollout_module     the simulation of one arm
     ensemble_module    the simulations of many arms, one per SIMD lane
+    adaptive_module    one arm with steps that keep to a tolerance
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from collections.abc import Collection, Mapping, Sequence
 import math
 from types import MappingProxyType
 
+from pfd_core.kernels.codegen.adaptive import AdaptivePair, adaptive
 from pfd_core.kernels.codegen.arms import arms, ensemble
 from pfd_core.kernels.codegen.batch import batch_of
 from pfd_core.kernels.codegen.body import body
@@ -146,6 +148,20 @@ def ensemble_module(
         copies(form),
     ]
     return _simulation(step_program, dynamics, form, angles, loops, others, contact)
+
+
+def adaptive_module(
+    pair: AdaptivePair, contact: Contact, extra: Sequence[str], dtype: str, angles: Sequence[int]
+) -> str:
+    """
+    Return the module of one arm with adaptive steps by an embedded pair.
+
+    `contact` has the lowered programs of the steps, and of events if there are any; `extra` are
+    the inputs of the dynamics besides the state.
+    """
+    form = Format(dtype, 1)
+    functions = contact.parts(extra, form, angles)
+    return module([*functions, *adaptive(pair, contact, extra, form)], form, angles)
 
 
 def _simulation(

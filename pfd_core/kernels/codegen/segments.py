@@ -121,6 +121,11 @@ class Contact:
             Joints that turn.
 
         """
+        functions = self.parts(extra, form, angles)
+        return [*functions, _step(self, further, extra, form), _evaluate(self, extra, form)]
+
+    def parts(self, extra: Sequence[str], form: Format, angles: Sequence[int]) -> list[str]:
+        """Return the functions that a step calls; arguments as for `functions`."""
         functions = [
             *(body(program, form, name) for name, program in self.dynamics.items()),
             *(
@@ -129,25 +134,27 @@ class Contact:
             ),
             *([wrap_row(form)] if angles else []),
             *(procedure(name, program, form) for name, program in self.programs.items()),
-            _hold(self, extra, form),
         ]
+        if 'modes' in self.programs:
+            functions.append(_hold(self, extra, form))
         if 'hits' in self.programs:
             functions.append(_compress(self, form))
-        return [*functions, _step(self, further, extra, form), _evaluate(self, extra, form)]
+        return functions
 
 
 def _calls(head: str, given: Sequence[str], contact: Contact, form: Format) -> Calls:
     return Calls(head, given, contact.programs, contact.dynamics, form)
 
 
-def _hold_arguments(contact: Contact, extra: Sequence[str]) -> tuple[str, ...]:
+def hold_arguments(contact: Contact, extra: Sequence[str]) -> tuple[str, ...]:
+    """Return the arrays of @hold, for a simulation with `extra` inputs."""
     own = [name for name in ['sticks'] if name in contact.programs['modes'].inputs]
     given = [name for name in extra if name != 'free']
     return ('q', 'qd', 'watch', 'unbraked', *own, *given, *HOLD_RESULTS)
 
 
 def _hold(contact: Contact, extra: Sequence[str], form: Format) -> str:
-    names = _hold_arguments(contact, extra)
+    names = hold_arguments(contact, extra)
     calls = _calls('define internal void @hold', names, contact, form)
 
     drive = calls.motor('q', 'qd', 'tau')
@@ -211,12 +218,12 @@ def _step(contact: Contact, further: Sequence[str], extra: Sequence[str], form: 
     torques = {} if lags else dict.fromkeys(TORQUES, 'tau')
     hold = [
         torques.get('tau.begin', 'tau.begin') if name == 'tau' else name
-        for name in _hold_arguments(contact, extra)
+        for name in hold_arguments(contact, extra)
     ]
     calls.fill('sticks', 0.0)
     calls.fill('rest', contact.h)
     calls.fill('zero', 0.0)
-    _unbrake(calls, extra)
+    unbrake(calls, extra)
     with calls.while_any('rest', contact.segments):
         calls.run('watch')
         if lags:
@@ -225,7 +232,7 @@ def _step(contact: Contact, further: Sequence[str], extra: Sequence[str], form: 
             with calls.ir.when(calls.any('watch')):
                 calls.run('hits')
                 with calls.ir.when(calls.any('hits')):
-                    _impact(calls, contact, hold)
+                    impact(calls, contact, hold)
         calls.call('hold', hold)
         for stage in contact.stages:
             if stage.program:
@@ -248,14 +255,14 @@ def _step(contact: Contact, further: Sequence[str], extra: Sequence[str], form: 
 
 def _evaluate(contact: Contact, extra: Sequence[str], form: Format) -> str:
     calls = _calls('define void @evaluate', (*MOTION, *extra, 'qdd'), contact, form)
-    _unbrake(calls, extra)
+    unbrake(calls, extra)
     calls.run('watch')
     calls.fill('sticks', 0.0)
-    calls.call('hold', _hold_arguments(contact, extra))
+    calls.call('hold', hold_arguments(contact, extra))
     return calls.finish()
 
 
-def _unbrake(calls: Calls, extra: Sequence[str]) -> None:
+def unbrake(calls: Calls, extra: Sequence[str]) -> None:
     """Set `unbraked`, 1 for each joint without a closed brake."""
     if 'free' in extra:
         calls.copy('free', 'unbraked')
@@ -263,7 +270,7 @@ def _unbrake(calls: Calls, extra: Sequence[str]) -> None:
         calls.fill('unbraked', 1.0)
 
 
-def _impact(calls: Calls, contact: Contact, hold: Sequence[str]) -> None:
+def impact(calls: Calls, contact: Contact, hold: Sequence[str]) -> None:
     """Write the velocities after an impact to qd; `hold` are the arrays of @hold."""
     calls.call('compress', _compress_arguments(contact))
     calls.run('impulses')

@@ -38,6 +38,8 @@ METH_FASTCALL = 0x80
 # Functions of Python's C API, by their names in modules of LLVM IR (with the prefix pfd.).
 FUNCTIONS = {
     'incref': 'Py_IncRef',
+    'decref': 'Py_DecRef',
+    'call': 'PyObject_CallNoArgs',
     'save': 'PyEval_SaveThread',
     'restore': 'PyEval_RestoreThread',
     'error': 'PyErr_SetString',

@@ -6,7 +6,8 @@ States at which forward dynamics is hard to compute, as two tables (CASES, MECHA
 A case is a robot in a scene and seeded states, with the cause of its difficulty and bounds of the
 relative error of qdd. The bounds hold for the kernel of method 'auto' with one step of refinement.
 They were set before this table was measured, except for static_hold; a case that misses its
-bound is reported as missed. Mechanisms have errors of an earlier commit in place of bounds.
+bound is reported as missed. Mechanisms have no bounds: they are compared with a peer
+(pfd_core.report.mechanism_pages).
 
 The tables are data/hard_cases.yaml and data/mechanisms.yaml.
 """
@@ -77,9 +78,6 @@ class Case:
         Whether the float32 bound was set for residuals in float64, which no kernel here has.
     fast : bool
         Whether the case takes less than about a second.
-    before : tuple of float
-        Errors of the default without and with one step of refinement at commit ed0d2c3, before the
-        grouped parameters were exact and `auto` looked at the pivots of a plain kernel.
 
     """
 
@@ -91,7 +89,6 @@ class Case:
     plain: Bound | None = None
     wide: bool = False
     fast: bool = False
-    before: tuple[float, ...] = ()
 
     def bound(self, dtype: str, refine: int) -> Bound | None:
         """Return the bound of the kernel in a number format, where there is one."""
@@ -125,7 +122,6 @@ def _switch(value: object) -> bool:
 READ: dict[str, Callable[[Any], Any]] = {
     'cause': str,
     **dict.fromkeys(('float64', 'float32', 'plain'), _bound),
-    'before': tuple,
     **dict.fromkeys(('wide', 'fast'), _switch),
 }
 CASES: Sequence[Case] = tuple(_cases('hard_cases'))

@@ -8,7 +8,9 @@ The numbers of all states are rounded to float32, so that one reference serves b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -28,6 +30,8 @@ from pfd_core.report.cases.robots import (
 )
 
 SEED = 1987
+# Seed and number of the states that makers draw instead of their own.
+_DRAWN: ContextVar[tuple[int, int] | None] = ContextVar('drawn', default=None)
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,16 @@ class Problem:
     twin: Callable[[], Problem] | None = None
 
 
+@contextmanager
+def drawing(seed: int, states: int) -> Iterator[None]:
+    """Make all makers draw so many states from another seed."""
+    token = _DRAWN.set((seed, states))
+    try:
+        yield
+    finally:
+        _DRAWN.reset(token)
+
+
 def problem(
     robot: Robot,
     *,
@@ -64,7 +78,8 @@ def problem(
     states: int = 1,
 ) -> Problem:
     """Return seeded states: each of q [rad], qd, tau is uniform within +- its bound, or given."""
-    rng = np.random.default_rng(SEED)
+    seed, states = _DRAWN.get() or (SEED, states)
+    rng = np.random.default_rng(seed)
     drawn = {
         name: reach * rng.uniform(-1.0, 1.0, (states, robot.n))
         for name, reach in (('q', 1.0 if isinstance(q, np.ndarray) else q), ('qd', qd))

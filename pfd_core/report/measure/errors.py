@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.programs import METHODS, TOLERANCES
 from pfd_core.algorithms.refinement import record_refined
-from pfd_core.kernels.auto import choose
+from pfd_core.kernels.auto import default
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.machine.emulator import run
@@ -57,7 +57,8 @@ class KernelRow:
     Attributes
     ----------
     dtype, refine, method : str, int, str
-        Number format, steps of refinement, and the method that 'auto' selects.
+        Number format, steps of refinement that were asked for, and the method that 'auto'
+        selects, with ', refined' if it adds a step.
     error, in_units : float
         Largest error, and largest error over kappa_s u.
     bound : str or None
@@ -110,7 +111,7 @@ class Result:
 
 def kernel_answer(problem: Problem, dtype: str, refine: int, method: str = 'auto') -> NDArray[Any]:
     """Return qdd (S, n), with the bits of the kernel."""
-    method = choose(problem.plant, method, refine)
+    method, refine = default(problem.plant, method, refine)
     program = lower(_record(problem.plant, method, refine, dtype), dtype, ['qdd']).compiled
     qdd: NDArray[Any] = _run(program, problem.states, dtype)['qdd']
     return qdd
@@ -204,7 +205,8 @@ def kernel_rows(
                     (kernel_answer(problem.twin(), dtype, refine) == qdd).all()
                 )
                 text = SAME_BITS if text is None else f'{text}, {SAME_BITS}'
-            method = choose(problem.plant, 'auto', refine)
+            method, steps = default(problem.plant, 'auto', refine)
+            method += ', refined' * (steps > refine)
             in_units = float(np.max(found / condition) / u)
             yield KernelRow(
                 dtype, refine, method, float(found.max()), in_units, text, met, *estimate

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.algorithms.programs import METHODS
-from pfd_core.kernels.auto import choose
+from pfd_core.kernels.auto import default
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.model import Robot, resolve
@@ -75,7 +75,8 @@ class CaseFacts:
     """
     A case with its condition numbers and the certificate of its reference.
 
-    `auto` and `refined` are the methods that 'auto' selects, without and with refinement.
+    `auto` and `steps` are the method and the steps of refinement that 'auto' selects, `refined`
+    the method that it selects for `refine=1`.
     """
 
     name: str
@@ -88,10 +89,12 @@ class CaseFacts:
     kappa_s: float
     difference: float
     residual: float
+    # Results of before `auto` refined have none.
+    steps: int = 0
 
     def default(self, refine: int) -> str:
-        """Return the method that 'auto' selects with some steps of refinement."""
-        return self.refined if refine else self.auto
+        """Return the method of the kernels of 'auto' with so many steps, '' if none has."""
+        return self.refined if refine else '' if self.steps else self.auto
 
 
 @dataclass(frozen=True)
@@ -110,8 +113,8 @@ class Point:
     minimum, median : float
         Seconds for each state.
     times : float or None
-        Median over the turns of the time of the default method in float64, not refined, over the
-        time of this way.
+        Median over the turns of the time of the default kernel in float64 over the time of this
+        way.
     error : float or None
         Largest error over the states of the case; None for an answer that is not finite.
     in_units : float or None
@@ -167,13 +170,15 @@ def measure(name: str, plan: Plan) -> tuple[CaseFacts, list[Point], list[str]]:
     problem = case.make()
     known = reference(problem)
     solved = Solved(name, problem, known, kappa_s(problem, known))
+    auto, steps = default(problem.plant, 'auto', 0)
     facts = CaseFacts(
         name=name,
         cause=case.cause,
         n=problem.plant.robot.n,
         states=len(known.qdd),
-        auto=choose(problem.plant, 'auto', 0),
-        refined=choose(problem.plant, 'auto', 1),
+        auto=auto,
+        steps=steps,
+        refined=default(problem.plant, 'auto', 1)[0],
         kappa_j=kappa_j(problem),
         kappa_s=float(solved.condition.max()),
         difference=known.difference,
@@ -195,9 +200,9 @@ def _points(
     states: list[NDArray[Any]] = [
         np.resize(x, (batch, case.n)) for x in solved.problem.states.values()
     ]
-    default = (case.auto, 'float64', 0)
+    auto = (case.auto, 'float64', case.steps)
     sides = [
-        replace(way.side(states), reference=(way.name, way.dtype, way.refine) == default)
+        replace(way.side(states), reference=(way.name, way.dtype, way.refine) == auto)
         for way in ways
     ]
     for way, times in zip(ways, interleave(sides, batch, plan.pace), strict=True):

@@ -6,7 +6,7 @@ Work-precision of integrators: time and evaluations of a motion over its errors.
 Runs of one motion:
 
     rk4, velocity_verlet, imex2      a Simulator in steps of h, in native code
-    dop853                           pfd_core.integrate at a tolerance; its steps are in Python
+    dop853                           pfd_core.integrate at a tolerance
     MuJoCo Euler, implicit, ...      mj_step in steps of h; contacts and constraints are off
 
 A run that blew up is a missing point, never a fast one: its state is not finite, MuJoCo has reset

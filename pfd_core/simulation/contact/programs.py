@@ -7,6 +7,7 @@ from __future__ import annotations
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant
 from pfd_core.model.checked_numbers import Array
+from pfd_core.simulation.contact.dense_events import dense_event_programs
 from pfd_core.simulation.contact.events import (
     record_commit,
     record_cut,
@@ -68,10 +69,7 @@ def contact_programs(
     """
     n = plant.robot.n
     programs = {
-        'watch': record_watch(plant),
-        'directions': record_directions(n),
-        'modes': record_modes(plant, scheme.sticks),
-        'pivot': record_pivot(n),
+        **_mode_programs(plant, scheme.sticks),
         **scheme.programs(plant),
         'end': record_end(plant, scheme),
         'cut': record_cut(plant, scheme, dtype),
@@ -83,6 +81,30 @@ def contact_programs(
         programs['follow'] = record_follow(plant)
     if scheme is not RK4:
         programs['drive'] = record_drive(plant)
+    return programs | _event_programs(plant, dtype)
+
+
+def adaptive_contact_programs(plant: Plant) -> dict[str, Program]:
+    """Return the programs of events in adaptive steps, in float64."""
+    shared = _mode_programs(plant, sticks=True) | _event_programs(plant, 'float64')
+    return shared | dense_event_programs(plant)
+
+
+def _mode_programs(plant: Plant, sticks: bool) -> dict[str, Program]:
+    """Return the programs of the modes in which a segment begins."""
+    n = plant.robot.n
+    return {
+        'watch': record_watch(plant),
+        'directions': record_directions(n),
+        'modes': record_modes(plant, sticks),
+        'pivot': record_pivot(n),
+    }
+
+
+def _event_programs(plant: Plant, dtype: str) -> dict[str, Program]:
+    """Return the programs of friction and of impacts, as far as the plant has them."""
+    n = plant.robot.n
+    programs: dict[str, Program] = {}
     if plant.friction is not None:
         programs['effort'] = record_effort(plant)
     if plant.joint_limits is not None:

@@ -1,0 +1,381 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Adaptive steps: tolerances kept, events of friction and stops, interrupts, the same bits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+import os
+import subprocess
+import sys
+from typing import Any
+
+from contact_oracle import Motion
+import numpy as np
+import pinocchio as pin
+import pytest
+from test_simulation_contact_random import random_case, random_start
+from zoo import Array, random_chain, slider, to_pinocchio
+
+import pfd_core as pfd
+from pfd_core.kernels.runtime import processor
+from pfd_core.report.cases.motions import MOTIONS, REFERENCES
+from pfd_core.simulation import adaptive
+
+# The true error of a motion in units of the tolerance. Seen 3.6.
+KEPT = 10.0
+TOLERANCES = [10.0**-k for k in range(3, 14)]
+# Motions with references in extended precision, except those that damping makes stiff.
+SMOOTH = [m for m in MOTIONS if m.name in REFERENCES and 'damped' not in m.name]
+DAMPED = [m for m in MOTIONS if m.name in ('puma560_damped_0.01', 'puma560_damped_1')]
+GRAVITY = 9.81
+# Events at closed forms: roundings of a state of order one, summed over some events.
+EXACT = 1e-13
+PATIENCE = 120  # [s] in which Python starts and code is compiled, however busy the machine
+
+
+def units(found: Array, wanted: Array, tolerance: float) -> float:
+    """Return an error in units of a tolerance, as `integrate` defines it with atol = rtol."""
+    scale = tolerance * (1 + np.abs(wanted))
+    return float(np.sqrt((((found - wanted) / scale) ** 2).mean()))
+
+
+@pytest.mark.parametrize('motion', [*SMOOTH, *DAMPED], ids=lambda m: m.name)
+def test_the_true_error_of_a_smooth_motion_is_within_ten_tolerances(motion: Any) -> None:
+    wanted = np.array([float(x) for x in REFERENCES[motion.name].q])
+    torques = np.zeros(motion.robot.n)
+    for rtol in TOLERANCES:
+        run = pfd.integrate(
+            motion.robot,
+            torques,
+            motion.duration,
+            scene=motion.scene,
+            q=motion.q,
+            qd=motion.qd,
+            rtol=rtol,
+            atol=rtol,
+            refine=1,
+        )
+        assert run.status == 'ok'
+        assert units(run.q[-1], wanted, rtol) < KEPT, rtol
+
+
+def closed_form_of_a_wheel(t: Array) -> Array:
+    """Return the angle of a wheel of inertia 2, damping 0.5 under 3 N m less 1 N m of friction."""
+    inertia, damping, torque = 2.0, 0.5, 3.0 - 1.0
+    return torque / damping * (t + inertia / damping * np.expm1(-damping / inertia * t))
+
+
+def wheel() -> pfd.Robot:
+    return pfd.load_robot(
+        '<robot name="wheel"><link name="base"/><link name="rim"><inertial><mass value="1"/>'
+        '<inertia ixx="2" iyy="2" izz="2" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="hub" type="continuous"><parent link="base"/><child link="rim"/>'
+        '<axis xyz="0 0 1"/></joint></robot>'
+    )
+
+
+@pytest.mark.parametrize('rtol', TOLERANCES)
+def test_a_constant_torque_moves_a_damped_wheel_with_friction_as_its_closed_form_says(
+    rtol: float,
+) -> None:
+    scene = pfd.Scene(damping=[0.5], friction=[1.0])
+    run = pfd.integrate(wheel(), [3.0], 3.0, scene=scene, rtol=rtol, atol=rtol)
+    times = np.linspace(0, 3, 100)
+    for found in (run, run.at(times)):
+        for k, t in enumerate(found.time):
+            assert units(found.q[k], closed_form_of_a_wheel(np.array([t])), rtol) < KEPT
+    assert run.events.size == 0
+
+
+@pytest.mark.parametrize('seed', [0, 1, 4, pytest.param(6, marks=pytest.mark.slow)])
+def test_the_true_error_through_friction_and_stops_is_within_ten_tolerances(seed: int) -> None:
+    # The other integration keeps to 1e-13 in a step; its motions are not chaotic.
+    rng = np.random.default_rng(seed)
+    case, scene = random_case(rng)
+    q, qd = random_start(rng, case)
+    other = Motion(case, q, qd)
+    other.advance(0.05)
+    wanted = np.concatenate([other.q, other.v])
+    assert other.events
+    assert not other.ambiguous
+    for rtol in TOLERANCES:
+        run = pfd.integrate(
+            case.robot, case.tau, 0.05, scene=scene, q=q, qd=qd, rtol=rtol, atol=rtol
+        )
+        assert run.status == 'ok'
+        assert units(np.concatenate([run.q[-1], run.qd[-1]]), wanted, rtol) < KEPT, rtol
+
+
+@pytest.mark.parametrize('rtol', [1e-3, 1e-9, 1e-13])
+def test_a_ball_bounces_at_the_times_of_its_closed_form(rtol: float) -> None:
+    restitution, height = 0.8, 1.0
+    hit = np.sqrt(2 * height / GRAVITY)
+    hits, speed = [hit], GRAVITY * hit
+    while hits[-1] < 2.0:
+        speed *= restitution
+        hits.append(hits[-1] + 2 * speed / GRAVITY)
+    hits.pop()
+    scene = pfd.Scene(joint_limits=[[0.0, np.inf]], restitution=[restitution])
+    run = pfd.integrate(slider(0, 1), [0.0], 2.0, scene=scene, q=[height], rtol=rtol)
+    assert run.status == 'ok'
+    np.testing.assert_allclose(run.events, hits, rtol=0, atol=EXACT)
+    at_hits = np.isin(run.time, run.events)
+    np.testing.assert_array_equal(run.q[at_hits], 0.0)
+    np.testing.assert_allclose(
+        run.qd[at_hits, 0], GRAVITY * hit * restitution ** np.arange(1, len(hits) + 1), atol=1e-12
+    )
+    # Between two hits a parabola, to the end of the step that the hit cuts.
+    middle = (hits[0] + hits[1]) / 2
+    top = run.at([middle])
+    np.testing.assert_allclose(top.qd, 0.0, atol=1e-12)
+    np.testing.assert_allclose(top.q, (GRAVITY * hit * restitution) ** 2 / 2 / GRAVITY, atol=1e-12)
+
+
+def test_a_ball_comes_to_rest_after_all_of_its_bounces_and_stays() -> None:
+    restitution = 0.5
+    scene = pfd.Scene(joint_limits=[[0.0, np.inf]], restitution=[restitution])
+    run = pfd.integrate(slider(0, 1), [0.0], 5.0, scene=scene, q=[1.0])
+    assert run.status == 'ok'
+    assert run.q[-1] == run.qd[-1] == run.qdd[-1] == 0
+    wanted = np.sqrt(2 / GRAVITY) * (1 + 2 * restitution / (1 - restitution))
+    # The bounces that are left out are lower than 1e-12 m.
+    assert run.events[-1] == pytest.approx(wanted, abs=1e-5)
+
+
+@pytest.mark.parametrize('rtol', [1e-3, 1e-9, 1e-13])
+def test_a_sliding_block_stops_by_coulomb_friction_and_stays(rtol: float) -> None:
+    mass, friction, speed = 2.0, 3.0, 1.5
+    block = slider(1, 0, mass)
+    run = pfd.integrate(
+        block, [0.0], 4.0, scene=pfd.Scene(friction=[friction]), qd=[speed], rtol=rtol
+    )
+    np.testing.assert_allclose(run.events, [speed * mass / friction], rtol=0, atol=EXACT)
+    assert run.q[-1, 0] == pytest.approx(speed**2 * mass / friction / 2, abs=EXACT)
+    assert run.qd[-1] == run.qdd[-1] == 0
+
+
+def test_a_block_breaks_away_when_the_torque_of_a_law_exceeds_its_friction() -> None:
+    # 2 t exceeds 3 at 1.5 s; from there x = (t - 1.5)^3 / 6 of a mass of 2 kg.
+    law: Callable[..., Array] = lambda t, q, qd: np.array([2 * t])  # noqa: E731
+    run = pfd.integrate(slider(1, 0, 2.0), law, 3.0, scene=pfd.Scene(friction=[3.0]))
+    np.testing.assert_allclose(run.events, [1.5], rtol=0, atol=1e-10)
+    assert run.q[-1, 0] == pytest.approx(1.5**3 / 6, abs=1e-11)
+
+
+def test_the_centrifugal_torque_takes_a_joint_off_its_stop_when_it_exceeds_the_motor_s() -> None:
+    # While the elbow is on its stop the arm is one body: w = a t, and the elbow needs the torque
+    # of a and w^2.
+    robot = pfd.load_robot('planar2')
+    bent, torque = np.array([0.0, -2.0]), np.array([1.0, -2.0])
+    model = to_pinocchio(robot)
+    model.gravity.setZero()
+    data = model.createData()
+    a = torque[0] / pin.crba(model, data, bent)[0, 0]
+    of_a = pin.rnea(model, data, bent, np.zeros(2), np.array([a, 0.0]))[1]
+    of_w = pin.rnea(model, data, bent, np.array([1.0, 0.0]), np.zeros(2))[1]
+    # lambda = of_a + w^2 of_w - torque is above zero on the lower stop.
+    assert of_a > torque[1]
+    assert of_w < 0
+    release = np.sqrt((torque[1] - of_a) / of_w) / a
+    scene = pfd.Scene(gravity=None, joint_limits=[[-np.inf, np.inf], [-2.0, np.inf]])
+    for rtol in (1e-3, 1e-9, 1e-13):
+        run = pfd.integrate(robot, torque, 1.2 * release, scene=scene, q=bent, rtol=rtol)
+        assert run.status == 'ok'
+        np.testing.assert_allclose(run.events, [release], rtol=1e-11)
+        before = run.time < release * (1 - 1e-9)
+        np.testing.assert_array_equal(run.q[before, 1], -2.0)
+        assert run.q[-1, 1] > -2.0
+
+
+def test_a_grazed_stop_is_found_between_two_looks_at_the_step() -> None:
+    # Under a constant force the joint turns 1e-9 m beyond its stop, for 9e-5 s within 1 s.
+    depth, speed = 1e-9, 1.0
+    force = 2.0
+    way = speed**2 / (2 * force) - depth
+    scene = pfd.Scene(gravity=None, joint_limits=[[-way, np.inf]], restitution=[1.0])
+    run = pfd.integrate(slider(1, 0), [force], 1.0, scene=scene, qd=[-speed])
+    hit = (speed - np.sqrt(2 * force * depth)) / force
+    np.testing.assert_allclose(run.events, [hit], rtol=0, atol=1e-11)
+    assert run.q.min() >= -way
+
+
+@pytest.mark.parametrize(('seed', 'stribeck'), [(8, False), (5, True)])
+def test_chains_of_impacts_end_and_pass_no_stop(seed: int, stribeck: bool) -> None:
+    # The joints throw each other off their stops, with velocities that fall below 1e-9 rad/s. Seen
+    # 300 and 2300 attempts.
+    rng = np.random.default_rng(seed)
+    case, scene = random_case(rng)
+    n = case.robot.n
+    if stribeck:
+        static = case.friction * rng.uniform(1, 2, n)
+        velocity = rng.uniform(0.1, 1, n)
+        scene = replace(scene, static_friction=static, stribeck_velocity=velocity)
+    q, qd = random_start(rng, case)
+    run = pfd.integrate(case.robot, case.tau, 2.0, scene=scene, q=q, qd=qd, max_steps=5000)
+    assert run.status == 'ok'
+    assert (run.q >= case.limits[:, 0]).all()
+    assert (run.q <= case.limits[:, 1]).all()
+
+
+def test_motors_brakes_and_wrench_act_in_a_scene_with_events_as_in_the_simulator() -> None:
+    robot = random_chain(np.random.default_rng(8), 3)
+    settings: dict[str, Any] = {
+        'friction': [0.3, 0.3, 0.3],
+        'static_friction': [0.5, 0.5, 0.5],
+        'stribeck_velocity': [0.1, 0.1, 0.1],
+        'joint_limits': [[-1, 1]] * 3,
+        'restitution': 0.5,
+        'effort_limits': [4.0] * 3,
+        'gravity_compensation': True,
+        'armature': [0.1] * 3,
+        'external_wrench': True,
+        'brakes': True,
+    }
+    scene = pfd.Scene(**settings)
+    held = {'wrench': [1.0, 2.0, 3.0, 0.1, 0.2, 0.3], 'brakes': [False, True, False]}
+    torque, duration = np.array([5.0, 0.0, -3.0]), 0.5
+    run = pfd.integrate(robot, torque, duration, scene=scene, rtol=1e-11, **held)
+    assert run.events.size
+    sim = pfd.Simulator(robot, scene, step_size=1e-4, substeps=1, integrator='rk4')
+    fixed = sim.rollout(np.tile(torque, (round(duration / 1e-4), 1)), **held)
+    # The fixed steps let a joint that another one releases wait for the end of the step.
+    np.testing.assert_allclose(run.q[-1], fixed.q[-1], rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(run.q[:, 1], 0.0)
+
+
+def test_a_motor_lag_is_refused() -> None:
+    with pytest.raises(ValueError, match="'motor_lag' of the scene acts over a step of time"):
+        pfd.integrate(
+            pfd.load_robot('planar2'), [0, 0], 1.0, scene=pfd.Scene(motor_lag=[0.1, 0.1])
+        )
+
+
+def test_a_motion_that_stability_cuts_into_too_many_steps_is_too_stiff() -> None:
+    scene = pfd.Scene(damping=np.full(6, 100.0))
+    run = pfd.integrate(
+        pfd.load_robot('puma560'), np.zeros(6), 10.0, scene=scene, rtol=1e-6, max_steps=2000
+    )
+    assert run.status == 'too_stiff'
+    assert run.stiff_steps > run.finite_steps / 2
+    smooth = pfd.integrate(pfd.load_robot('puma560'), np.zeros(6), 10.0, max_steps=20)
+    assert (smooth.status, smooth.stiff_steps) == ('too_many_steps', 0)
+
+
+# ---- laws, interrupts, pieces, processors -----------------------------------------------------
+
+
+def test_an_exception_of_a_law_ends_the_run_and_is_passed_on() -> None:
+    calls = []
+
+    def law(t: float, q: Array, qd: Array) -> Array:
+        calls.append(t)
+        if t > 0.5:
+            raise ZeroDivisionError('as planned')
+        return np.zeros(2)
+
+    for scene in (None, pfd.Scene(friction=[0.1, 0.1], joint_limits=[[-1, 1]] * 2)):
+        calls.clear()
+        with pytest.raises(ZeroDivisionError, match='as planned'):
+            pfd.integrate(pfd.load_robot('planar2'), law, 1.0, scene=scene)
+        assert sum(t > 0.5 for t in calls) == 1
+
+
+@pytest.mark.parametrize('law', [False, True])
+def test_the_length_of_the_pieces_does_not_change_a_bit(
+    law: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = pfd.Scene(friction=[0.5, 0.2], joint_limits=[[-2, 2]] * 2, restitution=0.5)
+    tau: Any = (lambda t, q, qd: -qd) if law else [1.0, 0.5]
+
+    def run() -> tuple[Any, ...]:
+        found = pfd.integrate(pfd.load_robot('planar2'), tau, 4.0, scene=scene, qd=[3.0, -2.0])
+        arrays = (found.time, found.q, found.qd, found.qdd, found.events)
+        counts = (found.status, found.evaluations, found.rejected_steps)
+        return (*(x.tobytes() for x in arrays), found.at([1.0, 2.0]).q.tobytes(), *counts)
+
+    wanted = run()
+    assert run() == wanted
+    monkeypatch.setattr(adaptive, 'FIRST_OPERATIONS', 1)
+    monkeypatch.setattr(adaptive, 'PIECE_SECONDS', 1e-9)
+    assert run() == wanted
+
+
+BITS = """
+import hashlib
+import numpy as np
+import pfd_core as pfd
+
+found = hashlib.sha256()
+for scene in (
+    pfd.Scene(),
+    pfd.Scene(friction=np.full(6, 2.0), joint_limits=[[-1.5, 1.5]] * 6, restitution=0.5),
+):
+    run = pfd.integrate(pfd.load_robot('ur5'), np.ones(6), 1.0, scene=scene, qd=np.ones(6))
+    for x in (run.time, run.q, run.qd, run.qdd, run.events, run.at(np.linspace(0, 1, 9)).q):
+        found.update(x.tobytes())
+print(run.status, len(run.events) > 2, found.hexdigest())
+"""
+
+
+def bits(cpu: str) -> str:
+    environment = os.environ | {'PFD_TARGET_CPU': cpu}
+    done = subprocess.run(
+        [sys.executable, '-c', BITS],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.stdout.startswith('ok True'), done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_a_run_has_the_same_bits_on_all_processors() -> None:
+    names = ['x86-64', 'x86-64-v2', 'x86-64-v3', 'x86-64-v4']
+    if not processor.host().triple.startswith('x86_64'):
+        pytest.skip('the processors are of x86-64')
+    runnable = [name for name in names if not processor.missing_features(name)]
+    assert len({bits(name) for name in ('', *runnable)}) == 1
+
+
+INTERRUPTED = """
+import os, signal, sys, threading, time
+import numpy as np
+import pfd_core as pfd
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+robot = pfd.load_robot('planar2')
+kind = sys.argv[1]
+scene = pfd.Scene(friction=[1e-3, 1e-3]) if kind == 'friction' else pfd.Scene()
+tau = (lambda t, q, qd: [0.0, 0.0]) if kind == 'law' else [0.0, 0.0]
+settings = dict(scene=scene, q=[0.5, 0.5], dense=False)
+pfd.integrate(robot, tau, 0.1, **settings)
+for _ in range(3):
+    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+    begun = time.perf_counter()
+    try:
+        pfd.integrate(robot, tau, 1e6, max_steps=10**9, max_step=1e-3, **settings)
+        sys.exit('it was not interrupted')
+    except KeyboardInterrupt:
+        pass
+wanted = pfd.integrate(robot, tau, 1.0, **settings)
+assert wanted.status == 'ok'
+print('interrupted')
+"""
+
+
+@pytest.mark.parametrize('kind', ['smooth', 'friction', 'law'])
+def test_a_run_is_interrupted_within_its_steps(kind: str) -> None:
+    done = subprocess.run(
+        [sys.executable, '-c', INTERRUPTED, kind],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.stdout == 'interrupted\n', done.stderr
+    assert not done.stderr

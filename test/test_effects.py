@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cache
+import inspect
 from pathlib import Path
 import re
 from types import SimpleNamespace
@@ -457,5 +458,5 @@ def test_the_guide_has_the_table_of_effects_and_the_effects_of_every_quantity() 
 
 
 def test_the_docstring_of_scene_describes_every_field_of_the_table() -> None:
-    described = re.findall(r'^    (\w+) : ', pfd.Scene.__doc__ or '', re.MULTILINE)
+    described = re.findall(r'^(\w+) : ', inspect.getdoc(pfd.Scene) or '', re.MULTILINE)
     assert sorted(described) == sorted(FIELDS)

@@ -114,7 +114,7 @@ def clock() -> Iterator[Finding]:
     missed = missing_share(woke, woke[0], woke[-1], PERIOD)
     text = (
         f'a loop of {1 / PERIOD:.0f} Hz has periods of {np.median(periods):.3f} ms, 99 % up to '
-        f'{np.quantile(periods, 0.99):.3f} ms, longest {periods.max():.3f} ms'
+        f'{np.quantile(periods, 0.99):.3f} ms, longest {np.max(periods):.3f} ms'
     )
     if missed > MISSED:
         text += f'; {100 * missed:.0f} % missed: a busy machine; lockstep runs are not affected'

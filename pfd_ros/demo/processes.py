@@ -36,6 +36,8 @@ START_SECONDS = 60.0
 STOP_SECONDS = 20.0
 POLL_SECONDS = 0.05
 COMMAND_DEPTH = 10
+# The arm brakes when the controller has ended; longer than a busy machine keeps it from running.
+TIMEOUT_SECONDS = 0.5
 # The period of the arm's steps, by default.
 STEP_SECONDS = Settings().step_size
 
@@ -76,6 +78,7 @@ def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
         robot=robot_name,
         initial_positions=tuple(motion_of(robot).start.tolist()),
         recording=str(base.with_suffix('.mcap')),
+        command_timeout=TIMEOUT_SECONDS,
         **disturbances(robot, seconds),
     )
     parameters = parameters_of(settings, robot.joint_names) | {

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from copy import deepcopy
 from itertools import chain
 from pathlib import Path
@@ -186,7 +187,7 @@ def bag_of(path: Path, **changes: Any) -> Path:
         assert old in text
         description.write_text(text.replace(old, new))
     for statement in changes.get('sql', ()):
-        with sqlite3.connect(next(path.glob('*.db3'))) as database:
+        with closing(sqlite3.connect(next(path.glob('*.db3')))) as database, database:
             database.execute(statement)
     return path
 
@@ -370,7 +371,7 @@ def test_logs_of_real_arms_are_read_as_sqlite_and_rosbags_have_them(real_arms: P
     assert bags
     for bag in bags:
         states = read_log(bag)['/joint_states']
-        with sqlite3.connect(next(bag.glob('*.db3'))) as database:
+        with closing(sqlite3.connect(next(bag.glob('*.db3')))) as database, database:
             data = [row[0] for row in database.execute('SELECT data FROM messages ORDER BY id')]
         decoded = [STORE.deserialize_cdr(x, states.type) for x in data]
         for name in ('position', 'velocity', 'effort'):

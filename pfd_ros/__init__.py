@@ -36,7 +36,7 @@ To change or add
     metadata of recordings  recording.format.HeadKey, EndKey; built in provenance.file_head and
                             recorder.LogRecorder.ending, written by mcap_file
     a check of a page       page.findings, fed by page.reading
-    what `pfd view` draws   view.scene, view.log_page; from a new topic also view.motion
+    what `pfd view` draws   view.scene, view.logged_arm; from a new topic also view.motion
     a `pfd` command         a module of cli, a name in cli.main.COMMANDS
 """
 

@@ -91,25 +91,25 @@ def run(given: argparse.Namespace) -> int:
 
 
 def _log(given: argparse.Namespace) -> int:
-    from pfd_ros.view import export, log_page, server
+    from pfd_ros.view import export, logged_arm, server
     from pfd_ros.view.player import Player
 
     folders = tuple(given.package_path)
-    content = log_page.content_of(given.log, given.robot, given.topic, folders)
+    content = logged_arm.content_of(given.log, given.robot, given.topic, folders)
     print_lines(content.lines)
     ghost = None
     if given.ghost or given.ghost_topic:
         path, robot = given.ghost or given.log, None if given.ghost else given.robot
-        ghost = log_page.content_of(path, robot, given.ghost_topic, folders, content.seen.urdf)
+        ghost = logged_arm.content_of(path, robot, given.ghost_topic, folders, content.seen.urdf)
         print_lines(f'ghost: {line}' for line in ghost.lines)
-        if log_page.offset_of(content.motion, ghost.motion) is None:
+        if logged_arm.offset_of(content.motion, ghost.motion) is None:
             print_lines(['ghost: the logs have no time in common: both start at 0'])
     if given.export:
         size = export.export(content, ghost, given.export, progress_on(sys.stderr))
         print(f'{given.export} plays {given.log.name} in a browser ({size / 1e6:.1f} MB)')
         return 0
     with server.page(given.port, given.log.name) as page:
-        player = Player(page.gui, content.motion, log_page.fill(page, content, ghost))
+        player = Player(page.gui, content.motion, logged_arm.fill(page, content, ghost))
         with suppress(KeyboardInterrupt):
             _announce(server.address(page), given.log.name, given.open)
             player.run(threading.Event())

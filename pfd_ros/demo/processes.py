@@ -106,7 +106,8 @@ def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
     for problem in problems:
         print(f'FAILED: {problem}', file=sys.stderr)
     if not problems:
-        print('everything worked')
+        log = base.with_suffix('.mcap')
+        print(f'look       pfd report log {log}; pfd view {log}\neverything worked')
     return 1 if problems else 0
 
 

@@ -18,7 +18,7 @@ The page, with viser
     server       the server on 127.0.0.1
     scene        the arm, rings of its joints, a path and the floor in a page
     player       time slider, play, speed, step
-    log_page     the page of a log
+    logged_arm   an arm in a page that follows a log
     live_arm     an arm in a page that follows joint states
     live         joint states of a running node; imports rclpy
     export       the page of a log as one file that plays without Python

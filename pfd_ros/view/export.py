@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.view.log_page import Content, fill
+from pfd_ros.view.logged_arm import Content, fill
 from pfd_ros.view.server import page
 
 # Frames a second, and at most: a longer log has fewer a second, at the same speed.

@@ -12,22 +12,16 @@ import itertools
 import json
 import os
 from pathlib import Path
-import shutil
 import subprocess
 import time
 from typing import Any
 import urllib.request
 
+from browser import BROWSER
 import numpy as np
 from PIL import Image
-import pytest
 from websockets.sync.client import connect
 
-NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'chrome')
-BROWSER = next(filter(None, map(shutil.which, NAMES)), None)
-needs_browser = pytest.mark.skipif(
-    BROWSER is None, reason=f'no browser: none of {", ".join(NAMES)} is installed'
-)
 # Longest wait for the browser; a busy machine without a graphics card draws a frame a second.
 PATIENCE = 120.0
 WIDTH, HEIGHT = 1440, 900

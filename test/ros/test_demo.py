@@ -216,6 +216,7 @@ def check_demo(folder: Path, process: subprocess.Popen[str]) -> str:
     assert process.returncode == (1 if failures else 0), printed
     assert re.search(r'replay +\d+ states, \d+ steps: every bit equal', printed)
     assert re.search(r'commands +sent \d+, recorded \d+, lost \d+', printed)
+    assert failures or 'pfd report log here/arm_0.mcap; pfd view here/arm_0.mcap\n' in printed
     assert re.search(r'joint6 +\d\.\d+e-\d+ +\d\.\d+e-\d+', printed)
     assert (folder / 'here' / 'arm_0.png').read_bytes().startswith(b'\x89PNG')
     assert read(folder / 'here' / 'arm_0.mcap', verify=True).complete

@@ -22,7 +22,7 @@ from view_models import STATE, UR5, joint_state, recorded, swinging, text_messag
 
 from pfd_ros import read_log
 from pfd_ros.cli.main import main
-from pfd_ros.view.log_page import Content, content_of, fill
+from pfd_ros.view.logged_arm import Content, content_of, fill
 from pfd_ros.view.player import Player
 from pfd_ros.view.server import HOST, address, page
 

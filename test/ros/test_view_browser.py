@@ -7,13 +7,14 @@ from __future__ import annotations
 from pathlib import Path
 import time
 
-from devtools import PATIENCE, Page, needs_browser, opened
+from browser import needs_browser
+from devtools import PATIENCE, Page, opened
 import numpy as np
 import pytest
 from view_models import STATE, joint_state, text_message, urdf, visual, write_bag
 
 from pfd_ros.view.export import export
-from pfd_ros.view.log_page import Content, content_of, fill
+from pfd_ros.view.logged_arm import Content, content_of, fill
 from pfd_ros.view.player import Player
 from pfd_ros.view.server import address, page
 

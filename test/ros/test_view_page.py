@@ -21,7 +21,7 @@ import zstandard
 from pfd_ros import read_log
 from pfd_ros.cli.main import main
 from pfd_ros.view.loads import AT_LIMIT, UNKNOWN, Loads, load_colour
-from pfd_ros.view.log_page import Content, content_of, fill, offset_of, tip_path
+from pfd_ros.view.logged_arm import Content, content_of, fill, offset_of, tip_path
 from pfd_ros.view.server import page
 
 TIMES = (0.0, 0.1, 0.2, 0.35, 0.5)

@@ -16,9 +16,10 @@ Subpackages in the order of data flow; each imports only from those above it.
 
 To change or add
 
-    an effect of a joint    a record in model.effects, a field in model.scene; of a motor also its
-                            torque in algorithms.chain.drives; dry friction also
-                            simulation.contact.modes (record_effort, record_modes)
+    an effect of a joint    an Effect in model.effects.EFFECTS, a field in model.scene. An effect
+                            on motors also needs its torque in algorithms.chain.drives; dry
+                            friction its law in simulation.contact.modes (record_effort,
+                            record_modes) and, for joints in motion, in chain.drives (_friction)
     rotor inertia           config/robots/*.yaml, read by model.yaml_robot (_drive); of a URDF by
                             model.urdf_reader (_armature); acts with Scene(armature=...)
     an equation             algorithms.paper lists its modules with the paper's equations

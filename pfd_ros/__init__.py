@@ -27,11 +27,12 @@ To change or add
                             recording.format.CHANNELS
     a published topic       arm.output_settings.OUTPUTS and a writer in arm.outputs; a quantity of
                             the model also a row in arm.model_kernels, a new type also a class in
-                            node.endpoints. Not with each state: a publisher of its own, as
-                            node.diagnostics has; a new value there: a pair in its function
+                            node.endpoints. A topic that is not published with each state
+                            has a publisher of its own, as in node.diagnostics
     frames of the links     arm.link_frames: /tf of recordings
     a parameter             a field of arm.*_settings, a line of config/sim_arm.yaml
-    NaN in a command        arm.commands: validate_named, validate_array
+    NaN in a command        arm.commands: validate_named (the joint is unchanged), validate_array
+                            (the message is rejected)
     log lines, diagnostics  node.reporting, node.diagnostics
     metadata of recordings  recording.format.HeadKey, EndKey; built in provenance.file_head and
                             recorder.LogRecorder.ending, written by mcap_file

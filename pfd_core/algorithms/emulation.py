@@ -104,7 +104,8 @@ def emulate(
     robot : Robot
         The chain.
     q, qd, tau : array_like
-        Positions, velocities and torques, (..., n) [rad or m, s, N m or N].
+        Positions, velocities and torques, (..., n)
+        [rad or m; rad/s or m/s; N m or N].
     method : str
         A name in METHODS, or 'pcrbm_1987' or 'pcgm_1987': the paper's procedures step by step.
     scene : Scene, optional

@@ -7,7 +7,8 @@ A record holds the fields of the effect in Scene, with units and checks, and its
 quantities, derivatives, energy, the choice of an integrator, YAML, the parameters of the node,
 reports and the table in docs/guides/model-quantities.md are derived from the records. A new effect
 of a joint is a record here and a field of Scene with the record's name for it. One that acts over
-a step, as dry friction does (STEP), also changes pfd_core.simulation.contact.modes.
+a step, as dry friction does (STEP), also changes pfd_core.simulation.contact.modes, and its law
+for joints in motion pfd_core.algorithms.chain.drives.
 
 The effects add to the joint torques of the rigid links:
 

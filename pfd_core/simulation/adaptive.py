@@ -168,7 +168,8 @@ def integrate(
     q, qd : array_like
         State at the start, (n,) [rad or m, and per s]; default zero.
     wrench : array_like
-        Force and moment on the last link, (6,); exactly if the scene has one.
+        Force and moment on the last link, (6,); required if the scene has `external_wrench`, and
+        only then.
     brakes : array_like of bool
         Joints that stay where they are, (n,); only if the scene has brakes, default none.
     rtol, atol : float
@@ -190,8 +191,8 @@ def integrate(
     Raises
     ------
     ValueError
-        If an argument is not one of these or does not fit the robot; so for a torque that tau
-        returns, except a non-finite one, which the step size control treats as overflow.
+        If an argument, or a torque that tau returns, is not one of these or does not fit the
+        robot. A torque that is not finite rejects the step instead.
 
     """
     choice('integrator', integrator, PAIRS)

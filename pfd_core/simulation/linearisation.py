@@ -99,10 +99,8 @@ class Linearization(tuple[Array, Array]):
 
         'moving'       A and B are derivatives by its position, velocity and torque
         'held'         they are, too; friction or a brake holds the joint in place for the step
-        'one_sided'    the joint is held, and they are derivatives only by changes after which it
-                       is held again where it is: not by a position away from the stop at which it
-                       rests, nor by a velocity or a torque with which it would leave the stop or
-                       break loose
+        'one_sided'    the joint is held, and they are derivatives only for changes that leave it
+                       held, not for one that moves it off its stop or breaks it loose
 
     """
 

@@ -22,14 +22,14 @@ class Trajectory:
     time : numpy.ndarray
         (K,) [s].
     q, qd : numpy.ndarray
-        (K, n) or (B, K, n), positions and velocities [rad or m, s].
+        (K, n) or (B, K, n), positions and velocities [rad or m, and per s].
     _qdd : numpy.ndarray or callable
         `qdd`, or the function that computes it.
     status : str
         'ok', 'not_finite' if a state overflowed, or 'too_many_events' if a step had more impacts
         and reversals than pfd_core.simulation.contact.events.MOST_SEGMENTS.
     finite_steps : int or numpy.ndarray
-        Steps from the first on after which the state was finite; (B,) for B arms.
+        Number of leading steps with a finite state; (B,) for B arms.
 
     """
 
@@ -43,7 +43,7 @@ class Trajectory:
     @cached_property
     def qdd(self) -> Array:
         """
-        Accelerations at those times, under the torque before, (K, n) or (B, K, n) [rad or m, s].
+        Accelerations then, under the torque before, (K, n) or (B, K, n) [rad/s^2 or m/s^2].
 
         A single arm's are computed from its states when they are first read: no step needs them.
         """

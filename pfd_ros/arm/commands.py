@@ -5,9 +5,9 @@
 A joint is braked until the first command with a number for it. A command changes the joints that
 it names and no others; a message that violates a rule changes nothing. An effort alone is a
 torque. A position, a velocity or both are the target of the joint's servo, and their effort is fed
-forward. NaN keeps the last number of its kind; with only NaN a joint is unchanged, brake included.
-An empty array means no number of its kind, so that an effort alone ends a servo. In a command
-without names NaN rejects the message.
+forward. NaN keeps the joint's last position, velocity or effort; if all its numbers are NaN, the
+joint is unchanged, and stays braked if it was. An empty array means no number of its kind, so
+that an effort alone ends a servo. In a command without names NaN rejects the message.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ def read_digests(texts: Mapping[str, str]) -> dict[str, dict[str, str]]:
     """Return the digests of values, attachments and channels in a record HEAD, each by name."""
     text = texts.get(HeadKey.DIGESTS, 'null')
     if texts.get(HeadKey.DIGEST) != digest_of(text):
-        raise ValueError('the digests in its head are not the recorded ones')
+        raise ValueError('the digests in its head do not match their checksum')
     found = _table(strict_json(text), 'digests of its head')
     kinds = {digests.VALUES, digests.ATTACHMENTS, digests.CHANNELS}
     if found.keys() != kinds:

@@ -125,7 +125,7 @@ class RunFiles:
             self._file.sink.discard()
             raise ValueError(
                 f'recording_max_size is {limits.size} bytes, expected more than {size}: '
-                'so many have the head and the index of each file'
+                'the head and the index of each file take so many'
             )
 
     @property

@@ -95,7 +95,7 @@ def loaded(robot: RobotSource, settings: Settings) -> DescribedRobot:
         return described_robot(settings, settings.robot)
     if settings.base_link or settings.tip_link or settings.locked:
         raise ValueError(
-            'base_link, tip_link and locked apply to a robot that is loaded: name a file'
+            'base_link, tip_link and locked cannot be given with a pfd.Robot: name its file'
         )
     return DescribedRobot(robot, settings)
 

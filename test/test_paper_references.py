@@ -155,7 +155,8 @@ def test_the_readme_gives_the_speed_ups_of_the_paper_as_printed_and_of_our_best(
     assert f'a speed-up of {published_serial(6) / (334 + 328):.2f} over a published' in readme
     assert (
         f'Executed as printed, PCRBM reaches {printed.published_speed_up:.2f}, and a wrong matrix; '
-        f'where moving data between processors costs a step, too, {with_routes(printed)}.'
+        'where moving data between processors costs a step, too, '
+        f'{with_routes(printed)}.'
     ) in readme
     assert f'reaches {best.speed_up:.2f}, or {best.routed_speed_up:.2f} with data moves' in readme
 

@@ -22,7 +22,7 @@ import zlib
 
 import numpy as np
 
-from pfd_ros.page.curves import Array, Drawn
+from pfd_ros.page.curves import FMAX, FMIN, Array, Drawn
 
 BLOCK = 1024
 GAP = 65535
@@ -61,7 +61,7 @@ def _codes(values: Array) -> tuple[list[float], list[float], Array]:
     padded = np.full(blocks * BLOCK, np.nan)
     padded[: len(values)] = np.clip(values, -LARGEST, LARGEST)
     shaped = padded.reshape(blocks, BLOCK)
-    low, high = np.fmin.reduce(shaped, axis=1), np.fmax.reduce(shaped, axis=1)
+    low, high = FMIN.reduce(shaped, axis=1), FMAX.reduce(shaped, axis=1)
     low, high = np.nan_to_num(low), np.nan_to_num(high)
     step = (high - low) / STEPS
     scale = np.where(step > 0.0, step, 1.0)

@@ -75,7 +75,7 @@ class StateComparison:
             np.concatenate(parts) for parts in zip(*self._pending, strict=True)
         )
         later = places > min(run.reached for run in self._runs)
-        ready = int(later.argmax()) if later.any() else len(places)
+        ready = int(np.argmax(later)) if later.any() else len(places)
         if not ready:
             return
         self._pending = [(places[ready:], time[ready:], recorded[ready:])]

@@ -72,9 +72,14 @@ def findings_of(data: dict[str, Any]) -> Findings:
 
 
 @pytest.fixture(scope='module')
-def points() -> list[Point]:
-    _, found, _ = measure(NAME, TINY)
-    return found
+def measured() -> tuple[CaseFacts, list[Point]]:
+    facts, found, _ = measure(NAME, TINY)
+    return facts, found
+
+
+@pytest.fixture(scope='module')
+def points(measured: tuple[CaseFacts, list[Point]]) -> list[Point]:
+    return measured[1]
 
 
 def test_the_report_has_every_method_and_cases_of_the_table() -> None:
@@ -85,8 +90,9 @@ def test_the_report_has_every_method_and_cases_of_the_table() -> None:
 
 @pytest.mark.slow
 def test_every_method_format_and_refinement_has_a_point_for_every_batch(
-    points: list[Point],
+    measured: tuple[CaseFacts, list[Point]],
 ) -> None:
+    facts, points = measured
     ours = [(p.way, p.dtype, p.refine, p.batch) for p in points if p.way in TINY.methods]
     assert sorted(ours) == sorted(
         (method, dtype, refine, batch)
@@ -98,8 +104,8 @@ def test_every_method_format_and_refinement_has_a_point_for_every_batch(
     for point in points:
         assert 0 < point.minimum <= point.median
         assert (point.error is None) == (point.in_units is None)
-        # Compared with the default method, not refined.
-        if (point.way, point.dtype, point.refine) == ('articulated_body', 'float64', 0):
+        # Compared with the default kernel.
+        if (point.way, point.dtype, point.refine) == (facts.auto, 'float64', facts.steps):
             assert point.times == 1.0
         assert point.times > 0
 

@@ -37,7 +37,7 @@ from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.kernels.runtime.json_cache import get_or_compute
 from pfd_core.machine.emulator import run
-from pfd_core.model import Plant, without_torques
+from pfd_core.model import Plant, without_step_effects, without_torques
 from pfd_core.model.checked_numbers import integer
 from pfd_core.model.error_text import quote
 
@@ -125,7 +125,7 @@ def roundings(plant: Plant, method: str) -> float:
     out, no sums of unknown order.
     """
     bare = replace(
-        without_torques(plant),
+        without_torques(without_step_effects(plant)),
         gravity=plant.gravity,
         external_wrench=False,
         brakes=False,

@@ -82,7 +82,7 @@ class MeshFolders:
         except (OSError, ValueError) as error:
             raise ValueError(f'there is no file {cut(str(path), 200)}') from error
         if not stat.S_ISREG(mode):
-            raise ValueError(f'{cut(str(path), 200)} is no regular file')
+            raise ValueError(f'{cut(str(path), 200)} is not a regular file')
         return path
 
     def _path(self, uri: str) -> Path:

@@ -248,10 +248,13 @@ def _draw(needs: Needs, figure: Any) -> None:
     axes.plot(*at([needs.full]), 's', color='black', ms=4, label='full scene')
     axes.axhline(needs.tolerance, color='C3', lw=0.8, ls='--', label='tolerance')
     named = [(f'no {row.name}', row.without) for row in needs.effects]
-    for text, row in [*named, ('no effect at all', needs.bare)]:
+    named.sort(key=lambda item: (item[1].largest, item[1].operations))
+    for k, (text, row) in enumerate([('no effect at all', needs.bare), *named]):
         if math.isfinite(row.largest):
             (x,), (y,) = at([row])
-            axes.annotate(text, (x, y), (6, 4), textcoords='offset points', size=8)
+            # Above and below in turn, as neighbours may have equal errors.
+            place = (6, 4) if k % 2 == 0 else (6, -12)
+            axes.annotate(text, (x, y), place, textcoords='offset points', size=8)
     axes.axhline(zero, color='0.8', lw=0.8)
     left_end = ('axes fraction', 'data')
     axes.annotate('error 0', (0, zero), (3, 3), left_end, 'offset points', size=8)

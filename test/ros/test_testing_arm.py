@@ -311,7 +311,7 @@ def test_a_robot_and_a_scene_may_be_objects() -> None:
     for k in range(100):
         assert (found.q[k] == sim.q).all()
         sim.step([1.0, 0.0])
-    with pytest.raises(ValueError, match='name a file'):
+    with pytest.raises(ValueError, match='name its file'):
         LockstepArm(robot, base_link='base')
 
 

@@ -21,6 +21,7 @@ from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.algorithms.programs import TOLERANCES, record_forward_dynamics
 from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
+from pfd_core.machine.networks import NETWORKS
 from pfd_core.machine.program import Program, Steps, check_processors
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import DTYPES, choice, common_shape, integer, real_array
@@ -93,6 +94,7 @@ def emulate(
     wrench: ArrayLike | None = None,
     brakes: ArrayLike | None = None,
     processors: int | None = None,
+    network: str = 'crossbar',
     dtype: str = 'float64',
     digits: int | None = None,
 ) -> Run:
@@ -116,6 +118,10 @@ def emulate(
         Held joints, (..., n), only if the scene has brakes; default none.
     processors : int, optional
         Default n.
+    network : str
+        Network that joins the processors: 'crossbar', 'pm2i', 'cube', 'mesh', 'ring', 'shuffle'
+        or 'bus' (pfd_core.machine.networks). Routes are executed hop by hop, and counted in steps
+        of that network.
     dtype : {'float64', 'float32'}
         Numbers of the machine. An iterative method stops at the rounding of this format.
     digits : int, optional
@@ -128,6 +134,7 @@ def emulate(
 
     """
     choice('dtype', dtype, DTYPES)
+    choice('network', network, NETWORKS)
     if digits is not None:
         digits = integer('digits', digits, 1, MOST_DIGITS)
     if processors is not None:
@@ -148,13 +155,15 @@ def emulate(
         given['wrench'] = wrench  # with digits, a fraction stays exact
     sizes = {name: size for name, size in (check or program).inputs.items() if name != 'qdd'}
     inputs = _checked(sizes | program.inputs, given, digits)
-    result = run(program, inputs, dtype, digits)
+    # On a crossbar a route is one hop for each lane, from its source.
+    hopping = None if network == 'crossbar' else network
+    result = run(program, inputs, dtype, digits, network=hopping)
     if check is not None:  # outside the counted program
         result |= run(check, inputs | {'qdd': result['qdd']}, dtype, digits)
     iterations = None
     if 'iterations' in result:
         iterations = int(np.max(np.asarray(result['iterations'], dtype=np.float64), initial=0))
-    steps = _steps(method, program, processors, iterations or 1)
+    steps = _steps(method, program, processors, iterations or 1, network)
     work = arithmetic(program.count(1, iterations=iterations or 1))
     units = processors_of(method, robot.n, check_processors(processors, program.lanes))
     return Run(
@@ -168,17 +177,20 @@ def emulate(
     )
 
 
-def _steps(method: str, program: Program, processors: int | None, iterations: int) -> Steps:
+def _steps(
+    method: str, program: Program, processors: int | None, iterations: int, network: str
+) -> Steps:
     """
     Return the steps that a method's program takes on its machine.
 
     The cells of the triangular array work side by side: there the steps of the solve are the
     cycles in which some cell does an operation of a kind, not the operations of all cells.
     """
-    steps = program.count(processors, iterations=iterations)
+    steps = program.count(processors, iterations=iterations, network=network)
     if method != 'pcrbm_array':
         return steps
-    return steps - program.count(processors, section=SECTION) + solve_steps(program.lanes)
+    cells = program.count(processors, section=SECTION, network=network)
+    return steps - cells + solve_steps(program.lanes)
 
 
 def processors_of(method: str, n: int, processors: int) -> int:

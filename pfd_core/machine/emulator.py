@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.forking import no_fork
+from pfd_core.machine.networks import carry, hops, wiring
 from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Instruction, Program
 
@@ -28,6 +29,7 @@ def run(
     dtype: str = 'float64',
     digits: int | None = None,
     functions: Mapping[str, Callable[[Any, Any], Any]] | None = None,
+    network: str | None = None,
 ) -> dict[str, Any]:
     """
     Run a program and return its outputs.
@@ -45,6 +47,9 @@ def run(
         Compute with mpmath numbers of this many decimal digits instead.
     functions : mapping, optional
         Name to function, for each `call` of the program: of two rows, (lanes, ...), to one.
+    network : str, optional
+        A name in pfd_core.machine.networks.NETWORKS. Each route is then executed hop by hop, and
+        each hop is checked. Default: every lane reads its source at once.
 
     Returns
     -------
@@ -64,7 +69,9 @@ def run(
                 f'input {name} must have shape (..., {size}), got {values[name].shape}'
             )
     batch = next(iter(values.values())).shape[:-1]
-    machine = _Machine(program, values, batch, arithmetic, functions or {})
+    if network is not None:
+        wiring(network, program.lanes)
+    machine = _Machine(program, values, batch, arithmetic, functions or {}, network)
     with arithmetic.context():
         machine.run()
     registers = machine.registers
@@ -86,12 +93,14 @@ class _Machine:
         batch: tuple[int, ...],
         arithmetic: Any,
         functions: Mapping[str, Callable[[Any, Any], Any]],
+        network: str | None,
     ) -> None:
         self.program = program
         self.inputs = inputs
         self.batch = batch
         self.arithmetic = arithmetic
         self.functions = functions
+        self.network = network
         self.registers: list[Any] = [None] * len(program.instructions)
         self.rows: list[Any] = []  # the state of the loop, its `go` last
         self.floor: Any = None
@@ -159,9 +168,12 @@ class _Machine:
 
     def _route(self, value: Any, fill: Any, sources: Any, active: int) -> Any:
         row = fill.copy()
+        words = [value] * len(sources)
+        if self.network is not None:
+            words = carry(self.network, len(sources), hops(self.network, sources), value)
         for lane, source in enumerate(sources):
             if source is not None:
-                row[lane] = value[source]
+                row[lane] = words[lane][source]
             elif not active >> lane & 1:
                 row[lane] = self.arithmetic.number(0.0)
         return row

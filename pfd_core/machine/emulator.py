@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.forking import no_fork
-from pfd_core.machine.networks import carry, hops, wiring
+from pfd_core.machine.networks import carry, check_network, hops
 from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Instruction, Program
 
@@ -70,7 +70,7 @@ def run(
             )
     batch = next(iter(values.values())).shape[:-1]
     if network is not None:
-        wiring(network, program.lanes)
+        check_network(network)
     machine = _Machine(program, values, batch, arithmetic, functions or {}, network)
     with arithmetic.context():
         machine.run()

@@ -146,11 +146,16 @@ NETWORKS: dict[str, Callable[[int], Wiring]] = {
 }
 
 
+def check_network(network: object) -> None:
+    """Raise ValueError if a name is not in NETWORKS."""
+    if not isinstance(network, str) or network not in NETWORKS:
+        raise ValueError(f'network must be one of {tuple(NETWORKS)}, got {network!r:.100}')
+
+
 @cache
 def wiring(network: str, lanes: int) -> Wiring:
     """Return a network for a number of lanes; ValueError for an unknown one."""
-    if network not in NETWORKS:
-        raise ValueError(f'network must be one of {tuple(NETWORKS)}, got {network!r:.100}')
+    check_network(network)
     return NETWORKS[network](lanes)
 
 

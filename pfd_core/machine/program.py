@@ -17,7 +17,7 @@ import math
 import operator
 from typing import Any, NamedTuple
 
-from pfd_core.machine.networks import route_steps, wiring
+from pfd_core.machine.networks import check_network, route_steps
 from pfd_core.machine.operations import COSTS, OPERATIONS
 
 
@@ -158,7 +158,7 @@ class Program:
         """
         processors = check_processors(processors, self.lanes)
         iterations = _integer('iterations', iterations, 0)
-        wiring(network, self.lanes)
+        check_network(network)
         if network != 'crossbar' and processors < self.lanes:
             raise ValueError(
                 f'network {network!r} needs a processor for each of {self.lanes} lanes, '

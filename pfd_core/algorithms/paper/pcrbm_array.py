@@ -32,8 +32,10 @@ from pfd_core.machine.patterns import gather
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant
 
-# The section of the program that the cells execute.
+# The section of the program that the cells execute, and the one that brings H to lane 0. A real
+# array takes H at its rows, each next to a lane.
 SECTION = 'triangular array'
+STREAMS = f'streams of the {SECTION}'
 
 
 def record_pcrbm_array(
@@ -52,7 +54,7 @@ def record_pcrbm_array(
     if plant.brakes:
         rows, y, free = held_joints(rows, y)
         rows = [merge(where(on(free, [k]), rows[k], math.inf), rows[k]) for k in range(n)]
-    with recorder.section(f'streams of the {SECTION}'):
+    with recorder.section(STREAMS):
         places = [[*((rows[k], m) for m in range(k, n)), (y, k)] for k in range(n)]
         problem = [[gather({0: place}) for place in row] for row in places]
     with recorder.section(SECTION):

@@ -13,6 +13,7 @@ Subpackages in the order of data flow; `render` knows none of the others:
 A module for each page: its tables, columns and plots. Its prose is a template in texts/NAME.md.
 
     counts_pages          `pfd report counts`: counts.md, .json, .png and array.svg
+    network_pages         `pfd report counts`: networks.md, .json and plots
     errata_pages          `pfd report counts`: errata.md
     speed_pages           `pfd report speed`: speed.md, .json and .png
     quantity_pages        `pfd report speed --quantity NAME`: speed-NAME and, with --against-error,

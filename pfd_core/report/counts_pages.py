@@ -31,6 +31,8 @@ from pfd_core.report.measure.counts import (
 )
 from pfd_core.report.measure.counts import row as counts_of
 from pfd_core.report.measure.timing import show_progress
+from pfd_core.report.network_pages import median_iterations
+from pfd_core.report.network_pages import run as run_networks
 from pfd_core.report.render.array_activity import activity_svg
 from pfd_core.report.render.markdown import Columns, grid, page, table
 from pfd_core.report.render.markdown import write as write_page
@@ -276,7 +278,7 @@ def _measured_and_claimed(kind: str, row: Row) -> str:
 
 
 def run(folder: Path) -> list[Path]:
-    """Measure every method and write the report into a folder; progress goes to a terminal."""
+    """Measure every method and write all pages into a folder; progress goes to a terminal."""
     rows: list[Row] = []
     for n in SIZES:
         show_progress(f'counting at n = {n} of {max(SIZES)}')
@@ -286,7 +288,8 @@ def run(folder: Path) -> list[Path]:
         show_progress(f'counting iterations of {robot.name}')
         iterations += measure_convergence([robot])
     show_progress('')
-    return write(rows, iterations, folder)
+    pages = write(rows, iterations, folder)
+    return [*pages, *run_networks(median_iterations(iterations), folder)]
 
 
 def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) -> list[Path]:

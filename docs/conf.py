@@ -41,6 +41,8 @@ toc_object_entries_show_parents = 'hide'
 # The theme and its fonts come with the package: no page loads anything from elsewhere.
 html_theme = 'furo'
 html_theme_options = {'navigation_with_keys': True}
+html_static_path = ['static']
+html_css_files = ['site.css']
 html_copy_source = False
 html_show_sourcelink = False
 # A page from the disk may not read the other pages, so results have no excerpts.

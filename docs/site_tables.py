@@ -210,19 +210,26 @@ def _topic_of(role: str) -> str:
     return ends[role if source is None else source][1]  # type: ignore[index]
 
 
+def _notes(role: str, channel: recording.Channel) -> Iterator[str]:
+    """Yield what a replay does with the messages of a channel, and whether each file has it."""
+    if role in recording.SOURCE_OF_ROLE:
+        yield 'input'
+    yield 'not replayed' if role in recording.ASIDE else 'needed' if channel.vital else 'compared'
+    if channel.always:
+        yield 'in each file'
+
+
 def _channels() -> str:
     rows = [
         (
             code(role),
             code(_topic_of(role)),
             code(channel.type),
-            'yes' if channel.always else '',
-            'yes' if channel.vital else '',
-            '' if role in recording.ASIDE else 'yes',
+            ', '.join(_notes(role, channel)),
         )
         for role, channel in recording.CHANNELS.items()
     ]
-    head = ('role', 'topic', 'type', 'in each file', 'needed by a replay', 'compared or replayed')
+    head = ('role', 'topic', 'type', 'messages')
     return table(head, rows)
 
 

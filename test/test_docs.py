@@ -22,14 +22,15 @@ PAGES = sorted([ROOT / 'README.md', ROOT / 'CHANGELOG.md', *DOCS.rglob('*.md')])
 TEXTS = {path.relative_to(ROOT).as_posix(): path.read_text(encoding='utf-8') for path in PAGES}
 FENCE = re.compile(r'^ *```([^\n]*)\n(.*?)^ *```$', re.MULTILINE | re.DOTALL)
 LINK = re.compile(r'\]\(([^)\s]+)\)|\{download\}`[^`<]*<([^`>]+)>`')
-# Kinds of blocks, and what runs them. Blocks of a guide with a test of its own are run as printed.
+# Kinds of blocks, and the test that runs them: this one the arguments of commands (.ci/run calls
+# the command of the tests).
 RUN = {
-    ('README.md', 'sh'): 'here: the arguments; .ci/run calls the command of the tests',
+    ('README.md', 'sh'): 'test_docs.py',
     ('README.md', 'py'): 'test_testing_example.py',
     ('README.md', 'python'): 'test_guides.py',
     ('docs/install.md', 'sh'): 'test_site.py',
-    ('docs/guides/node.md', 'sh'): 'here: the arguments',
-    ('docs/guides/library.md', 'py'): 'here',
+    ('docs/guides/node.md', 'sh'): 'test_docs.py',
+    ('docs/guides/library.md', 'py'): 'test_docs.py',
     ('docs/guides/testing-a-controller.md', 'py'): 'test_testing_example.py',
     ('docs/examples/controller_package/README.md', 'sh'): 'test_testing_example.py',
 }
@@ -86,6 +87,13 @@ def test_every_block_of_code_is_run_by_a_test(name: str) -> None:
     if name.startswith('docs/guides/'):
         known |= {'python', 'python scipy'}
     assert kinds - known <= {kind for page, kind in RUN if page == name}
+
+
+def test_the_named_tests_read_these_pages() -> None:
+    files = {path.name: path for path in (ROOT / 'test').rglob('test_*.py')}
+    named = [(page, test) for (page, _), test in RUN.items()] + list(RUN_AS_PRINTED.items())
+    for page, test in named:
+        assert Path(page).name in files[test].read_text(encoding='utf-8'), (page, test)
 
 
 def commands(name: str) -> list[str]:

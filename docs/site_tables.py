@@ -5,24 +5,26 @@
 from __future__ import annotations
 
 import argparse
+import ast
 from collections.abc import Iterable, Iterator, Sequence
 import dataclasses
 from functools import partial
 import importlib
 import inspect
 import json
+from pathlib import Path
 import re
 from typing import Any
 
 import pfd_core as pfd
 import pfd_ros
+from pfd_ros import testing
 from pfd_ros.arm.setting_fields import parameter_name
 from pfd_ros.arm.settings import Settings
 from pfd_ros.cli.doctor import EXTRAS
 from pfd_ros.cli.main import commands_of, parser
 from pfd_ros.node import endpoints, services
 from pfd_ros.recording import format as recording
-from pfd_ros.testing import plugin
 
 WIDTH = 92
 QUOTE = '"'
@@ -289,14 +291,16 @@ def _ros() -> str:
 
 
 def _fixtures() -> str:
-    """Return the fixtures of the pytest plugin and their docstrings."""
-    found = [
-        (name, fixture)
-        for name, fixture in vars(plugin).items()
-        if type(fixture).__name__ == 'FixtureFunctionDefinition' and not name.startswith('_')
+    """Return the fixtures of the pytest plugin and their docstrings, without pytest."""
+    source = Path(testing.__file__).with_name('plugin.py').read_text(encoding='utf-8')
+    parts = [
+        f'### `{found.name}`\n\n{ast.get_docstring(found)}\n'
+        for found in ast.parse(source).body
+        if isinstance(found, ast.FunctionDef) and not found.name.startswith('_')
+        if any(ast.unparse(mark).startswith('pytest.fixture') for mark in found.decorator_list)
     ]
-    assert found
-    return '\n'.join(f'### `{name}`\n\n{inspect.getdoc(x)}\n' for name, x in found)
+    assert parts
+    return '\n'.join(parts)
 
 
 def _testing() -> str:

@@ -19,7 +19,13 @@ from pfd_ros.cli.main import COMMANDS, commands_of, parser
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'docs'
 PAGES = sorted([ROOT / 'README.md', ROOT / 'CHANGELOG.md', *DOCS.rglob('*.md')])
-TEXTS = {path.relative_to(ROOT).as_posix(): path.read_text(encoding='utf-8') for path in PAGES}
+
+
+def name_of(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+TEXTS = {name_of(path): path.read_text(encoding='utf-8') for path in PAGES}
 FENCE = re.compile(r'^ *```([^\n]*)\n(.*?)^ *```$', re.MULTILINE | re.DOTALL)
 LINK = re.compile(r'\]\(([^)\s]+)\)|\{download\}`[^`<]*<([^`>]+)>`')
 # Kinds of blocks, and the test that runs them: this one the arguments of commands (.ci/run calls
@@ -75,6 +81,17 @@ def test_the_links_of_these_pages_are_found() -> None:
     assert 'docs/guides/node.md' in links('README.md')
     assert '../layouts/foxglove.json' in links('docs/guides/reading-a-recording.md')
     assert '../../config/sim_arm.yaml' in links('docs/reference/parameters.md')
+
+
+def test_every_page_is_in_the_contents_of_the_site() -> None:
+    listed = {DOCS / 'index.md'}
+    for page in PAGES:
+        for body in re.findall(r'^```{toctree}\n(.*?)^```$', TEXTS[name_of(page)], re.M | re.S):
+            for line in body.splitlines():
+                entry = line.rpartition('<')[2].rstrip('>')
+                if entry and not entry.startswith(':'):
+                    listed |= set(page.parent.glob(f'{entry}.md'))
+    assert set(DOCS.rglob('*.md')) == listed
 
 
 @pytest.mark.parametrize('name', TEXTS)

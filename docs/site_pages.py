@@ -33,7 +33,7 @@ PAGES = {
     'config/sim_arm.yaml': 'reference/parameters.md',
     'docs/guides': 'index.md',
     'docs/decisions': 'decisions/index.md',
-    'docs/report': 'report/index.md',
+    'docs/report': 'reports.md',
     'docs/examples/controller_package': 'examples/controller_package/README.md',
 }
 

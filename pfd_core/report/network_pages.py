@@ -50,7 +50,6 @@ from pfd_core.report.render.plots import (
     PURPLE,
     SKY,
     VERMILLION,
-    YELLOW,
     logarithmic,
     save,
 )
@@ -298,6 +297,7 @@ def write(recordings: Sequence[Recorded], folder: Path) -> list[Path]:
     return pages
 
 
+OCHRE = '#C8B400'
 # Colour and line of each system and edition that is drawn.
 LINES = {
     ('pcrbm', AS_PRINTED): (VERMILLION, ':'),
@@ -306,7 +306,7 @@ LINES = {
     ('pcrbm_array', BEST_KNOWN): (SKY, '-'),
     ('pcgm', BEST_KNOWN): (GREEN, '-'),
     ('divide_and_conquer', BEST_KNOWN): (PURPLE, '-'),
-    ('constraint_forces', BEST_KNOWN): (YELLOW, '-'),
+    ('constraint_forces', BEST_KNOWN): (OCHRE, '-'),
 }
 
 

@@ -14,7 +14,6 @@ from typing import Any
 
 BLACK, ORANGE, SKY, GREEN = '#000000', '#E69F00', '#56B4E9', '#009E73'
 BLUE, VERMILLION, PURPLE, GREY = '#0072B2', '#D55E00', '#CC79A7', '#7F7F7F'
-YELLOW = '#C8B400'  # darker than theirs, for lines on white
 
 
 def save(

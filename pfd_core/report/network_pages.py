@@ -274,11 +274,13 @@ def median_iterations(found: Iterable[Convergence]) -> dict[int, int]:
     }
 
 
-def run(iterations: Mapping[int, int], folder: Path) -> list[Path]:
+def run(
+    iterations: Mapping[int, int], folder: Path, sizes: Sequence[int] = NETWORK_SIZES
+) -> list[Path]:
     """Measure every recording on every network and write the page; progress to a terminal."""
     recordings: list[Recorded] = []
-    for n in NETWORK_SIZES:
-        show_progress(f'routing at n = {n} of {max(NETWORK_SIZES)}')
+    for n in sizes:
+        show_progress(f'routing at n = {n} of {max(sizes)}')
         recordings += measure_networks([n], iterations)
     show_progress('')
     return write(recordings, folder)
@@ -286,12 +288,12 @@ def run(iterations: Mapping[int, int], folder: Path) -> list[Path]:
 
 def write(recordings: Sequence[Recorded], folder: Path) -> list[Path]:
     """
-    Write networks.md and .json, and plots of time over t_r/t_m at each n of DRAWN.
+    Write networks.md and .json, and plots of time over t_r/t_m at each n of DRAWN measured.
 
     The plots are skipped if matplotlib (extra `report`) is not installed.
     """
     pages = write_page(folder, 'networks', markdown(recordings), {'recordings': recordings})
-    for n in DRAWN:
+    for n in sorted({one.n for one in recordings} & set(DRAWN)):
         draw = partial(_draw, recordings, n)
         pages += save(draw, folder, f'networks-{n}', (13, 7), ['png'])
     return pages

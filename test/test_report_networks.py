@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import asdict
 import json
 import math
@@ -206,9 +207,19 @@ def test_from_the_crossover_on_the_other_system_is_faster(written: list[Recorded
 
 @pytest.mark.parametrize('n', [2, 3, 6, 9])
 def test_the_streams_bring_each_element_of_H_to_its_row_once(n: int) -> None:
-    brought = [(k, m) for sources in streams(n) for k, m in enumerate(sources) if m is not None]
+    brought = [(k, m) for sources in streams(n, n) for k, m in enumerate(sources) if m is not None]
     assert sorted(brought) == [(k, m) for k in range(n) for m in range(k + 1, n)]
-    assert sum(1 for _ in streams(n)) == 2 * n - 3
+    assert sum(1 for _ in streams(n, n)) == 2 * n - 3
+    # Lanes of three links: an element moves if its row and column are on different lanes.
+    lanes = math.ceil(n / 3)
+    moved = Counter(
+        (k // 3, m // 3) for k in range(n) for m in range(k + 1, n) if k // 3 != m // 3
+    )
+    routes = list(streams(n, lanes))
+    found = [(k, m) for route in routes for k, m in enumerate(route) if m is not None]
+    assert Counter(found) == moved
+    assert all(len({*route} - {None}) == lanes - route.count(None) for route in routes)
+    assert not list(streams(n, 1))
 
 
 @pytest.mark.parametrize('n', [2, 6])

@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+import math
 
 import numpy as np
 
@@ -303,7 +304,7 @@ def _on_the_machine(
             trace.cycles - dividing, trace.cycles_with(MULTIPLY), dividing, square_roots=n
         )
         on_cells = FACTORISATION
-    feeding = sum(route_steps(network, sources) for sources in streams(n))
+    feeding = sum(route_steps(network, sources) for sources in streams(n, program.lanes))
     return steps - _in_sections(program, on_cells, network) + cycles + Steps(routes=feeding)
 
 
@@ -318,15 +319,27 @@ def on_networks(
     }
 
 
-def streams(n: int) -> Iterator[tuple[int | None, ...]]:
+def streams(n: int, lanes: int) -> Iterator[tuple[int | None, ...]]:
     """
     Yield the routes that bring H to the rows of the array, for each lane the lane it reads.
 
-    Row k of the array is next to lane k. It takes element (k, m), which is on lane m, one cycle
-    after (k, m - 1) and as row k + 1 takes (k + 1, m - 1): one route for each k + m.
+    Each lane has a block of neighbouring rows and columns. Row k takes element (k, m), which is in
+    column m, one cycle after (k, m - 1) and as row k + 1 takes (k + 1, m - 1). With a lane for
+    each link it is one route for each k + m.
     """
+    block = math.ceil(n / lanes)
     for cycle in range(1, 2 * n - 2):
-        yield tuple(cycle - k if k < cycle - k < n else None for k in range(n))
+        rows = range(max(cycle - n + 1, 0), (cycle + 1) // 2)
+        moving = [(k // block, (cycle - k) // block) for k in rows]
+        moving = [move for move in moving if move[0] != move[1]]
+        while moving:
+            route: dict[int, int] = {}
+            for target, source in moving:
+                if target not in route and source not in route.values():
+                    route[target] = source
+            yield tuple(route.get(lane) for lane in range(lanes))
+            for move in route.items():
+                moving.remove(move)
 
 
 def _in_sections(program: Program, sections: Sequence[str], network: str = 'crossbar') -> Steps:

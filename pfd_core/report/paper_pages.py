@@ -6,13 +6,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pfd_core.report import pcgm_pages
+from pfd_core.report import array_pages, pcgm_pages
 from pfd_core.report.render.markdown import page
 
 
 def run(folder: Path) -> list[Path]:
     """Measure, and write all pages into a folder."""
-    return [write(folder), *pcgm_pages.run(folder)]
+    return [write(folder), *array_pages.run(folder), *pcgm_pages.run(folder)]
 
 
 def write(folder: Path) -> Path:

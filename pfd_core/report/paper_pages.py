@@ -6,13 +6,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pfd_core.report import array_pages, pcgm_pages
+from pfd_core.report import array_pages, claims_pages, pcgm_pages
 from pfd_core.report.render.markdown import page
 
 
 def run(folder: Path) -> list[Path]:
     """Measure, and write all pages into a folder."""
-    return [write(folder), *array_pages.run(folder), *pcgm_pages.run(folder)]
+    runs = (claims_pages.run, array_pages.run, pcgm_pages.run)
+    return [write(folder), *(page for one in runs for page in one(folder))]
 
 
 def write(folder: Path) -> Path:

@@ -18,7 +18,7 @@ from pfd_core.algorithms.paper.array_solver import factor, pipeline, solve
 from pfd_core.algorithms.paper.literal_array import STORE, literal_array
 from pfd_core.machine.systolic import Place, Trace
 
-SIZES = (2, 3, 4, 6, 8, 12, 16, 24)
+SIZES = (2, 3, 4, 6, 8, 12, 16)
 MATRICES = 5  # that follow one another
 PRINTED, CORRECTED = 'as printed', 'corrected'
 PAPER, HERE = 'the paper', 'here'

@@ -148,7 +148,7 @@ def study(sizes: Iterable[int], progress: Callable[[str], None] = lambda _: None
 def measure_iterations(sizes: Iterable[int] = SIZES) -> Iterator[Reached]:
     """Yield every variant at every n and tolerance."""
     for n in sizes:
-        states = _states(n)
+        states = seeded_states(n)
         for variant in VARIANTS:
             yield from _reached(n, variant, errors_of_iterates(n, variant, states))
 
@@ -224,7 +224,7 @@ def direct(n: int) -> Steps:
     return program.count() - in_sections(program, GIVEN)
 
 
-def _states(n: int) -> dict[str, Array]:
-    """Return any positions, velocities up to 2 rad/s and torques up to 5 N m."""
-    unit = 2 * np.random.default_rng(SEED).random((3, STATES, n)) - 1
+def seeded_states(n: int, count: int = STATES) -> dict[str, Array]:
+    """Return any positions, velocities up to 2 rad/s and torques up to 5 N m, (count, n)."""
+    unit = 2 * np.random.default_rng(SEED).random((3, count, n)) - 1
     return {'q': np.pi * unit[0], 'qd': 2 * unit[1], 'tau': 5 * unit[2]}

@@ -16,6 +16,7 @@ A module for each page: its tables, columns and plots. Its prose is a template i
     errata_pages          `pfd report counts`: errata.md
     paper_pages           `pfd report paper`: paper.md, which links all pages of the paper, and:
     claims_pages          `pfd report paper`: claims.md and .json
+    illustrated_pages     `pfd report paper`: illustrated.md, doubling.svg, set-ordering.svg
     array_pages           `pfd report paper`: array.md, .json, array-designs.svg, array-cycles.svg
     pcgm_pages            `pfd report paper`: pcgm.md, .json and .png
     speed_pages           `pfd report speed`: speed.md, .json and .png

@@ -6,13 +6,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pfd_core.report import array_pages, claims_pages, pcgm_pages
+from pfd_core.report import array_pages, claims_pages, illustrated_pages, pcgm_pages
 from pfd_core.report.render.markdown import page
 
 
 def run(folder: Path) -> list[Path]:
     """Measure, and write all pages into a folder."""
-    runs = (claims_pages.run, array_pages.run, pcgm_pages.run)
+    runs = (claims_pages.run, illustrated_pages.run, array_pages.run, pcgm_pages.run)
     return [write(folder), *(page for one in runs for page in one(folder))]
 
 

@@ -8,5 +8,6 @@ Rendering: pages, tables, plots and JSON. Nothing here knows what is measured.
     plots            figures as files, colours and axes
     svg              elements of pictures
     array_activity   pictures of the triangular array at work, by cycle
+    lane_pictures    pictures of work on lanes: recursive doubling, set ordering
     array_design     drawings of the array: cells, links, streams and rules
 """

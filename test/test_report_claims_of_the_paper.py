@@ -8,6 +8,7 @@ import ast
 from functools import cache
 from importlib import import_module
 import inspect
+import json
 from pathlib import Path
 import re
 
@@ -116,6 +117,26 @@ def test_the_page_counts_its_verdicts() -> None:
     )
     assert stated is not None
     assert [int(x) for x in stated.groups()] == [len(own), own.count('true'), own.count('false')]
+
+
+def test_the_readme_and_the_guide_have_the_numbers_of_the_pages() -> None:
+    readme, guide = (
+        ' '.join((ROOT / name).read_text(encoding='utf-8').split())
+        for name in ('README.md', 'docs/guides/paper.md')
+    )
+    data = json.loads(pages()['claims.json'])
+    true = sum(one['verdict'] == 'true' for one in data)
+    assert f'Of {len(data)} quantitative sentences of the paper {true} are true' in readme
+    (fohra,) = (one['evidence'] for one in data if one['sentence'].startswith('FOHRA'))
+    puma, skew = re.findall(r': (\d+ and \d+)', fohra)
+    assert f"on a PUMA FOHRA takes the paper's {puma}, with skew axes {skew}" in guide
+    rows = json.loads((PAGES / 'pcgm.json').read_text(encoding='utf-8'))['iterations']
+    (median,) = (
+        row['median']
+        for row in rows
+        if (row['n'], row['variant'], row['tolerance']) == (64, 'plain', 1e-6)
+    )
+    assert f'64 links need {median} in the median for an error of 1e-6' in guide
 
 
 def test_a_verdict_follows_its_check() -> None:

@@ -21,6 +21,7 @@ from pfd_core.report.array_pages import (
     markdown,
     run,
 )
+from pfd_core.report.cases.paper import TABLE, value
 from pfd_core.report.cases.robots import uniform_chain
 from pfd_core.report.measure.array_runs import (
     CLAIMS,
@@ -121,6 +122,24 @@ def test_the_page_and_its_pictures_are_what_the_command_writes_now(tmp_path: Pat
             'run pfd report paper --out docs/report'
         )
     assert FIGURE == 4  # of the paper's Figure 1
+
+
+@pytest.mark.parametrize('n', [1, 2, 6])
+def test_a_cell_acts_once_for_each_element_of_its_row(n: int) -> None:
+    # P_ki meets the elements h_kk .. h_nk of row k; as printed it stores h_ki first.
+    for trace, stored in ((factor_run(n), 0), (literal_run(n), 1)):
+        for k in range(1, n + 1):
+            for i in range(1, k + 1):
+                acting = sum((k, i) in cycle for cycle in trace.actions)
+                assert acting == n - k + 1 + stored
+
+
+@pytest.mark.parametrize('n', range(2, 13))
+def test_table_1_counts_a_cycle_as_a_multiplication_and_an_addition(n: int) -> None:
+    array, lanes = TABLE['pcrbm_array'], TABLE['pcrbm']
+    for kind, own in (('multiplications', 'P6 + h'), ('additions', 'P2')):
+        with_array, without = (getattr(one, kind).formula(n) for one in (array, lanes))
+        assert with_array == without - value(own, n) + 3 * n - 1
 
 
 def test_a_time_that_is_not_as_claimed_is_called_wrong() -> None:

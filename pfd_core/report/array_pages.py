@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from pfd_core.report.measure.array_runs import (
     factor_run,
     literal_run,
     measure_array,
+    solve_run,
 )
 from pfd_core.report.render.array_activity import runs_svg
 from pfd_core.report.render.array_design import CellRules, Design, Stream, designs_svg
@@ -24,6 +26,9 @@ from pfd_core.report.render.markdown import write as write_page
 
 # The size of Figure 1, which the pictures have.
 FIGURE = 4
+# Joints, and runs, of which the page counts the cycles of each cell.
+CELLS = 6
+RUNS = (literal_run, factor_run, solve_run)
 TITLES = {'as printed': 'As printed: equations (29) to (31)', 'corrected': "Corrected: H = L L'"}
 
 
@@ -50,7 +55,20 @@ def markdown(rows: Sequence[ArrayRun]) -> str:
             },
             'utilisation of the cells, n =',
         ),
+        size=CELLS,
+        lengths=' / '.join(str(trace(CELLS).cycles) for trace in RUNS),
+        cells=grid(_busy(CELLS), 'row'),
     )
+
+
+def _busy(n: int) -> dict[tuple[str, object], str]:
+    """Return the cycles in which each cell acts in RUNS, by row, from the top, and column."""
+    counts = [Counter(place for acting in run(n).actions for place in acting) for run in RUNS]
+    return {
+        (str(k), f'column {i}'): ' / '.join(str(count[k, i]) for count in counts) if i <= k else ''
+        for k in range(n, 0, -1)
+        for i in range(1, n + 1)
+    }
 
 
 def _title(row: ArrayRun | Claim) -> str:

@@ -44,6 +44,7 @@ def markdown(found: Iterable[Verdict]) -> str:
         sentences=len(rows),
         true=sum(one.verdict == 'true' for one in rows),
         false=sum(one.verdict == 'false' for one in rows),
+        undecided=sum(one.verdict == 'not decided' for one in rows),
         claims=table(COLUMNS, rows),
         equations=table(INDEX, EQUATIONS),
         procedures=table(INDEX, PROCEDURES),

@@ -19,14 +19,14 @@ import numpy as np
 from pfd_core.algorithms.emulation import arithmetic
 from pfd_core.algorithms.paper.fohra_first_level import record_fohra, structure_of
 from pfd_core.algorithms.paper.literal_array import STORE
-from pfd_core.algorithms.paper.pcgm_1987 import MISPRINTS
+from pfd_core.algorithms.paper.pcgm_1987 import MISPRINTS, record_pcgm_1987
 from pfd_core.algorithms.paper.pcrbm_1987 import AS_PRINTED as PCRBM_AS_PRINTED
 from pfd_core.algorithms.paper.pcrbm_1987 import record_pcrbm_1987
 from pfd_core.algorithms.paper.set_ordering import set_ordering
 from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics
 from pfd_core.machine.program import Steps
 from pfd_core.model import load_robot, resolve
-from pfd_core.report.cases.paper import TABLE, value
+from pfd_core.report.cases.paper import TABLE, levels, value
 from pfd_core.report.cases.robots import uniform_chain
 from pfd_core.report.measure.array_runs import last_cycle, literal_run, solve_run
 from pfd_core.report.measure.counts import (
@@ -36,6 +36,7 @@ from pfd_core.report.measure.counts import (
     published_serial,
     row,
 )
+from pfd_core.report.measure.doubling import doubling
 from pfd_core.report.measure.pcgm_iterations import errors_of_iterates, seeded_states
 
 N = 6
@@ -157,6 +158,30 @@ def _newton_euler_levels() -> FOUND:
         f'each doubling of n from {sizes[0]} to {sizes[-1]} adds {m} multiplications and {a} '
         'additions, FOHRA included'
     )
+
+
+def _levels() -> FOUND:
+    sizes = (2, 3, 4, 6, 8, 16)
+    found = [len(doubling(n)) - 1 for n in sizes]
+    words = ', '.join(f'{count} at n = {n}' for n, count in zip(sizes, found, strict=True))
+    return found == [levels(n) for n in sizes], f'levels: {words}'
+
+
+def _price_of_an_iteration() -> FOUND:
+    sizes = (4, 8, 16)
+    counts = []
+    for n in sizes:
+        program = record_pcgm_1987(resolve(uniform_chain(n)), 'unpacked')
+        counts.append(_pair(program.count(iterations=2) - program.count(iterations=1)))
+    (m, a), (m2, a2), (m3, a3) = counts
+    return m == m2 == m3 and a2 - a == a3 - a2, (
+        f'{m}, {m2} and {m3} multiplications, {a}, {a2} and {a3} additions at n = 4, 8 and 16'
+    )
+
+
+def _roots_of_the_array() -> FOUND:
+    found = row('pcrbm_array', N, edition=AS_PRINTED).cells['square_roots'].measured
+    return found == 1, f'{found} at n = {N}: each circular cell takes its root in another cycle'
 
 
 def _row_sweep() -> FOUND:
@@ -400,6 +425,12 @@ CLAIMS = (
     ),
     Claim(
         'section 1',
+        'an iteration of PCGM takes O(1) multiplications and O(log2 n) additions',
+        _price_of_an_iteration,
+        'test_algorithms_1987.py::test_pcgm_of_1987_has_its_closed_forms',
+    ),
+    Claim(
+        'section 1',
         'for n <= 12 methods 1 to 3 are more efficient than method 4',
         _serial_before_iterative,
         OWN + 'the_verdict_on_methods_1_to_3_is_that_of_the_formulas',
@@ -431,6 +462,13 @@ CLAIMS = (
         'NE takes O(log2 n) time',
         _newton_euler_levels,
         OWN + 'a_doubling_of_the_joints_adds_the_same_steps_to_newton_euler',
+    ),
+    Claim(
+        'section 2.2',
+        'FOHRA and FOIHRA take O(log2 n) time',
+        _levels,
+        'test_report_illustrated.py::test_a_level_doubles_what_a_lane_holds',
+        'FOIHRA as printed has a level more where n is a power of two',
     ),
     Claim(
         'section 2.3',
@@ -502,6 +540,12 @@ CLAIMS = (
         'PCRBM with the array takes 331 multiplications and 322 additions at n = 6',
         _of_total('pcrbm_array'),
         COUNTS + 'no_system_as_printed_takes_as_few_multiplications_as_its_formula',
+    ),
+    Claim(
+        'Table 1',
+        'and one square root',
+        _roots_of_the_array,
+        COUNTS + 'every_circular_cell_takes_its_root_in_a_cycle_of_its_own',
     ),
     Claim(
         'section 2.6',

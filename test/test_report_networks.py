@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from pfd_core.algorithms.paper.pcrbm_array import streams
 from pfd_core.machine.networks import NETWORKS
 from pfd_core.machine.prices import Choices
 from pfd_core.machine.program import Steps
@@ -23,7 +24,6 @@ from pfd_core.report.measure.counts import (
     EDITIONS,
     PROCEDURES,
     on_networks,
-    streams,
 )
 from pfd_core.report.measure.network_times import (
     NETWORK_SIZES,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.algorithms.convergence import record_small_correction
-from pfd_core.algorithms.paper.pcrbm_array import SECTION
+from pfd_core.algorithms.paper.pcrbm_array import SECTION, STREAMS, stream_steps
 from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.algorithms.programs import TOLERANCES, record_forward_dynamics
 from pfd_core.forking import no_fork
@@ -184,14 +184,16 @@ def _steps(
     """
     Return the steps that a method's program takes on its machine.
 
-    The cells of the triangular array work side by side: there the steps of the solve are the
-    cycles in which some cell does an operation of a kind, not the operations of all cells.
+    The cells of the triangular array work side by side: there the steps of the solve are those
+    of its cycles, not the operations of all cells, and H comes to its rows, not to one lane.
     """
     steps = program.count(processors, iterations=iterations, network=network)
     if method != 'pcrbm_array':
         return steps
-    cells = program.count(processors, section=SECTION, network=network)
-    return steps - cells + solve_steps(program.lanes)
+    for section in {STREAMS, SECTION} & {one.section for one in program.instructions}:
+        steps -= program.count(processors, section=section, network=network)
+    feeding = stream_steps(program.lanes, program.lanes, processors, network)
+    return steps + solve_steps(program.lanes) + feeding
 
 
 def processors_of(method: str, n: int, processors: int) -> int:

@@ -30,6 +30,7 @@ def run(
     digits: int | None = None,
     functions: Mapping[str, Callable[[Any, Any], Any]] | None = None,
     network: str | None = None,
+    observe: Callable[[list[Any]], None] | None = None,
 ) -> dict[str, Any]:
     """
     Run a program and return its outputs.
@@ -50,6 +51,9 @@ def run(
     network : str, optional
         A name in pfd_core.machine.networks.NETWORKS. Each route is then executed hop by hop, and
         each hop is checked. Default: every lane reads its source at once.
+    observe : callable, optional
+        Called with the rows, (lanes, ...), of a loop's state before the loop and after each
+        iteration.
 
     Returns
     -------
@@ -71,7 +75,7 @@ def run(
     batch = next(iter(values.values())).shape[:-1]
     if network is not None:
         check_network(network)
-    machine = _Machine(program, values, batch, arithmetic, functions or {}, network)
+    machine = _Machine(program, values, batch, arithmetic, functions or {}, network, observe)
     with arithmetic.context():
         machine.run()
     registers = machine.registers
@@ -94,6 +98,7 @@ class _Machine:
         arithmetic: Any,
         functions: Mapping[str, Callable[[Any, Any], Any]],
         network: str | None,
+        observe: Callable[[list[Any]], None] | None,
     ) -> None:
         self.program = program
         self.inputs = inputs
@@ -101,6 +106,7 @@ class _Machine:
         self.arithmetic = arithmetic
         self.functions = functions
         self.network = network
+        self.observe = observe
         self.registers: list[Any] = [None] * len(program.instructions)
         self.rows: list[Any] = []  # the state of the loop, its `go` last
         self.floor: Any = None
@@ -116,6 +122,7 @@ class _Machine:
                 *self.rows, self.floor = (self.registers[a] for a in instruction.args)
                 self.iterations = np.zeros(self.batch)
                 self.turn = 0
+                self._show()
             elif instruction.op == 'end':
                 if self._turn(instruction):
                     at = instruction.args[0]
@@ -133,8 +140,13 @@ class _Machine:
         ]
         self.iterations = self.iterations + going
         self.turn += 1
+        self._show()
         at_most = self.program.instructions[end.args[0]].data
         return bool(np.any(self._going())) and self.turn < at_most
+
+    def _show(self) -> None:
+        if self.observe:
+            self.observe(self.rows[:-1])
 
     def _going(self) -> Any:
         return np.asarray(self.rows[-1][0] > self.floor[0], dtype=bool)

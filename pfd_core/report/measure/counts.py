@@ -24,7 +24,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-import math
 
 import numpy as np
 
@@ -32,13 +31,8 @@ from pfd_core.algorithms.emulation import arithmetic, processors_of
 from pfd_core.algorithms.paper import pcgm_1987, pcrbm_1987
 from pfd_core.algorithms.paper.array_solver import factor
 from pfd_core.algorithms.paper.literal_array import literal_array
-from pfd_core.algorithms.paper.pcrbm_array import SECTION, STREAMS
-from pfd_core.algorithms.paper.triangular_array import (
-    DIVIDE,
-    MULTIPLY,
-    solve_cycles,
-    solve_steps,
-)
+from pfd_core.algorithms.paper.pcrbm_array import SECTION, STREAMS, stream_steps
+from pfd_core.algorithms.paper.triangular_array import DIVIDE, MULTIPLY, solve_steps
 from pfd_core.algorithms.programs import (
     FORWARD,
     ITERATIVE,
@@ -46,7 +40,7 @@ from pfd_core.algorithms.programs import (
     SERIAL,
     record_forward_dynamics,
 )
-from pfd_core.machine.networks import NETWORKS, route_steps
+from pfd_core.machine.networks import NETWORKS
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import resolve
 from pfd_core.report.cases.paper import KINDS, PARTS, TABLE, Claim, Part
@@ -286,15 +280,13 @@ def _on_the_machine(
     """
     Return the steps of a method; cells of the array that act in one cycle are one step.
 
-    A route brings each antidiagonal of H to the rows of the array (`streams`).
+    A route brings each antidiagonal of H to the rows of the array (pcrbm_array.streams).
     """
     steps = _net(program, None, iterations, network)
     if method != 'pcrbm_array':
         return steps
     if edition == BEST_KNOWN:
-        solve = solve_steps(n)
-        # In a cycle some cells multiply while others divide or take a root: one multiplication.
-        cycles = replace(solve, multiplications=solve_cycles(n) - solve.divisions)
+        cycles = solve_steps(n)
         on_cells: Sequence[str] = (STREAMS, SECTION)
     else:
         # The array factors, and n processors substitute. What it does depends on n alone.
@@ -304,8 +296,8 @@ def _on_the_machine(
             trace.cycles - dividing, trace.cycles_with(MULTIPLY), dividing, square_roots=n
         )
         on_cells = FACTORISATION
-    feeding = sum(route_steps(network, sources) for sources in streams(n, program.lanes))
-    return steps - _in_sections(program, on_cells, network) + cycles + Steps(routes=feeding)
+    feeding = stream_steps(n, program.lanes, network=network)
+    return steps - in_sections(program, on_cells, network) + cycles + feeding
 
 
 def on_networks(
@@ -319,30 +311,7 @@ def on_networks(
     }
 
 
-def streams(n: int, lanes: int) -> Iterator[tuple[int | None, ...]]:
-    """
-    Yield the routes that bring H to the rows of the array, for each lane the lane it reads.
-
-    Each lane has a block of neighbouring rows and columns. Row k takes element (k, m), which is in
-    column m, one cycle after (k, m - 1) and as row k + 1 takes (k + 1, m - 1). With a lane for
-    each link it is one route for each k + m.
-    """
-    block = math.ceil(n / lanes)
-    for cycle in range(1, 2 * n - 2):
-        rows = range(max(cycle - n + 1, 0), (cycle + 1) // 2)
-        moving = [(k // block, (cycle - k) // block) for k in rows]
-        moving = [move for move in moving if move[0] != move[1]]
-        while moving:
-            route: dict[int, int] = {}
-            for target, source in moving:
-                if target not in route and source not in route.values():
-                    route[target] = source
-            yield tuple(route.get(lane) for lane in range(lanes))
-            for move in route.items():
-                moving.remove(move)
-
-
-def _in_sections(program: Program, sections: Sequence[str], network: str = 'crossbar') -> Steps:
+def in_sections(program: Program, sections: Sequence[str], network: str = 'crossbar') -> Steps:
     """Return the steps of those of the sections that a program has."""
     present = {one.section for one in program.instructions}
     counts = (program.count(section=s, network=network) for s in sections if s in present)
@@ -378,7 +347,7 @@ def counted_parts(n: int) -> Iterator[CountedPart]:
         for system in dict.fromkeys(part.system for part in PARTS)
     }
     for part in PARTS:
-        steps = (_in_sections(program, part.sections) for program in programs[part.system])
+        steps = (in_sections(program, part.sections) for program in programs[part.system])
         yield CountedPart(part, *steps)
 
 

@@ -14,6 +14,7 @@ Times:
 
     timing              contenders that take turns, pace and spread (Row, Pace)
     port_limit          a kernel's own mix of operations in a loop: the limit of the processor
+    register_traffic    the loads and stores that a program needs with so many registers
     first_results       time to a robot's first result, compiled or from disk
     installation        whether compiler and cache work, and times of this machine (`pfd doctor`)
     surroundings        processor, load, versions and date of a measurement

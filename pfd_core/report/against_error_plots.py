@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pfd_core.report.cases.hard_cases import ROUNDING
-from pfd_core.report.measure.evaluations import PEERS, CaseFacts, Point
+from pfd_core.report.measure.evaluations import NATIVE, PEERS, CaseFacts, Point
 from pfd_core.report.measure.work_precision import WAYS, MotionFacts, RunPoint
 from pfd_core.report.render.plots import (
     BLACK,
@@ -33,7 +33,14 @@ OURS = {
     ('float32', 1): (VERMILLION, '^', 'float32, refined once'),
 }
 PEER_STYLES = dict(
-    zip(PEERS, ((BLACK, 's'), (GREY, 'D'), (GREEN, 'P'), (PURPLE, '*')), strict=True)
+    zip(
+        PEERS,
+        (
+            *((BLACK, 's'), (BLACK, 'D'), (GREEN, 'P'), (GREY, 'v')),
+            *((BLACK, 'x'), (GREEN, 'x'), (BLACK, '+'), (PURPLE, '*')),
+        ),
+        strict=True,
+    )
 )
 # One for each of work_precision.WAYS: ours on a full line, MuJoCo's on a broken one.
 RUN_STYLES = dict(
@@ -110,9 +117,10 @@ def _draw_case(axes: Any, case: CaseFacts, points: Sequence[Point]) -> None:
             u / UNIT, 0.99, f' {dtype}', transform=axes.get_xaxis_transform(), fontsize=7,
             color=GREY, va='top',
         )  # fmt: skip
+    native = any(point.way in NATIVE for point in points)
     for point in points:
         place = _place(point)
-        if place is None:
+        if place is None or (native and point.loop == 'Python'):
             continue
         if point.way in PEER_STYLES:
             colour, marker = PEER_STYLES[point.way]

@@ -26,7 +26,14 @@ import numpy as np
 from pfd_core.model import Plant, Robot, resolve
 from pfd_core.report.cases.robots import Array, joint_frames
 from pfd_core.report.cases.stored import text
-from pfd_core.report.contenders.work import STEP_SIZE, Contender, LeftOutError, Side, Work
+from pfd_core.report.contenders.work import (
+    STEP_SIZE,
+    Contender,
+    Contents,
+    LeftOutError,
+    Side,
+    Work,
+)
 
 NAME = 'Pinocchio C++'
 COMPILER = ('g++', '-std=c++17', '-O3', '-march=native', '-DNDEBUG', '-shared', '-fPIC', '-w')
@@ -38,6 +45,9 @@ DEFINES = (
     'BOOST_FUSION_INVOKE_MAX_ARITY=12',
     'BOOST_VARIANT_USE_RELAXED_GET_BY_DEFAULT',
 )
+CODE = f'C++ for any robot, {COMPILER[0]} {COMPILER[2]} {COMPILER[3]}'
+SINGLE = Contents(CODE, 'ctypes')
+LOOP = Contents(CODE, 'ctypes, once', 'C++')
 HEADERS = ('pinocchio/algorithm/aba.hpp', 'boost/variant.hpp', 'Eigen/Core')
 # Functions of data/pinocchio.cpp from states to accelerations, with their names in a table.
 FUNCTIONS = {
@@ -107,7 +117,8 @@ class PinocchioCpp(Contender):
         for function, name in FUNCTIONS.items():
             out = np.empty_like(given[0])
             run = self.evaluate(function, given, out)
-            yield Side(name, run, _kept(given, out))
+            contents = SINGLE if work.kind == 'call' else LOOP
+            yield Side(name, run, _kept(given, out), contents=contents)
 
     def _calls(self, work: Work) -> Iterator[Side]:
         return self._sides(work)
@@ -124,7 +135,7 @@ class PinocchioCpp(Contender):
             q[:], qd[:] = work.q, work.qd
             advance()
 
-        yield Side(f'{NAME} aba', run, _kept((qd, taus), q))
+        yield Side(f'{NAME} aba', run, _kept((qd, taus), q), contents=LOOP)
 
 
 def _kept(inputs: object, out: Array) -> Callable[[], Array]:

@@ -41,7 +41,7 @@ def rows_of(robot: str, quantity: str, work: str) -> list[dict[str, Any]]:
 def parts(
     robot: str, quantity: str, work: str, ours: str, *kinds: Callable[[str], bool]
 ) -> list[str]:
-    """Return the part of the time of the strongest peer of each kind that our fastest way takes."""
+    """Return, for each kind of peer, our part of the time of the strongest."""
     rows = rows_of(robot, quantity, work)
     own = [row for row in rows if not row['way'].startswith(PEERS) and row['way'].endswith(ours)]
     fastest = min(own, key=lambda row: row['minimum'])

@@ -40,7 +40,7 @@ COMMAND = 'pfd report speed'
 SHARE = 'share of the port limit'
 PREPARED = (*WORKS, *(work + FROM_DISK for work in WORKS), PROCESS)
 # Ends of the names of ways that are not the fastest of their kind, and not in the plot.
-SLOWER = (': kernel(q, qd, tau)', 'out=)', ', C order', ' threads')
+SLOWER = (': kernel(q, qd, tau)', 'out=)', ', C order', ' threads', ' refined')
 
 
 def markdown(findings: Findings) -> str:

@@ -11,7 +11,7 @@ shared library is linked: that one is compiled for any processor.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 import ctypes
 from functools import cache, partial
 import importlib.util
@@ -58,6 +58,10 @@ FUNCTIONS = {
 }
 
 
+class _Arm(ctypes.c_void_p):
+    """The address of a model and its data, which live as long as this does, as in a bound call."""
+
+
 class PinocchioCpp(Contender):
     """
     Pinocchio's C++ for one robot, or for a plant: gravity, rotors, damping, friction and limits.
@@ -83,11 +87,9 @@ class PinocchioCpp(Contender):
         gravity = plant.robot.base_rotation @ plant.gravity
         numbers = (rotations, origins, plant.robot.masses, centers, inertias, gravity)
         optional = (plant.inertia, *_joint_effects(plant, width))
-        # The arrays live until `make` returns, since it is given their addresses only.
         given = [None if x is None else np.ascontiguousarray(x, float) for x in numbers + optional]
-        made = self.library.make(self.n, address(kinds), *map(address, given))
-        self.arm = ctypes.c_void_p(made)
-        weakref.finalize(self, self.library.release, self.arm)
+        self.arm = _Arm(self.library.make(self.n, address(kinds), *map(address, given)))
+        weakref.finalize(self.arm, self.library.release, ctypes.c_void_p(self.arm.value))
 
     def evaluate(self, function: str, state: Sequence[Array], out: Array) -> partial[None]:
         """
@@ -118,7 +120,7 @@ class PinocchioCpp(Contender):
             out = np.empty_like(given[0])
             run = self.evaluate(function, given, out)
             contents = SINGLE if work.kind == 'call' else LOOP
-            yield Side(name, run, _kept(given, out), contents=contents)
+            yield Side(name, run, partial(np.asarray, out), contents=contents)
 
     def _calls(self, work: Work) -> Iterator[Side]:
         return self._sides(work)
@@ -135,17 +137,7 @@ class PinocchioCpp(Contender):
             q[:], qd[:] = work.q, work.qd
             advance()
 
-        yield Side(f'{NAME} aba', run, _kept((qd, taus), q), contents=LOOP)
-
-
-def _kept(inputs: object, out: Array) -> Callable[[], Array]:
-    """Return a function that returns `out`, and keeps the inputs, whose addresses C++ holds."""
-
-    def result() -> Array:
-        assert inputs is not None
-        return out
-
-    return result
+        yield Side(f'{NAME} aba', run, lambda: q, contents=LOOP)
 
 
 def _joint_effects(plant: Plant, width: float) -> tuple[Array | None, ...]:
@@ -175,8 +167,8 @@ def checked(n: int, *arrays: Array) -> tuple[Array, ...]:
 
 
 def address(array: Array | None) -> ctypes.c_void_p | None:
-    """Return the address of an array's numbers; None without an array."""
-    return None if array is None else ctypes.c_void_p(array.ctypes.data)
+    """Return the address of an array's numbers, which keeps the array; None without an array."""
+    return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
 
 
 @cache

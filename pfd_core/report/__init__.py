@@ -14,6 +14,7 @@ A module for each page: its tables, columns and plots. Its prose is a template i
 
     counts_pages          `pfd report counts`: counts.md, .json, .png and array.svg
     errata_pages          `pfd report counts`: errata.md
+    processor_pages       `pfd report counts`: processors.md, .json and .png
     speed_pages           `pfd report speed`: speed.md, .json and .png
     quantity_pages        `pfd report speed --quantity NAME`: speed-NAME and, with --against-error,
                           speed-against-error-NAME

@@ -289,9 +289,9 @@ def run(folder: Path) -> list[Path]:
         show_progress(f'counting iterations of {robot.name}')
         iterations += measure_convergence([robot])
     fewer: list[OnProcessors] = []
-    for n in PROCESSORS:
+    for n, numbers in PROCESSORS.items():
         show_progress(f'counting on fewer processors than joints at n = {n} of {max(PROCESSORS)}')
-        fewer += measure_processors([n])
+        fewer += measure_processors({n: numbers})
     show_progress('')
     return [*write(rows, iterations, folder), *write_processors(fewer, folder)]
 

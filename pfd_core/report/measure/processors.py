@@ -10,7 +10,7 @@ those of pfd_core.report.measure.counts, of which this is another cut.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from pfd_core.algorithms.emulation import arithmetic
@@ -66,13 +66,13 @@ class OnProcessors:
     routed_own_efficiency: float
 
 
-def measure(sizes: Iterable[int] = PROCESSORS) -> Iterator[OnProcessors]:
-    """Yield the counts of every parallel system for some of the n of PROCESSORS."""
-    for n in sizes:
+def measure(sizes: Mapping[int, Sequence[int]] = PROCESSORS) -> Iterator[OnProcessors]:
+    """Yield the counts of every parallel system for some n and numbers of processors."""
+    for n, numbers in sizes.items():
         for method in METHODS:
             for edition in (CORRECTED, BEST_KNOWN) if method in PROCEDURES else (BEST_KNOWN,):
                 if method not in SERIAL:
-                    for processors in PROCESSORS[n]:
+                    for processors in numbers:
                         yield on_processors(method, n, processors, edition)
 
 

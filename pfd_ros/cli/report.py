@@ -16,6 +16,7 @@ from pfd_ros.cli.terminal import progress_on
 
 REPORTS = {
     'counts': 'steps of every method compared with the paper, fewer processors, and its errata',
+    'paper': 'the paper executed: its claims, PCGM to convergence, the array; some minutes',
     'speed': 'times compared with other libraries, some ten minutes',
     'hard-cases': 'errors of ill-conditioned forward dynamics, some ten minutes',
     'mechanisms': 'errors of the default compared with pinocchio.aba, some minutes',
@@ -99,6 +100,7 @@ def run(given: argparse.Namespace) -> int:
         counts_pages,
         hard_case_pages,
         mechanism_pages,
+        paper_pages,
         quantity_pages,
         speed_pages,
     )
@@ -116,6 +118,7 @@ def run(given: argparse.Namespace) -> int:
             'counts': counts_pages.run,
             'hard-cases': hard_case_pages.run,
             'mechanisms': mechanism_pages.run,
+            'paper': paper_pages.run,
         }
         pages = runs[given.what](folder)
     print('\n'.join(str(page) for page in pages))

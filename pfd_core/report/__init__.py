@@ -14,6 +14,7 @@ A module for each page: its tables, columns and plots. Its prose is a template i
 
     counts_pages          `pfd report counts`: counts.md, .json, .png and array.svg
     errata_pages          `pfd report counts`: errata.md
+    processor_pages       `pfd report counts`: processors.md, .json and .png
     paper_pages           `pfd report paper`: paper.md, which links all pages of the paper, and:
     claims_pages          `pfd report paper`: claims.md and .json
     illustrated_pages     `pfd report paper`: illustrated.md, doubling.svg, set-ordering.svg

@@ -7,6 +7,7 @@ Steps:
 
     counts              steps of every method measured on recorded programs, compared with the
                         paper (Row)
+    processors          steps on fewer processors than joints (OnProcessors)
     convergence         iterations of the iterative methods to converge, and errors after n of them
     claims              sentences of the paper, each checked (Claim, Verdict)
     doubling            recursive doubling executed: moves between lanes, and what lanes hold

@@ -15,6 +15,7 @@ A module for each page: its tables, columns and plots. Its prose is a template i
     counts_pages          `pfd report counts`: counts.md, .json, .png and array.svg
     network_pages         `pfd report counts`: networks.md, .json and plots
     errata_pages          `pfd report counts`: errata.md
+    processor_pages       `pfd report counts`: processors.md, .json and .png
     paper_pages           `pfd report paper`: paper.md, which links all pages of the paper, and:
     claims_pages          `pfd report paper`: claims.md and .json
     illustrated_pages     `pfd report paper`: illustrated.md, doubling.svg, set-ordering.svg
@@ -28,6 +29,7 @@ A module for each page: its tables, columns and plots. Its prose is a template i
     hard_case_pages       `pfd report hard-cases`: hard-cases.md and .json
     mechanism_pages       `pfd report mechanisms`: mechanisms.md and .json
     scene_pages           `pfd report scene`: scene.md, .json, .yaml, .png and .svg
+    headlines             sentences of pages and README.md: our time over the strongest peer's
     time_tables           tables of ways over robots and of quantities, for all pages of speed
 
 A column is a field of the table's record and, in the module of the page, a title and a cell of

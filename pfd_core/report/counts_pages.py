@@ -30,9 +30,12 @@ from pfd_core.report.measure.counts import (
     published_serial,
 )
 from pfd_core.report.measure.counts import row as counts_of
+from pfd_core.report.measure.processors import PROCESSORS, OnProcessors
+from pfd_core.report.measure.processors import measure as measure_processors
 from pfd_core.report.measure.timing import show_progress
 from pfd_core.report.network_pages import median_iterations
 from pfd_core.report.network_pages import run as run_networks
+from pfd_core.report.processor_pages import write as write_processors
 from pfd_core.report.render.array_activity import activity_svg
 from pfd_core.report.render.markdown import Columns, grid, page, table
 from pfd_core.report.render.markdown import write as write_page
@@ -287,8 +290,12 @@ def run(folder: Path) -> list[Path]:
     for robot in robots():
         show_progress(f'counting iterations of {robot.name}')
         iterations += measure_convergence([robot])
+    fewer: list[OnProcessors] = []
+    for n, numbers in PROCESSORS.items():
+        show_progress(f'counting on fewer processors than joints at n = {n} of {max(PROCESSORS)}')
+        fewer += measure_processors({n: numbers})
     show_progress('')
-    pages = write(rows, iterations, folder)
+    pages = [*write(rows, iterations, folder), *write_processors(fewer, folder)]
     return [*pages, *run_networks(median_iterations(iterations), folder)]
 
 
@@ -296,7 +303,8 @@ def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) 
     """
     Write counts.md and .json, a plot, counts.png, the array at work, array.svg, and errata.md.
 
-    The plot is skipped if matplotlib (extra `report`) is not installed.
+    The plot is skipped if matplotlib (extra `report`) is not installed. `run` also writes the
+    pages of pfd_core.report.processor_pages.
     """
     data = {
         'counts': rows,

@@ -15,7 +15,7 @@ from pfd_ros.cli import log_page
 from pfd_ros.cli.terminal import progress_on
 
 REPORTS = {
-    'counts': 'steps of every method compared with the paper, and its errata',
+    'counts': 'steps of every method compared with the paper, fewer processors, and its errata',
     'paper': 'the paper executed: its claims, PCGM to convergence, the array; some minutes',
     'speed': 'times compared with other libraries, some ten minutes',
     'hard-cases': 'errors of ill-conditioned forward dynamics, some ten minutes',

@@ -31,6 +31,7 @@ from pfd_core.algorithms.paper.triangular_array import clock
 from pfd_core.machine.lanes import merge, on, where
 from pfd_core.machine.patterns import gather
 from pfd_core.machine.program import Instruction, Program, Steps
+from pfd_core.machine.recorder import Schedule
 from pfd_core.model import Plant
 
 # The section of the program that the cells execute, and the one that brings H to lane 0. A real
@@ -40,7 +41,7 @@ STREAMS = f'streams of the {SECTION}'
 
 
 def record_pcrbm_array(
-    plant: Plant, schedule: str, *, link_torques: LinkTorques = newton_euler
+    plant: Plant, schedule: str | Schedule, *, link_torques: LinkTorques = newton_euler
 ) -> Program:
     """
     Return the program of qdd and pivots, (n,), from q, qd and tau.
@@ -88,9 +89,7 @@ def streams(n: int, lanes: int) -> Iterator[tuple[int | None, ...]]:
                 moving.remove(move)
 
 
-def stream_steps(
-    n: int, lanes: int, processors: int | None = None, network: str = 'crossbar'
-) -> Steps:
-    """Return the steps of these routes; `processors` and `network` as for Program.count."""
+def stream_steps(n: int, lanes: int, network: str = 'crossbar') -> Steps:
+    """Return the steps of these routes on a network."""
     routes = tuple(Instruction('route', data=sources) for sources in streams(n, lanes))
-    return Program(lanes, routes, {}, {}).count(processors, network=network)
+    return Program(lanes, routes, {}, {}).count(network=network)

@@ -8,6 +8,7 @@ Steps:
     counts              steps of every method measured on recorded programs, compared with the
                         paper (Row)
     network_times       time of every recording on every network (Recorded)
+    processors          steps on fewer processors than joints (OnProcessors)
     convergence         iterations of the iterative methods to converge, and errors after n of them
     claims              sentences of the paper, each checked (Claim, Verdict)
     doubling            recursive doubling executed: moves between lanes, and what lanes hold
@@ -19,7 +20,9 @@ Steps:
 Times:
 
     timing              contenders that take turns, pace and spread (Row, Pace)
+    decomposition       calls, code for one robot, vectors: the factor over Pinocchio in steps
     port_limit          a kernel's own mix of operations in a loop: the limit of the processor
+    register_traffic    the loads and stores that a program needs with so many registers
     first_results       time to a robot's first result, compiled or from disk
     installation        whether compiler and cache work, and times of this machine (`pfd doctor`)
     surroundings        processor, load, versions and date of a measurement

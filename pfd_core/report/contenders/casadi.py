@@ -88,7 +88,9 @@ void rollout(long long steps, double h, double *q, double *qd, const double *tau
 """
 
 
-def articulated_body(casadi: Any, robot: Robot, q: Any, qd: Any, tau: Any) -> Any:
+def articulated_body(
+    casadi: Any, robot: Robot, q: Any, qd: Any, tau: Any, *, armature: Array | None = None
+) -> Any:
     """Return the accelerations, (n,) of casadi.SX, by articulated bodies; gravity along -z."""
     SX, n = casadi.SX, robot.n
     X, S, inertia = links(casadi, robot, q)
@@ -102,6 +104,8 @@ def articulated_body(casadi: Any, robot: Robot, q: Any, qd: Any, tau: Any) -> An
     for i in reversed(range(n)):
         U[i] = inertia[i] @ S[i]
         D[i] = S[i].T @ U[i]
+        if armature is not None:
+            D[i] += float(armature[i])
         u[i] = tau[i] - S[i].T @ bias[i]
         if i > 0:
             Ia = inertia[i] - (U[i] / D[i]) @ U[i].T

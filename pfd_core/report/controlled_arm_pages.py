@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from pfd_core.report.cases.controlled_arm import ControlledArm, stored_arm
-from pfd_core.report.contenders.control_loop import CASADI, MUJOCO
+from pfd_core.report.contenders.control_loop import CASADI, MUJOCO, PINOCCHIO
 from pfd_core.report.contenders.drake import DRAKE
 from pfd_core.report.measure import controlled_motion
 from pfd_core.report.measure.controlled_motion import (
     ADAPTIVE,
-    FINE,
     LEAVES,
     RAMPS,
     TOLERANCES,
@@ -25,6 +24,7 @@ from pfd_core.report.measure.controlled_motion import (
     Plan,
     advice,
     is_ours,
+    scene_errors,
     survey,
 )
 from pfd_core.report.measure.surroundings import described
@@ -60,6 +60,7 @@ CONTENTS: Mapping[str, tuple[str, str]] = {
         'resolved by events',
     ),
     CASADI: (IN_C.format("steps in C around CasADi's C, compiled with -O3 -march=native"), RAMP),
+    PINOCCHIO: (IN_C.format('steps in C++ around `pinocchio::aba`, compiled likewise'), RAMP),
     **dict.fromkeys(MUJOCO, (IN_C.format('`mj_step`'), SOFT)),
     **dict.fromkeys(
         DRAKE, ("`Simulator.AdvanceTo`: controller and loop are Drake's systems in C++", RAMP)
@@ -73,11 +74,12 @@ STYLES: Mapping[str, tuple[str, str, str, str]] = {
     'pfd rk4 float32': (VERMILLION, '^', '-', 'pfd rk4, float32'),
     'pfd imex2 float32': (VERMILLION, 'v', '--', 'pfd imex2, float32'),
     CASADI: (GREEN, 'P', '-', 'CasADi, RK4 in C'),
+    PINOCCHIO: (BLACK, 'D', '-', 'Pinocchio, RK4 in C++'),
     'MuJoCo Euler': (PURPLE, '<', ':', 'MuJoCo Euler'),
     'MuJoCo implicitfast': (PURPLE, '>', '--', 'MuJoCo implicitfast'),
     'MuJoCo RK4': (PURPLE, 'X', '-', 'MuJoCo RK4'),
     'Drake RK3': (GREY, 'h', '-', 'Drake RK3 (adaptive)'),
-    'Drake RK5': (GREY, 'D', '--', 'Drake RK5 (adaptive)'),
+    'Drake RK5': (GREY, 'd', '--', 'Drake RK5 (adaptive)'),
     'Drake Radau3': (GREY, 'p', ':', 'Drake Radau3 (adaptive)'),
 }
 # Left end of the plot, as a part of the self-difference of the reference.
@@ -105,9 +107,7 @@ ROWS: Columns = {
     'arms': 'arms',
     'friction': lambda row: row.softness or '-',
     'time': _milliseconds,
-    'error': lambda row: (
-        '-' if row.error is None else f'{row.error:.1e} / {row.middle:.1e}'
-    ),
+    'error': lambda row: '-' if row.error is None else f'{row.error:.1e} / {row.middle:.1e}',
 }
 
 
@@ -124,7 +124,7 @@ def summary(findings: Findings) -> str:
         (row for row in whole if row.way == 'pfd rk4 float64' and row.arms == 1),
         key=lambda row: row.step or 0.0,
     )
-    alone = {row.left_out: row for row in rows if is_fine(row)}
+    alone = scene_errors(rows)
     costs = {name: order(alone[name,].error) for name in LEAVES}
     arms = max(row.arms for row in rows)
     single = next(one for one in findings.roundings if one.dtype == 'float32')
@@ -152,13 +152,6 @@ def summary(findings: Findings) -> str:
         processor=findings.machine['processor'],
         arms=arms,
     )
-
-
-def is_fine(row: ControlledRow) -> bool:
-    """Return whether a row is the error of a smaller scene alone."""
-    integrator, dtype, substeps = FINE
-    finest = row.step is not None and row.way == f'pfd {integrator} {dtype}'
-    return finest and bool(row.left_out) and row.arms == 1 and row.substeps == substeps
 
 
 def _others(whole: Sequence[ControlledRow]) -> str:
@@ -224,7 +217,7 @@ def markdown(findings: Findings, case: ControlledArm) -> str:
                 'worst joint [rad]': lambda row: order(row.error) if row.error else row.status,
                 'median joint [rad]': lambda row: order(row.middle) if row.error else '-',
             },
-            [row for row in findings.rows if is_fine(row)],
+            scene_errors(findings.rows).values(),
         ),
         rounding=', '.join(
             f'{one.least:.0e} to {one.largest:.0e} rad in {one.dtype}'
@@ -301,7 +294,7 @@ def _draw(findings: Findings, figure: Any) -> None:
     )  # fmt: skip
     axes.set_xlim(LEFT * floor, 2.0)
     axes.set_xlabel('error of the worst joint after one second [rad]      (left is better)')
-    axes.set_ylabel('wall time of one simulated second [ms]\n(down is better)')
+    axes.set_ylabel('time of one simulated second on one thread [ms]\n(down is better)')
     figure.legend(loc='outside lower center', ncols=4, fontsize=8.5, frameon=False)
 
 
@@ -323,7 +316,7 @@ def _bars(findings: Findings, floor: float) -> list[tuple[str, str, float, float
     bars.append(
         (f'a step of {(longest or 0) * 1e3:g} ms: rk4 to imex2', BLACK, min(errors), max(errors))
     )
-    scenes = {row.left_out: row for row in findings.rows if is_fine(row)}
+    scenes = scene_errors(findings.rows)
     for name in ('effort limits', 'friction', 'armature'):
         row = scenes[name,]
         if row.error is not None and row.middle is not None:

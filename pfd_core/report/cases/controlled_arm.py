@@ -80,9 +80,7 @@ class ControlledArm:
 
     def first(self, periods: int) -> ControlledArm:
         """Return the beginning of the motion."""
-        return replace(
-            self, taus=self.taus[:periods], q=self.q[:periods], qd=self.qd[:periods]
-        )
+        return replace(self, taus=self.taus[:periods], q=self.q[:periods], qd=self.qd[:periods])
 
 
 def stored_arm() -> ControlledArm:

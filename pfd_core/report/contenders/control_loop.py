@@ -32,6 +32,8 @@ from pfd_core.report.cases.robots import Array
 from pfd_core.report.cases.stored import text
 from pfd_core.report.contenders.casadi import COMPILER, articulated_body, compiled, compiler
 from pfd_core.report.contenders.mujoco import Mujoco
+from pfd_core.report.contenders.pinocchio_cpp import NAME as PINOCCHIO_CPP
+from pfd_core.report.contenders.pinocchio_cpp import PinocchioCpp
 from pfd_core.report.contenders.work import LeftOutError, installed
 
 MUJOCO = {
@@ -40,6 +42,7 @@ MUJOCO = {
     'MuJoCo RK4': 'mjINT_RK4',
 }
 CASADI = 'CasADi RK4'
+PINOCCHIO = f'{PINOCCHIO_CPP} RK4'
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,26 @@ class CasadiArm:
             q[:], qd[:] = case.start, 0.0
             at = ctypes.c_void_p(effects.ctypes.data)
             self.loop.run(self.library.casadi, at, substeps, q, qd)
+            return answer(q, qd)
+
+        return run
+
+
+class PinocchioArm:
+    """Pinocchio's C++ with Runge-Kutta steps, called from the loop in C."""
+
+    def __init__(self, case: ControlledArm) -> None:
+        self.loop = ControlLoop(case, loop_library(case.robot.n))
+
+    def run(self, substeps: int, softness: Softness) -> Run:
+        """Return a run in steps of a part of the period."""
+        case = self.loop.case
+        peer = PinocchioCpp(case.plant, softness.width)
+        q, qd = np.empty((2, case.robot.n))
+
+        def run() -> Answer:
+            q[:], qd[:] = case.start, 0.0
+            self.loop.run(peer.library.rollout, peer.arm, substeps, q, qd)
             return answer(q, qd)
 
         return run

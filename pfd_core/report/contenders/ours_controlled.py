@@ -1,10 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-This library as a simulator of an arm under a controller.
+Our own simulations of an arm under a controller.
 
-In fixed steps an Ensemble of one or more arms with Feedback does it all in one native call. The adaptive
-integrator has no controller: Python computes its torques and calls `integrate` for each period.
+In fixed steps an Ensemble of one or more arms with Feedback does it all in one native call. The
+adaptive integrator has no controller: Python computes its torques and calls `integrate` for each
+period.
 """
 
 from __future__ import annotations

@@ -4,8 +4,9 @@
 Time and error of an arm under a controller: integrators, formats, libraries and smaller scenes.
 
     error   largest |q - reference| of a joint at the end of the motion [rad or m]
-    time    wall time for each simulated second, of the whole run: controller, steps and loop; of
-            an ensemble for each arm
+    time    processor time of the thread for each simulated second, of the whole run: controller,
+            steps and loop; of an ensemble for each arm. It is the wall time on a core that nothing
+            else uses; wall times of a run that takes seconds have those of other processes, too
 
 The reference is the adaptive integrator with events of friction, begun anew in each period, at its
 tightest tolerance, refined. Its self-difference is the distance from the same with another
@@ -31,8 +32,10 @@ from pfd_core.report.cases.robots import Array
 from pfd_core.report.contenders.control_loop import (
     CASADI,
     MUJOCO,
+    PINOCCHIO,
     CasadiArm,
     MujocoArm,
+    PinocchioArm,
     Run,
     Softness,
 )
@@ -49,9 +52,7 @@ LOST = 2 * np.pi
 LONG = 0.1
 # Our integrators in fixed steps that resolve friction, with the number formats.
 FIXED = tuple(
-    (integrator, dtype)
-    for integrator in ('rk4', 'imex2')
-    for dtype in ('float64', 'float32')
+    (integrator, dtype) for integrator in ('rk4', 'imex2') for dtype in ('float64', 'float32')
 )
 ADAPTIVE = 'pfd dop853 float64'
 # Effects that are left out, alone and together, by their names on the page.
@@ -90,15 +91,15 @@ class Plan:
 
     """
 
-    substeps: tuple[int, ...] = (1, 2, 5, 10, 20, 50)
-    reference_substeps: int = 50
+    substeps: tuple[int, ...] = (1, 2, 5, 10, 20)
+    reference_substeps: int = 20
     arms: int = 256
     ensemble_substeps: tuple[int, ...] = (1, 2, 5)
     tolerances: tuple[float, ...] = (1e-3, 1e-9)
     accuracies: tuple[float, ...] = (1e-2, 1e-3, 1e-4)
     ramps: tuple[Softness, ...] = RAMPS
     solvers: tuple[Softness, ...] = SOLVERS
-    pace: Pace = field(default_factory=lambda: Pace(budget=60.0, turns=60, fewest=3))
+    pace: Pace = field(default_factory=lambda: Pace(budget=40.0, turns=40, fewest=2))
 
 
 QUICK = Plan(
@@ -200,6 +201,15 @@ class _Candidate:
     runs: Sequence[tuple[str, Run]]
 
 
+@dataclass(frozen=True)
+class _Measured:
+    """A row with its error, the run, and the seconds that it took once."""
+
+    row: ControlledRow
+    run: Run
+    seconds: float
+
+
 def survey(case: ControlledArm, plan: Plan) -> Findings:
     """Measure a plan; progress goes to a terminal's stderr."""
     show_progress('reference')
@@ -207,17 +217,18 @@ def survey(case: ControlledArm, plan: Plan) -> Findings:
     left_out: list[str] = []
     candidates = list(chain(_ours(case, plan), _peers(case, plan, left_out)))
     measured = [_measured(candidate, wanted) for candidate in candidates]
-    sound = [(row, run) for row, run in measured if row.status == 'ok']
+    sound = [one for one in measured if one.row.status == 'ok']
     show_progress(f'{len(sound)} runs take turns')
-    rows = [row for row, _ in measured if row.status != 'ok']
+    rows = [one.row for one in measured if one.row.status != 'ok']
     # Runs that take long would leave the others few turns.
-    slow = [_seconds(run) > LONG for _, run in sound]
-    for group in (False, True):
-        own = [one for one, long in zip(sound, slow, strict=True) if long == group]
-        sides = [Side(row.way, run, lambda: wanted) for row, run in own]
-        for (row, _), one in zip(own, interleave(sides, 1, plan.pace), strict=True):
-            unit = case.duration * row.arms
-            rows.append(replace(row, minimum=one.minimum / unit, median=one.median / unit))
+    for long in (False, True):
+        own = [one for one in sound if (one.seconds > LONG) == long]
+        sides = [Side(one.row.way, one.run, lambda: wanted) for one in own]
+        found = interleave(sides, 1, plan.pace, time.thread_time)
+        for done, times in zip(own, found, strict=True):
+            unit = case.duration * done.row.arms
+            least, median = times.minimum / unit, times.median / unit
+            rows.append(replace(done.row, minimum=least, median=median))
     order = list(dict.fromkeys(candidate.row.way for candidate in candidates))
     rows.sort(
         key=lambda row: (
@@ -228,12 +239,6 @@ def survey(case: ControlledArm, plan: Plan) -> Findings:
     roundings = [_rounding(case, plan, dtype) for dtype in ROUNDINGS]
     show_progress('')
     return Findings(facts, case.periods, rows, roundings, left_out)
-
-
-def _seconds(run: Run) -> float:
-    begin = time.perf_counter()
-    run()
-    return time.perf_counter() - begin
 
 
 def reference(case: ControlledArm, substeps: int) -> tuple[Array, ReferenceFacts]:
@@ -256,16 +261,18 @@ def reference(case: ControlledArm, substeps: int) -> tuple[Array, ReferenceFacts
     wanted = at_best('articulated_body', np.inf)
     other = at_best('composite_body', case.period / 5)
     fine = fixed(case, case.scene, substeps, 'rk4', 'float64')().q
-    distances = (float(np.abs(found - wanted).max()) for found in (other, fine))
-    return wanted, ReferenceFacts(*distances, substeps)
+    self_difference, from_fixed = (float(np.abs(x - wanted).max()) for x in (other, fine))
+    return wanted, ReferenceFacts(self_difference, from_fixed, substeps)
 
 
-def _measured(candidate: _Candidate, wanted: Array) -> tuple[ControlledRow, Run]:
-    """Return the row of the run of smallest error, without times, and the run."""
+def _measured(candidate: _Candidate, wanted: Array) -> _Measured:
+    """Return the run of smallest error, its row without times."""
     show_progress(f'{candidate.row.way}, {candidate.row.setting}')
     found = []
     for softness, run in candidate.runs:
+        begin = time.thread_time()
         answer = run()
+        seconds = time.thread_time() - begin
         off = np.abs(answer.q - wanted)
         status = answer.status
         if status == 'ok' and not off.max() <= LOST:
@@ -273,8 +280,8 @@ def _measured(candidate: _Candidate, wanted: Array) -> tuple[ControlledRow, Run]
         row = replace(candidate.row, softness=softness, status=status)
         if status == 'ok':
             row = replace(row, error=float(off.max()), middle=float(np.median(off)))
-        found.append((row, run))
-    return min(found, key=lambda one: np.inf if one[0].error is None else one[0].error)
+        found.append(_Measured(row, run, seconds))
+    return min(found, key=lambda one: np.inf if one.row.error is None else one.row.error)
 
 
 def _ours(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
@@ -301,9 +308,7 @@ def _fixed(
     substeps: int,
     arms: int,
 ) -> _Candidate:
-    row = ControlledRow(
-        f'pfd {integrator} {dtype}', case.period / substeps, None, left_out, arms
-    )
+    row = ControlledRow(f'pfd {integrator} {dtype}', case.period / substeps, None, left_out, arms)
     scene = case.scene.without(left_out)
     return _Candidate(row, [('', fixed(case, scene, substeps, integrator, dtype, arms=arms))])
 
@@ -324,10 +329,17 @@ def _peers(case: ControlledArm, plan: Plan, left_out: list[str]) -> Iterator[_Ca
 
 
 def _casadi(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
-    arm = CasadiArm(case)
+    return _with_ramps(CASADI, CasadiArm(case), plan)
+
+
+def _pinocchio(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
+    return _with_ramps(PINOCCHIO, PinocchioArm(case), plan)
+
+
+def _with_ramps(way: str, arm: CasadiArm | PinocchioArm, plan: Plan) -> Iterator[_Candidate]:
     for substeps in plan.substeps:
         runs = [(str(soft), arm.run(substeps, soft)) for soft in plan.ramps]
-        yield _Candidate(ControlledRow(CASADI, case.period / substeps, None), runs)
+        yield _Candidate(ControlledRow(way, arm.loop.case.period / substeps, None), runs)
 
 
 def _mujoco(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
@@ -349,6 +361,7 @@ def _drake(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
 
 PEERS: dict[str, Callable[[ControlledArm, Plan], Iterator[_Candidate]]] = {
     'CasADi': _casadi,
+    'Pinocchio': _pinocchio,
     'MuJoCo': _mujoco,
     'Drake': _drake,
 }
@@ -366,6 +379,16 @@ def _rounding(case: ControlledArm, plan: Plan, dtype: str) -> Rounding:
         other = end('float64', 'articulated_body' if dtype == 'float64' else 'auto', substeps)
         off.append(float(np.abs(end(dtype, 'auto', substeps) - other).max()))
     return Rounding(dtype, min(off), max(off))
+
+
+def scene_errors(rows: Iterable[ControlledRow]) -> dict[tuple[str, ...], ControlledRow]:
+    """Return the row in the shortest steps of each scene that lacks effects."""
+    found: dict[tuple[str, ...], ControlledRow] = {}
+    for row in rows:
+        before = found.get(row.left_out)
+        if row.left_out and (before is None or (row.step or 0.0) < (before.step or 0.0)):
+            found[row.left_out] = row
+    return found
 
 
 @dataclass(frozen=True)

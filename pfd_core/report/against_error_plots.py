@@ -15,10 +15,11 @@ from pfd_core.report.measure.work_precision import WAYS, MotionFacts, RunPoint
 from pfd_core.report.render.plots import (
     BLACK,
     BLUE,
-    GREEN,
+    FLOAT64,
     GREY,
+    MUJOCO,
     ORANGE,
-    PURPLE,
+    PINOCCHIO,
     SKY,
     VERMILLION,
     logarithmic,
@@ -33,21 +34,25 @@ OURS = {
     ('float32', 1): (VERMILLION, '^', 'float32, refined once'),
 }
 PEER_STYLES = dict(
-    zip(PEERS, ((BLACK, 's'), (GREY, 'D'), (GREEN, 'P'), (PURPLE, '*')), strict=True)
+    zip(
+        PEERS,
+        ((PINOCCHIO, 's'), (PINOCCHIO, 'd'), (PINOCCHIO, 'x'), (MUJOCO, '*')),
+        strict=True,
+    )
 )
-# One for each of work_precision.WAYS: ours on a full line, MuJoCo's on a broken one.
+# One for each of work_precision.WAYS.
 RUN_STYLES = dict(
     zip(
         WAYS,
         (
-            (BLUE, 'o', '-'),
-            (SKY, 's', '-'),
-            (VERMILLION, '^', '-'),
-            (BLACK, 'D', '-'),
-            (GREY, 'v', '--'),
-            (GREEN, '<', '--'),
-            (ORANGE, '>', '--'),
-            (PURPLE, '*', '--'),
+            (FLOAT64, 'o', '-'),
+            (SKY, '^', '-'),
+            (FLOAT64, 's', '--'),
+            (FLOAT64, '*', ':'),
+            (MUJOCO, '<', ':'),
+            (MUJOCO, 'v', '-.'),
+            (MUJOCO, '>', '--'),
+            (MUJOCO, 'X', '-'),
         ),
         strict=True,
     )

@@ -28,17 +28,16 @@ from pfd_core.report.measure.controlled_motion import (
     survey,
 )
 from pfd_core.report.measure.surroundings import described
+from pfd_core.report.render import plots
 from pfd_core.report.render.markdown import Columns, bullets, lines_of, page, paragraph, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import least_and_median, order, short
 from pfd_core.report.render.plots import (
     BLACK,
-    BLUE,
-    GREEN,
+    FLOAT32,
+    FLOAT64,
     GREY,
     ORANGE,
-    PURPLE,
-    VERMILLION,
     logarithmic,
     save,
 )
@@ -47,7 +46,7 @@ NAME = 'controlled-arm'
 # Of the plot [inch].
 SIZE = (9.0, 7.0)
 NATIVE = 'one call of `Ensemble.rollout`: controller, steps and loop in native code'
-IN_C = 'controller and loop in C, {} in each period'
+IN_C = 'controller and loop in C; in each period {}'
 RAMP, SOFT = 'ramp', 'soft constraint'
 # Way: what its time contains, and its friction.
 CONTENTS: Mapping[str, tuple[str, str]] = {
@@ -60,7 +59,10 @@ CONTENTS: Mapping[str, tuple[str, str]] = {
         'resolved by events',
     ),
     CASADI: (IN_C.format("steps in C around CasADi's C, compiled with -O3 -march=native"), RAMP),
-    PINOCCHIO: (IN_C.format('steps in C++ around `pinocchio::aba`, compiled likewise'), RAMP),
+    PINOCCHIO: (
+        IN_C.format('steps in C++ around `pinocchio::aba`, compiled with -O3 -march=native'),
+        RAMP,
+    ),
     **dict.fromkeys(MUJOCO, (IN_C.format('`mj_step`'), SOFT)),
     **dict.fromkeys(
         DRAKE, ("`Simulator.AdvanceTo`: controller and loop are Drake's systems in C++", RAMP)
@@ -68,19 +70,19 @@ CONTENTS: Mapping[str, tuple[str, str]] = {
 }
 # Way: colour, marker, line and name in the plot.
 STYLES: Mapping[str, tuple[str, str, str, str]] = {
-    'pfd rk4 float64': (BLUE, 'o', '-', 'pfd rk4, float64'),
-    'pfd imex2 float64': (BLUE, 's', '--', 'pfd imex2, float64'),
-    ADAPTIVE: (BLUE, '*', '', 'pfd dop853, float64 (adaptive)'),
-    'pfd rk4 float32': (VERMILLION, '^', '-', 'pfd rk4, float32'),
-    'pfd imex2 float32': (VERMILLION, 'v', '--', 'pfd imex2, float32'),
-    CASADI: (GREEN, 'P', '-', 'CasADi, RK4 in C'),
-    PINOCCHIO: (BLACK, 'D', '-', 'Pinocchio, RK4 in C++'),
-    'MuJoCo Euler': (PURPLE, '<', ':', 'MuJoCo Euler'),
-    'MuJoCo implicitfast': (PURPLE, '>', '--', 'MuJoCo implicitfast'),
-    'MuJoCo RK4': (PURPLE, 'X', '-', 'MuJoCo RK4'),
-    'Drake RK3': (GREY, 'h', '-', 'Drake RK3 (adaptive)'),
-    'Drake RK5': (GREY, 'd', '--', 'Drake RK5 (adaptive)'),
-    'Drake Radau3': (GREY, 'p', ':', 'Drake Radau3 (adaptive)'),
+    'pfd rk4 float64': (FLOAT64, 'o', '-', 'pfd rk4, float64'),
+    'pfd imex2 float64': (FLOAT64, 's', '--', 'pfd imex2, float64'),
+    ADAPTIVE: (FLOAT64, '*', '', 'pfd dop853, float64 (adaptive)'),
+    'pfd rk4 float32': (FLOAT32, '^', '-', 'pfd rk4, float32'),
+    'pfd imex2 float32': (FLOAT32, 'v', '--', 'pfd imex2, float32'),
+    CASADI: (plots.CASADI, 'P', '-', 'CasADi, RK4 in C'),
+    PINOCCHIO: (plots.PINOCCHIO, 'D', '-', 'Pinocchio, RK4 in C++'),
+    'MuJoCo Euler': (plots.MUJOCO, '<', ':', 'MuJoCo Euler'),
+    'MuJoCo implicitfast': (plots.MUJOCO, '>', '--', 'MuJoCo implicitfast'),
+    'MuJoCo RK4': (plots.MUJOCO, 'X', '-', 'MuJoCo RK4'),
+    'Drake RK3': (plots.DRAKE, 'h', '-', 'Drake RK3 (adaptive)'),
+    'Drake RK5': (plots.DRAKE, 'd', '--', 'Drake RK5 (adaptive)'),
+    'Drake Radau3': (plots.DRAKE, 'p', ':', 'Drake Radau3 (adaptive)'),
 }
 # Left end of the plot, as a part of the self-difference of the reference.
 LEFT = 0.2
@@ -161,17 +163,18 @@ def _others(whole: Sequence[ControlledRow]) -> str:
         return 'No other library was measured.'
     nearest = min(peers, key=lambda row: row.error or 0.0)
     quick = min(peers, key=lambda row: row.minimum or 0.0)
+    steps = f'in steps of {quick.setting}' if quick.step else f'at {quick.setting}'
     return (
-        f'The fastest run of another library, {quick.way} in steps of {quick.setting}, takes '
+        f'The fastest run of another library, {quick.way} {steps}, takes '
         f'{short((quick.minimum or 0) * 1e3)} ms and errs by {order(quick.error)} rad; none comes '
         f'nearer than {order(nearest.error)} rad ({nearest.way}, '
-        f'{short((nearest.minimum or 0) * 1e3)} ms), since they smooth dry friction.'
+        f'{short((nearest.minimum or 0) * 1e3)} ms), since they approximate dry friction.'
     )
 
 
 def _advised(one: Advice) -> list[str]:
     """Return a row of the table of advice."""
-    cells = [f'{one.tolerance:.0e}']
+    cells = [f'{one.tolerance:g}']
     if one.one is None or one.one.minimum is None:
         cells += ['-', 'none', '-']
     else:
@@ -211,6 +214,7 @@ def markdown(findings: Findings, case: ControlledArm) -> str:
             [[way, *CONTENTS[way]] for way in CONTENTS if way in seen],
         ),
         widths=', '.join(f'{ramp.width:g}' for ramp in RAMPS),
+        narrowest=RAMPS[controlled_motion.DRAKES - 1].width,
         scenes=table(
             {
                 'scene': _without,
@@ -273,6 +277,7 @@ def _draw(findings: Findings, figure: Any) -> None:
     top.set_xscale('log')
     top.minorticks_off()
     whole = [row for row in findings.rows if not row.left_out and row.minimum is not None]
+    many = max((row.arms for row in whole), default=1)
     for way, (colour, marker, line, name) in STYLES.items():
         for arms in sorted({row.arms for row in whole if row.way == way}):
             own = [row for row in whole if row.way == way and row.arms == arms]
@@ -283,10 +288,10 @@ def _draw(findings: Findings, figure: Any) -> None:
                 markersize=9 if marker == '*' else 6, label=name if arms == 1 else None,
                 markerfacecolor=colour if arms == 1 else 'white',
             )  # fmt: skip
-    many = max((row.arms for row in whole), default=1)
-    axes.plot(
-        [], [], 'o', color=BLACK, markerfacecolor='white', label=f'open: each of {many} arms'
-    )
+        if way == ADAPTIVE:
+            # Here in the legend, whose columns have four entries.
+            label = f'open: each of {many} arms'
+            axes.plot([], [], 'o', color=BLACK, markerfacecolor='white', label=label)
     axes.axhline(1e3, color=GREY, linewidth=0.9, linestyle='-.')
     axes.text(
         0.005, 1e3 * 1.08, 'real time', fontsize=8.5, color=GREY, va='bottom',
@@ -303,7 +308,7 @@ def _bars(findings: Findings, floor: float) -> list[tuple[str, str, float, float
     bars = [
         (
             f'rounding in {one.dtype}',
-            BLUE if one.dtype == 'float64' else VERMILLION,
+            FLOAT64 if one.dtype == 'float64' else FLOAT32,
             max(one.least, LEFT * floor),
             max(one.largest, floor),
         )
@@ -314,7 +319,7 @@ def _bars(findings: Findings, floor: float) -> list[tuple[str, str, float, float
     longest = max(steps, key=lambda row: row.step or 0.0).step
     errors = [row.error for row in steps if row.step == longest and row.error is not None]
     bars.append(
-        (f'a step of {(longest or 0) * 1e3:g} ms: rk4 to imex2', BLACK, min(errors), max(errors))
+        (f'a step of {(longest or 0) * 1e3:g} ms: rk4 to imex2', GREY, min(errors), max(errors))
     )
     scenes = scene_errors(findings.rows)
     for name in ('effort limits', 'friction', 'armature'):

@@ -61,7 +61,9 @@ LEAVES = {'friction': 'dry friction', 'armature': 'rotors', 'effort limits': 'mo
 # scene; of strongly damped light joints, too.
 FINE = ('imex2', 'float64', 10)
 ROUNDINGS = ('float64', 'float32')
-RAMPS = tuple(Softness(width) for width in (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4))
+RAMPS = tuple(Softness(width) for width in (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5))
+# Ramps that Drake runs with: it takes seconds where one is steep.
+DRAKES = 5
 SOLVERS = tuple(
     Softness(0.0, steps, impedance) for steps in (0.0, 2.0) for impedance in (0.0, 0.9999)
 )
@@ -354,8 +356,8 @@ def _drake(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
     arm = DrakeArm(case)
     for way in DRAKE:
         for tolerance in plan.accuracies:
-            # Drake takes seconds where the ramp is steep.
-            runs = [(str(soft), arm.run(way, tolerance, soft)) for soft in plan.ramps[:5]]
+            ramps = plan.ramps[:DRAKES]
+            runs = [(str(soft), arm.run(way, tolerance, soft)) for soft in ramps]
             yield _Candidate(ControlledRow(way, None, tolerance), runs)
 
 

@@ -23,6 +23,7 @@ A module for each page: its tables, columns and plots. Its prose is a template i
     hard_case_pages       `pfd report hard-cases`: hard-cases.md and .json
     mechanism_pages       `pfd report mechanisms`: mechanisms.md and .json
     scene_pages           `pfd report scene`: scene.md, .json, .yaml, .png and .svg
+    headlines             sentences of pages and README.md: our time over the strongest peer's
     time_tables           tables of ways over robots and of quantities, for all pages of speed
 
 A column is a field of the table's record and, in the module of the page, a title and a cell of

@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from pfd_core.report.cases.hard_cases import ROUNDING
-from pfd_core.report.measure.evaluations import PEERS, CaseFacts, Point
+from pfd_core.report.measure.evaluations import NATIVE, PEERS, CaseFacts, Point
 from pfd_core.report.measure.work_precision import WAYS, MotionFacts, RunPoint
 from pfd_core.report.render.plots import (
     BLACK,
     BLUE,
+    CASADI,
     FLOAT64,
+    GREEN,
     GREY,
     MUJOCO,
     ORANGE,
@@ -36,7 +38,10 @@ OURS = {
 PEER_STYLES = dict(
     zip(
         PEERS,
-        ((PINOCCHIO, 's'), (PINOCCHIO, 'd'), (PINOCCHIO, 'x'), (MUJOCO, '*')),
+        (
+            *((PINOCCHIO, 's'), (PINOCCHIO, 'D'), (GREEN, 'P'), (MUJOCO, 'v')),
+            *((PINOCCHIO, 'x'), (GREEN, 'x'), (PINOCCHIO, '+'), (CASADI, '*')),
+        ),
         strict=True,
     )
 )
@@ -115,9 +120,10 @@ def _draw_case(axes: Any, case: CaseFacts, points: Sequence[Point]) -> None:
             u / UNIT, 0.99, f' {dtype}', transform=axes.get_xaxis_transform(), fontsize=7,
             color=GREY, va='top',
         )  # fmt: skip
+    native = any(point.way in NATIVE for point in points)
     for point in points:
         place = _place(point)
-        if place is None:
+        if place is None or (native and point.loop == 'Python'):
             continue
         if point.way in PEER_STYLES:
             colour, marker = PEER_STYLES[point.way]

@@ -7,12 +7,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+import json
 from pathlib import Path
 import re
 from typing import Any
 
+from pfd_core.report import headlines
 from pfd_core.report.contenders.ours import METHODS
-from pfd_core.report.measure import port_limit
+from pfd_core.report.measure import decomposition, port_limit
 from pfd_core.report.measure.first_results import FROM_DISK, PROCESS, WORKS
 from pfd_core.report.measure.speed import QUICK, Findings, Survey, survey
 from pfd_core.report.measure.surroundings import described
@@ -25,6 +27,7 @@ from pfd_core.report.time_tables import (
     NOTES,
     batch_name,
     by_work,
+    contents,
     difference_cell,
     limits,
     over_robots,
@@ -37,7 +40,7 @@ COMMAND = 'pfd report speed'
 SHARE = 'share of the port limit'
 PREPARED = (*WORKS, *(work + FROM_DISK for work in WORKS), PROCESS)
 # Ends of the names of ways that are not the fastest of their kind, and not in the plot.
-SLOWER = (': kernel(q, qd, tau)', 'out=)', ', C order', ' threads')
+SLOWER = (': kernel(q, qd, tau)', 'out=)', ', C order', ' threads', ' refined')
 
 
 def markdown(findings: Findings) -> str:
@@ -52,8 +55,12 @@ def markdown(findings: Findings) -> str:
         'speed',
         command=COMMAND,
         machine=described(findings.machine),
+        headline=headlines.headline(rows, findings.machine) or None,
+        strongest=headlines.against_strongest([row for row in rows if row.work not in PREPARED]),
         summary=_summary(rows),
-        works=works(rows, (*PREPARED, port_limit.WORK)) or None,
+        decomposition=headlines.decomposed(rows),
+        contents=contents(rows),
+        works=works(rows, (*PREPARED, port_limit.WORK, decomposition.WORK)) or None,
         limits=limits(rows),
         process=PROCESS,
         first_results='\n\n'.join(
@@ -124,6 +131,22 @@ def run(folder: Path, quick: bool = False, plan: Survey | None = None) -> int:
     findings = survey(plan or (QUICK if quick else Survey()))
     print('\n'.join(str(path) for path in write(findings, folder)))
     return 0
+
+
+def stored(path: Path) -> Findings:
+    """Return the findings of a speed.json."""
+    data = json.loads(path.read_text(encoding='utf-8'))
+    rows, others = ([Row(**row) for row in data[name]] for name in ('rows', 'others'))
+    return Findings(rows, data['left_out'], data['machine'], others)
+
+
+def publish(root: Path) -> list[Path]:
+    """Write the page of docs/report/speed.json, and the blocks of README.md and the guide."""
+    folder = root / 'docs' / 'report'
+    findings = stored(folder / 'speed.json')
+    paths = write(findings, folder)
+    rows = [*findings.rows, *findings.others]
+    return [*paths, *headlines.publish(rows, findings.machine, root)]
 
 
 def write(findings: Findings, folder: Path) -> list[Path]:

@@ -11,7 +11,7 @@ shared library is linked: that one is compiled for any processor.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 import ctypes
 from functools import cache, partial
 import importlib.util
@@ -26,7 +26,14 @@ import numpy as np
 from pfd_core.model import Plant, Robot, resolve
 from pfd_core.report.cases.robots import Array, joint_frames
 from pfd_core.report.cases.stored import text
-from pfd_core.report.contenders.work import STEP_SIZE, Contender, LeftOutError, Side, Work
+from pfd_core.report.contenders.work import (
+    STEP_SIZE,
+    Contender,
+    Contents,
+    LeftOutError,
+    Side,
+    Work,
+)
 
 NAME = 'Pinocchio C++'
 COMPILER = ('g++', '-std=c++17', '-O3', '-march=native', '-DNDEBUG', '-shared', '-fPIC', '-w')
@@ -38,6 +45,9 @@ DEFINES = (
     'BOOST_FUSION_INVOKE_MAX_ARITY=12',
     'BOOST_VARIANT_USE_RELAXED_GET_BY_DEFAULT',
 )
+CODE = f'C++ for any robot, {COMPILER[0]} {COMPILER[2]} {COMPILER[3]}'
+SINGLE = Contents(CODE, 'ctypes')
+LOOP = Contents(CODE, 'ctypes, once', 'C++')
 HEADERS = ('pinocchio/algorithm/aba.hpp', 'boost/variant.hpp', 'Eigen/Core')
 # Functions of data/pinocchio.cpp from states to accelerations, with their names in a table.
 FUNCTIONS = {
@@ -46,6 +56,10 @@ FUNCTIONS = {
     'crba': f'{NAME} crba + Cholesky',
     'aba_refined': f'{NAME} aba refined',
 }
+
+
+class _Arm(ctypes.c_void_p):
+    """The address of a model and its data, which live as long as this does, as in a bound call."""
 
 
 class PinocchioCpp(Contender):
@@ -73,11 +87,9 @@ class PinocchioCpp(Contender):
         gravity = plant.robot.base_rotation @ plant.gravity
         numbers = (rotations, origins, plant.robot.masses, centers, inertias, gravity)
         optional = (plant.inertia, *_joint_effects(plant, width))
-        # The arrays live until `make` returns, since it is given their addresses only.
         given = [None if x is None else np.ascontiguousarray(x, float) for x in numbers + optional]
-        made = self.library.make(self.n, address(kinds), *map(address, given))
-        self.arm = ctypes.c_void_p(made)
-        weakref.finalize(self, self.library.release, self.arm)
+        self.arm = _Arm(self.library.make(self.n, address(kinds), *map(address, given)))
+        weakref.finalize(self.arm, self.library.release, ctypes.c_void_p(self.arm.value))
 
     def evaluate(self, function: str, state: Sequence[Array], out: Array) -> partial[None]:
         """
@@ -107,7 +119,8 @@ class PinocchioCpp(Contender):
         for function, name in FUNCTIONS.items():
             out = np.empty_like(given[0])
             run = self.evaluate(function, given, out)
-            yield Side(name, run, _kept(given, out))
+            contents = SINGLE if work.kind == 'call' else LOOP
+            yield Side(name, run, partial(np.asarray, out), contents=contents)
 
     def _calls(self, work: Work) -> Iterator[Side]:
         return self._sides(work)
@@ -124,17 +137,7 @@ class PinocchioCpp(Contender):
             q[:], qd[:] = work.q, work.qd
             advance()
 
-        yield Side(f'{NAME} aba', run, _kept((qd, taus), q))
-
-
-def _kept(inputs: object, out: Array) -> Callable[[], Array]:
-    """Return a function that returns `out`, and keeps the inputs, whose addresses C++ holds."""
-
-    def result() -> Array:
-        assert inputs is not None
-        return out
-
-    return result
+        yield Side(f'{NAME} aba', run, lambda: q, contents=LOOP)
 
 
 def _joint_effects(plant: Plant, width: float) -> tuple[Array | None, ...]:
@@ -164,8 +167,8 @@ def checked(n: int, *arrays: Array) -> tuple[Array, ...]:
 
 
 def address(array: Array | None) -> ctypes.c_void_p | None:
-    """Return the address of an array's numbers; None without an array."""
-    return None if array is None else ctypes.c_void_p(array.ctypes.data)
+    """Return the address of an array's numbers, which keeps the array; None without an array."""
+    return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
 
 
 @cache

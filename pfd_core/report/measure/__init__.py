@@ -13,6 +13,7 @@ Steps:
 Times:
 
     timing              contenders that take turns, pace and spread (Row, Pace)
+    decomposition       calls, code for one robot, vectors: the factor over Pinocchio in steps
     port_limit          a kernel's own mix of operations in a loop: the limit of the processor
     first_results       time to a robot's first result, compiled or from disk
     installation        whether compiler and cache work, and times of this machine (`pfd doctor`)

@@ -21,8 +21,6 @@ from collections.abc import Callable
 import ctypes
 from dataclasses import dataclass
 from pathlib import Path
-import subprocess
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -30,11 +28,11 @@ import numpy as np
 from pfd_core.report.cases.controlled_arm import ControlledArm
 from pfd_core.report.cases.robots import Array
 from pfd_core.report.cases.stored import text
-from pfd_core.report.contenders.casadi import COMPILER, articulated_body, compiled, compiler
+from pfd_core.report.contenders.casadi import articulated_body, built, compiled
 from pfd_core.report.contenders.mujoco import Mujoco
 from pfd_core.report.contenders.pinocchio_cpp import NAME as PINOCCHIO_CPP
-from pfd_core.report.contenders.pinocchio_cpp import PinocchioCpp
-from pfd_core.report.contenders.work import LeftOutError, installed
+from pfd_core.report.contenders.pinocchio_cpp import PinocchioCpp, joint_torques
+from pfd_core.report.contenders.work import installed
 
 MUJOCO = {
     'MuJoCo Euler': 'mjINT_EULER',
@@ -107,13 +105,7 @@ class ControlLoop:
 
 def loop_library(n: int) -> ctypes.CDLL:
     """Return data/control_loop.c for n joints, compiled; LeftOutError without a compiler."""
-    with TemporaryDirectory(prefix='pfd_control_') as folder:
-        source, path = (Path(folder) / name for name in ('loop.c', 'loop.so'))
-        source.write_text(text('control_loop.c'), encoding='utf-8')
-        command = [compiler(), *COMPILER[1:], f'-DN={n}', str(source), '-o', str(path), '-lm']
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise LeftOutError(f'{COMPILER[0]} failed: {done.stderr.strip()[:200]}')
+    with built(f'#define N {n}\n{text("control_loop.c")}') as path:
         return ctypes.CDLL(str(path))
 
 
@@ -211,16 +203,16 @@ class MujocoArm:
 
 def joint_effects(case: ControlledArm, softness: Softness) -> Array:
     """Return limits, damping, friction and the width of its ramp, (4, n)."""
-    plant, zero = case.plant, np.zeros(case.robot.n)
-    damping = zero if plant.damping is None else plant.damping
-    friction = zero if plant.friction is None else plant.friction
-    return np.array([limits(case), damping, friction, zero + softness.width])
+    found = joint_torques(case.plant, softness.width)
+    off = (np.inf, 0.0, 0.0, 1.0)
+    n = case.robot.n
+    return np.array([np.full(n, y) if x is None else x for x, y in zip(found, off, strict=True)])
 
 
 def limits(case: ControlledArm) -> Array:
     """Return the effort limits, (n,); infinite without."""
-    found = case.plant.effort_limits
-    return np.full(case.robot.n, np.inf) if found is None else np.array(found)
+    found: Array = joint_effects(case, Softness(1.0))[0]
+    return found
 
 
 def answer(q: Array, qd: Array) -> Answer:

@@ -32,7 +32,7 @@ ONE_ROBOT = ('CasADi',)
 PHRASES = {
     'CasADi C, loop in C': 'C that CasADi generates for this arm (loop in C, `-O3 -march=native`)',
     'CasADi C, RK4 in C': 'C that CasADi generates for this arm (loop in C, `-O3 -march=native`)',
-    'CasADi C, buffer()': "CasADi's `buffer()` of such C",
+    'CasADi C, buffer()': "`buffer()` of CasADi's C",
     'pinocchio.aba': '`pinocchio.aba`',
     'pinocchio.aba WORLD': '`pinocchio.aba` in world axes',
     'pinocchio.abaInParallel, 1 thread': "Pinocchio's `abaInParallel`",

@@ -39,8 +39,8 @@ from pfd_core.report.time_tables import (
 COMMAND = 'pfd report speed'
 SHARE = 'share of the port limit'
 PREPARED = (*WORKS, *(work + FROM_DISK for work in WORKS), PROCESS)
-# Ends of the names of ways that are not the fastest of their kind, and not in the plot.
-SLOWER = (': kernel(q, qd, tau)', 'out=)', ', C order', ' threads', ' refined')
+# Ends of the names of ways that are not in the plot, which has ten colours.
+SLOWER = (': kernel(q, qd, tau)', 'out=)', ', C order', ' threads', 'WORLD', ' refined')
 
 
 def markdown(findings: Findings) -> str:
@@ -59,7 +59,7 @@ def markdown(findings: Findings) -> str:
         strongest=headlines.against_strongest([row for row in rows if row.work not in PREPARED]),
         summary=_summary(rows),
         decomposition=headlines.decomposed(rows),
-        contents=contents(rows),
+        contents=contents([*rows, *findings.others]),
         works=works(rows, (*PREPARED, port_limit.WORK, decomposition.WORK)) or None,
         limits=limits(rows),
         process=PROCESS,
@@ -80,7 +80,7 @@ def _milliseconds(row: Row) -> str:
 
 
 def _summary(rows: Sequence[Row]) -> str:
-    """Return a table of our best speed-up over Pinocchio, robot by robot."""
+    """Return a table of our speed-up over Pinocchio's fastest way, robot by robot."""
     size = batch_name(rows)
     columns: dict[str, Callable[[Row], bool]] = {
         'call with out=': lambda row: (
@@ -96,11 +96,18 @@ def _summary(rows: Sequence[Row]) -> str:
     for robot in dict.fromkeys(row.robot for row in rows):
         own = [row for row in rows if row.robot == robot and row.way.startswith(tuple(METHODS))]
         for title, fits in columns.items():
-            best = min(filter(fits, own), key=lambda row: row.minimum, default=None)
-            found = '-' if best is None or best.times is None else f'{best.times:.1f}'
-            ratios[robot, title] = found
+            best = headlines.fastest(filter(fits, own))
+            ratios[robot, title] = '-' if best is None else _over_pinocchio(best, rows)
         ratios[robot, SHARE] = _share(own, size)
     return page('speed-summary', batch=size, ratios=grid(ratios, 'robot'))
+
+
+def _over_pinocchio(own: Row, rows: Sequence[Row]) -> str:
+    """Return our speed over that of Pinocchio's fastest way of the same work."""
+    same = (row for row in rows if (row.robot, row.work) == (own.robot, own.work))
+    ways = (row for row in headlines.peers(same, any_robot=True) if 'inocchio' in row.way)
+    peer = headlines.fastest(ways)
+    return '-' if peer is None else f'{headlines.factor(own, peer):.1f}'
 
 
 def _share(own: Sequence[Row], size: str) -> str:

@@ -27,7 +27,7 @@ _BODY = """<body pos="0.1 0.2 0.3" quat="0.5 0.6 0.4 0.2">
 
 
 MUJOCO = 'MuJoCo'
-CODE = "C for any robot, the wheel's for any processor of its kind"
+CODE = 'C for any robot, as in the wheel'
 SINGLE = Contents(CODE, 'Python, state set before')
 LOOP = Contents(CODE, 'Python, once', 'C')
 

@@ -37,7 +37,7 @@ from pfd_core.report.contenders.work import (
 Evaluation = Callable[[Array, Array, Array], Array]
 
 THREADS = (1, 2)
-CODE = "C++ for any robot, the wheel's for any x86-64 or arm64 processor"
+CODE = 'C++ for any robot, as in the wheel'
 SINGLE = Contents(CODE, 'Python')
 SEVERAL = Contents(CODE, 'Python, four calls')
 LOOP = Contents(CODE, 'Python, once', 'C++')

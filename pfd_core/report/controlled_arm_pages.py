@@ -6,7 +6,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+import json
 from pathlib import Path
+import re
 from typing import Any
 
 from pfd_core.report.cases.controlled_arm import ControlledArm, stored_arm
@@ -22,6 +24,8 @@ from pfd_core.report.measure.controlled_motion import (
     ControlledRow,
     Findings,
     Plan,
+    ReferenceFacts,
+    Rounding,
     advice,
     is_ours,
     scene_errors,
@@ -84,6 +88,7 @@ STYLES: Mapping[str, tuple[str, str, str, str]] = {
     'Drake RK5': (plots.DRAKE, 'd', '--', 'Drake RK5 (adaptive)'),
     'Drake Radau3': (plots.DRAKE, 'p', ':', 'Drake Radau3 (adaptive)'),
 }
+BLOCK = re.compile(r'(<!-- controlled-arm -->\n).*?(<!-- /controlled-arm -->)', re.DOTALL)
 # Left end of the plot, as a part of the self-difference of the reference.
 LEFT = 0.2
 
@@ -238,6 +243,34 @@ def run(folder: Path, quick: bool = False) -> int:
     findings = survey(case, controlled_motion.QUICK if quick else Plan())
     print('\n'.join(str(path) for path in write(findings, case, folder)))
     return 0
+
+
+def stored(path: Path) -> Findings:
+    """Return the findings of a controlled-arm.json."""
+    data = json.loads(path.read_text(encoding='utf-8'))
+    rows = [ControlledRow(**row | {'left_out': tuple(row['left_out'])}) for row in data['rows']]
+    return Findings(
+        ReferenceFacts(**data['reference']),
+        data['periods'],
+        rows,
+        [Rounding(**one) for one in data['roundings']],
+        data['left_out'],
+        data['machine'],
+    )
+
+
+def publish(root: Path) -> list[Path]:
+    """Write the page of docs/report/controlled-arm.json, and the block of README.md."""
+    folder, readme = root / 'docs' / 'report', root / 'README.md'
+    findings = stored(folder / f'{NAME}.json')
+    text = readme.read_text(encoding='utf-8')
+    readme.write_text(filled(text, findings), encoding='utf-8')
+    return [*write(findings, stored_arm(), folder), readme]
+
+
+def filled(text: str, findings: Findings) -> str:
+    """Return a page whose block has the summary of findings."""
+    return BLOCK.sub(lambda match: f'{match[1]}{summary(findings)}{match[2]}', text)
 
 
 def write(findings: Findings, case: ControlledArm, folder: Path) -> list[Path]:

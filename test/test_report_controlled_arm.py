@@ -154,6 +154,8 @@ FINDINGS = Findings(
     ROWS,
     [Rounding('float64', 0.0, 1e-15), Rounding('float32', 3e-8, 4e-8)],
     ['Drake: it is absent'],
+    [0.01],
+    ['default'],
 )
 
 

@@ -18,7 +18,6 @@ from pfd_core.report.measure import controlled_motion
 from pfd_core.report.measure.controlled_motion import (
     ADAPTIVE,
     LEAVES,
-    RAMPS,
     TOLERANCES,
     Advice,
     ControlledRow,
@@ -218,8 +217,9 @@ def markdown(findings: Findings, case: ControlledArm) -> str:
             ['library, integrator, format', 'its time contains', 'dry friction'],
             [[way, *CONTENTS[way]] for way in CONTENTS if way in seen],
         ),
-        widths=', '.join(f'{ramp.width:g}' for ramp in RAMPS),
-        narrowest=RAMPS[controlled_motion.DRAKES - 1].width,
+        widths=', '.join(f'{width:g}' for width in findings.ramps),
+        solvers='; '.join(findings.solvers),
+        narrowest=min(findings.ramps[: controlled_motion.DRAKES], default=0.0),
         scenes=table(
             {
                 'scene': _without,
@@ -255,6 +255,8 @@ def stored(path: Path) -> Findings:
         rows,
         [Rounding(**one) for one in data['roundings']],
         data['left_out'],
+        data['ramps'],
+        data['solvers'],
         data['machine'],
     )
 

@@ -185,13 +185,19 @@ class Rounding:
 
 @dataclass(frozen=True)
 class Findings:
-    """The reference, rows, roundings, excluded libraries with reasons, and the machine."""
+    """
+    The reference, rows, roundings, excluded libraries with reasons, and the machine.
+
+    `ramps` [rad/s] and `solvers` are what libraries without dry friction ran with.
+    """
 
     reference: ReferenceFacts
     periods: int
     rows: list[ControlledRow]
     roundings: list[Rounding]
     left_out: list[str]
+    ramps: list[float]
+    solvers: list[str]
     machine: dict[str, Any] = field(default_factory=surroundings)
 
 
@@ -240,7 +246,15 @@ def survey(case: ControlledArm, plan: Plan) -> Findings:
     )
     roundings = [_rounding(case, plan, dtype) for dtype in ROUNDINGS]
     show_progress('')
-    return Findings(facts, case.periods, rows, roundings, left_out)
+    return Findings(
+        facts,
+        case.periods,
+        rows,
+        roundings,
+        left_out,
+        [ramp.width for ramp in plan.ramps],
+        [str(solver) for solver in plan.solvers],
+    )
 
 
 def reference(case: ControlledArm, substeps: int) -> tuple[Array, ReferenceFacts]:

@@ -175,8 +175,9 @@ def test_every_time_says_what_it_contains(findings: speed.Findings) -> None:
             # One state has no loop; many have one, and so have the steps of a rollout.
             assert bool(row.loop) == (row.work != 'call'), row
     page = speed_pages.markdown(findings)
-    assert '| pinocchio.aba | call | C++ for any robot' in page
-    assert '| CasADi C, loop in C | batch | C for this robot, cc -O3 -march=native |' in page
+    assert '| call | C++ for any robot, as in the wheel | Python | - | pinocchio.aba; ' in page
+    native = 'C for this robot, cc -O3 -march=native | ctypes, once | C | CasADi C, loop in C |'
+    assert f'| batch | {native}' in page
 
 
 @pytest.mark.slow

@@ -92,6 +92,7 @@ def write(
 def _draw_cases(
     cases: Sequence[CaseFacts], points: Sequence[Point], size: int, figure: Any
 ) -> None:
+    points = _shown(points)
     rows = -(-(len(cases) + 1) // COLUMNS)
     panels = figure.subplots(rows, COLUMNS, squeeze=False, sharex=True, sharey=True)
     for axes, case in zip(panels.flat, cases, strict=False):
@@ -110,6 +111,12 @@ def _draw_cases(
     _explain(panels.flat[len(cases)], points)
 
 
+def _shown(points: Sequence[Point]) -> list[Point]:
+    """Return points without those of loops in Python, where the same is measured in C++."""
+    native = any(point.way in NATIVE for point in points)
+    return [point for point in points if not (native and point.loop == 'Python')]
+
+
 def _draw_case(axes: Any, case: CaseFacts, points: Sequence[Point]) -> None:
     """Draw the points of a case; a line leads from the default method to its refined answer."""
     axes.set_title(f'{case.name} (n = {case.n})', fontsize=10)
@@ -120,10 +127,9 @@ def _draw_case(axes: Any, case: CaseFacts, points: Sequence[Point]) -> None:
             u / UNIT, 0.99, f' {dtype}', transform=axes.get_xaxis_transform(), fontsize=7,
             color=GREY, va='top',
         )  # fmt: skip
-    native = any(point.way in NATIVE for point in points)
     for point in points:
         place = _place(point)
-        if place is None or (native and point.loop == 'Python'):
+        if place is None:
             continue
         if point.way in PEER_STYLES:
             colour, marker = PEER_STYLES[point.way]

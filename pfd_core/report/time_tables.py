@@ -40,17 +40,17 @@ def over_robots(rows: Sequence[Row], cell: Callable[[Row], str]) -> list[str]:
 
 
 def contents(rows: Sequence[Row | Point]) -> str | None:
-    """Return the section on what the time of each way contains; None where no row says it."""
+    """Return the section on what the time of the ways contains; None where no row says it."""
     known: dict[tuple[str, str, str, str], dict[str, None]] = {}
     for row in rows:
         if row.code:
             kind = 'batch' if row.work.startswith('batch') else row.work
-            known.setdefault((row.way, row.code, row.call, row.loop), {})[kind] = None
+            known.setdefault((kind, row.code, row.call, row.loop), {})[row.way] = None
     lines = (
-        [way, ', '.join(kinds), code, call, loop or '-']
-        for (way, code, call, loop), kinds in known.items()
+        [kind, code, call, loop or '-', '; '.join(ways)]
+        for (kind, code, call, loop), ways in known.items()
     )
-    titles = ('way', 'work', 'code of one state', 'call', 'loop')
+    titles = ('work', 'code of one state', 'call', 'loop', 'ways')
     return page('time-contents', table=lines_of(titles, lines)) if known else None
 
 

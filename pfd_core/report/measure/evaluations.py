@@ -38,6 +38,7 @@ from pfd_core.report.contenders.mujoco import MUJOCO, Mujoco
 from pfd_core.report.contenders.pinocchio import (
     EVALUATIONS,
     PYTHON_LOOP,
+    SEVERAL,
     SINGLE,
     Pinocchio,
 )
@@ -344,7 +345,8 @@ def _pinocchio_side(peer: Pinocchio, evaluation: str, states: list[Array]) -> Si
     evaluate = peer.evaluations()[evaluation]
     result = partial(np.asarray, evaluate(*rows[0]))
     if len(rows) == 1:
-        return Side(evaluation, partial(evaluate, *rows[0]), result, contents=SINGLE)
+        contents = SINGLE if 'aba' in evaluation else SEVERAL
+        return Side(evaluation, partial(evaluate, *rows[0]), result, contents=contents)
     run = partial(one_by_one, evaluate, rows)
     return Side(evaluation, run, result, contents=PYTHON_LOOP)
 

@@ -14,6 +14,11 @@ A module for each page: its tables, columns and plots. Its prose is a template i
 
     counts_pages          `pfd report counts`: counts.md, .json, .png and array.svg
     errata_pages          `pfd report counts`: errata.md
+    paper_pages           `pfd report paper`: paper.md, which links all pages of the paper, and:
+    claims_pages          `pfd report paper`: claims.md and .json
+    illustrated_pages     `pfd report paper`: illustrated.md, doubling.svg, set-ordering.svg
+    array_pages           `pfd report paper`: array.md, .json, array-designs.svg, array-cycles.svg
+    pcgm_pages            `pfd report paper`: pcgm.md, .json and .png
     speed_pages           `pfd report speed`: speed.md, .json and .png
     quantity_pages        `pfd report speed --quantity NAME`: speed-NAME and, with --against-error,
                           speed-against-error-NAME

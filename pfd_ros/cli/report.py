@@ -16,6 +16,7 @@ from pfd_ros.cli.terminal import progress_on
 
 REPORTS = {
     'counts': 'steps of every method compared with the paper, and its errata',
+    'paper': 'the paper executed: its claims, PCGM to convergence, the array; some minutes',
     'speed': 'times compared with other libraries, some ten minutes',
     'hard-cases': 'errors of ill-conditioned forward dynamics, some ten minutes',
     'controlled-arm': 'time against error of a UR5 under a controller; some minutes',
@@ -104,6 +105,7 @@ def run(given: argparse.Namespace) -> int:
         counts_pages,
         hard_case_pages,
         mechanism_pages,
+        paper_pages,
         quantity_pages,
         speed_pages,
     )
@@ -123,6 +125,7 @@ def run(given: argparse.Namespace) -> int:
             'counts': counts_pages.run,
             'hard-cases': hard_case_pages.run,
             'mechanisms': mechanism_pages.run,
+            'paper': paper_pages.run,
         }
         pages = runs[given.what](folder)
     print('\n'.join(str(page) for page in pages))

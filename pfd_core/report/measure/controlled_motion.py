@@ -61,7 +61,8 @@ LEAVES = {'friction': 'dry friction', 'armature': 'rotors', 'effort limits': 'mo
 # scene; of strongly damped light joints, too.
 FINE = ('imex2', 'float64', 10)
 ROUNDINGS = ('float64', 'float32')
-RAMPS = tuple(Softness(width) for width in (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4))
+WIDTHS = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
+RAMPS = tuple(Softness(width) for width in WIDTHS)
 # Ramps that Drake runs with: it takes seconds where one is steep.
 DRAKES = 5
 SOLVERS = tuple(

@@ -26,6 +26,7 @@ A module for each page: its tables, columns and plots. Its prose is a template i
                           speed-against-error-NAME
     against_error_pages   `pfd report speed --against-error`: speed-against-error.md and .json
     against_error_plots   its plots: a panel for each case; work over error of integrators
+    controlled_arm_pages  `pfd report controlled-arm`: controlled-arm.md, .json, .png and .svg
     hard_case_pages       `pfd report hard-cases`: hard-cases.md and .json
     mechanism_pages       `pfd report mechanisms`: mechanisms.md and .json
     scene_pages           `pfd report scene`: scene.md, .json, .yaml, .png and .svg

@@ -19,10 +19,13 @@ REPORTS = {
     'paper': 'the paper executed: its claims, PCGM to convergence, the array; some minutes',
     'speed': 'times compared with other libraries, some ten minutes',
     'hard-cases': 'errors of ill-conditioned forward dynamics, some ten minutes',
+    'controlled-arm': 'time against error of a UR5 under a controller; some minutes',
     'mechanisms': 'errors of the default compared with pinocchio.aba, some minutes',
     'scene': 'cost and error of each effect of a scene, and the smallest scene within a tolerance',
     'log': 'one HTML page of a log: what went wrong first, and its curves; opens without network',
 }
+# Reports that can be made in a few rounds.
+QUICK = ('speed', 'controlled-arm')
 HELP = 'make tables and plots, measured on this machine, or the page of a log'
 EXAMPLE = 'pfd report log run.mcap'
 EXAMPLES = {
@@ -61,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 metavar='NAME',
                 help='one quantity and forward dynamics, for more robots: %(choices)s',
             )
+        if name in QUICK:
             kind.add_argument('--quick', action='store_true', help='a few rounds only')
 
 
@@ -97,6 +101,7 @@ def run(given: argparse.Namespace) -> int:
         return log_page.run(given)
     from pfd_core.report import (
         against_error_pages,
+        controlled_arm_pages,
         counts_pages,
         hard_case_pages,
         mechanism_pages,
@@ -111,6 +116,8 @@ def run(given: argparse.Namespace) -> int:
     if given.what == 'speed':
         run_speed = against_error_pages.run if given.against_error else speed_pages.run
         return run_speed(folder, quick=given.quick)
+    if given.what == 'controlled-arm':
+        return controlled_arm_pages.run(folder, quick=given.quick)
     if given.what == 'scene':
         pages = _run_scene(given, folder)
     else:

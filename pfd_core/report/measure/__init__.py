@@ -47,6 +47,11 @@ Errors of motions:
     motion_errors       runs of hard and steady motions; formulation stiffness; loops through a
                         hold
 
+Time and error of a controlled arm:
+
+    controlled_motion   integrators, formats, libraries and smaller scenes against a reference of
+                        one motion; advice by tolerance (ControlledRow, Advice)
+
 Errors of smaller scenes:
 
     scene_effects       the effects that are on, and the full scene of a robot

@@ -10,8 +10,11 @@ Subpackages in the order of data flow; `render` knows none of the others:
     measure      steps, times and errors, as rows
     render       tables, plots and JSON
 
-A module for each page: its tables, columns and plots. Its prose is a template in texts/NAME.md.
+`pages` is the table of the pages: the commands, `pfd report` without a name, and the index derive
+from it. A module for each page: its tables, columns and plots. Its prose is a template in
+texts/NAME.md.
 
+    pages                 the table PAGES; `pfd report`: all pages and index.md
     counts_pages          `pfd report counts`: counts.md, .json, .png and array.svg
     errata_pages          `pfd report counts`: errata.md
     speed_pages           `pfd report speed`: speed.md, .json and .png

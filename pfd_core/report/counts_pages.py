@@ -275,14 +275,14 @@ def _measured_and_claimed(kind: str, row: Row) -> str:
     return f'{cell.measured}' + ('' if cell.claimed is None else f' / {_number(cell.claimed)}')
 
 
-def run(folder: Path) -> list[Path]:
-    """Measure every method and write the report into a folder; progress goes to a terminal."""
+def run(folder: Path, quick: bool = False) -> list[Path]:
+    """Measure every method and write the report into a folder; quick is one size only."""
     rows: list[Row] = []
-    for n in SIZES:
+    for n in (PRINTED_AT,) if quick else SIZES:
         show_progress(f'counting at n = {n} of {max(SIZES)}')
         rows += measure([n])
     iterations: list[Convergence] = []
-    for robot in robots():
+    for robot in robots((PRINTED_AT,), ()) if quick else robots():
         show_progress(f'counting iterations of {robot.name}')
         iterations += measure_convergence([robot])
     show_progress('')

@@ -3,6 +3,10 @@
 """
 Measurements: steps, times and errors, each as rows of a table.
 
+Tools:
+
+    processes           measurements whose numbers do not depend on the load, on all processors
+
 Steps:
 
     counts              steps of every method measured on recorded programs, compared with the

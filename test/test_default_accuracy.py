@@ -130,13 +130,13 @@ def test_a_joint_that_only_brakes_can_hold_is_not_compared() -> None:
 FAST = {'near_stretched_6', 'heavy_base_1e8', 'static_hold', 'ordinary_panda', 'ordinary_ur5'}
 FAST |= {'collinear_axes_1e-12', 'lift_1km', 'six_slides_tip_1e2', 'planar_ratio_100'}
 SLOW = (pytest.mark.slow,)
-# Chains of 200 joints take a minute each.
+# Chains of 200 joints take a minute each, the other hard cases a minute together.
 LONG = (*SLOW, pytest.mark.long)
 HELD_OUT = [
     pytest.param(
         case,
         id=case.name,
-        marks=() if case.name in FAST else LONG if case.name.endswith('_200') else SLOW,
+        marks=() if case.name in FAST else SLOW if case in MECHANISMS else LONG,
     )
     for case in (*CASES, *MECHANISMS)
 ]

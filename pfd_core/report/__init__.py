@@ -23,6 +23,7 @@ texts/NAME.md.
     against_error_pages   `pfd report speed --against-error`: speed-against-error.md and .json
     against_error_plots   its plots: a panel for each case; work over error of integrators
     hard_case_pages       `pfd report hard-cases`: hard-cases.md and .json
+    distribution_pages    `pfd report distributions`: distributions.md, .json, .png and .svg
     mechanism_pages       `pfd report mechanisms`: mechanisms.md and .json
     scene_pages           `pfd report scene`: scene.md, .json, .yaml, .png and .svg
     time_tables           tables of ways over robots and of quantities, for all pages of speed

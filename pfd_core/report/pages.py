@@ -90,6 +90,12 @@ PAGES: Sequence[Page] = (
         'hard_case_pages',
     ),
     Page(
+        'distributions',
+        'distributions',
+        'errors and condition numbers over thousands of states of 11 arms, as box plots',
+        'distribution_pages',
+    ),
+    Page(
         'mechanisms',
         'mechanisms',
         'errors of the default compared with pinocchio.aba',

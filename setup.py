@@ -15,6 +15,8 @@ PEERS = ['casadi', 'mujoco', 'example-robot-data']
 COMPLETION = ['argcomplete']
 # The 3D view: its page, and meshes of URDFs (COLLADA through pycollada).
 VIEW = ['viser>=1.1', 'trimesh>=4', 'pycollada']
+# The documentation site. Its pages are Markdown, and its reference is made from docstrings.
+DOCS = ['sphinx>=8.1', 'myst-parser>=4', 'furo']
 
 setup(
     name=NAME,
@@ -54,10 +56,12 @@ setup(
         'peers': PEERS,
         'view': VIEW,
         'completion': COMPLETION,
+        'docs': DOCS,
         'test': [
             *REPORT,
             *PEERS,
             *COMPLETION,
+            *DOCS,
             *VIEW,
             'colcon-common-extensions',
             'colcon-ros',

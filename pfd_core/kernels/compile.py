@@ -45,23 +45,24 @@ def compile_kernel(
         at which derivatives are taken. One step reaches rounding level in nearly every
         scene, for about half as much work again as the default method.
     quantity : str
-        The result, and its arguments:
+        The result, and its arguments::
 
-        'forward_dynamics'   qdd, (n,), of (q, qd, tau)
-        'inverse_dynamics'   tau, (n,), of (q, qd, qdd): the commanded torques, so without gravity
-                             compensated by motor controllers; ignores their limits and brakes
-        'derivatives'        d qdd / d (q, qd, tau), (n, 3n), of (q, qd, tau)
-        'inertia_matrix'     H, (n, n), of q, with the rotors
-        'bias_torques'       (n,), of (q, qd): inverse dynamics at qdd = 0
-        'gravity_torques'    (n,), of q: the same at rest, without the wrench
-        'energy'             (2,) [J], of (q, qd): kinetic, and potential, whose slopes are the
-                             gravity torques
-        'wrench_torques'     (n,), of q and wrench=: the joint torques J' k that a wrench on the
-                             frame causes, in its axes, about its origin
-        'tip_pose'           (4, 4), of q: homogeneous transform of the frame to the base link
-        'tip_jacobian'       (6, n), of q: linear and angular velocity of the frame by qd, in axes
-                             of the base link, linear first
-        'tip_velocity'       (6,), of (q, qd): the Jacobian times qd
+          'forward_dynamics'   qdd, (n,), of (q, qd, tau)
+          'inverse_dynamics'   tau, (n,), of (q, qd, qdd): the commanded torques, so without
+                               gravity compensated by motor controllers; ignores their limits and
+                               brakes
+          'derivatives'        d qdd / d (q, qd, tau), (n, 3n), of (q, qd, tau)
+          'inertia_matrix'     H, (n, n), of q, with the rotors
+          'bias_torques'       (n,), of (q, qd): inverse dynamics at qdd = 0
+          'gravity_torques'    (n,), of q: the same at rest, without the wrench
+          'energy'             (2,) [J], of (q, qd): kinetic, and potential, whose slopes are the
+                               gravity torques
+          'wrench_torques'     (n,), of q and wrench=: the joint torques J' k that a wrench on the
+                               frame causes, in its axes, about its origin
+          'tip_pose'           (4, 4), of q: homogeneous transform of the frame to the base link
+          'tip_jacobian'       (6, n), of q: linear and angular velocity of the frame by qd, in
+                               axes of the base link, linear first
+          'tip_velocity'       (6,), of (q, qd): the Jacobian times qd
     frame : str, optional
         For the last four: a name in `robot.frames`, default the robot's tip.
 

@@ -209,8 +209,8 @@ class Kernel:
         Return qdd, the same bits as a call gives, and its relative error.
 
         With steps of refinement (`kernel.spec.refine`) it is the error before the last step.
-        Arguments and errors are those of a call. The error, () or (B,), is max |difference| /
-        max |exact qdd|. It is estimated from torques with nearly twice the digits: within 5 % of
+        Arguments and errors are those of a call. The error, () or (B,), is `max |difference| /
+        max |exact qdd|`. It is estimated from torques with nearly twice the digits: within 5 % of
         the error for the included arms, also where tau is close to the bias. For other
         robots it is within a factor of 3 wherever the error is above 1e-13 (5e-5 in float32) and
         below 0.1, away from equilibrium: there, on axes at other than right angles, rounding of
@@ -285,9 +285,9 @@ class Kernel:
         """
         Return a function without arguments that evaluates in place on these arrays.
 
-        Each call of the function reads the arguments and writes out, (*shape) or (B, *shape), and
-        raises ValueError where an input is not finite. The arrays are checked here, once; their
-        number format must be the kernel's.
+        Each call of the function reads the arguments and writes out, `(*shape)` or
+        `(B, *shape)`, and raises ValueError where an input is not finite. The arrays are checked
+        here, once; their number format must be the kernel's.
         """
         given = _given(q, qd, tau, wrench)
         for name, value in [*zip(self._names, given, strict=False), ('out', out)]:

@@ -173,7 +173,7 @@ def integrate(
     brakes : array_like of bool
         Joints that stay where they are, (n,); only if the scene has brakes, default none.
     rtol, atol : float
-        Error of the motion, as root mean square over the state of error / (atol + rtol |state|):
+        Error of the motion, as root mean square over the state of `error / (atol + rtol |state|)`:
         a step's estimate is kept to a tenth of 1, so that the sum of all is about 1 at most where
         the arm does not amplify it. A chaotic motion amplifies an error without limit.
     integrator : str

@@ -95,12 +95,12 @@ class Linearization(tuple[Array, Array]):
     A, B : numpy.ndarray
         As Simulator.linearize returns them.
     status : numpy.ndarray of str
-        One of each joint, (n,) or (B, n):
+        One of each joint, (n,) or (B, n)::
 
-        'moving'       A and B are derivatives by its position, velocity and torque
-        'held'         they are, too; friction or a brake holds the joint in place for the step
-        'one_sided'    the joint is held, and they are derivatives only for changes that leave it
-                       held, not for one that moves it off its stop or breaks it loose
+          'moving'       A and B are derivatives by its position, velocity and torque
+          'held'         they are, too; friction or a brake holds the joint in place for the step
+          'one_sided'    the joint is held, and they are derivatives only for changes that leave it
+                         held, not for one that moves it off its stop or breaks it loose
 
     """
 

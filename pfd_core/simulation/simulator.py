@@ -46,6 +46,9 @@ class Simulator(Simulation):
     """
     A robot in a scene, in time.
 
+    Copies and pickles carry the state on with the same bits; the native code is compiled again,
+    or found on disk, where a pickle is opened.
+
     Parameters
     ----------
     robot : Robot
@@ -65,9 +68,6 @@ class Simulator(Simulation):
         Whether positions are summed without loss, so that they stay right to the last digit
         however often a joint turns and however slowly it moves; default: where joints turn
         without limit, and in float32. The attribute `compensated` has the choice.
-
-    Copies and pickles carry the state on with the same bits; the native code is compiled again,
-    or found on disk, where a pickle is opened.
 
     Raises
     ------

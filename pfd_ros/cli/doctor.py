@@ -34,6 +34,7 @@ EXTRAS = {
     'view': 'pfd view: the arm of a log or of a running node in 3D',
     'completion': 'completion of pfd in bash and zsh, see docs/guides/node.md',
     'test': 'the tests of this project',
+    'docs': 'the documentation site, see docs/install.md',
 }
 # Period [s] and length [s] of the test of the clock, and the share of periods it may miss.
 PERIOD, LENGTH, MISSED = 1e-3, 1.0, 0.02

@@ -61,13 +61,18 @@ class _Report(HTMLParser):
             self.found += data
 
 
-def drawn(page: Path, folder: Path, mark: str = '#check', *options: str) -> dict[str, Any]:
-    """Return what a page says that it drew; its console must be empty."""
+def elements(page: Path, folder: Path, mark: str = '', *options: str) -> str:
+    """Return the HTML of a page once its scripts have run; its console must be empty."""
     done = _run(page, mark, folder, '--window-size=1280,720', '--dump-dom', *options)
     console = [line for line in done.stderr.splitlines() if 'CONSOLE' in line]
     assert not console, console
+    return done.stdout
+
+
+def drawn(page: Path, folder: Path, mark: str = '#check', *options: str) -> dict[str, Any]:
+    """Return what a page says that it drew; its console must be empty."""
     parser = _Report()
-    parser.feed(done.stdout)
+    parser.feed(elements(page, folder, mark, *options))
     assert parser.found, 'the page did not come to its end'
     return dict(json.loads(parser.found))
 

@@ -36,3 +36,7 @@ def main() -> None:
     """Run the node until it is interrupted."""
     rclpy.init()
     rclpy.spin(JointPDNode(goal=[0.5, -1.0, 1.0, -0.5, 0.4, 0.3]))
+
+
+if __name__ == '__main__':
+    main()

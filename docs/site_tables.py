@@ -1,0 +1,334 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The generated parts of the reference, as Markdown, from the tables in the code (TABLES)."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+from collections.abc import Iterable, Iterator, Sequence
+import dataclasses
+from functools import partial
+import importlib
+import inspect
+import json
+from pathlib import Path
+import re
+from typing import Any
+
+import pfd_core as pfd
+import pfd_ros
+from pfd_ros import testing
+from pfd_ros.arm.setting_fields import parameter_name
+from pfd_ros.arm.settings import Settings
+from pfd_ros.cli.doctor import EXTRAS
+from pfd_ros.cli.main import commands_of, parser
+from pfd_ros.node import endpoints, services
+from pfd_ros.recording import format as recording
+
+WIDTH = 92
+QUOTE = '"'
+# Titles of the names of pfd_core, by the subpackage that defines them.
+CORE = {
+    'model': 'Robots and scenes',
+    'kernels': 'Compiled kernels',
+    'simulation': 'Simulation',
+    'algorithms': 'Emulation',
+    'machine': 'Emulation',
+}
+# Titles of the settings, by the module of their table.
+SETTINGS = {
+    'settings': 'Model, simulation, timing, recording',
+    'plant_settings': 'Effects',
+    'description_settings': 'Description and ros2_control',
+    'command_settings': 'Commands and motors',
+    'sensor_settings': 'Sensors',
+    'output_settings': 'Outputs',
+}
+TESTING = (
+    'lockstep_arm.LockstepArm',
+    'trajectory.Trajectory',
+    'process_arm.ProcessArm',
+    'controller.ControllerError',
+    'controllers.NoAnswerError',
+    'rejections.RejectedError',
+)
+
+
+def cell(text: object) -> str:
+    """Return a text for a cell of a table, and as it is."""
+    return re.sub(r'([<>|*\[\]])', r'\\\1', ' '.join(str(text).split()))
+
+
+def code(text: object) -> str:
+    """Return a text as code; nothing of an empty one."""
+    return f'`{text}`'.replace('|', r'\|') if str(text) else ''
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in Markdown."""
+    lines = [head, ['---'] * len(head), *rows]
+    return '\n'.join(f'| {" | ".join(line)} |' for line in lines) + '\n'
+
+
+def block(text: str) -> str:
+    """Return a text as it is, in its own lines."""
+    return f'```text\n{text.strip()}\n```\n'
+
+
+# Parameters.
+
+
+def _owner(field: dataclasses.Field[Any]) -> str:
+    """Return the module of the table of settings that has a field."""
+    (found,) = (
+        base.__module__.rpartition('.')[2]
+        for base in reversed(Settings.__mro__)
+        if field.name in vars(base).get('__annotations__', {})
+    )
+    return found
+
+
+def _default(field: dataclasses.Field[Any]) -> str:
+    value = list(field.default) if isinstance(field.default, tuple) else field.default
+    return json.dumps(value)
+
+
+def _meaning(field: dataclasses.Field[Any]) -> str:
+    """Return the description of a parameter, the values it may have, and whether it may change."""
+    span, values = field.metadata['range'], field.metadata['values']
+    text = cell(field.metadata['text'])
+    if values:
+        text += f'; one of {", ".join(code(json.dumps(x).strip(QUOTE)) for x in values)}'
+    elif span is not None:
+        text += f'; {span[0]:g} to {span[1]:g}'
+    return text + '; dynamic' * field.metadata['dynamic']
+
+
+def _parameter(field: dataclasses.Field[Any]) -> tuple[str, str, str]:
+    name, per_joint = parameter_name(field), field.metadata['per_joint']
+    if not per_joint:
+        return code(name), code(_default(field)), _meaning(field)
+    default = code('0.0') if field.metadata['joint_default'] is None else 'of the model'
+    return code(f'{name}.<joint>'), default, _meaning(field)
+
+
+def _parameters() -> str:
+    """Return the parameters of the node, by the tables of settings."""
+    fields = dataclasses.fields(Settings)
+    assert {_owner(field) for field in fields} == set(SETTINGS)
+    return '\n'.join(
+        f'## {title}\n\n'
+        + table(
+            ('parameter', 'default', 'meaning'),
+            (_parameter(field) for field in fields if _owner(field) == owner),
+        )
+        for owner, title in SETTINGS.items()
+    )
+
+
+# Topics.
+
+
+def _type(kind: Any) -> str:
+    return code(f'{kind.__module__.split(".")[0]}/{kind.__name__}')
+
+
+def _qos(end: Any, depth: int) -> str:
+    words = 'best effort' if end in endpoints.UNRELIABLE else 'reliable'
+    return f'{words}, {"transient local, " if end in endpoints.LATCHED else ""}depth {depth}'
+
+
+def _topics() -> str:
+    head = ('topic', 'type', 'quality of service')
+    parts = [
+        (f'## {title}\n\n')
+        + table(
+            head,
+            [
+                (code(topic), _type(kind), _qos(end, depth))
+                for end, (kind, topic, depth) in ends.items()
+            ],
+        )
+        for title, ends in (
+            ('Subscribed', endpoints.SUBSCRIBED),
+            ('Published', endpoints.PUBLISHED),
+        )
+    ]
+    _, _, listed = inspect.getdoc(services).partition('\n\n')  # type: ignore[union-attr]
+    return '\n'.join([*parts, f'## Services\n\n{block(listed)}'])
+
+
+# Commands.
+
+
+def _parsers(name: str, found: argparse.ArgumentParser) -> Iterator[tuple[str, str]]:
+    """Yield each command and its help."""
+    found.formatter_class = partial(found.formatter_class, width=WIDTH)
+    yield name, found.format_help()
+    for action in found._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for choice, inner in action.choices.items():
+                yield from _parsers(f'{name} {choice}', inner)
+
+
+def _commands() -> str:
+    pages = _parsers('pfd', parser(commands_of(())))
+    return '\n'.join(f'## `{name}`\n\n{block(text)}' for name, text in pages)
+
+
+def _extras() -> str:
+    return table(('extra', 'for'), [(code(name), cell(text)) for name, text in EXTRAS.items()])
+
+
+# Effects.
+
+
+def _effects() -> str:
+    rows = [
+        (
+            cell(effect.name),
+            code(field.name),
+            cell(field.text),
+            cell(field.unit),
+            cell(field.sliding_unit),
+            'yes' if field.rule is not None and field.rule.model is not None else '',
+        )
+        for effect in pfd.EFFECTS
+        for field in effect.fields
+    ]
+    head = ('effect', 'field of `Scene`', 'meaning', 'unit, turning', 'unit, sliding', "`'model'`")
+    return table(head, rows)
+
+
+# The file of a recording.
+
+
+def _topic_of(role: str) -> str:
+    if role in recording.OWN_TOPICS:
+        return recording.OWN_TOPICS[role]
+    source = recording.SOURCE_OF_ROLE.get(role)
+    ends = endpoints.PUBLISHED if source is None else endpoints.SUBSCRIBED
+    return ends[role if source is None else source][1]  # type: ignore[index]
+
+
+def _notes(role: str, channel: recording.Channel) -> Iterator[str]:
+    """Yield what a replay does with the messages of a channel, and whether each file has it."""
+    if role in recording.SOURCE_OF_ROLE:
+        yield 'input'
+    yield 'not replayed' if role in recording.ASIDE else 'needed' if channel.vital else 'compared'
+    if channel.always:
+        yield 'in each file'
+
+
+def _channels() -> str:
+    rows = [
+        (
+            code(role),
+            code(_topic_of(role)),
+            code(channel.type),
+            ', '.join(_notes(role, channel)),
+        )
+        for role, channel in recording.CHANNELS.items()
+    ]
+    head = ('role', 'topic', 'type', 'messages')
+    return table(head, rows)
+
+
+def _keys() -> str:
+    """Return the keys of both metadata records, with the comments of the source."""
+    parts = []
+    for record, keys in ((recording.HEAD, recording.HeadKey), (recording.END, recording.EndKey)):
+        lines = re.findall(r"= '(\w+)'(?:  # (.*))?$", inspect.getsource(keys), re.MULTILINE)
+        rows = [(code(key), cell(comment)) for key, comment in lines]
+        text = '\n'.join(inspect.getdoc(keys).splitlines())  # type: ignore[union-attr]
+        parts.append(f'### Record `{record}`\n\n{text}\n\n{table(("key", "value"), rows)}')
+    return '\n'.join(parts)
+
+
+def _bounds() -> str:
+    names = [name for name in vars(recording) if re.fullmatch(r'[A-Z]+_(BYTES|LIMIT)', name)]
+    return table(('bound', 'value'), [(code(x), f'{getattr(recording, x):,}') for x in names])
+
+
+# Python.
+
+
+def _directive(name: str, found: Any) -> str:
+    kind = 'autofunction' if inspect.isfunction(found) else 'autoclass'
+    if inspect.isclass(found) and issubclass(found, BaseException):
+        kind = 'autoexception'
+    return f'```{{eval-rst}}\n.. {kind}:: {name}\n```\n'
+
+
+def _value(found: Any) -> str:
+    """Return a constant: names, or a number."""
+    if isinstance(found, tuple):
+        return ', '.join(code(getattr(entry, 'name', entry)) for entry in found)
+    return code(found)
+
+
+def _core() -> str:
+    groups: dict[str, list[str]] = {title: [] for title in CORE.values()}
+    constants = []
+    for name in pfd.__all__:
+        found = getattr(pfd, name)
+        if inspect.isclass(found) or inspect.isfunction(found):
+            title = CORE[found.__module__.split('.')[1]]
+            groups[title].append(_directive(f'pfd_core.{name}', found))
+        elif name != '__version__':
+            constants.append((code(name), _value(found)))
+    parts = [f'## {title}\n\n' + '\n'.join(texts) for title, texts in groups.items()]
+    return '\n'.join([*parts, '## Constants\n\n' + table(('name', 'value'), constants)])
+
+
+def _ros() -> str:
+    log = importlib.import_module('pfd_ros.recording.log_arrays')
+    return '\n'.join(
+        _directive(f'{log.__name__}.{name}', getattr(log, name))
+        for name in ('read_log', 'LogArrays', 'TopicArrays')
+    )
+
+
+def _fixtures() -> str:
+    """Return the fixtures of the pytest plugin and their docstrings, without pytest."""
+    source = Path(testing.__file__).with_name('plugin.py').read_text(encoding='utf-8')
+    parts = [
+        f'### `{found.name}`\n\n{ast.get_docstring(found)}\n'
+        for found in ast.parse(source).body
+        if isinstance(found, ast.FunctionDef) and not found.name.startswith('_')
+        if any(ast.unparse(mark).startswith('pytest.fixture') for mark in found.decorator_list)
+    ]
+    assert parts
+    return '\n'.join(parts)
+
+
+def _testing() -> str:
+    parts = []
+    for path in TESTING:
+        name = f'pfd_ros.testing.{path}'
+        module, _, last = name.rpartition('.')
+        parts.append(_directive(name, getattr(importlib.import_module(module), last)))
+    return '\n'.join(parts)
+
+
+def _map(package: Any) -> str:
+    return block(inspect.getdoc(package) or '')
+
+
+TABLES = {
+    'parameters': _parameters,
+    'topics': _topics,
+    'commands': _commands,
+    'extras': _extras,
+    'effects': _effects,
+    'channels': _channels,
+    'keys': _keys,
+    'bounds': _bounds,
+    'core': _core,
+    'log': _ros,
+    'fixtures': _fixtures,
+    'testing': _testing,
+    'core_map': partial(_map, pfd),
+    'ros_map': partial(_map, pfd_ros),
+}

@@ -1,0 +1,94 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The documentation site builds without warnings, and opens and searches without network."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from urllib.parse import urlsplit
+
+from browser import elements, needs_browser
+import pytest
+from ros_processes import ROOT
+
+import pfd_core as pfd
+
+pytestmark = [pytest.mark.ros, pytest.mark.long]
+# A network of its own, in which not even the loopback is up.
+ALONE = (shutil.which('unshare') or 'false', '--net')
+
+
+@pytest.fixture(scope='module')
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the site, built by the command of the page about the installation."""
+    page = (ROOT / 'docs' / 'install.md').read_text(encoding='utf-8')
+    (command,) = re.findall(r'&& (sphinx-build .*)$', page, re.MULTILINE)
+    _, *options, source, name = shlex.split(command)
+    assert '-W' in options
+    folder = tmp_path_factory.mktemp('built') / name
+    alone = ALONE if not subprocess.run([*ALONE, 'true'], check=False).returncode else ()
+    done = subprocess.run(
+        [*alone, sys.executable, '-m', 'sphinx', '-q', *options, source, str(folder)],
+        cwd=ROOT,
+        env={**os.environ, 'PYTHONDONTWRITEBYTECODE': '1'},
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_every_page_has_its_page_and_nothing_is_loaded_from_elsewhere(site: Path) -> None:
+    for page in (ROOT / 'docs').rglob('*.md'):
+        assert (site / page.relative_to(ROOT / 'docs')).with_suffix('.html').exists(), page
+    pages = list(site.rglob('*.html'))
+    loading = re.compile(r'<(?:script|img|link|iframe)\b[^>]*?\b(?:src|href)="([^"]*)"')
+    for page in pages:
+        for target in loading.findall(page.read_text(encoding='utf-8')):
+            assert not urlsplit(target).scheme, (page, target)
+    for style in site.rglob('*.css'):
+        found = re.findall(r'url\(["\']?(\w+:|//)', style.read_text(encoding='utf-8'))
+        assert set(found) <= {'data:'}, style
+
+
+def test_every_link_inside_the_site_leads_to_a_file_and_an_element(site: Path) -> None:
+    texts = {page.resolve(): page.read_text(encoding='utf-8') for page in site.rglob('*.html')}
+    names = {page: set(re.findall(r'\bid="([^"]*)"', text)) for page, text in texts.items()}
+    count = 0
+    for page, text in texts.items():
+        for link in re.findall(r'<a\b[^>]*?\bhref="([^"]*)"', text):
+            parts = urlsplit(link)
+            if parts.scheme:
+                continue
+            count += 1
+            target = (page.parent / parts.path).resolve() if parts.path else page
+            assert target.exists(), (page, link)
+            if parts.fragment and target in names:
+                assert parts.fragment in names[target], (page, link)
+    assert count > 5000
+
+
+def test_the_reference_has_all_public_names(site: Path) -> None:
+    page = (site / 'reference' / 'pfd_core.html').read_text(encoding='utf-8')
+    for name in set(pfd.__all__) - {'__version__'}:
+        # An object of its own, or a row of the table of constants.
+        assert f'id="pfd_core.{name}"' in page or f'>{name}</span>' in page, name
+
+
+@needs_browser
+def test_home_and_search_open_from_the_disk_without_errors(site: Path, tmp_path: Path) -> None:
+    assert 'A simulated robot arm for ROS 2 Jazzy' in elements(site / 'index.html', tmp_path)
+    found = elements(site / 'search.html', tmp_path, '?q=payload')
+    results = re.findall(r'<li class="[^"]*"><a href="([^"]*)"', found)
+    assert any('model-quantities' in link for link in results), found[-3000:]
+    assert any('reference/pfd_core' in link for link in results)
+    nothing = elements(site / 'search.html', tmp_path, '?q=zygomorphic')
+    assert 'did not match any documents' in nothing

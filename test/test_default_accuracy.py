@@ -189,7 +189,7 @@ def test_the_page_of_mechanisms_counts_where_the_default_is_worse() -> None:
     ]
     assert [one.worst_ratio for one in results] == [1.5, 1.0, 1.0, 0.0]
     page = markdown(results)
-    assert 'worse in 1 of 2 and 0 of 2 cases' in page.replace('\n', ' ')
+    assert 'worse in 1 of 2 and 0 of 1 cases' in page.replace('\n', ' ')
     assert '| bad | composite_body | 1, 9 | - | - | - | 1, 3 | 1.50 (worse) |' in page
 
 

@@ -57,8 +57,11 @@ CERTIFICATE = 1e-35
 # An answer without a digit, whose estimate may be infinite.
 LOST = 0.1
 
-# Rows that miss their bound at held-out states; the first answer has no digit.
-MISSED = {'payload_1e6': {('float32', 1)}}
+# Rows that miss their bound at held-out states, as the page and the README say.
+MISSED = {
+    'payload_1e6': {('float32', 1)},
+    'collinear_axes_1e-8_payload_1e4': {('float32', 1)},
+}
 
 
 @cache

@@ -85,15 +85,27 @@ def markdown(found: Findings) -> str:
     )
 
 
+def summary(found: Findings) -> str:
+    """Return the outcome of forward dynamics as a paragraph, for the README."""
+    values: dict[str, str] = {}
+    for name, way in (('default', DEFAULT), ('refined', REFINED), ('peer', PEER)):
+        some = _some(found.boxes, FORWARD, way)
+        values[name] = short(statistics.median(box.shares[2] for box in some))
+        values[f'{name}_worst'] = short(max(box.shares[-1] for box in some))
+    return page('distributions-summary', states=some[0].states, arms=len(some), **values)
+
+
+def _some(boxes: Sequence[Box], quantity: str, way: str) -> list[Box]:
+    """Return the boxes of a way in float64."""
+    wanted = (quantity, way, 'float64')
+    return [box for box in boxes if (box.quantity, box.way, box.dtype) == wanted]
+
+
 def _outcome(boxes: Sequence[Box], quantity: str) -> str:
     """Return a line on one quantity: the median and the worst arm of every way."""
     texts = []
     for way in (DEFAULT, REFINED, PEER):
-        some = [
-            box
-            for box in boxes
-            if (box.quantity, box.way, box.dtype) == (quantity, way, 'float64')
-        ]
+        some = _some(boxes, quantity, way)
         if some:
             middle = statistics.median(box.shares[2] for box in some)
             worst = max(some, key=lambda box: box.shares[-1])

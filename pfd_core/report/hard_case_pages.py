@@ -4,14 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 import math
 from pathlib import Path
 from typing import Any
 
 from pfd_core.algorithms.programs import METHODS
-from pfd_core.report.cases.hard_cases import CASES, LATER, ROUNDING
+from pfd_core.report.cases.hard_cases import CASES, LATER, ROUNDING, Case
 from pfd_core.report.cases.motions import MOTIONS, REFERENCES
 from pfd_core.report.measure import promises
 from pfd_core.report.measure.errors import (
@@ -45,7 +45,6 @@ from pfd_core.report.measure.motion_errors import (
     steady_runs,
 )
 from pfd_core.report.measure.processes import each
-from pfd_core.report.measure.timing import show_progress
 from pfd_core.report.render.markdown import Columns, bullets, lines_of, page, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import order, yes
@@ -53,6 +52,8 @@ from pfd_core.report.render.numbers import order, yes
 # Cases of a quick run.
 QUICKLY = 3
 # Error estimates are compared where the error is above so many units of rounding.
+# Of the survey: measures rows.
+Part = Callable[[], Iterable[Any]]
 SHOWN_UNITS = SHOWN / ROUNDING['float64']
 
 
@@ -125,6 +126,29 @@ def missed_held_out(results: Sequence[Result]) -> list[str]:
 
 def _kernel(row: KernelRow) -> str:
     return row.dtype + ', refined' * row.refine
+
+
+def summary(results: Sequence[Result]) -> str:
+    """Return the outcome as a paragraph, for the README."""
+    rows = [(one, row) for one in results for row in one.kernels if row.promised is not None]
+    held = [(one, row) for one in results for row in one.held_out if row.promised is not None]
+
+    def named(found: Sequence[tuple[Result, KernelRow]]) -> str:
+        missed = _missed(found)
+        return f' (missed: {"; ".join(missed)})' if missed else ''
+
+    return page(
+        'hard-cases-summary',
+        cases=len(results),
+        times=promises.FACTOR,
+        rows=len(rows),
+        met=sum(row.met is True for _, row in rows),
+        missed=named(rows),
+        held_rows=len(held),
+        held_met=sum(row.met is True for _, row in held),
+        held_missed=named(held),
+        lost=sum(row.promised is None for one in results for row in (*one.kernels, *one.held_out)),
+    )
 
 
 CASE_COLUMNS: Columns = {
@@ -324,20 +348,21 @@ def data(survey: Survey) -> dict[str, Any]:
 def run(folder: Path, quick: bool = False) -> list[Path]:
     """Measure everything, or quickly the fast cases alone, and write the report into a folder."""
     cases = [case for case in CASES if case.fast][:QUICKLY] if quick else CASES
-    results = list(each(measure, cases, 'hard cases'))
     if quick:
-        return write(results, folder)
-    show_progress('measuring estimates and motions')
-    survey = Survey(
-        tuple(rows()),
-        tuple(runs()),
-        tuple(steady_runs()),
-        tuple(formulation()),
-        tuple(holds()),
-        tuple(promised_runs()),
-    )
-    show_progress('')
-    return write(results, folder, survey)
+        return write(list(each(measure, cases, 'hard cases')), folder)
+    # In this order: those that take longest first.
+    parts: list[Part] = [rows, runs, steady_runs, formulation, holds, promised_runs]
+    long = sorted(cases, key=lambda case: '_200' not in case.name)
+    items: list[Case | Part] = [*parts, *long]
+    found = list(each(_measured, items, 'hard cases and motions'))
+    by_name = {one.name: one for one in found[len(parts) :]}
+    results = [by_name[case.name] for case in cases]
+    return write(results, folder, Survey(*found[: len(parts)]))
+
+
+def _measured(item: Case | Part) -> Any:
+    """Return the result of a case, or the rows of a part of the survey."""
+    return measure(item) if isinstance(item, Case) else tuple(item())
 
 
 def write(results: Sequence[Result], folder: Path, survey: Survey | None = None) -> list[Path]:

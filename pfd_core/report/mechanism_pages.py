@@ -137,7 +137,9 @@ def markdown(results: Sequence[Result]) -> str:
         long=LONG,
         short=SHORT,
         counts=' and '.join(
-            f'{sum(one.worst_ratio > 1 for one in group)} of {len(group)}' for group in groups
+            f'{sum(one.worst_ratio > 1 for one in group)} of '
+            f'{sum(PEER in one.found for one in group)}'
+            for group in groups
         ),
         worse=bullets(
             (

@@ -5,9 +5,9 @@ Cases: robots, states, motions and quantities that are measured, and claims they
 
     robots        chains of rods, mechanisms, arms by name; how peers describe a chain
     problems      a robot in a scene and seeded states (Problem), and makers that tables name
-    hard_cases    the tables of hard cases and mechanisms: cause, problem, bounds (Case)
+    hard_cases    the tables of hard cases and mechanisms: cause, problem (Case)
     motions       free motions of arms (Motion), stored references, bounds of runs (Check)
-    exact_motions motions of one wheel with a closed form: friction, stops, motors (EXACT)
+    exact_motions  motions of one wheel with a closed form: friction, stops, motors (EXACT)
     excitations   motions driven by torques (DrivenMotion); named ones (EXCITATIONS)
     quantities    the table of quantities other than forward dynamics (QUANTITIES), and states
     paper         claims of the paper: formulas and values of Table 1 (TABLE)

@@ -10,7 +10,7 @@ other operations, so that the errors are the same on every machine.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -217,9 +217,15 @@ def kernel_rows(
     problem: Problem, known: Reference, conditions: tuple[Array, Array]
 ) -> Iterator[KernelRow]:
     """Yield the kernel's errors in both number formats; conditions are kappa_s and kappa_j."""
+    plain, refined = (default(problem.plant, 'auto', refine) for refine in (0, 1))
     for dtype in ROUNDING:
-        for refine in (0, 1):
-            yield kernel_row(problem, known, conditions, dtype, refine)
+        row = kernel_row(problem, known, conditions, dtype, 1)
+        if plain == refined and problem.twin is None:
+            method = f'{row.method}, refined'
+            yield replace(row, refine=0, method=method, before=None, estimate=None)
+        else:
+            yield kernel_row(problem, known, conditions, dtype, 0)
+        yield row
 
 
 def kernel_row(

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 import gc
 import os
@@ -17,10 +18,13 @@ import pytest
 from pfd_core.kernels.runtime import disk_cache as cache
 from pfd_core.kernels.runtime import jit as engine
 from pfd_core.kernels.runtime import json_cache, processor
+from pfd_core.kernels.runtime.threads import cores
 
 # Objects between two collections, and collections of one generation between those of the next: a
 # recording makes hundreds of thousands of objects that live on.
 COLLECTED = (50_000, 20, 50)
+# Of the parameters of a test marked `slow`, one in so many is not `long`.
+SAMPLED = 3
 
 # Time limits depend on the machine; so does the health check for slow examples.
 settings.register_profile(
@@ -61,6 +65,24 @@ def pytest_configure(config: pytest.Config) -> None:
         processor.current()
     except ValueError as error:
         raise pytest.UsageError(str(error)) from None
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """Return one worker more than processors: a test that waits for a node needs none."""
+    return cores() + 1
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Leave most parameters of a sweep to the run of all tests: they are `long`."""
+    place: Counter[str] = Counter()
+    for item in items:
+        if item.get_closest_marker('slow') is not None:
+            name = item.nodeid.partition('[')[0]
+            if place[name] % SAMPLED:
+                item.add_marker('long')
+            place[name] += 1
 
 
 def pytest_report_header() -> str | None:

@@ -68,11 +68,19 @@ class Controllers:
         """Return whether a node publishes commands; with processes, a new node.
 
         A node that was killed is in the graph for some seconds more: only a new publisher
-        belongs to a new process.
+        belongs to a new process. The nodes of this process must also be connected.
         """
         ends = self._ends()
         self.publishers()
-        return bool(ends.keys() - self._old if self.processes else ends)
+        return self._connected() and bool(ends.keys() - self._old if self.processes else ends)
+
+    def _connected(self) -> bool:
+        return all(
+            end.get_subscription_count()
+            for node in self.nodes
+            for end in node.publishers
+            if end.topic_name in self.commands
+        )
 
     def publishers(self) -> set[str]:
         """Return the nodes that have a publisher of commands now."""

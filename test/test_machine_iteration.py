@@ -128,3 +128,19 @@ def test_a_loop_that_cannot_run_is_refused(act, message: str) -> None:  # type: 
     recorder = Recorder(2)
     with pytest.raises(ValueError, match=message):
         act(recorder, recorder.input('q', [0, 1]))
+
+
+def test_an_observer_sees_the_state_before_the_loop_and_after_each_iteration() -> None:
+    q = np.array([[2.0, 9.0], [1.0, 1.0]])
+    seen: list[np.ndarray] = []
+    result = run(roots(2, 'parallel'), {'q': q}, observe=lambda rows: seen.append(rows[0].T))
+    iterations = result['y'][:, -1]
+    assert len(seen) == iterations.max() + 1
+    np.testing.assert_array_equal(seen[0], q)
+    for state, count in enumerate(iterations):
+        # A finished problem keeps its state while the other goes on.
+        np.testing.assert_array_equal(seen[int(count)][state], seen[-1][state])
+        x = q[state]
+        for row in seen[1 : int(count) + 1]:
+            x = 0.5 * (x + q[state] / x)
+            np.testing.assert_array_equal(row[state], x)

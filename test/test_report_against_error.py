@@ -33,6 +33,8 @@ TINY = Plan(
     methods=('articulated_body', 'composite_body', 'grouped_articulated_body', 'pcgm'),
     batches=(1, 16),
     pace=Pace(chunk=1e-5, turns=1, fewest=1),
+    # Pinocchio's C++ takes half a minute to compile, and has tests of its own.
+    peers=('Pinocchio', 'MuJoCo'),
 )
 PAGES = Findings(
     cases=[
@@ -142,7 +144,13 @@ def test_pinocchio_is_there_in_both_conventions_and_by_crba(points: list[Point])
     (case,) = (case for case in CASES if case.name == NAME)
     answers = dict(peer_answers(case.make()))
     found = [(p.way, p.batch) for p in points if p.way not in TINY.methods]
-    assert found == [(way, batch) for batch in TINY.batches for way in answers]
+    # In a batch MuJoCo warns of a bad acceleration, and restarts: that is no answer.
+    assert found == [
+        (way, batch)
+        for batch in TINY.batches
+        for way in answers
+        if (way, batch) != ('MuJoCo', TINY.batches[-1])
+    ]
     assert {'Pinocchio aba', 'Pinocchio aba, WORLD', 'Pinocchio crba'} <= set(answers)
 
 
@@ -184,6 +192,7 @@ def test_the_page_has_every_point_and_says_what_is_missing() -> None:
     assert row in page
     assert '| composite_body (auto) | float32 | 0 | 40 / 40 | 2 / 2 | lost |' in page
     row = '7e+11 | 2.0e+00 | 5, 6e-06 | 7, 3e-11 | 1.25 | 1000, 5e-16 | - | - | not installed |'
+    assert len(evaluations.PEERS) == 8
     assert f'| {NAME} | {row}' in page
     assert 'since the answer is lost: composite_body float32.' in page
     assert '| rk4 | 10 ms | 0.2 / 0.3 | 400 | 4e-08 | 5e-09 |' in page

@@ -20,12 +20,14 @@ import zoo
 
 import pfd_core as pfd
 from pfd_core.report import speed_pages
+from pfd_core.report.cases.hard_cases import CASES
 from pfd_core.report.cases.robots import robot
 from pfd_core.report.contenders import casadi, ours
 from pfd_core.report.contenders.mujoco import Mujoco
 from pfd_core.report.contenders.pinocchio import Pinocchio
-from pfd_core.report.contenders.work import LeftOutError, Side, Work
-from pfd_core.report.measure import port_limit, speed, timing
+from pfd_core.report.contenders.pinocchio_cpp import NAME as CPP
+from pfd_core.report.contenders.work import LeftOutError, Side, Work, valid_sides
+from pfd_core.report.measure import decomposition, port_limit, speed, timing
 from pfd_core.report.measure.differences import largest_difference
 from pfd_core.report.measure.timing import Pace, Row
 
@@ -36,7 +38,13 @@ WITH_COMPILER = pytest.mark.skipif(
     shutil.which(casadi.COMPILER[0]) is None, reason='needs a C compiler'
 )
 # Other quantities have tests of their own.
-TINY = replace(speed.QUICK, robots=('planar2', 'chain3'), others=None)
+# Pinocchio's C++ takes half a minute to compile, and has tests of its own.
+TINY = replace(
+    speed.QUICK,
+    robots=('planar2', 'chain3'),
+    others=None,
+    makers={name: make for name, make in speed.QUICK.makers.items() if name != CPP},
+)
 PAGES = speed.Findings(
     rows=[
         Row('chain3', 3, 'call', 'pinocchio.aba', 2e-6, 3e-6, 1.0, 0.0),
@@ -151,10 +159,32 @@ def test_a_chunk_of_several_calls_begins_with_one_that_is_not_counted(
 @pytest.mark.slow
 def test_every_way_gives_what_pinocchio_gives(findings: speed.Findings) -> None:
     compared = [row for row in findings.rows if row.difference is not None]
-    assert {row.work for row in compared} == {'call', 'rollout', 'batch of 1', 'batch of 64'}
+    works = {'call', 'rollout', 'batch of 1', 'batch of 64', decomposition.WORK}
+    assert {row.work for row in compared} == works
     for row in compared:
         single = 'float32' in row.way
         assert row.difference < (tolerances.SINGLE if single else QUATERNIONS), row
+
+
+@pytest.mark.slow
+def test_every_time_says_what_it_contains(findings: speed.Findings) -> None:
+    for row in findings.rows:
+        if row.difference is not None:
+            assert row.code, row
+            assert row.call, row
+            # One state has no loop; many have one, and so have the steps of a rollout.
+            assert bool(row.loop) == (row.work != 'call'), row
+    page = speed_pages.markdown(findings)
+    assert '| call | C++ for any robot, as in the wheel | Python | - | pinocchio.aba; ' in page
+    native = 'C for this robot, cc -O3 -march=native | ctypes, once | C | CasADi C, loop in C |'
+    assert f'| batch | {native}' in page
+
+
+@pytest.mark.slow
+def test_the_factor_over_pinocchio_is_decomposed(findings: speed.Findings) -> None:
+    ways = [row.way for row in findings.rows if row.work == decomposition.WORK]
+    some = [decomposition.SCALAR, decomposition.VECTOR, decomposition.FROM_PYTHON]
+    assert ways == [decomposition.PYTHON, decomposition.CASADI, *some] * len(TINY.robots)
 
 
 @pytest.mark.slow
@@ -256,6 +286,32 @@ def test_what_the_compiler_says_is_told(monkeypatch: pytest.MonkeyPatch) -> None
         casadi.Casadi(robot('chain2'))
 
 
+def test_a_run_of_which_mujoco_warns_has_failed_and_is_not_measured() -> None:
+    pytest.importorskip('mujoco')
+    (case,) = (case for case in CASES if case.name == 'collinear_axes_1e-12')
+    problem = case.make()
+    peer = Mujoco(problem.plant.robot)
+    states = [np.repeat(x, 3, axis=0) for x in problem.states.values()]
+    reasons: dict[str, str] = {}
+    assert not valid_sides(peer.sides(Work('batch', *states)), reasons)
+    assert reasons == {'mujoco.rollout': 'failed: MuJoCo warned of BADQACC'}
+    # At an ordinary state of the same arm it does not warn.
+    easy = [np.full_like(x, 0.5) for x in states]
+    (side,) = valid_sides(peer.sides(Work('batch', *easy)), reasons)
+    assert len(reasons) == 1
+    assert side.contents.loop == 'C'
+
+
+def test_state_by_state_in_native_code_gives_the_bits_of_the_kernel() -> None:
+    arm = robot('chain2')
+    q, qd, tau = np.random.default_rng(2).uniform(-1, 1, (3, 5, 2))
+    kernel = pfd.compile_kernel(arm)
+    side = decomposition.state_by_state(kernel, Work('batch', q, qd, tau))
+    side.run()
+    wanted = [kernel(*state) for state in zip(q, qd, tau, strict=True)]
+    np.testing.assert_array_equal(side.result(), wanted)
+
+
 def test_a_method_that_would_take_minutes_to_compile_is_left_out() -> None:
     with pytest.raises(LeftOutError, match='12 joints'):
         ours.make('pcrbm', 'float64', robot('chain13'))
@@ -302,11 +358,12 @@ def test_the_plot_is_left_out_without_matplotlib(
 def test_the_benchmark_measures_the_robots_that_it_is_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = {}
+    asked: dict[Path, speed.Survey] = {}
     monkeypatch.setattr(speed_pages, 'run', lambda out, plan: asked.update({out: plan}) or [])
     command = [str(BENCHMARK), 'puma560', 'chain7', '--quick', '--out', str(tmp_path)]
     monkeypatch.setattr(sys, 'argv', command)
     with pytest.raises(SystemExit) as stopped:
         runpy.run_path(str(BENCHMARK), run_name='__main__')
     assert stopped.value.code == 0
-    assert asked == {tmp_path: replace(TINY, robots=('puma560', 'chain7'))}
+    wanted = replace(speed.QUICK, robots=('puma560', 'chain7'), others=None)
+    assert asked == {tmp_path: wanted}

@@ -184,7 +184,8 @@ class Engine:
 
 
 @pytest.mark.parametrize(
-    ('step_of_reset', 'status'), [(0, 'ok'), (1, 'reset by MuJoCo'), (99, 'reset by MuJoCo')]
+    ('step_of_reset', 'status'),
+    [(0, 'ok'), (1, 'failed: MuJoCo warned'), (99, 'failed: MuJoCo warned')],
 )
 def test_a_state_that_mujoco_has_reset_is_seen(step_of_reset: int, status: str) -> None:
     run = work_precision._mujoco(Engine(step_of_reset), SHORT, 'MuJoCo Euler', 5e-3)

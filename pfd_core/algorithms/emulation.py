@@ -172,8 +172,8 @@ def _steps(method: str, program: Program, processors: int | None, iterations: in
     """
     Return the steps that a method's program takes on its machine.
 
-    The cells of the triangular array work side by side: there the steps of the solve are the
-    cycles in which some cell does an operation of a kind, not the operations of all cells.
+    The cells of the triangular array work side by side: there the steps of the solve are those
+    of its cycles, not the operations of all cells.
     """
     steps = program.count(processors, iterations=iterations)
     if method != 'pcrbm_array':

@@ -29,6 +29,7 @@ def run(
     dtype: str = 'float64',
     digits: int | None = None,
     functions: Mapping[str, Callable[[Any, Any], Any]] | None = None,
+    observe: Callable[[list[Any]], None] | None = None,
 ) -> dict[str, Any]:
     """
     Run a program and return its outputs.
@@ -47,6 +48,9 @@ def run(
         Compute with mpmath numbers of this many decimal digits instead.
     functions : mapping, optional
         Name to function, for each `call` of the program: of two rows, (lanes, ...), to one.
+    observe : callable, optional
+        Called with the rows, (lanes, ...), of a loop's state before the loop and after each
+        iteration.
 
     Returns
     -------
@@ -66,7 +70,7 @@ def run(
                 f'input {name} must have shape (..., {size}), got {values[name].shape}'
             )
     batch = next(iter(values.values())).shape[:-1]
-    machine = _Machine(program, values, batch, arithmetic, functions or {})
+    machine = _Machine(program, values, batch, arithmetic, functions or {}, observe)
     with arithmetic.context():
         machine.run()
     registers = machine.registers
@@ -88,12 +92,14 @@ class _Machine:
         batch: tuple[int, ...],
         arithmetic: Any,
         functions: Mapping[str, Callable[[Any, Any], Any]],
+        observe: Callable[[list[Any]], None] | None,
     ) -> None:
         self.program = program
         self.inputs = inputs
         self.batch = batch
         self.arithmetic = arithmetic
         self.functions = functions
+        self.observe = observe
         self.registers: list[Any] = [None] * len(program.instructions)
         self.rows: list[Any] = []  # the state of the loop, its `go` last
         self.floor: Any = None
@@ -109,6 +115,7 @@ class _Machine:
                 *self.rows, self.floor = (self.registers[a] for a in instruction.args)
                 self.iterations = np.zeros(self.batch)
                 self.turn = 0
+                self._show()
             elif instruction.op == 'end':
                 if self._turn(instruction):
                     at = instruction.args[0]
@@ -126,8 +133,13 @@ class _Machine:
         ]
         self.iterations = self.iterations + going
         self.turn += 1
+        self._show()
         at_most = self.program.instructions[end.args[0]].data
         return bool(np.any(self._going())) and self.turn < at_most
+
+    def _show(self) -> None:
+        if self.observe:
+            self.observe(self.rows[:-1])
 
     def _going(self) -> Any:
         return np.asarray(self.rows[-1][0] > self.floor[0], dtype=bool)

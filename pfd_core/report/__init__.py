@@ -17,6 +17,11 @@ texts/NAME.md.
     pages                 the table PAGES; `pfd report`: all pages and index.md
     counts_pages          `pfd report counts`: counts.md, .json, .png and array.svg
     errata_pages          `pfd report counts`: errata.md
+    paper_pages           `pfd report paper`: paper.md, which links all pages of the paper, and:
+    claims_pages          `pfd report paper`: claims.md and .json
+    illustrated_pages     `pfd report paper`: illustrated.md, doubling.svg, set-ordering.svg
+    array_pages           `pfd report paper`: array.md, .json, array-designs.svg, array-cycles.svg
+    pcgm_pages            `pfd report paper`: pcgm.md, .json and .png
     speed_pages           `pfd report speed`: speed.md, .json and .png
     quantity_pages        `pfd report speed --quantity NAME`: speed-NAME and, with --against-error,
                           speed-against-error-NAME
@@ -26,6 +31,7 @@ texts/NAME.md.
     distribution_pages    `pfd report distributions`: distributions.md, .json, .png and .svg
     mechanism_pages       `pfd report mechanisms`: mechanisms.md and .json
     scene_pages           `pfd report scene`: scene.md, .json, .yaml, .png and .svg
+    headlines             sentences of pages and README.md: our time over the strongest peer's
     time_tables           tables of ways over robots and of quantities, for all pages of speed
 
 A column is a field of the table's record and, in the module of the page, a title and a cell of

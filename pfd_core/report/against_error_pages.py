@@ -87,6 +87,7 @@ def markdown(findings: Findings) -> str:
         noise=_noise(findings),
         many=most,
         summary=_summary(findings, most),
+        contents=time_tables.contents(findings.points),
         cases='\n\n'.join(_case(case, findings.points, sizes) for case in findings.cases) or None,
         integrators=page(
             'integrators',
@@ -120,6 +121,7 @@ def _summary(findings: Findings, most: int) -> list[str]:
         for text in findings.left_out
         if text.startswith(peer.split()[0]) and 'install the extra' in text
     }
+    failed = {text.split(': ')[0] for text in findings.left_out if ': failed: ' in text}
     cells: dict[tuple[str, object], str] = {}
     for case in findings.cases:
         known = {
@@ -136,7 +138,10 @@ def _summary(findings: Findings, most: int) -> list[str]:
             'auto, refined': _time_and_error(refined),
             'cost of refinement': cost,
             **{
-                peer: _time_and_error(known.get((peer, 0)), absent.get(peer, '-'))
+                peer: _time_and_error(
+                    known.get((peer, int(peer.endswith('refined')))),
+                    'failed' if f'{peer} at {case.name}' in failed else absent.get(peer, '-'),
+                )
                 for peer in PEERS
             },
         }
@@ -183,8 +188,13 @@ def _case(case: CaseFacts, points: Sequence[Point], sizes: Sequence[int]) -> str
         own.setdefault((point.way, point.dtype, point.refine), {})[point.batch] = point
     lines = []
     for (way, dtype, refine), found in own.items():
-        times = [least_and_median(found[size].minimum, found[size].median) for size in sizes]
-        one = found[sizes[0]]
+        times = [
+            least_and_median(found[size].minimum, found[size].median)
+            if size in found
+            else 'failed'
+            for size in sizes
+        ]
+        one = next(iter(found.values()))
         units = '' if one.in_units is None else f' ({short(one.in_units)})'
         name = f'{way} (auto)' if way == case.default(refine) else way
         lines.append([name, dtype, refine, *times, order(one.error) + units])

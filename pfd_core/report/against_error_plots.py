@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pfd_core.report.cases.hard_cases import ROUNDING
-from pfd_core.report.measure.evaluations import PEERS, CaseFacts, Point
+from pfd_core.report.measure.evaluations import NATIVE, PEERS, CaseFacts, Point
 from pfd_core.report.measure.work_precision import WAYS, MotionFacts, RunPoint
 from pfd_core.report.render.plots import (
     BLACK,
@@ -33,7 +33,14 @@ OURS = {
     ('float32', 1): (VERMILLION, '^', 'float32, refined once'),
 }
 PEER_STYLES = dict(
-    zip(PEERS, ((BLACK, 's'), (GREY, 'D'), (GREEN, 'P'), (PURPLE, '*')), strict=True)
+    zip(
+        PEERS,
+        (
+            *((BLACK, 's'), (BLACK, 'D'), (GREEN, 'P'), (GREY, 'v')),
+            *((BLACK, 'x'), (GREEN, 'x'), (BLACK, '+'), (PURPLE, '*')),
+        ),
+        strict=True,
+    )
 )
 # One for each of work_precision.WAYS: ours on a full line, MuJoCo's on a broken one.
 RUN_STYLES = dict(
@@ -82,6 +89,7 @@ def write(
 def _draw_cases(
     cases: Sequence[CaseFacts], points: Sequence[Point], size: int, figure: Any
 ) -> None:
+    points = _shown(points)
     rows = -(-(len(cases) + 1) // COLUMNS)
     panels = figure.subplots(rows, COLUMNS, squeeze=False, sharex=True, sharey=True)
     for axes, case in zip(panels.flat, cases, strict=False):
@@ -98,6 +106,12 @@ def _draw_cases(
         f'Forward dynamics: time against error, {states}, one thread. Down and left is better.'
     )
     _explain(panels.flat[len(cases)], points)
+
+
+def _shown(points: Sequence[Point]) -> list[Point]:
+    """Return points without those of loops in Python, where the same is measured in C++."""
+    native = any(point.way in NATIVE for point in points)
+    return [point for point in points if not (native and point.loop == 'Python')]
 
 
 def _draw_case(axes: Any, case: CaseFacts, points: Sequence[Point]) -> None:

@@ -43,6 +43,8 @@ class Page:
         Module of pfd_core.report with its function.
     function : str
         Name of the function of folder and quickness.
+    also : tuple of str
+        Names of further pages that it writes.
 
     """
 
@@ -51,6 +53,7 @@ class Page:
     title: str
     module: str
     function: str = 'run'
+    also: tuple[str, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -75,6 +78,14 @@ PAGES: Sequence[Page] = (
         'counts',
         'steps of every method compared with the paper, and its errata',
         'counts_pages',
+        also=('errata',),
+    ),
+    Page(
+        'paper',
+        'paper',
+        'the paper executed: its claims, PCGM to convergence, the array',
+        'paper_pages',
+        also=('claims', 'illustrated', 'array', 'pcgm'),
     ),
     Page(
         'scene',
@@ -157,7 +168,12 @@ def make_all(folder: Path, quick: bool = False) -> Iterator[Path | str]:
 def index_text() -> str:
     """Return the list of the pages with their commands, as Markdown."""
     rows = (
-        [f'[{one.name}]({one.name}.md)', one.title, f'`pfd report {one.command}`'] for one in PAGES
+        [
+            ', '.join(f'[{name}]({name}.md)' for name in (one.name, *one.also)),
+            one.title,
+            f'`pfd report {one.command}`',
+        ]
+        for one in PAGES
     )
     lines = lines_of(['page', 'shows', 'command'], rows)
     head = '# Generated pages\n\n`pfd report` makes all of them on this machine.\n\n'

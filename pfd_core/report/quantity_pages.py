@@ -25,6 +25,7 @@ from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.time_tables import (
     NOTES,
     against_error,
+    contents,
     difference_cell,
     limits,
     over_robots,
@@ -62,7 +63,7 @@ def markdown(findings: Findings, quantity: str, references: int = 0) -> str:
         result=known.title,
         notes=NOTES,
         summary=summary(rows),
-        tables=tables,
+        tables='\n\n'.join(filter(None, (tables.rstrip('\n'), contents(rows)))),
         excluded=bullets(findings.left_out, 'Nothing.'),
     )
 

@@ -7,12 +7,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+import json
 from pathlib import Path
 import re
 from typing import Any
 
+from pfd_core.report import headlines
 from pfd_core.report.contenders.ours import METHODS
-from pfd_core.report.measure import port_limit
+from pfd_core.report.measure import decomposition, port_limit
 from pfd_core.report.measure.first_results import FROM_DISK, PROCESS, WORKS
 from pfd_core.report.measure.speed import QUICK, Findings, Survey, survey
 from pfd_core.report.measure.surroundings import described
@@ -25,6 +27,7 @@ from pfd_core.report.time_tables import (
     NOTES,
     batch_name,
     by_work,
+    contents,
     difference_cell,
     limits,
     over_robots,
@@ -36,8 +39,8 @@ from pfd_core.report.time_tables import (
 COMMAND = 'pfd report speed'
 SHARE = 'share of the port limit'
 PREPARED = (*WORKS, *(work + FROM_DISK for work in WORKS), PROCESS)
-# Ends of the names of ways that are not the fastest of their kind, and not in the plot.
-SLOWER = (': kernel(q, qd, tau)', 'out=)', ', C order', ' threads')
+# Ends of the names of ways that are not in the plot, which has ten colours.
+SLOWER = (': kernel(q, qd, tau)', 'out=)', ', C order', ' threads', 'WORLD', ' refined')
 
 
 def markdown(findings: Findings) -> str:
@@ -52,8 +55,12 @@ def markdown(findings: Findings) -> str:
         'speed',
         command=COMMAND,
         machine=described(findings.machine),
+        headline=headlines.headline(rows, findings.machine) or None,
+        strongest=headlines.against_strongest([row for row in rows if row.work not in PREPARED]),
         summary=_summary(rows),
-        works=works(rows, (*PREPARED, port_limit.WORK)) or None,
+        decomposition=headlines.decomposed(rows),
+        contents=contents([*rows, *findings.others]),
+        works=works(rows, (*PREPARED, port_limit.WORK, decomposition.WORK)) or None,
         limits=limits(rows),
         process=PROCESS,
         first_results='\n\n'.join(
@@ -73,7 +80,7 @@ def _milliseconds(row: Row) -> str:
 
 
 def _summary(rows: Sequence[Row]) -> str:
-    """Return a table of our best speed-up over Pinocchio, robot by robot."""
+    """Return a table of our speed-up over Pinocchio's fastest way, robot by robot."""
     size = batch_name(rows)
     columns: dict[str, Callable[[Row], bool]] = {
         'call with out=': lambda row: (
@@ -89,11 +96,18 @@ def _summary(rows: Sequence[Row]) -> str:
     for robot in dict.fromkeys(row.robot for row in rows):
         own = [row for row in rows if row.robot == robot and row.way.startswith(tuple(METHODS))]
         for title, fits in columns.items():
-            best = min(filter(fits, own), key=lambda row: row.minimum, default=None)
-            found = '-' if best is None or best.times is None else f'{best.times:.1f}'
-            ratios[robot, title] = found
+            best = headlines.fastest(filter(fits, own))
+            ratios[robot, title] = '-' if best is None else _over_pinocchio(best, rows)
         ratios[robot, SHARE] = _share(own, size)
     return page('speed-summary', batch=size, ratios=grid(ratios, 'robot'))
+
+
+def _over_pinocchio(own: Row, rows: Sequence[Row]) -> str:
+    """Return our speed over that of Pinocchio's fastest way of the same work."""
+    same = (row for row in rows if (row.robot, row.work) == (own.robot, own.work))
+    ways = (row for row in headlines.peers(same, any_robot=True) if 'inocchio' in row.way)
+    peer = headlines.fastest(ways)
+    return '-' if peer is None else f'{headlines.factor(own, peer):.1f}'
 
 
 def _share(own: Sequence[Row], size: str) -> str:
@@ -122,6 +136,22 @@ def _largest_differences(rows: Sequence[Row]) -> list[Row]:
 def run(folder: Path, quick: bool = False, plan: Survey | None = None) -> list[Path]:
     """Measure, write the report into a folder and return its files."""
     return write(survey(plan or (QUICK if quick else Survey())), folder)
+
+
+def stored(path: Path) -> Findings:
+    """Return the findings of a speed.json."""
+    data = json.loads(path.read_text(encoding='utf-8'))
+    rows, others = ([Row(**row) for row in data[name]] for name in ('rows', 'others'))
+    return Findings(rows, data['left_out'], data['machine'], others)
+
+
+def publish(root: Path) -> list[Path]:
+    """Write the page of docs/report/speed.json, and the blocks of README.md and the guide."""
+    folder = root / 'docs' / 'report'
+    findings = stored(folder / 'speed.json')
+    paths = write(findings, folder)
+    rows = [*findings.rows, *findings.others]
+    return [*paths, *headlines.publish(rows, findings.machine, root)]
 
 
 def write(findings: Findings, folder: Path) -> list[Path]:

@@ -15,6 +15,7 @@ from typing import Any
 
 from pfd_core.report.cases.quantities import LINEAR_STEP, QUANTITIES
 from pfd_core.report.measure import port_limit
+from pfd_core.report.measure.evaluations import Point
 from pfd_core.report.measure.timing import MIDDLE_BATCH, Row
 from pfd_core.report.render.markdown import grid, lines_of, page
 from pfd_core.report.render.numbers import least_and_median, order, short
@@ -36,6 +37,21 @@ NOTES = page('quantity-notes', step=LINEAR_STEP * 1e3)
 def over_robots(rows: Sequence[Row], cell: Callable[[Row], str]) -> list[str]:
     """Return a table of ways over robots."""
     return grid({(row.way, row.robot): cell(row) for row in rows})
+
+
+def contents(rows: Sequence[Row | Point]) -> str | None:
+    """Return the section on what the time of the ways contains; None where no row says it."""
+    known: dict[tuple[str, str, str, str], dict[str, None]] = {}
+    for row in rows:
+        if row.code:
+            kind = 'batch' if row.work.startswith('batch') else row.work
+            known.setdefault((kind, row.code, row.call, row.loop), {})[row.way] = None
+    lines = (
+        [kind, code, call, loop or '-', '; '.join(ways)]
+        for (kind, code, call, loop), ways in known.items()
+    )
+    titles = ('work', 'code of one state', 'call', 'loop', 'ways')
+    return page('time-contents', table=lines_of(titles, lines)) if known else None
 
 
 def works(rows: Sequence[Row], excluded: Sequence[str] = (port_limit.WORK,)) -> str:

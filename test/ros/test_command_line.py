@@ -57,6 +57,20 @@ def test_report_counts_writes_its_pages_without_ros(
     assert 'choose from' in done.stderr
 
 
+def test_report_paper_writes_all_its_pages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Each page has a test of its own.
+    for name in ('claims_pages', 'array_pages', 'pcgm_pages'):
+        monkeypatch.setattr(f'pfd_core.report.{name}.run', lambda folder, n=name: [folder / n])
+    assert command_line.main(['report', 'paper', '--out', str(tmp_path / 'pages')]) == 0
+    written = capsys.readouterr().out.split()
+    assert {Path(page).name for page in written} == {
+        *('paper.md', 'illustrated.md', 'doubling.svg', 'set-ordering.svg'),
+        *('claims_pages', 'array_pages', 'pcgm_pages'),
+    }
+
+
 def test_robots_lists_each_robot_with_its_joints(capsys: pytest.CaptureFixture[str]) -> None:
     assert command_line.main(['robots']) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -9,6 +9,7 @@ The modules of 1987 are the paper's own forms, for comparison with it; the other
     pcrbm               PCRBM: H by composite bodies, eqs (15) to (26), and the whole program
     cholesky            H = L D L' or L L' and the solve on n lanes; section 2.4
     elimination_order   orders of elimination: the products that n lanes form in each step
+    fohra_first_level   FOHRA for 0R_i at the price of item (a): twists of 0 and 90 degrees
     pcrbm_1987          Procedure PCRBM step by step, eqs (13) to (28), with NE1 and Cholesky
     pcgm_1987           Procedure PCGM step by step, n iterations
     pcgm                PCGM: conjugate gradients, H u by NE1, and the whole program; section 3,

@@ -172,6 +172,7 @@ def rows_of_moments(
     """
     Return the rows of H from the moments n_jj on the diagonal, by the row sweep.
 
+    Lee and Chang 1987, eqs (24) to (26), in section 2.3 eqs (8.a), (8.b), (9.a), (9.b), (10).
     `by_column` takes the type of joint j for h_ij, as Appendix A prints it, instead of joint i.
     """
     n = recorder.lanes

@@ -13,7 +13,8 @@ Procedure PCRBM step by step as the paper prints it, with its own bias, masses a
         u = c_(j+1) + p*_j - c_j,  v = s_j + p*_j - c_j
         E_j = E_(j+1) + b_j, by FOHRA                                       eq. (20)
     6   F_j = z_(j-1) x (M_j c_j),  N_j = E_j z_(j-1)                       eq. (21)
-    7   n_jj = N_j + c_j x F_j,  n_ij = n_(i+1)j + p*_i x F_j, row sweep    eqs (23) to (25)
+    7   f_ij = F_j,                                                         eq. (22)
+        n_jj = N_j + c_j x F_j,  n_ij = n_(i+1)j + p*_i x F_j, row sweep    eqs (23) to (25)
     8   h_ij = z_(i-1) . n_ij  or  z_(i-1) . F_j                            eq. (26)
     9   y = tau - b, b by NE1                                               eq. (27)
     10  H qdd = y by Parallel-Cholesky-Factorization and column sweeps      eq. (28)
@@ -22,8 +23,9 @@ Lee and Chang 1987, sections 2.4 and 2.5. Corrected, and nothing else: step 6 ha
 branch of Appendix A; (11) and (12) have l_ij l_kj and l_ii, column after column, instead of
 h_ij h_kj and h_ii; a massless end of the chain divides by one. NE1 is that of
 pfd_core.algorithms.paper.newton_euler, since the paper has its name and counts only. MISPRINTS
-names what can be run as printed. (20) adds all nine elements of a symmetric matrix, as item (b) of
-section 2.5 counts it; six are enough.
+names what can be run as printed. Appendix A has (15) to (20) as eqs (A.1), (A.2), (A.3) and (21)
+to (26) as eqs (A.4), (A.5), (A.6), (A.7), (A.8). (20) adds all nine elements of a symmetric
+matrix, as item (b) of section 2.5 counts it; six are enough.
 
 Parallel cost, rotational joints, L = ceil(log2 n), h = ceil((n - 1)/2), n > 1, R_i given:
 

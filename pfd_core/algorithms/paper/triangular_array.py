@@ -76,14 +76,16 @@ def solve_cycles(n: int) -> int:
 
 def solve_steps(n: int) -> Steps:
     """
-    Return the cycles of a whole solve in which some cell does an operation, by kind.
+    Return the steps of a whole solve.
 
-    Cells do different operations in the same cycle, so the sum is above solve_cycles(n).
+    A cycle is one step of division, if some cell divides, or else of multiplication; one of
+    addition, if some cell subtracts; and one root, if some cell takes one.
     """
+    divisions = 4 * n - 3 if n > 1 else 2
     return Steps(
-        multiplications=max(5 * n - 7, 0),
+        multiplications=solve_cycles(n) - divisions,
         additions=max(5 * n - 7, 0),
-        divisions=4 * n - 3 if n > 1 else 2,
+        divisions=divisions,
         square_roots=n,
     )
 

@@ -11,5 +11,6 @@ Cases: robots, states, motions and quantities that are measured, and claims they
     excitations   motions driven by torques (DrivenMotion); named ones (EXCITATIONS)
     quantities    the table of quantities other than forward dynamics (QUANTITIES), and states
     paper         claims of the paper: formulas and values of Table 1 (TABLE)
+    equations     where each equation and procedure of the paper is implemented and tested
     stored        the files in pfd_core.report.data, which hold the tables
 """

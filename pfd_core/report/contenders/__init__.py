@@ -3,9 +3,10 @@
 """
 Contenders: programs that do the same work, and the ways in which each is called.
 
-    work        tasks, contenders, their ways (Work, Contender, Side), reasons for exclusion
-    ours        kernels of this library: every method, quantity and number format
-    pinocchio   Pinocchio, called from Python
-    mujoco      MuJoCo
-    casadi      C that CasADi generates from textbook algorithms, compiled
+    work            tasks, contenders, their ways (Work, Contender, Side), reasons for exclusion
+    ours            kernels of this library: every method, quantity and number format
+    pinocchio       Pinocchio, called from Python
+    pinocchio_cpp   Pinocchio in C++ without Python, compiled from data/pinocchio.cpp
+    mujoco          MuJoCo
+    casadi          C that CasADi generates from textbook algorithms, compiled
 """

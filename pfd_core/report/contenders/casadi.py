@@ -37,6 +37,7 @@ from pfd_core.report.cases.robots import Array, joint_frames
 from pfd_core.report.contenders.work import (
     STEP_SIZE,
     Contender,
+    Contents,
     LeftOutError,
     Side,
     Work,
@@ -49,6 +50,9 @@ GRAVITY = 9.81
 # instructions of CasADi; more than in proportion beyond.
 LARGEST = 60
 MOST_INSTRUCTIONS = 25_000
+CODE = f'C for this robot, {COMPILER[0]} {" ".join(COMPILER[1:3])}'
+BUFFER = Contents(CODE, "CasADi's buffer(), arguments set before")
+LOOP = Contents(CODE, 'ctypes, once', 'C')
 
 # The loop around `arm`, CasADi's function of one state.
 BATCH = """
@@ -305,7 +309,7 @@ class Casadi(Contender):
             buffer.set_arg(k, x.data)
         buffer.set_res(0, out.data)
         self.kept.append((given, buffer))
-        yield Side('CasADi C, buffer()', evaluate, lambda: result().ravel())
+        yield Side('CasADi C, buffer()', evaluate, lambda: result().ravel(), contents=BUFFER)
 
     def _batches(self, work: Work) -> Iterator[Side]:
         given = [np.ascontiguousarray(x) for x in work.arguments(self.quantity)]
@@ -313,7 +317,8 @@ class Casadi(Contender):
         at = (ctypes.c_void_p * len(given))(*(x.ctypes.data for x in given))
         self.kept.append((given, at))
         count, target = ctypes.c_longlong(work.units), ctypes.c_void_p(out.ctypes.data)
-        yield Side('CasADi C, loop in C', partial(self.library.batch, count, at, target), result)
+        run = partial(self.library.batch, count, at, target)
+        yield Side('CasADi C, loop in C', run, result, contents=LOOP)
 
     def _rollouts(self, work: Work) -> Iterator[Side]:
         taus = np.tile(work.tau, (work.steps, 1))
@@ -327,7 +332,7 @@ class Casadi(Contender):
             q[:], qd[:] = work.q, work.qd
             loop(steps, step, *at)
 
-        yield Side('CasADi C, RK4 in C', run, lambda: q)
+        yield Side('CasADi C, RK4 in C', run, lambda: q, contents=LOOP)
 
     def _results(self, states: int) -> tuple[Array, Callable[[], Array]]:
         """Return an array for results, and a function that returns them as (states, size)."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from pfd_core.model import Plant, Robot
 from pfd_core.report.cases.robots import Array, joint_frames
-from pfd_core.report.contenders.work import STEP_SIZE, Contender, Side, Work, installed
+from pfd_core.report.contenders.work import STEP_SIZE, Contender, Contents, Side, Work, installed
 
 # Every body is written with this, so that the compiler sets up for a general one; the numbers
 # follow after it. So MuJoCo also takes links that its compiler would refuse to weigh.
@@ -27,6 +27,13 @@ _BODY = """<body pos="0.1 0.2 0.3" quat="0.5 0.6 0.4 0.2">
 
 
 MUJOCO = 'MuJoCo'
+CODE = 'C for any robot, as in the wheel'
+SINGLE = Contents(CODE, 'Python, state set before')
+LOOP = Contents(CODE, 'Python, once', 'C')
+
+
+def _ignore(message: str) -> None:
+    pass
 
 
 class Mujoco(Contender):
@@ -38,6 +45,8 @@ class Mujoco(Contender):
 
     def __init__(self, robot: Robot) -> None:
         mj = self.mj = installed('mujoco')
+        # Counted in its data, as `warned` says; printed, they fill a terminal and a file.
+        mj.set_mju_user_warning(_ignore)
         kinds = {'prismatic': 'slide'}
         bodies = ''.join(_BODY.format(kinds.get(kind, 'hinge')) for kind in robot.joint_types)
         flags = '<flag contact="disable" constraint="disable"/>'
@@ -87,7 +96,13 @@ class Mujoco(Contender):
         data = self.mj.MjData(self.model)
         self._set(data, work)
         forward = partial(self.mj.mj_forward, self.model, data)
-        yield Side('mujoco mj_forward, state in place', forward, lambda: data.qacc)
+        yield Side(
+            'mujoco mj_forward, state in place',
+            forward,
+            lambda: data.qacc,
+            contents=SINGLE,
+            failure=partial(self.warned, data),
+        )
 
     def _rollouts(self, work: Work) -> Iterator[Side]:
         data = self.mj.MjData(self.model)
@@ -96,7 +111,13 @@ class Mujoco(Contender):
             self._set(data, work)
             self.mj.mj_step(self.model, data, nstep=work.steps)
 
-        yield Side('mujoco mj_step, RK4', run, lambda: data.qpos)
+        yield Side(
+            'mujoco mj_step, RK4',
+            run,
+            lambda: data.qpos,
+            contents=LOOP,
+            failure=partial(self.warned, data),
+        )
 
     def _batches(self, work: Work) -> Iterator[Side]:
         """One step of Euler over one second: the change of the velocity is the acceleration."""
@@ -118,4 +139,33 @@ class Mujoco(Contender):
             sensordata=np.empty((work.units, 1, 0)),
             skip_checks=True,
         )
-        yield Side('mujoco.rollout', run, lambda: state[:, 0, 1 + n :] - work.qd)
+        yield Side(
+            'mujoco.rollout',
+            run,
+            lambda: state[:, 0, 1 + n :] - work.qd,
+            contents=LOOP,
+            failure=partial(self._warned_in_a_step, model, work),
+        )
+
+    def _warned_in_a_step(self, model: Any, work: Work) -> str:
+        """Return the warnings of the steps of a batch: mujoco.rollout keeps those of the last."""
+        data = self.mj.MjData(model)
+        for state in np.unique(np.hstack(work.arrays), axis=0).reshape(-1, 3, model.nv):
+            self.mj.mj_resetData(model, data)
+            self._set(data, Work('call', *state))
+            self.mj.mj_step(model, data)
+            if data.warning.number.any():
+                break
+        return self.warned(data)
+
+    def warned(self, data: Any) -> str:
+        """
+        Return the warnings that MuJoCo has counted in its data, by name; '' without any.
+
+        After a warning about a bad number in a step MuJoCo goes on from its initial state: what it
+        returns then is not an answer.
+        """
+        kinds = self.mj.mjtWarning
+        counts = enumerate(data.warning.number[: int(kinds.mjNWARNING)])
+        names = [kinds(k).name.removeprefix('mjWARN_') for k, count in counts if count]
+        return f'MuJoCo warned of {", ".join(names)}' if names else ''

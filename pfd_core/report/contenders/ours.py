@@ -17,7 +17,15 @@ from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.model import Robot
 from pfd_core.report.cases.quantities import FORWARD, LINEAR_STEP, QUANTITIES
-from pfd_core.report.contenders.work import STEP_SIZE, Contender, LeftOutError, Side, Work, named
+from pfd_core.report.contenders.work import (
+    STEP_SIZE,
+    Contender,
+    Contents,
+    LeftOutError,
+    Side,
+    Work,
+    named,
+)
 from pfd_core.simulation.linearisation import LinearStep
 from pfd_core.simulation.simulator import Simulator
 
@@ -33,6 +41,12 @@ DTYPES = ('float64', 'float32')
 THREADS = 2
 # Smallest batch that is measured with a second thread.
 SHARED_FROM = 4096
+CODE = 'native code for this robot and processor'
+CHECKED = Contents(CODE, 'Python, arguments checked')
+BOUND = Contents(CODE, 'Python, arguments checked before')
+BATCH = Contents(CODE, 'Python, once', 'native, a vector of states at a time')
+ROLLOUT = Contents(CODE, 'Python, once', 'native')
+LINEARISED = Contents(CODE, "Python's work on the step included")
 
 
 @dataclass(frozen=True)
@@ -56,17 +70,18 @@ class Ours(Contender):
         if self.linearizer is not None:
             linearize = partial(self.linearizer.linearize, **given)
             way = f'{self.name}: simulator.linearize(q, qd, tau)'
-            yield Side(way, linearize, lambda: np.hstack(linearize()).ravel())
+            yield Side(way, linearize, lambda: np.hstack(linearize()).ravel(), contents=LINEARISED)
         call = partial(self.kernel, *given.values())
         out, target = call(), call()
         # Python's share of a call does not depend on the number format.
         if forward and double:
-            yield Side(f'{self.name}: kernel(q, qd, tau)', call, call)
+            yield Side(f'{self.name}: kernel(q, qd, tau)', call, call, contents=CHECKED)
         if double or not forward:
             run, result = partial(call, out=out), partial(self._entries, out)
-            yield Side(f'{self.name}: kernel(..., out=)', run, result)
+            yield Side(f'{self.name}: kernel(..., out=)', run, result, contents=CHECKED)
         bound = self.kernel.bind(**given, out=target)
-        yield Side(f'{self.name}: bound', bound, partial(self._entries, target))
+        result = partial(self._entries, target)
+        yield Side(f'{self.name}: bound', bound, result, contents=BOUND)
 
     def _batches(self, work: Work) -> Iterator[Side]:
         shared = work.units >= SHARED_FROM and self.kernel.dtype == 'float64'
@@ -74,10 +89,10 @@ class Ours(Contender):
             given = named(self.quantity, work, laid, self.kernel.dtype)
             out = self.kernel(**given)
             run, result = partial(self.kernel, **given, out=out), partial(self._entries, out)
-            yield Side(f'{self.name}, {order} order', run, result)
+            yield Side(f'{self.name}, {order} order', run, result, contents=BATCH)
             if order == 'F' and self.quantity == FORWARD and shared:
                 name = f'{self.name}, {order} order, {THREADS} threads'
-                yield Side(name, partial(run, threads=THREADS), result)
+                yield Side(name, partial(run, threads=THREADS), result, contents=BATCH)
 
     def _rollouts(self, work: Work) -> Iterator[Side]:
         simulator = self._simulator
@@ -87,7 +102,7 @@ class Ours(Contender):
             simulator.reset(work.q, work.qd)
             simulator.rollout(taus)
 
-        yield Side(self.name, run, lambda: simulator.q)
+        yield Side(self.name, run, lambda: simulator.q, contents=ROLLOUT)
 
     def _entries(self, out: NDArray[Any]) -> NDArray[Any]:
         """Return the entries of a quantity from a result of its kernel, (size,) or (B, size)."""

@@ -24,11 +24,25 @@ import numpy as np
 from pfd_core.model import Plant, Robot
 from pfd_core.report.cases.quantities import LINEAR_STEP, linear_rk4
 from pfd_core.report.cases.robots import Array, joint_frames
-from pfd_core.report.contenders.work import STEP_SIZE, Contender, Side, Work, installed, one_by_one
+from pfd_core.report.contenders.work import (
+    STEP_SIZE,
+    Contender,
+    Contents,
+    Side,
+    Work,
+    installed,
+    one_by_one,
+)
 
 Evaluation = Callable[[Array, Array, Array], Array]
 
 THREADS = (1, 2)
+CODE = 'C++ for any robot, as in the wheel'
+SINGLE = Contents(CODE, 'Python')
+SEVERAL = Contents(CODE, 'Python, four calls')
+LOOP = Contents(CODE, 'Python, once', 'C++')
+PYTHON_LOOP = Contents(CODE, 'Python, for each state', 'Python')
+NUMPY_LOOP = Contents(CODE, 'Python, four times a step', 'Python, sums in NumPy')
 # Names of the ways to accelerations on pages of errors, and in tables of times.
 EVALUATIONS = {
     'Pinocchio aba': 'pinocchio.aba',
@@ -98,7 +112,13 @@ class Pinocchio(Contender):
     def _calls(self, work: Work) -> Iterator[Side]:
         for name, evaluate in self.evaluations().items():
             run = partial(evaluate, *work.arrays)
-            yield Side(name, run, partial(_copied, run), reference=name == 'pinocchio.aba')
+            yield Side(
+                name,
+                run,
+                partial(_copied, run),
+                reference=name == 'pinocchio.aba',
+                contents=SINGLE if 'aba' in name else SEVERAL,
+            )
 
     def _rollouts(self, work: Work) -> Iterator[Side]:
         aba = partial(self.pin.aba, self.model, self.data)
@@ -119,7 +139,8 @@ class Pinocchio(Contender):
                 v = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
             end[:] = x
 
-        yield Side('Python loop over pinocchio.aba', run, lambda: end, reference=True)
+        way = 'Python loop over pinocchio.aba'
+        yield Side(way, run, lambda: end, reference=True, contents=NUMPY_LOOP)
 
     def _batches(self, work: Work) -> Iterator[Side]:
         columns = [np.asfortranarray(x.T) for x in work.arrays]
@@ -133,6 +154,7 @@ class Pinocchio(Contender):
                 partial(np.transpose, out),
                 reference=threads == 1,
                 wanted=partial(self._one_by_one, work),
+                contents=LOOP,
             )
 
     def _one_by_one(self, work: Work) -> Array:
@@ -240,7 +262,7 @@ class PinocchioQuantity(Contender):
     def _calls(self, work: Work) -> Iterator[Side]:
         given = [x.copy() for x in work.arguments(self.quantity)]
         run, result = partial(self.run, *given), partial(self._evaluate, *given)
-        yield Side(self.function.name, run, result, reference=True)
+        yield Side(self.function.name, run, result, reference=True, contents=SINGLE)
 
     def _batches(self, work: Work) -> Iterator[Side]:
         given = [np.ascontiguousarray(x) for x in work.arguments(self.quantity)]
@@ -250,6 +272,7 @@ class PinocchioQuantity(Contender):
             partial(one_by_one, self.run, rows),
             lambda: np.array([self._evaluate(*row) for row in rows]),
             reference=True,
+            contents=PYTHON_LOOP,
         )
         if self.quantity == 'inverse_dynamics':
             pin = self.peer.pin
@@ -260,4 +283,5 @@ class PinocchioQuantity(Contender):
                 'pinocchio.rneaInParallel, 1 thread',
                 partial(pin.rneaInParallel, 1, pool, *columns, out),
                 partial(np.transpose, out),
+                contents=LOOP,
             )

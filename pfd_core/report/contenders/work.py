@@ -24,6 +24,27 @@ class LeftOutError(Exception):
     """A contender cannot be measured here; the message has the reason."""
 
 
+@dataclass(frozen=True)
+class Contents:
+    """
+    What a time contains.
+
+    Attributes
+    ----------
+    code : str
+        What evaluates one state: language, whether for one robot, and for which processor.
+    call : str
+        How it is reached from Python, and how often in one run.
+    loop : str
+        The language of the loop over states or steps; '' for a single state.
+
+    """
+
+    code: str = ''
+    call: str = ''
+    loop: str = ''
+
+
 def installed(name: str) -> Any:
     """Return a module, or raise LeftOutError with the extra that installs it."""
     try:
@@ -108,6 +129,10 @@ class Side:
         Whether the times of the other sides are compared with the times of this side.
     wanted : callable, optional
         Returns the result to compare with, if it is not the reference's own.
+    contents : Contents
+        What the time of `run` contains.
+    failure : callable, optional
+        Returns, after a run, why its result is invalid, or ''.
 
     """
 
@@ -116,6 +141,8 @@ class Side:
     result: Callable[[], NDArray[np.floating]]
     reference: bool = False
     wanted: Callable[[], Array] | None = None
+    contents: Contents = Contents()
+    failure: Callable[[], str] | None = None
 
 
 class Contender:
@@ -134,6 +161,19 @@ class Contender:
 
     def _batches(self, work: Work) -> Iterable[Side]:
         return ()
+
+
+def valid_sides(sides: Iterable[Side], reasons: dict[str, str]) -> list[Side]:
+    """Run each side once; return those whose results are valid, and add others to `reasons`."""
+    found = []
+    for side in sides:
+        side.run()
+        why = '' if side.failure is None else side.failure()
+        if why:
+            reasons[side.way] = f'failed: {why}'
+        else:
+            found.append(side)
+    return found
 
 
 def one_by_one(evaluate: Callable[..., object], rows: Iterable[tuple[Array, ...]]) -> None:

@@ -12,11 +12,17 @@ Steps:
     counts              steps of every method measured on recorded programs, compared with the
                         paper (Row)
     convergence         iterations of the iterative methods to converge, and errors after n of them
+    claims              sentences of the paper, each checked (Claim, Verdict)
+    doubling            recursive doubling executed: moves between lanes, and what lanes hold
+    array_runs          cycles and utilisation of the triangular array, claimed and measured
+    pcgm_iterations     iterations of PCGM to an error of qdd, from cold and warm starts, and their
+                        cost (Study)
     errata              misprints of the paper as a table, each executed (Erratum)
 
 Times:
 
     timing              contenders that take turns, pace and spread (Row, Pace)
+    decomposition       calls, code for one robot, vectors: the factor over Pinocchio in steps
     port_limit          a kernel's own mix of operations in a loop: the limit of the processor
     first_results       time to a robot's first result, compiled or from disk
     installation        whether compiler and cache work, and times of this machine (`pfd doctor`)

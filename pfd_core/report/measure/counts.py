@@ -32,7 +32,7 @@ from pfd_core.algorithms.paper import pcgm_1987, pcrbm_1987
 from pfd_core.algorithms.paper.array_solver import factor
 from pfd_core.algorithms.paper.literal_array import literal_array
 from pfd_core.algorithms.paper.pcrbm_array import SECTION
-from pfd_core.algorithms.paper.triangular_array import MULTIPLY, solve_cycles, solve_steps
+from pfd_core.algorithms.paper.triangular_array import MULTIPLY, solve_steps
 from pfd_core.algorithms.programs import (
     FORWARD,
     ITERATIVE,
@@ -272,15 +272,12 @@ def _on_the_machine(method: str, n: int, edition: str, program: Program, iterati
         run = literal_array if edition == AS_PRINTED else factor
         trace = run(np.eye(n)).trace
         subtracting = sum(MULTIPLY in acting.values() for acting in trace.actions)
-        cells = _in_sections(program, FACTORISATION)
+        cells = in_sections(program, FACTORISATION)
         return steps - cells + Steps(trace.cycles, subtracting, square_roots=n)
-    solve = solve_steps(n)
-    # In a cycle some cells multiply while others divide or take a root: one multiplication.
-    cycles = replace(solve, multiplications=solve_cycles(n) - solve.divisions)
-    return steps - program.count(section=SECTION) + cycles
+    return steps - program.count(section=SECTION) + solve_steps(n)
 
 
-def _in_sections(program: Program, sections: Sequence[str]) -> Steps:
+def in_sections(program: Program, sections: Sequence[str]) -> Steps:
     """Return the steps of those of the sections that a program has."""
     present = {one.section for one in program.instructions}
     return sum((program.count(section=s) for s in sections if s in present), Steps())
@@ -315,7 +312,7 @@ def counted_parts(n: int) -> Iterator[CountedPart]:
         for system in dict.fromkeys(part.system for part in PARTS)
     }
     for part in PARTS:
-        steps = (_in_sections(program, part.sections) for program in programs[part.system])
+        steps = (in_sections(program, part.sections) for program in programs[part.system])
         yield CountedPart(part, *steps)
 
 

@@ -9,7 +9,9 @@ of 50 digits and condition numbers are those of the hard cases; errors are those
 kernels. At one case and batch size all ways take turns in one process.
 
 A batch repeats the states of the case; a state has the same bits alone and in a batch. Pinocchio
-has a function for batches in WORLD axes alone, so that LOCAL axes and CRBA are a loop in Python.
+has a function for batches in WORLD axes alone: called from Python, LOCAL axes and CRBA are a loop
+in Python; its C++ and CasADi's C have their loops in native code. A peer is refined, too: aba and
+a step of iterative refinement. A peer that warns of its own result has failed, and has no point.
 """
 
 from __future__ import annotations
@@ -30,23 +32,47 @@ from pfd_core.model import Robot, resolve
 from pfd_core.report.cases.hard_cases import CASES, ROUNDING
 from pfd_core.report.cases.problems import Problem
 from pfd_core.report.cases.robots import Array
+from pfd_core.report.contenders import ours, pinocchio_cpp
+from pfd_core.report.contenders.casadi import Casadi
 from pfd_core.report.contenders.mujoco import MUJOCO, Mujoco
-from pfd_core.report.contenders.pinocchio import EVALUATIONS, Pinocchio
-from pfd_core.report.contenders.work import LeftOutError, Side, Work, one_by_one
+from pfd_core.report.contenders.pinocchio import (
+    EVALUATIONS,
+    PYTHON_LOOP,
+    SEVERAL,
+    SINGLE,
+    Pinocchio,
+)
+from pfd_core.report.contenders.work import (
+    Contender,
+    LeftOutError,
+    Side,
+    Work,
+    one_by_one,
+    valid_sides,
+)
 from pfd_core.report.measure.errors import methods, peer_answers
 from pfd_core.report.measure.reference import Reference, errors, kappa_j, kappa_s, reference
 from pfd_core.report.measure.timing import Pace, interleave, show_progress
 
 BATCHES = (1, 4096)
 REFINEMENTS = (0, 1)
-PEERS = (*EVALUATIONS, MUJOCO)
+CASADI = 'CasADi C'
+# pinocchio_cpp.FUNCTIONS that are measured, by name.
+NATIVE = {pinocchio_cpp.FUNCTIONS[key]: key for key in ('aba', 'crba', 'aba_refined')}
+PEERS = (*EVALUATIONS, MUJOCO, *NATIVE, CASADI)
+MAKERS: dict[str, Callable[[Robot], Contender]] = {
+    'Pinocchio': Pinocchio,
+    MUJOCO: Mujoco,
+    pinocchio_cpp.NAME: pinocchio_cpp.PinocchioCpp,
+    CASADI: Casadi,
+}
 # The most joints for a method whose kernels of more joints take minutes to compile.
 MOST = {'divide_and_conquer': 7, 'composite_body': 30}
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Names of hard cases, methods, batch sizes and pace of a measurement."""
+    """Names of hard cases, methods, batch sizes, pace and peers of a measurement."""
 
     cases: tuple[str, ...] = (
         'ordinary_puma560',
@@ -61,6 +87,7 @@ class Plan:
     batches: tuple[int, ...] = BATCHES
     # Shorter chunks and more turns than elsewhere: ratios of a few percent matter here.
     pace: Pace = field(default_factory=lambda: Pace(chunk=1e-3, turns=100, fewest=10, budget=20.0))
+    peers: tuple[str, ...] = tuple(MAKERS)
 
 
 QUICK = Plan(
@@ -119,6 +146,8 @@ class Point:
         Largest error over the states of the case; None for an answer that is not finite.
     in_units : float or None
         Largest error over kappa_s u, u the rounding unit of the number format.
+    code, call, loop : str
+        What the time contains, as in Contents; '' in results of before they were recorded.
 
     """
 
@@ -132,6 +161,14 @@ class Point:
     times: float | None
     error: float | None
     in_units: float | None
+    code: str = ''
+    call: str = ''
+    loop: str = ''
+
+    @property
+    def work(self) -> str:
+        """Name of the work in a table."""
+        return 'call' if self.batch == 1 else f'batch of {self.batch}'
 
 
 @dataclass(frozen=True)
@@ -185,15 +222,22 @@ def measure(name: str, plan: Plan) -> tuple[CaseFacts, list[Point], list[str]]:
         residual=known.residual,
     )
     left_out: list[str] = []
-    ways = [*_kernels(solved, plan.methods, left_out), *_peers(solved, left_out)]
-    points = [
-        point for batch in plan.batches for point in _points(facts, ways, solved, batch, plan)
-    ]
+    ways = [*_kernels(solved, plan.methods, left_out), *_peers(solved, plan.peers, left_out)]
+    points: list[Point] = []
+    for batch in plan.batches:
+        reasons: dict[str, str] = {}
+        points += _points(facts, ways, solved, batch, plan, reasons)
+        left_out += [f'{way} at {name}: {reason}' for way, reason in reasons.items()]
     return facts, points, left_out
 
 
 def _points(
-    case: CaseFacts, ways: Sequence[Way], solved: Solved, batch: int, plan: Plan
+    case: CaseFacts,
+    ways: Sequence[Way],
+    solved: Solved,
+    batch: int,
+    plan: Plan,
+    reasons: dict[str, str],
 ) -> Iterator[Point]:
     """Yield the points of all ways, which take turns, with so many states in a call."""
     show_progress(f'{case.name}: batch of {batch}')
@@ -201,11 +245,13 @@ def _points(
         np.resize(x, (batch, case.n)) for x in solved.problem.states.values()
     ]
     auto = (case.auto, 'float64', case.steps)
-    sides = [
-        replace(way.side(states), reference=(way.name, way.dtype, way.refine) == auto)
-        for way in ways
-    ]
-    for way, times in zip(ways, interleave(sides, batch, plan.pace), strict=True):
+    pairs = []
+    for way in ways:
+        reference = (way.name, way.dtype, way.refine) == auto
+        side = replace(way.side(states), way=way.name, reference=reference)
+        pairs += [(way, valid) for valid in valid_sides([side], reasons)]
+    sides = [side for _, side in pairs]
+    for (way, side), times in zip(pairs, interleave(sides, batch, plan.pace), strict=True):
         yield Point(
             case.name,
             way.name,
@@ -217,6 +263,7 @@ def _points(
             times.times,
             way.error,
             way.in_units,
+            **vars(side.contents),
         )
 
 
@@ -247,36 +294,48 @@ def _kernel_side(kernel: Kernel, states: list[Array]) -> Side:
     if len(q) == 1:
         q, qd, tau = q[0], qd[0], tau[0]
     out = np.empty_like(q)
-    return Side(kernel.method, kernel.bind(q, qd, tau, out), partial(np.asarray, out))
+    contents = ours.BOUND if q.ndim == 1 else ours.BATCH
+    run = kernel.bind(q, qd, tau, out)
+    return Side(kernel.method, run, partial(np.asarray, out), contents=contents)
 
 
-def _peers(solved: Solved, left_out: list[str]) -> Iterator[Way]:
+def _peers(solved: Solved, peers: Sequence[str], left_out: list[str]) -> Iterator[Way]:
     """Yield the peers that are installed and take the robot of a case."""
     answers = dict(peer_answers(solved.problem))
-    for peer, side in _peer_sides(solved.problem.plant.robot, solved.name, left_out):
+    states = [np.ascontiguousarray(x) for x in solved.problem.states.values()]
+    for peer, side in _peer_sides(solved.problem.plant.robot, solved.name, peers, left_out):
+        if peer in (*NATIVE, CASADI):
+            found = side(states)
+            found.run()
+            answers[peer] = np.atleast_2d(found.result()).copy()
         if peer in answers:
-            yield Way(peer, 'float64', 0, side, *solved.errors(answers[peer], 'float64'))
+            refine = int(peer.endswith('refined'))
+            yield Way(peer, 'float64', refine, side, *solved.errors(answers[peer], 'float64'))
         else:
             left_out.append(f'{peer} at {solved.name}: it refuses the robot')
 
 
 def _peer_sides(
-    robot: Robot, case: str, left_out: list[str]
+    robot: Robot, case: str, peers: Sequence[str], left_out: list[str]
 ) -> Iterator[tuple[str, Callable[[list[Array]], Side]]]:
     """Yield each peer's name, and how to time it on states."""
-    for name, make in (('Pinocchio', Pinocchio), (MUJOCO, Mujoco)):
+    for name in peers:
+        show_progress(f'{case}: making {name}')
         try:
-            peer = make(robot)
+            peer = MAKERS[name](robot)
         except LeftOutError as reason:
             left_out.append(f'{name} at {case}: {reason}')
         except (ValueError, RuntimeError) as reason:
             left_out.append(f'{name} at {case}: it refuses the robot ({reason})')
         else:
-            if isinstance(peer, Mujoco):
-                yield name, partial(_first_side, peer)
-            else:
+            if isinstance(peer, Pinocchio):
                 for label, evaluation in EVALUATIONS.items():
                     yield label, partial(_pinocchio_side, peer, evaluation)
+            elif isinstance(peer, pinocchio_cpp.PinocchioCpp):
+                for label in NATIVE:
+                    yield label, partial(_named_side, peer, label)
+            else:
+                yield name, partial(_first_side, peer)
 
 
 def _pinocchio_side(peer: Pinocchio, evaluation: str, states: list[Array]) -> Side:
@@ -286,12 +345,23 @@ def _pinocchio_side(peer: Pinocchio, evaluation: str, states: list[Array]) -> Si
     evaluate = peer.evaluations()[evaluation]
     result = partial(np.asarray, evaluate(*rows[0]))
     if len(rows) == 1:
-        return Side(evaluation, partial(evaluate, *rows[0]), result)
-    return Side(evaluation, partial(one_by_one, evaluate, rows), result)
+        contents = SINGLE if 'aba' in evaluation else SEVERAL
+        return Side(evaluation, partial(evaluate, *rows[0]), result, contents=contents)
+    run = partial(one_by_one, evaluate, rows)
+    return Side(evaluation, run, result, contents=PYTHON_LOOP)
 
 
-def _first_side(peer: Pinocchio | Mujoco, states: list[Array]) -> Side:
+def _first_side(peer: Contender, states: list[Array]) -> Side:
     """Return a peer's first way of one call, or of a batch."""
+    return next(peer.sides(_work(states)))
+
+
+def _named_side(peer: Contender, way: str, states: list[Array]) -> Side:
+    (side,) = (side for side in peer.sides(_work(states)) if side.way == way)
+    return side
+
+
+def _work(states: list[Array]) -> Work:
     one = len(states[0]) == 1
     q, qd, tau = (x[0] for x in states) if one else states
-    return next(peer.sides(Work('call' if one else 'batch', q, qd, tau)))
+    return Work('call' if one else 'batch', q, qd, tau)

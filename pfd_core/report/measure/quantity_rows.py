@@ -23,7 +23,13 @@ from pfd_core.report.cases.robots import Array, robot
 from pfd_core.report.contenders.casadi import Casadi
 from pfd_core.report.contenders.ours import Ours, make_quantity
 from pfd_core.report.contenders.pinocchio import PinocchioQuantity
-from pfd_core.report.contenders.work import Contender, LeftOutError, Work, work_of
+from pfd_core.report.contenders.work import (
+    Contender,
+    LeftOutError,
+    Work,
+    valid_sides,
+    work_of,
+)
 from pfd_core.report.measure import port_limit
 from pfd_core.report.measure.differences import largest_difference
 from pfd_core.report.measure.quantity_reference import exact
@@ -100,7 +106,8 @@ def _rows(
     works = list(_works(quantity, states, kernels, plan))
     for work in works:
         show_progress(f'{arm.name}: {quantity}, {work.title}')
-        sides = [side for contender in contenders for side in contender.sides(work)]
+        every = (side for contender in contenders for side in contender.sides(work))
+        sides = valid_sides(every, reasons)
         for row, side in zip(take_turns(arm.name, work, sides, plan.pace), sides, strict=True):
             error = None
             if known is not None:

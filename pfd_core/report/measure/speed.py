@@ -24,8 +24,10 @@ from pfd_core.report.contenders import ours
 from pfd_core.report.contenders.casadi import Casadi
 from pfd_core.report.contenders.mujoco import Mujoco
 from pfd_core.report.contenders.pinocchio import Pinocchio
-from pfd_core.report.contenders.work import Contender, LeftOutError, Work
-from pfd_core.report.measure import port_limit, quantity_rows
+from pfd_core.report.contenders.pinocchio_cpp import NAME as CPP
+from pfd_core.report.contenders.pinocchio_cpp import PinocchioCpp, compiled_library
+from pfd_core.report.contenders.work import Contender, LeftOutError, Work, valid_sides
+from pfd_core.report.measure import decomposition, port_limit, quantity_rows
 from pfd_core.report.measure.first_results import first_results, fresh_process
 from pfd_core.report.measure.surroundings import surroundings
 from pfd_core.report.measure.timing import Pace, Row, show_progress, take_turns
@@ -40,6 +42,7 @@ SEED = 1
 
 MAKERS: dict[str, Callable[[Robot], Contender]] = {
     'pinocchio': Pinocchio,
+    CPP: PinocchioCpp,
     'mujoco': Mujoco,
     'CasADi C': Casadi,
     **{
@@ -120,6 +123,9 @@ def survey(plan: Survey) -> Findings:
         for way, make in plan.makers.items():
             show_progress(f'{name}: making {way}')
             try:
+                if make is PinocchioCpp:
+                    # For any robot, so that a first result does not contain it.
+                    compiled_library()
                 contender, found = first_results(arm, way, make, *_firsts(arm), plan.pace.repeats)
             except LeftOutError as reason:
                 reasons[way] = str(reason)
@@ -129,10 +135,12 @@ def survey(plan: Survey) -> Findings:
         tasks = list(works(arm, plan))
         for work in tasks:
             show_progress(f'{name}: {work.title}')
-            sides = [side for contender in contenders for side in contender.sides(work)]
+            every = (side for contender in contenders for side in contender.sides(work))
+            sides = valid_sides(every, reasons)
             rows += take_turns(arm.name, work, sides, plan.pace)
         kernels = [(c.name, c.kernel) for c in contenders if isinstance(c, ours.Ours)]
         rows += port_limit.of_kernels(kernels, tasks, plan.pace, reasons)
+        rows += decomposition.measure(contenders, tasks, rows, plan.pace, reasons)
         for way, why in reasons.items():
             left_out.setdefault((way, why), []).append(name)
         if name in known_robots():

@@ -51,6 +51,8 @@ class Row:
         measure.quantity_rows.
     error : float or None
         Largest error compared with 50 digits, relative to its largest entry, of a state.
+    code, call, loop : str
+        What the time contains, as in Contents; '' in results of before they were recorded.
 
     """
 
@@ -64,6 +66,9 @@ class Row:
     difference: float | None = None
     quantity: str = 'forward_dynamics'
     error: float | None = None
+    code: str = ''
+    call: str = ''
+    loop: str = ''
 
 
 @dataclass(frozen=True)
@@ -119,7 +124,17 @@ def take_turns(robot: str, work: Work, sides: Sequence[Side], pace: Pace) -> lis
     found = interleave(sides, work.units, pace)
     n = work.q.shape[-1]
     return [
-        Row(robot, n, work.title, side.way, own.minimum, own.median, own.times, difference)
+        Row(
+            robot,
+            n,
+            work.title,
+            side.way,
+            own.minimum,
+            own.median,
+            own.times,
+            difference,
+            **vars(side.contents),
+        )
         for side, own, difference in zip(sides, found, differences, strict=True)
     ]
 

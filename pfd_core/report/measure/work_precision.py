@@ -261,7 +261,7 @@ def _mujoco(peer: Mujoco, motion: Motion, way: str, step: float) -> Callable[[],
             mj.mj_step(model, data, nstep=substeps)
             q[k], qd[k] = data.qpos, data.qvel
         # After a warning about a number that is too large MuJoCo restarts from its initial state.
-        status = 'reset by MuJoCo' if data.warning.number.any() else 'ok'
+        status = 'failed: MuJoCo warned' if data.warning.number.any() else 'ok'
         if not np.isfinite([q, qd]).all():
             status = 'not_finite'
         return Outcome(status, q, qd, evaluations * substeps * SAMPLES)

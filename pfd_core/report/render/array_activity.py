@@ -1,20 +1,18 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Picture of a run of a systolic array: one small array for every cycle, in SVG.
+Pictures of runs of systolic arrays: one small array for every cycle, in SVG.
 
 A cell that acts in a cycle has the colour of its action; idle cells are outlines. Row 1 is at the
-bottom, as in Figure 1 of Lee and Chang 1987, and cells on the diagonal are circles. The SVG is
-plain text without fonts or dates of the machine, so that it is the same
-everywhere.
+bottom, as in Figure 1 of Lee and Chang 1987, and cells on the diagonal are circles.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from html import escape
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from pfd_core.machine.systolic import Place, Trace
+from pfd_core.report.render.svg import document, text
 
 # Colour of each action, from a palette for colour-blind readers.
 ACTIONS = {
@@ -24,7 +22,7 @@ ACTIONS = {
     'store': '#009e73',
 }
 OTHER = '#666666'
-CELL = 14
+CELL, LABELLED = 14, 22
 GAP = 18
 MARGIN = 20
 LINE = 20
@@ -48,33 +46,72 @@ def activity_svg(trace: Trace, title: str, per_row: int = PER_ROW) -> str:
     if per_row < 1:
         raise ValueError(f'per_row must be at least 1, got {per_row}')
     n = max(row for row, _ in trace.states)
-    # In the order in which they first occur.
-    names = list(dict.fromkeys(name for acting in trace.actions for name in acting.values()))
+    names = _names([trace])
     side = n * CELL + GAP
     frame_height = side + LINE
     frames = max(trace.cycles, 1)
     width = 2 * MARGIN + max(per_row * side, 170 * len(names))
     height = 2 * MARGIN + 2 * LINE + -(-frames // per_row) * frame_height
-    body = [
-        f'<title>{escape(title)}</title>',
-        f'<rect width="{width}" height="{height}" fill="white"/>',
-        f'<text x="{MARGIN}" y="{MARGIN + 4}" font-size="14">{escape(title)}</text>',
-        *_legend(names),
-    ]
+    body = [text(MARGIN, MARGIN + 4, title, 14), *_legend(names)]
     for t in range(frames):
         x = MARGIN + t % per_row * side
         y = MARGIN + 2 * LINE + t // per_row * frame_height
-        acting = trace.actions[t] if t < len(trace.actions) else {}
-        body += [
-            f'<g transform="translate({x} {y})">',
-            f'<text y="12">cycle {t + 1}</text>',
-            *(_cell(place, n, acting.get(place)) for place in sorted(trace.states)),
-            '</g>',
-        ]
-    lines = '\n'.join(body)
-    head = f'width="{width}" height="{height}" viewBox="0 0 {width} {height}"'
-    font = 'font-family="sans-serif" font-size="11"'
-    return f'<svg xmlns="http://www.w3.org/2000/svg" {head} {font}>\n{lines}\n</svg>\n'
+        body += _frame(trace, n, t, (x, y), CELL, None)
+    return document(width, height, title, body)
+
+
+# A cell's place and a cycle to what it works on.
+Label = Callable[[Place, int], str]
+
+
+def runs_svg(runs: Mapping[str, tuple[Trace, Label]], title: str, per_row: int = PER_ROW) -> str:
+    """
+    Return an SVG picture of runs of arrays of the same size, one below the other.
+
+    Parameters
+    ----------
+    runs : mapping
+        Heading to the record of a run, and the label of a cell that acts.
+    title : str
+        Heading of the picture.
+    per_row : int
+        Cycles side by side, at least 1.
+
+    """
+    n = max(row for trace, _ in runs.values() for row, _ in trace.states)
+    names = _names([trace for trace, _ in runs.values()])
+    side = n * LABELLED + GAP
+    body = [text(MARGIN, MARGIN + 4, title, 14), *_legend(names)]
+    y = float(MARGIN + 2 * LINE)
+    for heading, (trace, label) in runs.items():
+        body.append(text(MARGIN, y + 14, heading, 12))
+        for t in range(trace.cycles):
+            at = MARGIN + t % per_row * side, y + LINE + t // per_row * (side + LINE)
+            body += _frame(trace, n, t, at, LABELLED, label)
+        y += LINE + -(-trace.cycles // per_row) * (side + LINE) + GAP
+    return document(2 * MARGIN + max(per_row * side, 170 * len(names)), y, title, body)
+
+
+def _names(traces: Sequence[Trace]) -> list[str]:
+    """Return the actions in the order in which they first occur."""
+    acting = (names for trace in traces for names in trace.actions)
+    return list(dict.fromkeys(name for names in acting for name in names.values()))
+
+
+def _frame(
+    trace: Trace, n: int, t: int, at: tuple[float, float], size: float, label: Label | None
+) -> Iterator[str]:
+    """Draw all cells in cycle t + 1."""
+    acting = trace.actions[t] if t < len(trace.actions) else {}
+    yield f'<g transform="translate({at[0]:g} {at[1]:g})">'
+    yield text(0, 12, f'cycle {t + 1}')
+    for place in sorted(trace.states):
+        action = acting.get(place)
+        yield _cell(place, n, action, size)
+        if label and action:
+            x, y = (place[1] - 0.5) * size, LINE + (n - place[0] + 0.5) * size
+            yield text(x, y + 3.5, label(place, t + 1), 10, 'middle', 'white')
+    yield '</g>'
 
 
 def _legend(names: list[str]) -> Iterator[str]:
@@ -83,16 +120,17 @@ def _legend(names: list[str]) -> Iterator[str]:
         x = MARGIN + 170 * k
         colour = ACTIONS.get(name, OTHER)
         yield f'<rect x="{x}" y="{y - 9}" width="10" height="10" fill="{colour}"/>'
-        yield f'<text x="{x + 15}" y="{y}">{escape(name)}</text>'
+        yield text(x + 15, y, name)
 
 
-def _cell(place: Place, n: int, action: str | None) -> str:
+def _cell(place: Place, n: int, action: str | None, size: float) -> str:
     """Return one cell: a circle on the diagonal and a square elsewhere."""
     row, column = place
-    x, y = (column - 1) * CELL, LINE + (n - row) * CELL
+    x, y = (column - 1) * size, LINE + (n - row) * size
     fill = 'none' if action is None else ACTIONS.get(action, OTHER)
     style = f'fill="{fill}" stroke="#999999" stroke-width="0.7"'
     if row == column:
-        r = CELL / 2 - 1
-        return f'<circle cx="{x + CELL / 2:g}" cy="{y + CELL / 2:g}" r="{r:g}" {style}/>'
-    return f'<rect x="{x + 1}" y="{y + 1}" width="{CELL - 2}" height="{CELL - 2}" {style}/>'
+        r = size / 2 - 1
+        return f'<circle cx="{x + size / 2:g}" cy="{y + size / 2:g}" r="{r:g}" {style}/>'
+    side = f'width="{size - 2:g}" height="{size - 2:g}"'
+    return f'<rect x="{x + 1:g}" y="{y + 1:g}" {side} {style}/>'

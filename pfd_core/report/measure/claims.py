@@ -1,0 +1,603 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Quantitative sentences of Lee and Chang (1987), each with a verdict from what was executed.
+
+A check runs the programs or evaluates the printed formulas, and returns whether the sentence holds
+and the evidence in words. A note says of what a true sentence is true, and what is right where one
+is false.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from pfd_core.algorithms.emulation import arithmetic
+from pfd_core.algorithms.paper.fohra_first_level import record_fohra, structure_of
+from pfd_core.algorithms.paper.literal_array import STORE
+from pfd_core.algorithms.paper.pcgm_1987 import MISPRINTS, record_pcgm_1987
+from pfd_core.algorithms.paper.pcrbm_1987 import AS_PRINTED as PCRBM_AS_PRINTED
+from pfd_core.algorithms.paper.pcrbm_1987 import record_pcrbm_1987
+from pfd_core.algorithms.paper.set_ordering import set_ordering
+from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics
+from pfd_core.machine.program import Steps
+from pfd_core.model import load_robot, resolve
+from pfd_core.report.cases.paper import TABLE, levels, value
+from pfd_core.report.cases.robots import uniform_chain
+from pfd_core.report.measure.array_runs import last_cycle, literal_run, solve_run
+from pfd_core.report.measure.counts import (
+    AS_PRINTED,
+    CountedPart,
+    counted_parts,
+    published_serial,
+    row,
+)
+from pfd_core.report.measure.doubling import doubling
+from pfd_core.report.measure.pcgm_iterations import errors_of_iterates, seeded_states
+
+N = 6
+FEW = 20  # states in which iterations are counted
+# Whether a sentence holds, None if that is not decided here, and the evidence.
+FOUND = tuple[bool | None, str]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """
+    A sentence of the paper.
+
+    Attributes
+    ----------
+    place, sentence : str
+        Section, and what it says, shortened.
+    check : callable
+        check() returns whether it holds, None if that is not decided, and the evidence.
+    test : str
+        File and function of the test that shows it.
+    note : str
+        What else to know; or empty.
+
+    """
+
+    place: str
+    sentence: str
+    check: Callable[[], FOUND]
+    test: str
+    note: str = ''
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A claim, whether it is 'true', 'false' or 'not decided', and the evidence in words."""
+
+    claim: Claim
+    verdict: str
+    evidence: str
+
+
+def verdicts(claims: Iterable[Claim]) -> Iterator[Verdict]:
+    """Check claims."""
+    for claim in claims:
+        holds, evidence = claim.check()
+        yield Verdict(claim, {True: 'true', False: 'false', None: 'not decided'}[holds], evidence)
+
+
+@cache
+def _part(system: str, item: str) -> CountedPart:
+    (found,) = (x for x in _parts() if (x.part.system, x.part.item) == (system, item))
+    return found
+
+
+@cache
+def _parts() -> tuple[CountedPart, ...]:
+    return tuple(counted_parts(N))
+
+
+def _pair(steps: Steps) -> tuple[int, int]:
+    """Return multiplications, divisions among them as in the paper, and additions."""
+    return steps.multiplications + steps.divisions, steps.additions
+
+
+def _of_part(system: str, item: str) -> Callable[[], FOUND]:
+    """Return the check of a count of a part: as printed, n = 6."""
+
+    def check() -> FOUND:
+        x = _part(system, item)
+        claimed = tuple(int(value(f, N)) for f in (x.part.multiplications, x.part.additions))
+        found, corrected = _pair(x.as_printed), _pair(x.corrected)
+        words = (
+            f'n = {N}: {found[0]} and {found[1]} executed, {claimed[0]} and {claimed[1]} claimed'
+        )
+        if corrected != found:
+            words += f'; corrected {corrected[0]} and {corrected[1]}'
+        return found == claimed, words
+
+    return check
+
+
+def _of_total(system: str) -> Callable[[], FOUND]:
+    """Return the check of a printed total at n = 6: by its formula, and executed as printed."""
+
+    def check() -> FOUND:
+        claims = TABLE[system].multiplications, TABLE[system].additions
+        printed = [claim.printed for claim in claims]
+        formula = [int(claim.formula(N)) for claim in claims]
+        found = _pair(row(system, N, edition=AS_PRINTED).steps)
+        return list(found) == printed, (
+            f'{printed[0]} and {printed[1]} printed, {formula[0]} and {formula[1]} by the '
+            f'formula, {found[0]} and {found[1]} executed as printed'
+        )
+
+    return check
+
+
+def _fohra_on_a_puma() -> FOUND:
+    wanted = int(value('27 L - 19', N)), int(value('18 L - 14', N))
+    puma, other = (
+        _pair(record_fohra(structure_of(robot)).count())
+        for robot in (load_robot('puma560'), uniform_chain(N))
+    )
+    return puma == wanted, (
+        f'PUMA 560: {puma[0]} and {puma[1]} executed, {wanted[0]} and {wanted[1]} claimed; '
+        f'skew axes: {other[0]} and {other[1]}'
+    )
+
+
+def _newton_euler_levels() -> FOUND:
+    sizes = (4, 8, 16)
+    counts = [
+        _pair(record_inverse_dynamics(resolve(uniform_chain(n)), 'unpacked').count())
+        for n in sizes
+    ]
+    (m, a), (m2, a2) = (tuple(np.subtract(counts[k + 1], counts[k])) for k in (0, 1))
+    return (m, a) == (m2, a2), (
+        f'each doubling of n from {sizes[0]} to {sizes[-1]} adds {m} multiplications and {a} '
+        'additions, FOHRA included'
+    )
+
+
+def _levels() -> FOUND:
+    sizes = (2, 3, 4, 6, 8, 16)
+    found = [len(doubling(n)) - 1 for n in sizes]
+    words = ', '.join(f'{count} at n = {n}' for n, count in zip(sizes, found, strict=True))
+    return found == [levels(n) for n in sizes], f'levels: {words}'
+
+
+def _price_of_an_iteration() -> FOUND:
+    sizes = (4, 8, 16)
+    counts = []
+    for n in sizes:
+        program = record_pcgm_1987(resolve(uniform_chain(n)), 'unpacked')
+        counts.append(_pair(program.count(iterations=2) - program.count(iterations=1)))
+    (m, a), (m2, a2), (m3, a3) = counts
+    return m == m2 == m3 and a2 - a == a3 - a2, (
+        f'{m}, {m2} and {m3} multiplications, {a}, {a2} and {a3} additions at n = 4, 8 and 16'
+    )
+
+
+def _roots_of_the_array() -> FOUND:
+    found = row('pcrbm_array', N, edition=AS_PRINTED).cells['square_roots'].measured
+    return found == 1, f'{found} at n = {N}: each circular cell takes its root in another cycle'
+
+
+def _row_sweep() -> FOUND:
+    found = _part('pcrbm', '(c)').as_printed.additions
+    return found == 3 * (N - 1), f'{found} additions of three components at n = {N}'
+
+
+def _products() -> FOUND:
+    wanted = int(value('P6', N))
+    program = record_pcrbm_1987(resolve(uniform_chain(N)), 'parallel', misprints=PCRBM_AS_PRINTED)
+    found = program.count(section='set ordering').multiplications
+    right = record_pcrbm_1987(resolve(uniform_chain(N)), 'parallel')
+    corrected = right.count(section='factorisation').multiplications
+    return found == wanted, (
+        f'n = {N}: {found} for equations (11) and (12), whose matrix is wrong; {corrected} for '
+        "L L' column by column"
+    )
+
+
+def _number_of_products() -> FOUND:
+    first = set_ordering(N)[0]
+    found = sum(first.additions.values())
+    return found == (N**3 - N) // 6, f'{found} at n = {N}, one for each addition of set ordering'
+
+
+def _orderings() -> FOUND:
+    taken = len(set_ordering(N)) - 1
+    claimed = N * (N - 1) // 2, int(value('P2', N))
+    return taken in claimed, (
+        f'n = {N}: {taken} additions executed, {claimed[0]} claimed in the text and {claimed[1]} '
+        'in item (b)'
+    )
+
+
+def _one_root() -> FOUND:
+    plant = resolve(uniform_chain(N))
+    printed, right, ours = (
+        program.count().square_roots
+        for program in (
+            record_pcrbm_1987(plant, 'parallel', misprints=PCRBM_AS_PRINTED),
+            record_pcrbm_1987(plant, 'parallel'),
+            FORWARD['pcrbm'](plant, 'parallel'),
+        )
+    )
+    return right == 1, (
+        f'{printed} for equations (11) and (12), whose matrix is wrong; {right}, one after '
+        f"another, for L L'; {ours} for L D L'"
+    )
+
+
+def _column_sweeps() -> FOUND:
+    program = record_pcrbm_1987(resolve(uniform_chain(N)), 'parallel')
+    found = _pair(program.count(section='column sweeps'))
+    claimed = 2 * (2 * N - 1), 2 * (N - 1)
+    return found == claimed, (
+        f'both triangles, n = {N}: {found[0]} and {found[1]} executed, {claimed[0]} and '
+        f'{claimed[1]} claimed'
+    )
+
+
+def _array(event: Callable[[int], int], formula: Callable[[int], int]) -> Callable[[], FOUND]:
+    def check() -> FOUND:
+        sizes = (2, 3, 4, 6, 8)
+        found, wanted = [event(n) for n in sizes], [formula(n) for n in sizes]
+        same = found == wanted
+        words = f'{found[-1]} cycles at n = {sizes[-1]}' + ('' if same else f', not {wanted[-1]}')
+        return same, words
+
+    return check
+
+
+def _logarithmic_array() -> FOUND:
+    times = {n: solve_run(n).cycles for n in (4, 8, 16)}
+    logarithmic = times[16] - times[8] == times[8] - times[4]
+    words = ', '.join(f'{cycles} cycles at n = {n}' for n, cycles in times.items())
+    return logarithmic, f'a solve takes {words}: 5 n - 2; the row sweep takes n - 1 steps'
+
+
+def _quadratic_factorisation() -> FOUND:
+    sizes = (8, 16, 32)
+    steps = [len(set_ordering(n)) - 1 for n in sizes]
+    ratios = steps[1] / steps[0], steps[2] / steps[1]
+    return all(3.5 < ratio < 4.5 for ratio in ratios), (
+        f'the factorisation takes {steps[0]}, {steps[1]} and {steps[2]} multiplications at n = '
+        f'{sizes[0]}, {sizes[1]} and {sizes[2]}; all other parts grow with n or log2 n'
+    )
+
+
+def _linear_array() -> FOUND:
+    times = [solve_run(n).cycles for n in (4, 8, 16)]
+    return times[2] - times[1] == 2 * (times[1] - times[0]), (
+        f'a whole solve takes {times[0]}, {times[1]} and {times[2]} cycles at n = 4, 8 and 16'
+    )
+
+
+def _less_than_n_iterations() -> FOUND:
+    errors = errors_of_iterates(N, 'plain', seeded_states(N, FEW))
+    earlier = float(np.mean(errors[N - 1] <= 1e-6))
+    return earlier == 1.0, (
+        f'n = {N}: {earlier:.0%} of {FEW} states are within 1e-06 after {N - 1} iterations, all '
+        f'after {int((errors > 1e-6).sum(axis=0).max())}'
+    )
+
+
+def _n_iterations() -> FOUND:
+    n = 12
+    errors = errors_of_iterates(n, 'plain', seeded_states(n, FEW))
+    after = errors[n]
+    return bool((after <= 1e-6).all()), (
+        f'n = {n}: the error after {n} iterations is {np.median(after):.0e} in the median and '
+        f'{after.max():.0e} at worst of {FEW} states; see pcgm.md'
+    )
+
+
+def _total(system: str, n: int) -> float:
+    claims = TABLE[system].multiplications, TABLE[system].additions
+    return float(sum(claim.formula(n) for claim in claims))
+
+
+def _pcrbm_before_pcgm() -> FOUND:
+    last = {
+        kind: max(
+            n
+            for n in range(2, 1000)
+            if getattr(TABLE['pcrbm'], kind).formula(n) < getattr(TABLE['pcgm'], kind).formula(n)
+        )
+        for kind in ('multiplications', 'additions')
+    }
+    sizes = (2, 6, 12)
+    executed = []
+    for n in sizes:
+        # The rotations of the joints are the same in both.
+        own, other = (
+            FORWARD[method](resolve(uniform_chain(n)), 'parallel', misprints=misprints)
+            for method, misprints in (('pcrbm_1987', PCRBM_AS_PRINTED), ('pcgm_1987', MISPRINTS))
+        )
+        executed.append(arithmetic(own.count()) < arithmetic(other.count(iterations=n)))
+    return all(executed), (
+        f'as printed and executed, fewer steps at n = {", ".join(map(str, sizes))}; by the '
+        f'formulas up to n = {last["multiplications"]} in multiplications and '
+        f'{last["additions"]} in additions'
+    )
+
+
+def _orders_of_the_introduction() -> FOUND:
+    on_n, on_more = (int(value(text, N)) for text in ('P6', '7 n + 9 h'))
+    last = max(n for n in range(2, 1000) if value('P6', n) < value('7 n + 9 h', n))
+    return (
+        on_more < on_n,
+        f'{on_n} and {on_more} at n = {N}; the second is less from n = {last + 1} on',
+    )
+
+
+def _serial_before_iterative() -> FOUND:
+    won = {
+        k: [n for n in range(2, 13) if _total(f'walker_orin_{k}', n) < _total('walker_orin_4', n)]
+        for k in (1, 2, 3)
+    }
+    every = list(range(2, 13))
+    words = ', '.join(
+        f'method {k} ' + ('always' if own == every else f'at {len(own)} of {len(every)}')
+        for k, own in won.items()
+    )
+    return all(
+        own == every for own in won.values()
+    ), f'by the formulas of Table 1, n = 2 to 12: {words}'
+
+
+def _articulated_recurrence() -> FOUND:
+    sizes = (4, 8, 16)
+    record = FORWARD['divide_and_conquer']
+    counts = [record(resolve(uniform_chain(n)), 'unpacked').count().multiplications for n in sizes]
+    growth = counts[1] - counts[0], counts[2] - counts[1]
+    return None, (
+        'another algorithm for the same accelerations, divide and conquer, has '
+        f'{growth[0]} multiplications more at n = {sizes[1]} than at {sizes[0]}, and '
+        f'{growth[1]} more at {sizes[2]} than at {sizes[1]}'
+    )
+
+
+def _speed_up() -> FOUND:
+    claimed = published_serial(N) / (334 + 328)
+    found = row('pcrbm', N, edition=AS_PRINTED).published_speed_up
+    assert found is not None
+    return found >= claimed, f'{claimed:.2f} printed, {found:.2f} executed as printed, no routes'
+
+
+def _processors() -> FOUND:
+    array, all_of_them = N * (N + 1) // 2, row('pcrbm_array', N).units
+    return array == all_of_them, f'n = {N}: {array} cells and {N} processors, {all_of_them} in all'
+
+
+def _formula(system: str, printed: dict[str, int]) -> Callable[[], FOUND]:
+    def check() -> FOUND:
+        found = {kind: getattr(TABLE[system], kind).formula(N) for kind in printed}
+        words = ', '.join(f'{kind} {float(x):g}' for kind, x in found.items())
+        return found == printed, f'by the formula of Table 1: {words}'
+
+    return check
+
+
+COUNTS, OWN = 'test_report_counts.py::test_', 'test_report_claims_of_the_paper.py::test_'
+ARRAY = 'test_algorithms_triangular_array.py::test_'
+PARTS = COUNTS + 'parts_are_those_of_the_paper_or_differ_by_a_known_number'
+CLAIMS = (
+    Claim(
+        'abstract, section 1',
+        'PCRBM takes O(n^2) with O(n) processors',
+        _quadratic_factorisation,
+        'test_algorithms_set_ordering.py::'
+        'test_the_procedure_takes_a_third_of_the_additions_that_the_paper_prints',
+        'as printed; corrected, the factorisation has the same order',
+    ),
+    Claim(
+        'section 1',
+        'and O(n) with O(n^2) processors',
+        _linear_array,
+        ARRAY + 'a_right_hand_side_takes_one_cycle_more_and_a_solve_2n_minus_1_after_it',
+    ),
+    Claim(
+        'abstract, section 4',
+        'PCGM computes the accelerations in O(n) multiplications and O(n log n) additions',
+        _n_iterations,
+        'test_report_pcgm.py::'
+        'test_from_twelve_joints_on_no_state_gets_its_accelerations_in_n_iterations',
+        'n iterations take so many steps, and are no answer from about 8 joints on',
+    ),
+    Claim(
+        'section 1',
+        'conjugate gradients converge in less than n iterations',
+        _less_than_n_iterations,
+        'test_report_pcgm.py::test_n_iterations_are_enough_up_to_six_joints',
+        'exact arithmetic needs at most n',
+    ),
+    Claim(
+        'section 1',
+        'O(P6) multiplications on O(n) processors, O(7 n + 9 h) on O(n^2): fewer on more',
+        _orders_of_the_introduction,
+        OWN + 'the_introduction_compares_a_factorisation_with_a_whole_method',
+        'the first counts the factorisation, the second the whole method',
+    ),
+    Claim(
+        'section 1',
+        'an iteration of PCGM takes O(1) multiplications and O(log2 n) additions',
+        _price_of_an_iteration,
+        'test_algorithms_1987.py::test_pcgm_of_1987_has_its_closed_forms',
+    ),
+    Claim(
+        'section 1',
+        'for n <= 12 methods 1 to 3 are more efficient than method 4',
+        _serial_before_iterative,
+        OWN + 'the_verdict_on_methods_1_to_3_is_that_of_the_formulas',
+        'with 117 n instead of 12 n, which gives the printed value, method 1 wins at small n',
+    ),
+    Claim(
+        'section 1',
+        'method 3 takes 1629 multiplications and 1255 additions',
+        _formula('walker_orin_3', {'multiplications': 1629, 'additions': 1255}),
+        COUNTS + 'the_formulas_at_six_joints_are_those_of_the_paper',
+        'Table 1 and section 2.5 have 1627',
+    ),
+    Claim(
+        'section 1',
+        "Featherstone's method takes 2250 multiplications and 1816 additions",
+        _formula('articulated_body', {'multiplications': 2250, 'additions': 1816}),
+        COUNTS + 'the_formulas_at_six_joints_are_those_of_the_paper',
+        'Table 1 prints 2280 and 1816; unexplained',
+    ),
+    Claim(
+        'section 1',
+        "the recurrence of Featherstone's method cannot be parallelised",
+        _articulated_recurrence,
+        COUNTS + 'divide_and_conquer_grows_with_the_logarithm_alone',
+        'of forward dynamics it is false: steps grow with log2 n',
+    ),
+    Claim(
+        'section 2.1',
+        'NE takes O(log2 n) time',
+        _newton_euler_levels,
+        OWN + 'a_doubling_of_the_joints_adds_the_same_steps_to_newton_euler',
+    ),
+    Claim(
+        'section 2.2',
+        'FOHRA and FOIHRA take O(log2 n) time',
+        _levels,
+        'test_report_illustrated.py::test_a_level_doubles_what_a_lane_holds',
+        'FOIHRA as printed has a level more where n is a power of two',
+    ),
+    Claim(
+        'section 2.3',
+        'row sweeping takes n - 1 steps',
+        _row_sweep,
+        PARTS,
+    ),
+    Claim(
+        'section 2.4',
+        'there are (n^3 - n)/6 products',
+        _number_of_products,
+        'test_algorithms_set_ordering.py::test_the_program_is_equations_11_and_12',
+    ),
+    Claim(
+        'section 2.4',
+        'the products take ceil((n^2 - 1)/6) multiplications',
+        _products,
+        'test_algorithms_set_ordering.py::test_the_literal_factorisation_takes_the_steps_of_its_parts',
+        'true of the products as printed, which are all known at once',
+    ),
+    Claim(
+        'section 2.4',
+        'set ordering takes n(n - 1)/2 additions',
+        _orderings,
+        'test_algorithms_set_ordering.py::'
+        'test_the_procedure_takes_a_third_of_the_additions_that_the_paper_prints',
+        'the paper counts too many',
+    ),
+    Claim(
+        'section 2.4',
+        'the factorisation takes one square root',
+        _one_root,
+        OWN + 'one_square_root_is_enough_only_for_the_wrong_matrix',
+        "with L D L' the roots of D are one step, and a solve needs none",
+    ),
+    Claim(
+        'section 2.4',
+        'a column sweep takes 2 n - 1 multiplications and n - 1 additions',
+        _column_sweeps,
+        OWN + 'column_sweeps_take_what_the_paper_counts',
+    ),
+    Claim(
+        'section 2.5 (a)',
+        'FOHRA takes 27 L - 19 multiplications and 18 L - 14 additions',
+        _fohra_on_a_puma,
+        'test_algorithms_fohra.py::'
+        'test_a_puma_takes_27_l_minus_19_multiplications_and_18_l_minus_14_additions',
+        'for twists of 0 and 90 degrees only',
+    ),
+    Claim('section 2.5 (b)', 'L, 9 L, 4 L - 1 and 3 L', _of_part('pcrbm', '(b)'), PARTS),
+    Claim('section 2.5 (d)', 'the bias: 84, 15 L + 63', _of_part('pcrbm', '(d)'), PARTS),
+    Claim('section 2.5 (e)', 'the solve', _of_part('pcrbm', '(e)'), PARTS),
+    Claim('section 2.5 (f)', 'other equations', _of_part('pcrbm', '(f)'), PARTS),
+    Claim(
+        'section 2.5',
+        'PCRBM takes 334 multiplications and 328 additions at n = 6',
+        _of_total('pcrbm'),
+        COUNTS + 'no_system_as_printed_takes_as_few_multiplications_as_its_formula',
+    ),
+    Claim(
+        'section 2.5, implied',
+        'PCRBM takes 4.35 times fewer steps than method 3 on one processor',
+        _speed_up,
+        COUNTS + 'the_papers_own_speed_up_is_taken_over_its_published_serial_count',
+        '(1627 + 1255) / (334 + 328)',
+    ),
+    Claim(
+        'Table 1',
+        'PCRBM with the array takes 331 multiplications and 322 additions at n = 6',
+        _of_total('pcrbm_array'),
+        COUNTS + 'no_system_as_printed_takes_as_few_multiplications_as_its_formula',
+    ),
+    Claim(
+        'Table 1',
+        'and one square root',
+        _roots_of_the_array,
+        COUNTS + 'every_circular_cell_takes_its_root_in_a_cycle_of_its_own',
+    ),
+    Claim(
+        'section 2.6',
+        'after 2 n - 1 cycles all input from below is stored',
+        _array(lambda n: last_cycle(literal_run(n), action=STORE), lambda n: 2 * n - 1),
+        ARRAY + 'the_literal_design_keeps_its_input_when_the_paper_says',
+        'true of column 1',
+    ),
+    Claim(
+        'section 2.6',
+        'h_44 and the flag enter P_41 after 2 n cycles',
+        _array(lambda n: last_cycle(literal_run(n), (n, 1)), lambda n: 2 * n),
+        ARRAY + 'the_literal_design_keeps_its_input_when_the_paper_says',
+    ),
+    Claim(
+        'section 2.6',
+        'the array factors in 3 n - 1 cycles',
+        _array(lambda n: literal_run(n).cycles, lambda n: 3 * n - 1),
+        ARRAY + 'the_literal_design_takes_3n_minus_1_cycles_for_equations_11_and_12',
+        'a wrong matrix; corrected 3 n - 2',
+    ),
+    Claim('section 3 (b)', 'H u takes 42, 12 L + 26', _of_part('pcgm', '(b), step 7'), PARTS),
+    Claim('section 3 (c)', 'an inner product takes 1, L', _of_part('pcgm', '(c)'), PARTS),
+    Claim('section 3 (d)', 'an iteration takes 49, 14 L + 30', _of_part('pcgm', '(d)'), PARTS),
+    Claim(
+        'section 3 (e)', 'before the loop 27 L + 124, 34 L + 87', _of_part('pcgm', '(e)'), PARTS
+    ),
+    Claim(
+        'section 3',
+        'PCGM takes 499 multiplications and 621 additions at n = 6',
+        _of_total('pcgm'),
+        COUNTS + 'no_system_as_printed_takes_as_few_multiplications_as_its_formula',
+    ),
+    Claim(
+        'section 4',
+        'the array reduces O(n^2) to O(log2 n)',
+        _logarithmic_array,
+        OWN + 'the_array_takes_a_time_in_proportion_to_n',
+        'O(n), as section 1 and section 2.6 have it',
+    ),
+    Claim(
+        'section 4',
+        'with n(n + 1)/2 processors',
+        _processors,
+        COUNTS + 'the_cells_of_the_array_are_processors',
+        'Table 1 adds n general-purpose processors',
+    ),
+    Claim(
+        'section 4',
+        'for n <= 12 PCRBM is superior to PCGM',
+        _pcrbm_before_pcgm,
+        OWN + 'pcrbm_takes_fewer_steps_than_pcgm_far_beyond_twelve_joints',
+        'and for much longer chains',
+    ),
+)

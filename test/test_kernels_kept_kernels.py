@@ -182,6 +182,7 @@ def test_the_name_of_an_object_depends_on_all_that_decides_it(
         key(IR, replace(HOST, triple='aarch64-linux-gnu'), usual),
         key(IR, HOST, replace(usual, passes=2)),
         key(IR, HOST, replace(usual, code=3)),
+        key(IR, HOST, replace(usual, reorder=False)),
     ]
     monkeypatch.setattr(llvmlite, '__version__', '0.0')
     names.append(key(IR, HOST, usual))

@@ -64,6 +64,35 @@ def test_batch_size_and_memory_order_leave_the_bits_alone(dtype: str) -> None:
     np.testing.assert_array_equal(kernel(*backward), whole[::-1])
 
 
+@pytest.mark.parametrize('size', [5, 16, 33])
+def test_a_batch_takes_numbers_whose_products_overflow(size: int) -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    q, qd, tau = (np.asfortranarray(x) for x in random_states(2, size, 'float64'))
+    tau[3] = 1e200, -1e300
+    result = kernel(q, qd, tau)
+    assert np.isfinite(result).all()
+    singles = [kernel(*rows) for rows in zip(q, qd, tau, strict=True)]
+    np.testing.assert_array_equal(result, singles)
+
+
+@pytest.mark.parametrize('order', ['F', 'C'])
+@pytest.mark.parametrize('wrong', [np.nan, np.inf])
+def test_one_number_of_a_batch_that_is_not_finite_is_found_wherever_it_is(
+    wrong: float, order: str
+) -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    arrays = [np.array(x, order=order) for x in random_states(2, 19, 'float64')]  # type: ignore[call-overload]
+    for name, array in zip(('q', 'qd', 'tau'), arrays, strict=True):
+        for place in np.ndindex(array.shape):
+            kept, array[place] = array[place], wrong
+            # Next to a zero, whose product with infinity is no infinity.
+            neighbour = place[0], 1 - place[1]
+            beside, array[neighbour] = array[neighbour], 0.0
+            with pytest.raises(ValueError, match=rf'^{name} must be finite, got {wrong} at'):
+                kernel(*arrays)
+            array[place], array[neighbour] = kept, beside
+
+
 def test_a_batch_comes_back_in_the_memory_order_of_its_positions() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
     q, qd, tau = random_states(6, 20)

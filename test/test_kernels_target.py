@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 import re
@@ -107,6 +108,18 @@ def test_every_processor_has_its_own_objects_in_the_cache() -> None:
     targets = [processor.host(), *map(processor.named, WIDTHS)]
     keys = {jit.object_key('0' * 64, target, jit.USUAL) for target in targets}
     assert len(keys) == len(targets)
+
+
+@on_x86
+def test_code_whose_order_is_kept_leaves_the_order_of_other_code_to_llvm() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), method='composite_body')
+    ir = kernel_module(kernel.program, 'float64', 8, turned_joints(kernel.robot))
+    target = processor.named('x86-64-v4')
+    usual, kept = jit.USUAL, replace(jit.USUAL, reorder=False)
+    before, between, after = (jit.emit(ir, target, choice) for choice in (usual, kept, usual))
+    assert after == before
+    # The two differ, so that one taken for the other would show.
+    assert between != before
 
 
 def results() -> dict[str, bytes]:

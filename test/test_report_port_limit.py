@@ -16,9 +16,11 @@ from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.runtime import jit
 from pfd_core.kernels.runtime.jit import Target
 from pfd_core.machine.fused import fused
+from pfd_core.machine.program import Instruction, Output
 from pfd_core.report.contenders.work import LeftOutError, Work
 from pfd_core.report.measure import port_limit
 from pfd_core.report.measure.port_limit import Loop, loop_ir, mix, numbers
+from pfd_core.report.measure.register_traffic import Traffic, traffic
 from pfd_core.report.measure.timing import Pace, Times
 
 # The text of each operation.
@@ -140,6 +142,56 @@ def test_the_loop_computes_what_its_mix_says(dtype: str) -> None:
                 'fma': lambda x=x, sign=sign: fused(sign * x, small, one),
             }[op]()
     np.testing.assert_array_equal(loop.results, values)
+
+
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+def test_operands_in_memory_leave_the_bits_of_the_loop_alone(dtype: str) -> None:
+    kernel = kernel_of('ur5', 'composite_body', 0, dtype)
+    in_registers, with_memory = (Loop(kernel, 64, memory) for memory in (False, True))
+    for loop in (in_registers, with_memory):
+        loop.run()
+    np.testing.assert_array_equal(with_memory.results, in_registers.results)
+
+
+def test_the_loop_loads_and_stores_as_often_as_it_is_told() -> None:
+    counts, memory = {'fma': 30, 'select': 3, 'mul': 40}, Traffic(50, 9)
+    text = loop_ir(counts, Format('float64', 4), 8, memory)
+    body = text[text.index('loop') : text.index('done')]
+    assert written(body) == counts
+    assert body.count(' load ') == memory.loads
+    assert body.count(' store ') == memory.stores
+    # Between two stores no place is read twice, or a compiler would keep what it has read.
+    for part in body.split(' store '):
+        places = re.findall(r'getelementptr .*%numbers, i64 (\d+)', part)
+        assert len(places) == len(set(places))
+    with pytest.raises(LeftOutError, match='keep some of 50 loads'):
+        loop_ir(counts, Format('float64', 4), 8, Traffic(50, 1))
+
+
+@pytest.mark.parametrize(
+    ('registers', 'expected'),
+    [(8, Traffic(4, 1)), (3, Traffic(4, 1)), (2, Traffic(5, 2))],
+    ids=['enough', 'just enough', 'one too few'],
+)
+def test_a_value_without_a_register_is_stored_and_loaded_again(
+    registers: int, expected: Traffic
+) -> None:
+    # x = a b, y = -c d, x - y: with two registers x leaves its own to c or d.
+    inputs = [Instruction('input', (), (('q', k),), 1, '') for k in range(4)]
+    operations = [('mul', (0, 1)), ('neg', (2,)), ('mul', (5, 3)), ('sub', (4, 6))]
+    written_out = [Instruction(op, args, None, 1, '') for op, args in operations]
+    outputs = {'x': Output((1,), ((7, 0),))}
+    program = pfd.Program(1, (*inputs, *written_out), {'q': 4}, outputs)
+    assert traffic(program, registers) == expected
+
+
+def test_fewer_registers_never_need_less_traffic() -> None:
+    program = kernel_of('ur5', 'composite_body', 0).program
+    found = [traffic(program, registers) for registers in (1000, 32, 16, 8)]
+    assert found == sorted(found, key=lambda memory: (memory.loads, memory.stores))
+    read = {i.data for i in program.instructions if i.op in ('input', 'constant')}
+    # With a register for each value: what is read is loaded once, six results are stored.
+    assert found[0] == Traffic(len(read), 6)
 
 
 def test_a_kernel_that_iterates_or_is_cut_into_parts_has_no_limit(

@@ -3,8 +3,9 @@
 """
 Forward dynamics on the emulated machine: accelerations, steps, utilisation and status.
 
-The same program that kernels compile runs here in lock-step on n processors. With `digits` it runs
-on mpmath numbers and gives the reference for errors.
+The same program that kernels compile runs here in lock-step on n processors, or on fewer, each of
+which then has a block of links (pfd_core.machine.recorder). With `digits` it runs on mpmath
+numbers and gives the reference for errors.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.algorithms.programs import TOLERANCES, record_forward_dynamics
 from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
-from pfd_core.machine.program import Program, Steps, check_processors
+from pfd_core.machine.program import Program, Steps
+from pfd_core.machine.recorder import Schedule
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import DTYPES, choice, common_shape, integer, real_array
 from pfd_core.model.scene_checks import INPUT
@@ -40,7 +42,7 @@ class Run:
     qdd : numpy.ndarray
         Accelerations, (..., n) [rad/s^2 or m/s^2]; mpmath numbers with `digits`.
     steps : Steps
-        Lock-step counts of the program as written.
+        Lock-step counts of the program as written, on the processors that ran it.
     utilisation : float
         Share of the processors' arithmetic steps that did useful work, 0 to 1; cells of the
         triangular array count as processors.
@@ -115,7 +117,8 @@ def emulate(
     brakes : array_like of bool, optional
         Held joints, (..., n), only if the scene has brakes; default none.
     processors : int, optional
-        Default n.
+        From 1 to n, each with a block of ceil(n / processors) neighbouring links; default n, or
+        1 for a serial method. On one processor the steps are the operations of a serial program.
     dtype : {'float64', 'float32'}
         Numbers of the machine. An iterative method stops at the rounding of this format.
     digits : int, optional
@@ -124,14 +127,14 @@ def emulate(
     Raises
     ------
     ValueError
-        If an argument has the wrong shape or type, is unknown, or is not finite.
+        If an argument has the wrong shape or type, is unknown, is out of bounds, or is not finite.
 
     """
     choice('dtype', dtype, DTYPES)
     if digits is not None:
         digits = integer('digits', digits, 1, MOST_DIGITS)
     if processors is not None:
-        processors = integer('processors', processors, 1)
+        processors = integer('processors', processors, 1, robot.n)
     scene = given_scene(scene)
     if wrench is not None:
         scene = replace(scene, external_wrench=True)
@@ -140,7 +143,8 @@ def emulate(
     # In mpmath numbers, of any digits, the residual falls as far as in double precision.
     tolerance = TOLERANCES.get('float64' if digits else dtype)
     plant = resolve(robot, scene)
-    program = record_forward_dynamics(plant, method, 'parallel', tolerance)
+    schedule = Schedule('parallel', processors)
+    program = record_forward_dynamics(plant, method, schedule, tolerance)
     check = record_small_correction(plant) if 'converged' in program.outputs else None
     given: dict[str, ArrayLike] = {'q': q, 'qd': qd, 'tau': tau}
     given |= scene_inputs(scene, robot.n, 'float64', wrench, brakes)
@@ -154,9 +158,9 @@ def emulate(
     iterations = None
     if 'iterations' in result:
         iterations = int(np.max(np.asarray(result['iterations'], dtype=np.float64), initial=0))
-    steps = _steps(method, program, processors, iterations or 1)
+    steps = _steps(method, program, robot.n, iterations or 1)
     work = arithmetic(program.count(1, iterations=iterations or 1))
-    units = processors_of(method, robot.n, check_processors(processors, program.lanes))
+    units = processors_of(method, robot.n, program.lanes)
     return Run(
         qdd=result['qdd'],
         steps=steps,
@@ -168,17 +172,17 @@ def emulate(
     )
 
 
-def _steps(method: str, program: Program, processors: int | None, iterations: int) -> Steps:
+def _steps(method: str, program: Program, n: int, iterations: int) -> Steps:
     """
     Return the steps that a method's program takes on its machine.
 
     The cells of the triangular array work side by side: there the steps of the solve are those
     of its cycles, not the operations of all cells.
     """
-    steps = program.count(processors, iterations=iterations)
+    steps = program.count(iterations=iterations)
     if method != 'pcrbm_array':
         return steps
-    return steps - program.count(processors, section=SECTION) + solve_steps(program.lanes)
+    return steps - program.count(section=SECTION) + solve_steps(n)
 
 
 def processors_of(method: str, n: int, processors: int) -> int:

@@ -47,11 +47,12 @@ from pfd_core.algorithms.serial.walker_orin import (
     record_walker_orin_4,
 )
 from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Schedule
 from pfd_core.model import Plant, check_instant
 from pfd_core.model.checked_numbers import choice
 
 
-def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
+def record_inverse_dynamics(plant: Plant, schedule: str | Schedule) -> Program:
     """
     Return the program of the commanded tau, (n,), from q, qd and qdd.
 
@@ -66,7 +67,7 @@ def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
     return program_with_outputs(recorder, tau=tau)
 
 
-def record_terms(plant: Plant, schedule: str) -> Program:
+def record_terms(plant: Plant, schedule: str | Schedule) -> Program:
     """Return the program of H, (n, n), and of the bias, (n,), from q and qd."""
     check_instant(plant)
     _check_payload(plant, 'terms')
@@ -119,19 +120,25 @@ TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
 
 
 def record_forward_dynamics(
-    plant: Plant, method: str, schedule: str, tolerance: float | None = None
+    plant: Plant, method: str, schedule: str | Schedule, tolerance: float | None = None
 ) -> Program:
     """
     Return the program of a method.
 
     Its outputs are `qdd`, (n,), and `pivots`, (n,), all above zero exactly if H is positive
     definite, or, for an iterative method, `iterations` and `converged`, (1,). An iterative method
-    stops at a tolerance, by default for double precision. ValueError for an unknown method, and
-    for effects that act over a step of time.
+    stops at a tolerance, by default for double precision. ValueError for an unknown method, for
+    effects that act over a step of time, and for processors that the method cannot use.
     """
     check_instant(plant)
     choice('method', method, FORWARD)
     _check_payload(plant, method)
+    if isinstance(schedule, Schedule) and method in SERIAL:
+        if schedule.processors not in (None, 1):
+            raise ValueError(
+                f'processors must be 1 for the serial method {method!r}, got {schedule.processors}'
+            )
+        schedule = schedule.name
     if tolerance is None or method not in ITERATIVE:
         return FORWARD[method](plant, schedule)
     return FORWARD[method](plant, schedule, tolerance=tolerance)

@@ -30,7 +30,7 @@ from pfd_core.kernels.codegen.module import kernel_module, product_module
 from pfd_core.kernels.codegen.spelling import arguments
 from pfd_core.kernels.passes.pipeline import Stages, joined, lower, operations
 from pfd_core.kernels.passes.product import multiplied
-from pfd_core.kernels.passes.schedule import LONGEST, ORDERED
+from pfd_core.kernels.passes.schedule import LONGEST, ORDERED, can_be_ordered
 from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.kernels.runtime.jit import (
     USUAL,
@@ -72,6 +72,8 @@ class KernelSource:
         Shape of the output.
     operations : dict
         Operations by name, of each stage.
+    ordered : bool
+        Whether its operations are in an order that native code is to keep.
 
     """
 
@@ -82,6 +84,7 @@ class KernelSource:
         self.inputs: dict[str, int] = facts['inputs']
         self.shape: tuple[int, ...] = tuple(facts['shape'])
         self.operations: dict[str, dict[str, int]] = facts['operations']
+        self.ordered: bool = facts['ordered']
 
     @property
     def elements(self) -> int:
@@ -129,7 +132,7 @@ class KernelSource:
     def optimisation(self) -> Optimisation:
         """The effort of the compiler."""
         # The passes find nothing to do in a long program, and take their time.
-        return Optimisation(passes=0) if self.work > LONGEST else USUAL
+        return Optimisation(passes=int(self.work <= LONGEST), reorder=not self.ordered)
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the module of a kernel, of one state or a batch (pfd_core.kernels.codegen)."""
@@ -146,6 +149,7 @@ class KernelSource:
             'inputs': {name: self.program.inputs[name] for name in arguments(self.program)},
             'shape': list(output.shape),
             'operations': {name: operations(p) for name, p in vars(self._stages).items()},
+            'ordered': can_be_ordered(self.program, LONGEST),
         }
 
 
@@ -262,7 +266,8 @@ def _are_facts(value: Any) -> bool:
     """Return whether a JSON value can be the facts that KernelSource keeps of its program."""
     return (
         isinstance(value, dict)
-        and value.keys() == {'inputs', 'shape', 'operations'}
+        and value.keys() == {'inputs', 'shape', 'operations', 'ordered'}
+        and isinstance(value['ordered'], bool)
         and _are_counts(value['inputs'])
         and isinstance(value['shape'], list)
         and _are_counts(dict(enumerate(value['shape'])))

@@ -69,7 +69,7 @@ def iterate(
     ]
     end = recorder.write('end', (loop, *_registers(kept), _lane0(again)), None, recorder.all)
     iterations = recorder.write('result', (end,), -1, recorder.all)
-    count = Lanes(recorder, (iterations,) * len(go.registers), recorder.all)
+    count = Lanes(recorder, (iterations,) * recorder.block, recorder.all)
     return _rows_of(recorder, 'result', end, state), count
 
 
@@ -80,13 +80,8 @@ def _lane0(go: Lanes) -> int:
 
 
 def _registers(rows: Sequence[Lanes]) -> list[int]:
-    """Return the registers of rows: one a row, or one for each lane with a value."""
-    return [
-        register
-        for row in rows
-        for i, register in enumerate(row.registers)
-        if row.recorder.parallel or row.defined >> i & 1
-    ]
+    """Return the registers of rows: one for each slot of the blocks with a value."""
+    return [row.registers[k] for row in rows for k, _ in row.recorder.slots(row.defined)]
 
 
 def _rows_of(recorder: Recorder, op: str, marker: int, like: Sequence[Lanes]) -> tuple[Lanes, ...]:
@@ -94,13 +89,9 @@ def _rows_of(recorder: Recorder, op: str, marker: int, like: Sequence[Lanes]) ->
     rows = []
     member = 0
     for row in like:
-        registers = []
-        for i in range(len(row.registers)):
-            if recorder.parallel or row.defined >> i & 1:
-                active = row.defined if recorder.parallel else 1
-                registers.append(recorder.write(op, (marker,), member, active))
-                member += 1
-            else:
-                registers.append(-1)
+        registers = [-1] * recorder.block
+        for k, active in recorder.slots(row.defined):
+            registers[k] = recorder.write(op, (marker,), member, active)
+            member += 1
         rows.append(Lanes(recorder, tuple(registers), row.defined))
     return tuple(rows)

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.machine.lanes import each, merge, shift
-from pfd_core.machine.patterns import prefix, suffix
+from pfd_core.machine.lanes import each, merge
+from pfd_core.machine.patterns import levels, prefix, suffix, taken
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import dot
 
@@ -46,9 +46,10 @@ def packed(function: Callable[..., Any], rows: Sequence[tuple[Any, ...]]) -> lis
     if not recorder.packs:
         return [function(*operands) for operands in rows]
     slots = [(k, lane) for k, operands in enumerate(rows) for lane in _filled(recorder, operands)]
+    slots = _dealt(recorder, slots)
     results: list[Any] = [None] * len(rows)
-    for start in range(0, len(slots), recorder.lanes):
-        places = _places(recorder, slots[start : start + recorder.lanes])
+    for start in range(0, len(slots), recorder.owners):
+        places = _places(recorder, slots[start : start + recorder.owners])
         value = function(
             *(_gather([operands[p] for operands in rows], places) for p in range(len(rows[0])))
         )
@@ -70,22 +71,21 @@ def suffix_sum(x: LaneArray) -> LaneArray:
 def prefix_product(R: LaneArray) -> LaneArray:
     """Return the matrix products R(0) R(1) .. R(i), (3, 3), on lane i: packed FOHRA."""
     recorder = _first(R).recorder
-    if not recorder.parallel:
+    if recorder.parallel and not recorder.packs and recorder.block == 1:
+        one = np.array([[recorder.constant(float(i == j)) for j in range(3)] for i in range(3)])
+        for sources, _ in levels(recorder, downward=False):
+            # Every lane multiplies, some by one: nothing to merge.
+            R = merge(taken(R, sources), one) @ R
+        return R
+    if not recorder.packs:
         swept: LaneArray = prefix(lambda left, right: left @ right, R)
         return swept
-    one = np.array([[recorder.constant(float(i == j)) for j in range(3)] for i in range(3)])
-    stride = 1
-    while stride < recorder.lanes:
-        left = shift(R, stride)
-        if not recorder.packs:  # every lane multiplies, some by one: nothing to merge
-            R = merge(left, one) @ R
-            stride *= 2
-            continue
+    for sources, _ in levels(recorder, downward=False):
+        left = taken(R, sources)
         elements = packed(dot, [(left[i], R[:, j]) for i in range(3) for j in range(3)])
         R = np.array(
             [merge(new, old) for new, old in zip(elements, np.ravel(R), strict=True)], dtype=object
         ).reshape(3, 3)
-        stride *= 2
     return R
 
 
@@ -95,12 +95,9 @@ def _sums(x: LaneArray, downward: bool) -> LaneArray:
         swept: LaneArray = (suffix if downward else prefix)(lambda a, b: a + b, x)
         return swept
     values: LaneArray = np.ravel(x)
-    stride = 1
-    while stride < recorder.lanes:
-        step = -stride if downward else stride
-        sums = packed(lambda a, b: a + b, [(shift(value, step), value) for value in values])
+    for sources, _ in levels(recorder, downward):
+        sums = packed(lambda a, b: a + b, [(taken(value, sources), value) for value in values])
         values = np.array([merge(a, b) for a, b in zip(sums, values, strict=True)], dtype=object)
-        stride *= 2
     return values.reshape(x.shape)
 
 
@@ -117,16 +114,29 @@ def _filled(recorder: Recorder, operands: tuple[Any, ...]) -> list[int]:
     return [lane for lane in range(recorder.lanes) if defined >> lane & 1]
 
 
+def _dealt(recorder: Recorder, slots: Sequence[Slot]) -> list[Slot]:
+    """Return slots in turns, one of each processor's in a turn; on n processors row by row."""
+    turns: dict[int, int] = {}
+    order = []
+    for slot in slots:
+        owner = recorder.owner(slot[1])
+        turns[owner] = turns.get(owner, 0) + 1
+        order.append((turns[owner], owner, slot))
+    return [slot for _, _, slot in sorted(order)]
+
+
 def _places(recorder: Recorder, group: Sequence[Slot]) -> dict[int, Slot]:
-    """Return which slot each lane takes: its own where it can, so that less data moves."""
+    """Return which slot the first lane of each block takes: one of its block where it can."""
     places: dict[int, Slot] = {}
     homeless = []
     for slot in group:
-        if slot[1] in places:
+        lane = recorder.owner(slot[1]) * recorder.block
+        if lane in places:
             homeless.append(slot)
         else:
-            places[slot[1]] = slot
-    free = (lane for lane in range(recorder.lanes) if lane not in places)
+            places[lane] = slot
+    firsts = range(0, recorder.lanes, recorder.block)
+    free = (lane for lane in firsts if lane not in places)
     places.update(zip(free, homeless, strict=False))
     return places
 

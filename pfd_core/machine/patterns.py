@@ -19,6 +19,11 @@ right operand; an operand is a value over lanes, a vector, a matrix or a tuple o
 n processors run a recurrence by recursive doubling; one processor (the sequential schedule) runs
 it as a sweep, because that is less work. The algorithm is the same.
 
+p < n processors, each with a block of b = ceil(n / p) lanes, sweep over their own blocks side by
+side, double over the results of whole blocks, and combine each with the lanes of the next block:
+b - 1, ceil(log2 p) and b - 1 levels if p divides n. A total leaves out the last of the three. One
+processor has no other blocks, and n processors have nothing to sweep.
+
 Corrected here: eq. (3) prints X(i-s) * X(i) for the coefficients of eq. (4), which is the
 order for x(i) = x(i-1) a(i); with matrix coefficients on the left it must be X(i) * X(i-s).
 """
@@ -26,9 +31,10 @@ order for x(i) = x(i-1) a(i); with matrix coefficients on the left it must be X(
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
-from pfd_core.machine.lanes import broadcast, merge, on, shift
+from pfd_core.machine.lanes import broadcast, each, merge, on
 from pfd_core.machine.recorder import Lanes, Recorder
 
 Combine = Callable[[Any, Any], Any]
@@ -47,33 +53,67 @@ def _recorder(value: Any) -> Recorder:
     return value.recorder
 
 
-def _levels(recorder: Recorder, downward: bool) -> Iterator[tuple[int, Sequence[int], bool]]:
-    """Yield, for each level, the stride, the lanes that take part and whether it is the last."""
-    n = recorder.lanes
-    if recorder.parallel:
-        stride = 1
-        while stride < n:
-            yield stride, range(n), 2 * stride >= n
-            stride *= 2
-    else:
-        order = range(n - 2, -1, -1) if downward else range(1, n)
-        for lane in order:
-            yield 1, [lane], lane == order[-1]
+class Level(NamedTuple):
+    """
+    A level of a recurrence: each lane is combined with another one before it in the recurrence.
+
+    Attributes
+    ----------
+    sources : dict
+        Lane to the lane that it is combined with.
+    coefficients : dict
+        The same for the products of coefficients of an affine recurrence that later levels need.
+
+    """
+
+    sources: dict[int, int]
+    coefficients: dict[int, int]
+
+
+def levels(recorder: Recorder, downward: bool, every_lane: bool = True) -> Iterator[Level]:
+    """
+    Yield the levels of a recurrence in their order; see the module.
+
+    Without `every_lane` only the lane where the recurrence ends is right at the end.
+    """
+    n, block, owner = recorder.lanes, recorder.block, recorder.owner
+    tip = owner(n - 1)
+    first, step = (tip, 1) if downward else (0, -1)
+    for k in range(block - 2, -1, -1) if downward else range(1, block):
+        within = {i: i + step for i in range(k, n, block) if i + step < n}
+        yield Level(within, {i: j for i, j in within.items() if owner(i) != first})
+    ends = range(0 if downward else block - 1, n, block)
+    stride = 1
+    while stride < len(ends):
+        far = step * stride * block
+        across = {i: i + far for i in ends if 0 <= i + far < n}
+        stride *= 2
+        yield Level(across, across if stride < len(ends) else {})
+    if every_lane and block > 1 and tip > 0:
+        inner = [i for i in range(n) if i not in ends and owner(i) != first]
+        yield Level({i: (owner(i) + downward) * block + min(step, 0) for i in inner}, {})
+
+
+def taken(value: Any, sources: Mapping[int, int]) -> Any:
+    """Return on each lane of `sources` the value of the lane that it names."""
+
+    def move(x: Lanes) -> Lanes:
+        return x.recorder.route(x, [sources.get(i) for i in range(x.recorder.lanes)], None)
+
+    return each(move, value)
 
 
 def prefix(combine: Combine, x: Any) -> Any:
     """Return X(0) = x(0), X(i) = combine(X(i-1), x(i)) on lane i."""
-    for stride, lanes, _ in _levels(_recorder(x), downward=False):
-        left = _apply(lambda v, s=stride, at=lanes: on(shift(v, s), at), x)
-        x = _apply(merge, combine(left, x), x)
+    for sources, _ in levels(_recorder(x), downward=False):
+        x = _apply(merge, combine(_apply(partial(taken, sources=sources), x), x), x)
     return x
 
 
 def suffix(combine: Combine, x: Any) -> Any:
     """Return X(n-1) = x(n-1), X(i) = combine(x(i), X(i+1)) on lane i."""
-    for stride, lanes, _ in _levels(_recorder(x), downward=True):
-        right = _apply(lambda v, s=stride, at=lanes: on(shift(v, -s), at), x)
-        x = _apply(merge, combine(x, right), x)
+    for sources, _ in levels(_recorder(x), downward=True):
+        x = _apply(merge, combine(x, _apply(partial(taken, sources=sources), x)), x)
     return x
 
 
@@ -100,20 +140,18 @@ def suffix_affine(a: Any, b: Any, times: Combine, product: Combine) -> Any:
 
 
 def _affine(a: Any, b: Any, times: Combine, product: Combine, downward: bool) -> Any:
-    recorder = _recorder(b)
-    for stride, lanes, last in _levels(recorder, downward):
-        step = -stride if downward else stride
-        neighbour = on(shift(b, step), lanes)
-        b = merge(times(a, neighbour) + b, b)
-        # A sweep meets each coefficient once, and the last level needs no further product.
-        if recorder.parallel and not last:
-            a = merge(product(a, shift(a, step)), a)
+    for sources, coefficients in levels(_recorder(b), downward):
+        b = merge(times(a, taken(b, sources)) + b, b)
+        if coefficients:
+            a = merge(product(a, taken(a, coefficients)), a)
     return b
 
 
 def total(x: Any) -> Any:
     """Return the sum of x over all lanes, on lane 0."""
-    return _apply(lambda v: on(v, [0]), suffix(lambda left, right: left + right, x))
+    for sources, _ in levels(_recorder(x), downward=True, every_lane=False):
+        x = _apply(lambda v, at=sources: merge(v + taken(v, at), v), x)
+    return _apply(lambda v: on(v, [0]), x)
 
 
 def row_sweep(terms: Sequence[Any], x0: Any) -> list[Any]:
@@ -207,17 +245,22 @@ def gather(places: Mapping[int, tuple[Lanes, int]]) -> Lanes:
     """
     if not places:
         raise ValueError('gather: no lane is named, and a value needs at least one')
+    owner = next(iter(places.values()))[0].recorder.owner
     staying = {lane: value for lane, (value, source) in places.items() if source == lane}
     result = collect(staying) if staying else None
     moving = {lane: place for lane, place in places.items() if place[1] != lane}
     while moving:
-        sent: dict[int, Lanes] = {}
+        sent: dict[int, tuple[Lanes, int]] = {}
         for value, source in moving.values():
-            sent.setdefault(source, value)
-        taken = {lane: source for lane, (value, source) in moving.items() if sent[source] is value}
-        row = collect(sent)
-        sources = [taken.get(lane) for lane in range(row.recorder.lanes)]
+            sent.setdefault(owner(source), (value, source))
+        taken_now = {
+            lane: source
+            for lane, (value, source) in moving.items()
+            if sent[owner(source)] == (value, source)
+        }
+        row = collect({source: value for value, source in sent.values()})
+        sources = [taken_now.get(lane) for lane in range(row.recorder.lanes)]
         result = row.recorder.route(row, sources, result)
-        moving = {lane: place for lane, place in moving.items() if lane not in taken}
+        moving = {lane: place for lane, place in moving.items() if lane not in taken_now}
     assert result is not None
     return result

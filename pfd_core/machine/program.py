@@ -87,7 +87,7 @@ class Program:
     Attributes
     ----------
     lanes : int
-        Lanes of every register; 1 for a sequential program.
+        Lanes of every register, one a processor; 1 for a sequential program.
     instructions : tuple of Instruction
         Instruction k writes register k.
     inputs : dict
@@ -135,8 +135,9 @@ class Program:
         Parameters
         ----------
         processors : int, optional
-            Processors of the machine; with fewer than lanes an instruction takes several
-            steps. Default: one per lane.
+            Processors that execute the program as it is; with fewer than lanes an instruction
+            takes several steps, with one its operations are counted. Default: one per lane. A
+            program recorded for fewer processors takes less (pfd_core.machine.recorder.Schedule).
         section : str, optional
             Count only this part of the program, a section of some instruction.
         iterations : int

@@ -14,14 +14,30 @@ has the functions that move, empty and fill lanes.
 Three schedules record the same algorithm. `parallel` writes one instruction for all lanes, for n
 processors in lock-step, and packs partly filled rows of lanes (pfd_core.machine.packing).
 `unpacked` is the same without packing, for processors on which a route costs as much as
-arithmetic. `sequential` gives every lane of a value a separate register and moves data by
-renaming, for one processor: its program has a single lane.
+arithmetic. `sequential` is one processor: every lane of a value has a separate register, and data
+moves by renaming.
+
+With p < n processors (`Schedule`) each of them has a block of b = ceil(n / p) neighbouring lanes,
+and the program has p lanes. A value is then b registers, one for each slot of the blocks, and an
+operation is one instruction for each slot in which some lane takes part, or for several slots if
+no processor has a lane in two of them:
+
+    n = 7, p = 3, b = 3       processor 0    1    2
+              register 0      lane      0    3    6
+              register 1      lane      1    4    -
+              register 2      lane      2    5    -
+
+Where b does not divide n, the last blocks are shorter or empty. A lane reads any register of its
+own processor without a route; in a route each processor sends one register, to all processors
+that read it. n processors are blocks of one lane, and one processor is a single block: that is
+`sequential`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,6 +48,28 @@ from pfd_core.machine.program import Instruction, Output, Program
 
 LaneArray = NDArray[np.object_]
 SCHEDULES = ('parallel', 'unpacked', 'sequential')
+Place = tuple[int, int]  # a processor, and one of its slots
+Slot = tuple[int, int]  # a slot, and the processors with a lane there, as a mask
+Group = tuple[list[Slot], int]  # slots, and all their processors
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """
+    How lanes become instructions; see the module.
+
+    Attributes
+    ----------
+    name : str
+        One of SCHEDULES.
+    processors : int or None
+        From 1 to the number of lanes; None for a processor for each lane, or for one if
+        sequential. One processor is sequential whatever the name.
+
+    """
+
+    name: str = 'parallel'
+    processors: int | None = None
 
 
 class Lanes:
@@ -43,8 +81,8 @@ class Lanes:
     recorder : Recorder
         Writes the operations on this value.
     registers : tuple of int
-        One register for all lanes (parallel) or one register per lane (sequential; the entry of
-        a lane without a value has no meaning).
+        One register for each slot of the blocks of lanes: one for all lanes on n processors, one
+        per lane on one processor. The entry of a slot without a value has no meaning.
     defined : int
         Bit i is set when lane i has a value.
 
@@ -105,25 +143,43 @@ class Recorder:
     ----------
     lanes : int
         Number of lanes, at least 1.
-    schedule : {'parallel', 'unpacked', 'sequential'}
-        How lanes become instructions; see the module.
+    schedule : str or Schedule
+        One of SCHEDULES, or with a number of processors.
+
+    Attributes
+    ----------
+    lanes, processors, block : int
+        Lanes of a value, processors, and lanes of a block, ceil(lanes / processors).
+    parallel, packs : bool
+        Whether there are several processors (or one for a single lane), and whether partly filled
+        rows of lanes are packed.
 
     """
 
-    def __init__(self, lanes: int, schedule: str = 'parallel') -> None:
+    def __init__(self, lanes: int, schedule: str | Schedule = 'parallel') -> None:
         if lanes < 1:
             raise ValueError(f'lanes must be at least 1, got {lanes}')
-        if schedule not in SCHEDULES:
-            raise ValueError(f'schedule must be one of {SCHEDULES}, got {schedule!r}')
+        if isinstance(schedule, str):
+            schedule = Schedule(schedule)
+        name, processors = schedule.name, schedule.processors
+        if name not in SCHEDULES:
+            raise ValueError(f'schedule must be one of {SCHEDULES}, got {name!r}')
+        most = 1 if name == 'sequential' else lanes
+        if processors is not None and not 1 <= processors <= most:
+            raise ValueError(f'processors must be from 1 to {most}, got {processors!r:.100}')
         self.lanes = lanes
-        self.parallel = schedule != 'sequential'
-        self.packs = schedule == 'parallel'
+        self.processors = most if processors is None else processors
+        self.block = -(-lanes // self.processors)
+        self.parallel = name != 'sequential' and processors != 1
+        self.packs = name == 'parallel' and self.parallel
         self.all = (1 << lanes) - 1
         self._instructions: list[Instruction] = []
         self._inputs: dict[str, int] = {}
         self._outputs: dict[str, Output] = {}
         self._constants: dict[tuple[str, ...], Lanes] = {}
         self._section = ''
+        self._slots: dict[int, list[Slot]] = {}
+        self._groups: dict[int, list[Group]] = {}
 
     @contextmanager
     def section(self, name: str) -> Iterator[None]:
@@ -167,17 +223,62 @@ class Recorder:
     def _row(
         self, op: str, operands: Sequence[Lanes], data: Sequence[Any] | None, defined: int
     ) -> Lanes:
-        """Record an operation: one instruction for all lanes, or one for each defined lane."""
-        if self.parallel:
-            args = tuple(operand.registers[0] for operand in operands)
-            whole = None if data is None else tuple(data)
-            return Lanes(self, (self.write(op, args, whole, defined),), defined)
-        registers = [-1] * self.lanes
-        for i in range(self.lanes):
-            if defined >> i & 1:
-                args = tuple(operand.registers[i] for operand in operands)
-                registers[i] = self.write(op, args, None if data is None else (data[i],), 1)
+        """Record an operation: one instruction for each slot, or for slots that go together."""
+        registers = [-1] * self.block
+        if data is not None:
+            for k, active in self.slots(defined):
+                own = tuple(data[k :: self.block])
+                # Processors without a lane in this slot have a number that nothing reads.
+                own += (self._idle(op, own[0]),) * (self.processors - len(own))
+                registers[k] = self.write(op, (), own, active)
+            return Lanes(self, tuple(registers), defined)
+        for slots, active in self._together(defined):
+            args = tuple(self._aligned(operand, slots) for operand in operands)
+            register = self.write(op, args, None, active)
+            for k, _ in slots:
+                registers[k] = register
         return Lanes(self, tuple(registers), defined)
+
+    def _together(self, defined: int) -> list[Group]:
+        """Return the slots with a lane, in groups of which no processor has two."""
+        if defined not in self._groups:
+            groups: list[Group] = []
+            for k, mask in self.slots(defined):
+                found = (i for i, (_, union) in enumerate(groups) if not union & mask)
+                i = next(found, len(groups))
+                slots, union = groups[i] if i < len(groups) else ([], 0)
+                groups[i : i + 1] = [([*slots, (k, mask)], union | mask)]
+            self._groups[defined] = groups
+        return self._groups[defined]
+
+    def _aligned(self, value: Lanes, slots: list[Slot]) -> int:
+        """Return a register in which each processor has its lane of the slots."""
+        if len(slots) == 1:
+            return value.registers[slots[0][0]]
+        each = range(self.processors)
+        return self._collected(value, {m: k for k, mask in slots for m in each if mask >> m & 1})
+
+    @staticmethod
+    def _idle(op: str, like: Any) -> Any:
+        return (like[0], None) if op == 'input' else 0.0
+
+    def slots(self, defined: int) -> list[Slot]:
+        """Return the slots of blocks in which some lane is set, each with its processors."""
+        if defined not in self._slots:
+            masks = [0] * self.block
+            for i in range(self.lanes):
+                masks[i % self.block] |= (defined >> i & 1) << self.owner(i)
+            self._slots[defined] = [(k, mask) for k, mask in enumerate(masks) if mask]
+        return self._slots[defined]
+
+    def owner(self, lane: int) -> int:
+        """Return the processor whose block has a lane."""
+        return lane // self.block
+
+    @property
+    def owners(self) -> int:
+        """The number of processors whose block has a lane: the last ones may have none."""
+        return self.owner(self.lanes - 1) + 1
 
     def lift(self, value: object) -> Lanes:
         """Return a value over lanes as it is, and a number as a constant on all lanes."""
@@ -208,8 +309,8 @@ class Recorder:
 
     def call(self, function: str, *rows: Lanes) -> Lanes:
         """Record a call of a function of some rows, whose body is another program."""
-        if not self.parallel:
-            raise ValueError('a call takes whole rows: record it with the parallel schedule')
+        if self.block > 1:
+            raise ValueError('a call takes whole rows: record it with a processor for each lane')
         args = tuple(row.registers[0] for row in rows)
         return Lanes(self, (self.write('call', args, function, self.all),), self.all)
 
@@ -222,15 +323,64 @@ class Recorder:
         defined = sum(1 << i for i, source in enumerate(taken) if source is not None)
         if fill is not None:
             defined |= fill.defined
-        if not self.parallel:
-            own = fill.registers if fill is not None else (-1,) * self.lanes
-            registers = tuple(
-                own[i] if source is None else value.registers[source]
-                for i, source in enumerate(taken)
-            )
-            return Lanes(self, registers, defined)
-        args = (value.registers[0], (value if fill is None else fill).registers[0])
-        return Lanes(self, (self.write('route', args, tuple(taken), defined),), defined)
+        if self.parallel and self.block == 1:
+            own = value if fill is None else fill
+            args = (value.registers[0], own.registers[0])
+            return Lanes(self, (self.write('route', args, tuple(taken), defined),), defined)
+        registers = [-1] * self.block if fill is None else list(fill.registers)
+        kept = dict(self.slots(0 if fill is None else fill.defined))
+        received: list[tuple[dict[int, Place], int]] = []
+        for k in range(self.block):
+            column = enumerate(taken[k :: self.block])
+            wanted = {m: divmod(source, self.block) for m, source in column if source is not None}
+            if not wanted:
+                continue
+            # What one slot has received, the others read.
+            there = (r for known, r in received if wanted.items() <= known.items())
+            register = next(there, None)
+            if register is None:
+                register = self._received(value, wanted)
+                received.append((wanted, register))
+            if kept.get(k, 0) & ~_mask(wanted):
+                registers[k] = self._merged(register, wanted, registers[k], kept[k])
+            else:
+                registers[k] = register
+        return Lanes(self, tuple(registers), defined)
+
+    def _received(self, value: Lanes, wanted: dict[int, Place]) -> int:
+        """Return a register in which each processor m has the value at wanted[m]."""
+        own = {m: k for m, (source, k) in wanted.items() if source == m}
+        result = self._collected(value, own) if own else None
+        here = _mask(own)
+        moving = {m: place for m, place in wanted.items() if place[0] != m}
+        while moving:
+            sent: dict[int, int] = {}
+            for source, k in moving.values():
+                sent.setdefault(source, k)
+            taken = {m: source for m, (source, k) in moving.items() if sent[source] == k}
+            here |= _mask(taken)
+            row = self._collected(value, sent)
+            sources = tuple(taken.get(m) for m in range(self.processors))
+            args = (row, row if result is None else result)
+            result = self.write('route', args, sources, here)
+            moving = {m: place for m, place in moving.items() if m not in taken}
+        assert result is not None
+        return result
+
+    def _collected(self, value: Lanes, slots: dict[int, int]) -> int:
+        """Return a register in which each processor has its own value of the slot named."""
+        result, here = -1, 0
+        for register in dict.fromkeys(value.registers[k] for k in slots.values()):
+            own = [m for m, k in slots.items() if value.registers[k] == register]
+            result = self._merged(register, own, result, here) if here else register
+            here |= _mask(own)
+        return result
+
+    def _merged(self, new: int, own: Iterable[int], old: int, kept: int) -> int:
+        """Return `new` on some processors and `old` on the others: no data moves between them."""
+        chosen = set(own)
+        sources = tuple(m if m in chosen else None for m in range(self.processors))
+        return self.write('route', (new, old), sources, kept | _mask(chosen))
 
     def output(
         self, name: str, shape: tuple[int, ...], elements: Iterable[tuple[Lanes, int]]
@@ -240,16 +390,18 @@ class Recorder:
         for value, lane in elements:
             if not value.defined >> lane & 1:
                 raise ValueError(f'output {name}: lane {lane} has no value')
-            places.append(
-                (value.registers[0], lane) if self.parallel else (value.registers[lane], 0)
-            )
+            places.append((value.registers[lane % self.block], self.owner(lane)))
         self._outputs[name] = Output(shape, tuple(places))
 
     def program(self) -> Program:
         """Return the program recorded so far."""
         return Program(
-            self.lanes if self.parallel else 1,
+            self.processors,
             tuple(self._instructions),
             dict(self._inputs),
             dict(self._outputs),
         )
+
+
+def _mask(processors: Iterable[int]) -> int:
+    return sum(1 << m for m in processors)

@@ -17,6 +17,7 @@ texts/NAME.md.
     pages                 the table PAGES; `pfd report`: all pages and index.md
     counts_pages          `pfd report counts`: counts.md, .json, .png and array.svg
     errata_pages          `pfd report counts`: errata.md
+    processor_pages       `pfd report counts`: processors.md, .json and .png
     paper_pages           `pfd report paper`: paper.md, which links all pages of the paper, and:
     claims_pages          `pfd report paper`: claims.md and .json
     illustrated_pages     `pfd report paper`: illustrated.md, doubling.svg, set-ordering.svg
@@ -27,6 +28,7 @@ texts/NAME.md.
                           speed-against-error-NAME
     against_error_pages   `pfd report speed --against-error`: speed-against-error.md and .json
     against_error_plots   its plots: a panel for each case; work over error of integrators
+    controlled_arm_pages  `pfd report controlled-arm`: controlled-arm.md, .json, .png and .svg
     hard_case_pages       `pfd report hard-cases`: hard-cases.md and .json
     distribution_pages    `pfd report distributions`: distributions.md, .json, .png and .svg
     mechanism_pages       `pfd report mechanisms`: mechanisms.md and .json

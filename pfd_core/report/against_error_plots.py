@@ -15,10 +15,13 @@ from pfd_core.report.measure.work_precision import WAYS, MotionFacts, RunPoint
 from pfd_core.report.render.plots import (
     BLACK,
     BLUE,
+    CASADI,
+    FLOAT64,
     GREEN,
     GREY,
+    MUJOCO,
     ORANGE,
-    PURPLE,
+    PINOCCHIO,
     SKY,
     VERMILLION,
     logarithmic,
@@ -36,25 +39,25 @@ PEER_STYLES = dict(
     zip(
         PEERS,
         (
-            *((BLACK, 's'), (BLACK, 'D'), (GREEN, 'P'), (GREY, 'v')),
-            *((BLACK, 'x'), (GREEN, 'x'), (BLACK, '+'), (PURPLE, '*')),
+            *((PINOCCHIO, 's'), (PINOCCHIO, 'D'), (GREEN, 'P'), (MUJOCO, 'v')),
+            *((PINOCCHIO, 'x'), (GREEN, 'x'), (PINOCCHIO, '+'), (CASADI, '*')),
         ),
         strict=True,
     )
 )
-# One for each of work_precision.WAYS: ours on a full line, MuJoCo's on a broken one.
+# One for each of work_precision.WAYS.
 RUN_STYLES = dict(
     zip(
         WAYS,
         (
-            (BLUE, 'o', '-'),
-            (SKY, 's', '-'),
-            (VERMILLION, '^', '-'),
-            (BLACK, 'D', '-'),
-            (GREY, 'v', '--'),
-            (GREEN, '<', '--'),
-            (ORANGE, '>', '--'),
-            (PURPLE, '*', '--'),
+            (FLOAT64, 'o', '-'),
+            (SKY, '^', '-'),
+            (FLOAT64, 's', '--'),
+            (FLOAT64, '*', ':'),
+            (MUJOCO, '<', ':'),
+            (MUJOCO, 'v', '-.'),
+            (MUJOCO, '>', '--'),
+            (MUJOCO, 'X', '-'),
         ),
         strict=True,
     )

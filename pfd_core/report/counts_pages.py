@@ -30,7 +30,10 @@ from pfd_core.report.measure.counts import (
     published_serial,
 )
 from pfd_core.report.measure.counts import row as counts_of
+from pfd_core.report.measure.processors import PROCESSORS, OnProcessors
+from pfd_core.report.measure.processors import measure as measure_processors
 from pfd_core.report.measure.timing import show_progress
+from pfd_core.report.processor_pages import write as write_processors
 from pfd_core.report.render.array_activity import activity_svg
 from pfd_core.report.render.markdown import Columns, grid, page, table
 from pfd_core.report.render.markdown import write as write_page
@@ -285,15 +288,20 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
     for robot in robots((PRINTED_AT,), ()) if quick else robots():
         show_progress(f'counting iterations of {robot.name}')
         iterations += measure_convergence([robot])
+    fewer: list[OnProcessors] = []
+    for n, numbers in list(PROCESSORS.items())[: 1 if quick else None]:
+        show_progress(f'counting on fewer processors than joints at n = {n} of {max(PROCESSORS)}')
+        fewer += measure_processors({n: numbers})
     show_progress('')
-    return write(rows, iterations, folder)
+    return [*write(rows, iterations, folder), *write_processors(fewer, folder)]
 
 
 def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) -> list[Path]:
     """
     Write counts.md and .json, a plot, counts.png, the array at work, array.svg, and errata.md.
 
-    The plot is skipped if matplotlib (extra `report`) is not installed.
+    The plot is skipped if matplotlib (extra `report`) is not installed. `run` also writes the
+    pages of pfd_core.report.processor_pages.
     """
     data = {
         'counts': rows,

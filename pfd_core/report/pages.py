@@ -76,9 +76,9 @@ PAGES: Sequence[Page] = (
     Page(
         'counts',
         'counts',
-        'steps of every method compared with the paper, and its errata',
+        'steps of every method compared with the paper, fewer processors, and its errata',
         'counts_pages',
-        also=('errata',),
+        also=('errata', 'processors'),
     ),
     Page(
         'paper',
@@ -117,6 +117,12 @@ PAGES: Sequence[Page] = (
         'speed --against-error',
         'time against error of every method, integrator and peer',
         'against_error_pages',
+    ),
+    Page(
+        'controlled-arm',
+        'controlled-arm',
+        'time against error of a UR5 under a controller, and advice',
+        'controlled_arm_pages',
     ),
     Page('speed', 'speed', 'times compared with other libraries', 'speed_pages'),
 )

@@ -20,10 +20,10 @@ from pfd_core.report.measure.timing import MIDDLE_BATCH, Row
 from pfd_core.report.render.markdown import grid, lines_of, page
 from pfd_core.report.render.numbers import least_and_median, order, short
 from pfd_core.report.render.plots import (
-    BLACK,
     BLUE,
+    CASADI,
     ORANGE,
-    PURPLE,
+    PINOCCHIO,
     SKY,
     VERMILLION,
     logarithmic,
@@ -191,8 +191,8 @@ STYLES = {
     'pfd float64': (SKY, 'o'),
     'pfd float32 refined': (VERMILLION, '^'),
     'pfd float32': (ORANGE, '^'),
-    'pinocchio': (BLACK, 's'),
-    'CasADi': (PURPLE, '*'),
+    'pinocchio': (PINOCCHIO, 's'),
+    'CasADi': (CASADI, '*'),
 }
 COLUMNS = 4
 # Smaller errors are drawn here.

@@ -85,7 +85,7 @@ entry:
   ret void
 }
 
-define void @evaluate(ptr %q, i64 %q.stride, ptr %qd, i64 %qd.stride, ptr %tau, i64 %tau.stride, ptr %free, i64 %free.stride, ptr %out, i64 %out.stride) {
+define internal void @evaluate(ptr %q, i64 %q.stride, ptr %qd, i64 %qd.stride, ptr %tau, i64 %tau.stride, ptr %free, i64 %free.stride, ptr %out, i64 %out.stride) {
 entry:
   %a1 = alloca [2 x <4 x double>], align 64
   %v2 = load <4 x double>, ptr %q, align 8
@@ -173,75 +173,94 @@ entry:
   %v38 = icmp eq i64 %v17, 8
   %v39 = icmp eq i64 %v23, 8
   %v40 = icmp eq i64 %v29, 8
-  %v41 = sub i64 %count, 1
-  br label %loop42
-loop42:
-  %v43 = phi i64 [ 0, %entry ], [ %v95, %loop42 ]
-  %v44 = phi <4 x double> [ splat (double 0x0000000000000000), %entry ], [ %v94, %loop42 ]
-  %v45 = add i64 %v43, 3
-  %v46 = icmp ule i64 %v45, %v41
-  %v47 = and i1 %v36, %v46
-  %v48 = mul i64 %v43, %v5
-  %v49 = getelementptr i8, ptr %v4, i64 %v48
-  %v50 = select i1 %v47, ptr %v49, ptr %a31
-  %v51 = select i1 %v47, i64 %v6, i64 32
-  call void @copy_in(i1 %v47, ptr %a31, ptr %v4, i64 %v5, i64 %v6, i64 %v43, i64 %v41, i1 %v46, i64 2)
-  %v52 = and i1 %v37, %v46
-  %v53 = mul i64 %v43, %v11
-  %v54 = getelementptr i8, ptr %v10, i64 %v53
-  %v55 = select i1 %v52, ptr %v54, ptr %a32
-  %v56 = select i1 %v52, i64 %v12, i64 32
-  call void @copy_in(i1 %v52, ptr %a32, ptr %v10, i64 %v11, i64 %v12, i64 %v43, i64 %v41, i1 %v46, i64 2)
-  %v57 = and i1 %v38, %v46
-  %v58 = mul i64 %v43, %v17
-  %v59 = getelementptr i8, ptr %v16, i64 %v58
-  %v60 = select i1 %v57, ptr %v59, ptr %a33
-  %v61 = select i1 %v57, i64 %v18, i64 32
-  call void @copy_in(i1 %v57, ptr %a33, ptr %v16, i64 %v17, i64 %v18, i64 %v43, i64 %v41, i1 %v46, i64 2)
-  %v62 = and i1 %v39, %v46
-  %v63 = mul i64 %v43, %v23
-  %v64 = getelementptr i8, ptr %v22, i64 %v63
-  %v65 = select i1 %v62, ptr %v64, ptr %a34
-  %v66 = select i1 %v62, i64 %v24, i64 32
-  call void @copy_in(i1 %v62, ptr %a34, ptr %v22, i64 %v23, i64 %v24, i64 %v43, i64 %v41, i1 %v46, i64 2)
-  %v67 = and i1 %v40, %v46
-  %v68 = mul i64 %v43, %v29
-  %v69 = getelementptr i8, ptr %v28, i64 %v68
-  %v70 = select i1 %v67, ptr %v69, ptr %a35
-  %v71 = select i1 %v67, i64 %v30, i64 32
-  %v72 = load <4 x double>, ptr %v50, align 8
-  %v73 = getelementptr i8, ptr %v50, i64 %v51
-  %v74 = load <4 x double>, ptr %v73, align 8
-  %v75 = load <4 x double>, ptr %v55, align 8
-  %v76 = getelementptr i8, ptr %v55, i64 %v56
-  %v77 = load <4 x double>, ptr %v76, align 8
-  %v78 = load <4 x double>, ptr %v60, align 8
-  %v79 = getelementptr i8, ptr %v60, i64 %v61
-  %v80 = load <4 x double>, ptr %v79, align 8
-  %v81 = load <4 x double>, ptr %v65, align 8
-  %v82 = getelementptr i8, ptr %v65, i64 %v66
-  %v83 = load <4 x double>, ptr %v82, align 8
-  %v84 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v72, <4 x double> splat (double 0x0000000000000000), <4 x double> %v44)
-  %v85 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v74, <4 x double> splat (double 0x0000000000000000), <4 x double> splat (double 0x0000000000000000))
-  %v86 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v75, <4 x double> splat (double 0x0000000000000000), <4 x double> splat (double 0x0000000000000000))
-  %v87 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v77, <4 x double> splat (double 0x0000000000000000), <4 x double> splat (double 0x0000000000000000))
-  %v88 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v78, <4 x double> splat (double 0x0000000000000000), <4 x double> %v84)
-  %v89 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v80, <4 x double> splat (double 0x0000000000000000), <4 x double> %v85)
-  %v90 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v81, <4 x double> splat (double 0x0000000000000000), <4 x double> %v86)
-  %v91 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v83, <4 x double> splat (double 0x0000000000000000), <4 x double> %v87)
-  %v92 = fadd <4 x double> %v88, %v89
-  %v93 = fadd <4 x double> %v90, %v91
-  %v94 = fadd <4 x double> %v92, %v93
-  call void @evaluate(ptr %v50, i64 %v51, ptr %v55, i64 %v56, ptr %v60, i64 %v61, ptr %v65, i64 %v66, ptr %v70, i64 %v71)
-  call void @copy_out(i1 %v67, ptr %a35, ptr %v28, i64 %v29, i64 %v30, i64 %v43, i64 %v41, i1 %v46, i64 2)
-  %v95 = add i64 %v43, 4
-  %v96 = icmp ult i64 %v95, %count
-  br i1 %v96, label %loop42, label %done97
-done97:
-  %v98 = fcmp uno <4 x double> %v94, %v94
-  %v99 = call i1 @llvm.vector.reduce.or.v4i1(<4 x i1> %v98)
-  %v100 = zext i1 %v99 to i64
-  ret i64 %v100
+  %v41 = and i1 %v36, %v37
+  %v42 = and i1 %v41, %v38
+  %v43 = and i1 %v42, %v39
+  %v44 = and i1 %v43, %v40
+  %v45 = sub i64 %count, 1
+  br label %loop46
+loop46:
+  %v47 = phi i64 [ 0, %entry ], [ %v109, %after107 ]
+  %v48 = phi <4 x double> [ splat (double 0x3FF0000000000000), %entry ], [ %v105, %after107 ]
+  %v49 = add i64 %v47, 3
+  %v50 = icmp ule i64 %v49, %v45
+  %v51 = and i1 %v44, %v50
+  %v52 = xor i1 %v51, true
+  %v53 = mul i64 %v47, %v5
+  %v54 = getelementptr i8, ptr %v4, i64 %v53
+  %v55 = mul i64 %v47, %v11
+  %v56 = getelementptr i8, ptr %v10, i64 %v55
+  %v57 = mul i64 %v47, %v17
+  %v58 = getelementptr i8, ptr %v16, i64 %v57
+  %v59 = mul i64 %v47, %v23
+  %v60 = getelementptr i8, ptr %v22, i64 %v59
+  %v61 = mul i64 %v47, %v29
+  %v62 = getelementptr i8, ptr %v28, i64 %v61
+  br i1 %v52, label %then63, label %after64
+then63:
+  %v65 = and i1 %v36, %v50
+  %v66 = select i1 %v65, ptr %v54, ptr %a31
+  %v67 = select i1 %v65, i64 %v6, i64 32
+  call void @copy_in(i1 %v65, ptr %a31, ptr %v4, i64 %v5, i64 %v6, i64 %v47, i64 %v45, i1 %v50, i64 2)
+  %v68 = and i1 %v37, %v50
+  %v69 = select i1 %v68, ptr %v56, ptr %a32
+  %v70 = select i1 %v68, i64 %v12, i64 32
+  call void @copy_in(i1 %v68, ptr %a32, ptr %v10, i64 %v11, i64 %v12, i64 %v47, i64 %v45, i1 %v50, i64 2)
+  %v71 = and i1 %v38, %v50
+  %v72 = select i1 %v71, ptr %v58, ptr %a33
+  %v73 = select i1 %v71, i64 %v18, i64 32
+  call void @copy_in(i1 %v71, ptr %a33, ptr %v16, i64 %v17, i64 %v18, i64 %v47, i64 %v45, i1 %v50, i64 2)
+  %v74 = and i1 %v39, %v50
+  %v75 = select i1 %v74, ptr %v60, ptr %a34
+  %v76 = select i1 %v74, i64 %v24, i64 32
+  call void @copy_in(i1 %v74, ptr %a34, ptr %v22, i64 %v23, i64 %v24, i64 %v47, i64 %v45, i1 %v50, i64 2)
+  %v77 = and i1 %v40, %v50
+  %v78 = select i1 %v77, ptr %v62, ptr %a35
+  %v79 = select i1 %v77, i64 %v30, i64 32
+  br label %after64
+after64:
+  %v80 = phi ptr [ %v66, %then63 ], [ %v54, %loop46 ]
+  %v81 = phi i64 [ %v67, %then63 ], [ %v6, %loop46 ]
+  %v82 = phi ptr [ %v69, %then63 ], [ %v56, %loop46 ]
+  %v83 = phi i64 [ %v70, %then63 ], [ %v12, %loop46 ]
+  %v84 = phi ptr [ %v72, %then63 ], [ %v58, %loop46 ]
+  %v85 = phi i64 [ %v73, %then63 ], [ %v18, %loop46 ]
+  %v86 = phi ptr [ %v75, %then63 ], [ %v60, %loop46 ]
+  %v87 = phi i64 [ %v76, %then63 ], [ %v24, %loop46 ]
+  %v88 = phi ptr [ %v78, %then63 ], [ %v62, %loop46 ]
+  %v89 = phi i64 [ %v79, %then63 ], [ %v30, %loop46 ]
+  %v90 = load <4 x double>, ptr %v80, align 8
+  %v91 = getelementptr i8, ptr %v80, i64 %v81
+  %v92 = load <4 x double>, ptr %v91, align 8
+  %v93 = load <4 x double>, ptr %v82, align 8
+  %v94 = getelementptr i8, ptr %v82, i64 %v83
+  %v95 = load <4 x double>, ptr %v94, align 8
+  %v96 = load <4 x double>, ptr %v84, align 8
+  %v97 = getelementptr i8, ptr %v84, i64 %v85
+  %v98 = load <4 x double>, ptr %v97, align 8
+  %v99 = load <4 x double>, ptr %v86, align 8
+  %v100 = getelementptr i8, ptr %v86, i64 %v87
+  %v101 = load <4 x double>, ptr %v100, align 8
+  %v102 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v90, <4 x double> %v92, <4 x double> %v48)
+  %v103 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v93, <4 x double> %v95, <4 x double> %v102)
+  %v104 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v96, <4 x double> %v98, <4 x double> %v103)
+  %v105 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v99, <4 x double> %v101, <4 x double> %v104)
+  call void @evaluate(ptr %v80, i64 %v81, ptr %v82, i64 %v83, ptr %v84, i64 %v85, ptr %v86, i64 %v87, ptr %v88, i64 %v89)
+  br i1 %v52, label %then106, label %after107
+then106:
+  %v108 = and i1 %v40, %v50
+  call void @copy_out(i1 %v108, ptr %a35, ptr %v28, i64 %v29, i64 %v30, i64 %v47, i64 %v45, i1 %v50, i64 2)
+  br label %after107
+after107:
+  %v109 = add i64 %v47, 4
+  %v110 = icmp ult i64 %v109, %count
+  br i1 %v110, label %loop46, label %done111
+done111:
+  %v112 = fsub <4 x double> %v105, %v105
+  %v113 = fcmp uno <4 x double> %v112, %v112
+  %v114 = call i1 @llvm.vector.reduce.or.v4i1(<4 x i1> %v113)
+  %v115 = zext i1 %v114 to i64
+  ret i64 %v115
 }
 
 define internal void @copy_in(i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i64 %last, i1 %whole, i64 %size) {

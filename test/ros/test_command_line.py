@@ -48,9 +48,11 @@ def test_report_counts_writes_its_pages_without_ros(
     # The least that the page can be made of; tests of the report measure the rest.
     monkeypatch.setattr(counts_pages, 'SIZES', (counts_pages.PRINTED_AT,))
     monkeypatch.setattr(counts_pages, 'robots', lambda: robots((counts_pages.PRINTED_AT,), ()))
+    monkeypatch.setattr(counts_pages, 'PROCESSORS', {2: (1, 2)})
     assert command_line.main(['report', 'counts', '--out', str(tmp_path / 'pages')]) == 0
     told = capsys.readouterr().out.split()
-    assert {Path(page).name for page in told} >= {'counts.md', 'counts.json', 'array.svg'}
+    written = {Path(page).name for page in told}
+    assert written >= {'counts.md', 'counts.json', 'array.svg', 'processors.md', 'processors.json'}
     assert all(Path(page).stat().st_size for page in told)
     done = without_ros(tmp_path, 'report', 'nothing')
     assert done.returncode == 2

@@ -26,7 +26,7 @@ from pfd_core.algorithms.chain.interface import input_row, wrench_input
 from pfd_core.algorithms.chain.joint_torques import plus_joint_torques
 from pfd_core.machine.lanes import broadcast, merge, on, where
 from pfd_core.machine.packing import prefix_product
-from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.recorder import Lanes, Recorder, Schedule
 from pfd_core.model import Plant
 
 # Torques of links, gravity and wrench: (recorder, links, pose, qd, qdd, gravity, wrench).
@@ -35,7 +35,7 @@ LinkTorques = Callable[..., Lanes]
 
 def forward_equations(
     plant: Plant,
-    schedule: str,
+    schedule: str | Schedule,
     link_torques: LinkTorques,
     orientation: Recurrence = prefix_product,
 ) -> tuple[Recorder, Links, Pose, Lanes]:

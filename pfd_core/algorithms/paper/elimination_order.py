@@ -33,6 +33,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
 
@@ -63,7 +64,7 @@ class Product(NamedTuple):
 Stage = list[tuple[Product, ...]]
 
 
-def by_columns(n: int, augmented: bool) -> list[Stage]:
+def by_columns(n: int, augmented: bool, width: int) -> list[Stage]:
     """Return the plain order: each column of the elements left in a separate step."""
     stages = []
     for m in range(1, n):
@@ -74,8 +75,8 @@ def by_columns(n: int, augmented: bool) -> list[Stage]:
     return stages
 
 
-def look_ahead(n: int, augmented: bool) -> list[Stage]:
-    """Return the order of fewest steps."""
+def look_ahead(n: int, augmented: bool, width: int) -> list[Stage]:
+    """Return the order of fewest steps, `width` products or fewer in each."""
     elements = [(k, i) for i in range(1, n) for k in range(i, n + augmented)]
     waiting: dict[tuple[int, int], list[Product]] = {e: [] for e in elements}
     stages = []
@@ -83,19 +84,23 @@ def look_ahead(n: int, augmented: bool) -> list[Stage]:
         for e in elements:
             if e[1] >= m:
                 waiting[e].append(Product(*e, m - 1))
-        stages.append(_until_final(waiting, m, n))
+        stages.append(_until_final(waiting, m, width))
     return stages
 
 
-def _until_final(waiting: dict[tuple[int, int], list[Product]], column: int, n: int) -> Stage:
-    """Take products, one of each of n elements a step, until none of a column is left."""
+def _until_final(waiting: dict[tuple[int, int], list[Product]], column: int, width: int) -> Stage:
+    """Take products, one of each of `width` elements a step, until none of a column is left."""
     steps = []
-    while any(products for e, products in waiting.items() if e[1] == column):
-        longest = sorted(
-            (e for e, products in waiting.items() if products),
-            key=lambda e: (-len(waiting[e]), e[1], e[0]),
-        )
-        steps.append(tuple(waiting[e].pop(0) for e in longest[:n]))
+    longest = [(-len(products), i, k) for (k, i), products in waiting.items() if products]
+    heapify(longest)
+    left = sum(len(products) for (_, i), products in waiting.items() if i == column)
+    while left:
+        taken = [heappop(longest) for _ in range(min(width, len(longest)))]
+        steps.append(tuple(waiting[k, i].pop(0) for _, i, k in taken))
+        left -= sum(i == column for _, i, _ in taken)
+        for less, i, k in taken:
+            if less < -1:
+                heappush(longest, (less + 1, i, k))
     return steps
 
 
@@ -103,7 +108,7 @@ ORDERS = {'by_columns': by_columns, 'look_ahead': look_ahead}
 
 
 @lru_cache(maxsize=256)
-def stages(name: str, n: int, augmented: bool) -> tuple[Stage, ...]:
+def stages(name: str, n: int, augmented: bool, width: int | None = None) -> tuple[Stage, ...]:
     """
     Return the steps of stages 1 to n - 1 in an order.
 
@@ -112,9 +117,11 @@ def stages(name: str, n: int, augmented: bool) -> tuple[Stage, ...]:
     name : str
         A name in ORDERS.
     n : int
-        Rows of the matrix and lanes of the machine, at least 1.
+        Rows of the matrix, at least 1.
     augmented : bool
         Whether row n is a right-hand side.
+    width : int, optional
+        Most products of a step in the order `look_ahead`: processors of the machine, default n.
 
     Raises
     ------
@@ -126,7 +133,7 @@ def stages(name: str, n: int, augmented: bool) -> tuple[Stage, ...]:
         raise ValueError(f'order must be one of {tuple(ORDERS)}, got {name!r}')
     if n < 1:
         raise ValueError(f'n must be at least 1, got {n}')
-    return tuple(ORDERS[name](n, augmented))
+    return tuple(ORDERS[name](n, augmented, n if width is None else width))
 
 
 def assigned_lanes(wishes: Sequence[Sequence[int]], n: int) -> list[int]:

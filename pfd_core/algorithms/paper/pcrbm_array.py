@@ -30,6 +30,7 @@ from pfd_core.algorithms.paper.triangular_array import clock
 from pfd_core.machine.lanes import merge, on, where
 from pfd_core.machine.patterns import gather
 from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Schedule
 from pfd_core.model import Plant
 
 # The section of the program that the cells execute.
@@ -37,7 +38,7 @@ SECTION = 'triangular array'
 
 
 def record_pcrbm_array(
-    plant: Plant, schedule: str, *, link_torques: LinkTorques = newton_euler
+    plant: Plant, schedule: str | Schedule, *, link_torques: LinkTorques = newton_euler
 ) -> Program:
     """
     Return the program of qdd and pivots, (n,), from q, qd and tau.

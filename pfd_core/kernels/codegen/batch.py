@@ -5,7 +5,9 @@ LLVM IR of @batch: @evaluate over many states at any strides, `width` states at 
 
 States that lie side by side in memory (Fortran order) are read and written where they are. Others,
 and the last block if it is only partly filled, go through a small buffer
-(pfd_core.kernels.codegen.copies).
+(pfd_core.kernels.codegen.copies). Between the operations of two blocks, arrays in Fortran order
+cost as few instructions as possible: one branch passes by the copies, and the check for numbers
+that are not finite sums products of two inputs each (docs/decisions/0047-order-of-native-code.md).
 
 In Fortran order each element of a state has a separate column. Many columns are more streams
 than a processor prefetches, and if the number of states is a power of two they evict each other
@@ -15,6 +17,9 @@ that takes longer than it saves.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import chain, zip_longest
 
 from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.copies import Block, Rows, copies, copy
@@ -78,7 +83,8 @@ def batch(program: Program, form: Format, size: int, name: str = 'batch') -> str
 
     `form` is strided. `table` holds, for each input and then for the output (`size` elements), a
     pointer, the stride between states and the stride between elements, in bytes. The result is
-    0, or 1 if some input number is not finite. `name` is the function's name.
+    1 if some input number is not finite, and also where products of inputs overflow: the caller
+    then looks at each number. Else it is 0. `name` is the function's name.
     """
     sizes = {name: program.inputs[name] for name in arguments(program)} | {'out': size}
     ir = Function(f'define i64 @{name}(i64 %count, ptr %table)')
@@ -87,26 +93,41 @@ def batch(program: Program, form: Format, size: int, name: str = 'batch') -> str
     adjacent = {
         array: ir.let(f'icmp eq i64 {rows.row}, {form.bytes}') for array, rows in tables.items()
     }
+    columns, *others = adjacent.values()
+    for flag in others:
+        columns = ir.let(f'and i1 {columns}, {flag}')
     last = ir.let('sub i64 %count, 1')
-    nonfinite = Variable(form.type, form.zero)
-    with ir.loop('%count', nonfinite, step=form.width) as b:
+    products = Variable(form.type, form.constant(1.0))
+    with ir.loop('%count', products, step=form.width) as b:
         end = ir.let(f'add i64 {b}, {form.width - 1}')
         block = Block(b, last, ir.let(f'icmp ule i64 {end}, {last}'))
-        direct, arrays = {}, {}
-        for array, rows in tables.items():
-            direct[array] = ir.let(f'and i1 {adjacent[array]}, {block.whole}')
-            arrays[array] = _place(ir, form, rows, b, buffers[array], direct[array])
-            if array != 'out':
-                copy(ir, 'in', rows, buffers[array], sizes[array], block, direct[array])
+        copied = ir.let(f'xor i1 {ir.let(f"and i1 {columns}, {block.whole}")}, true')
+        places = {
+            array: (
+                Variable('ptr', ir.offset(rows.base, b, rows.row)),
+                Variable('i64', rows.column),
+            )
+            for array, rows in tables.items()
+        }
+        with ir.when(copied, *chain.from_iterable(places.values())):
+            for array, rows in tables.items():
+                direct = ir.let(f'and i1 {adjacent[array]}, {block.whole}')
+                _place_copy(ir, form, places[array], buffers[array], direct)
+                if array != 'out':
+                    copy(ir, 'in', rows, buffers[array], sizes[array], block, direct)
+        arrays = {name: Array(*map(str, place)) for name, place in places.items()}
         numbers = [
             form.read(ir, arrays[array], k)
             for array in arguments(program)
             for k in range(sizes[array])
         ]
-        nonfinite.value = form.not_finite(ir, numbers, nonfinite.value)
+        _multiply_pairs(ir, form, numbers, products)
         ir.call('void', 'evaluate', *map(str, arrays.values()))
-        copy(ir, 'out', tables['out'], buffers['out'], size, block, direct['out'])
-    wrong = form.any(ir, ir.let(f'fcmp uno {form.type} {nonfinite}, {nonfinite}'))
+        with ir.when(copied):
+            direct = ir.let(f'and i1 {adjacent["out"]}, {block.whole}')
+            copy(ir, 'out', tables['out'], buffers['out'], size, block, direct)
+    nothing = ir.let(f'fsub {form.type} {products}, {products}')
+    wrong = form.any(ir, ir.let(f'fcmp uno {form.type} {nothing}, {nothing}'))
     ir.ret('i64', ir.let(f'zext i1 {wrong} to i64'))
     return '\n'.join([str(ir), copies(form)])
 
@@ -117,12 +138,23 @@ def table_row(ir: Function, slot: int, columns: int) -> list[str]:
     return [ir.load('i64' if k else 'ptr', place) for k, place in enumerate(places)]
 
 
-def _place(ir: Function, form: Format, rows: Rows, first: str, buffer: str, direct: str) -> Array:
-    """Return a block of rows where it is, or else in the buffer."""
-    there = ir.offset(rows.base, first, rows.row)
-    address = ir.let(f'select i1 {direct}, ptr {there}, ptr {buffer}')
-    distance = form.width * form.bytes
-    return Array(address, ir.let(f'select i1 {direct}, i64 {rows.column}, i64 {distance}'))
+def _place_copy(
+    ir: Function, form: Format, place: Sequence[Variable], buffer: str, direct: str
+) -> None:
+    """Change address and stride of a block of rows to those of the buffer unless `direct`."""
+    for variable, other in zip(place, (buffer, form.width * form.bytes), strict=True):
+        kind = variable.kind
+        variable.value = ir.let(f'select i1 {direct}, {kind} {variable}, {kind} {other}')
+
+
+def _multiply_pairs(
+    ir: Function, form: Format, numbers: Sequence[str], products: Variable
+) -> None:
+    """Add the products of neighbours, half as many operations as a check of each number."""
+    pairs = zip_longest(numbers[::2], numbers[1::2], fillvalue=numbers[-1])
+    for x, y in pairs:
+        operands = f'{form.type} {x}, {form.type} {y}, {form.type} {products}'
+        products.value = ir.let(f'call {form.type} @llvm.fma.{form.suffix}({operands})')
 
 
 def _copy_chunk(form: Format, chunk: int, inward: bool) -> str:

@@ -18,9 +18,14 @@ from pfd_core.machine.program import Program
 
 
 def evaluate(program: Program, form: Format, angles: Sequence[int], suffix: str = '') -> str:
-    """Return `void @evaluate(inputs..., out)`; `angles` are the elements of q that are turned."""
+    """
+    Return `void @evaluate(inputs..., out)`; `angles` are the elements of q that are turned.
+
+    The only caller of the strided one is a batch, into which LLVM then puts it.
+    """
     names = (*arguments(program), 'out')
-    ir = Function(f'define void @evaluate{suffix}({form.parameters(names)})')
+    linkage = 'internal ' if form.strided else ''
+    ir = Function(f'define {linkage}void @evaluate{suffix}({form.parameters(names)})')
     arrays = wrapped_inputs(ir, program, form, angles)
     ir.call('void', f'body{suffix}', *map(str, arrays), str(form.parameter('out')))
     ir.ret()

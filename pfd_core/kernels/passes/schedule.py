@@ -7,8 +7,9 @@ In the order of the recording, an operation often waits for the one before. The 
 chosen one operation at a time among those whose operands are computed or under way. While
 registers are left, an operation is rated by its wait for its operands, by the work that must
 follow it, and by the number of values it is the last to read, whose registers become free. When
-too many values are alive, the last counts most. The compiler reorders within narrow bounds and
-assigns the registers; it keeps most of this order.
+too many values are alive, the last counts most. LLVM assigns the registers. On processors with 32
+vector registers its own scheduler is off, since it undoes what this one gains
+(docs/decisions/0047-order-of-native-code.md).
 
 Measured with AVX-512 (minimum of 30 interleaved runs) against the recorded order: batches in
 float64 take 6 to 9 % less time on UR5, Puma and Panda, and within 4 % of the same on a dense arm
@@ -52,7 +53,7 @@ FREE = ('constant', 'input', 'neg')
 def schedule_instructions(program: Program, longest: int = LONGEST) -> Program:
     """Return a program in a better order; one with a loop, or too long, as it is."""
     instructions = program.instructions
-    if len(instructions) > longest or any(i.op in LOOPED for i in instructions):
+    if not can_be_ordered(program, longest):
         return program
     written: list[Instruction] = []
     names = [-1] * len(instructions)
@@ -71,6 +72,12 @@ def schedule_instructions(program: Program, longest: int = LONGEST) -> Program:
         for register, _ in output.places:
             write(register)
     return renamed(program, written, names)
+
+
+def can_be_ordered(program: Program, longest: int) -> bool:
+    """Return whether a program has no loop, and at most `longest` instructions."""
+    instructions = program.instructions
+    return len(instructions) <= longest and not any(i.op in LOOPED for i in instructions)
 
 
 def _operands(instructions: Sequence[Instruction]) -> list[list[int]]:

@@ -12,8 +12,8 @@ A fresh object and one from disk are linked into the process in the same way.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import nullcontext, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cache
 import logging
@@ -37,6 +37,10 @@ EXPORTED = re.compile(r'^define (?!internal )[^@\n]*@([\w.]+)\(', re.MULTILINE)
 # to e_machine) and Mach-O (up to filetype). COFF begins with the machine.
 HEADER_BYTES = {b'\x7fELF': 20, b'\xcf\xfa\xed\xfe': 16}
 COFF_MACHINE = 2
+# Held during each call of LLVM.
+LLVM_LOCK = getattr(llvm.ffi.lib, '_lock', nullcontext())
+# LLVM ends the process at an option that it does not know, so it is not given to later versions.
+NEWEST_WITH_SCHEDULER_OPTION = 22
 # Addresses in this process that a module may refer to, by their names.
 _symbols: dict[str, int] = {}
 
@@ -81,6 +85,9 @@ class Optimisation:
         Whether scalars and loops are turned into vectors.
     relocation, code_model : str
         How code refers to its constants, and to symbols outside the module.
+    reorder : bool
+        Whether LLVM may put operations that are in a good order already
+        (pfd_core.kernels.passes.schedule) into its own; with 16 vector registers it always may.
 
     """
 
@@ -92,6 +99,7 @@ class Optimisation:
     loop_vectorization: bool = False
     relocation: str = 'pic'
     code_model: str = 'small'
+    reorder: bool = True
 
 
 USUAL = Optimisation()
@@ -157,7 +165,8 @@ def emit(ir: str, target: Target, optimisation: Optimisation = USUAL) -> bytes:
     module.data_layout = str(machine.target_data)
     module.verify()
     _optimise(module, machine, optimisation)
-    return bytes(machine.emit_object(module))
+    with nullcontext() if optimisation.reorder or target.vector_bits < 512 else _order_kept():
+        return bytes(machine.emit_object(module))
 
 
 def add_symbol(name: str, address: int) -> None:
@@ -209,6 +218,24 @@ def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
         passes.detach()
 
 
+@contextmanager
+def _order_kept() -> Iterator[None]:
+    """
+    Switch off LLVM's scheduler of machine instructions.
+
+    The option is common to all users of LLVM in the process, so none of them runs meanwhile.
+    """
+    if llvm.llvm_version_info[0] > NEWEST_WITH_SCHEDULER_OPTION:
+        yield
+        return
+    with LLVM_LOCK:
+        llvm.set_option('pfd_core', '-enable-misched=false')
+        try:
+            yield
+        finally:
+            llvm.set_option('pfd_core', '-enable-misched=true')
+
+
 def _load_entry(code: bytes, functions: Sequence[str], target: Target) -> Any:
     """Return the library of a cache entry, or None if it holds no object for the target."""
     # LLVM also links objects for other processors.
@@ -240,4 +267,4 @@ def _load(code: bytes, functions: Sequence[str], target: Target) -> Any:
 
 
 # A process forks between two calls of LLVM, never during one.
-hold_at_fork(getattr(llvm.ffi.lib, '_lock', nullcontext()))
+hold_at_fork(LLVM_LOCK)

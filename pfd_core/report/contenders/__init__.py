@@ -9,4 +9,10 @@ Contenders: programs that do the same work, and the ways in which each is called
     pinocchio_cpp   Pinocchio in C++ without Python, compiled from data/pinocchio.cpp
     mujoco          MuJoCo
     casadi          C that CasADi generates from textbook algorithms, compiled
+
+Simulators of an arm under a controller, each a function that runs the whole motion:
+
+    ours_controlled   this library, in fixed and adaptive steps
+    control_loop      the loop in C (data/control_loop.c) around CasADi, Pinocchio and MuJoCo
+    drake             Drake's diagram of the arm and its controller
 """

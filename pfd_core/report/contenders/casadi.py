@@ -21,6 +21,7 @@ loop in C goes over the states of a batch. Dense matrices lie in columns.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 import ctypes
 from functools import partial
 from pathlib import Path
@@ -92,7 +93,9 @@ void rollout(long long steps, double h, double *q, double *qd, const double *tau
 """
 
 
-def articulated_body(casadi: Any, robot: Robot, q: Any, qd: Any, tau: Any) -> Any:
+def articulated_body(
+    casadi: Any, robot: Robot, q: Any, qd: Any, tau: Any, *, armature: Array | None = None
+) -> Any:
     """Return the accelerations, (n,) of casadi.SX, by articulated bodies; gravity along -z."""
     SX, n = casadi.SX, robot.n
     X, S, inertia = links(casadi, robot, q)
@@ -106,6 +109,8 @@ def articulated_body(casadi: Any, robot: Robot, q: Any, qd: Any, tau: Any) -> An
     for i in reversed(range(n)):
         U[i] = inertia[i] @ S[i]
         D[i] = S[i].T @ U[i]
+        if armature is not None:
+            D[i] += float(armature[i])
         u[i] = tau[i] - S[i].T @ bias[i]
         if i > 0:
             Ia = inertia[i] - (U[i] / D[i]) @ U[i].T
@@ -363,12 +368,18 @@ def compiled(casadi: Any, arm: Any, loops: str, **sizes: int) -> tuple[ctypes.CD
     sizes |= {'SZ_ARG': arm.sz_arg(), 'SZ_RES': arm.sz_res()}
     sizes |= {'SZ_IW': arm.sz_iw() + 1, 'SZ_W': arm.sz_w() + 1}
     defines = [f'#define {name} {size}' for name, size in sizes.items()]
-    # Once loaded, a library needs no file any more.
+    with built('\n'.join([generator.dump(), *defines, loops])) as path:
+        return ctypes.CDLL(str(path)), casadi.external('arm', str(path))
+
+
+@contextmanager
+def built(source: str) -> Iterator[Path]:
+    """Compile C to a library, which needs no file any more once it is loaded."""
     with TemporaryDirectory(prefix='pfd_speed_') as folder:
-        source, path = (Path(folder) / name for name in ('arm.c', 'arm.so'))
-        source.write_text('\n'.join([generator.dump(), *defines, loops]), encoding='utf-8')
-        command = [compiler(), *COMPILER[1:], str(source), '-o', str(path), '-lm']
+        code, path = (Path(folder) / name for name in ('arm.c', 'arm.so'))
+        code.write_text(source, encoding='utf-8')
+        command = [compiler(), *COMPILER[1:], str(code), '-o', str(path), '-lm']
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             raise LeftOutError(f'{COMPILER[0]} failed: {done.stderr.strip()[:200]}')
-        return ctypes.CDLL(str(path)), casadi.external('arm', str(path))
+        yield path

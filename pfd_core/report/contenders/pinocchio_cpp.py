@@ -86,7 +86,7 @@ class PinocchioCpp(Contender):
         # As in the world, in which the base is turned.
         gravity = plant.robot.base_rotation @ plant.gravity
         numbers = (rotations, origins, plant.robot.masses, centers, inertias, gravity)
-        optional = (plant.inertia, *_joint_effects(plant, width))
+        optional = (plant.inertia, *joint_torques(plant, width))
         given = [None if x is None else np.ascontiguousarray(x, float) for x in numbers + optional]
         self.arm = _Arm(self.library.make(self.n, address(kinds), *map(address, given)))
         weakref.finalize(self.arm, self.library.release, ctypes.c_void_p(self.arm.value))
@@ -140,7 +140,7 @@ class PinocchioCpp(Contender):
         yield Side(f'{NAME} aba', run, lambda: q, contents=LOOP)
 
 
-def _joint_effects(plant: Plant, width: float) -> tuple[Array | None, ...]:
+def joint_torques(plant: Plant, width: float) -> tuple[Array | None, ...]:
     """Return limits, damping, friction and the velocity of its ramp, (n,); None without any."""
     limit, damping, friction = plant.effort_limits, plant.viscosity, plant.friction
     if limit is None and damping is None and friction is None:

@@ -11,6 +11,7 @@ Steps:
 
     counts              steps of every method measured on recorded programs, compared with the
                         paper (Row)
+    processors          steps on fewer processors than joints (OnProcessors)
     convergence         iterations of the iterative methods to converge, and errors after n of them
     claims              sentences of the paper, each checked (Claim, Verdict)
     doubling            recursive doubling executed: moves between lanes, and what lanes hold
@@ -24,6 +25,7 @@ Times:
     timing              contenders that take turns, pace and spread (Row, Pace)
     decomposition       calls, code for one robot, vectors: the factor over Pinocchio in steps
     port_limit          a kernel's own mix of operations in a loop: the limit of the processor
+    register_traffic    the loads and stores that a program needs with so many registers
     first_results       time to a robot's first result, compiled or from disk
     installation        whether compiler and cache work, and times of this machine (`pfd doctor`)
     surroundings        processor, load, versions and date of a measurement
@@ -50,6 +52,11 @@ Errors of motions:
     extrapolation       end of a motion, extrapolated in extended precision
     motion_errors       runs of hard and steady motions; formulation stiffness; loops through a
                         hold
+
+Time and error of a controlled arm:
+
+    controlled_motion   integrators, formats, libraries and smaller scenes against a reference of
+                        one motion; advice by tolerance (ControlledRow, Advice)
 
 Errors of smaller scenes:
 

@@ -16,7 +16,8 @@ only, since the paper quotes their totals.
 Speed-up is the arithmetic of one processor over that of a system: of the same algorithm, or of the
 best of all direct algorithms at that n. One processor executes an algorithm by its sequential
 recording or operation by operation, whichever is less; so n processors cannot be more than n times
-as fast. Efficiency is speed-up over processors, cells of the array among them.
+as fast. Efficiency is speed-up over processors, cells of the array among them. The same holds for
+fewer processors than joints (pfd_core.report.measure.processors).
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ from pfd_core.algorithms.programs import (
     record_forward_dynamics,
 )
 from pfd_core.machine.program import Program, Steps
+from pfd_core.machine.recorder import Schedule
 from pfd_core.model import resolve
 from pfd_core.report.cases.paper import KINDS, PARTS, TABLE, Claim, Part
 from pfd_core.report.cases.robots import uniform_chain
@@ -114,7 +116,7 @@ class Row:
     iterations : int or None
         Iterations of an iterative method.
     processors, units : str, int
-        Formula in words, and number.
+        Formula in words, or processors without cells of the array, and number of both.
     steps, unpacked : Steps
         Steps on that machine, with and without packing of rows of lanes. As printed and corrected,
         only the pairs i < j are packed.
@@ -161,17 +163,23 @@ def measure(sizes: Iterable[int] = SIZES) -> Iterator[Row]:
                 yield row(method, n, edition=edition)
 
 
-def row(method: str, n: int, iterations: int | None = None, edition: str = BEST_KNOWN) -> Row:
+def row(
+    method: str,
+    n: int,
+    iterations: int | None = None,
+    edition: str = BEST_KNOWN,
+    processors: int | None = None,
+) -> Row:
     """
     Return the counts of one edition of a method at one n.
 
     An iterative method takes `iterations`, default n as in the paper. It has no speed-up, since
-    the iterations to converge depend on the state.
+    the iterations to converge depend on the state. Default processors: n, or 1 if it is serial.
     """
     iterative = method in ITERATIVE
     iterations = (n if iterations is None else iterations) if iterative else None
-    steps, unpacked, work, alone = _counted(method, n, edition, iterations or 1)
-    lanes = 1 if method in SERIAL else n
+    steps, unpacked, work, alone = _counted(method, n, edition, iterations or 1, processors)
+    lanes = processors or (1 if method in SERIAL else n)
     units = processors_of(method, n, lanes)
     taken = arithmetic(steps)
     speed_up = None if iterative else best_serial(n)[1] / taken
@@ -180,11 +188,13 @@ def row(method: str, n: int, iterations: int | None = None, edition: str = BEST_
     system = TABLE.get(method)
     return Row(
         system=method,
-        title=system.title if system else BEYOND[method],
+        title=title_of(method),
         edition=edition,
         n=n,
         iterations=iterations,
-        processors=system.processors if system else ('1' if lanes == 1 else 'n'),
+        processors=str(
+            processors or (system.processors if system else '1' if lanes == 1 else 'n')
+        ),
         units=units,
         steps=steps,
         unpacked=unpacked,
@@ -206,6 +216,11 @@ def row(method: str, n: int, iterations: int | None = None, edition: str = BEST_
             for kind in KINDS
         },
     )
+
+
+def title_of(method: str) -> str:
+    """Return the name of a method on the page."""
+    return TABLE[method].title if method in TABLE else BEYOND[method]
 
 
 @cache
@@ -230,30 +245,37 @@ def published_serial(n: int) -> float:
 
 
 @cache
-def _counted(method: str, n: int, edition: str, iterations: int) -> tuple[Steps, Steps, int, int]:
+def _counted(
+    method: str, n: int, edition: str, iterations: int, processors: int | None = None
+) -> tuple[Steps, Steps, int, int]:
     """
     Return the steps of an edition, and without packing, its operations, and on one processor.
 
     One processor takes the recording for it, or executes the operations of all one by one.
     """
-    program = _program(method, n, 'parallel', edition)
-    plain = program if method in SERIAL else _program(method, n, 'unpacked', edition)
+    program = _program(method, n, 'parallel', edition, processors)
+    plain = program if method in SERIAL else _program(method, n, 'unpacked', edition, processors)
     packed, unpacked = (
         _on_the_machine(method, n, edition, p, iterations) for p in (program, plain)
     )
     work = arithmetic(_net(program, 1, iterations))
-    alone = arithmetic(_net(_program(method, n, 'sequential', edition), 1, iterations))
-    return packed, unpacked, work, min(work, alone)
+    return packed, unpacked, work, min(work, _in_sequence(method, n, edition, iterations))
 
 
-def _program(method: str, n: int, schedule: str, edition: str) -> Program:
+@cache
+def _in_sequence(method: str, n: int, edition: str, iterations: int) -> int:
+    return arithmetic(_net(_program(method, n, 'sequential', edition), 1, iterations))
+
+
+def _program(
+    method: str, n: int, schedule: str, edition: str, processors: int | None = None
+) -> Program:
     plant = resolve(uniform_chain(n))
+    machine = Schedule(schedule, processors)
     if edition == BEST_KNOWN:
-        return record_forward_dynamics(plant, method, schedule)
+        return record_forward_dynamics(plant, method, machine)
     procedure, misprints = PROCEDURES[method]
-    return FORWARD[procedure](
-        plant, schedule, misprints=misprints if edition == AS_PRINTED else ()
-    )
+    return FORWARD[procedure](plant, machine, misprints=misprints if edition == AS_PRINTED else ())
 
 
 def _net(program: Program, processors: int | None, iterations: int) -> Steps:

@@ -12,7 +12,9 @@ throughput of the processor's ports that execute them, and by the supply of inst
     share of the port limit = time of the loop / time of the kernel
 
 A kernel does more than the loop: it loads states and stores results, checks that inputs are finite
-and angles in range, waits for operands, and moves values that do not fit into the registers.
+and angles in range, waits for operands, and moves values that do not fit into the registers. A
+second loop (`Loop(..., memory=True)`) has the least of these loads and stores too
+(measure.register_traffic): what it takes longer, no order of the kernel's operations can save.
 
 All numbers are read from memory when the loop begins and all accumulators are written when it
 ends. No flag lets LLVM reassociate: it can neither drop, merge nor fold an operation.
@@ -23,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 import ctypes
 from functools import partial
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +40,7 @@ from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.kernels.runtime.jit import compile_ir, simd_width
 from pfd_core.kernels.runtime.processor import current
 from pfd_core.report.contenders.work import LeftOutError, Side, Work, named
+from pfd_core.report.measure.register_traffic import Traffic, traffic
 from pfd_core.report.measure.timing import MIDDLE_BATCH, Pace, Row, interleave, show_progress
 
 WORK = 'port limit'
@@ -48,6 +52,13 @@ NEAR = 2.0**-16
 # cycle that take four cycles each. With AVX-512 the loop of a UR5 took 17.3 ns a state with 6
 # accumulators, and 15.9 ns with 16 to 28.
 SCRATCH, ENOUGH = 4, 16
+# Vectors from which each shared operand is loaded, in turn, and to which accumulators are stored.
+# They lie within 4096 bytes: a load waits for a store whose address has the same low
+# 12 bits.
+SLOTS = 16
+# Bytes of a cache line.
+LINE = 64
+NO_TRAFFIC = Traffic()
 # Operations by name that the loop can hold; an accumulator is the first operand of each.
 OPERANDS = {
     'add': ('small',),
@@ -61,9 +72,13 @@ OPERANDS = {
 
 def accumulators() -> int:
     """Return how many accumulators this processor has registers for, with the shared operands."""
+    return min(ENOUGH, vector_registers() - SHARED - SCRATCH)
+
+
+def vector_registers() -> int:
+    """Return how many vector registers this processor has."""
     target = current()
-    registers = 16 if target.triple.startswith('x86_64') and target.vector_bits < 512 else 32
-    return min(ENOUGH, registers - SHARED - SCRATCH)
+    return 16 if target.triple.startswith('x86_64') and target.vector_bits < 512 else 32
 
 
 def mix(operations: Mapping[str, int]) -> list[str]:
@@ -74,7 +89,9 @@ def mix(operations: Mapping[str, int]) -> list[str]:
     return [name for _, name in sorted(places)]
 
 
-def loop_ir(operations: Mapping[str, int], form: Format, chains: int) -> str:
+def loop_ir(
+    operations: Mapping[str, int], form: Format, chains: int, memory: Traffic = NO_TRAFFIC
+) -> str:
     """
     Return `void @port_limit(i64 count, ptr numbers, ptr results)`: the mix, `count` times.
 
@@ -86,9 +103,12 @@ def loop_ir(operations: Mapping[str, int], form: Format, chains: int) -> str:
         Number format and width.
     chains : int
         Accumulators.
+    memory : Traffic
+        Operands that are loaded, and accumulators that are stored, in each turn.
 
-    `numbers` holds SHARED vectors and then those with which the accumulators begin; `results`
-    receives the accumulators.
+    `numbers` holds SHARED vectors, those with which the accumulators begin, and SLOTS copies of
+    the shared ones, from which operands are loaded; `results` receives the accumulators, and then
+    has SLOTS vectors for those that are stored.
     """
     counts = {name: count for name, count in operations.items() if name != 'neg'}
     signs = operations.get('neg', 0)
@@ -97,20 +117,41 @@ def loop_ir(operations: Mapping[str, int], form: Format, chains: int) -> str:
     unknown = counts.keys() - {*OPERANDS, 'select'}
     if unknown:
         raise LeftOutError(f'no loop for operations {sorted(unknown)}')
+    if memory.loads > SLOTS * memory.stores:
+        raise LeftOutError(f'a compiler would keep some of {memory.loads} loads in registers')
     ir = Function('define void @port_limit(i64 %count, ptr %numbers, ptr %results)')
     places = [ir.element(form.type, '%numbers', k) for k in range(SHARED + chains)]
     one, small, *values = [ir.load(form.type, place, form.bytes) for place in places]
     shared = {'one': one, 'small': small}
     totals = [Variable(form.type, value) for value in values]
+    names = mix(counts)
+    loaded = stored = 0
+
+    def operand_of(name: str, due: int) -> str:
+        nonlocal loaded
+        if loaded >= due:
+            return shared[name]
+        # The copies lie in the order of `shared`.
+        slot = SHARED + chains + loaded % SLOTS * SHARED + list(shared).index(name)
+        loaded += 1
+        return ir.load(form.type, ir.element(form.type, '%numbers', slot), form.bytes)
+
     with ir.loop('%count', *totals):
-        for k, op in enumerate(mix(counts)):
+        for k, op in enumerate(names):
             total = totals[k % chains]
             operand = total.value
             if op == 'fma' and signs:
                 operand = form.operation(ir, 'neg', [operand])
                 signs -= 1
-            operands = [operand, one] if op == 'select' else [shared[x] for x in OPERANDS[op]]
+            due = (k + 1) * memory.loads // len(names)
+            operands = (
+                [operand, one] if op == 'select' else [operand_of(x, due) for x in OPERANDS[op]]
+            )
             total.value = form.operation(ir, op, [operand, *operands])
+            if stored < (k + 1) * memory.stores // len(names):
+                place = ir.element(form.type, '%results', chains + stored % SLOTS)
+                ir.store(form.type, total, place, form.bytes)
+                stored += 1
     for k, total in enumerate(totals):
         ir.store(form.type, total, ir.element(form.type, '%results', k), form.bytes)
     ir.ret()
@@ -118,9 +159,14 @@ def loop_ir(operations: Mapping[str, int], form: Format, chains: int) -> str:
 
 
 class Loop:
-    """The native loop of a kernel's mix, run once for each vector register of some states."""
+    """
+    The native loop of a kernel's mix, run once for each vector register of some states.
 
-    def __init__(self, kernel: Kernel, states: int) -> None:
+    With `memory` it also has the loads and stores that the kernel cannot do without, since its
+    values, inputs and constants are more than the registers.
+    """
+
+    def __init__(self, kernel: Kernel, states: int, memory: bool = False) -> None:
         if kernel.quantity not in QUANTITIES:
             raise LeftOutError('its operations are in called functions')
         if kernel.method in ITERATIVE:
@@ -129,14 +175,26 @@ class Loop:
             raise LeftOutError(f'a loop of more than {LONGEST} operations waits for instructions')
         width, chains = simd_width(kernel.dtype), accumulators()
         form = Format(kernel.dtype, width)
-        ir = loop_ir(kernel.operations['compiled'], form, chains)
+        self.memory = traffic(kernel.program, vector_registers()) if memory else NO_TRAFFIC
+        ir = loop_ir(kernel.operations['compiled'], form, chains, self.memory)
         self._native = compile_ir(module([ir], form, ()))
-        self._numbers = numbers(kernel.dtype, width, chains)
-        self.results = np.empty((chains, width), kernel.dtype)
+        first = numbers(kernel.dtype, width, chains)
+        read = np.concatenate([first, np.tile(first[:SHARED], (SLOTS, 1))])
+        self._numbers = _on_whole_lines((len(read) + chains + SLOTS, width), kernel.dtype)
+        self._numbers[: len(read)] = read
+        self.results = self._numbers[len(read) : len(read) + chains]
         kind = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
         run = kind(self._native.address('port_limit'))
         arrays = [array.ctypes.data for array in (self._numbers, self.results)]
         self.run = partial(run, -(-states // width), *arrays)
+
+
+def _on_whole_lines(shape: tuple[int, int], dtype: str) -> NDArray[np.floating]:
+    """Return an array that begins on a cache line, as the stack of a kernel does."""
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    raw = np.zeros(size + LINE, np.uint8)
+    start = -raw.ctypes.data % LINE
+    return raw[start : start + size].view(dtype).reshape(shape)
 
 
 def numbers(dtype: str, width: int, chains: int) -> NDArray[np.floating]:

@@ -22,6 +22,7 @@ PACKAGES = {
     'Pinocchio': 'pin',
     'MuJoCo': 'mujoco',
     'CasADi': 'casadi',
+    'Drake': 'drake',
 }
 
 

@@ -139,9 +139,19 @@ def take_turns(robot: str, work: Work, sides: Sequence[Side], pace: Pace) -> lis
     ]
 
 
-def interleave(sides: Sequence[Side], units: int, pace: Pace) -> list[Times]:
-    """Return the times of sides that take turns, for each of `units` units of a run."""
-    once = [_chunk(side.run, 1, warm=True) for side in sides]
+def interleave(
+    sides: Sequence[Side],
+    units: int,
+    pace: Pace,
+    clock: Callable[[], float] | None = None,
+) -> list[Times]:
+    """
+    Return the times of sides that take turns, for each of `units` units of a run.
+
+    The clock returns seconds; default: time.perf_counter.
+    """
+    clock = clock or time.perf_counter
+    once = [_chunk(side.run, 1, True, clock) for side in sides]
     calls = [max(1, round(pace.chunk / seconds)) for seconds in once]
     warm = [seconds < pace.chunk for seconds in once]
     counts = [count + first for count, first in zip(calls, warm, strict=True)]
@@ -153,7 +163,8 @@ def interleave(sides: Sequence[Side], units: int, pace: Pace) -> list[Times]:
     with uncollected():
         for t in range(turns):
             for k, near in _order(sides, backwards=t % 2 == 1):
-                times[k].append(_chunk(sides[k].run, calls[k], warm[k]) / units)
+                seconds = _chunk(sides[k].run, calls[k], warm[k], clock)
+                times[k].append(seconds / units)
                 if near is not None:
                     ratios[k].append(times[near][-1] / times[k][-1])
     return [
@@ -174,14 +185,14 @@ def _order(sides: Sequence[Side], backwards: bool) -> Iterator[tuple[int, int | 
         yield reference, reference
 
 
-def _chunk(run: Callable[[], object], calls: int, warm: bool) -> float:
+def _chunk(run: Callable[[], object], calls: int, warm: bool, clock: Callable[[], float]) -> float:
     """Return the mean seconds of a number of calls, after a first call if `warm`."""
     if warm:
         run()
-    start = time.perf_counter()
+    start = clock()
     for _ in range(calls):
         run()
-    return (time.perf_counter() - start) / calls
+    return (clock() - start) / calls
 
 
 def _differences(sides: Sequence[Side]) -> list[float | None]:

@@ -14,6 +14,9 @@ from typing import Any
 
 BLACK, ORANGE, SKY, GREEN = '#000000', '#E69F00', '#56B4E9', '#009E73'
 BLUE, VERMILLION, PURPLE, GREY = '#0072B2', '#D55E00', '#CC79A7', '#7F7F7F'
+# Of this library by number format, and of other libraries: the same on all pages.
+FLOAT64, FLOAT32 = BLUE, VERMILLION
+PINOCCHIO, MUJOCO, CASADI, DRAKE = BLACK, GREY, PURPLE, '#8C510A'
 
 
 def save(

@@ -1,0 +1,456 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Time and error of an arm under a controller: integrators, formats, libraries and smaller scenes.
+
+    error   largest |q - reference| of a joint at the end of the motion [rad or m]
+    time    processor time of the thread for each simulated second, of the whole run: controller,
+            steps and loop; of an ensemble for each arm. It is the wall time on a core that nothing
+            else uses; wall times of a run that takes seconds have those of other processes, too
+
+The reference is the adaptive integrator with events of friction, begun anew in each period, at its
+tightest tolerance, refined. Its self-difference is the distance from the same with another
+algorithm of forward dynamics and shorter steps; its distance from rk4 in the shortest steps, with
+other code for the events, is stated as well.
+
+Libraries without dry friction run with every Softness of a list; the one of the smallest error is
+the point. A run that is not finite, has a warning of MuJoCo, or is off by a turn has failed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain, combinations
+import time
+from typing import Any
+
+import numpy as np
+
+from pfd_core.report.cases.controlled_arm import ControlledArm
+from pfd_core.report.cases.robots import Array
+from pfd_core.report.contenders.control_loop import (
+    CASADI,
+    MUJOCO,
+    PINOCCHIO,
+    CasadiArm,
+    MujocoArm,
+    PinocchioArm,
+    Run,
+    Softness,
+)
+from pfd_core.report.contenders.drake import DRAKE, DrakeArm
+from pfd_core.report.contenders.ours_controlled import adaptive, fixed
+from pfd_core.report.contenders.work import LeftOutError, Side
+from pfd_core.report.measure.surroundings import surroundings
+from pfd_core.report.measure.timing import Pace, interleave, show_progress
+from pfd_core.simulation.step_control import SMALLEST_RTOL
+
+# A turn of a joint [rad].
+LOST = 2 * np.pi
+# A run is long from here on [s].
+LONG = 0.1
+# Our integrators in fixed steps that resolve friction, with the number formats.
+FIXED = tuple(
+    (integrator, dtype) for integrator in ('rk4', 'imex2') for dtype in ('float64', 'float32')
+)
+ADAPTIVE = 'pfd dop853 float64'
+# Effects that are left out, alone and together, by their names on the page.
+LEAVES = {'friction': 'dry friction', 'armature': 'rotors', 'effort limits': 'motor limits'}
+# Integrator, format and steps in a period that are so fine that what remains is the error of a
+# scene; of strongly damped light joints, too.
+FINE = ('imex2', 'float64', 10)
+ROUNDINGS = ('float64', 'float32')
+WIDTHS = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
+RAMPS = tuple(Softness(width) for width in WIDTHS)
+# Ramps that Drake runs with: it takes seconds where one is steep.
+DRAKES = 5
+SOLVERS = tuple(
+    Softness(0.0, steps, impedance) for steps in (0.0, 2.0) for impedance in (0.0, 0.9999)
+)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """
+    Plan of a comparison.
+
+    Attributes
+    ----------
+    substeps : tuple of int
+        Steps in a period of the controller, of every fixed integrator.
+    reference_substeps : int
+        Steps in a period of the run that the reference is compared with.
+    arms : int
+        Arms of an ensemble.
+    ensemble_substeps : tuple of int
+        Steps in a period of an ensemble.
+    tolerances, accuracies : tuple of float
+        Relative tolerances of our adaptive integrator, and accuracies of Drake's.
+    ramps, solvers : tuple of Softness
+        What libraries without dry friction, and MuJoCo, run with.
+    pace : Pace
+        Durations and repetitions.
+
+    """
+
+    substeps: tuple[int, ...] = (1, 2, 5, 10, 20)
+    reference_substeps: int = 20
+    arms: int = 256
+    ensemble_substeps: tuple[int, ...] = (1, 2, 5)
+    tolerances: tuple[float, ...] = (1e-3, 1e-9)
+    accuracies: tuple[float, ...] = (1e-2, 1e-3, 1e-4)
+    ramps: tuple[Softness, ...] = RAMPS
+    solvers: tuple[Softness, ...] = SOLVERS
+    pace: Pace = field(default_factory=lambda: Pace(budget=40.0, turns=40, fewest=2))
+
+
+QUICK = Plan(
+    substeps=(1, 5),
+    reference_substeps=10,
+    arms=16,
+    ensemble_substeps=(1,),
+    tolerances=(1e-3,),
+    accuracies=(1e-3,),
+    ramps=(Softness(1e-2), Softness(1e-3)),
+    solvers=SOLVERS[:1],
+    pace=Pace(chunk=1e-4, turns=2, fewest=2),
+)
+
+
+@dataclass(frozen=True)
+class ReferenceFacts:
+    """Distances of the reference from itself, computed otherwise, and from rk4 [rad]."""
+
+    self_difference: float
+    from_fixed: float
+    fixed_substeps: int
+
+
+@dataclass(frozen=True)
+class ControlledRow:
+    """
+    Time and error of one run.
+
+    Attributes
+    ----------
+    way : str
+        Library, integrator and number format.
+    step : float or None
+        Step of a fixed integrator [s].
+    tolerance : float or None
+        Relative tolerance or accuracy of an adaptive one.
+    left_out : tuple of str
+        Effects that the scene lacks, keys of LEAVES.
+    arms : int
+        Arms of the ensemble.
+    softness : str
+        How friction is approximated, '' where it is resolved or left out.
+    status : str
+        'ok', or the reason for which the run has failed.
+    error, middle : float or None
+        Error of the worst joint, and of the median joint [rad or m].
+    minimum, median : float or None
+        Seconds for each simulated second.
+
+    """
+
+    way: str
+    step: float | None
+    tolerance: float | None
+    left_out: tuple[str, ...] = ()
+    arms: int = 1
+    softness: str = ''
+    status: str = 'ok'
+    error: float | None = None
+    middle: float | None = None
+    minimum: float | None = None
+    median: float | None = None
+
+    @property
+    def setting(self) -> str:
+        """Step or tolerance as a string."""
+        if self.step is None:
+            return f'tolerance {self.tolerance:.0e}'
+        return f'{self.step * 1e3:g} ms'
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """Least and largest distance [rad] of runs that differ by rounding only."""
+
+    dtype: str
+    least: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class Findings:
+    """
+    The reference, rows, roundings, excluded libraries with reasons, and the machine.
+
+    `ramps` [rad/s] and `solvers` are what libraries without dry friction ran with.
+    """
+
+    reference: ReferenceFacts
+    periods: int
+    rows: list[ControlledRow]
+    roundings: list[Rounding]
+    left_out: list[str]
+    ramps: list[float]
+    solvers: list[str]
+    machine: dict[str, Any] = field(default_factory=surroundings)
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A row without numbers, and the runs of which the best is taken."""
+
+    row: ControlledRow
+    runs: Sequence[tuple[str, Run]]
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """A row with its error, the run, and the seconds that it took once."""
+
+    row: ControlledRow
+    run: Run
+    seconds: float
+
+
+def survey(case: ControlledArm, plan: Plan) -> Findings:
+    """Measure a plan; progress goes to a terminal's stderr."""
+    show_progress('reference')
+    wanted, facts = reference(case, plan.reference_substeps)
+    left_out: list[str] = []
+    candidates = list(chain(_ours(case, plan), _peers(case, plan, left_out)))
+    measured = [_measured(candidate, wanted) for candidate in candidates]
+    sound = [one for one in measured if one.row.status == 'ok']
+    show_progress(f'{len(sound)} runs take turns')
+    rows = [one.row for one in measured if one.row.status != 'ok']
+    # Runs that take long would leave the others few turns.
+    for long in (False, True):
+        own = [one for one in sound if (one.seconds > LONG) == long]
+        sides = [Side(one.row.way, one.run, lambda: wanted) for one in own]
+        found = interleave(sides, 1, plan.pace, time.thread_time)
+        for done, times in zip(own, found, strict=True):
+            unit = case.duration * done.row.arms
+            least, median = times.minimum / unit, times.median / unit
+            rows.append(replace(done.row, minimum=least, median=median))
+    order = list(dict.fromkeys(candidate.row.way for candidate in candidates))
+    rows.sort(
+        key=lambda row: (
+            (len(row.left_out), row.left_out, row.arms, order.index(row.way)),
+            (-(row.step or 0.0), -(row.tolerance or 0.0)),
+        )
+    )
+    roundings = [_rounding(case, plan, dtype) for dtype in ROUNDINGS]
+    show_progress('')
+    return Findings(
+        facts,
+        case.periods,
+        rows,
+        roundings,
+        left_out,
+        [ramp.width for ramp in plan.ramps],
+        [str(solver) for solver in plan.solvers],
+    )
+
+
+def reference(case: ControlledArm, substeps: int) -> tuple[Array, ReferenceFacts]:
+    """Return the positions at the end, (n,), and how far they can be trusted."""
+
+    def at_best(method: str, max_step: float) -> Array:
+        run = adaptive(
+            case,
+            SMALLEST_RTOL,
+            absolute=SMALLEST_RTOL,
+            method=method,
+            refine=1,
+            max_step=max_step,
+        )
+        found = run()
+        if found.status != 'ok':
+            raise ArithmeticError(f'the controlled arm has no reference: {found.status}')
+        return found.q
+
+    wanted = at_best('articulated_body', np.inf)
+    other = at_best('composite_body', case.period / 5)
+    fine = fixed(case, case.scene, substeps, 'rk4', 'float64')().q
+    self_difference, from_fixed = (float(np.abs(x - wanted).max()) for x in (other, fine))
+    return wanted, ReferenceFacts(self_difference, from_fixed, substeps)
+
+
+def _measured(candidate: _Candidate, wanted: Array) -> _Measured:
+    """Return the run of smallest error, its row without times."""
+    show_progress(f'{candidate.row.way}, {candidate.row.setting}')
+    found = []
+    for softness, run in candidate.runs:
+        begin = time.thread_time()
+        answer = run()
+        seconds = time.thread_time() - begin
+        off = np.abs(answer.q - wanted)
+        status = answer.status
+        if status == 'ok' and not off.max() <= LOST:
+            status = 'lost'
+        row = replace(candidate.row, softness=softness, status=status)
+        if status == 'ok':
+            row = replace(row, error=float(off.max()), middle=float(np.median(off)))
+        found.append(_Measured(row, run, seconds))
+    return min(found, key=lambda one: np.inf if one.row.error is None else one.row.error)
+
+
+def _ours(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
+    for arms, numbers in ((1, plan.substeps), (plan.arms, plan.ensemble_substeps)):
+        for integrator, dtype in FIXED:
+            for substeps in numbers:
+                yield _fixed(case, (), integrator, dtype, substeps, arms)
+    for tolerance in plan.tolerances:
+        yield _Candidate(
+            ControlledRow(ADAPTIVE, None, tolerance), [('', adaptive(case, tolerance))]
+        )
+    for names in _subsets(LEAVES):
+        for integrator, dtype in FIXED:
+            for arms in (1, plan.arms):
+                yield _fixed(case, names, integrator, dtype, 1, arms)
+        yield _fixed(case, names, *FINE, 1)
+
+
+def _fixed(
+    case: ControlledArm,
+    left_out: tuple[str, ...],
+    integrator: str,
+    dtype: str,
+    substeps: int,
+    arms: int,
+) -> _Candidate:
+    row = ControlledRow(f'pfd {integrator} {dtype}', case.period / substeps, None, left_out, arms)
+    scene = case.scene.without(left_out)
+    return _Candidate(row, [('', fixed(case, scene, substeps, integrator, dtype, arms=arms))])
+
+
+def _subsets(names: Iterable[str]) -> Iterator[tuple[str, ...]]:
+    """Yield all combinations of names but the empty one."""
+    known = tuple(names)
+    for count in range(1, len(known) + 1):
+        yield from combinations(known, count)
+
+
+def _peers(case: ControlledArm, plan: Plan, left_out: list[str]) -> Iterator[_Candidate]:
+    for library, candidates in PEERS.items():
+        try:
+            yield from candidates(case, plan)
+        except LeftOutError as reason:
+            left_out.append(f'{library}: {reason}')
+
+
+def _casadi(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
+    return _with_ramps(CASADI, CasadiArm(case), plan)
+
+
+def _pinocchio(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
+    return _with_ramps(PINOCCHIO, PinocchioArm(case), plan)
+
+
+def _with_ramps(way: str, arm: CasadiArm | PinocchioArm, plan: Plan) -> Iterator[_Candidate]:
+    for substeps in plan.substeps:
+        runs = [(str(soft), arm.run(substeps, soft)) for soft in plan.ramps]
+        yield _Candidate(ControlledRow(way, arm.loop.case.period / substeps, None), runs)
+
+
+def _mujoco(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
+    arm = MujocoArm(case)
+    for way in MUJOCO:
+        for substeps in plan.substeps:
+            runs = [(str(soft), arm.run(way, substeps, soft)) for soft in plan.solvers]
+            yield _Candidate(ControlledRow(way, case.period / substeps, None), runs)
+
+
+def _drake(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
+    arm = DrakeArm(case)
+    for way in DRAKE:
+        for tolerance in plan.accuracies:
+            ramps = plan.ramps[:DRAKES]
+            runs = [(str(soft), arm.run(way, tolerance, soft)) for soft in ramps]
+            yield _Candidate(ControlledRow(way, None, tolerance), runs)
+
+
+PEERS: dict[str, Callable[[ControlledArm, Plan], Iterator[_Candidate]]] = {
+    'CasADi': _casadi,
+    'Pinocchio': _pinocchio,
+    'MuJoCo': _mujoco,
+    'Drake': _drake,
+}
+
+
+def _rounding(case: ControlledArm, plan: Plan, dtype: str) -> Rounding:
+    """Return distances of runs from those of another algorithm, or of double precision."""
+    show_progress(f'rounding of {dtype}')
+
+    def end(dtype: str, method: str, substeps: int) -> Array:
+        return fixed(case, case.scene, substeps, 'rk4', dtype, method)().q
+
+    off = []
+    for substeps in plan.substeps:
+        other = end('float64', 'articulated_body' if dtype == 'float64' else 'auto', substeps)
+        off.append(float(np.abs(end(dtype, 'auto', substeps) - other).max()))
+    return Rounding(dtype, min(off), max(off))
+
+
+def scene_errors(rows: Iterable[ControlledRow]) -> dict[tuple[str, ...], ControlledRow]:
+    """Return the row in the shortest steps of each scene that lacks effects."""
+    found: dict[tuple[str, ...], ControlledRow] = {}
+    for row in rows:
+        before = found.get(row.left_out)
+        if row.left_out and (before is None or (row.step or 0.0) < (before.step or 0.0)):
+            found[row.left_out] = row
+    return found
+
+
+@dataclass(frozen=True)
+class Advice:
+    """
+    The fastest rows within a tolerance [rad]: ours of one arm and of many, and of others.
+
+    Of rows whose times are within AS_FAST of each other it is the one of the smallest error.
+    """
+
+    tolerance: float
+    one: ControlledRow | None
+    many: ControlledRow | None
+    other: ControlledRow | None
+
+
+AS_FAST = 1.1
+TOLERANCES = tuple(10.0**-k for k in (1, 2, 3, 4, 5, 6, 8, 10, 12))
+
+
+def advice(rows: Sequence[ControlledRow], tolerances: Sequence[float]) -> list[Advice]:
+    """Return for each tolerance the fastest rows whose error is within it."""
+
+    def fastest(tolerance: float, fits: Callable[[ControlledRow], bool]) -> ControlledRow | None:
+        known = [
+            (row.minimum, row.error, row)
+            for row in rows
+            if row.minimum is not None and row.error is not None and row.error <= tolerance
+        ]
+        fit = [one for one in known if fits(one[2])]
+        least = min((seconds for seconds, *_ in fit), default=0.0)
+        near = [one for one in fit if one[0] <= AS_FAST * least]
+        return min(near, key=lambda one: one[1])[2] if near else None
+
+    return [
+        Advice(
+            tolerance,
+            fastest(tolerance, lambda row: is_ours(row) and row.arms == 1),
+            fastest(tolerance, lambda row: is_ours(row) and row.arms > 1),
+            fastest(tolerance, lambda row: not is_ours(row)),
+        )
+        for tolerance in tolerances
+    ]
+
+
+def is_ours(row: ControlledRow) -> bool:
+    """Return whether a row is of this library."""
+    return row.way.startswith('pfd ')

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import zip_longest
 import json
 from pathlib import Path
 import re
@@ -153,7 +154,7 @@ def summary(findings: Findings) -> str:
                 f'each of {arms} arms [ms]',
                 'fastest other library [ms]',
             ],
-            map(_advised, advice(rows, TOLERANCES)),
+            _differing([_advised(one) for one in advice(rows, TOLERANCES)]),
         ),
         processor=findings.machine['processor'],
         arms=arms,
@@ -174,6 +175,12 @@ def _others(whole: Sequence[ControlledRow]) -> str:
         f'nearer than {order(nearest.error)} rad ({nearest.way}, '
         f'{short((nearest.minimum or 0) * 1e3)} ms), since they approximate dry friction.'
     )
+
+
+def _differing(rows: Sequence[list[str]]) -> list[list[str]]:
+    """Return the rows that differ from the next: advice for a smaller error fits a larger one."""
+    following = [row[1:] for row in rows[1:]]
+    return [row for row, after in zip_longest(rows, following) if row[1:] != after]
 
 
 def _advised(one: Advice) -> list[str]:

@@ -9,8 +9,8 @@ NAME = 'pfd_ros'
 ROBOTS = glob('config/robots/*')
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 REPORT = ['matplotlib', 'mpmath']
-# Peers of `pfd report speed` other than Pinocchio, and Eigen's headers for its C++.
-PEERS = ['casadi', 'mujoco', 'cmeel-eigen']
+# Peers of `pfd report` other than Pinocchio, Eigen's headers for its C++, and public arms.
+PEERS = ['casadi', 'mujoco', 'cmeel-eigen', 'example-robot-data']
 # Completion of `pfd` in shells, as ros2 and colcon have it.
 COMPLETION = ['argcomplete']
 # The 3D view: its page, and meshes of URDFs (COLLADA through pycollada).
@@ -65,7 +65,6 @@ setup(
             *VIEW,
             'colcon-common-extensions',
             'colcon-ros',
-            'example-robot-data',
             'hypothesis',
             'mcap-ros2-support',
             'mypy',

@@ -40,7 +40,8 @@ def main() -> int:
     plan = speed.QUICK if asked.quick else speed.Survey()
     if asked.robots:
         plan = replace(plan, robots=tuple(asked.robots), others=None)
-    return speed_pages.run(asked.out, plan=plan)
+    print('\n'.join(map(str, speed_pages.run(asked.out, plan=plan))))
+    return 0
 
 
 if __name__ == '__main__':

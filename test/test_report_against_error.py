@@ -256,23 +256,19 @@ def test_the_plots_are_left_out_without_matplotlib(
 
 @pytest.mark.parametrize('quick', [True, False])
 def test_quick_takes_the_quick_plans(
-    quick: bool,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    quick: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = []
     monkeypatch.setattr(against_error_pages, 'survey', lambda *plans: asked.append(plans) or PAGES)
     monkeypatch.setattr(
         against_error_pages, 'write', lambda findings, folder: [folder / 'page.md']
     )
-    assert against_error_pages.run(tmp_path, quick=quick) == 0
+    assert against_error_pages.run(tmp_path, quick=quick) == [tmp_path / 'page.md']
     assert asked == [
         (evaluations.QUICK, work_precision.QUICK, against_error_pages.QUICK_QUANTITIES)
         if quick
         else (Plan(), work_precision.Plan(), against_error_pages.QUANTITIES)
     ]
-    assert capsys.readouterr().out == f'{tmp_path / "page.md"}\n'
 
 
 def test_a_survey_gathers_cases_and_motions(monkeypatch: pytest.MonkeyPatch) -> None:

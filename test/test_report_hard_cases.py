@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 import json
@@ -20,20 +19,31 @@ from zoo import to_pinocchio
 import pfd_core as pfd
 from pfd_core.model import resolve
 from pfd_core.report import hard_case_pages
-from pfd_core.report.cases.hard_cases import CASES, LATER, ROUNDING, Case
-from pfd_core.report.cases.problems import SEED, Problem
+from pfd_core.report.cases.hard_cases import CASES, LATER, ROUNDING
+from pfd_core.report.cases.problems import SEED, Problem, arm, rods
 from pfd_core.report.cases.robots import Array
 from pfd_core.report.hard_case_pages import SHOWN_UNITS, markdown, write
+from pfd_core.report.measure import promises
 from pfd_core.report.measure.errors import (
     PEERS,
     MethodRow,
     Result,
+    held_out,
     kernel_answer,
     kernel_rows,
     measure,
 )
 from pfd_core.report.measure.estimates import FACTOR, errors_before, estimated
-from pfd_core.report.measure.reference import Reference, errors, kappa_j, kappa_s, reference
+from pfd_core.report.measure.promises import promised
+from pfd_core.report.measure.reference import (
+    Reference,
+    errors,
+    kappa_j,
+    kappa_s,
+    reference,
+    wide_reference,
+)
+from pfd_core.report.render.numbers import order
 from pfd_ros.cli import main as command_line
 
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
@@ -47,8 +57,14 @@ CERTIFICATE = 1e-35
 # An answer without a digit, whose estimate may be infinite.
 LOST = 0.1
 
-# Bounds that the kernel of method 'auto' does not meet: kappa_J u is 600 in float32.
-MISSED = ('heavy_tip_1e8_planar_n6', 'heavy_tip_1e8_n12', 'heavy_tip_1e8_planar_n12')
+# Rows that miss their bound at held-out states, as the page and the README say.
+MISSED = {
+    'payload_1e6': {('float32', 1)},
+    'collinear_axes_1e-8_payload_1e4': {('float32', 1)},
+}
+
+# Held-out states of the other cases are run with -m long.
+HELD_OUT_BY_DEFAULT = ('near_stretched_6', 'payload_1e6', 'collinear_axes_1e-12', 'wrench_on_ur5')
 
 
 @cache
@@ -67,30 +83,20 @@ def answer(name: str, dtype: str, refine: int) -> NDArray[Any]:
     return kernel_answer(BY_NAME[name].make(), dtype, refine)
 
 
-def bounded(cases: Iterable[Case]) -> list[object]:
-    """Return (name, dtype) for each bound; those that are missed are expected to fail."""
-    found = []
-    for case in cases:
-        for dtype in ROUNDING:
-            if case.bound(dtype, 1) is not None:
-                missed = dtype == 'float32' and case.name in MISSED
-                reason = 'the bound was set for residuals in float64, and no factor has a digit'
-                marks = [pytest.mark.xfail(reason=reason)] if missed else []
-                if not case.fast:
-                    marks += LONG
-                found.append(pytest.param(case.name, dtype, marks=marks))
-    return found
-
-
-@pytest.mark.parametrize(('name', 'dtype'), bounded(CASES))
-@pytest.mark.slow
-def test_one_step_of_refinement_meets_the_bound(name: str, dtype: str) -> None:
-    _, known = solved(name)
-    bound = BY_NAME[name].bound(dtype, 1)
-    assert bound is not None
-    kappa = condition(name) if 'kappa_s' in bound.unit else np.ones(len(known.qdd))
-    found = errors(answer(name, dtype, 1), known)
-    assert (found <= bound.at(dtype, kappa)).all(), found
+@pytest.mark.parametrize(
+    'name',
+    [
+        pytest.param(case.name, marks=[] if case.name in HELD_OUT_BY_DEFAULT else LONG)
+        for case in CASES
+        if not case.name.endswith('_200')
+    ],
+)
+def test_at_held_out_states_refined_kernels_keep_five_times_their_promise(name: str) -> None:
+    rows = held_out(BY_NAME[name])
+    missed = {(row.dtype, row.refine) for row in rows if row.met is False}
+    assert missed == MISSED.get(name, set())
+    # A kernel that promises nothing says so: its estimate leaves no digit.
+    assert rows[0].promised is not None
 
 
 @pytest.mark.parametrize(
@@ -135,43 +141,23 @@ def test_the_answer_has_the_bits_of_the_compiled_kernel() -> None:
     np.testing.assert_array_equal(found, kernel(*(problem.states[k] for k in ('q', 'qd', 'tau'))))
 
 
-def test_auto_refines_coaxial_joints_by_articulated_bodies_for_composite_ones_miss_the_bound() -> (
+def test_auto_refines_coaxial_joints_by_articulated_bodies_for_composite_ones_lose_digits() -> (
     None
 ):
     for name in ('collinear_axes_1e-12', 'collinear_axes_1e-8_payload_1e4'):
         problem, known = solved(name)
-        bound = BY_NAME[name].float64.at('float64', np.ones(1))
-        assert errors(answer(name, 'float64', 1), known) <= bound
+        assert errors(answer(name, 'float64', 1), known) < 1e-15
         composite = kernel_answer(problem, 'float64', 1, 'composite_body')
-        assert errors(composite, known) > 1e3 * bound
+        assert errors(composite, known) > 1e-11
 
 
-def refined_in_units(case: Case) -> float:
-    """Return the largest error over kappa_s u, refined, in float64."""
-    found = errors(answer(case.name, 'float64', 1), solved(case.name)[1])
-    return float((found / condition(case.name)).max() / ROUNDING['float64'])
-
-
-@pytest.mark.parametrize(
-    'name', [pytest.param(case.name, marks=[] if case.fast else LONG) for case in CASES]
-)
-@pytest.mark.slow
-def test_refined_no_case_is_above_20_kappa_s_u(name: str) -> None:
-    assert refined_in_units(BY_NAME[name]) <= 20
-
-
-def test_on_the_page_no_refined_case_is_above_100_kappa_s_u_and_a_twentieth_above_20() -> None:
+def test_the_page_has_every_case_and_its_missed_bounds() -> None:
     cases = json.loads((PAGES / 'hard-cases.json').read_text())['cases']
     assert [case['name'] for case in cases] == list(BY_NAME)
-    found = [
-        kernel['in_units']
-        for case in cases
-        for kernel in case['kernels']
-        if kernel['refine'] and kernel['dtype'] == 'float64'
-    ]
-    assert len(found) == len(CASES)
-    assert max(found) <= 100
-    assert np.mean(np.array(found) > 20) <= 0.05
+    rows = [row for case in cases for row in case['kernels']]
+    assert len(rows) == 4 * len(CASES)
+    assert not [row for row in rows if row['met'] is False]
+    assert max(row['share'] for row in rows if row['share'] is not None) <= 1
 
 
 @pytest.mark.parametrize('dtype', ROUNDING)
@@ -219,12 +205,9 @@ def test_a_pendulum_in_closed_form_has_its_structured_condition_number() -> None
     assert kappa_s(problem, reference(problem)) == pytest.approx(2.0, rel=1e-6)
 
 
-def test_every_case_has_a_cause_bounds_and_seeded_states() -> None:
+def test_every_case_has_a_cause_and_seeded_states() -> None:
     assert len(BY_NAME) == len(CASES)
-    for case in CASES:
-        assert case.cause
-        assert case.float64.value > 0
-        assert str(case.float64)
+    assert all(case.cause for case in CASES)
     for case in (case for case in CASES if case.fast):
         one, two = case.make(), case.make()
         assert one.plant.digest == two.plant.digest
@@ -235,21 +218,51 @@ def test_every_case_has_a_cause_bounds_and_seeded_states() -> None:
     assert all(name not in BY_NAME for names in LATER.values() for name in names)
 
 
-def test_bounds_count_units_of_rounding_of_their_number_format() -> None:
-    kappa = np.array([1.0, 3.0])
-    law = BY_NAME['near_stretched_6'].float64
-    np.testing.assert_array_equal(law.at('float64', kappa), 100 * 2.0**-53 * kappa)
-    tight = BY_NAME['wrist_q5_0'].float64
-    np.testing.assert_array_equal(tight.at('float32', kappa), [20 * 2.0**-24] * 2)
-    loose = BY_NAME['payload_1e6'].float64
-    np.testing.assert_array_equal(loose.at('float64', kappa), [1e-14] * 2)
+def test_a_promise_follows_the_formula() -> None:
+    u, kappa_s, kappa_j = 2.0**-24, np.array([2.0]), np.array([1e3])
+    spread = promises.SPREAD
+    # 281 operations for 16 numbers, each of a root mean square of 0.4247 u.
+    assert spread == pytest.approx(0.4247 * np.sqrt(281 / 16), rel=1e-3)
+    rounded = u * (1 + spread * 2)
+    plain = promised('float32', kappa_s, kappa_j)
+    assert plain == pytest.approx(rounded + spread * 1e3 * u)
+    refined = promised('float32', kappa_s, kappa_j, np.array([1e-3]))
+    assert refined == pytest.approx(rounded + 1e-3 * spread * 1e3 * u)
+    exact = promised('float32', kappa_s, kappa_j, np.array([1e-6]))
+    assert exact == pytest.approx(rounded + 1e-12)
+    assert promised('float32', kappa_s, kappa_j, np.array([np.inf])) == np.inf
+
+
+def test_a_rounding_has_the_root_mean_square_of_the_promise() -> None:
+    x = np.exp2(np.random.default_rng(1).uniform(0, 20, 100_000))
+    found = (x.astype(np.float32) - x) / x / 2.0**-24
+    assert np.sqrt(np.mean(found**2)) == pytest.approx(promises.RMS, rel=0.01)
+
+
+def test_whole_turns_of_an_angle_are_no_part_of_its_condition() -> None:
+    large, near = (rods(6, 'yz', q=q) for q in (1e6, np.pi))
+    within = np.remainder(large.states['q'] + np.pi, 2 * np.pi) - np.pi
+    states = large.states | {'q': within}
+    assert near.states['tau'].shape == states['tau'].shape
+    reduced = replace(large, states=states)
+    one, other = (kappa_s(problem, reference(problem, False)) for problem in (large, reduced))
+    assert one == pytest.approx(other, rel=1e-6)
+
+
+def test_the_wide_reference_has_2000_times_the_digits_of_float64() -> None:
+    problem = BY_NAME['wrist_q5_0'].make()
+    found = errors(wide_reference(problem).qdd, solved('wrist_q5_0')[1])
+    assert 0 < found.max() < 16 * 2.0**-64
+    wide = kappa_s(problem, wide_reference(problem))
+    assert wide == pytest.approx(condition('wrist_q5_0'), rel=1e-4)
 
 
 def test_a_missed_bound_is_on_the_page_and_a_lost_answer_null_in_the_json(tmp_path: Path) -> None:
     case = BY_NAME['heavy_tip_1e8_planar_n6']
     problem, known = solved(case.name)
-    rows = tuple(kernel_rows(case, problem, known, condition(case.name)))
-    assert [row.met for row in rows] == [None, True, None, False]
+    rows = tuple(kernel_rows(problem, known, (condition(case.name), kappa_j(problem))))
+    assert [row.met for row in rows] == [True, True, None, None]
+    rows = (*rows[:1], replace(rows[1], met=False, share=7.0), *rows[2:])
     assert [row.method for row in rows[:2]] == [
         'grouped_articulated_body, refined',
         'grouped_articulated_body',
@@ -259,7 +272,7 @@ def test_a_missed_bound_is_on_the_page_and_a_lost_answer_null_in_the_json(tmp_pa
         cause=case.cause,
         n=6,
         states=1,
-        kappa_j=kappa_j(problem),
+        kappa_j=1.0,
         kappa_s=1.0,
         difference=known.difference,
         residual=known.residual,
@@ -267,7 +280,9 @@ def test_a_missed_bound_is_on_the_page_and_a_lost_answer_null_in_the_json(tmp_pa
         methods=(),
     )
     page, data = write([found], tmp_path)
-    assert f'- {case.name}, float32: lost, bound 1e-05' in page.read_text()
+    text = page.read_text()
+    assert f'- {case.name}, float64, refined: {order(rows[1].error)}, 7 times its bound' in text
+    assert f'- {case.name}, float32, refined: lost' in text
     kernels = json.loads(data.read_text())['cases'][0]['kernels']
     assert [kernel['error'] is None for kernel in kernels] == [
         not np.isfinite(row.error) for row in rows
@@ -292,21 +307,19 @@ def test_the_command_writes_the_page_and_its_data(
     for name in ('rows', 'runs', 'steady_runs', 'formulation', 'holds'):
         monkeypatch.setattr(hard_case_pages, name, tuple)
     monkeypatch.setattr(hard_case_pages, 'CASES', ())
+    # Without processes, whose start takes seconds.
+    monkeypatch.setattr(hard_case_pages, 'each', lambda measure, items, what: map(measure, items))
     assert command_line.main(['report', 'hard-cases', '--out', str(tmp_path)]) == 0
     pages = [tmp_path / 'hard-cases.md', tmp_path / 'hard-cases.json']
     assert capsys.readouterr().out.split() == [str(page) for page in pages]
     assert all(page.is_file() for page in pages)
 
 
-@pytest.mark.parametrize('states', [10, pytest.param(100, marks=LONG)])
-def test_ordinary_arms_need_no_refinement_for_their_bound(states: int) -> None:
-    for case in (case for case in CASES if case.plain is not None):
-        problem = case.make()
-        first = replace(problem, states={k: x[:states] for k, x in problem.states.items()})
-        found = errors(kernel_answer(first, 'float64', 0), reference(first))
-        assert case.plain is not None
-        assert case.plain.value <= 2e-15
-        assert (found <= case.plain.at('float64', np.ones(states))).all(), case.name
+@pytest.mark.parametrize('name', ['puma560', 'ur5', 'panda', 'planar2'])
+def test_the_default_of_an_included_arm_keeps_20_units_of_rounding(name: str) -> None:
+    problem = arm(name, 10)
+    found = errors(kernel_answer(problem, 'float64', 0), reference(problem, certified=False))
+    assert (found <= 2e-15).all()
 
 
 @pytest.mark.slow

@@ -359,7 +359,7 @@ def test_the_benchmark_measures_the_robots_that_it_is_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: dict[Path, speed.Survey] = {}
-    monkeypatch.setattr(speed_pages, 'run', lambda out, plan: asked.update({out: plan}) or 0)
+    monkeypatch.setattr(speed_pages, 'run', lambda out, plan: asked.update({out: plan}) or [])
     command = [str(BENCHMARK), 'puma560', 'chain7', '--quick', '--out', str(tmp_path)]
     monkeypatch.setattr(sys, 'argv', command)
     with pytest.raises(SystemExit) as stopped:

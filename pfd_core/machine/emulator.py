@@ -4,8 +4,9 @@
 The emulator: n processors in lock-step. It defines the meaning of a program.
 
 Registers are NumPy arrays: the first axis is the lanes, further axes a batch of problems. Lanes
-that are switched off hold zero. Numbers are float64, float32 or, with `digits`, mpmath numbers of
-that many decimal digits: the same program then gives the reference for the error of every answer.
+that are switched off hold zero. Numbers are float64, float32, the processor's wider numbers or,
+with `digits`, mpmath numbers of that many decimal digits: the same program then gives the
+reference for the error of every answer.
 """
 
 from __future__ import annotations
@@ -42,8 +43,9 @@ def run(
     inputs : mapping
         For each input of the program an array (..., elements); leading axes are a batch, and
         are the same for all inputs.
-    dtype : {'float64', 'float32'}
-        Numbers of the machine.
+    dtype : {'float64', 'float32', 'longdouble'}
+        Numbers of the machine. NumPy's longdouble must have at least 64 bits of mantissa, as on
+        x86 and on 64-bit ARM under Linux.
     digits : int, optional
         Compute with mpmath numbers of this many decimal digits instead.
     functions : mapping, optional
@@ -195,8 +197,10 @@ class _Floats:
     """IEEE numbers of one width."""
 
     def __init__(self, dtype: str) -> None:
-        if dtype not in ('float64', 'float32'):
-            raise ValueError(f"dtype must be 'float64' or 'float32', got {dtype!r}")
+        if dtype not in ('float64', 'float32', 'longdouble'):
+            raise ValueError(f"dtype must be 'float64', 'float32' or 'longdouble', got {dtype!r}")
+        if dtype == 'longdouble' and np.finfo(np.longdouble).nmant < 63:
+            raise ValueError('longdouble has no more digits than float64 on this machine')
         self.number = np.dtype(dtype).type
 
     def array(self, values: ArrayLike) -> Any:

@@ -10,8 +10,11 @@ Subpackages in the order of data flow; `render` knows none of the others:
     measure      steps, times and errors, as rows
     render       tables, plots and JSON
 
-A module for each page: its tables, columns and plots. Its prose is a template in texts/NAME.md.
+`pages` is the table of the pages: the commands, `pfd report` without a name, and the index derive
+from it. A module for each page: its tables, columns and plots. Its prose is a template in
+texts/NAME.md.
 
+    pages                 the table PAGES; `pfd report`: all pages and index.md
     counts_pages          `pfd report counts`: counts.md, .json, .png and array.svg
     network_pages         `pfd report counts`: networks.md, .json and plots
     errata_pages          `pfd report counts`: errata.md
@@ -28,6 +31,7 @@ A module for each page: its tables, columns and plots. Its prose is a template i
     against_error_plots   its plots: a panel for each case; work over error of integrators
     controlled_arm_pages  `pfd report controlled-arm`: controlled-arm.md, .json, .png and .svg
     hard_case_pages       `pfd report hard-cases`: hard-cases.md and .json
+    distribution_pages    `pfd report distributions`: distributions.md, .json, .png and .svg
     mechanism_pages       `pfd report mechanisms`: mechanisms.md and .json
     scene_pages           `pfd report scene`: scene.md, .json, .yaml, .png and .svg
     headlines             sentences of pages and README.md: our time over the strongest peer's

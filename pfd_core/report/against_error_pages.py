@@ -232,14 +232,13 @@ def _motion(motion: MotionFacts, runs: Sequence[RunPoint]) -> str:
     return '\n'.join([*parts, bullets(missing, '- none')])
 
 
-def run(folder: Path, quick: bool = False) -> int:
-    """Measure, write the report into a folder, print its files and return the exit status, 0."""
+def run(folder: Path, quick: bool = False) -> list[Path]:
+    """Measure, write the report into a folder and return its files."""
     if quick:
         findings = survey(evaluations.QUICK, work_precision.QUICK, QUICK_QUANTITIES)
     else:
         findings = survey(evaluations.Plan(), work_precision.Plan(), QUANTITIES)
-    print('\n'.join(str(path) for path in write(findings, folder)))
-    return 0
+    return write(findings, folder)
 
 
 def write(findings: Findings, folder: Path) -> list[Path]:

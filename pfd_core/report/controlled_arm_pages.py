@@ -244,12 +244,11 @@ def markdown(findings: Findings, case: ControlledArm) -> str:
     )
 
 
-def run(folder: Path, quick: bool = False) -> int:
-    """Measure, write the report into a folder, print its files and return the exit status, 0."""
+def run(folder: Path, quick: bool = False) -> list[Path]:
+    """Measure, write the report into a folder and return its files."""
     case = stored_arm()
     findings = survey(case, controlled_motion.QUICK if quick else Plan())
-    print('\n'.join(str(path) for path in write(findings, case, folder)))
-    return 0
+    return write(findings, case, folder)
 
 
 def stored(path: Path) -> Findings:

@@ -30,6 +30,7 @@ from pfd_core.report.measure.counts import (
     published_serial,
 )
 from pfd_core.report.measure.counts import row as counts_of
+from pfd_core.report.measure.network_times import NETWORK_SIZES
 from pfd_core.report.measure.processors import PROCESSORS, OnProcessors
 from pfd_core.report.measure.processors import measure as measure_processors
 from pfd_core.report.measure.timing import show_progress
@@ -280,23 +281,24 @@ def _measured_and_claimed(kind: str, row: Row) -> str:
     return f'{cell.measured}' + ('' if cell.claimed is None else f' / {_number(cell.claimed)}')
 
 
-def run(folder: Path) -> list[Path]:
-    """Measure every method and write all pages into a folder; progress goes to a terminal."""
+def run(folder: Path, quick: bool = False) -> list[Path]:
+    """Measure every method and write all pages into a folder; quick is one size only."""
     rows: list[Row] = []
-    for n in SIZES:
+    for n in (PRINTED_AT,) if quick else SIZES:
         show_progress(f'counting at n = {n} of {max(SIZES)}')
         rows += measure([n])
     iterations: list[Convergence] = []
-    for robot in robots():
+    for robot in robots((PRINTED_AT,), ()) if quick else robots():
         show_progress(f'counting iterations of {robot.name}')
         iterations += measure_convergence([robot])
     fewer: list[OnProcessors] = []
-    for n, numbers in PROCESSORS.items():
+    for n, numbers in list(PROCESSORS.items())[: 1 if quick else None]:
         show_progress(f'counting on fewer processors than joints at n = {n} of {max(PROCESSORS)}')
         fewer += measure_processors({n: numbers})
     show_progress('')
     pages = [*write(rows, iterations, folder), *write_processors(fewer, folder)]
-    return [*pages, *run_networks(median_iterations(iterations), folder)]
+    sizes = (PRINTED_AT,) if quick else NETWORK_SIZES
+    return [*pages, *run_networks(median_iterations(iterations), folder, sizes)]
 
 
 def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) -> list[Path]:

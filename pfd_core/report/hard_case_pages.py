@@ -4,16 +4,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 import math
 from pathlib import Path
 from typing import Any
 
 from pfd_core.algorithms.programs import METHODS
-from pfd_core.report.cases.hard_cases import CASES, LATER, ROUNDING
+from pfd_core.report.cases.hard_cases import CASES, LATER, ROUNDING, Case
 from pfd_core.report.cases.motions import MOTIONS, REFERENCES
-from pfd_core.report.measure.errors import FEW, MANY, PEERS, KernelRow, Result, measure
+from pfd_core.report.measure import promises
+from pfd_core.report.measure.errors import (
+    FEW,
+    HELD_OUT,
+    HELD_OUT_STATES,
+    LONGEST_HELD_OUT,
+    MANY,
+    PEERS,
+    KernelRow,
+    Result,
+    measure,
+)
 from pfd_core.report.measure.estimates import FACTOR, SHOWN, Row, misses, rows
 from pfd_core.report.measure.motion_errors import (
     BY_NAME,
@@ -24,19 +35,25 @@ from pfd_core.report.measure.motion_errors import (
     TOLERANCE,
     Effort,
     Hold,
+    PromisedRun,
     Run,
     SteadyRun,
     formulation,
     holds,
+    promised_runs,
     runs,
     steady_runs,
 )
-from pfd_core.report.measure.timing import show_progress
+from pfd_core.report.measure.processes import each
 from pfd_core.report.render.markdown import Columns, bullets, lines_of, page, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import order, yes
 
+# Cases of a quick run.
+QUICKLY = 3
 # Error estimates are compared where the error is above so many units of rounding.
+# Of the survey: measures rows.
+Part = Callable[[], Iterable[Any]]
 SHOWN_UNITS = SHOWN / ROUNDING['float64']
 
 
@@ -44,13 +61,12 @@ def markdown(results: Sequence[Result], survey: Survey | None = None) -> str:
     """Return the whole page; without a survey, the part on single states."""
     refined = [(one, row) for one in results for row in one.kernels if row.refine]
     doubles = [row.in_units for _, row in refined if row.dtype == 'float64']
-    wide = {case.name for case in CASES if case.wide}
-    missed = (
-        f'{one.name}, {row.dtype}: {order(row.error)}, bound {row.bound}'
-        + (f', {RESIDUALS}' if row.dtype == 'float32' and one.name in wide else '')
-        for one in results
-        for row in one.kernels
-        if row.met is False
+    found = [(one, row) for one in results for row in one.kernels]
+    missed = _missed(found)
+    unpromised = (
+        f'{one.name}, {_kernel(row)}: {order(row.error)}'
+        for one, row in found
+        if row.promised is None
     )
     wrong = (
         f'{one.name}, {row.dtype}: {row.estimate:.2g} times {order(row.before or 0.0)}'
@@ -62,9 +78,19 @@ def markdown(results: Sequence[Result], survey: Survey | None = None) -> str:
         'hard-cases',
         command='pfd report hard-cases',
         count=len(doubles),
-        above_100=sum(x > 100 for x in doubles),
-        above_20=sum(x > 20 for x in doubles),
+        largest=f'{max(doubles, default=0.0):.2g}',
         missed=bullets(missed, '- none'),
+        held_out=bullets(missed_held_out(results), '- none'),
+        seed=HELD_OUT,
+        states=HELD_OUT_STATES,
+        longest=LONGEST_HELD_OUT,
+        held_out_rows=sum(len(one.held_out) for one in results),
+        unpromised=bullets(unpromised, '- none'),
+        times=promises.FACTOR,
+        spread=promises.SPREAD,
+        roundings=promises.ROUNDINGS,
+        rms=promises.RMS,
+        rows=sum(row.promised is not None for _, row in found),
         factor=FACTOR,
         wrong=bullets(wrong, f'- none, of errors above {SHOWN_UNITS:.0f} u'),
         cases=table(CASE_COLUMNS, results),
@@ -84,7 +110,47 @@ def markdown(results: Sequence[Result], survey: Survey | None = None) -> str:
     )
 
 
-RESIDUALS = 'which was set for residuals in float64'
+def _missed(found: Sequence[tuple[Result, KernelRow]]) -> list[str]:
+    return [
+        f'{one.name}, {_kernel(row)}: {order(row.error)}'
+        + (f', {row.share:.2g} times its bound' if row.share else ', other bits than its twin')
+        for one, row in found
+        if row.met is False
+    ]
+
+
+def missed_held_out(results: Sequence[Result]) -> list[str]:
+    """Return a line for each bound that is missed at held-out states."""
+    return _missed([(one, row) for one in results for row in one.held_out])
+
+
+def _kernel(row: KernelRow) -> str:
+    return row.dtype + ', refined' * row.refine
+
+
+def summary(results: Sequence[Result]) -> str:
+    """Return the outcome as a paragraph, for the README."""
+    rows = [(one, row) for one in results for row in one.kernels if row.promised is not None]
+    held = [(one, row) for one in results for row in one.held_out if row.promised is not None]
+
+    def named(found: Sequence[tuple[Result, KernelRow]]) -> str:
+        missed = _missed(found)
+        return f' (missed: {"; ".join(missed)})' if missed else ''
+
+    return page(
+        'hard-cases-summary',
+        cases=len(results),
+        times=promises.FACTOR,
+        rows=len(rows),
+        met=sum(row.met is True for _, row in rows),
+        missed=named(rows),
+        held_rows=len(held),
+        held_met=sum(row.met is True for _, row in held),
+        held_missed=named(held),
+        lost=sum(row.promised is None for one in results for row in (*one.kernels, *one.held_out)),
+    )
+
+
 CASE_COLUMNS: Columns = {
     'case': 'name',
     'cause': 'cause',
@@ -103,17 +169,24 @@ KERNELS: Columns = {
         if x[1].method.removesuffix(', refined') == x[2].method
         else f'{x[1].method}; refined: {x[2].method}'
     ),
-    'default': lambda x: order(x[1].error) + ', bound missed' * (x[1].met is False),
+    'default': lambda x: order(x[1].error),
     'refined': lambda x: order(x[2].error),
     'refined, in kappa_s u': lambda x: (
         f'{x[2].in_units:.2g}' if math.isfinite(x[2].in_units) else 'lost'
     ),
-    'bound': lambda x: x[2].bound or '-',
-    'met': lambda x: yes(x[2].met),
+    'promised': lambda x: ', '.join(_promised(row) for row in x[1:]),
+    'error / bound': lambda x: ', '.join(
+        '-' if row.share is None else f'{row.share:.2g}' for row in x[1:]
+    ),
+    'met': lambda x: ', '.join(yes(row.met) for row in x[1:]),
     'estimate / error before the step': lambda x: (
         f'{x[2].estimate:.2g}' if _is_estimated(x[2]) else '-'
     ),
 }
+
+
+def _promised(row: KernelRow) -> str:
+    return 'nothing' if row.promised is None else order(row.promised)
 
 
 def _is_estimated(row: KernelRow) -> bool:
@@ -157,6 +230,7 @@ class Survey:
     steady: Sequence[SteadyRun]
     efforts: Sequence[Effort]
     holds: Sequence[Hold]
+    exact: Sequence[PromisedRun] = ()
 
 
 def section(survey: Survey) -> str:
@@ -181,10 +255,13 @@ def section(survey: Survey) -> str:
         efforts=table(EFFORTS, survey.efforts),
         near=NEAR,
         holds=table(HOLDS, survey.holds),
+        times=promises.FACTOR,
+        exact_met=_met(survey.exact),
+        exact=table(EXACT_RUNS, survey.exact),
     )
 
 
-def _met(found: Sequence[Run] | Sequence[SteadyRun]) -> str:
+def _met(found: Sequence[Run] | Sequence[SteadyRun] | Sequence[PromisedRun]) -> str:
     return f'{sum(one.met for one in found)} of {len(found)}'
 
 
@@ -227,6 +304,16 @@ STEADY: Columns = {
     'bound': lambda row: f'{row.bound:g}',
     'met': lambda row: yes(row.met),
 }
+EXACT_RUNS: Columns = {
+    'motion': 'name',
+    'cause': 'cause',
+    'format': 'dtype',
+    'steps': 'steps',
+    'found [rad]': lambda row: _found(row.error),
+    'promised [rad]': lambda row: order(row.promised),
+    'found / bound': lambda row: f'{row.share:.2g}',
+    'met': lambda row: yes(row.met),
+}
 EFFORTS: Columns = {
     'steps of refinement': 'refine',
     'evaluations': lambda one: one.evaluations or 'gave up after 24 000',
@@ -254,25 +341,28 @@ def data(survey: Survey) -> dict[str, Any]:
         'steady': [asdict(one) | {'met': one.met} for one in survey.steady],
         'efforts': survey.efforts,
         'holds': survey.holds,
+        'promised': [asdict(one) | {'met': one.met} for one in survey.exact],
     }
 
 
-def run(folder: Path) -> list[Path]:
-    """Measure everything and write the report into a folder; progress goes to a terminal."""
-    results = []
-    for case in CASES:
-        show_progress(f'measuring {case.name}')
-        results.append(measure(case))
-    show_progress('measuring estimates and motions')
-    survey = Survey(
-        tuple(rows()),
-        tuple(runs()),
-        tuple(steady_runs()),
-        tuple(formulation()),
-        tuple(holds()),
-    )
-    show_progress('')
-    return write(results, folder, survey)
+def run(folder: Path, quick: bool = False) -> list[Path]:
+    """Measure everything, or quickly the fast cases alone, and write the report into a folder."""
+    cases = [case for case in CASES if case.fast][:QUICKLY] if quick else CASES
+    if quick:
+        return write(list(each(measure, cases, 'hard cases')), folder)
+    # In this order: those that take longest first.
+    parts: list[Part] = [rows, runs, steady_runs, formulation, holds, promised_runs]
+    long = sorted(cases, key=lambda case: '_200' not in case.name)
+    items: list[Case | Part] = [*parts, *long]
+    found = list(each(_measured, items, 'hard cases and motions'))
+    by_name = {one.name: one for one in found[len(parts) :]}
+    results = [by_name[case.name] for case in cases]
+    return write(results, folder, Survey(*found[: len(parts)]))
+
+
+def _measured(item: Case | Part) -> Any:
+    """Return the result of a case, or the rows of a part of the survey."""
+    return measure(item) if isinstance(item, Case) else tuple(item())
 
 
 def write(results: Sequence[Result], folder: Path, survey: Survey | None = None) -> list[Path]:

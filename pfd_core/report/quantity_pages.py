@@ -77,16 +77,15 @@ def _speed_tables(rows: Sequence[Row]) -> str:
     return '\n\n'.join(filter(None, found))
 
 
-def run(folder: Path, quantity: str, against_error: bool = False, quick: bool = False) -> int:
-    """Measure, write the report into a folder, print its files and return the exit status, 0."""
+def run(
+    folder: Path, quantity: str, against_error: bool = False, quick: bool = False
+) -> list[Path]:
+    """Measure, write the report into a folder and return its files."""
     plan = AGAINST_ERROR if against_error else SPEED
     if quick:
         plan = replace(QUICK, references=min(2, plan.references))
     plan = replace(plan, quantities=(quantity,))
-    findings = survey(plan)
-    paths = write(findings, folder, quantity, plan.references)
-    print('\n'.join(str(path) for path in paths))
-    return 0
+    return write(survey(plan), folder, quantity, plan.references)
 
 
 def write(findings: Findings, folder: Path, quantity: str, references: int = 0) -> list[Path]:

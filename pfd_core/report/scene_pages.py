@@ -11,8 +11,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-from pfd_core.model import Robot, Scene
-from pfd_core.report.cases.excitations import DrivenMotion
+from pfd_core.model import Robot, Scene, load_robot
+from pfd_core.report.cases.excitations import SETTINGS, DrivenMotion, excited_motion
+from pfd_core.report.measure.scene_effects import full_scene
 from pfd_core.report.measure.scene_errors import SceneRow
 from pfd_core.report.measure.scene_margins import Margin
 from pfd_core.report.measure.scene_needs import (
@@ -210,6 +211,14 @@ def run(
         robot, scene, motion, tolerance, window=window, refused=refused, progress=show_progress
     )
     return write(needs, folder)
+
+
+def example(folder: Path, quick: bool = False) -> list[Path]:
+    """Write the report of a PUMA 560 following sines, or quickly of an arm of two joints."""
+    robot = load_robot('planar2' if quick else 'puma560')
+    scene, refused = full_scene(robot, Scene(), SETTINGS)
+    motion = excited_motion(robot, scene, 'sine')
+    return run(robot, scene, motion, 1e-3, folder, refused=refused)
 
 
 def write(needs: Needs, folder: Path) -> list[Path]:

@@ -133,11 +133,9 @@ def _largest_differences(rows: Sequence[Row]) -> list[Row]:
     return list(found.values())
 
 
-def run(folder: Path, quick: bool = False, plan: Survey | None = None) -> int:
-    """Measure, write the report into a folder, print its files and return the exit status, 0."""
-    findings = survey(plan or (QUICK if quick else Survey()))
-    print('\n'.join(str(path) for path in write(findings, folder)))
-    return 0
+def run(folder: Path, quick: bool = False, plan: Survey | None = None) -> list[Path]:
+    """Measure, write the report into a folder and return its files."""
+    return write(survey(plan or (QUICK if quick else Survey())), folder)
 
 
 def stored(path: Path) -> Findings:

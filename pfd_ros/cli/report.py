@@ -10,48 +10,35 @@ from pathlib import Path
 import sys
 
 import pfd_core as pfd
+from pfd_core.report import pages
 from pfd_core.report.cases.quantities import QUANTITIES
 from pfd_ros.cli import log_page
 from pfd_ros.cli.terminal import progress_on
+from pfd_ros.text import one_line
 
-REPORTS = {
-    'counts': 'steps of every method compared with the paper, fewer processors, and its errata',
-    'paper': 'the paper executed: its claims, PCGM to convergence, the array; some minutes',
-    'speed': 'times compared with other libraries, some ten minutes',
-    'hard-cases': 'errors of ill-conditioned forward dynamics, some ten minutes',
-    'controlled-arm': 'time against error of a UR5 under a controller; some minutes',
-    'mechanisms': 'errors of the default compared with pinocchio.aba, some minutes',
-    'scene': 'cost and error of each effect of a scene, and the smallest scene within a tolerance',
-    'log': 'one HTML page of a log: what went wrong first, and its curves; opens without network',
-}
-# Reports that can be made in a few rounds.
-QUICK = ('speed', 'controlled-arm')
-HELP = 'make tables and plots, measured on this machine, or the page of a log'
-EXAMPLE = 'pfd report log run.mcap'
-EXAMPLES = {
-    'scene': 'pfd report scene --robot puma560 --trajectory sine --tolerance 1e-3',
-    'log': 'pfd report log run.mcap --out run.html',
-}
+LOG = 'one HTML page of a log: what went wrong first, and its curves; opens without network'
+HELP = (
+    'make tables and plots, measured on this machine, or the page of a log; '
+    'without a name every page, within half an hour'
+)
+EXAMPLE = 'pfd report; pfd report --quick; pfd report log run.mcap'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the kinds of report, and the arguments of each."""
-    kinds = parser.add_subparsers(dest='what', required=True, metavar='WHAT')
-    for name, text in REPORTS.items():
+    _add_common_arguments(parser)
+    kinds = parser.add_subparsers(dest='what', metavar='WHAT')
+    shown = {name: (page.title, page.command) for name, page in pages.kinds().items()}
+    for name, (text, example) in {**shown, 'log': (LOG, 'log run.mcap --out run.html')}.items():
         kind = kinds.add_parser(
-            name,
-            help=text,
-            description=text,
-            epilog=f'example: {EXAMPLES.get(name, f"pfd report {name}")}',
+            name, help=text, description=text, epilog=f'example: pfd report {example}'
         )
         if name == 'log':
             log_page.add_arguments(kind)
             continue
-        kind.add_argument(
-            '--out', type=Path, help='folder for the pages; default ./pfd_report', metavar='DIR'
-        )
         if name == 'scene':
             _add_scene_arguments(kind)
+        _add_common_arguments(kind, quick=name != 'scene')
         if name == 'speed':
             kind.add_argument(
                 '--against-error',
@@ -64,8 +51,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 metavar='NAME',
                 help='one quantity and forward dynamics, for more robots: %(choices)s',
             )
-        if name in QUICK:
-            kind.add_argument('--quick', action='store_true', help='a few rounds only')
+
+
+def _add_common_arguments(parser: argparse.ArgumentParser, quick: bool = True) -> None:
+    """Add what may stand before the name of a page and after it."""
+    # A default of the page's parser would replace what was given before its name.
+    parser.add_argument(
+        '--out',
+        type=Path,
+        default=argparse.SUPPRESS,
+        help=f'folder for the pages; default ./{pages.FOLDER}, quickly ./{pages.QUICK_FOLDER}',
+        metavar='DIR',
+    )
+    if quick:
+        parser.add_argument(
+            '--quick',
+            action='store_true',
+            default=argparse.SUPPRESS,
+            help='few rounds, cases and states, to see that it works; the pages say so',
+        )
 
 
 def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
@@ -97,39 +101,34 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Measure, or read a log; write the pages and print their paths."""
+    quick = getattr(given, 'quick', False)
+    if quick and given.what in ('log', 'scene'):
+        raise ValueError(f'{given.what} takes no --quick')
     if given.what == 'log':
         return log_page.run(given)
-    from pfd_core.report import (
-        against_error_pages,
-        controlled_arm_pages,
-        counts_pages,
-        hard_case_pages,
-        mechanism_pages,
-        paper_pages,
-        quantity_pages,
-        speed_pages,
-    )
-
-    folder = given.out or Path('pfd_report')
+    folder = getattr(given, 'out', None) or (pages.QUICK_FOLDER if quick else pages.FOLDER)
+    if given.what is None:
+        return _run_all(folder, quick)
     if given.what == 'speed' and given.quantity:
-        return quantity_pages.run(folder, given.quantity, given.against_error, given.quick)
-    if given.what == 'speed':
-        run_speed = against_error_pages.run if given.against_error else speed_pages.run
-        return run_speed(folder, quick=given.quick)
-    if given.what == 'controlled-arm':
-        return controlled_arm_pages.run(folder, quick=given.quick)
-    if given.what == 'scene':
-        pages = _run_scene(given, folder)
+        from pfd_core.report import quantity_pages
+
+        found = quantity_pages.run(folder, given.quantity, given.against_error, quick)
+    elif given.what == 'scene':
+        found = _run_scene(given, folder)
     else:
-        runs = {
-            'counts': counts_pages.run,
-            'hard-cases': hard_case_pages.run,
-            'mechanisms': mechanism_pages.run,
-            'paper': paper_pages.run,
-        }
-        pages = runs[given.what](folder)
-    print('\n'.join(str(page) for page in pages))
+        command = given.what + ' --against-error' * getattr(given, 'against_error', False)
+        found = pages.page_of(command).make(folder, quick)
+    print('\n'.join(str(page) for page in found))
     return 0
+
+
+def _run_all(folder: Path, quick: bool) -> int:
+    """Make every page; status 1 if one could not be made."""
+    failed = False
+    for found in pages.make_all(folder, quick):
+        failed |= isinstance(found, str)
+        print(found if isinstance(found, Path) else one_line(found), flush=True)
+    return int(failed)
 
 
 def _run_scene(given: argparse.Namespace, folder: Path) -> list[Path]:

@@ -138,7 +138,7 @@ def test_report_speed_hands_folder_and_quickness_to_its_pages(
     # The reports themselves have tests of their own, and take minutes.
     asked: list[tuple[Path, bool]] = []
     monkeypatch.setattr(
-        f'pfd_core.report.{pages}.run', lambda folder, quick: asked.append((folder, quick)) or 0
+        f'pfd_core.report.{pages}.run', lambda folder, quick: asked.append((folder, quick)) or []
     )
     assert command_line.main(['report', 'speed', '--out', str(tmp_path), *options]) == 0
     assert asked == [(tmp_path, quick)]
@@ -150,14 +150,14 @@ def test_report_speed_of_a_quantity_is_that_of_its_pages(
 ) -> None:
     asked: list[tuple[object, ...]] = []
     monkeypatch.setattr(
-        'pfd_core.report.quantity_pages.run', lambda *given: asked.append(given) or 0
+        'pfd_core.report.quantity_pages.run', lambda *given: asked.append(given) or []
     )
     command = ['report', 'speed', '--out', str(tmp_path), '--quantity', 'derivatives', *options]
     assert command_line.main(command) == 0
     assert asked == [(tmp_path, 'derivatives', '--against-error' in options, '--quick' in options)]
 
 
-@pytest.mark.parametrize('option', ['--against-error', '--quick', '--quantity'])
+@pytest.mark.parametrize('option', ['--against-error', '--quantity'])
 def test_options_of_the_speed_report_are_for_no_other(
     option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -165,6 +165,15 @@ def test_options_of_the_speed_report_are_for_no_other(
         command_line.main(['report', 'counts', '--out', str(tmp_path), option])
     assert end.value.code == 2
     assert f'unrecognized arguments: {option}' in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_report_scene_refuses_quick_before_its_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ['scene', '--robot', 'ur5', '--trajectory', 'sine', '--tolerance', '1']
+    assert command_line.main(['report', '--quick', '--out', str(tmp_path / 'pages'), *words]) == 1
+    assert capsys.readouterr().err == 'pfd report: scene takes no --quick\n'
     assert not list(tmp_path.iterdir())
 
 

@@ -5,8 +5,9 @@ Cases: robots, states, motions and quantities that are measured, and claims they
 
     robots        chains of rods, mechanisms, arms by name; how peers describe a chain
     problems      a robot in a scene and seeded states (Problem), and makers that tables name
-    hard_cases    the tables of hard cases and mechanisms: cause, problem, bounds (Case)
+    hard_cases    the tables of hard cases and mechanisms: cause, problem (Case)
     motions       free motions of arms (Motion), stored references, bounds of runs (Check)
+    exact_motions  motions of one wheel with a closed form: friction, stops, motors (EXACT)
     controlled_arm  an arm under a controller in discrete time (ControlledArm), stored
     excitations   motions driven by torques (DrivenMotion); named ones (EXCITATIONS)
     quantities    the table of quantities other than forward dynamics (QUANTITIES), and states

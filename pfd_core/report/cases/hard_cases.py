@@ -3,11 +3,9 @@
 """
 States at which forward dynamics is hard to compute, as two tables (CASES, MECHANISMS).
 
-A case is a robot in a scene and seeded states, with the cause of its difficulty and bounds of the
-relative error of qdd. The bounds hold for the kernel of method 'auto' with one step of refinement.
-They were set before this table was measured, except for static_hold; a case that misses its
-bound is reported as missed. Mechanisms have no bounds: they are compared with a peer
-(pfd_core.report.mechanism_pages).
+A case is a robot in a scene and seeded states, with the cause of its difficulty. No case has a
+bound of its own: all are held to pfd_core.report.measure.promises. Mechanisms are compared with a
+peer (pfd_core.report.mechanism_pages).
 
 The tables are data/hard_cases.yaml and data/mechanisms.yaml.
 """
@@ -19,44 +17,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from pfd_core.report.cases import problems
 from pfd_core.report.cases.problems import Problem
-from pfd_core.report.cases.robots import Array
 from pfd_core.report.cases.stored import table
 
 ROUNDING = {'float64': 2.0**-53, 'float32': 2.0**-24}
-
-
-@dataclass(frozen=True)
-class Bound:
-    """
-    A bound of the relative error: value, times u, or times u and kappa_s of the state.
-
-    Attributes
-    ----------
-    value : float
-        The factor.
-    unit : {'', 'u', 'kappa_s u'}
-        u is the unit of rounding of the number format, ROUNDING.
-
-    """
-
-    value: float
-    unit: str = ''
-
-    def at(self, dtype: str, kappa_s: Array) -> Array:
-        """Return the bound for states whose structured condition numbers are kappa_s, (S,)."""
-        scale = ROUNDING[dtype] if self.unit else 1.0
-        return self.value * scale * (kappa_s if 'kappa_s' in self.unit else np.ones_like(kappa_s))
-
-    def __str__(self) -> str:
-        return f'{self.value:g} {self.unit}'.strip()
-
-
-# The rule for every case: at most 100 kappa_s u after a step of refinement.
-LAW = Bound(100, 'kappa_s u')
 
 
 @dataclass(frozen=True)
@@ -70,12 +35,6 @@ class Case:
         Name, and the reason why the problem is hard.
     make : callable
         Makes the problem.
-    float64, float32 : Bound
-        Bounds of the kernel's error with one step of refinement.
-    plain : Bound, optional
-        Bound in float64 without refinement.
-    wide : bool
-        Whether the float32 bound was set for residuals in float64, which no kernel here has.
     fast : bool
         Whether the case takes less than about a second.
 
@@ -84,17 +43,7 @@ class Case:
     name: str
     cause: str
     make: Callable[[], Problem]
-    float64: Bound = LAW
-    float32: Bound | None = None
-    plain: Bound | None = None
-    wide: bool = False
     fast: bool = False
-
-    def bound(self, dtype: str, refine: int) -> Bound | None:
-        """Return the bound of the kernel in a number format, where there is one."""
-        if refine == 0:
-            return self.plain if dtype == 'float64' else None
-        return self.float64 if dtype == 'float64' else self.float32
 
 
 def _cases(name: str) -> Iterator[Case]:
@@ -108,22 +57,13 @@ def _cases(name: str) -> Iterator[Case]:
         yield Case(case, make=make, **read)
 
 
-def _bound(text: object) -> Bound:
-    value, _, unit = str(text).partition(' ')
-    return Bound(float(value), unit)
-
-
 def _switch(value: object) -> bool:
     if not isinstance(value, bool):
         raise ValueError(f'a switch is {value!r}, expected true or false')
     return value
 
 
-READ: dict[str, Callable[[Any], Any]] = {
-    'cause': str,
-    **dict.fromkeys(('float64', 'float32', 'plain'), _bound),
-    **dict.fromkeys(('wide', 'fast'), _switch),
-}
+READ: dict[str, Callable[[Any], Any]] = {'cause': str, 'fast': _switch}
 CASES: Sequence[Case] = tuple(_cases('hard_cases'))
 MECHANISMS: Sequence[Case] = tuple(_cases('mechanisms'))
 
@@ -134,5 +74,4 @@ LATER = {
         'determinism',
         'cg_baseline',
     ),
-    'arms not included in config/robots': ('seven of the eleven ordinary arms',),
 }

@@ -28,6 +28,7 @@ from pfd_core.report.cases.robots import (
     single,
     tiny_tip,
 )
+from pfd_core.report.cases.robots import robot as robot_named
 
 SEED = 1987
 # Seed and number of the states that makers draw instead of their own.
@@ -107,8 +108,18 @@ def tiny(inertia: float) -> Problem:
 
 
 def arm(name: str, states: int) -> Problem:
-    """Return an arm of config/robots at ordinary states."""
-    return problem(load_robot(name), qd=2.0, tau=5.0, states=states)
+    """Return an arm at ordinary states."""
+    return problem(robot_named(name), qd=2.0, tau=5.0, states=states)
+
+
+def pushed(name: str, force: float, states: int) -> Problem:
+    """Return an arm whose last link a wrench of up to this force [N] and moment [N m] acts on."""
+    drawn = problem(
+        robot_named(name), scene=Scene(external_wrench=True), qd=2.0, tau=5.0, states=states
+    )
+    rng = np.random.default_rng([SEED, len(drawn.states['q'])])
+    wrench = single(force * rng.uniform(-1.0, 1.0, (len(drawn.states['q']), 6)))
+    return replace(drawn, states=drawn.states | {'wrench': wrench})
 
 
 def payload() -> Problem:
@@ -186,6 +197,11 @@ def lifted(axes: str, lifts: Mapping[int, float]) -> Problem:
 def dropped(axes: str, index: int, distance: float) -> Problem:
     """Return a mechanism in which the origin of one frame lies far along its joint's axis [m]."""
     return problem(mechanism(axes, drops={index - 1: distance}, lifts={index: distance}))
+
+
+def slides(axes: str) -> Problem:
+    """Return a mechanism of equal rods, of which some or all joints slide."""
+    return problem(mechanism(axes))
 
 
 def weighed(axes: str, masses: Mapping[int, float]) -> Problem:

@@ -91,20 +91,20 @@ def linear_rk4(
     evaluate: Evaluation, q: NDArray[Any], qd: NDArray[Any], tau: NDArray[Any], step: Any
 ) -> NDArray[Any]:
     """
-    Return [A B], (2n, 3n), of a step of classical Runge-Kutta, stage by stage.
+    Return [A B], (..., 2n, 3n), of a step of classical Runge-Kutta, stage by stage.
 
-    `evaluate` returns qdd, (n,), and its derivatives by q, qd and tau, (n, 3n). The numbers may
-    be of any type.
+    `evaluate` returns qdd, (..., n), and its derivatives by q, qd and tau, (..., n, 3n). The
+    numbers may be of any type.
     """
-    n = len(q)
-    start = np.eye(3 * n)[: 2 * n]
+    n = q.shape[-1]
+    start = np.broadcast_to(np.eye(3 * n)[: 2 * n], (*q.shape[:-1], 2 * n, 3 * n))
     x, v, by_start = q, qd, start
     slopes = []
     for part in (0.5, 0.5, 1.0, 0.0):
         qdd, J = evaluate(x, v, tau)
-        by_state = J[:, : 2 * n] @ by_start
-        by_state[:, 2 * n :] += J[:, 2 * n :]
-        slope = np.concatenate([by_start[n:], by_state])
+        by_state = J[..., : 2 * n] @ by_start
+        by_state[..., 2 * n :] += J[..., 2 * n :]
+        slope = np.concatenate([by_start[..., n:, :], by_state], axis=-2)
         slopes.append(slope)
         x, v, by_start = q + part * step * v, qd + part * step * qdd, start + part * step * slope
     a, b, c, d = slopes

@@ -3,7 +3,8 @@
 """
 Robots of the reports: chains of rods of many kinds, mechanisms, and the included robots.
 
-    robot           chainN and denseN, of equal rods, and robots that `load_robot` knows
+    robot           chainN and denseN, of equal rods, arms of PUBLIC, and robots that `load_robot`
+                    knows
     uniform_chain   skew axes, for counts of steps
     chain           axes at right angles, for hard cases. A rod lies along x of its frame, from
                     the joint that moves it to the next. 'y' turns all joints about one horizontal
@@ -18,8 +19,10 @@ number formats. Rotations of the arms in config/robots are as published.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, PackagePath, files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,6 +34,18 @@ from pfd_core.report.cases.stored import text
 Array = NDArray[Any]
 
 LENGTH, RADIUS = 0.25, 0.02
+# Arms of the package example-robot-data, by the ends of their files.
+PUBLIC = {
+    'ur3': 'ur_description/urdf/ur3_robot.urdf',
+    'ur10': 'ur_description/urdf/ur10_robot.urdf',
+    'kinova': 'kinova_description/robots/kinova.urdf',
+    'so101': 'so_arm_description/urdf/so101.urdf',
+    'talos_left_arm': 'talos_data/robots/talos_left_arm.urdf',
+    'xarm7': 'xarm_description/urdf/xarm7.urdf',
+    'z1': 'z1_description/urdf/z1.urdf',
+}
+# Right angles of these files that are made exact have errors of up to so much [rad].
+TRUNCATED = 1e-6
 # z of these axes is horizontal, and x too.
 _LYING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
@@ -59,7 +74,35 @@ def robot(name: str) -> Robot:
     for kind, make in (('chain', _right_angles), ('dense', _dense)):
         if name.startswith(kind) and name[len(kind) :].isdigit():
             return make(int(name[len(kind) :]))
+    if name in PUBLIC:
+        return load_robot(public_file(name), right_angle=TRUNCATED)
     return load_robot(text('so100.urdf') if name == 'so100' else name)
+
+
+def public_file(name: str) -> Path:
+    """Return the file of an arm of PUBLIC; ValueError if the package is not installed."""
+    # The package has no module: its files lie next to Pinocchio's.
+    found = next(
+        (
+            Path(str(file.locate())).resolve()
+            for file in _files('example-robot-data')
+            if str(file).endswith(PUBLIC[name])
+        ),
+        None,
+    )
+    if found is None:
+        raise ValueError(
+            f'the arm {name} is in example-robot-data, which is not installed: '
+            "pip install 'pfd_ros[peers]'"
+        )
+    return found
+
+
+def _files(package: str) -> Sequence[PackagePath]:
+    try:
+        return files(package) or ()
+    except PackageNotFoundError:
+        return ()
 
 
 def _right_angles(n: int) -> Robot:

@@ -10,7 +10,7 @@ other operations, so that the errors are the same on every machine.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,12 +26,13 @@ from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant
 from pfd_core.report.cases.hard_cases import ROUNDING, Case
-from pfd_core.report.cases.problems import Problem
+from pfd_core.report.cases.problems import Problem, drawing
 from pfd_core.report.cases.robots import Array
 from pfd_core.report.contenders.mujoco import MUJOCO, Mujoco
 from pfd_core.report.contenders.pinocchio import EVALUATIONS, Pinocchio
 from pfd_core.report.contenders.work import LeftOutError
-from pfd_core.report.measure.estimates import errors_before, estimated
+from pfd_core.report.measure import promises
+from pfd_core.report.measure.estimates import Estimated, errors_before, estimated
 from pfd_core.report.measure.reference import (
     Reference,
     States,
@@ -41,10 +42,13 @@ from pfd_core.report.measure.reference import (
     reference,
 )
 
+# Seed of states on which no number of pfd_core was chosen, and how many of them.
+HELD_OUT, HELD_OUT_STATES = 20261125, 4
+# Joints of a chain beyond which there are no such states: each takes a minute.
+LONGEST_HELD_OUT = 60
 # Methods for chains of more than FEW joints, with the most joints: others take minutes to record.
 FEW = 12
 MANY = {'composite_body': 40, 'grouped_articulated_body': 200, 'articulated_body': 40}
-SAME_BITS = 'the bits of its twin'
 # What peer_answers yields where all peers are installed.
 PEERS = (*EVALUATIONS, MUJOCO)
 
@@ -61,8 +65,11 @@ class KernelRow:
         selects, with ', refined' if it adds a step.
     error, in_units : float
         Largest error, and largest error over kappa_s u.
-    bound : str or None
-        The bound of the case as a string, if any.
+    promised : float or None
+        Largest error over the states that is promised (promises.promised); None where a state's
+        is not below 1, so that nothing is promised.
+    share : float or None
+        Largest error over its bound, promises.FACTOR times the promise.
     met : bool or None
         Whether the bound is met, and the bits of the twin, if the case has one, are the same.
     before : float or None
@@ -77,7 +84,8 @@ class KernelRow:
     method: str
     error: float
     in_units: float
-    bound: str | None
+    promised: float | None
+    share: float | None
     met: bool | None
     before: float | None = None
     estimate: float | None = None
@@ -95,7 +103,7 @@ class MethodRow:
 
 @dataclass(frozen=True)
 class Result:
-    """Everything measured at a case."""
+    """Everything measured at a case; `held_out` are rows at states of the seed HELD_OUT."""
 
     name: str
     cause: str
@@ -107,6 +115,7 @@ class Result:
     residual: float
     kernels: tuple[KernelRow, ...]
     methods: tuple[MethodRow, ...]
+    held_out: tuple[KernelRow, ...] = ()
 
 
 def kernel_answer(problem: Problem, dtype: str, refine: int, method: str = 'auto') -> NDArray[Any]:
@@ -142,7 +151,9 @@ def _run(program: Program, states: States, dtype: str) -> dict[str, Any]:
 
 
 def peer_answers(problem: Problem) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield qdd (S, n) by each peer, except a missing one and one that refuses the robot."""
+    """Yield qdd (S, n) by each peer, except a missing one and one that refuses the problem."""
+    if 'wrench' in problem.states:
+        return
     states = list(zip(*(problem.states[name] for name in ('q', 'qd', 'tau')), strict=True))
     for peer in (Pinocchio, Mujoco):
         try:
@@ -160,7 +171,7 @@ def measure(case: Case) -> Result:
     """Return everything measured at a case: seconds for six joints, minutes for 200."""
     problem = case.make()
     known, n = reference(problem), problem.plant.robot.n
-    condition = kappa_s(problem, known)
+    conditions = kappa_s(problem, known), kappa_j(problem)
     others = [
         MethodRow(name, dtype, refine, worst(method_answer(problem, name, dtype, refine), known))
         for name in methods(n)
@@ -175,13 +186,26 @@ def measure(case: Case) -> Result:
         cause=case.cause,
         n=n,
         states=len(known.qdd),
-        kappa_j=kappa_j(problem),
-        kappa_s=float(condition.max()),
+        kappa_j=float(conditions[1].max()),
+        kappa_s=float(conditions[0].max()),
         difference=known.difference,
         residual=known.residual,
-        kernels=tuple(kernel_rows(case, problem, known, condition)),
+        kernels=tuple(kernel_rows(problem, known, conditions)),
         methods=tuple(others),
+        held_out=held_out(case),
     )
+
+
+def held_out(case: Case) -> tuple[KernelRow, ...]:
+    """Return the refined kernel's rows at HELD_OUT_STATES; one of a long chain, or none."""
+    n = case.make().plant.robot.n
+    if n > LONGEST_HELD_OUT:
+        return ()
+    with drawing(HELD_OUT, HELD_OUT_STATES if n <= FEW else 1):
+        problem = case.make()
+        known = reference(problem, certified=False)
+        conditions = kappa_s(problem, known), kappa_j(problem)
+        return tuple(kernel_row(problem, known, conditions, dtype, 1) for dtype in ROUNDING)
 
 
 def worst(found: NDArray[Any], known: Reference) -> float:
@@ -190,38 +214,67 @@ def worst(found: NDArray[Any], known: Reference) -> float:
 
 
 def kernel_rows(
-    case: Case, problem: Problem, known: Reference, condition: Array
+    problem: Problem, known: Reference, conditions: tuple[Array, Array]
 ) -> Iterator[KernelRow]:
-    """Yield the kernel's errors in both number formats, without and with refinement."""
-    for dtype, u in ROUNDING.items():
-        for refine in (0, 1):
-            qdd, estimate = _kernel(problem, known, dtype, refine)
-            found = errors(qdd, known)
-            bound = case.bound(dtype, refine)
-            text = None if bound is None else str(bound)
-            met = None if bound is None else bool((found <= bound.at(dtype, condition)).all())
-            if problem.twin is not None and refine:
-                met = met is not False and bool(
-                    (kernel_answer(problem.twin(), dtype, refine) == qdd).all()
-                )
-                text = SAME_BITS if text is None else f'{text}, {SAME_BITS}'
-            method, steps = default(problem.plant, 'auto', refine)
-            method += ', refined' * (steps > refine)
-            in_units = float(np.max(found / condition) / u)
-            yield KernelRow(
-                dtype, refine, method, float(found.max()), in_units, text, met, *estimate
-            )
+    """Yield the kernel's errors in both number formats; conditions are kappa_s and kappa_j."""
+    plain, refined = (default(problem.plant, 'auto', refine) for refine in (0, 1))
+    for dtype in ROUNDING:
+        row = kernel_row(problem, known, conditions, dtype, 1)
+        if plain == refined and problem.twin is None:
+            method = f'{row.method}, refined'
+            yield replace(row, refine=0, method=method, before=None, estimate=None)
+        else:
+            yield kernel_row(problem, known, conditions, dtype, 0)
+        yield row
 
 
-def _kernel(
-    problem: Problem, known: Reference, dtype: str, refine: int
-) -> tuple[NDArray[Any], tuple[float, float | None] | tuple[()]]:
-    """Return qdd and, refined, the largest error before with the ratio of estimate and error."""
-    if not refine:
-        return kernel_answer(problem, dtype, refine), ()
-    found = estimated(problem, dtype)
+def kernel_row(
+    problem: Problem,
+    known: Reference,
+    conditions: tuple[Array, Array],
+    dtype: str,
+    refine: int,
+) -> KernelRow:
+    """Return the kernel's errors in a number format, without or with refinement."""
+    method, steps = default(problem.plant, 'auto', refine)
+    found = estimated(problem, dtype) if steps else None
+    qdd = found.qdd if found else kernel_answer(problem, dtype, refine)
+    error = errors(qdd, known)
+    bounds = promises.FACTOR * promise(known, conditions, dtype, found)
+    promising = bool((bounds < 1).all())
+    share = float((error / bounds).max()) if promising else None
+    met = None if share is None else share <= 1
+    if problem.twin is not None and refine:
+        met = met is not False and bool(
+            (kernel_answer(problem.twin(), dtype, refine) == qdd).all()
+        )
+    return KernelRow(
+        dtype,
+        refine,
+        method + ', refined' * (steps > refine),
+        float(error.max()),
+        float(np.max(error / conditions[0]) / ROUNDING[dtype]),
+        float(bounds.max()) / promises.FACTOR if promising else None,
+        share,
+        met,
+        *(_estimate(found, known) if found and refine else ()),
+    )
+
+
+def promise(
+    known: Reference, conditions: tuple[Array, Array], dtype: str, found: Estimated | None
+) -> Array:
+    """Return the error promised for each state, (S,), of a refined kernel if `found`."""
+    if found is None:
+        return promises.promised(dtype, *conditions)
+    # An estimate is relative to the answer, which is next to nothing for an arm in equilibrium.
+    norms = ((known.qdd * known.qdd).sum(axis=-1) ** 0.5 / known.scale).astype(np.float64)
+    return promises.promised(dtype, *conditions, found.estimates * norms)
+
+
+def _estimate(found: Estimated, known: Reference) -> tuple[float, float | None]:
+    """Return the largest error before the step, and the ratio of its estimate and it."""
     before = errors_before(found, known.qdd)
     k = int(np.argmax(before))
     sound = 0 < before[k] < np.inf and np.isfinite(found.estimates[k])
-    ratio = float(found.estimates[k] / before[k]) if sound else None
-    return found.qdd, (float(before[k]), ratio)
+    return float(before[k]), float(found.estimates[k] / before[k]) if sound else None

@@ -216,7 +216,7 @@ def measure(name: str, plan: Plan) -> tuple[CaseFacts, list[Point], list[str]]:
         auto=auto,
         steps=steps,
         refined=default(problem.plant, 'auto', 1)[0],
-        kappa_j=kappa_j(problem),
+        kappa_j=float(kappa_j(problem).max()),
         kappa_s=float(solved.condition.max()),
         difference=known.difference,
         residual=known.residual,

@@ -5,6 +5,7 @@ Runs of the hard motions: errors relative to the stored references, and two effe
 
     runs                 every check of CHECKS, in native code (Run)
     steady_runs          the motions of STEADY, whose angles are known exactly (SteadyRun)
+    promised_runs        motions of EXACT, and undamped ones in float32, with promised errors
     formulation          evaluations of the adaptive integrator, by steps of refinement (Effort)
     holds                gains at which a loop through a zero-order hold is stable (Hold)
 
@@ -16,7 +17,7 @@ of I. A simulation has these limits only if its integrator does not see the cont
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,8 +25,13 @@ import numpy as np
 from pfd_core.algorithms.programs import record_terms
 from pfd_core.machine.emulator import run
 from pfd_core.model import Robot, Scene, load_robot, resolve
+from pfd_core.report.cases import exact_motions
+from pfd_core.report.cases.exact_motions import EXACT, WHEEL, ExactMotion
+from pfd_core.report.cases.hard_cases import ROUNDING
 from pfd_core.report.cases.motions import CHECKS, MOTIONS, REFERENCES, STEADY, Check, Motion
+from pfd_core.report.cases.problems import SEED
 from pfd_core.report.cases.robots import Array
+from pfd_core.report.measure import promises
 from pfd_core.report.measure.energies import energy
 from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
 from pfd_core.simulation.embedded_pairs import PAIRS
@@ -79,9 +85,11 @@ def error(check: Check) -> float:
     return float(np.abs(total - total[0]).max() / kinetic.max())
 
 
-def _states(check: Check, duration: float) -> tuple[bool, Array, Array]:
-    """Return whether a run is finite, and its states q and qd, (K, n)."""
-    motion = BY_NAME[check.motion]
+def _states(
+    check: Check, duration: float, motion: Motion | None = None
+) -> tuple[bool, Array, Array]:
+    """Return whether a run, perhaps of another motion, is finite, and its q and qd, (K, n)."""
+    motion = motion or BY_NAME[check.motion]
     if check.integrator in PAIRS:
         made = _adaptive(motion, duration, check.step, integrator=check.integrator, refine=1)
         return made.status == 'ok', made.q, made.qd
@@ -162,6 +170,90 @@ def steady_error(motion: Motion, dtype: str) -> float:
                 wanted = at + rate * mpmath.mpf(passed) - 2 * mpmath.pi * int(turns)
                 largest = max(largest, float(abs(wanted - float(angle))))
     return largest
+
+
+@dataclass(frozen=True)
+class PromisedRun:
+    """A motion in fixed steps: error at its end [rad], and the error that is promised."""
+
+    name: str
+    cause: str
+    dtype: str
+    steps: int
+    error: float
+    promised: float
+
+    @property
+    def share(self) -> float:
+        """The error over its bound."""
+        return self.error / (promises.FACTOR * self.promised)
+
+    @property
+    def met(self) -> bool:
+        """Whether the error is within its bound."""
+        return self.share <= 1
+
+
+# Undamped motions that are run in float32, in steps of STEP, and the largest error of rk4 [rad].
+UNDAMPED, RK4_ERROR = ('planar2_swing', 'puma560_fall', 'so100_fall'), 1e-8
+# Change of a start by which the growth of a motion is measured, and its directions.
+CHANGED, GROWTHS = 2.0**-20, 4
+
+
+def promised_runs() -> Iterator[PromisedRun]:
+    """Yield the motions of EXACT in both number formats, and undamped motions in float32."""
+    terms = record_terms(resolve(WHEEL, Scene(gravity=None)), 'parallel')
+    zero = np.zeros((1, 1))
+    J = float(run(terms, {'q': zero, 'qd': zero})['H'][0, 0, 0])
+    for exact in EXACT:
+        yield from (exact_run(exact, dtype, J) for dtype in ROUNDING)
+    for name in UNDAMPED:
+        yield _undamped(BY_NAME[name])
+
+
+def exact_run(motion: ExactMotion, dtype: str, inertia: float) -> PromisedRun:
+    """Return the run of a motion of EXACT; the wheel's inertia is in kg m^2."""
+    sim = Simulator(WHEEL, motion.scene, step_size=exact_motions.STEP, substeps=1, dtype=dtype)
+    sim.reset(q=(motion.q,), qd=(motion.qd,))
+    torques, counts = zip(*motion.torques, strict=True)
+    made = sim.rollout(np.repeat(torques, counts)[:, np.newaxis].astype(dtype))
+    error = abs(float(made.q[-1, 0]) - motion.end(inertia)) if made.status == 'ok' else np.inf
+    promise = _rounding(made.q, made.qd, motion.steps * exact_motions.STEP, dtype)
+    return PromisedRun(
+        motion.name, motion.cause, dtype, motion.steps, error, promise + motion.method(inertia)
+    )
+
+
+def _rounding(q: Array, qd: Array, duration: float, dtype: str) -> float:
+    """Return the promised error of an angle from roundings of its steps, if nothing grows."""
+    # Angle and velocity are rounded in each step, a velocity acts to the end, and accelerations
+    # have the roundings of the robot's numbers.
+    carried = float(np.abs(qd).max()) * duration
+    steps = promises.RMS * np.sqrt(len(q)) * (float(np.abs(q).max()) + carried)
+    return ROUNDING[dtype] * float(steps + promises.SPREAD * carried)
+
+
+def _undamped(motion: Motion) -> PromisedRun:
+    steps = round(motion.duration / STEP)
+    check = Check(motion.name, 'rk4', STEP, 'angle', 0.0, dtype='float32')
+    finite, q, qd = _states(check, motion.duration)
+    wanted = np.array([float(x) for x in REFERENCES[motion.name].q])
+    promise = _rounding(q, qd, motion.duration, 'float32') * _growth(motion) + RK4_ERROR
+    error = float(np.abs(q[-1] - wanted).max()) if finite else np.inf
+    cause = 'undamped: roundings grow with the motion'
+    return PromisedRun(motion.name, cause, 'float32', steps, error, promise)
+
+
+def _growth(motion: Motion) -> float:
+    """Return how much the angles at the end change over a change of the start, 1 or more."""
+    check = Check(motion.name, 'rk4', STEP, 'angle', 0.0)
+    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], (GROWTHS, 2, motion.robot.n))
+    end = _states(check, motion.duration)[1][-1]
+    ends = []
+    for by_q, by_qd in CHANGED * signs:
+        q, qd = (tuple(x) for x in (motion.q + by_q, motion.qd + by_qd))
+        ends.append(_states(check, motion.duration, replace(motion, q=q, qd=qd))[1][-1])
+    return max(1.0, float(np.abs(np.array(ends) - end).max() / CHANGED))
 
 
 @dataclass(frozen=True)

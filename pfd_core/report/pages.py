@@ -1,0 +1,197 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The table of generated pages: commands, `pfd report` without a page, and the index derive from it.
+
+To add a page: a row of PAGES, whose function `(folder, quick) -> paths` measures and writes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+import json
+from pathlib import Path
+import sys
+import time
+
+from pfd_core.report.render.markdown import json_text, lines_of
+
+FOLDER, QUICK_FOLDER = Path('pfd_report'), Path('pfd_report_quick')
+INDEX = 'index.md'
+QUICK = (
+    '**Quick run** (`--quick`): few rounds, cases and states, to see that everything works. '
+    'Its numbers are no results.'
+)
+
+
+@dataclass(frozen=True)
+class Page:
+    """
+    A generated page.
+
+    Attributes
+    ----------
+    name : str
+        Of its files, NAME.md and NAME.json.
+    command : str
+        What follows `pfd report`.
+    title : str
+        What it shows, for help and index.
+    module : str
+        Module of pfd_core.report with its function.
+    function : str
+        Name of the function of folder and quickness.
+    also : tuple of str
+        Names of further pages that it writes.
+
+    """
+
+    name: str
+    command: str
+    title: str
+    module: str
+    function: str = 'run'
+    also: tuple[str, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """The first word of the command."""
+        return self.command.split()[0]
+
+    def make(self, folder: Path, quick: bool = False) -> list[Path]:
+        """Measure, write the files into a folder and return their paths."""
+        run: Callable[..., list[Path]] = getattr(
+            import_module(f'pfd_core.report.{self.module}'), self.function
+        )
+        paths = run(folder, quick=quick)
+        for path in paths:
+            if quick:
+                _mark(path)
+        return paths
+
+
+PAGES: Sequence[Page] = (
+    Page(
+        'counts',
+        'counts',
+        'steps of every method compared with the paper, fewer processors, and its errata',
+        'counts_pages',
+        also=('errata', 'processors'),
+    ),
+    Page(
+        'paper',
+        'paper',
+        'the paper executed: its claims, PCGM to convergence, the array',
+        'paper_pages',
+        also=('claims', 'illustrated', 'array', 'pcgm'),
+    ),
+    Page(
+        'scene',
+        'scene --robot puma560 --trajectory sine --tolerance 1e-3',
+        'cost and error of each effect of a scene, and the smallest scene within a tolerance',
+        'scene_pages',
+        'example',
+    ),
+    Page(
+        'hard-cases',
+        'hard-cases',
+        'errors of ill-conditioned forward dynamics and motions',
+        'hard_case_pages',
+    ),
+    Page(
+        'distributions',
+        'distributions',
+        'errors and condition numbers over thousands of states of 11 arms, as box plots',
+        'distribution_pages',
+    ),
+    Page(
+        'mechanisms',
+        'mechanisms',
+        'errors of the default compared with pinocchio.aba',
+        'mechanism_pages',
+    ),
+    Page(
+        'speed-against-error',
+        'speed --against-error',
+        'time against error of every method, integrator and peer',
+        'against_error_pages',
+    ),
+    Page(
+        'controlled-arm',
+        'controlled-arm',
+        'time against error of a UR5 under a controller, and advice',
+        'controlled_arm_pages',
+    ),
+    Page('speed', 'speed', 'times compared with other libraries', 'speed_pages'),
+)
+
+
+def kinds() -> dict[str, Page]:
+    """Return the first words of commands, each with the page of its shortest command."""
+    found: dict[str, Page] = {}
+    for one in PAGES:
+        known = found.setdefault(one.kind, one)
+        found[one.kind] = min(known, one, key=lambda page: len(page.command))
+    return found
+
+
+def page_of(command: str) -> Page:
+    """Return the page of a command."""
+    (found,) = (one for one in PAGES if one.command == command)
+    return found
+
+
+def make_all(folder: Path, quick: bool = False) -> Iterator[Path | str]:
+    """
+    Make every page and the index; progress goes to stderr, a line for each page.
+
+    Yields
+    ------
+    Path or str
+        Each file, or one line about a page that could not be made.
+
+    """
+    start = time.monotonic()
+    for k, one in enumerate(PAGES):
+        began = time.monotonic()
+        print(f'{k + 1} of {len(PAGES)}: {one.name}, {one.title}', file=sys.stderr, flush=True)
+        try:
+            yield from one.make(folder, quick)
+        except (ValueError, OSError, ImportError, ArithmeticError, RuntimeError) as error:
+            yield f'{one.name} was not made: {error}'
+        print(f'   {time.monotonic() - began:.0f} s', file=sys.stderr, flush=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    index = folder / INDEX
+    index.write_text(index_text(), encoding='utf-8')
+    if quick:
+        _mark(index)
+    yield index
+    print(f'all pages: {time.monotonic() - start:.0f} s', file=sys.stderr, flush=True)
+
+
+def index_text() -> str:
+    """Return the list of the pages with their commands, as Markdown."""
+    rows = (
+        [
+            ', '.join(f'[{name}]({name}.md)' for name in (one.name, *one.also)),
+            one.title,
+            f'`pfd report {one.command}`',
+        ]
+        for one in PAGES
+    )
+    lines = lines_of(['page', 'shows', 'command'], rows)
+    head = '# Generated pages\n\n`pfd report` makes all of them on this machine.\n\n'
+    return head + '\n'.join(lines) + '\n'
+
+
+def _mark(path: Path) -> None:
+    """Write into a page, below its title, and into its data that the run was quick."""
+    if path.suffix == '.md':
+        title, _, rest = path.read_text(encoding='utf-8').partition('\n')
+        path.write_text(f'{title}\n\n{QUICK}\n{rest}', encoding='utf-8')
+    elif path.suffix == '.json':
+        found = json.loads(path.read_text(encoding='utf-8'))
+        found = found if isinstance(found, dict) else {'rows': found}
+        path.write_text(json_text({'quick': True, **found}), encoding='utf-8')

@@ -282,7 +282,11 @@ def _measured_and_claimed(kind: str, row: Row) -> str:
 
 
 def run(folder: Path, quick: bool = False) -> list[Path]:
-    """Measure every method and write all pages into a folder; quick is one size only."""
+    """
+    Measure every method and write all pages into a folder; quick is one size only.
+
+    Progress goes to a terminal.
+    """
     rows: list[Row] = []
     for n in (PRINTED_AT,) if quick else SIZES:
         show_progress(f'counting at n = {n} of {max(SIZES)}')

@@ -24,7 +24,7 @@ To change or add
                             model.urdf_reader (_armature); acts with Scene(armature=...)
     an equation             algorithms.paper lists its modules with the paper's equations
     a method                a module of algorithms, a row of algorithms.programs.FORWARD, and a
-                            name in SERIAL, ITERATIVE or EDITION if it is one of these
+                            name in SERIAL, ITERATIVE or EMULATED if it is one of these
     an integrator           a row of simulation.integrators.TABLE; for friction and stops also a
                             Scheme in simulation.contact.schemes and a row of
                             simulation.simulation.SCHEMES

@@ -104,7 +104,16 @@ def of_pcgm() -> Iterator[tuple[Count, str]]:
             yield (pcrbm, CORRECTED, PLAIN, kind, int(n)), cells[2]
 
 
-SOURCES = (of_the_systems, of_the_claims, of_the_grids, of_pcgm)
+def of_the_networks() -> Iterator[tuple[Count, str]]:
+    for title, _, crossbar, *_ in section('networks.md', 'Time over t_r, n = 6')[1:]:
+        if title.endswith('one processor') or 'median to convergence' in title:
+            continue
+        name, _, packing = title.rpartition(', ')
+        system, which = edition(re.sub(r', 6 iterations \(not converged\)', '', name))
+        yield (system, which, packing, 'routes', 6), crossbar
+
+
+SOURCES = (of_the_systems, of_the_claims, of_the_grids, of_pcgm, of_the_networks)
 
 
 def test_no_count_has_two_values_on_the_pages() -> None:

@@ -24,5 +24,5 @@ A new effect of a joint is a record in pfd_core.model.effects, and nothing in he
 effect of the motors has its torques in chain.drives as well, an effect of the links or of gravity
 in each Newton-Euler recursion (paper.newton_euler, beyond.omega, serial.luh_walker_paul,
 grouped.newton_euler). A new method is a file, a row of programs.FORWARD, and a name in
-programs.SERIAL, ITERATIVE or EDITION if it is one of these.
+programs.SERIAL, ITERATIVE or EMULATED if it is one of these.
 """

@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.algorithms.convergence import record_small_correction
-from pfd_core.algorithms.paper.pcrbm_array import SECTION
+from pfd_core.algorithms.paper.pcrbm_array import SECTION, STREAMS, stream_steps
 from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.algorithms.programs import TOLERANCES, record_forward_dynamics
 from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
+from pfd_core.machine.networks import NETWORKS
 from pfd_core.machine.program import Program, Steps
 from pfd_core.machine.recorder import Schedule
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
@@ -95,6 +96,7 @@ def emulate(
     wrench: ArrayLike | None = None,
     brakes: ArrayLike | None = None,
     processors: int | None = None,
+    network: str = 'crossbar',
     dtype: str = 'float64',
     digits: int | None = None,
 ) -> Run:
@@ -109,7 +111,8 @@ def emulate(
         Positions, velocities and torques, (..., n)
         [rad or m; rad/s or m/s; N m or N].
     method : str
-        A name in METHODS, or 'pcrbm_1987' or 'pcgm_1987': the paper's procedures step by step.
+        A name in METHODS; 'pcrbm_1987' or 'pcgm_1987', the paper's procedures step by step; or
+        'constraint_forces'.
     scene : Scene, optional
         Effects that are on; default: rigid links and gravity.
     wrench : array_like, optional
@@ -119,6 +122,10 @@ def emulate(
     processors : int, optional
         From 1 to n, each with a block of ceil(n / processors) neighbouring links; default n, or
         1 for a serial method. On one processor the steps are the operations of a serial program.
+    network : str
+        Network that joins the processors: 'crossbar', 'pm2i', 'cube', 'mesh', 'ring', 'shuffle'
+        or 'bus' (pfd_core.machine.networks). Routes are executed hop by hop, and counted in steps
+        of that network.
     dtype : {'float64', 'float32'}
         Numbers of the machine. An iterative method stops at the rounding of this format.
     digits : int, optional
@@ -131,6 +138,7 @@ def emulate(
 
     """
     choice('dtype', dtype, DTYPES)
+    choice('network', network, NETWORKS)
     if digits is not None:
         digits = integer('digits', digits, 1, MOST_DIGITS)
     if processors is not None:
@@ -152,13 +160,15 @@ def emulate(
         given['wrench'] = wrench  # with digits, a fraction stays exact
     sizes = {name: size for name, size in (check or program).inputs.items() if name != 'qdd'}
     inputs = _checked(sizes | program.inputs, given, digits)
-    result = run(program, inputs, dtype, digits)
+    # On a crossbar a route is one hop for each lane, from its source.
+    hopping = None if network == 'crossbar' else network
+    result = run(program, inputs, dtype, digits, network=hopping)
     if check is not None:  # outside the counted program
         result |= run(check, inputs | {'qdd': result['qdd']}, dtype, digits)
     iterations = None
     if 'iterations' in result:
         iterations = int(np.max(np.asarray(result['iterations'], dtype=np.float64), initial=0))
-    steps = _steps(method, program, robot.n, iterations or 1)
+    steps = _steps(method, program, robot.n, iterations or 1, network)
     work = arithmetic(program.count(1, iterations=iterations or 1))
     units = processors_of(method, robot.n, program.lanes)
     return Run(
@@ -172,17 +182,19 @@ def emulate(
     )
 
 
-def _steps(method: str, program: Program, n: int, iterations: int) -> Steps:
+def _steps(method: str, program: Program, n: int, iterations: int, network: str) -> Steps:
     """
     Return the steps that a method's program takes on its machine.
 
     The cells of the triangular array work side by side: there the steps of the solve are those
-    of its cycles, not the operations of all cells.
+    of its cycles, not the operations of all cells, and H comes to its rows, not to one lane.
     """
-    steps = program.count(iterations=iterations)
+    steps = program.count(iterations=iterations, network=network)
     if method != 'pcrbm_array':
         return steps
-    return steps - program.count(section=SECTION) + solve_steps(n)
+    for section in {STREAMS, SECTION} & {one.section for one in program.instructions}:
+        steps -= program.count(section=section, network=network)
+    return steps + solve_steps(n) + stream_steps(n, program.lanes, network)
 
 
 def processors_of(method: str, n: int, processors: int) -> int:

@@ -10,13 +10,13 @@ Whole programs by name: inverse dynamics, and forward dynamics by each method (F
     walker_orin_1 .. 4, articulated_body       serial, which the paper compares with
     pcrbm, pcrbm_array, pcgm                   the paper's, on n lanes, corrected
     pcrbm_1987, pcgm_1987                      the paper's step by step, for comparison with it
-    pcrbm_base_origin, divide_and_conquer      beyond the paper, on n lanes
+    pcrbm_base_origin, divide_and_conquer, constraint_forces   beyond the paper, on n lanes
     composite_body, grouped_articulated_body   serial methods at their cheapest, for kernels
 
 On n lanes all METHODS, which kernels offer, take the bias from pfd_core.algorithms.beyond.omega,
 which has fewer steps than the paper's NE1. Inputs are described in
 pfd_core.algorithms.chain.interface. A new method is a row of FORWARD and, if it is serial,
-iterative or not for kernels, a name in SERIAL, ITERATIVE or EDITION.
+iterative or not for kernels, a name in SERIAL, ITERATIVE or EMULATED.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from collections.abc import Callable
 from functools import partial
 
 from pfd_core.algorithms.beyond.base_origin import inertia_matrix_base_origin
+from pfd_core.algorithms.beyond.constraint_forces import record_constraint_forces
 from pfd_core.algorithms.beyond.divide_and_conquer import record_divide_and_conquer
 from pfd_core.algorithms.beyond.omega import omega_torques
 from pfd_core.algorithms.chain.base_axes import chain_on_lanes
@@ -93,14 +94,17 @@ FORWARD: dict[str, Callable[..., Program]] = {
         record_pcrbm, link_torques=omega_torques, matrix=inertia_matrix_base_origin
     ),
     'divide_and_conquer': record_divide_and_conquer,
+    'constraint_forces': record_constraint_forces,
     'composite_body': record_composite_body,
     'grouped_articulated_body': record_grouped_articulated_body,
     'pcrbm_1987': record_pcrbm_1987,
     'pcgm_1987': record_pcgm_1987,
 }
-# Methods for comparison with the paper: emulated and counted, not compiled.
+# Methods for comparison with the paper.
 EDITION = ('pcrbm_1987', 'pcgm_1987')
-METHODS = tuple(method for method in FORWARD if method not in EDITION)
+# Emulated and counted, not compiled. Constraint forces need links with a mass and an inertia.
+EMULATED = (*EDITION, 'constraint_forces')
+METHODS = tuple(method for method in FORWARD if method not in EMULATED)
 # Methods for one processor; the others have a lane for each joint.
 SERIAL = (
     'walker_orin_1',

@@ -14,15 +14,16 @@ In the order from recording to result:
     patterns     recurrences (prefix, suffix, affine), totals, sweeps, gather
     packing      partly filled rows of lanes packed onto full rows; packed recurrences
     iteration    a part of a program that is repeated until it has converged
+    networks     networks that join the lanes: ring, mesh, ...; the steps of a route on each
     program      Program, Instruction, Output; step counts (Steps), string form
     extension    further instructions appended to a program, equal expressions once
     rounding_errors   program -> recording of its values with their rounding errors
     derivative   program -> program of its Jacobians or directional derivatives
-    emulator     runs a program in lock-step on NumPy or mpmath numbers
+    emulator     runs a program in lock-step on NumPy or mpmath numbers; routes hop by hop
+    prices       the time of a run for weights of its operations; the choices that no step counts
     systolic     clocked array of cells, for the paper's triangular array
 
 A new operation is a row of operations.OPERATIONS; a new kind of step count is a column name in
-operations.COSTS and a field of program.Steps. Program._work adds up the cost of each instruction;
-a route counts once whatever its distance. A network with other prices would multiply `times` there
-by a function of instruction.data.
+operations.COSTS and a field of program.Steps. Program._work adds up the cost of each instruction.
+A new network is a row of networks.NETWORKS.
 """

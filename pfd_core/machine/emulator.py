@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.forking import no_fork
+from pfd_core.machine.networks import carry, check_network, hops
 from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Instruction, Program
 
@@ -29,6 +30,7 @@ def run(
     dtype: str = 'float64',
     digits: int | None = None,
     functions: Mapping[str, Callable[[Any, Any], Any]] | None = None,
+    network: str | None = None,
     observe: Callable[[list[Any]], None] | None = None,
 ) -> dict[str, Any]:
     """
@@ -48,6 +50,9 @@ def run(
         Compute with mpmath numbers of this many decimal digits instead.
     functions : mapping, optional
         Name to function, for each `call` of the program: of two rows, (lanes, ...), to one.
+    network : str, optional
+        A name in pfd_core.machine.networks.NETWORKS. Each route is then executed hop by hop, and
+        each hop is checked. Default: every lane reads its source at once.
     observe : callable, optional
         Called with the rows, (lanes, ...), of a loop's state before the loop and after each
         iteration.
@@ -70,7 +75,9 @@ def run(
                 f'input {name} must have shape (..., {size}), got {values[name].shape}'
             )
     batch = next(iter(values.values())).shape[:-1]
-    machine = _Machine(program, values, batch, arithmetic, functions or {}, observe)
+    if network is not None:
+        check_network(network)
+    machine = _Machine(program, values, batch, arithmetic, functions or {}, network, observe)
     with arithmetic.context():
         machine.run()
     registers = machine.registers
@@ -92,6 +99,7 @@ class _Machine:
         batch: tuple[int, ...],
         arithmetic: Any,
         functions: Mapping[str, Callable[[Any, Any], Any]],
+        network: str | None,
         observe: Callable[[list[Any]], None] | None,
     ) -> None:
         self.program = program
@@ -99,6 +107,7 @@ class _Machine:
         self.batch = batch
         self.arithmetic = arithmetic
         self.functions = functions
+        self.network = network
         self.observe = observe
         self.registers: list[Any] = [None] * len(program.instructions)
         self.rows: list[Any] = []  # the state of the loop, its `go` last
@@ -173,9 +182,12 @@ class _Machine:
 
     def _route(self, value: Any, fill: Any, sources: Any, active: int) -> Any:
         row = fill.copy()
+        words = [value] * len(sources)
+        if self.network is not None:
+            words = carry(self.network, len(sources), hops(self.network, sources), value)
         for lane, source in enumerate(sources):
             if source is not None:
-                row[lane] = value[source]
+                row[lane] = words[lane][source]
             elif not active >> lane & 1:
                 row[lane] = self.arithmetic.number(0.0)
         return row

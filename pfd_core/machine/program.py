@@ -17,6 +17,7 @@ import math
 import operator
 from typing import Any, NamedTuple
 
+from pfd_core.machine.networks import check_network, route_steps
 from pfd_core.machine.operations import COSTS, OPERATIONS
 
 
@@ -127,7 +128,11 @@ class Program:
         return ' '.join(words)
 
     def count(
-        self, processors: int | None = None, section: str | None = None, iterations: int = 1
+        self,
+        processors: int | None = None,
+        section: str | None = None,
+        iterations: int = 1,
+        network: str = 'crossbar',
     ) -> Steps:
         """
         Return the steps that the program takes, without running it.
@@ -142,27 +147,39 @@ class Program:
             Count only this part of the program, a section of some instruction.
         iterations : int
             Number of runs of the repeated part, if there is one.
+        network : str
+            A name in pfd_core.machine.networks.NETWORKS, which the routes are counted on. On a
+            crossbar each is one step. Another network needs a processor for each lane.
 
         Raises
         ------
         ValueError
-            If an argument is not such a number or section.
+            If an argument is not such a number, section or network.
 
         """
         processors = check_processors(processors, self.lanes)
         iterations = _integer('iterations', iterations, 0)
+        check_network(network)
+        if network != 'crossbar' and processors < self.lanes:
+            raise ValueError(
+                f'network {network!r} needs a processor for each of {self.lanes} lanes, '
+                f'got {processors}'
+            )
         if section is not None:
             known = tuple(dict.fromkeys(one.section for one in self.instructions))
             if not isinstance(section, str) or section not in known:
                 raise ValueError(f'section must be one of {known} or None, got {section!r:.100}')
         totals = dict.fromkeys(COSTS, 0)
-        for (cost, lanes), times in self._work(iterations, section).items():
+        for (cost, lanes), times in self._work(iterations, section, network).items():
             totals[cost] += times * math.ceil(lanes / processors)
         return Steps(**totals)
 
-    def _work(self, iterations: int, section: str | None = None) -> Counter[tuple[str, int]]:
+    def _work(
+        self, iterations: int, section: str | None, network: str
+    ) -> Counter[tuple[str, int]]:
         """Return the number of runs of instructions by cost column and number of busy lanes."""
         work: Counter[tuple[str, int]] = Counter()
+        routes: Counter[Instruction] = Counter()  # many are alike
         times = 1
         for instruction in self.instructions:
             if instruction.op == 'loop':
@@ -170,8 +187,15 @@ class Program:
             elif instruction.op == 'end':
                 times = 1
             cost = OPERATIONS[instruction.op].cost
-            if cost and (section is None or instruction.section == section):
+            if not cost or (section is not None and instruction.section != section):
+                continue
+            if cost == 'routes':
+                routes[Instruction('route', data=instruction.data)] += times
+            else:
                 work[cost, busy_lanes(instruction)] += times
+        for route, runs in routes.items():
+            steps = 1 if network == 'crossbar' else route_steps(network, route.data)
+            work['routes', busy_lanes(route)] += runs * steps
         return work
 
 

@@ -16,6 +16,7 @@ texts/NAME.md.
 
     pages                 the table PAGES; `pfd report`: all pages and index.md
     counts_pages          `pfd report counts`: counts.md, .json, .png and array.svg
+    network_pages         `pfd report counts`: networks.md, .json and plots
     errata_pages          `pfd report counts`: errata.md
     processor_pages       `pfd report counts`: processors.md, .json and .png
     paper_pages           `pfd report paper`: paper.md, which links all pages of the paper, and:

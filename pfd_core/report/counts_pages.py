@@ -33,6 +33,8 @@ from pfd_core.report.measure.counts import row as counts_of
 from pfd_core.report.measure.processors import PROCESSORS, OnProcessors
 from pfd_core.report.measure.processors import measure as measure_processors
 from pfd_core.report.measure.timing import show_progress
+from pfd_core.report.network_pages import median_iterations
+from pfd_core.report.network_pages import run as run_networks
 from pfd_core.report.processor_pages import write as write_processors
 from pfd_core.report.render.array_activity import activity_svg
 from pfd_core.report.render.markdown import Columns, grid, page, table
@@ -279,7 +281,11 @@ def _measured_and_claimed(kind: str, row: Row) -> str:
 
 
 def run(folder: Path, quick: bool = False) -> list[Path]:
-    """Measure every method and write the report into a folder; quick is one size only."""
+    """
+    Measure every method and write all pages into a folder; quick is one size only.
+
+    Progress goes to a terminal.
+    """
     rows: list[Row] = []
     for n in (PRINTED_AT,) if quick else SIZES:
         show_progress(f'counting at n = {n} of {max(SIZES)}')
@@ -293,7 +299,8 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
         show_progress(f'counting on fewer processors than joints at n = {n} of {max(PROCESSORS)}')
         fewer += measure_processors({n: numbers})
     show_progress('')
-    return [*write(rows, iterations, folder), *write_processors(fewer, folder)]
+    pages = [*write(rows, iterations, folder), *write_processors(fewer, folder)]
+    return [*pages, *run_networks(median_iterations(iterations), folder)]
 
 
 def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) -> list[Path]:

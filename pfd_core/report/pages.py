@@ -76,9 +76,9 @@ PAGES: Sequence[Page] = (
     Page(
         'counts',
         'counts',
-        'steps of every method compared with the paper, fewer processors, and its errata',
+        'steps of every method compared with the paper, its errata, fewer processors, and networks',
         'counts_pages',
-        also=('errata', 'processors'),
+        also=('errata', 'processors', 'networks'),
     ),
     Page(
         'paper',

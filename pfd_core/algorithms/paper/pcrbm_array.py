@@ -15,6 +15,7 @@ Lane j holds column j of H; the numbers in the array are values on lane 0.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import math
 
 from pfd_core.algorithms.chain.equations import (
@@ -29,12 +30,14 @@ from pfd_core.algorithms.paper.pcrbm import inertia_matrix
 from pfd_core.algorithms.paper.triangular_array import clock
 from pfd_core.machine.lanes import merge, on, where
 from pfd_core.machine.patterns import gather
-from pfd_core.machine.program import Program
+from pfd_core.machine.program import Instruction, Program, Steps
 from pfd_core.machine.recorder import Schedule
 from pfd_core.model import Plant
 
-# The section of the program that the cells execute.
+# The section of the program that the cells execute, and the one that brings H to lane 0. A real
+# array takes H at its rows, each next to a lane.
 SECTION = 'triangular array'
+STREAMS = f'streams of the {SECTION}'
 
 
 def record_pcrbm_array(
@@ -53,7 +56,7 @@ def record_pcrbm_array(
     if plant.brakes:
         rows, y, free = held_joints(rows, y)
         rows = [merge(where(on(free, [k]), rows[k], math.inf), rows[k]) for k in range(n)]
-    with recorder.section(f'streams of the {SECTION}'):
+    with recorder.section(STREAMS):
         places = [[*((rows[k], m) for m in range(k, n)), (y, k)] for k in range(n)]
         problem = [[gather({0: place}) for place in row] for row in places]
     with recorder.section(SECTION):
@@ -61,3 +64,32 @@ def record_pcrbm_array(
     qdd = [trace.leaving((k, 1), 'left')[0].value for k in range(1, n + 1)]
     pivots = [trace.states[k, k].radicand for k in range(1, n + 1)]
     return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
+
+
+def streams(n: int, lanes: int) -> Iterator[tuple[int | None, ...]]:
+    """
+    Yield the routes that bring H to the rows of the array, for each lane the lane it reads.
+
+    Each lane has a block of neighbouring rows and columns. Row k takes element (k, m), which is in
+    column m, one cycle after (k, m - 1) and as row k + 1 takes (k + 1, m - 1). With a lane for
+    each link it is one route for each k + m.
+    """
+    block = math.ceil(n / lanes)
+    for cycle in range(1, 2 * n - 2):
+        rows = range(max(cycle - n + 1, 0), (cycle + 1) // 2)
+        moving = [(k // block, (cycle - k) // block) for k in rows]
+        moving = [move for move in moving if move[0] != move[1]]
+        while moving:
+            route: dict[int, int] = {}
+            for target, source in moving:
+                if target not in route and source not in route.values():
+                    route[target] = source
+            yield tuple(route.get(lane) for lane in range(lanes))
+            for move in route.items():
+                moving.remove(move)
+
+
+def stream_steps(n: int, lanes: int, network: str = 'crossbar') -> Steps:
+    """Return the steps of these routes on a network."""
+    routes = tuple(Instruction('route', data=sources) for sources in streams(n, lanes))
+    return Program(lanes, routes, {}, {}).count(network=network)

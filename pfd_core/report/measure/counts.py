@@ -32,8 +32,8 @@ from pfd_core.algorithms.emulation import arithmetic, processors_of
 from pfd_core.algorithms.paper import pcgm_1987, pcrbm_1987
 from pfd_core.algorithms.paper.array_solver import factor
 from pfd_core.algorithms.paper.literal_array import literal_array
-from pfd_core.algorithms.paper.pcrbm_array import SECTION
-from pfd_core.algorithms.paper.triangular_array import MULTIPLY, solve_steps
+from pfd_core.algorithms.paper.pcrbm_array import SECTION, STREAMS, stream_steps
+from pfd_core.algorithms.paper.triangular_array import DIVIDE, MULTIPLY, solve_steps
 from pfd_core.algorithms.programs import (
     FORWARD,
     ITERATIVE,
@@ -41,6 +41,7 @@ from pfd_core.algorithms.programs import (
     SERIAL,
     record_forward_dynamics,
 )
+from pfd_core.machine.networks import NETWORKS
 from pfd_core.machine.program import Program, Steps
 from pfd_core.machine.recorder import Schedule
 from pfd_core.model import resolve
@@ -59,10 +60,12 @@ PROCEDURES: dict[str, tuple[str, Collection[str]]] = {
 }
 # Sections of PCRBM that the array executes instead of n processors.
 FACTORISATION = ('set ordering', 'square roots', 'divisions', 'factorisation')
+COUNTED = (*METHODS, 'constraint_forces')
 # Systems that the paper does not have.
 BEYOND = {
     'pcrbm_base_origin': 'PCRBM about the base origin',
     'divide_and_conquer': 'Divide and conquer, after Featherstone 1999',
+    'constraint_forces': "Constraint forces, after Fijany, Sharf and D'Eleuterio 1995",
     'composite_body': 'Composite bodies with grouped parameters, for kernels',
     'grouped_articulated_body': 'Articulated bodies with grouped parameters, for kernels',
 }
@@ -158,7 +161,7 @@ class Row:
 def measure(sizes: Iterable[int] = SIZES) -> Iterator[Row]:
     """Yield the counts of every system for some n; iterative methods take n iterations."""
     for n in sizes:
-        for method in METHODS:
+        for method in COUNTED:
             for edition in EDITIONS if method in PROCEDURES else (BEST_KNOWN,):
                 yield row(method, n, edition=edition)
 
@@ -278,31 +281,63 @@ def _program(
     return FORWARD[procedure](plant, machine, misprints=misprints if edition == AS_PRINTED else ())
 
 
-def _net(program: Program, processors: int | None, iterations: int) -> Steps:
+def _net(
+    program: Program, processors: int | None, iterations: int, network: str = 'crossbar'
+) -> Steps:
     """Return the steps of a program without the sections GIVEN."""
     counted = tuple(one for one in program.instructions if one.section not in GIVEN)
-    return replace(program, instructions=counted).count(processors, iterations=iterations)
+    return replace(program, instructions=counted).count(
+        processors, iterations=iterations, network=network
+    )
 
 
-def _on_the_machine(method: str, n: int, edition: str, program: Program, iterations: int) -> Steps:
-    """Return the steps of a method; cells of the array that act in one cycle are one step."""
-    steps = _net(program, None, iterations)
+def _on_the_machine(
+    method: str,
+    n: int,
+    edition: str,
+    program: Program,
+    iterations: int,
+    network: str = 'crossbar',
+) -> Steps:
+    """
+    Return the steps of a method; cells of the array that act in one cycle are one step.
+
+    A route brings each antidiagonal of H to the rows of the array (pcrbm_array.streams).
+    """
+    steps = _net(program, None, iterations, network)
     if method != 'pcrbm_array':
         return steps
-    if edition != BEST_KNOWN:
+    if edition == BEST_KNOWN:
+        cycles = solve_steps(n)
+        on_cells: Sequence[str] = (STREAMS, SECTION)
+    else:
         # The array factors, and n processors substitute. What it does depends on n alone.
-        run = literal_array if edition == AS_PRINTED else factor
-        trace = run(np.eye(n)).trace
-        subtracting = sum(MULTIPLY in acting.values() for acting in trace.actions)
-        cells = in_sections(program, FACTORISATION)
-        return steps - cells + Steps(trace.cycles, subtracting, square_roots=n)
-    return steps - program.count(section=SECTION) + solve_steps(n)
+        trace = (literal_array if edition == AS_PRINTED else factor)(np.eye(n)).trace
+        dividing = trace.cycles_with(DIVIDE)
+        cycles = Steps(
+            trace.cycles - dividing, trace.cycles_with(MULTIPLY), dividing, square_roots=n
+        )
+        on_cells = FACTORISATION
+    feeding = stream_steps(n, program.lanes, network)
+    return steps - in_sections(program, on_cells, network) + cycles + feeding
 
 
-def in_sections(program: Program, sections: Sequence[str]) -> Steps:
+def on_networks(
+    method: str, n: int, edition: str, schedule: str, iterations: int
+) -> tuple[Program, dict[str, Steps]]:
+    """Return the program of an edition of a method, and its steps on every network."""
+    program = _program(method, n, schedule, edition)
+    return program, {
+        network: _on_the_machine(method, n, edition, program, iterations, network)
+        for network in NETWORKS
+    }
+
+
+def in_sections(program: Program, sections: Sequence[str], network: str = 'crossbar') -> Steps:
     """Return the steps of those of the sections that a program has."""
     present = {one.section for one in program.instructions}
-    return sum((program.count(section=s) for s in sections if s in present), Steps())
+    counts = (program.count(section=s, network=network) for s in sections if s in present)
+    return sum(counts, Steps())
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ PAGES: Sequence[Page] = (
     Page(
         'counts',
         'counts',
-        'steps of every method compared with the paper, its errata, fewer processors, and networks',
+        'steps of every method compared with the paper, errata, fewer processors, networks',
         'counts_pages',
         also=('errata', 'processors', 'networks'),
     ),

@@ -50,7 +50,7 @@ from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import order, yes
 
 # Cases of a quick run.
-QUICKLY = 3
+QUICKLY = 1
 # Error estimates are compared where the error is above so many units of rounding.
 # Of the survey: measures rows.
 Part = Callable[[], Iterable[Any]]

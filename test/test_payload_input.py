@@ -38,6 +38,7 @@ HEAVY = pytest.param(ODD_ARM, 'derivatives', marks=pytest.mark.slow)
     ],
     ids=lambda text: text if len(text) < 20 else 'odd_arm',
 )
+@pytest.mark.slow
 def test_every_quantity_has_the_payload_of_the_call(robot: str, quantity: str) -> None:
     arm = pfd.load_robot(robot)
     state = np.random.default_rng(3).normal(size=(3, arm.n))

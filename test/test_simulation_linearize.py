@@ -295,6 +295,7 @@ RESTING: dict[str, tuple[str, str, str, pfd.Scene, float]] = {
 
 
 @pytest.mark.parametrize('case', RESTING)
+@pytest.mark.slow
 def test_columns_of_a_held_joint_are_the_derivatives_of_the_step(case: str) -> None:
     *directions, status, scene, load = RESTING[case]
     sim = pfd.Simulator(pfd.load_robot('planar2'), scene, integrator='rk4')

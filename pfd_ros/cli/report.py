@@ -21,7 +21,7 @@ HELP = (
     'make tables and plots, measured on this machine, or the page of a log; '
     'without a name every page, within half an hour'
 )
-EXAMPLE = 'pfd report; pfd report --quick; pfd report log run.mcap'
+EXAMPLE = 'pfd report --quick'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,7 +16,6 @@ from ros_processes import Processes, environment
 
 import pfd_core as pfd
 from pfd_core.report import counts_pages
-from pfd_core.report.measure.convergence import robots
 from pfd_ros.cli import main as command_line
 
 WITHOUT_ROS = (
@@ -46,10 +45,9 @@ def test_report_counts_writes_its_pages_without_ros(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # The least that the page can be made of; tests of the report measure the rest.
-    monkeypatch.setattr(counts_pages, 'SIZES', (counts_pages.PRINTED_AT,))
-    monkeypatch.setattr(counts_pages, 'robots', lambda: robots((counts_pages.PRINTED_AT,), ()))
     monkeypatch.setattr(counts_pages, 'PROCESSORS', {2: (1, 2)})
-    assert command_line.main(['report', 'counts', '--out', str(tmp_path / 'pages')]) == 0
+    arguments = ['report', 'counts', '--quick', '--out', str(tmp_path / 'pages')]
+    assert command_line.main(arguments) == 0
     told = capsys.readouterr().out.split()
     written = {Path(page).name for page in told}
     assert written >= {'counts.md', 'counts.json', 'array.svg', 'processors.md', 'processors.json'}

@@ -17,6 +17,7 @@ import urllib.request
 import numpy as np
 import pinocchio as pin
 import pytest
+from rewriting import GOLDEN, load
 from ros_processes import PATIENCE, example_robot
 from view_models import STATE, UR5, joint_state, recorded, swinging, text_message, urdf, write_bag
 
@@ -89,7 +90,7 @@ def test_a_recording_of_a_urdf_with_meshes_is_drawn_where_pinocchio_says(
 
 
 def test_a_recording_without_a_description_is_drawn_from_its_robot() -> None:
-    found = content(Path(__file__).parents[1] / 'data' / 'golden_2_puma560.mcap')
+    found = content(GOLDEN)
     assert found.seen.urdf.name == 'puma560'
     assert len(found.motion.joints) == 6
     assert found.motion.duration == pytest.approx(0.536)
@@ -161,12 +162,12 @@ def test_a_log_without_joint_states_shows_the_arm_at_zero(tmp_path: Path, empty:
     Player(empty.gui, found.motion, lambda _: None).advance(1.0)
 
 
-def test_a_cut_log_is_shown_up_to_the_cut(ur5_log: Path, tmp_path: Path) -> None:
-    cut = tmp_path / 'cut.mcap'
-    cut.write_bytes(ur5_log.read_bytes()[: ur5_log.stat().st_size // 2])
+def test_a_cut_log_is_shown_up_to_the_cut(tmp_path: Path) -> None:
+    cut = load(GOLDEN).save(tmp_path / 'cut.mcap', chunk_size=2000)
+    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
     found = content(cut)
     assert 'was cut off or not closed' in found.lines[0]
-    assert 0 < found.motion.duration < content(ur5_log).motion.duration
+    assert 0 < found.motion.duration < content(GOLDEN).motion.duration
 
 
 def test_the_topic_is_joint_states_or_the_named_one(tmp_path: Path) -> None:
@@ -257,7 +258,9 @@ def test_a_port_that_is_none_is_an_error(port: str, capsys: pytest.CaptureFixtur
 
 def test_the_command_prints_the_address_without_rclpy_and_ends_with_ctrl_c(ur5_log: Path) -> None:
     program = (
-        'import sys, threading\n'
+        'import signal, sys, threading\n'
+        # A shell that runs the tests in the background ignores the signal.
+        'signal.signal(signal.SIGINT, signal.default_int_handler)\n'
         'from pfd_ros.cli.main import main\n'
         'status = main(sys.argv[1:])\n'
         "print('rclpy' in sys.modules, threading.active_count())\n"

@@ -23,6 +23,9 @@ LAST = 3
 GRACE_SECONDS = 1.0
 # A shell adds the number of the signal that ended a process.
 STATUS_BASE = 128
+# How long the thread that steps the arm may wait for another, as the recorder's; Python's own
+# 5 ms are five periods.
+SWITCH_SECONDS = 1e-4
 
 
 class Stop(threading.Event):
@@ -74,6 +77,7 @@ def main(args: list[str] | None = None, stop: threading.Event | None = None) -> 
         stop = stop_on_signals()
     # Collections during imports cost time; `run` enables them after the start.
     gc.disable()
+    sys.setswitchinterval(SWITCH_SECONDS)
     try:
         from pfd_ros.node.process import run
 

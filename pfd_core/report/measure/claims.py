@@ -282,7 +282,7 @@ def _less_than_n_iterations() -> FOUND:
     earlier = float(np.mean(errors[N - 1] <= 1e-6))
     return earlier == 1.0, (
         f'n = {N}: {earlier:.0%} of {FEW} states are within 1e-06 after {N - 1} iterations, all '
-        f'after {int((errors > 1e-6).sum(axis=0).max())}'
+        f'after {int(np.max(np.sum(errors > 1e-6, axis=0)))}'
     )
 
 

@@ -242,7 +242,7 @@ def kernel_row(
     error = errors(qdd, known)
     bounds = promises.FACTOR * promise(known, conditions, dtype, found)
     promising = bool((bounds < 1).all())
-    share = float((error / bounds).max()) if promising else None
+    share = float(np.max(error / bounds)) if promising else None
     met = None if share is None else share <= 1
     if problem.twin is not None and refine:
         met = met is not False and bool(
@@ -254,7 +254,7 @@ def kernel_row(
         method + ', refined' * (steps > refine),
         float(error.max()),
         float(np.max(error / conditions[0]) / ROUNDING[dtype]),
-        float(bounds.max()) / promises.FACTOR if promising else None,
+        float(np.max(bounds)) / promises.FACTOR if promising else None,
         share,
         met,
         *(_estimate(found, known) if found and refine else ()),

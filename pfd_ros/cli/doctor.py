@@ -26,7 +26,7 @@ from pfd_ros.text import one_line
 HELP = 'check what is installed, whether it works, and how fast this machine is'
 EXAMPLE = 'pfd doctor'
 PACKAGE = 'pfd_ros'
-# What the extras of setup.py give.
+# The purpose of each extra of setup.py.
 EXTRAS = {
     'ros': 'the node (pfd sim, pfd demo) and tests over topics',
     'report': 'the plots of pfd demo, pfd compare and pfd report',

@@ -107,7 +107,7 @@ def ros_domain(request: pytest.FixtureRequest) -> Iterator[int]:
 
 @pytest.fixture(scope='session')
 def _own_ros_domain() -> Iterator[int]:
-    """Claim a domain for this process and those that its tests start."""
+    """Claim a domain for this process and the processes that its tests start."""
     from pfd_ros.testing.session import claimed_domain
 
     with claimed_domain() as domain:

@@ -46,7 +46,7 @@ class ActuatorCommand(NamedTuple):
     braked
         (n,) of bool.
     position, velocity
-        Targets (n,) rad, rad/s or m, m/s; NaN is none. Both are None if no joint has a target.
+        Targets (n,) rad, rad/s or m, m/s; NaN: no target. Both are None if no joint has one.
     """
 
     effort: NDArray[Any]

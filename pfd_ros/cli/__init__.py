@@ -17,7 +17,7 @@
     recorded_motion  for `pfd report scene`: the efforts and brakes of every step, and the states
     robots    pfd robots
     urdf      pfd urdf: the URDF of a robot
-    doctor    pfd doctor: what is installed, whether it works, how fast this machine is
+    doctor    pfd doctor: installed packages, tests of them, speed of this machine
     terminal  for several commands: printed lines, JSON, progress on a terminal
 
 A new command is a module with `HELP`, `EXAMPLE`, `add_arguments` and `run`, and a name in

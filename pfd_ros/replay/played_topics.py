@@ -183,8 +183,8 @@ def obstacle_of(topic: BagTopic) -> str:
     missing = f'type {cut(topic.type)} is not installed'
     try:
         installed = full_text(topic.type)
-        # A definition may be known without the package that publishes it; ValueError if the name
-        # is that of a module without a specification.
+        # A definition may be known without the package that publishes it; ValueError if a module
+        # of this name has no specification.
         if find_spec(topic.type.partition('/')[0]) is None:
             return missing
     except ValueError:

@@ -241,8 +241,8 @@ def _keys() -> str:
     for record, keys in ((recording.HEAD, recording.HeadKey), (recording.END, recording.EndKey)):
         lines = re.findall(r"= '(\w+)'(?:  # (.*))?$", inspect.getsource(keys), re.MULTILINE)
         rows = [(code(key), cell(comment)) for key, comment in lines]
-        text = '\n'.join(inspect.getdoc(keys).splitlines())  # type: ignore[union-attr]
-        parts.append(f'### Record `{record}`\n\n{text}\n\n{table(("key", "value"), rows)}')
+        heading = f'### Record `{record}`\n\n{inspect.getdoc(keys)}'
+        parts.append(f'{heading}\n\n{table(("key", "value"), rows)}')
     return '\n'.join(parts)
 
 

@@ -154,8 +154,8 @@ def test_the_readme_gives_the_speed_ups_of_the_paper_as_printed_and_of_our_best(
     printed, best = row('pcrbm', 6, edition=AS_PRINTED), row('pcrbm', 6)
     assert f'a speed-up of {published_serial(6) / (334 + 328):.2f} over a published' in readme
     assert (
-        f'Executed as printed, PCRBM reaches {printed.published_speed_up:.2f}, and a wrong '
-        'matrix; where moving data between processors costs a step, too, '
+        f'Executed as printed, PCRBM reaches {printed.published_speed_up:.2f} and gives a wrong '
+        'matrix. If a data move between processors counts as a step, it reaches '
         f'{with_routes(printed)}.'
     ) in readme
     assert f'reaches {best.speed_up:.2f}, or {best.routed_speed_up:.2f} with data moves' in readme

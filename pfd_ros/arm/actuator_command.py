@@ -46,7 +46,7 @@ class ActuatorCommand(NamedTuple):
     braked
         (n,) of bool.
     position, velocity
-        Targets (n,) rad, rad/s or m, m/s; NaN is none. Both are None if no joint has a target.
+        Targets (n,) rad, rad/s or m, m/s; NaN: no target. Both are None if no joint has one.
     """
 
     effort: NDArray[Any]
@@ -70,7 +70,7 @@ def merge(actuation: ActuatorCommand, command: Command) -> ActuatorCommand:
     joints, count = command.joints, len(actuation.braked)
     alone = command.position is None and command.velocity is None
     if alone and len(joints) == count:
-        # The usual case, and a fast one: an effort for each joint, none of which is NaN.
+        # The usual case, made fast: an effort for each joint, without NaN.
         effort: NDArray[Any] = np.empty(count)
         effort[joints] = command.effort
         return ActuatorCommand(effort, free(count))

@@ -105,7 +105,7 @@ class Actuators:
 def trip(
     state: ActuatorState, wanted: NDArray[Any], names: Sequence[str], largest_jump: float
 ) -> None:
-    """Let the reflex act on wanted efforts (n,) of which one jumped."""
+    """Trip the reflex: one of the wanted efforts (n,) jumped."""
     # Halves: a difference of the largest numbers would overflow.
     halves = np.abs(0.5 * wanted - 0.5 * state.motors.before)
     joint = int(np.nanargmax(halves))

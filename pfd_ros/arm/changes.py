@@ -43,7 +43,7 @@ def read_changes(text: str) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        If it is no table of values of dynamic settings.
+        If the text is not a JSON object of dynamic settings.
     """
     if len(text) > LONGEST_CHANGES:
         raise ValueError(f'{len(text)} characters, expected {LONGEST_CHANGES} at most')
@@ -65,7 +65,7 @@ def changed(arm: Arm, settings: Settings, values: Mapping[str, Any]) -> Settings
     Raises
     ------
     ValueError
-        If a value is refused, by itself or beside the others.
+        If a value is invalid, by itself or together with the others.
     """
     found = replace(with_own_effects(settings, values), **values)
     check_joint_counts(found, len(arm.order))
@@ -79,13 +79,13 @@ def validate_changes(text: str, arm: Arm) -> Validation:
     Raises
     ------
     ValueError
-        If the text is no such table.
+        As `read_changes`.
     """
     return validate_values(read_changes(text), arm)
 
 
 def validate_payload(message: InertiaMessage, arm: Arm) -> Validation:
-    """Validate a payload for an arm; a mass of 0 is none."""
+    """Validate a payload for an arm; a mass of 0 removes it."""
     try:
         values = payload_values(message, arm)
     except ValueError as error:
@@ -94,12 +94,12 @@ def validate_payload(message: InertiaMessage, arm: Arm) -> Validation:
 
 
 def payload_values(message: InertiaMessage, arm: Arm) -> dict[str, Any]:
-    """Return the values of settings that a payload stands for.
+    """Return the settings that describe a payload, by name.
 
     Raises
     ------
     ValueError
-        If its frame is none that the last link carries.
+        If its frame is not fixed to the last link.
     """
     frame = tip_frame(arm.robot, message.frame_id)
     body = body_at_tip(frame, message.center, message.inertia)

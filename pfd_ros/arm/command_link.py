@@ -22,7 +22,7 @@ from pfd_ros.arm.noise import Channel, uniform
 from pfd_ros.arm.settings import Settings, timeout_steps
 from pfd_ros.arm.state import LinkState
 
-# What the watchdog does, by `on_timeout`.
+# Reactions of the watchdog, by `on_timeout`.
 TIMEOUT_ACTIONS = {
     'brake': 'brakes on',
     'zero': 'zero efforts',

@@ -73,8 +73,8 @@ def named_values_rule(message: JointMessage, since_ns: int | None = None) -> Val
     message
         The message.
     since_ns
-        Simulated time of the last start, reset or jump; messages stamped before it are
-        left-overs. Stamp 0 means now. None accepts any stamp.
+        Simulated time of the last start, reset or jump; messages stamped before it are stale.
+        Stamp 0 means now. None accepts any stamp.
     """
     names = message.names
     for kind, values in kinds_of(message).items():
@@ -134,10 +134,10 @@ def validate_named(
         Index of each joint in the model, by name.
     since_ns
         Simulated time of the last start, reset or jump, or of the state that a command in
-        lockstep must answer; commands stamped before it are left-overs. Stamp 0 means now.
+        lockstep must answer; commands stamped before it are stale. Stamp 0 means now.
     gains
-        Of the servos; without them, and for a joint whose gain is zero, positions and velocities
-        do not count.
+        Gains of the servos; without them, and for a joint with a gain of zero, positions and
+        velocities are ignored.
     locked
         Joints that are welded: models of controllers have them, and commands may name them.
     """
@@ -199,7 +199,7 @@ def _validate_numbers(
         Their indices in the model, (k,).
     """
     if gains is None and math.isfinite(sum(message.effort.tolist())):
-        # The usual case, and a fast one: efforts alone, none of which is NaN.
+        # The usual case, made fast: efforts alone, without NaN.
         return Validation(Verdict.ACCEPTED, effect=Command(joints, message.effort[known]))
     none = np.full(len(known), np.nan)
     effort, position, velocity = (

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The effects of events that are no commands: requests, jumps, settings, wrenches, ticks."""
+"""The effects of events other than commands: requests, jumps, settings, wrenches, ticks."""
 
 from __future__ import annotations
 

@@ -237,23 +237,23 @@ class Engine:
     def stretch(self, efforts: NDArray[Any], commands: Sequence[int]) -> NDArray[Any] | None:
         """Run a cycle for each row of efforts, in one native call.
 
-        The same as `command` and `advance` in turn, with the same bits, where nothing but
-        commands of efforts acts: without delay, drop-out, sensors' errors, pause, jump, followed
-        clock, or a wrench with an end. Where something else does, nothing is done.
+        Equal to `command` and `advance` in turn, bit for bit. Nothing is done if anything besides
+        effort commands acts: delay, drop-out, errors of sensors, pause, jump, followed clock, or
+        a wrench with an end.
 
         Parameters
         ----------
         efforts
             (cycles, n), published order.
         commands
-            Rows that begin with a command, of which 0 is the first; the others repeat the row
-            before.
+            Indices of the rows that begin with a command, from 0 on; each other row repeats the
+            row before it.
 
         Returns
         -------
         numpy.ndarray or None
-            q, qd and the efforts that acted, (cycles, 3, n), model order; fewer rows, the last of
-            which is not finite, if the arm fails. None if nothing was done.
+            q, qd and the applied efforts, (cycles, 3, n), model order. If the arm fails, there
+            are fewer rows, and the last is not finite. None if nothing was done.
         """
         if not self._may_stretch(_longest_gap(commands, len(efforts))):
             return None
@@ -474,7 +474,7 @@ class Engine:
         """
         link, driven = state.link, state.actuators
         if self._link.advance(link, state.cycle, state.q):
-            # The watchdog is no controller: a reflex does not look at its jump.
+            # The reflex ignores jumps that the watchdog causes.
             actuators.restart(driven)
         if state.jumps:
             return zero_effort(link.actuation)
@@ -498,7 +498,7 @@ class Engine:
         return self.sensors.measured(state)
 
     def present(self) -> list[Output]:
-        """Return the state, the outputs beside it and the tick, for readers that missed them.
+        """Return the state, its other outputs and the tick again, for readers that missed them.
 
         They are not part of the run: no cycle, and nothing to record.
         """

@@ -117,14 +117,14 @@ def link_frames(text: str, settings: Settings, robot: pfd.Robot) -> LinkFrames:
 def joint_rules(
     urdf: pfd.Urdf, moving: Sequence[str], locked: Mapping[str, float]
 ) -> dict[str, JointRule]:
-    """Return the rule of each joint of a URDF, by name.
+    """Return the rule for the position of each joint of a URDF, by name.
 
     Parameters
     ----------
     urdf
         The model.
     moving
-        Names of the joints whose positions are known; joints that mimic them follow.
+        Names of the joints with known positions; joints that mimic them follow.
     locked
         Position of each locked joint, rad or m; other names are ignored. Other joints are at 0.
     """

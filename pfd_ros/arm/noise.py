@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Counter-based noise: the same bits for the same seed, channel, cycle and element, for ever.
 
-No generator has a state, so none has to be saved or reset, and a replay may begin anywhere. The
-bits come from Philox 4x32-10 (Salmon, Moraes, Dror, Shaw: Parallel random numbers: as easy as
-1, 2, 3, 2011), with the seed as its key. After them come only operations that IEEE 754 rounds
-exactly, one at a time: every machine and version of NumPy gives the same numbers, which NumPy's
-own distributions and the system's logarithm do not promise.
+There is no generator with a state to save or reset, so a replay may begin anywhere. The bits come
+from Philox 4x32-10 (Salmon, Moraes, Dror, Shaw: Parallel random numbers: as easy as 1, 2, 3,
+2011), with the seed as its key. All further operations are rounded as IEEE 754 defines, one at a
+time. So every machine and version of NumPy gives the same numbers, which NumPy's distributions and
+the system's logarithm do not guarantee.
 
 Normal deviates are the inverse of the normal distribution at a uniform deviate of 52 bits
 (Wichura, Algorithm AS 241, Applied Statistics 37, 1988; relative error below 1e-14). They end

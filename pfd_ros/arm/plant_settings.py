@@ -30,7 +30,7 @@ PAYLOAD_CHANGES = ('auto', INPUT, CONSTANT)
 
 
 def payload_changes(wanted: str, method: str) -> str:
-    """Return what `payload_changes` stands for with a method of forward dynamics.
+    """Return `payload_changes` with 'auto' resolved for a method of forward dynamics.
 
     Raises
     ------

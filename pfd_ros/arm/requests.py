@@ -42,7 +42,7 @@ def validate_request(text: str, pace: PaceState) -> Validation:
     Raises
     ------
     ValueError
-        If it is no request.
+        If the text is not a request.
     """
     if len(text) > LONGEST_REQUEST:
         raise ValueError(f'{len(text)} characters, expected {LONGEST_REQUEST} at most')
@@ -67,9 +67,9 @@ def validate_state(
 ) -> Validation:
     """Validate a state to jump to; see `commands.validate_named` for the parameters.
 
-    NaN, and an array that is empty, leave a position as it is; a velocity is zero then. Locked
-    joints stay where they are. The efforts and the stamp are those of the moment that the state
-    was measured, and have no effect: a message of joint_states can be sent back as it came.
+    With NaN or an empty array a position is unchanged and a velocity is zero. Locked joints stay
+    where they are. Efforts and stamp are ignored, so a message of joint_states can be sent back
+    unchanged.
     """
     if not message.names:
         return Validation(Verdict.NO_NAMES, 'no joint names')

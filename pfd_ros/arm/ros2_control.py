@@ -62,8 +62,8 @@ class Ros2Control:
     positions
         Joint -> initial value of its position, rad or m.
     ragged
-        Command interfaces that only some joints of the hardware have: it sends an array for
-        these, beside the names of all its joints.
+        Command interfaces that only some joints of the hardware have. Its messages then have the
+        names of all joints and shorter arrays.
     """
 
     hardware: Hardware | None = None
@@ -87,7 +87,7 @@ def read_ros2_control(urdf: pfd.Urdf, moving: Collection[str]) -> Ros2Control:
     urdf
         The URDF.
     moving
-        The joints of the arm; hardware without any of them is that of another arm.
+        The joints of the arm; hardware without any of them belongs to another arm.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def with_initial_values(
     Parameters
     ----------
     settings
-        Those of the parameters.
+        Settings from the parameters.
     moving
         The joints of the arm, in the order of the model.
     control

@@ -22,7 +22,7 @@ def with_scene_text(settings: Settings) -> Settings:
     Raises
     ------
     ValueError
-        If there is no such file, or it holds no scene.
+        If the file does not exist, or is not a scene.
     """
     if not settings.scene:
         return settings
@@ -44,7 +44,7 @@ def scene_of(settings: Settings, order: Sequence[int]) -> pfd.Scene:
     Raises
     ------
     ValueError
-        If the text is no scene.
+        If the text is not a scene.
     """
     scene = _from_text(settings.scene) if settings.scene else _switched(settings, order)
     compensated = settings.gravity_compensation or settings.convention == 'franka'

@@ -22,7 +22,7 @@ def _error(name: str, text: str) -> Any:
 
 
 def _bias(kind: str, unit: str) -> Any:
-    """Return the field of what is added to the numbers of a kind, one for each joint."""
+    """Return the field of numbers that are added to measured values, one for each joint."""
     text = f'Added to the measured {kind} of each joint, {unit}'
     return setting((), text, -MOST, MOST, name=f'bias.{kind}', dynamic=True, per_joint=True)
 

@@ -11,10 +11,9 @@ is the time of its publication: a driver does not know the age of its numbers. `
 share of states that are measured and not published. They keep their numbers and are recorded under
 a separate role, so that no reader takes one for a lost message.
 
-A reset or set_state is visible without delay. Noise is a function of
-seed, channel and cycle, counted from the start or the last reset: what follows a reset is what
-followed the start. The state of a failed arm is constant, delayed or not; noise
-continues.
+A reset or set_state is visible without delay. Noise is a function of seed, channel and cycle.
+Cycles count from the start or the last reset, so a reset repeats the noise. The state of a failed
+arm is constant, delayed or not; noise continues.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ def setting(
     least, most
         Its range.
     name
-        The name of the parameter, where it is not that of the field, such as 'noise.position'.
+        The name of the parameter, if it differs from the field's, such as 'noise.position'.
     values
         The values it may have, if it may not have any.
     dynamic

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The settings of a run: one frozen table, checked once, written into every recording.
 
-A new setting is a new field of `Settings` or a part of it: the node declares its parameters from
-the fields, and a replay reads them back from the file, so that both run the same simulation.
+A new setting is a new field of `Settings` or of one of its base classes. The node declares its
+parameters from the fields, and a replay reads them from the file, so both run the same simulation.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ SLOWEST_FACTOR = 1e-6
 # Least share of the steps that are published; less is a mistake.
 SLOWEST_SHARE = 1e-12
 
-# A start time that is resolved when the node is configured: time that goes on from one run to the
-# next is monotonic for controllers that live through both.
+# The time of day when the node is configured: simulated time then never goes back from one run to
+# the next, as controllers that outlive a run need.
 TIME_OF_DAY = -1.0
 
 # Values of `recording_time`.
 WALL, SIMULATED = 'wall', 'simulated'
-# Settings that some recordings are older than, and what these recordings have instead.
+# Settings that older recordings lack, and the values that apply to them.
 ABSENT: dict[str, Any] = {
     'recording_time': WALL,
     'recording_tf_rate': 0.0,
@@ -47,7 +47,7 @@ ABSENT: dict[str, Any] = {
     'recording_max_size': 0,
     'recording_max_duration': 0.0,
 }
-# Names of `position_sums`, and whether the simulator then compensates; None leaves it to it.
+# Names of `position_sums`: whether the simulator compensates; None lets it choose.
 POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
 
@@ -72,9 +72,9 @@ class Settings(
     tip_link: str = setting('', "Last link of the chain; '' takes the only leaf of the model")
     joints: tuple[str, ...] = setting(
         (),
-        'Order of the joints that move, in states and ~/commands; empty takes that of the model',
+        'Order of the joints that move, in states and ~/commands; empty is the order of the model',
     )
-    locked: tuple[str, ...] = setting((), 'Joints to weld, such as those of a gripper')
+    locked: tuple[str, ...] = setting((), 'Joints to weld, such as the joints of a gripper')
     locked_positions: tuple[float, ...] = setting(
         (),
         'Where they are welded, rad or m, in the order of `locked`; empty is the initial_value of '
@@ -142,8 +142,8 @@ class Settings(
     )
     recording_flush_period: float = setting(
         0.1,
-        'Time after which a recorded message is in the file, s: what is lost if the process is '
-        'killed',
+        'Time after which a recorded message is in the file, s; a killed process loses at most '
+        'this much',
         0.01,
         10.0,
     )
@@ -285,7 +285,7 @@ class Settings(
 
     @property
     def states_per_file(self) -> int:
-        """Recorded states of the whole arm after which a file is long enough; 0 is never."""
+        """Recorded states of the whole arm in a file of `recording_max_duration`; 0: no limit."""
         steps = round(self.recording_max_duration / self.step_size)
         return max(1, steps // self.save_every) if self.recording_max_duration else 0
 
@@ -362,7 +362,7 @@ def from_values(values: Mapping[str, Any]) -> Settings:
 
 
 def to_recorded(settings: Settings) -> dict[str, Any]:
-    """Return the values of settings by name, but for those that `from_recorded` adds."""
+    """Return the values of settings by name, without the ones that `from_recorded` adds."""
     values = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
     return {k: v for k, v in values.items() if k not in ABSENT or v != ABSENT[k]}
 

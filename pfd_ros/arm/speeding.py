@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Joints beyond their velocity limits: which one, how fast, and the most likely cure.
+"""Joints beyond their velocity limits: which one, how fast, and the most likely remedy.
 
-A controller in discrete time with damping d and period T is unstable at a joint of inertia I
-where d T / I is above 2. Links alone leave the last joints of an arm an inertia of 1e-4 kg m^2,
-where a real arm has the rotor of a geared motor. So a runaway most often lacks rotor inertia.
+A controller in discrete time with damping d and period T is unstable at a joint of inertia I if
+d T / I is above 2. Without rotors the last joints of an arm have an inertia of only 1e-4 kg m^2; a
+real arm has the rotor of a geared motor there. So the most likely cause is missing rotor inertia.
 """
 
 from __future__ import annotations

@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The largest gains with which a PD loop through a zero-order hold is stable.
 
-A controller reads the state every T seconds and its torque -kp q - kd qd is held until the next
-reading. About a configuration with the inertia matrix H, without delay, damping and friction, and
-with gains in proportion to a diagonal D, kp = p D and kd = d D, the loop falls apart into one
-sampled loop for each mode of the pair (H, D), with the inertia m, an eigenvalue of D^-1 H. With
-a = p T^2 / (2 m) and b = d T / m its characteristic polynomial is
-z^2 - (2 - a - b) z + (1 + a - b), whose roots lie inside the unit circle if, and only if,
+A controller reads the state every T seconds and holds its torque -kp q - kd qd until the next
+reading. Linearize about a configuration with the inertia matrix H, without delay, damping and
+friction. Let the gains be proportional to a diagonal D: kp = p D and kd = d D. The loop then
+separates into one sampled loop for each mode of the pair (H, D); its inertia m is an eigenvalue of
+D^-1 H. With a = p T^2 / (2 m) and b = d T / m its characteristic polynomial is
+z^2 - (2 - a - b) z + (1 + a - b). Its roots lie inside the unit circle if, and only if,
 
     0 < a < b < 2,   that is   p / d < 2 / T   and   d < 2 m / T
 
-(criterion of Jury). So the mode of the least inertia decides, and it is far lighter than its
-joints look: torques of one joint throw the others about.
+(criterion of Jury). So the mode with the least inertia sets the bounds. Its inertia is far below
+the joint inertias, since a torque at one joint accelerates the others too.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ class GainLimits(NamedTuple):
     Attributes
     ----------
     ratio
-        Of kp / kd, 1/s.
+        Bound of kp / kd, 1/s.
     velocity
-        Of kd (n,), N m s/rad or N s/m, if all joints have the same share of theirs.
+        Bounds of kd (n,), N m s/rad or N s/m, if all joints have the same share of their bounds.
     position
-        Of kp (n,), N m/rad or N/m, which only gains kd close to their own bounds reach.
+        Bounds of kp (n,), N m/rad or N/m, which are reached only with kd close to its bound.
     equal_velocity
-        Of kd, if it is the same number for each joint.
+        Bound of kd, if it is the same number for each joint.
     """
 
     ratio: float

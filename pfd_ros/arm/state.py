@@ -182,7 +182,7 @@ class ArmState:
     newest_ns
         Stamp of the newest command by name, accepted or not; None before the first.
     sensed
-        The true states of the last cycles, the oldest of which is measured.
+        The true states of the last cycles; the oldest one is measured.
     jumps
         The states that the next step jumps to, one after the other; None is the initial state.
     payload, payload_messages
@@ -230,7 +230,7 @@ class ArmState:
     __hash__ = None  # type: ignore[assignment]
 
     def difference(self, other: ArmState) -> str:
-        """Return the name of the first value with other bits, '' if there is none."""
+        """Return the name of the first value with other bits, or ''."""
         ours, theirs = _tree(self)['ArmState'], _tree(other)['ArmState']
         names = (each.name for each in fields(self))
         pairs = zip(names, ours, theirs, strict=True)

@@ -17,12 +17,12 @@ Vector = tuple[float, ...]
 
 
 def tip_frame(robot: pfd.Robot, name: str) -> Any:
-    """Return a frame that a robot's last link carries, that of the tip link for one.
+    """Return a frame that is fixed to a robot's last link, such as the frame of the tip link.
 
     Raises
     ------
     ValueError
-        If it is no such frame.
+        If the frame is not fixed to the last link.
     """
     frame = robot.frames.get(name)
     if frame is None or frame.link != robot.n:

@@ -33,7 +33,7 @@ def validate_wrench(
     robot
         The robot, on whose last link it acts.
     since_ns
-        Simulated time of the last start or reset; messages stamped before it are left-overs.
+        Simulated time of the last start or reset; messages stamped before it are stale.
         Stamp 0 means now.
     taken
         Whether the arm's scene has an external wrench at all.
@@ -70,7 +70,7 @@ def clear(state: WrenchState) -> None:
 
 
 def advance(state: WrenchState, steps: int = 1) -> None:
-    """Let a step begin, the last of so many."""
+    """Begin the last of `steps` steps; a wrench whose time has ended is removed."""
     if state.left is not None:
         if state.left < steps:
             clear(state)

@@ -7,17 +7,17 @@
     sim       pfd sim: the node
     replay    pfd replay: summary and verification of a recording
     replay_publish    pfd replay --publish: any log on its topics
-    what_if   pfd replay --what-if: its inputs into a changed arm
+    what_if   pfd replay --what-if: its inputs on a changed arm
     info      pfd info: topics, times and settings of a log
     compare   pfd compare: differences of two logs
     view      pfd view: the arm of a log or of a running node in 3D, in a browser
     recover   pfd recover: a whole file from one that was cut off or damaged
-    report    pfd report: counts, speed, hard cases, a scene
+    report    pfd report: the pages of pfd_core.report
     log_page  pfd report log: the HTML page of a log
     recorded_motion  for `pfd report scene`: the efforts and brakes of every step, and the states
     robots    pfd robots
     urdf      pfd urdf: the URDF of a robot
-    doctor    pfd doctor: what is installed, whether it works, how fast this machine is
+    doctor    pfd doctor: installed packages, tests of them, speed of this machine
     terminal  for several commands: printed lines, JSON, progress on a terminal
 
 A new command is a module with `HELP`, `EXAMPLE`, `add_arguments` and `run`, and a name in

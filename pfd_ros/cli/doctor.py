@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd doctor`: what is installed, whether it works, and how fast this machine is."""
+"""`pfd doctor`: the installed packages, tests of them, and the speed of this machine."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from pfd_core.report.measure.installation import Finding, cache, compiler, proce
 from pfd_ros.demo.bare_timer import bare_timer, missing_share
 from pfd_ros.text import one_line
 
-HELP = 'check what is installed, whether it works, and how fast this machine is'
+HELP = 'check the installation, and measure the speed of this machine'
 EXAMPLE = 'pfd doctor'
 PACKAGE = 'pfd_ros'
-# What the extras of setup.py give.
+# The purpose of each extra of setup.py.
 EXTRAS = {
     'ros': 'the node (pfd sim, pfd demo) and tests over topics',
     'report': 'the plots of pfd demo, pfd compare and pfd report',
@@ -65,7 +65,7 @@ def installation() -> Iterator[Finding]:
 
 
 def extras() -> Iterator[Finding]:
-    """Yield which extras are installed, and what a missing one would give."""
+    """Yield the installed extras, and the missing ones with their purpose."""
     try:
         found = metadata.metadata(PACKAGE)
         requirements = metadata.requires(PACKAGE) or []

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd info`: what a log contains: its topics, and of a recording of the node the run."""
+"""`pfd info`: the topics of a log, and the run of a recording of the node."""
 
 from __future__ import annotations
 
@@ -57,12 +57,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(given: argparse.Namespace) -> int:
-    """Print what a log contains.
+    """Print the contents of a log.
 
     Raises
     ------
     LogError
-        If it is no log, or damaged before its end.
+        If the file is not a log, or is damaged before its end.
     OSError
         If it cannot be read.
     """

@@ -37,7 +37,7 @@ def run(given: argparse.Namespace) -> int:
     Raises
     ------
     LogError
-        If it is no log, or nothing of it can be shown.
+        If the file is not a log, or has nothing to show.
     OSError
         If the page exists, or a file cannot be read or written.
     """

@@ -24,7 +24,7 @@ from pfd_ros.text import one_line
 
 # Exit status after Ctrl-C, as in shells.
 INTERRUPTED = 130
-# Of a program whose reader closed the pipe, as by SIGPIPE.
+# Exit status if the reader of the output closed the pipe, as after SIGPIPE.
 CLOSED_PIPE = 141
 NO_ROS = (
     'this command needs ROS 2 (rclpy), which is not installed; '
@@ -99,7 +99,7 @@ def _run(words: list[str], stop: Stop | None) -> int:
     try:
         given = parser(commands).parse_args(words[:cut])
     finally:
-        # The text of --help, while a closed pipe can still be noticed.
+        # The text of --help, while a closed pipe can still be reported.
         if sys.stdout is not None:
             sys.stdout.flush()
     given.ros_args, given.stop = words[cut:], stop

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motion of a recording: the efforts and brakes of every step, and the recorded states.
 
-The recording is replayed for the efforts and brakes: they may depend on the state. Only the
-recorded states are taken as they are, unless sensors measured them: then the replay tells them.
+Efforts and brakes come from a replay, since they may depend on the state. States are the recorded
+ones; with errors of sensors in them, they come from the replay too.
 """
 
 from __future__ import annotations
@@ -55,15 +55,15 @@ def read_motion(
         The file; a file that was cut off is read up to the cut.
     robot_source
         A robot to use in place of the recorded one, with the same joints, as `load_robot` takes
-        it; base, tip and locked joints are those of the recording's settings.
+        it; base, tip and locked joints come from the settings of the recording.
     progress
         Called now and then with the finished part, 0 to 1.
 
     Raises
     ------
     LogError
-        If the file is no recording, is damaged, lacks commands that moved the arm or records of
-        them, or is one of a robot with other joints.
+        If the file is not a recording, is damaged, lacks commands or their records, or its robot
+        has other joints than `robot_source`.
     OSError
         If it cannot be read.
     """
@@ -79,7 +79,7 @@ def read_motion(
                 'its arm has an external wrench, so its torques do not determine the motion'
             )
         reading = _Reading(Driver(engine), scene=engine.arm.scene, steps=steps)
-        follow(log, reading)
+        follow(log, reading.follow)
         reading.flush()
         reading.run_to(steps)
         motion = _motion(path, settings, reading, steps)
@@ -99,19 +99,18 @@ def read_motion(
 
 @dataclass
 class _Reading(Playback):
-    """The drives and the states of a recording, up to the message that was read last.
+    """The efforts and the states of a recording, up to the last message read.
 
     Attributes
     ----------
     scene
-        Of the arm, from the start to the end.
+        Scene of the arm, which must not change.
     steps
         Number of steps to read.
     efforts, braked
-        Of each step, in model order.
+        Efforts and brakes of each step, (n,) in model order.
     states
-        The step after which each state was published, its positions and velocities, (n,) in
-        model order.
+        For each state the step that it follows, positions and velocities, (n,) in model order.
     """
 
     scene: pfd.Scene = field(kw_only=True)
@@ -167,7 +166,7 @@ class _Reading(Playback):
             state = decode_joint_state(data)
             order, count = list(engine.arm.order), len(engine.arm.order)
             q, qd = np.empty((2, count))
-            # Locked joints come after those that move.
+            # Locked joints come after the moving ones.
             q[order], qd[order] = state.position[:count], state.velocity[:count]
         self.states.append((cycle, q, qd))
 

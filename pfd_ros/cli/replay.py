@@ -28,7 +28,7 @@ NOUNS = {STATES: 'states', CLOCK: 'clock ticks', TAKEN: 'rows of applied command
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the recording and what is done with it."""
+    """Declare the recording and the options."""
     parser.add_argument(
         'logs',
         nargs='+',

@@ -100,7 +100,7 @@ def run(given: argparse.Namespace) -> int:
 
 
 def conflict(given: argparse.Namespace) -> str:
-    """Return what is wrong with the options given together, '' if nothing is."""
+    """Return why these options exclude each other, '' if they do not."""
     if given.publish:
         others = [name for name in ('verify', 'allow_incomplete') if getattr(given, name)]
         others += [] if given.what_if is None else ['what_if']

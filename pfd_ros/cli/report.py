@@ -54,8 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_common_arguments(parser: argparse.ArgumentParser, quick: bool = True) -> None:
-    """Add what may stand before the name of a page and after it."""
-    # A default of the page's parser would replace what was given before its name.
+    """Add the options that are allowed before and after the name of a page."""
+    # A default of the page's parser would replace a value given before the name.
     parser.add_argument(
         '--out',
         type=Path,

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 import sys
 
@@ -123,25 +123,13 @@ def _draw(found: WhatIf, path: Path) -> tuple[str, str]:
 
 
 def as_json(found: WhatIf) -> dict[str, object]:
-    """Return a result without its curves."""
-    return {
+    """Return a result without settings, names of all joints and curves."""
+    left_out = {'settings', 'joints', 'curves'}
+    values = {f.name: getattr(found, f.name) for f in fields(found) if f.name not in left_out}
+    return values | {
         'source': str(found.source),
         'log': str(found.log),
-        'changes': list(found.changes),
-        'robot': found.robot,
-        'seconds': found.seconds,
-        'states': found.states,
         'thresholds': dict(zip(FIELDS, found.thresholds, strict=True)),
-        'failure': found.failure,
-        'failed_at': found.failed_at,
-        'rounding_failed_at': found.rounding_failed_at,
-        'only_in_log': list(found.only_in_log),
-        'only_in_arm': list(found.only_in_arm),
-        'rejected': dict(found.rejected),
-        'first_rejected': found.first_rejected,
-        'skipped': dict(found.skipped),
-        'times': found.times,
-        'complete': found.complete,
         'divergences': [asdict(item) for item in found.divergences],
     }
 

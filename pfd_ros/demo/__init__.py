@@ -5,10 +5,10 @@
 In the order of a run:
 
     motion        the motion that the controller should follow
-    disturbances  what the controller is not told: friction, a payload, and a push of the tip
+    disturbances  unknown to the controller: friction, a payload, and a push of the tip
     computed_torque  the control law
     controller    the controller, a ROS 2 node
-    processes     both nodes as two processes on a ROS domain of their own: `run_demo`
+    processes     both nodes as two processes on a separate ROS domain: `run_demo`
     bare_timer    a timer loop alongside the arm: the rate that the machine allows
     results       from the recording: rate, jitter, tracking, losses, replay, plot
 """

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the demo's controller is not told: friction, a payload, and a push of the tip."""
+"""Disturbances unknown to the demo's controller: friction, a payload, a push of the tip."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ START_SECONDS = 60.0
 STOP_SECONDS = 20.0
 POLL_SECONDS = 0.05
 COMMAND_DEPTH = 10
-# The arm brakes when the controller has ended; longer than a busy machine keeps it from running.
+# The arm brakes this long after the controller ended, s; longer than delays on a busy machine.
 TIMEOUT_SECONDS = 0.5
 # The period of the arm's steps, by default.
 STEP_SECONDS = Settings().step_size

@@ -132,7 +132,7 @@ def unless_busy(late: list[str], bare_off: float) -> tuple[list[str], list[str]]
     Parameters
     ----------
     late
-        What may come from a late arm or late commands: a rate, or a joint off its motion.
+        Findings that late steps or commands can cause: a low rate, or a joint off its motion.
     bare_off
         The share of its periods that a bare timer loop lost at the same time.
     """

@@ -1,11 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads and writes plain CDR, the wire format of ROS 2 messages.
+"""Read and write plain CDR, the wire format of ROS 2 messages.
 
-Spelled out here because a recording must be readable where ROS is not installed, and because
-rclpy leaves the padding between fields to chance, but a replay compares bytes.
-Numbers are aligned to their size, counted from the end of the four-byte header; a string is
-its length with the closing zero, then its bytes; a sequence is its length, then its elements.
+Recordings must be readable without ROS, and a replay compares bytes, while rclpy leaves the
+padding between fields undefined. Numbers are aligned to their size, counted from the end of the
+four-byte header. A string is its length with the closing zero, then its bytes. A sequence is its
+length, then its elements.
 Source: OMG DDS-XTYPES 1.3, section 7.4.1 (encoding version 1).
 """
 
@@ -117,7 +117,7 @@ class CdrReader:
         return self.row(kind, count)
 
     def row(self, kind: str, count: int) -> NDArray[Any]:
-        """Return so many eight-byte numbers without a length before them, (count,)."""
+        """Return `count` eight-byte numbers without a length before them, (count,)."""
         start = self.take(8 * count, 8)
         found = np.frombuffer(self._data, self._order + kind, count, start)
         return found.astype(kind)

@@ -37,9 +37,9 @@ STRING = 'string'
 DEPTH = 16
 FIELDS = 4096
 LEAVES = 1 << 16
-# Tables of messages of one size, before each message is read on its own.
+# Most tables of messages of one size; beyond this, messages are read one by one.
 TABLES = 64
-# Rows of different lengths are padded up to so many elements, and so many times the filled ones.
+# Bounds of padded rows of different lengths: elements, and their multiple of the filled ones.
 PADDED = 1 << 20
 MOST_PADDING = 16
 _SEPARATOR = re.compile('^={80}\n', re.MULTILINE)
@@ -125,7 +125,7 @@ def _count_fields(kind: str, types: Types, depth: int) -> int:
     total = 0
     for item in types[kind]:
         own = item.type in NUMPY_TYPES or item.type == STRING
-        # A type without fields counts, too: nested ones could be any number.
+        # A type without fields counts too, or their number would have no bound.
         total += 1 if own else max(1, _count_fields(item.type, types, depth + 1))
         if total > FIELDS:
             raise ValueError(f'type {kind} has more than {FIELDS} fields')
@@ -138,8 +138,8 @@ def read_columns(
     """
     Return the fields of N messages as arrays by path, such as 'header.stamp.sec'.
 
-    Bytes that are no message of this type are left out: the second result are the places, (N,),
-    of the messages in `messages`.
+    Messages that cannot be decoded are left out. The second result has the index of each
+    returned message in `messages`, (N,).
 
     A number is (N,), a sequence of k numbers (N, k), a number within k nested messages (N, k).
     Strings are str in arrays of objects. Where lengths differ between messages, shorter rows end

@@ -164,7 +164,7 @@ def rows_as_written(data: bytes, columns: tuple[str, ...]) -> list[tuple[int, ..
 def all_rows_as_written(
     messages: Sequence[bytes], columns: tuple[str, ...]
 ) -> NDArray[Any] | None:
-    """Return the rows of messages with as many each, (messages, rows, columns), as above."""
+    """Return the rows of messages with equal counts, (messages, rows, columns), or None."""
     width = len(columns)
     count = (len(messages[0]) - len(_rows_layout(1, columns))) // (8 * width)
     if count < 1:
@@ -177,7 +177,7 @@ def all_rows_as_written(
 def _numbers_at(
     start: int, messages: Sequence[bytes], begin: bytes, count: int, kind: str
 ) -> NDArray[Any] | None:
-    """Return the `count` numbers at the end of messages; None if one is longer or begins other."""
+    """Return the last `count` numbers of messages; None if a length or the start differs."""
     size = start + 8 * count
     if set(map(len, messages)) != {size}:
         return None
@@ -304,16 +304,16 @@ class JointStateEncoder:
 
 
 def decode_efforts(messages: Sequence[bytes], count: int) -> NDArray[Any] | None:
-    """Return the numbers of many Float64MultiArrays of `count` numbers, (messages, count).
+    """Return the numbers of many Float64MultiArrays, (messages, count).
 
-    None if one has another number of them, or a layout.
+    None if a message has not `count` numbers, or has a layout.
     """
     begin = _NO_LAYOUT + count.to_bytes(4, 'little')
     return _numbers_at(_FIRST_NUMBER, messages, begin, count, '<f8')
 
 
 class _Spans(CdrReader):
-    """A reader that keeps the places of what it reads; the other bytes are padding."""
+    """A reader that keeps the place of each value; the other bytes are padding."""
 
     def __init__(self, data: bytes) -> None:
         super().__init__(data)
@@ -336,14 +336,14 @@ class JointColumns(NamedTuple):
 
 
 def decode_joint_states(messages: Sequence[bytes]) -> JointColumns | None:
-    """Return JointStates as `decode_joint_state` does, together.
+    """Return JointStates as `decode_joint_state` does, all at once.
 
-    None if they differ in anything but stamps, numbers and padding.
+    None if they differ in more than stamps, numbers and padding.
 
     Raises
     ------
     ValueError
-        If the first one is no such message.
+        If the first message is not a JointState.
     """
     first = messages[0]
     reader = _Spans(first)

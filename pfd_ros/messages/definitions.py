@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Message definitions as a recording must carry them: the texts and their hashes.
+"""Message definitions for recordings: the texts and their hashes.
 
-Readers without ROS decode a file by the definitions inside it: the type's own text, then each
-type it uses, once, behind a line of 80 `=` and its name. ROS installs the texts under
-`share/<package>/msg`, beside a JSON file with the hash that peers use to recognise the type.
+Readers without ROS decode a file by the definitions inside it. A definition is the text of the
+type, then each type it uses, once, after a line of 80 `=` and its name. ROS installs the texts
+under `share/<package>/msg`, with a JSON file with the hash that peers use to recognise the type.
 Source: MCAP registry, schema encoding `ros2msg`.
 """
 
@@ -100,7 +100,7 @@ def _text(type_name: str) -> str:
 
 
 def type_hash(type_name: str) -> str:
-    """Return the type's hash ('RIHS01_...'), or '' where none is known."""
+    """Return the type's hash ('RIHS01_...'), or '' if it is unknown."""
     try:
         described = json.loads(_file(type_name, '.json').read_text(encoding='utf-8'))
         hashes = {entry['type_name']: entry['hash_string'] for entry in described['type_hashes']}

@@ -29,7 +29,7 @@ DEFAULT_DEPTH = 10
 
 @dataclass(frozen=True)
 class Qos:
-    """What a publisher offers; durations in ns, None is infinite."""
+    """The QoS that a publisher offers; durations in ns, None is infinite."""
 
     depth: int = DEFAULT_DEPTH
     keep_all: bool = False

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of a header and a fixed count of numbers, such as poses, to arrays and back.
 
-The bytes are those that travel, as in `convert`.
+The bytes are serialized messages (CDR), as in `convert`.
 """
 
 from __future__ import annotations

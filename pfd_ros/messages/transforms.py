@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of frames, tf2_msgs/TFMessage, to arrays and back; the bytes are those that travel."""
+"""Messages of frames, tf2_msgs/TFMessage: serialized bytes (CDR) to arrays and back."""
 
 from __future__ import annotations
 

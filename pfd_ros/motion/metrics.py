@@ -25,7 +25,7 @@ Array = NDArray[Any]
 
 
 def settling_time(time: Array, q: Array, target: float, within: float) -> float:
-    """Return when a joint has come to stay so near its target, s from the first sample."""
+    """Return the time after which a joint stays within a distance of its target, s."""
     outside = np.flatnonzero(~(np.abs(q - target) <= within))
     if not len(outside):
         return 0.0

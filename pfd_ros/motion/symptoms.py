@@ -38,7 +38,7 @@ MOSTLY = 0.9
 # Share of the samples at the end of a motion, and most change of a steady error there.
 TAIL = 0.1
 STEADY = 0.1
-# Growth or decay of an amplitude by less than this, in log, is none.
+# An amplitude is steady if its logarithm changes by less than this.
 LEVEL = 1.0
 
 

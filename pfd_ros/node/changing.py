@@ -28,8 +28,8 @@ from pfd_ros.node.receiving import Receiver
 
 # A payload message has a hundred bytes; the arm rejects longer ones.
 LONGEST_PAYLOAD = 1 << 12
-# The compiler slows the stepping thread down, so it runs at most a fifth of the time: it pauses so
-# many times as long as it ran, s at most.
+# The compiler slows the stepping thread down, so it runs at most a fifth of the time: after each
+# run it pauses for a multiple of its duration, s at most.
 PAUSE, LONGEST_PAUSE = 4.0, 1.0
 SUPERSEDED = Validation(Verdict.OVERFLOWED, 'superseded by a newer one before it was compiled')
 

@@ -129,7 +129,7 @@ def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]
     Raises
     ------
     ValueError
-        If none is received in time, or it is no URDF.
+        If no description is received in time, or it is not a URDF.
     """
     topic, received = node.resolve_topic_name(TOPIC), list[bytes]()
     node.get_logger().info(f'waiting for the model on {topic} (std_msgs/msg/String)')

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The diagnostics of the node: once a second, on the main thread, from what others have counted.
+"""The diagnostics of the node, once a second, on the main thread, from counts of other threads.
 
 One status for each task, as REP 107 has it:
 
@@ -87,7 +87,7 @@ class MassKernels:
         self.accelerations = pfd.compile_kernel(
             arm.robot, method=arm.settings.method, scene=smooth
         )
-        # Compiled now, and not beside a stepping thread.
+        # Compiled before the stepping thread starts.
         zero = np.zeros(arm.robot.n)
         self.error_estimate(zero, zero, zero, {})
 

@@ -60,7 +60,7 @@ LONGEST_SECONDS = 0.05
 
 
 class Subscribed(NamedTuple):
-    """An rclpy subscription, and what other threads ask of it, also while it is replaced.
+    """An rclpy subscription, and its properties for other threads, also while it is replaced.
 
     The handle of a subscription that was destroyed raises InvalidHandle at its `topic_name`.
     """
@@ -96,8 +96,8 @@ def create_endpoints(
 ) -> Endpoints:
     """Create the endpoints of a node: publishers of these roles, a followed clock only if wanted.
 
-    `on_message` is called with each serialized message, on the executor's thread; `topics` are
-    the topics of sources and outputs that are not those of the tables.
+    `on_message` is called with each serialized message, on the executor's thread; `topics` has
+    the topics of sources and outputs that differ from the tables.
     """
     names = {} if topics is None else topics
     overridable: dict[str, Any] = {
@@ -161,11 +161,11 @@ def relaxed(profile: QoSProfile) -> QoSProfile:
 
 
 def serve_best_effort(node: Node, endpoints: Endpoints, source: Source) -> bool:
-    """Replace a subscription by a best-effort one, unless a parameter says that it is reliable.
+    """Replace a subscription by a best-effort one, unless a parameter makes it reliable.
 
-    Beside the reliable one it would hear reliable publishers twice. So that one is destroyed
-    first, on the executor's thread, where no callback runs at the same time: a message that comes
-    in between is lost.
+    Two subscriptions would receive reliable messages twice, so the reliable one is destroyed
+    first. This happens on the executor's thread, where no callback runs at the same time. A
+    message received in between is lost.
     """
     old = endpoints.subscriptions[source]
     executor = node.executor
@@ -189,17 +189,16 @@ def reliability_parameter(end: Any) -> str:
 
 
 class NonblockingPublisher:
-    """A publisher that leaves messages out while the middleware refuses them.
+    """A publisher that drops messages while the middleware refuses them.
 
-    With the history `keep_all`, a reader that is alive and takes nothing fills the
-    publisher's memory; from then on every call blocks for 0.1 s and fails. So after the first
-    such call nothing is published on the topic until every reader has acknowledged its messages
-    or is gone; the messages left out are counted.
+    With the history `keep_all`, a reader that takes no messages fills the publisher's memory;
+    then every call blocks for 0.1 s and fails. After the first such call messages are dropped
+    and counted until every reader has acknowledged its messages or is gone.
 
     Attributes
     ----------
     refused
-        Number of messages that were left out.
+        Number of dropped messages.
     detail
         The middleware's newest reason.
     """

@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Checks the ROS graph: other nodes on the topics, and why two ends do not hear each other.
+"""Check the ROS graph: other nodes on the topics, and endpoints with incompatible QoS.
 
-The graph is asked, about once a second, instead of the middleware's events: those would have
-to be trusted to an experimental executor, and come without the name of the other node.
+The graph is read about once a second. The middleware's events are not used: they come through an
+experimental executor, and without the name of the other node.
 """
 
 from __future__ import annotations

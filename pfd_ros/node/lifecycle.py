@@ -300,13 +300,13 @@ class SimArmNode(LifecycleNode):
             self._lock.release()
 
     def problems(self) -> list[str]:
-        """Return why the run was no success."""
+        """Return why the run failed."""
         return [*self._workers.failures, *self._problems]
 
 
 @dataclass(frozen=True)
 class _Guarded:
-    """A callback of a service that answers with what it has when it fails."""
+    """A callback of a service; if it raises, the response is sent as far as it is filled."""
 
     callback: Callable[[Any, Any], Any]
     failed: Callable[[Exception], None]

@@ -7,8 +7,8 @@
     seek_to    parameter           continue at this time [s] after the first message of the log
     rate       parameter           speed, as a multiple of the log's
 
-One thread: callbacks run while the player waits for the next message. What is sent when is decided
-by replay.schedule. See docs/decisions/0037-publishing-a-log.md.
+One thread: callbacks run while the player waits for the next message. replay.schedule determines
+when a message is sent. See docs/decisions/0037-publishing-a-log.md.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ ERRORS = (RCLError, RMWError, NameValidationException)
 
 @dataclass(frozen=True)
 class PlayOptions:
-    """What is played and how; times in s from the first message of the log."""
+    """The options of the player; times in s from the first message of the log."""
 
     rate: float = 1.0
     loop: bool = False
@@ -292,7 +292,7 @@ class _Player:
                 say(f'Another publisher on {name}: stop it, or use --remap')
 
     def _step(self) -> None:
-        """Publish what is due, or wait for it and answer calls."""
+        """Publish the messages that are due, or wait for them and answer calls."""
         schedule = self._schedule
         assert schedule is not None
         now = time.monotonic_ns()
@@ -357,7 +357,7 @@ class _Player:
                 end.wait_for_all_acked(Duration(seconds=left))
 
     def _end(self, schedule: Schedule, seconds: float) -> int:
-        """Report what was published; return the number of messages that were refused."""
+        """Report the published messages; return the number of refused ones."""
         say(f'published {self._sent} messages in {seconds:.3f} s, up to {self._position()}')
         worst = self._longest_late_ns * 1e-6
         if self._late:

@@ -72,7 +72,7 @@ class EventQueue:
             self._lock.notify()
 
     def wait(self, seconds: float) -> None:
-        """Return at an event, at `wake`, or after so many seconds."""
+        """Wait for an event, for `wake`, or for the timeout in s."""
         with self._lock:
             self._lock.wait_for(lambda: self._woken or bool(self._waiting), seconds)
             self._woken = False

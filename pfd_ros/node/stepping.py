@@ -3,9 +3,9 @@
 """The stepping thread: one cycle of the engine per period, its outputs recorded and published.
 
 An arm that waits and has no period (in lockstep as fast as possible, or with a followed clock) is
-stepped by the executor's thread, in the callback of the message that ends the wait: waking another
-thread would take longer than the step. A lock decides which thread steps; the stepping thread
-holds it except while it waits for an event.
+stepped by the executor's thread, in the callback of the message that ends the wait. To wake
+another thread would take longer than the step. A lock determines which thread steps; the stepping
+thread holds it except while it waits for an event.
 
 See docs/decisions/0003-executor-and-stepping-thread.md.
 """
@@ -29,8 +29,8 @@ from pfd_ros.node.step_timer import StepLengths, StepTimer
 # At unlimited speed the arm waits for the disk from this backlog on.
 BACKLOG_LIMIT = 0.25
 DISK_POLL_SECONDS = 0.001
-# While the arm stands: between two looks at the signal to stop, and, in lockstep, until the state
-# is sent again, since the reader of a clock may miss ticks.
+# While the arm waits: period of checks for a stop, and, in lockstep, time until the state is sent
+# again, since a reader may miss a clock tick.
 LOOK_SECONDS = 0.05
 RESEND_SECONDS = 0.2
 # Steps on the executor's thread for one message; a message may let the arm do many more.
@@ -74,7 +74,7 @@ class Stepper:
         self.receiver.at_once = self.step_at_once
 
     def run(self, stopped: Callable[[], bool]) -> None:
-        """Run cycles until `stopped` says so."""
+        """Run cycles until `stopped` returns True."""
         with self._turn:
             self._runs = True
             try:

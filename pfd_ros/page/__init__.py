@@ -8,7 +8,7 @@ From the file to the page:
     intervals     statistics of the period
     findings      what went wrong, and when
     model_curves  energy and error estimate, computed from the states
-    contents      what a page shows, as data
+    contents      the contents of a page, as data
     reading       a log -> contents
     packing       curves -> text
     html          contents -> page

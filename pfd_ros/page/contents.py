@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a page shows, as data: facts, findings and plots. `reading` fills it, `html` writes it."""
+"""The contents of a page as data: facts, findings, plots. `reading` fills it, `html` writes it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Plot:
     stepped
         Whether a value acts until the next one.
     bounds
-        Limits of some labels, lower and upper; infinite where there is none.
+        Limits by label, lower and upper; infinite without a limit.
     logarithmic
         Whether the values are drawn on a logarithmic scale.
     """
@@ -68,15 +68,15 @@ class Contents:
     findings
         In the order of time.
     checked, unchecked
-        What was looked for, and what could not be, with the reason.
+        The checks that were made, and the impossible ones with the reason.
     diagnosis
         A line for each joint.
     notes
-        What is missing on the page or in the log.
+        Lines about data that the page or the log lacks.
     marks
         Moments given by the caller.
     origin
-        What t = 0 is.
+        Text that explains t = 0.
     """
 
     title: str

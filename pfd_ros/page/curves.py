@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
-# Least and greatest numbers other than NaN; mypy finds no `reduce` of theirs in NumPy 2.5's stubs.
+# Typed as Any: the stubs of NumPy 2.5 lack the method `reduce` of these two.
 FMIN: Any = np.fmin
 FMAX: Any = np.fmax
 # Even. A log of one minute at 1 kHz is drawn sample by sample.
@@ -47,7 +47,7 @@ class _Bins:
         return _Bins(*(np.concatenate(pair) for pair in pairs))
 
     def halved(self) -> _Bins:
-        """Return an even number of bins as half as many."""
+        """Return an even number of bins merged in pairs."""
         first, second = (_Bins(*(values[k::2] for values in vars(self).values())) for k in (0, 1))
         # NaN compares as false: a bin without values gives way to the other one.
         low_first = ~(second.low < first.low) & ~np.isnan(first.low)

@@ -3,8 +3,8 @@
 """
 What went wrong in a run, and when: limits reached, rejected commands, gaps, reflexes, failures.
 
-A finding is everything of one kind at one joint: its first time, what happened then, how often it
-happened, and the spans of time, of which a bounded number is kept.
+A finding covers all events of one kind at one joint: the first time, a text about it, the count,
+and the first spans of time, up to a bound.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class Findings:
         return sorted(self._found.values(), key=lambda f: (f.time, rank(f.severity)))
 
     def first(self) -> Finding | None:
-        """Return the first finding that is more than a note, None if there is none."""
+        """Return the first finding that is more than a note, or None."""
         return next((found for found in self.sorted() if found.severity != NOTE), None)
 
 
@@ -180,11 +180,11 @@ class InputCheck:
     Parameters
     ----------
     timeout
-        Longest time without an accepted command [s], 0 for any.
+        Longest time without an accepted command [s], 0 for no limit.
     on_timeout
-        What the arm does then.
+        Reaction of the arm to a timeout.
     reflex_rate
-        Largest rate of an effort before the reflex acts, N m/s or N/s, 0 for none.
+        Rate of an effort beyond which the reflex acts, N m/s or N/s, 0 for no reflex.
     """
 
     timeout: float = 0.0
@@ -195,7 +195,7 @@ class InputCheck:
     last_accepted: float | None = None
 
     def feed(self, time: float, row: ValidationRow, detail: str, findings: Findings) -> None:
-        """Take one row; `detail` says which number was wrong, if that is known."""
+        """Take one row; `detail` names the wrong number, if it is known."""
         command = row.source in (Source.NAMED, Source.ARRAY)
         name = ROLE_OF_SOURCE[row.source]
         if row.verdict is Verdict.ACCEPTED:

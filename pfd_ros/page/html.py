@@ -46,7 +46,7 @@ def page(contents: Contents) -> str:
         'HEADLINE': _headline(contents),
         'STORY': _story(contents),
         'FACTS': _table(contents.facts),
-        'DIAGNOSIS': _diagnosis(contents),
+        'DIAGNOSIS': _list(f'Motion of each joint, {contents.diagnosis_of}', contents.diagnosis),
         'NOTES': _list('On this log', contents.notes),
         'SETTINGS': _settings(contents),
         'DATA': _json(_data(contents)),
@@ -160,10 +160,6 @@ def _table(rows: Sequence[tuple[str, str]]) -> str:
     return f'<section class="card"><h2>Summary</h2><table>{cells}</table></section>'
 
 
-def _diagnosis(contents: Contents) -> str:
-    return _list(f'Motion of each joint, {contents.diagnosis_of}', contents.diagnosis)
-
-
 def _list(title: str, lines: Sequence[str]) -> str:
     if not lines:
         return ''
@@ -200,9 +196,12 @@ def _data(contents: Contents) -> dict[str, Any]:
         largest = max(range(len(plots)), key=lambda k: packed[k][2])
         if len(packed[largest][0].time) < LEAST_POINTS:
             break
-        for k in _of_equal_times(packed, largest):
-            plots[k].curve.coarsen()
-            packed[k] = _packed(plots[k])
+        # Plots that share their times stay together.
+        drawn = packed[largest][0]
+        for k, (other, _, _) in enumerate(packed):
+            if _equal_times(other, drawn):
+                plots[k].curve.coarsen()
+                packed[k] = _packed(plots[k])
     axes: list[dict[str, Any]] = []
     drawn_axes: list[Drawn] = []
     rows = []
@@ -233,12 +232,6 @@ def _packed(plot: Plot) -> tuple[Drawn, dict[str, Any], int]:
 
 def _equal_times(one: Drawn, other: Drawn) -> bool:
     return len(one.time) == len(other.time) and bool((one.time == other.time).all())
-
-
-def _of_equal_times(packed: Sequence[tuple[Drawn, Any, int]], place: int) -> list[int]:
-    """Return the plots that share their times with one of them."""
-    drawn = packed[place][0]
-    return [k for k, (other, _, _) in enumerate(packed) if _equal_times(drawn, other)]
 
 
 def _plot(plot: Plot, drawn: Drawn) -> dict[str, Any]:

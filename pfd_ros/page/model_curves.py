@@ -15,7 +15,7 @@ from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.page.curves import Array
 
-# An estimate costs a hundred times a state's curves: so many states a part have one.
+# States of a part that get an error estimate, which costs a hundred times the other curves.
 ESTIMATES = 2000
 
 

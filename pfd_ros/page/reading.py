@@ -81,7 +81,7 @@ MOST_COLUMNS = 64
 SAME_CLOCK_SECONDS = 10.0
 # A smaller simulated time is shown as it is, a later one is a time of day.
 LATEST_START = 1e6
-# Time without commands at the end of a log that is an event.
+# A longer time without commands at the end of a log is a note on the page, s.
 SILENCE_SECONDS = 0.1
 # Around the first finding, for the diagnosis of each joint.
 BEFORE, AFTER = 20.0, 5.0
@@ -104,7 +104,7 @@ DIAGNOSTIC_PLOTS = (
 
 @dataclass
 class _Model:
-    """What a log says about its arm: its robot, its settings, and roles of topics."""
+    """The arm of a log: robot, settings, and roles of topics."""
 
     robot: pfd.Robot | None = None
     settings: Settings | None = None
@@ -234,7 +234,7 @@ class LogReading:
         return self.model.roles.get(topic, '')
 
     def _main_topic(self, part: LogArrays) -> str:
-        """Return the topic of the states, '' if there is none so far."""
+        """Return the topic of the states, '' if none was found so far."""
         kinds = [t for t, kind in self.bag_types().items() if kind == JOINT_STATE]
         for topic in kinds:
             if self._role(topic) == STATES:
@@ -451,7 +451,7 @@ class LogReading:
         if command:
             title, unit = 'commanded effort', self.model.unit('effort', names[:n])
             if not joints and names and (topic, 'data') not in self.plots:
-                # Commands of a wrong size next to those of the arm.
+                # Commands of a wrong size are drawn with the columns of the arm.
                 joints, labels = True, names
         if role == 'energy':
             title, unit, labels, joints = 'energy', 'J', ('kinetic', 'potential', 'total'), False
@@ -649,7 +649,7 @@ class LogReading:
     # The end.
 
     def _ending(self) -> Ending | None:
-        """Return the end record; of a folder that of its last file, from the first file on."""
+        """Return the end record of the last file; its counts begin with the first file."""
         if not self.bag.end or not self.model.roles:
             return None
         try:
@@ -790,7 +790,7 @@ class LogReading:
         return sorted(rows, key=lambda row: not row[2])
 
     def _checks(self) -> tuple[list[str], list[str]]:
-        """Return what was looked for in this log, and what could not be."""
+        """Return the checks that were made on this log, and the impossible ones."""
         checked, unchecked = [], []
         if self._limits:
             checked.append('limits of position, velocity and effort')
@@ -817,7 +817,7 @@ def _value(value: Any) -> str:
 
 
 def _columns(values: Array, names: Sequence[str], labels: Sequence[str]) -> Array:
-    """Return the columns of some joints, NaN for those that are missing in this part."""
+    """Return the columns of the labelled joints, NaN for joints that this part lacks."""
     places = {one_line(name, 64): k for k, name in enumerate(names)}
     if [places.get(label) for label in labels] == list(range(values.shape[1])):
         return values
@@ -829,7 +829,7 @@ def _columns(values: Array, names: Sequence[str], labels: Sequence[str]) -> Arra
 
 
 def _fitted(values: Array, width: int) -> Array:
-    """Return rows of so many columns, cut or filled with NaN."""
+    """Return the first `width` columns of rows, filled with NaN."""
     found = np.full((len(values), width), np.nan)
     common = min(width, values.shape[1])
     found[:, :common] = values[:, :common]
@@ -860,7 +860,7 @@ def read_contents(
     Raises
     ------
     LogError
-        If it is no log, or nothing can be shown.
+        If the file is not a log, or has nothing to show.
     OSError
         If it cannot be read.
 

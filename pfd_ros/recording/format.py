@@ -54,8 +54,8 @@ class HeadKey:
 class EndKey:
     """Keys of the record END; each value except DIGEST is JSON.
 
-    TOTALS and CONTINUES are of the run; the others are by topic. RECORDED and DROPPED count from
-    the beginning of the run, DIGESTS are of the messages in the file.
+    TOTALS and CONTINUES describe the run; the other values are by topic. RECORDED and DROPPED
+    count messages since the start of the run, DIGESTS cover the messages in the file.
     """
 
     TOTALS = 'totals'
@@ -67,19 +67,19 @@ class EndKey:
 
 
 class Part(NamedTuple):
-    """The place of a file in the run that it is a part of.
+    """The place of a file in its run.
 
     Attributes
     ----------
     number
-        From 1.
+        Number of the file, from 1.
     first
-        Digest in the head of the first file, '' in itself.
+        Digest in the head of the first file; '' in the first file.
     previous
-        Digest of the end record of the file before.
+        Digest of the end record of the previous file.
     recorded, dropped
-        Messages before this file: by topic in the file, by role once it is read. Messages that
-        are repeated at its beginning are not among them.
+        Numbers of messages in the previous files, without the messages that this file repeats;
+        by topic in the file, by role once it is read.
     """
 
     number: int = 1

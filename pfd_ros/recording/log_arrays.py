@@ -68,7 +68,7 @@ class Fields:
 @dataclass(frozen=True)
 class TopicArrays(Fields):
     """
-    The N messages of one topic. Bytes that are no message of its type are left out.
+    The N messages of one topic. Messages that cannot be decoded are left out.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ class LogArrays:
         Raises
         ------
         KeyError
-            If no such topic was read.
+            If the topic was not read.
         LogError
             If its type is unknown.
 
@@ -184,7 +184,7 @@ class LogArrays:
         return self._read[topic]
 
     def messages(self, topic: str) -> Sequence[bytes]:
-        """Return the bytes of the messages of a topic, those that are not of its type too."""
+        """Return the bytes of all messages of a topic, malformed ones included."""
         return self._raw[topic].data
 
     @property

@@ -41,7 +41,7 @@ _NO_SCHEMA = ('', '', '')
 
 
 class LogError(ValueError):
-    """The file is no recording of this node, or is damaged."""
+    """The file is not a recording of this node, or is damaged."""
 
 
 @contextmanager
@@ -173,7 +173,7 @@ class Log:
         Raises
         ------
         LogError
-            If a closed file lacks an attachment, or the totals are not the recorded ones.
+            If a closed file lacks an attachment, or a digest of its totals differs.
         """
         with damage_named(self.path):
             if self.complete:
@@ -203,7 +203,7 @@ class Log:
         Raises
         ------
         LogError
-            If the file is no recording of this node, or is damaged before its end.
+            If the file is not a recording of this node, or is damaged before its end.
         OSError
             If it cannot be read.
         """

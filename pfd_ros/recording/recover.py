@@ -4,10 +4,10 @@
 recover: all readable messages of an MCAP file that was cut off or damaged, as a new whole file.
 
 The frames of the records lead through the file. Where one is damaged, the index leads to the next
-chunk, unless the checksum of the index differs or no chunk begins there. A chunk whose checksum
-differs or that cannot be unpacked is left out, and the last one, where the file ends within it,
-is unpacked as far as it goes. Metadata, attachments, schemas and channels are copied, the latter
-also from the index; nothing is added.
+chunk, unless the checksum of the index differs or no chunk begins there. A chunk is left out if
+its checksum differs or it cannot be unpacked. A last chunk that was cut off is unpacked up to the
+cut. Metadata, attachments, schemas and channels are copied, schemas and channels also from the
+index; nothing is added.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ _DATA = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.ATTACHMENT)
 @dataclass
 class Recovered:
     """
-    What a recovery found.
+    The result of a recovery.
 
     Attributes
     ----------

@@ -1,13 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The commands and the states of any bag, for an arm that is set to the first recorded state.
+The commands and the states of any bag, for an arm that starts at the first recorded state.
 
-    cycle 1     sets the first state, with the positions and velocities of the joints by name
-    cycle k     begins k - 2 steps after it, under the newest effort of each joint: zero-order hold
+    cycle 1     sets the arm to the first state, joints by name
+    cycle k     begins k - 2 steps later, under the newest effort of each joint: zero-order hold
 
-Times are the stamps in the headers, if the first messages of both topics have one, else the log's.
-Messages that cannot be used are counted by reason in `skipped`.
+Times are the stamps in the headers if the first messages of both topics have one, else log times.
+`skipped` counts unusable messages by reason.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ from pfd_ros.replay.ordering import PlacedMessage
 from pfd_ros.replay.what_if_settings import published_names
 from pfd_ros.text import cut, listed
 
-# Messages of two topics that are put in the order of their stamps: a few seconds, and their bytes.
+# Messages of two topics that are kept to sort them by stamp (a few seconds), and their bytes.
 AHEAD, AHEAD_BYTES = 4096, 1 << 26
-# A longer time without a message is a changed clock, and not to be simulated through, s.
+# A longer time without a message means that the clock was changed, s.
 LONGEST_GAP = 3600
-# Latest time of day that a stamp of the arm may start at, s; see Settings.start_time.
+# Latest start time of an arm, s; see Settings.start_time.
 LATEST_START = 2e9
-# Topic of the states, where the commands' own topic has none.
+# Topic of the states where the topic of the commands has none.
 USUAL_STATES = '/joint_states'
 
 
@@ -77,19 +77,19 @@ class BagInputs:
     commands
         Topic of JointStates with efforts, or of Float64MultiArrays in the arm's published order.
     states
-        Topic of JointStates; '' is the commands' own topic if it has positions, else
+        Topic of JointStates; '' is the topic of the commands if it has positions, else
         /joint_states, or the only topic with positions.
     rename
-        Replaced beginnings of the bag's names of joints.
+        New prefix of joint names of the bag, by old prefix.
 
     Attributes
     ----------
     start_ns
-        Time of the first state, once `open` has returned.
+        Time of the first state, ns.
     names
         Joints of the first state, after renaming.
     skipped
-        Messages that were not used, by reason.
+        Number of unused messages, by reason.
     times
         'stamps' or 'log times', see above.
 
@@ -112,7 +112,7 @@ class BagInputs:
     def __post_init__(self) -> None:
         """Find the topics, their types and whether both have stamps."""
         bag = Bag(self.path)
-        # By topic with messages, of its first message.
+        # Stamp of the first message of each topic.
         stamps: dict[str, int] = {}
         with_positions: list[str] = []
         for message in bag.messages():
@@ -157,7 +157,7 @@ class BagInputs:
         stamped = self._named and min(stamps[self.commands], stamps[self.states]) > 0
         self.times = 'stamps' if stamped else 'log times'
         self._timed = self._in_order()
-        # Commands before the first state, which act together when the arm starts.
+        # Commands before the first state; they act together at the start.
         self._early: deque[_Timed] = deque(maxlen=AHEAD)
         self._first, self._first_data = self._first_state()
 
@@ -173,7 +173,7 @@ class BagInputs:
         raise LogError(f'{self.path}: topic {cut(self.states)!r} has no state with positions')
 
     def settled(self, settings: Settings, given: bool) -> Settings:
-        """Return settings whose time continues the bag's; `given` keeps the start time."""
+        """Return settings that start at the bag's time; `given` keeps their start time."""
         start = (self.start_ns - settings.step_ns) / NANOSECONDS
         fits = 0.0 <= start < LATEST_START
         return settings if given or not fits else replace(settings, start_time=start)
@@ -210,7 +210,7 @@ class BagInputs:
                 )
             last_ns = item.time_ns
             begins = place.cycle_after(item.time_ns)
-            # Until then newer efforts replace the command's.
+            # Until its cycle begins, a command takes newer efforts.
             if held.changed and begins > cycle:
                 yield from held.command(cycle, place.begin(cycle))
             if item.is_command:
@@ -237,7 +237,7 @@ class BagInputs:
         yield Fed(state, 1.0, 0.0)
 
     def _command(self, item: _Timed, held: _Held) -> bool:
-        """Take over the efforts of a message; return whether it has any that count."""
+        """Take the efforts of a message; return whether it has one for a joint of the arm."""
         if self._named:
             message = self._joints(item.data, 'effort')
             if message is None:
@@ -259,7 +259,7 @@ class BagInputs:
         return held.take(names, efforts)
 
     def _joints(self, data: bytes, kind: str) -> JointMessage | None:
-        """Return a JointState with a number of a kind for each name, renamed; else None."""
+        """Return a JointState with renamed joints; None if `kind` lacks a number for a name."""
         try:
             message = decode_joint_state(data)
         except ValueError:
@@ -298,7 +298,7 @@ class BagInputs:
 
 
 class _Places(NamedTuple):
-    """Where times are among the cycles."""
+    """Conversion of times to cycles."""
 
     start_ns: int
     step_ns: int
@@ -334,7 +334,7 @@ class _Held:
         self._array = EffortArray(len(self.names))
 
     def take(self, names: tuple[str, ...], efforts: NDArray[Any]) -> bool:
-        """Take over efforts by name; return whether any counts."""
+        """Take efforts by name; return whether any joint is known."""
         known = [
             (self._index[name], effort)
             for name, effort in zip(names, efforts.tolist(), strict=True)
@@ -369,7 +369,7 @@ def _input(source: Source, number: int, cycle: int, log_ns: int, data: bytes) ->
 
 
 def _stamp(data: bytes) -> int:
-    """Return the stamp of a message with a header, ns; -1 if there is none."""
+    """Return the stamp of a message with a header, ns; -1 for other messages."""
     try:
         return read_time(CdrReader(data))
     except ValueError:

@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The inputs and the states of a recording, for an arm with other steps, other times or joints.
+The inputs and the states of a recording, for an arm with other steps, times or joints.
 
-    other steps    an input is taken before the first step that begins when it was taken, or later
-    other times    commands and wrenches lose their stamps; those that were stale are left out
+    other steps    an input acts from the first new step at or after its recorded time
+    other times    commands and wrenches lose their stamps; stale ones are left out
     other joints   commands without names are permuted, or become commands by name
 """
 
@@ -58,12 +58,11 @@ class Fed(NamedTuple):
     Attributes
     ----------
     message
-        Its cycle is one of the changed arm.
+        The message; its cycle counts steps of the changed arm.
     at
-        Of a state: how many cycles of the changed arm end by its time; between two of them it is
-        no whole number.
+        For a state: its time in cycles of the changed arm, a fraction between two of them.
     time
-        Of a state: seconds after the start.
+        For a state: seconds after the start.
 
     """
 
@@ -73,7 +72,7 @@ class Fed(NamedTuple):
 
 
 class FedBlock(NamedTuple):
-    """Messages for a changed arm; of the states among them data, lost, `at` and `time`, (k,)."""
+    """Messages for a changed arm; for the k states among them data, lost, `at` and `time`."""
 
     block: Block
     states: list[bytes]
@@ -83,7 +82,7 @@ class FedBlock(NamedTuple):
 
 
 def fed_blocks(messages: Iterator[Fed]) -> Iterator[FedBlock]:
-    """Yield messages, some at a time, in bounded memory."""
+    """Yield messages in blocks of bounded size."""
     batch: list[Fed] = []
     size = 0
     for fed in messages:
@@ -135,15 +134,11 @@ class ChangedInputs:
         # Joints of the recording that the arm lacks make commands by name.
         self._by_name = sorted(self.old_names) != sorted(self.new_names)
 
-    def cycle_of(self, cycle: int) -> int:
-        """Return the last cycle of the changed arm within so many cycles of the recording."""
-        return cycle * self.old.step_ns // self.new.step_ns
-
     def blocks(self, placed: Iterator[Block]) -> Iterator[FedBlock]:
-        """Yield inputs, validation rows and states; other outputs belong to the old arm."""
+        """Yield inputs, validation rows and states; other outputs are left out."""
         for block in placed:
             if isinstance(block, Columns) and self._keeps(block):
-                # States that the sensors dropped have no columns.
+                # Columns hold no states that the sensors dropped.
                 some = block.where(_FED[block.ranks])
                 states = some.where(some.ranks == RANKS[STATES])
                 time = states.cycles * self.old.step_ns / NANOSECONDS
@@ -153,8 +148,8 @@ class ChangedInputs:
         yield from fed_blocks(self._rest())
 
     def _keeps(self, block: Columns) -> bool:
-        """Return whether nothing of some messages changes."""
-        # Larger times have no exact float64.
+        """Return whether these messages stay as they are."""
+        # Larger times are not exact in float64.
         exact = int(block.cycles.max()) * self.old.step_ns < 1 << 53
         return exact and not self._restamped and not self._renamed
 

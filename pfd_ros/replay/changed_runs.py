@@ -1,10 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-Runs of changed arms that follow a source: the new run, written as a log, and the rounding run.
-
-Playback runs cycles with nothing but commands in one native call, as for a verification.
-"""
+"""Runs of changed arms along a source: the new run, written as a log, and the rounding run."""
 
 from __future__ import annotations
 
@@ -31,7 +27,7 @@ BIT = 2.0**-52
 
 
 def one_bit(q: Array) -> Array:
-    """Return positions changed by the last bit of 1, or of their own above 1."""
+    """Return positions plus the last bit of 1, or of the position itself above 1."""
     return np.where(np.abs(q) < 1.0, q + BIT, np.nextafter(q, np.inf))
 
 
@@ -43,11 +39,10 @@ class ChangedRun(Playback):
     Attributes
     ----------
     rows
-        Some cycles (k,), and their measured positions, velocities and efforts, (k, 3, n), model
+        Cycles (k,), and their measured positions, velocities and efforts, (k, 3, n), model
         order; NaN after a failure. Only the cycles next to recorded states are kept.
     failed_in, failure
-        The cycle in which the simulation stopped for the first time, and why; 0 and '' if it did
-        not.
+        The cycle in which the simulation first failed, and why; 0 and '' without a failure.
 
     """
 
@@ -90,10 +85,10 @@ class ChangedRun(Playback):
         return True
 
     def aside(self, message: PlacedMessage) -> None:
-        """Follow no message that is neither input nor output of a cycle."""
+        """Skip a message that is neither input nor output of a cycle."""
 
     def run_to(self, cycle: int) -> None:
-        """Run the cycles up to this one, also if the arm has failed."""
+        """Run the cycles up to this one, even after a failure of the arm."""
         engine = self.driver.engine
         while engine.cycles < cycle:
             self.driver.step()
@@ -103,7 +98,7 @@ class ChangedRun(Playback):
                 self.failed_in, self.failure = engine.cycles, engine.state.failure
 
     def at(self, places: Array) -> Array:
-        """Return the states at some places among the cycles, (k, 3, n), by interpolation."""
+        """Return the states interpolated at `places` (k,), in cycles: (k, 3, n)."""
         cycles, rows = (np.concatenate(parts) for parts in zip(*self.rows, strict=True))
         low = np.floor(places).astype(int)
         share = (places - low)[:, None, None]
@@ -118,7 +113,7 @@ class ChangedRun(Playback):
 
 @dataclass
 class RoundingRun(ChangedRun):
-    """The run whose positions are changed by one bit wherever the arm is set to some."""
+    """The run in which each position that the arm is set to is changed by one bit."""
 
     def put(self, message: PlacedMessage) -> None:
         """Keep an input until its cycle."""
@@ -148,11 +143,11 @@ class NewRun(ChangedRun):
     times
         Times of day of the cycles.
     accepted
-        Inputs that the arm accepted.
+        Number of inputs that the arm accepted.
     rejected
-        Those validated otherwise than recorded, by result.
+        Number of inputs whose validation result is not the recorded one, by result.
     first_rejected
-        The first of them.
+        A line about the first of these inputs.
 
     """
 
@@ -178,7 +173,7 @@ class NewRun(ChangedRun):
             self.log.add(output.role, self._now_ns, output.number, output.data, stamp_ns)
 
     def together(self, block: Columns) -> bool:
-        """Return whether stretches write all outputs of these cycles; note their times."""
+        """Return whether `stretched` writes all outputs of these cycles; note their times."""
         last = int(block.cycles[-1])
         if self._alone(last):
             return False
@@ -207,7 +202,7 @@ class NewRun(ChangedRun):
             super().output(message)
 
     def _alone(self, cycle: int) -> bool:
-        """Return whether the next cycles up to this one have outputs that no stretch writes.
+        """Return whether a cycle up to this one has an output that `stretched` does not write.
 
         These are a new payload, in its first cycle, and the recorded states of the whole arm.
         """
@@ -257,7 +252,7 @@ class NewRun(ChangedRun):
             return False
         state = _parts(states, int(published.sum()))
         tick = _parts(encode_clocks(stretch.stamps_ns[ticks]), int(ticks.sum()))
-        # The command of each cycle, one at most, and its row.
+        # At most one command a cycle, and its row.
         taken = stretch.taken
         rows_ns, numbers = taken.wall_ns.tolist(), taken.rows[:, 0, 2].tolist()
         commands = zip(
@@ -290,7 +285,7 @@ class NewRun(ChangedRun):
         return super().stretched(stretch)
 
     def finish(self) -> None:
-        """Write the inputs that were not taken, and the totals."""
+        """Write the inputs that no cycle took, and the totals."""
         arm = self.driver.engine.arm
         for source, number, data in self.inbox.rest():
             self.log.add(ROLE_OF_SOURCE[source], self._now_ns, number, data, arm.stamp_ns)
@@ -304,6 +299,6 @@ class NewRun(ChangedRun):
 
 
 def _parts(data: bytes, count: int) -> Iterator[bytes]:
-    """Yield messages of one size that follow one another."""
+    """Yield `count` messages of equal size from their bytes."""
     size = len(data) // max(count, 1)
     return (data[k : k + size] for k in range(0, len(data), max(size, 1)))

@@ -68,7 +68,7 @@ class Comparison:
     differences : tuple of Difference
         By topic, field and joint.
     only_in_a, only_in_b : tuple of str
-        What the other log lacks: topics; joints, fields of a joint and values after their topic.
+        Missing in the other log: topics; joints, fields of a joint and values after their topic.
     unordered : tuple of str
         Topics whose stamps do not increase, such as commands without a stamp, and which are not
         equal message by message: they have no times at which they could be compared.
@@ -116,15 +116,15 @@ def compare(
     a, b : LogArrays
         From read_log.
     tolerance : float
-        Largest difference that is none, in the unit of each field.
+        Largest allowed difference, in the unit of each field.
     fields : sequence of str
         Of 'position', 'velocity' and 'effort'.
     topics : (str, str), optional
         One topic of each log; default all topics of JointStates that both have, or the only one of
         each.
     lag : float, optional
-        What is added to stamps of a to get stamps of b [s]; default estimated from the first
-        topic's positions, after a shift where the stamps have nothing in common.
+        Time added to stamps of a to get stamps of b [s]; by default estimated from the first
+        topic's positions, after a shift if the stamps do not overlap.
 
     Raises
     ------

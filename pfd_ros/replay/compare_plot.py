@@ -9,7 +9,7 @@ from pathlib import Path
 from pfd_ros.replay.compare import Comparison
 
 UNITS = {'position': 'rad or m', 'velocity': 'rad/s or m/s', 'effort': 'N m or N'}
-# Above so many joints the panels would be too small to read.
+# With more joints the panels would be too small to read.
 MOST_JOINTS = 12
 
 

@@ -58,7 +58,7 @@ class Divergence:
         return found
 
     def add(self, time: Array, differences: Array) -> None:
-        """Add differences (k, 3, m) at times (k,) [s]; NaN is none."""
+        """Add differences (k, 3, m) at times (k,) [s]; NaN is ignored."""
         sizes = np.abs(differences)
         known = ~np.isnan(sizes)
         self.count += known.sum(axis=0)

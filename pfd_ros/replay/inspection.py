@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Inspects a recording without simulating it: whether everything that was recorded is there.
+"""Check that a recording is complete, without simulating it.
 
-A closed file has the number of messages recorded and dropped on every channel, and their digests;
-a difference is damage. A file that was cut off is as good as its
-numbers: missing messages are counted.
+The end record of a closed file has the numbers of recorded and dropped messages of each channel,
+and their digests; a difference is damage. In a file that was cut off, missing messages are found
+by the numbers of the messages.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ from pfd_ros.replay.ordering import Block, PlacedMessage, messages_of
 from pfd_ros.replay.playback import follow
 from pfd_ros.replay.summary import Summary
 
-# Most events between their arrival and their row. The node queues 1000 and 32 MB of them for a
-# cycle; those that a flood drops stand in the file long before their rows.
+# Most events that wait for their row. The node queues 1000 and 32 MB of them for a cycle; events
+# that overflow the queue are recorded long before their rows.
 WAITING_LIMIT = 1 << 16
 WAITING_BYTES = 1 << 26
 # Messages that are computed from the URDF.
@@ -85,19 +85,18 @@ class Inspection:
     Attributes
     ----------
     summary
-        For people.
+        The result for people.
     ending
         The node's end record, None in a file that was cut off.
     altered
-        Why the messages are not the recorded ones, or ''. A digest does not say where, so a
-        replay should look for the place first.
+        Which digest of messages differs, or ''. A replay finds the place of the difference, so it
+        runs before this is reported.
     state
-        The last state, published or dropped by the sensors, as it was recorded.
+        Bytes of the last state, published or dropped by the sensors.
     description
-        The URDF as it was recorded, b'' without one.
+        Bytes of the message with the URDF, b'' without one.
     blocked
-        First step whose inputs are missing after the last recorded state of the whole arm, 0 if
-        none is.
+        First step whose inputs are missing after the last recorded state of the whole arm, or 0.
     """
 
     summary: Summary
@@ -121,7 +120,7 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
     log.read_head()
     part = log.part
     counts = _Counts(_WaitingEvents(part))
-    follow(log, counts, progress)
+    follow(log, counts.follow, progress)
     log.check_digests()
     waiting = counts.waiting
     channels = counts.channels
@@ -130,7 +129,7 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
         channels.setdefault(role, _ChannelCount(last=part.last_number(role)))
     states, unpublished = channels[STATES], channels.get(DROPPED_STATES, _ChannelCount())
     newest = max(states, unpublished, key=lambda channel: channel.last)
-    # Nobody knows which of the two a lost state was.
+    # A missing state may have been of either kind; it counts once.
     states.lost, unpublished.lost = states.lost + unpublished.lost, 0
     found = Inspection(
         Summary(
@@ -153,7 +152,7 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
             part=part.number,
             start=waiting.start,
         ),
-        # It may lie before the last chunk, which a cut-off file lacks.
+        # In a cut-off file the end record may come before a missing chunk.
         log.ending if log.complete else None,
         state=newest.data,
         description=channels.get(DESCRIPTION, _ChannelCount()).data,
@@ -200,14 +199,14 @@ class _Counts:
 
 
 class _WaitingEvents:
-    """Sizes of the events that have not been taken, and the steps whose events are missing.
+    """Sizes of the events that wait for their row, and the steps whose events are missing.
 
     Attributes
     ----------
     obstacle
-        What is missing first, or ''.
+        The first missing input, as the end of a sentence, or ''.
     blocked
-        First step that cannot be replayed, 0 if the steps read last can.
+        First step that cannot be replayed, 0 if the newest step can.
     gaps, start
         As in Summary.
     """
@@ -215,12 +214,12 @@ class _WaitingEvents:
     def __init__(self, part: Part) -> None:
         self.obstacle = ''
         self.blocked = self.start = 0
-        # Whether the state that a later file of a run begins with is still to come.
+        # A later file of a run begins with a state of the whole arm; True until it is read.
         self._opening = part.number > 1
         self.gaps: list[tuple[int, int]] = []
         self._sizes: dict[tuple[int, int], int] = {}
         self._bytes = 0
-        # Messages of rows before this place, and the step of the last one.
+        # Number and step of the last message of rows.
         self._rows, self._last = part.last_number(TAKEN), 0
 
     def __len__(self) -> int:
@@ -240,7 +239,7 @@ class _WaitingEvents:
             self._bytes = 0
 
     def pass_by(self, message: PlacedMessage) -> None:
-        """Note an output that needs the state of the whole arm before it."""
+        """Note an output; in a later file of a run the state of the whole arm comes before it."""
         if self._opening:
             self._opening = False
             self._block(message.cycle, 'lacks the arm state at its beginning')
@@ -249,7 +248,7 @@ class _WaitingEvents:
         self.pass_by(message)
         lost = message.number - self._rows - 1
         if lost:
-            # They may be of any step from the previous rows' step on.
+            # They may belong to any step since the previous rows.
             self._block(
                 self._last,
                 f'lacks {lost} records of commands taken before step {message.cycle}: '
@@ -258,7 +257,7 @@ class _WaitingEvents:
         self._rows, self._last = message.number, message.cycle
         for row in message.rows:
             size = self._sizes.pop((row.source, row.sequence), None)
-            # An event that overflowed did nothing: its payload does not matter.
+            # An event that overflowed had no effect: its payload is not needed.
             if size is None and row.verdict is not Verdict.OVERFLOWED:
                 self._block(
                     message.cycle,
@@ -268,19 +267,19 @@ class _WaitingEvents:
             self._bytes -= size or 0
 
     def resume(self, message: PlacedMessage) -> None:
-        """Let a recorded state of the whole arm end the steps that cannot be replayed."""
+        """End a gap at a recorded state of the whole arm."""
         if self._opening:
             self._opening, self.start = False, message.cycle
         saved = ArmState.from_bytes(decode_bytes(message.data))
         if saved.cycle != message.cycle:
             raise ValueError(
-                f'{message.role} {message.number} is of step {saved.cycle}, '
-                f'expected {message.cycle}'
+                f'{message.role} {message.number} belongs to step {saved.cycle}, '
+                f'expected step {message.cycle}'
             )
         if saved.row_messages < self._rows:
             raise ValueError(
                 f'{message.role} {message.number} counts {saved.row_messages} records of commands '
-                f'before it, there are {self._rows}'
+                f'before it, the file has {self._rows}'
             )
         if saved.row_messages > self._rows:
             self._block(
@@ -302,7 +301,7 @@ class _WaitingEvents:
 
 
 def _add_failure(found: Inspection) -> None:
-    """Add where the simulation failed, if it did: from the end record, or the last stamp."""
+    """Add the step after which the simulation failed, from the end record or the last stamp."""
     summary, ending = found.summary, found.ending
     if ending is not None and ending.totals is not None:
         if ending.totals.failure:
@@ -349,7 +348,7 @@ def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCou
     if ending.totals is not None:
         _check_totals(found, ending.totals, published)
         accepted = found.summary.verdicts[Verdict.ACCEPTED]
-        # The end record of a run counts those of all its files.
+        # The end record counts the commands of all files of the run.
         if part.number == 1 and not ending.dropped[TAKEN] and ending.totals.accepted != accepted:
             raise ValueError(
                 f'its end record counts {ending.totals.accepted} commands accepted, '
@@ -360,8 +359,8 @@ def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCou
 def _lacks_beginning_alone(
     ending: Ending, channels: Mapping[str, _ChannelCount], settings: Settings, part: Part
 ) -> bool:
-    """Return whether a file is whole from some time on, as a filter by time leaves it."""
-    # Steps of the last missing state and of the next one.
+    """Return whether a file lacks only its beginning, as after a filter by time."""
+    # Steps of the last missing state and of the next state.
     start = (part.last_number(STATES) + channels[STATES].front) * settings.publish_every
     end = start + settings.publish_every
     rates = {CLOCK: settings.clock_every, TF: settings.tf_every}
@@ -385,7 +384,7 @@ def _lacks_beginning_alone(
 
 
 def _count_states(published: Mapping[str, int]) -> int:
-    """Return the number of states from that of messages by role, those dropped by sensors too."""
+    """Return the number of states, published or dropped by sensors, from counts by role."""
     return sum(published.get(role, 0) for role in NUMBERED_AS_STATES)
 
 
@@ -395,35 +394,35 @@ def _add_lost_ends(summary: Summary, channels: Mapping[str, _ChannelCount]) -> N
     rates = {CLOCK: settings.clock_every, TF: settings.tf_every}
     for role in channels.keys() & {*rates, *OUTPUTS}:
         every = rates.get(role, settings.publish_every)
-        # The last state may have been cut off from what follows it.
+        # The other outputs of the last state may have been cut off.
         late = max(0, summary.steps - 1) // every - channels[role].last
         if late > 0:
             summary.lost[role] = channels[role].lost + late
 
 
 def _check_totals(found: Inspection, ending: Totals, published: Mapping[str, int]) -> None:
-    """Compare the totals of an end record with one another, and with the messages by role."""
+    """Check the totals of an end record against each other and against the counts by role."""
     settings = found.summary.settings
     states, every = _count_states(published), settings.publish_every
     # A failed arm keeps its state and continues to publish.
     last = (states + 1) * every - 1 if ending.failure else ending.steps
     if ending.states != states or last // every != states or ending.steps > last:
         raise ValueError(
-            f'its end record counts {ending.steps} steps and {ending.states} states, '
-            f'of which {states} were recorded or dropped, one in {every} steps'
+            f'its end record counts {ending.steps} steps and {ending.states} states, but '
+            f'{states} were recorded or dropped, at one state in {every} steps'
         )
     rates = {CLOCK: ('clock ticks', settings.clock_every), TF: ('frames', settings.tf_every)}
     for role, (noun, each) in rates.items():
         if role not in published:
             continue
         first = states * every if ending.failure else last
-        # A node that ends when it cannot publish a state has not come to its tick.
+        # A node that fails to publish a state ends before the tick of that state.
         if not first // each - 1 <= published[role] <= last // each:
             raise ValueError(
                 f'its end record counts {published[role]} {noun}, one in {each} of {last} steps'
             )
     for role in published.keys() & OUTPUTS.keys():
-        # A node may end between a state and what follows it.
+        # A node may end between a state and its other outputs.
         if not states - 1 <= published[role] <= states:
             raise ValueError(
                 f'its end record counts {states} states and {published[role]} messages {role}'

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a bag in the order of their log times, and what a whole bag contains, streamed."""
+"""Messages of a bag in the order of their log times, and the contents of a bag, streamed."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from pfd_ros.recording.bags import Bag, BagMessage
 from pfd_ros.recording.format import LAST_NS
 from pfd_ros.text import cut
 
-# What may be kept to bring messages into order: writers interleave topics within some ms.
+# Bounds on the messages kept for sorting: writers interleave topics within some ms.
 AHEAD_MESSAGES = 4096
 AHEAD_BYTES = 1 << 24
-# What may be kept of messages that are sent before an offset.
+# Bound on the messages kept from before an offset.
 KEPT_BYTES = 1 << 26
 
 
@@ -37,9 +37,9 @@ def in_time_order(
     *,
     time: Callable[[_AnyMessage], Any] = attrgetter('log_ns'),
 ) -> Iterator[_AnyMessage]:
-    """Yield messages by `time`, equal times in file order, within a window of the file.
+    """Yield messages sorted by `time`, equal times in file order, within a window of the file.
 
-    A message that lies further behind later ones is yielded as soon as it is read.
+    A message that comes too late in the file for the window is yielded when it is read.
     """
     waiting: list[tuple[Any, int, _AnyMessage]] = []
     size = 0
@@ -60,12 +60,12 @@ class Kept:
     Parameters
     ----------
     depths
-        How many messages are kept, by topic.
+        Number of kept messages, by topic.
 
     Attributes
     ----------
     left_out
-        Messages within these depths that were left out, since all exceed KEPT_BYTES.
+        Number of messages within these depths that exceeded the bound on bytes.
     """
 
     def __init__(self, depths: Mapping[str, int], most_bytes: int = KEPT_BYTES) -> None:
@@ -77,7 +77,7 @@ class Kept:
         self._found: dict[str, deque[tuple[int, BagMessage]]] = {name: deque() for name in depths}
 
     def add(self, message: BagMessage) -> None:
-        """Keep a message if its topic is one of these; the oldest are left out."""
+        """Keep a message of these topics; discard the oldest beyond depth or bound."""
         if message.topic not in self._depths:
             return
         found = self._found[message.topic]
@@ -101,7 +101,7 @@ class Kept:
 
 @dataclass
 class Survey:
-    """What a bag contains: messages by topic, first and last log time, and the longest gap, ns."""
+    """Contents of a bag: messages by topic, first and last log time, and the longest gap, ns."""
 
     counts: Counter[str] = field(default_factory=Counter)
     first_ns: int = 0
@@ -116,16 +116,16 @@ def survey(bag: Bag, stopped: Callable[[], bool] = bool) -> Survey:
     Parameters
     ----------
     bag
-        Its topics are known afterwards.
+        The bag; its topics are known afterwards.
     stopped
-        Asked for each message; once it returns True, the rest is not read.
+        Called for each message; once it returns True, the rest is not read.
 
     Raises
     ------
     LogError
         If a file is not a bag, or damaged before its end.
     ValueError
-        If a log time is none of ROS.
+        If a log time is outside the range of ROS.
     OSError
         If a file cannot be read.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recording of a run that a replay changed: a file like the node's, at the recorded times."""
+"""The recording of a changed run: a file as the node writes it, at the recorded times."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FLUSH_BYTES = 1 << 22
 
 
 def free_path(source: Path) -> Path:
-    """Return a path next to a log that does not exist: `log_what_if.mcap`, or with a number."""
+    """Return an unused path next to a log: `log_what_if.mcap`, or with a number."""
     stem = source.name if source.is_dir() else source.stem
     for number in range(1, 10_000):
         tail = '' if number == 1 else f'_{number}'
@@ -97,7 +97,7 @@ class NewLog:
     def add(self, role: str, wall_ns: int, number: int, data: bytes, stamp_ns: int) -> None:
         """Write a message with its time of day and its simulated time.
 
-        A log time that would decrease is the one of the previous message.
+        A log time that would decrease is replaced by the previous one.
         """
         log_ns, published_ns = (stamp_ns, wall_ns) if self._simulated else (wall_ns, stamp_ns)
         if log_ns > self._last_ns:
@@ -114,7 +114,7 @@ class NewLog:
         """Write the totals of the run, and close the file."""
         counts = {role: self._file.counts[place] for role, place in self._index.items()}
         recorded = {name: counts[role] for role, name in self._names.items()}
-        # Inputs that the source lost are lost here too; nothing else is.
+        # Only inputs that the source lost are missing here.
         dropped = {
             name: self._newest[role] - counts[role] if role in SOURCE_OF_ROLE else 0
             for role, name in self._names.items()
@@ -146,7 +146,7 @@ class LogTimes:
             self._times.append(max(log_ns, self._times[-1]))
 
     def add_all(self, cycles: NDArray[Any], log_ns: NDArray[Any]) -> None:
-        """Add the times of cycles, as `add` one after the other."""
+        """Add the times of cycles, as `add` does one by one."""
         reached = np.maximum.accumulate(np.append(self._cycles[-1], cycles))
         later = np.diff(reached) > 0
         times = np.maximum.accumulate(np.append(self._times[-1], log_ns[later]))
@@ -154,7 +154,7 @@ class LogTimes:
         self._times += times[1:].tolist()
 
     def at(self, cycle: int) -> int:
-        """Return the time of one cycle; those before may be forgotten."""
+        """Return the time of one cycle; later calls ask for no earlier cycle."""
         k = bisect_left(self._cycles, cycle)
         if k > MOST_TIMES:
             del self._cycles[: k - 1], self._times[: k - 1]
@@ -167,7 +167,7 @@ class LogTimes:
         return begin + (end - begin) * (cycle - low) // (high - low)
 
     def of(self, first: int, count: int) -> NDArray[np.int64]:
-        """Return the times of some cycles, (count,), and forget those before."""
+        """Return the times of successive cycles, (count,), as `at`."""
         base = self._times[0]
         after = [t - base for t in self._times]
         found = np.interp(np.arange(first, first + count), self._cycles, after)

@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The order of the messages of a recording: the cycle of each, and whether it is possible.
 
-The messages of a channel are numbered from 1; numbers may be missing, if the disk was too slow,
-but never repeat or decrease; states that the sensors dropped are numbered with those they
-published. Within a cycle come the validation rows, of events that overflowed or were validated, a
-new payload, the state, its outputs, the clock tick, the frames of the links. No cycle lies further
-ahead than the arm can have reached at the recorded time: a damaged number would otherwise be
-simulated through.
+The messages of a channel are numbered from 1. Numbers never repeat or decrease; some are missing
+if the disk was too slow. Published states and states that the sensors dropped share one numbering.
+
+The messages of a cycle are, in this order: validation rows (of events that overflowed, then of
+validated ones), a new payload, the state, its other outputs, the clock tick, the frames of the
+links. A cycle that the arm cannot have reached at the recorded time is an error; without this
+check a damaged number would make the replay simulate for hours.
 """
 
 from __future__ import annotations
@@ -58,23 +59,24 @@ from pfd_ros.recording.format import (
 )
 from pfd_ros.recording.reader import Entries, Entry, Log
 
-# Steps per second that no node reaches; the bound where the settings name none.
+# Steps per second, above the rate of any node: the bound where the settings give none.
 FASTEST = 1e6
 # By how much the arm may be ahead of its schedule, s: it makes up for delays of 0.05 s.
 AHEAD = 1.0
-# Inputs that a replay keeps: twice those that an inspection lets wait, see inspection.py.
+# Inputs that a replay keeps, twice WAITING_LIMIT and WAITING_BYTES of inspection.py.
 MOST_KEPT, MOST_BYTES = 1 << 17, 1 << 27
 # Order of the outputs within a cycle; only validation rows may be several messages.
 ROLES = tuple(CHANNELS)
 RANKS = {role: rank for rank, role in enumerate(ROLES)}
-# Inputs, whose validation rows have their cycle, and messages of the node itself.
+# Roles without a cycle: inputs (their validation rows have it) and messages of the node itself.
 _OF_NO_CYCLE = frozenset({*SOURCE_OF_ROLE, *ASIDE})
+# By the rank of a role.
 HAVE_CYCLES = np.array([role not in _OF_NO_CYCLE for role in ROLES])
-# Messages whose number alone, or whose rows, place them.
+# Roles whose cycle follows from the number of the message or from its rows.
 _REGULAR = CHANNELS.keys() - {PARAMETERS, PAYLOAD_IN_USE, DROPPED_STATES}
-# By their numbers, from 0 on.
+# Indexed by their values, which count from 0.
 _SOURCES, _VERDICTS = tuple(Source), tuple(Verdict)
-# Larger integers have no exact float64.
+# Larger integers are not exact in float64.
 _EXACT = 1 << 53
 
 
@@ -90,7 +92,7 @@ class PlacedMessage(NamedTuple):
     lost
         Messages of the channel that are missing right before it.
     cycle
-        The cycle it is an output of; 0 for an input, and for what is neither.
+        The cycle that published it; 0 for an input and for a message of the node itself.
     wall_ns
         Time of day when it was recorded, ns.
     data
@@ -113,12 +115,12 @@ class PlacedMessage(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """Messages of a recording as columns (k,); none is missing before one of them.
+    """k messages of a recording as columns (k,); no message is missing between them.
 
     Attributes
     ----------
     ranks
-        Of each role, its place in `ROLES`.
+        The role of each, as index in `ROLES`.
     rows
         The validation rows, (k, rows a message, len(TAKEN_COLUMNS)); zeros for other roles.
     numbers, cycles, data, wall_ns, log_ns, published_ns
@@ -135,18 +137,18 @@ class Columns(NamedTuple):
     published_ns: NDArray[Any]
 
     def where(self, chosen: NDArray[np.bool_]) -> Columns:
-        """Return some of the messages."""
+        """Return the messages that a mask (k,) selects."""
         columns: Iterable[Any] = self
         return Columns._make(
             list(compress(x, chosen)) if isinstance(x, list) else x[chosen] for x in columns
         )
 
     def between(self, begin: int, end: int) -> Columns:
-        """Return some messages that follow one another."""
+        """Return the messages from index `begin` to before `end`."""
         return Columns._make(x[begin:end] for x in self)
 
     def messages(self) -> Iterator[PlacedMessage]:
-        """Yield them one by one."""
+        """Yield the messages one by one."""
         rows: list[tuple[ValidationRow, ...]] = [()] * len(self.data)
         for k in np.flatnonzero(self.ranks == RANKS[TAKEN]).tolist():
             rows[k] = _validation_rows(self.rows[k].tolist())
@@ -164,18 +166,18 @@ class Columns(NamedTuple):
         )
 
 
-# Some messages that follow one another.
+# Successive messages.
 Block: TypeAlias = Columns | list[PlacedMessage]
 
 
 def columns_of(messages: Sequence[PlacedMessage]) -> Columns:
-    """Return messages of at most one validation row as columns."""
+    """Return messages as columns; each has at most one validation row."""
     rows = np.zeros((len(messages), 1, len(TAKEN_COLUMNS)), np.uint64)
     data = []
     for k, message in enumerate(messages):
         if message.rows:
             (rows[k, 0],) = message.rows
-        # Rows may not be the ones in the data.
+        # The rows of a changed input differ from its data.
         data.append(encode_rows(message.rows, TAKEN_COLUMNS) if message.rows else message.data)
     names = 'number', 'cycle', 'wall_ns', 'log_ns', 'published_ns'
     number, cycle, *times = (np.array([getattr(x, name) for x in messages]) for name in names)
@@ -184,7 +186,7 @@ def columns_of(messages: Sequence[PlacedMessage]) -> Columns:
 
 
 def joined(blocks: Sequence[Columns]) -> Columns:
-    """Return messages that follow one another."""
+    """Return blocks of successive messages as one."""
     columns: Iterable[Any] = zip(*blocks, strict=True)
     return Columns._make(
         [*chain(*x)] if isinstance(x[0], list) else np.concatenate(x) for x in columns
@@ -193,7 +195,7 @@ def joined(blocks: Sequence[Columns]) -> Columns:
 
 @dataclass
 class Inbox:
-    """The inputs of a recording that no validation row has taken yet."""
+    """The inputs of a recording that no validation row has named yet."""
 
     _payloads: dict[tuple[Source, int], bytes] = field(default_factory=dict)
     _bytes: int = 0
@@ -207,41 +209,41 @@ class Inbox:
         size = sum(map(len, payloads))
         self._bytes += size
         if len(self._payloads) > MOST_KEPT or self._bytes > MOST_BYTES:
-            # An inspection has found that their rows are missing.
+            # Their rows are missing, which the inspection has found.
             self._payloads.clear()
             self._bytes = size
         self._payloads.update(zip(zip(repeat(source), numbers), payloads, strict=True))
 
     def payloads(self, source: Source, numbers: Sequence[int]) -> list[bytes]:
-        """Return the messages of some numbers of a source, b'' for those that are missing."""
+        """Return the messages of a source by their numbers, b'' for a missing one."""
         return [self._payloads.get((source, number), b'') for number in numbers]
 
     def forget(self, source: Source, numbers: Sequence[int]) -> None:
-        """Forget messages by their numbers."""
+        """Discard messages of a source by their numbers."""
         for number in numbers:
             self._bytes -= len(self._payloads.pop((source, number), b''))
 
     def payload(self, row: ValidationRow) -> bytes:
-        """Return the message that a row is about, b'' if it is missing."""
+        """Return the message that a row names, b'' if it is missing."""
         return self._payloads.get((row.source, row.sequence), b'')
 
     def has(self, row: ValidationRow) -> bool:
-        """Return whether the message that a row is about is here."""
+        """Return whether the message that a row names is here."""
         return (row.source, row.sequence) in self._payloads
 
     def pop(self, row: ValidationRow) -> bytes:
-        """Return the message that a row is about, b'' if it is missing, and forget it."""
+        """Remove and return the message that a row names, b'' if it is missing."""
         data = self._payloads.pop((row.source, row.sequence), b'')
         self._bytes -= len(data)
         return data
 
     def rest(self) -> Iterator[tuple[Source, int, bytes]]:
-        """Yield source, number and message of the inputs that no row has taken."""
+        """Yield source, number and message of the inputs that no row has named."""
         for (source, number), data in self._payloads.items():
             yield source, number, data
 
     def take(self, message: PlacedMessage) -> list[Event]:
-        """Return the events that the rows of a message are about, and forget them."""
+        """Remove and return the events that the rows of a message name."""
         rows = message.rows
         payloads = [self.pop(row) for row in rows]
         if rows[0].verdict is Verdict.OVERFLOWED:
@@ -250,11 +252,6 @@ class Inbox:
             Arrival(row.source, row.sequence, payload)
             for row, payload in zip(rows, payloads, strict=True)
         ]
-
-
-def placed_messages(log: Log) -> Iterator[PlacedMessage]:
-    """Yield the messages of a recording one by one, as `placed_blocks` does."""
-    return chain.from_iterable(map(messages_of, placed_blocks(log)))
 
 
 def messages_of(block: Block) -> Iterable[PlacedMessage]:
@@ -268,7 +265,7 @@ def placed_blocks(log: Log) -> Iterator[Block]:
     Raises
     ------
     ValueError
-        Where it cannot have happened like that, or the file is damaged.
+        If a number, an order or a time is impossible, or the file is damaged.
     OSError
         If it cannot be read.
     """
@@ -294,20 +291,20 @@ class _Order:
         self._last_ns = settings.start_ns if self._simulated else log.started_ns
         part = log.part
         self._last = {role: part.last_number(role) for role in log.roles.values()}
-        # Of the last output: its cycle, then its order within the cycle.
+        # Of the last output: cycle * len(ROLES) + rank.
         self._place = RANKS[CLOCK]
         # The cycle of the last validation rows.
         self._taken = 1
 
     def _allow(self, settings: Settings) -> None:
-        """Raise the bound on the rate of cycles to that of some settings."""
+        """Raise the bound on cycles per second to the rate of some settings."""
         factor = settings.real_time_factor
         own_time = factor and not settings.follows_clock
         nominal = factor / settings.step_size if own_time else FASTEST
         self._rate = min(max(nominal, self._rate), FASTEST)
 
     def _allow_change(self, data: bytes) -> None:
-        # Changes that the arm refuses have no effect, and need no bound of their own.
+        # A change that the arm rejects has no effect.
         with suppress(ValueError):
             values = read_changes(decode_string(data))
             if 'real_time_factor' in values:
@@ -315,7 +312,7 @@ class _Order:
                 self._allow(replace(self._settings, real_time_factor=factor))
 
     def place_all(self, entries: Entries) -> Columns | None:
-        """Return messages if none is missing or impossible; None if `place` has to look."""
+        """Return messages as columns; None if `place` must check them one by one."""
         block, roles, count = entries.block, entries.roles, len(entries.roles)
         times = np.stack([block.log_ns, block.published_ns])
         if not _REGULAR.issuperset(roles):
@@ -368,7 +365,7 @@ class _Order:
         if entry.log_ns < self._last_ns:
             raise ValueError(
                 f'{role} {entry.sequence} was recorded at {entry.log_ns} ns, '
-                f'what is before it at {self._last_ns} ns'
+                f'the message before it at {self._last_ns} ns'
             )
         self._last_ns = entry.log_ns
         number, lost = self._number(entry)
@@ -380,7 +377,7 @@ class _Order:
             rows = _rows(entry)
             self._taken = cycle = rows[0].cycle
         elif role == PAYLOAD_IN_USE:
-            # In the step that a change was taken for, or the first one.
+            # In the step of the last change, or in the first one.
             cycle = self._taken
         if role not in _OF_NO_CYCLE:
             self._follow(entry, cycle)
@@ -402,7 +399,7 @@ class _Order:
         return last + ahead, ahead - 1
 
     def _follow(self, entry: Entry, cycle: int) -> None:
-        """Check that an output of this cycle can follow the output before it."""
+        """Raise ValueError if this output cannot follow the one before it."""
         place = cycle * len(ROLES) + RANKS[entry.role]
         if place - self._place < (entry.role != TAKEN):
             raise ValueError(
@@ -422,15 +419,15 @@ class _Order:
         """Return the time since the start of the recording, s."""
         if not self._simulated:
             return (entry.log_ns - self._started_ns) / NANOSECONDS
-        # Programs that write a file again may drop publish times.
+        # Other programs that rewrite the file may drop publish times.
         wall_ns = entry.published_ns - self._started_ns
         return max(wall_ns, entry.log_ns - self._settings.start_ns) / NANOSECONDS
 
 
 def _rows_of(messages: Sequence[bytes]) -> NDArray[Any] | None:
-    """Return the rows of messages with as many each, (messages, rows, len(TAKEN_COLUMNS)).
+    """Return the rows of messages with equal counts, (messages, rows, len(TAKEN_COLUMNS)).
 
-    None if one has others, or some that no node writes.
+    None if the counts differ, or a row is not as a node writes it.
     """
     table = all_rows_as_written(messages, TAKEN_COLUMNS)
     if table is None:
@@ -448,10 +445,10 @@ def _rows_of(messages: Sequence[bytes]) -> NDArray[Any] | None:
 
 
 def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
-    """Return the rows of a message: all of one cycle, and all of overflow or none."""
+    """Return the rows of a message; ValueError if they mix cycles, or overflow with others."""
     decoded = rows_as_written(entry.data, TAKEN_COLUMNS)
     if decoded is None:
-        # Bytes that cannot be decoded have a separate error.
+        # This raises for bytes that cannot be decoded.
         decode_rows(entry.data, len(TAKEN_COLUMNS))
         raise ValueError(f'taken {entry.sequence} is not as the node writes it')
     for _, source, _, verdict, _ in decoded:

@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Playback: the messages of a recording, by kind, for an engine or for a count.
+"""An engine that follows the messages of a recording.
 
-A message is an input, validation rows that say which cycle took inputs, another output, or none of
-these, such as the robot's URDF. This is the only place that distinguishes them.
+A message is an input, or validation rows (which inputs a cycle took), or another output of a
+cycle, or a message of the node itself, such as the robot's URDF.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -44,26 +44,21 @@ from pfd_ros.replay.ordering import (
     placed_blocks,
 )
 
-# Outputs of cycles that run in one native call, and how many messages are collected for a call.
+# Outputs of cycles that run in one native call, and the messages that one call takes.
 IN_STRETCHES = frozenset({STATES, CLOCK, TF})
 FEWEST_COLLECTED, MOST_COLLECTED = 48, 12_288
-# Cycles of a call, whose states are in memory; messages may be far apart.
+# Cycles of a call: bounds the memory of their states where messages are far apart.
 MOST_CYCLES = 1 << 17
-# By the rank of a role: commands, and what comes in stretches.
+# By the rank of a role: commands and the outputs above.
 _IN_STRETCHES = np.array(
     [role in {NAMED_COMMANDS, ARRAY_COMMANDS, TAKEN, *IN_STRETCHES} for role in ROLES]
 )
 
 
-class Follower(Protocol):
-    """What follows a recording, some messages at a time."""
-
-    def follow(self, block: Block) -> None:
-        """Follow the next messages."""
-
-
-def follow(log: Log, follower: Follower, progress: Callable[[float], None] | None = None) -> None:
-    """Pass the messages of a recording to a follower.
+def follow(
+    log: Log, put: Callable[[Block], None], progress: Callable[[float], None] | None = None
+) -> None:
+    """Pass the messages of a recording to a function, block by block.
 
     Raises
     ------
@@ -73,13 +68,13 @@ def follow(log: Log, follower: Follower, progress: Callable[[float], None] | Non
         If it cannot be read.
     """
     for block in placed_blocks(log):
-        follower.follow(block)
+        put(block)
         if progress is not None:
             progress(log.position / log.size)
 
 
 class Stretch(NamedTuple):
-    """Cycles of a recording in which commands of efforts came, and nothing else.
+    """k cycles of a recording whose only inputs are effort commands.
 
     Attributes
     ----------
@@ -88,11 +83,11 @@ class Stretch(NamedTuple):
     stamps_ns
         Simulated time of the states (k,), ns.
     rows
-        q, qd and the efforts that acted, (k, 3, n), model order.
+        q, qd and the applied efforts, (k, 3, n), model order.
     source
-        Of the commands.
+        Source of the commands.
     taken
-        The messages of validation rows, one command each.
+        The messages of validation rows, one for each command.
     payloads
         The commands.
     outputs
@@ -108,7 +103,7 @@ class Stretch(NamedTuple):
     outputs: Columns
 
     def of(self, role: str) -> tuple[NDArray[Any], list[bytes]]:
-        """Return the places in `rows` and the data of the recorded messages of a role."""
+        """Return the recorded messages of a role: their indices in `rows`, and their data."""
         found = self.outputs.where(self.outputs.ranks == RANKS[role])
         return found.cycles - self.first, found.data
 
@@ -117,13 +112,13 @@ class Stretch(NamedTuple):
 class Playback(ABC):
     """An engine that follows a recording.
 
-    Cycles with nothing but commands are collected, and run in one native call. Where that is not
-    possible, or `stretched` objects, they are followed message by message.
+    Cycles with only commands are collected and run in one native call. Where that is impossible,
+    or `stretched` returns False, they are followed message by message.
 
     Attributes
     ----------
     driver
-        Of the engine.
+        The engine's driver.
     inbox
         Inputs that no cycle has taken yet.
     """
@@ -132,7 +127,7 @@ class Playback(ABC):
     inbox: Inbox = field(default_factory=Inbox)
     _collected: list[Columns | PlacedMessage] = field(default_factory=list)
     _count: int = 0
-    # Of the commands that were collected.
+    # Source of the collected commands.
     _source: int = -1
 
     @abstractmethod
@@ -145,14 +140,14 @@ class Playback(ABC):
 
     @abstractmethod
     def stretched(self, stretch: Stretch) -> bool:
-        """Follow a stretch; if it returns False, nothing of it has happened."""
+        """Follow a stretch; return False, without any effect, if that is impossible."""
 
     @abstractmethod
     def aside(self, message: PlacedMessage) -> None:
         """Follow a message that is neither input nor output of a cycle."""
 
     def together(self, block: Columns) -> bool:
-        """Return whether outputs of cycles may be collected without looking at each."""
+        """Return whether all these outputs may be collected for one native call."""
         return True
 
     def follow(self, block: Block) -> None:
@@ -161,7 +156,7 @@ class Playback(ABC):
             for message in block:
                 self._follow(message)
             return
-        # Messages of other kinds divide a block.
+        # Messages of other roles divide a block.
         begin = 0
         for place in np.flatnonzero(~_IN_STRETCHES[block.ranks]).tolist():
             self._follow_commands(block.between(begin, place))
@@ -170,7 +165,7 @@ class Playback(ABC):
         self._follow_commands(block.between(begin, len(block.data)))
 
     def _follow_commands(self, block: Columns) -> None:
-        """Follow commands and what comes in cycles with nothing else."""
+        """Follow commands and the outputs of cycles with only commands."""
         taken = block.ranks == RANKS[TAKEN]
         sources = np.unique(block.rows[taken, 0, 1])
         outputs = block.where(HAVE_CYCLES[block.ranks])
@@ -191,7 +186,7 @@ class Playback(ABC):
             some = block.where(block.ranks == RANKS[ROLE_OF_SOURCE[source]])
             self.inbox.put_all(source, some.numbers.tolist(), some.data)
         if not self._collected:
-            # What belongs to the cycles before the first command.
+            # Outputs of the cycles before the first command.
             begin = int(taken[HAVE_CYCLES[block.ranks]].argmax())
             for message in outputs.between(0, begin).messages():
                 self.output_now(message)
@@ -253,7 +248,7 @@ class Playback(ABC):
             else:
                 parts.append(columns_of(list(group)))
         block = joined(parts)
-        # The messages of the last cycle may not have come yet.
+        # Messages of the last cycle may still follow.
         cut = int(np.searchsorted(block.cycles, block.cycles[-1]))
         if cut >= FEWEST_COLLECTED and self._run_stretch(block.between(0, cut)):
             block = block.between(cut, len(block.data))
@@ -300,7 +295,7 @@ class Playback(ABC):
         stamps = before.origin_ns + steps * engine.settings.step_ns
         outputs = block.where(~are_taken)
         stretch = Stretch(first, stamps, rows, source, taken, payloads, outputs)
-        # A failure or a reflex ends a stretch early, in a cycle to be followed by itself.
+        # After a failure or a reflex the cycles are followed one by one.
         ended = engine.state.failure or engine.state.actuators.tripped
         if ended or not self.stretched(stretch):
             engine.restore(before)
@@ -315,7 +310,7 @@ class Playback(ABC):
 
 
 def _answered(engine: Engine, cycles: NDArray[Any], count: int) -> bool:
-    """Return whether, in lockstep, each published state within a stretch has its command."""
+    """Return whether each published state within a stretch has its command, as lockstep needs."""
     if not engine.pace.lockstep:
         return True
     first = int(cycles[0])
@@ -326,9 +321,9 @@ def _answered(engine: Engine, cycles: NDArray[Any], count: int) -> bool:
 def _named_efforts(
     engine: Engine, payloads: list[bytes], cycles: NDArray[Any]
 ) -> NDArray[Any] | None:
-    """Return the efforts of commands by name for some cycles, (k, n), published order.
+    """Return the efforts of k commands by name for their cycles, (k, n), published order.
 
-    None if the rules have to look at each of them: for stale stamps, or other joints.
+    None if a command must be validated by itself, for a stale stamp or for other joints.
     """
     with suppress(ValueError):
         found = decode_joint_states(payloads)
@@ -347,7 +342,7 @@ def _oldest_ns(engine: Engine, cycles: NDArray[Any]) -> NDArray[Any]:
     state = engine.state
     oldest = np.full(len(cycles), state.since_ns)
     if engine.pace.lockstep:
-        # Of the state that the command answers.
+        # The stamp of the state that the command answers.
         answered = cycles - 1 - (cycles - 1) % engine.publish_every
         steps = state.step + answered - state.cycle
         after = answered > state.cycle

@@ -1,12 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What of a log is published: topics, names, QoS, window of time; commands are withheld.
+"""The published part of a log: topics, names, QoS, window of time; commands are withheld.
 
-A command that was recorded must not reach a real arm by accident. In a recording of the node the
-commands are the topics of its inputs. In every log they are also the topics whose last names are
-those of the node's inputs, whose name contains a word of COMMAND_PARTS or COMMAND_WORDS, and whose
+A recorded command must not reach a real arm by accident. In a recording of the node the commands
+are the topics of its inputs. In every log a topic is also a command if its last name is the name
+of an input of the node, if its name contains a word of COMMAND_PARTS or COMMAND_WORDS, or if its
 type is one of COMMAND_TYPES. Outputs of the node under their own names are not commands. A topic
-that is named by the caller is published.
+named by the caller is published.
 """
 
 from __future__ import annotations
@@ -183,8 +183,8 @@ def obstacle_of(topic: BagTopic) -> str:
     missing = f'type {cut(topic.type)} is not installed'
     try:
         installed = full_text(topic.type)
-        # A definition may be known without the package that publishes it; ValueError if the name
-        # is that of a module without a specification.
+        # A definition may be known without the package that publishes it; ValueError if a module
+        # of this name has no specification.
         if find_spec(topic.type.partition('/')[0]) is None:
             return missing
     except ValueError:

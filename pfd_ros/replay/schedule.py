@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """When each message of a log is sent: rate, window, loop, pause, step and seek; no clock, no ROS.
 
-The caller passes the time of a steady clock [ns] to each method, asks `next_ns` how long to wait
-and takes from `due` what is to be done. Every time is computed from one anchor, a moment on both
-clocks that moves only where the rate or the position changes: a late message delays no other one.
-After a change of the position the anchor is the moment at which the log has been read up to there.
+The caller passes the time of a steady clock [ns] to each method. `next_ns` returns how long to
+wait, `due` the next event. All times are computed from one anchor, a moment on both clocks, so a
+late message does not delay the others. The anchor moves only if the rate or the position changes.
+After a change of the position it is the moment at which the log has been read up to there.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ class Jump(NamedTuple):
 
 @dataclass(frozen=True)
 class Window:
-    """Log times [ns]: the first of the log, and what is played, `begin_ns` <= t < `end_ns`."""
+    """Log times [ns]: the first of the log, and the window, `begin_ns` <= t < `end_ns`."""
 
     first_ns: int
     begin_ns: int
     end_ns: int
 
     def at(self, seconds: float) -> int:
-        """Return the log time [ns] so many seconds after the first message.
+        """Return the log time [ns] at a number of seconds after the first message.
 
         Raises
         ------
@@ -77,9 +77,9 @@ class Schedule:
     read
         Return the messages from the beginning, by log time.
     kept
-        Topics, with a count, of which the last messages from before a position are sent first.
+        By topic, how many of the last messages before a position are sent first.
     window
-        What is played.
+        The window of time that is played.
     rate
         Speed, as a multiple of the log's.
     loop
@@ -96,9 +96,9 @@ class Schedule:
     loops
         Number of times that the log began again.
     unordered
-        Messages that lie far behind later ones in the file; they are sent when they are read.
+        Number of messages too late in the file to be sorted; they are sent when they are read.
     left_out
-        Messages from before a position that were not kept, since they exceed the memory for them.
+        Number of messages from before a position that exceed the memory for them.
 
     Raises
     ------
@@ -161,7 +161,7 @@ class Schedule:
         return min(self._times(), default=None)
 
     def due(self, now_ns: int) -> Send | Tick | Jump | None:
-        """Return the next event that is due, None if none is; to be called until it is None."""
+        """Return the next event that is due, or None; call it until it returns None."""
         if self._jump is not None:
             jump, self._jump = self._jump, None
             return jump

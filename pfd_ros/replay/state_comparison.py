@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recorded states next to the states of both runs, in bounded memory."""
+"""The recorded states compared with the states of both runs, in bounded memory."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PENDING = 4096
 
 
 class StateComparison:
-    """The recorded states next to the states of both runs."""
+    """The recorded states compared with the states of both runs."""
 
     def __init__(
         self,
@@ -48,14 +48,14 @@ class StateComparison:
         states
             k states.
         places, times
-            How many cycles of the changed arm end by each, and seconds after the start, (k,).
+            Time of each state in cycles of the changed arm, and in s after the start, (k,).
         of_bag
-            Whether the efforts are the new run's inputs, and act after the state.
+            Whether the efforts are inputs of the new run, which act after the state.
         """
         names = states.names
         if names not in self._places:
             known = [k for k, name in enumerate(names) if name in self.joints]
-            # Names that no arm has must not fill the memory.
+            # Bounds the memory for joints that the arm lacks.
             if len(self._places) > len(self._columns) + 16:
                 self._places.clear()
             self._places[names] = known, [self.joints.index(names[k]) for k in known]

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The summary of a recording, as people get to see it."""
+"""The summary of a recording, for people."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Summary:
     # Whether the file has the node's end record, with the counts and digests of all messages.
     ended: bool = False
     versions: dict[str, str] = field(default_factory=dict)
-    # Up to the last recorded state; the arm itself stood still from `stopped_at` on, if it failed.
+    # Up to the last recorded state. A failed arm did not move after step `stopped_at`.
     steps: int = 0
     states: int = 0
-    # Of the recorded ones, dropped by the sensors.
+    # Recorded states that the sensors dropped.
     unpublished: int = 0
     lost: dict[str, int] = field(default_factory=dict)
-    # Messages of the run that never came to the disk, the end of a cut-off file apart.
+    # Messages that were never written; the lost end of a cut-off file does not count.
     dropped: int = 0
     verdicts: Counter[Verdict] = field(default_factory=Counter)
     waiting: int = 0
@@ -41,14 +41,14 @@ class Summary:
     stopped_at: int | None = None
     failure: str = ''
     obstacle: str = ''
-    # Steps that cannot be replayed, since inputs are missing: the first one, and the one after
-    # which a recorded state of the whole arm lets a replay continue.
+    # Steps whose inputs are missing: the first one, and the one after which a recorded state of
+    # the whole arm allows the replay to continue.
     gaps: list[tuple[int, int]] = field(default_factory=list)
-    # Whether the file has its beginning, if it was closed.
+    # False if a closed file lacks its beginning.
     beginning: bool = True
     # States within gaps, which a replay did not compare.
     uncompared: int = 0
-    # Number of the file in its run, the step before its first one, and whether another follows.
+    # Number of the file in its run, the step before its first step, and whether a file follows.
     part: int = 1
     start: int = 0
     continues: bool = False
@@ -60,12 +60,12 @@ class Summary:
 
     @property
     def absent(self) -> list[str]:
-        """The parts that a whole recording has and this one lacks."""
+        """Everything that a complete recording has and this one lacks."""
         return RunSummary([self]).absent
 
     @property
     def lacking(self) -> list[str]:
-        """The parts that the file should have and lacks."""
+        """Everything that this file should have and lacks."""
         found = []
         if not self.complete:
             found.append('the end of the file, which was not closed')
@@ -93,7 +93,7 @@ class Summary:
 
     @property
     def rate(self) -> float:
-        """Recorded states per second of wall time, Hz; 0 if there are too few to say."""
+        """Recorded states per second of wall time, Hz; 0 with fewer than two states."""
         published = self.states + self.missing
         return (published - 1) / self.seconds if published > 1 and self.seconds > 0 else 0.0
 
@@ -111,7 +111,7 @@ class RunSummary:
 
     @property
     def absent(self) -> list[str]:
-        """The parts that a whole recording has and this one lacks."""
+        """Everything that a complete recording has and this one lacks."""
         found, number = [], 0
         for part in self.parts:
             found += _between(number, part.part)

@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a recording again and compares every output of the arm, byte for byte.
+"""Simulate a recording again and compare every output of the arm, byte for byte.
 
-Needs the file alone, no ROS: it holds settings, robot, the bytes of every input, and the cycle
-that took it. The file is read twice: first to inspect whether it is whole and possible
-(`inspection.py`), then to feed the engine from it.
+Only the file is needed, no ROS: it holds the settings, the robot, the bytes of every input, and
+the cycle that took it. It is read twice: to check that it is complete and possible
+(`inspection.py`), and to feed the engine.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def read_run(
     paths
         The files, in any order; a file that was cut off is read up to the cut.
     verify
-        Run the engine again and compare all its outputs, verdicts too.
+        Simulate the run again and compare all outputs and validation results.
     progress
         Called now and then with the finished part, 0 to 1.
 
@@ -81,10 +81,10 @@ def read_run(
     DifferenceError
         At the first differing bit; the text names step, joint, field and both values.
     LogError
-        If a file is no recording, is damaged, or holds too little to be replayed, or the files
-        are not of one run.
+        If a file is not a recording, is damaged, or holds too little to be replayed, or the files
+        are from different runs.
     OSError
-        If one cannot be read.
+        If a file cannot be read.
     """
     logs = in_order([Log(Path(path)) for path in paths])
     share = (INSPECTION_SHARE if verify else 1.0) / len(logs)
@@ -113,7 +113,7 @@ def read_run(
 
 
 class _FilePart(NamedTuple):
-    """A file of a run, inspected; `gapless` if it continues the file before."""
+    """An inspected file of a run; `gapless` if it continues the file before it."""
 
     log: Log
     found: Inspection
@@ -134,12 +134,12 @@ def _check_compared(parts: Sequence[_FilePart]) -> None:
 
 
 def _replay_of(parts: Sequence[_FilePart]) -> _Replay:
-    """Return an engine at the beginning of a run, and where it has to skip steps."""
+    """Return an engine at the start of a run, with the gaps in which it skips steps."""
     log, found, _ = next((part for part in parts if part.found.summary.states), parts[0])
     if found.summary.states == 0:
         raise LogError(f'{log.path} holds no states, so there is nothing to verify')
     gaps: list[tuple[int, int]] = []
-    # First step whose inputs are missing at the end of the file before.
+    # First step without inputs at the end of the previous file, and that file.
     blocked, blocking = 0, log
     for part in parts:
         summary = part.found.summary
@@ -165,7 +165,7 @@ def _replay(part: _FilePart, replay: _Replay, progress: Callable[[float], None] 
     log, found, _ = part
     arm, before = replay.driver.engine.arm, replay.uncompared
     try:
-        follow(log, replay, progress)
+        follow(log, replay.follow, progress)
         replay.flush()
         if found.ending is not None and found.ending.totals is not None:
             replay.finish(found.ending.totals)
@@ -203,7 +203,7 @@ def simulable(
 
 
 def recorded_robot(log: Log, state: bytes) -> pfd.Robot:
-    """Return the robot of a recording; compiling one of other joints could take minutes."""
+    """Return the robot of a recording; DifferenceError if its joints are not those recorded."""
     robot = read_robot(log.robot_yaml)
     names = decode_joint_state(state).names
     expected = (*robot.joint_names, *log.settings.published_locks)
@@ -213,7 +213,7 @@ def recorded_robot(log: Log, state: bytes) -> pfd.Robot:
 
 
 def _cause(found: Inspection, program: str) -> str:
-    """Return why a recording and its replay may differ: other data, program or processor."""
+    """Return why a recording and its replay differ: other data, program or processor."""
     if found.altered:
         return f'cause: other data, {found.altered}'
     there, here = found.summary.versions, versions()
@@ -241,11 +241,11 @@ class _Replay(Playback):
     rows
         Data of the validation rows of the last events.
     outputs
-        Data of the last cycle's outputs but validation rows, by role.
+        Data of the last cycle's other outputs, by role.
     gaps
-        As in Summary, those that are left.
+        The gaps that are still ahead, as in Summary.
     uncompared
-        States within gaps.
+        Number of states within gaps.
     """
 
     rows: list[bytes] = field(default_factory=list)
@@ -274,7 +274,7 @@ class _Replay(Playback):
         return not self.gaps or block.cycles[-1] < self.gaps[0][0]
 
     def take(self, message: PlacedMessage) -> None:
-        """Follow validation rows, but not those in a gap."""
+        """Follow validation rows; discard them in a gap."""
         if self._in_gap(message):
             self.inbox.take(message)
         else:
@@ -306,9 +306,9 @@ class _Replay(Playback):
     def output_now(self, message: PlacedMessage) -> None:
         """Compare an output of a cycle."""
         if message.role == TF and self.driver.engine.frames is None:
-            return  # without the URDF, whose loss the inspection has noted
-        # An array has no stamp, and frames have it elsewhere; if the states have the same gap,
-        # theirs says so.
+            return  # the URDF is missing, which the inspection has noted
+        # Arrays have no stamp, and frames have it at another place. Where states are missing too,
+        # the stamp of the next state is checked.
         if message.lost and CHANNELS[message.role].type not in STAMPED_ELSEWHERE:
             self._run_to_stamp(message)
         self.driver.run_to(message.cycle)
@@ -346,8 +346,8 @@ class _Replay(Playback):
             self._compare(message, replayed.get(TF_STATIC, b''))
 
     def finish(self, ending: Totals) -> None:
-        """Run to where the node stopped, and compare whether it had failed by then."""
-        # The cycle that failed follows the last good step.
+        """Run to the node's last step; DifferenceError if only one of both runs failed there."""
+        # The failed cycle follows the last good step.
         self.driver.run_to(ending.steps + bool(ending.failure))
         arm, theirs = self.driver.engine.arm, ending.failure
         if bool(arm.failure) != bool(theirs) or arm.step != ending.steps:
@@ -357,9 +357,10 @@ class _Replay(Playback):
             )
 
     def _run_to_stamp(self, message: PlacedMessage) -> None:
-        """Run through a gap only if the stamp behind it says that it was run through.
+        """Check the stamp of a message after missing ones.
 
-        A failed arm has an earlier stamp; then the next step cannot have been done.
+        An earlier stamp than its cycle's is possible only if the arm failed, so the engine must
+        fail in the step after the stamp.
         """
         settings = self.driver.engine.settings
         stamp = decode_clock(message.data)
@@ -370,11 +371,10 @@ class _Replay(Playback):
         if not self.driver.engine.arm.failure:
             raise DifferenceError(
                 f'step {message.cycle}: {message.role} {message.number}: recorded stamp '
-                f'{stamp} ns, expected that of step {message.cycle}'
+                f'{stamp} ns, expected the stamp of step {message.cycle}'
             )
 
     def _compare(self, message: PlacedMessage, computed: bytes) -> None:
-        # Almost always one comparison of bytes.
         if message.data != computed:
             where = difference(message.role, message.data, computed)
             failure = self.driver.engine.arm.failure

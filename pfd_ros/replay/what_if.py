@@ -1,15 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What if: the recorded inputs into an arm with something changed, and how far it diverges.
+What if: simulate the recorded inputs with a changed arm, and compare the motions.
 
-    new run         the recorded inputs, at the cycles in which they took effect, into the changed
-                    arm; written as a log
-    rounding run    the same, with each position that the arm is set to changed by the last bit of
-                    1 rad (or m): how fast motions diverge by rounding alone
+    new run         the changed arm takes the recorded inputs at the recorded cycles; a new log
+    rounding run    the new run again, with each position that the arm is set to changed by the
+                    last bit of 1 rad (or m): how fast motions diverge by rounding alone
 
-Both follow the source message by message, in one pass. States are compared at the times of the
-recorded ones, as they were measured; states after a failure of the simulation are not compared.
+Both runs follow the source in one pass. Measured states are compared at the times of the recorded
+states. States after a failure of the simulation are not compared.
 """
 
 from __future__ import annotations
@@ -54,10 +53,10 @@ from pfd_ros.replay.what_if_settings import (
 )
 
 Array = NDArray[Any]
-# Beyond these a run has diverged: positions [rad or m], velocities [rad/s or m/s], efforts [N m
+# A run has diverged beyond these: positions [rad or m], velocities [rad/s or m/s], efforts [N m
 # or N].
 THRESHOLDS = (1e-3, 1e-2, 1e-1)
-# States of an arm that failed that may be missing: their stamps stand still.
+# Most missing states that may have the same stamp, as the states of a failed arm.
 MOST_STOPPED = 10_000
 # Share of the progress that the inspection of a recording gets.
 INSPECTION_SHARE = 0.1
@@ -68,8 +67,8 @@ class JointDivergence:
     """
     The divergence of one joint in one field, in the field's unit; times in s after the start.
 
-    `largest`, `rms` and `first_at` are of the new run from the recorded states, `rounding_...` of
-    the rounding run from the new run. None: never beyond the threshold, or nothing compared.
+    `largest`, `rms` and `first_at` compare the new run with the recorded states, `rounding_...`
+    the rounding run with the new run. None: never beyond the threshold, or nothing compared.
     """
 
     field: str
@@ -95,36 +94,36 @@ class WhatIf:
     changes
         As given.
     robot, settings
-        Of the new run, 'auto' resolved.
+        Robot and settings of the new run, 'auto' resolved.
     seconds
-        Simulated by the new run.
+        Simulated time of the new run, s.
     states
-        Recorded states that were compared.
+        Number of compared states.
     thresholds
-        For each field.
+        One for each field.
     joints
-        Compared, in recorded order.
+        Compared joints, in recorded order.
     divergences
-        By field and joint.
+        Divergences by field and joint.
     only_in_log, only_in_arm
-        Joints that the other one lacks.
+        Joints that only the log, or only the arm has.
     failure, failed_at
-        Why and when the simulation stopped, '' and None if it did not.
+        Why and when the simulation failed, '' and None without a failure.
     rounding_failed_at
-        The same of the rounding run.
+        When the rounding run failed, or None.
     rejected
-        Inputs whose validation result is not the recorded one, by result.
+        Number of inputs whose validation result is not the recorded one, by result.
     first_rejected
-        The first of them, '' for none.
+        A line about the first of these inputs, or ''.
     skipped
-        Messages of a bag that were not used, by reason.
+        Number of unused messages of a bag, by reason.
     times
-        Of a bag's messages: 'stamps' or 'log times'; '' for a recording.
+        Time base of a bag: 'stamps' or 'log times'; '' for a recording.
     complete
         Whether the source was closed properly.
     curves
-        Times (k,), positions recorded and new (k, 2, m), sizes of the differences of the new run
-        and of the rounding run (k, 2, m).
+        Times (k,), recorded and new positions (k, 2, m), absolute differences of the new run and
+        of the rounding run (k, 2, m).
 
     """
 
@@ -153,7 +152,7 @@ class WhatIf:
 
 @dataclass
 class _Case:
-    """An arm, and the messages for it."""
+    """A changed arm, and the messages for it."""
 
     path: Path
     settings: Settings
@@ -161,12 +160,12 @@ class _Case:
     blocks: Iterator[FedBlock]
     # Time from one state of a recording to the next.
     state_ns: int = 0
-    # The cycle that ends at time 0, and the last one of the source, 0 if its states say so.
+    # The cycle that ends at time 0, and the last one of the source, 0 where states determine it.
     origin: int = 0
     last: int = 0
     started_ns: int = 0
     topics: Mapping[str, str] = field(default_factory=dict)
-    # For the frames of the links; '' for none.
+    # For the frames of the links; '' for no frames.
     urdf: str = ''
     rename: Callable[[str], str] = str
     skipped: Mapping[str, int] = field(default_factory=dict)
@@ -187,32 +186,32 @@ def what_if(
     progress: Callable[[float], None] | None = None,
 ) -> WhatIf:
     """
-    Run the inputs of a log into an arm with something changed, and compare.
+    Simulate the inputs of a log with a changed arm, and compare the motions.
 
     Parameters
     ----------
     path : Path
         A recording of the node; with `commands` any bag.
     words : sequence of str
-        KEY=VALUE by the parameters of the node; none repeats a recording.
+        KEY=VALUE, parameters of the node; without any the run is repeated.
     commands : str
         Topic of commands, for a bag: JointStates with efforts, or Float64MultiArrays.
     states : str
         Topic of the bag's states; default as BagInputs chooses it.
     rename : mapping of str to str, optional
-        Replaced beginnings of the bag's names of joints.
+        New prefix of joint names of the bag, by old prefix.
     out : Path, optional
         The log of the new run, by default next to the source.
     thresholds : sequence of float
-        For positions, velocities and efforts.
+        Thresholds of positions, velocities and efforts.
     progress : callable, optional
-        Called now and then with the finished part, 0 to 1.
+        Called with the finished share, 0 to 1.
 
     Raises
     ------
     ValueError
-        If a setting is refused, or the log (LogError) is damaged, holds too little to be
-        replayed, or no joint of the arm. No log is written then.
+        If a setting is invalid, or the log (LogError) is damaged, holds too little to be
+        replayed, or has no joint of the arm. No log is written then.
     OSError
         If a file cannot be read or written; the log exists.
 
@@ -230,8 +229,9 @@ def what_if(
     target = out or free_path(path)
     frames = link_frames(case.urdf, case.settings, case.robot) if case.urdf else None
     engine = Engine(case.settings, case.robot, frames=frames)
-    # Compiled code is shared; the start alone differs.
-    nudged = _start_changed(engine.settings, case.robot)
+    # Both engines share compiled code; only the start differs.
+    start = one_bit(np.array(engine.settings.initial_positions or (0.0,) * case.robot.n))
+    nudged = replace(engine.settings, initial_positions=tuple(start.tolist()))
     others = Engine(nudged, case.robot, rows=False)
     log = NewLog(target, engine, case.topics, case.started_ns)
     try:
@@ -272,7 +272,8 @@ def _of_recording(path: Path, changes: Changes, progress: Callable[[float], None
         new,
         inputs.blocks(placed_blocks(log)),
         state_ns=recorded.publish_every * recorded.step_ns,
-        last=inputs.cycle_of(last),
+        # The last new cycle that ends by the last one of the recording.
+        last=last * recorded.step_ns // settings.step_ns,
         started_ns=started_ns,
         topics=topics,
         urdf=urdf,
@@ -285,7 +286,7 @@ def _of_bag(path: Path, changes: Changes, inputs: BagInputs) -> _Case:
     settings, robot, urdf = described_arm(changes)
     settings = inputs.settled(settings, given='start_time' in changes.values)
     if 'recording_time' not in changes.values:
-        # The times of the bag, whose clock may be any.
+        # The times of the bag, which need not be simulated time.
         settings = replace(settings, recording_time=WALL)
     return _Case(
         path,
@@ -301,18 +302,13 @@ def _of_bag(path: Path, changes: Changes, inputs: BagInputs) -> _Case:
     )
 
 
-def _start_changed(settings: Settings, robot: pfd.Robot) -> Settings:
-    start = settings.initial_positions or (0.0,) * robot.n
-    return replace(settings, initial_positions=tuple(one_bit(np.array(start)).tolist()))
-
-
 def _follow(
     case: _Case,
     runs: tuple[NewRun, RoundingRun],
     thresholds: tuple[float, ...],
     progress: Callable[[float], None] | None,
 ) -> StateComparison:
-    """Let both runs follow the messages of a source, and compare their states."""
+    """Run both arms along the messages of a source, and compare their states."""
     found: StateComparison | None = None
     newest_ns: int | None = None
     for block in case.blocks:
@@ -344,9 +340,9 @@ def _follow(
 
 
 def _decoded(block: FedBlock, case: _Case) -> Iterator[tuple[JointColumns, Array, Array]]:
-    """Yield recorded states with the arm's names of joints, `at` and `time`.
+    """Yield recorded states with renamed joints, and their `at` and `time`.
 
-    In a bag, other bytes are left out.
+    In a bag, states that cannot be decoded are skipped.
     """
     columns = None
     if block.states:
@@ -372,7 +368,7 @@ def _renamed(columns: JointColumns, case: _Case) -> JointColumns:
 
 
 def _check_gap(message: PlacedMessage, after_ns: int, case: _Case) -> None:
-    """Raise ValueError if many states are missing, and the stamp behind them contradicts it."""
+    """Raise ValueError if many states are missing and the next stamp is too early for that."""
     if message.lost > MOST_STOPPED and after_ns < message.lost * case.state_ns:
         raise ValueError(
             f'step {message.cycle}: {message.lost} states are missing, but the stamp is '
@@ -439,5 +435,5 @@ def _divergences(found: StateComparison) -> Iterator[JointDivergence]:
 
 
 def _number(value: Any) -> float | None:
-    """Return a number, None for NaN; an infinity is an overflow, the largest number."""
+    """Return a number, None for NaN, and the largest float for an infinity (an overflow)."""
     return None if np.isnan(value) else float(np.nan_to_num(value))

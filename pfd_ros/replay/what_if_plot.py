@@ -12,7 +12,7 @@ import numpy as np
 from pfd_ros.replay.what_if import WhatIf
 from pfd_ros.text import cut, listed
 
-# Above so many joints the panels would be too small to read.
+# With more joints the panels would be too small to read.
 MOST_JOINTS = 12
 # Differences below are drawn there: a logarithm has no zero.
 LEAST = 1e-17

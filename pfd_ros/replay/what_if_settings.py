@@ -219,15 +219,11 @@ def _urdf_of(found: DescribedRobot) -> str:
     return ''
 
 
-def _effect_names() -> frozenset[str]:
-    """Return the settings that a scene file takes the place of."""
-    switches = (f.name for f in effect_fields() if f.rule is None or f.rule.model)
-    return frozenset({'gravity', *switches}.union(*(joint_settings(f) for f in effect_fields())))
-
-
 def _with_scene(settings: Settings, changes: Changes) -> Settings:
     """Return settings in which a scene and the effects that change do not conflict."""
-    effects = _effect_names()
+    # The settings that a scene file replaces.
+    switches = (f.name for f in effect_fields() if f.rule is None or f.rule.model)
+    effects = {'gravity', *switches}.union(*(joint_settings(f) for f in effect_fields()))
     given = {name: v for name, v in changes.values.items() if name in effects}
     if 'scene' in changes.values:
         default = Settings()

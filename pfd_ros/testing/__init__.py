@@ -13,7 +13,7 @@ From the fixtures to the arm, and back to assertions:
     run_log            the recording of such a run
     journal            the inputs of an unrecorded run, to record it after a failure
     trajectory         Trajectory: the arrays of a run, its metrics, and assertions
-    artifacts          what a failed test leaves: recording and page of each arm
+    artifacts          files of a failed test: recording and page of each arm
 
 Over ROS:
 

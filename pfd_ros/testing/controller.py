@@ -60,7 +60,7 @@ def _converted(answer: Any, names: Sequence[str], t: float) -> Array:
 
 
 def blocked(watch: Watch, patience: float, t: float, answers: int) -> ControllerError:
-    """Return the error about a controller that blocks at a state, after so many answers."""
+    """Return the error about a controller that blocks at a state; `answers` came before."""
     return ControllerError(
         f'the controller blocks: no answer for {patience:g} s to the state at t = {t:.6g} s, '
         f'after {answers} answers; it is here:\n{watch.stack}'
@@ -68,7 +68,7 @@ def blocked(watch: Watch, patience: float, t: float, answers: int) -> Controller
 
 
 def raised(error: Exception, t: float, answers: int) -> ControllerError:
-    """Return the error about a node that raised at a state, after so many answers."""
+    """Return the error about a node that raised at a state; `answers` came before."""
     text = one_line(f'{type(error).__name__}: {error}')
     return ControllerError(f'a node raised at t = {t:.6g} s, after {answers} answers: {text}')
 

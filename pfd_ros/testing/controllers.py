@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controllers of an arm over topics, and why one of them did not answer a state.
 
-There was no controller, it never published a command, it stopped, it left, its process ended, or
-the arm rejected its command: each case has a different message, with the state and the answers
-before.
+Each cause has a different message, with the state and the number of answers before it: no
+controller was found, it never published a command, it stopped, it left the ROS graph, its process
+ended, or the arm rejected its command.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pfd_ros.testing.controller import ControllerError
 from pfd_ros.testing.controller_process import ControllerProcess
 from pfd_ros.text import listed
 
-# Of a node of which the graph has only an end, as its name was used before.
+# Name in the graph of an endpoint whose node is unknown, since its name was used before.
 UNKNOWN = '_NODE_NAME_UNKNOWN_'
 
 
@@ -52,7 +52,7 @@ class Controllers:
     seen: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
-        """Remember the ends that are there before the processes are found."""
+        """Note the endpoints that exist before the processes are found."""
         self._old = set(self._ends())
 
     def _ends(self) -> dict[tuple[int, ...], str]:
@@ -105,7 +105,7 @@ class Controllers:
         return own | {name for name in names if UNKNOWN not in name}
 
     def absence(self, seconds: float) -> NoAnswerError:
-        """Return the error about controllers that were not found within so many seconds."""
+        """Return the error about controllers that were not found within a time, s."""
         text = self._missing(self.publishers(), self.readers())
         return NoAnswerError(f'no answer within {seconds:g} s: {text}{self._outputs()}')
 
@@ -131,7 +131,7 @@ class Controllers:
         seconds
             Wall time since the last answer, or since the first state.
         rejected
-            Why the last command was no answer; '' if it was, or there was none.
+            Why the arm rejected the last command, or ''.
         """
         now, readers = self.publishers(), self.readers()
         begin = f'no answer for {seconds:.3g} s to the state at t = {t:.6g} s'

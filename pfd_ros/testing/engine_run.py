@@ -95,7 +95,7 @@ class EngineRun:
         return validation
 
     def repeat(self, inputs: Iterable[Input], cycles: int) -> None:
-        """Take inputs at their cycles, and run so many cycles, up to a failure of the arm."""
+        """Take inputs at their cycles and run `cycles` cycles, or until the arm fails."""
         with suppress(ArmError):
             for before, source, content in inputs:
                 self._run_to(before)
@@ -111,7 +111,7 @@ class EngineRun:
             self.step()
 
     def restore(self, state: ArmState) -> None:
-        """Continue from a saved state; ValueError for one of another arm, or in a recorded run."""
+        """Continue from a saved state; ValueError for another arm's, or in a recorded run."""
         if self.log is not None:
             raise ValueError(
                 f'this run is recorded in {self.engine.settings.recording!r}, and a recording '
@@ -152,7 +152,7 @@ class EngineRun:
             raise ArmError(f't = {self.time:.6g} s: {self.engine.arm.failure}')
 
     def close(self) -> None:
-        """Close the recording, if there is one; what follows is not recorded."""
+        """Close the recording, if there is one; later messages are not recorded."""
         log, self.log = self.log, None
         if log is not None:
             log.close()

@@ -26,7 +26,7 @@ from pfd_ros.testing.session import executor_with, import_rclpy, spin, take_down
 from pfd_ros.testing.topic_run import TopicRun
 
 NAME = 'sim_arm'
-# As those of the node.
+# As in the node.
 STATE_TOPIC = 'joint_states'
 COMMAND_TOPICS = {Source.NAMED: 'joint_commands', Source.ARRAY: '~/commands'}
 STATE_DEPTH, COMMAND_DEPTH, CLOCK_DEPTH = 10, 100, 1
@@ -42,9 +42,9 @@ class Exchange:
     Parameters
     ----------
     roles
-        Of the outputs that are published.
+        Roles of the published outputs.
     ros_args
-        Of the node, as on a command line: remappings, its namespace.
+        Arguments of the node as on a command line: remappings, its namespace.
     topics
         Topic of each source and output to which a description gives a name.
 
@@ -76,7 +76,7 @@ class Exchange:
             package, folder, name = OUTPUTS[role].split('/')
             kind = getattr(importlib.import_module(f'{package}.{folder}'), name)
             self._publishers[role] = self.node.create_publisher(kind, f'~/{role}', STATE_DEPTH)
-        # Serves publishers that are best effort, and reliable ones.
+        # Compatible with best-effort and with reliable publishers.
         served = QoSProfile(depth=COMMAND_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         kinds = {Source.NAMED: JointState, Source.ARRAY: Float64MultiArray}
         self._subscriptions = [
@@ -90,8 +90,8 @@ class Exchange:
             for source, own in COMMAND_TOPICS.items()
         ]
         self._arm: TopicRun | None = None
-        # When the run began, when its last state was published, since when it has readers who
-        # can answer, and when it was sent for the last time, again or not.
+        # Times: of the beginning of the run, of the first publication of the last state, since
+        # which readers can answer it, and of its last publication.
         self._begun = self._published = self._since = self._sent = 0.0
         self._again = False
         self._fault: Exception | None = None

@@ -1,10 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The inputs of an unrecorded run, from which a failed test runs it again and records it.
+"""The inputs of an unrecorded run: a failed test runs again from them and is recorded.
 
-The same inputs give the same bits, so the recording is the one of the run that failed. A passing
-test pays for a reference to each input, and none for its callbacks: their efforts are rows of the
-trajectory.
+The same inputs give the same bits, so this recording shows the failed run. A passing test pays for
+a reference to each input. Callbacks cost nothing: their efforts are rows of the trajectory.
 """
 
 from __future__ import annotations
@@ -19,7 +18,8 @@ from pfd_ros.testing.trajectory import Rows
 # Memory of the inputs of one arm, and of a message beyond its bytes.
 MOST_BYTES = 1 << 26
 MESSAGE_MEMORY = 128
-# The cycles that ran before; a message of a source, or efforts of rows, one a control period.
+# The number of cycles before an input, and a message of a source; or None and rows of efforts, one
+# for each control period.
 Input: TypeAlias = tuple[int, Source | None, bytes | Rows]
 
 
@@ -46,14 +46,14 @@ class Journal:
     _size: int = 0
 
     def add(self, cycles: int, source: Source, data: bytes) -> None:
-        """Add a message that is sent after so many cycles."""
+        """Add a message that is sent after `cycles` cycles."""
         self._size += len(data) + MESSAGE_MEMORY
         self.entries.append((cycles, source, data))
         if self._size > MOST_BYTES:
             self._drop()
 
     def add_run(self, cycles: int, rows: Rows, callback: bool) -> None:
-        """Add a run; the efforts of a callback are inputs, messages of a topic come one by one."""
+        """Add a run; efforts of a callback are inputs, topics add their messages by `add`."""
         self._size += rows.size
         self.runs.append(rows)
         if callback:

@@ -302,7 +302,7 @@ class LockstepArm:
         """Run an unrecorded arm again with the same inputs, hence with the same bits, recorded.
 
         A recording holds one run from its start: of an arm that was restored, only the states of
-        its runs since then are written. Return what the recording lacks, '' for nothing.
+        its runs since then are written. Return a line about missing data, or ''.
 
         Raises
         ------

@@ -117,12 +117,12 @@ def period_of(settings: Settings) -> float:
 
 
 def rows_of(settings: Settings, seconds: float, joints: int) -> Rows:
-    """Return empty rows for a run of so many seconds; ValueError as `periods`."""
+    """Return empty rows for a run of `seconds`; ValueError as `periods`."""
     return Rows(periods(settings, seconds), joints, period_of(settings))
 
 
 def periods(settings: Settings, seconds: float) -> int:
-    """Return the number of control periods that begin within so many seconds.
+    """Return the number of control periods that begin within a time, s.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def periods(settings: Settings, seconds: float) -> int:
 
 
 def by_joint(names: Sequence[str], label: str, values: JointValues) -> Array:
-    """Return a number for each joint (n,), NaN where none is given.
+    """Return a number for each joint (n,), NaN for joints without one.
 
     Raises
     ------

@@ -23,7 +23,7 @@ PATIENCE_SECONDS = 2.0
 START_PATIENCE_SECONDS = 20.0
 # Most seconds until a state is sent again.
 RESEND_SECONDS = 1.0
-# Between two looks at what the main thread does.
+# Period of checks of the main thread, s.
 LOOK_SECONDS = 0.05
 # Share of the patience in which the watching thread must have run, too.
 WATCHED = 0.4
@@ -116,7 +116,7 @@ class Watch:
         waited = time.perf_counter() - since
         if not since or waited <= self._patience:
             return
-        # A machine that stood still has let the controller do nothing either.
+        # If this thread did not run either, the machine was suspended or overloaded.
         if self._looks * LOOK_SECONDS < WATCHED * self._patience:
             return
         main = threading.main_thread().ident
@@ -130,7 +130,7 @@ class Watch:
 
 
 class _Watcher:
-    """The thread that watches; the first watch starts it, and it sleeps while there is none."""
+    """The watching thread; the first watch starts it, and it sleeps without a watch."""
 
     def __init__(self) -> None:
         self.watches: list[Watch] = []

@@ -50,9 +50,9 @@ def sim_arm(
 ) -> Iterator[Callable[..., Any]]:
     """Return a function that creates simulated arms: sim_arm(robot='ur5', publish_rate=500).
 
-    The arguments are those of pfd_ros.testing.lockstep_arm.LockstepArm; with process=True, of
+    It takes the arguments of pfd_ros.testing.lockstep_arm.LockstepArm; with process=True, of
     pfd_ros.testing.process_arm.ProcessArm. At the end of the test the arms are closed. A failed
-    test leaves a recording and an HTML page of each arm, see --sim-arm-artifacts.
+    test writes a recording and an HTML page of each arm, see --sim-arm-artifacts.
     """
     made = request.node.stash.setdefault(ARMS, [])
     with ExitStack() as arms:
@@ -107,7 +107,7 @@ def ros_domain(request: pytest.FixtureRequest) -> Iterator[int]:
 
 @pytest.fixture(scope='session')
 def _own_ros_domain() -> Iterator[int]:
-    """Claim a domain for this process and those that its tests start."""
+    """Claim a domain for this process and the processes that its tests start."""
     from pfd_ros.testing.session import claimed_domain
 
     with claimed_domain() as domain:

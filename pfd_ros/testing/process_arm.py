@@ -105,8 +105,8 @@ class ProcessArm:
         self._answer = b''
         self._received: list[Rows] = []
         self._on_new: Callable[[JointMessage], None] | None = None
-        # What the node has counted so far, the simulated time of that, and what spin has
-        # validated.
+        # Rejections that the node has counted, the simulated time of these counts, and the counts
+        # that spin has checked.
         self._counted: Counter[str] = Counter()
         self._counted_at = 0.0
         self._validated: Counter[str] = Counter()
@@ -127,7 +127,7 @@ class ProcessArm:
         array = remapped(node, COMMAND_TOPICS[Source.ARRAY]) or topics.get(Source.ARRAY, '')
         array = array or self.settings.command_topic or 'sim_arm/commands'
         self._topics = [node.resolve_topic_name(name) for name in (states, commands, array)]
-        # With an executor of its own: the controllers do not run while it waits.
+        # A separate executor: the controllers do not run while it waits.
         self._reader = bare_node('sim_arm_reader', ros_args)
         self._reader.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self._readers_executor = EventsExecutor()
@@ -290,7 +290,7 @@ class ProcessArm:
 
     def _on_state(self, data: bytes) -> None:
         whole, n = decode_joint_state(data), len(self.names)
-        # Locked joints come after those that move.
+        # Locked joints come after the moving ones.
         state = replace(
             whole,
             names=whole.names[:n],
@@ -320,7 +320,7 @@ class ProcessArm:
         for role in (ROLE_OF_SOURCE[source] for source in COMMANDS):
             for reason in REASONS:
                 counts[reason] += int(commands.get(f'{role}.{reason}', 0))
-        # The second answer to a state that the node sent again is no fault.
+        # The second answer to a repeated state is stale, which is not an error.
         counts[STALE] = max(0, counts[STALE] - int(stepping['states_sent_again']))
         self._counted, self._counted_at = counts, float(stepping['simulated_time_s'])
 
@@ -353,7 +353,7 @@ class ProcessArm:
         waits: Waits,
         allowed: Collection[str] | None = None,
     ) -> None:
-        """Have each new state taken, from the last one on, until `take` says that it is enough.
+        """Pass each new state to `take`, from the last one on, until it returns True.
 
         Where reasons are `allowed`, nodes command the arm.
         """

@@ -47,7 +47,7 @@ class RunLog:
         self._wait(1)
 
     def record_all(self, outputs: Sequence[Output]) -> None:
-        """Record outputs of one cycle, or of what was taken before it, at one time."""
+        """Record outputs of one cycle, or validation rows before it, at one time."""
         self.log.record_all(outputs, self.engine.arm.stamp_ns)
         self._wait(len(outputs))
 

@@ -28,7 +28,7 @@ class TopicRun:
     rejected
         Why the last command was rejected, '' if it was not.
     repeats
-        How often a state was sent again: so many stale commands are no fault.
+        Number of repeated states, each of which may cause one stale command.
     """
 
     run: EngineRun

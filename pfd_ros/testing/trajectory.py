@@ -170,7 +170,7 @@ class Trajectory:
                     yield LimitHit(joint, kind, float(self.time[k]), value, bound)
 
     def _bounds(self, j: int) -> list[tuple[str, Array, float, float]]:
-        """Return the name of each limit of a joint, what it bounds, and the bounds."""
+        """Return the name of each limit of a joint, the bounded values, and the bounds."""
         lower, upper, velocity, effort = (float(limit[j]) for limit in self.limits)
         return [
             ('position', self.q[:, j], lower, upper),

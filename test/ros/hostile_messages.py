@@ -194,7 +194,7 @@ def flood(count: int, size: int) -> Change:
 CASES = {
     **numbers(),
     'jumps_in_time_too': Case('recorded stamp', jump_in_time, closed=False),
-    'log_times_decrease': Case('what is before it at', decrease_a_time, closed=False),
+    'log_times_decrease': Case('the message before it at', decrease_a_time, closed=False),
     'swapped_state_and_tick': Case('was recorded before it', swap_state_and_tick),
     **{
         f'without_{part}{topic}': Case('messages', without(topic, goes))

@@ -31,7 +31,7 @@ from pfd_ros.messages.convert import JointMessage, decode_joint_state
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import CHANNELS, END, HEAD, ROLE_OF_SOURCE
 from pfd_ros.recording.reader import Log
-from pfd_ros.replay.ordering import placed_messages
+from pfd_ros.replay.ordering import messages_of, placed_blocks
 
 ROLES = {
     'joint_commands': NAMED,
@@ -47,7 +47,8 @@ UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
 
 def rows_of(path: Path) -> list[ValidationRow]:
     """Return the validation rows of a recording, in their order."""
-    return [row for message in placed_messages(Log(path)) for row in message.rows]
+    messages = (m for block in placed_blocks(Log(path)) for m in messages_of(block))
+    return [row for message in messages for row in message.rows]
 
 
 def states_of(path: Path) -> list[JointMessage]:

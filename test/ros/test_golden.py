@@ -11,10 +11,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from simulating import rows_of
 
 from pfd_ros.arm.events import Source, Verdict
-from pfd_ros.recording.reader import Log
-from pfd_ros.replay.ordering import placed_messages
 from pfd_ros.replay.verify import read
 
 DATA = Path(__file__).resolve().parents[1] / 'data'
@@ -35,6 +34,6 @@ def test_golden_recordings_have_two_arms_every_verdict_and_every_input() -> None
     assert len({summary.settings.robot for summary in found}) >= 2
     verdicts = {verdict for summary in found for verdict in summary.verdicts}
     assert {Verdict(number) for number in range(12)} <= verdicts
-    sources = {row.source for path in GOLDEN for m in placed_messages(Log(path)) for row in m.rows}
+    sources = {row.source for path in GOLDEN for row in rows_of(path)}
     # An arm that follows no clock takes no ticks.
     assert sources == set(Source) - {Source.TICK}

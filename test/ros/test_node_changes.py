@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from ros_processes import Peer, Processes, call, chosen
+from simulating import rows_of
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.changes import read_changes
@@ -17,7 +18,6 @@ from pfd_ros.arm.events import Source
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import decode_string
 from pfd_ros.recording.reader import Log
-from pfd_ros.replay.ordering import placed_messages
 from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
@@ -66,9 +66,9 @@ def parameter(name: str, value: Any, kind: int | None = None) -> Any:
 def recorded_changes(path: Path) -> list[dict[str, Any]]:
     """Return the changes of settings that a recording holds."""
     return [
-        read_changes(decode_string(message.data))
-        for message in placed_messages(Log(path))
-        if message.role == 'parameters'
+        read_changes(decode_string(entry.data))
+        for entry in Log(path).entries()
+        if entry.role == 'parameters'
     ]
 
 
@@ -121,9 +121,7 @@ def test_a_node_takes_dynamic_parameters_and_refuses_all_else_with_a_reason(
     assert recorded_changes(path) == [{'real_time_factor': 0.5}]
     summary = read(path, verify=True)
     assert summary.complete
-    assert {row.source for m in placed_messages(Log(path)) for row in m.rows} == {
-        Source.PARAMETERS
-    }
+    assert {row.source for row in rows_of(path)} == {Source.PARAMETERS}
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ from pfd_ros.cli.replay import INCOMPLETE
 from pfd_ros.messages import convert
 from pfd_ros.recording.format import END
 from pfd_ros.recording.reader import Entry, Log, LogError
-from pfd_ros.replay.ordering import placed_messages
+from pfd_ros.replay.ordering import placed_blocks
 from pfd_ros.replay.verify import DifferenceError, read
 
 MOVE = {3: [efforts(1.0, 2.0)], 9: [efforts(-1.0, 0.5), efforts(2.0, 0.0)]}
@@ -223,7 +223,7 @@ def test_sequence_numbers_continue_beyond_32_bits(tmp_path: Path) -> None:
     from pfd_ros.replay.ordering import _Order
 
     log = Log(simulate(1).save(tmp_path / 'a.mcap'))
-    list(placed_messages(log))
+    list(placed_blocks(log))
     order = _Order(log)
     order._last['joint_states'] = (1 << 32) - 2
     later = START_NS + (1 << 33) * 1_000_000

@@ -145,7 +145,7 @@ def test_a_beginning_without_commands_is_replayed_from_the_start(
 @pytest.mark.parametrize(
     ('change', 'expected'),
     [
-        (lambda state: setattr(state, 'cycle', 51), 'is of step 51, expected 50'),
+        (lambda state: setattr(state, 'cycle', 51), 'belongs to step 51, expected step 50'),
         (lambda state: setattr(state, 'row_messages', 2), 'counts 2 records of commands'),
         (lambda state: state.q.__setitem__(0, 9.0), 'step 50: arm_state: q of the whole state'),
     ],

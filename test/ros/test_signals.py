@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+import os
 from pathlib import Path
 import signal
 import subprocess
@@ -39,6 +41,36 @@ def check_third(processes: Processes, fault: str) -> None:
 @pytest.mark.parametrize('fault', ['stub_hangs', 'stub_hangs_in_c'])
 def test_a_third_signal_ends_a_process_that_hangs(processes: Processes, fault: str) -> None:
     check_third(processes, fault)
+
+
+@pytest.mark.parametrize('reader', ['is gone', 'hangs'])
+def test_a_third_signal_ends_a_process_with_an_output_that_takes_no_line(reader: str) -> None:
+    code = (
+        'import time; from pfd_ros.node.main import stop_on_signals; stop_on_signals()\n'
+        "print('waits', flush=True); time.sleep(1e3)"
+    )
+    reading, writing = os.pipe()
+    if reader == 'is gone':
+        os.close(reading)
+    else:
+        os.set_blocking(writing, False)
+        with suppress(BlockingIOError):
+            while True:
+                os.write(writing, bytes(1 << 12))
+        # The process has the same end of the pipe.
+        os.set_blocking(writing, True)
+    with subprocess.Popen(
+        [sys.executable, '-c', code], stdout=subprocess.PIPE, stderr=writing
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == b'waits\n'
+            for number in (INT, TERM, HUP):
+                process.send_signal(number)
+                time.sleep(0.05)
+            assert process.wait(PATIENCE) == STATUS_BASE + HUP
+        finally:
+            process.kill()
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from typing import Any
 
 from pfd_core.algorithms.paper.array_solver import solve
 from pfd_core.machine.program import Steps
+from pfd_core.model import Robot
 from pfd_core.report.cases.paper import KINDS, TABLE, value
 from pfd_core.report.errata_pages import write as write_errata
 from pfd_core.report.measure.convergence import Convergence, measure_convergence, robots
@@ -31,9 +32,9 @@ from pfd_core.report.measure.counts import (
 )
 from pfd_core.report.measure.counts import row as counts_of
 from pfd_core.report.measure.network_times import NETWORK_SIZES
+from pfd_core.report.measure.processes import in_one_list
 from pfd_core.report.measure.processors import PROCESSORS, OnProcessors
 from pfd_core.report.measure.processors import measure as measure_processors
-from pfd_core.report.measure.timing import show_progress
 from pfd_core.report.network_pages import median_iterations
 from pfd_core.report.network_pages import run as run_networks
 from pfd_core.report.processor_pages import write as write_processors
@@ -287,22 +288,29 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
 
     Progress goes to a terminal.
     """
-    rows: list[Row] = []
-    for n in (PRINTED_AT,) if quick else SIZES:
-        show_progress(f'counting at n = {n} of {max(SIZES)}')
-        rows += measure([n])
-    iterations: list[Convergence] = []
-    for robot in robots((PRINTED_AT,), ()) if quick else robots():
-        show_progress(f'counting iterations of {robot.name}')
-        iterations += measure_convergence([robot])
-    fewer: list[OnProcessors] = []
-    for n, numbers in list(PROCESSORS.items())[: 1 if quick else None]:
-        show_progress(f'counting on fewer processors than joints at n = {n} of {max(PROCESSORS)}')
-        fewer += measure_processors({n: numbers})
-    show_progress('')
+    sizes = (PRINTED_AT,) if quick else SIZES
+    rows = in_one_list(_rows_at, sizes, 'counting at each n')
+    chains = robots((PRINTED_AT,), ()) if quick else robots()
+    iterations = in_one_list(_convergence_of, list(chains), 'counting iterations of each robot')
+    few = dict(list(PROCESSORS.items())[: 1 if quick else None])
+    each_number = [(n, processors) for n, numbers in few.items() for processors in numbers]
+    fewer = in_one_list(_on_processors, each_number, 'counting on fewer processors than joints')
     pages = [*write(rows, iterations, folder), *write_processors(fewer, folder)]
     sizes = (PRINTED_AT,) if quick else NETWORK_SIZES
     return [*pages, *run_networks(median_iterations(iterations), folder, sizes)]
+
+
+def _rows_at(n: int) -> list[Row]:
+    return list(measure([n]))
+
+
+def _convergence_of(robot: Robot) -> list[Convergence]:
+    return list(measure_convergence([robot]))
+
+
+def _on_processors(numbers: tuple[int, int]) -> list[OnProcessors]:
+    n, processors = numbers
+    return list(measure_processors({n: [processors]}))
 
 
 def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) -> list[Path]:

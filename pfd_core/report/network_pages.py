@@ -38,7 +38,7 @@ from pfd_core.report.measure.network_times import (
     packing_pays_below,
     parallel_pays_below,
 )
-from pfd_core.report.measure.timing import show_progress
+from pfd_core.report.measure.processes import in_one_list
 from pfd_core.report.render.markdown import grid, page
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import (
@@ -278,12 +278,12 @@ def run(
     iterations: Mapping[int, int], folder: Path, sizes: Sequence[int] = NETWORK_SIZES
 ) -> list[Path]:
     """Measure every recording on every network and write the page; progress to a terminal."""
-    recordings: list[Recorded] = []
-    for n in sizes:
-        show_progress(f'routing at n = {n} of {max(sizes)}')
-        recordings += measure_networks([n], iterations)
-    show_progress('')
+    recordings = in_one_list(partial(_recorded_at, iterations), sizes, 'routing at each n')
     return write(recordings, folder)
+
+
+def _recorded_at(iterations: Mapping[int, int], n: int) -> list[Recorded]:
+    return list(measure_networks([n], iterations))
 
 
 def write(recordings: Sequence[Recorded], folder: Path) -> list[Path]:

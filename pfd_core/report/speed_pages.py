@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import cycle
 import json
 from pathlib import Path
 import re
@@ -22,7 +23,15 @@ from pfd_core.report.measure.timing import Row
 from pfd_core.report.render.markdown import bullets, grid, page
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import least_and_median
-from pfd_core.report.render.plots import over_joints, save
+from pfd_core.report.render.plots import (
+    CASADI,
+    FLOAT32,
+    FLOAT64,
+    MUJOCO,
+    PINOCCHIO,
+    over_joints,
+    save,
+)
 from pfd_core.report.time_tables import (
     NOTES,
     batch_name,
@@ -39,8 +48,10 @@ from pfd_core.report.time_tables import (
 COMMAND = 'pfd report speed'
 SHARE = 'share of the port limit'
 PREPARED = (*WORKS, *(work + FROM_DISK for work in WORKS), PROCESS)
-# Ends of the names of ways that are not in the plot, which has ten colours.
+# Ends of the names of ways that are not in the plot.
 SLOWER = (': kernel(q, qd, tau)', 'out=)', ', C order', ' threads', 'WORLD', ' refined')
+# Colours of the ways whose names contain these words.
+COLOURS = {'pinocchio': PINOCCHIO, 'mujoco': MUJOCO, 'casadi': CASADI, 'float32': FLOAT32}
 
 
 def markdown(findings: Findings) -> str:
@@ -172,24 +183,24 @@ def plot(rows: Sequence[Row], folder: Path, name: str) -> list[Path]:
 def _draw(rows: Sequence[Row], figure: Any) -> None:
     for axes, work in zip(figure.subplots(1, 2), ('call', batch_name(rows)), strict=True):
         chains = [row for row in rows if row.work == work and row.robot.startswith('chain')]
-        axes.set_title(f'chains of n joints: {work}, least time of a state [ns]')
-        axes.set_xlabel('joints n')
+        axes.set_title(f'chains of n joints: {work}')
+        axes.set_ylabel('least time of a state [ns]')
         if chains:
             _draw_chains(axes, [row for row in chains if not row.way.endswith(SLOWER)])
 
 
 def _draw_chains(axes: Any, rows: Sequence[Row]) -> None:
-    """Draw the ways over n: a colour for each method or peer, single precision dashed."""
-    names = [row.way.replace(' float32', ' float64') for row in rows]
-    colours = {name: f'C{k}' for k, name in enumerate(dict.fromkeys(names))}
+    """Draw the ways over n: a colour for each library and number format, a marker for each way."""
+    markers: dict[str, Iterator[str]] = {}
     for way in dict.fromkeys(row.way for row in rows):
         own = [row for row in rows if row.way == way]
+        found = (colour for word, colour in COLOURS.items() if word in way.lower())
+        colour = next(found, FLOAT64)
         axes.loglog(
             [row.n for row in own],
             [row.minimum * 1e9 for row in own],
-            '--' if 'float32' in way else '-',
-            color=colours[way.replace(' float32', ' float64')],
-            marker='.',
+            color=colour,
+            marker=next(markers.setdefault(colour, cycle('os^Dv'))),
             label=way,
         )
     over_joints(axes, sorted({row.n for row in rows}))

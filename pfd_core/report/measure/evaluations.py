@@ -86,7 +86,7 @@ class Plan:
     methods: tuple[str, ...] = METHODS
     batches: tuple[int, ...] = BATCHES
     # Shorter chunks and more turns than elsewhere: ratios of a few percent matter here.
-    pace: Pace = field(default_factory=lambda: Pace(chunk=1e-3, turns=100, fewest=10, budget=20.0))
+    pace: Pace = field(default_factory=lambda: Pace(chunk=1e-3, turns=100, fewest=10, budget=10.0))
     peers: tuple[str, ...] = tuple(MAKERS)
 
 

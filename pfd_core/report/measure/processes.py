@@ -37,3 +37,11 @@ def each(
                 show_progress(f'{what}, {k + 1} of {len(items)}')
                 yield found
     show_progress('')
+
+
+def in_one_list(
+    measure: Callable[[Item], Sequence[Found]], items: Sequence[Item], what: str = 'measuring'
+) -> list[Found]:
+    """Return the measurements of all items, in their order; the last item, the longest, first."""
+    found = list(each(measure, items[::-1], what))
+    return [one for some in reversed(found) for one in some]

@@ -67,7 +67,7 @@ class Plan:
     motions: tuple[Motion, ...] = FREE
     steps: tuple[float, ...] = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
     tolerances: tuple[float, ...] = tuple(10.0**-k for k in range(3, 13))
-    pace: Pace = field(default_factory=lambda: Pace(budget=45.0, turns=20, fewest=3))
+    pace: Pace = field(default_factory=lambda: Pace(budget=25.0, turns=20, fewest=3))
 
 
 QUICK = Plan(

@@ -127,11 +127,11 @@ def test_the_guide_has_the_numbers_of_the_page(
     ]
     (a, b, c), (x, y, z) = times['crossbar'], times['ring']
     text = ' '.join(guide.split())
-    assert f'on a crossbar {a} as printed, {b} corrected and {c} at best' in text
-    assert f'on a ring {x}, {y} and {z}, each by its fastest schedule' in text
+    assert f'On a crossbar PCRBM takes {a} as printed, {b} corrected and {c} at best' in text
+    assert f'on a ring {x}, {y} and {z}.' in text
     assert f'best serial method takes {alone.arithmetic:g}' in text
-    assert f'less than {packing[0]:.2f} of a multiplication, on a ring less than' in text
-    assert f'on a ring less than {packing[1]:.2f}.' in text
+    assert f'less than {packing[0]:.2f} of a multiplication on a crossbar' in text
+    assert f'or less than {packing[1]:.2f} on a ring.' in text
     forces = [of_system(written, 'constraint_forces', n)[0].steps for n in (6, 64)]
     small, large = (
         f'{x.multiplications + x.divisions} and {x.additions} with {x.routes} routes'

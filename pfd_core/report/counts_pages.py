@@ -282,7 +282,7 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
 
     Progress goes to a terminal.
     """
-    sizes = (PRINTED_AT,) if quick else SIZES
+    sizes: Sequence[int] = (PRINTED_AT,) if quick else SIZES
     rows = in_one_list(_rows_at, sizes, 'counting at each n')
     chains = robots((PRINTED_AT,), ()) if quick else robots()
     iterations = in_one_list(_convergence_of, list(chains), 'counting iterations of each robot')

@@ -21,8 +21,8 @@ loops say more than the rates.
     raw node      the same, and a node that reads and writes bytes
     raw echo      as echo, with bytes at both ends
 
-`replay` records such a run at 1 kHz, one command a step, and prints the processor time of reading
-it again, as a multiple of what the package `mcap` needs to iterate over the messages.
+`replay` records such a run at 1 kHz, one command a step. It prints the processor time of reading
+the log, divided by the time in which the package `mcap` iterates over the messages.
 
     mcap          make_reader(...).iter_messages()
     verify        pfd replay --verify

@@ -1,18 +1,17 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a batch waits for: `python benchmarks/port_limit.py [--dtype float32] [ROBOT ...]`.
+The limits of a batch: `python benchmarks/port_limit.py [--dtype float32] [ROBOT ...]`.
 
-Times of one state in nanoseconds, of code that takes turns in one process on one thread, in
-Fortran order:
+Times of one state in nanoseconds, in Fortran order; all take turns in one process on one thread:
 
     loop      the operations of the kernel, independent of each other, in registers
     memory    the same with the fewest loads and stores that the kernel needs
     kernel    the batch
     LLVM      the batch with its operations in the order of LLVM's scheduler
 
-and the shares of the loop, or of the loop with memory, in the time of the batch. ROBOT is a name
-of the reports (ur5, chain12, dense6, ...) or a robot's file.
+It also prints the times of both loops over the time of the batch. ROBOT is a name of the reports
+(ur5, chain12, dense6, ...) or a robot's file.
 """
 
 from __future__ import annotations

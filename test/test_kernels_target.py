@@ -122,6 +122,17 @@ def test_code_whose_order_is_kept_leaves_the_order_of_other_code_to_llvm() -> No
     assert between != before
 
 
+@on_x86
+def test_without_llvmlites_lock_llvm_orders_all_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The option that keeps an order is global: it would change what other threads compile.
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), method='composite_body')
+    ir = kernel_module(kernel.program, 'float64', 8, turned_joints(kernel.robot))
+    target = processor.named('x86-64-v4')
+    monkeypatch.setattr(jit, 'LLVM_LOCK', None)
+    kept = replace(jit.USUAL, reorder=False)
+    assert jit.emit(ir, target, kept) == jit.emit(ir, target, jit.USUAL)
+
+
 def results() -> dict[str, bytes]:
     """Return the bits of kernels, quantities, rollouts and an ensemble."""
     rng = np.random.default_rng(19)

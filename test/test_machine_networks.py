@@ -215,11 +215,10 @@ def test_the_orientation_recurrence_takes_the_shifts_of_its_levels(L: int) -> No
     }
 
 
-def test_the_time_of_a_run_is_the_weighted_sum_of_its_steps() -> None:
+def test_the_time_of_arithmetic_is_the_weighted_sum_of_its_steps() -> None:
     steps = pfd.Steps(multiplications=2, additions=3, divisions=5, square_roots=7, routes=11)
-    assert Weights().time(steps) == 2 + 3 + 4 * 5 + 4 * 7 + 11
-    assert Weights(2.0, 0.5, 8.0, 16.0, 0.25).time(steps) == 4 + 1.5 + 40 + 112 + 2.75
-    assert Weights(route=100.0).arithmetic(steps) == 53
+    assert Weights().arithmetic(steps) == 2 + 3 + 4 * 5 + 4 * 7
+    assert Weights(2.0, 0.5, 8.0, 16.0).arithmetic(steps) == 4 + 1.5 + 40 + 112
 
 
 def test_choices_are_counted_and_cost_no_step() -> None:

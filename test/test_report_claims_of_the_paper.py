@@ -24,8 +24,8 @@ from pfd_core.model import resolve
 from pfd_core.report.cases.equations import EQUATIONS, PROCEDURES, Implemented
 from pfd_core.report.cases.paper import TABLE, value
 from pfd_core.report.cases.robots import uniform_chain
-from pfd_core.report.claims_pages import run
 from pfd_core.report.measure.claims import CLAIMS, Claim, verdicts
+from pfd_core.report.paper_pages import write_claims
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ROOT / 'docs' / 'report'
@@ -100,7 +100,7 @@ def pages() -> dict[str, str]:
 
 
 def test_the_page_is_what_the_command_writes_now(tmp_path: Path) -> None:
-    for page in run(tmp_path):
+    for page in write_claims(tmp_path):
         assert page.read_text() == pages()[page.name], 'run pfd report paper --out docs/report'
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from pfd_core.algorithms.paper import pcgm_1987, pcrbm_1987
-from pfd_core.report.errata_pages import markdown
 from pfd_core.report.measure.errata import (
     ERRATA,
     Erratum,
@@ -19,6 +18,7 @@ from pfd_core.report.measure.errata import (
     pcrbm_error,
     recurrence_error,
 )
+from pfd_core.report.paper_pages import errata_markdown
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -46,7 +46,7 @@ def test_every_misprint_that_can_be_executed_is_an_erratum() -> None:
 
 def test_the_page_is_what_the_command_writes_now() -> None:
     page = (ROOT / 'docs' / 'report' / 'errata.md').read_text(encoding='utf-8')
-    assert page == markdown(), 'run pfd report counts --out docs/report'
+    assert page == errata_markdown(), 'run pfd report counts --out docs/report'
 
 
 def numbers(effect: str) -> list[float]:

@@ -12,8 +12,9 @@ import pytest
 from pfd_core.algorithms.paper.set_ordering import record_literal_cholesky, set_ordering
 from pfd_core.report.illustrated_pages import SETS, doubling_picture, ordering_picture, run
 from pfd_core.report.measure.doubling import doubling
-from pfd_core.report.paper_pages import write
 from pfd_core.report.render.lane_pictures import WORKERS
+from pfd_core.report.render.markdown import page as page_of
+from pfd_core.report.render.markdown import write_text
 
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 SVG = '{http://www.w3.org/2000/svg}'
@@ -71,7 +72,7 @@ def test_the_picture_of_appendix_c_has_its_sets() -> None:
 
 
 def test_the_pages_are_what_the_command_writes_now(tmp_path: Path) -> None:
-    for page in (*run(tmp_path), write(tmp_path)):
+    for page in (*run(tmp_path), write_text(tmp_path, 'paper.md', page_of('paper'))):
         assert page.read_text() == (PAGES / page.name).read_text(), (
             'run pfd report paper --out docs/report'
         )

@@ -16,7 +16,7 @@ import zoo
 import pfd_core as pfd
 from pfd_core.model import resolve
 from pfd_core.report.cases.hard_cases import CASES
-from pfd_core.report.contenders import pinocchio_cpp
+from pfd_core.report.contenders import native, pinocchio_cpp
 from pfd_core.report.contenders.pinocchio import Pinocchio
 from pfd_core.report.contenders.pinocchio_cpp import FUNCTIONS, PinocchioCpp
 from pfd_core.report.contenders.work import LeftOutError, Work
@@ -25,7 +25,7 @@ from pfd_core.report.measure.reference import errors, reference
 
 pin = pytest.importorskip('pinocchio')
 WITH_COMPILER = pytest.mark.skipif(
-    shutil.which(pinocchio_cpp.COMPILER[0]) is None, reason='needs a C++ compiler'
+    shutil.which(native.CPP.compiler) is None, reason='needs a C++ compiler'
 )
 
 

@@ -23,7 +23,7 @@ from pfd_core.report import against_error_pages, quantity_pages, speed_pages, ti
 from pfd_core.report.cases import quantities
 from pfd_core.report.cases.quantities import FORWARD, QUANTITIES
 from pfd_core.report.cases.robots import robot
-from pfd_core.report.contenders import casadi, pinocchio
+from pfd_core.report.contenders import casadi, native, pinocchio
 from pfd_core.report.contenders.ours import make_quantity
 from pfd_core.report.contenders.work import LeftOutError, Side, work_of
 from pfd_core.report.measure import evaluations, port_limit, quantity_rows, speed, work_precision
@@ -44,7 +44,7 @@ TINY = quantity_rows.Plan(
 )
 COUNT = 3
 WITH_COMPILER = pytest.mark.skipif(
-    shutil.which(casadi.COMPILER[0]) is None, reason='needs a C compiler'
+    shutil.which(native.C.compiler) is None, reason='needs a C compiler'
 )
 
 

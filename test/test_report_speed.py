@@ -22,7 +22,7 @@ import pfd_core as pfd
 from pfd_core.report import speed_pages
 from pfd_core.report.cases.hard_cases import CASES
 from pfd_core.report.cases.robots import robot
-from pfd_core.report.contenders import casadi, ours
+from pfd_core.report.contenders import casadi, native, ours
 from pfd_core.report.contenders.mujoco import Mujoco
 from pfd_core.report.contenders.pinocchio import Pinocchio
 from pfd_core.report.contenders.pinocchio_cpp import NAME as CPP
@@ -35,7 +35,7 @@ BENCHMARK = Path(__file__).resolve().parent.parent / 'benchmarks' / 'speed.py'
 # MuJoCo gets rotations as unit quaternions, which adds their rounding to that of the dynamics.
 QUATERNIONS = 10 * tolerances.DYNAMICS
 WITH_COMPILER = pytest.mark.skipif(
-    shutil.which(casadi.COMPILER[0]) is None, reason='needs a C compiler'
+    shutil.which(native.C.compiler) is None, reason='needs a C compiler'
 )
 # Other quantities have tests of their own.
 # Pinocchio's C++ takes half a minute to compile, and has tests of its own.
@@ -281,7 +281,7 @@ def test_without_a_compiler_casadi_is_left_out(monkeypatch: pytest.MonkeyPatch) 
 @WITH_COMPILER
 def test_what_the_compiler_says_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip('casadi')
-    monkeypatch.setattr(casadi, 'BATCH', '#error "broken on purpose"')
+    monkeypatch.setattr(casadi, 'text', lambda name: '#error "broken on purpose"')
     with pytest.raises(LeftOutError, match='broken on purpose'):
         casadi.Casadi(robot('chain2'))
 

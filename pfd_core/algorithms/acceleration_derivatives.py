@@ -7,7 +7,7 @@ Derivatives of forward dynamics with respect to q, qd and tau, by the implicit f
     d qdd / d(q, qd) = -X D     D = dr / d(q, qd) at the answer qdd
     d qdd / d tau    = X T      T = d motor torques / d tau, a diagonal; one without limits
 
-D of the links is that of pfd_core.algorithms.grouped.torque_derivatives, over composite bodies; H
+D of the links is from pfd_core.algorithms.grouped.torque_derivatives, over composite bodies; H
 and the bias are by-products, and H = L' D L gives qdd and X. D of the joints and D of the drives
 are tangents of the programs of their torques (pfd_core.machine.derivative). Both are diagonal but
 for the gravity that the drives compensate.
@@ -15,8 +15,8 @@ for the gravity that the drives compensate.
 A braked joint has zeros in its row and its column of X. At a motor limit, where the torque has
 no derivative, it is taken on the side that the program selects.
 
-Carpentier and Mansard 2018 (derivatives of forward dynamics by those of inverse dynamics and
-H^-1).
+Carpentier and Mansard 2018 (derivatives of forward dynamics by derivatives of inverse dynamics
+and H^-1).
 
 Cost: the product X D takes 2 n^3 multiplications, factors and X n^3 / 2 and all else n^2.
 One register holds one number.
@@ -120,7 +120,7 @@ def record_acceleration_derivatives(plant: Plant, method: str = OWN_METHOD) -> P
     """
     Return the program of `derivatives`, d qdd / d(q, qd, tau), (n, 3 n), from q, qd and tau.
 
-    Parameters and errors are those of record_derivatives, whose factors are multiplied here: sums
+    Parameters and errors are as for record_derivatives, whose factors are multiplied here: sums
     in the order of the joints, each product after the first fused with the sum so far.
     """
     n = plant.robot.n

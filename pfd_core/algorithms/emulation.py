@@ -10,6 +10,7 @@ numbers and gives the reference for errors.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -160,7 +161,7 @@ def emulate(
         given['wrench'] = wrench  # with digits, a fraction stays exact
     sizes = {name: size for name, size in (check or program).inputs.items() if name != 'qdd'}
     inputs = _checked(sizes | program.inputs, given, digits)
-    # On a crossbar a route is one hop for each lane, from its source.
+    # On a crossbar each lane reads its source in one hop.
     hopping = None if network == 'crossbar' else network
     result = run(program, inputs, dtype, digits, network=hopping)
     if check is not None:  # outside the counted program
@@ -186,15 +187,21 @@ def _steps(method: str, program: Program, n: int, iterations: int, network: str)
     """
     Return the steps that a method's program takes on its machine.
 
-    The cells of the triangular array work side by side: there the steps of the solve are those
-    of its cycles, not the operations of all cells, and H comes to its rows, not to one lane.
+    The cells of the triangular array work side by side: there the cycles count, not the operations
+    of all cells, and routes bring H to the rows of the array, not to one lane.
     """
     steps = program.count(iterations=iterations, network=network)
     if method != 'pcrbm_array':
         return steps
-    for section in {STREAMS, SECTION} & {one.section for one in program.instructions}:
-        steps -= program.count(section=section, network=network)
-    return steps + solve_steps(n) + stream_steps(n, program.lanes, network)
+    on_cells = in_sections(program, (STREAMS, SECTION), network)
+    return steps - on_cells + solve_steps(n) + stream_steps(n, program.lanes, network)
+
+
+def in_sections(program: Program, sections: Sequence[str], network: str = 'crossbar') -> Steps:
+    """Return the steps of sections; a program may lack some of them."""
+    present = {one.section for one in program.instructions}
+    counts = (program.count(section=s, network=network) for s in sections if s in present)
+    return sum(counts, Steps())
 
 
 def processors_of(method: str, n: int, processors: int) -> int:

@@ -100,10 +100,9 @@ FORWARD: dict[str, Callable[..., Program]] = {
     'pcrbm_1987': record_pcrbm_1987,
     'pcgm_1987': record_pcgm_1987,
 }
-# Methods for comparison with the paper.
-EDITION = ('pcrbm_1987', 'pcgm_1987')
-# Emulated and counted, not compiled. Constraint forces need links with a mass and an inertia.
-EMULATED = (*EDITION, 'constraint_forces')
+# Emulated and counted, not compiled: for comparison with the paper, and a method that needs links
+# with a mass and an inertia.
+EMULATED = ('pcrbm_1987', 'pcgm_1987', 'constraint_forces')
 METHODS = tuple(method for method in FORWARD if method not in EMULATED)
 # Methods for one processor; the others have a lane for each joint.
 SERIAL = (

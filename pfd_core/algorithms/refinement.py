@@ -14,14 +14,15 @@ The last three lines are a step. The error of the answer before the last step is
 
 A residual in the number format is rounding where tau is close to the bias, and so is delta.
 pfd_core.machine.rounding_errors makes it accurate, for several times the operations; only a
-recording of the estimate has it. This residual is that of Luh, Walker and Paul in link axes.
+recording of the estimate has it. This residual is computed by Luh, Walker and Paul's algorithm, in
+link axes.
 
 A method is recorded once more for delta. Its part that depends on q alone, the inertia
 matrix and its factors or the articulated inertias, consists of the same expressions as before, and
 lowering keeps one of each: of the second recording only a solve with the factors is left.
 
-The residual is that of Luh, Walker and Paul, each link about its own centre of mass in the axes of
-its joint, with the robot's own parameters. Torques summed about the base, or from grouped
+The residual is computed as by Luh, Walker and Paul: each link about its centre of mass in the axes
+of its joint, with the robot's parameters as given. Torques summed about the base, or from grouped
 parameters, would have the same rounding that refinement removes
 (docs/decisions/0005-refinement.md). Methods in the same axes share its angular velocities.
 
@@ -78,8 +79,8 @@ def record_refined(
     Returns
     -------
     Program
-        The method's own outputs, of which qdd is refined, and with an estimate `error`, (1,): the
-        estimated relative error of qdd before the last step, of qdd itself without steps. It is
+        The outputs of the method, with qdd refined. With an estimate also `error`, (1,): the
+        estimated relative error of qdd before the last step, without steps of qdd itself. It is
         infinite where the answer is not finite, a pivot is not positive or the iteration has not
         converged.
 

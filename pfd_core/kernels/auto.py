@@ -3,10 +3,11 @@
 """
 The method that 'auto' selects: the cheapest one that keeps the digits of the answer.
 
-A kernel of forward dynamics measures its rounding errors when it is made (`roundings`). It takes
-the first method within its limit in MOST_ROUNDINGS, and one step of refinement where none is, as
-on all chains of LONG joints and more (docs/decisions/0040-a-default-that-is-not-worse.md). What
-follows is about the method of a step of a simulation, and of a refined kernel.
+For a kernel of forward dynamics, rounding errors of the methods are measured (`roundings`). The
+first method within its limit in MOST_ROUNDINGS is taken, or a method with one step of refinement
+if none is within it, as on all chains of LONG joints and more
+(docs/decisions/0040-a-default-that-is-not-worse.md). The rest of this text is about the method of
+a step of a simulation, and of a refined kernel.
 
 The cheapest is the serial method whose kernel has the fewest operations. The matrix of
 composite bodies grows with n^2 and its factors with n^3, articulated bodies with n, from a higher
@@ -54,11 +55,12 @@ LARGEST_LOSS, LARGEST_LOSS_REFINED = 1e3, 1e7
 POSES = 16
 # Largest rounding error that an answer may have without refinement, in roundings (`roundings`).
 MOST_ROUNDINGS = {FEW_JOINTS: 3.0, MANY_JOINTS: 3.8}
-# States at which rounding errors are measured, the share of them that a limit is for, and the
-# relative change of a state that shows how far rounding its numbers changes the answer.
+# States at which rounding errors are measured; the share of the states that must be within a
+# limit; and the relative change of a state by which the effect of rounding its numbers is
+# measured.
 STATES, SHARE, CHANGE = 256, 0.9, 2.0**-26
-# Torques of these states, relative to the largest of inertia and gravity: an arm that all but
-# falls, on which errors of large torques near the base meet small inertias near the tip.
+# Torques of these states, relative to the largest torque of inertia and gravity: the arm nearly
+# falls, so that errors of large torques near the base meet small inertias near the tip.
 TORQUES = 2.0**-6
 
 
@@ -120,9 +122,9 @@ def roundings(plant: Plant, method: str) -> float:
 
     The error of a state is max |difference| / max |qdd| compared with the refined answer. Its
     unit is the change of the refined answer when each number of the state changes by a unit of
-    rounding, at least a unit of rounding itself. The result is the SHARE-quantile over STATES
-    states, the same on every machine: bits of a generator that NumPy guarantees, sines written
-    out, no sums of unknown order.
+    rounding, and at least a unit of rounding. The result is the SHARE-quantile over STATES states.
+    It is the same on every machine: NumPy guarantees the bits of its generator, sines are
+    expanded, and no sum has an unknown order.
     """
     bare = replace(
         without_torques(without_step_effects(plant)),

@@ -31,8 +31,8 @@ def compile_kernel(
     robot : Robot
         The chain.
     method : str
-        A name in METHODS, or 'auto': for forward dynamics the cheapest with small rounding errors
-        on this robot, with a step of refinement where none has them (`kernel.method`,
+        A name in METHODS, or 'auto': for forward dynamics the cheapest method with small rounding
+        errors on this robot, or a method with a step of refinement (`kernel.method`,
         `kernel.spec.refine`). Quantities other than forward dynamics and its derivatives have one
         method.
     scene : Scene, optional

@@ -169,7 +169,7 @@ class Kernel:
         -------
         numpy.ndarray
             `out`, or a new array, (*shape) or (B, *shape), with batches side by side in memory
-            (Fortran order) where those of q are.
+            (Fortran order) if the batches of q are.
 
         Raises
         ------
@@ -209,18 +209,18 @@ class Kernel:
         Return qdd, the same bits as a call gives, and its relative error.
 
         With steps of refinement (`kernel.spec.refine`) it is the error before the last step.
-        Arguments and errors are those of a call. The error, () or (B,), is `max |difference| /
+        Arguments and exceptions are as for a call. The error, () or (B,), is `max |difference| /
         max |exact qdd|`. It is estimated from torques with nearly twice the digits: within 5 % of
         the error for the included arms, also where tau is close to the bias. For other
         robots it is within a factor of 3 wherever the error is above 1e-13 (5e-5 in float32) and
-        below 0.1, away from equilibrium: there, on axes at other than right angles, rounding of
-        the robot's rotations matters as much, and it may be a twentieth of the difference to
-        another method. It is infinite where a pivot is not above zero or the answer not finite.
+        below 0.1, away from equilibrium. Near equilibrium, if axes are not at right angles,
+        rounding of the robot's rotations matters as much: the estimate may be a twentieth of the
+        difference from another method. It is infinite where a pivot is not above zero or the
+        answer is not finite.
 
-        Near equilibrium the answer itself is no better than the one before: there the last
-        rounding of the torques is its error, too. An estimate costs four to five times as
-        much as a call, in a kernel that is compiled at the first estimate: a kernel that is
-        never asked for one takes no time and no memory for it.
+        Near equilibrium the answer is no better than the answer before the last step: rounding of
+        the torques limits both. An estimate costs four to five times as much as a call. It has a
+        separate kernel, which is compiled at the first estimate.
         """
         both = self._with_error(q, qd, tau, wrench, brakes=brakes, payload=payload)
         return both[..., :-1], both[..., -1]

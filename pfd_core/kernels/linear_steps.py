@@ -3,8 +3,8 @@
 """
 Linearised steps: A and B of a step of a simulation, as a kernel of q, qd and tau.
 
-The derivatives of the accelerations are those of pfd_core.algorithms.acceleration_derivatives, at
-each stage of the integrator; native code multiplies them up (codegen.linear_step).
+pfd_core.algorithms.acceleration_derivatives gives the derivatives of the accelerations at each
+stage of the integrator; native code combines them by the chain rule (codegen.linear_step).
 """
 
 from __future__ import annotations

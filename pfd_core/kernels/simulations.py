@@ -110,7 +110,7 @@ def compile_rollout(
     run = ctypes.CFUNCTYPE(integer, integer, ctypes.c_void_p, *inputs, *states)
     accelerate = ctypes.CFUNCTYPE(None, integer, *inputs, ctypes.c_void_p)
     pointed = ctypes.CFUNCTYPE(integer, integer, ctypes.c_void_p)
-    # Of the inputs alone: code from disk needs no recording.
+    # Inputs without instructions: code from disk needs no recording.
     inputs_alone = Program(1, (), dict(sources.inputs), {})
     calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
     return Rollout(
@@ -162,7 +162,7 @@ class AdaptiveSteps:
 
     work: int  # operations of the evaluations in one attempt
     inputs: tuple[str, ...]  # of the dynamics, besides the state
-    arrays: tuple[str, ...]  # that both functions take before those that are written
+    arrays: tuple[str, ...]  # that both functions take before the output arrays
     begin: Callable[..., None]  # @begin (pfd_core.kernels.codegen.adaptive)
     run: Callable[..., int]  # @adaptive, without the interpreter's lock
     begin_law: Callable[..., None]  # the same with a law in Python, with the lock
@@ -174,8 +174,8 @@ def compile_adaptive(spec: KernelSpec, pair: AdaptivePair, contact: Contact) -> 
     """
     Compile adaptive steps of a robot; `spec` is of a STEP in float64.
 
-    `contact` has the programs of the steps, and of dry friction and joint stops if the scene has
-    any, not lowered yet.
+    `contact` has the programs of the steps, not lowered yet, and in scenes with dry friction or
+    joint stops the programs of events.
     """
     if 'modes' in contact.programs:
         sources = _contact_sources(spec, contact)
@@ -260,8 +260,8 @@ class _Sources:
         """
         Return the operations of a step, as compiled: evaluations, and the step's own for n joints.
 
-        With dry friction and stops those of a step in which no joint rests, reverses or reaches
-        its stop.
+        With dry friction and stops: of a step in which no joint rests, reverses or reaches its
+        stop.
         """
         if self.contact is None:
             calls = [i.data for i in step.instructions if i.op == 'call']
@@ -281,8 +281,8 @@ def _sources(spec: KernelSpec, implicit: float, contact: Contact | None) -> _Sou
     Return the sources of a simulation.
 
     With `implicit` = c and a damping D in the scene there are `undamped`, the accelerations
-    without damping, and `solve`, those of a torque at rest, without gravity and wrench, with
-    rotors that are heavier by c D: (H + c D)^-1 tau.
+    without damping, and `solve`, the accelerations at rest under a torque alone, with rotors that
+    are heavier by c D: (H + c D)^-1 tau.
     """
     if contact is not None:
         return _contact_sources(spec, contact)

@@ -73,7 +73,7 @@ class KernelSource:
     operations : dict
         Operations by name, of each stage.
     ordered : bool
-        Whether its operations are in an order that native code is to keep.
+        Whether native code is to keep the order of its operations.
 
     """
 
@@ -157,7 +157,7 @@ class ProductSource(KernelSource):
     """
     A lowered program whose outputs are factors of the result (pfd_core.kernels.passes.product).
 
-    Its `program`, `elements` and `operations` are those of the result, with the operations of the
+    Its `program`, `elements` and `operations` describe the result, with the operations of the
     product one by one. Native code uses `factors` and multiplies in loops.
     """
 

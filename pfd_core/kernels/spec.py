@@ -40,7 +40,7 @@ class KernelSpec:
     dtype : str
         'float64' or 'float32'.
     refine : int
-        Steps of iterative refinement, also those that 'auto' selected.
+        Steps of iterative refinement, including a step selected by 'auto'.
     quantity : str
         A name in QUANTITIES, or STEP or STEP_IN_MOTION.
     frame : str or None

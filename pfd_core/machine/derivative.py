@@ -25,7 +25,7 @@ twice goes back twice.
 
 A quotient and a square root have no derivative at zero, which gives infinity or NaN. An entry that
 is zero for all inputs stays zero also where the output itself is infinite or NaN. At the
-switch of a `select` the derivative is that of the operand that is selected there.
+switch of a `select` the derivative is taken of the operand that is selected there.
 
 Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. 2008, chapter 3.
 """
@@ -180,7 +180,7 @@ def _tangents(
 
 def _sums(program: Program) -> Iterator[tuple[int, tuple[int, list[tuple[float, int]]]]]:
     """
-    Yield the sums a b + c and differences of which nothing else reads the product.
+    Yield the sums a b + c, and differences, whose product nothing else reads.
 
     For each: its register, the register of the product, and the signed registers of a, b and c.
     The tangent (dc + da b) + a db is two fused multiply-adds. By way of the product's tangent it

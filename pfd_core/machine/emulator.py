@@ -54,8 +54,8 @@ def run(
         A name in pfd_core.machine.networks.NETWORKS. Each route is then executed hop by hop, and
         each hop is checked. Default: every lane reads its source at once.
     observe : callable, optional
-        Called with the rows, (lanes, ...), of a loop's state before the loop and after each
-        iteration.
+        Called before a loop and after each iteration, with the rows, (lanes, ...), of the loop's
+        state.
 
     Returns
     -------

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-# a b and its rounding, of which 2^-106 a b is the smallest part, then are multiples of 2^-1066.
+# a b and its rounding are then multiples of 2^-1066: no part is smaller than 2^-106 a b.
 REACH = 2.0**480
 BEYOND = 2.0**1000
 _SPLIT = 2.0**27 + 1.0

@@ -77,7 +77,7 @@ def where(condition: Lanes, chosen: Any, other: Any) -> Any:
 
 
 def absolute(x: Lanes) -> Lanes:
-    """Return the absolute value; that of a zero may have either sign."""
+    """Return the absolute value; a zero may have either sign."""
     result: Lanes = where(x, x, -x)
     return result
 

@@ -18,11 +18,10 @@ L = ceil(log2 n). Nodes of pm2i, cube, mesh and shuffle that no lane is on pass 
 
 A link has a direction. It carries one word a step; all links of a node work at the same time. A
 word is stored at a node before it is passed on. A node can send one word on several links at once,
-so a multicast runs along a tree: the shortest paths of a breadth-first search from the source. Of
-the words that wait for a link the one with the longest path to go is sent first. This is a
-feasible schedule, not always the shortest. No schedule on these paths takes less than the longest
-path or the most words on a link. A machine whose links must all work in the same direction in
-a step takes more.
+so a multicast runs along a tree: the shortest paths of a breadth-first search from the source. A
+link first sends the waiting word with the longest remaining path. This schedule is feasible, not
+always the shortest. No schedule on these paths takes less than the longest path or the most words
+on a link. A machine whose links must all work in the same direction in a step takes more.
 
     hops          the steps of a route, each with its hops from node to node
     route_steps   their number

@@ -96,7 +96,7 @@ OPERATIONS = {
     for operation in (
         Operation('input', 0),
         Operation('constant', 0),
-        # Lane i takes the value of a given lane, or of its own lane of the second operand.
+        # Lane i takes the value of a given lane, or lane i of the second operand.
         Operation('route', 2, 'routes'),
         # The second operand where the first is above zero, else the third.
         Operation(

@@ -115,7 +115,7 @@ def _filled(recorder: Recorder, operands: tuple[Any, ...]) -> list[int]:
 
 
 def _dealt(recorder: Recorder, slots: Sequence[Slot]) -> list[Slot]:
-    """Return slots in turns, one of each processor's in a turn; on n processors row by row."""
+    """Return slots in turns, each with one slot of a processor; on n processors row by row."""
     turns: dict[int, int] = {}
     order = []
     for slot in slots:

@@ -19,10 +19,10 @@ right operand; an operand is a value over lanes, a vector, a matrix or a tuple o
 n processors run a recurrence by recursive doubling; one processor (the sequential schedule) runs
 it as a sweep, because that is less work. The algorithm is the same.
 
-p < n processors, each with a block of b = ceil(n / p) lanes, sweep over their own blocks side by
-side, double over the results of whole blocks, and combine each with the lanes of the next block:
-b - 1, ceil(log2 p) and b - 1 levels if p divides n. A total leaves out the last of the three. One
-processor has no other blocks, and n processors have nothing to sweep.
+p < n processors, each with a block of b = ceil(n / p) lanes, do this in three phases: a sweep over
+the blocks, side by side; recursive doubling over the results of whole blocks; and a combination of
+each result with the lanes of the next block. If p divides n these are b - 1, ceil(log2 p) and b -
+1 levels. A total leaves out the last phase. One processor only sweeps; n processors only double.
 
 Corrected here: eq. (3) prints X(i-s) * X(i) for the coefficients of eq. (4), which is the
 order for x(i) = x(i-1) a(i); with matrix coefficients on the left it must be X(i) * X(i-s).
@@ -55,14 +55,14 @@ def _recorder(value: Any) -> Recorder:
 
 class Level(NamedTuple):
     """
-    A level of a recurrence: each lane is combined with another one before it in the recurrence.
+    A level of a recurrence: lanes are combined with lanes before them in the recurrence.
 
     Attributes
     ----------
     sources : dict
-        Lane to the lane that it is combined with.
+        Lane to the lane with which it is combined.
     coefficients : dict
-        The same for the products of coefficients of an affine recurrence that later levels need.
+        The same for coefficients of an affine recurrence whose products later levels need.
 
     """
 
@@ -74,7 +74,7 @@ def levels(recorder: Recorder, downward: bool, every_lane: bool = True) -> Itera
     """
     Yield the levels of a recurrence in their order; see the module.
 
-    Without `every_lane` only the lane where the recurrence ends is right at the end.
+    Without `every_lane` only the lane where the recurrence ends has the result.
     """
     n, block, owner = recorder.lanes, recorder.block, recorder.owner
     tip = owner(n - 1)

@@ -1,13 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The time of a run from its steps, and the choices that no step counts.
+The time of the arithmetic of a run from its steps, and the choices that no step counts.
 
-    time = t_m M + t_a A + t_d D + t_s S + t_r R
+    time = t_m M + t_a A + t_d D + t_s S
 
-for M multiplications, A additions, D divisions, S square roots and R steps of routes, counted on
-the network of the machine (pfd_core.machine.networks). Sines, which the paper takes as given, have
-no weight.
+for M multiplications, A additions, D divisions and S square roots. Routes take t_r each, counted
+on a network (pfd_core.machine.networks). Sines, which the paper takes as given, have no weight.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from pfd_core.machine.program import Program, Steps, busy_lanes
 @dataclass(frozen=True)
 class Weights:
     """
-    Times of one step, in units of a multiplication unless the caller has another one.
+    Times of one step of arithmetic, by default in units of a multiplication.
 
     The default is a machine that adds as fast as it multiplies, and divides and takes square roots
     in four times that.
@@ -30,11 +29,6 @@ class Weights:
     addition: float = 1.0
     division: float = 4.0
     square_root: float = 4.0
-    route: float = 1.0
-
-    def time(self, steps: Steps) -> float:
-        """Return the time of a run."""
-        return self.arithmetic(steps) + self.route * steps.routes
 
     def arithmetic(self, steps: Steps) -> float:
         """Return the time of a run without its routes."""

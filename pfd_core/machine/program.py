@@ -140,16 +140,17 @@ class Program:
         Parameters
         ----------
         processors : int, optional
-            Processors that execute the program as it is; with fewer than lanes an instruction
-            takes several steps, with one its operations are counted. Default: one per lane. A
-            program recorded for fewer processors takes less (pfd_core.machine.recorder.Schedule).
+            Processors that execute the program as it is. With fewer processors than lanes an
+            instruction takes several steps; with one its operations are counted. Default: one
+            per lane. A program recorded for fewer processors (pfd_core.machine.recorder.Schedule)
+            takes fewer steps.
         section : str, optional
             Count only this part of the program, a section of some instruction.
         iterations : int
             Number of runs of the repeated part, if there is one.
         network : str
-            A name in pfd_core.machine.networks.NETWORKS, which the routes are counted on. On a
-            crossbar each is one step. Another network needs a processor for each lane.
+            A name in pfd_core.machine.networks.NETWORKS. On a crossbar each route is one step.
+            Other networks need a processor for each lane.
 
         Raises
         ------

@@ -18,9 +18,9 @@ arithmetic. `sequential` is one processor: every lane of a value has a separate 
 moves by renaming.
 
 With p < n processors (`Schedule`) each of them has a block of b = ceil(n / p) neighbouring lanes,
-and the program has p lanes. A value is then b registers, one for each slot of the blocks, and an
-operation is one instruction for each slot in which some lane takes part, or for several slots if
-no processor has a lane in two of them:
+and the program has p lanes. A value is then b registers, one for each slot of the blocks. An
+operation is one instruction for each slot in which some lane takes part. Slots share an
+instruction if no processor has a lane in two of them:
 
     n = 7, p = 3, b = 3       processor 0    1    2
               register 0      lane      0    3    6
@@ -28,8 +28,8 @@ no processor has a lane in two of them:
               register 2      lane      2    5    -
 
 Where b does not divide n, the last blocks are shorter or empty. A lane reads any register of its
-own processor without a route; in a route each processor sends one register, to all processors
-that read it. n processors are blocks of one lane, and one processor is a single block: that is
+processor without a route. In a route each processor sends one register, to all processors that
+read it. n processors have blocks of one lane. One processor has a single block: this is
 `sequential`.
 """
 
@@ -151,7 +151,7 @@ class Recorder:
     lanes, processors, block : int
         Lanes of a value, processors, and lanes of a block, ceil(lanes / processors).
     parallel, packs : bool
-        Whether there are several processors (or one for a single lane), and whether partly filled
+        Whether there are several processors (or one for a single lane); whether partly filled
         rows of lanes are packed.
 
     """
@@ -223,12 +223,12 @@ class Recorder:
     def _row(
         self, op: str, operands: Sequence[Lanes], data: Sequence[Any] | None, defined: int
     ) -> Lanes:
-        """Record an operation: one instruction for each slot, or for slots that go together."""
+        """Record an operation: one instruction for each group of slots."""
         registers = [-1] * self.block
         if data is not None:
             for k, active in self.slots(defined):
                 own = tuple(data[k :: self.block])
-                # Processors without a lane in this slot have a number that nothing reads.
+                # Nothing reads the number of a processor without a lane in this slot.
                 own += (self._idle(op, own[0]),) * (self.processors - len(own))
                 registers[k] = self.write(op, (), own, active)
             return Lanes(self, tuple(registers), defined)
@@ -240,7 +240,7 @@ class Recorder:
         return Lanes(self, tuple(registers), defined)
 
     def _together(self, defined: int) -> list[Group]:
-        """Return the slots with a lane, in groups of which no processor has two."""
+        """Return the slots with a lane, grouped so that no processor has two of a group."""
         if defined not in self._groups:
             groups: list[Group] = []
             for k, mask in self.slots(defined):
@@ -335,7 +335,7 @@ class Recorder:
             wanted = {m: divmod(source, self.block) for m, source in column if source is not None}
             if not wanted:
                 continue
-            # What one slot has received, the others read.
+            # Slots with the same sources share a register.
             there = (r for known, r in received if wanted.items() <= known.items())
             register = next(there, None)
             if register is None:
@@ -368,7 +368,7 @@ class Recorder:
         return result
 
     def _collected(self, value: Lanes, slots: dict[int, int]) -> int:
-        """Return a register in which each processor has its own value of the slot named."""
+        """Return a register in which processor m has its value of slot slots[m]."""
         result, here = -1, 0
         for register in dict.fromkeys(value.registers[k] for k in slots.values()):
             own = [m for m, k in slots.items() if value.registers[k] == register]
@@ -377,7 +377,7 @@ class Recorder:
         return result
 
     def _merged(self, new: int, own: Iterable[int], old: int, kept: int) -> int:
-        """Return `new` on some processors and `old` on the others: no data moves between them."""
+        """Return `new` on some processors and `old` on the others; no data moves."""
         chosen = set(own)
         sources = tuple(m if m in chosen else None for m in range(self.processors))
         return self.write('route', (new, old), sources, kept | _mask(chosen))

@@ -10,7 +10,7 @@ A sequential program with the rounding error of each of its values, to first ord
 
 The error of a value is carried through the operations that read it. Value plus error is as
 accurate as arithmetic with nearly twice the digits. Sines and cosines are evaluated here, by
-Taylor's series after Cody and Waite's reduction, because those of a kernel are within 1.5 units
+Taylor's series after Cody and Waite's reduction, because a kernel evaluates them within 1.5 units
 only.
 
 Every product is recorded as fma(a, b, 0). It therefore shares no register with products that are

@@ -77,8 +77,8 @@ class Field:
     rule : Rule or None
         What it may hold, if it has one number or one row a joint.
     check : callable or None
-        From its name and the value that a user gives to the value that Scene keeps; by default
-        that of the rule. None without a rule: Scene checks it.
+        From its name and the value that a user gives to the value that Scene keeps; by default the
+        function of the rule. None without a rule: Scene checks it.
     numbers : callable or None
         From a robot and the value in Scene to an array; by default from the rule.
     off : Any
@@ -154,9 +154,9 @@ class Effect:
     needs : str
         Name of the effect without which it means nothing.
     completed : callable or None
-        From a robot and the numbers of all fields to those of this effect and of the effects that
-        need it; {} if it is off. By default it is off where the numbers of its first field are all
-        zero, or infinite if infinity means no limit.
+        From a robot and the numbers of all fields to the numbers of this effect and of effects
+        that need it; {} if it is off. By default it is off where the numbers of its first field
+        are all zero, or infinite if infinity means no limit.
 
     """
 

@@ -74,8 +74,8 @@ class Plant(FrozenArrays):
         its record in `pfd_core.model.effects`. Static friction is there with friction, and
         restitution with joint limits. Each field is an attribute as well,
         `plant.damping`, and None where the effect is off. `torque_speed`, (n, k, 2), has rows
-        (speed, torque); rows beyond a joint's own have infinite speeds, and those of a joint
-        without a table infinite torques.
+        (speed, torque). Rows beyond a joint's table have infinite speeds; a joint without a
+        table has infinite torques.
 
     """
 
@@ -253,7 +253,7 @@ def in_motion(plant: Plant) -> Plant:
     smooth = without_step_effects(plant)
     if plant.friction is None or plant.static_friction is None:
         return replace(smooth, brakes=True)
-    # Without a velocity for it, friction falls to that of the sliding joint at once.
+    # Without a Stribeck velocity, friction falls to the sliding value at once.
     static, velocity = plant.friction, np.ones_like(plant.friction)
     if plant.stribeck_velocity is not None:
         static, velocity = plant.static_friction, plant.stribeck_velocity

@@ -143,7 +143,7 @@ class Scene:
 
     def without(self, names: Collection[str]) -> Scene:
         """
-        Return the scene without effects of EFFECTS by name, and without those that need them.
+        Return the scene without the named effects, and without effects that need them.
 
         Raises
         ------

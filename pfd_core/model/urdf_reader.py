@@ -27,7 +27,7 @@ from pfd_core.model.robot_changes import locked_positions
 from pfd_core.model.rotors import reflected_inertia
 
 NOT_A_CHAIN = ('floating', 'planar')
-# A limit of this size is none: pfd_core.model.urdf_writer has no other number for it.
+# A limit of this size means no limit: pfd_core.model.urdf_writer has no other number for it.
 LARGEST_LIMIT = sys.float_info.max
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 # Rotors: local name of the inertia -> local name of the ratio. The format has no element for the
@@ -482,8 +482,8 @@ def _armature(root: ElementTree.Element, joints: Collection[str]) -> dict[str, f
     """
     Return the armature of each joint whose transmissions state a rotor.
 
-    ValueError if a number is none, an inertia is negative or a ratio zero, or a transmission with
-    a rotor has not one joint of the URDF.
+    ValueError if a number is invalid, an inertia is negative or a ratio zero, or a transmission
+    with a rotor has not one joint of the URDF.
     """
     found: dict[str, float] = {}
     for transmission in root.findall('transmission'):

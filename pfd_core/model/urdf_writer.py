@@ -4,7 +4,7 @@
 Robots as URDF: for programs that read no other format.
 
 Link k of the chain has its frame on the axis of joint k, which is z. The tip and all other frames
-of the robot are links without mass, fixed to those that carry them. A rotor is the <motorInertia>
+of the robot are links without mass, fixed to the links of the chain. A rotor is the <motorInertia>
 of a <transmission> with a reduction of 1, as pfd_core.model.urdf_reader reads it. A limit that a
 joint lacks is LARGEST_LIMIT: most readers of the format know no infinity.
 """

@@ -21,7 +21,7 @@ friction} at the motor, carried to the joint by the gear; `accept_unphysical_ine
 published numbers break the triangle rule.
 
 `base` and `tip` are names of links, or {link, rotation, translation}: the placement of frame 0 in
-the base link; for modified_dh also that of the tip in the last joint's frame.
+the base link; for modified_dh also the placement of the tip in the last joint's frame.
 
 `frames` has further frames by name, {link, rotation, translation}: fixed to link 1 to n and placed
 in that frame of `Robot`, or fixed to the base link, 0, and placed in its frame.
@@ -64,7 +64,7 @@ def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
     """
     Return a robot as YAML; `load_robot` makes the same robot of it, to the last bit.
 
-    Frames other than those of base and tip are written if asked for: they change no motion.
+    Frames besides base and tip are written if `frames` is set: they change no motion.
     """
     check_robot(robot)
     frames = switch('frames', frames)

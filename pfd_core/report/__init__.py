@@ -10,17 +10,16 @@ Subpackages in the order of data flow; `render` knows none of the others:
     measure      steps, times and errors, as rows
     render       tables, plots and JSON
 
-`pages` is the table of the pages: the commands, `pfd report` without a name, and the index derive
-from it. A module for each page: its tables, columns and plots. Its prose is a template in
-texts/NAME.md.
+`pages` is the table of the pages, from which the commands, `pfd report` without a name, and the
+index derive. The other modules have the tables, columns and plots of the pages. The prose of a
+page is a template, texts/NAME.md.
 
     pages                 the table PAGES; `pfd report`: all pages and index.md
     counts_pages          `pfd report counts`: counts.md, .json, .png and array.svg
     network_pages         `pfd report counts`: networks.md, .json and plots
-    errata_pages          `pfd report counts`: errata.md
     processor_pages       `pfd report counts`: processors.md, .json and .png
-    paper_pages           `pfd report paper`: paper.md, which links all pages of the paper, and:
-    claims_pages          `pfd report paper`: claims.md and .json
+    paper_pages           `pfd report paper`: paper.md, the index of the paper's pages; claims.md
+                          and .json; errata.md of `pfd report counts`
     illustrated_pages     `pfd report paper`: illustrated.md, doubling.svg, set-ordering.svg
     array_pages           `pfd report paper`: array.md, .json, array-designs.svg, array-cycles.svg
     pcgm_pages            `pfd report paper`: pcgm.md, .json and .png
@@ -34,9 +33,9 @@ texts/NAME.md.
     distribution_pages    `pfd report distributions`: distributions.md, .json, .png and .svg
     mechanism_pages       `pfd report mechanisms`: mechanisms.md and .json
     scene_pages           `pfd report scene`: scene.md, .json, .yaml, .png and .svg
-    headlines             sentences of pages and README.md: our time over the strongest peer's
+    headlines             sentences of pages and README.md: our time and the strongest peer's
     time_tables           tables of ways over robots and of quantities, for all pages of speed
 
-A column is a field of the table's record and, in the module of the page, a title and a cell of
-that table; the JSON has all fields of the records by itself. A case is a row of a table in data.
+A new column is a field of the table's record and, in the module of the page, a title with a cell.
+The JSON has all fields of the records. A new case is a row of a table in data.
 """

@@ -112,7 +112,7 @@ def _draw_cases(
 
 
 def _shown(points: Sequence[Point]) -> list[Point]:
-    """Return points without those of loops in Python, where the same is measured in C++."""
+    """Leave out loops in Python if the same functions are measured in C++."""
     native = any(point.way in NATIVE for point in points)
     return [point for point in points if not (native and point.loop == 'Python')]
 

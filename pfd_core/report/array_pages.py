@@ -12,8 +12,8 @@ from pfd_core.machine.systolic import Place
 from pfd_core.report.measure.array_runs import (
     CLAIMS,
     SIZES,
+    ArrayClaim,
     ArrayRun,
-    Claim,
     factor_run,
     literal_run,
     measure_array,
@@ -21,14 +21,15 @@ from pfd_core.report.measure.array_runs import (
 )
 from pfd_core.report.render.array_activity import runs_svg
 from pfd_core.report.render.array_design import CellRules, Design, Stream, designs_svg
-from pfd_core.report.render.markdown import grid, page, table
+from pfd_core.report.render.markdown import grid, page, table, write_text
 from pfd_core.report.render.markdown import write as write_page
 
 # The size of Figure 1, which the pictures have.
 FIGURE = 4
-# Joints, and runs, of which the page counts the cycles of each cell.
+# Joints and runs for the table of cycles of each cell.
 CELLS = 6
 RUNS = (literal_run, factor_run, solve_run)
+PORTS = {'left': 'C_in', 'right': 'C_out', 'down': 'u_in', 'up': 'u_out'}
 TITLES = {'as printed': 'As printed: equations (29) to (31)', 'corrected': "Corrected: H = L L'"}
 
 
@@ -71,12 +72,12 @@ def _busy(n: int) -> dict[tuple[str, object], str]:
     }
 
 
-def _title(row: ArrayRun | Claim) -> str:
+def _title(row: ArrayRun | ArrayClaim) -> str:
     return f'{row.design}: {row.event}'
 
 
-def _verdict(claim: Claim, rows: Sequence[ArrayRun]) -> str:
-    """Return whether all sizes take the cycles claimed, or the sizes at which they do."""
+def _verdict(claim: ArrayClaim, rows: Sequence[ArrayRun]) -> str:
+    """Return whether all sizes take the cycles claimed, or the largest size that does not."""
     own = [row for row in rows if _title(row) == _title(claim)]
     wrong = [row for row in own if row.measured != row.claimed]
     if not wrong:
@@ -94,11 +95,7 @@ def write(rows: Sequence[ArrayRun], folder: Path) -> list[Path]:
     """Write the page, its data and the pictures array-designs.svg and array-cycles.svg."""
     paths = write_page(folder, 'array', markdown(rows), rows)
     pictures = {'array-designs': designs_picture(FIGURE), 'array-cycles': cycles_picture(FIGURE)}
-    for name, picture in pictures.items():
-        path = folder / f'{name}.svg'
-        path.write_text(picture, encoding='utf-8')
-        paths.append(path)
-    return paths
+    return paths + [write_text(folder, f'{name}.svg', x) for name, x in pictures.items()]
 
 
 def literal_label(n: int, place: Place, cycle: int) -> str:
@@ -142,7 +139,7 @@ def designs_picture(n: int) -> str:
             CellRules(
                 'Circular cell P_kk, Figure 2 (a)',
                 True,
-                {'left': 'C_in', 'right': 'C_out', 'down': 'u_in', 'up': 'u_out'},
+                PORTS,
                 (
                     'first u_in: u <- u_in = h_kk',
                     'otherwise: C_out <- C_in / u, u_out <- u_in',
@@ -153,7 +150,7 @@ def designs_picture(n: int) -> str:
             CellRules(
                 'Square cell P_ki, Figure 2 (b)',
                 False,
-                {'left': 'C_in', 'right': 'C_out', 'down': 'u_in', 'up': 'u_out'},
+                PORTS,
                 (
                     'first u_in: u <- u_in = h_ki',
                     'otherwise: C_out <- C_in - u u_in, u_out <- u_in',
@@ -181,7 +178,7 @@ def designs_picture(n: int) -> str:
             CellRules(
                 'Square cell P_ki',
                 False,
-                {'left': 'C_in', 'right': 'C_out', 'down': 'u_in', 'up': 'u_out'},
+                PORTS,
                 (
                     'C_in with *: u <- u_in, C_out <- C_in - u u with *',
                     'otherwise: C_out <- C_in - u u_in, u_out <- u_in',

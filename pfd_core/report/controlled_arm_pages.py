@@ -52,7 +52,7 @@ SIZE = (9.0, 7.0)
 NATIVE = 'one call of `Ensemble.rollout`: controller, steps and loop in native code'
 IN_C = 'controller and loop in C; in each period {}'
 RAMP, SOFT = 'ramp', 'soft constraint'
-# Way: what its time contains, and its friction.
+# Way: contents of its time, and its friction.
 CONTENTS: Mapping[str, tuple[str, str]] = {
     **{
         f'pfd {integrator} {dtype}': (NATIVE, 'resolved by events')
@@ -89,7 +89,7 @@ STYLES: Mapping[str, tuple[str, str, str, str]] = {
     'Drake Radau3': (plots.DRAKE, 'p', ':', 'Drake Radau3 (adaptive)'),
 }
 BLOCK = re.compile(r'(<!-- controlled-arm -->\n).*?(<!-- /controlled-arm -->)', re.DOTALL)
-# Left end of the plot, as a part of the self-difference of the reference.
+# Left end of the plot over the smallest resolved error.
 LEFT = 0.2
 
 
@@ -178,7 +178,7 @@ def _others(whole: Sequence[ControlledRow]) -> str:
 
 
 def _differing(rows: Sequence[list[str]]) -> list[list[str]]:
-    """Return the rows that differ from the next: advice for a smaller error fits a larger one."""
+    """Drop rows equal to the next: advice for a smaller error also holds for a larger one."""
     following = [row[1:] for row in rows[1:]]
     return [row for row, after in zip_longest(rows, following) if row[1:] != after]
 
@@ -330,7 +330,7 @@ def _draw(findings: Findings, figure: Any) -> None:
                 markerfacecolor=colour if arms == 1 else 'white',
             )  # fmt: skip
         if way == ADAPTIVE:
-            # Here in the legend, whose columns have four entries.
+            # At this place of the legend, so that its columns of four entries are full.
             label = f'open: each of {many} arms'
             axes.plot([], [], 'o', color=BLACK, markerfacecolor='white', label=label)
     axes.axhline(1e3, color=GREY, linewidth=0.9, linestyle='-.')

@@ -13,20 +13,19 @@ from pfd_core.algorithms.paper.array_solver import solve
 from pfd_core.machine.program import Steps
 from pfd_core.model import Robot
 from pfd_core.report.cases.paper import KINDS, TABLE, value
-from pfd_core.report.errata_pages import write as write_errata
 from pfd_core.report.measure.convergence import Convergence, measure_convergence, robots
 from pfd_core.report.measure.counts import (
     AS_PRINTED,
     BEST_KNOWN,
     CORRECTED,
     PRINTED_AT,
-    PROCEDURES,
     SIZES,
     Cell,
     CountedPart,
     Row,
     best_serial,
     counted_parts,
+    edition_title,
     measure,
     published_serial,
 )
@@ -37,9 +36,10 @@ from pfd_core.report.measure.processors import PROCESSORS, OnProcessors
 from pfd_core.report.measure.processors import measure as measure_processors
 from pfd_core.report.network_pages import median_iterations
 from pfd_core.report.network_pages import run as run_networks
+from pfd_core.report.paper_pages import write_errata
 from pfd_core.report.processor_pages import write as write_processors
 from pfd_core.report.render.array_activity import activity_svg
-from pfd_core.report.render.markdown import Columns, grid, page, table
+from pfd_core.report.render.markdown import Columns, grid, page, table, write_text
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import over_joints, save
 
@@ -84,16 +84,14 @@ def markdown(rows: Sequence[Row], iterations: Sequence[Convergence]) -> str:
 
 # Columns of rows with a note on their iterations.
 SYSTEMS: Columns = {
-    'system': lambda x: _edition(x[0]) + x[1],
+    'system': lambda x: edition_title(x[0].system, x[0].edition) + x[1],
     'processors': lambda x: x[0].processors,
-    'mult': lambda x: x[0].steps.multiplications + x[0].steps.divisions,
+    'mult': lambda x: _mult(x[0].steps),
     'of these div': lambda x: x[0].steps.divisions,
     'add': lambda x: x[0].steps.additions,
     'sqrt': lambda x: x[0].steps.square_roots,
     'routes': lambda x: x[0].steps.routes,
-    'one lane per link: mult': lambda x: _parallel(
-        x[0], x[0].unpacked.multiplications + x[0].unpacked.divisions
-    ),
+    'one lane per link: mult': lambda x: _parallel(x[0], _mult(x[0].unpacked)),
     'add ': lambda x: _parallel(x[0], x[0].unpacked.additions),
     'routes ': lambda x: _parallel(x[0], x[0].unpacked.routes),
     'busy': lambda x: f'{x[0].busy:.0%}',
@@ -269,12 +267,8 @@ def _over_n(rows: Sequence[Row], cell: Callable[[Row], str]) -> list[str]:
 
 
 def _title(row: Row) -> str:
-    return _edition(row) + (', n iterations' if row.iterations else '')
-
-
-def _edition(row: Row) -> str:
-    """Return the title of a system, with the edition if it has several."""
-    return row.title + (f', {row.edition}' if row.system in PROCEDURES else '')
+    iterations = ', n iterations' if row.iterations else ''
+    return edition_title(row.system, row.edition) + iterations
 
 
 def _measured_and_claimed(kind: str, row: Row) -> str:
@@ -288,7 +282,7 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
 
     Progress goes to a terminal.
     """
-    sizes = (PRINTED_AT,) if quick else SIZES
+    sizes: Sequence[int] = (PRINTED_AT,) if quick else SIZES
     rows = in_one_list(_rows_at, sizes, 'counting at each n')
     chains = robots((PRINTED_AT,), ()) if quick else robots()
     iterations = in_one_list(_convergence_of, list(chains), 'counting iterations of each robot')
@@ -326,9 +320,7 @@ def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) 
         'convergence': iterations,
     }
     pages = write_page(folder, 'counts', markdown(rows, iterations), data)
-    activity = folder / 'array.svg'
-    activity.write_text(solve_picture(PRINTED_AT), encoding='utf-8')
-    pages += [activity, write_errata(folder)]
+    pages += [write_text(folder, 'array.svg', solve_picture(PRINTED_AT)), write_errata(folder)]
     return [*pages, *save(partial(_draw, rows), folder, 'counts', (12, 5.5), ['png'])]
 
 

@@ -50,7 +50,7 @@ class Findings:
 
 
 def run(folder: Path, quick: bool = False) -> list[Path]:
-    """Measure all arms, or quickly two, and write the page into a folder."""
+    """Measure all arms, or quickly one, and write the page into a folder."""
     plan = QUICK if quick else Plan()
     found = Findings()
     for boxes, checks in each(measure, [(name, plan) for name in plan.arms], 'distributions'):

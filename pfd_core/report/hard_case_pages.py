@@ -51,9 +51,9 @@ from pfd_core.report.render.numbers import order, yes
 
 # Cases of a quick run.
 QUICKLY = 1
-# Error estimates are compared where the error is above so many units of rounding.
-# Of the survey: measures rows.
+# Measures rows of the survey.
 Part = Callable[[], Iterable[Any]]
+# Error estimates are compared where the error is above so many units of rounding.
 SHOWN_UNITS = SHOWN / ROUNDING['float64']
 
 
@@ -350,7 +350,7 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
     cases = [case for case in CASES if case.fast][:QUICKLY] if quick else CASES
     if quick:
         return write(list(each(measure, cases, 'hard cases')), folder)
-    # In this order: those that take longest first.
+    # What takes longest begins first.
     parts: list[Part] = [rows, runs, steady_runs, formulation, holds, promised_runs]
     long = sorted(cases, key=lambda case: '_200' not in case.name)
     items: list[Case | Part] = [*parts, *long]

@@ -1,12 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the pages of speed and README.md say in a sentence: our fastest way over the strongest peer.
+Sentences of the pages of speed and of README.md: our fastest way compared with the strongest peer.
 
-The strongest peer is the one that takes the least time for the same work: of all, and of those
-that take any robot without compilation for it. Its name, and what its time contains, are those of
-its row. `publish` writes the sentences into the blocks of README.md and of the guide, which begin
-and end with `<!-- speed: NAME -->` and `<!-- /speed -->`.
+The strongest peer takes the least time for the same work. It is named among all peers, and among
+the peers that take any robot without compilation for it. `publish` writes the sentences into the
+blocks of README.md and of the guide, which begin and end with `<!-- speed: NAME -->` and
+`<!-- /speed -->`.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def peers(rows: Iterable[Row], any_robot: bool = False) -> Iterator[Row]:
 
 
 def factor(own: Row, peer: Row) -> float:
-    """Return the time of a peer over ours, of turns near each other where both have them."""
+    """Return the time of a peer over ours; of neighbouring turns, if both rows have them."""
     if own.times is None or peer.times is None:
         return peer.median / own.median
     return own.times / peer.times
@@ -191,7 +191,7 @@ def decomposed(rows: Sequence[Row]) -> str | None:
 
 
 def _steps(own: Mapping[str, Row]) -> Iterator[str]:
-    """Yield the time of a Pinocchio called from Python, and the factor of each step from it."""
+    """Yield the time of Pinocchio called from Python, and the factor of each step from there."""
     chain = (decomposition.PYTHON, decomposition.CPP, decomposition.SCALAR, decomposition.VECTOR)
     pairs = [
         *zip(chain[1:], chain[:-1], strict=True),

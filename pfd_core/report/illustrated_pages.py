@@ -9,7 +9,7 @@ from pathlib import Path
 from pfd_core.algorithms.paper.set_ordering import Index, State, set_ordering
 from pfd_core.report.measure.doubling import doubling
 from pfd_core.report.render.lane_pictures import LaneBox, SetRow, levels_svg, sets_svg
-from pfd_core.report.render.markdown import page
+from pfd_core.report.render.markdown import page, write_text
 
 LANES = 6  # of the arms in the paper
 SETS = 4  # of Appendix C
@@ -50,7 +50,7 @@ def ordering_picture(n: int) -> str:
 
 
 def _order(state: State) -> list[Index]:
-    """Return the sets of a state in descending order, as the next iteration has them."""
+    """Return the sets of a state in descending order, the order of the next iteration."""
     return sorted(state.sets, key=lambda index: -state.additions[index])
 
 
@@ -81,12 +81,9 @@ def markdown() -> str:
 
 def run(folder: Path) -> list[Path]:
     """Write illustrated.md, doubling.svg and set-ordering.svg into a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
     contents = {
         'illustrated.md': markdown(),
         'doubling.svg': doubling_picture(LANES),
         'set-ordering.svg': ordering_picture(SETS),
     }
-    for name, content in contents.items():
-        (folder / name).write_text(content, encoding='utf-8')
-    return [folder / name for name in contents]
+    return [write_text(folder, name, content) for name, content in contents.items()]

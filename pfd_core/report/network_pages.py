@@ -11,16 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from pfd_core.machine.networks import NETWORKS
-from pfd_core.report.cases.paper import TABLE
 from pfd_core.report.measure.convergence import Convergence
 from pfd_core.report.measure.counts import (
     AS_PRINTED,
     BEST_KNOWN,
-    BEYOND,
     CORRECTED,
     EDITIONS,
     PRINTED_AT,
     PROCEDURES,
+    title_of,
 )
 from pfd_core.report.measure.network_times import (
     NETWORK_SIZES,
@@ -120,12 +119,12 @@ def _recording(one: Recorded) -> str:
     """Return the name of a recording in a table."""
     edition = f', {one.edition}' if one.system in PROCEDURES else ''
     if one.system == ONE_PROCESSOR:
-        return f'{_title(one.method)}, one processor'
+        return f'{title_of(one.method)}, one processor'
     iterations = ''
     if one.iterations is not None:
         note = 'median to convergence' if one.converged else 'not converged'
         iterations = f', {one.iterations} iterations ({note})'
-    return f'{_title(one.method)}{edition}{iterations}, {one.packing}'
+    return f'{title_of(one.method)}{edition}{iterations}, {one.packing}'
 
 
 def _at_one_price(recordings: Sequence[Recorded]) -> dict[tuple[str, object], object]:
@@ -185,12 +184,8 @@ def _packing(
             }
             for network in NETWORKS:
                 prices = (_price(packing_pays_below(own[n], network)) for n in shown)
-                cells[_title(method), TITLES[network]] = ' / '.join(prices)
+                cells[title_of(method), TITLES[network]] = ' / '.join(prices)
     return cells
-
-
-def _title(method: str) -> str:
-    return TABLE[method].title if method in TABLE else BEYOND[method]
 
 
 def _parallel(

@@ -16,7 +16,7 @@ from pathlib import Path
 import sys
 import time
 
-from pfd_core.report.render.markdown import json_text, lines_of
+from pfd_core.report.render.markdown import json_text, lines_of, write_text
 
 FOLDER, QUICK_FOLDER = Path('pfd_report'), Path('pfd_report_quick')
 INDEX = 'index.md'
@@ -34,11 +34,11 @@ class Page:
     Attributes
     ----------
     name : str
-        Of its files, NAME.md and NAME.json.
+        Name of its files, NAME.md and NAME.json.
     command : str
-        What follows `pfd report`.
+        Arguments of `pfd report`.
     title : str
-        What it shows, for help and index.
+        Its content, for help and index.
     module : str
         Module of pfd_core.report with its function.
     function : str
@@ -162,9 +162,7 @@ def make_all(folder: Path, quick: bool = False) -> Iterator[Path | str]:
         except (ValueError, OSError, ImportError, ArithmeticError, RuntimeError) as error:
             yield f'{one.name} was not made: {error}'
         print(f'   {time.monotonic() - began:.0f} s', file=sys.stderr, flush=True)
-    folder.mkdir(parents=True, exist_ok=True)
-    index = folder / INDEX
-    index.write_text(index_text(), encoding='utf-8')
+    index = write_text(folder, INDEX, index_text())
     if quick:
         _mark(index)
     yield index

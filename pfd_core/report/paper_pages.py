@@ -1,24 +1,100 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""All pages of the paper that count no whole method, and paper.md, which links them all."""
+"""
+Pages of the paper made of tables: its claims, equations and errata; and paper.md, their index.
+
+For claims.md and errata.md the paper is executed. `run` also writes the pages with pictures:
+illustrated.md, array.md and pcgm.md.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
+import re
 
-from pfd_core.report import array_pages, claims_pages, illustrated_pages, pcgm_pages
-from pfd_core.report.render.markdown import page
+from pfd_core.report import array_pages, illustrated_pages, pcgm_pages
+from pfd_core.report.cases.equations import EQUATIONS, PROCEDURES, Implemented
+from pfd_core.report.measure.claims import CLAIMS, Verdict, verdicts
+from pfd_core.report.measure.errata import ERRATA, FEW, STATES
+from pfd_core.report.render.markdown import Columns, page, table, write_text
+from pfd_core.report.render.markdown import write as write_page
+
+NUMBER = re.compile(r'(A\.)?\d+(\.[ab])?')
+
+
+def _numbered(row: Implemented) -> str:
+    """Return names separated by commas, numbers of equations in brackets."""
+    return ', '.join(f'({name})' if NUMBER.fullmatch(name) else name for name in row.names)
+
+
+CLAIM_COLUMNS: Columns = {
+    'where': 'claim.place',
+    'the paper says': 'claim.sentence',
+    'verdict': 'verdict',
+    'evidence': 'evidence',
+    'note': 'claim.note',
+    'test': lambda one: f'`{one.claim.test}`',
+}
+EQUATION_COLUMNS: Columns = {
+    'name': _numbered,
+    'what': 'text',
+    'function': lambda one: f'`{one.function}`',
+    'test': lambda one: f'`{one.test}`',
+}
+ERRATA_COLUMNS: Columns = {
+    'place': 'place',
+    'printed': 'printed',
+    'wrong': 'wrong',
+    'right': 'right',
+    'effect': lambda erratum: erratum.effect(),
+    'test': lambda erratum: f'`{erratum.test}`',
+}
 
 
 def run(folder: Path, quick: bool = False) -> list[Path]:
-    """Measure, and write all pages into a folder, or quickly those that take seconds."""
-    pages = [write(folder), *illustrated_pages.run(folder), *array_pages.run(folder)]
-    return pages if quick else [*pages, *claims_pages.run(folder), *pcgm_pages.run(folder)]
+    """Measure, and write all pages into a folder; quickly: only pages that take seconds."""
+    index = write_text(folder, 'paper.md', page('paper'))
+    pages = [index, *illustrated_pages.run(folder), *array_pages.run(folder)]
+    return pages if quick else [*pages, *write_claims(folder), *pcgm_pages.run(folder)]
 
 
-def write(folder: Path) -> Path:
-    """Write paper.md and return its path."""
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / 'paper.md'
-    path.write_text(page('paper'), encoding='utf-8')
-    return path
+def claims_markdown(found: Iterable[Verdict]) -> str:
+    """Return the page of the claims, equations and procedures."""
+    rows = list(found)
+    return page(
+        'claims',
+        sentences=len(rows),
+        true=sum(one.verdict == 'true' for one in rows),
+        false=sum(one.verdict == 'false' for one in rows),
+        undecided=sum(one.verdict == 'not decided' for one in rows),
+        claims=table(CLAIM_COLUMNS, rows),
+        equations=table(EQUATION_COLUMNS, EQUATIONS),
+        procedures=table(EQUATION_COLUMNS, PROCEDURES),
+    )
+
+
+def write_claims(folder: Path) -> list[Path]:
+    """Check every claim, and write claims.md and .json into a folder."""
+    found = list(verdicts(CLAIMS))
+    data = [
+        {
+            'place': one.claim.place,
+            'sentence': one.claim.sentence,
+            'verdict': one.verdict,
+            'evidence': one.evidence,
+            'test': one.claim.test,
+        }
+        for one in found
+    ]
+    return write_page(folder, 'claims', claims_markdown(found), data)
+
+
+def errata_markdown() -> str:
+    """Run every misprint and return the page of the errata."""
+    return page('errata', states=STATES, few=FEW, errata=table(ERRATA_COLUMNS, ERRATA))
+
+
+def write_errata(folder: Path) -> Path:
+    """Write errata.md into a folder and return its path."""
+    return write_text(folder, 'errata.md', errata_markdown())

@@ -103,7 +103,7 @@ def _over(x: tuple[Found, int], iterations: int) -> str:
     return f'{arithmetic(_plain(x, iterations)) / arithmetic(found.pcrbm[n]):.2f}'
 
 
-# Columns of (what was found, n).
+# Columns of (Found, n).
 COSTS: Columns = {
     'n': lambda x: x[1],
     'formula of Table 1': lambda x: _formula(x[1]),

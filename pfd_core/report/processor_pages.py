@@ -4,14 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pfd_core.algorithms.emulation import arithmetic
 from pfd_core.machine.program import Steps
-from pfd_core.report.measure.counts import BEST_KNOWN, PROCEDURES, best_serial, title_of
+from pfd_core.report.measure.counts import BEST_KNOWN, best_serial, edition_title, title_of
 from pfd_core.report.measure.processors import OnProcessors
 from pfd_core.report.render.markdown import grid, page
 from pfd_core.report.render.markdown import write as write_page
@@ -42,11 +42,11 @@ def _section(rows: Sequence[OnProcessors], n: int, best: str, least: int) -> str
 
 
 def _grid(rows: Sequence[OnProcessors], cell: Callable[[OnProcessors], str]) -> list[str]:
-    return grid({(_title(row), f'p = {row.processors}'): cell(row) for row in rows}, 'system')
-
-
-def _title(row: OnProcessors) -> str:
-    return row.title + (f', {row.edition}' if row.system in PROCEDURES else '')
+    cells: dict[tuple[str, object], object] = {
+        (edition_title(row.system, row.edition), f'p = {row.processors}'): cell(row)
+        for row in rows
+    }
+    return grid(cells, 'system')
 
 
 def _sum(steps: Steps) -> str:
@@ -74,7 +74,8 @@ def _draw(rows: Sequence[OnProcessors], figure: Any) -> None:
     """Draw speed-ups and efficiencies over p, best known, a column of panels for each n."""
     # The cells of the array are processors that no p has.
     drawn = [row for row in rows if row.edition == BEST_KNOWN and row.units == row.processors]
-    systems, sizes = (list(dict.fromkeys(values)) for values in zip(*_names(drawn), strict=True))
+    systems = list(dict.fromkeys(row.system for row in drawn))
+    sizes = list(dict.fromkeys(row.n for row in drawn))
     panels = figure.subplots(len(PANELS), len(sizes), squeeze=False)
     for (field, routed, title), line in zip(PANELS, panels, strict=True):
         for n, axes in zip(sizes, line, strict=True):
@@ -97,10 +98,6 @@ def _draw(rows: Sequence[OnProcessors], figure: Any) -> None:
             axes.set_xlabel('processors p')
             axes.set_title(f'n = {n}: {title}', fontsize=10)
     panels[0, 0].legend(fontsize=7, title='with routes dashed', title_fontsize=7)
-
-
-def _names(rows: Sequence[OnProcessors]) -> Iterator[tuple[str, int]]:
-    return ((row.system, row.n) for row in rows)
 
 
 def _lines(

@@ -114,7 +114,7 @@ def _summary(rows: Sequence[Row]) -> str:
 
 
 def _over_pinocchio(own: Row, rows: Sequence[Row]) -> str:
-    """Return our speed over that of Pinocchio's fastest way of the same work."""
+    """Return the time of Pinocchio's fastest way of the same work over ours."""
     same = (row for row in rows if (row.robot, row.work) == (own.robot, own.work))
     ways = (row for row in headlines.peers(same, any_robot=True) if 'inocchio' in row.way)
     peer = headlines.fastest(ways)

@@ -40,7 +40,7 @@ def over_robots(rows: Sequence[Row], cell: Callable[[Row], str]) -> list[str]:
 
 
 def contents(rows: Sequence[Row | Point]) -> str | None:
-    """Return the section on what the time of the ways contains; None where no row says it."""
+    """Return the section on the contents of times; None if no row has them."""
     known: dict[tuple[str, str, str, str], dict[str, None]] = {}
     for row in rows:
         if row.code:

@@ -8,7 +8,6 @@ Time: the motion of an arm, or of many arms at once, in native code.
     stiffness       the integrator that 'auto' selects
     contact/        dry friction, joint stops and impacts within a step, fixed or adaptive
     feedback        laws that compute torques from the state, within native code
-    turns           angles and whole turns of positions
     state           SimulationState: a state as one record; double buffering of steps
     linearisation   A and B of a step
     simulation      settings, copies and reset of Simulator and Ensemble

@@ -7,12 +7,12 @@ Adaptive integration of one arm in double precision, for offline runs and refere
     run.time, run.q, run.qd, run.qdd         at the ends of the steps
     run.at(np.linspace(0.0, 10.0, 501))      at any times: dense output
 
-The state y = (q, qd) obeys y' = (qd, f(q, qd, tau)), f the forward dynamics. The steps and the
-dense output are those of an embedded pair (pfd_core.simulation.embedded_pairs), their sizes follow
-from its estimates of the error (pfd_core.simulation.step_control). A step ends at a reversal of a
-joint with dry friction, at a stop, and where a joint at rest is released
-(pfd_core.simulation.contact.dense_events). All of it is native code
-(pfd_core.kernels.codegen.adaptive); this module checks arguments and keeps what was written.
+The state y = (q, qd) obeys y' = (qd, f(q, qd, tau)), f the forward dynamics. An embedded pair
+(pfd_core.simulation.embedded_pairs) gives the steps, the dense output and estimates of the error,
+from which the sizes of the steps follow (pfd_core.simulation.step_control). A step ends where a
+joint with dry friction reverses, reaches a stop, or is released from rest
+(pfd_core.simulation.contact.dense_events). The loop is native code
+(pfd_core.kernels.codegen.adaptive); this module checks arguments and collects the output.
 The torque acts continuously, whereas a Simulator holds it for each step.
 """
 
@@ -36,13 +36,7 @@ from pfd_core.kernels.runtime.cpython_abi import supported
 from pfd_core.kernels.runtime.threads import address
 from pfd_core.kernels.simulations import AdaptiveSteps, compile_adaptive
 from pfd_core.kernels.spec import STEP, KernelSpec
-from pfd_core.model import (
-    Robot,
-    Scene,
-    given_scene,
-    resolve,
-    scene_inputs,
-)
+from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import Array, choice, integer, real_array, real_number
 from pfd_core.model.scene_checks import INPUT, switch
 from pfd_core.simulation.contact.dense_events import ROWS
@@ -54,11 +48,11 @@ from pfd_core.simulation.trajectory import Trajectory
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 
-# Part of the tolerance that a step may use: its error adds to those of the other steps, and the
-# arm amplifies it. A tenth costs a third more steps.
+# Part of the tolerance that a step may use: the errors of all steps add up, and the arm amplifies
+# them. A tenth costs a third more steps.
 SHARE = 0.1
-# A run is cut into pieces, between which Python looks for signals. A piece may take this many
-# seconds, by the time that the one before took; the first has this many operations.
+# A run is split into pieces, between which Python handles signals. A piece may take this many
+# seconds, estimated from the piece before; the first piece has this many operations.
 PIECE_SECONDS = 0.05
 FIRST_OPERATIONS = 1_000_000
 # Most attempts in a piece: as many rows of arrays are kept for their steps.
@@ -72,16 +66,17 @@ class AdaptiveTrajectory(Trajectory):
 
     Its status is 'ok', or the reason for an end before the duration: 'not_finite' where a number
     overflows however small the step, 'step_too_small' where the tolerance cannot be met,
-    'too_many_steps', or 'too_stiff' for too many steps of which most are as short as stability
-    demands: Simulator with integrator='imex2' treats strong damping implicitly. `finite_steps` is
-    K. `qdd` is under the torque at each time. At an impact the state is the one after it.
+    'too_many_steps', or 'too_stiff': too many steps, most of them as short as stability demands.
+    For such arms Simulator with integrator='imex2' treats strong damping implicitly.
+    `finite_steps` is K. `qdd` is under the torque at each time. At an impact the state is after
+    the impact.
 
     Attributes
     ----------
     evaluations : int
         Evaluations of the forward dynamics, those for the dense output and events included.
     rejected_steps : int
-        Steps that were tried and taken again with a smaller size.
+        Attempts that were repeated with a smaller size.
     stiff_steps : int
         Accepted steps at the limit of stability.
     events : numpy.ndarray
@@ -173,9 +168,9 @@ def integrate(
     brakes : array_like of bool
         Joints that stay where they are, (n,); only if the scene has brakes, default none.
     rtol, atol : float
-        Error of the motion, as root mean square over the state of `error / (atol + rtol |state|)`:
-        a step's estimate is kept to a tenth of 1, so that the sum of all is about 1 at most where
-        the arm does not amplify it. A chaotic motion amplifies an error without limit.
+        Error of the motion, as root mean square over the state of `error / (atol + rtol |state|)`.
+        The estimate of a step is kept below 0.1, so that the sum over all steps is about 1 or less
+        unless the arm amplifies errors. A chaotic motion amplifies an error without limit.
     integrator : str
         A name in pfd_core.simulation.embedded_pairs.PAIRS.
     method, refine
@@ -229,7 +224,7 @@ def integrate(
 def _native(
     robot: Robot, scene: Scene, integrator: str, method: str, refine: int
 ) -> AdaptiveSteps:
-    """Return the native code for a robot in a scene; ValueError if there is none."""
+    """Return the native code for a robot in a scene; ValueError for a scene with motor lag."""
     plant, n = resolve(robot, scene), robot.n
     if plant.motor_lag is not None:
         raise ValueError(
@@ -261,7 +256,7 @@ def _start(
 
 
 class _Run:
-    """One run: the arrays that native code advances, and the rows that it has written."""
+    """One run: the arrays that native code advances, and its output."""
 
     def __init__(
         self,
@@ -275,7 +270,7 @@ class _Run:
         self._steps = steps
         self._control = np.array([settings.get(name, 0.0) for name in CONTROL])
         self._counts = np.zeros(len(COUNTS), np.int64)
-        # Time, state and torques of a law, which the constant ones take the place of.
+        # Time, state and torques of a law; without a law only the constant torques are used.
         self._asked = np.zeros(1 + 3 * n)
         torques = self._asked[1 + 2 * n :]
         law = None
@@ -286,7 +281,10 @@ class _Run:
         else:
             torques[:] = tau
         given = inputs | start | {'tau': torques}
-        self._arrays = {name: _given(given, name, n) for name in steps.arrays}
+        self._arrays = {
+            name: np.ascontiguousarray(given[name]) if name in given else np.zeros(n)
+            for name in steps.arrays
+        }
         self._law = law
         self._rows: list[dict[str, Array]] = []
 
@@ -334,7 +332,7 @@ class _Run:
         return int(self._counts[COUNTS.index(name)])
 
     def trajectory(self, dense: bool) -> AdaptiveTrajectory:
-        """Return what was written."""
+        """Return the output as a trajectory."""
         whole = {
             name: np.concatenate([x[name] for x in [self._begun, *self._rows] if name in x])
             for name in WRITTEN
@@ -355,11 +353,6 @@ class _Run:
             _sizes=whole['size'],
             _dense=whole['dense'] if dense else None,
         )
-
-
-def _given(given: dict[str, Array], name: str, n: int) -> Array:
-    """Return an array for native code, zeros where nothing is given."""
-    return np.ascontiguousarray(given[name]) if name in given else np.zeros(n)
 
 
 def _checked_law(tau: TorqueLaw, asked: Array, n: int) -> Callable[[], None]:

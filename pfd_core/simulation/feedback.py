@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of feedback: torques computed from the state of an arm, added to those of a step."""
+"""Laws of feedback: torques computed from the state of an arm, added to the torques of a step."""
 
 from __future__ import annotations
 

@@ -19,9 +19,10 @@ change in this time but by the forces that act anyway, H_MM dqd_M + H_Mh dqd_h =
 
     dqd_M = H_MM^-1 H_Mh d
 
-wherever the force comes from that stops the joint. The column of A by qd_h is that of the arm in
-motion by qd_M, times H_MM^-1 H_Mh. Friction and stops bring all held joints back to rest if each
-of their torques lies within the bounds of sliding friction; a joint at a bound may break loose.
+wherever the force comes from that stops the joint. The column of A by qd_h is the column by qd_M
+of the arm in motion, times H_MM^-1 H_Mh. Friction and stops bring all held joints back to rest if
+each of their torques lies within the bounds of sliding friction; a joint at a bound may break
+loose.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ class Simulation(Protocol):
 
 class Linearization(tuple[Array, Array]):
     """
-    A and B of a step, x' = A x + B tau, and of which joints they are one-sided.
+    A and B of a step, x' = A x + B tau, and the joints with one-sided derivatives.
 
     It is the pair of both: `A, B = simulator.linearize(q, qd, tau)`.
 
@@ -203,7 +204,7 @@ class LinearStep:
         """
         Write the columns of A by the velocities of braked joints, which move others by an impulse.
 
-        The brakes stop a velocity d of joints b, and dqd_f = H_ff^-1 H_fb d is that of the others.
+        The brakes stop a velocity d of joints b; the others change by dqd_f = H_ff^-1 H_fb d.
         """
         if not np.any(brakes):
             return
@@ -258,13 +259,13 @@ def _resting(
 
 
 def _status(held: Array) -> Array:
-    """Return the status of joints of which none is one-sided."""
+    """Return the status of joints without one-sided derivatives."""
     status: Array = np.where(held, HELD, MOVING).astype(f'U{len(ONE_SIDED)}')
     return status
 
 
 def _add_velocity_columns(A: Array, H: Array, resting: Array, moves: Array) -> None:
-    """Write the columns of A by the velocities of joints at rest, from those that move."""
+    """Write the columns of A by the velocities of joints at rest, from moving joints."""
     n = len(H)
     velocities, held = n + np.flatnonzero(moves), np.flatnonzero(resting)
     impulse = np.linalg.solve(H[np.ix_(moves, moves)], H[np.ix_(moves, resting)])
@@ -317,7 +318,7 @@ def _check_no_event(
     robot = simulation.robot
     plant = resolve(robot, simulation.scene)
     apart = np.zeros(held.shape, bool)
-    # Positions round each for itself, velocities with those of other joints.
+    # Positions round separately, velocities with the velocities of other joints.
     sizes = np.abs(smooth[0]), np.abs(smooth[1]).max(axis=-1, keepdims=True)
     for one, other, size in zip(rough, smooth, sizes, strict=True):
         apart |= ~(np.abs(one - other) <= SAME[simulation.dtype] * (1 + size))

@@ -9,7 +9,7 @@ Rows of the state in addition to q and qd, for effects with a state.
 
 A row is a class here, which reads the row at the beginning of a step and returns it at the end,
 and a line of integrators.record_step. It begins at zero; all else that a simulation does with its
-state (rollouts, ensembles, copies, resets) goes by the names of the rows.
+state (rollouts, ensembles, copies, resets) uses the names of the rows.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pfd_core.machine.lanes import where
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model.checked_numbers import Array
 
-# For constants with the same bits on every machine, which libraries of NumPy and C do not give.
+# For constants with the same bits on every machine, unlike exp of NumPy and C.
 EXACT = Context(prec=40)
 
 
@@ -52,7 +52,7 @@ class CompensatedSum:
         return q_end
 
     def end(self) -> Any:
-        """Return what the sums have lost."""
+        """Return the rounding errors of the sums."""
         return self._low
 
 
@@ -60,14 +60,14 @@ class LaggedTorque:
     """
     Torques of motors that follow the command u with time constants T.
 
-    T dtau/dt = u - tau has the solution tau(t) = u + (tau(0) - u) exp(-t/T), by which each stage
-    of a step gets its torque: the lag is stable for any T, and adds no error to those of the
-    integrator. A motor with T = 0 has the torque u at once.
+    T dtau/dt = u - tau has the solution tau(t) = u + (tau(0) - u) exp(-t/T), from which each stage
+    of a step gets its torque: the lag is stable for any T, and adds no error. A motor with T = 0
+    has the torque u at once.
 
     Attributes
     ----------
     jumps : bool
-        Whether some torques are not at the beginning of a step as at the end of that before.
+        Whether some torques jump between the end of a step and the beginning of the next.
 
     """
 

@@ -102,7 +102,7 @@ class Simulator(Simulation):
         """
         Accelerations at the end of the last step, under its torque, (n,) [rad/s^2 or m/s^2].
 
-        The torque is that of the motors, where they lag behind the commanded one. Zero before the
+        Motors with lag give another torque than the commanded one; theirs counts. Zero before the
         first step.
         """
         return self._accelerations_of(self._now)
@@ -275,8 +275,8 @@ class Simulator(Simulation):
         """
         Run native code on a buffer, and make its state the valid one.
 
-        The addresses are those of its state, of the torques, of inputs and further rows, and of
-        the states that it writes. Returns after how many steps the state was finite.
+        It takes the addresses of its state, of the torques, of inputs and further rows, and of the
+        states that it writes, and returns the number of leading steps with a finite state.
         """
         run = self._native.run
         if self._long:

@@ -12,13 +12,13 @@ Step size control: the programs of adaptive steps, which native code calls in tu
 
 The error of a step is the root mean square over the state of estimate / (atol + rtol |state|). A
 step with an error above 1 is rejected and tried again with a smaller size; the size of the next
-step follows from the error and the order (Hairer, Norsett, Wanner, section II.4). A number that
-is not finite is an error that is no number: the step is rejected, until its size is below the
-smallest. The order is a power of two, so that its root is a sequence of square roots, with the
-same bits on every processor.
+step follows from the error and the order (Hairer, Norsett, Wanner, section II.4). If a number is
+not finite the error is NaN: the step is rejected, until its size is below the smallest. The order
+is a power of two, so that its root is a sequence of square roots, with the same bits on every
+processor.
 
-Slopes of the position are the velocities v of the stages (v0 = qd), slopes of the velocity their
-accelerations a. The native code around them is pfd_core.kernels.codegen.adaptive.
+The slope of the position is the velocity v of a stage (v0 = qd), the slope of the velocity its
+acceleration a. Native code calls the programs (pfd_core.kernels.codegen.adaptive).
 
 One register holds one number; flags are 1 or 0.
 """
@@ -73,18 +73,18 @@ def _single(recorder: Recorder, *names: str) -> list[Lanes]:
     return [input_list(recorder, name, 1)[0] for name in names]
 
 
-def velocities(stages: int) -> list[str]:
+def _velocities(stages: int) -> list[str]:
     """Return the names of the velocities of the first stages."""
     return ['qd', *(f'qd{k}' for k in range(1, stages))]
 
 
-def accelerations(stages: int) -> list[str]:
+def _accelerations(stages: int) -> list[str]:
     """Return the names of the accelerations of the first stages."""
     return ['qdd', *(f'qdd{k}' for k in range(1, stages))]
 
 
 def _weighted(weights: Any, rows: Any) -> Any:
-    """Return the sums of rows with weights; a row without weight is left out."""
+    """Return weighted sums of rows, without rows of weight zero."""
     used = np.flatnonzero(weights)
     total = float(weights[used[0]]) * rows[used[0]]
     for j in used[1:]:
@@ -99,8 +99,8 @@ def _stage(pair: EmbeddedPair, n: int, k: int) -> Program:
     weights = pair.matrix[k, used]
     q, qd = _read(recorder, n, 'q', 'qd')
     (h,) = _single(recorder, 'h')
-    v = _read(recorder, n, *(velocities(k)[j] for j in used))
-    a = _read(recorder, n, *(accelerations(k)[j] for j in used))
+    v = _read(recorder, n, *(_velocities(k)[j] for j in used))
+    a = _read(recorder, n, *(_accelerations(k)[j] for j in used))
     at, end = q + h * _weighted(weights, v), qd + h * _weighted(weights, a)
     name = 'q.end' if k == pair.end else f'at{k}'
     return program_with_outputs(recorder, **{name: list(at), f'qd{k}': list(end)})
@@ -158,7 +158,7 @@ def _attempt() -> Program:
     """
     Return the program of the size `h` and the end `time.end` of the next attempt.
 
-    Up to the end the steps are equal: a remainder might be below the smallest step.
+    The last steps are equal, since a remainder might be below the smallest step.
     """
     recorder = Recorder(1, 'sequential')
     time, size, duration = _single(recorder, 'time', 'size', 'duration')
@@ -185,8 +185,8 @@ def _judge(pair: EmbeddedPair, n: int) -> Program:
     slopes = [
         [*v, *a]
         for v, a in zip(
-            _read(recorder, n, *(velocities(end)[j] for j in used)),
-            _read(recorder, n, *(accelerations(end)[j] for j in used)),
+            _read(recorder, n, *(_velocities(end)[j] for j in used)),
+            _read(recorder, n, *(_accelerations(end)[j] for j in used)),
             strict=True,
         )
     ]
@@ -237,7 +237,7 @@ def _dense(pair: EmbeddedPair, n: int) -> Program:
     stages = len(pair.nodes)
     (h,) = _single(recorder, 'h')
     outputs: dict[str, list[Lanes]] = {}
-    for part, names in (('q', velocities(stages)), ('qd', accelerations(stages))):
+    for part, names in (('q', _velocities(stages)), ('qd', _accelerations(stages))):
         used = [j for j in range(stages) if pair.matrix[pair.end, j] or pair.dense[:, j].any()]
         used = sorted({0, pair.end, *used})
         rows = np.zeros((stages, n), dtype=object)

@@ -68,9 +68,9 @@ def check_damping(plant: Plant, integrator: str, h: float, dtype: str) -> None:
     largest = LOST[dtype] / (u * h)
     if rate > largest:
         raise ValueError(
-            f'damping of the scene decays with {rate:.3g} 1/s, in steps of {h:.3g} s and {dtype} '
-            f'at most {largest:.3g} 1/s keep the digits of a velocity: less damping, shorter '
-            'steps, rotors or a brake are needed'
+            f'damping of the scene decays with {rate:.3g} 1/s: steps of {h:.3g} s in {dtype} keep '
+            f'the digits of a velocity up to {largest:.3g} 1/s; less damping, shorter steps, '
+            'rotors or a brake are needed'
         )
 
 
@@ -84,8 +84,8 @@ def check_springs(plant: Plant, step_size: float, substeps: int) -> None:
     names = (e.field for e in EFFECTS if e.torque is not None and e.field in plant.effects)
     advice = f'{int(np.ceil(needed))} substeps' if np.isfinite(needed) else 'rotors'
     raise ValueError(
-        f'{" and ".join(names)} of the scene swings at {frequency:.3g} rad/s, of which a step of '
-        f'{h:.3g} s may be at most {SPRING} rad: softer ones or {advice} are needed'
+        f'{" and ".join(names)} of the scene swings at {frequency:.3g} rad/s: a step of {h:.3g} s '
+        f'must turn its phase by at most {SPRING} rad; a softer spring or {advice} are needed'
     )
 
 

@@ -61,13 +61,13 @@ def test_report_paper_writes_all_its_pages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # Each page has a test of its own.
-    for name in ('claims_pages', 'array_pages', 'pcgm_pages'):
-        monkeypatch.setattr(f'pfd_core.report.{name}.run', lambda folder, n=name: [folder / n])
+    for name in ('paper_pages.write_claims', 'array_pages.run', 'pcgm_pages.run'):
+        monkeypatch.setattr(f'pfd_core.report.{name}', lambda folder, n=name: [folder / n])
     assert command_line.main(['report', 'paper', '--out', str(tmp_path / 'pages')]) == 0
     written = capsys.readouterr().out.split()
     assert {Path(page).name for page in written} == {
         *('paper.md', 'illustrated.md', 'doubling.svg', 'set-ordering.svg'),
-        *('claims_pages', 'array_pages', 'pcgm_pages'),
+        *('paper_pages.write_claims', 'array_pages.run', 'pcgm_pages.run'),
     }
 
 

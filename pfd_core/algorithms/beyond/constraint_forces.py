@@ -3,15 +3,15 @@
 """
 Forward dynamics by constraint forces: one lane a joint, and steps that grow as log2 n.
 
-Unknown are the five components of the wrench that each joint carries without its motor. Cut at its
-joints the chain is n free links, each driven by the wrenches f_i at its inner and f_(i+1) at its
-outer joint. E, constant in the link's axes, is the inverse of its inertia between two points: the
-acceleration of the point at joint a for a wrench at the point of joint b,
+The unknowns are the five components of the wrench that each joint transmits without its motor. The
+chain is cut at its joints into n free links, each driven by the wrenches f_i at its inner and
+f_(i+1) at its outer joint. E, constant in the link's axes, is the inverse of the link's inertia
+between two points: the acceleration of the point at joint a for a wrench at the point of joint b,
 
     E_ab = [ J^-1                 J^-1 [b]          ]      a, b from the centre of mass,
            [ -[a] J^-1    1/m 1 - [a] J^-1 [b]      ]      [.] cross products
 
-    f_i = W l_i + t y_i,     W' t = 0        y = tau - bias, the part of the motor
+    f_i = W l_i + t y_i,     W' t = 0        y = tau - bias, the torque along the joint
 
 Each joint permits no acceleration but its own, W' (a_i - a_(i-1)) = 0, which is a block
 tridiagonal system with 5 x 5 blocks, symmetric and positive definite,
@@ -26,7 +26,7 @@ tridiagonal system with 5 x 5 blocks, symmetric and positive definite,
 with i and o for the inner and the outer joint of a link, and G for joint i at q_i, a rotation by
 q_i about its axis or a slide along it. Components are in axes fixed to link i with z along joint
 i, in the order (n_x, n_y, f_x, f_y, e, t): t is along the joint, n_z for a rotational and f_z
-for a translational one, e is the other one.
+for a translational one; e is the other of n_z and f_z.
 
 Odd-even elimination: every lane removes its two neighbours at a distance s = 1, 2, 4, .. from its
 equation, so that after L = ceil(log2 n) levels each has l_i alone. With A = K D K' on each lane,
@@ -38,7 +38,7 @@ P = K^-1 C_i', Q = K^-1 C_(i+s), w = K^-1 r,
 
 Source: Fijany, Sharf and D'Eleuterio, "Parallel O(log N) algorithms for computation of manipulator
 forward dynamics", IEEE Trans. Robotics and Automation 11 (1995). Blocks, points and elimination
-are derived here; their counts are not those of the source, of which only the abstract was read.
+are derived here from its abstract; their counts differ from the counts of the source.
 
 Parallel cost in addition to pose and bias, for rotational joints and n > 1:
 
@@ -51,14 +51,14 @@ Parallel cost in addition to pose and bias, for rotational joints and n > 1:
 Elimination: 515 = 30 for K and D, 10 x 11 for P, Q and w, 50 for D^-1 P and D^-1 Q, and
 5 (15 + 15 + 25 + 5 + 5) for the products; 430 = 20 + 110 + 4 x 65, and 40 for the sums; a level
 routes 25 elements of C to the left, and 15 + 5 and 15 + 5 and 25 results. The last level makes no
-C. Link constants depend on the robot alone, and are counted, too: 60 and 34 for 1/J, 1/m and the
+C. Link constants depend on the robot alone, but are counted: 60 and 34 for 1/J, 1/m and the
 inner points of two links a lane, 75 and 48, 30 and 18, 90 and 54 for E_ii, E_oo and E_io.
 
-Digits: errors are those of the block system, whose condition is that of the links' inertias, not
-that of H. A link with inertia about one axis only makes it singular.
+Accuracy: the condition of the block system depends on the inertias of the links, not on H. A link
+with inertia about one axis only makes it singular.
 
-It needs links with a mass and an inertia, and joints without rotors and brakes; a plant with
-others is refused.
+The method needs links with a mass and an inertia, and joints without rotors and brakes; other
+plants are refused.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
     """
     Return the program of qdd, (n,), from q, qd and tau, and of its pivots.
 
-    The pivots are the last ones of each lane's matrix, all positive for links with a mass and an
+    The pivots are the last pivot of each lane's matrix, all positive for links with a mass and an
     inertia. ValueError for a plant with rotors, brakes, or a link without mass or inertia.
     """
     _check(plant)
@@ -219,7 +219,7 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
 
 
 def _check(plant: Plant) -> None:
-    """Raise ValueError for what the method cannot do."""
+    """Raise ValueError for a plant that the method cannot handle."""
     robot = plant.robot
     if plant.inertia is not None or plant.brakes:
         raise ValueError(

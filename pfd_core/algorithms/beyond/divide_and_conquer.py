@@ -241,7 +241,7 @@ def _through(
     """Return A of the joined pieces: three rows of A_2 G from either lane of the cut."""
     A = pieces.A
     base, first, last, _ = zip(*joins, strict=True)
-    # On lane b2, G is T'^-1 A_2', so that the other rows are those of G' A_1.
+    # On lane b2, G is T'^-1 A_2', so that the other rows are rows of G' A_1.
     left = _at_cuts(first, A[:3], last, last, G[:, 3:].T, last)
     right = _at_cuts(first, G, first, last, A, base)
     rows = left @ right
@@ -397,7 +397,7 @@ def solve_pivoted(T: LaneArray, B: LaneArray) -> LaneArray:
     element costs a subtraction a comparison.
 
     Parallel cost: m (m^2 - 1) / 3 + m^2 k multiplications, m (m^2 - 1) / 3 + m (m - 1) k
-    additions, of which m (m - 1) / 2 compare, and m divisions.
+    additions, including m (m - 1) / 2 comparisons, and m divisions.
     """
     m = len(T)
     rows = [list(row) for row in np.hstack([T, B])]

@@ -13,7 +13,7 @@ component of N is
 
     J_xx wd_x + (J_zz - J_yy) w_y w_z - J_xy W_zx + J_xz W_yx + J_yz (w_y^2 - w_z^2)
 
-and the others follow by turning x, y, z. Not in the paper: the matrix is that of Balafoutis and
+and the others follow by turning x, y, z. Not in the paper: the matrix is from Balafoutis and
 Patel's serial methods (Dynamic Analysis of Robot Manipulators, 1991), the moment in differences
 of J is derived here.
 

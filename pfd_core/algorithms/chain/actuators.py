@@ -7,7 +7,7 @@ The actuators, which decide on efforts once a control cycle; all settings are in
     t = w within [-E, E]
     beyond the speed V of its motor a joint is driven along by at most F max(2 - |qd| / W, 0)
 
-A target that is NaN is none: a joint with a position alone goes to rest there, one with a velocity
+NaN is no target: a joint with a position alone goes to rest there, one with a velocity
 alone has d only. Real drives compute in cycles: the effort is held for the cycle, and is what a
 driver reports. `drives` has the limits that act continuously, as a part of a scene.
 """

@@ -52,7 +52,7 @@ class Links:
     A : LaneArray
         (3, 3), orientation of frame i in frame i-1 at q_i = 0.
     p : LaneArray
-        (3,), A' a: origin of frame i from that of frame i-1, in the axes of frame i [m].
+        (3,), A' a: from the origin of frame i-1 to the origin of frame i, in axes i [m].
     m : Lanes
         Mass [kg].
     s : LaneArray
@@ -83,7 +83,7 @@ class Pose:
     z : LaneArray
         (3,), z_(i-1), the axis of joint i.
     p_star : LaneArray
-        (3,), origin of frame i from that of frame i-1 [m].
+        (3,), from the origin of frame i-1 to the origin of frame i [m].
     s : LaneArray
         (3,), centre of mass from the origin of frame i [m].
     J : LaneArray

@@ -5,7 +5,7 @@ The equations of motion on n lanes, for the methods with a lane for each link.
 
     H(q) qdd = y,   y = torques of the motors - bias - torques of the joints at q, qd
 
-Lee and Chang 1987, eqs (2.a), (2.b), which have no torques of joints other than the motors'.
+Lee and Chang 1987, eqs (2.a), (2.b), where joints have no torques besides the motors'.
 Link torques and bias are computed by a function that the caller chooses, newton_euler of the
 paper or another with the same arguments. Lane i holds joint and link i + 1.
 """

@@ -3,8 +3,8 @@
 """
 A serial chain on one processor: every link's quantities in the link's own axes.
 
-    R_i = Rz(theta_i) Rx(alpha_i)      axes of frame i in those of frame i-1
-    p_i = A_i' a_i [+ q_i z]           origin of frame i from that of frame i-1, in axes i
+    R_i = Rz(theta_i) Rx(alpha_i)      axes of frame i in axes i-1
+    p_i = A_i' a_i [+ q_i z]           from the origin of frame i-1 to origin i, in axes i
 
 This is the rotation of Denavit and Hartenberg, for any chain: A_i = Rz Rx Rz, and the last of
 the three is removed by turning frame i about its own z axis, which is the axis of joint i + 1;
@@ -64,7 +64,7 @@ class Link:
     tilt : tuple of Lanes or None
         Cosine and sine of alpha, the twist from the joint's axis to the next one.
     p : LaneArray or None
-        (3,), origin of the link's frame from that of the frame before [m].
+        (3,), from the origin of the frame before to the origin of the link's frame [m].
     m : Lanes
         Mass [kg].
     s : LaneArray
@@ -95,7 +95,7 @@ class Chain:
     links : list of Link
         Base to tip.
     gravity : LaneArray or None
-        (3,), acceleration of the base, which is minus that of gravity [m/s^2].
+        (3,), acceleration of the base: minus gravity [m/s^2].
     wrench : tuple of LaneArray or None
         Force [N] and moment [N m], (3,) each, exerted on the last link about the origin of its
         frame, in its axes.

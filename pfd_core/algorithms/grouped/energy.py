@@ -9,7 +9,7 @@ The velocity of each link, base to tip, and its kinetic energy:
     T = sum of w . (I w / 2 + h x v) + m v.v / 2 + rotor qd^2 / 2
 
 The energy of a single grouped link has no physical meaning; only the sum has. The
-potential energy is that of pfd_core.algorithms.grouped.gravity.
+potential energy is from pfd_core.algorithms.grouped.gravity.
 
 Base parameters of pfd_core.algorithms.grouped.links. One register holds one number; everything of
 link i is in axes B_i.

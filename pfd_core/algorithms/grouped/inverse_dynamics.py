@@ -5,7 +5,7 @@ Inverse dynamics and the bias on one processor, with grouped inertial parameters
 
     tau = H(q) qdd + bias(q, qd)
 
-The torques are the commanded ones: those of the links, gravity, the wrench, damping, springs and
+The torques are the commanded ones: for the links, gravity, the wrench, damping, springs and
 rotors, minus the gravity torques that the motor controllers add. Brakes and motor
 limits are ignored. The recursion is pfd_core.algorithms.grouped.newton_euler (Luh, Walker and
 Paul 1980).

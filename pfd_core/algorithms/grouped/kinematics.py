@@ -3,7 +3,7 @@
 """
 Pose, Jacobian and velocity of a frame, and the joint torques of a wrench, on one processor.
 
-A frame is fixed to link k, at the pose (R_f, p_f) in axes B_k. Its origin seen from that of B_i
+A frame is fixed to link k, at the pose (R_f, p_f) in axes B_k. Its origin seen from B_i's
 
     e_k = p_f,  e_(i-1) = r_i + R_i e_i                                  frame to base
 
@@ -19,7 +19,7 @@ J qd is cheaper by a recursion from the frame to the base, (v, w) relative to li
 and so is J' k, force and moment carried from the frame to the base.
 
 Results are in axes of the base link, and positions are from the origin of its frame. The wrench
-is in axes of the frame and about its origin, as the scene's wrench is in those of the tip. Links
+is in axes of the frame and about its origin, as the scene's wrench is in axes of the tip. Links
 beyond the frame play no part: their columns, rates and torques are zero.
 
 Lynch and Park 2017, chapter 5 (Jacobians), in axes of pfd_core.algorithms.grouped.links. One
@@ -147,7 +147,7 @@ def _turned_once(links: Sequence[Axes]) -> list[Axes]:
 
 
 def _base(recorder: Recorder, plant: Plant, frame: Frame) -> tuple[LaneArray, LaneArray]:
-    """Return the placement of frame 0, or, for a frame on the base link, of its own frame."""
+    """Return the placement of frame 0, or of a frame on the base link."""
     robot = plant.robot
     R, p = (robot.base_rotation, robot.base_position) if frame.link else (np.eye(3), np.zeros(3))
     return constants(recorder, R), constants(recorder, p)

@@ -6,7 +6,7 @@ Inverse dynamics on one processor, in joint axes, with the parameters that the r
     tau = ID(q, qd, qdd):  f = m (a + W c),  n = J wd + w x J w + c x f,  sums of both from the tip
 
 c is the centre of mass of a link and J its inertia about it. The motion of a link (a, w, wd, W)
-is that of pfd_core.algorithms.grouped.newton_euler. Parameters are not grouped, so that the torque
+is as in pfd_core.algorithms.grouped.newton_euler. Parameters are not grouped, so that the torque
 of each link is accurate relative to its own terms: the residual of refinement needs that. Beside
 a method with grouped parameters its angular velocities are the same expressions, recorded once.
 

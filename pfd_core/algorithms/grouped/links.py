@@ -54,7 +54,7 @@ NEARER = 8.0
 # moments of inertia cancel: 1e6 m from the axis of a joint take 13 digits.
 DIGITS = 50
 # Parameters that float64 groups with so small an error, relative to the parameter or to the
-# inertia about the joint's axis, keep its bits: those of all arms of config/robots do.
+# inertia about the joint's axis, keep its bits. All arms of config/robots have only such ones.
 KEPT = 64 * 2.0**-53
 
 
@@ -78,7 +78,7 @@ class JointAxes:
     start : tuple of float
         Cosine and sine of theta_i at q_i = 0.
     twist : tuple of float
-        Cosine and sine of alpha_(i-1), from the axis of joint i - 1 to that of joint i.
+        Cosine and sine of alpha_(i-1), from the axis of joint i - 1 to the axis of joint i.
     p : ndarray
         (3,), origin of B_i at q_i = 0, in axes B_(i-1) [m].
     end : Tip

@@ -71,7 +71,7 @@ class Body:
 @dataclass(frozen=True)
 class Unit:
     """
-    Force of a unit acceleration of a joint, in its own axes or those of a joint before it.
+    Force of a unit acceleration of a joint, in the axes of this joint or of one before it.
 
     Attributes
     ----------

@@ -49,7 +49,7 @@ class Axes:
     square, parallel : bool
         Whether alpha_(i-1) is 90 degrees, one way or the other, or 0 or 180 degrees, exactly.
     r : LaneArray
-        (3,), origin of B_i from that of B_(i-1), in axes B_(i-1) [m].
+        (3,), origin of B_i from the origin of B_(i-1), in axes B_(i-1) [m].
 
     """
 
@@ -193,7 +193,7 @@ class Motion:
     w, wd : LaneArray
         (3,), angular velocity [rad/s] and acceleration [rad/s^2].
     a : LaneArray
-        (3,), acceleration of the origin, minus that of gravity [m/s^2].
+        (3,), acceleration of the origin, minus gravity [m/s^2].
     squares : LaneArray
         (6,), xx, xy, xz, yy, yz, zz of w w'.
     spin : LaneArray

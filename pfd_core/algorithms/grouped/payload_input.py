@@ -5,7 +5,7 @@ A payload as an input: the parameters of links that it changes, as numbers given
 
     payload_numbers      the input for a payload of a robot
     payload_inputs       the same for a scene, which may have none
-    with_payload_input   grouped parameters of a recording, with inputs for those that change
+    with_payload_input   grouped parameters of a recording, with inputs for changing ones
     last_body            the last link as given, for the residual of refinement
 
 A payload is a body on the last link. Grouping moves a part of it to each link before, and is
@@ -122,7 +122,7 @@ def _payload_numbers(robot: Robot, payload: Payload | None) -> Array:
 def with_payload_input(
     recorder: Recorder, robot: Robot, bodies: Sequence[Sequence[Lanes]]
 ) -> list[list[Lanes]]:
-    """Return the grouped parameters of links, NUMBERS each, with inputs for those that change."""
+    """Return the grouped parameters of links, NUMBERS each, with inputs for changing ones."""
     _declare(recorder, robot)
     result = [list(body) for body in bodies]
     places = np.argwhere(_parameters(robot).changed).tolist()

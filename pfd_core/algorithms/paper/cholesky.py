@@ -138,7 +138,7 @@ def factorise(
     Raises
     ------
     ValueError
-        If the number of rows is not that of the lanes, or the order is unknown.
+        If the numbers of rows and lanes differ, or the order is unknown.
 
     """
     n = recorder.lanes

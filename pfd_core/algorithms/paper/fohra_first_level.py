@@ -7,14 +7,13 @@ FOHRA for 0R_i whose first level leaves out the products by known 0, 1 and -1.
 
 Lee and Chang 1987, section 2.5, item (a), counts 27 L - 19 multiplications and 18 L - 14
 additions, L = ceil(log2 n). Full products take 27 L and 18 L. For twists of 0 and 90 degrees, as
-of a PUMA, five of nine elements of R_i are no numbers to multiply by, and R_(i-1) R_i takes at
-most 8 and 4, or 4 and 0 if both twists are right angles. The paper does not say so, but the first
-level at this price gives its counts. For other twists only one element is zero, and the first
-level takes 21 and 12. Later levels have full matrices.
+of a PUMA, five of nine elements of R_i are 0, 1 or -1, and R_(i-1) R_i takes at most 8 and 4, or 4
+and 0 if both twists are right angles. The paper does not say so, but a first level at this price
+gives its counts. For other twists only one element is zero, and the first level takes 21 and 12.
+Later levels have full matrices.
 
-Each processor forms its own products: which elements are zero differs from joint to joint, so that
-processor i multiplies other elements in a step than processor j. The k-th products of all
-processors are one step, and so are the k-th additions.
+The zero elements differ from joint to joint, so that processors multiply different elements in the
+same step. The k-th products of all processors are one step, and so are the k-th additions.
 
 Parallel cost: 27 (L - 1) + m multiplications and 18 (L - 1) + a additions, m and a the most that a
 pair of neighbours needs; 9 L routes.
@@ -44,7 +43,7 @@ Term = tuple[float, Lanes]
 
 
 def structure_of(robot: Robot) -> Structure:
-    """Return what is known of R_i, whatever the joints' positions."""
+    """Return the elements of R_i that are known at all joint positions."""
     known = np.full((robot.n, 3, 3), np.nan)
     for i, A in enumerate(robot.rotations):
         if robot.joint_types[i] == 'prismatic':
@@ -100,7 +99,7 @@ def _first_level(left: LaneArray, right: LaneArray, structure: Structure) -> Lan
 
 
 def _products(first: Structure, second: Structure) -> list[tuple[Index, Index]]:
-    """Return the pairs of elements that are both no 0, 1 or -1."""
+    """Return the pairs of elements of which neither is known."""
     return [
         ((r, k), (k, c))
         for r in range(3)
@@ -111,7 +110,7 @@ def _products(first: Structure, second: Structure) -> list[tuple[Index, Index]]:
 
 
 def _slots(tasks: Mapping[int, Sequence[Any]]) -> list[dict[int, Any]]:
-    """Return the k-th task of each lane that has as many."""
+    """Return, for each k, the k-th task of each lane that has one."""
     most = max(map(len, tasks.values()))
     return [{i: own[k] for i, own in tasks.items() if k < len(own)} for k in range(most)]
 
@@ -136,7 +135,7 @@ def _terms(
         elif np.isnan(a):
             found.append((b, left[r, k]))
         else:
-            # A known 1 or -1: of two of them the other is in its register.
+            # The left element is 1 or -1; a known right element is in its register.
             found.append((a, right[k, c]))
     return found
 

@@ -15,13 +15,13 @@ Procedure PCGM step by step as the paper prints it: n iterations, H u by NE1.
     14, 15  u_(i+1) = w_(i+1) + (e_(i+1)/e_i) u_i
     16      i = i + 1, back to step 7                                 (printed: 5)
 
-Lee and Chang 1987, section 3. Corrected, and nothing else: step 4 for an estimate x_0 other than
-zero, step 7, which leaves x alone, and the number in step 16. MISPRINTS names what can be run as
-printed. Here steps 11 to 15 also run in the last iteration, as item (d) counts them.
+Lee and Chang 1987, section 3. Corrected, and nothing else: step 4 for an estimate x_0 that is not
+zero, step 7, which leaves x unchanged, and the number in step 16. MISPRINTS names the parts that
+can run as printed. Here steps 11 to 15 also run in the last iteration, as item (d) counts them.
 
-n iterations are an answer in exact arithmetic only: output `converged` is one, since the procedure
-ends in any case, and whether qdd satisfies the equations of motion is checked after it
-(pfd_core.algorithms.convergence). pfd_core.algorithms.paper.pcgm iterates until it has converged.
+n iterations give the answer in exact arithmetic only. Output `converged` is always one, since the
+procedure ends in any case; pfd_core.algorithms.convergence checks afterwards whether qdd satisfies
+the equations of motion. pfd_core.algorithms.paper.pcgm iterates until it has converged.
 
 Parallel cost, rotational joints, L = ceil(log2 n), n > 1, R_i given: 27 L + 151 multiplications
 and 34 L + 108 additions, and in each of n iterations 47 multiplications, 14 L + 32 additions and 2
@@ -49,7 +49,7 @@ from pfd_core.machine.recorder import Lanes, Schedule
 from pfd_core.model import Plant
 from pfd_core.model.checked_numbers import choice
 
-# What can be run as it is printed: name, and what is wrong.
+# Parts that can run as printed: name, and the error.
 STEP_4, STEP_7, STEP_16 = 'step 4', 'step 7', 'step 16'
 MISPRINTS = {
     STEP_4: 'w_0 = tau - b for any x_0, where tau - b - H x_0 is needed',

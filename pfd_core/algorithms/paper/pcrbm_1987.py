@@ -21,23 +21,23 @@ Procedure PCRBM step by step as the paper prints it, with its own bias, masses a
 
 Lee and Chang 1987, sections 2.4 and 2.5. Corrected, and nothing else: step 6 has the translational
 branch of Appendix A; (11) and (12) have l_ij l_kj and l_ii, column after column, instead of
-h_ij h_kj and h_ii; a massless end of the chain divides by one. NE1 is that of
-pfd_core.algorithms.paper.newton_euler, since the paper has its name and counts only. MISPRINTS
-names what can be run as printed. Appendix A has (15) to (20) as eqs (A.1), (A.2), (A.3) and (21)
-to (26) as eqs (A.4), (A.5), (A.6), (A.7), (A.8). (20) adds all nine elements of a symmetric
-matrix, as item (b) of section 2.5 counts it; six are enough.
+h_ij h_kj and h_ii; a massless end of the chain divides by one. NE1 is taken from
+pfd_core.algorithms.paper.newton_euler, since the paper gives only its name and counts. MISPRINTS
+names the parts that can run as printed. Appendix A has (15) to (20) as eqs (A.1), (A.2), (A.3) and
+(21) to (26) as eqs (A.4), (A.5), (A.6), (A.7), (A.8). (20) adds all nine elements of a symmetric
+matrix, as item (b) of section 2.5 counts; six are enough.
 
 Parallel cost, rotational joints, L = ceil(log2 n), h = ceil((n - 1)/2), n > 1, R_i given:
 
     31 L + 9 h + K + 2 n + 208 multiplications,  K = sum over i = 2..n of ceil((i-1)(n-i+1)/n)
     46 L + 5 h + (n^2 + 9 n)/2 + 153 additions,  3 n divisions,  n square roots
 
-which is 348, 351, 18 and 6 at n = 6. There the pairs i < j are packed onto full rows of lanes, as
-the paper's 9 h, 5 h and P6 suppose and it does not say; with one lane a link 9 (n - 1), 5 (n - 1)
-and n (n - 1)/2 stand for 9 h, 5 h and K: 373, 361, 18 and 6. Equations (11) and (12) as printed
-have P6, P6, h + 2 n and 1 where the corrected ones have K, n (n - 1)/2, 3 n - 1 and n.
+which is 348, 351, 18 and 6 at n = 6. Here the pairs i < j are packed onto full rows of lanes: the
+paper does not say so, but its 9 h, 5 h and P6 suppose it. With one lane a link, 9 (n - 1),
+5 (n - 1) and n (n - 1)/2 replace 9 h, 5 h and K: 373, 361, 18 and 6. Equations (11) and (12) as
+printed have P6, P6, h + 2 n and 1; corrected they have K, n (n - 1)/2, 3 n - 1 and n.
 
-The rest of the package has cheaper forms of the same: pfd_core.algorithms.paper.pcrbm.
+pfd_core.algorithms.paper.pcrbm has cheaper forms.
 
 Lane j holds link j + 1, the composite body of links j + 1..n, and column j of H.
 """
@@ -63,15 +63,15 @@ from pfd_core.machine.vectors import array, cross, dot, parallel_axis, symmetric
 from pfd_core.model import Plant
 from pfd_core.model.checked_numbers import choice
 
-# What can be run as it is printed: name, and what is wrong.
+# Parts that can run as printed: name, and the error.
 CHOLESKY, STEP_6 = AS_PRINTED = ('equations (11), (12)', 'step 6')
-# Appendix A has them other than the procedure.
+# Equations of Appendix A that differ from the procedure.
 A_3, A_8 = 'equation (A.3)', 'equation (A.8)'
 MISPRINTS = {
-    CHOLESKY: 'h_ij h_kj and h_ii stand where l_ij l_kj and l_ii are needed',
-    STEP_6: 'F_j and N_j of a translational joint are those of a rotational one',
+    CHOLESKY: 'h_ij h_kj and h_ii are printed where l_ij l_kj and l_ii are needed',
+    STEP_6: 'a translational joint has F_j and N_j of a rotational joint',
     A_3: 'the first bracket of (19) has the factor M_j instead of M_(j+1)',
-    A_8: '(26) goes by the type of joint j instead of joint i',
+    A_8: '(26) depends on the type of joint j instead of joint i',
 }
 
 
@@ -182,7 +182,7 @@ def _cholesky(
     radicands: dict[int, Lanes] = {}
     for i, column in enumerate(rows):
         below = range(i, n)
-        # l_kj l_ij on lane k; the last column has one lane, on which l_ij is at home.
+        # l_kj l_ij on lane k; the last column has one lane, which already holds l_ij.
         factors = [broadcast(left, i) if i < n - 1 else left for left in columns]
         products = [(on(left, below), f) for left, f in zip(columns, factors, strict=True)]
         for product in packed(lambda x, y: x * y, products) if products else ():
@@ -198,7 +198,7 @@ def _cholesky(
 def _literal_cholesky(
     recorder: Recorder, rows: Sequence[Lanes], free: Lanes | None
 ) -> tuple[list[Lanes], Lanes, Lanes]:
-    """Return what equations (11) and (12) give as printed, by set ordering, as _cholesky."""
+    """Return the same as _cholesky, by equations (11) and (12) as printed, with set ordering."""
     n = recorder.lanes
 
     def elements(indices: Sequence[Index | None]) -> Lanes:

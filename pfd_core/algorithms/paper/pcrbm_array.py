@@ -5,10 +5,10 @@ PCRBM with the triangular array: H and bias on n lanes, the solve by n(n+1)/2 ce
 
     H qdd = tau - bias,   H = L L',   L z = tau - bias,   L' qdd = z
 
-Lee and Chang 1987, section 2.6 and Table 1. H is that of
-pfd_core.algorithms.paper.pcrbm, the cells are those of pfd_core.algorithms.paper.triangular_array.
+Lee and Chang 1987, section 2.6 and Table 1. H is from pfd_core.algorithms.paper.pcrbm, the cells
+are from pfd_core.algorithms.paper.triangular_array.
 
-Parallel cost: that of H and bias, and 5n - 2 cycles of the array.
+Parallel cost: H and bias, and 5n - 2 cycles of the array.
 
 Lane j holds column j of H; the numbers in the array are values on lane 0.
 """
@@ -34,8 +34,8 @@ from pfd_core.machine.program import Instruction, Program, Steps
 from pfd_core.machine.recorder import Schedule
 from pfd_core.model import Plant
 
-# The section of the program that the cells execute, and the one that brings H to lane 0. A real
-# array takes H at its rows, each next to a lane.
+# The section of the program that the cells execute, and the section that brings H to lane 0. A
+# real array takes H at its rows, each next to a lane.
 SECTION = 'triangular array'
 STREAMS = f'streams of the {SECTION}'
 
@@ -71,8 +71,8 @@ def streams(n: int, lanes: int) -> Iterator[tuple[int | None, ...]]:
     Yield the routes that bring H to the rows of the array, for each lane the lane it reads.
 
     Each lane has a block of neighbouring rows and columns. Row k takes element (k, m), which is in
-    column m, one cycle after (k, m - 1) and as row k + 1 takes (k + 1, m - 1). With a lane for
-    each link it is one route for each k + m.
+    column m, one cycle after (k, m - 1), and in the same cycle row k + 1 takes (k + 1, m - 1).
+    With a lane for each link this is one route for each k + m.
     """
     block = math.ceil(n / lanes)
     for cycle in range(1, 2 * n - 2):

@@ -181,7 +181,7 @@ def record_literal_cholesky(n: int, schedule: str) -> Program:
     Returns
     -------
     Program
-        Input `H`, (n n,), of which the lower triangle is read; outputs `L`, (n, n), which is
+        Input `H`, (n n,), whose lower triangle is read; outputs `L`, (n, n), which is
         in general not the Cholesky factor, and `radicands`, (n,), the operands of the roots.
 
     """
@@ -203,8 +203,8 @@ def literal_factor(recorder: Recorder, elements: Elements) -> tuple[dict[Index, 
     recorder : Recorder
         On n lanes.
     elements : callable
-        elements(indices) has the elements (k, i) of H, k >= i counted from 1, on lanes 0, 1, ...;
-        None leaves a lane empty.
+        elements(indices) returns the elements (k, i) of H, k >= i counted from 1, on lanes 0, 1,
+        ...; None leaves a lane empty.
 
     Returns
     -------

@@ -15,7 +15,7 @@ Forward dynamics on one processor by articulated bodies (Featherstone 1983, 1987
             a += wd x p + b
 
 Accelerations belong to points, as in the Newton-Euler equations, so that no linear velocity is
-needed. Signs are those of Lee and Chang 1987: the base accelerates by minus gravity, and the
+needed. Signs are as in Lee and Chang 1987: the base accelerates by minus gravity, and the
 wrench acts on the last link with a minus sign. Nothing is divided by a mass; d is the pivot of H
 eliminated from the tip, and H is positive definite exactly when all are above zero. A braked joint
 has an infinite pivot and g = r = 0: its whole body passes to the link before.

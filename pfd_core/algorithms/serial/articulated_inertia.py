@@ -50,7 +50,7 @@ def rigid_inertia(J: LaneArray, m: Lanes, h: LaneArray) -> Inertia:
 
 
 def plus_rigid_body(inertia: Inertia, J: LaneArray, m: Lanes, h: LaneArray) -> Inertia:
-    """Return the sum of an inertia and that of a rigid body (15 additions)."""
+    """Return the sum of an articulated inertia and a rigid body's (15 additions)."""
     K, M = inertia.K.copy(), inertia.M.copy()
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         K[i, j], K[j, i] = K[i, j] - h[k], K[j, i] + h[k]

@@ -10,12 +10,13 @@ LLVM IR of adaptive steps: stages, error control, dense output and events in one
     @settle      impacts, modes and accelerations after an event
     @margin_at   the margin of all events at a part of a step
 
-The programs are those of pfd_core.simulation.step_control, with dry friction and joint stops also
-those of pfd_core.simulation.contact; this module decides in which order they run. What is carried
-from attempt to attempt lies in arrays of the caller, so that a run can be cut into calls anywhere.
+pfd_core.simulation.step_control records the programs, and pfd_core.simulation.contact further ones
+for dry friction and joint stops; this module calls them in their order. All values that an attempt
+takes from the attempt before lie in arrays of the caller, so that a run can be split into calls
+after any attempt.
 
-A law of torques is an object of Python, called without arguments: it reads time and state from
-the array `asked` and writes the torques behind them. If it raises, the count FAILED is set, no
+A law of torques is a Python object that is called without arguments: it reads time and state from
+the array `asked` and writes the torques behind them. If it raises, the count `failed` is set, no
 further call is made, and the exception is left to the caller.
 """
 
@@ -40,11 +41,11 @@ COUNTS = ('status', 'evaluations', 'rejected', 'stiff', 'failed')
 STATUSES = ('', 'ok', 'not_finite', 'step_too_small')
 # Arrays that a step with events carries on besides the state.
 MODES = ('direction', 'moving', 'sticks')
-# What is written for each accepted step: its end, its size before an event cut it, whether one
-# did, and its dense output.
+# What is written for each accepted step: its end, its size before an event shortened it, whether
+# an event did, and its dense output.
 WRITTEN = ('time', *REPORT, 'size', 'event', 'dense')
 
-# Parts of a step at which events are looked for.
+# Equal parts of a step, at whose ends events are searched for.
 LOOKS = 8
 # Halvings of the first part, where a joint begins at the event; 2^-60 of a step is no time.
 HALVINGS = 60
@@ -60,7 +61,7 @@ CONTEXT = ('ptr %law', 'ptr %asked', 'ptr %counts')
 
 @dataclass(frozen=True)
 class AdaptivePair:
-    """An embedded pair, as far as the native code needs to know it."""
+    """The numbers of an embedded pair that the native code needs."""
 
     nodes: tuple[float, ...]
     end: int  # the stage at the end of the step; later ones serve the dense output
@@ -73,8 +74,8 @@ def adaptive(
     """
     Return the functions; programs and dynamics of `contact` are lowered.
 
-    Without `modes` among its programs there are no events. `extra` are the inputs of the dynamics
-    besides the state.
+    Without the program `modes` there are no events. `extra` are the inputs of the dynamics besides
+    the state.
     """
     writer = _Writer(pair, contact, extra, form)
     functions = [_ask(contact.dynamics['_braked'].inputs['q'], form), writer.slope()]
@@ -84,12 +85,12 @@ def adaptive(
 
 
 def carried(contact: Contact, extra: Sequence[str]) -> tuple[str, ...]:
-    """Return the arrays that @begin and @adaptive take before those that are written."""
+    """Return the arrays that @begin and @adaptive take before the output arrays."""
     return (*REPORT, *extra, *(MODES if 'modes' in contact.programs else ()))
 
 
 def _ask(n: int, form: Format) -> str:
-    """Return `void @ask(law, asked, counts, t, q, qd, tau)`; NaN for a state that is none."""
+    """Return `void @ask(law, asked, counts, t, q, qd, tau)`; NaN if a state is not finite."""
     ir = Function(
         f'define internal void @ask({", ".join(CONTEXT)}, double %t, ptr %q, ptr %qd, ptr %tau)'
     )
@@ -139,7 +140,7 @@ class _Writer:
         return Calls(head, given, contact.programs, contact.dynamics, self._form, first)
 
     def _ask(self, calls: Calls, t: str) -> None:
-        """Write the torques at a time and state to `tau`, if there is a law."""
+        """Write the torques of the law, if any, at a time and state to `tau`."""
         ir = calls.ir
         with ir.when(ir.let('icmp ne ptr %law, null')):
             calls.call('ask', ('q', 'qd', 'tau'), (*CONTEXT, f'double {t}'))
@@ -168,7 +169,7 @@ class _Writer:
         return calls.finish()
 
     def _slope(self, calls: Calls, t: str, **arrays: str) -> None:
-        """Evaluate the accelerations at a time, on the arrays of their names or others."""
+        """Evaluate the accelerations at a time; `arrays` replace arrays by name."""
         names = [arrays.get(name, name) for name in self._slope_arrays]
         calls.call('slope', names, (*CONTEXT, f'double {t}'))
 
@@ -323,7 +324,7 @@ class _Writer:
         self._count(calls.ir, 'rejected')
 
     def _commit(self, calls: Calls) -> None:
-        """Take over the end of the step."""
+        """Make the end of the step the state."""
         end = self._pair.end
         for source, target in (('q.end', 'q'), (f'qd{end}', 'qd'), (f'qdd{end}', 'qdd')):
             calls.copy(source, target)
@@ -349,7 +350,7 @@ class _Writer:
     # Events.
 
     def _commit_event(self, calls: Calls, rows: Variable) -> None:
-        """Take over the step up to its first event."""
+        """Make the first event of the step, or its end, the state."""
         ir, zero = calls.ir, self._form.zero
         found, begins = self._search(calls)
         none = ir.let(f'xor i1 {found}, true')
@@ -396,8 +397,8 @@ class _Writer:
         """
         Write the search for the first event.
 
-        Returns two i1: whether there is one, and whether it is at the beginning of the step. The
-        state at the event is in q.at and qd.at, its part of the step in theta.
+        Returns two i1: whether there is an event, and whether it is at the beginning of the step.
+        The state at the event is in q.at and qd.at, its part of the step in theta.
         """
         ir, number = calls.ir, self._form.constant
         calls.fill('theta.before', 0.0)
@@ -435,7 +436,7 @@ class _Writer:
         return over.value, begins.value
 
     def _halve(self, calls: Calls, left: Variable, right: Variable) -> None:
-        """Look closer and closer to the beginning for a time before the event."""
+        """Halve the first part until a time before the event is found."""
         ir, half = calls.ir, self._form.constant(0.5)
         more = Variable('i1', 'true')
         with ir.loop(HALVINGS, left, right, condition=more):
@@ -446,9 +447,9 @@ class _Writer:
 
     def _refine(self, calls: Calls, left: Variable, right: Variable) -> None:
         """
-        Find the event between two times; the state is the one just after it.
+        Find the event between two times by the Illinois method; the state is just after the event.
 
-        The Illinois method, with a bisection in every third iteration.
+        Every third iteration is a bisection.
         """
         ir, number = calls.ir, self._form.constant
         self._look(calls, left.value)

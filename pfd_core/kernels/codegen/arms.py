@@ -82,7 +82,7 @@ def arms(program: Program, dynamics: Program, form: Format) -> str:
     """
     Return `void @arms(b, last, steps, substeps, every, law, table, finite_steps)`.
 
-    It runs arms b to b + width - 1, of which those beyond `last` repeat it. `table` holds one row
+    It runs arms b to b + width - 1; arms beyond `last` repeat arm `last`. `table` holds one row
     for each of SLOTS and of the further rows of the state; each `every`-th state is written, with
     its acceleration. `substeps` points to the number of calls of @step in a step. `finite_steps`,
     one number per arm, receives the number of steps after which the arm's state was finite.

@@ -5,9 +5,10 @@ LLVM IR of @batch: @evaluate over many states at any strides, `width` states at 
 
 States that lie side by side in memory (Fortran order) are read and written where they are. Others,
 and the last block if it is only partly filled, go through a small buffer
-(pfd_core.kernels.codegen.copies). Between the operations of two blocks, arrays in Fortran order
-cost as few instructions as possible: one branch passes by the copies, and the check for numbers
-that are not finite sums products of two inputs each (docs/decisions/0047-order-of-native-code.md).
+(pfd_core.kernels.codegen.copies). Arrays in Fortran order cost few instructions between two
+blocks (docs/decisions/0047-order-of-native-code.md): one branch skips all copies, and the check
+for finite inputs sums products of two inputs each. A NaN or an infinity in an input makes this sum
+NaN or infinite for good. Finite inputs can do so as well, if a product or the sum overflows.
 
 In Fortran order each element of a state has a separate column. Many columns are more streams
 than a processor prefetches, and if the number of states is a power of two they evict each other
@@ -83,8 +84,8 @@ def batch(program: Program, form: Format, size: int, name: str = 'batch') -> str
 
     `form` is strided. `table` holds, for each input and then for the output (`size` elements), a
     pointer, the stride between states and the stride between elements, in bytes. The result is
-    1 if some input number is not finite, and also where products of inputs overflow: the caller
-    then looks at each number. Else it is 0. `name` is the function's name.
+    0 if all inputs are finite and no sum of their products overflows, otherwise 1: the caller then
+    checks each number. `name` is the function's name.
     """
     sizes = {name: program.inputs[name] for name in arguments(program)} | {'out': size}
     ir = Function(f'define i64 @{name}(i64 %count, ptr %table)')
@@ -141,7 +142,7 @@ def table_row(ir: Function, slot: int, columns: int) -> list[str]:
 def _place_copy(
     ir: Function, form: Format, place: Sequence[Variable], buffer: str, direct: str
 ) -> None:
-    """Change address and stride of a block of rows to those of the buffer unless `direct`."""
+    """Let a block of rows use the address and stride of the buffer, unless `direct`."""
     for variable, other in zip(place, (buffer, form.width * form.bytes), strict=True):
         kind = variable.kind
         variable.value = ir.let(f'select i1 {direct}, {kind} {variable}, {kind} {other}')
@@ -150,7 +151,7 @@ def _place_copy(
 def _multiply_pairs(
     ir: Function, form: Format, numbers: Sequence[str], products: Variable
 ) -> None:
-    """Add the products of neighbours, half as many operations as a check of each number."""
+    """Add the products of neighbouring numbers: half the operations of a check of each number."""
     pairs = zip_longest(numbers[::2], numbers[1::2], fillvalue=numbers[-1])
     for x, y in pairs:
         operands = f'{form.type} {x}, {form.type} {y}, {form.type} {products}'

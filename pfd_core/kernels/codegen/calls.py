@@ -66,7 +66,7 @@ class Calls:
         return self._arrays[name]
 
     def place(self, name: str, address: str) -> None:
-        """Let an array lie at an address."""
+        """Set the address of an array."""
         self._arrays[name] = address
 
     def number(self, name: str) -> str:

@@ -46,8 +46,8 @@ def cycles(program: Program, dynamics: Program, actuators: Program, form: Format
     """
     Return `i64 @cycles(i64 steps, ptr block)`.
 
-    Each cycle turns a row of efforts into those that act by @body_actuators, holds these for a
-    step, and writes q, qd and the efforts that acted. It ends after the first step whose state is
+    Each cycle computes the acting efforts from a row of efforts by @body_actuators, holds them for
+    a step, and writes q, qd and the acting efforts. It ends after the first step whose state is
     not finite, and before a step whose effort jumps, which writes the efforts wanted. The result
     is the number of steps before that.
     """

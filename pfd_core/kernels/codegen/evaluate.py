@@ -21,7 +21,7 @@ def evaluate(program: Program, form: Format, angles: Sequence[int], suffix: str 
     """
     Return `void @evaluate(inputs..., out)`; `angles` are the elements of q that are turned.
 
-    The only caller of the strided one is a batch, into which LLVM then puts it.
+    The strided function is internal: a batch is its only caller, so that LLVM inlines it.
     """
     names = (*arguments(program), 'out')
     linkage = 'internal ' if form.strided else ''
@@ -65,7 +65,7 @@ def _wrapped(ir: Function, form: Format, q: Array, n: int, angles: Sequence[int]
 
 
 def wrap_row(form: Format) -> str:
-    """Return `void @wrap_row(ptr)`, which wraps those of `width` angles beyond the limit."""
+    """Return `void @wrap_row(ptr)`, which wraps the angles beyond the limit, of `width`."""
     S = form.scalar
     ir = Function('define internal void @wrap_row(ptr %row) cold noinline')
     with ir.loop(form.width) as lane:

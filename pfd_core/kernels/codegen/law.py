@@ -56,8 +56,8 @@ def whole_state(n: int, form: Format) -> str:
     Return `void @whole_state(tau, error, gain, arm, column, b, last)`.
 
     It adds to `tau`, (n,), the product of each arm's matrix, (n, 2 n) with `column` bytes from
-    number to number, and `error`. The matrix of arm k lies k `arm` bytes behind that of arm 0;
-    arms beyond `last` use that of arm `last`.
+    number to number, and `error`. The matrix of arm k lies k `arm` bytes behind the matrix of arm
+    0; arms beyond `last` use the matrix of arm `last`.
     """
     T, W = form.type, form.width
     lanes, umin = form.index, f'llvm.umin.v{W}i64'

@@ -75,7 +75,7 @@ def _sum(a: Factors | None, b: Factors) -> Factors:
 
 
 def state_rows(step: Program) -> tuple[str, ...]:
-    """Return the rows of the state that a linearisation has: those that the motion depends on."""
+    """Return the rows of the state that the motion depends on: the rows of a linearisation."""
     return tuple(name for name in step.outputs if name in (*MOTION, MOTOR_TORQUE))
 
 

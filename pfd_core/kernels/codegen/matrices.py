@@ -75,7 +75,7 @@ def spread(ir: Function, own: Format, form: Format, number: str) -> str:
 
 
 class Matrices:
-    """Writer of loops over matrices into a function; `form` is that of its numbers."""
+    """Writer of loops over matrices into a function, on numbers of a format."""
 
     def __init__(self, ir: Function, form: Format) -> None:
         self._ir, self._form = ir, form

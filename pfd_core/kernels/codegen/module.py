@@ -8,7 +8,7 @@ Whole modules of LLVM IR: the functions of a kernel or of a simulation, and thei
     linear_module      the same, of the linearised steps of an integrator
     rollout_module     the simulation of one arm
     ensemble_module    the simulations of many arms, one per SIMD lane
-    adaptive_module    one arm with steps that keep to a tolerance
+    adaptive_module    one arm with adaptive steps
 """
 
 from __future__ import annotations
@@ -116,8 +116,8 @@ def rollout_module(
     """
     Return the module of the simulation of one arm by an integrator's step.
 
-    `dynamics` is the program of @evaluate, `others` are those of further functions, by the names
-    that the step calls them. With `contact` the step and the accelerations are of that, and the
+    `dynamics` is the program of @evaluate, `others` are programs of further functions, by the
+    names in the step. With `contact` the step and the accelerations are of that, and the
     programs have only its inputs. With `actuators`, a lowered program, it has @cycles.
     """
     form = Format(dtype, 1)
@@ -156,8 +156,8 @@ def adaptive_module(
     """
     Return the module of one arm with adaptive steps by an embedded pair.
 
-    `contact` has the lowered programs of the steps, and of events if there are any; `extra` are
-    the inputs of the dynamics besides the state.
+    `contact` has the lowered programs of the steps and, in scenes with events, of events; `extra`
+    are the inputs of the dynamics besides the state.
     """
     form = Format(dtype, 1)
     functions = contact.parts(extra, form, angles)
@@ -197,7 +197,7 @@ def module(
     """
     Return functions of one format with the declarations they need; `angles` as above.
 
-    `widths` are those of further registers that the functions compute with.
+    `widths` are the widths of further registers that the functions compute with.
     """
     declarations = ['declare i64 @llvm.umin.i64(i64, i64)']
     for own in (Format(form.dtype, width) for width in {1, form.width, *widths}):

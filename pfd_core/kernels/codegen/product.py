@@ -8,8 +8,8 @@ LLVM IR of @evaluate and @jacobian of a program whose result is a product of its
 @body computes the factors into scratch memory. The product is a loop over memory: its 2 n^3
 operations as straight-line code would be most of the program of a long chain. Each element is a
 sum over k in ascending order, begun with the first product; each further term is one fused
-multiply-add onto the sum so far, and the sign comes last. The bits are therefore those of the
-same operations written one by one (pfd_core.kernels.passes.product).
+multiply-add onto the sum so far, and the sign comes last. Therefore the same operations written
+one by one give the same bits (pfd_core.kernels.passes.product).
 
 The loops go over tiles of rows and columns, so that a number read from memory takes part in
 several multiply-adds. In a batch, an element of a matrix is a register of `width` states. For one

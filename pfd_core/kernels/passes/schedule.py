@@ -8,7 +8,7 @@ chosen one operation at a time among those whose operands are computed or under 
 registers are left, an operation is rated by its wait for its operands, by the work that must
 follow it, and by the number of values it is the last to read, whose registers become free. When
 too many values are alive, the last counts most. LLVM assigns the registers. On processors with 32
-vector registers its own scheduler is off, since it undoes what this one gains
+vector registers LLVM's scheduler is off, since it undoes the gain of this one
 (docs/decisions/0047-order-of-native-code.md).
 
 Measured with AVX-512 (minimum of 30 interleaved runs) against the recorded order: batches in
@@ -46,7 +46,7 @@ LONGEST = 6000
 # result that is written as no longer alive changes that by 1 %.
 ORDERED = 2000
 LOOPED = ('loop', 'state', 'end', 'result')
-# Instructions without work of their own: part of the operation that reads them.
+# Instructions without work: they are part of the operation that reads them.
 FREE = ('constant', 'input', 'neg')
 
 

@@ -65,7 +65,7 @@ _warned: dict[str, str] = {}
 
 
 def folder() -> Path | None:
-    """Return the folder of the cache, which need not exist, or None if there is none."""
+    """Return the folder of the cache, which need not exist, or None if the cache is off."""
     given = os.environ.get(VARIABLE)
     if given is not None and not given.strip():
         return None

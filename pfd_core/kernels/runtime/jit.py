@@ -37,9 +37,9 @@ EXPORTED = re.compile(r'^define (?!internal )[^@\n]*@([\w.]+)\(', re.MULTILINE)
 # to e_machine) and Mach-O (up to filetype). COFF begins with the machine.
 HEADER_BYTES = {b'\x7fELF': 20, b'\xcf\xfa\xed\xfe': 16}
 COFF_MACHINE = 2
-# Held during each call of LLVM.
-LLVM_LOCK = getattr(llvm.ffi.lib, '_lock', nullcontext())
-# LLVM ends the process at an option that it does not know, so it is not given to later versions.
+# Held by llvmlite during each call of LLVM, reentrant; None if an llvmlite has no such lock.
+LLVM_LOCK = getattr(llvm.ffi.lib, '_lock', None)
+# The newest LLVM that is known to have the option: LLVM ends the process at an unknown one.
 NEWEST_WITH_SCHEDULER_OPTION = 22
 # Addresses in this process that a module may refer to, by their names.
 _symbols: dict[str, int] = {}
@@ -86,8 +86,8 @@ class Optimisation:
     relocation, code_model : str
         How code refers to its constants, and to symbols outside the module.
     reorder : bool
-        Whether LLVM may put operations that are in a good order already
-        (pfd_core.kernels.passes.schedule) into its own; with 16 vector registers it always may.
+        Whether LLVM may reorder operations; set it for code that is not ordered already
+        (pfd_core.kernels.passes.schedule). With 16 vector registers LLVM always reorders.
 
     """
 
@@ -223,9 +223,12 @@ def _order_kept() -> Iterator[None]:
     """
     Switch off LLVM's scheduler of machine instructions.
 
-    The option is common to all users of LLVM in the process, so none of them runs meanwhile.
+    The option is global in llvmlite's copy of LLVM. The lock keeps other threads and other users
+    of llvmlite, as Numba, from compiling meanwhile. Afterwards the option has LLVM's default,
+    whatever it was before. Without the lock, or with an LLVM that may not have the option, the
+    scheduler stays on: code is then slower by some percent and computes the same bits.
     """
-    if llvm.llvm_version_info[0] > NEWEST_WITH_SCHEDULER_OPTION:
+    if LLVM_LOCK is None or llvm.llvm_version_info[0] > NEWEST_WITH_SCHEDULER_OPTION:
         yield
         return
     with LLVM_LOCK:
@@ -267,4 +270,4 @@ def _load(code: bytes, functions: Sequence[str], target: Target) -> Any:
 
 
 # A process forks between two calls of LLVM, never during one.
-hold_at_fork(LLVM_LOCK)
+hold_at_fork(LLVM_LOCK or nullcontext())

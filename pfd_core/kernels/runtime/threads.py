@@ -4,9 +4,9 @@
 Blocks of a batch, or of an ensemble, on a pool of threads.
 
 The members of a batch are cut into blocks of whole vector registers, and these into one part for
-each thread. The caller and the workers of one `concurrent.futures.ThreadPoolExecutor` take blocks
-of their own part, which their core may still have in its cache from the call before, then of the
-others'; each block is a call of native code without the interpreter's lock. The same code computes
+each thread. The caller and the workers of one `concurrent.futures.ThreadPoolExecutor` first take
+blocks of their part, which may still be in the cache of their core, then blocks of the others'
+parts; each block is a call of native code without the interpreter's lock. The same code computes
 a member from the same numbers in whichever block it lies: the bits of a result depend neither on
 the number of threads nor on the order in which blocks are taken.
 
@@ -108,7 +108,7 @@ def block_size(count: int, threads: int, width: int, operations: int) -> int:
 
 def run(work: Callable[[int, int], int], count: int, block: int, threads: int) -> int:
     """
-    Run work on the blocks of a batch, on several threads, one of which is the caller's.
+    Run work on the blocks of a batch, on several threads including the caller's.
 
     Parameters
     ----------

@@ -4,8 +4,8 @@
 Where each equation and procedure of Lee and Chang (1987) is implemented, and what tests it.
 
 A test checks that every equation of the paper is here, that the functions and tests exist, that
-the function's module cites the equation, and that the file of the test uses that module or a
-method made of it.
+the function's module cites the equation, and that the test's file uses this module or a method
+that contains it.
 """
 
 from __future__ import annotations

@@ -60,13 +60,13 @@ class ExactMotion:
         return sum(count for _, count in self.torques)
 
 
-# Coulomb and static friction [N m], and a torque above both for PULL steps: the wheel slides
-# for as long again and a little, and sticks.
+# Coulomb and static friction [N m], and a torque above both for PULL steps. Without torque the
+# wheel then slides on for a little more than PULL steps, and sticks.
 COULOMB, STATIC, PULLED, PULL, CYCLES = 1.0, 2.0, 3.0, 64, 5
 
 
 def _stick_slip(J: float) -> float:
-    """Return the way of CYCLES pulls: up with PULLED - COULOMB, down with COULOMB to rest."""
+    """Return the angle of CYCLES pulls: accelerated by PULLED - COULOMB, slowed by COULOMB."""
     time = PULL * STEP
     speed = (PULLED - COULOMB) / J * time
     return CYCLES * (speed * time / 2 + speed**2 / 2 / (COULOMB / J))
@@ -91,12 +91,12 @@ LAG, LAGGING = 2.0**-4, 1024
 
 
 def _saturated(J: float) -> float:
-    """Return the way of LIMIT for SATURATED steps and against it for as long: to rest."""
+    """Return the angle of LIMIT for SATURATED steps, and of -LIMIT for as many, to rest."""
     return LIMIT / J * (SATURATED * STEP) ** 2
 
 
 def _lagging(J: float) -> float:
-    """Return the way under the torque (1 - exp(-t / LAG)) of one commanded newton metre."""
+    """Return the angle under the torque 1 - exp(-t / LAG) [N m]: the command is 1 N m."""
     t = LAGGING * STEP
     return (t**2 / 2 - LAG * t - LAG**2 * math.expm1(-t / LAG)) / J
 
@@ -106,7 +106,7 @@ EXACT: Sequence[ExactMotion] = (
         'stick_slip',
         'friction holds the wheel, lets it break away and stops it again',
         Scene(gravity=None, friction=(COULOMB,), static_friction=(STATIC,)),
-        # Held below the static friction, pulled, let go, held again.
+        # Held below the static friction, pulled, without torque until it rests, held again.
         [((STATIC + COULOMB) / 2, 128), (PULLED, PULL), (0.0, 4 * PULL)] * CYCLES,
         _stick_slip,
         events=2 * CYCLES,

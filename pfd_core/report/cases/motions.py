@@ -244,7 +244,7 @@ HELD, LEAST_FRICTION = 0.95, 0.1
 
 
 def _held() -> Motion:
-    """Return UR5 at rest, under friction of which gravity needs the part HELD."""
+    """Return UR5 at rest; gravity takes the fraction HELD of its friction."""
     arm = load_robot('ur5')
     q, zero = (0.3, -0.8, 1.1, 0.4, -0.6, 0.2), np.zeros((1, arm.n))
     states = {'q': np.array([q]), 'qd': zero, 'qdd': zero}

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Claims of Lee and Chang (1987): Table 1, the sums of their own parts, and contradictions.
+Claims of Lee and Chang (1987): Table 1, sums of the parts that the paper counts, contradictions.
 
 Each claim is a formula in n with L = ceil(log2 n), h = ceil((n-1)/2), P6 = ceil((n^2-1)/6) and
 P2 = ceil((n^2-1)/2), as printed, with the value printed for n = 6. `parts` is the sum of the
@@ -73,17 +73,17 @@ class Part:
     system : str
         Name in TABLE.
     item : str
-        Item of section 2.5 or section 3, or of which item or total it is a part.
+        Item of section 2.5 or section 3, or the item or total that contains it.
     text : str
         What it is.
     derived : bool
-        Whether the paper gives its count; otherwise it is decomposed from the total.
+        Whether the paper gives its count; otherwise the count is decomposed from the total.
     sections : tuple of str
         Sections of the recorded procedure, as printed and corrected.
     multiplications, additions : str
         Formulas.
     remark : str
-        Why the count is another; or empty.
+        Why the count differs; or empty.
 
     """
 

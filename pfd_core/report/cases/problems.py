@@ -31,7 +31,7 @@ from pfd_core.report.cases.robots import (
 from pfd_core.report.cases.robots import robot as robot_named
 
 SEED = 1987
-# Seed and number of the states that makers draw instead of their own.
+# Seed and number of states for all makers, instead of the values in the tables.
 _DRAWN: ContextVar[tuple[int, int] | None] = ContextVar('drawn', default=None)
 
 
@@ -61,7 +61,7 @@ class Problem:
 
 @contextmanager
 def drawing(seed: int, states: int) -> Iterator[None]:
-    """Make all makers draw so many states from another seed."""
+    """Make all makers draw this number of states from this seed."""
     token = _DRAWN.set((seed, states))
     try:
         yield
@@ -113,7 +113,7 @@ def arm(name: str, states: int) -> Problem:
 
 
 def pushed(name: str, force: float, states: int) -> Problem:
-    """Return an arm whose last link a wrench of up to this force [N] and moment [N m] acts on."""
+    """Return an arm with a wrench on its last link, up to `force` [N] and as much moment [N m]."""
     drawn = problem(
         robot_named(name), scene=Scene(external_wrench=True), qd=2.0, tau=5.0, states=states
     )
@@ -200,7 +200,7 @@ def dropped(axes: str, index: int, distance: float) -> Problem:
 
 
 def slides(axes: str) -> Problem:
-    """Return a mechanism of equal rods, of which some or all joints slide."""
+    """Return a mechanism of equal rods with prismatic joints."""
     return problem(mechanism(axes))
 
 

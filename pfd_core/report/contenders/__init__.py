@@ -4,11 +4,12 @@
 Contenders: programs that do the same work, and the ways in which each is called.
 
     work            tasks, contenders, their ways (Work, Contender, Side), reasons for exclusion
+    native          C and C++ compiled on this machine, and the torques of their loops
     ours            kernels of this library: every method, quantity and number format
     pinocchio       Pinocchio, called from Python
     pinocchio_cpp   Pinocchio in C++ without Python, compiled from data/pinocchio.cpp
     mujoco          MuJoCo
-    casadi          C that CasADi generates from textbook algorithms, compiled
+    casadi          C that CasADi generates from textbook algorithms, and data/casadi.c, compiled
 
 Simulators of an arm under a controller, each a function that runs the whole motion:
 

@@ -5,106 +5,65 @@ Textbook algorithms written with CasADi, and the C that it generates, compiled, 
 
     forward dynamics   articulated bodies, table 7.1 of Featherstone, Rigid Body Dynamics
                        Algorithms, 2008, in 6-D vectors, angular part first
-    inverse dynamics   recursive Newton-Euler, table 5.1 of the same; the bias and gravity torques
-                       are those at zero acceleration, and at rest
+    inverse dynamics   recursive Newton-Euler, table 5.1 of the same book
+    bias, gravity      inverse dynamics at zero acceleration, and at rest
     inertia matrix     CasADi's Jacobian of inverse dynamics by the accelerations
     pose, Jacobian     products of transforms; axes and lever arms of the joints
     derivatives        -H^-1 times CasADi's Jacobian of inverse dynamics, at the accelerations of
-                       articulated bodies: a third of the operations of the Jacobian of these
-                       accelerations themselves
+                       articulated bodies: a third of the operations of the Jacobian of
+                       articulated bodies
 
 CasADi knows which elements are zero, shares common sub-expressions and writes C, which the
-machine's own compiler translates for its processor: the usual way to generate such code today. A
-loop in C goes over the states of a batch. Dense matrices lie in columns.
+machine's compiler translates for its processor: the usual way to generate such code today. Loops
+over states and steps are in data/casadi.c. Dense matrices lie in columns.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 import ctypes
 from functools import partial
-from pathlib import Path
-import shutil
-import subprocess
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from pfd_core.model import Robot
+from pfd_core.model import Plant, Robot, resolve
 from pfd_core.report.cases.quantities import FORWARD, argument_names
 from pfd_core.report.cases.robots import Array, joint_frames
+from pfd_core.report.cases.stored import text
+from pfd_core.report.contenders.native import C, address, built
 from pfd_core.report.contenders.work import (
-    STEP_SIZE,
     Contender,
     Contents,
     LeftOutError,
     Side,
     Work,
     installed,
+    simulation_side,
 )
 
-COMPILER = ('cc', '-O3', '-march=native', '-shared', '-fPIC')
 GRAVITY = 9.81
 # gcc takes 20 seconds for articulated bodies of 60 joints, and half a minute for this many
 # instructions of CasADi; more than in proportion beyond.
 LARGEST = 60
 MOST_INSTRUCTIONS = 25_000
-CODE = f'C for this robot, {COMPILER[0]} {" ".join(COMPILER[1:3])}'
+CODE = f'C for this robot, {C}'
 BUFFER = Contents(CODE, "CasADi's buffer(), arguments set before")
 LOOP = Contents(CODE, 'ctypes, once', 'C')
 
-# The loop around `arm`, CasADi's function of one state.
-BATCH = """
-void batch(long long count, const double **in, double *out) {
-    const double *arg[SZ_ARG];
-    double *res[SZ_RES], w[SZ_W];
-    casadi_int iw[SZ_IW];
-    for (long long k = 0; k < count; k++) {
-        for (int i = 0; i < ARGUMENTS; i++) arg[i] = in[i] + k * N;
-        res[0] = out + k * ELEMENTS;
-        arm(arg, res, iw, w, 0);
-    }
-}
-"""
-ROLLOUT = """
-static void at(const double *q, const double *qd, const double *tau, double *qdd) {
-    const double *in[] = {q, qd, tau};
-    batch(1, in, qdd);
-}
-void rollout(long long steps, double h, double *q, double *qd, const double *taus) {
-    double a1[N], a2[N], a3[N], a4[N], x[N], v2[N], v3[N], v4[N];
-    for (long long k = 0; k < steps; k++) {
-        const double *tau = taus + k * N;
-        at(q, qd, tau, a1);
-        for (int i = 0; i < N; i++) v2[i] = qd[i] + h / 2 * a1[i], x[i] = q[i] + h / 2 * qd[i];
-        at(x, v2, tau, a2);
-        for (int i = 0; i < N; i++) v3[i] = qd[i] + h / 2 * a2[i], x[i] = q[i] + h / 2 * v2[i];
-        at(x, v3, tau, a3);
-        for (int i = 0; i < N; i++) v4[i] = qd[i] + h * a3[i], x[i] = q[i] + h * v3[i];
-        at(x, v4, tau, a4);
-        for (int i = 0; i < N; i++) {
-            q[i] += h / 6 * (qd[i] + 2 * v2[i] + 2 * v3[i] + v4[i]);
-            qd[i] += h / 6 * (a1[i] + 2 * a2[i] + 2 * a3[i] + a4[i]);
-        }
-    }
-}
-"""
 
-
-def articulated_body(
+def _articulated_body(
     casadi: Any, robot: Robot, q: Any, qd: Any, tau: Any, *, armature: Array | None = None
 ) -> Any:
     """Return the accelerations, (n,) of casadi.SX, by articulated bodies; gravity along -z."""
     SX, n = casadi.SX, robot.n
-    X, S, inertia = links(casadi, robot, q)
+    X, S, inertia = _links(casadi, robot, q)
     v, c, bias = (list[Any]() for _ in range(3))
     for i in range(n):
         own = S[i] * qd[i]
         v.append(own if i == 0 else X[i] @ v[i - 1] + own)
-        c.append(motion_cross(casadi, v[i]) @ own)
-        bias.append(-motion_cross(casadi, v[i]).T @ inertia[i] @ v[i])
+        c.append(_motion_cross(casadi, v[i]) @ own)
+        bias.append(-_motion_cross(casadi, v[i]).T @ inertia[i] @ v[i])
     U, D, u = [SX()] * n, [SX()] * n, [SX()] * n
     for i in reversed(range(n)):
         U[i] = inertia[i] @ S[i]
@@ -117,7 +76,7 @@ def articulated_body(
             pa = bias[i] + Ia @ c[i] + U[i] * (u[i] / D[i])
             inertia[i - 1] = inertia[i - 1] + X[i].T @ Ia @ X[i]
             bias[i - 1] = bias[i - 1] + X[i].T @ pa
-    a = at_rest(casadi)
+    a = _at_rest(casadi)
     qdd = []
     for i in range(n):
         a = X[i] @ a + c[i]
@@ -126,14 +85,14 @@ def articulated_body(
     return casadi.vertcat(*qdd)
 
 
-def inverse_dynamics(casadi: Any, robot: Robot, q: Any, qd: Any, qdd: Any) -> Any:
+def _inverse_dynamics(casadi: Any, robot: Robot, q: Any, qd: Any, qdd: Any) -> Any:
     """Return the torques, (n,) of casadi.SX, by the recursive Newton-Euler algorithm."""
-    X, S, inertia = links(casadi, robot, q)
-    v, a, f = casadi.SX(6, 1), at_rest(casadi), []
+    X, S, inertia = _links(casadi, robot, q)
+    v, a, f = casadi.SX(6, 1), _at_rest(casadi), []
     for i in range(robot.n):
         own = S[i] * qd[i]
         v = X[i] @ v + own
-        cross = motion_cross(casadi, v)
+        cross = _motion_cross(casadi, v)
         a = X[i] @ a + S[i] * qdd[i] + cross @ own
         f.append(inertia[i] @ a - cross.T @ inertia[i] @ v)
     tau = [casadi.SX()] * robot.n
@@ -146,11 +105,11 @@ def inverse_dynamics(casadi: Any, robot: Robot, q: Any, qd: Any, qdd: Any) -> An
 
 def _inertia_matrix(casadi: Any, robot: Robot, q: Any) -> Any:
     qdd, still = casadi.SX.sym('qdd', robot.n), casadi.SX(robot.n, 1)
-    return casadi.jacobian(inverse_dynamics(casadi, robot, q, still, qdd), qdd)
+    return casadi.jacobian(_inverse_dynamics(casadi, robot, q, still, qdd), qdd)
 
 
 def _bias_torques(casadi: Any, robot: Robot, q: Any, qd: Any) -> Any:
-    return inverse_dynamics(casadi, robot, q, qd, casadi.SX(robot.n, 1))
+    return _inverse_dynamics(casadi, robot, q, qd, casadi.SX(robot.n, 1))
 
 
 def _gravity_torques(casadi: Any, robot: Robot, q: Any) -> Any:
@@ -162,12 +121,12 @@ def _poses(casadi: Any, robot: Robot, q: Any) -> list[tuple[Any, Any]]:
     R, p = casadi.SX.eye(3), casadi.SX(3, 1)
     poses = []
     for i, (turn, shift, _, _) in enumerate(joint_frames(robot)):
-        E, r = coordinates(casadi, robot, i, turn, shift, q[i])
+        E, r = _coordinates(casadi, robot, i, turn, shift, q[i])
         R, p = R @ E.T, p + R @ r
         poses.append((R, p))
     tip = robot.frame()
     for turn, shift in (robot.rotations[-1], robot.translations[-1]), tip.placement:
-        R, p = R @ exact(casadi, turn), p + R @ exact(casadi, shift)
+        R, p = R @ _exact(casadi, turn), p + R @ _exact(casadi, shift)
     return [*poses, (R, p)]
 
 
@@ -190,17 +149,17 @@ def _tip_jacobian(casadi: Any, robot: Robot, q: Any) -> Any:
 
 def _derivatives(casadi: Any, robot: Robot, q: Any, qd: Any, tau: Any) -> Any:
     n, qdd = robot.n, casadi.SX.sym('qdd', robot.n)
-    torques = inverse_dynamics(casadi, robot, q, qd, qdd)
+    torques = _inverse_dynamics(casadi, robot, q, qd, qdd)
     D = casadi.jacobian(torques, casadi.vertcat(q, qd))
-    D = casadi.substitute(D, qdd, casadi.cse(articulated_body(casadi, robot, q, qd, tau)))
+    D = casadi.substitute(D, qdd, casadi.cse(_articulated_body(casadi, robot, q, qd, tau)))
     factors = casadi.ldl(casadi.densify(casadi.jacobian(torques, qdd)), False)
     rows = casadi.horzcat(-D, casadi.SX.eye(n))
     return casadi.ldl_solve(casadi.densify(rows), *factors)
 
 
 ALGORITHMS: dict[str, Callable[..., Any]] = {
-    FORWARD: articulated_body,
-    'inverse_dynamics': inverse_dynamics,
+    FORWARD: _articulated_body,
+    'inverse_dynamics': _inverse_dynamics,
     'inertia_matrix': _inertia_matrix,
     'bias_torques': _bias_torques,
     'gravity_torques': _gravity_torques,
@@ -210,36 +169,36 @@ ALGORITHMS: dict[str, Callable[..., Any]] = {
 }
 
 
-def links(casadi: Any, robot: Robot, q: Any) -> tuple[list[Any], list[Any], list[Any]]:
+def _links(casadi: Any, robot: Robot, q: Any) -> tuple[list[Any], list[Any], list[Any]]:
     """
-    Return, each a list over the joints, transforms, axes and inertias as casadi.SX.
+    Return transforms, axes and inertias as casadi.SX, a list over the joints each.
 
-    A transform, (6, 6), is that of motion vectors from the joint before; an axis is (6,), and an
-    inertia (6, 6), in the frame that turns with the joint.
+    A transform, (6, 6), takes motion vectors from the frame of the joint before. An axis, (6,),
+    and an inertia, (6, 6), are in the frame that turns with the joint.
     """
     X, S, inertia = (list[Any]() for _ in range(3))
     for i, (R, p, center, J) in enumerate(joint_frames(robot)):
-        E, r = coordinates(casadi, robot, i, R, p, q[i])
+        E, r = _coordinates(casadi, robot, i, R, p, q[i])
         X.append(_transform(casadi, E, r))
-        S.append(exact(casadi, np.eye(6)[5 if robot.joint_types[i] == 'prismatic' else 2]))
-        inertia.append(exact(casadi, _spatial_inertia(float(robot.masses[i]), center, J)))
+        S.append(_exact(casadi, np.eye(6)[5 if robot.joint_types[i] == 'prismatic' else 2]))
+        inertia.append(_exact(casadi, _spatial_inertia(float(robot.masses[i]), center, J)))
     return X, S, inertia
 
 
-def coordinates(casadi: Any, robot: Robot, i: int, R: Array, p: Array, q: Any) -> tuple[Any, Any]:
+def _coordinates(casadi: Any, robot: Robot, i: int, R: Array, p: Array, q: Any) -> tuple[Any, Any]:
     """Return rotation into the frame of joint i, and its origin, from and in the frame before."""
-    E, r = exact(casadi, R.T), exact(casadi, p)
+    E, r = _exact(casadi, R.T), _exact(casadi, p)
     if robot.joint_types[i] == 'prismatic':
-        return E, r + exact(casadi, R[:, 2]) * q
+        return E, r + _exact(casadi, R[:, 2]) * q
     return _turn(casadi, q) @ E, r
 
 
-def at_rest(casadi: Any) -> Any:
+def _at_rest(casadi: Any) -> Any:
     """Return the acceleration of the base equivalent to gravity along -z, (6,)."""
-    return exact(casadi, np.array([0, 0, 0, 0, 0, GRAVITY]))
+    return _exact(casadi, np.array([0, 0, 0, 0, 0, GRAVITY]))
 
 
-def exact(casadi: Any, values: Array) -> Any:
+def _exact(casadi: Any, values: Array) -> Any:
     """Return numbers as SX whose zeros CasADi knows."""
     return casadi.SX(casadi.sparsify(casadi.DM(values)))
 
@@ -260,7 +219,7 @@ def _transform(casadi: Any, E: Any, r: Any) -> Any:
     return casadi.vertcat(casadi.horzcat(E, zero), casadi.horzcat(-E @ casadi.skew(r), E))
 
 
-def motion_cross(casadi: Any, v: Any) -> Any:
+def _motion_cross(casadi: Any, v: Any) -> Any:
     """Return the matrix of the product of motion vectors, (6, 6); -transposed, of forces."""
     w = casadi.skew(v[:3])
     return casadi.vertcat(
@@ -279,32 +238,46 @@ class Casadi(Contender):
     CasADi's C of one quantity of a robot, compiled and loaded.
 
     The ways are CasADi's own buffer() for one state, and loops in C.
+
+    Attributes
+    ----------
+    library : ctypes.CDLL
+        data/casadi.c around CasADi's function. `library.rollout`, of forward dynamics, is the
+        native function of a simulation.
+
     """
 
-    def __init__(self, robot: Robot, quantity: str = FORWARD) -> None:
+    def __init__(self, robot: Robot | Plant, quantity: str = FORWARD) -> None:
         casadi = installed('casadi')
-        compiler()
+        C.path()
         if quantity not in ALGORITHMS:
             raise LeftOutError('not implemented with CasADi here')
-        forward = quantity == FORWARD
+        plant = robot if isinstance(robot, Plant) else resolve(robot, None)
+        robot, forward = plant.robot, quantity == FORWARD
         if forward and robot.n > LARGEST:
             raise LeftOutError(
                 f'not measured beyond {LARGEST} joints: its C takes long to compile'
             )
+        algorithm = ALGORITHMS[quantity]
+        if forward:
+            algorithm = partial(algorithm, armature=plant.armature)
         names = argument_names(quantity)
         given = [casadi.SX.sym(name, robot.n) for name in names]
-        result = casadi.densify(ALGORITHMS[quantity](casadi, robot, *given))
+        result = casadi.densify(algorithm(casadi, robot, *given))
         arm = casadi.Function('arm', given, [casadi.cse(result)])
         if not forward and arm.n_instructions() > MOST_INSTRUCTIONS:
             raise LeftOutError(
                 f'its C has {arm.n_instructions()} instructions and takes minutes to compile'
             )
         self.quantity, self.shape = quantity, arm.size_out(0)
-        sizes = {'N': robot.n, 'ARGUMENTS': len(names), 'ELEMENTS': arm.numel_out(0)}
-        loops = BATCH + ROLLOUT * forward
-        self.library, self.external = compiled(casadi, arm, loops, **sizes)
+        self.library, self.external = _compiled(casadi, arm, robot.n, forward)
         # Arrays whose addresses native code holds.
         self.kept: list[object] = []
+
+    def rollout(self, step: float, q: Array, qd: Array, taus: Array) -> partial[None]:
+        """Return a call that moves q and qd, (n,), in place, a step for each row of taus."""
+        steps = (ctypes.c_longlong(len(taus)), ctypes.c_longlong(1), ctypes.c_double(step))
+        return partial(self.library.rollout, None, *steps, *map(address, (q, qd, taus)))
 
     def _calls(self, work: Work) -> Iterator[Side]:
         given = [np.array(x) for x in work.arguments(self.quantity)]
@@ -321,23 +294,11 @@ class Casadi(Contender):
         out, result = self._results(work.units)
         at = (ctypes.c_void_p * len(given))(*(x.ctypes.data for x in given))
         self.kept.append((given, at))
-        count, target = ctypes.c_longlong(work.units), ctypes.c_void_p(out.ctypes.data)
-        run = partial(self.library.batch, count, at, target)
+        run = partial(self.library.batch, ctypes.c_longlong(work.units), at, address(out))
         yield Side('CasADi C, loop in C', run, result, contents=LOOP)
 
     def _rollouts(self, work: Work) -> Iterator[Side]:
-        taus = np.tile(work.tau, (work.steps, 1))
-        q, qd = np.empty_like(work.q), np.empty_like(work.qd)
-        loop = self.library.rollout
-        at = [ctypes.c_void_p(x.ctypes.data) for x in (q, qd, taus)]
-        self.kept.append(taus)
-        steps, step = ctypes.c_longlong(work.steps), ctypes.c_double(STEP_SIZE)
-
-        def run() -> None:
-            q[:], qd[:] = work.q, work.qd
-            loop(steps, step, *at)
-
-        yield Side('CasADi C, RK4 in C', run, lambda: q, contents=LOOP)
+        yield simulation_side('CasADi C, RK4 in C', work, self.rollout, LOOP)
 
     def _results(self, states: int) -> tuple[Array, Callable[[], Array]]:
         """Return an array for results, and a function that returns them as (states, size)."""
@@ -347,39 +308,14 @@ class Casadi(Contender):
         return out, lambda: out.transpose(0, 2, 1).reshape(states, -1)
 
 
-def compiler() -> str:
-    """Return the path of the machine's C compiler; LeftOutError if there is none."""
-    path = shutil.which(COMPILER[0])
-    if path is None:
-        raise LeftOutError(f'there is no C compiler ({COMPILER[0]}) on this machine')
-    return path
-
-
-def compiled(casadi: Any, arm: Any, loops: str, **sizes: int) -> tuple[ctypes.CDLL, Any]:
-    """
-    Return CasADi's function `arm` as C with loops around it, compiled and loaded, twice.
-
-    The first is the library, the second CasADi's own view of the function. `sizes` are known to
-    the C of the loops, and so are the sizes of the function's work, SZ_ARG, SZ_RES, SZ_IW and
-    SZ_W. LeftOutError has the message of the compiler.
-    """
+def _compiled(casadi: Any, arm: Any, n: int, forward: bool) -> tuple[ctypes.CDLL, Any]:
+    """Return the library of CasADi's function and its loops, and CasADi's own view of it."""
     generator = casadi.CodeGenerator('arm.c')
     generator.add(arm)
+    sizes = {'N': n, 'ARGUMENTS': arm.n_in(), 'ELEMENTS': arm.numel_out(0)}
     sizes |= {'SZ_ARG': arm.sz_arg(), 'SZ_RES': arm.sz_res()}
     sizes |= {'SZ_IW': arm.sz_iw() + 1, 'SZ_W': arm.sz_w() + 1}
     defines = [f'#define {name} {size}' for name, size in sizes.items()]
-    with built('\n'.join([generator.dump(), *defines, loops])) as path:
+    defines += ['#define FORWARD'] * forward
+    with built(C, '\n'.join([generator.dump(), *defines, text('casadi.c')])) as path:
         return ctypes.CDLL(str(path)), casadi.external('arm', str(path))
-
-
-@contextmanager
-def built(source: str) -> Iterator[Path]:
-    """Compile C to a library, which needs no file any more once it is loaded."""
-    with TemporaryDirectory(prefix='pfd_speed_') as folder:
-        code, path = (Path(folder) / name for name in ('arm.c', 'arm.so'))
-        code.write_text(source, encoding='utf-8')
-        command = [compiler(), *COMPILER[1:], str(code), '-o', str(path), '-lm']
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise LeftOutError(f'{COMPILER[0]} failed: {done.stderr.strip()[:200]}')
-        yield path

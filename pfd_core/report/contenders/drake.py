@@ -1,14 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Drake as a simulator of an arm under a controller, made of its own systems in C++.
+Drake as a simulator of an arm under a controller: a diagram of Drake's systems in C++.
 
     reference  ->  zero-order hold  \
     state      ->  zero-order hold  ->  gains  ->  sum  ->  bounds of the motors  ->  arm
     velocity   ->  ramp F v / width between -F and F  ->  arm
 
 Drake has no dry friction of joints. The arm is a MultibodyPlant in continuous time with damping
-and rotor inertia. Drake is in no extra: `pip install drake` adds it, where it has a wheel.
+and rotor inertia. No extra installs Drake: `pip install drake` does, where it has a wheel.
 """
 
 from __future__ import annotations
@@ -19,14 +19,8 @@ import numpy as np
 
 from pfd_core.report.cases.controlled_arm import ControlledArm
 from pfd_core.report.cases.robots import Array, joint_frames
-from pfd_core.report.contenders.control_loop import (
-    Answer,
-    Run,
-    Softness,
-    answer,
-    joint_effects,
-    limits,
-)
+from pfd_core.report.contenders.control_loop import Answer, Run, Softness, answer
+from pfd_core.report.contenders.native import joint_torques
 from pfd_core.report.contenders.work import LeftOutError, installed
 
 # Names on the page, and Drake's names of its integrators with control of the error.
@@ -74,7 +68,7 @@ class DrakeArm:
 
     def _diagram(self, softness: Softness) -> tuple[Any, Any]:
         drake, case, n = self.drake, self.case, self.case.robot.n
-        _, damping, friction, width = joint_effects(case, softness)
+        limits, damping, friction, width = joint_torques(case.plant, softness.width)
         builder = drake.DiagramBuilder()
         plant = builder.AddSystem(self._arm(damping))
         state = plant.get_state_output_port()
@@ -106,7 +100,7 @@ class DrakeArm:
         path = drake.PiecewisePolynomial.ZeroOrderHold(breaks, np.vstack([rows, rows[-1:]]).T)
         reference = builder.AddSystem(drake.TrajectorySource(path)).get_output_port()
         law = gain(held(state, 2 * n), np.hstack([-np.diag(case.kp), -np.diag(case.kd)]))
-        efforts = [bounded(total(held(reference, n), law), limits(case))]
+        efforts = [bounded(total(held(reference, n), law), limits)]
         if friction.any():
             ramp = gain(state, np.hstack([np.zeros((n, n)), -np.diag(friction / width)]))
             efforts.append(bounded(ramp, friction))

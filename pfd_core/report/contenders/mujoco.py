@@ -19,8 +19,8 @@ from pfd_core.model import Plant, Robot
 from pfd_core.report.cases.robots import Array, joint_frames
 from pfd_core.report.contenders.work import STEP_SIZE, Contender, Contents, Side, Work, installed
 
-# Every body is written with this, so that the compiler sets up for a general one; the numbers
-# follow after it. So MuJoCo also takes links that its compiler would refuse to weigh.
+# Every body is compiled with these numbers, so that MuJoCo prepares for a general one, and gets
+# its own numbers afterwards. So MuJoCo also takes links whose mass its compiler would refuse.
 _BODY = """<body pos="0.1 0.2 0.3" quat="0.5 0.6 0.4 0.2">
 <inertial pos="0.1 0.2 0.3" quat="0.5 0.6 0.4 0.2" mass="1" diaginertia="0.2 0.3 0.4"/>
 <joint type="{}" axis="0 0 1"/>"""
@@ -45,7 +45,7 @@ class Mujoco(Contender):
 
     def __init__(self, robot: Robot) -> None:
         mj = self.mj = installed('mujoco')
-        # Counted in its data, as `warned` says; printed, they fill a terminal and a file.
+        # Warnings are counted in the data (`warned`); printed, they would fill a terminal.
         mj.set_mju_user_warning(_ignore)
         kinds = {'prismatic': 'slide'}
         bodies = ''.join(_BODY.format(kinds.get(kind, 'hinge')) for kind in robot.joint_types)
@@ -148,7 +148,7 @@ class Mujoco(Contender):
         )
 
     def _warned_in_a_step(self, model: Any, work: Work) -> str:
-        """Return the warnings of the steps of a batch: mujoco.rollout keeps those of the last."""
+        """Return the warnings of a batch: mujoco.rollout keeps only the last ones."""
         data = self.mj.MjData(model)
         for state in np.unique(np.hstack(work.arrays), axis=0).reshape(-1, 3, model.nv):
             self.mj.mj_resetData(model, data)
@@ -162,8 +162,8 @@ class Mujoco(Contender):
         """
         Return the warnings that MuJoCo has counted in its data, by name; '' without any.
 
-        After a warning about a bad number in a step MuJoCo goes on from its initial state: what it
-        returns then is not an answer.
+        After a warning about a bad number in a step MuJoCo continues from its initial state: its
+        result is then invalid.
         """
         kinds = self.mj.mjtWarning
         counts = enumerate(data.warning.number[: int(kinds.mjNWARNING)])

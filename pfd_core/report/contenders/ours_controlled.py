@@ -3,9 +3,9 @@
 """
 Our own simulations of an arm under a controller.
 
-In fixed steps an Ensemble of one or more arms with Feedback does it all in one native call. The
-adaptive integrator has no controller: Python computes its torques and calls `integrate` for each
-period.
+In fixed steps an Ensemble of one or more arms with Feedback simulates the motion in one native
+call. The adaptive integrator has no controller: Python computes the torques and calls `integrate`
+for each period.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pfd_core.simulation.adaptive import integrate
 from pfd_core.simulation.ensemble import Ensemble
 from pfd_core.simulation.feedback import Feedback
 
-# Absolute tolerance of the adaptive integrator, as a part of the relative one.
+# Absolute tolerance of the adaptive integrator over the relative one.
 ABSOLUTE = 1e-3
 
 
@@ -33,7 +33,7 @@ def fixed(
     *,
     arms: int = 1,
 ) -> Run:
-    """Return a run of an Ensemble of equal arms; ValueError if there is none."""
+    """Return a run of an Ensemble of equal arms; ValueError for an unknown setting."""
     arm = Ensemble(
         case.robot,
         arms,

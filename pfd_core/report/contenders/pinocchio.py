@@ -153,11 +153,11 @@ class Pinocchio(Contender):
                 partial(self.pin.abaInParallel, threads, pool, *columns, out),
                 partial(np.transpose, out),
                 reference=threads == 1,
-                wanted=partial(self._one_by_one, work),
+                wanted=partial(self.one_by_one, work),
                 contents=LOOP,
             )
 
-    def _one_by_one(self, work: Work) -> Array:
+    def one_by_one(self, work: Work) -> Array:
         """Return aba's result: abaInParallel works in the world frame, and loses digits there."""
         aba = partial(self.pin.aba, self.model, self.data)
         return np.array([aba(*state).copy() for state in zip(*work.arrays, strict=True)])

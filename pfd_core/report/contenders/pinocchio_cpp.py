@@ -3,10 +3,10 @@
 """
 Pinocchio's C++ without Python, as a contender: all loops are in data/pinocchio.cpp.
 
-The file is compiled once in a process, with the machine's compiler for its processor, against the
-headers of the installed Pinocchio. Its wheel brings those of Boost; Eigen's come with the wheel
-cmeel-eigen (extra `peers`) or with a system's package, libeigen3-dev. Nothing of Pinocchio's own
-shared library is linked: that one is compiled for any processor.
+The file is compiled once in a process, for its processor, against the headers of the installed
+Pinocchio. Pinocchio's wheel brings the headers of Boost. Eigen's headers come with the wheel
+cmeel-eigen (extra `peers`) or with a system's package, libeigen3-dev. Pinocchio's own shared
+library, which is compiled for any processor, is not linked.
 """
 
 from __future__ import annotations
@@ -16,9 +16,6 @@ import ctypes
 from functools import cache, partial
 import importlib.util
 from pathlib import Path
-import shutil
-import subprocess
-from tempfile import TemporaryDirectory
 import weakref
 
 import numpy as np
@@ -26,18 +23,19 @@ import numpy as np
 from pfd_core.model import Plant, Robot, resolve
 from pfd_core.report.cases.robots import Array, joint_frames
 from pfd_core.report.cases.stored import text
+from pfd_core.report.contenders.native import CPP, address, built, joint_torques
 from pfd_core.report.contenders.work import (
-    STEP_SIZE,
     Contender,
     Contents,
     LeftOutError,
     Side,
     Work,
+    simulation_side,
 )
 
 NAME = 'Pinocchio C++'
-COMPILER = ('g++', '-std=c++17', '-O3', '-march=native', '-DNDEBUG', '-shared', '-fPIC', '-w')
-# What Pinocchio's own CMake files define, and what lets Boost ask a joint for kinds it cannot be.
+# Definitions of Pinocchio's own CMake files, and one for Boost: a variant may be asked for types
+# that it does not have.
 DEFINES = (
     'BOOST_MPL_LIMIT_LIST_SIZE=30',
     'BOOST_MPL_LIMIT_VECTOR_SIZE=30',
@@ -45,7 +43,7 @@ DEFINES = (
     'BOOST_FUSION_INVOKE_MAX_ARITY=12',
     'BOOST_VARIANT_USE_RELAXED_GET_BY_DEFAULT',
 )
-CODE = f'C++ for any robot, {COMPILER[0]} {COMPILER[2]} {COMPILER[3]}'
+CODE = f'C++ for any robot, {CPP}'
 SINGLE = Contents(CODE, 'ctypes')
 LOOP = Contents(CODE, 'ctypes, once', 'C++')
 HEADERS = ('pinocchio/algorithm/aba.hpp', 'boost/variant.hpp', 'Eigen/Core')
@@ -59,7 +57,7 @@ FUNCTIONS = {
 
 
 class _Arm(ctypes.c_void_p):
-    """The address of a model and its data, which live as long as this does, as in a bound call."""
+    """The address of a model and its data, which are released with this object."""
 
 
 class PinocchioCpp(Contender):
@@ -83,11 +81,15 @@ class PinocchioCpp(Contender):
         frames = (np.array(x) for x in zip(*joint_frames(plant.robot), strict=True))
         rotations, origins, centers, inertias = frames
         kinds = np.array([kind == 'prismatic' for kind in plant.robot.joint_types], np.int32)
-        # As in the world, in which the base is turned.
+        # In the axes of the world, in which joint_frames are.
         gravity = plant.robot.base_rotation @ plant.gravity
+        plain = plant.effort_limits is plant.viscosity is plant.friction is None
+        torques = None if plain else joint_torques(plant, width)
         numbers = (rotations, origins, plant.robot.masses, centers, inertias, gravity)
-        optional = (plant.inertia, *joint_torques(plant, width))
-        given = [None if x is None else np.ascontiguousarray(x, float) for x in numbers + optional]
+        given = [
+            None if x is None else np.ascontiguousarray(x, float)
+            for x in (*numbers, plant.inertia, torques)
+        ]
         self.arm = _Arm(self.library.make(self.n, address(kinds), *map(address, given)))
         weakref.finalize(self.arm, self.library.release, ctypes.c_void_p(self.arm.value))
 
@@ -95,8 +97,8 @@ class PinocchioCpp(Contender):
         """
         Return a call of one of FUNCTIONS, which writes the accelerations of all states to `out`.
 
-        A state is q, qd and tau, as `out` (B, n) or (n,), contiguous, float64. The torque effects
-        of a plant are left out: they belong to a rollout.
+        `state` is q, qd and tau; these and `out` are (B, n) or (n,), contiguous, float64. Limits,
+        damping and friction of a plant act in a rollout only.
         """
         count = ctypes.c_longlong(out.size // self.n)
         native = getattr(self.library, function)
@@ -112,7 +114,7 @@ class PinocchioCpp(Contender):
         """
         steps = (ctypes.c_longlong(len(taus)), ctypes.c_longlong(substeps), ctypes.c_double(step))
         arrays = map(address, checked(self.n, q, qd, taus))
-        return partial(self.library.rollout, self.arm, *steps, *arrays, None)
+        return partial(self.library.rollout, self.arm, *steps, *arrays)
 
     def _sides(self, work: Work) -> Iterator[Side]:
         given = [np.ascontiguousarray(x, float) for x in work.arrays]
@@ -129,35 +131,11 @@ class PinocchioCpp(Contender):
         return self._sides(work)
 
     def _rollouts(self, work: Work) -> Iterator[Side]:
-        taus = np.tile(work.tau, (work.steps, 1))
-        q, qd = np.empty((2, self.n))
-        advance = self.rollout(STEP_SIZE, q, qd, taus)
-
-        def run() -> None:
-            q[:], qd[:] = work.q, work.qd
-            advance()
-
-        yield Side(f'{NAME} aba', run, lambda: q, contents=LOOP)
-
-
-def joint_torques(plant: Plant, width: float) -> tuple[Array | None, ...]:
-    """Return limits, damping, friction and the velocity of its ramp, (n,); None without any."""
-    limit, damping, friction = plant.effort_limits, plant.viscosity, plant.friction
-    if limit is None and damping is None and friction is None:
-        return None, None, None, None
-    if friction is not None and not width > 0:
-        raise ValueError(f'width must be positive with friction, got {width}')
-    zero = np.zeros(plant.robot.n)
-    return (
-        zero + np.inf if limit is None else limit,
-        zero if damping is None else damping,
-        zero if friction is None else friction,
-        zero + (width or 1.0),
-    )
+        yield simulation_side(f'{NAME} aba', work, self.rollout, LOOP)
 
 
 def checked(n: int, *arrays: Array) -> tuple[Array, ...]:
-    """Return arrays whose addresses C++ may have; ValueError names what it would misread."""
+    """Return arrays; ValueError for an array that C++ would misread."""
     for array in arrays:
         if array.dtype != np.float64 or not array.flags.c_contiguous or array.shape[-1] != n:
             raise ValueError(
@@ -166,28 +144,13 @@ def checked(n: int, *arrays: Array) -> tuple[Array, ...]:
     return arrays
 
 
-def address(array: Array | None) -> ctypes.c_void_p | None:
-    """Return the address of an array's numbers, which keeps the array; None without an array."""
-    return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
-
-
 @cache
 def compiled_library() -> ctypes.CDLL:
     """Return data/pinocchio.cpp, compiled and loaded; LeftOutError has the reason if not."""
-    path = shutil.which(COMPILER[0])
-    if path is None:
-        raise LeftOutError(f'there is no C++ compiler ({COMPILER[0]}) on this machine')
-    folders = include_folders()
-    with TemporaryDirectory(prefix='pfd_speed_') as folder:
-        source, target = (Path(folder) / name for name in ('arm.cpp', 'arm.so'))
-        source.write_text(text('pinocchio.cpp'), encoding='utf-8')
-        defines = (f'-D{define}' for define in DEFINES)
-        includes = (f'-isystem{include}' for include in folders)
-        command = [path, *COMPILER[1:], *defines, *includes, str(source), '-o', str(target)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise LeftOutError(f'{COMPILER[0]} failed: {_first_error(done.stderr)}')
-        library = ctypes.CDLL(str(target))
+    options = [f'-D{define}' for define in DEFINES]
+    options += [f'-isystem{include}' for include in include_folders()]
+    with built(CPP, text('pinocchio.cpp'), *options) as path:
+        library = ctypes.CDLL(str(path))
     library.make.restype = ctypes.c_void_p
     return library
 
@@ -210,10 +173,5 @@ def include_folders() -> list[Path]:
                 'install the extra `peers`'
             )
         found.append(folder)
-    # Folders that the compiler searches by itself must keep their place in its order.
+    # Folders that the compiler searches by default must keep their place in its order.
     return list(dict.fromkeys(folder for folder in found if folder != Path('/usr/include')))
-
-
-def _first_error(message: str) -> str:
-    lines = message.strip().splitlines() or ['no message']
-    return next((line for line in lines if 'error' in line), lines[0])[:200]

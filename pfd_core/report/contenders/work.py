@@ -153,6 +153,10 @@ class Contender:
         kinds = {'call': self._calls, 'rollout': self._rollouts, 'batch': self._batches}
         return iter(kinds[work.kind](work))
 
+    def side(self, work: Work, way: str = '') -> Side:
+        """Return the way of a name, by default the first."""
+        return next(side for side in self.sides(work) if way in ('', side.way))
+
     def _calls(self, work: Work) -> Iterable[Side]:
         return ()
 
@@ -174,6 +178,27 @@ def valid_sides(sides: Iterable[Side], reasons: dict[str, str]) -> list[Side]:
         else:
             found.append(side)
     return found
+
+
+def simulation_side(
+    way: str,
+    work: Work,
+    rollout: Callable[[float, Array, Array, Array], Callable[[], object]],
+    contents: Contents,
+) -> Side:
+    """
+    Return the side of a simulation in native code.
+
+    rollout(step, q, qd, taus) returns a call that moves q and qd, (n,), in place.
+    """
+    q, qd = np.empty_like(work.q), np.empty_like(work.qd)
+    advance = rollout(STEP_SIZE, q, qd, np.tile(work.tau, (work.steps, 1)))
+
+    def run() -> None:
+        q[:], qd[:] = work.q, work.qd
+        advance()
+
+    return Side(way, run, lambda: q, contents=contents)
 
 
 def one_by_one(evaluate: Callable[..., object], rows: Iterable[tuple[Array, ...]]) -> None:

@@ -1,8 +1,8 @@
 // Copyright 2026 The pfd_ros authors
 // SPDX-License-Identifier: Apache-2.0
 //
-// Pinocchio's C++ with the loops around it, as contenders/pinocchio_cpp.py compiles it. All
-// matrices are row by row; arrays of states are (count, n) row by row.
+// Pinocchio's C++ with the loops around it (contenders/pinocchio_cpp.py). All matrices are row by
+// row; arrays of states are (count, n) row by row.
 
 #include <memory>
 #include <string>
@@ -83,13 +83,12 @@ void each(Arm &arm, long long count, const double *q, const double *qd, const do
 
 extern "C" {
 
-// An arm of n joints about or along z, each with the placement of its frame in the frame before
-// and the inertia of its link in its own; `friction` is null for an arm without torque limits
-// and friction, and rotors may be null.
+// An arm of n joints about or along z. The placement of a joint's frame is in the frame before, the
+// inertia of its link in the joint's frame. `rotors` may be null. `torques` is null, or limit,
+// damping, friction and width, n numbers each.
 Arm *make(int n, const int *prismatic, const double *rotations, const double *translations,
           const double *masses, const double *centers, const double *inertias,
-          const double *gravity, const double *rotors, const double *limit, const double *damping,
-          const double *friction, const double *width) {
+          const double *gravity, const double *rotors, const double *torques) {
     Arm *arm = new Arm();
     for (int i = 0; i < n; i++) {
         const pin::SE3 frame(Matrix3(rotations + 9 * i), Vector3(translations + 3 * i));
@@ -104,11 +103,13 @@ Arm *make(int n, const int *prismatic, const double *rotations, const double *tr
     }
     arm->model.gravity.linear() = Vector3(gravity);
     arm->model.armature = copied(rotors, n);
-    arm->effects = friction != nullptr;
-    arm->limit = copied(limit, n);
-    arm->damping = copied(damping, n);
-    arm->friction = copied(friction, n);
-    arm->width = copied(width, n);
+    arm->effects = torques != nullptr;
+    if (torques) {
+        arm->limit = copied(torques, n);
+        arm->damping = copied(torques + n, n);
+        arm->friction = copied(torques + 2 * n, n);
+        arm->width = copied(torques + 3 * n, n);
+    }
     arm->still = VectorXd::Zero(n);
     arm->data = std::make_unique<Data>(arm->model);
     return arm;
@@ -157,9 +158,9 @@ void aba_refined(Arm *arm, long long count, const double *q, const double *qd, c
 }
 
 // The classical Runge-Kutta method: `substeps` steps of h seconds in each period, whose torques
-// are a row of taus; `states`, if it is not null, takes q and qd after each period.
+// are a row of taus.
 void rollout(Arm *arm, long long periods, long long substeps, double h, double *position,
-             double *velocity, const double *taus, double *states) {
+             double *velocity, const double *taus) {
     Arm &r = *arm;
     const int n = r.model.nv;
     r.q = Input(position, n), r.qd = Input(velocity, n);
@@ -178,10 +179,6 @@ void rollout(Arm *arm, long long periods, long long substeps, double h, double *
             const VectorXd &a4 = acceleration(r, r.x, r.v4);
             r.q += h / 6 * (r.qd + 2 * r.v2 + 2 * r.v3 + r.v4);
             r.qd += h / 6 * (r.a1 + 2 * r.a2 + 2 * r.a3 + a4);
-        }
-        if (states) {
-            Output(states + 2 * k * n, n) = r.q;
-            Output(states + (2 * k + 1) * n, n) = r.qd;
         }
     }
     Output(position, n) = r.q;

@@ -5,7 +5,7 @@ Measurements: steps, times and errors, each as rows of a table.
 
 Tools:
 
-    processes           measurements whose numbers do not depend on the load, on all processors
+    processes           runs measurements whose numbers do not depend on the load on all processors
 
 Steps:
 
@@ -15,10 +15,9 @@ Steps:
     processors          steps on fewer processors than joints (OnProcessors)
     convergence         iterations of the iterative methods to converge, and errors after n of them
     claims              sentences of the paper, each checked (Claim, Verdict)
-    doubling            recursive doubling executed: moves between lanes, and what lanes hold
+    doubling            recursive doubling executed: moves between lanes, contents of lanes
     array_runs          cycles and utilisation of the triangular array, claimed and measured
-    pcgm_iterations     iterations of PCGM to an error of qdd, from cold and warm starts, and their
-                        cost (Study)
+    pcgm_iterations     iterations of PCGM to an error of qdd, and their cost (Study)
     errata              misprints of the paper as a table, each executed (Erratum)
 
 Times:
@@ -26,7 +25,7 @@ Times:
     timing              contenders that take turns, pace and spread (Row, Pace)
     decomposition       calls, code for one robot, vectors: the factor over Pinocchio in steps
     port_limit          a kernel's own mix of operations in a loop: the limit of the processor
-    register_traffic    the loads and stores that a program needs with so many registers
+    register_traffic    the loads and stores of a program on a given number of registers
     first_results       time to a robot's first result, compiled or from disk
     installation        whether compiler and cache work, and times of this machine (`pfd doctor`)
     surroundings        processor, load, versions and date of a measurement
@@ -42,7 +41,6 @@ Errors of single states:
     promises            what the methods promise by analysis, and the bounds of the hard cases
     errors              errors of the kernel, every method and peers at the hard cases (Result)
     evaluations         time and error of every method and peer at hard cases (Point)
-
     distributions       errors and condition numbers over thousands of states of arms (Box)
 
 Errors of motions:

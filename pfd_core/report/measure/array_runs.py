@@ -17,32 +17,29 @@ import numpy as np
 from pfd_core.algorithms.paper.array_solver import factor, pipeline, solve
 from pfd_core.algorithms.paper.literal_array import STORE, literal_array
 from pfd_core.machine.systolic import Place, Trace
+from pfd_core.report.cases.paper import value
 
 SIZES = (2, 3, 4, 6, 8, 12, 16)
-MATRICES = 5  # that follow one another
+MATRICES = 5  # of a run with one matrix after another
 PRINTED, CORRECTED = 'as printed', 'corrected'
 PAPER, HERE = 'the paper', 'here'
 
 
 @dataclass(frozen=True)
-class Claim:
+class ArrayClaim:
     """
     Claim about a time of the array.
 
     Attributes
     ----------
     design, event : str
-        'as printed' or 'corrected', and what happens.
+        'as printed' or 'corrected', and the event.
     by, formula : str
-        Who claims it, and after how many cycles.
-    value : callable
-        The formula at n.
+        Who claims it, and the number of cycles as a formula.
     run : callable
-        The record of the run at n.
-    measured : callable
-        The cycle in which it happens, of n and a record.
-    whole : bool
-        Whether it is the end of the run, which then has a utilisation.
+        Returns the record of the run at n.
+    cycle : callable or None
+        Returns the cycle of the event, from n and a record; None for the end of the run.
 
     """
 
@@ -50,16 +47,14 @@ class Claim:
     event: str
     by: str
     formula: str
-    value: Callable[[int], int]
     run: Callable[[int], Trace]
-    measured: Callable[[int, Trace], int] = lambda n, trace: trace.cycles
-    whole: bool = True
+    cycle: Callable[[int, Trace], int] | None = None
 
 
 @dataclass(frozen=True)
 class ArrayRun:
     """
-    A claim at one n: cycles claimed and measured, and the utilisation of a whole run.
+    A claim at one n: cycles claimed and measured, and at the end of a run its utilisation.
 
     Attributes
     ----------
@@ -83,7 +78,7 @@ class ArrayRun:
 
 
 def last_cycle(trace: Trace, place: Place | None = None, action: str | None = None) -> int:
-    """Return the last cycle with an action, or any, in a place, or any."""
+    """Return the last cycle with an action in a place; None is any place or action."""
     return max(
         cycle
         for cycle, acting in enumerate(trace.actions, 1)
@@ -118,47 +113,39 @@ def pipeline_run(n: int) -> Trace:
 
 
 CLAIMS = (
-    Claim(
-        *(PRINTED, 'h_n1 is stored in P_n1', PAPER, '2 n - 1'),
-        lambda n: 2 * n - 1,
+    ArrayClaim(
+        PRINTED,
+        'h_n1 is stored in P_n1',
+        PAPER,
+        '2 n - 1',
         literal_run,
         lambda n, trace: last_cycle(trace, (n, 1), STORE),
-        whole=False,
     ),
-    Claim(
-        *(PRINTED, 'all input from below is stored', PAPER, '2 n - 1'),
-        lambda n: 2 * n - 1,
+    ArrayClaim(
+        PRINTED,
+        'all input from below is stored',
+        PAPER,
+        '2 n - 1',
         literal_run,
         lambda n, trace: last_cycle(trace, action=STORE),
-        whole=False,
     ),
-    Claim(
-        *(PRINTED, 'h_nn and the flag meet in P_n1', PAPER, '2 n'),
-        lambda n: 2 * n,
+    ArrayClaim(
+        PRINTED,
+        'h_nn and the flag meet in P_n1',
+        PAPER,
+        '2 n',
         literal_run,
         lambda n, trace: last_cycle(trace, (n, 1)),
-        whole=False,
     ),
-    Claim(
-        *(PRINTED, 'factorisation, a wrong matrix', PAPER, '3 n - 1'),
-        lambda n: 3 * n - 1,
-        literal_run,
-    ),
-    Claim(CORRECTED, 'factorisation', HERE, '3 n - 2', lambda n: 3 * n - 2, factor_run),
-    Claim(
-        *(CORRECTED, 'with forward substitution', HERE, '3 n - 1'),
-        lambda n: 3 * n - 1,
-        forward_run,
-    ),
-    Claim(
-        *(CORRECTED, 'with both substitutions', HERE, '5 n - 2'),
-        lambda n: 5 * n - 2,
-        solve_run,
-    ),
-    Claim(
-        *(CORRECTED, f'{MATRICES} matrices, a new one every n cycles', HERE),
+    ArrayClaim(PRINTED, 'factorisation, a wrong matrix', PAPER, '3 n - 1', literal_run),
+    ArrayClaim(CORRECTED, 'factorisation', HERE, '3 n - 2', factor_run),
+    ArrayClaim(CORRECTED, 'with forward substitution', HERE, '3 n - 1', forward_run),
+    ArrayClaim(CORRECTED, 'with both substitutions', HERE, '5 n - 2', solve_run),
+    ArrayClaim(
+        CORRECTED,
+        f'{MATRICES} matrices, a new one every n cycles',
+        HERE,
         f'3 n - 2 + {MATRICES - 1} n',
-        lambda n: 3 * n - 2 + (MATRICES - 1) * n,
         pipeline_run,
     ),
 )
@@ -175,7 +162,7 @@ def measure_array(sizes: Iterable[int] = SIZES) -> Iterator[ArrayRun]:
                 by=claim.by,
                 formula=claim.formula,
                 n=n,
-                claimed=claim.value(n),
-                measured=claim.measured(n, trace),
-                utilisation=trace.utilisation if claim.whole else None,
+                claimed=int(value(claim.formula, n)),
+                measured=claim.cycle(n, trace) if claim.cycle else trace.cycles,
+                utilisation=None if claim.cycle else trace.utilisation,
             )

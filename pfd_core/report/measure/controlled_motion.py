@@ -4,23 +4,23 @@
 Time and error of an arm under a controller: integrators, formats, libraries and smaller scenes.
 
     error   largest |q - reference| of a joint at the end of the motion [rad or m]
-    time    processor time of the thread for each simulated second, of the whole run: controller,
-            steps and loop; of an ensemble for each arm. It is the wall time on a core that nothing
-            else uses; wall times of a run that takes seconds have those of other processes, too
+    time    processor time of the thread for each simulated second: controller, steps and loop. The
+            time of an ensemble is divided by its arms. On an idle core it equals the wall time
 
-The reference is the adaptive integrator with events of friction, begun anew in each period, at its
-tightest tolerance, refined. Its self-difference is the distance from the same with another
-algorithm of forward dynamics and shorter steps; its distance from rk4 in the shortest steps, with
-other code for the events, is stated as well.
+The reference is the adaptive integrator with events of friction, restarted in each period, at its
+tightest tolerance, refined. Two differences show its error: from itself with another algorithm of
+forward dynamics and shorter steps, and from rk4 in the shortest steps, which has other code for
+the events.
 
-Libraries without dry friction run with every Softness of a list; the one of the smallest error is
-the point. A run that is not finite, has a warning of MuJoCo, or is off by a turn has failed.
+Libraries without dry friction run with every Softness of a list; the run with the smallest error
+counts. A run has failed if it is not finite, MuJoCo warns, or a joint is off by a turn.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain, combinations
 import time
 from typing import Any
@@ -48,22 +48,22 @@ from pfd_core.simulation.step_control import SMALLEST_RTOL
 
 # A turn of a joint [rad].
 LOST = 2 * np.pi
-# A run is long from here on [s].
+# A run that takes longer is a long one [s].
 LONG = 0.1
 # Our integrators in fixed steps that resolve friction, with the number formats.
 FIXED = tuple(
     (integrator, dtype) for integrator in ('rk4', 'imex2') for dtype in ('float64', 'float32')
 )
 ADAPTIVE = 'pfd dop853 float64'
-# Effects that are left out, alone and together, by their names on the page.
+# Effects of smaller scenes, which lack one or several, and their names on the page.
 LEAVES = {'friction': 'dry friction', 'armature': 'rotors', 'effort limits': 'motor limits'}
-# Integrator, format and steps in a period that are so fine that what remains is the error of a
-# scene; of strongly damped light joints, too.
+# Integrator, format and steps in a period with errors far below the error of a smaller scene, also
+# for light joints with strong damping.
 FINE = ('imex2', 'float64', 10)
 ROUNDINGS = ('float64', 'float32')
 WIDTHS = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
 RAMPS = tuple(Softness(width) for width in WIDTHS)
-# Ramps that Drake runs with: it takes seconds where one is steep.
+# Number of ramps that Drake runs with, from the widest: it takes seconds with a steep one.
 DRAKES = 5
 SOLVERS = tuple(
     Softness(0.0, steps, impedance) for steps in (0.0, 2.0) for impedance in (0.0, 0.9999)
@@ -80,7 +80,7 @@ class Plan:
     substeps : tuple of int
         Steps in a period of the controller, of every fixed integrator.
     reference_substeps : int
-        Steps in a period of the run that the reference is compared with.
+        Steps in a period of the rk4 run with which the reference is compared.
     arms : int
         Arms of an ensemble.
     ensemble_substeps : tuple of int
@@ -120,7 +120,7 @@ QUICK = Plan(
 
 @dataclass(frozen=True)
 class ReferenceFacts:
-    """Distances of the reference from itself, computed otherwise, and from rk4 [rad]."""
+    """Differences of the reference from its second computation, and from rk4 [rad]."""
 
     self_difference: float
     from_fixed: float
@@ -147,7 +147,7 @@ class ControlledRow:
     softness : str
         How friction is approximated, '' where it is resolved or left out.
     status : str
-        'ok', or the reason for which the run has failed.
+        'ok', or the reason why the run has failed.
     error, middle : float or None
         Error of the worst joint, and of the median joint [rad or m].
     minimum, median : float or None
@@ -204,7 +204,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A row without numbers, and the runs of which the best is taken."""
+    """A row without numbers, and its runs; the best run counts."""
 
     row: ControlledRow
     runs: Sequence[tuple[str, Run]]
@@ -229,7 +229,7 @@ def survey(case: ControlledArm, plan: Plan) -> Findings:
     sound = [one for one in measured if one.row.status == 'ok']
     show_progress(f'{len(sound)} runs take turns')
     rows = [one.row for one in measured if one.row.status != 'ok']
-    # Runs that take long would leave the others few turns.
+    # Long runs take turns among themselves: they would leave the others few turns.
     for long in (False, True):
         own = [one for one in sound if (one.seconds > LONG) == long]
         sides = [Side(one.row.way, one.run, lambda: wanted) for one in own]
@@ -259,7 +259,7 @@ def survey(case: ControlledArm, plan: Plan) -> Findings:
 
 
 def reference(case: ControlledArm, substeps: int) -> tuple[Array, ReferenceFacts]:
-    """Return the positions at the end, (n,), and how far they can be trusted."""
+    """Return the positions at the end, (n,), and their differences from other computations."""
 
     def at_best(method: str, max_step: float) -> Array:
         run = adaptive(
@@ -345,18 +345,16 @@ def _peers(case: ControlledArm, plan: Plan, left_out: list[str]) -> Iterator[_Ca
             left_out.append(f'{library}: {reason}')
 
 
-def _casadi(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
-    return _with_ramps(CASADI, CasadiArm(case), plan)
-
-
-def _pinocchio(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
-    return _with_ramps(PINOCCHIO, PinocchioArm(case), plan)
-
-
-def _with_ramps(way: str, arm: CasadiArm | PinocchioArm, plan: Plan) -> Iterator[_Candidate]:
+def _with_ramps(
+    way: str,
+    make: Callable[[ControlledArm], CasadiArm | PinocchioArm],
+    case: ControlledArm,
+    plan: Plan,
+) -> Iterator[_Candidate]:
+    arm = make(case)
     for substeps in plan.substeps:
         runs = [(str(soft), arm.run(substeps, soft)) for soft in plan.ramps]
-        yield _Candidate(ControlledRow(way, arm.loop.case.period / substeps, None), runs)
+        yield _Candidate(ControlledRow(way, case.period / substeps, None), runs)
 
 
 def _mujoco(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
@@ -377,15 +375,15 @@ def _drake(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
 
 
 PEERS: dict[str, Callable[[ControlledArm, Plan], Iterator[_Candidate]]] = {
-    'CasADi': _casadi,
-    'Pinocchio': _pinocchio,
+    'CasADi': partial(_with_ramps, CASADI, CasadiArm),
+    'Pinocchio': partial(_with_ramps, PINOCCHIO, PinocchioArm),
     'MuJoCo': _mujoco,
     'Drake': _drake,
 }
 
 
 def _rounding(case: ControlledArm, plan: Plan, dtype: str) -> Rounding:
-    """Return distances of runs from those of another algorithm, or of double precision."""
+    """Return how far runs differ from another algorithm, or from double precision."""
     show_progress(f'rounding of {dtype}')
 
     def end(dtype: str, method: str, substeps: int) -> Array:
@@ -411,9 +409,9 @@ def scene_errors(rows: Iterable[ControlledRow]) -> dict[tuple[str, ...], Control
 @dataclass(frozen=True)
 class Advice:
     """
-    The fastest rows within a tolerance [rad]: ours of one arm and of many, and of others.
+    The fastest rows within a tolerance [rad]: ours of one arm, ours of many, of other libraries.
 
-    Of rows whose times are within AS_FAST of each other it is the one of the smallest error.
+    Among rows up to AS_FAST times slower than the fastest, the smallest error counts.
     """
 
     tolerance: float

@@ -4,19 +4,19 @@
 Steps of every system, counted on recorded programs, compared with the paper's Table 1.
 
 The paper counts divisions as multiplications and takes the rotation of each joint as given; so do
-the comparisons here, and the tables show divisions in a column of their own. Routes, steps that
-move data between lanes, the paper does not count. A cycle of the triangular array is one
+the comparisons here, and the tables show divisions in a separate column. The paper does not count
+routes, steps that move data between lanes. A cycle of the triangular array is one
 multiplication, one addition where some cell subtracts, and one root where some cell takes one.
 
 A system of the paper has up to three editions. *As printed*: its procedure step by step, misprints
-included, as far as it can be executed. *Corrected*: what must change for a right result, nothing
-more. *Best known*: our own, with packing and other formulas. Serial methods have the last one
-only, since the paper quotes their totals.
+included, as far as it can be executed. *Corrected*: changed only where a right result needs it.
+*Best known*: our own, with packing and other formulas. Serial methods have only the last edition,
+since the paper quotes their totals.
 
-Speed-up is the arithmetic of one processor over that of a system: of the same algorithm, or of the
-best of all direct algorithms at that n. One processor executes an algorithm by its sequential
-recording or operation by operation, whichever is less; so n processors cannot be more than n times
-as fast. Efficiency is speed-up over processors, cells of the array among them. The same holds for
+Speed-up divides the arithmetic of one processor by the arithmetic of a system. The processor
+executes the same algorithm, or the best direct algorithm at that n: its sequential recording, or
+the system's program operation by operation, whichever is less. So n processors are at most n times
+as fast. Efficiency is speed-up over processors, cells of the array included. The same holds for
 fewer processors than joints (pfd_core.report.measure.processors).
 """
 
@@ -28,7 +28,7 @@ from functools import cache
 
 import numpy as np
 
-from pfd_core.algorithms.emulation import arithmetic, processors_of
+from pfd_core.algorithms.emulation import arithmetic, in_sections, processors_of
 from pfd_core.algorithms.paper import pcgm_1987, pcrbm_1987
 from pfd_core.algorithms.paper.array_solver import factor
 from pfd_core.algorithms.paper.literal_array import literal_array
@@ -119,7 +119,8 @@ class Row:
     iterations : int or None
         Iterations of an iterative method.
     processors, units : str, int
-        Formula in words, or processors without cells of the array, and number of both.
+        Formula of the number of processors, or the number without cells of the array; and their
+        number with the cells.
     steps, unpacked : Steps
         Steps on that machine, with and without packing of rows of lanes. As printed and corrected,
         only the pairs i < j are packed.
@@ -129,7 +130,7 @@ class Row:
         Over the best direct algorithm on one processor, and over the best serial formula of
         Table 1; None for an iterative method.
     routed_speed_up : float or None
-        `speed_up` with each route counted as a step, packed or not, whichever is faster.
+        `speed_up` with each route counted as a step (packed or not: the faster one).
     own_speed_up : float
         Over the same algorithm on one processor, with as many iterations.
     efficiency, own_efficiency : float or None
@@ -226,6 +227,11 @@ def title_of(method: str) -> str:
     return TABLE[method].title if method in TABLE else BEYOND[method]
 
 
+def edition_title(system: str, edition: str) -> str:
+    """Return the name of a system on the page, with the edition if it has several."""
+    return title_of(system) + (f', {edition}' if system in PROCEDURES else '')
+
+
 @cache
 def best_serial(n: int) -> tuple[str, int]:
     """Return the direct method with least arithmetic on one processor, and its arithmetic."""
@@ -233,7 +239,7 @@ def best_serial(n: int) -> tuple[str, int]:
         method: _counted(method, n, edition, 1)[-1]
         for method in METHODS
         if method not in ITERATIVE
-        # As printed is not among them: it does not give qdd.
+        # Without the edition as printed, which does not give qdd.
         for edition in ((CORRECTED, BEST_KNOWN) if method in PROCEDURES else (BEST_KNOWN,))
     }
     best = min(counts, key=counts.__getitem__)
@@ -252,9 +258,9 @@ def _counted(
     method: str, n: int, edition: str, iterations: int, processors: int | None = None
 ) -> tuple[Steps, Steps, int, int]:
     """
-    Return the steps of an edition, and without packing, its operations, and on one processor.
+    Return steps, steps without packing, operations, and the arithmetic on one processor.
 
-    One processor takes the recording for it, or executes the operations of all one by one.
+    One processor takes the sequential recording, or executes all operations one by one.
     """
     program = _program(method, n, 'parallel', edition, processors)
     plain = program if method in SERIAL else _program(method, n, 'unpacked', edition, processors)
@@ -311,7 +317,7 @@ def _on_the_machine(
         cycles = solve_steps(n)
         on_cells: Sequence[str] = (STREAMS, SECTION)
     else:
-        # The array factors, and n processors substitute. What it does depends on n alone.
+        # The array factors, and n processors substitute. Its actions depend on n alone.
         trace = (literal_array if edition == AS_PRINTED else factor)(np.eye(n)).trace
         dividing = trace.cycles_with(DIVIDE)
         cycles = Steps(
@@ -331,13 +337,6 @@ def on_networks(
         network: _on_the_machine(method, n, edition, program, iterations, network)
         for network in NETWORKS
     }
-
-
-def in_sections(program: Program, sections: Sequence[str], network: str = 'crossbar') -> Steps:
-    """Return the steps of those of the sections that a program has."""
-    present = {one.section for one in program.instructions}
-    counts = (program.count(section=s, network=network) for s in sections if s in present)
-    return sum(counts, Steps())
 
 
 @dataclass(frozen=True)

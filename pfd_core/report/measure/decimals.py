@@ -19,7 +19,7 @@ from typing import Any
 from pfd_core.machine.program import Program
 
 Inputs = Mapping[str, Sequence[Decimal]]
-ZERO, ONE, TWO = Decimal(0), Decimal(1), Decimal(2)
+ZERO, ONE = Decimal(0), Decimal(1)
 # Halvings of an angle before its series, and digits beyond the context's that they cost.
 HALVINGS, GUARD = 6, 5
 

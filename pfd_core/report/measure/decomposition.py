@@ -7,11 +7,11 @@ Where the factor over Pinocchio comes from: the same states in the same process,
     Pinocchio in C++         the loop in C++, for this processor: without the overhead of calls
     CasADi C                 code for one robot, of another generator
     pfd, state by state      our code for one robot, scalar: @evaluate of the kernel for one state
-                             in a native loop, which nothing inlines
+                             in a native loop, not inlined
     pfd, vectors of states   the batch of the same kernel
     pfd from Python          the bound kernel called from Python for each state
 
-All ways take turns, so that factors of neighbours multiply to the whole one.
+All ways take turns, so that the product of the factors between neighbours is the whole factor.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ WORK = 'decomposition'
 PYTHON, CPP, CASADI = 'Pinocchio from Python', 'Pinocchio in C++', 'CasADi C'
 SCALAR, VECTOR = 'pfd, state by state', 'pfd, vectors of states'
 FROM_PYTHON = 'pfd from Python'
-# Joints beyond which the code of one state is large, and a page needs no decomposition.
+# Most joints of a chain that is decomposed: beyond, the code of one state is large.
 LARGEST = 12
 
 
@@ -89,8 +89,8 @@ def measure(
     """
     Return the rows of the decomposition, in the batch whose size is nearest MIDDLE_BATCH.
 
-    `rows` are the batches' times so far, which say which kernel is the fastest. None without
-    Pinocchio, for long chains, and without batches.
+    `rows` are the times measured before, from which the fastest kernel is taken. The result is
+    empty without Pinocchio, for more than LARGEST joints, and without batches.
     """
     batches = [work for work in works if work.kind == 'batch']
     found = list(contenders)
@@ -124,16 +124,13 @@ def _sides(
 ) -> Iterator[Side]:
     rows = list(zip(*(x.copy() for x in work.arrays), strict=True))
     aba = partial(peer.pin.aba, peer.model, peer.data)
-    wanted = partial(_each, aba, rows)
-    yield Side(
-        PYTHON, partial(one_by_one, aba, rows), wanted, reference=True, contents=PYTHON_LOOP
-    )
+    run, result = partial(one_by_one, aba, rows), partial(peer.one_by_one, work)
+    yield Side(PYTHON, run, result, reference=True, contents=PYTHON_LOOP)
     for one in contenders:
         if isinstance(one, PinocchioCpp):
-            (side,) = (side for side in one.sides(work) if side.way == FUNCTIONS['aba'])
-            yield replace(side, way=CPP)
+            yield replace(one.side(work, FUNCTIONS['aba']), way=CPP)
         elif isinstance(one, Casadi):
-            yield replace(next(one.sides(work)), way=CASADI)
+            yield replace(one.side(work), way=CASADI)
     yield state_by_state(kernel, work)
     given = named(kernel.quantity, work, np.asfortranarray, kernel.dtype)
     out = kernel(**given)
@@ -145,10 +142,6 @@ def _sides(
     yield Side(
         FROM_PYTHON, partial(_repeat, bound, work.units), lambda: np.array(out), contents=contents
     )
-
-
-def _each(aba: Callable[..., Array], rows: Sequence[tuple[Array, ...]]) -> Array:
-    return np.array([aba(*row).copy() for row in rows])
 
 
 def _repeat(call: Callable[[], object], times: int) -> None:

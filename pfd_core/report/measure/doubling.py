@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Recursive doubling as the emulator executes it: what moves between lanes, and what each lane holds.
+Recursive doubling as the emulator executes it: moves between lanes, and contents of the lanes.
 
-The recurrence x_i = x_(i-1) + a_i is recorded and run with a_i = 2^i. A lane's sum in binary then
-shows which a_i are in it, after each level.
+The recurrence x_i = x_(i-1) + a_i is recorded and run with a_i = 2^i. After each level the binary
+digits of a lane's sum show which a_i it contains.
 """
 
 from __future__ import annotations

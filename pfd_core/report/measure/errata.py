@@ -3,9 +3,9 @@
 """
 Errata of Lee and Chang (1987): each misprint executed as printed, and its effect measured.
 
-Effects on qdd are relative to the largest acceleration of a state, the median of STATES states of
-a PUMA 560 and of a chain of revolute and prismatic joints in turn, in 50 digits where n iterations
-are the answer.
+Effects on qdd are relative to the largest acceleration of a state: the median over STATES states
+of a PUMA 560, and of a chain of revolute and prismatic joints in turn. Conjugate gradients run in
+50 digits, where n iterations give the answer.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ class Erratum:
     place : str
         Equation, step or section.
     printed, wrong, right : str
-        What is printed, why it is wrong, and what is right.
+        The printed form, why it is wrong, and the right form.
     effect : callable
-        effect() runs it as printed and returns what comes out, in words.
+        effect() runs it as printed and returns the result in words.
     test : str
         File and function of the test that shows it.
 
@@ -125,7 +125,7 @@ def pcgm_error(misprints: Collection[str]) -> str:
 
 
 def gravity_error(gravity: float) -> str:
-    """Return how far off qdd is under another gravity, along -z, than 9.81 m/s^2."""
+    """Return the error of qdd under this gravity along -z instead of 9.81 m/s^2."""
 
     def effect(robot: Robot) -> str:
         scenes = Scene(gravity=(0.0, 0.0, -gravity)), Scene()
@@ -157,7 +157,7 @@ def recurrence_error() -> str:
 
 
 def array_status() -> str:
-    """Return what comes out of the array as printed for the inertia matrices of arms."""
+    """Return the status of the array as printed for the inertia matrices of arms."""
 
     def effect(robot: Robot) -> str:
         program = record_terms(resolve(robot), 'parallel')
@@ -170,7 +170,7 @@ def array_status() -> str:
 
 
 def loop_cost() -> str:
-    """Return what the loop as printed costs more in each iteration."""
+    """Return the additional cost of the loop as printed, in six iterations."""
     plant = resolve(uniform_chain(6))
     one, other = (
         record_pcgm_1987(plant, 'parallel', misprints=misprints).count(iterations=6)
@@ -207,7 +207,7 @@ ERRATA = (
     Erratum(
         'section 2.2',
         's = ceil(log2(n + 1)) levels',
-        'the n elements of PCRBM need ceil(log2 n), which the counts have',
+        'PCRBM has n elements and needs ceil(log2 n) levels, as in the counts',
         's = ceil(log2 n)',
         lambda: f'none; {levels(9)} levels instead of {levels(8)} at n = 8',
         'test_machine_patterns.py::'
@@ -216,7 +216,7 @@ ERRATA = (
     Erratum(
         'eqs (11), (12)',
         'h_ij h_kj, h_ii',
-        'products and divisors are of H, not of L',
+        'products and divisors are elements of H, not of L',
         'l_ij l_kj, l_ii, column after column',
         partial(pcrbm_error, (pcrbm_1987.CHOLESKY,)),
         OWN + 'cholesky_as_printed_gives_no_arm_its_accelerations',
@@ -224,7 +224,7 @@ ERRATA = (
     Erratum(
         'section 2.4',
         'n(n - 1)/2 additions of set ordering, and ceil((n^2 - 1)/2) in item (b)',
-        'n sets get an addition at a time',
+        'each parallel addition serves n sets',
         'ceil((n^2 - 1)/6)',
         ordering_cost,
         'test_algorithms_set_ordering.py::test_the_literal_factorisation_takes_the_steps_of_its_parts',
@@ -232,7 +232,7 @@ ERRATA = (
     Erratum(
         'section 2.5 (c)',
         'g = 9.869621 m/s^2',
-        'on the ground of the Earth gravity is 9.78 to 9.83 m/s^2',
+        'on the surface of the Earth gravity is 9.78 to 9.83 m/s^2',
         '9.81 m/s^2',
         partial(gravity_error, 9.869621),
         ERRATA_TESTS + 'another_gravity_and_its_sign_change_the_accelerations',
@@ -256,7 +256,7 @@ ERRATA = (
     Erratum(
         'eq. (A.3)',
         'M_j [...]',
-        'the first bracket is of the links j + 1 to n',
+        'the first bracket belongs to the links j + 1 to n',
         'M_(j+1) [...], as in (19)',
         partial(pcrbm_error, (pcrbm_1987.A_3,)),
         OWN + 'equations_of_appendix_a_as_printed_are_wrong',
@@ -264,7 +264,7 @@ ERRATA = (
     Erratum(
         'eq. (A.8)',
         'if joint j is rotational',
-        'the row is of joint i',
+        'row i belongs to joint i',
         'if joint i is rotational, as in (26)',
         partial(pcrbm_error, (pcrbm_1987.A_8,)),
         OWN + 'equations_of_appendix_a_as_printed_are_wrong',
@@ -324,7 +324,7 @@ ERRATA = (
     Erratum(
         'Table 1, PCRBM',
         '334 and 328',
-        'the values of no formula of the paper',
+        'no formula of the paper gives these values',
         'unexplained',
         lambda: '; '.join(formula('pcrbm', kind) for kind in ('multiplications', 'additions')),
         AT_SIX,
@@ -340,7 +340,7 @@ ERRATA = (
     Erratum(
         'Table 1, method 1',
         '114 1/2 n',
-        'not a whole number for every n, and another value than printed',
+        'not an integer for every n, and not the printed value',
         '114 1/3 n',
         partial(formula, 'walker_orin_1', 'multiplications'),
         AT_SIX,
@@ -348,7 +348,7 @@ ERRATA = (
     Erratum(
         'Table 1, method 2',
         '151 1/2 n',
-        'not a whole number for every n, and another value than printed',
+        'not an integer for every n, and not the printed value',
         '151 1/3 n',
         partial(formula, 'walker_orin_2', 'multiplications'),
         AT_SIX,
@@ -356,7 +356,7 @@ ERRATA = (
     Erratum(
         'Table 1, method 4',
         '76 1/2 n^2 + 12 n - 21',
-        'another value than printed',
+        'does not give the printed value',
         '117 n gives the printed value',
         partial(formula, 'walker_orin_4', 'multiplications'),
         AT_SIX,
@@ -364,7 +364,7 @@ ERRATA = (
     Erratum(
         'Table 1, articulated bodies',
         '2280 and 1816; 2250 in the introduction',
-        '380 n - 198 and 302 n - 173 have other values',
+        'the formulas 380 n - 198 and 302 n - 173 give other values',
         'unexplained; 2280 is 380 n',
         lambda: '; '.join(
             formula('articulated_body', kind) for kind in ('multiplications', 'additions')

@@ -5,13 +5,13 @@ Time of an evaluation of forward dynamics over its error, at ordinary and hard c
 
 Each point is a method, number format and number of refinement steps, or a peer, with a batch
 size: seconds for each state, and the largest error over the states of the case. Cases, references
-of 50 digits and condition numbers are those of the hard cases; errors are those of the native
-kernels. At one case and batch size all ways take turns in one process.
+of 50 digits and condition numbers are taken from the hard cases; errors from the native kernels.
+At one case and batch size all ways take turns in one process.
 
-A batch repeats the states of the case; a state has the same bits alone and in a batch. Pinocchio
-has a function for batches in WORLD axes alone: called from Python, LOCAL axes and CRBA are a loop
-in Python; its C++ and CasADi's C have their loops in native code. A peer is refined, too: aba and
-a step of iterative refinement. A peer that warns of its own result has failed, and has no point.
+A batch repeats the states of the case; a state has the same bits alone and in a batch. Pinocchio's
+function for batches works in WORLD axes only: called from Python, LOCAL axes and CRBA are a loop
+in Python. Pinocchio's C++ and CasADi's C have native loops. Pinocchio's C++ is also measured with
+a step of iterative refinement. A peer that warns of its result has failed and has no point.
 """
 
 from __future__ import annotations
@@ -116,11 +116,11 @@ class CaseFacts:
     kappa_s: float
     difference: float
     residual: float
-    # Results of before `auto` refined have none.
+    # Missing in older JSON files, from versions in which 'auto' never refined.
     steps: int = 0
 
     def default(self, refine: int) -> str:
-        """Return the method of the kernels of 'auto' with so many steps, '' if none has."""
+        """Return the method of 'auto' with so many steps of refinement; '' if it takes more."""
         return self.refined if refine else '' if self.steps else self.auto
 
 
@@ -147,7 +147,7 @@ class Point:
     in_units : float or None
         Largest error over kappa_s u, u the rounding unit of the number format.
     code, call, loop : str
-        What the time contains, as in Contents; '' in results of before they were recorded.
+        What the time contains, as in Contents; '' in older JSON files, which lack it.
 
     """
 
@@ -333,14 +333,14 @@ def _peer_sides(
                     yield label, partial(_pinocchio_side, peer, evaluation)
             elif isinstance(peer, pinocchio_cpp.PinocchioCpp):
                 for label in NATIVE:
-                    yield label, partial(_named_side, peer, label)
+                    yield label, partial(_side, peer, label)
             else:
-                yield name, partial(_first_side, peer)
+                yield name, partial(_side, peer, '')
 
 
 def _pinocchio_side(peer: Pinocchio, evaluation: str, states: list[Array]) -> Side:
     if len(states[0]) > 1 and evaluation.endswith('WORLD'):
-        return _first_side(peer, states)
+        return _side(peer, '', states)
     rows = [tuple(row.copy() for row in state) for state in zip(*states, strict=True)]
     evaluate = peer.evaluations()[evaluation]
     result = partial(np.asarray, evaluate(*rows[0]))
@@ -351,17 +351,8 @@ def _pinocchio_side(peer: Pinocchio, evaluation: str, states: list[Array]) -> Si
     return Side(evaluation, run, result, contents=PYTHON_LOOP)
 
 
-def _first_side(peer: Contender, states: list[Array]) -> Side:
-    """Return a peer's first way of one call, or of a batch."""
-    return next(peer.sides(_work(states)))
-
-
-def _named_side(peer: Contender, way: str, states: list[Array]) -> Side:
-    (side,) = (side for side in peer.sides(_work(states)) if side.way == way)
-    return side
-
-
-def _work(states: list[Array]) -> Work:
+def _side(peer: Contender, way: str, states: list[Array]) -> Side:
+    """Return a peer's way, or its first, of one call or of a batch."""
     one = len(states[0]) == 1
     q, qd, tau = (x[0] for x in states) if one else states
-    return Work('call' if one else 'batch', q, qd, tau)
+    return peer.side(Work('call' if one else 'batch', q, qd, tau), way)

@@ -4,13 +4,14 @@
 Time of every system on every network, over the price of a route.
 
 The time of a recording is a line over t_r: its arithmetic, and its steps of routes times t_r. A
-system is recorded packed and with one lane per link. *As printed* and *corrected* are both shown;
-*best known* is the fastest of our own recordings of a system at that price on that network, so
-that it chooses the packing, and for PCRBM also the base origin. Weights of arithmetic are those of
-pfd_core.machine.prices: an addition takes the time of a multiplication, divisions and roots four.
+system is recorded packed and with one lane per link. *As printed* and *corrected* show both
+recordings. *Best known* is the fastest of our recordings of a system at that price on that
+network: it chooses the packing, and for PCRBM also the base origin. Weights of arithmetic are the
+defaults of pfd_core.machine.prices: an addition takes the time of a multiplication, a division or
+root four times as long.
 
-Joint rotations are excluded, as in the paper. The links of the triangular array are its own: they
-are not on the network, and its cycles are steps as in measure.counts.
+Joint rotations are excluded, as in the paper. The triangular array has separate links, which are
+not on the network; its cycles are steps as in measure.counts.
 """
 
 from __future__ import annotations
@@ -55,13 +56,14 @@ class Recorded:
     Attributes
     ----------
     system, edition, method : str
-        System of the paper or beyond it, or ONE_PROCESSOR; edition; method that was recorded.
+        System of the paper or beyond it, or ONE_PROCESSOR; edition; recorded method.
     n : int
         Joints.
     iterations : int or None
         Iterations of conjugate gradients.
     converged : bool
-        Whether these iterations are the median to convergence; else they are n, as in the paper.
+        Whether the iterations are the median to convergence; otherwise they are n, as in the
+        paper.
     packing : str
         'packed', of the first two editions the pairs i < j only; 'one lane per link'; or '' on
         one processor.
@@ -144,7 +146,7 @@ def _recorded(
     edition: str,
     counts: Sequence[tuple[int | None, bool]],
 ) -> Iterator[Recorded]:
-    """Yield a method's recordings; counts are iterations, and whether it then has converged."""
+    """Yield a method's recordings; `counts`: iterations, and whether they converge."""
     for packing, schedule in SCHEDULES.items():
         for iterations, converged in counts:
             program, on = on_networks(method, n, edition, schedule, iterations or 1)
@@ -169,7 +171,7 @@ def of_system(
     """
     Return the recordings of an edition of a system at one n.
 
-    Best known conjugate gradients are those that converge, if they were measured.
+    Conjugate gradients, best known: the converged recordings, if they were measured.
     """
     found = [one for one in recordings if (one.system, one.n, one.edition) == (system, n, edition)]
     return [one for one in found if one.converged] or found
@@ -184,8 +186,8 @@ def break_even(one: Recorded, other: Recorded, network: str) -> float:
     """
     Return the price of a route below which the first recording is faster than the second.
 
-    Infinity if it is at every price, zero if it is at none. The first needs at least as many
-    steps of routes as the second.
+    Infinity if it is faster at every price, zero if at none. ValueError if the first recording has
+    fewer steps of routes than the second.
     """
     saved = other.arithmetic - one.arithmetic
     routed = one.routes[network] - other.routes[network]

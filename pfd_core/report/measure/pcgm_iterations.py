@@ -1,12 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Iterations that PCGM takes to an error of qdd, from cold and warm starts, scaled and not.
+Iterations of PCGM to a given error of qdd, from cold and warm starts, scaled and not.
 
-The error of an iterate is max|x - qdd| / max|qdd|, qdd by PCRBM. Neither the recursive residual
-nor the number of iterations measures it. Every iterate of STATES states is observed while the
-emulator runs the program that is counted; its sine and cosine are expanded into the other
-operations, so that iterations are the same on every machine.
+The error of an iterate is max|x - qdd| / max|qdd|, qdd by PCRBM. The recursive residual does not
+measure it. Every iterate of STATES states is observed while the emulator runs the counted program.
+Sine and cosine are expanded into other operations, so that iterations are the same on every
+machine.
 
     plain       the paper's: x_0 = 0, no preconditioner
     scaled      residuals divided by the diagonal of H, which composite bodies give (Jacobi)
@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pfd_core.algorithms.emulation import in_sections
 from pfd_core.algorithms.paper.pcgm import default_limit, record_pcgm
 from pfd_core.algorithms.paper.pcrbm_1987 import record_pcrbm_1987
 from pfd_core.algorithms.programs import FORWARD
@@ -30,7 +31,7 @@ from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import resolve
 from pfd_core.report.cases.robots import Array, uniform_chain
-from pfd_core.report.measure.counts import CORRECTED, GIVEN, in_sections, row
+from pfd_core.report.measure.counts import CORRECTED, GIVEN, row
 from pfd_core.report.measure.differences import differences
 
 SIZES = (2, 3, 4, 5, 6, 8, 12, 16, 24, 32, 48, 64)
@@ -116,7 +117,7 @@ class Price:
 @dataclass(frozen=True)
 class Study:
     """
-    Iterations, and what they cost.
+    Iterations and their cost.
 
     Attributes
     ----------
@@ -205,7 +206,7 @@ def _reached(n: int, variant: str, errors: Array) -> Iterator[Reached]:
 
 
 def price(n: int, variant: str) -> Price:
-    """Return the steps of a variant: those of `pcgm_1987`, and what the variant adds to them."""
+    """Return the steps of a variant: `pcgm_1987`, and what the variant adds to it."""
     once, twice = (row('pcgm', n, k, CORRECTED).unpacked for k in (1, 2))
     each = twice - once
     first = once - each

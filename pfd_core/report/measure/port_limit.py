@@ -13,8 +13,8 @@ throughput of the processor's ports that execute them, and by the supply of inst
 
 A kernel does more than the loop: it loads states and stores results, checks that inputs are finite
 and angles in range, waits for operands, and moves values that do not fit into the registers. A
-second loop (`Loop(..., memory=True)`) has the least of these loads and stores too
-(measure.register_traffic): what it takes longer, no order of the kernel's operations can save.
+second loop (`Loop(..., memory=True)`) adds the fewest of these loads and stores
+(measure.register_traffic): no order of the kernel's operations can save the time that they add.
 
 All numbers are read from memory when the loop begins and all accumulators are written when it
 ends. No flag lets LLVM reassociate: it can neither drop, merge nor fold an operation.
@@ -52,9 +52,9 @@ NEAR = 2.0**-16
 # cycle that take four cycles each. With AVX-512 the loop of a UR5 took 17.3 ns a state with 6
 # accumulators, and 15.9 ns with 16 to 28.
 SCRATCH, ENOUGH = 4, 16
-# Vectors from which each shared operand is loaded, in turn, and to which accumulators are stored.
-# They lie within 4096 bytes: a load waits for a store whose address has the same low
-# 12 bits.
+# Copies of each shared operand that are loaded in turn, and places to which accumulators are
+# stored in turn. They lie within 4096 bytes: a load waits for a store whose address has the same
+# low 12 bits.
 SLOTS = 16
 # Bytes of a cache line.
 LINE = 64
@@ -106,9 +106,9 @@ def loop_ir(
     memory : Traffic
         Operands that are loaded, and accumulators that are stored, in each turn.
 
-    `numbers` holds SHARED vectors, those with which the accumulators begin, and SLOTS copies of
-    the shared ones, from which operands are loaded; `results` receives the accumulators, and then
-    has SLOTS vectors for those that are stored.
+    `numbers` holds SHARED vectors, the first values of the accumulators, and SLOTS copies of the
+    shared vectors, from which operands are loaded; `results` receives the accumulators, and then
+    has SLOTS vectors for accumulators that are stored.
     """
     counts = {name: count for name, count in operations.items() if name != 'neg'}
     signs = operations.get('neg', 0)
@@ -162,8 +162,8 @@ class Loop:
     """
     The native loop of a kernel's mix, run once for each vector register of some states.
 
-    With `memory` it also has the loads and stores that the kernel cannot do without, since its
-    values, inputs and constants are more than the registers.
+    With `memory` it also has the loads and stores that the kernel needs, since it has more values,
+    inputs and constants than registers.
     """
 
     def __init__(self, kernel: Kernel, states: int, memory: bool = False) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Measurements whose numbers do not depend on the load, on all processors at once."""
+"""Runs measurements whose numbers do not depend on the load, on all processors at once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def each(
     measure: Callable[[Item], Found], items: Sequence[Item], what: str = 'measuring'
 ) -> Iterator[Found]:
     """
-    Yield the measurement of each item, in their order; progress goes to a terminal.
+    Yield the measurement of each item in order; progress goes to a terminal.
 
     Function, items and results are sent between processes.
     """

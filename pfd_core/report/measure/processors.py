@@ -5,7 +5,7 @@ Steps of the parallel systems on fewer processors than joints, executed.
 
 p processors have blocks of ceil(n / p) links: the program is recorded for them
 (pfd_core.machine.recorder), not derived from the count on n. Time, speed-up and efficiency are
-those of pfd_core.report.measure.counts, of which this is another cut.
+defined as in pfd_core.report.measure.counts.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from pfd_core.algorithms.emulation import arithmetic
 from pfd_core.algorithms.programs import METHODS, SERIAL
 from pfd_core.machine.program import Steps
-from pfd_core.report.measure.counts import BEST_KNOWN, CORRECTED, PROCEDURES, Row, row
+from pfd_core.report.measure.counts import BEST_KNOWN, CORRECTED, PROCEDURES, row
 
-# Joints, and processors of which each has as many links, with one exception: 4 for 6 joints.
+# Joints, and numbers of processors: divisors, and for 6 joints also 4, of which one has no link.
 PROCESSORS = {6: (1, 2, 3, 4, 6), 12: (1, 2, 3, 4, 6, 12), 64: (1, 2, 4, 8, 16, 32, 64)}
 
 
@@ -39,7 +39,7 @@ class OnProcessors:
         Steps on that machine, with and without packing.
     speed_up, routed_speed_up : float or None
         Over the best direct algorithm on one processor, arithmetic alone, and with each route
-        counted as a step, packed or not, whichever is faster; None for an iterative method.
+        counted as a step (packed or not: the faster one); None for an iterative method.
     own_speed_up, routed_own_speed_up : float
         The same over the same algorithm on one processor.
     efficiency, routed_efficiency, own_efficiency, routed_own_efficiency : float or None
@@ -82,6 +82,8 @@ def on_processors(method: str, n: int, processors: int, edition: str = BEST_KNOW
     own = counts.own_speed_up
     routed = min(with_routes(steps) for steps in (counts.steps, counts.unpacked))
     routed_own = own * arithmetic(counts.steps) / routed
+    speed_up = counts.routed_speed_up
+    routed_efficiency = None if speed_up is None else speed_up / counts.units
     return OnProcessors(
         system=counts.system,
         title=counts.title,
@@ -97,7 +99,7 @@ def on_processors(method: str, n: int, processors: int, edition: str = BEST_KNOW
         own_speed_up=own,
         routed_own_speed_up=routed_own,
         efficiency=counts.efficiency,
-        routed_efficiency=_shared(counts.routed_speed_up, counts),
+        routed_efficiency=routed_efficiency,
         own_efficiency=counts.own_efficiency,
         routed_own_efficiency=routed_own / counts.units,
     )
@@ -106,7 +108,3 @@ def on_processors(method: str, n: int, processors: int, edition: str = BEST_KNOW
 def with_routes(steps: Steps) -> int:
     """Return the steps of arithmetic and the routes."""
     return arithmetic(steps) + steps.routes
-
-
-def _shared(speed_up: float | None, counts: Row) -> float | None:
-    return None if speed_up is None else speed_up / counts.units

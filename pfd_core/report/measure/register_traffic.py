@@ -3,11 +3,10 @@
 """
 Register traffic: the loads and stores of a program on a processor with so many registers.
 
-Inputs and constants are loaded where they are read, and again after their register was needed for
-something else; other values are stored before their register is reused. The register that is
-reused is the one whose value is read last of all (Belady, A study of replacement algorithms for
-virtual-storage computers, IBM Systems Journal 5, 1966), which needs the fewest loads in the
-program's order.
+Inputs and constants are loaded where they are read, and again after their register was reused.
+Other values are stored before their register is reused. The value with the latest next read gives
+up its register (Belady, A study of replacement algorithms for virtual-storage computers, IBM
+Systems Journal 5, 1966): this needs the fewest loads in the program's order.
 """
 
 from __future__ import annotations

@@ -38,8 +38,8 @@ class SceneRow:
     scene : str
         The call that makes it.
     operations : int
-        Operations of one step of the integrator, as compiled (Simulator.operations); those of the
-        full scene for one that cannot be simulated.
+        Operations of one step of the integrator, as compiled (Simulator.operations). For a scene
+        that cannot be simulated: of the full scene.
     largest, rms : float
         Largest and root mean square difference of a joint position from the full scene's, over
         all joints and steps [rad or m]; infinite where the simulation overflows.

@@ -47,12 +47,12 @@ class Row:
     difference : float or None
         Largest max|difference| / max|wanted| of a state.
     quantity : str
-        Name of the result; the rows of `pfd report speed` are forward dynamics but for those of
+        Name of the result; in `pfd report speed` forward dynamics, except for rows of
         measure.quantity_rows.
     error : float or None
         Largest error compared with 50 digits, relative to its largest entry, of a state.
     code, call, loop : str
-        What the time contains, as in Contents; '' in results of before they were recorded.
+        What the time contains, as in Contents; '' in older JSON files, which lack it.
 
     """
 

@@ -60,7 +60,7 @@ def activity_svg(trace: Trace, title: str, per_row: int = PER_ROW) -> str:
     return document(width, height, title, body)
 
 
-# A cell's place and a cycle to what it works on.
+# From the place of a cell and a cycle to the name of the cell's element.
 Label = Callable[[Place, int], str]
 
 

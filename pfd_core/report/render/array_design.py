@@ -21,7 +21,7 @@ CELL_TOP, RULE = 60, 16
 
 @dataclass(frozen=True)
 class Stream:
-    """Items that enter a row or a column, the first first, from a cycle on."""
+    """Items that enter a row or a column in their order, and the cycle of the first one."""
 
     items: tuple[str, ...]
     cycle: int
@@ -29,7 +29,7 @@ class Stream:
 
 @dataclass(frozen=True)
 class CellRules:
-    """A kind of cell: name, whether it is circular, labels of its ports, and its rules."""
+    """A kind of cell: name, whether it is circular, labels of its ports, rules."""
 
     name: str
     circular: bool
@@ -76,11 +76,7 @@ def _design(design: Design, n: int, foot: float) -> Iterator[str]:
     for k in range(1, n + 1):
         for i in range(1, k + 1):
             x, y = _centre(n, k, i)
-            yield (
-                circle(x, y, RADIUS)
-                if i == k
-                else box(x - RADIUS, y - RADIUS, 2 * RADIUS, 2 * RADIUS)
-            )
+            yield _shape(i == k, x, y, RADIUS)
             yield text(x, y + 4, f'P{k}{i}', anchor='middle')
             yield arrow(x + RADIUS, y, x + (36 if i == k else STEP - RADIUS), y)
             if k < n or design.below:
@@ -107,17 +103,16 @@ def _centre(n: int, row: int, column: int) -> tuple[float, float]:
     return LEFT + (column - 1) * STEP, TOP + 20 + (n - row) * STEP
 
 
+def _shape(circular: bool, x: float, y: float, size: float) -> str:
+    return circle(x, y, size) if circular else box(x - size, y - size, 2 * size, 2 * size)
+
+
 def _rules(kind: CellRules, y: float) -> Iterator[str]:
     """Draw a cell with its ports, and its rules below."""
     x, centre = LEFT - 60, y + CELL_TOP
     yield text(20, y + 4, kind.name, 12)
     size = 1.3 * RADIUS
-    shape = (
-        circle(x, centre, size)
-        if kind.circular
-        else box(x - size, centre - size, 2 * size, 2 * size)
-    )
-    yield shape
+    yield _shape(kind.circular, x, centre, size)
     ends = {
         'left': ((x - 50, centre, x - size, centre), (x - 54, centre + 4, 'end')),
         'right': ((x + size, centre, x + 50, centre), (x + 54, centre + 4, 'start')),

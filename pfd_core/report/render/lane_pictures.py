@@ -22,7 +22,7 @@ WORKERS = ('#f6d9b8', '#cfe6f5', '#cdeee2', '#f0d4e4')
 
 @dataclass(frozen=True)
 class LaneBox:
-    """What a lane holds, whether it is a final result, and from which lane a part of it came."""
+    """Content of a lane, whether it is a final result, and the lane from which a part came."""
 
     words: str
     final: bool

@@ -95,11 +95,16 @@ def bullets(texts: Iterable[str], otherwise: str) -> str:
 
 def write(folder: Path, name: str, text: str, data: Any) -> list[Path]:
     """Write a page and its data, NAME.md and NAME.json, into a folder, and return their paths."""
+    files_of = {f'{name}.md': text, f'{name}.json': json_text(data)}
+    return [write_text(folder, file, content) for file, content in files_of.items()]
+
+
+def write_text(folder: Path, name: str, text: str) -> Path:
+    """Write a file into a folder, which is made if it is missing, and return its path."""
     folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / f'{name}.{suffix}' for suffix in ('md', 'json')]
-    for path, content in zip(paths, (text, json_text(data)), strict=True):
-        path.write_text(content, encoding='utf-8')
-    return paths
+    path = folder / name
+    path.write_text(text, encoding='utf-8')
+    return path
 
 
 def json_text(data: Any) -> str:

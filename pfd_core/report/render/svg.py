@@ -17,7 +17,7 @@ _ARROW_HEAD = f'{_HEAD} orient="auto"><path d="M0 0L8 4L0 8z" fill="{LINE}"/></m
 
 
 def document(width: float, height: float, title: str, body: Iterable[str]) -> str:
-    """Return a picture of a size [pixels] with a title, which readers of the screen say."""
+    """Return a picture of a size [pixels] with a title for screen readers."""
     head = f'width="{width:g}" height="{height:g}" viewBox="0 0 {width:g} {height:g}"'
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" {head} font-family="sans-serif" font-size="11">',

@@ -4,20 +4,19 @@
 Events within an adaptive step, located on its dense output.
 
     look      the state at a part of the step, and the margin of reversals and stops
-    excess    the margin of joints at rest: by how much friction or a stop holds them
-    turn      where between two looks a joint comes closest to its stop
+    excess    the margin of joints at rest: the distance of the holding torque from its bound
+    turn      where a joint comes closest to its stop between two looks
     strike    the state at the event: velocity 0.0, or position the stop, exactly
     stick     joints that their friction or stop does not release
     calm      joints that leave their stop for less than LEAST_FLIGHT
 
-A margin is a number above zero before the event and below zero after it. The units of margins
-differ; only their signs matter. A joint at rest is released where the torque that holds it
-reaches its bound, so that the motion between events is smooth and each event is as accurate as
-the steps. The native code searches for the first change of sign
-(pfd_core.kernels.codegen.adaptive).
+A margin is above zero before the event and below zero after it. The units of margins differ; only
+their signs matter. A joint at rest is released where the holding torque reaches its bound. So the
+motion between events is smooth, and events are as accurate as the steps. The native code searches
+for the first change of sign (pfd_core.kernels.codegen.adaptive).
 
-Inputs of all: the state at the beginning of the step, and what `record_modes` and
-`record_directions` of pfd_core.simulation.contact.modes found there. One register holds one
+All programs have as inputs the state at the beginning of the step, and there the outputs of
+`record_modes` and `record_directions` of pfd_core.simulation.contact.modes. One register holds one
 number; flags are 1 or 0.
 """
 
@@ -48,8 +47,8 @@ from pfd_core.simulation.contact.modes import (
 # Rows of the dense output.
 ROWS = 7
 # Height below which a joint does not leave its stop, by the velocity and acceleration there
-# [rad or m]. Impacts of several joints in turn may throw each off its stop again, with velocities
-# that fall to zero in a finite time; what is left of them here is below 1e-12 rad/s or m/s.
+# [rad or m]. Impacts of several joints in turn may throw each off its stop again and again, with
+# velocities that reach zero in a finite time; at this height they are below 1e-12 rad/s or m/s.
 LEAST_FLIGHT = 1e-26
 # Roundings of a joint's torque over the largest torque, with a margin.
 ROUNDING = 2.0**-42
@@ -70,7 +69,7 @@ def dense_event_programs(plant: Plant) -> dict[str, Program]:
 
 @dataclass(frozen=True)
 class _Stop:
-    """A stop of a joint; a joint that begins beyond it must not move further."""
+    """A stop of a joint. A joint that begins beyond its stop must not move further."""
 
     joint: int
     sign: float  # of the position in the margin
@@ -142,10 +141,10 @@ def _excess(plant: Plant) -> Program:
     """
     Return the program of `margin`, (1,), with the bounds of the joints at rest.
 
-    Inputs are margin, torque = H x + bias, the torque that the motion needs, load, what the
-    motors give, and `sticks`, flags of joints that nothing releases. A joint is released where
-    the bound is exceeded by more than the rounding of the largest torque, so that the modes found
-    there release it, too.
+    Inputs are margin; torque = H x + bias, which the motion needs; load, the torque of the motors;
+    and `sticks`, flags of joints that nothing releases. A joint is released where the bound is
+    exceeded by more than the rounding of the largest torque, so that the modes at that time
+    release it, too.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
@@ -172,8 +171,8 @@ def _turn(plant: Plant) -> Program:
     Return the program of `theta.turn`, (1,): where a joint turns in front of its stop.
 
     Inputs are q, moving, the state at `theta.before` as dq.before and qd.before, the state at
-    `theta`, and h. Of all joints that turn between the two the one that comes closest counts, by
-    the cubic through both; without any it is theta.
+    `theta`, and h. Between the two times a joint moves on the cubic through both states. If
+    several joints turn, the joint closest to its stop counts; if none turns, the output is theta.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
@@ -199,7 +198,7 @@ def _turn(plant: Plant) -> Program:
 
 
 def _strike(plant: Plant) -> Program:
-    """Return the program of q and qd at an event: those at `theta`, with the event exact."""
+    """Return the program of q and qd at an event: the state at `theta`, with the event exact."""
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
     q, direction, moving, dq, q_at, qd_at = (
@@ -218,10 +217,10 @@ def _strike(plant: Plant) -> Program:
 
 def _stick(plant: Plant) -> Program:
     """
-    Return the program of `sticks`, (n,): joints at rest that leave it the wrong way at once.
+    Return the program of `sticks`, (n,): joints that leave rest at once in a wrong direction.
 
-    Inputs are the state soon after the beginning, dq.at and qd.at, and sticks. `stuck`, (1,), says
-    whether any is new. Only rounding makes a joint one of these.
+    Inputs are the state soon after the beginning, dq.at and qd.at, and sticks. `stuck`, (1,),
+    flags a new one. Only rounding can move a joint in a wrong direction.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
@@ -251,7 +250,7 @@ def _calm(plant: Plant) -> Program:
     """
     Return the program of qd with joints at rest that leave their stop below LEAST_FLIGHT.
 
-    `calmed`, (1,), says whether there is any.
+    `calmed`, (1,), flags such a joint.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')

@@ -83,7 +83,7 @@ def record_compression(plant: Plant) -> Program:
     """
     Return the program of the beginning of a compression.
 
-    Inputs are q, unbraked and, (1,), hits. Outputs are those of `record_modes` of
+    Inputs are q, unbraked and, (1,), hits. Outputs are as of `record_modes` of
     pfd_core.simulation.contact.modes.
     """
     n = plant.robot.n

@@ -111,7 +111,7 @@ def record_pivot(n: int) -> Program:
     Return the program of one change of the active set.
 
     Inputs, (n,): x, the solution for the set, torque = H x + bias, load = c + bias, and the
-    outputs of `record_modes` and `record_directions`. Outputs are those that change.
+    outputs of `record_modes` and `record_directions`. Outputs are the changed ones of these.
     """
     recorder = Recorder(1, 'sequential')
     rows = ('x', 'torque', 'load', 'candidate', 'lower', 'upper')
@@ -203,7 +203,7 @@ def record_drive(plant: Plant) -> Program:
 
 
 def rough_joints(plant: Plant) -> list[int]:
-    """Return the joints that friction can hold at rest, also those that slide without any."""
+    """Return the joints that friction can hold at rest, even if they slide without friction."""
     if plant.static_friction is None:
         return []
     joints: list[int] = np.flatnonzero(plant.static_friction).tolist()

@@ -102,7 +102,7 @@ def _mode_programs(plant: Plant, sticks: bool) -> dict[str, Program]:
 
 
 def _event_programs(plant: Plant, dtype: str) -> dict[str, Program]:
-    """Return the programs of friction and of impacts, as far as the plant has them."""
+    """Return the programs of friction and of impacts that the plant needs."""
     n = plant.robot.n
     programs: dict[str, Program] = {}
     if plant.friction is not None:

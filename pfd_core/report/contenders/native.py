@@ -1,0 +1,97 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Loops in C and C++ around other libraries: compilers, addresses of arrays, torques of joints.
+
+Each source is compiled on this machine for its processor and loaded into this process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import ctypes
+from dataclasses import dataclass
+from pathlib import Path
+import shutil
+import subprocess
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from pfd_core.model import Plant
+from pfd_core.report.cases.robots import Array
+from pfd_core.report.contenders.work import LeftOutError
+
+OPTIMISED = ('-O3', '-march=native')
+
+
+@dataclass(frozen=True)
+class Language:
+    """A language: its name, compiler, suffix of source files, and options of the compiler."""
+
+    name: str
+    compiler: str
+    suffix: str
+    options: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f'{self.compiler} {" ".join(OPTIMISED)}'
+
+    def path(self) -> str:
+        """Return the path of the compiler; LeftOutError if this machine has none."""
+        found = shutil.which(self.compiler)
+        if found is None:
+            raise LeftOutError(f'there is no {self.name} compiler ({self.compiler}) here')
+        return found
+
+
+C = Language('C', 'cc', '.c')
+CPP = Language('C++', 'g++', '.cpp', ('-std=c++17', '-DNDEBUG', '-w'))
+
+
+@contextmanager
+def built(language: Language, source: str, *options: str) -> Iterator[Path]:
+    """
+    Compile a source to a shared library, whose file is deleted at the end.
+
+    A loaded library needs no file. LeftOutError has the first error of the compiler.
+    """
+    with TemporaryDirectory(prefix='pfd_speed_') as folder:
+        code, library = (Path(folder) / f'arm{suffix}' for suffix in (language.suffix, '.so'))
+        code.write_text(source, encoding='utf-8')
+        command = [language.path(), *language.options, *OPTIMISED, '-shared', '-fPIC', *options]
+        command += [str(code), '-o', str(library), '-lm']
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise LeftOutError(f'{language.compiler} failed: {_first_error(done.stderr)}')
+        yield library
+
+
+def _first_error(message: str) -> str:
+    lines = message.strip().splitlines() or ['no message']
+    return next((line for line in lines if 'error' in line), lines[0])[:200]
+
+
+def address(array: Array | None) -> ctypes.c_void_p | None:
+    """Return the address of an array's numbers, which keeps the array; None without an array."""
+    return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
+
+
+def effort_limits(plant: Plant) -> Array:
+    """Return the effort limits, (n,), infinite for a plant without limits."""
+    return np.full(plant.robot.n, np.inf) if plant.effort_limits is None else plant.effort_limits
+
+
+def joint_torques(plant: Plant, width: float) -> Array:
+    """
+    Return effort limits, damping, dry friction F and the width of its ramp, (4, n).
+
+    The ramp F v / width, between -F and F, approximates dry friction. ValueError for friction
+    with a width [rad/s] that is not positive.
+    """
+    if plant.friction is not None and not width > 0:
+        raise ValueError(f'width must be positive with friction, got {width}')
+    zero = np.zeros(plant.robot.n)
+    damping, friction = (zero if x is None else x for x in (plant.viscosity, plant.friction))
+    return np.array([effort_limits(plant), damping, friction, zero + (width or 1.0)])

@@ -4,13 +4,17 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+import re
 from typing import Any
 
 from bags import STORE, rosbag2
+import msgspec
 import numpy as np
 from ros_processes import example_robot
+import zstandard
 
 import pfd_core as pfd
 from pfd_ros.testing.lockstep_arm import LockstepArm
@@ -111,3 +115,37 @@ def swinging(
 def text_message(text: str) -> Any:
     """Return a String of rosbags."""
     return STORE.types[STRING](text)
+
+
+class Exported:
+    """The messages in an exported page, by their time."""
+
+    def __init__(self, path: Path) -> None:
+        found = re.search(r'__VISER_EMBED_DATA__="([^"]*)"', path.read_text(encoding='utf-8'))
+        assert found is not None
+        data = base64.b64decode(found[1])
+        size = int.from_bytes(data[:8], 'little')
+        raw = zstandard.ZstdDecompressor().decompress(data[8:], max_output_size=size)
+        header = 8 + int.from_bytes(raw[:8], 'little')
+        decoded = msgspec.msgpack.decode(raw[8:header])
+        self.duration = decoded['durationSeconds']
+        self.messages = decoded['messages']
+
+    def positions(self, node: str) -> list[tuple[float, list[float]]]:
+        """Return the times [s] and positions of a node."""
+        return self._values(node, 'SetPositionMessage', 'position')
+
+    def turns(self, node: str) -> list[tuple[float, list[float]]]:
+        """Return the times [s] and quaternions w, x, y, z of a node."""
+        return self._values(node, 'SetOrientationMessage', 'wxyz')
+
+    def visibility(self, node: str) -> list[tuple[float, bool]]:
+        """Return the times [s] at which a node is shown or hidden."""
+        return self._values(node, 'SetSceneNodeVisibilityMessage', 'visible')
+
+    def _values(self, node: str, kind: str, field: str) -> list[tuple[float, Any]]:
+        return [
+            (time, message[field])
+            for time, message in self.messages
+            if message.get('name') == node and message['type'] == kind
+        ]

@@ -134,7 +134,8 @@ def fill(server: Any, content: Content, ghost: Content | None = None) -> Callabl
     rings = JointRings(server.scene, content.seen.urdf, motion.joints, poses)
     loads = Loads(content.seen.urdf, motion.joints, motion.effort)
     shadow = None if ghost is None else _Ghost(server.scene, ghost, motion)
-    wrench = DrawnWrench(server.scene, poses, reach, content.scale)
+    first = content.loads.wrench.first
+    wrench = DrawnWrench(server.scene, poses, reach, content.scale, first)
     payload = DrawnPayload(server.scene, poses, reach)
     add_path(server.scene, tip_path(content), reach / 250)
     add_floor(server.scene, reach)

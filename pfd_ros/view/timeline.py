@@ -36,9 +36,14 @@ class Timeline(Generic[T]):
         place = int(np.searchsorted(self.times, time, side='right')) - 1
         return self.values[place] if place >= 0 else None
 
+    @property
+    def first(self) -> T | None:
+        """The first value that is not None, None if there is none."""
+        return next((value for value in self.values if value is not None), None)
+
     def __bool__(self) -> bool:
         """Return whether there is a value at any time."""
-        return any(value is not None for value in self.values)
+        return self.first is not None
 
 
 def timeline(items: Iterable[tuple[float, T | None]]) -> Timeline[T]:

@@ -29,6 +29,8 @@ SHAFT, CENTRE = 0.007, 0.014
 # that force is a circle of the arrow's length.
 WEIGHTS, TORQUE_ARM = 2.0, 5.0
 GRAVITY = 9.81
+# Of an arrow that has no length yet.
+UNSEEN = 1e-3
 # Newtons a metre for a URDF without masses.
 NO_MASS = 100.0
 # Density [kg/m^3] of the ball that stands for a payload without inertia: aluminium.
@@ -82,10 +84,20 @@ class DrawnWrench:
         Of the arm [m].
     scale : Scale
         Of the arrows.
+    first : WrenchMessage, optional
+        The first wrench that will be shown. A browser shows and moves a node at once, and changes
+        its size some frames later.
 
     """
 
-    def __init__(self, scene: Any, poses: LinkPoses, reach: float, scale: Scale) -> None:
+    def __init__(
+        self,
+        scene: Any,
+        poses: LinkPoses,
+        reach: float,
+        scale: Scale,
+        first: WrenchMessage | None = None,
+    ) -> None:
         self._poses, self._scale = poses, scale
         self._shown: WrenchMessage | None = None
         self._along_force = self._about_torque = np.eye(4)
@@ -95,17 +107,19 @@ class DrawnWrench:
         self._torque = scene.add_frame('/wrench/torque', show_axes=False, visible=False)
         self._shaft, self._head = (
             scene.add_mesh_simple(
-                f'/wrench/force/{name}', *mesh, color=FORCE_COLOUR, flat_shading=True
+                f'/wrench/force/{name}', *mesh, color=FORCE_COLOUR, flat_shading=True, scale=UNSEEN
             )
             for name, mesh in (('shaft', arrows.shaft(radius)), ('head', arrows.head(radius)))
         )
         self._turn = scene.add_mesh_simple(
-            '/wrench/torque/turn', *arrows.turning_arrow(), color=TORQUE_COLOUR
+            '/wrench/torque/turn', *arrows.turning_arrow(), color=TORQUE_COLOUR, scale=UNSEEN
         )
         self._labels = [
             scene.add_label(f'/wrench/{name}/label', '', anchor='bottom-left')
             for name in ('force', 'torque')
         ]
+        self._change(first)
+        self._change(None)
 
     def show(self, frames: NDArray[np.float64], wrench: WrenchMessage | None) -> None:
         """Show a wrench at frames of all links (links, 4, 4); its frame must be one of them."""
@@ -172,7 +186,7 @@ class DrawnPayload:
             np.array(ball.faces, np.int32),
             color=CENTRE_COLOUR,
         )
-        self._label = scene.add_label('/payload/label', '', anchor='top-left')
+        self._label = scene.add_label('/payload/label', '', anchor='top-right')
 
     def show(self, frames: NDArray[np.float64], payload: InertiaMessage | None) -> None:
         """Show a payload at frames of all links (links, 4, 4); its frame must be one of them."""

@@ -332,6 +332,9 @@ def test_an_exported_page_shows_hides_and_turns_the_arrow(pushed: Path, tmp_path
         found = [time / PART for time, _ in changes]
         # A frame of the page is 1/30 s.
         assert found == pytest.approx(times, abs=1 / 30 / PART + 0.01)
+    # A browser changes sizes later than it shows a node: the first one is there from the start.
+    radius = np.linalg.norm(PUSHES['tool0'][1]) / content.scale.torque
+    assert exported.updates('/wrench/torque/turn')[0] == (0.0, {'scale': pytest.approx(radius)})
     at = frames_at(pushed, len(content.motion.time) // 2 - 2)
     (turn,) = [wxyz for time, wxyz in exported.turns('/wrench/force') if time <= 2 * PART - 0.01][
         -1:

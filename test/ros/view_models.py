@@ -143,6 +143,10 @@ class Exported:
         """Return the times [s] at which a node is shown or hidden."""
         return self._values(node, 'SetSceneNodeVisibilityMessage', 'visible')
 
+    def updates(self, node: str) -> list[tuple[float, dict[str, Any]]]:
+        """Return the times [s] at which properties of a node change, and their values."""
+        return self._values(node, 'SceneNodeUpdateMessage', 'updates')
+
     def _values(self, node: str, kind: str, field: str) -> list[tuple[float, Any]]:
         return [
             (time, message[field])

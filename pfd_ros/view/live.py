@@ -22,7 +22,12 @@ import rclpy
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node, NodeNameNonExistentError
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_profile_sensor_data,
+)
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
@@ -39,8 +44,11 @@ TOPIC = 'joint_states'
 MODEL_SECONDS, ANSWER_SECONDS, QUIET_SECONDS = 20.0, 5.0, 5.0
 # Updates of the page a second, and the time [s] between two looks at the graph.
 RATE, LOOK_SECONDS = 30.0, 0.5
+# Callbacks between two updates, at most: a state, wrenches, a payload, a report.
+CALLBACKS = 6
 # Of an endpoint whose node is not known yet.
 UNKNOWN = '_NODE_NAME_UNKNOWN_'
+NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -216,19 +224,20 @@ def follow(topics: LiveTopics, arm: LiveArm, report: Callable[[str], None]) -> N
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     ends = _Ends(topics, arm)
-    start = shown = time.monotonic()
+    start = time.monotonic()
     looked = -LOOK_SECONDS
     receiving = quiet = malformed = False
     try:
         while True:
-            executor.spin_once(timeout_sec=1.0 / RATE)
+            # A state that nobody will see costs no Python: the reader keeps the last one.
+            time.sleep(1.0 / RATE)
+            for _ in range(CALLBACKS):
+                executor.spin_once(timeout_sec=0.0)
+            arm.draw()
             now = time.monotonic()
             if now - looked >= LOOK_SECONDS:
                 looked = now
                 ends.look()
-            if now - shown >= 1.0 / RATE:
-                shown = now
-                arm.draw()
             if arm.received and not receiving:
                 receiving = True
                 report(f'receiving {topics.states}')
@@ -270,12 +279,12 @@ class _Ends:
         # Whatever the publisher's reliability is, and of states only the last one counts.
         plain = qos_profile_sensor_data
         if purpose == 'states':
-            node.create_subscription(JointState, name, arm.take, plain, raw=True)
+            node.create_subscription(JointState, name, arm.take, NEWEST, raw=True)
         elif purpose == 'payload':
             node.create_subscription(InertiaStamped, name, arm.take_payload, LATCHED, raw=True)
         elif purpose == 'acting':
             take = arm.take_acting_wrench
-            node.create_subscription(WrenchStamped, name, take, plain, raw=True)
+            node.create_subscription(WrenchStamped, name, take, NEWEST, raw=True)
         else:
             node.create_subscription(WrenchStamped, name, self._take_sent, plain, raw=True)
             node.create_subscription(DiagnosticArray, '/diagnostics', self._take_report, plain)

@@ -16,8 +16,7 @@ from typing import Any
 import urllib.request
 
 from browser import needs_browser
-from devtools import Page, opened
-import numpy as np
+from devtools import opened, red
 import pytest
 from ros_processes import PATIENCE, Peer, Process, Processes, call
 
@@ -135,12 +134,6 @@ def test_the_view_ends_with_the_arm_however_that_ends(
     viewed.wait_for_the_end()
     assert 'Traceback' not in viewed.arm.text()
     assert 'the 3D view' not in viewed.arm.text()
-
-
-def red(shown: Page) -> float:
-    """Return the part of a page that has the colour of a force."""
-    r, g, b = np.moveaxis(shown.pixels().astype(int), 2, 0)
-    return float(((r - np.maximum(g, b) > 60) & (np.abs(g - b) < 40)).mean())
 
 
 @needs_browser

@@ -16,14 +16,14 @@ from ros_processes import example_robot
 from view_models import (
     STATE,
     STORE,
-    STRING,
     UR5,
+    WRENCH,
     Exported,
     joint_state,
     parsed,
-    text_message,
+    pushed_bag,
     urdf,
-    write_bag,
+    wrench_message,
 )
 
 import pfd_core as pfd
@@ -46,7 +46,6 @@ from pfd_ros.view.tip_loads import DENSITY, payload_body, scale_of
 
 # The page has float32 vertices.
 SINGLE = 1e-6
-WRENCH = 'geometry_msgs/msg/WrenchStamped'
 # Two pushes of the UR5 in frames that its last link carries, and the payloads under which.
 PUSHES = {
     'tool0': ((12.0, -7.0, 20.0), (0.8, -1.5, 0.6)),
@@ -271,36 +270,13 @@ def test_the_arrow_is_shown_in_the_states_in_which_the_wrench_acted(tmp_path: Pa
     np.testing.assert_array_equal(np.array(shown), expected)
 
 
-def wrench_message(frame: str, force: tuple[float, ...], torque: tuple[float, ...]) -> Any:
-    """Return a WrenchStamped of rosbags with the stamp 0."""
-    types = STORE.types
-    vector = types['geometry_msgs/msg/Vector3']
-    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](0, 0), frame)
-    body = types['geometry_msgs/msg/Wrench'](vector(*force), vector(*torque))
-    return types[WRENCH](header, body)
-
-
-def other_bag(path: Path, frame: str = 'end') -> Path:
-    """Write a bag of the pendulum with wrenches at 0.15 s and 0.35 s, log times from 10 s on."""
-    messages: list[Any] = [('/robot_description', STRING, 0, text_message(urdf()))]
-    for k in range(5):
-        state = joint_state(100.0 + 0.1 * k, ['swing'], [0.3 * k])
-        messages.append(('/joint_states', STATE, round((10 + 0.1 * k) * 1e9), state))
-        if k in (1, 3):
-            force = (4.0, 0.0, 0.0) if k == 1 else (0.0, 0.0, 0.0)
-            sent = wrench_message(frame, force, (0.0, 0.0, 0.0))
-            for topic in ('/arm/external_wrench', '/sensor/wrench'):
-                messages.append((topic, WRENCH, round((10.05 + 0.1 * k) * 1e9), sent))
-    return write_bag(path, messages)
-
-
 def test_a_wrench_in_another_bag_holds_until_the_next(tmp_path: Path) -> None:
-    content = content_of(other_bag(tmp_path / 'bag'))
+    content = content_of(pushed_bag(tmp_path / 'bag'))
     found = [content.loads.wrench.at(time) for time in content.motion.time]
     assert [one is not None for one in found] == [False, False, True, True, False]
     named = content_of(tmp_path / 'bag', wrench_topic='/sensor/wrench')
     assert [named.loads.wrench.at(time) for time in named.motion.time] == found
-    unknown = content_of(other_bag(tmp_path / 'unknown', 'nowhere'))
+    unknown = content_of(pushed_bag(tmp_path / 'unknown', 'nowhere'))
     assert unknown.lines[-1] == (
         "a wrench is not shown: its frame 'nowhere' is no link of the model"
     )
@@ -310,7 +286,7 @@ def test_a_wrench_in_another_bag_holds_until_the_next(tmp_path: Path) -> None:
 def test_a_topic_without_wrenches_is_an_error_that_lists_the_others(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bag = other_bag(tmp_path / 'bag')
+    bag = pushed_bag(tmp_path / 'bag')
     assert main(['view', str(bag), '--wrench-topic', '/joint_states']) == 1
     assert "it has ['/arm/external_wrench', '/sensor/wrench']" in capsys.readouterr().err
 

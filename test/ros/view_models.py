@@ -23,6 +23,7 @@ UR5 = 'ur_description/urdf/ur5_robot.urdf'
 PANDA = 'panda_description/urdf/panda.urdf'
 SO100 = 'so_arm_description/urdf/so100.urdf'
 STATE, STRING = 'sensor_msgs/msg/JointState', 'std_msgs/msg/String'
+WRENCH = 'geometry_msgs/msg/WrenchStamped'
 
 
 def urdf(*visuals: str, robot: str = '') -> str:
@@ -115,6 +116,29 @@ def swinging(
 def text_message(text: str) -> Any:
     """Return a String of rosbags."""
     return STORE.types[STRING](text)
+
+
+def wrench_message(frame: str, force: tuple[float, ...], torque: tuple[float, ...]) -> Any:
+    """Return a WrenchStamped of rosbags with the stamp 0."""
+    types = STORE.types
+    vector = types['geometry_msgs/msg/Vector3']
+    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](0, 0), frame)
+    body = types['geometry_msgs/msg/Wrench'](vector(*force), vector(*torque))
+    return types[WRENCH](header, body)
+
+
+def pushed_bag(path: Path, frame: str = 'end') -> Path:
+    """Write a bag of the pendulum with wrenches at 0.15 s and 0.35 s, log times from 10 s on."""
+    messages: list[Any] = [('/robot_description', STRING, 0, text_message(urdf()))]
+    for k in range(5):
+        state = joint_state(100.0 + 0.1 * k, ['swing'], [0.3 * k])
+        messages.append(('/joint_states', STATE, round((10 + 0.1 * k) * 1e9), state))
+        if k in (1, 3):
+            force = (4.0, 0.0, 0.0) if k == 1 else (0.0, 0.0, 0.0)
+            sent = wrench_message(frame, force, (0.0, 0.0, 0.0))
+            for topic in ('/arm/external_wrench', '/sensor/wrench'):
+                messages.append((topic, WRENCH, round((10.05 + 0.1 * k) * 1e9), sent))
+    return write_bag(path, messages)
 
 
 class Exported:

@@ -270,6 +270,23 @@ def test_the_arrow_is_shown_in_the_states_in_which_the_wrench_acted(tmp_path: Pa
     np.testing.assert_array_equal(np.array(shown), expected)
 
 
+def test_a_file_that_continues_a_run_begins_with_its_wrench_and_payload(tmp_path: Path) -> None:
+    files = {'recording_max_duration': 0.1, 'recording_state_period': 0.1}
+    settings = {'external_wrench': True, 'payload_mass': 1.5, 'publish_rate': 100.0, **files}
+    with LockstepArm('planar2', recording=tmp_path / 'run.mcap', **settings) as arm:
+        arm.run(lambda t, q, qd: np.zeros(2), 0.05)
+        arm.push((0.0, 3.0, 0.0), (0.0, 0.0, 0.0))
+        arm.run(lambda t, q, qd: np.zeros(2), 0.14)
+    second = content_of(tmp_path / 'run_000002.mcap')
+    assert len(second.motion.time) > 5
+    for time in second.motion.time:
+        wrench, payload = second.loads.wrench.at(time), second.loads.payload.at(time)
+        assert wrench is not None
+        assert payload is not None
+        assert (wrench.force, wrench.frame_id) == ((0.0, 3.0, 0.0), 'tip_link')
+        assert (payload.mass, payload.frame_id) == (1.5, 'tip_link')
+
+
 def test_a_wrench_in_another_bag_holds_until_the_next(tmp_path: Path) -> None:
     content = content_of(pushed_bag(tmp_path / 'bag'))
     found = [content.loads.wrench.at(time) for time in content.motion.time]

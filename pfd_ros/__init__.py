@@ -12,8 +12,8 @@ Subpackages in the order of data flow; each imports only from those above it:
     motion       measures of the motion of a joint, from samples
     page         a log as one HTML page: what went wrong first, and its curves
     node         the arm on its topics, in real time; parameters, threads, log lines
-    view         the arm of a log or of a running node in 3D, in a browser
     testing      the arm in a controller's tests: pytest fixtures, lockstep, assertions
+    view         the arm of a log or of a running node in 3D, in a browser
     demo         the node and a controller as two processes, and the results
     cli          the command `pfd`, one module a command
 
@@ -37,7 +37,8 @@ To change or add
     metadata of recordings  recording.format.HeadKey, EndKey; built in provenance.file_head and
                             recorder.LogRecorder.ending, written by mcap_file
     a check of a page       page.findings, fed by page.reading
-    what `pfd view` draws   view.scene, view.logged_arm; from a new topic also view.motion
+    what `pfd view` draws   view.scene, view.tip_loads, in view.logged_arm and view.live_arm; from
+                            a new topic also view.motion or view.log_loads, and view.live
     a `pfd` command         a module of cli, a name in cli.main.COMMANDS
 """
 

@@ -44,9 +44,9 @@ PFD_ROS = {
     'motion': set(),
     'page': {'text', 'messages', 'arm', 'recording', 'motion'},
     'node': {'text', 'messages', 'arm', 'recording', 'replay'},
-    'view': {'text', 'messages', 'arm', 'recording', 'node'},
     'testing': {'text', 'messages', 'arm', 'recording', 'replay', 'motion', 'page'},
-    'demo': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'testing'},
+    'view': {'text', 'messages', 'arm', 'recording', 'node', 'testing'},
+    'demo': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'testing', 'view'},
     'cli': {'text', 'messages', 'arm', 'recording', 'replay', 'page', 'node', 'view', 'demo'},
 }
 SIMULATION: dict[str, set[str]] = {'contact': set()}

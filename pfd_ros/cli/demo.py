@@ -7,8 +7,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from pfd_ros.cli.terminal import add_view, ended_by_signals
+from pfd_ros.view.ports import PORT
+
 HELP = 'run the arm and a controller as two ROS 2 processes for a few seconds'
-EXAMPLE = 'pfd demo --robot panda'
+EXAMPLE = 'pfd demo --robot panda; pfd demo --view --seconds 20'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,10 +21,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--out', type=Path, default=Path('pfd_demo'), help='folder for the results'
     )
+    add_view(parser, PORT)
 
 
 def run(given: argparse.Namespace) -> int:
     """Run the demo; 0 only if all of it worked."""
     from pfd_ros.demo.processes import run_demo
 
-    return run_demo(given.robot, given.seconds, given.out)
+    with ended_by_signals():
+        return run_demo(given.robot, given.seconds, given.out, given.port if given.view else None)

@@ -4,11 +4,72 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import argparse
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 import json
+import signal
 import sys
+from typing import Any
 
 from pfd_ros.text import one_line
+
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+# For a program to end by itself after a signal.
+END_SECONDS = 10
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt in the block, as Ctrl-C does, once.
+
+    Further signals have no effect, so that nothing is left behind; an alarm ends what hangs.
+    Signals that the process ignores, such as Ctrl-C in the background, stay ignored.
+    """
+
+    def end(*_: Any) -> None:
+        for number in ENDING:
+            if signal.getsignal(number) is end:
+                signal.signal(number, signal.SIG_IGN)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(END_SECONDS)
+        raise KeyboardInterrupt
+
+    handlers = {
+        number: signal.signal(number, end)
+        for number in ENDING
+        if signal.getsignal(number) is not signal.SIG_IGN
+    }
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+
+
+def port_number(text: str) -> int:
+    """Return the port that an option names."""
+    number = int(text) if text.isascii() and text.isdecimal() else -1
+    if not 0 <= number < 1 << 16:
+        raise argparse.ArgumentTypeError(f'port must be in [0, 65535], got {text!r}')
+    return number
+
+
+def add_view(parser: argparse.ArgumentParser, port: int) -> None:
+    """Declare the view of a running arm and its port."""
+    parser.add_argument(
+        '--view',
+        action='store_true',
+        help='show the arm in 3D in a browser meanwhile, as pfd view --live does (extra `view`)',
+    )
+    parser.add_argument(
+        '--port',
+        type=port_number,
+        default=port,
+        metavar='N',
+        help=f'port of the page of --view on this computer (default {port}; 0: any free one)',
+    )
 
 
 def print_lines(lines: Iterable[object]) -> None:

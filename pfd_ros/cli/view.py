@@ -5,20 +5,24 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from contextlib import suppress
-import importlib.util
+import math
+import os
 from pathlib import Path
 import sys
 import threading
+from typing import Any
 import webbrowser
 
-from pfd_ros.cli.terminal import print_lines, progress_on
+from pfd_ros.cli.terminal import ended_by_signals, port_number, print_lines, progress_on
 from pfd_ros.text import listed, one_line
+from pfd_ros.view.ports import OPENED, PORT, check_installed
 
 HELP = 'show the arm of a log or of a running node in 3D, in a browser'
-EXAMPLE = 'pfd view run.mcap --open'
-NEEDED = ('viser', 'trimesh', 'collada')
-PORT = 8080
+EXAMPLE = 'pfd view run.mcap --open; pfd view --live --node /sim_arm'
+# What browsers on a display need, or a browser that the user has chosen.
+DISPLAYS = ('DISPLAY', 'WAYLAND_DISPLAY', 'BROWSER')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,6 +40,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'or .yaml file, or a name that `pfd robots` lists',
     )
     parser.add_argument('--topic', metavar='TOPIC', help='the topic of joint states')
+    parser.add_argument(
+        '--node',
+        metavar='NODE',
+        help='with --live: the node of the arm, such as /left/sim_arm (default: the publisher of '
+        'the joint states)',
+    )
+    parser.add_argument(
+        '--wrench-topic',
+        metavar='TOPIC',
+        help="a topic of WrenchStamped to draw, in place of the arm's external wrench",
+    )
+    parser.add_argument(
+        '--force-scale',
+        type=_newtons,
+        metavar='N',
+        help='force of an arrow of 1 m, N (default: by the weight of the arm; the page states it)',
+    )
     parser.add_argument(
         '--ghost',
         type=Path,
@@ -58,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--port',
-        type=_port,
+        type=port_number,
         default=PORT,
         metavar='N',
         help=f'port of the page on this computer (default {PORT}; 0: any free one)',
@@ -74,9 +95,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Show a log or a running arm until Ctrl-C, or write a page."""
-    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
-    if missing:
-        raise ValueError("the 3D view needs viser and trimesh: pip install 'pfd_ros[view]'")
+    check_installed()
+    with ended_by_signals():
+        return _run(given)
+
+
+def _run(given: argparse.Namespace) -> int:
     if given.live:
         unused = ('log', 'ghost', 'ghost_topic', 'export')
         others = [name for name in unused if getattr(given, name)]
@@ -87,6 +111,8 @@ def run(given: argparse.Namespace) -> int:
         return 0
     if given.log is None:
         raise ValueError('name a log, or show a running arm with --live')
+    if given.node is not None:
+        raise ValueError('--node names a running arm: it needs --live')
     return _log(given)
 
 
@@ -95,7 +121,14 @@ def _log(given: argparse.Namespace) -> int:
     from pfd_ros.view.player import Player
 
     folders = tuple(given.package_path)
-    content = logged_arm.content_of(given.log, given.robot, given.topic, folders)
+    content = logged_arm.content_of(
+        given.log,
+        given.robot,
+        given.topic,
+        folders,
+        wrench_topic=given.wrench_topic,
+        newtons=given.force_scale,
+    )
     print_lines(content.lines)
     ghost = None
     if given.ghost or given.ghost_topic:
@@ -122,29 +155,52 @@ def _live(given: argparse.Namespace) -> None:
     from pfd_ros.view.mesh_files import MeshFolders
     from pfd_ros.view.motion import folder_of, named_model, parsed_text
 
+    named = None if given.node is None else live.arm_node(given.node)
+    namespace = '/' if named is None else named.namespace
     # Before anything is waited for: a port in use is an error at once.
-    with server.page(given.port, 'live') as page, live.view_node() as node:
-        if given.robot is not None:
-            urdf = named_model(given.robot)
-        else:
-            urdf = parsed_text(live.model_text(node), 'robot_description')
-        folders = MeshFolders(folder_of(None, given.robot), tuple(given.package_path))
-        arm = LiveArm(page, urdf, folders)
+    with server.page(given.port, 'live') as page, live.view_node(namespace) as node:
+        topics = live.LiveTopics(node, given.topic, named, given.wrench_topic)
+        page.on_client_connect(_report_browser())
+        text, robot = ('', given.robot) if given.robot is not None else topics.model()
+        urdf = parsed_text(text, 'robot_description') if robot is None else named_model(robot)
+        folders = MeshFolders(folder_of(None, robot), tuple(given.package_path))
+        arm = LiveArm(page, urdf, folders, given.force_scale)
         print_lines(arm.problems)
-        topic = given.topic or live.TOPIC
-        _announce(server.address(page), topic, given.open)
-        live.follow(node, topic, arm, lambda line: print_lines([line]))
+        shown = given.node or given.topic or live.TOPIC
+        _announce(server.address(page), shown, given.open)
+        live.follow(topics, arm, lambda line: print_lines([line]))
+
+
+def _report_browser() -> Callable[[Any], None]:
+    """Return a function that reports the first browser that opens the page."""
+    opened = threading.Event()
+
+    def report(_: Any) -> None:
+        if not opened.is_set():
+            opened.set()
+            print(OPENED, flush=True)
+
+    return report
 
 
 def _announce(url: str, shown: str, browse: bool) -> None:
     """Print the address of a page, and open it if that was asked."""
     print(f'{url} shows {one_line(shown)}; Ctrl-C ends it', flush=True)
-    if browse and not webbrowser.open(url):
+    if not browse:
+        return
+    # A browser in this terminal would take it over.
+    hidden = sys.platform == 'linux' and not any(os.environ.get(name) for name in DISPLAYS)
+    if hidden:
+        print(f'no display for --open: open {url} yourself', flush=True)
+    elif not webbrowser.open(url):
         print(f'no browser was found for --open: open {url} yourself', flush=True)
 
 
-def _port(text: str) -> int:
-    number = int(text) if text.isascii() and text.isdecimal() else -1
-    if not 0 <= number < 1 << 16:
-        raise argparse.ArgumentTypeError(f'port must be in [0, 65535], got {text!r}')
-    return number
+def _newtons(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f'force must be above 0 N, got {text!r}')
+    return value

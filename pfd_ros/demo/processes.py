@@ -13,6 +13,7 @@ import itertools
 import json
 import os
 from pathlib import Path
+import re
 import secrets
 import sys
 import time
@@ -30,11 +31,15 @@ from pfd_ros.recording.reader import LogError
 from pfd_ros.testing.child_process import ChildProcess
 from pfd_ros.testing.domains import FIRST, LAST, environment, own_domain
 from pfd_ros.testing.node_process import parameters_of
+from pfd_ros.view.ports import OPENED, check_page
+from pfd_ros.view.process import ViewProcess
 
 # For discovery and compilation on a busy machine.
 START_SECONDS = 60.0
 STOP_SECONDS = 20.0
 POLL_SECONDS = 0.05
+# For somebody to open the page of the view.
+PAGE_SECONDS = 20.0
 COMMAND_DEPTH = 10
 # The arm brakes this long after the controller ended, s; longer than delays on a busy machine.
 TIMEOUT_SECONDS = 0.5
@@ -48,7 +53,7 @@ def free_name(folder: Path) -> Path:
     return next(name for name in names if not name.with_suffix('.mcap').exists())
 
 
-def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
+def run_demo(robot_name: str, seconds: float, folder: Path, view_port: int | None = None) -> int:
     """Run the demo and print its results; return 0 only if all of it worked.
 
     Parameters
@@ -59,16 +64,20 @@ def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
         Simulated length of the motion, s.
     folder
         Folder for the files; created if missing.
+    view_port
+        Port of a page that shows the arm in 3D meanwhile, 0 for any; None for no page.
 
     Raises
     ------
     ValueError
-        If the robot is unknown or the length is not positive.
+        If the robot is unknown or the length is not positive, or the page cannot be served.
     OSError
         If the files cannot be written.
     """
     if not 0 < seconds < float('inf'):
         raise ValueError(f'--seconds is {seconds!r}, expected a positive number')
+    if view_port is not None:
+        check_page(view_port)
     robot = pfd.load_robot(robot_name)
     folder.mkdir(parents=True, exist_ok=True)
     base = free_name(folder)
@@ -96,8 +105,19 @@ def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
     start = secrets.randbelow(LAST - FIRST + 1)
     with own_domain(start=start, avoided=avoided) as domain:
         env = environment(os.environ, domain)
-        with bare_timer(STEP_SECONDS) as woke:
-            report, problems = _run_processes(robot_name, seconds, base, namespace, env)
+        view = None
+        if view_port is not None:
+            view = ViewProcess(view_port, robot_name, Path(f'{base}.view.txt'), env)
+        try:
+            if view is not None:
+                _show_page(view, f'{namespace}/sim_arm')
+            with bare_timer(STEP_SECONDS) as woke:
+                report, problems = _run_processes(robot_name, seconds, base, namespace, env)
+            if view is not None and view.ended():
+                problems.append(f'{view.ended()}, see {view.output}')
+        finally:
+            if view is not None:
+                view.stop()
     if report is not None:
         try:
             problems += show_results(base, robot, report, woke, STEP_SECONDS)
@@ -109,6 +129,24 @@ def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
         log = base.with_suffix('.mcap')
         print(f'look       pfd report log {log}; pfd view {log}\neverything worked')
     return 1 if problems else 0
+
+
+def _show_page(view: ViewProcess, node: str) -> None:
+    """Start the view, print its address, and wait for a browser to open it, or for some time."""
+    view.start(node)
+    deadline = time.monotonic() + START_SECONDS
+    while (found := re.search(r'^http://\S+', view.text(), re.MULTILINE)) is None:
+        if view.ended() or time.monotonic() > deadline:
+            return
+        time.sleep(POLL_SECONDS)
+    print(
+        f'view       {found[0]}: the arm starts when a browser opens it, in {PAGE_SECONDS:g} s '
+        'at the latest',
+        flush=True,
+    )
+    deadline = time.monotonic() + PAGE_SECONDS
+    while OPENED not in view.text() and not view.ended() and time.monotonic() < deadline:
+        time.sleep(POLL_SECONDS)
 
 
 def _run_processes(

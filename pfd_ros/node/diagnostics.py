@@ -237,6 +237,7 @@ class ArmDiagnostics:
                 ('largest_speed_over_limit', 0.0 if speed is None else f'{speed.ratio:.4g}'),
                 ('cycles_beyond_velocity_limits', now.fast),
                 ('control_period_s', period),
+                *_external_wrench(engine),
                 *_largest_gains(self.kernels.inertia(q, **payload), period, list(arm.order)),
             ],
         )
@@ -268,6 +269,18 @@ def _reason_to_wait(engine: Engine) -> str:
     if engine.pace.follows_clock and not pace.paused:
         return 'waiting for the followed /clock'
     return 'paused' if pace.paused else 'waiting for a command (lockstep)'
+
+
+def _external_wrench(engine: Engine) -> list[tuple[str, object]]:
+    """Return the wrench on the tip link from the next step on, for an arm that takes one."""
+    wrench = engine.state.wrench
+    if wrench is None:
+        return []
+    return [
+        ('external_wrench', ' '.join(f'{value:.6g}' for value in wrench.next.tolist())),
+        ('external_wrench_frame', engine.arm.robot.tip),
+        ('external_wrench_timeout_s', engine.settings.external_wrench_timeout),
+    ]
 
 
 def _largest_gains(

@@ -18,6 +18,10 @@ import signal
 import sys
 import threading
 import time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pfd_ros.node.process import Companion
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 LAST = 3
@@ -68,7 +72,11 @@ def stop_on_signals() -> Stop:
     return stop
 
 
-def main(args: list[str] | None = None, stop: threading.Event | None = None) -> int:
+def main(
+    args: list[str] | None = None,
+    stop: threading.Event | None = None,
+    companion: Companion | None = None,
+) -> int:
     """Run the node until SIGINT, SIGTERM or SIGHUP; return its exit status.
 
     Parameters
@@ -77,6 +85,8 @@ def main(args: list[str] | None = None, stop: threading.Event | None = None) -> 
         Command line without the program's name; None takes the one of the process.
     stop
         From `stop_on_signals`, if the caller has called it already.
+    companion
+        A process that is started with the arm, and ends with the node.
     """
     if stop is None:
         stop = stop_on_signals()
@@ -86,7 +96,7 @@ def main(args: list[str] | None = None, stop: threading.Event | None = None) -> 
     try:
         from pfd_ros.node.process import run
 
-        return run(sys.argv[1:] if args is None else args, stop)
+        return run(sys.argv[1:] if args is None else args, stop, companion)
     finally:
         # `run` has set an alarm.
         ignore_signals()

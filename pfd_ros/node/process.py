@@ -16,7 +16,7 @@ import signal
 import sys
 import threading
 import traceback
-from typing import Any
+from typing import Any, Protocol
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
@@ -49,7 +49,20 @@ MISTAKES = (
 )
 
 
-def run(args: list[str], stop: threading.Event) -> int:
+class Companion(Protocol):
+    """A process that accompanies the node, such as its 3D view."""
+
+    def start(self, node: str) -> None:
+        """Start it for the node of a full name, whose arm is running."""
+
+    def ended(self) -> str:
+        """Return how it ended, '' while it runs."""
+
+    def stop(self) -> None:
+        """End it, if it was started."""
+
+
+def run(args: list[str], stop: threading.Event, companion: Companion | None = None) -> int:
     """Run the node until `stop` is set; return its exit status.
 
     Parameters
@@ -58,9 +71,11 @@ def run(args: list[str], stop: threading.Event) -> int:
         Command line without the program's name.
     stop
         Set by a signal, perhaps before the node starts, and by the node when it cannot continue.
+    companion
+        Started with the arm, and ended with the node; its end is logged and changes nothing.
     """
     try:
-        return 0 if stop.is_set() else _run(args, stop)
+        return 0 if stop.is_set() else _run(args, stop, companion)
     except MISTAKES as error:
         print(f'{NAME}: {one_line(error)}', file=sys.stderr)
         return 1
@@ -68,6 +83,8 @@ def run(args: list[str], stop: threading.Event) -> int:
         traceback.print_exc()
         return 1
     finally:
+        if companion is not None:
+            companion.stop()
         _limit_the_rest()
         try_shutdown()
 
@@ -78,19 +95,21 @@ def _limit_the_rest() -> None:
     signal.alarm(END_SECONDS)
 
 
-def _run(args: list[str], stop: threading.Event) -> int:
+def _run(args: list[str], stop: threading.Event, companion: Companion | None) -> int:
     _check_arguments(args)
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     workers = Workers(stop)
     node = SimArmNode(workers, MISTAKES)
     node.start()
+    if companion is not None:
+        companion.start(node.get_fully_qualified_name())
     # `main.py` disables it.
     gc.enable()
     ended: Future = Future()
     executor: Any = EventsExecutor()
     executor.add_node(node)
     spinning = workers.start('the executor', lambda: _spin(executor, ended, node))
-    workers.guard('reporting', lambda: _report(node, stop))
+    workers.guard('reporting', lambda: _report(node, stop, companion))
     node.close()
     ended.set_result(None)
     executor.wake()
@@ -121,9 +140,13 @@ def _check_arguments(args: list[str]) -> None:
         raise ValueError(f'unknown arguments {listed(extra)}; parameters follow --ros-args -p')
 
 
-def _report(node: SimArmNode, stop: threading.Event) -> None:
+def _report(node: SimArmNode, stop: threading.Event, companion: Companion | None) -> None:
+    reported = False
     while not stop.wait(REPORT_SECONDS):
         node.report()
+        if companion is not None and not reported and companion.ended():
+            reported = True
+            node.get_logger().warning(f'{companion.ended()}; the arm continues')
 
 
 def _spin(executor: Any, ended: Future, node: SimArmNode) -> None:

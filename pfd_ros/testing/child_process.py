@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 import os
 from pathlib import Path
 import signal
@@ -17,7 +18,8 @@ START = f"""
 import ctypes, os, sys
 if sys.platform == 'linux':
     ctypes.CDLL(None).prctl(1, {int(signal.SIGTERM)})
-os.execvp(sys.argv[1], sys.argv[1:])
+os.nice(int(sys.argv[1]))
+os.execvp(sys.argv[2], sys.argv[2:])
 """
 # Of the output, in the text of an error.
 LAST_LINES = 15
@@ -31,29 +33,32 @@ class ChildProcess:
     command
         Program and arguments.
     output
-        A file for its stdout and stderr.
+        A file for its stdout and stderr; None for those of this process.
     env, cwd
         As for subprocess.Popen.
+    niceness
+        By how much it gives way to other processes, 0 to 19.
     """
 
     def __init__(
         self,
         command: Sequence[str | os.PathLike[str]],
-        output: Path,
+        output: Path | None,
         env: Mapping[str, str] | None = None,
         cwd: Path | None = None,
+        niceness: int = 0,
     ) -> None:
         self.command = [os.fspath(part) for part in command]
         self.output = output
-        with output.open('wb') as stream:
+        with nullcontext() if output is None else output.open('wb') as stream:
             self.process = subprocess.Popen(
                 # Without site packages this start takes 10 ms.
-                [sys.executable, '-I', '-S', '-c', START, *self.command],
+                [sys.executable, '-I', '-S', '-c', START, str(niceness), *self.command],
                 cwd=cwd,
                 env=env,
                 stdin=subprocess.DEVNULL,
                 stdout=stream,
-                stderr=subprocess.STDOUT,
+                stderr=None if output is None else subprocess.STDOUT,
                 # An interrupt of a terminal is for the starter, which then ends the process.
                 start_new_session=True,
             )
@@ -64,7 +69,9 @@ class ChildProcess:
         return self.process.pid
 
     def text(self) -> str:
-        """Return its stdout and stderr so far."""
+        """Return its stdout and stderr so far, '' where it has no file."""
+        if self.output is None:
+            return ''
         return self.output.read_text(encoding='utf-8', errors='replace')
 
     def tail(self) -> str:
@@ -81,10 +88,10 @@ class ChildProcess:
             return f'ended by {signal.Signals(-status).name}'
         return f'ended with status {status}'
 
-    def stop(self, seconds: float) -> int:
-        """End the process as Ctrl-C does, after so many seconds by force; return its status."""
+    def stop(self, seconds: float, number: signal.Signals = signal.SIGINT) -> int:
+        """End the process by a signal, after so many seconds by force; return its status."""
         if self.process.poll() is None:
-            self.process.send_signal(signal.SIGINT)
+            self.process.send_signal(number)
         try:
             return self.process.wait(seconds)
         except subprocess.TimeoutExpired:

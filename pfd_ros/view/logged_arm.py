@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.view.loads import Loads
+from pfd_ros.view.log_loads import TipLoads, tip_loads
 from pfd_ros.view.mesh_files import MeshFolders
 from pfd_ros.view.motion import Motion, Seen, read
 from pfd_ros.view.poses import LinkPoses
@@ -20,6 +21,14 @@ from pfd_ros.view.scene import DrawnArm, JointRings, add_floor, add_path, bounds
 from pfd_ros.view.server import look_at
 from pfd_ros.view.shapes import Drawing, draw
 from pfd_ros.view.skeleton import reach_of
+from pfd_ros.view.tip_loads import (
+    PAYLOAD_LEGEND,
+    WRENCH_LEGEND,
+    DrawnPayload,
+    DrawnWrench,
+    Scale,
+    scale_of,
+)
 
 # States of which the bounds of the motion are taken.
 SAMPLES = 50
@@ -38,6 +47,8 @@ class Content(NamedTuple):
     seen: Seen
     drawing: Drawing
     poses: LinkPoses
+    loads: TipLoads
+    scale: Scale
 
     @property
     def motion(self) -> Motion:
@@ -53,7 +64,7 @@ class Content(NamedTuple):
     @property
     def lines(self) -> tuple[str, ...]:
         """What the log or its model lacks, a line each."""
-        return (*self.seen.problems, *self.drawing.problems)
+        return (*self.seen.problems, *self.drawing.problems, *self.loads.problems)
 
 
 def content_of(
@@ -62,6 +73,8 @@ def content_of(
     topic: str | None = None,
     packages: tuple[Path, ...] = (),
     other: pfd.Urdf | None = None,
+    wrench_topic: str | None = None,
+    newtons: float | None = None,
 ) -> Content:
     """
     Return what a page shows of a log.
@@ -72,16 +85,22 @@ def content_of(
         As for `motion.read`.
     packages : tuple of Path
         As `MeshFolders` has them.
+    wrench_topic : str, optional
+        As `tip_loads` takes it.
+    newtons : float, optional
+        As `scale_of` takes it.
 
     Raises
     ------
     ValueError, OSError
-        As `motion.read`.
+        As `motion.read` and `tip_loads`.
 
     """
     seen = read(path, robot, topic, other)
     drawing = draw(seen.urdf, MeshFolders(seen.folder, packages))
-    return Content(seen, drawing, LinkPoses(seen.urdf, seen.motion.joints))
+    poses = LinkPoses(seen.urdf, seen.motion.joints)
+    loads = tip_loads(seen.log, seen.motion, poses.links, wrench_topic)
+    return Content(seen, drawing, poses, loads, scale_of(seen.urdf, newtons))
 
 
 def tip_path(content: Content) -> NDArray[np.float64]:
@@ -110,19 +129,26 @@ def fill(server: Any, content: Content, ghost: Content | None = None) -> Callabl
         Shows a time [s] after the first state.
 
     """
-    motion, poses = content.motion, content.poses
+    motion, poses, reach = content.motion, content.poses, reach_of(content.seen.urdf)
     arm = DrawnArm(server.scene, '/arm', content.drawing, poses)
     rings = JointRings(server.scene, content.seen.urdf, motion.joints, poses)
     loads = Loads(content.seen.urdf, motion.joints, motion.effort)
     shadow = None if ghost is None else _Ghost(server.scene, ghost, motion)
-    add_path(server.scene, tip_path(content), reach_of(content.seen.urdf) / 250)
-    add_floor(server.scene, reach_of(content.seen.urdf))
+    first = content.loads.wrench.first
+    wrench = DrawnWrench(server.scene, poses, reach, content.scale, first)
+    payload = DrawnPayload(server.scene, poses, reach)
+    add_path(server.scene, tip_path(content), reach / 250)
+    add_floor(server.scene, reach)
     places = np.unique(np.linspace(0, len(motion.time) - 1, SAMPLES).astype(int))
     boxes = [
         bounds(content.drawing, content.poses.at(motion.position[k]), content.poses)
         for k in places
     ]
     server.gui.add_markdown(LEGEND)
+    if content.loads.wrench:
+        server.gui.add_markdown(WRENCH_LEGEND.format(content.scale))
+    if content.loads.payload:
+        server.gui.add_markdown(PAYLOAD_LEGEND)
     look_at(server, np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1])
 
     def show(time: float) -> None:
@@ -131,6 +157,8 @@ def fill(server: Any, content: Content, ghost: Content | None = None) -> Callabl
             position = motion.position[place]
             frames = arm.show(position)
             rings.show(frames, loads.colours(position, motion.effort[place]))
+            wrench.show(frames, content.loads.wrench.at(motion.time[place]))
+            payload.show(frames, content.loads.payload.at(motion.time[place]))
             if shadow is not None:
                 shadow.show(time)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.messages.convert import INERTIA, JOINT_STATE, STRING, WRENCH
+from pfd_ros.messages.convert import INERTIA, JOINT_STATE, NANOSECONDS, STRING, WRENCH
 from pfd_ros.recording.log_arrays import LogArrays, TopicArrays, read_log
 from pfd_ros.text import cut, listed
 
@@ -37,21 +37,32 @@ class Motion:
     ----------
     time : ndarray, (N,)
         From the first state [s], not decreasing.
-    start : float
-        Time of the first state, as the log has it [s].
+    start_ns : int
+        Time of the first state, as the log has it [ns].
     joints : tuple of str
         Joints of the model that the log names.
     position, effort : ndarray, (N, joints)
         [rad, m], [N m, N]. A value that the log lacks is the one before, or 0; efforts without
         any value are NaN.
+    log_ns : ndarray of int64, (N,)
+        Log times [ns].
+    stamped : bool
+        Whether times are stamps; log times otherwise.
 
     """
 
     time: Array
-    start: float
+    start_ns: int
     joints: tuple[str, ...]
     position: Array
     effort: Array
+    log_ns: NDArray[np.int64]
+    stamped: bool = False
+
+    @property
+    def start(self) -> float:
+        """Time of the first state, as the log has it [s]."""
+        return self.start_ns / NANOSECONDS
 
     @property
     def duration(self) -> float:
@@ -61,6 +72,10 @@ class Motion:
     def at(self, time: float) -> int:
         """Return the place of the last state at or before a time [s], 0 before the first."""
         return max(int(np.searchsorted(self.time, time, side='right')) - 1, 0)
+
+
+# Of a log without states: one state, without joints.
+NO_MOTION = Motion(np.zeros(1), 0, (), np.zeros((1, 0)), np.zeros((1, 0)), np.zeros(1, np.int64))
 
 
 @dataclass(frozen=True)
@@ -106,7 +121,7 @@ def read(path: Path, robot: str | None, topic: str | None, other: pfd.Urdf | Non
     chosen = _topic(log, topic, urdf)
     if chosen is None:
         problems.append(f'{path} has no {JOINT_STATE}: the arm is shown at zero')
-        motion = Motion(np.zeros(1), 0.0, (), np.zeros((1, 0)), np.zeros((1, 0)))
+        motion = NO_MOTION
     else:
         motion, more = motion_of(log[chosen], urdf)
         problems += [f'{chosen}: {line}' for line in more]
@@ -183,14 +198,17 @@ def motion_of(states: TopicArrays, urdf: pfd.Urdf) -> tuple[Motion, list[str]]:
         problems.append(f'{len(unknown)} joints are not in the model: {listed(unknown)}')
     if not len(states):
         problems.append('no readable message: the arm is shown at zero')
-        return Motion(np.zeros(1), 0.0, (), np.zeros((1, 0)), np.zeros((1, 0))), problems
+        return NO_MOTION, problems
     if not joints:
         problems.append('no joint of the model: the arm is shown at zero')
     elif not _has_positions(states):
         problems.append('no positions: the arm is shown at zero')
     times = states.stamp_ns
     order = np.arange(len(states))
-    if times is None or np.any(np.diff(times) < 0) or times[-1] == times[0]:
+    stamped = times is not None and (
+        len(times) == 1 or bool(np.all(np.diff(times) >= 0) and times[-1] > times[0])
+    )
+    if times is None or not stamped:
         times = states.log_ns
         order = np.argsort(times, kind='stable')
         if states.stamp_ns is not None and len(states) > 1:
@@ -202,8 +220,9 @@ def motion_of(states: TopicArrays, urdf: pfd.Urdf) -> tuple[Motion, list[str]]:
         for item in (states.position, states.effort)
     ]
     position = np.nan_to_num(values[0])
-    seconds = (sorted_ns - sorted_ns[0]) / 1e9
-    return Motion(seconds, float(sorted_ns[0] / 1e9), joints, position, values[1]), problems
+    seconds = (sorted_ns - sorted_ns[0]) / NANOSECONDS
+    start_ns, log_ns = int(sorted_ns[0]), states.log_ns[order]
+    return Motion(seconds, start_ns, joints, position, values[1], log_ns, stamped), problems
 
 
 def _filled(values: Array) -> Array:

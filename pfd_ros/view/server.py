@@ -7,13 +7,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 import io
-import socket
 from typing import Any
 
 import numpy as np
 import viser
 
-HOST = '127.0.0.1'
+from pfd_ros.view.ports import HOST, check_port, in_use
+
 # Distance of the camera from the middle of what is shown, as a part of its size.
 DISTANCE = 0.9
 DIRECTION = (0.75, -0.85, 0.4)
@@ -38,13 +38,12 @@ def page(port: int, title: str) -> Iterator[viser.ViserServer]:
 
     """
     # The server itself would take the next port.
-    if port and not _is_free(port):
-        raise ValueError(f'port {port} is in use: --port 0 takes a free one')
+    check_port(port)
     with redirect_stdout(io.StringIO()):
         server = viser.ViserServer(HOST, port, label=title, verbose=False)
     try:
         if port not in (0, server.get_port()):
-            raise ValueError(f'port {port} is in use: --port 0 takes a free one')
+            raise ValueError(in_use(port))
         # The share button would send the scene to a server on the internet.
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.gui.main_panel.dock_right()
@@ -70,14 +69,3 @@ def look_at(server: viser.ViserServer, low: Any, high: Any) -> None:
     camera.look_at = tuple(middle)
     camera.position = tuple(middle + DISTANCE * size * direction)
     camera.near, camera.far = size / 200, size * 200
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        # As servers do: a port whose last connections are closing is free.
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((HOST, port))
-        except OSError:
-            return False
-        return True

@@ -76,16 +76,35 @@ def _rod(end: NDArray[np.float64], radius: float) -> tuple[Cylinder, NDArray[np.
 def _body(inertial: Any, reach: float) -> tuple[Box, NDArray[np.float64]]:
     ixx, ixy, ixz, iyy, iyz, izz = inertial.inertia
     matrix = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
-    moments, axes = np.linalg.eigh(matrix)
-    # Of a box m (b^2 + c^2) / 12 = moment about a, and so on.
-    with np.errstate(over='ignore', invalid='ignore'):
-        squares = 6.0 / inertial.mass * (moments.sum() - 2 * moments)
-    # A tiny mass gives infinity, or NaN.
-    squares = np.nan_to_num(np.maximum(squares, 0.0))
-    edges = np.clip(np.sqrt(squares), LEAST * reach, LONGEST * reach)
-    if np.linalg.det(axes) < 0:
-        axes[:, 0] = -axes[:, 0]
+    box, axes = equivalent_box(inertial.mass, matrix, reach)
     pose = pose_of(inertial.origin.xyz, inertial.origin.rpy)
     pose[:3, :3] = pose[:3, :3] @ axes
-    x, y, z = edges.tolist()
-    return Box((x, y, z)), pose
+    return box, pose
+
+
+def equivalent_box(
+    mass: float, inertia: NDArray[np.float64], reach: float
+) -> tuple[Box, NDArray[np.float64]]:
+    """
+    Return the solid box with a mass and an inertia, and its axes (3, 3) as columns.
+
+    Parameters
+    ----------
+    mass : float
+        Above zero [kg].
+    inertia : ndarray, (3, 3)
+        About the centre of mass [kg m^2].
+    reach : float
+        Of the arm [m]; edges are LEAST to LONGEST of it.
+
+    """
+    moments, axes = np.linalg.eigh(inertia)
+    # Of a box m (b^2 + c^2) / 12 = moment about a, and so on.
+    with np.errstate(over='ignore', invalid='ignore'):
+        squares = 6.0 / mass * (moments.sum() - 2 * moments)
+    # A tiny mass gives infinity, or NaN.
+    squares = np.nan_to_num(np.maximum(squares, 0.0))
+    x, y, z = np.clip(np.sqrt(squares), LEAST * reach, LONGEST * reach).tolist()
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] = -axes[:, 0]
+    return Box((x, y, z)), axes

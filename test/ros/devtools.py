@@ -85,6 +85,12 @@ class Page:
         return np.asarray(Image.open(io.BytesIO(data)).convert('RGB'))
 
 
+def red(shown: Page) -> float:
+    """Return the part of a page that has the colour of a force."""
+    r, g, b = np.moveaxis(shown.pixels().astype(int), 2, 0)
+    return float(((r - np.maximum(g, b) > 60) & (np.abs(g - b) < 40)).mean())
+
+
 @contextmanager
 def opened(url: str, folder: Path) -> Iterator[Page]:
     """Open a page in a new browser without a network, which ends with the block."""

@@ -45,6 +45,7 @@ def completed(line: str, folder: Path) -> list[str]:
     [
         ('pfd re', {'replay', 'recover', 'report'}),
         ('pfd replay --wh', {'--what-if'}),
+        ('pfd sim --v', {'--view'}),
     ],
 )
 def test_bash_completes_commands_and_options(line: str, words: set[str], tmp_path: Path) -> None:

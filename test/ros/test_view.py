@@ -244,7 +244,7 @@ def test_a_port_in_use_is_one_line_with_the_cure(
 def test_without_the_extra_the_error_names_it(
     ur5_log: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr('pfd_ros.cli.view.NEEDED', ('viser_which_nobody_has',))
+    monkeypatch.setattr('pfd_ros.view.ports.NEEDED', ('viser_which_nobody_has',))
     assert main(['view', str(ur5_log)]) == 1
     assert "pip install 'pfd_ros[view]'" in capsys.readouterr().err
 
@@ -256,7 +256,16 @@ def test_a_port_that_is_none_is_an_error(port: str, capsys: pytest.CaptureFixtur
     assert 'port must be in [0, 65535]' in capsys.readouterr().err
 
 
-def test_the_command_prints_the_address_without_rclpy_and_ends_with_ctrl_c(ur5_log: Path) -> None:
+@pytest.mark.parametrize(
+    ('number', 'browser', 'line'),
+    [
+        (signal.SIGINT, {'BROWSER': '/nowhere/browser'}, 'no browser was found for --open'),
+        pytest.param(signal.SIGTERM, {}, 'no display for --open', marks=pytest.mark.long),
+    ],
+)
+def test_the_command_prints_the_address_without_rclpy_and_ends_by_signals(
+    ur5_log: Path, number: signal.Signals, browser: dict[str, str], line: str
+) -> None:
     program = (
         'import signal, sys, threading\n'
         # A shell that runs the tests in the background ignores the signal.
@@ -267,7 +276,9 @@ def test_the_command_prints_the_address_without_rclpy_and_ends_with_ctrl_c(ur5_l
         'raise SystemExit(status)\n'
     )
     command = [sys.executable, '-c', program, 'view', str(ur5_log), '--port=0', '--open']
-    environment = {**os.environ, 'PATH': '', 'BROWSER': '/nowhere/browser'}
+    displays = ('DISPLAY', 'WAYLAND_DISPLAY', 'BROWSER')
+    others = {name: value for name, value in os.environ.items() if name not in displays}
+    environment = {**others, 'PATH': '', **browser}
     viewer = subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
@@ -280,8 +291,8 @@ def test_the_command_prints_the_address_without_rclpy_and_ends_with_ctrl_c(ur5_l
         first, second = viewer.stdout.readline(), viewer.stdout.readline()
         assert first.startswith('http://127.0.0.1:')
         assert first.endswith('shows ur5.mcap; Ctrl-C ends it\n')
-        assert second.startswith('no browser was found for --open: open http://127.0.0.1:')
-        viewer.send_signal(signal.SIGINT)
+        assert second.startswith(f'{line}: open http://127.0.0.1:')
+        viewer.send_signal(number)
         rest, _ = viewer.communicate(timeout=PATIENCE)
         assert rest == 'False 1\n'
         assert viewer.returncode == 0

@@ -8,10 +8,10 @@ from pathlib import Path
 import time
 
 from browser import needs_browser
-from devtools import PATIENCE, Page, opened
+from devtools import PATIENCE, Page, opened, red
 import numpy as np
 import pytest
-from view_models import STATE, joint_state, text_message, urdf, visual, write_bag
+from view_models import STATE, joint_state, pushed_bag, text_message, urdf, visual, write_bag
 
 from pfd_ros.view.export import export
 from pfd_ros.view.logged_arm import Content, content_of, fill
@@ -22,6 +22,8 @@ pytestmark = [pytest.mark.slow, needs_browser]
 # The arm hangs down for this time [s], and points up as long.
 HANGING = 10.0
 LEAST = 0.005
+# Part of a picture that an arrow has at least.
+ARROW = 0.0005
 
 
 @pytest.fixture
@@ -81,3 +83,17 @@ def test_the_exported_page_plays_from_disk_without_network(log: Content, tmp_pat
         # It plays by itself, from its start and again and again.
         seen(shown, seen(shown))
         assert shown.console == []
+
+
+@pytest.mark.long
+def test_the_arrow_of_a_force_is_in_the_page_while_it_acts(tmp_path: Path) -> None:
+    content = content_of(pushed_bag(tmp_path / 'bag'))
+    with page(0, 'test') as server:
+        show = fill(server, content)
+        with opened(address(server), tmp_path / 'profile') as shown:
+            for time_shown, acts in ((0.1, False), (0.3, True), (0.4, False), (0.2, True)):
+                show(content.motion.time[round(10 * time_shown)])
+                end = time.monotonic() + PATIENCE
+                while (red(shown) > ARROW) != acts:
+                    assert time.monotonic() < end, (time_shown, shown.console)
+            assert shown.console == []

@@ -87,7 +87,10 @@ def test_a_log_and_live_exclude_each_other(
     assert error in capsys.readouterr().err
 
 
+# The run of each day follows an arm in test_view_process.py.
 @pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.long
 def test_a_running_arm_is_followed_until_ctrl_c(processes: Processes) -> None:
     processes.arm('-p', 'robot:=ur5', '-p', 'publish_description:=true')
     command = [sys.executable, '-m', 'pfd_ros.cli.main', 'view', '--live', '--port', '0']

@@ -4,19 +4,26 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterator
 from pathlib import Path
 import re
 from typing import Any
 
-import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
 from ros_processes import example_robot
-from view_models import STATE, UR5, joint_state, parsed, recorded, swinging, urdf, write_bag
-import zstandard
+from view_models import (
+    STATE,
+    UR5,
+    Exported,
+    joint_state,
+    parsed,
+    recorded,
+    swinging,
+    urdf,
+    write_bag,
+)
 
 from pfd_ros import read_log
 from pfd_ros.cli.main import main
@@ -122,29 +129,6 @@ def test_logs_without_a_time_in_common_start_together(tmp_path: Path) -> None:
     state = ('/joint_states', STATE, 0, joint_state(7.0, ['swing'], [1.0]))
     ghost = content_of(write_bag(tmp_path / 'b', [state]), other=arm.seen.urdf)
     assert offset_of(arm.motion, ghost.motion) is None
-
-
-class Exported:
-    """The messages in an exported page, by their time."""
-
-    def __init__(self, path: Path) -> None:
-        found = re.search(r'__VISER_EMBED_DATA__="([^"]*)"', path.read_text(encoding='utf-8'))
-        assert found is not None
-        data = base64.b64decode(found[1])
-        size = int.from_bytes(data[:8], 'little')
-        raw = zstandard.ZstdDecompressor().decompress(data[8:], max_output_size=size)
-        header = 8 + int.from_bytes(raw[:8], 'little')
-        decoded = msgspec.msgpack.decode(raw[8:header])
-        self.duration = decoded['durationSeconds']
-        self.messages = decoded['messages']
-
-    def positions(self, node: str) -> list[tuple[float, list[float]]]:
-        """Return the times [s] and positions of a node."""
-        return [
-            (time, message['position'])
-            for time, message in self.messages
-            if message.get('name') == node and message['type'] == 'SetPositionMessage'
-        ]
 
 
 def test_the_exported_page_has_the_arm_at_the_times_of_the_log(

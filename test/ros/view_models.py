@@ -4,13 +4,17 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+import re
 from typing import Any
 
 from bags import STORE, rosbag2
+import msgspec
 import numpy as np
 from ros_processes import example_robot
+import zstandard
 
 import pfd_core as pfd
 from pfd_ros.testing.lockstep_arm import LockstepArm
@@ -19,6 +23,7 @@ UR5 = 'ur_description/urdf/ur5_robot.urdf'
 PANDA = 'panda_description/urdf/panda.urdf'
 SO100 = 'so_arm_description/urdf/so100.urdf'
 STATE, STRING = 'sensor_msgs/msg/JointState', 'std_msgs/msg/String'
+WRENCH = 'geometry_msgs/msg/WrenchStamped'
 
 
 def urdf(*visuals: str, robot: str = '') -> str:
@@ -111,3 +116,64 @@ def swinging(
 def text_message(text: str) -> Any:
     """Return a String of rosbags."""
     return STORE.types[STRING](text)
+
+
+def wrench_message(frame: str, force: tuple[float, ...], torque: tuple[float, ...]) -> Any:
+    """Return a WrenchStamped of rosbags with the stamp 0."""
+    types = STORE.types
+    vector = types['geometry_msgs/msg/Vector3']
+    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](0, 0), frame)
+    body = types['geometry_msgs/msg/Wrench'](vector(*force), vector(*torque))
+    return types[WRENCH](header, body)
+
+
+def pushed_bag(path: Path, frame: str = 'end') -> Path:
+    """Write a bag of the pendulum with wrenches at 0.15 s and 0.35 s, log times from 10 s on."""
+    messages: list[Any] = [('/robot_description', STRING, 0, text_message(urdf()))]
+    for k in range(5):
+        state = joint_state(100.0 + 0.1 * k, ['swing'], [0.3 * k])
+        messages.append(('/joint_states', STATE, round((10 + 0.1 * k) * 1e9), state))
+        if k in (1, 3):
+            force = (4.0, 0.0, 0.0) if k == 1 else (0.0, 0.0, 0.0)
+            sent = wrench_message(frame, force, (0.0, 0.0, 0.0))
+            for topic in ('/arm/external_wrench', '/sensor/wrench'):
+                messages.append((topic, WRENCH, round((10.05 + 0.1 * k) * 1e9), sent))
+    return write_bag(path, messages)
+
+
+class Exported:
+    """The messages in an exported page, by their time."""
+
+    def __init__(self, path: Path) -> None:
+        found = re.search(r'__VISER_EMBED_DATA__="([^"]*)"', path.read_text(encoding='utf-8'))
+        assert found is not None
+        data = base64.b64decode(found[1])
+        size = int.from_bytes(data[:8], 'little')
+        raw = zstandard.ZstdDecompressor().decompress(data[8:], max_output_size=size)
+        header = 8 + int.from_bytes(raw[:8], 'little')
+        decoded = msgspec.msgpack.decode(raw[8:header])
+        self.duration = decoded['durationSeconds']
+        self.messages = decoded['messages']
+
+    def positions(self, node: str) -> list[tuple[float, list[float]]]:
+        """Return the times [s] and positions of a node."""
+        return self._values(node, 'SetPositionMessage', 'position')
+
+    def turns(self, node: str) -> list[tuple[float, list[float]]]:
+        """Return the times [s] and quaternions w, x, y, z of a node."""
+        return self._values(node, 'SetOrientationMessage', 'wxyz')
+
+    def visibility(self, node: str) -> list[tuple[float, bool]]:
+        """Return the times [s] at which a node is shown or hidden."""
+        return self._values(node, 'SetSceneNodeVisibilityMessage', 'visible')
+
+    def updates(self, node: str) -> list[tuple[float, dict[str, Any]]]:
+        """Return the times [s] at which properties of a node change, and their values."""
+        return self._values(node, 'SceneNodeUpdateMessage', 'updates')
+
+    def _values(self, node: str, kind: str, field: str) -> list[tuple[float, Any]]:
+        return [
+            (time, message[field])
+            for time, message in self.messages
+            if message.get('name') == node and message['type'] == kind
+        ]

@@ -1,0 +1,43 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The port of a page, and what a page needs to be installed; without importing it."""
+
+from __future__ import annotations
+
+import importlib.util
+import socket
+
+HOST, PORT = '127.0.0.1', 8080
+# What a view of a running arm prints once a browser shows it.
+OPENED = 'a browser has opened the page'
+NEEDED = ('viser', 'trimesh', 'collada')
+
+
+def check_installed() -> None:
+    """Raise ValueError, with the cure, if a page cannot be served here."""
+    if any(importlib.util.find_spec(name) is None for name in NEEDED):
+        raise ValueError("the 3D view needs viser and trimesh: pip install 'pfd_ros[view]'")
+
+
+def check_page(port: int) -> None:
+    """Raise ValueError if a page cannot be served here, or not on a port."""
+    check_installed()
+    check_port(port)
+
+
+def check_port(port: int) -> None:
+    """Raise ValueError if another program listens on a port; 0 is any free one."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        # As servers do: a port whose last connections are closing is free.
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except PermissionError as error:
+            raise ValueError(f'port {port} needs privileges: --port 0 takes a free one') from error
+        except OSError as error:
+            raise ValueError(in_use(port)) from error
+
+
+def in_use(port: int) -> str:
+    """Return the line about a port that another program has."""
+    return f'port {port} is in use: --port 0 takes a free one'

@@ -1,0 +1,71 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The view of a running arm as a separate process, which ends with the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import os
+from pathlib import Path
+import signal
+import sys
+
+from pfd_ros.testing.child_process import ChildProcess
+from pfd_ros.testing.domains import environment_to_kill
+
+# The arm comes first where processors are few.
+NICENESS = 10
+# For the page and ROS to close.
+END_SECONDS = 5.0
+
+
+class ViewProcess:
+    """
+    `pfd view --live` of one node.
+
+    Parameters
+    ----------
+    port : int
+        Of its page; 0 takes a free one.
+    robot : str, optional
+        The model; default: the one of the node.
+    output : Path, optional
+        A file for what it prints; default: where this process prints.
+    env : mapping, optional
+        Its environment; default: the one of this process.
+
+    """
+
+    def __init__(
+        self,
+        port: int,
+        robot: str | None = None,
+        output: Path | None = None,
+        env: Mapping[str, str] | None = None,
+    ) -> None:
+        self.output = output
+        self._options = ['--port', str(port), *([] if robot is None else ['--robot', robot])]
+        self._env = os.environ if env is None else env
+        self._child: ChildProcess | None = None
+
+    def start(self, node: str) -> None:
+        """Start it for the node of a full name."""
+        command = [sys.executable, '-u', '-m', 'pfd_ros.cli.main', 'view', '--live']
+        # Fast DDS of the arm would not survive its being killed with shared memory in use.
+        env = environment_to_kill(self._env)
+        options = ['--node', node, *self._options]
+        self._child = ChildProcess([*command, *options], self.output, env, niceness=NICENESS)
+
+    def ended(self) -> str:
+        """Return how it ended, '' before its start and while it runs."""
+        how = '' if self._child is None else self._child.end()
+        return f'the 3D view {how}' if how else ''
+
+    def text(self) -> str:
+        """Return what it has printed to its file."""
+        return '' if self._child is None else self._child.text()
+
+    def stop(self) -> None:
+        """End it, after some seconds by force."""
+        if self._child is not None:
+            self._child.stop(END_SECONDS, signal.SIGTERM)

@@ -366,7 +366,7 @@ def test_a_kernel_without_refinement_estimates_the_error_of_its_own_bits(
 
 
 @pytest.mark.parametrize('refine', [-1, 0.5, '1', None])
-def test_a_number_of_steps_that_is_none_is_refused(refine: object) -> None:
+def test_an_invalid_number_of_steps_is_refused(refine: object) -> None:
     with pytest.raises(ValueError, match='refine must be an integer of at least 0, got'):
         pfd.compile_kernel(pfd.load_robot('planar2'), refine=refine)  # type: ignore[arg-type]
 

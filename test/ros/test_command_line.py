@@ -13,6 +13,7 @@ import sys
 import pytest
 from rewriting import GOLDEN
 from ros_processes import Processes, environment
+from sampling import one_fast
 
 import pfd_core as pfd
 from pfd_core.report import counts_pages
@@ -201,7 +202,7 @@ def test_an_error_of_several_lines_is_printed_in_one(
 
 
 @pytest.mark.parametrize(
-    'words', [['info', str(GOLDEN)], ['robots'], ['--help'], ['info', '--help']]
+    'words', one_fast([['info', str(GOLDEN)], ['robots'], ['--help'], ['info', '--help']])
 )
 def test_a_reader_that_ends_first_ends_a_command_quietly(words: list[str]) -> None:
     # argparse ignores errors of output that is not buffered.

@@ -42,7 +42,7 @@ def test_a_step_that_never_ends_is_logged_and_the_file_is_closed(processes: Proc
     assert read(processes.folder / 'arm.mcap', verify=True).complete
 
 
-def test_a_callback_that_fails_is_counted_and_the_arm_still_hears(
+def test_a_callback_that_fails_is_counted_and_the_arm_still_receives(
     processes: Processes, peer_of
 ) -> None:
     from std_srvs.srv import Trigger

@@ -179,7 +179,7 @@ def test_parts_are_those_of_the_paper_or_differ_by_a_known_number(n: int) -> Non
         assert (more == (0, 0)) or x.part.remark
 
 
-@pytest.mark.parametrize('method', ['pcrbm', 'pcrbm_array'])
+@pytest.mark.parametrize('method', one_fast(['pcrbm', 'pcrbm_array']))
 def test_our_best_takes_fewer_steps_than_the_paper_prints_only_with_packing(method: str) -> None:
     counts = row(method, 6)
     for kind in ('multiplications', 'additions'):
@@ -274,6 +274,7 @@ def test_the_cells_of_the_array_are_processors() -> None:
     assert row('pcrbm', 6).units == 6
 
 
+@pytest.mark.slow
 def test_a_cycle_of_the_array_is_one_multiplication_in_every_table() -> None:
     # PCRBM without its factorisation and column sweep, 21 and 15 + 0, and 28 cycles.
     for n in (2, 6, 9):

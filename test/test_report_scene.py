@@ -210,6 +210,7 @@ def test_the_error_of_the_integrator_is_that_of_the_closed_form(disc: pfd.Robot)
     assert [floor.cause.split(':')[0] for floor in rounding] == ['rounding', 'rounding in float32']
 
 
+@pytest.mark.slow
 def test_the_page_advises_and_names_what_the_motion_says_nothing_about(
     disc: pfd.Robot, tmp_path: Path
 ) -> None:

@@ -195,6 +195,7 @@ def test_a_torque_law_of_time_and_state_moves_an_arm_as_it_was_computed_to() -> 
     np.testing.assert_allclose(run.qdd, -(w**2) * np.cos(np.outer(run.time, w)), atol=1e-7)
 
 
+@pytest.mark.slow
 def test_a_wrench_at_the_tip_acts_as_its_torques() -> None:
     robot = pfd.load_robot('ur5')
     model = to_pinocchio(robot)

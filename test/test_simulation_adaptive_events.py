@@ -204,7 +204,7 @@ def test_a_grazed_stop_is_found_between_two_looks_at_the_step() -> None:
     assert run.q.min() >= -way
 
 
-@pytest.mark.parametrize(('seed', 'stribeck'), [(8, False), (5, True)])
+@pytest.mark.parametrize(('seed', 'stribeck'), one_fast([(8, False), (5, True)]))
 def test_chains_of_impacts_end_and_pass_no_stop(seed: int, stribeck: bool) -> None:
     # The joints throw each other off their stops, with velocities that fall below 1e-9 rad/s. Seen
     # 300 and 2300 attempts.
@@ -255,6 +255,7 @@ def test_a_motor_lag_is_refused() -> None:
         )
 
 
+@pytest.mark.slow
 def test_a_motion_that_stability_cuts_into_too_many_steps_is_too_stiff() -> None:
     scene = pfd.Scene(damping=np.full(6, 100.0))
     run = pfd.integrate(

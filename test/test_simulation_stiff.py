@@ -109,7 +109,7 @@ def test_a_damped_rod_coasts_as_its_closed_form_says(damping: float, integrator:
     assert abs(trajectory.qd[-1, 0]) <= math.exp(-rate) + COASTING
 
 
-@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
 def test_an_ensemble_moves_by_the_bits_of_a_simulator(dtype: str) -> None:
     sim = puma(1e3, False, dtype=dtype)
     many = pfd.Ensemble(sim.robot, 5, sim.scene, integrator='imex2', dtype=dtype)

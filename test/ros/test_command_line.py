@@ -108,6 +108,7 @@ def test_without_ros_the_message_says_how_to_get_it(tmp_path: Path, command: lis
     assert 'Traceback' not in done.stderr
 
 
+@pytest.mark.slow
 def test_robots_and_help_work_without_ros(tmp_path: Path) -> None:
     assert 'puma560' in without_ros(tmp_path, 'robots').stdout
     assert 'replay' in without_ros(tmp_path, '--help').stdout

@@ -401,6 +401,7 @@ def test_a_request_that_rclpy_cannot_answer_does_not_end_the_player(
     assert player.end(signal.SIGINT) == 128 + signal.SIGINT
 
 
+@pytest.mark.slow
 def test_an_output_that_is_closed_ends_the_player(processes: Processes, tmp_path: Path) -> None:
     log = write_words(tmp_path / 'words.mcap', 4, apart=0.05)
     command = [sys.executable, *PFD, 'replay', str(log), '--publish', '--loop']
@@ -420,6 +421,7 @@ def test_an_output_that_is_closed_ends_the_player(processes: Processes, tmp_path
         assert player.stderr.read() == ''
 
 
+@pytest.mark.slow
 def test_a_terminal_shows_the_position_on_one_line(processes: Processes, tmp_path: Path) -> None:
     log = write_words(tmp_path / 'words.mcap', 5, apart=0.2)
     ours, theirs = pty.openpty()

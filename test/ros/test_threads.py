@@ -34,6 +34,7 @@ def test_a_thread_that_ends_ends_the_node_with_a_closed_file(
     assert read(processes.folder / 'arm.mcap', verify=True).complete
 
 
+@pytest.mark.slow
 def test_a_step_that_never_ends_is_logged_and_the_file_is_closed(processes: Processes) -> None:
     arm = processes.faulty('stepping_hangs', '-p', 'recording:=arm.mcap')
     arm.wait_for_text('hangs')

@@ -13,10 +13,13 @@ from zoo import random_chain
 import pfd_core as pfd
 
 # Lengths around powers of two, where a level is added, and between.
-SIZES = (*range(1, 10), 12, 15, 16, 17, 24, 31, 32)
-EVERY_SIZE = [
-    pytest.param(n, marks=[] if n in SIZES else [pytest.mark.slow]) for n in range(1, 33)
-]
+LENGTHS = (*range(1, 10), 12, 15, 16, 17, 24, 31, 32)
+# Short programs, and the longest after which a level is added. The others are slow.
+SHORT = (*range(1, 10), 16, 17)
+SIZES, EVERY_SIZE = (
+    [pytest.param(n, marks=[] if n in SHORT else [pytest.mark.slow]) for n in lengths]
+    for lengths in (LENGTHS, range(1, 33))
+)
 
 
 def chain(n: int, prismatic: bool = False) -> pfd.Robot:

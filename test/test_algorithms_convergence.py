@@ -4,9 +4,12 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 from oracle import ARMS, Oracle
 import pytest
+from sampling import one_fast
 from zoo import Array, slider
 
 import pfd_core as pfd
@@ -72,11 +75,7 @@ def test_a_wrong_answer_of_an_emulation_is_not_accepted(method: str) -> None:
 
 @pytest.mark.parametrize(
     ('name', 'dtype'),
-    [
-        ('ur5', 'float64'),
-        *((name, 'float32') for name in ARMS),
-        *(pytest.param(name, 'float64', marks=pytest.mark.slow) for name in ARMS if name != 'ur5'),
-    ],
+    one_fast(product(ARMS, ['float32', 'float64']), ('ur5', 'float32')),
 )
 def test_no_ordinary_state_is_refused(name: str, dtype: str) -> None:
     refuses_none(name, dtype, 60)

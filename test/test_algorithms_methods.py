@@ -11,6 +11,7 @@ import mpmath
 import numpy as np
 from oracle import ARMS, WRENCH, Oracle, chains, error, every, jacobi_condition, relative
 import pytest
+from sampling import one_fast
 from tolerances import ACCELERATION, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state, right_angled, without_mass
 
@@ -57,7 +58,7 @@ def assert_sound(found: dict[str, Array]) -> None:
 
 
 @on_each
-@pytest.mark.parametrize('scene', [EVERYTHING, WRENCH], ids=['everything', 'wrench'])
+@pytest.mark.parametrize('scene', one_fast([EVERYTHING, WRENCH]), ids=['everything', 'wrench'])
 def test_random_chains_agree_with_pinocchio(method: str, schedule: str, scene: pfd.Scene) -> None:
     # Ten of 48 chains, with 1 to 12 joints, some of prismatic joints alone.
     everything = scene is EVERYTHING
@@ -76,7 +77,7 @@ def test_random_chains_agree_with_pinocchio(method: str, schedule: str, scene: p
 
 
 @on_each
-@pytest.mark.parametrize('rotors', [False, True])
+@pytest.mark.parametrize('rotors', one_fast([False, True], True))
 def test_the_arms_agree_with_pinocchio_with_and_without_rotors(
     method: str, schedule: str, rotors: bool
 ) -> None:

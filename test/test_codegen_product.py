@@ -12,6 +12,7 @@ import llvmlite.binding as llvm
 import numpy as np
 from numpy.typing import NDArray
 import pytest
+from sampling import one_fast
 from zoo import random_chain
 
 import pfd_core as pfd
@@ -139,14 +140,14 @@ def test_a_refined_and_an_iterated_answer_give_the_same_bits(method: str, refine
     assert_native_is_emulated(source, robot, 'float64')
 
 
-@pytest.mark.parametrize('tile', [(1, 1), (3, 5)])
+@pytest.mark.parametrize('tile', [pytest.param((1, 1), marks=pytest.mark.slow), (3, 5)])
 def test_any_tile_gives_the_same_bits(tile: tuple[int, int], monkeypatch: Any) -> None:
     monkeypatch.setattr(product, 'TILES', {True: tile, False: tile})
     robot = arm('four mixed')
     assert_native_is_emulated(jacobian(robot), robot, 'float64')
 
 
-@pytest.mark.parametrize('width', [2, 4])
+@pytest.mark.parametrize('width', one_fast([2, 4]))
 def test_narrower_registers_give_the_same_bits(width: int) -> None:
     robot = arm('four mixed')
     source = jacobian(robot)
@@ -179,7 +180,7 @@ def test_only_short_programs_change_their_order() -> None:
         assert sorted(operations(found).items()) == sorted(operations(in_order).items())
 
 
-@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
 def test_a_program_in_parts_gives_the_same_bits(dtype: str, monkeypatch: Any) -> None:
     monkeypatch.setattr(body, 'LONGEST_TO_SCRATCH', 0)
     monkeypatch.setattr(body, 'PART_TO_SCRATCH', 37)

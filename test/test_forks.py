@@ -121,7 +121,7 @@ def test_locks_and_late_imports_are_those_that_are_held_at_a_fork() -> None:
         'def f():\n    import mpmath',
     ],
 )
-def test_the_check_sees_a_lock(source: str) -> None:
+def test_the_check_finds_a_lock(source: str) -> None:
     assert len(list(violations(source))) == 1
 
 

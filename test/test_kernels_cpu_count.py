@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from pfd_core.kernels.runtime import cpu_count
 from pfd_core.kernels.runtime.cpu_count import available
 
 QUOTA = 'sys/fs/cgroup/cpu,cpuacct{}/cpu.cfs_quota_us'
@@ -62,7 +61,7 @@ V1 = '4:cpu,cpuacct:/docker/a\n3:cpuset:/docker/a\n'
 def test_the_smallest_quota_of_all_cgroups_bounds_the_processors(
     files: dict[str, str], expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cpu_count, '_from_affinity', lambda: 8)
+    monkeypatch.setattr(os, 'process_cpu_count', lambda: 8, raising=False)
     for name, text in files.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
@@ -79,6 +78,8 @@ def test_the_affinity_of_the_process_bounds_the_processors() -> None:
         os.sched_setaffinity(0, before)
 
 
-def test_python_may_be_given_fewer_processors(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_python_may_be_given_fewer_processors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(os, 'process_cpu_count', lambda: 3, raising=False)
-    assert cpu_count._from_affinity() == 3
+    assert available(tmp_path) == 3

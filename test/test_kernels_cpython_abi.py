@@ -131,15 +131,15 @@ def test_another_build_of_python_or_numpy_computes_the_same_bits(build: str) -> 
 
 def test_this_build_is_as_expected() -> None:
     assert python_objects.supported()
-    assert not python_objects._obstacle()
 
 
 @pytest.mark.parametrize(
     'field', ['TYPE', 'DATA', 'NDIM', 'DIMENSIONS', 'STRIDES', 'DESCR', 'FLAGS']
 )
-def test_every_field_is_looked_at(field: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_field_of_an_array_is_checked(field: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # The place of another field, which holds what may be read like this one.
     place = {'DIMENSIONS': 'STRIDES', 'STRIDES': 'DIMENSIONS'}.get(field, 'HEADER')
     moved = getattr(python_entry, place) + (32 if place == 'HEADER' else 0)
     monkeypatch.setattr(python_objects, field, moved)
-    assert python_objects._obstacle()
+    # The answer for this process is kept, so that it is asked anew.
+    assert not python_objects.supported.__wrapped__()

@@ -16,7 +16,6 @@ import zipfile
 from cache_folders import LIFETIME, ROOT, answers, contents
 import numpy as np
 import pytest
-from zoo import random_chain
 
 import pfd_core as pfd
 from pfd_core.kernels.runtime import disk_cache as cache
@@ -127,7 +126,7 @@ def test_kept_facts_of_another_shape_are_made_again(folder: Path) -> None:
 
 
 def test_a_kept_method_that_does_not_exist_is_chosen_again(folder: Path) -> None:
-    robot = random_chain(np.random.default_rng(2), 9)
+    robot = pfd.load_robot('planar2')
     method = pfd.compile_kernel(robot).method
     for name, data in contents(folder).items():
         if data.endswith(json.dumps(method).encode()):

@@ -105,13 +105,15 @@ SLOW = pytest.mark.slow
 @pytest.mark.parametrize(
     'damage',
     [
-        pytest.param(lambda data: b'', id='empty'),
+        pytest.param(lambda data: b'', id='empty', marks=SLOW),
         pytest.param(lambda data: data[: len(data) // 2], id='half', marks=SLOW),
         pytest.param(lambda data: data[:-1], id='one byte short', marks=SLOW),
         pytest.param(lambda data: data + b'\0', id='one byte more', marks=SLOW),
         pytest.param(lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:], id='one bit'),
         pytest.param(
-            lambda data: data.replace(cache.HEAD, b'pfd_ros cache 0\n'), id='another format'
+            lambda data: data.replace(cache.HEAD, b'pfd_ros cache 0\n'),
+            id='another format',
+            marks=SLOW,
         ),
     ],
 )

@@ -127,6 +127,7 @@ def check(rng: np.random.Generator, kernel: pfd.Kernel) -> None:
         assert relative(kernel(q, qd, tau), wanted) < tolerance
 
 
+@pytest.mark.slow
 def test_the_operations_of_the_method_for_long_chains_grow_linearly() -> None:
     counts = [auto.cost(resolve(uniform_chain(n)), auto.MANY_JOINTS) for n in (16, 24, 32)]
     assert counts[2] - counts[1] == counts[1] - counts[0]
@@ -183,6 +184,7 @@ def test_a_requested_method_is_used_at_any_length() -> None:
         auto.choose(plant, 'fastest', 0)
 
 
+@pytest.mark.slow
 def test_the_code_of_a_long_ir_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PFD_CACHE', '')
     states = [random_state(np.random.default_rng(k), 7) for k in range(9)]

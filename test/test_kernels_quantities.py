@@ -206,7 +206,7 @@ def test_only_forward_dynamics_has_an_error_estimate() -> None:
         kernel.error_estimate(*np.zeros((3, 2)))
 
 
-def test_a_wrench_never_goes_for_a_torque() -> None:
+def test_a_wrench_is_never_taken_for_a_torque() -> None:
     # Both have six elements on an arm of six joints.
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
     six = np.zeros(6)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 import pytest
+from sampling import one_fast
 from zoo import random_chain
 
 import pfd_core as pfd
@@ -242,6 +243,7 @@ def test_twenty_four_stretched_links_get_their_digits_back() -> None:
     assert 1 / ESTIMATE < result[1]['error'][0, 0] / before < ESTIMATE
 
 
+@pytest.mark.slow
 def test_a_residual_link_by_link_saves_what_sums_about_the_base_have_lost() -> None:
     # The wrist is light, and its inertia a small difference of sums about the base.
     plant = resolve(pfd.load_robot('puma560'))
@@ -299,6 +301,7 @@ def test_forward_dynamics_and_the_simulator_pass_refinement_on() -> None:
     assert (results[0] != results[1]).any()
 
 
+@pytest.mark.slow
 def test_a_step_costs_one_recursion_and_one_solve() -> None:
     # Luh, Walker and Paul as Lee and Chang 1987 count them, 137 n - 22 and 101 n - 11, and the
     # factors once forward and once back, n (n - 1) each way, n products with the pivots; n
@@ -348,7 +351,7 @@ def test_a_massless_end_has_an_infinite_estimate() -> None:
 
 
 @pytest.mark.parametrize('method', METHODS)
-@pytest.mark.parametrize('name', ['puma560', 'ur5', 'panda'])
+@pytest.mark.parametrize('name', one_fast(['puma560', 'ur5', 'panda']))
 def test_a_kernel_without_refinement_estimates_the_error_of_its_own_bits(
     name: str, method: str
 ) -> None:
@@ -366,7 +369,7 @@ def test_a_kernel_without_refinement_estimates_the_error_of_its_own_bits(
 
 
 @pytest.mark.parametrize('refine', [-1, 0.5, '1', None])
-def test_a_number_of_steps_that_is_none_is_refused(refine: object) -> None:
+def test_an_invalid_number_of_steps_is_refused(refine: object) -> None:
     with pytest.raises(ValueError, match='refine must be an integer of at least 0, got'):
         pfd.compile_kernel(pfd.load_robot('planar2'), refine=refine)  # type: ignore[arg-type]
 

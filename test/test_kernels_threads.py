@@ -10,6 +10,7 @@ import time
 
 import numpy as np
 import pytest
+from sampling import one_fast
 from zoo import random_chain, random_states
 
 import pfd_core as pfd
@@ -25,7 +26,7 @@ def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(threads, '_pool', threads._new_pool())
 
 
-@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
 @pytest.mark.parametrize('order', ['C', 'F'])
 def test_the_bits_depend_neither_on_the_threads_nor_on_the_size(dtype: str, order: str) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'), dtype=dtype)

@@ -177,7 +177,7 @@ def test_pfd_ros_uses_only_the_public_names_of_pfd_core_and_its_command_the_repo
         ('pfd_ros.recording.wrong', 'from pfd_ros.replay import verify'),
     ],
 )
-def test_the_check_sees_an_import_that_points_backwards(
+def test_the_check_finds_an_import_that_points_backwards(
     module: str, text: str, tmp_path: Path
 ) -> None:
     path = tmp_path / 'wrong.py'
@@ -185,7 +185,7 @@ def test_the_check_sees_an_import_that_points_backwards(
     assert len(list(violations({module: path}))) == 1
 
 
-def test_the_check_sees_a_circle(tmp_path: Path) -> None:
+def test_the_check_finds_a_circle(tmp_path: Path) -> None:
     found = {'pfd_core.one': tmp_path / 'one.py', 'pfd_core.two': tmp_path / 'two.py'}
     found['pfd_core.one'].write_text('from pfd_core.two import x')
     found['pfd_core.two'].write_text('import pfd_core.one')

@@ -12,20 +12,11 @@ import numpy as np
 import pytest
 
 import pfd_core as pfd
+from pfd_core.machine import patterns
 from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import iterate
 from pfd_core.machine.lanes import broadcast, merge, on, shift
 from pfd_core.machine.packing import packed, prefix_product
-from pfd_core.machine.patterns import (
-    column_sweep,
-    gather,
-    prefix,
-    prefix_affine,
-    row_sweep,
-    suffix,
-    suffix_affine,
-    total,
-)
 from pfd_core.machine.recorder import Lanes, Recorder, Schedule
 from pfd_core.machine.vectors import array
 
@@ -73,7 +64,7 @@ def scan_steps(n: int, p: int, downward: bool) -> int:
 @pytest.mark.parametrize(('n', 'p'), BLOCKS)
 def test_a_recurrence_sweeps_doubles_and_fixes_up(n: int, p: int) -> None:
     x = np.random.default_rng(n).normal(size=n)
-    for downward, scan in ((False, prefix), (True, suffix)):
+    for downward, scan in ((False, patterns.prefix), (True, patterns.suffix)):
         recorder, value = recorder_on(n, p)
         program = finish(recorder, scan(lambda a, b: a + b, value))
         y = run(program, {'x': x})['y']
@@ -98,7 +89,7 @@ def test_an_affine_recurrence_multiplies_coefficients_only_for_other_blocks(
 ) -> None:
     rng = np.random.default_rng(n)
     a, x = rng.normal(size=n), rng.normal(size=n)
-    for downward, scan in ((False, prefix_affine), (True, suffix_affine)):
+    for downward, scan in ((False, patterns.prefix_affine), (True, patterns.suffix_affine)):
         recorder, value = recorder_on(n, p)
         factor = recorder.input('a', range(n))
         program = finish(recorder, scan(factor, value, lambda k, v: k * v, lambda k, m: k * m))
@@ -120,7 +111,7 @@ def test_an_affine_recurrence_multiplies_coefficients_only_for_other_blocks(
 def test_a_total_needs_no_fix_up(n: int, p: int) -> None:
     x = np.random.default_rng(n).normal(size=n)
     recorder, value = recorder_on(n, p)
-    program = finish(recorder, total(value))
+    program = finish(recorder, patterns.total(value))
     assert run(program, {'x': x})['y'][0] == pytest.approx(x.sum(), abs=1e-13)
     b = -(-n // p)
     levels = math.ceil(math.log2(-(-n // b)))
@@ -166,7 +157,7 @@ def test_any_permutation_arrives_however_many_numbers_a_processor_sends() -> Non
         other = value * 2.0
         sources = rng.integers(0, 12, size=12)
         place = {lane: ((value, other)[lane % 2], int(sources[lane])) for lane in range(12)}
-        program = finish(recorder, gather(place))
+        program = finish(recorder, patterns.gather(place))
         expected = [x[sources[i]] * (1 + i % 2) for i in range(12)]
         np.testing.assert_array_equal(run(program, {'x': x})['y'], expected)
         owner = recorder.owner
@@ -197,7 +188,9 @@ def test_row_and_column_sweeps_take_the_steps_of_the_fullest_block(n: int, p: in
     columns = [recorder.input('T', [i * n + j for i in range(n)]) for j in range(n)]
     program = finish(
         recorder,
-        column_sweep([on(t, range(j + 1, n)) for j, t in enumerate(columns[:-1])] + [None], value),
+        patterns.column_sweep(
+            [on(t, range(j + 1, n)) for j, t in enumerate(columns[:-1])] + [None], value
+        ),
     )
     solution = run(program, {'T': T.ravel(), 'x': x})['y']
     np.testing.assert_allclose(solution, np.linalg.solve(np.eye(n) + T, x), rtol=1e-10, atol=1e-12)
@@ -207,7 +200,7 @@ def test_row_and_column_sweeps_take_the_steps_of_the_fullest_block(n: int, p: in
     terms = [
         on(recorder.input('T', range(i * n, i * n + n)), range(i + 1, n)) for i in range(n - 1)
     ]
-    rows = row_sweep(terms, value)
+    rows = patterns.row_sweep(terms, value)
     recorder.output('y', (n,), [(rows[0], j) for j in range(n)])
     upper = T.T
     swept = run(recorder.program(), {'T': upper.ravel()[: n * (n - 1)], 'x': x})['y']
@@ -262,7 +255,7 @@ def test_a_loop_keeps_its_rows_on_all_blocks(p: int) -> None:
         (Schedule('serial', 2), "schedule must be one of .* got 'serial'"),
     ],
 )
-def test_a_machine_that_there_is_not_is_refused(schedule: Schedule, message: str) -> None:
+def test_an_impossible_machine_is_refused(schedule: Schedule, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Recorder(4, schedule)
 

@@ -8,7 +8,7 @@ from collections import Counter
 import math
 from typing import Any
 
-from closed_forms import EVERY_SIZE, levels
+from closed_forms import EVERY_SIZE, LENGTHS, levels
 import numpy as np
 import pytest
 
@@ -30,7 +30,6 @@ from pfd_core.machine.patterns import (
 from pfd_core.machine.recorder import SCHEDULES, LaneArray, Recorder
 from pfd_core.machine.vectors import array, cross
 
-SIZES = range(1, 33)
 # Sums of up to 32 products of numbers near one, in another order than NumPy's.
 ROUNDING = {'rtol': 1e-12, 'atol': 1e-12}
 
@@ -60,7 +59,7 @@ def matrix_product(n: int, schedule: str, downward: bool) -> pfd.Program:
 @pytest.mark.parametrize('downward', [False, True])
 def test_fohra_multiplies_matrices_in_order(schedule: str, downward: bool) -> None:
     rng = np.random.default_rng(2)
-    for n in SIZES:
+    for n in LENGTHS:
         R = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
         y = run(matrix_product(n, schedule, downward), {'R': R.ravel()})['y'].reshape(n, 3, 3)
         expected = R.copy()
@@ -97,7 +96,7 @@ def test_foihra_solves_the_recurrence_for_any_n(
     schedule: str, downward: bool, matrices: bool
 ) -> None:
     rng = np.random.default_rng(3)
-    for n in SIZES:
+    for n in LENGTHS:
         b = rng.normal(size=(n, 3))
         a = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0] if matrices else rng.normal(size=(n, 1))
         inputs = {'a': a.ravel(), 'b': b.ravel()}
@@ -124,7 +123,7 @@ def test_foihra_of_vectors_with_scalar_coefficients_takes_4_levels_less_one(n: i
 
 @pytest.mark.parametrize('schedule', SCHEDULES)
 def test_a_total_lies_on_lane_zero(schedule: str) -> None:
-    for n in SIZES:
+    for n in LENGTHS:
         recorder = Recorder(n, schedule)
         x = recorder.input('x', range(n))
         recorder.output('y', (), [(total(x), 0)])
@@ -149,7 +148,7 @@ def row_swept(n: int, schedule: str) -> pfd.Program:
 @pytest.mark.parametrize('schedule', SCHEDULES)
 def test_the_row_sweep_adds_up_columns_from_the_diagonal(schedule: str) -> None:
     rng = np.random.default_rng(4)
-    for n in SIZES:
+    for n in LENGTHS:
         a, x0 = rng.normal(size=(2, n, 3))
         inputs = {'x0': x0.ravel(), 'a': a.ravel()}
         program = row_swept(n, schedule)
@@ -196,7 +195,7 @@ def test_the_column_sweep_solves_triangular_systems(
     schedule: str, downward: bool, unit: bool
 ) -> None:
     rng = np.random.default_rng(1)
-    for n in SIZES:
+    for n in LENGTHS:
         T, b = rng.uniform(-1, 1, (n, n)) / n, rng.normal(size=n)
         np.fill_diagonal(T, 1.0 if unit else rng.uniform(1, 2, n))
         program = column_swept(n, schedule, downward, unit)
@@ -220,7 +219,7 @@ def test_the_column_sweep_takes_n_minus_one_steps_and_n_divisions(n: int, downwa
 @pytest.mark.parametrize('schedule', SCHEDULES)
 def test_gather_takes_each_element_from_where_it_lies(schedule: str) -> None:
     rng = np.random.default_rng(2)
-    for n in SIZES:
+    for n in LENGTHS:
         recorder = Recorder(n, schedule)
         rows = [recorder.input('a', range(r * n, r * n + n)) for r in range(3)]
         wanted = {
@@ -280,7 +279,7 @@ def pairs(n: int, schedule: str) -> pfd.Program:
 @pytest.mark.parametrize('schedule', SCHEDULES)
 def test_packed_rows_hold_what_unpacked_rows_hold(schedule: str) -> None:
     rng = np.random.default_rng(1)
-    for n in SIZES[1:]:
+    for n in LENGTHS[1:]:
         a, b = rng.normal(size=(2, n, 3))
         y = run(pairs(n, schedule), {'a': a.ravel(), 'b': b.ravel()})['y']
         expected = [np.cross(a[i], b[j]) for i in range(n) for j in range(i + 1, n)]
@@ -308,7 +307,7 @@ def sums(n: int, schedule: str, downward: bool) -> pfd.Program:
 @pytest.mark.parametrize('schedule', SCHEDULES)
 @pytest.mark.parametrize('downward', [False, True])
 def test_packed_sums_are_the_sums_of_every_component(schedule: str, downward: bool) -> None:
-    for n in SIZES:
+    for n in LENGTHS:
         a = np.arange(1.0, 3 * n + 1).reshape(n, 3)
         y = run(sums(n, schedule, downward), {'a': a.ravel()})['y']
         expected = a[::-1].cumsum(axis=0)[::-1] if downward else a.cumsum(axis=0)
@@ -327,7 +326,7 @@ def test_packed_sums_take_the_steps_that_their_lanes_need(n: int) -> None:
 @pytest.mark.parametrize('schedule', SCHEDULES)
 def test_packed_products_are_the_products_in_order(schedule: str) -> None:
     rng = np.random.default_rng(2)
-    for n in SIZES:
+    for n in LENGTHS:
         recorder = Recorder(n, schedule)
         rows = [recorder.input('R', [9 * i + k for i in range(n)]) for k in range(9)]
         product = prefix_product(array(rows).reshape(3, 3))

@@ -193,7 +193,7 @@ def test_a_step_size_that_is_no_duration_is_refused(value: object) -> None:
 
 
 @pytest.mark.parametrize('value', ['1', 1j, [0.0], 10**400, np.inf])
-def test_a_time_that_is_none_is_refused(value: object) -> None:
+def test_an_invalid_time_is_refused(value: object) -> None:
     with pytest.raises(ValueError, match=r'time must (be finite|be a number|fit float64), got'):
         pfd.Simulator(ROBOT).reset(time=value)  # type: ignore[arg-type]
 

@@ -257,7 +257,7 @@ def test_a_floating_joint_above_the_base_is_cut_off() -> None:
     assert pfd.load_robot(text, base='arm').joint_names == ('j',)
 
 
-def test_the_physics_check_sees_a_wrong_robot() -> None:
+def test_the_physics_check_finds_a_wrong_robot() -> None:
     robot = pfd.lock(pfd.load_robot(ODD_ARM), {'j2': 0.7})
     with pytest.raises(AssertionError):
         assert_same_physics(robot, ODD_ARM, {'j2': 0.7001})

@@ -107,6 +107,7 @@ def test_the_reports_load_their_tables_and_texts_from_a_zip_file(
     assert set(found.split()) == {'True'}
 
 
+@pytest.mark.slow
 def test_ros_comes_only_with_its_extra(copy: Path) -> None:
     # Otherwise it would lie over a machine's own.
     files = installed(copy)

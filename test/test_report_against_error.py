@@ -168,6 +168,7 @@ def test_pinocchios_batch_is_that_of_its_world_axes() -> None:
     np.testing.assert_array_equal(side.result(), one_by_one)
 
 
+@pytest.mark.slow
 def test_what_takes_minutes_or_is_absent_is_left_out_with_the_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

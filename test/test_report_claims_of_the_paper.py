@@ -99,6 +99,7 @@ def pages() -> dict[str, str]:
     return {path.name: path.read_text() for path in PAGES.glob('claims.*')}
 
 
+@pytest.mark.slow
 def test_the_page_is_what_the_command_writes_now(tmp_path: Path) -> None:
     for page in write_claims(tmp_path):
         assert page.read_text() == pages()[page.name], 'run pfd report paper --out docs/report'

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
 import pytest
-from zoo import to_pinocchio
+from zoo import flywheel, to_pinocchio
 
 import pfd_core as pfd
 from pfd_core.model import resolve
@@ -26,6 +26,7 @@ from pfd_core.report.hard_case_pages import SHOWN_UNITS, markdown, write
 from pfd_core.report.measure import promises
 from pfd_core.report.measure.errors import (
     PEERS,
+    KernelRow,
     MethodRow,
     Result,
     held_out,
@@ -189,17 +190,7 @@ def test_the_condition_after_jacobi_scaling_is_that_of_pinocchio_s_matrix() -> N
 
 def test_a_pendulum_in_closed_form_has_its_structured_condition_number() -> None:
     # J qdd = tau without gravity: relative changes of tau and J add, whatever the state is.
-    robot = pfd.Robot(
-        name='flywheel',
-        joint_names=('joint',),
-        joint_types=('continuous',),
-        rotations=np.eye(3)[None],
-        translations=np.zeros((1, 3)),
-        masses=np.ones(1),
-        centers=np.zeros((1, 3)),
-        inertias=np.eye(3)[None],
-    )
-    plant = resolve(robot, pfd.Scene(gravity=None))
+    plant = resolve(flywheel(1.0), pfd.Scene(gravity=None))
     states = {k: np.full((1, 1), x) for k, x in (('q', 0.3), ('qd', 2.0), ('tau', 5.0))}
     problem = Problem(plant, states)
     assert kappa_s(problem, reference(problem)) == pytest.approx(2.0, rel=1e-6)
@@ -257,10 +248,16 @@ def test_the_wide_reference_has_2000_times_the_digits_of_float64() -> None:
     assert wide == pytest.approx(condition('wrist_q5_0'), rel=1e-4)
 
 
+@cache
+def rows_of(name: str) -> tuple[KernelRow, ...]:
+    problem, known = solved(name)
+    return tuple(kernel_rows(problem, known, (condition(name), kappa_j(problem))))
+
+
 def test_a_missed_bound_is_on_the_page_and_a_lost_answer_null_in_the_json(tmp_path: Path) -> None:
     case = BY_NAME['heavy_tip_1e8_planar_n6']
-    problem, known = solved(case.name)
-    rows = tuple(kernel_rows(problem, known, (condition(case.name), kappa_j(problem))))
+    _, known = solved(case.name)
+    rows = rows_of(case.name)
     assert [row.met for row in rows] == [True, True, None, None]
     rows = (*rows[:1], replace(rows[1], met=False, share=7.0), *rows[2:])
     assert [row.method for row in rows[:2]] == [
@@ -293,10 +290,11 @@ def test_a_missed_bound_is_on_the_page_and_a_lost_answer_null_in_the_json(tmp_pa
 def test_a_peer_is_absent_if_it_answers_no_case_and_else_has_refused() -> None:
     def result(*peers: str) -> Result:
         rows = tuple(MethodRow(name, 'float64', 0, 1e-16) for name in peers)
-        return Result('case', 'cause', 1, 1, 1.0, 1.0, 0.0, 0.0, (), rows)
+        kernels = rows_of('heavy_tip_1e8_planar_n6')
+        return Result('case', 'cause', 1, 1, 1.0, 1.0, 0.0, 0.0, kernels, rows)
 
     assert len(PEERS) == 4
-    page = '\n'.join(hard_case_pages._peers([result(*PEERS[:3]), result(*PEERS[:1])]))
+    page = markdown([result(*PEERS[:3]), result(*PEERS[:1])])
     assert '| 1e-16 | 1e-16 | 1e-16 | absent |' in page
     assert '| 1e-16 | refused | refused | absent |' in page
 

@@ -14,7 +14,7 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-from zoo import random_chain
+from zoo import flywheel, random_chain
 
 import pfd_core as pfd
 from pfd_core.algorithms.programs import record_forward_dynamics, record_terms
@@ -94,23 +94,10 @@ def test_a_stored_reference_is_what_is_computed(name: str) -> None:
     assert found.self_difference < 1e-15
 
 
-def flywheel() -> pfd.Robot:
-    return pfd.Robot(
-        name='flywheel',
-        joint_names=('joint',),
-        joint_types=('continuous',),
-        rotations=np.eye(3)[None],
-        translations=np.zeros((1, 3)),
-        masses=np.ones(1),
-        centers=np.zeros((1, 3)),
-        inertias=0.5 * np.eye(3)[None],
-    )
-
-
 @pytest.mark.parametrize('scheme', ['midpoint', 'implicit'])
 def test_a_coasting_flywheel_ends_where_its_closed_form_says(scheme: str) -> None:
     # J qd' = -d qd from qd = 1: q = J / d (1 - exp(-d t / J)), J / d = 1/4.
-    plant = resolve(flywheel(), pfd.Scene(gravity=None, damping=(2.0,)))
+    plant = resolve(flywheel(0.5), pfd.Scene(gravity=None, damping=(2.0,)))
     steps = [Fraction(1, 32)] * 32
     way = Extrapolation(scheme, 12 if scheme == 'midpoint' else 20, 40)
     found = end_of_motion(plant, [0.0], [1.0], steps, way)
@@ -182,6 +169,7 @@ def test_the_so_100_has_six_joints_and_a_jaw_of_three_millionths() -> None:
     assert np.linalg.eigvalsh(arm.inertias[-1]).min() == pytest.approx(2.99548e-6)
 
 
+@pytest.mark.slow
 def test_refined_an_adaptive_run_takes_the_steps_of_the_motion_and_else_gives_up() -> None:
     none, one, two = formulation()
     assert none.evaluations is None

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sampling import one_fast
 
 from pfd_core.algorithms.paper.pcgm import default_limit
 from pfd_core.machine.program import Steps
@@ -86,7 +87,7 @@ def test_n_iterations_are_enough_up_to_six_joints(n: int) -> None:
     assert plain(n, 1e-9).worst <= n
 
 
-@pytest.mark.parametrize('n', [n for n in SIZES if n >= 12])
+@pytest.mark.parametrize('n', one_fast(n for n in SIZES if n >= 12))
 def test_from_twelve_joints_on_no_state_gets_its_accelerations_in_n_iterations(n: int) -> None:
     row = plain(n)
     assert row.within_n == 0

@@ -54,7 +54,9 @@ def test_a_header_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.usefixtures('uncompiled')
-def test_what_the_compiler_says_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_message_of_the_compiler_is_shown(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     compiler = tmp_path / 'g++'
     compiler.write_text(
         '#!/bin/sh\necho "note: none" >&2\necho "arm.cpp:1: error: x" >&2\nexit 1\n'

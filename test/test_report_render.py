@@ -48,7 +48,7 @@ def test_a_grid_has_a_dash_for_a_missing_cell() -> None:
     assert grid(cells, 'n')[0] == '| n | ur5 | panda |'
 
 
-def test_a_section_that_is_none_leaves_no_empty_line() -> None:
+def test_an_absent_section_leaves_no_empty_line() -> None:
     values = {name: name.upper() for name in ('title', 'command', 'machine', 'quantity', 'call')}
     values |= {name: name.upper() for name in ('result', 'notes', 'summary', 'excluded')}
     text = page('quantity', tables=['| one |', '| two |'], **values)

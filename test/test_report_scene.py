@@ -210,6 +210,7 @@ def test_the_error_of_the_integrator_is_that_of_the_closed_form(disc: pfd.Robot)
     assert [floor.cause.split(':')[0] for floor in rounding] == ['rounding', 'rounding in float32']
 
 
+@pytest.mark.slow
 def test_the_page_advises_and_names_what_the_motion_says_nothing_about(
     disc: pfd.Robot, tmp_path: Path
 ) -> None:
@@ -223,7 +224,7 @@ def test_the_page_advises_and_names_what_the_motion_says_nothing_about(
     assert 'joint stops: axis comes within 1 rad or m of a stop' in text
 
 
-def test_a_difference_of_more_than_a_turn_is_said_to_diverge(
+def test_a_difference_of_more_than_a_turn_is_reported_as_divergence(
     disc: pfd.Robot, tmp_path: Path
 ) -> None:
     motion = motion_of(disc, np.full((100, 1), 3000.0))

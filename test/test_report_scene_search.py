@@ -154,6 +154,7 @@ def test_the_plot_is_the_same_in_every_run(panda_needs: Needs, tmp_path: Path) -
     assert one.read_bytes() == other.read_bytes()
 
 
+@pytest.mark.slow
 def test_the_plot_is_left_out_without_matplotlib(
     panda_needs: Needs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

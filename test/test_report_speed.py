@@ -279,7 +279,7 @@ def test_without_a_compiler_casadi_is_left_out(monkeypatch: pytest.MonkeyPatch) 
 
 
 @WITH_COMPILER
-def test_what_the_compiler_says_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_message_of_the_compiler_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip('casadi')
     monkeypatch.setattr(casadi, 'text', lambda name: '#error "broken on purpose"')
     with pytest.raises(LeftOutError, match='broken on purpose'):

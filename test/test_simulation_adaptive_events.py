@@ -16,6 +16,7 @@ from contact_oracle import Motion
 import numpy as np
 import pinocchio as pin
 import pytest
+from sampling import one_fast
 from test_simulation_contact_random import random_case, random_start
 from zoo import Array, random_chain, slider, to_pinocchio
 
@@ -42,7 +43,7 @@ def units(found: Array, wanted: Array, tolerance: float) -> float:
     return float(np.sqrt((((found - wanted) / scale) ** 2).mean()))
 
 
-@pytest.mark.parametrize('motion', [*SMOOTH, *DAMPED], ids=lambda m: m.name)
+@pytest.mark.parametrize('motion', one_fast([*SMOOTH, *DAMPED]), ids=lambda m: m.name)
 def test_the_true_error_of_a_smooth_motion_is_within_ten_tolerances(motion: Any) -> None:
     wanted = np.array([float(x) for x in REFERENCES[motion.name].q])
     torques = np.zeros(motion.robot.n)
@@ -77,7 +78,7 @@ def wheel() -> pfd.Robot:
     )
 
 
-@pytest.mark.parametrize('rtol', TOLERANCES)
+@pytest.mark.parametrize('rtol', one_fast(TOLERANCES, TOLERANCES[6]))
 def test_a_constant_torque_moves_a_damped_wheel_with_friction_as_its_closed_form_says(
     rtol: float,
 ) -> None:
@@ -110,7 +111,7 @@ def test_the_true_error_through_friction_and_stops_is_within_ten_tolerances(seed
         assert units(np.concatenate([run.q[-1], run.qd[-1]]), wanted, rtol) < KEPT, rtol
 
 
-@pytest.mark.parametrize('rtol', [1e-3, 1e-9, 1e-13])
+@pytest.mark.parametrize('rtol', one_fast([1e-3, 1e-9, 1e-13], 1e-9))
 def test_a_ball_bounces_at_the_times_of_its_closed_form(rtol: float) -> None:
     restitution, height = 0.8, 1.0
     hit = np.sqrt(2 * height / GRAVITY)
@@ -146,7 +147,7 @@ def test_a_ball_comes_to_rest_after_all_of_its_bounces_and_stays() -> None:
     assert run.events[-1] == pytest.approx(wanted, abs=1e-5)
 
 
-@pytest.mark.parametrize('rtol', [1e-3, 1e-9, 1e-13])
+@pytest.mark.parametrize('rtol', one_fast([1e-3, 1e-9, 1e-13], 1e-9))
 def test_a_sliding_block_stops_by_coulomb_friction_and_stays(rtol: float) -> None:
     mass, friction, speed = 2.0, 3.0, 1.5
     block = slider(1, 0, mass)
@@ -203,7 +204,7 @@ def test_a_grazed_stop_is_found_between_two_looks_at_the_step() -> None:
     assert run.q.min() >= -way
 
 
-@pytest.mark.parametrize(('seed', 'stribeck'), [(8, False), (5, True)])
+@pytest.mark.parametrize(('seed', 'stribeck'), one_fast([(8, False), (5, True)]))
 def test_chains_of_impacts_end_and_pass_no_stop(seed: int, stribeck: bool) -> None:
     # The joints throw each other off their stops, with velocities that fall below 1e-9 rad/s. Seen
     # 300 and 2300 attempts.
@@ -254,6 +255,7 @@ def test_a_motor_lag_is_refused() -> None:
         )
 
 
+@pytest.mark.slow
 def test_a_motion_that_stability_cuts_into_too_many_steps_is_too_stiff() -> None:
     scene = pfd.Scene(damping=np.full(6, 100.0))
     run = pfd.integrate(

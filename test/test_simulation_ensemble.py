@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from sampling import one_fast
 from zoo import random_chain, random_state, slider
 
 import pfd_core as pfd
@@ -36,9 +37,9 @@ def assert_same(runs: pfd.Trajectory, b: int, alone: pfd.Trajectory) -> None:
     np.testing.assert_array_equal(runs.time, alone.time)
 
 
-@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
 @pytest.mark.parametrize('integrator', pfd.INTEGRATORS)
-@pytest.mark.parametrize('size', [1, 19])
+@pytest.mark.parametrize('size', one_fast([1, 19], 19))
 def test_every_arm_moves_as_it_would_alone(size: int, integrator: str, dtype: str) -> None:
     robot = pfd.load_robot('planar2')
     options = {'integrator': integrator, 'dtype': dtype, 'substeps': 3}
@@ -109,7 +110,7 @@ def test_the_law_is_that_of_a_loop_in_python() -> None:
             np.testing.assert_array_equal(runs.qdd[b, t], one.qdd)
 
 
-@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
 @pytest.mark.parametrize('shape', ['one', 'per step', 'per arm and step', 'reversed', 'scalar'])
 def test_a_matrix_of_gains_acts_on_the_whole_state(shape: str, dtype: str) -> None:
     rng = np.random.default_rng(84)
@@ -319,7 +320,7 @@ def test_pieces_of_a_rollout_are_short_and_write_the_states_of_the_whole() -> No
         assert written == list(range(every, steps + 1, every))
 
 
-@pytest.mark.parametrize('every', [1, 3, 5])
+@pytest.mark.parametrize('every', one_fast([1, 3, 5], 3))
 @pytest.mark.parametrize('integrator', pfd.INTEGRATORS)
 def test_the_bits_do_not_depend_on_the_pieces(
     integrator: str, every: int, monkeypatch: pytest.MonkeyPatch

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from oracle import Oracle
 import pytest
+from sampling import one_fast
 from zoo import WHEEL
 
 import pfd_core as pfd
@@ -20,7 +21,7 @@ from pfd_core.simulation.integrators import TABLE
 INERTIA = 0.025
 
 
-@pytest.mark.parametrize('substeps', [1, 3])
+@pytest.mark.parametrize('substeps', one_fast([1, 3], 3))
 @pytest.mark.parametrize('integrator', TABLE)
 @pytest.mark.parametrize(
     ('kp', 'kd', 'radius'),

@@ -140,6 +140,20 @@ def slider(x: float, z: float, mass: float = 1.0) -> pfd.Robot:
     )
 
 
+def flywheel(inertia: float) -> pfd.Robot:
+    """Return a wheel on a vertical axis, inertia in kg m^2."""
+    return pfd.Robot(
+        name='flywheel',
+        joint_names=('joint',),
+        joint_types=('continuous',),
+        rotations=np.eye(3)[None],
+        translations=np.zeros((1, 3)),
+        masses=np.ones(1),
+        centers=np.zeros((1, 3)),
+        inertias=inertia * np.eye(3)[None],
+    )
+
+
 # Two rows of a robot in YAML.
 ROWS = """
 robot: two

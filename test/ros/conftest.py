@@ -9,6 +9,7 @@ import os
 from pathlib import Path
 import signal
 
+from plugin_sessions import install
 import pytest
 from ros_processes import HAS_ROS, JOINTS, Peer, Processes
 
@@ -50,6 +51,14 @@ def domain() -> Iterator[int]:
     """Return a ROS domain of this module, in which rclpy is initialised."""
     with claimed_domain() as found, initialised(found):
         yield found
+
+
+@pytest.fixture(scope='session')
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder that describes this package as pip would, entry point included."""
+    folder = tmp_path_factory.mktemp('site')
+    install(folder)
+    return folder
 
 
 @pytest.fixture(scope='session')

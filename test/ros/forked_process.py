@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import ctypes
+from dataclasses import dataclass
 from functools import reduce
 from importlib import import_module
 import multiprocessing
@@ -23,10 +24,11 @@ _FORKS.set_forkserver_preload(
 PR_SET_PDEATHSIG = 1
 
 
-class ForkedProcess:
-    """A process that calls `main(args)` of a module, with the methods of subprocess.Popen.
+@dataclass(frozen=True)
+class Job:
+    """What a forked process runs.
 
-    Parameters
+    Attributes
     ----------
     module, args
         Whose function `main` returns the exit status, and its arguments.
@@ -39,17 +41,19 @@ class ForkedProcess:
         'module:Class.name' -> a value that can be pickled.
     """
 
-    def __init__(
-        self,
-        module: str,
-        args: Sequence[str],
-        output: Path,
-        env: Mapping[str, str],
-        cwd: Path,
-        replaced: Mapping[str, Any],
-    ) -> None:
-        job = (module, list(args), output, dict(env), cwd, dict(replaced))
-        self._process = _FORKS.Process(target=_run, args=job)
+    module: str
+    args: Sequence[str]
+    output: Path
+    env: Mapping[str, str]
+    cwd: Path
+    replaced: Mapping[str, Any]
+
+
+class ForkedProcess:
+    """A process that runs a job, with the methods of subprocess.Popen."""
+
+    def __init__(self, job: Job) -> None:
+        self._process = _FORKS.Process(target=_run, args=(job,))
         self._process.start()
         self.pid = self._process.pid
 
@@ -79,25 +83,18 @@ def failing(error: type[Exception], *_: Any) -> None:
     raise error('a bug')
 
 
-def _run(
-    module: str,
-    args: list[str],
-    output: Path,
-    env: dict[str, str],
-    cwd: Path,
-    replaced: dict[str, Any],
-) -> None:
+def _run(job: Job) -> None:
     if sys.platform == 'linux':
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
     os.setsid()
-    os.chdir(cwd)
+    os.chdir(job.cwd)
     os.environ.clear()
-    os.environ.update(env)
-    with output.open('ab') as stream:
+    os.environ.update(job.env)
+    with job.output.open('ab') as stream:
         os.dup2(stream.fileno(), 1)
         os.dup2(stream.fileno(), 2)
-    for where, value in replaced.items():
+    for where, value in job.replaced.items():
         name, _, path = where.partition(':')
         *owners, last = path.split('.')
         setattr(reduce(getattr, owners, import_module(name)), last, value)
-    sys.exit(import_module(module).main(args))
+    sys.exit(import_module(job.module).main(list(job.args)))

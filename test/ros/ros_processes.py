@@ -11,12 +11,15 @@ import itertools
 import os
 from pathlib import Path
 import resource
+import shutil
 import signal
+import subprocess
 import sys
 import time
 from typing import Any
 
-from forked_process import ForkedProcess
+from forked_process import ForkedProcess, Job
+import pytest
 
 from pfd_ros.testing import domains
 from pfd_ros.testing.child_process import ChildProcess
@@ -46,6 +49,18 @@ def example_robot(path: str) -> Path:
     assert pinocchio.origin is not None
     prefix = Path(pinocchio.origin).parents[4]
     return prefix / 'share' / 'example-robot-data' / 'robots' / path
+
+
+def in_namespaces(*kinds: str) -> list[str]:
+    """Return the command that runs another in Linux namespaces; skip the test where none may.
+
+    Root may create them; other users may in a user namespace, unless the system forbids it.
+    """
+    for user in ((), ('--map-root-user',)):
+        command = [shutil.which('unshare') or 'false', *user, *kinds]
+        if subprocess.run([*command, 'true'], capture_output=True, check=False).returncode == 0:
+            return command
+    pytest.skip(f'this system lets no process of this user have namespaces ({", ".join(kinds)})')
 
 
 def stamp_ns(message: Any) -> int:
@@ -125,7 +140,7 @@ class Processes:
         """Start `main` of a module, in a process that need not import it: see ForkedProcess."""
         output, env = self._output(), environment(self.domain)
         output.touch()
-        child = ForkedProcess(module, args, output, env, self.folder, replaced or {})
+        child = ForkedProcess(Job(module, args, output, env, self.folder, replaced or {}))
         self.started.append(Process(child, output))
         return self.started[-1]
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sampling import one_fast
 from simulating import efforts, joint_state, simulate, states_of
 
 import pfd_core as pfd
@@ -176,7 +177,7 @@ def run(robot: str, signs: np.ndarray, cycles: int, **settings: Any) -> Engine:
     return engine
 
 
-@pytest.mark.parametrize('robot', ROBOTS)
+@pytest.mark.parametrize('robot', one_fast(ROBOTS))
 def test_a_command_of_any_size_does_not_end_the_run_of_a_robot(robot: str) -> None:
     n = pfd.load_robot(robot).n
     for signs in (np.ones(n), (-1.0) ** np.arange(n)):

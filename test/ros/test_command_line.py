@@ -13,6 +13,7 @@ import sys
 import pytest
 from rewriting import GOLDEN
 from ros_processes import Processes, environment
+from sampling import one_fast
 
 import pfd_core as pfd
 from pfd_core.report import counts_pages
@@ -107,6 +108,7 @@ def test_without_ros_the_message_says_how_to_get_it(tmp_path: Path, command: lis
     assert 'Traceback' not in done.stderr
 
 
+@pytest.mark.slow
 def test_robots_and_help_work_without_ros(tmp_path: Path) -> None:
     assert 'puma560' in without_ros(tmp_path, 'robots').stdout
     assert 'replay' in without_ros(tmp_path, '--help').stdout
@@ -201,7 +203,7 @@ def test_an_error_of_several_lines_is_printed_in_one(
 
 
 @pytest.mark.parametrize(
-    'words', [['info', str(GOLDEN)], ['robots'], ['--help'], ['info', '--help']]
+    'words', one_fast([['info', str(GOLDEN)], ['robots'], ['--help'], ['info', '--help']])
 )
 def test_a_reader_that_ends_first_ends_a_command_quietly(words: list[str]) -> None:
     # argparse ignores errors of output that is not buffered.

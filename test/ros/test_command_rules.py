@@ -175,7 +175,7 @@ def test_a_kind_without_numbers_is_no_command_of_it() -> None:
     )
 
 
-def test_a_position_for_a_joint_without_a_servo_says_which() -> None:
+def test_a_position_for_a_joint_without_a_servo_is_refused_by_name() -> None:
     got = validate_named(message('abc', position=[1, 2, 3]), INDEX, START_NS, GAINS)
     assert got.detail == "no effort for ['c'], and no servo gain for their targets"
 
@@ -211,7 +211,7 @@ def test_the_counts_stay_small_however_many_names_come() -> None:
     assert (count, names[:3], len(names)) == (2000, ['{0}', 'y', '{1}'], 8)
 
 
-def test_the_details_say_what_came() -> None:
+def test_the_details_name_what_was_received() -> None:
     assert validate('ab', [1]).detail == '2 names and 1 numbers in effort'
     assert validate('ab', position=[1, 2], velocity=[1, 2]).detail == (
         'holds position and velocity but no effort'

@@ -50,6 +50,7 @@ def off(hardware: TopicHardware) -> float:
     return float(np.abs([np.array(q) - GOAL, qd]).max())
 
 
+@pytest.mark.slow
 def test_a_controller_manager_with_the_stock_hardware_brings_the_arm_to_its_goal(
     processes: Processes, peer_of
 ) -> None:
@@ -122,6 +123,7 @@ def test_ragged_arrays_of_joints_with_different_interfaces_are_dropped_and_count
     assert [hardware.states[joint]['velocity'] for joint in ARM] == [0.0, 0.0]
 
 
+@pytest.mark.slow
 def test_a_script_for_ros2_control_runs_with_one_line_of_glue(
     processes: Processes, peer_of
 ) -> None:

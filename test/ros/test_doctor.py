@@ -46,6 +46,7 @@ def printed(domain: int, **variables: str) -> tuple[int, dict[str, str]]:
 
 
 @pytest.mark.ros
+@pytest.mark.slow
 def test_a_machine_in_order_has_a_line_for_each_subject_and_status_0(processes: Processes) -> None:
     status, lines = printed(processes.domain)
     assert status == 0

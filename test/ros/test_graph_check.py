@@ -80,7 +80,7 @@ def checked(
     return lines
 
 
-def test_an_arm_that_nobody_commands_says_so_once() -> None:
+def test_an_arm_without_a_publisher_of_commands_logs_it_once() -> None:
     assert checked({}, [1.0, 4.9]) == []
     (line,) = checked({}, [1.0, 5.1, 6.0, 100.0])
     assert line.startswith(

@@ -243,7 +243,7 @@ def test_a_run_without_problems_says_what_was_checked(tmp_path: Path) -> None:
     assert 'Nothing went wrong' in page(contents)
 
 
-def test_a_failed_simulation_and_files_of_one_run_are_told(tmp_path: Path) -> None:
+def test_a_failed_simulation_and_files_of_one_run_are_reported(tmp_path: Path) -> None:
     endless = {'effort_limits': False, 'torque_speed': False, 'recording_max_duration': 0.05}
     arm = LockstepArm('planar2', recording=tmp_path / 'run.mcap', **endless)
     with arm, pytest.raises(ArmError):
@@ -256,7 +256,7 @@ def test_a_failed_simulation_and_files_of_one_run_are_told(tmp_path: Path) -> No
     assert 'not finite' in failure.text
 
 
-def test_the_last_command_is_an_event_if_the_log_goes_on(tmp_path: Path) -> None:
+def test_the_last_command_is_an_event_if_the_log_continues(tmp_path: Path) -> None:
     path = tmp_path / 'silent.mcap'
     simulate(400, {100: [efforts(0.0, 0.0)], 150: [efforts(0.0, 0.0)]}).save(path)
     found = [f for f in read_contents(path).findings if 'the last command' in f.text]

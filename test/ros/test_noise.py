@@ -107,7 +107,7 @@ def test_neighbours_are_independent(draw: Callable[[], np.ndarray]) -> None:
         assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 4 / np.sqrt(one.size)
 
 
-def test_an_element_depends_on_neither_their_number_nor_what_was_asked_before() -> None:
+def test_an_element_depends_neither_on_the_number_of_elements_nor_on_earlier_requests() -> None:
     cycle = 5 * BLOCK + 3
     far = 2**40 + 1
     assert normal(3, Channel.EFFORT, cycle, 7)[:4].tolist() == (

@@ -127,7 +127,7 @@ def test_time_begins_at_the_first_tick_and_steps_go_up_to_each_later_one() -> No
         assert engine.cycles == cycles
 
 
-def test_a_clock_that_goes_back_moves_nothing_and_one_that_repeats_itself_neither() -> None:
+def test_a_clock_that_jumps_back_or_repeats_moves_nothing() -> None:
     engine = following()
     engine.take([tick(100 * MS), tick(105 * MS)])
     assert run(engine) == 105 * MS
@@ -156,7 +156,7 @@ def test_a_tick_far_ahead_is_rejected_until_a_reset_sets_the_time() -> None:
 
 
 @pytest.mark.parametrize('names', [('pause', 'resume'), ('deactivate', 'activate')])
-def test_an_arm_that_stood_does_not_rush_after_its_clock(names: tuple[str, str]) -> None:
+def test_a_resumed_arm_does_not_catch_up_with_its_clock(names: tuple[str, str]) -> None:
     engine = following()
     engine.take([tick(100 * MS), asked(names[0]), tick(200 * MS)])
     assert run(engine) == 100 * MS

@@ -11,7 +11,6 @@ import json
 import os
 from pathlib import Path
 import random
-import shutil
 import signal
 import subprocess
 import sys
@@ -21,7 +20,7 @@ from typing import Any
 
 import pytest
 from recordings import HAS_DEFINITIONS, PATIENCE, counts, digests, read, start
-from ros_processes import environment
+from ros_processes import environment, in_namespaces
 
 from pfd_ros.recording import reader as log
 from pfd_ros.recording.mcap_file import McapFile
@@ -140,20 +139,12 @@ def test_a_process_whose_disk_hangs_in_the_kernel_ends_all_the_same(
     several(often, once, tmp_path)
 
 
-def may_mount() -> bool:
-    tool = shutil.which('unshare')
-    command = [tool or 'false', '--mount', 'mount', '-t', 'tmpfs', 'tmpfs', '/mnt']
-    return subprocess.run(command, capture_output=True, check=False).returncode == 0
-
-
 def test_a_full_file_system_ends_the_recording_and_leaves_it_readable(tmp_path: Path) -> None:
-    if not may_mount():
-        pytest.skip('only root may mount a small file system')
     folder = tmp_path / 'small'
     folder.mkdir()
     # The mount is the process's own and ends with it; its file is read through /proc.
     script = 'mount -t tmpfs -o size=256k tmpfs "$0" && exec "$@"'
-    before = ('unshare', '--mount', 'sh', '-c', script, str(folder))
+    before = (*in_namespaces('--mount'), 'sh', '-c', script, str(folder))
     with recording(folder / 'a.mcap', 'full', *before) as process:
         told = json.loads(process.stdout.readline())
         held = check_cut_off(Path(f'/proc/{process.pid}/root{folder}/a.mcap'))

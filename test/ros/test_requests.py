@@ -220,7 +220,7 @@ def test_in_lockstep_only_published_states_wait_and_commands_without_a_stamp_ans
         engine.take([PUSH] if engine.waiting else [])
 
 
-def test_in_lockstep_nan_for_every_joint_is_an_answer_and_a_wrong_message_is_none() -> None:
+def test_in_lockstep_nan_for_every_joint_is_an_answer_and_a_malformed_message_is_not() -> None:
     engine = made(lockstep=True)
     engine.run_cycle([PUSH])
     wrong = Arrival(Source.ARRAY, 1, efforts(1.0))

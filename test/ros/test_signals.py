@@ -15,6 +15,7 @@ import time
 
 import pytest
 from ros_processes import FAULTY, NODE, PATIENCE, Process, Processes
+from sampling import one_fast
 
 INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 STATUS_BASE = 128  # of a shell, for a process that a signal ended
@@ -80,7 +81,7 @@ def test_a_third_signal_ends_every_one_of_many_processes(processes: Processes, f
         check_third(processes, fault)
 
 
-@pytest.mark.parametrize('apart', [0.0, 0.005, 0.1])
+@pytest.mark.parametrize('apart', one_fast([0.0, 0.005, 0.1], 0.005))
 def test_two_signals_are_a_clean_end(processes: Processes, apart: float) -> None:
     for second in (INT, TERM, HUP):
         process = processes.python(FAULTY, 'stub_ends')

@@ -78,7 +78,7 @@ def test_as_fast_as_possible_never_waits() -> None:
     assert (timed.late, timed.missed) == (0, 0)
 
 
-def test_a_long_sleep_is_cut_so_that_a_slow_arm_hears_and_stops_promptly() -> None:
+def test_a_long_sleep_is_split_so_that_a_slow_arm_receives_and_stops_promptly() -> None:
     time = Time()
     timed = timer(time, 1000 * MILLISECOND)
     looks = 0

@@ -259,7 +259,7 @@ def test_a_controller_may_answer_with_any_sequence_of_numbers(convert) -> None:
         ),
     ],
 )
-def test_an_answer_that_is_none_is_one_error_with_its_time(answer, text: str) -> None:
+def test_an_invalid_answer_is_one_error_with_its_time(answer, text: str) -> None:
     arm = ur5()
     with pytest.raises(ControllerError, match=text):
         arm.run(lambda t, q, qd: answer if t >= 0.01 else pd(t, q, qd), 1.0)

@@ -8,7 +8,7 @@ from pathlib import Path
 import re
 
 import numpy as np
-from plugin_sessions import install, session
+from plugin_sessions import session
 import pytest
 
 from pfd_ros import read_log
@@ -69,13 +69,6 @@ def test_no_arm(sim_arm):
     raise RuntimeError
 """
 FAILING = ('settles', 'own_assertion', 'two_arms', 'nan', 'recorded', 'restored')
-
-
-@pytest.fixture(scope='module')
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp('site')
-    install(folder)
-    return folder
 
 
 @pytest.fixture(scope='module')

@@ -239,7 +239,7 @@ def test_patience_is_above_zero_and_a_run_outside_of_the_main_thread_works() -> 
 
 
 @pytest.mark.ros
-def test_silence_says_who_never_published_who_stopped_and_who_left(
+def test_the_error_on_silence_names_who_never_published_who_stopped_and_who_left(
     sender_of: Callable[..., Any], domain: int
 ) -> None:
     with LockstepArm(**UR5) as arm:

@@ -170,7 +170,7 @@ def test_assertions_hold_where_the_motion_is_as_expected() -> None:
         response.assert_overshoot_below(0.04, TARGET, joint='spin')
 
 
-def test_assertions_look_at_the_joints_they_are_asked_about() -> None:
+def test_assertions_check_the_named_joints() -> None:
     found = motion([0.0, 0.1, 0.2], [[0, 5], [1.5, 5], [1, 5]])
     with pytest.raises(ValueError, match="joint 'b' starts at its target 5"):
         found.assert_overshoot_below(0.9, [1.0, 5.0])

@@ -12,19 +12,12 @@ import socket
 import subprocess
 import sys
 
-from plugin_sessions import install, session
+from plugin_sessions import session
 import pytest
 from ros_processes import ROOT
 
 from pfd_ros.testing.domains import PARTICIPANT_PORT, PORT_BASE, PORT_GAIN, own_domain
 from pfd_ros.testing.session import claimed_domain
-
-
-@pytest.fixture(scope='module')
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp('site')
-    install(folder)
-    return folder
 
 
 @pytest.fixture(scope='module')

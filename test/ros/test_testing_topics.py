@@ -122,7 +122,7 @@ def test_a_run_over_topics_is_recorded_and_verifies(
     assert (summary.states, summary.verdicts) == (100, {Verdict.ACCEPTED: 100})
 
 
-def test_a_silent_system_is_an_error_that_says_who_is_missing(
+def test_a_silent_system_is_an_error_that_names_the_missing_nodes(
     controller_of: Callable[..., Any],
 ) -> None:
     alone = LockstepArm(**SETTINGS, ros_args=['-r', '__ns:=/alone'])
@@ -209,6 +209,7 @@ def test_a_callback_gets_the_time_that_a_node_reads_in_the_stamp(
     assert stamps == times == motion.time.tolist()
 
 
+@pytest.mark.slow
 def test_the_process_moves_with_the_bits_of_the_callback_and_verifies(
     controller_of: Callable[..., Any], tmp_path: Path
 ) -> None:
@@ -277,6 +278,7 @@ def test_twenty_processes_move_with_the_same_bits(domain: int) -> None:
             assert_same_bits(arm.run(law, 1.0), expected)
 
 
+@pytest.mark.slow
 def test_a_node_that_cannot_start_shows_its_output(domain: int, tmp_path: Path) -> None:
     path = tmp_path / 'there.mcap'
     path.write_text('other')

@@ -34,6 +34,7 @@ def test_a_thread_that_ends_ends_the_node_with_a_closed_file(
     assert read(processes.folder / 'arm.mcap', verify=True).complete
 
 
+@pytest.mark.slow
 def test_a_step_that_never_ends_is_logged_and_the_file_is_closed(processes: Processes) -> None:
     arm = processes.faulty('stepping_hangs', '-p', 'recording:=arm.mcap')
     arm.wait_for_text('hangs')
@@ -42,7 +43,7 @@ def test_a_step_that_never_ends_is_logged_and_the_file_is_closed(processes: Proc
     assert read(processes.folder / 'arm.mcap', verify=True).complete
 
 
-def test_a_callback_that_fails_is_counted_and_the_arm_still_hears(
+def test_a_callback_that_fails_is_counted_and_the_arm_still_receives(
     processes: Processes, peer_of
 ) -> None:
     from std_srvs.srv import Trigger

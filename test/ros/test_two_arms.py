@@ -14,7 +14,9 @@ pytestmark = pytest.mark.ros
 
 
 @pytest.mark.slow
-def test_two_arms_in_two_namespaces_do_not_hear_each_other(processes: Processes, peer_of) -> None:
+def test_two_arms_in_two_namespaces_receive_nothing_from_each_other(
+    processes: Processes, peer_of
+) -> None:
     processes.arm('-r', '__ns:=/left', ready=False)
     right = processes.arm('-r', '__ns:=/right', '-p', 'publish_clock:=false')
     peers = [peer_of(processes, name) for name in ('left', 'right')]

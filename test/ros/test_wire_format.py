@@ -233,7 +233,7 @@ def joint_state(names: bytes) -> bytes:
         (struct.pack('<II', 0, 3) + bytes(23), 'message ends at byte'),
     ],
 )
-def test_a_string_or_sequence_that_is_none_is_refused(names: bytes, expected: str) -> None:
+def test_a_malformed_string_or_sequence_is_refused(names: bytes, expected: str) -> None:
     with pytest.raises(ValueError, match=expected) as error:
         convert.decode_joint_state(joint_state(names))
     assert type(error.value) is ValueError

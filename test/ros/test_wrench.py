@@ -172,7 +172,7 @@ def test_a_recording_with_wrenches_in_carried_frames_verifies(tmp_path: Path) ->
         read_motion(path)
 
 
-def test_a_scene_file_may_ask_for_the_wrench() -> None:
+def test_a_scene_file_may_enable_the_wrench() -> None:
     engine = made(scene=pfd.scene_to_yaml(pfd.Scene(gravity=None, external_wrench=True)))
     validated(engine, wrench(TIP, (0.0, 3.0, 0.0)))
     assert pushed(engine) == [True] * 10

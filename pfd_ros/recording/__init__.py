@@ -11,8 +11,8 @@ Writing, from the callers to the disk:
     engine_log      EngineLog: the messages of an engine's run, by role
     recorder        LogRecorder: a bounded queue and the thread that empties it
     run_files       the files of a run: when a new one begins, and what it repeats
-    mcap_file       the records of the file, and the digests of its topics
-    block_writer    many messages at once, with the bytes of the package `mcap`
+    mcap_file       the head, the messages and the end of a file, and the digests of its topics
+    block_writer    the file with many messages at once, with the bytes of the package `mcap`
     sink            bytes to the disk in complete flushes
 
 Reading, from bytes to a log:

@@ -25,6 +25,7 @@ from pfd_ros.recording.format import (
     CHANNELS,
     END,
     HEAD,
+    MAGIC,
     MESSAGE_ENCODING,
     PROFILE,
     ROBOT,
@@ -33,7 +34,7 @@ from pfd_ros.recording.format import (
     HeadKey,
     Part,
 )
-from pfd_ros.recording.mcap_stream import MAGIC, CutOffError, McapStream, MessageBlock
+from pfd_ros.recording.mcap_stream import CutOffError, McapStream, MessageBlock
 from pfd_ros.text import cut
 
 # Of channels without one.

@@ -289,6 +289,8 @@ def test_messages_that_were_dropped_before_a_boundary_are_counted_once(tmp_path:
         while len(recorder._queue):
             time.sleep(0.001)
         full = 90 <= step < 110
+        # Each message is looked at.
+        recorder._free = -1
         recorder._capacities = [
             (0, 0) if full and not t.vital and t.name != SAVED else (1 << 17, 1 << 26)
             for t in recorder.topics

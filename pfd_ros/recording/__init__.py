@@ -20,11 +20,13 @@ Reading, from bytes to a log:
     mcap_stream     the records of the file, messages in blocks: lengths, chunks, checksums
     head            the metadata records: settings, topics, software versions, totals
     reader          Log: checks the format; messages by role, settings, robot, totals; LogError
+    run_parts       the files of one run, in order, and whether each continues the other
     recover         recover: the readable messages of a cut off or damaged file as a new one
 
 Any bag as arrays, `pfd_ros.read_log`:
 
-    bags            messages of MCAP files, of folders of rosbag2 and of SQLite files
+    bags            messages of MCAP files, of the files of a run, of folders of rosbag2 and of
+                    SQLite files
     log_arrays      read_log: arrays by topic and field, in a window of time
 
 A new channel is a row of format.CHANNELS (its role and bytes: see pfd_ros.arm). A new key of the

@@ -182,12 +182,16 @@ class Log:
             if self.end_texts:
                 digests.check_end(self.end_texts, self.head_texts.get(HeadKey.DIGEST, ''))
 
-    def _json(self, key: str) -> Any:
-        """Return one value of the record HEAD."""
+    def check_head(self) -> None:
+        """Raise LogError if the file is no recording, once its head was read."""
         if not self.head_texts:
             raise LogError(
                 f'{self.path} is not a recording of this node: it has no {HEAD!r} record'
             )
+
+    def _json(self, key: str) -> Any:
+        """Return one value of the record HEAD."""
+        self.check_head()
         if key not in self.head_texts:
             raise LogError(f'{self.path} has no {key!r} in its metadata')
         with damage_named(self.path, lambda: f': {key!r} in its metadata'):

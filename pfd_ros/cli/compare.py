@@ -19,7 +19,12 @@ EXAMPLE = 'pfd compare real.mcap simulated.mcap --tolerance 0.01'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the logs and what is compared."""
-    parser.add_argument('a', type=Path, metavar='A', help='MCAP file, .db3 file or rosbag2 folder')
+    parser.add_argument(
+        'a',
+        type=Path,
+        metavar='A',
+        help='MCAP file, .db3 file, rosbag2 folder, or folder with the files of one run',
+    )
     parser.add_argument('b', type=Path, metavar='B')
     parser.add_argument(
         '--tolerance',

@@ -17,9 +17,9 @@ from pfd_ros.arm.settings import SIMULATED
 from pfd_ros.cli.replay import describe
 from pfd_ros.cli.terminal import print_json, print_lines
 from pfd_ros.messages.convert import NANOSECONDS
-from pfd_ros.recording.bags import Bag
+from pfd_ros.recording.bags import Bag, bag_of
 from pfd_ros.replay.summary import Summary
-from pfd_ros.replay.verify import read
+from pfd_ros.replay.verify import read_run
 from pfd_ros.text import one_line
 
 HELP = 'list the topics, times and settings of a log'
@@ -52,7 +52,13 @@ class TopicCount:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the log."""
-    parser.add_argument('log', type=Path, metavar='LOG', help='MCAP or .db3 file, rosbag2 folder')
+    parser.add_argument(
+        'logs',
+        nargs='+',
+        type=Path,
+        metavar='LOG',
+        help='MCAP or .db3 file, rosbag2 folder; or all files of one run, or their folder',
+    )
     parser.add_argument('--json', action='store_true', help='print JSON')
 
 
@@ -66,7 +72,7 @@ def run(given: argparse.Namespace) -> int:
     OSError
         If it cannot be read.
     """
-    bag = Bag(given.log)
+    bag = bag_of(given.logs)
     counts: dict[str, TopicCount] = {}
     first, last = None, 0
     for message in bag.messages():
@@ -76,9 +82,10 @@ def run(given: argparse.Namespace) -> int:
     for topic in bag.topics:
         counts.setdefault(topic, TopicCount())
     span = (first or 0, last)
-    files = bag.files()
-    # A recording of the node is one file, also in a folder of rosbag2.
-    run_of_node = read(files[0]) if bag.head and len(files) == 1 else None
+    run_of_node = None
+    # A folder of rosbag2 with several files is none.
+    if bag.head and (bag.of_one_run or len(bag.files()) == 1):
+        run_of_node = read_run(bag.files()).merged
     settings = (bag.settings if run_of_node else None) or {}
     if given.json:
         print_json(as_json(bag, counts, span, run_of_node, settings))
@@ -89,15 +96,16 @@ def run(given: argparse.Namespace) -> int:
         print()
         for line in describe(run_of_node)[1:]:
             print(line)
-        print(f'replay     {_replay(run_of_node)}')
+        print(f'replay     {_replay(run_of_node, bag)}')
         values = ', '.join(f'{name}={value}' for name, value in settings.items())
         print(one_line(f'settings   {values}', 4000))
     return 0
 
 
-def _size(path: Path) -> int:
-    files = path.iterdir() if path.is_dir() else [path]
-    return sum(file.stat().st_size for file in files)
+def _size(bag: Bag) -> int:
+    # The description of a folder of rosbag2 is a part of it.
+    alone = bag.path.is_dir() and not bag.of_one_run
+    return sum(file.stat().st_size for file in (bag.path.iterdir() if alone else bag.files()))
 
 
 def _date(ns: int) -> str:
@@ -111,7 +119,7 @@ def _simulated(ns: int) -> str:
     return f'{ns / NANOSECONDS:.6f} s of simulated time'
 
 
-def _replay(run_of_node: Summary) -> str:
+def _replay(run_of_node: Summary, bag: Bag) -> str:
     """Return whether a recording can be replayed."""
     if not run_of_node.states:
         return 'not possible: the recording has no states'
@@ -119,6 +127,10 @@ def _replay(run_of_node: Summary) -> str:
         return f'up to a gap: it {run_of_node.obstacle}'
     if run_of_node.dropped:
         return f'of what is there; {run_of_node.dropped} messages were not recorded'
+    if bag.absent:
+        return f'of what is there; missing: {", ".join(bag.absent)}'
+    if bag.of_one_run:
+        return 'can be verified with `pfd replay LOG ... --verify`, with all files or their folder'
     if run_of_node.part > 1 or run_of_node.continues:
         return (
             f'as part {run_of_node.part} of a run: `pfd replay LOG ... --verify` with all its '
@@ -135,9 +147,12 @@ def lines_of(
     total = sum(found.count for found in counts.values())
     lines = [
         f'log        {bag.path}',
-        f'size       {_size(bag.path) / 1e6:.3f} MB{"" if bag.complete else ", cut off"}',
-        f'messages   {total}',
+        f'size       {_size(bag) / 1e6:.3f} MB{"" if bag.complete else ", cut off"}',
     ]
+    if bag.of_one_run:
+        lines.append(f'files      {len(bag.files())} of one run')
+        lines += [f'missing    {absent}' for absent in bag.absent]
+    lines.append(f'messages   {total}')
     if total:
         lines += [
             f'begin      {shown(span[0])}',
@@ -168,7 +183,9 @@ def as_json(
     total = sum(item.count for item in counts.values())
     found: dict[str, Any] = {
         'path': str(bag.path),
-        'bytes': _size(bag.path),
+        'files': [str(path) for path in bag.files()],
+        'absent': bag.absent,
+        'bytes': _size(bag),
         'complete': bag.complete,
         'begin_ns': span[0] if total else None,
         'end_ns': span[1] if total else None,

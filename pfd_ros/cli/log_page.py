@@ -17,7 +17,13 @@ from pfd_ros.text import one_line
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the log and the page."""
-    parser.add_argument('log', type=Path, metavar='LOG', help='MCAP or .db3 file, rosbag2 folder')
+    parser.add_argument(
+        'logs',
+        nargs='+',
+        type=Path,
+        metavar='LOG',
+        help='MCAP or .db3 file, rosbag2 folder; or all files of one run, or their folder',
+    )
     parser.add_argument(
         '--out',
         type=Path,
@@ -41,11 +47,11 @@ def run(given: argparse.Namespace) -> int:
     OSError
         If the page exists, or a file cannot be read or written.
     """
-    path = given.out or Path(f'{given.log.absolute().name.removesuffix(".mcap")}.html')
+    path = given.out or Path(f'{given.logs[0].absolute().name.removesuffix(".mcap")}.html')
     if path.exists():
         raise FileExistsError(f'{path} exists and is not overwritten; choose another --out')
     robot = None if given.robot is None else pfd.load_robot(given.robot)
-    contents = read_contents(given.log, robot=robot, progress=progress_on(sys.stderr))
+    contents = read_contents(given.logs, robot=robot, progress=progress_on(sys.stderr))
     write_page(contents, path)
     first = contents.first
     if first is None:

@@ -70,7 +70,7 @@ def read_motion(
     path = Path(path)
     log = Log(path)
     with damage_named(path):
-        found, recorded = simulable(log, progress)
+        (found,), recorded = simulable([log], progress)
         summary, settings = found.summary, found.summary.settings
         steps = min(summary.simulated, MOST_STEPS)
         engine = Engine(settings, recorded, rows=False)

@@ -12,7 +12,7 @@ from pfd_ros.arm.events import CLOCK, STATES, TAKEN, TF, Verdict
 from pfd_ros.cli import replay_publish, what_if
 from pfd_ros.cli.terminal import progress_on
 from pfd_ros.recording.provenance import versions
-from pfd_ros.replay.run_parts import files_of
+from pfd_ros.recording.run_parts import files_of
 from pfd_ros.replay.summary import Summary
 from pfd_ros.replay.verify import read_run
 from pfd_ros.text import one_line
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar='LOG',
         help='a recording, or all files of one run or their folder; with --publish and --commands '
-        'any bag, also a folder',
+        'any bag, also a folder of rosbag2',
     )
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument(
@@ -73,8 +73,8 @@ def run(given: argparse.Namespace) -> int:
     wrong = replay_publish.conflict(given) or what_if.conflict(given)
     if given.allow_incomplete and not given.verify:
         wrong = '--allow-incomplete requires --verify'
-    if len(given.logs) > 1 and (given.publish or given.what_if is not None):
-        wrong = f'got {len(given.logs)} logs, expected one with --publish and --what-if'
+    if len(given.logs) > 1 and given.commands:
+        wrong = f'got {len(given.logs)} logs, expected one with --commands'
     if wrong:
         print(f'pfd replay: {wrong}', file=sys.stderr)
         return 2

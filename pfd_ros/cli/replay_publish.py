@@ -10,7 +10,7 @@ import math
 from typing import Any
 
 from pfd_ros.node.main import ignore_signals, stop_on_signals
-from pfd_ros.recording.bags import Bag
+from pfd_ros.recording.bags import bag_of
 from pfd_ros.replay.schedule import RATES
 
 # Without a number, like `ros2 bag play --clock`.
@@ -94,7 +94,7 @@ def run(given: argparse.Namespace) -> int:
         start_paused=given.start_paused,
     )
     try:
-        return play(Bag(given.log), options, given.stop or stop_on_signals())
+        return play(bag_of(given.logs), options, given.stop or stop_on_signals())
     finally:
         ignore_signals()
 

@@ -84,7 +84,7 @@ def run(given: argparse.Namespace, progress: Callable[[float], None] | None) -> 
     if given.plot is not None:
         check_picture(given.plot)
     found = what_if(
-        given.log,
+        given.logs,
         given.what_if,
         commands=given.commands,
         states=given.states,

@@ -155,6 +155,7 @@ def _introduction(bag: Bag, found: Survey, choice: Choice) -> Iterator[str]:
     yield from choice.notes
     if not bag.complete:
         yield 'the log was cut off; it is published up to the cut'
+    yield from (f'missing: {absent}' for absent in bag.absent)
     if found.gap_ns > GAP_NS:
         at = (found.gap_at_ns - found.first_ns) / NANOSECONDS
         yield f'longest gap of the log: {found.gap_ns / NANOSECONDS:.3f} s after {at:.3f} s'

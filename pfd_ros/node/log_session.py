@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,6 @@ from pfd_ros.arm.events import (
     DROPPED_STATES,
     TF,
     TF_STATIC,
-    Output,
 )
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.messages.qos import qos_text
@@ -52,11 +51,6 @@ class LogSession:
         """Record one message without blocking."""
         if self.log is not None:
             self.log.record(role, number, data)
-
-    def record_all(self, outputs: Iterable[Output], stamp_ns: int) -> None:
-        """Record outputs of one cycle, or of what was taken before it, at one time."""
-        if self.log is not None:
-            self.log.record_all(outputs, stamp_ns)
 
     def record_next(self, role: str, data: bytes) -> None:
         """Record a message of the node itself, whose numbers only the recording has."""

@@ -71,6 +71,7 @@ class Stepper:
         self._settings = self.engine.settings
         self.timer = StepTimer(_period_ns(self._settings))
         self._driver = Driver(self.engine, self._put_out)
+        self._recorder = self.session.recorder
         self.receiver.at_once = self.step_at_once
 
     def run(self, stopped: Callable[[], bool]) -> None:
@@ -159,6 +160,8 @@ class Stepper:
         if not self.engine.waiting:
             self._driver.step()
             self.lengths.add(self.engine.cycles, time.perf_counter_ns() - begun)
+            if self._recorder is not None:
+                self._recorder.between_steps()
 
     def _take_events(self) -> None:
         events = self.receiver.queue.take()
@@ -170,7 +173,8 @@ class Stepper:
         self.receiver.answer(events, [validation for _, validation, _ in validations])
 
     def _put_out(self, outputs: Sequence[Output]) -> None:
-        self.session.record_all(outputs, self.engine.arm.stamp_ns)
+        if self._recorder is not None:
+            self._recorder.record_all(outputs, self.engine.arm.stamp_ns)
         for role, number, data in outputs:
             if role in NUMBERED_AS_STATES:
                 self.states = number

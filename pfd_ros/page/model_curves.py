@@ -4,14 +4,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import joint_order
-from pfd_ros.arm.scene import scene_of
+from pfd_ros.arm.plant_settings import INPUT
+from pfd_ros.arm.scene import payload_numbers, payload_of, scene_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.page.curves import Array
 
@@ -19,25 +22,65 @@ from pfd_ros.page.curves import Array
 ESTIMATES = 2000
 
 
+class Kernels(NamedTuple):
+    """The kernels of the energy and of the error estimate, None for an estimate without one."""
+
+    energy: Any
+    error: Any
+
+
 @dataclass(frozen=True)
 class ModelCurves:
-    """The kernels of one robot in the scene of the settings; states are in published order."""
+    """The kernels of one robot in the scene of the settings; states are in published order.
 
-    energy_kernel: Any
-    error_kernel: Any
+    A payload is mass, centre of mass and inertia, 10 numbers as in geometry_msgs/Inertia; () is
+    none.
+
+    Attributes
+    ----------
+    first
+        The payload of the settings.
+    kernels
+        With that payload; kernels with a payload as an input are compiled for the first other one.
+    """
+
+    robot: pfd.Robot
+    scene: pfd.Scene
+    method: str
     order: Array
+    first: tuple[float, ...]
+    kernels: Kernels
 
-    def energy(self, q: Array, qd: Array) -> Array:
+    def energy(self, q: Array, qd: Array, payload: tuple[float, ...]) -> Array:
         """Return kinetic, potential and total energy [J] of states (N, n), (N, 3)."""
-        kinetic, potential = self.energy_kernel(*self._model_order(q, qd)).T
+        kernels, given = self._chosen(payload)
+        kinetic, potential = kernels.energy(*self._model_order(q, qd), **given).T
         return np.stack([kinetic, potential, kinetic + potential], axis=1)
 
-    def error(self, time: Array, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
-        """Return relative errors of accelerations without refinement, (M, 1), at some times."""
+    def error(
+        self, time: Array, q: Array, qd: Array, tau: Array, payload: tuple[float, ...]
+    ) -> tuple[Array, Array]:
+        """Return relative errors of accelerations without refinement, (M, 1), at some times.
+
+        There are none where the method takes no payload as an input, and it is not the first one.
+        """
+        kernels, given = self._chosen(payload)
+        if kernels.error is None:
+            return time[:0], np.empty((0, 1))
         every = slice(None, None, max(1, len(time) // ESTIMATES))
         states = self._model_order(q[every], qd[every], tau[every])
-        _, errors = self.error_kernel.error_estimate(*states)
+        _, errors = kernels.error.error_estimate(*states, **given)
         return time[every], errors[:, np.newaxis]
+
+    def _chosen(self, payload: tuple[float, ...]) -> tuple[Kernels, dict[str, Any]]:
+        """Return kernels, and the payload as an argument of them."""
+        if payload == self.first:
+            return self.kernels, {}
+        return self._with_input, {'payload': _payload(payload)}
+
+    @cached_property
+    def _with_input(self) -> Kernels:
+        return _compiled(self.robot, replace(self.scene, payload=INPUT), self.method)
 
     def _model_order(self, *arrays: Array) -> list[Array]:
         found = []
@@ -58,11 +101,37 @@ def model_curves(robot: pfd.Robot, settings: Settings) -> ModelCurves:
     """
     order = joint_order(settings.joints, robot)
     scene = replace(scene_of(settings, order), external_wrench=False, gravity_compensation=False)
+    kernels = _compiled(robot, scene, settings.method)
+    first = _numbers(payload_of(scene))
+    return ModelCurves(robot, scene, settings.method, np.array(order), first, kernels)
+
+
+def _compiled(robot: pfd.Robot, scene: pfd.Scene, method: str) -> Kernels:
+    energy = pfd.compile_kernel(robot, scene=scene, quantity='energy')
+    if scene.payload == INPUT and method not in pfd.PAYLOAD_METHODS:
+        return Kernels(energy, None)
     # Effects that act over a step have no accelerations.
     over_a_step = {effect.name for effect in pfd.EFFECTS if effect.acts == 'step'}
     smooth = scene.without(over_a_step | {'brakes'})
-    return ModelCurves(
-        pfd.compile_kernel(robot, scene=scene, quantity='energy'),
-        pfd.compile_kernel(robot, method=settings.method, scene=smooth, refine=1),
-        np.array(order),
-    )
+    return Kernels(energy, pfd.compile_kernel(robot, method=method, scene=smooth, refine=1))
+
+
+def checked_payload(numbers: Sequence[float]) -> tuple[float, ...]:
+    """Return a payload as `ModelCurves.payload` has it; ValueError if no body is like that."""
+    found = tuple(numbers) if numbers and numbers[0] else ()
+    _payload(found)
+    return found
+
+
+def _numbers(payload: pfd.Payload | None) -> tuple[float, ...]:
+    if payload is None:
+        return ()
+    mass, center, inertia = payload_numbers(payload)
+    return mass, *center, *inertia
+
+
+def _payload(numbers: tuple[float, ...]) -> pfd.Payload | None:
+    if not numbers:
+        return None
+    mass, x, y, z, xx, xy, xz, yy, yz, zz = numbers
+    return pfd.Payload(mass, (x, y, z), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))

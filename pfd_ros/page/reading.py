@@ -10,10 +10,11 @@ after the first message, by the stamps of a topic where those follow the clock o
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from pfd_ros.arm.arm import joint_order
 from pfd_ros.arm.events import (
     ARM_STATE,
     CLOCK,
+    PAYLOAD_IN_USE,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -44,6 +46,7 @@ from pfd_ros.messages.convert import (
     decode_bytes,
     decode_rows,
 )
+from pfd_ros.messages.stamped import decode_inertia
 from pfd_ros.motion.symptoms import symptoms
 from pfd_ros.page.contents import Contents, Mark, Plot
 from pfd_ros.page.curves import Array, Curve
@@ -57,8 +60,8 @@ from pfd_ros.page.findings import (
     LimitCheck,
 )
 from pfd_ros.page.intervals import Intervals
-from pfd_ros.page.model_curves import ModelCurves, model_curves
-from pfd_ros.recording.bags import Bag
+from pfd_ros.page.model_curves import ModelCurves, checked_payload, model_curves
+from pfd_ros.recording.bags import bag_of
 from pfd_ros.recording.format import (
     ARRAY_COMMANDS,
     NAMED_COMMANDS,
@@ -146,8 +149,8 @@ class LogReading:
 
     Parameters
     ----------
-    path
-        An MCAP or SQLite file, or a folder of rosbag2.
+    paths
+        An MCAP or SQLite file, a folder of rosbag2, or the files of one run or their folder.
     robot
         The robot of a log that holds none, for its limits; None for none.
     marks
@@ -155,10 +158,10 @@ class LogReading:
     """
 
     def __init__(
-        self, path: Path, robot: pfd.Robot | None = None, marks: Sequence[Mark] = ()
+        self, paths: Sequence[Path], robot: pfd.Robot | None = None, marks: Sequence[Mark] = ()
     ) -> None:
-        self.path, self.marks = path, tuple(marks)
-        self.bag = Bag(path)
+        self.bag = bag_of(paths)
+        self.path, self.marks = self.bag.path, tuple(marks)
         self.model = _Model(robot=robot)
         self.findings = Findings()
         self.inputs = InputCheck()
@@ -176,6 +179,9 @@ class LogReading:
         self._by_stamp: dict[str, bool] = {}
         self._commands_before: Counter[str] = Counter()
         self._trips = 0
+        # Simulated times from which on the arm carries a payload, ns, and the payloads.
+        self._payloads: list[tuple[int, tuple[float, ...]]] = []
+        self._continued = False
         self._window: list[tuple[Array, ...]] = []
         self._window_names: tuple[str, ...] = ()
 
@@ -293,17 +299,41 @@ class LogReading:
         if not self.states_topic:
             self.states_topic = self._main_topic(part)
         topics = [t for t in part if counted[t]]
+        # Of all states in this part, those before the change of a payload too.
+        del self._payloads[:-1]
+        for topic in topics:
+            with self._named(topic):
+                self._find_payloads(topic, part)
         # Events, which have no span yet, come after the states that set the axis of time.
         for topic in sorted(topics, key=lambda t: t != self.states_topic):
-            try:
-                # Whatever a hostile message causes becomes a LogError.
-                with damage_named(self.path):
-                    self._feed_topic(topic, part)
-            except LogError as error:
-                self.notes[one_line(f'topic {cut(topic)!r} is not shown: {error}')] = None
+            with self._named(topic):
+                self._feed_topic(topic, part)
         for topic in topics:
             self._commands_before[topic] += counted[topic]
         self._trim_window()
+
+    @contextmanager
+    def _named(self, topic: str) -> Iterator[None]:
+        """Note a topic that is not shown; whatever a hostile message causes is a LogError."""
+        try:
+            with damage_named(self.path):
+                yield
+        except LogError as error:
+            self.notes[one_line(f'topic {cut(topic)!r} is not shown: {error}')] = None
+
+    def _find_payloads(self, topic: str, part: LogArrays) -> None:
+        """Note the payloads of the arm, before the states that they are for."""
+        role, data = self._role(topic), part.messages(topic)
+        if role == PAYLOAD_IN_USE:
+            for message in map(decode_inertia, data):
+                numbers = message.mass, *message.center, *message.inertia
+                self._payloads.append((message.stamp_ns, checked_payload(numbers)))
+        elif role == ARM_STATE and not self._continued and HeadKey.PART in self.bag.head:
+            # The log begins with this state; the payload was set in a file before it.
+            self._continued = True
+            saved = ArmState.from_bytes(decode_bytes(data[0]))
+            self._payloads.append((0, checked_payload(saved.payload)))
+        self._payloads.sort(key=itemgetter(0))
 
     def _feed_topic(self, topic: str, part: LogArrays) -> None:
         role, kind = self._role(topic), part.topics[topic]
@@ -403,22 +433,44 @@ class LogReading:
         if kernels is not None and names[:n] == self.model.names:
             q, qd, tau = (getattr(found, item)[:, :n] for item in JOINT_FIELDS)
             good = np.isfinite(q).all(axis=1) & np.isfinite(qd).all(axis=1)
-            at, q, qd, tau = time[good], q[good], qd[good], np.nan_to_num(tau[good])
-            if len(at):
-                self._feed_model(kernels, at, q, qd, tau)
+            arrays = time[good], q[good], qd[good], np.nan_to_num(tau[good])
+            stamps_ns = found.stamp_ns
+            assert stamps_ns is not None  # a JointState has one
+            for payload, some in self._by_payload(stamps_ns[good], kernels.first):
+                self._feed_model(kernels, payload, *(values[some] for values in arrays))
+
+    def _by_payload(
+        self, stamps_ns: Array, first: tuple[float, ...]
+    ) -> Iterator[tuple[tuple[float, ...], slice]]:
+        """Yield payloads and the states with each, with the first one up to the first change."""
+        begins = [begin for begin, _ in self._payloads]
+        places = np.searchsorted(begins, stamps_ns, side='right') - 1
+        ends = [*(np.flatnonzero(np.diff(places)) + 1).tolist(), len(places)]
+        begin = 0
+        for end in ends:
+            if end > begin:
+                place = int(places[begin])
+                yield self._payloads[place][1] if place >= 0 else first, slice(begin, end)
+            begin = end
 
     def _feed_model(
-        self, kernels: ModelCurves, at: Array, q: Array, qd: Array, tau: Array
+        self,
+        kernels: ModelCurves,
+        payload: tuple[float, ...],
+        at: Array,
+        q: Array,
+        qd: Array,
+        tau: Array,
     ) -> None:
         computed = 'computed from the recorded states'
         if 'energy' not in self.model.roles.values():
             plot = self._plot(('computed', 'energy'), 'energy', 'J', computed, ENERGIES)
             if plot is not None:
-                plot.curve.add(at, kernels.energy(q, qd))
+                plot.curve.add(at, kernels.energy(q, qd, payload))
         labels = ('relative error of accelerations',)
         plot = self._plot(('computed', 'error'), 'error estimate', '1', computed, labels)
         if plot is not None:
-            plot.curve.add(*kernels.error(at, q, qd, tau))
+            plot.curve.add(*kernels.error(at, q, qd, tau, payload))
 
     def _feed_wall(self, time: Array, found: TopicArrays) -> None:
         """Add the intervals between states on the wall clock."""
@@ -715,7 +767,7 @@ class LogReading:
         )
 
     def _missing(self, ending: Ending | None) -> list[str]:
-        lines = []
+        lines = [f'missing: {absent}' for absent in self.bag.absent]
         if not self.bag.complete:
             lines.append('the file is cut off: it was not closed, and the page is up to the cut')
         elif self.own and ending is None:
@@ -848,14 +900,14 @@ def _with_breaks(time: Array, values: Array, places: Array) -> tuple[Array, Arra
 
 
 def read_contents(
-    path: Path,
+    path: Path | Sequence[Path],
     *,
     robot: pfd.Robot | None = None,
     marks: Sequence[Mark] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Contents:
     """
-    Read a log into the contents of a page.
+    Read a log, one file or several of one run, into the contents of a page.
 
     Raises
     ------
@@ -865,4 +917,5 @@ def read_contents(
         If it cannot be read.
 
     """
-    return LogReading(path, robot, marks).read(progress)
+    paths = [path] if isinstance(path, Path) else path
+    return LogReading(paths, robot, marks).read(progress)

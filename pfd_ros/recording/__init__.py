@@ -11,8 +11,8 @@ Writing, from the callers to the disk:
     engine_log      EngineLog: the messages of an engine's run, by role
     recorder        LogRecorder: a bounded queue and the thread that empties it
     run_files       the files of a run: when a new one begins, and what it repeats
-    mcap_file       the records of the file, and the digests of its topics
-    block_writer    many messages at once, with the bytes of the package `mcap`
+    mcap_file       the head, the messages and the end of a file, and the digests of its topics
+    block_writer    the file with many messages at once, with the bytes of the package `mcap`
     sink            bytes to the disk in complete flushes
 
 Reading, from bytes to a log:
@@ -20,11 +20,13 @@ Reading, from bytes to a log:
     mcap_stream     the records of the file, messages in blocks: lengths, chunks, checksums
     head            the metadata records: settings, topics, software versions, totals
     reader          Log: checks the format; messages by role, settings, robot, totals; LogError
+    run_parts       the files of one run, in order, and whether each continues the other
     recover         recover: the readable messages of a cut off or damaged file as a new one
 
 Any bag as arrays, `pfd_ros.read_log`:
 
-    bags            messages of MCAP files, of folders of rosbag2 and of SQLite files
+    bags            messages of MCAP files, of the files of a run, of folders of rosbag2 and of
+                    SQLite files
     log_arrays      read_log: arrays by topic and field, in a window of time
 
 A new channel is a row of format.CHANNELS (its role and bytes: see pfd_ros.arm). A new key of the

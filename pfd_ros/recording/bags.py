@@ -3,13 +3,14 @@
 """
 Messages of any bag: recordings of this node, other MCAP files, folders of rosbag2, SQLite files.
 
+The files of one run of the node are one bag: messages that a file repeats come once.
 A bag comes from anywhere: sizes are bounded before anything is read, and each error names the
 file. MCAP is read by `mcap_stream`, SQLite by Python's own module.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
 import os
@@ -30,11 +31,20 @@ from pfd_ros.recording.format import (
     ROBOT,
     ROBOT_BYTES,
     SCHEMA_ENCODING,
+    SEQUENCE_MASK,
+    EndKey,
     HeadKey,
 )
 from pfd_ros.recording.head import strict_json
 from pfd_ros.recording.mcap_stream import CutOffError, McapStream, MessageBlock
-from pfd_ros.recording.reader import LogError, damage_named, opened
+from pfd_ros.recording.reader import Log, LogError, damage_named, opened
+from pfd_ros.recording.run_parts import (
+    continues,
+    files_of,
+    in_order,
+    parts_after,
+    parts_between,
+)
 from pfd_ros.text import cut
 
 # Bounds of foreign bags, above what robots record.
@@ -73,32 +83,50 @@ class Bag:
     Attributes
     ----------
     path
-        A file, or a folder with metadata.yaml.
+        A file, a folder with metadata.yaml, or one with the files of one run of the node.
+    parts
+        Files of one run in any order, in place of `path`, which errors name then.
     topics
         By name.
     head, robot_text, end
         Metadata HEAD, attachment ROBOT and metadata END of a recording of the node, empty for
         other bags.
     complete
-        Whether the last file was closed properly; known after the last message.
+        Whether the last file was closed properly, of a run each file; known after the last
+        message.
+    absent
+        The parts of a run that are missing, before, between and after its files; known after the
+        last message. A message that a later file repeats comes once.
 
     """
 
     path: Path
+    parts: Sequence[Path] = ()
     topics: dict[str, BagTopic] = field(default_factory=dict)
     head: dict[str, str] = field(default_factory=dict)
     robot_text: bytes = b''
     end: dict[str, str] = field(default_factory=dict)
     complete: bool = False
+    absent: list[str] = field(default_factory=list)
+    _files: list[Path] = field(default_factory=list, repr=False)
+    # The heads of the files of a run, none for another bag.
+    _run: list[Log] = field(default_factory=list, repr=False)
     _stream: BinaryIO | None = field(default=None, repr=False)
+    _place: int = field(default=0, repr=False)
+
+    @property
+    def of_one_run(self) -> bool:
+        """Whether the files, more than one, are of one run of the node."""
+        return len(self.files()) > 1 and bool(self._run)
 
     @property
     def progress(self) -> float:
-        """Share of the open MCAP file that was read, 0 to 1; 0 where it is unknown."""
+        """Share of the MCAP files that was read, 0 to 1; 0 where it is unknown."""
         stream = self._stream
         if stream is None or stream.closed:
             return 0.0
-        return stream.tell() / max(1, os.fstat(stream.fileno()).st_size)
+        share = stream.tell() / max(1, os.fstat(stream.fileno()).st_size)
+        return (self._place + share) / len(self._files)
 
     @property
     def settings(self) -> dict[str, Any] | None:
@@ -117,23 +145,44 @@ class Bag:
         Raises
         ------
         LogError
-            If a file is no bag, damaged before its end, or of a kind that is not read.
+            If a file is no bag, damaged before its end, of a kind that is not read, or of another
+            run than the others.
         OSError
             If a file cannot be read.
 
         """
-        for path in self.files():
+        files = self.files()
+        # Numbers of the newest messages of a run by topic.
+        newest: dict[str, int] = {}
+        for self._place, path in enumerate(files):
             with damage_named(path):
-                read = self._sqlite if path.suffix in DATABASES else self._mcap
-                yield from read(path)
+                if self._run:
+                    yield from self._part(newest)
+                elif path.suffix in DATABASES:
+                    yield from self._sqlite(path)
+                else:
+                    yield from self._mcap(path)
 
     def files(self) -> list[Path]:
         """Return the files in their order; LogError for a folder that is no bag."""
-        if not self.path.is_dir():
-            return [self.path]
+        if not self._files:
+            self._files = self._found()
+        return self._files
+
+    def _found(self) -> list[Path]:
         description = self.path / DESCRIPTION
-        if not description.is_file():
-            raise LogError(f'{self.path} is a folder without {DESCRIPTION}: not a bag of rosbag2')
+        if self.parts or (self.path.is_dir() and not description.is_file()):
+            return self._ordered(files_of(self.parts or [self.path]))
+        return self._listed(description) if self.path.is_dir() else [self.path]
+
+    def _ordered(self, files: list[Path]) -> list[Path]:
+        """Return the files of a run in their order."""
+        if len(files) > 1:
+            self._run = in_order([Log(path) for path in files])
+        return [log.path for log in self._run] or files
+
+    def _listed(self, description: Path) -> list[Path]:
+        """Return the files that the description of a folder of rosbag2 lists."""
         with damage_named(description), opened(description) as stream:
             text = stream.read(DESCRIPTION_BYTES + 1)
             if len(text) > DESCRIPTION_BYTES:
@@ -162,7 +211,26 @@ class Bag:
                     raise ValueError(f'file {cut(name)!r} is not in the folder of the bag')
         return [self.path / name for name in names]
 
-    def _mcap(self, path: Path) -> Iterator[BagMessage]:
+    def _part(self, newest: dict[str, int]) -> Iterator[BagMessage]:
+        """Yield the messages of a file of a run that the files before it do not have."""
+        log = self._run[self._place]
+        before = self._run[self._place - 1] if self._place else None
+        number = log.part.number
+        missing = parts_between(before.part.number if before else 0, number)
+        self.absent = [*self.absent, *missing] if before else missing
+        self.end = {}
+        yield from self._mcap(log.path, newest)
+        log.complete, log.end_texts = self.complete, self.end
+        if before is not None:
+            continues(before, log)  # or it raises an error
+        self.complete = all(part.complete for part in self._run[: self._place + 1])
+        last = self._place == len(self._run) - 1
+        if last and self.end.get(EndKey.CONTINUES) == 'true':
+            self.absent.append(parts_after(number))
+
+    def _mcap(self, path: Path, newest: dict[str, int] | None = None) -> Iterator[BagMessage]:
+        """Yield the messages of a file, but for those up to the newest numbers of its topics."""
+        earlier = {} if newest is None else dict(newest)
         schemas: dict[int, Schema] = {}
         channels: dict[int, str] = {}
         self.complete = False
@@ -176,6 +244,11 @@ class Bag:
                             name = channels.get(message.channel_id)
                             if name is None:
                                 raise ValueError(f'unknown channel {message.channel_id}')
+                            if newest is not None:
+                                number = message.sequence
+                                if _is_repeated(number, earlier.get(name)):
+                                    continue
+                                newest[name] = number
                             times = message.log_time, message.publish_time
                             yield BagMessage(name, *times, message.data)
                     elif isinstance(record, Schema):
@@ -264,6 +337,18 @@ class Bag:
             raise ValueError(f'topic {cut(topic.name)!r} has two types')
         if len(self.topics) > TOPIC_LIMIT:
             raise ValueError(f'more than {TOPIC_LIMIT} topics')
+
+
+def bag_of(paths: Sequence[Path]) -> Bag:
+    """Return the bag of a file or folder, or of several files of one run."""
+    if not paths:
+        raise ValueError('no files, expected one or more')
+    return Bag(paths[0], () if len(paths) == 1 else paths)
+
+
+def _is_repeated(number: int, newest: int | None) -> bool:
+    """Return whether a message of a run has come before: numbers of a topic increase."""
+    return newest is not None and (newest - number) & SEQUENCE_MASK <= SEQUENCE_MASK >> 1
 
 
 def _topic_of(channel: Channel, schema: Schema | None) -> BagTopic:

@@ -4,9 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,25 +21,17 @@ from pfd_ros.recording.run_files import Limits
 
 @dataclass(frozen=True)
 class EngineLog:
-    """An open recording with channels of these roles, in their order."""
+    """An open recording, whose messages are named by their roles."""
 
     recorder: LogRecorder
-    roles: Sequence[str]
-
-    @cached_property
-    def _places(self) -> dict[str, int]:
-        return {role: place for place, role in enumerate(self.roles)}
 
     def record(self, role: str, number: int, data: bytes) -> None:
         """Record one message without blocking."""
-        self.recorder.record(self._places[role], number, data)
+        self.recorder.record(role, number, data)
 
-    def record_all(self, outputs: Iterable[Output], stamp_ns: int) -> None:
+    def record_all(self, outputs: Sequence[Output], stamp_ns: int) -> None:
         """Record outputs of one cycle, or of what was taken before it, at one time."""
-        places = self._places
-        self.recorder.record_all(
-            [(places[role], number, data) for role, number, data in outputs], stamp_ns
-        )
+        self.recorder.record_all(outputs, stamp_ns)
 
     def close(self, totals: Callable[[], Mapping[str, Any]]) -> None:
         """Write the queue and the totals of the run, and close the file."""
@@ -84,8 +75,9 @@ def open_engine_log(
         [(roles.index(role), number, data) for role, number, data in opening],
         _limits(settings, roles),
         settings.recording_flush_period,
+        roles,
     )
-    return EngineLog(recorder, roles)
+    return EngineLog(recorder)
 
 
 def _limits(settings: Settings, roles: Sequence[str]) -> Limits | None:

@@ -34,6 +34,8 @@ FORMAT = '2'
 HEAD, END = 'pfd_ros', 'pfd_ros_end'
 # Attachment: the complete robot.
 ROBOT = 'robot.yaml'
+# First and last bytes of an MCAP file.
+MAGIC = b'\x89MCAP0\r\n'
 # Names in MCAP for the profile, messages and definitions of ROS 2.
 PROFILE, MESSAGE_ENCODING, SCHEMA_ENCODING = 'ros2', 'cdr', 'ros2msg'
 

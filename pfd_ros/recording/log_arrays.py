@@ -23,7 +23,7 @@ import pfd_core as pfd
 from pfd_ros.arm.settings import SIMULATED, WALL
 from pfd_ros.messages.columns import MOST_PADDING, PADDED, parse_definition, read_columns
 from pfd_ros.messages.convert import JOINT_FIELDS, JOINT_STATE, NANOSECONDS
-from pfd_ros.recording.bags import Bag, BagMessage, BagTopic, definition_of
+from pfd_ros.recording.bags import Bag, BagMessage, BagTopic, bag_of, definition_of
 from pfd_ros.recording.head import read_robot
 from pfd_ros.recording.reader import LogError, damage_named
 from pfd_ros.text import listed
@@ -135,7 +135,7 @@ class LogArrays:
     Attributes
     ----------
     path : Path
-        The file or folder.
+        The file or folder; of several files the first that was given.
     topics : mapping of str to str
         Type of each topic of the whole file.
     settings : mapping or None
@@ -143,7 +143,8 @@ class LogArrays:
     robot : Robot or None
         Its robot.
     complete : bool
-        Whether the file was closed properly, rather than cut off.
+        Whether the file was closed properly, rather than cut off; of a run each file, and none
+        is missing.
 
     """
 
@@ -232,7 +233,7 @@ class _Raw:
 
 
 def read_log(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     *,
     topics: Collection[str] | None = None,
     types: Collection[str] | None = None,
@@ -244,8 +245,9 @@ def read_log(
 
     Parameters
     ----------
-    path : str or path
-        An MCAP or SQLite (.db3) file, or a folder of rosbag2.
+    path : str or path, or a sequence of them
+        An MCAP or SQLite (.db3) file, or a folder of rosbag2; the files of one run of the node in
+        any order, or the folder that they are in. A message that they repeat is read once.
     topics : collection of str, optional
         Names of topics to read, default all.
     types : collection of str, optional
@@ -256,9 +258,9 @@ def read_log(
     Raises
     ------
     ValueError
-        If a topic is not in the log, the window is empty or not finite, or the file is no bag or
-        damaged before its end (LogError, a subclass). A file that was cut off is read up to the
-        cut.
+        If a topic is not in the log, the window is empty or not finite, the file is no bag or
+        damaged before its end, or files are not of one run (LogError, a subclass). A file that
+        was cut off is read up to the cut.
     OSError
         If it cannot be read.
 
@@ -269,7 +271,7 @@ def read_log(
     first, last = (-math.inf if start is None else start), (math.inf if end is None else end)
     if not first < last:
         raise ValueError(f'start must be before end, got {start} and {end}')
-    bag = Bag(Path(path))
+    bag = bag_of([Path(p) for p in ([path] if isinstance(path, str | os.PathLike) else path)])
     wanted = None if topics is None else set(topics)
     raw: dict[str, _Raw] = {}
     begin_ns: int | None = None
@@ -284,7 +286,7 @@ def read_log(
     missing = sorted((wanted or set()) - set(bag.topics))
     if missing:
         raise ValueError(
-            f'{path} has no topic {listed(missing)}; topics are {listed(sorted(bag.topics))}'
+            f'{bag.path} has no topic {listed(missing)}; topics are {listed(sorted(bag.topics))}'
         )
     for name, topic in bag.topics.items():
         if (wanted is None or name in wanted) and (types is None or topic.type in types):
@@ -353,7 +355,8 @@ def _arrays(
     robot: pfd.Robot | None,
 ) -> LogArrays:
     kinds = {name: topic.type for name, topic in bag.topics.items()}
-    return LogArrays(bag.path, kinds, settings, robot, bag.complete, raw)
+    complete = bag.complete and not bag.absent
+    return LogArrays(bag.path, kinds, settings, robot, complete, raw)
 
 
 def _decoded(raw: _Raw, log_time: str) -> TopicArrays:

@@ -7,19 +7,18 @@ See docs/decisions/0004-recording-layout.md.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import hashlib
 import json
 from pathlib import Path
 import time
-from typing import IO, cast
 
 from mcap.records import Attachment
-from mcap.writer import CompressionType
 
 from pfd_ros.messages.definitions import full_text, type_hash
-from pfd_ros.recording.block_writer import BlockWriter, NewMessage
+from pfd_ros.recording.block_writer import BlockWriter, ByteStream, NewMessage
 from pfd_ros.recording.digests import digest_of, of_attachment, of_channel, sealed_end, sealed_head
 from pfd_ros.recording.format import (
     CHUNK_BYTES,
@@ -35,8 +34,6 @@ from pfd_ros.recording.format import (
 )
 from pfd_ros.recording.sink import Sink
 
-# Messages that are written at a time.
-BLOCK_MESSAGES = 256
 # Bytes, about, of a channel, a schema without its definition, or a chunk in the index of a file.
 INDEX_BYTES = 300
 
@@ -75,9 +72,9 @@ class TimeBase:
     simulated: bool = False
     start_ns: int | None = None
 
-    def now_ns(self) -> int:
-        """Return the time of day by the steady clock, within 0 to LAST_NS."""
-        now = self.wall_ns + time.monotonic_ns() - self.steady_ns
+    def at(self, steady_ns: int) -> int:
+        """Return the time of day at a time of the steady clock, ns, within 0 to LAST_NS."""
+        now = self.wall_ns + steady_ns - self.steady_ns
         return now if 0 <= now <= LAST_NS else max(0, min(now, LAST_NS))
 
 
@@ -176,12 +173,10 @@ class McapFile:
         topics, schemas = channels.topics, channels.schemas
         self.counts = [0] * len(topics)
         self.waiting = 0
-        # By topic in place of channel.
-        self._pending: list[NewMessage] = []
         self.index_bytes = sum(len(text) + INDEX_BYTES for text in schemas.values())
         self.index_bytes += INDEX_BYTES * len(topics)
-        self._digests = {topic.name: hashlib.sha256() for topic in topics}
-        self._updates = [digest.update for digest in self._digests.values()]
+        self._names = [topic.name for topic in topics]
+        self._digests = [hashlib.sha256() for _ in topics]
         self.sink = Sink(path)
         try:
             self._writer, self._channels, self.head_digest = _begin(self.sink, channels, head)
@@ -189,29 +184,31 @@ class McapFile:
             self.sink.discard()
             raise
 
-    def add(self, topic: int, log_ns: int, published_ns: int, sequence: int, data: bytes) -> None:
-        """Add one message to the next flush."""
-        self._pending.append((topic, log_ns, published_ns, sequence, data))
-        self.counts[topic] += 1
-        self.waiting += len(data)
-        if len(self._pending) >= BLOCK_MESSAGES:
-            self._write()
+    def add_all(self, messages: Iterable[NewMessage]) -> None:
+        """Add messages to the next flush, each with the index of its topic as its channel."""
+        self._writer.add_messages(self._digested(messages))
 
-    def _write(self) -> None:
-        """Write the pending messages to the next flush."""
-        if not self._pending:
-            return
-        pending, self._pending = self._pending, []
-        pack, updates = DIGEST_PREFIX.pack, self._updates
-        messages: list[NewMessage] = []
-        for topic, log_ns, published_ns, sequence, data in pending:
-            updates[topic](pack(sequence, log_ns, published_ns, len(data)) + data)
-            messages.append((self._channels[topic], log_ns, published_ns, sequence, data))
-        self._writer.add_messages(messages)
+    def _digested(self, messages: Iterable[NewMessage]) -> Iterator[NewMessage]:
+        """Yield messages with their channels; count and digest them.
+
+        Messages pass one by one through all that reads them: each was made on another processor,
+        and waiting for its bytes takes longer than what is done with them.
+        """
+        pack, channels, counts, total = DIGEST_PREFIX.pack, self._channels, self.counts, 0
+        # A digest takes the messages of its topic at once.
+        parts: dict[int, list[bytes]] = defaultdict(list)
+        for topic, log_ns, published_ns, sequence, data in messages:
+            size = len(data)
+            counts[topic] += 1
+            total += size
+            parts[topic] += (pack(sequence, log_ns, published_ns, size), data)
+            yield channels[topic], log_ns, published_ns, sequence, data
+        for topic, texts in parts.items():
+            self._digests[topic].update(b''.join(texts))
+        self.waiting += total
 
     def flush(self) -> None:
         """Write all messages to the operating system."""
-        self._write()
         self._writer.flush()
         self.waiting = 0
         self.index_bytes += INDEX_BYTES
@@ -223,8 +220,8 @@ class McapFile:
 
     def end(self, ending: Mapping[str, str]) -> str:
         """Write the last metadata record and the index; return the digest of the record."""
-        self._write()
-        digests = {name: digest.hexdigest() for name, digest in self._digests.items()}
+        found = (digest.hexdigest() for digest in self._digests)
+        digests = dict(zip(self._names, found, strict=True))
         values = {**ending, EndKey.DIGESTS: json.dumps(digests)}
         sealed = sealed_end(values, self.head_digest)
         self._writer.add_metadata(END, sealed)
@@ -233,20 +230,14 @@ class McapFile:
         return sealed[EndKey.DIGEST]
 
 
-def new_writer(stream: IO[bytes]) -> BlockWriter:
-    """Return a writer of compressed chunks with checksums of everything."""
-    return BlockWriter(
-        stream,
-        CHUNK_BYTES,
-        compression=CompressionType.ZSTD,
-        enable_crcs=True,
-        enable_data_crcs=True,
-    )
+def new_writer(stream: ByteStream) -> BlockWriter:
+    """Return a writer of the chunks of a recording."""
+    return BlockWriter(stream, CHUNK_BYTES)
 
 
 def _begin(sink: Sink, table: ChannelTable, head: FileHead) -> tuple[BlockWriter, list[int], str]:
     """Write the head of the file; return the writer, the channel of each topic, and a digest."""
-    writer = new_writer(cast('IO[bytes]', sink))  # has the methods that the writer uses
+    writer = new_writer(sink)
     files = {record.name: of_attachment(record) for record in head.attachments}
     first = sealed_head(head.values, files, table.digests)
     writer.start(PROFILE, head.library)

@@ -28,9 +28,14 @@ import numpy as np
 from numpy.typing import NDArray
 import zstandard
 
-from pfd_ros.recording.format import DEFINITION_BYTES, NAME_BYTES, RECORD_BYTES, TEXT_BYTES
+from pfd_ros.recording.format import (
+    DEFINITION_BYTES,
+    MAGIC,
+    NAME_BYTES,
+    RECORD_BYTES,
+    TEXT_BYTES,
+)
 
-MAGIC = b'\x89MCAP0\r\n'
 # Kind and length, before the body of a record.
 FRAME = struct.Struct('<BQ')
 # Before the data of a message.

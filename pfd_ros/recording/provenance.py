@@ -12,6 +12,7 @@ import json
 from pathlib import Path
 import platform
 import subprocess
+import time
 
 from mcap.records import Attachment
 
@@ -144,6 +145,6 @@ def file_head(
     return FileHead(
         library=f'pfd_ros/{pfd.__version__} mcap-python/{_installed("mcap")}',
         values=values,
-        attachments=[Attachment(0, base.now_ns(), ROBOT, 'application/yaml', text)],
+        attachments=[Attachment(0, base.at(time.monotonic_ns()), ROBOT, 'application/yaml', text)],
         base=base,
     )

@@ -25,6 +25,7 @@ from pfd_ros.recording.format import (
     CHANNELS,
     END,
     HEAD,
+    MAGIC,
     MESSAGE_ENCODING,
     PROFILE,
     ROBOT,
@@ -33,7 +34,7 @@ from pfd_ros.recording.format import (
     HeadKey,
     Part,
 )
-from pfd_ros.recording.mcap_stream import MAGIC, CutOffError, McapStream, MessageBlock
+from pfd_ros.recording.mcap_stream import CutOffError, McapStream, MessageBlock
 from pfd_ros.text import cut
 
 # Of channels without one.
@@ -181,12 +182,16 @@ class Log:
             if self.end_texts:
                 digests.check_end(self.end_texts, self.head_texts.get(HeadKey.DIGEST, ''))
 
-    def _json(self, key: str) -> Any:
-        """Return one value of the record HEAD."""
+    def check_head(self) -> None:
+        """Raise LogError if the file is no recording, once its head was read."""
         if not self.head_texts:
             raise LogError(
                 f'{self.path} is not a recording of this node: it has no {HEAD!r} record'
             )
+
+    def _json(self, key: str) -> Any:
+        """Return one value of the record HEAD."""
+        self.check_head()
         if key not in self.head_texts:
             raise LogError(f'{self.path} has no {key!r} in its metadata')
         with damage_named(self.path, lambda: f': {key!r} in its metadata'):

@@ -2,38 +2,45 @@
 # SPDX-License-Identifier: Apache-2.0
 """Record all inputs and outputs of the arm in one MCAP file, on a separate thread.
 
-Callers only append to a queue, bounded in messages and bytes. The thread empties it in bounded
-rounds every few milliseconds, closes a chunk after half of the flush period and syncs once a
-second, so that a killed process loses less than a flush period and a power cut little more than a
-second. A fault of the disk or of the thread is reported and does not stop the arm.
-See docs/decisions/0004-recording-layout.md.
+Callers only append to a queue, bounded in messages and bytes. The thread empties it once a chunk,
+after half of the flush period, and syncs once a second, so that a killed process loses less than
+a flush period and a power cut little more than a second. It does so between two steps of the arm,
+if the stepping thread calls `between_steps`, and else a little later.
+A fault of the disk or of the thread is reported and does not stop the arm.
+See docs/decisions/0004-recording-layout.md and 0051-recording-between-steps.md.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 import json
 import math
 from pathlib import Path
+from queue import Empty, SimpleQueue
 import threading
 import time
-from typing import Any
+from typing import Any, TypeAlias
 
+from pfd_ros.recording.block_writer import NewMessage
 from pfd_ros.recording.format import MESSAGE_BYTES, SEQUENCE_MASK, EndKey
 from pfd_ros.recording.mcap_file import FileHead, Topic
 from pfd_ros.recording.run_files import Limits, RunFiles, Timed
 from pfd_ros.recording.sink import FileLostError
 from pfd_ros.text import one_line
 
-# Waking per message would double the cost; longer rounds block the interpreter too long.
-DRAIN_SECONDS = 0.015
 # Within which a recorded message is in the file.
 FLUSH_SECONDS = 0.1
-# A chunk is closed after this share of that time: the rest is for the round before, the
-# compression, and a processor that has other work.
-FLUSH_SHARE = 0.5
+# A chunk is closed after this share of that time: the rest is for the compression, and a processor
+# that has other work.
+FLUSH_SHARE = 0.6
+# Longest time between two rounds while messages come, which bounds the queue.
+ROUND_SECONDS = 0.1
+# While none come: the first one after a pause is in the file at once.
+IDLE_SECONDS = 0.015
+# Time that a round waits for the end of a step.
+PATIENCE = 0.005
 SYNC_SECONDS = 1.0
 # A round ends at either bound, so that flushes are on time under load.
 ROUND_MESSAGES = 1 << 12
@@ -50,6 +57,11 @@ STALL_SECONDS = 30.0
 _CHECK_SECONDS = 0.1
 _READABLE = '; the part written so far is readable'
 
+# Name of the topic, sequence number and bytes.
+Message: TypeAlias = tuple[Hashable, int, bytes]
+# Time on the steady clock and simulated time [ns], messages of one moment, and their bytes.
+_Moment: TypeAlias = tuple[int, int | None, Sequence[Message], int]
+
 
 class LogRecorder:
     """An open recording.
@@ -59,7 +71,7 @@ class LogRecorder:
     path
         The file; it must not exist.
     topics
-        The channels; messages are recorded by index in this sequence.
+        The channels.
     head
         Written first, so that a truncated file still has its settings, robot and topics.
     report
@@ -70,6 +82,8 @@ class LogRecorder:
         When a new file begins; None for one file.
     flush_seconds
         Time after which a recorded message is in the file, s.
+    names
+        What messages call each topic; default: its index in `topics`.
     limit, limit_bytes
         Largest number of messages and bytes that wait for the disk.
 
@@ -101,6 +115,7 @@ class LogRecorder:
         opening: Sequence[tuple[int, int, bytes]] = (),
         limits: Limits | None = None,
         flush_seconds: float = FLUSH_SECONDS,
+        names: Sequence[Hashable] = (),
         limit: int = QUEUE_LIMIT,
         limit_bytes: int = QUEUE_BYTES,
     ) -> None:
@@ -109,38 +124,44 @@ class LogRecorder:
         self.recorded = [0] * len(topics)
         self.error = ''
         self._flush_seconds = flush_seconds * FLUSH_SHARE
-        self._drain_seconds = min(DRAIN_SECONDS, self._flush_seconds / 2)
+        self._idle_seconds = min(IDLE_SECONDS, self._flush_seconds / 2)
         self._base = head.base
         self._report = report
         self._limits = limit, limit_bytes
-        # Replaceable messages leave half of the queue to vital ones.
+        # Replaceable messages leave half of the queue to vital ones: up to there all have room.
+        self._free, self._free_bytes = limit // 2, limit_bytes // 2
         self._capacities = [
-            (limit, limit_bytes) if topic.vital else (limit // 2, limit_bytes // 2)
+            (limit, limit_bytes) if topic.vital else (self._free, self._free_bytes)
             for topic in topics
         ]
+        names = names or range(len(topics))
+        self._places = {name: place for place, name in enumerate(names)}
         # For recording, failing and closing; the writing thread locks it only briefly.
         self._lock = threading.Lock()
-        self._queue: deque[tuple[int, int, int, int, bytes]] = deque()
-        # Bytes queued are counted under the lock, bytes written on the recording's thread.
-        self._bytes_in = 0
-        self._bytes_out = 0
+        self._queue: deque[_Moment] = deque()
+        self._waiting = self._waiting_bytes = 0
         self._rounds = 0
         self._seen, self._checked, self._stalled = 0, time.monotonic(), 0.0
         self._last_ns = 0
         self._simulated_ns = self._base.start_ns
         self._closed = False
         self._finished = False
-        self._closing = threading.Event()
+        # A round is due from this time on.
+        self._due = math.inf
+        # A signal is an item: faster than an Event, whose code is in Python.
+        self._wake: SimpleQueue[None] = SimpleQueue()
         self._ending: Callable[[], Mapping[str, str]] = dict
         # The state of the whole arm, with which a new file may begin, and for each such message in
         # the queue the messages that were dropped before it.
-        self._state_topic = -1 if limits is None else limits.state
+        self._state_topic = None if limits is None else limits.state
         self._dropped_before: deque[tuple[int, ...]] = deque()
-        first = self._timed(opening) if opening else []
+        first = self._opening(opening) if opening else []
         file = RunFiles(path, self.topics, head, first, limits)
         self.path = file.path
         self.recorded[:] = file.counts
-        self._accepted = list(file.counts)
+        came = map(sum, zip(file.counts, self.dropped, strict=True))
+        # Messages that came, dropped or not.
+        self._offered = dict(zip(names, came, strict=True))
         self._thread = threading.Thread(
             target=self._run, args=(file,), name='recording', daemon=True
         )
@@ -171,16 +192,14 @@ class LogRecorder:
     @property
     def waiting_share(self) -> float:
         """Filled share of the queue, 0 to 1, for any thread."""
-        waiting = len(self._queue), self._bytes_in - self._bytes_out
-        return max(have / most for have, most in zip(waiting, self._limits, strict=True))
+        most, most_bytes = self._limits
+        return max(self._waiting / most, self._waiting_bytes / most_bytes)
 
-    def record(self, topic: int, sequence: int, data: bytes) -> None:
+    def record(self, name: Hashable, sequence: int, data: bytes) -> None:
         """Queue one message at the simulated time of the last state; as `record_all`."""
-        self.record_all(((topic, sequence, data),))
+        self.record_all(((name, sequence, data),))
 
-    def record_all(
-        self, messages: Iterable[tuple[int, int, bytes]], simulated_ns: int | None = None
-    ) -> None:
+    def record_all(self, messages: Sequence[Message], simulated_ns: int | None = None) -> None:
         """Queue messages that belong to one moment, and so have one log time.
 
         A message counts as dropped if the queue is full or the recording failed. After `close`
@@ -189,56 +208,71 @@ class LogRecorder:
         Parameters
         ----------
         messages
-            Topic, sequence number and bytes of each.
+            Name of the topic, sequence number and bytes of each; not changed afterwards.
         simulated_ns
             Simulated time of the moment, ns; default: as in the last call.
         """
+        # Part of a step of the arm: all that can wait is left to the writing thread.
         with self._lock:
             if self._closed:
                 return
-            if simulated_ns is not None:
-                self._simulated_ns = max(0, simulated_ns)
-            log_ns, published_ns = self._times_ns()
-            for topic, sequence, data in messages:
-                size = len(data)
-                most, most_bytes = self._capacities[topic]
-                waiting = self._bytes_in - self._bytes_out + size
-                full = len(self._queue) >= most or waiting > most_bytes or size > MESSAGE_BYTES
-                if full or self.error:
-                    self.dropped[topic] += 1
-                    continue
-                number = sequence & SEQUENCE_MASK
-                self._queue.append((topic, log_ns, published_ns, number, data))
-                self._bytes_in += size
-                self._accepted[topic] += 1
-                if topic == self._state_topic:
-                    self._dropped_before.append(tuple(self.dropped))
+            if simulated_ns is None:
+                simulated_ns = self._simulated_ns
+            else:
+                self._simulated_ns = simulated_ns
+            offered, size = self._offered, 0
+            for name, _, data in messages:
+                offered[name] += 1
+                size += len(data)
+            waiting, waiting_bytes = self._waiting + len(messages), self._waiting_bytes + size
+            if waiting > self._free or waiting_bytes > self._free_bytes or size > MESSAGE_BYTES:
+                messages, size = self._with_room(messages)
+                waiting = self._waiting + len(messages)
+                waiting_bytes = self._waiting_bytes + size
+            elif self._state_topic is not None:
+                for name, _, _ in messages:
+                    if self._places[name] == self._state_topic:
+                        self._dropped_before.append(tuple(self.dropped))
+            self._waiting, self._waiting_bytes = waiting, waiting_bytes
+            if messages:
+                self._queue.append((time.monotonic_ns(), simulated_ns, messages, size))
 
-    def _times_ns(self) -> tuple[int, int]:
-        """Return the log time and the publish time of a message that comes now, ns."""
-        wall_ns = self._base.now_ns()
-        if self._simulated_ns is None:
-            log_ns = published_ns = wall_ns
-        elif self._base.simulated:
-            log_ns, published_ns = self._simulated_ns, wall_ns
-        else:
-            log_ns, published_ns = wall_ns, self._simulated_ns
-        # Log times increase in file order.
-        if log_ns < self._last_ns:
-            log_ns = self._last_ns
-        self._last_ns = log_ns
-        return log_ns, published_ns
+    def between_steps(self) -> None:
+        """Let a round that is due begin: the caller has nothing to do for a moment.
 
-    def _timed(self, opening: Sequence[tuple[int, int, bytes]]) -> list[Timed]:
+        For the thread that steps the arm, after a step: the interpreter runs one thread at a time.
+        """
+        if time.monotonic() >= self._due:
+            self._due = math.inf
+            self._wake.put(None)
+
+    def _with_room(self, messages: Sequence[Message]) -> tuple[list[Message], int]:
+        """Return messages that the queue has room for, and their bytes; count the others."""
+        waiting, waiting_bytes = self._waiting, self._waiting_bytes
+        kept, total = list[Message](), 0
+        for message in messages:
+            topic, size = self._places[message[0]], len(message[2])
+            most, most_bytes = self._capacities[topic]
+            room = waiting < most and waiting_bytes + size <= most_bytes and size <= MESSAGE_BYTES
+            if self.error or not room:
+                self.dropped[topic] += 1
+                continue
+            waiting, waiting_bytes, total = waiting + 1, waiting_bytes + size, total + size
+            kept.append(message)
+            if topic == self._state_topic:
+                self._dropped_before.append(tuple(self.dropped))
+        return kept, total
+
+    def _opening(self, opening: Sequence[tuple[int, int, bytes]]) -> list[Timed]:
         """Return the first messages with their times, but for those that are too long."""
-        log_ns, published_ns = self._times_ns()
-        found = []
+        names, messages = [*self._places], list[Message]()
         for topic, sequence, data in opening:
             if len(data) > MESSAGE_BYTES:
                 self.dropped[topic] += 1
             else:
-                found.append(Timed(topic, log_ns, published_ns, sequence, data))
-        return found
+                messages.append((names[topic], sequence, data))
+        moment = time.monotonic_ns(), self._simulated_ns, messages, 0
+        return [Timed(*message) for message in self._timed([moment])]
 
     def close(
         self,
@@ -257,9 +291,9 @@ class LogRecorder:
         """
         with self._lock:
             if not self._closed:
-                self._closed = True
                 self._ending = ending
-        self._closing.set()
+                self._closed = True
+        self._wake.put(None)
         self._thread.join(timeout)
         if self._thread.is_alive():
             self._fail(f'closing took longer than {timeout:g} s (slow disk){_READABLE}')
@@ -296,8 +330,11 @@ class LogRecorder:
                 return
             self.error = f'recording stopped: {cause}'
             self._queue.clear()
-            for topic, count in enumerate(self._accepted):
-                self.dropped[topic] += count - self.recorded[topic]
+            self._waiting = self._waiting_bytes = 0
+            # From here on each message is looked at, and dropped.
+            self._free = -1
+            for topic, count in enumerate(self._offered.values()):
+                self.dropped[topic] = count - self.recorded[topic]
         with suppress(Exception):
             self._report(self.error)
 
@@ -314,17 +351,28 @@ class LogRecorder:
 
     def _write(self, file: RunFiles) -> None:
         # The first messages, and those after a pause, are flushed at once.
-        flushed, synced = -math.inf, time.monotonic()
-        while not self._closing.wait(0 if self._behind() else self._drain_seconds):
-            self._drain(file)
+        flushed, synced, pause = -math.inf, time.monotonic(), 0.0
+        while not self._closed:
+            with suppress(Empty):
+                self._wake.get(timeout=pause)
+            self._due = math.inf
+            drained = self._drain(file)
             now = time.monotonic()
-            late = file.waiting and now - flushed >= self._flush_seconds
-            if late or file.waiting >= ROUND_BYTES:
+            due = flushed + self._flush_seconds
+            if file.waiting and (now >= due or file.waiting >= ROUND_BYTES):
                 self._flush(file)
-                flushed = now
+                flushed, due = now, now + self._flush_seconds
             if now - synced >= SYNC_SECONDS:
                 file.sink.sync()
                 synced = now
+            if self._behind():
+                pause = 0.0
+            elif drained:
+                now = time.monotonic()
+                self._due = min(due, now + ROUND_SECONDS)
+                pause = max(0.0, self._due - now) + PATIENCE
+            else:
+                pause = self._idle_seconds
         while self._queue:
             self._drain(file)
             self._flush(file)
@@ -334,23 +382,58 @@ class LogRecorder:
 
     def _behind(self) -> bool:
         """Whether the queue holds more than one round takes."""
-        waiting = self._bytes_in - self._bytes_out
-        return len(self._queue) >= ROUND_MESSAGES or waiting >= ROUND_BYTES
+        return self._waiting >= ROUND_MESSAGES or self._waiting_bytes >= ROUND_BYTES
 
-    def _drain(self, file: RunFiles) -> None:
-        """Move messages from the queue to the file, a round at most."""
+    def _drain(self, file: RunFiles) -> bool:
+        """Move messages from the queue to the file, a round at most; return whether some came."""
         self._rounds += 1
-        for _ in range(ROUND_MESSAGES):
-            if not self._queue or file.waiting >= ROUND_BYTES:
-                return
-            message = self._queue.popleft()
-            topic, log_ns, published_ns, sequence, data = message
-            if topic == self._state_topic:
+        moments: list[_Moment] = []
+        count = size = 0
+        # Until the queue is empty; a failure on another thread empties it, too.
+        with suppress(IndexError):
+            while count < ROUND_MESSAGES and file.waiting + size < ROUND_BYTES:
+                moments.append(self._queue.popleft())
+                count += len(moments[-1][2])
+                size += moments[-1][3]
+        if not moments:
+            return False
+        with self._lock:
+            if not self.error:
+                self._waiting -= count
+                self._waiting_bytes -= size
+        if self._state_topic is None:
+            file.add_all(self._timed(moments))
+        else:
+            self._add_to_files(file, [*self._timed(moments)])
+        return True
+
+    def _timed(self, moments: Iterable[_Moment]) -> Iterator[NewMessage]:
+        """Yield the messages of moments with their times, and the topic as their channel."""
+        places, base, last_ns = self._places, self._base, self._last_ns
+        for steady_ns, simulated_ns, messages, _ in moments:
+            wall_ns = base.at(steady_ns)
+            if simulated_ns is None:
+                log_ns = published_ns = wall_ns
+            elif base.simulated:
+                log_ns, published_ns = max(0, simulated_ns), wall_ns
+            else:
+                log_ns, published_ns = wall_ns, max(0, simulated_ns)
+            # Log times increase in file order.
+            log_ns = self._last_ns = last_ns = max(log_ns, last_ns)
+            for name, sequence, data in messages:
+                yield places[name], log_ns, published_ns, sequence & SEQUENCE_MASK, data
+
+    def _add_to_files(self, file: RunFiles, messages: Sequence[NewMessage]) -> None:
+        """Add messages, and begin a new file with a state of the whole arm where it is time."""
+        begin = 0
+        for k, message in enumerate(messages):
+            if message[0] == self._state_topic:
+                file.add_all(messages[begin:k])
                 self._flush(file)
                 file.begin_state(Timed(*message), self._dropped_before.popleft())
                 self.path = file.path
-            file.add(topic, log_ns, published_ns, sequence, data)
-            self._bytes_out += len(data)
+                begin = k
+        file.add_all(messages[begin:])
 
     def _flush(self, file: RunFiles) -> None:
         file.flush()

@@ -35,12 +35,12 @@ from mcap.records import (
     Schema,
 )
 
-from pfd_ros.recording.format import RECORD_BYTES
+from pfd_ros.recording.block_writer import NewMessage
+from pfd_ros.recording.format import MAGIC, RECORD_BYTES
 from pfd_ros.recording.mcap_file import new_writer
 from pfd_ros.recording.mcap_stream import (
     FRAME,
     IN_SUMMARY,
-    MAGIC,
     McapStream,
     MessageBlock,
     message_block,
@@ -210,18 +210,16 @@ def _copy(
                 record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
             )
         elif isinstance(record, MessageBlock):
+            kept: list[NewMessage] = []
             for message in record.messages():
                 if message.channel_id not in channels:
                     found.lose(f'a message of channel {message.channel_id}, which is lost')
                     continue
-                writer.add_message(
-                    channels[message.channel_id],
-                    message.log_time,
-                    message.data,
-                    message.publish_time,
-                    message.sequence,
-                )
-                found.messages += 1
+                times = message.log_time, message.publish_time
+                channel = channels[message.channel_id]
+                kept.append((channel, *times, message.sequence, message.data))
+            writer.add_messages(kept)
+            found.messages += len(kept)
         elif isinstance(record, Metadata):
             writer.add_metadata(record.name, record.metadata)
         elif isinstance(record, Attachment):

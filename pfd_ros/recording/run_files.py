@@ -12,7 +12,7 @@ See docs/decisions/0039-files-of-a-recording.md.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import glob
 import json
@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 from pfd_ros.arm.events import TAKEN_COLUMNS
 from pfd_ros.messages.convert import rows_as_written
+from pfd_ros.recording.block_writer import NewMessage
 from pfd_ros.recording.format import SEQUENCE_MASK, EndKey, HeadKey, Part
 from pfd_ros.recording.mcap_file import FileHead, McapFile, Topic, channel_table
 from pfd_ros.recording.sink import Sink
@@ -86,11 +87,6 @@ class RunFiles:
     limits
         None for one file.
 
-    Attributes
-    ----------
-    counts
-        Number of added messages, by index in `topics`, without repeated ones.
-
     Raises
     ------
     OSError
@@ -107,7 +103,6 @@ class RunFiles:
         opening: Sequence[Timed] = (),
         limits: Limits | None = None,
     ) -> None:
-        self.counts = [0] * len(topics)
         self._path, self._topics, self._head, self._opening = path, topics, head, opening
         self._channels = channel_table(topics)
         self._limits = limits
@@ -116,8 +111,8 @@ class RunFiles:
             _check_free(path)
             self._waiting_inputs = _WaitingInputs(limits)
         self._file = self._new_file(head, opening)
-        for message in opening:
-            self.counts[message.topic] += 1
+        # Messages of the run before the first one of this file.
+        self._before = [0] * len(topics)
         # Number of the state with which the file begins, and bytes at the last one.
         self._first_state = 0
         self._size = size = self._bytes()
@@ -127,6 +122,11 @@ class RunFiles:
                 f'recording_max_size is {limits.size} bytes, expected more than {size}: '
                 'the head and the index of each file take so many'
             )
+
+    @property
+    def counts(self) -> list[int]:
+        """Number of added messages, by index in `topics`, without repeated ones."""
+        return [*map(sum, zip(self._before, self._file.counts, strict=True))]
 
     @property
     def path(self) -> Path:
@@ -143,12 +143,11 @@ class RunFiles:
         """Bytes of messages added since the last flush."""
         return self._file.waiting
 
-    def add(self, topic: int, log_ns: int, published_ns: int, sequence: int, data: bytes) -> None:
-        """Add one message to the next flush."""
-        self._file.add(topic, log_ns, published_ns, sequence, data)
-        self.counts[topic] += 1
+    def add_all(self, messages: Iterable[NewMessage]) -> None:
+        """Add messages to the next flush, each with the index of its topic as its channel."""
         if self._limits is not None:
-            self._waiting_inputs.follow(Timed(topic, log_ns, published_ns, sequence, data))
+            messages = self._waiting_inputs.follow(messages)
+        self._file.add_all(messages)
 
     def flush(self) -> None:
         """Write all messages to the operating system."""
@@ -182,10 +181,10 @@ class RunFiles:
 
     def _continue(self, state: Timed, dropped: Sequence[int]) -> None:
         """End the file, and begin the next one with what is repeated."""
-        old = self._file
+        old, counts = self._file, self.counts
         try:
             ending = {
-                EndKey.RECORDED: json.dumps(self._by_name(self.counts)),
+                EndKey.RECORDED: json.dumps(self._by_name(counts)),
                 EndKey.DROPPED: json.dumps(self._by_name(dropped)),
                 EndKey.CONTINUES: 'true',
             }
@@ -205,6 +204,8 @@ class RunFiles:
             )
             values = {**self._head.values, HeadKey.PART: json.dumps(self._part._asdict())}
             self._file = self._new_file(replace(self._head, values=values), repeated)
+            pairs = zip(counts, self._file.counts, strict=True)
+            self._before = [count - own for count, own in pairs]
             # Meanwhile the messages wait in the queue only.
             old.sink.sync()
         finally:
@@ -213,8 +214,8 @@ class RunFiles:
     def _new_file(self, head: FileHead, messages: Sequence[Timed]) -> McapFile:
         file = McapFile(self.path, self._channels, head)
         try:
-            for message in messages:
-                file.add(*message)
+            if messages:
+                file.add_all(messages)
             file.flush()
         except BaseException:
             file.sink.discard()
@@ -255,20 +256,25 @@ class _WaitingInputs:
         """Keep none."""
         self._messages = {topic: deque() for topic in self.limits.inputs.values()}
 
-    def follow(self, message: Timed) -> None:
-        """Keep an input, or forget those that rows name and all before them."""
-        if message.topic == self.limits.rows:
-            for _, source, sequence, _, _ in rows_as_written(message.data, TAKEN_COLUMNS) or ():
-                topic = self.limits.inputs.get(source)
-                if topic is not None:
-                    self._forget(self._messages[topic], sequence)
-        elif message.topic in self._messages:
-            messages = self._messages[message.topic]
-            messages.append(message)
-            self._bytes += len(message.data)
-            # The node has dropped these, which have no effect then.
-            while messages and (len(messages) > MOST_WAITING or self._bytes > MOST_WAITING_BYTES):
-                self._bytes -= len(messages.popleft().data)
+    def follow(self, messages: Iterable[NewMessage]) -> Iterator[NewMessage]:
+        """Yield messages; keep inputs, and forget those that rows name and all before them."""
+        for message in messages:
+            topic, data = message[0], message[-1]
+            if topic == self.limits.rows:
+                for _, source, sequence, _, _ in rows_as_written(data, TAKEN_COLUMNS) or ():
+                    taken = self.limits.inputs.get(source)
+                    if taken is not None:
+                        self._forget(self._messages[taken], sequence)
+            elif topic in self._messages:
+                waiting = self._messages[topic]
+                waiting.append(Timed(*message))
+                self._bytes += len(data)
+                # The node has dropped these, which have no effect then.
+                while waiting and (
+                    len(waiting) > MOST_WAITING or self._bytes > MOST_WAITING_BYTES
+                ):
+                    self._bytes -= len(waiting.popleft().data)
+            yield message
 
     def _forget(self, messages: deque[Timed], sequence: int) -> None:
         while messages and (sequence - messages[0].sequence) & SEQUENCE_MASK <= SEQUENCE_MASK >> 1:
@@ -280,10 +286,15 @@ class _WaitingInputs:
         return sorted(found, key=lambda message: message.log_ns)
 
 
+def part_paths(path: Path) -> list[Path]:
+    """Return the files of a recording that exist under the names of `part_path`, in order."""
+    pattern = f'{glob.escape(path.stem)}_{"[0-9]" * 6}{glob.escape(path.suffix)}'
+    return sorted(path.parent.glob(pattern)) if path.parent.is_dir() else []
+
+
 def _check_free(path: Path) -> None:
     """Raise FileExistsError if a recording of this name has left a file."""
-    pattern = f'{glob.escape(path.stem)}_{"[0-9]" * 6}{glob.escape(path.suffix)}'
-    found = next(path.parent.glob(pattern), None) if path.parent.is_dir() else None
+    found = next(iter(part_paths(path)), None)
     if found is not None:
         raise FileExistsError(
             f'{found} exists, of another recording, and is not overwritten; choose another name '

@@ -9,7 +9,6 @@ From the file to the result:
                   call
     inspection    whether the file is complete, without a simulation
     summary       the result of an inspection, for people
-    run_parts     the files of one run, in order, and whether each continues the one before
     differences   the first difference between a recorded message and the replayed one
     verify        the engine fed from the recording, its outputs compared byte for byte: `read`
 

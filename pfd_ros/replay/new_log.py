@@ -19,6 +19,7 @@ from pfd_ros.arm.events import NUMBERED_AS_STATES, TAKEN
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import SIMULATED
 from pfd_ros.recording import provenance
+from pfd_ros.recording.block_writer import NewMessage
 from pfd_ros.recording.format import (
     CHANNELS,
     ROLE_OF_SOURCE,
@@ -30,7 +31,8 @@ from pfd_ros.recording.mcap_file import McapFile, TimeBase, channel_table
 
 # Times of cycles in memory.
 MOST_TIMES = 4096
-# Bytes of messages that wait for a flush.
+# Messages that are written at a time, and bytes of messages that wait for a flush.
+BLOCK_MESSAGES = 256
 FLUSH_BYTES = 1 << 22
 
 
@@ -88,6 +90,7 @@ class NewLog:
         self._index = {role: k for k, role in enumerate(roles)}
         self._names = names
         self._file = McapFile(path, channel_table(channels), head)
+        self._block: list[NewMessage] = []
         self._last_ns = settings.start_ns if self._simulated else started_ns
         self._newest: Counter[str] = Counter()
         if frames is not None:
@@ -102,16 +105,22 @@ class NewLog:
         log_ns, published_ns = (stamp_ns, wall_ns) if self._simulated else (wall_ns, stamp_ns)
         if log_ns > self._last_ns:
             self._last_ns = log_ns
-        self._file.add(
-            self._index[role], self._last_ns, published_ns, number & SEQUENCE_MASK, data
-        )
+        number_there = number & SEQUENCE_MASK
+        self._block.append((self._index[role], self._last_ns, published_ns, number_there, data))
         if number > self._newest[role]:
             self._newest[role] = number
+        if len(self._block) >= BLOCK_MESSAGES:
+            self._write_block()
+
+    def _write_block(self) -> None:
+        self._file.add_all(self._block)
+        self._block.clear()
         if self._file.waiting >= FLUSH_BYTES:
             self._file.flush()
 
     def finish(self, totals: Mapping[str, Any]) -> None:
         """Write the totals of the run, and close the file."""
+        self._write_block()
         counts = {role: self._file.counts[place] for role, place in self._index.items()}
         recorded = {name: counts[role] for role, name in self._names.items()}
         # Only inputs that the source lost are missing here.

@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pfd_ros.arm.events import STATES, Verdict
 from pfd_ros.arm.settings import Settings
+from pfd_ros.recording.run_parts import parts_after, parts_between
 from pfd_ros.text import one_line
 
 # Gaps that a summary names.
@@ -110,22 +111,41 @@ class RunSummary:
         return sum(part.states - part.uncompared for part in self.parts)
 
     @property
+    def merged(self) -> Summary:
+        """The run as one file: its counts are sums."""
+        first, last = self.parts[0], self.parts[-1]
+        lost: Counter[str] = Counter()
+        for part in self.parts:
+            lost.update(part.lost)
+        return replace(
+            last,
+            path=first.path,
+            complete=all(part.complete for part in self.parts),
+            ended=all(part.ended for part in self.parts),
+            states=sum(part.states for part in self.parts),
+            unpublished=sum(part.unpublished for part in self.parts),
+            lost=dict(lost),
+            dropped=sum(part.dropped for part in self.parts),
+            verdicts=sum((part.verdicts for part in self.parts), Counter[Verdict]()),
+            first_ns=next((part.first_ns for part in self.parts if part.first_ns), 0),
+            last_ns=max(part.last_ns for part in self.parts),
+            obstacle=next((part.obstacle for part in self.parts if part.obstacle), ''),
+            gaps=[gap for part in self.parts for gap in part.gaps],
+            beginning=all(part.beginning for part in self.parts),
+            uncompared=sum(part.uncompared for part in self.parts),
+            part=first.part,
+            start=first.start,
+        )
+
+    @property
     def absent(self) -> list[str]:
         """Everything that a complete recording has and this one lacks."""
         found, number = [], 0
         for part in self.parts:
-            found += _between(number, part.part)
+            found += parts_between(number, part.part)
             place = f' ({one_line(part.path.name)})' if len(self.parts) > 1 else ''
             found += [f'{lacking}{place}' for lacking in part.lacking]
             number = part.part
         if self.parts[-1].continues:
-            found.append(f'the parts of the run after part {number}')
+            found.append(parts_after(number))
         return found
-
-
-def _between(number: int, other: int) -> list[str]:
-    """Return the parts of a run between two parts."""
-    if other - number < 2:
-        return []
-    first, last = number + 1, other - 1
-    return [f'part {first} of the run' if first == last else f'parts {first} to {last} of the run']

@@ -34,11 +34,11 @@ from pfd_ros.recording.format import CHANNELS
 from pfd_ros.recording.head import Totals, read_robot
 from pfd_ros.recording.provenance import COMMIT, PROGRAM, commit, versions
 from pfd_ros.recording.reader import Log, LogError, damage_named
+from pfd_ros.recording.run_parts import continues, in_order
 from pfd_ros.replay.differences import difference
 from pfd_ros.replay.inspection import Inspection, inspect
 from pfd_ros.replay.ordering import Columns, PlacedMessage
 from pfd_ros.replay.playback import Playback, Stretch, follow
-from pfd_ros.replay.run_parts import continues, in_order
 from pfd_ros.replay.summary import RunSummary, Summary
 from pfd_ros.text import cut
 
@@ -90,7 +90,7 @@ def read_run(
     share = (INSPECTION_SHARE if verify else 1.0) / len(logs)
 
     def part(start: float, share: float) -> Callable[[float], None] | None:
-        return None if progress is None else lambda done: progress(start + share * done)
+        return None if progress is None else _share_of(progress, start, share)
 
     parts: list[_FilePart] = []
     for k, log in enumerate(logs):
@@ -110,6 +110,13 @@ def read_run(
         with damage_named(each.log.path):
             _check_altered(each)
     return RunSummary([each.found.summary for each in parts])
+
+
+def _share_of(
+    progress: Callable[[float], None], start: float, share: float
+) -> Callable[[float], None]:
+    """Return the progress of a part of the work."""
+    return lambda done: progress(start + share * done)
 
 
 class _FilePart(NamedTuple):
@@ -177,9 +184,9 @@ def _replay(part: _FilePart, replay: _Replay, progress: Callable[[float], None] 
 
 
 def simulable(
-    log: Log, progress: Callable[[float], None] | None = None
-) -> tuple[Inspection, pfd.Robot]:
-    """Inspect a recording; return the result, and its robot.
+    logs: Sequence[Log], progress: Callable[[float], None] | None = None
+) -> tuple[list[Inspection], pfd.Robot]:
+    """Inspect the files of a recording, in their order; return the results, and its robot.
 
     Raises
     ------
@@ -188,18 +195,26 @@ def simulable(
     OSError
         If it cannot be read.
     """
-    found = inspect(log, progress)
-    if found.altered:
-        raise ValueError(found.altered)
-    if not found.summary.states:
-        raise LogError(f'{log.path} holds no states, so there is nothing to simulate')
-    if found.summary.part > 1:
-        raise LogError(
-            f'{log.path} is part {found.summary.part} of a run: expected a log from its start'
-        )
-    if found.summary.obstacle:
-        raise LogError(f'{log.path} {found.summary.obstacle}')
-    return found, recorded_robot(log, found.state)
+    results: list[Inspection] = []
+    for k, log in enumerate(logs):
+        share = None if progress is None else _share_of(progress, k / len(logs), 1 / len(logs))
+        with damage_named(log.path):
+            found = inspect(log, share)
+            if found.altered:
+                raise ValueError(found.altered)
+        results.append(found)
+        if k and not continues(logs[k - 1], log):
+            raise LogError(f'{log.path} does not continue {logs[k - 1].path}: a part is missing')
+        if not k and found.summary.part > 1:
+            raise LogError(
+                f'{log.path} is part {found.summary.part} of a run: expected a log from its start'
+            )
+        if found.summary.obstacle:
+            raise LogError(f'{log.path} {found.summary.obstacle}')
+    states = [found.state for found in results if found.summary.states]
+    if not states:
+        raise LogError(f'{logs[0].path} holds no states, so there is nothing to simulate')
+    return results, recorded_robot(logs[0], states[0])
 
 
 def recorded_robot(log: Log, state: bytes) -> pfd.Robot:

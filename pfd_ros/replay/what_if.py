@@ -34,14 +34,15 @@ from pfd_ros.messages.convert import (
     decode_joint_states,
     decode_string,
 )
-from pfd_ros.recording.bags import DATABASES
+from pfd_ros.recording.bags import DATABASES, DESCRIPTION
 from pfd_ros.recording.reader import Log, LogError, damage_named
+from pfd_ros.recording.run_parts import files_of, in_order
 from pfd_ros.replay.bag_inputs import BagInputs
 from pfd_ros.replay.changed_inputs import ChangedInputs, FedBlock, fed_blocks
 from pfd_ros.replay.changed_runs import NewRun, RoundingRun, one_bit
 from pfd_ros.replay.divergence import FIELDS
 from pfd_ros.replay.new_log import LogTimes, NewLog, free_path
-from pfd_ros.replay.ordering import PlacedMessage, placed_blocks
+from pfd_ros.replay.ordering import Block, PlacedMessage, placed_blocks
 from pfd_ros.replay.state_comparison import StateComparison
 from pfd_ros.replay.verify import simulable
 from pfd_ros.replay.what_if_settings import (
@@ -175,7 +176,7 @@ class _Case:
 
 
 def what_if(
-    path: Path,
+    path: Path | Sequence[Path],
     words: Sequence[str] = (),
     *,
     commands: str = '',
@@ -190,8 +191,8 @@ def what_if(
 
     Parameters
     ----------
-    path : Path
-        A recording of the node; with `commands` any bag.
+    path : Path or sequence of Path
+        A recording of the node, all files of its run or their folder; with `commands` any bag.
     words : sequence of str
         KEY=VALUE, parameters of the node; without any the run is repeated.
     commands : str
@@ -216,7 +217,8 @@ def what_if(
         If a file cannot be read or written; the log exists.
 
     """
-    path = Path(path)
+    paths = [Path(path)] if isinstance(path, str | Path) else [*path]
+    path = paths[0]
     if len(thresholds) != len(FIELDS) or not all(0 <= x < np.inf for x in thresholds):
         raise ValueError(f'thresholds must be 3 numbers, 0 or more, got {list(thresholds)}')
     changes = read_changes(words)
@@ -225,7 +227,7 @@ def what_if(
     elif states or rename:
         raise ValueError('--states and --rename are for bags: name a topic with --commands')
     else:
-        case = _of_recording(path, changes, progress)
+        case = _of_recording(paths, changes, progress)
     target = out or free_path(path)
     frames = link_frames(case.urdf, case.settings, case.robot) if case.urdf else None
     engine = Engine(case.settings, case.robot, frames=frames)
@@ -248,38 +250,61 @@ def what_if(
         raise
 
 
-def _of_recording(path: Path, changes: Changes, progress: Callable[[float], None] | None) -> _Case:
-    if path.is_dir() or path.suffix in DATABASES:
+def _of_recording(
+    paths: Sequence[Path], changes: Changes, progress: Callable[[float], None] | None
+) -> _Case:
+    path = paths[0]
+    if path.suffix in DATABASES or (path / DESCRIPTION).is_file():
         raise LogError(f'{path} is not a recording of this node: name a topic with --commands')
     part = None if progress is None else lambda done: progress(INSPECTION_SHARE * done)
-    log = Log(path)
+    files = files_of(paths)
+    logs = in_order([Log(file) for file in files]) if len(files) > 1 else [Log(files[0])]
     with damage_named(path):
-        found, robot = simulable(log, part)
+        results, robot = simulable(logs, part)
+        found = results[0]
         recorded = found.summary.settings
-        topics = {role: topic for topic, role in log.roles.items()}
-        started_ns = log.started_ns
+        topics = {role: topic for topic, role in logs[0].roles.items()}
+        started_ns = logs[0].started_ns
     settings, new, urdf = changed_arm(recorded, robot, changes)
     if 'robot' not in changes.values and found.description:
         urdf = decode_string(found.description)
     names = published_names(recorded, robot), published_names(settings, new)
     inputs = ChangedInputs(recorded, settings, *names)
-    last = 0
-    if found.ending is not None and found.ending.totals is not None:
-        last = found.ending.totals.steps + bool(found.ending.totals.failure)
+    last, ending = 0, results[-1].ending
+    if ending is not None and ending.totals is not None:
+        last = ending.totals.steps + bool(ending.totals.failure)
+    reading = _Files(logs)
     return _Case(
         path,
         settings,
         new,
-        inputs.blocks(placed_blocks(log)),
+        inputs.blocks(reading.blocks()),
         state_ns=recorded.publish_every * recorded.step_ns,
         # The last new cycle that ends by the last one of the recording.
         last=last * recorded.step_ns // settings.step_ns,
         started_ns=started_ns,
         topics=topics,
         urdf=urdf,
-        progress=lambda: log.position / log.size,
-        complete=lambda: log.complete,
+        progress=reading.progress,
+        complete=lambda: all(log.complete for log in logs),
     )
+
+
+@dataclass
+class _Files:
+    """The files of a recording, read one after the other."""
+
+    logs: Sequence[Log]
+    place: int = 0
+
+    def blocks(self) -> Iterator[Block]:
+        for place, log in enumerate(self.logs):
+            self.place = place
+            yield from placed_blocks(log)
+
+    def progress(self) -> float:
+        log = self.logs[self.place]
+        return (self.place + log.position / log.size) / len(self.logs)
 
 
 def _of_bag(path: Path, changes: Changes, inputs: BagInputs) -> _Case:

@@ -18,6 +18,7 @@ from typing import Any
 from pfd_ros.page.contents import Mark
 from pfd_ros.page.html import write_page
 from pfd_ros.page.reading import read_contents
+from pfd_ros.recording.run_files import part_path, part_paths
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.run_log import RecordingError
 from pfd_ros.testing.trajectory import MOMENT
@@ -63,8 +64,10 @@ def write_artifacts(arms: Sequence[Any], folder: Path, error: BaseException) -> 
         name = 'arm' if len(arms) == 1 else f'arm{number}'
         log, page = folder / f'{name}.mcap', folder / f'{name}.html'
         try:
-            lines += [*_write_log(arm, log), f'recording  {log}']
-            contents = read_contents(log, robot=arm.robot, marks=[_mark(arm, error)])
+            said, files = _write_log(arm, log)
+            others = f' to {files[-1].name}' if len(files) > 1 else ''
+            lines += [*said, f'recording  {files[0]}{others}']
+            contents = read_contents(files, robot=arm.robot, marks=[_mark(arm, error)])
             write_page(contents, page)
             lines.append(f'page       {page}')
             first = contents.first
@@ -77,27 +80,29 @@ def write_artifacts(arms: Sequence[Any], folder: Path, error: BaseException) -> 
     return lines
 
 
-def _write_log(arm: Any, log: Path) -> list[str]:
-    """Write the recording of an arm; return what there is to say about it."""
+def _write_log(arm: Any, log: Path) -> tuple[list[str], list[Path]]:
+    """Write the recording of an arm; return what there is to say about it, and its files."""
     if not isinstance(arm, LockstepArm):
         arm.write_received(log)
-        return ['the arm ran in another process: the recording holds the states received here']
+        said = ['the arm ran in another process: the recording holds the states received here']
+        return said, [log]
     if not arm.settings.recording:
         lacking = arm.record_again(log)
-        return [lacking] if lacking else []
+        return [lacking] if lacking else [], [log]
+    said = []
     try:
         arm.close()
     except RecordingError as failed:
-        return [one_line(f'the recording is incomplete: {failed}')]
-    finally:
-        source = Path(arm.settings.recording)
-        if not source.exists():  # files of bounded size: the last one, with the failure
-            source = max(source.parent.glob(f'{source.stem}_*.mcap'), default=source)
+        said.append(one_line(f'the recording is incomplete: {failed}'))
+    recorded = Path(arm.settings.recording)
+    parts = part_paths(recorded) if arm.settings.splits else []
+    pairs = [(part, part_path(log, k)) for k, part in enumerate(parts, 1)] or [(recorded, log)]
+    for source, target in pairs:
         try:
-            os.link(source, log)
+            os.link(source, target)
         except OSError:
-            shutil.copyfile(source, log)
-    return []
+            shutil.copyfile(source, target)
+    return said, [target for _, target in pairs]
 
 
 def _mark(arm: Any, error: BaseException) -> Mark:

@@ -14,8 +14,7 @@ from mcap.opcode import Opcode
 from rewriting import GOLDEN
 import zstandard
 
-from pfd_ros.recording.format import RECORD_BYTES
-from pfd_ros.recording.mcap_stream import MAGIC
+from pfd_ros.recording.format import MAGIC, RECORD_BYTES
 
 
 class Case(NamedTuple):

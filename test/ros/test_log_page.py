@@ -21,6 +21,8 @@ from hypothesis import given, settings, strategies
 from mcap.reader import make_reader
 from mcap.writer import Writer
 import numpy as np
+import pinocchio as pin
+from plant_messages import change, payload
 import pytest
 from rewriting import GOLDEN
 from simulating import efforts, simulate
@@ -41,6 +43,9 @@ from pfd_ros.testing.lockstep_arm import LockstepArm
 
 HOSTILE = '</script><img src=x onerror=alert(1)>&"\'{{}}\u2028'
 KP = np.array([400.0, 400, 400, 40, 40, 40])
+# Of energies of some ten joules, summed in another order, J.
+ENERGY_ROUNDING = 1e-13
+TIP = 'tip_link'
 GOAL = np.array([0.3, -0.6, 0.9, 0.2, -0.5, 0.4])
 
 
@@ -254,6 +259,64 @@ def test_a_failed_simulation_and_files_of_one_run_are_reported(tmp_path: Path) -
     (failure,) = (f for f in last.findings if f.kind == 'failure')
     assert failure.time == pytest.approx(0.101)
     assert 'not finite' in failure.text
+
+
+def test_the_files_of_a_run_are_one_page(tmp_path: Path) -> None:
+    with LockstepArm(
+        'planar2', recording=tmp_path / 'run.mcap', recording_max_duration=0.05
+    ) as arm:
+        arm.run(lambda t, q, qd: -q - 0.1 * qd, 0.22)
+    files = sorted(tmp_path.glob('run_*.mcap'))
+    assert len(files) > 3
+    for source in (tmp_path, files[::-1]):
+        found = read_contents(source)
+        assert not found.notes
+        facts = dict(found.facts)
+        assert facts['states'].startswith('220, ')
+        assert facts['whole'] == 'yes'
+        (position,) = (plot for plot in found.plots if plot.title == 'position')
+        assert position.curve.samples == 220
+    assert 'missing: part 2 of the run' in read_contents([files[0], *files[2:]]).notes
+
+
+def energy_by_pinocchio(body: pin.Inertia | None, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+    """Return kinetic and potential energy (N, 2) of planar2 with a body at its tip."""
+    model = pin.buildModelFromXML(pfd.urdf_of('planar2'))
+    if body is not None:
+        tip = model.frames[model.getFrameId(TIP)]
+        model.appendBodyToJoint(tip.parentJoint, body, tip.placement)
+    data, found = model.createData(), []
+    for angles, rates in zip(q, qd, strict=True):
+        # Continuous joints have the cosine and the sine of their angle.
+        place = np.stack([np.cos(angles), np.sin(angles)], axis=1).ravel()
+        kinetic = pin.computeKineticEnergy(model, data, place, rates)
+        found.append((kinetic, pin.computePotentialEnergy(model, data, place)))
+    return np.array(found)
+
+
+def test_the_energy_follows_the_payload_of_the_run(tmp_path: Path) -> None:
+    center, inertia = (0.1, -0.05, 0.02), (0.03, 0.001, 0.002, 0.02, 0.001, 0.025)
+    taken = {
+        1: [efforts(0.5, -0.2)],
+        100: [payload(TIP, 2.5, center, inertia)],
+        200: [payload(TIP, 0.0)],
+        250: [change(payload_mass=0.5)],
+    }
+    path = simulate(300, taken, payload_mass=1.0).save(tmp_path / 'a.mcap')
+    (plot,) = (plot for plot in read_contents(path).plots if plot.title == 'energy')
+    found = plot.curve.drawn().values
+    states = read_log(path)['/joint_states']
+    xx, xy, xz, yy, yz, zz = inertia
+    heavy = pin.Inertia(
+        2.5, np.array(center), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    )
+    bodies = [pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3))), heavy, None]
+    bodies.append(pin.Inertia(0.5, np.zeros(3), np.zeros((3, 3))))
+    # A change acts in the step that takes it, whose state is the one before in this order.
+    for body, begin, end in zip(bodies, (0, 99, 199, 249), (99, 199, 249, 300), strict=True):
+        some = slice(begin, end)
+        wanted = energy_by_pinocchio(body, states.position[some], states.velocity[some])
+        np.testing.assert_allclose(found[some, :2], wanted, rtol=0, atol=ENERGY_ROUNDING)
 
 
 def test_the_last_command_is_an_event_if_the_log_continues(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -37,7 +37,7 @@ from recordings import (
 from zstandard import ZstdError
 
 from pfd_ros.recording import recorder as recording
-from pfd_ros.recording.block_writer import BlockWriter
+from pfd_ros.recording.block_writer import BlockWriter, NewMessage
 from pfd_ros.recording.format import LAST_NS, MESSAGE_BYTES
 from pfd_ros.recording.mcap_file import McapFile, TimeBase
 from pfd_ros.recording.recorder import LogRecorder
@@ -193,6 +193,28 @@ def test_a_full_queue_drops_and_counts_and_keeps_room_for_commands(
     assert [entry.role for entry in entries] == ['joint_states'] * 5 + ['joint_commands'] * 5
 
 
+def test_a_round_that_is_due_waits_for_the_end_of_a_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, hang: Hang
+) -> None:
+    monkeypatch.setattr(recording, 'PATIENCE', PATIENCE)
+    monkeypatch.setattr(LogRecorder, '_drain', hang.before(LogRecorder._drain))
+    recorder, _ = start(tmp_path / 'a.mcap', flush_seconds=4 * PATIENCE)
+    recorder.record(0, 1, state(1))
+    hang.go_on.set()
+    wait_for(lambda: recorder.recorded[0] == 1)
+    recorder.record(0, 2, state(2))
+    time.sleep(2 * recording.ROUND_SECONDS)
+    assert recorder.waiting_share > 0.0
+    recorder.between_steps()
+    # In a fraction of its patience.
+    deadline = time.monotonic() + PATIENCE / 4
+    while recorder.waiting_share > 0.0:
+        assert time.monotonic() < deadline
+        time.sleep(1e-3)
+    recorder.close()
+    assert recorder.recorded == [2, 0]
+
+
 def test_a_message_longer_than_readers_take_is_dropped_and_counted(tmp_path: Path) -> None:
     recorder, _ = start(tmp_path / 'a.mcap')
     recorder.record(1, 1, bytes(MESSAGE_BYTES))
@@ -207,18 +229,19 @@ def test_a_producer_that_is_always_faster_delays_neither_flush_nor_sync_nor_clos
 ) -> None:
     syncs = []
     sent = 1
-    sync, add = Sink.sync, McapFile.add
+    sync, add = Sink.sync, McapFile.add_all
 
-    def refilled(self: McapFile, *args: Any) -> None:
+    def refilled(self: McapFile, messages: Iterable[NewMessage]) -> None:
         nonlocal sent
-        add(self, *args)
-        # The queue is never found empty: each message brings the next.
-        sent += 1
-        recorder.record(0, sent, state(sent))
+        for message in messages:
+            add(self, [message])
+            # The queue is never found empty: each message brings the next.
+            sent += 1
+            recorder.record(0, sent, state(sent))
 
     monkeypatch.setattr(recording, 'SYNC_SECONDS', 0.05)
     monkeypatch.setattr(Sink, 'sync', lambda self: (syncs.append(sent), sync(self)))
-    monkeypatch.setattr(McapFile, 'add', refilled)
+    monkeypatch.setattr(McapFile, 'add_all', refilled)
     recorder, reports = start(tmp_path / 'a.mcap')
     recorder.record(0, 1, state(1))
     wait_for(lambda: recorder.recorded[0] > 0 and len(syncs) > 1)
@@ -314,13 +337,13 @@ def test_a_pause_of_this_process_is_no_stall_of_the_disk(
 
 
 class Clock(TimeBase):
-    """A clock that shows the given times, and then stands still."""
+    """A clock that shows the given times one after the other, and then stands still."""
 
     def __init__(self, *times: int) -> None:
         super().__init__()
         object.__setattr__(self, 'times', list(times))
 
-    def now_ns(self) -> int:
+    def at(self, steady_ns: int) -> int:
         return self.times.pop(0) if len(self.times) > 1 else self.times[0]
 
 

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 import json
@@ -23,6 +23,7 @@ from recordings import HAS_DEFINITIONS, PATIENCE, counts, digests, read, start
 from ros_processes import environment, in_namespaces
 
 from pfd_ros.recording import reader as log
+from pfd_ros.recording.block_writer import NewMessage
 from pfd_ros.recording.mcap_file import McapFile
 
 HERE = Path(__file__).resolve().parent
@@ -159,17 +160,18 @@ def test_recorded_and_dropped_are_all_that_came_whenever_the_disk_fails(
     often: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rng = random.Random(2)
-    add = McapFile.add
+    add = McapFile.add_all
     left = 0
 
-    def failing(self: McapFile, *args) -> None:
+    def broken(messages: Iterable[NewMessage]) -> Iterator[NewMessage]:
         nonlocal left
-        left -= 1
-        if left == 0:
-            raise OSError('it broke')
-        add(self, *args)
+        for message in messages:
+            left -= 1
+            if left == 0:
+                raise OSError('it broke')
+            yield message
 
-    monkeypatch.setattr(McapFile, 'add', failing)
+    monkeypatch.setattr(McapFile, 'add_all', lambda self, messages: add(self, broken(messages)))
     for k in range(often):
         left = rng.randrange(1, 20_000)
         recorder, reports = start(tmp_path / f'{k}.mcap', limit=rng.choice([100, 10_000]))

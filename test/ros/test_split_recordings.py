@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 import json
 from pathlib import Path
@@ -12,17 +13,21 @@ import time
 
 from driven_runs import SETTINGS, opened_run, recorded_run, run_steps
 from mcap.reader import make_reader
+from mcap.writer import Writer
+import numpy as np
 import pytest
 from recordings import largest_file
 from rewriting import Recording, load
 from rosbags.highlevel import AnyReader
 
 from pfd_ros import read_log
+from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import ArmState
 from pfd_ros.cli import main as command_line
 from pfd_ros.cli.replay import INCOMPLETE
 from pfd_ros.messages.convert import decode_bytes, encode_bytes
+from pfd_ros.recording import run_parts
 from pfd_ros.recording.format import END, HEAD
 from pfd_ros.recording.reader import LogError
 from pfd_ros.recording.recover import recover
@@ -118,6 +123,124 @@ def test_each_file_is_opened_by_rosbags_and_read_log(run: list[Path]) -> None:
         assert log.settings['robot'] == 'planar2'
         assert log[STATES].position.shape[1] == 2
     assert states == read_run(run).compared > 250
+
+
+@pytest.mark.parametrize('source', ['folder', 'files', 'backwards'])
+def test_read_log_reads_the_files_as_the_run_in_one_file(
+    source: str, run: list[Path], tmp_path: Path
+) -> None:
+    paths = {'folder': run[0].parent, 'files': run, 'backwards': run[::-1]}[source]
+    log, whole = read_log(paths), read_log(recorded_run(tmp_path / 'one.mcap', STEPS))
+    assert log.complete
+    assert log.topics == whole.topics
+    for topic in log.topics:
+        if topic == SAVED:  # it has the settings, which differ in the limit
+            assert len(log[topic]) == len(whole[topic])
+            continue
+        assert log.messages(topic) == whole.messages(topic)
+    assert (np.diff(log[STATES].log_ns) >= 0).all()
+
+
+def test_a_window_of_a_run_is_that_of_the_log_times(run: list[Path]) -> None:
+    every = read_log(run, topics=[STATES])[STATES]
+    begin = min(load(run[0]).messages, key=lambda message: message.log_ns).log_ns
+    some = read_log(run, topics=[STATES], start=0.09, end=0.21)[STATES]
+    at = (every.log_ns - begin) / 1e9
+    inside = (at >= 0.09) & (at < 0.21)
+    assert 100 < len(some) < len(every)
+    assert some.position.tobytes() == every.position[inside].tobytes()
+
+
+def test_a_run_without_one_of_its_files_is_read_as_incomplete(
+    run: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for paths, missing in (
+        ([run[0], *run[2:]], 'part 2 of the run'),
+        (run[2:], 'parts 1 to 2 of the run'),
+        (run[:2], 'the parts of the run after part 2'),
+    ):
+        assert not read_log(paths).complete
+        status, said = said_by(capsys, 'info', *paths)
+        assert status == 0
+        assert f'missing    {missing}' in said
+        assert f'of what is there; missing: {missing}' in said
+
+
+def test_files_that_are_not_one_run_are_one_line(
+    run: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = recorded_run(tmp_path / 'other.mcap', 20)
+    empty = tmp_path / 'empty'
+    empty.mkdir()
+    foreign = tmp_path / 'foreign.mcap'
+    with foreign.open('xb') as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.finish()
+    for paths, line in (
+        ([*run, other], 'other.mcap is of another run than'),
+        ([run[0], run[0]], 'are both part 1'),
+        ([run[0], foreign], 'foreign.mcap is not a recording of this node'),
+        ([empty], 'empty is a folder without MCAP files'),
+    ):
+        for command in (['info'], ['report', 'log']):
+            status, said = said_by(capsys, *command, *paths)
+            assert status == 1
+            assert len(said.splitlines()) == 1
+            assert line in said
+        with pytest.raises(LogError, match=line):
+            read_log(paths)
+
+
+def test_a_run_has_a_bounded_number_of_files(
+    run: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_parts, 'MOST_PARTS', 3)
+    with pytest.raises(LogError, match='4 files, expected at most 3'):
+        read_log(run[0].parent)
+
+
+def test_info_sums_the_files_of_a_run(run: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    counts = Counter[str]()
+    for topic, _, _ in {message for path in run for message in messages_of(path)}:
+        counts[topic] += 1
+    for words in (run, [run[0].parent]):
+        status, said = said_by(capsys, 'info', *words, '--json')
+        assert status == 0
+        found = json.loads(said)
+        assert {
+            t: item['messages'] for t, item in found['topics'].items() if item['messages']
+        } == (counts)
+        assert found['files'] == [str(path) for path in run]
+        assert found['absent'] == []
+        assert found['bytes'] == sum(path.stat().st_size for path in run)
+        parts = [read(path) for path in run]
+        assert found['run']['steps'] == STEPS == sum(part.simulated for part in parts)
+        assert found['run']['states'] == sum(part.states for part in parts)
+        assert found['run']['accepted'] == sum(p.verdicts[Verdict.ACCEPTED] for p in parts)
+    status, said = said_by(capsys, 'info', *run)
+    assert 'files      4 of one run' in said
+    assert 'replay     can be verified with `pfd replay LOG ... --verify`' in said
+
+
+def test_a_changed_run_of_several_files_has_the_bits_of_the_run_in_one_file(
+    run: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = recorded_run(tmp_path / 'one.mcap', STEPS)
+    logs = []
+    for name, words in (('one', [whole]), ('files', run), ('folder', [run[0].parent])):
+        out = tmp_path / f'new_{name}.mcap'
+        change = ('--what-if', 'payload.mass=0.5', '--out', out)
+        status, said = said_by(capsys, 'replay', *words, *change)
+        assert status == 0, said
+        logs.append(read_log(out))
+    assert len(logs[0][STATES]) > 250
+    for log in logs[1:]:
+        for topic in (STATES, '/sim_arm/commands', '/sim_arm/applied_commands'):
+            assert log.messages(topic) == logs[0].messages(topic)
+    status, said = said_by(capsys, 'replay', run[0], run[2], '--what-if')
+    assert status == 1
+    assert 'does not continue' in said
 
 
 def test_the_files_of_a_run_verify_as_a_whole_in_any_order_and_by_their_folder(
@@ -289,6 +412,8 @@ def test_messages_that_were_dropped_before_a_boundary_are_counted_once(tmp_path:
         while len(recorder._queue):
             time.sleep(0.001)
         full = 90 <= step < 110
+        # Each message is looked at.
+        recorder._free = -1
         recorder._capacities = [
             (0, 0) if full and not t.vital and t.name != SAVED else (1 << 17, 1 << 26)
             for t in recorder.topics

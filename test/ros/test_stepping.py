@@ -47,10 +47,10 @@ class Topic:
 class Bench:
     """A stepper, its thread, and a controller in the hands of the test."""
 
-    def __init__(self, **chosen: Any) -> None:
+    def __init__(self, session: LogSession | None = None, **chosen: Any) -> None:
         settings = Settings(robot='planar2', initial_positions=(0.3, -0.2), **chosen)
         self.engine = Engine(settings, load_robot(settings))
-        self.topic, session, counts = Topic(), LogSession(), CommandCounts()
+        self.topic, session, counts = Topic(), session or LogSession(), CommandCounts()
         self.receiver = Receiver(EventQueue(), session.record, counts)
         self.stepper = Stepper(self.engine, self.receiver, session, {STATES: self.topic})
         self.workers = Workers(threading.Event())
@@ -121,6 +121,35 @@ def test_a_lockstep_run_is_the_same_to_the_bit_each_time_however_threads_are_swi
         assert all(run == runs[0] for run in runs)
     finally:
         sys.setswitchinterval(before)
+
+
+class Rounds:
+    """A recorder that counts, whenever it may write, the messages that it and a topic got."""
+
+    failed, backlog, waiting_share = False, 0.0, 0.0
+
+    def __init__(self) -> None:
+        self.recorded, self.published = [], []
+        self.found: list[tuple[int, int]] = []
+
+    def record_all(self, messages: Any, simulated_ns: int) -> None:
+        self.recorded += [message for message in messages if message.role == STATES]
+
+    def between_steps(self) -> None:
+        self.found.append((len(self.recorded), len(self.published)))
+
+
+def test_the_recording_may_write_after_each_cycle_whose_state_is_published() -> None:
+    rounds = Rounds()
+
+    class Session(LogSession):
+        recorder = rounds
+
+    bench = Bench(Session(), real_time_factor=0.0)
+    rounds.published = bench.topic.states
+    with bench.running():
+        bench.wait(lambda: len(rounds.found) >= 100)
+    assert rounds.found == [(k, k) for k in range(1, len(rounds.found) + 1)]
 
 
 def test_no_thread_steps_an_arm_that_was_stopped() -> None:

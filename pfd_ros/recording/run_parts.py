@@ -46,13 +46,22 @@ def in_order(logs: Sequence[Log]) -> list[Log]:
     OSError
         If one cannot be read.
     """
+    first = logs[0]
+    first.read_head()
+    run = _run_of(first)
     for log in logs:
         log.read_head()
-    ordered = sorted(logs, key=lambda log: log.part.number)
-    first = ordered[0]
-    for before, log in pairwise(ordered):
-        if _run_of(log) != _run_of(first):
+        log.check_head()
+        if _run_of(log) != run:
             raise LogError(f'{log.path} is of another run than {first.path}')
+        # Equal texts once: there may be thousands of files.
+        log.robot_yaml = first.robot_yaml
+        log.head_texts = {
+            key: text if key in _OWN else first.head_texts[key]
+            for key, text in log.head_texts.items()
+        }
+    ordered = sorted(logs, key=lambda log: log.part.number)
+    for before, log in pairwise(ordered):
         if log.part.number == before.part.number:
             raise LogError(f'{before.path} and {log.path} are both part {log.part.number}')
     return ordered
@@ -74,6 +83,19 @@ def continues(before: Log, after: Log) -> bool:
             f'{after.path} does not follow {before.path}: its head names another end record'
         )
     return True
+
+
+def parts_between(number: int, other: int) -> list[str]:
+    """Return a line about the parts of a run between two parts, none if there are none."""
+    if other - number < 2:
+        return []
+    first, last = number + 1, other - 1
+    return [f'part {first} of the run' if first == last else f'parts {first} to {last} of the run']
+
+
+def parts_after(number: int) -> str:
+    """Return a line about the parts of a run that follow a part."""
+    return f'the parts of the run after part {number}'
 
 
 def _run_of(log: Log) -> tuple[object, ...]:

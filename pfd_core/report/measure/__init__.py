@@ -38,7 +38,7 @@ Errors of single states:
     reference           qdd in 50 digits with its certificate, errors and condition numbers
     quantity_reference  other quantities in 50 digits
     estimates           error estimates of refined kernels compared with their errors
-    promises            what the methods promise by analysis, and the bounds of the hard cases
+    predictions         errors predicted by analysis, and the bounds of the hard cases
     errors              errors of the kernel, every method and peers at the hard cases (Result)
     evaluations         time and error of every method and peer at hard cases (Point)
     distributions       errors and condition numbers over thousands of states of arms (Box)

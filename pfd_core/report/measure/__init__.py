@@ -41,6 +41,10 @@ Errors of single states:
     predictions         errors predicted by analysis, and the bounds of the hard cases
     errors              errors of the kernel, every method and peers at the hard cases (Result)
     evaluations         time and error of every method and peer at hard cases (Point)
+
+    derivative_reference  derivatives and linearised steps in 50 digits, their condition (Exact)
+    derivative_errors   errors of derivatives and linearised steps at the hard cases (Result)
+
     distributions       errors and condition numbers over thousands of states of arms (Box)
 
 Errors of motions:

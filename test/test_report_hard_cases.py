@@ -92,7 +92,9 @@ def answer(name: str, dtype: str, refine: int) -> NDArray[Any]:
         if not case.name.endswith('_200')
     ],
 )
-def test_at_held_out_states_refined_kernels_keep_five_times_their_promise(name: str) -> None:
+def test_at_held_out_states_refined_kernels_keep_five_times_their_predicted_error(
+    name: str,
+) -> None:
     rows = held_out(BY_NAME[name])
     missed = {(row.dtype, row.refine) for row in rows if row.met is False}
     assert missed == MISSED.get(name, set())
@@ -209,7 +211,7 @@ def test_every_case_has_a_cause_and_seeded_states() -> None:
     assert all(name not in BY_NAME for names in LATER.values() for name in names)
 
 
-def test_a_promise_follows_the_formula() -> None:
+def test_a_predicted_error_follows_the_formula() -> None:
     u, kappa_s, kappa_j = 2.0**-24, np.array([2.0]), np.array([1e3])
     spread = predictions.SPREAD
     # 281 operations for 16 numbers, each of a root mean square of 0.4247 u.
@@ -224,7 +226,7 @@ def test_a_promise_follows_the_formula() -> None:
     assert predicted('float32', kappa_s, kappa_j, np.array([np.inf])) == np.inf
 
 
-def test_a_rounding_has_the_root_mean_square_of_the_promise() -> None:
+def test_a_rounding_has_the_root_mean_square_of_the_prediction() -> None:
     x = np.exp2(np.random.default_rng(1).uniform(0, 20, 100_000))
     found = (x.astype(np.float32) - x) / x / 2.0**-24
     assert np.sqrt(np.mean(found**2)) == pytest.approx(predictions.RMS, rel=0.01)

@@ -229,9 +229,9 @@ def _table(results: Sequence[Result], matrix: str) -> list[str]:
                 one.name,
                 f'{one.kappa_s[matrix]:.1e}',
                 *errors,
-                *_promise(rows, 'float64'),
+                *_predicted(rows, 'float64'),
                 _error(rows['pfd', 'float32', 0]),
-                *_promise(rows, 'float32'),
+                *_predicted(rows, 'float32'),
                 ', '.join(yes(row.met) for row in ours),
             ]
         )
@@ -242,7 +242,7 @@ def _error(row: Row | None) -> str:
     return '-' if row is None else _units(row.error / ROUNDING[row.dtype])
 
 
-def _promise(rows: Mapping[tuple[str, str, int], Row], dtype: str) -> tuple[str, str]:
+def _predicted(rows: Mapping[tuple[str, str, int], Row], dtype: str) -> tuple[str, str]:
     """Return the predicted error without refinement [u], and error over bound of both kernels."""
     row, refined = rows['pfd', dtype, 0], rows.get(('pfd', dtype, 1))
     found = [row] if refined is None else [row, refined]

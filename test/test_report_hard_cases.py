@@ -23,7 +23,7 @@ from pfd_core.report.cases.hard_cases import CASES, LATER, ROUNDING
 from pfd_core.report.cases.problems import SEED, Problem, arm, rods
 from pfd_core.report.cases.robots import Array
 from pfd_core.report.hard_case_pages import SHOWN_UNITS, markdown, write
-from pfd_core.report.measure import promises
+from pfd_core.report.measure import predictions
 from pfd_core.report.measure.errors import (
     PEERS,
     KernelRow,
@@ -35,7 +35,7 @@ from pfd_core.report.measure.errors import (
     measure,
 )
 from pfd_core.report.measure.estimates import FACTOR, errors_before, estimated
-from pfd_core.report.measure.promises import promised
+from pfd_core.report.measure.predictions import predicted
 from pfd_core.report.measure.reference import (
     Reference,
     errors,
@@ -92,12 +92,14 @@ def answer(name: str, dtype: str, refine: int) -> NDArray[Any]:
         if not case.name.endswith('_200')
     ],
 )
-def test_at_held_out_states_refined_kernels_keep_five_times_their_promise(name: str) -> None:
+def test_at_held_out_states_refined_kernels_keep_five_times_their_predicted_error(
+    name: str,
+) -> None:
     rows = held_out(BY_NAME[name])
     missed = {(row.dtype, row.refine) for row in rows if row.met is False}
     assert missed == MISSED.get(name, set())
-    # A kernel that promises nothing says so: its estimate leaves no digit.
-    assert rows[0].promised is not None
+    # A kernel that has no bound says so: its estimate leaves no digit.
+    assert rows[0].predicted is not None
 
 
 @pytest.mark.parametrize(
@@ -209,25 +211,25 @@ def test_every_case_has_a_cause_and_seeded_states() -> None:
     assert all(name not in BY_NAME for names in LATER.values() for name in names)
 
 
-def test_a_promise_follows_the_formula() -> None:
+def test_a_predicted_error_follows_the_formula() -> None:
     u, kappa_s, kappa_j = 2.0**-24, np.array([2.0]), np.array([1e3])
-    spread = promises.SPREAD
+    spread = predictions.SPREAD
     # 281 operations for 16 numbers, each of a root mean square of 0.4247 u.
     assert spread == pytest.approx(0.4247 * np.sqrt(281 / 16), rel=1e-3)
     rounded = u * (1 + spread * 2)
-    plain = promised('float32', kappa_s, kappa_j)
+    plain = predicted('float32', kappa_s, kappa_j)
     assert plain == pytest.approx(rounded + spread * 1e3 * u)
-    refined = promised('float32', kappa_s, kappa_j, np.array([1e-3]))
+    refined = predicted('float32', kappa_s, kappa_j, np.array([1e-3]))
     assert refined == pytest.approx(rounded + 1e-3 * spread * 1e3 * u)
-    exact = promised('float32', kappa_s, kappa_j, np.array([1e-6]))
+    exact = predicted('float32', kappa_s, kappa_j, np.array([1e-6]))
     assert exact == pytest.approx(rounded + 1e-12)
-    assert promised('float32', kappa_s, kappa_j, np.array([np.inf])) == np.inf
+    assert predicted('float32', kappa_s, kappa_j, np.array([np.inf])) == np.inf
 
 
-def test_a_rounding_has_the_root_mean_square_of_the_promise() -> None:
+def test_a_rounding_has_the_root_mean_square_of_the_prediction() -> None:
     x = np.exp2(np.random.default_rng(1).uniform(0, 20, 100_000))
     found = (x.astype(np.float32) - x) / x / 2.0**-24
-    assert np.sqrt(np.mean(found**2)) == pytest.approx(promises.RMS, rel=0.01)
+    assert np.sqrt(np.mean(found**2)) == pytest.approx(predictions.RMS, rel=0.01)
 
 
 def test_whole_turns_of_an_angle_are_no_part_of_its_condition() -> None:

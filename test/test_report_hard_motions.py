@@ -46,7 +46,7 @@ from pfd_core.report.measure.motion_errors import (
     exact_run,
     formulation,
     holds,
-    promised_runs,
+    predicted_runs,
     steady_error,
 )
 
@@ -199,11 +199,11 @@ def test_the_sections_show_a_missed_bound_and_a_run_that_is_not_finite() -> None
     assert [one['met'] for one in data(survey)['steady']] == [False]
 
 
-def test_wheels_with_events_and_motors_and_float32_keep_five_times_what_is_promised() -> None:
-    found = list(promised_runs())
+def test_wheels_with_events_and_motors_and_float32_keep_five_times_what_is_predicted() -> None:
+    found = list(predicted_runs())
     assert len({(one.name, one.dtype) for one in found}) == len(found) == 2 * len(EXACT) + 3
     assert all(one.met for one in found), found
-    # The promise is not idle: float32 errs by more than a twentieth of it somewhere.
+    # The prediction is not idle: float32 errs by more than a twentieth of it somewhere.
     assert max(one.share for one in found if one.dtype == 'float32') > 0.05
 
 

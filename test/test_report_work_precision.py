@@ -17,6 +17,7 @@ import zoo
 import pfd_core as pfd
 from pfd_core.model import resolve
 from pfd_core.report.cases.motions import FREE, Motion
+from pfd_core.report.contenders.control_loop import CASADI, PINOCCHIO
 from pfd_core.report.measure import work_precision
 from pfd_core.report.measure.energies import SAMPLES, Reference, energy, interval, reference
 from pfd_core.report.measure.timing import Pace
@@ -34,6 +35,7 @@ TINY = Plan(
     steps=(2.5e-2, 5e-3),
     tolerances=(1e-4, 1e-10),
     pace=Pace(chunk=1e-5, turns=1, fewest=1),
+    peers=('MuJoCo',),
 )
 # Rounding of some thousand steps of 1e-3 s and shorter, relative to angles of one.
 SELF_DIFFERENCE = 1e-12
@@ -203,6 +205,24 @@ def test_mujoco_moves_as_the_reference_does() -> None:
     assert not left_out
     # First order, with the damping implicit.
     assert 0 < errors['MuJoCo Euler', 5e-3] < errors['MuJoCo Euler', 2.5e-2] < 0.1
+
+
+@pytest.mark.parametrize(
+    'peer',
+    [CASADI, pytest.param(PINOCCHIO, marks=[pytest.mark.slow, pytest.mark.long])],
+)
+def test_classical_runge_kutta_around_a_peer_has_the_errors_of_ours(peer: str) -> None:
+    # Damping and rotors are on: the peer has both or is off by their effect.
+    damped = replace(SHORT, scene=pfd.Scene(damping=(0.5, 0.25), armature=(0.1, 0.2)))
+    _, found, left_out = measure(damped, replace(TINY, tolerances=(), peers=(peer,)))
+    assert not left_out
+    points = {(run.way, run.step): run for run in found}
+    for step in TINY.steps:
+        own, other = points['rk4', step], points[peer, step]
+        assert other.evaluations == own.evaluations
+        # The same formula: errors of the method, 1e-9 and more, differ by roundings.
+        assert other.trajectory_error == pytest.approx(own.trajectory_error, abs=SELF_DIFFERENCE)
+        assert own.trajectory_error > 100 * SELF_DIFFERENCE
 
 
 def test_an_absent_mujoco_is_left_out_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:

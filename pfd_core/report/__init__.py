@@ -30,6 +30,7 @@ page is a template, texts/NAME.md.
     against_error_plots   its plots: a panel for each case; work over error of integrators
     controlled_arm_pages  `pfd report controlled-arm`: controlled-arm.md, .json, .png and .svg
     hard_case_pages       `pfd report hard-cases`: hard-cases.md and .json
+    derivative_pages      `pfd report derivatives`: derivatives.md, .json, .png and .svg
     distribution_pages    `pfd report distributions`: distributions.md, .json, .png and .svg
     mechanism_pages       `pfd report mechanisms`: mechanisms.md and .json
     scene_pages           `pfd report scene`: scene.md, .json, .yaml, .png and .svg

@@ -58,6 +58,8 @@ RUN_STYLES = dict(
             (MUJOCO, 'v', '-.'),
             (MUJOCO, '>', '--'),
             (MUJOCO, 'X', '-'),
+            (CASADI, 'P', '-'),
+            (PINOCCHIO, 'D', '-'),
         ),
         strict=True,
     )

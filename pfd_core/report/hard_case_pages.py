@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from pfd_core.algorithms.programs import METHODS
-from pfd_core.report.cases.hard_cases import CASES, LATER, ROUNDING, Case
+from pfd_core.report.cases.hard_cases import CASES, LATER, QUICK, ROUNDING, Case
 from pfd_core.report.cases.motions import MOTIONS, REFERENCES
-from pfd_core.report.measure import promises
+from pfd_core.report.measure import predictions
 from pfd_core.report.measure.errors import (
     FEW,
     HELD_OUT,
@@ -35,12 +35,12 @@ from pfd_core.report.measure.motion_errors import (
     TOLERANCE,
     Effort,
     Hold,
-    PromisedRun,
+    PredictedRun,
     Run,
     SteadyRun,
     formulation,
     holds,
-    promised_runs,
+    predicted_runs,
     runs,
     steady_runs,
 )
@@ -49,9 +49,7 @@ from pfd_core.report.render.markdown import Columns, bullets, lines_of, page, ta
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import order, yes
 
-# Cases of a quick run.
-QUICKLY = 1
-# Measures rows of the survey.
+# A part of the survey: measures rows.
 Part = Callable[[], Iterable[Any]]
 # Error estimates are compared where the error is above so many units of rounding.
 SHOWN_UNITS = SHOWN / ROUNDING['float64']
@@ -63,10 +61,10 @@ def markdown(results: Sequence[Result], survey: Survey | None = None) -> str:
     doubles = [row.in_units for _, row in refined if row.dtype == 'float64']
     found = [(one, row) for one in results for row in one.kernels]
     missed = _missed(found)
-    unpromised = (
+    unpredicted = (
         f'{one.name}, {_kernel(row)}: {order(row.error)}'
         for one, row in found
-        if row.promised is None
+        if row.predicted is None
     )
     wrong = (
         f'{one.name}, {row.dtype}: {row.estimate:.2g} times {order(row.before or 0.0)}'
@@ -85,12 +83,12 @@ def markdown(results: Sequence[Result], survey: Survey | None = None) -> str:
         states=HELD_OUT_STATES,
         longest=LONGEST_HELD_OUT,
         held_out_rows=sum(len(one.held_out) for one in results),
-        unpromised=bullets(unpromised, '- none'),
-        times=promises.FACTOR,
-        spread=promises.SPREAD,
-        roundings=promises.ROUNDINGS,
-        rms=promises.RMS,
-        rows=sum(row.promised is not None for _, row in found),
+        unpredicted=bullets(unpredicted, '- none'),
+        times=predictions.FACTOR,
+        spread=predictions.SPREAD,
+        roundings=predictions.ROUNDINGS,
+        rms=predictions.RMS,
+        rows=sum(row.predicted is not None for _, row in found),
         factor=FACTOR,
         wrong=bullets(wrong, f'- none, of errors above {SHOWN_UNITS:.0f} u'),
         cases=table(CASE_COLUMNS, results),
@@ -130,8 +128,8 @@ def _kernel(row: KernelRow) -> str:
 
 def summary(results: Sequence[Result]) -> str:
     """Return the outcome as a paragraph, for the README."""
-    rows = [(one, row) for one in results for row in one.kernels if row.promised is not None]
-    held = [(one, row) for one in results for row in one.held_out if row.promised is not None]
+    rows = [(one, row) for one in results for row in one.kernels if row.predicted is not None]
+    held = [(one, row) for one in results for row in one.held_out if row.predicted is not None]
 
     def named(found: Sequence[tuple[Result, KernelRow]]) -> str:
         missed = _missed(found)
@@ -140,14 +138,16 @@ def summary(results: Sequence[Result]) -> str:
     return page(
         'hard-cases-summary',
         cases=len(results),
-        times=promises.FACTOR,
+        times=predictions.FACTOR,
         rows=len(rows),
         met=sum(row.met is True for _, row in rows),
         missed=named(rows),
         held_rows=len(held),
         held_met=sum(row.met is True for _, row in held),
         held_missed=named(held),
-        lost=sum(row.promised is None for one in results for row in (*one.kernels, *one.held_out)),
+        lost=sum(
+            row.predicted is None for one in results for row in (*one.kernels, *one.held_out)
+        ),
     )
 
 
@@ -174,7 +174,7 @@ KERNELS: Columns = {
     'refined, in kappa_s u': lambda x: (
         f'{x[2].in_units:.2g}' if math.isfinite(x[2].in_units) else 'lost'
     ),
-    'promised': lambda x: ', '.join(_promised(row) for row in x[1:]),
+    'predicted': lambda x: ', '.join(_predicted(row) for row in x[1:]),
     'error / bound': lambda x: ', '.join(
         '-' if row.share is None else f'{row.share:.2g}' for row in x[1:]
     ),
@@ -185,8 +185,8 @@ KERNELS: Columns = {
 }
 
 
-def _promised(row: KernelRow) -> str:
-    return 'nothing' if row.promised is None else order(row.promised)
+def _predicted(row: KernelRow) -> str:
+    return '-' if row.predicted is None else order(row.predicted)
 
 
 def _is_estimated(row: KernelRow) -> bool:
@@ -230,7 +230,7 @@ class Survey:
     steady: Sequence[SteadyRun]
     efforts: Sequence[Effort]
     holds: Sequence[Hold]
-    exact: Sequence[PromisedRun] = ()
+    exact: Sequence[PredictedRun] = ()
 
 
 def section(survey: Survey) -> str:
@@ -255,13 +255,13 @@ def section(survey: Survey) -> str:
         efforts=table(EFFORTS, survey.efforts),
         near=NEAR,
         holds=table(HOLDS, survey.holds),
-        times=promises.FACTOR,
+        times=predictions.FACTOR,
         exact_met=_met(survey.exact),
         exact=table(EXACT_RUNS, survey.exact),
     )
 
 
-def _met(found: Sequence[Run] | Sequence[SteadyRun] | Sequence[PromisedRun]) -> str:
+def _met(found: Sequence[Run] | Sequence[SteadyRun] | Sequence[PredictedRun]) -> str:
     return f'{sum(one.met for one in found)} of {len(found)}'
 
 
@@ -310,13 +310,13 @@ EXACT_RUNS: Columns = {
     'format': 'dtype',
     'steps': 'steps',
     'found [rad]': lambda row: _found(row.error),
-    'promised [rad]': lambda row: order(row.promised),
+    'predicted [rad]': lambda row: order(row.predicted),
     'found / bound': lambda row: f'{row.share:.2g}',
     'met': lambda row: yes(row.met),
 }
 EFFORTS: Columns = {
     'steps of refinement': 'refine',
-    'evaluations': lambda one: one.evaluations or 'gave up after 24 000',
+    'evaluations': lambda one: one.evaluations or 'more than 24 000',
 }
 HOLDS: Columns = {
     'loop': 'name',
@@ -341,22 +341,21 @@ def data(survey: Survey) -> dict[str, Any]:
         'steady': [asdict(one) | {'met': one.met} for one in survey.steady],
         'efforts': survey.efforts,
         'holds': survey.holds,
-        'promised': [asdict(one) | {'met': one.met} for one in survey.exact],
+        'predicted': [asdict(one) | {'met': one.met} for one in survey.exact],
     }
 
 
 def run(folder: Path, quick: bool = False) -> list[Path]:
-    """Measure everything, or quickly the fast cases alone, and write the report into a folder."""
-    cases = [case for case in CASES if case.fast][:QUICKLY] if quick else CASES
+    """Measure everything, or quickly one case, and write the report into a folder."""
     if quick:
-        return write(list(each(measure, cases, 'hard cases')), folder)
-    # What takes longest begins first.
-    parts: list[Part] = [rows, runs, steady_runs, formulation, holds, promised_runs]
-    long = sorted(cases, key=lambda case: '_200' not in case.name)
+        return write(list(each(measure, QUICK, 'hard cases')), folder)
+    # The longest first.
+    parts: list[Part] = [rows, runs, steady_runs, formulation, holds, predicted_runs]
+    long = sorted(CASES, key=lambda case: '_200' not in case.name)
     items: list[Case | Part] = [*parts, *long]
     found = list(each(_measured, items, 'hard cases and motions'))
     by_name = {one.name: one for one in found[len(parts) :]}
-    results = [by_name[case.name] for case in cases]
+    results = [by_name[case.name] for case in CASES]
     return write(results, folder, Survey(*found[: len(parts)]))
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from pfd_core.kernels.auto import default
-from pfd_core.report.cases.hard_cases import CASES, MECHANISMS, ROUNDING, Case
+from pfd_core.report.cases.hard_cases import CASES, MECHANISMS, QUICK, ROUNDING, Case
 from pfd_core.report.cases.problems import SEED, Problem, drawing
 from pfd_core.report.measure.errors import kernel_answer, peer_answers
 from pfd_core.report.measure.processes import each
@@ -30,18 +30,16 @@ HELD_OUT = 20261124
 # States of a case, and of a chain of more than LONG joints.
 STATES, FEW_STATES, LONG = 40, 4, 40
 SHARES = (0.5, 0.9)
-# The default is worse where an error exceeds so many times the peer's, and so many roundings:
-# those of its parameters, of tau - bias, of the last product and of the last sum.
+# The default is worse where its error exceeds FACTOR times the peer's and FLOOR roundings: of the
+# parameters, of tau - bias, of the last product and of the last sum.
 FACTOR, FLOOR = 2.0, 4.0
-# Method and steps of refinement that are asked for, by the name of a column.
+# Requested method and steps of refinement, by the name of a column.
 WAYS = {
     'default': ('auto', 0),
     'refine=1': ('auto', 1),
     'composite_body': ('composite_body', 0),
     'articulated_body': ('articulated_body', 0),
 }
-# Cases of a quick run.
-QUICKLY = 3
 # Methods other than the default are measured on chains of up to so many joints.
 SHORT = 12
 
@@ -56,9 +54,9 @@ class Result:
     Attributes
     ----------
     name : str
-        Of the case.
+        Name of the case.
     seed : int
-        Of the states.
+        Seed of the states.
     auto : str
         What 'auto' selects.
     found : dict
@@ -155,8 +153,8 @@ def markdown(results: Sequence[Result]) -> str:
 
 
 def run(folder: Path, quick: bool = False) -> list[Path]:
-    """Measure everything, or quickly the fast cases alone, and write the page into a folder."""
-    cases = [case for case in CASES if case.fast][:QUICKLY] if quick else (*CASES, *MECHANISMS)
+    """Measure everything, or quickly one case, and write the page into a folder."""
+    cases = QUICK if quick else (*CASES, *MECHANISMS)
     items = [(case, seed) for seed in (SEED, HELD_OUT) for case in cases]
     results = list(each(_measured, items, 'mechanisms'))
     return write(folder, 'mechanisms', markdown(results), results)

@@ -101,6 +101,12 @@ PAGES: Sequence[Page] = (
         'hard_case_pages',
     ),
     Page(
+        'derivatives',
+        'derivatives',
+        'errors of derivatives and linearised steps at the hard cases',
+        'derivative_pages',
+    ),
+    Page(
         'distributions',
         'distributions',
         'errors and condition numbers over thousands of states of 11 arms, as box plots',

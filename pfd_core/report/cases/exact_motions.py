@@ -104,7 +104,7 @@ def _lagging(J: float) -> float:
 EXACT: Sequence[ExactMotion] = (
     ExactMotion(
         'stick_slip',
-        'friction holds the wheel, lets it break away and stops it again',
+        'the wheel sticks, slips and comes to rest again',
         Scene(gravity=None, friction=(COULOMB,), static_friction=(STATIC,)),
         # Held below the static friction, pulled, without torque until it rests, held again.
         [((STATIC + COULOMB) / 2, 128), (PULLED, PULL), (0.0, 4 * PULL)] * CYCLES,
@@ -113,7 +113,7 @@ EXACT: Sequence[ExactMotion] = (
     ),
     ExactMotion(
         'impacts',
-        'a stop turns the velocity within a step, several times',
+        'impacts at a stop reverse the velocity within a step, several times',
         Scene(gravity=None, joint_limits=((0.0, 3.0),), restitution=RESTITUTION),
         [(-PUSH, FLIGHT)],
         _bounces,
@@ -122,14 +122,14 @@ EXACT: Sequence[ExactMotion] = (
     ),
     ExactMotion(
         'saturated_motor',
-        'the motor gives a seventh of the torque that is commanded',
+        'the motor torque is limited to a seventh of its command',
         Scene(gravity=None, effort_limits=(LIMIT,)),
         [(COMMAND, SATURATED), (-COMMAND, SATURATED)],
         _saturated,
     ),
     ExactMotion(
         'motor_lag',
-        'the torque follows its command with a lag',
+        'the motor torque lags its command',
         Scene(gravity=None, motor_lag=(LAG,)),
         [(1.0, LAGGING)],
         _lagging,

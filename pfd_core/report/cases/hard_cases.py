@@ -3,8 +3,8 @@
 """
 States at which forward dynamics is hard to compute, as two tables (CASES, MECHANISMS).
 
-A case is a robot in a scene and seeded states, with the cause of its difficulty. No case has a
-bound of its own: all are held to pfd_core.report.measure.promises. Mechanisms are compared with a
+A case is a robot in a scene and seeded states, with the cause of its difficulty. The bounds of all
+cases follow from one formula (pfd_core.report.measure.predictions). Mechanisms are compared with a
 peer (pfd_core.report.mechanism_pages).
 
 The tables are data/hard_cases.yaml and data/mechanisms.yaml.
@@ -34,7 +34,7 @@ class Case:
     name, cause : str
         Name, and the reason why the problem is hard.
     make : callable
-        Makes the problem.
+        Returns the problem.
     fast : bool
         Whether the case takes less than about a second.
 
@@ -65,6 +65,8 @@ def _switch(value: object) -> bool:
 
 READ: dict[str, Callable[[Any], Any]] = {'cause': str, 'fast': _switch}
 CASES: Sequence[Case] = tuple(_cases('hard_cases'))
+# Of quick runs: three joints.
+QUICK = tuple(case for case in CASES if case.name == 'collinear_axes_1e-12')
 MECHANISMS: Sequence[Case] = tuple(_cases('mechanisms'))
 
 # Cases of other lists that are not in the report, by the reason.

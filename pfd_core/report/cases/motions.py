@@ -4,12 +4,12 @@
 Free motions of arms, without torques, and the bounds of their runs.
 
     FREE          motions that integrators are compared on
-    MOTIONS       motions that are hard to integrate, each with the way to its reference; the
-                  references themselves, stored, are REFERENCES
+    MOTIONS       motions that are hard to integrate, with the scheme of their references
+    REFERENCES    stored references of MOTIONS
     CHECKS        runs of MOTIONS with their bounds
-    STEADY        motions without acceleration: q(t) = q(0) + qd t in closed form. An arm that
-                  friction holds must not creep, and a wheel that turns for an hour must end at its
-                  angle although the digits of q are taken by the turns
+    STEADY        motions without acceleration, q(t) = q(0) + qd t. Joints at rest under friction
+                  must not creep. A wheel must end at its angle after an hour, although its turns
+                  use up the digits of q
 
 FREE and MOTIONS are stored in data/motions.yaml, REFERENCES in data/motion_references.yaml.
 """
@@ -71,7 +71,7 @@ class Motion:
     Attributes
     ----------
     name, cause : str
-        Name, and the reason why the motion is here.
+        Name, and what makes the motion hard.
     robot : Robot
         The arm.
     scene : Scene
@@ -83,11 +83,11 @@ class Motion:
     steps : int
         Macro steps of the reference.
     halvings : int
-        Times that the first macro step is halved, for a motion that damping stops at once.
+        Number of halvings of the first macro step, for a strongly damped motion.
     way : Extrapolation
         Scheme of the reference.
     bounds : mapping
-        Number format to the largest error allowed of a motion of STEADY [rad].
+        Number format -> largest allowed error of a motion of STEADY [rad].
 
     """
 

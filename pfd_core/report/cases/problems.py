@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Problems: a robot in a scene, and seeded states of it, with the makers that tables of cases name.
+Problems: a robot in a scene with seeded states, and the functions that tables of cases name.
 
 The numbers of all states are rounded to float32, so that one reference serves both number formats.
 """
@@ -49,7 +49,7 @@ class Problem:
     at_hold : bool
         Whether tau holds the arm, so that the error is relative to qdd at tau = 0.
     twin : callable, optional
-        Makes a problem that must have the same bits of qdd.
+        Returns a problem with the same bits of qdd.
 
     """
 
@@ -90,6 +90,18 @@ def problem(
         drawn['q'] = np.tile(q, (states, 1))
     rounded = {name: single(value) for name, value in drawn.items()}
     return Problem(resolve(robot, scene), rounded)
+
+
+def scene_of(plant: Plant) -> Scene:
+    """Return the scene of a case's plant, for `plant.robot`; ValueError for other effects."""
+    # The default first: turning gravity back into the base link's axes may round.
+    for gravity in (Scene().gravity, tuple(plant.robot.base_rotation @ plant.gravity)):
+        scene = Scene(
+            gravity=gravity, armature=plant.armature, external_wrench=plant.external_wrench
+        )
+        if resolve(plant.robot, scene).digest == plant.digest:
+            return scene
+    raise ValueError('the plant has effects other than gravity, rotors and a wrench')
 
 
 def rods(n: int, axes: str, q: float = np.pi, qd: float = 1.0, states: int = 1) -> Problem:
@@ -153,7 +165,7 @@ def far(distance: float) -> Problem:
 
 
 def scaled(length: float, mass: float) -> Problem:
-    """Return a chain in other units of length and mass: both powers of two, the bits stay."""
+    """Return a chain in other units of length and mass, powers of two: the bits are the same."""
     plain = problem(chain(6, 'yz'), scene=Scene(gravity=(0.0, 0.0, -9.8125)))
     scene = Scene(gravity=(0.0, 0.0, -9.8125 * length))
     states = plain.states | {'tau': plain.states['tau'] * mass * length**2}
@@ -162,7 +174,7 @@ def scaled(length: float, mass: float) -> Problem:
 
 
 def collinear(inertia: float, load: float = 0.0) -> Problem:
-    """Return two coaxial joints with an inertia [kg m^2] between and a point load [kg]."""
+    """Return two coaxial joints with an inertia [kg m^2] between them and a point load [kg]."""
     robot = coaxial(inertia)
     if load:
         robot = with_payload(robot, Payload(load))
@@ -181,7 +193,7 @@ def rotors() -> Problem:
 
 
 def static_hold() -> Problem:
-    """Return a chain that its torques hold against gravity, but for rounding to float32."""
+    """Return a chain in equilibrium under its torques, apart from rounding to float32."""
     moving = problem(chain(12, 'yz'), qd=0.0)
     state = {'q': moving.states['q'], 'qd': moving.states['qd']}
     program = record_inverse_dynamics(moving.plant, 'parallel')

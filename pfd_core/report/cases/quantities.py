@@ -43,7 +43,7 @@ class Quantity:
     most : int
         The most joints for which it is measured.
     call : str
-        The way to its kernel, for a page; empty for a quantity of compile_kernel.
+        The function that computes it, for a page; empty for a quantity of compile_kernel.
 
     """
 

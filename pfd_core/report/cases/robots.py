@@ -3,8 +3,7 @@
 """
 Robots of the reports: chains of rods of many kinds, mechanisms, and the included robots.
 
-    robot           chainN and denseN, of equal rods, arms of PUBLIC, and robots that `load_robot`
-                    knows
+    robot           chainN and denseN, of equal rods, arms of PUBLIC, and robots of `load_robot`
     uniform_chain   skew axes, for counts of steps
     chain           axes at right angles, for hard cases. A rod lies along x of its frame, from
                     the joint that moves it to the next. 'y' turns all joints about one horizontal

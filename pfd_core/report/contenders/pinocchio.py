@@ -35,6 +35,7 @@ from pfd_core.report.contenders.work import (
 )
 
 Evaluation = Callable[[Array, Array, Array], Array]
+Differentiation = Callable[[Array, Array, Array], tuple[Array, Array]]
 
 THREADS = (1, 2)
 CODE = 'C++ for any robot, as in the wheel'
@@ -215,7 +216,8 @@ def _derivatives(peer: Pinocchio, returned: Any) -> Array:
     return np.hstack([by_q, by_qd, symmetric(by_tau)])
 
 
-def _linear_step(peer: Pinocchio) -> Callable[..., Any]:
+def acceleration_and_derivatives(peer: Pinocchio) -> Differentiation:
+    """Return computeABADerivatives as qdd, (n,), and d qdd / d (q, qd, tau), (n, 3n), reused."""
     function, model, data = peer.pin.computeABADerivatives, peer.model, peer.data
     n = model.nv
     J = np.empty((n, 3 * n))
@@ -227,6 +229,11 @@ def _linear_step(peer: Pinocchio) -> Callable[..., Any]:
         by_tau[lower] = by_tau.T[lower]
         return data.ddq, J
 
+    return evaluate
+
+
+def _linear_step(peer: Pinocchio) -> Callable[..., Any]:
+    evaluate = acceleration_and_derivatives(peer)
     return lambda q, qd, tau: linear_rk4(evaluate, q, qd, tau, LINEAR_STEP)
 
 

@@ -38,9 +38,13 @@ Errors of single states:
     reference           qdd in 50 digits with its certificate, errors and condition numbers
     quantity_reference  other quantities in 50 digits
     estimates           error estimates of refined kernels compared with their errors
-    promises            what the methods promise by analysis, and the bounds of the hard cases
+    predictions         errors predicted by analysis, and the bounds of the hard cases
     errors              errors of the kernel, every method and peers at the hard cases (Result)
     evaluations         time and error of every method and peer at hard cases (Point)
+
+    derivative_reference  derivatives and linearised steps in 50 digits, their condition (Exact)
+    derivative_errors   errors of derivatives and linearised steps at the hard cases (Result)
+
     distributions       errors and condition numbers over thousands of states of arms (Box)
 
 Errors of motions:

@@ -77,6 +77,8 @@ class Plan:
 
     Attributes
     ----------
+    fixed : tuple of (str, str)
+        Integrators in fixed steps with their number formats.
     substeps : tuple of int
         Steps in a period of the controller, of every fixed integrator.
     reference_substeps : int
@@ -87,6 +89,8 @@ class Plan:
         Steps in a period of an ensemble.
     tolerances, accuracies : tuple of float
         Relative tolerances of our adaptive integrator, and accuracies of Drake's.
+    most_left_out : int
+        The most effects of LEAVES that a scene lacks.
     ramps, solvers : tuple of Softness
         What libraries without dry friction, and MuJoCo, run with.
     pace : Pace
@@ -94,24 +98,28 @@ class Plan:
 
     """
 
+    fixed: tuple[tuple[str, str], ...] = FIXED
     substeps: tuple[int, ...] = (1, 2, 5, 10, 20)
     reference_substeps: int = 20
     arms: int = 256
     ensemble_substeps: tuple[int, ...] = (1, 2, 5)
     tolerances: tuple[float, ...] = (1e-3, 1e-9)
     accuracies: tuple[float, ...] = (1e-2, 1e-3, 1e-4)
+    most_left_out: int = len(LEAVES)
     ramps: tuple[Softness, ...] = RAMPS
     solvers: tuple[Softness, ...] = SOLVERS
     pace: Pace = field(default_factory=lambda: Pace(budget=40.0, turns=40, fewest=2))
 
 
 QUICK = Plan(
+    fixed=(('rk4', 'float64'), ('imex2', 'float64')),
     substeps=(1, 5),
     reference_substeps=10,
     arms=16,
     ensemble_substeps=(1,),
     tolerances=(1e-3,),
     accuracies=(1e-3,),
+    most_left_out=1,
     ramps=(Softness(1e-2), Softness(1e-3)),
     solvers=SOLVERS[:1],
     pace=Pace(chunk=1e-4, turns=2, fewest=2),
@@ -303,15 +311,15 @@ def _measured(candidate: _Candidate, wanted: Array) -> _Measured:
 
 def _ours(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
     for arms, numbers in ((1, plan.substeps), (plan.arms, plan.ensemble_substeps)):
-        for integrator, dtype in FIXED:
+        for integrator, dtype in plan.fixed:
             for substeps in numbers:
                 yield _fixed(case, (), integrator, dtype, substeps, arms)
     for tolerance in plan.tolerances:
         yield _Candidate(
             ControlledRow(ADAPTIVE, None, tolerance), [('', adaptive(case, tolerance))]
         )
-    for names in _subsets(LEAVES):
-        for integrator, dtype in FIXED:
+    for names in _subsets(LEAVES, plan.most_left_out):
+        for integrator, dtype in plan.fixed:
             for arms in (1, plan.arms):
                 yield _fixed(case, names, integrator, dtype, 1, arms)
         yield _fixed(case, names, *FINE, 1)
@@ -330,10 +338,10 @@ def _fixed(
     return _Candidate(row, [('', fixed(case, scene, substeps, integrator, dtype, arms=arms))])
 
 
-def _subsets(names: Iterable[str]) -> Iterator[tuple[str, ...]]:
-    """Yield all combinations of names but the empty one."""
+def _subsets(names: Iterable[str], most: int) -> Iterator[tuple[str, ...]]:
+    """Yield all combinations of one name up to `most` names."""
     known = tuple(names)
-    for count in range(1, len(known) + 1):
+    for count in range(1, most + 1):
         yield from combinations(known, count)
 
 

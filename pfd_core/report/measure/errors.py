@@ -3,8 +3,8 @@
 """
 Errors at the hard cases: of the kernel of method 'auto', of every method, and of peers.
 
-Programs run on the emulator, which gives the bits of a kernel; sine and cosine are written out in
-other operations, so that the errors are the same on every machine.
+Programs run on the emulator, which gives the bits of a kernel. Sine and cosine are written out in
+elementary operations, so the errors are the same on every machine.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from pfd_core.report.cases.robots import Array
 from pfd_core.report.contenders.mujoco import MUJOCO, Mujoco
 from pfd_core.report.contenders.pinocchio import EVALUATIONS, Pinocchio
 from pfd_core.report.contenders.work import LeftOutError
-from pfd_core.report.measure import promises
+from pfd_core.report.measure import predictions
 from pfd_core.report.measure.estimates import Estimated, errors_before, estimated
 from pfd_core.report.measure.reference import (
     Reference,
@@ -44,9 +44,10 @@ from pfd_core.report.measure.reference import (
 
 # Seed of states on which no number of pfd_core was chosen, and how many of them.
 HELD_OUT, HELD_OUT_STATES = 20261125, 4
-# Joints of a chain beyond which there are no such states: each takes a minute.
+# The most joints of a chain with held-out states: a state of a longer one takes a minute.
 LONGEST_HELD_OUT = 60
-# Methods for chains of more than FEW joints, with the most joints: others take minutes to record.
+# Methods for chains of more than FEW joints, and their largest number of joints. Other methods
+# take minutes to record.
 FEW = 12
 MANY = {'composite_body': 40, 'grouped_articulated_body': 200, 'articulated_body': 40}
 # What peer_answers yields where all peers are installed.
@@ -61,15 +62,15 @@ class KernelRow:
     Attributes
     ----------
     dtype, refine, method : str, int, str
-        Number format, steps of refinement that were asked for, and the method that 'auto'
-        selects, with ', refined' if it adds a step.
+        Number format, requested steps of refinement, and the method that 'auto' selects, with
+        ', refined' if it adds a step.
     error, in_units : float
         Largest error, and largest error over kappa_s u.
-    promised : float or None
-        Largest error over the states that is promised (promises.promised); None where a state's
-        is not below 1, so that nothing is promised.
+    predicted : float or None
+        Largest predicted error over the states (predictions.predicted); None without a bound,
+        where FACTOR times the predicted error of a state is 1 or more.
     share : float or None
-        Largest error over its bound, promises.FACTOR times the promise.
+        Largest error over its bound, predictions.FACTOR times the predicted error.
     met : bool or None
         Whether the bound is met, and the bits of the twin, if the case has one, are the same.
     before : float or None
@@ -84,7 +85,7 @@ class KernelRow:
     method: str
     error: float
     in_units: float
-    promised: float | None
+    predicted: float | None
     share: float | None
     met: bool | None
     before: float | None = None
@@ -240,9 +241,9 @@ def kernel_row(
     found = estimated(problem, dtype) if steps else None
     qdd = found.qdd if found else kernel_answer(problem, dtype, refine)
     error = errors(qdd, known)
-    bounds = promises.FACTOR * promise(known, conditions, dtype, found)
-    promising = bool((bounds < 1).all())
-    share = float(np.max(error / bounds)) if promising else None
+    bounds = predictions.FACTOR * predicted_errors(known, conditions, dtype, found)
+    bounded = bool((bounds < 1).all())
+    share = float(np.max(error / bounds)) if bounded else None
     met = None if share is None else share <= 1
     if problem.twin is not None and refine:
         met = met is not False and bool(
@@ -254,22 +255,22 @@ def kernel_row(
         method + ', refined' * (steps > refine),
         float(error.max()),
         float(np.max(error / conditions[0]) / ROUNDING[dtype]),
-        float(np.max(bounds)) / promises.FACTOR if promising else None,
+        float(np.max(bounds)) / predictions.FACTOR if bounded else None,
         share,
         met,
         *(_estimate(found, known) if found and refine else ()),
     )
 
 
-def promise(
+def predicted_errors(
     known: Reference, conditions: tuple[Array, Array], dtype: str, found: Estimated | None
 ) -> Array:
-    """Return the error promised for each state, (S,), of a refined kernel if `found`."""
+    """Return the predicted error of each state, (S,), of a refined kernel if `found`."""
     if found is None:
-        return promises.promised(dtype, *conditions)
-    # An estimate is relative to the answer, which is next to nothing for an arm in equilibrium.
+        return predictions.predicted(dtype, *conditions)
+    # An estimate is relative to the answer, which is nearly zero for an arm in equilibrium.
     norms = ((known.qdd * known.qdd).sum(axis=-1) ** 0.5 / known.scale).astype(np.float64)
-    return promises.promised(dtype, *conditions, found.estimates * norms)
+    return predictions.predicted(dtype, *conditions, found.estimates * norms)
 
 
 def _estimate(found: Estimated, known: Reference) -> tuple[float, float | None]:

@@ -3,9 +3,9 @@
 """
 Error estimates of refined kernels compared with the errors that they estimate, over random states.
 
-An estimate is of the answer before the step of refinement. That answer is read from the refined
-program itself: a kernel without refinement rounds differently in its last bits. Estimate and
-error are compared where the error is above SHOWN; below, both are rounding.
+An estimate applies to the answer before the step of refinement. The refined program itself has
+that answer as an output, since a kernel without refinement rounds differently. Estimate and error
+are compared where the error is above SHOWN; below, both are rounding.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from pfd_core.report.measure.differences import differences
 from pfd_core.report.measure.reference import DIGITS
 
 STATES = 500
-# Estimates are asked to be within FACTOR of errors above SHOWN.
+# Target: estimates within FACTOR of errors above SHOWN.
 FACTOR, SHOWN = 3.0, 1e-13
 
 
@@ -99,7 +99,7 @@ def _drawn(make: Callable[[], Problem]) -> Callable[[int], Problem]:
 
 
 def near_equilibrium(name: str, states: int) -> Problem:
-    """Return states of an included arm whose tau is off the bias by a share of 1e-14 to 0.1."""
+    """Return states of an included arm; tau differs from the bias by a part of 1e-14 to 0.1."""
     found = problem(load_robot(name), states=states)
     bias = run(record_bias_torques(found.plant), found.states, 'float64')['bias']
     share = 10.0 ** -np.random.default_rng(SEED).integers(1, 15, (states, 1))
@@ -145,7 +145,7 @@ def estimated(problem: Problem, dtype: str, method: str = 'auto') -> Estimated:
 
 
 def errors_before(found: Estimated, exact: NDArray[Any]) -> Array:
-    """Return the error that each estimate is of, (S,); infinity for a lost answer."""
+    """Return the error before refinement, (S,), which is estimated; infinity if not finite."""
     sound = np.isfinite(found.before).all(axis=-1)
     error = differences(np.where(sound[:, None], found.before, 0.0), exact)
     return np.where(sound, error.astype(np.float64), np.inf)
@@ -181,7 +181,7 @@ def rows() -> Iterator[Row]:
 
 
 def misses(found: Sequence[Row]) -> list[Row]:
-    """Return the rows with an estimate further than FACTOR from its error."""
+    """Return the rows with an estimate that differs from its error by more than FACTOR."""
     return [
         one
         for one in found

@@ -92,6 +92,7 @@ class Plan:
 
 QUICK = Plan(
     cases=('ordinary_planar2', 'collinear_axes_1e-12'),
+    methods=('composite_body', 'grouped_articulated_body', 'articulated_body', 'pcrbm'),
     batches=(1, 64),
     pace=Pace(chunk=1e-4, turns=3, fewest=2),
 )

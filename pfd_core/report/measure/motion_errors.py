@@ -5,13 +5,13 @@ Runs of the hard motions: errors relative to the stored references, and two effe
 
     runs                 every check of CHECKS, in native code (Run)
     steady_runs          the motions of STEADY, whose angles are known exactly (SteadyRun)
-    promised_runs        motions of EXACT, and undamped ones in float32, with promised errors
+    predicted_runs        motions of EXACT, and undamped ones in float32, with predicted errors
     formulation          evaluations of the adaptive integrator, by steps of refinement (Effort)
     holds                gains at which a loop through a zero-order hold is stable (Hold)
 
-Holding a torque for T seconds, one joint of inertia I under kp and kd is stable exactly if
-kd < 2 I / T and kp / kd < 2 / T; of several joints, the smallest eigenvalue of H takes the place
-of I. A simulation has these limits only if its integrator does not see the controller.
+A torque is constant for T seconds. One joint of inertia I under kp and kd is then stable exactly
+if kd < 2 I / T and kp / kd < 2 / T. For several joints, the smallest eigenvalue of H replaces I.
+A simulation has these limits only if its integrator does not evaluate the controller.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from pfd_core.report.cases.hard_cases import ROUNDING
 from pfd_core.report.cases.motions import CHECKS, MOTIONS, REFERENCES, STEADY, Check, Motion
 from pfd_core.report.cases.problems import SEED
 from pfd_core.report.cases.robots import Array
-from pfd_core.report.measure import promises
+from pfd_core.report.measure import predictions
 from pfd_core.report.measure.energies import energy
 from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
 from pfd_core.simulation.embedded_pairs import PAIRS
@@ -40,13 +40,13 @@ from pfd_core.simulation.simulator import Simulator
 BY_NAME = {motion.name: motion for motion in MOTIONS}
 # Absolute tolerance of an adaptive run, as a part of the relative one.
 ABSOLUTE = 0.1
-# Times at which the energy is looked at, and the angle of a steady motion.
+# Samples of the energy, and of the angle of a steady motion.
 ENERGY_SAMPLES, SAMPLES = 6000, 100
 # Step of a steady motion [s].
 STEP = 1e-3
-# Formulation stiffness: the motion, its tolerance, and the steps after which a run gives up.
+# Formulation stiffness: the motion, its tolerance, and the largest number of steps.
 STIFF_FORMULATION, TOLERANCE, MOST_STEPS = 'heavy_tip_1e8_planar_n12', 1e-12, 2000
-# Refined once, a run may take this many times the evaluations of one that is refined twice.
+# Evaluations of a run refined once, at most, over the evaluations of a run refined twice.
 SAME_EFFORT = 1.05
 
 
@@ -173,20 +173,20 @@ def steady_error(motion: Motion, dtype: str) -> float:
 
 
 @dataclass(frozen=True)
-class PromisedRun:
-    """A motion in fixed steps: error at its end [rad], and the error that is promised."""
+class PredictedRun:
+    """A motion in fixed steps: error at its end and predicted error [rad]."""
 
     name: str
     cause: str
     dtype: str
     steps: int
     error: float
-    promised: float
+    predicted: float
 
     @property
     def share(self) -> float:
         """The error over its bound."""
-        return self.error / (promises.FACTOR * self.promised)
+        return self.error / (predictions.FACTOR * self.predicted)
 
     @property
     def met(self) -> bool:
@@ -194,13 +194,13 @@ class PromisedRun:
         return self.share <= 1
 
 
-# Undamped motions that are run in float32, in steps of STEP, and the largest error of rk4 [rad].
+# Undamped motions in float32, in steps of STEP, and the largest error of rk4 [rad].
 UNDAMPED, RK4_ERROR = ('planar2_swing', 'puma560_fall', 'so100_fall'), 1e-8
 # Change of a start by which the growth of a motion is measured, and its directions.
 CHANGED, GROWTHS = 2.0**-20, 4
 
 
-def promised_runs() -> Iterator[PromisedRun]:
+def predicted_runs() -> Iterator[PredictedRun]:
     """Yield the motions of EXACT in both number formats, and undamped motions in float32."""
     terms = record_terms(resolve(WHEEL, Scene(gravity=None)), 'parallel')
     zero = np.zeros((1, 1))
@@ -211,37 +211,37 @@ def promised_runs() -> Iterator[PromisedRun]:
         yield _undamped(BY_NAME[name])
 
 
-def exact_run(motion: ExactMotion, dtype: str, inertia: float) -> PromisedRun:
+def exact_run(motion: ExactMotion, dtype: str, inertia: float) -> PredictedRun:
     """Return the run of a motion of EXACT; the wheel's inertia is in kg m^2."""
     sim = Simulator(WHEEL, motion.scene, step_size=exact_motions.STEP, substeps=1, dtype=dtype)
     sim.reset(q=(motion.q,), qd=(motion.qd,))
     torques, counts = zip(*motion.torques, strict=True)
     made = sim.rollout(np.repeat(torques, counts)[:, np.newaxis].astype(dtype))
     error = abs(float(made.q[-1, 0]) - motion.end(inertia)) if made.status == 'ok' else np.inf
-    promise = _rounding(made.q, made.qd, motion.steps * exact_motions.STEP, dtype)
-    return PromisedRun(
-        motion.name, motion.cause, dtype, motion.steps, error, promise + motion.method(inertia)
+    rounding = _rounding(made.q, made.qd, motion.steps * exact_motions.STEP, dtype)
+    return PredictedRun(
+        motion.name, motion.cause, dtype, motion.steps, error, rounding + motion.method(inertia)
     )
 
 
 def _rounding(q: Array, qd: Array, duration: float, dtype: str) -> float:
-    """Return the promised error of an angle from roundings of its steps, if nothing grows."""
-    # Angle and velocity are rounded in each step, a velocity acts to the end, and accelerations
-    # have the roundings of the robot's numbers.
+    """Return the predicted error of an angle from the roundings of its steps, without growth."""
+    # Each step rounds angle and velocity, and an error of a velocity acts until the end.
+    # Accelerations have the roundings of the robot's numbers.
     carried = float(np.abs(qd).max()) * duration
-    steps = promises.RMS * np.sqrt(len(q)) * (float(np.abs(q).max()) + carried)
-    return ROUNDING[dtype] * float(steps + promises.SPREAD * carried)
+    steps = predictions.RMS * np.sqrt(len(q)) * (float(np.abs(q).max()) + carried)
+    return ROUNDING[dtype] * float(steps + predictions.SPREAD * carried)
 
 
-def _undamped(motion: Motion) -> PromisedRun:
+def _undamped(motion: Motion) -> PredictedRun:
     steps = round(motion.duration / STEP)
     check = Check(motion.name, 'rk4', STEP, 'angle', 0.0, dtype='float32')
     finite, q, qd = _states(check, motion.duration)
     wanted = np.array([float(x) for x in REFERENCES[motion.name].q])
-    promise = _rounding(q, qd, motion.duration, 'float32') * _growth(motion) + RK4_ERROR
+    predicted = _rounding(q, qd, motion.duration, 'float32') * _growth(motion) + RK4_ERROR
     error = float(np.abs(q[-1] - wanted).max()) if finite else np.inf
     cause = 'undamped: roundings grow with the motion'
-    return PromisedRun(motion.name, cause, 'float32', steps, error, promise)
+    return PredictedRun(motion.name, cause, 'float32', steps, error, predicted)
 
 
 def _growth(motion: Motion) -> float:
@@ -258,7 +258,7 @@ def _growth(motion: Motion) -> float:
 
 @dataclass(frozen=True)
 class Effort:
-    """Evaluations of an adaptive run of STIFF_FORMULATION, or None if it gave up."""
+    """Evaluations of an adaptive run of STIFF_FORMULATION, None beyond MOST_STEPS."""
 
     refine: int
     evaluations: int | None

@@ -3,9 +3,9 @@
 """
 Certified references of the hard cases, condition numbers, and errors relative to the references.
 
-The reference is qdd in 50 digits by articulated bodies, in the axes of each link. It is certified
-by PCRBM, which solves with an inertia matrix of sums in other frames, and by the torque that
-Newton and Euler's equations miss, both in 50 digits.
+The reference is qdd in 50 digits by articulated bodies, in the axes of each link. Two certificates
+in 50 digits: PCRBM, which solves with an inertia matrix summed in other frames, and the residual
+torque of the Newton-Euler equations.
 
     error      |x - qdd| / |qdd|, Euclidean; for an arm in equilibrium relative to |qdd| without
     torques
@@ -14,13 +14,14 @@ Newton and Euler's equations miss, both in 50 digits.
                changes by its 2^-40th part up or down, over 2^-40, in DIRECTIONS drawn signs. Of
                an angle the part within half a turn changes: its sine is reduced exactly
 
-Rotations between the joints do not enter kappa_s.
+Rotations between the joints do not change in kappa_s.
 
-For thousands of states there is `wide_reference`, in the processor's 64 or more bits.
+`wide_reference` is for thousands of states, in the processor's numbers of 64 bits or more.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 import warnings
@@ -81,7 +82,7 @@ def wide_reference(problem: Problem) -> Reference:
     """
     Return the answer in longdouble without a certificate, for thousands of states.
 
-    Its own error is 2^-11 of that of the same algorithm in float64, or less; compare it with
+    Its error is at most 2^-11 of the error of the same algorithm in float64. Compare it with
     `reference` at a few states.
     """
     qdd = _exact(problem.plant, problem.states, WIDE)
@@ -108,7 +109,7 @@ def _reference(problem: Problem, certified: bool) -> Reference:
 
 def _exact(plant: Plant, states: States, method: str) -> NDArray[Any]:
     wide = method == WIDE
-    # Not refined: the sequential programs group constants of the robot in float64.
+    # Without refinement: the sequential programs group constants of the robot in float64.
     program = record_forward_dynamics(plant, 'articulated_body' if wide else method, 'parallel')
     result: NDArray[Any] = run(program, states, *_numbers(wide))['qdd']
     return result
@@ -144,13 +145,26 @@ def kappa_s(problem: Problem, known: Reference) -> Array:
 
 
 def _kappa_s(problem: Problem, known: Reference) -> Array:
+    largest = np.zeros(len(known.qdd))
+    wide = known.qdd.dtype == np.longdouble
+    for plant, states in neighbours(problem, wide):
+        qdd = _exact(plant, states, WIDE if wide else 'articulated_body')
+        change = (_norm(qdd - known.qdd) / known.scale).astype(np.float64)
+        largest = np.maximum(largest, change / STEP)
+    return largest
+
+
+def neighbours(problem: Problem, wide: bool = False) -> Iterator[tuple[Plant, States]]:
+    """
+    Yield DIRECTIONS plants and states whose numbers all differ by their 2^-40th part.
+
+    Positions are mpmath numbers, or longdouble if `wide`: they have more digits than the change,
+    since an angle may have many turns.
+    """
     import mpmath
 
     rng = np.random.default_rng(SEED)
-    largest = np.zeros(len(known.qdd))
-    wide = known.qdd.dtype == np.longdouble
     q = problem.states['q']
-    # In more digits than the change: an angle may have many turns.
     q_exact = q.astype(np.longdouble) if wide else np.vectorize(mpmath.mpf, otypes=[object])(q)
     turns = np.array([kind != 'prismatic' for kind in problem.plant.robot.joint_types])
     within = q - 2 * np.pi * np.round(q / (2 * np.pi)) * turns
@@ -158,10 +172,7 @@ def _kappa_s(problem: Problem, known: Reference) -> Array:
         changed = problem.states | {'q': within}
         states = {name: _changed(rng, x) for name, x in changed.items()}
         states['q'] = q_exact + (states['q'] - within)
-        qdd = _exact(_neighbour(rng, problem.plant), states, WIDE if wide else 'articulated_body')
-        change = (_norm(qdd - known.qdd) / known.scale).astype(np.float64)
-        largest = np.maximum(largest, change / STEP)
-    return largest
+        yield _neighbour(rng, problem.plant), states
 
 
 def _changed(rng: np.random.Generator, values: Array) -> Array:

@@ -8,6 +8,7 @@ Runs of one motion:
     rk4, velocity_verlet, imex2      a Simulator in steps of h, in native code
     dop853                           pfd_core.integrate at a tolerance
     MuJoCo Euler, implicit, ...      mj_step in steps of h; contacts and constraints are off
+    CasADi RK4, Pinocchio C++ RK4    classical Runge-Kutta around articulated bodies, native code
 
 A run that blew up is a missing point, never a fast one: its state is not finite, MuJoCo has reset
 it, or an angle is off by more than LOST. All others take turns in one process.
@@ -16,14 +17,19 @@ it, or an angle is off by more than LOST. All others take turns in one process.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+import ctypes
 from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
-from pfd_core.report.cases.motions import FREE, Motion
+from pfd_core.report.cases.motions import FREE, MOTIONS, Motion
 from pfd_core.report.cases.robots import Array
+from pfd_core.report.contenders.casadi import Casadi
+from pfd_core.report.contenders.control_loop import CASADI, PINOCCHIO
 from pfd_core.report.contenders.mujoco import Mujoco
+from pfd_core.report.contenders.native import address, joint_torques
+from pfd_core.report.contenders.pinocchio_cpp import PinocchioCpp
 from pfd_core.report.contenders.work import LeftOutError, Side
 from pfd_core.report.measure.energies import SAMPLES, Reference, interval, reference
 from pfd_core.report.measure.timing import Pace, interleave, show_progress
@@ -43,7 +49,11 @@ MUJOCO = {
     'MuJoCo implicitfast': ('mjINT_IMPLICITFAST', 1),
     'MuJoCo RK4': ('mjINT_RK4', 4),
 }
-WAYS = (*TABLE, ADAPTIVE, *MUJOCO)
+# Ways in native code with four evaluations in a step.
+NATIVE = (CASADI, PINOCCHIO)
+WAYS = (*TABLE, ADAPTIVE, *MUJOCO, *NATIVE)
+# Moves a state q and qd, (n,), from one sample to the next.
+Advance = Callable[[], object]
 
 
 @dataclass(frozen=True)
@@ -59,6 +69,8 @@ class Plan:
         Steps h [s] of the fixed integrators; the interval between samples is a multiple of each.
     tolerances : tuple of float
         Relative tolerances of the adaptive one.
+    peers : tuple of str
+        Names in PEERS.
     pace : Pace
         Durations and repetitions.
 
@@ -67,10 +79,12 @@ class Plan:
     motions: tuple[Motion, ...] = FREE
     steps: tuple[float, ...] = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
     tolerances: tuple[float, ...] = tuple(10.0**-k for k in range(3, 13))
+    peers: tuple[str, ...] = ('MuJoCo', *NATIVE)
     pace: Pace = field(default_factory=lambda: Pace(budget=25.0, turns=20, fewest=3))
 
 
 QUICK = Plan(
+    motions=tuple(motion for motion in MOTIONS if motion.name == 'planar2_swing'),
     steps=(1e-2, 2e-3),
     tolerances=(1e-4, 1e-8),
     pace=Pace(chunk=1e-4, turns=2, fewest=2),
@@ -192,14 +206,46 @@ def _runs(motion: Motion, plan: Plan, left_out: list[str]) -> Iterator[Run]:
             yield Run(way, step, None, _fixed(motion, way, step))
     for tolerance in plan.tolerances:
         yield Run(ADAPTIVE, None, tolerance, partial(_adaptive, motion, tolerance))
-    try:
-        peer = Mujoco(motion.robot)
-    except LeftOutError as reason:
-        left_out.append(f'MuJoCo at {motion.name}: {reason}')
-        return
+    for peer in plan.peers:
+        try:
+            yield from PEERS[peer](motion, plan)
+        except LeftOutError as reason:
+            left_out.append(f'{peer} at {motion.name}: {reason}')
+
+
+def _of_mujoco(motion: Motion, plan: Plan) -> Iterator[Run]:
+    peer = Mujoco(motion.robot)
     for way in MUJOCO:
         for step in plan.steps:
             yield Run(way, step, None, _mujoco(peer, motion, way, step))
+
+
+def _of_casadi(motion: Motion, plan: Plan) -> Iterator[Run]:
+    rollout = Casadi(motion.plant).library.rollout
+    effects, taus = joint_torques(motion.plant, 0.0), np.zeros((1, motion.robot.n))
+    for step in plan.steps:
+        q, qd = np.empty((2, motion.robot.n))
+        substeps = round(interval(motion) / step)
+        counts = (ctypes.c_longlong(1), ctypes.c_longlong(substeps), ctypes.c_double(step))
+        advance = partial(rollout, address(effects), *counts, *map(address, (q, qd, taus)))
+        yield Run(CASADI, step, None, _native(motion, advance, q, qd, substeps))
+
+
+def _of_pinocchio(motion: Motion, plan: Plan) -> Iterator[Run]:
+    peer = PinocchioCpp(motion.plant)
+    taus = np.zeros((1, motion.robot.n))
+    for step in plan.steps:
+        q, qd = np.empty((2, motion.robot.n))
+        substeps = round(interval(motion) / step)
+        advance = peer.rollout(step, q, qd, taus, substeps)
+        yield Run(PINOCCHIO, step, None, _native(motion, advance, q, qd, substeps))
+
+
+PEERS: dict[str, Callable[[Motion, Plan], Iterator[Run]]] = {
+    'MuJoCo': _of_mujoco,
+    CASADI: _of_casadi,
+    PINOCCHIO: _of_pinocchio,
+}
 
 
 def _fixed(motion: Motion, way: str, step: float) -> Callable[[], Outcome]:
@@ -265,5 +311,22 @@ def _mujoco(peer: Mujoco, motion: Motion, way: str, step: float) -> Callable[[],
         if not np.isfinite([q, qd]).all():
             status = 'not_finite'
         return Outcome(status, q, qd, evaluations * substeps * SAMPLES)
+
+    return run
+
+
+def _native(
+    motion: Motion, advance: Advance, q: Array, qd: Array, substeps: int
+) -> Callable[[], Outcome]:
+    """Return a run of native code, which moves q and qd in place."""
+    states = np.empty((2, SAMPLES, motion.robot.n))
+
+    def run() -> Outcome:
+        q[:], qd[:] = motion.q, motion.qd
+        for k in range(SAMPLES):
+            advance()
+            states[:, k] = q, qd
+        status = 'ok' if np.isfinite(states).all() else 'not_finite'
+        return Outcome(status, states[0], states[1], 4 * substeps * SAMPLES)
 
     return run

@@ -11,7 +11,7 @@ from pfd_ros.cli.terminal import add_view, ended_by_signals
 from pfd_ros.view.ports import PORT
 
 HELP = 'run the arm and a controller as two ROS 2 processes for a few seconds'
-EXAMPLE = 'pfd demo --robot panda; pfd demo --view --seconds 20'
+EXAMPLE = 'pfd demo --robot panda --seconds 20 --view'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

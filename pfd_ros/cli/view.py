@@ -20,7 +20,7 @@ from pfd_ros.text import listed, one_line
 from pfd_ros.view.ports import OPENED, PORT, check_installed
 
 HELP = 'show the arm of a log or of a running node in 3D, in a browser'
-EXAMPLE = 'pfd view run.mcap --open; pfd view --live --node /sim_arm'
+EXAMPLE = 'pfd view run.mcap --open'
 # What browsers on a display need, or a browser that the user has chosen.
 DISPLAYS = ('DISPLAY', 'WAYLAND_DISPLAY', 'BROWSER')
 

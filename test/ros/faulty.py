@@ -48,21 +48,21 @@ def hang_in_c(*_) -> None:
     libc.pthread_mutex_lock(mutex)
 
 
-def wait_and_hang(args: list[str], stop: threading.Event) -> int:
+def wait_and_hang(args: list[str], stop: threading.Event, companion: object) -> int:
     print('steps', flush=True)
     stop.wait()
     hang_in_python()
     return 0
 
 
-def wait_and_hang_in_c(args: list[str], stop: threading.Event) -> int:
+def wait_and_hang_in_c(args: list[str], stop: threading.Event, companion: object) -> int:
     print('steps', flush=True)
     stop.wait()
     hang_in_c()
     return 0
 
 
-def wait_and_end(args: list[str], stop: threading.Event) -> int:
+def wait_and_end(args: list[str], stop: threading.Event, companion: object) -> int:
     print('steps', flush=True)
     stop.wait()
     return 0

@@ -284,3 +284,8 @@ def test_a_survey_gathers_cases_and_motions(monkeypatch: pytest.MonkeyPatch) -> 
     assert found.points == 2 * PAGES.points
     assert found.runs == PAGES.runs
     assert found.left_out == ['one', 'two', 'swing']
+
+
+def test_the_page_in_docs_is_made_of_the_numbers_next_to_it() -> None:
+    found = against_error_pages.stored(REPORT / 'speed-against-error.json')
+    assert markdown(found) == (REPORT / 'speed-against-error.md').read_text(encoding='utf-8')

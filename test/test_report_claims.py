@@ -20,10 +20,10 @@ GUIDE = 'docs/guides/speed-and-accuracy.md'
 BATCH, CALL, ROLLOUT = 'batch of 4096', 'call', 'rollout'
 # Rows of the guide's table: quantity, work, and how the way of ours ends.
 ROWS = {
-    'batch of 4096 states': ('forward_dynamics', BATCH, 'float64, F order'),
+    'batch of 4096 states, Fortran order': ('forward_dynamics', BATCH, 'float64, F order'),
     'one call from Python through `kernel.bind`': ('forward_dynamics', CALL, 'float64: bound'),
     'a step of a Runge-Kutta rollout': ('forward_dynamics', ROLLOUT, 'float64'),
-    'derivatives of qdd by q, qd, tau, batch': ('derivatives', BATCH, 'float64, F order'),
+    'derivatives of qdd by q, qd, tau, the same batch': ('derivatives', BATCH, 'float64, F order'),
     'the same, one bound call': ('derivatives', CALL, 'float64: bound'),
 }
 PEERS = ('pinocchio', 'Pinocchio', 'Python loop', 'mujoco', 'CasADi')
@@ -100,7 +100,7 @@ def test_the_sentence_about_a_panda_has_the_measured_ratios() -> None:
 
 def test_the_sentence_of_the_readme_is_against_the_strongest_peers() -> None:
     found = re.findall(r'1/[\d.]+', text_of('README.md').split('<!-- speed: headline -->')[1])[:4]
-    batch = parts('ur5', *ROWS['batch of 4096 states'], anyone, for_any_robot)
+    batch = parts('ur5', *ROWS['batch of 4096 states, Fortran order'], anyone, for_any_robot)
     call = parts('ur5', *ROWS['one call from Python through `kernel.bind`'], anyone, for_any_robot)
     assert found == [*batch, *call]
 

@@ -172,10 +172,20 @@ def _explain(axes: Any, points: Sequence[Point]) -> None:
     seen = {point.way for point in points}
     entries = [entry(c, m, f'pfd, {name}', 7, c) for c, m, name in OURS.values()]
     entries.append(
-        entry('white', 'o', "pfd's default method:\na line to its refined answer", 9, BLACK)
+        entry(
+            'white',
+            'o',
+            "pfd's default method: a line\nto its refined answer, if it differs",
+            9,
+            BLACK,
+        )
     )
     entries += [entry(c, m, peer, 8, c) for peer, (c, m) in PEER_STYLES.items() if peer in seen]
     axes.legend(handles=entries, loc='center', fontsize=10, frameon=False)
+
+
+# Of the legend below the integrators.
+LEGEND_COLUMNS = 5
 
 
 def _draw_motions(motions: Sequence[MotionFacts], runs: Sequence[RunPoint], figure: Any) -> None:
@@ -204,7 +214,7 @@ def _draw_motions(motions: Sequence[MotionFacts], runs: Sequence[RunPoint], figu
     panels[0][0].set_ylabel('seconds per simulated second')
     panels[1][0].set_ylabel('evaluations per simulated second')
     handles, labels = panels[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc='outside lower center', ncols=len(labels), frameon=False)
+    figure.legend(handles, labels, loc='outside lower center', ncols=LEGEND_COLUMNS, frameon=False)
     figure.suptitle(
         'Integrators: work against error. Down and left is better; runs that blew up are missing; '
         'dotted: self-difference of the reference.'

@@ -76,7 +76,7 @@ CONTENTS: Mapping[str, tuple[str, str]] = {
 STYLES: Mapping[str, tuple[str, str, str, str]] = {
     'pfd rk4 float64': (FLOAT64, 'o', '-', 'pfd rk4, float64'),
     'pfd imex2 float64': (FLOAT64, 's', '--', 'pfd imex2, float64'),
-    ADAPTIVE: (FLOAT64, '*', '', 'pfd dop853, float64 (adaptive)'),
+    ADAPTIVE: (FLOAT64, '*', '', 'pfd dop853 (adaptive; code of the reference)'),
     'pfd rk4 float32': (FLOAT32, '^', '-', 'pfd rk4, float32'),
     'pfd imex2 float32': (FLOAT32, 'v', '--', 'pfd imex2, float32'),
     CASADI: (plots.CASADI, 'P', '-', 'CasADi, RK4 in C'),
@@ -156,7 +156,8 @@ def summary(findings: Findings) -> str:
             ],
             _differing([_advised(one) for one in advice(rows, TOLERANCES)]),
         ),
-        processor=findings.machine['processor'],
+        processor=f'{"virtual " * bool(findings.machine.get("virtual"))}'
+        f'{findings.machine["processor"]}',
         arms=arms,
     )
 
@@ -168,12 +169,15 @@ def _others(whole: Sequence[ControlledRow]) -> str:
         return 'No other library was measured.'
     nearest = min(peers, key=lambda row: row.error or 0.0)
     quick = min(peers, key=lambda row: row.minimum or 0.0)
-    steps = f'in steps of {quick.setting}' if quick.step else f'at {quick.setting}'
+
+    def at(row: ControlledRow) -> str:
+        return f'in steps of {row.setting}' if row.step else f'at {row.setting}'
+
     return (
-        f'The fastest run of another library, {quick.way} {steps}, takes '
-        f'{short((quick.minimum or 0) * 1e3)} ms and errs by {order(quick.error)} rad; none comes '
-        f'nearer than {order(nearest.error)} rad ({nearest.way}, '
-        f'{short((nearest.minimum or 0) * 1e3)} ms), since they approximate dry friction.'
+        f'The fastest run of another library, {quick.way} {at(quick)}, takes '
+        f'{short((quick.minimum or 0) * 1e3)} ms and errs by {order(quick.error)} rad; the most '
+        f'accurate, {nearest.way} {at(nearest)}, takes {short((nearest.minimum or 0) * 1e3)} ms '
+        f'and errs by {order(nearest.error)} rad. All of them approximate dry friction.'
     )
 
 
@@ -331,7 +335,7 @@ def _draw(findings: Findings, figure: Any) -> None:
             )  # fmt: skip
         if way == ADAPTIVE:
             # At this place of the legend, so that its columns of four entries are full.
-            label = f'open: each of {many} arms'
+            label = f'open: each of {many} equal arms'
             axes.plot([], [], 'o', color=BLACK, markerfacecolor='white', label=label)
     axes.axhline(1e3, color=GREY, linewidth=0.9, linestyle='-.')
     axes.text(
@@ -348,7 +352,7 @@ def _bars(findings: Findings, floor: float) -> list[tuple[str, str, float, float
     """Return name, colour, left and right end of each bar [rad]."""
     bars = [
         (
-            f'rounding in {one.dtype}',
+            f'rounding in {one.dtype}' + ' (smaller, not resolved)' * (one.largest < floor),
             FLOAT64 if one.dtype == 'float64' else FLOAT32,
             max(one.least, LEFT * floor),
             max(one.largest, floor),

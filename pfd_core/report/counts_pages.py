@@ -328,14 +328,15 @@ def _draw(rows: Sequence[Row], figure: Any) -> None:
     """Draw multiplications and additions over n, formulas dashed, as printed dotted."""
     for axes, kind in zip(figure.subplots(1, 2), KINDS[:2], strict=True):
         for k, system in enumerate(dict.fromkeys(row.system for row in rows)):
-            color = f'C{k}' if k < 10 else 'black'
+            # Ten colours; the further systems have another marker.
+            color, marker = f'C{k % 10}', '.' if k < 10 else 's'
             best, printed = (
                 [row for row in rows if (row.system, row.edition) == (system, edition)]
                 for edition in (BEST_KNOWN, AS_PRINTED)
             )
             n, cells = [row.n for row in best], [row.cells[kind] for row in best]
             measured = [cell.measured for cell in cells]
-            axes.loglog(n, measured, color=color, marker='.', label=_title(best[0]))
+            axes.loglog(n, measured, color=color, marker=marker, ms=4, label=_title(best[0]))
             if cells[0].claimed is not None:
                 claimed = [cell.claimed for cell in cells]
                 axes.loglog(n, claimed, color=color, linestyle='--', lw=0.8)

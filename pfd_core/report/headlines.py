@@ -39,7 +39,7 @@ PHRASES = {
     'Python loop over pinocchio.aba': 'a Python loop over `pinocchio.aba`',
     f'{CPP} aba': "Pinocchio's `aba` in C++ compiled for this processor",
     f'{CPP} aba, WORLD': "Pinocchio's `aba` (world axes) in C++ compiled for this processor",
-    f'{CPP} crba + Cholesky': "Pinocchio's `crba` in C++ compiled for this processor",
+    f'{CPP} crba + Cholesky': "Pinocchio's `crba` and Cholesky in C++ compiled for this processor",
     'mujoco mj_forward, state in place': "MuJoCo's `mj_forward`",
     'mujoco mj_step, RK4': "MuJoCo's `mj_step`",
     'mujoco.rollout': '`mujoco.rollout`',
@@ -48,10 +48,10 @@ PHRASES = {
 ROBOT, MANY = 'ur5', 'batch of 4096'
 # Rows of the table of the guide: title, quantity, work, and how the names of our ways end.
 GUIDE = (
-    ('batch of 4096 states', FORWARD, MANY, 'float64, F order'),
+    ('batch of 4096 states, Fortran order', FORWARD, MANY, 'float64, F order'),
     ('one call from Python through `kernel.bind`', FORWARD, 'call', 'float64: bound'),
     ('a step of a Runge-Kutta rollout', FORWARD, 'rollout', 'float64'),
-    ('derivatives of qdd by q, qd, tau, batch', 'derivatives', MANY, 'float64, F order'),
+    ('derivatives of qdd by q, qd, tau, the same batch', 'derivatives', MANY, 'float64, F order'),
     ('the same, one bound call', 'derivatives', 'call', 'float64: bound'),
 )
 BLOCK = re.compile(r'(<!-- speed: (\w+) -->\n).*?(<!-- /speed -->)', re.DOTALL)

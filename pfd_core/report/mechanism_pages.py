@@ -72,7 +72,7 @@ class Result:
 
     @property
     def worst_ratio(self) -> float:
-        """Largest error of the default over what it may be; 1 is FACTOR times the peer's."""
+        """Largest error of the default over FACTOR times the peer's; 0 without the peer."""
         if PEER not in self.found:
             return 0.0
         pairs = zip(self.found['default'], self.found[PEER], strict=True)
@@ -115,7 +115,9 @@ COLUMNS: Columns = {
     'case': 'name',
     'auto is': 'auto',
     **{way: partial(_cell, way) for way in (*WAYS, PEER)},
-    'worse': lambda one: f'{one.worst_ratio:.2f}' + ' (worse)' * (one.worst_ratio > 1),
+    'worse': lambda one: (
+        f'{one.worst_ratio:.2f}' + ' (worse)' * (one.worst_ratio > 1) if PEER in one.found else '-'
+    ),
 }
 
 

@@ -194,6 +194,8 @@ STYLES = {
     'pinocchio': (PINOCCHIO, 's'),
     'CasADi': (CASADI, '*'),
 }
+# What a name in the legend leaves out.
+LABELS = {'pinocchio': 'Pinocchio, fastest from Python'}
 COLUMNS = 4
 # Smaller errors are drawn here.
 LEAST = 1e-17
@@ -232,7 +234,9 @@ def _draw(
     figure.supylabel(f'time of a state, {batch} [ns]')
     figure.suptitle('Time against error, one thread. Down and left is better.')
     seen = {_style(contender(row)) for row in rows if row.error is not None}
-    entries = marks((*style, label) for label, style in STYLES.items() if label in seen)
+    entries = marks(
+        (*style, LABELS.get(label, label)) for label, style in STYLES.items() if label in seen
+    )
     figure.legend(handles=entries, loc='outside lower center', ncols=6, frameon=False)
 
 

@@ -416,11 +416,7 @@ def scene_errors(rows: Iterable[ControlledRow]) -> dict[tuple[str, ...], Control
 
 @dataclass(frozen=True)
 class Advice:
-    """
-    The fastest rows within a tolerance [rad]: ours of one arm, ours of many, of other libraries.
-
-    Among rows up to AS_FAST times slower than the fastest, the smallest error counts.
-    """
+    """The fastest rows within a tolerance [rad]: ours of one arm, of many, of other libraries."""
 
     tolerance: float
     one: ControlledRow | None
@@ -428,7 +424,6 @@ class Advice:
     other: ControlledRow | None
 
 
-AS_FAST = 1.1
 TOLERANCES = tuple(10.0**-k for k in (1, 2, 3, 4, 5, 6, 8, 10, 12))
 
 
@@ -436,15 +431,9 @@ def advice(rows: Sequence[ControlledRow], tolerances: Sequence[float]) -> list[A
     """Return for each tolerance the fastest rows whose error is within it."""
 
     def fastest(tolerance: float, fits: Callable[[ControlledRow], bool]) -> ControlledRow | None:
-        known = [
-            (row.minimum, row.error, row)
-            for row in rows
-            if row.minimum is not None and row.error is not None and row.error <= tolerance
-        ]
-        fit = [one for one in known if fits(one[2])]
-        least = min((seconds for seconds, *_ in fit), default=0.0)
-        near = [one for one in fit if one[0] <= AS_FAST * least]
-        return min(near, key=lambda one: one[1])[2] if near else None
+        within = [row for row in rows if row.error is not None and row.error <= tolerance]
+        timed = [(row.minimum, row) for row in within if row.minimum is not None and fits(row)]
+        return min(timed, key=lambda one: one[0])[1] if timed else None
 
     return [
         Advice(

@@ -34,9 +34,9 @@ ROWS = [
 def test_a_sentence_is_against_the_strongest_peers_on_one_thread() -> None:
     text = headlines.headline(ROWS, MACHINE)
     assert text.startswith(
-        'On one thread of a virtual Abacus, a UR5 in a batch of 4096 states in Fortran order takes '
-        '1/15 of the time of the strongest peer, C that CasADi generates for this arm (loop in C, `-O3 '
-        '-march=native`), and 1/60 of the time of the strongest that takes any robot, '
+        'On one thread of a virtual Abacus, a UR5 in a batch of 4096 states in Fortran order '
+        'takes 1/15 of the time of the strongest peer, C that CasADi generates for this arm (loop '
+        'in C, `-O3 -march=native`), and 1/60 of the time of the strongest that takes any robot, '
         "Pinocchio's `aba` in C++ compiled for this processor;"
     )
     # Where the strongest peer takes any robot, it is named once.

@@ -53,6 +53,9 @@ from pfd_core.report.render.numbers import order, yes
 Part = Callable[[], Iterable[Any]]
 # Error estimates are compared where the error is above so many units of rounding.
 SHOWN_UNITS = SHOWN / ROUNDING['float64']
+# Largest difference of two evaluations with 50 digits that certifies a reference: far below the
+# rounding of every number format, and 20 digits are left for the condition of an arm.
+CERTIFIED = 1e-30
 
 
 def markdown(results: Sequence[Result], survey: Survey | None = None) -> str:
@@ -84,6 +87,7 @@ def markdown(results: Sequence[Result], survey: Survey | None = None) -> str:
         longest=LONGEST_HELD_OUT,
         held_out_rows=sum(len(one.held_out) for one in results),
         unpredicted=bullets(unpredicted, '- none'),
+        uncertified=_uncertified(results),
         times=predictions.FACTOR,
         spread=predictions.SPREAD,
         roundings=predictions.ROUNDINGS,
@@ -105,6 +109,19 @@ def markdown(results: Sequence[Result], survey: Survey | None = None) -> str:
         peers=_peers(results),
         survey=None if survey is None else section(survey),
         later=bullets((f'{reason}: {", ".join(names)}' for reason, names in LATER.items()), ''),
+    )
+
+
+def _uncertified(results: Sequence[Result]) -> str:
+    """Return a sentence on the robots at which two methods in other frames differ."""
+    found = [one for one in results if one.difference > CERTIFIED]
+    if not found:
+        return ''
+    names = ', '.join(one.name for one in found)
+    return (
+        f' Excepted are {names}: their rotation matrices, rounded to float64, are not exactly '
+        'orthogonal, so that methods in other frames differ by up to '
+        f'{order(max(one.difference for one in found))}.'
     )
 
 

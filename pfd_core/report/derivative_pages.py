@@ -105,7 +105,7 @@ def summary(results: Sequence[Result]) -> str:
         return f' (missed: {"; ".join(missed)})' if missed else ''
 
     return page(
-        f'{NAME}-summary',
+        'derivatives-summary',
         cases=len(results),
         times=predictions.FACTOR,
         rows=len(own),

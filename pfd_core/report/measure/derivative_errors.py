@@ -249,7 +249,7 @@ def our_rows(known: Known, matrices: Matrices) -> Iterator[Row]:
             dtype,
             refine,
             *_largest(known, name, error, dtype),
-            predicted=float(bounds.max()) / predictions.FACTOR if bounded else None,
+            predicted=float(np.max(bounds)) / predictions.FACTOR if bounded else None,
             share=share,
             met=None if share is None else share <= 1,
         )
@@ -275,7 +275,7 @@ def predicted_errors(known: Known, name: str, dtype: str, refine: int) -> Array:
 def _largest(known: Known, name: str, error: Array, dtype: str) -> tuple[float, float]:
     """Return the largest error, and the largest in kappa_s u."""
     units = error / np.maximum(known.exact.kappa_s[name], 1.0) / ROUNDING[dtype]
-    return float(error.max()), float(units.max())
+    return float(np.max(error)), float(np.max(units))
 
 
 def _peer_rows(known: Known, h: float) -> Iterator[Row]:

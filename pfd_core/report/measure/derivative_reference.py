@@ -424,5 +424,5 @@ def _difference(plant: Plant, states: States, found: dict[str, Numbers], h: floa
     largest = 0.0
     for name, matrix in second.items():
         known = found[name][:1]
-        largest = max(largest, float((norm(matrix - known) / size_of(known)).max()))
+        largest = max(largest, float(np.max(norm(matrix - known) / size_of(known))))
     return largest

@@ -321,7 +321,7 @@ def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) 
     }
     pages = write_page(folder, 'counts', markdown(rows, iterations), data)
     pages += [write_text(folder, 'array.svg', solve_picture(PRINTED_AT)), write_errata(folder)]
-    return [*pages, *save(partial(_draw, rows), folder, 'counts', (12, 5.5), ['png'])]
+    return [*pages, *save(partial(_draw, rows), folder, 'counts', (12, 6.5), ['png'])]
 
 
 def _draw(rows: Sequence[Row], figure: Any) -> None:
@@ -345,7 +345,8 @@ def _draw(rows: Sequence[Row], figure: Any) -> None:
                 axes.loglog(n, counts, color=color, linestyle=':')
         over_joints(axes, [2**k for k in range(1, 7)])
         axes.set_title(f'{kind}, no routes: counted, as printed (dotted), Table 1 (dashed)')
-    figure.axes[0].legend(fontsize=7)
+    entries = figure.axes[0].get_legend_handles_labels()
+    figure.legend(*entries, loc='outside lower center', ncols=3, fontsize=8, frameon=False)
 
 
 def solve_picture(n: int) -> str:

@@ -123,11 +123,14 @@ def test_the_guide_gives_the_steps_of_pcrbm_with_what_packing_costs() -> None:
     for stated in (
         f'as printed, PCRBM takes {p.multiplications + p.divisions} multiplications and '
         'divisions, '
-        f'{p.additions} additions and {p.routes} routes, or {q.multiplications + q.divisions}, '
-        f'{q.additions} and {q.routes} with one lane per link',
+        f'a square root, {p.additions} additions and {p.routes} routes, or '
+        f'{q.multiplications + q.divisions}, {q.square_roots}, {q.additions} and {q.routes} with '
+        'one lane per link',
         f'a speed-up of {printed.published_speed_up:.2f}, or {with_routes(printed)} if a route',
-        f'PCRBM takes {c.multiplications + c.divisions}, {c.additions} and {c.routes}',
-        f'Our best takes {s.multiplications + s.divisions}, {s.additions} and {s.routes}, or '
+        f'PCRBM takes {c.multiplications + c.divisions}, {c.square_roots} square roots, '
+        f'{c.additions} and {c.routes}',
+        f"Our form in the paper's frames takes {s.multiplications + s.divisions}, {s.additions} "
+        f'and {s.routes}, or '
         f'{u.multiplications + u.divisions}, {u.additions} and {u.routes} with one lane per link',
         f'prints {cells[0].printed} multiplications and {cells[1].printed} additions',
         f'sum to {cells[0].parts:.0f} and {cells[1].parts:.0f}, the formula of Table 1 gives '

@@ -322,7 +322,9 @@ def test_the_plot_of_errors_has_a_panel_for_every_quantity(tmp_path: Path) -> No
     _, svg = time_tables.plot_errors([*ROWS, *others], tmp_path, 'plot')
     text = ''.join(ElementTree.parse(svg).getroot().itertext())
     assert all(panel in text for panel in ('ur5: derivatives', 'ur5: tip_pose'))
-    assert all(label in text for label in ('pfd float64', 'pinocchio', 'CasADi'))
+    assert all(
+        label in text for label in ('pfd float64', 'Pinocchio, fastest from Python', 'CasADi')
+    )
 
 
 def test_the_plot_is_left_out_without_matplotlib_or_rows(

@@ -93,6 +93,10 @@ class BlockWriter:
         self._counts: dict[int, int] = defaultdict(int)
         self._first_ns = self._last_ns = 0
 
+    def move_to(self, stream: ByteStream) -> None:
+        """Continue on a stream that has all bytes so far."""
+        self._stream = stream
+
     def start(self, profile: str, library: str) -> None:
         """Write the header."""
         self._write(MAGIC + _packed(Header(profile, library)))

@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import hashlib
+import io
 import json
 from pathlib import Path
 import time
@@ -177,12 +178,17 @@ class McapFile:
         self.index_bytes += INDEX_BYTES * len(topics)
         self._names = [topic.name for topic in topics]
         self._digests = [hashlib.sha256() for _ in topics]
+        # The file appears when its first bytes are known: a killed process leaves no empty file.
+        start = io.BytesIO()
+        self._writer, self._channels, self.head_digest = _begin(start, channels, head)
         self.sink = Sink(path)
         try:
-            self._writer, self._channels, self.head_digest = _begin(self.sink, channels, head)
+            self.sink.write(start.getvalue())
+            self.sink.flush()
         except BaseException:
             self.sink.discard()
             raise
+        self._writer.move_to(self.sink)
 
     def add_all(self, messages: Iterable[NewMessage]) -> None:
         """Add messages to the next flush, each with the index of its topic as its channel."""
@@ -235,9 +241,11 @@ def new_writer(stream: ByteStream) -> BlockWriter:
     return BlockWriter(stream, CHUNK_BYTES)
 
 
-def _begin(sink: Sink, table: ChannelTable, head: FileHead) -> tuple[BlockWriter, list[int], str]:
+def _begin(
+    stream: ByteStream, table: ChannelTable, head: FileHead
+) -> tuple[BlockWriter, list[int], str]:
     """Write the head of the file; return the writer, the channel of each topic, and a digest."""
-    writer = new_writer(sink)
+    writer = new_writer(stream)
     files = {record.name: of_attachment(record) for record in head.attachments}
     first = sealed_head(head.values, files, table.digests)
     writer.start(PROFILE, head.library)

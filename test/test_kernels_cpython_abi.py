@@ -141,5 +141,5 @@ def test_every_field_of_an_array_is_checked(field: str, monkeypatch: pytest.Monk
     place = {'DIMENSIONS': 'STRIDES', 'STRIDES': 'DIMENSIONS'}.get(field, 'HEADER')
     moved = getattr(python_entry, place) + (32 if place == 'HEADER' else 0)
     monkeypatch.setattr(python_objects, field, moved)
-    # The answer for this process is kept, so that it is asked anew.
+    # `__wrapped__` is the function without its cache.
     assert not python_objects.supported.__wrapped__()

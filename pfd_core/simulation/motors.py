@@ -194,7 +194,7 @@ class Cycles:
         self._efforts, self._out = HEAD.index('efforts'), HEAD.index('out')
 
     def set_targets(self, position: Array | None = None, velocity: Array | None = None) -> None:
-        """Set the targets of the servos, (n,) each; NaN, or an argument left out, is no target."""
+        """Set the targets of the servos, (n,) each; NaN or no argument removes the target."""
         self._targets = self._no_targets
         if position is not None or velocity is not None:
             self._targets = self._no_targets.copy()

@@ -78,7 +78,7 @@ def view_node(namespace: str = '/') -> Iterator[Node]:
     Raises
     ------
     ValueError
-        If the namespace is none.
+        If the namespace is invalid.
 
     """
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
@@ -87,7 +87,7 @@ def view_node(namespace: str = '/') -> Iterator[Node]:
             'pfd_view', namespace=namespace, start_parameter_services=False, enable_rosout=False
         )
     except NameValidationException as error:
-        raise ValueError(f'{namespace!r} is no namespace of a node') from error
+        raise ValueError(f'{namespace!r} is not a valid node namespace') from error
     finally:
         rclpy.shutdown()
 
@@ -106,7 +106,7 @@ class LiveTopics:
     named : ArmNode or None
         The arm; default: the publisher of the joint states.
     wrench_topic : str or None
-        A topic of wrenches, in place of those of the arm.
+        A topic of wrenches that replaces the arm's.
 
     """
 
@@ -166,7 +166,7 @@ class LiveTopics:
         Raises
         ------
         ValueError
-            If there is neither within MODEL_SECONDS, or the text is no URDF.
+            If neither is found within MODEL_SECONDS, or the text is not a URDF.
 
         """
         end = time.monotonic() + MODEL_SECONDS
@@ -250,7 +250,7 @@ def follow(topics: LiveTopics, arm: LiveArm, report: Callable[[str], None]) -> N
                 )
             if arm.malformed and not malformed:
                 malformed = True
-                report(f'{topics.states} has messages that are no joint states; not shown')
+                report(f'{topics.states} has invalid joint states; they are not shown')
     finally:
         executor.shutdown()
 

@@ -56,7 +56,7 @@ class LiveArm:
     problems : tuple of str
         What is not drawn as the URDF says, a line each.
     received, malformed : int
-        Joint states taken, and those of them that are no joint states.
+        Messages received, and the invalid ones among them.
 
     """
 

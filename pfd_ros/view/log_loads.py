@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The external wrench and the payload of a log over time.
 
-In a recording of the node both are those that acted. A wrench begins with its validation row and
-ends after `external_wrench_timeout`, or with another one, a reset or a request to clear it. A
-payload begins with its message on `~/payload_in_use`. In other bags a message holds until the next
-one of its topic.
+A recording of the node has the wrench and payload in effect. A wrench begins with its validation
+row. It ends after `external_wrench_timeout`, or with another wrench, a reset or a request to clear
+it. A payload begins with its message on `~/payload_in_use`. In other bags a message holds until the
+next one of its topic.
 """
 
 from __future__ import annotations
@@ -131,7 +131,8 @@ def _shown(
             yield time, message
         else:
             frame = cut(message.frame_id)
-            problems[f'a {what} is not shown: its frame {frame!r} is no link of the model'] = None
+            problem = f'a {what} is not shown: its frame {frame!r} is not a link of the model'
+            problems[problem] = None
             yield time, None
 
 

@@ -154,9 +154,8 @@ class DrawnWrench:
             radius = newton_metres / self._scale.torque
             self._turn.scale = radius
             self._labels[1].position = (radius, 0.0, 0.0)
-            self._labels[
-                1
-            ].text = f'{newton_metres:.3g} N m, radius 1 m = {self._scale.torque:g} N m'
+            scale = f'radius 1 m = {self._scale.torque:g} N m'
+            self._labels[1].text = f'{newton_metres:.3g} N m, {scale}'
 
 
 class DrawnPayload:

@@ -295,7 +295,7 @@ def test_a_wrench_in_another_bag_holds_until_the_next(tmp_path: Path) -> None:
     assert [named.loads.wrench.at(time) for time in named.motion.time] == found
     unknown = content_of(pushed_bag(tmp_path / 'unknown', 'nowhere'))
     assert unknown.lines[-1] == (
-        "a wrench is not shown: its frame 'nowhere' is no link of the model"
+        "a wrench is not shown: its frame 'nowhere' is not a link of the model"
     )
     assert not unknown.loads.wrench
 
@@ -370,7 +370,7 @@ def test_a_report_ends_a_wrench_that_was_cleared_and_begins_one_from_before() ->
     assert running.acting == sent
     running.reported(NOTHING, 0.0, 7.1)
     assert running.acting is None
-    # One that the arm rejects does not replace the one that acts.
+    # A rejected wrench does not replace the acting one.
     running.reported(NEWTONS, 0.0, 8.1)
     running.sent(WrenchMessage(0, 'end', (1e9, 0.0, 0.0), (0.0, 0.0, 0.0)), 8.2)
     assert running.acting == NEWTONS

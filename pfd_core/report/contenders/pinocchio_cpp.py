@@ -34,7 +34,7 @@ from pfd_core.report.contenders.work import (
 )
 
 NAME = 'Pinocchio C++'
-# Definitions of Pinocchio's own CMake files, and one for Boost: a variant may be asked for types
+# Definitions of Pinocchio's own CMake files, and one for Boost: a variant may be queried for types
 # that it does not have.
 DEFINES = (
     'BOOST_MPL_LIMIT_LIST_SIZE=30',

@@ -4,8 +4,8 @@
 
 A recording of the node has the wrench and payload in effect. A wrench begins with its validation
 row. It ends after `external_wrench_timeout`, or with another wrench, a reset or a request to clear
-it. A payload begins with its message on `~/payload_in_use`. In other bags a message holds until the
-next one of its topic.
+it. A payload begins with its message on `~/payload_in_use`. In other bags a message holds until
+the next one of its topic.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ from pfd_core.report.measure.motion_errors import (
     steady_runs,
 )
 from pfd_core.report.measure.processes import each
-from pfd_core.report.render.markdown import Columns, bullets, lines_of, page, table
+from pfd_core.report.render.markdown import Columns, bullets, lines_of, misses, page, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import order, yes
 
@@ -147,21 +147,16 @@ def summary(results: Sequence[Result]) -> str:
     """Return the outcome as a paragraph, for the README."""
     rows = [(one, row) for one in results for row in one.kernels if row.predicted is not None]
     held = [(one, row) for one in results for row in one.held_out if row.predicted is not None]
-
-    def named(found: Sequence[tuple[Result, KernelRow]]) -> str:
-        missed = _missed(found)
-        return f' (missed: {"; ".join(missed)})' if missed else ''
-
     return page(
         'hard-cases-summary',
         cases=len(results),
         times=predictions.FACTOR,
         rows=len(rows),
         met=sum(row.met is True for _, row in rows),
-        missed=named(rows),
+        missed=misses(_missed(rows)),
         held_rows=len(held),
         held_met=sum(row.met is True for _, row in held),
-        held_missed=named(held),
+        held_missed=misses(_missed(held)),
         lost=sum(
             row.predicted is None for one in results for row in (*one.kernels, *one.held_out)
         ),

@@ -88,6 +88,11 @@ def _line(cells: Iterable[object]) -> str:
     return '| ' + ' | '.join(map(str, cells)) + ' |'
 
 
+def misses(names: Sequence[str]) -> str:
+    """Return the names of what missed its bound in brackets, for a sentence; '' without."""
+    return f' (missed: {"; ".join(names)})' if names else ''
+
+
 def bullets(texts: Iterable[str], otherwise: str) -> str:
     """Return texts as a list, or another text if there are none."""
     return '\n'.join(f'- {text}' for text in texts) or otherwise

@@ -25,7 +25,7 @@ from pfd_core.report.measure.derivative_errors import (
 from pfd_core.report.measure.derivative_reference import MATRICES, MOVES, STEP_DIRECTIONS
 from pfd_core.report.measure.processes import each
 from pfd_core.report.measure.reference import DIRECTIONS
-from pfd_core.report.render.markdown import Columns, bullets, lines_of, misses, page, table
+from pfd_core.report.render.markdown import Columns, bullets, lines_of, missed_bounds, page, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import order, short, yes
 from pfd_core.report.render.plots import BLACK, BLUE, GREY, SKY, VERMILLION, save
@@ -105,10 +105,10 @@ def summary(results: Sequence[Result]) -> str:
         times=predictions.FACTOR,
         rows=len(own),
         met=sum(row.met is True for _, row in own),
-        missed=misses(_missed(own)),
+        missed=missed_bounds(_missed(own)),
         held_rows=len(held),
         held_met=sum(row.met is True for _, row in held),
-        held_missed=misses(_missed(held)),
+        held_missed=missed_bounds(_missed(held)),
         compared=len(list(_pairs(results))),
         worse=len(list(_worse(results))),
         factor=WORSE,

@@ -45,7 +45,7 @@ from pfd_core.report.measure.motion_errors import (
     steady_runs,
 )
 from pfd_core.report.measure.processes import each
-from pfd_core.report.render.markdown import Columns, bullets, lines_of, misses, page, table
+from pfd_core.report.render.markdown import Columns, bullets, lines_of, missed_bounds, page, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import order, yes
 
@@ -153,10 +153,10 @@ def summary(results: Sequence[Result]) -> str:
         times=predictions.FACTOR,
         rows=len(rows),
         met=sum(row.met is True for _, row in rows),
-        missed=misses(_missed(rows)),
+        missed=missed_bounds(_missed(rows)),
         held_rows=len(held),
         held_met=sum(row.met is True for _, row in held),
-        held_missed=misses(_missed(held)),
+        held_missed=missed_bounds(_missed(held)),
         lost=sum(
             row.predicted is None for one in results for row in (*one.kernels, *one.held_out)
         ),

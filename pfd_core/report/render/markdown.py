@@ -88,7 +88,7 @@ def _line(cells: Iterable[object]) -> str:
     return '| ' + ' | '.join(map(str, cells)) + ' |'
 
 
-def misses(names: Sequence[str]) -> str:
+def missed_bounds(names: Sequence[str]) -> str:
     """Return the names of what missed its bound in brackets, for a sentence; '' without."""
     return f' (missed: {"; ".join(names)})' if names else ''
 

@@ -32,7 +32,7 @@ corrected up to u^-1/2. Beyond LARGEST_LOSS_REFINED a refined kernel uses articu
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 import math
 
@@ -129,13 +129,13 @@ def _accurate_inverse(plant: Plant) -> str:
     """Return the first method whose errors of H^-1 are within its limit, cheapest first, or ''."""
     if plant.robot.n >= LONG:
         return MANY_JOINTS
-    found = inverse_roundings(plant, tuple(MOST_INVERSE))
-    return next((m for m, error in found.items() if error <= MOST_INVERSE[m]), '')
+    found = inverse_roundings(plant, MOST_INVERSE)
+    return next((method for method, error in found if error <= MOST_INVERSE[method]), '')
 
 
-def inverse_roundings(plant: Plant, methods: Collection[str]) -> dict[str, float]:
+def inverse_roundings(plant: Plant, methods: Iterable[str]) -> Iterator[tuple[str, float]]:
     """
-    Return how far methods round H^-1 on a robot with its payload and rotors.
+    Yield methods and how far they round H^-1 on a robot with its payload and rotors.
 
     As `roundings`, at the same positions, with errors in the Frobenius norm.
     """
@@ -157,12 +157,11 @@ def inverse_roundings(plant: Plant, methods: Collection[str]) -> dict[str, float
     with np.errstate(all='ignore'):
         right, moved = inverse(choose(plant, 'auto', 1), 1, q, near)
         change = _distances(moved, right) / CHANGE
-        result = {}
-        for method in methods:
+    for method in methods:
+        with np.errstate(all='ignore'):
             (plain,) = inverse(method, 0, q)
             error = _distances(plain, right) / (2.0**-53 * np.maximum(1.0, change))
-            result[method] = _at_share(error, right.reshape(STATES, -1))
-    return result
+        yield method, _at_share(error, right.reshape(STATES, -1))
 
 
 def _distances(found: Array, right: Array) -> Array:

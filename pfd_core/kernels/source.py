@@ -243,7 +243,8 @@ def derivatives(spec: KernelSpec, plant: Plant | None = None) -> ProductSource:
     n = plant.robot.n
     # The factors, and a copy of the result.
     check_stack(f'a kernel of derivatives for {n} joints', 6 * n * n)
-    key = ('derivatives', plant.digest, spec.method, str(spec.refine), *map(str, inverse), spec.dtype)
+    how = (spec.method, str(spec.refine), *map(str, inverse))
+    key = ('derivatives', plant.digest, *how, spec.dtype)
     return ProductSource(lowered, key)
 
 

@@ -117,12 +117,23 @@ def default_of_derivatives(plant: Plant, method: str, refine: int) -> tuple[str,
 
 def default_inverse(plant: Plant) -> tuple[str, int]:
     """Return the method and the steps of refinement that derivatives have by default."""
+    bodies = _bodies(plant)
     plain = get_or_compute(
-        ('accurate inverse', plant.digest),
-        lambda: _accurate_inverse(plant),
+        ('accurate inverse', bodies.digest),
+        lambda: _accurate_inverse(bodies),
         {'', *MOST_INVERSE}.__contains__,
     )
-    return (plain, 0) if plain else (choose(plant, 'auto', 1), 1)
+    return (plain, 0) if plain else (choose(bodies, 'auto', 1), 1)
+
+
+def _bodies(plant: Plant) -> Plant:
+    """Return a plant with the effects that H depends on."""
+    return replace(
+        without_torques(without_step_effects(plant)),
+        external_wrench=False,
+        brakes=False,
+        payload_input=False,
+    )
 
 
 def _accurate_inverse(plant: Plant) -> str:
@@ -139,12 +150,7 @@ def inverse_roundings(plant: Plant, methods: Iterable[str]) -> Iterator[tuple[st
 
     As `roundings`, at the same positions, with errors in the Frobenius norm.
     """
-    bare = replace(
-        without_torques(without_step_effects(plant)),
-        external_wrench=False,
-        brakes=False,
-        payload_input=False,
-    )
+    bare = _bodies(plant)
     q, *_, signs = _uniform(plant.robot.n)
     q = np.pi * q
     near = q * (1 + np.copysign(CHANGE, signs))

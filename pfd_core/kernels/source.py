@@ -229,12 +229,12 @@ def derivatives(spec: KernelSpec, plant: Plant | None = None) -> ProductSource:
     """
     Return the source of d qdd / d(q, qd, tau), (n, 3n), of a plant as for `forward`.
 
-    The accelerations are those of the spec, whose method for a step is chosen by other rules than
-    that of the inverse inertia.
+    The accelerations are those of the spec. The method of a step is chosen by other rules than the
+    method of the inverse inertia, which is one for all functions of a step.
     """
     plant = spec.plant if plant is None else plant
     of_step = spec.quantity != 'derivatives'
-    inverse = default_inverse(plant) if of_step else (spec.method, spec.refine)
+    inverse = default_inverse(spec.plant) if of_step else (spec.method, spec.refine)
 
     def lowered() -> Stages:
         recorded = record_derivatives(plant, spec.method, spec.refine, spec.dtype, inverse)

@@ -34,7 +34,6 @@ from pfd_core.report.measure.derivative_errors import (
 )
 from pfd_core.report.measure.derivative_reference import (
     DERIVATIVES,
-    STEPS,
     errors,
     exact,
     in_positions,
@@ -55,7 +54,7 @@ CERTIFICATE = 1e-35
 # kappa_s is a difference quotient over 2^-40.
 QUOTIENT = 1e-6
 
-# Errors of the default above twice the peer's and 4 u, at the page's states and at held-out states.
+# Errors of the default above twice the peer's and 4 u: at the page's states, at held-out states.
 WORSE: list[set[tuple[str, str]]] = [{('collinear_axes_1e-4', 'qd')}, set()]
 
 

@@ -197,7 +197,8 @@ def _uniform(n: int) -> Array:
     shape = (5, STATES, n)
     bits = np.random.PCG64(0).random_raw(math.prod(shape)).reshape(shape)
     # From the upper 53 bits.
-    return (bits >> np.uint64(11)) * 2.0**-52 - 1
+    numbers: Array = (bits >> np.uint64(11)) * 2.0**-52 - 1
+    return numbers
 
 
 def _accurate(plant: Plant) -> str:

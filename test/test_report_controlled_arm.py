@@ -36,6 +36,7 @@ from pfd_core.report.measure.controlled_motion import (
     advice,
     survey,
 )
+from pfd_core.report.render.records import read
 
 ROOT = Path(__file__).resolve().parent.parent
 REPORT = ROOT / 'docs' / 'report'
@@ -185,7 +186,7 @@ def test_the_plot_is_written_in_both_formats(tmp_path: Path) -> None:
     assert all(path.stat().st_size for path in paths)
 
 
-STORED = controlled_arm_pages.stored(REPORT / 'controlled-arm.json')
+STORED = read(Findings, REPORT / 'controlled-arm.json')
 
 
 def test_the_page_has_the_numbers_of_its_json() -> None:

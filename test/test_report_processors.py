@@ -23,6 +23,7 @@ from pfd_core.report.measure.processors import (
     with_routes,
 )
 from pfd_core.report.processor_pages import markdown, write
+from pfd_core.report.render.records import record_of
 
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 
@@ -34,10 +35,8 @@ def data() -> Any:
 
 def stored() -> list[OnProcessors]:
     """Return the rows of the page in docs."""
-    return [
-        OnProcessors(**entry | {key: Steps(**entry[key]) for key in ('steps', 'unpacked')})
-        for entry in data()['processors']
-    ]
+    found: list[OnProcessors] = record_of(list[OnProcessors], data()['processors'])
+    return found
 
 
 def arithmetic(steps: Steps) -> int:

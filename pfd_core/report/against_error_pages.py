@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-import json
 from pathlib import Path
 from typing import Any
 
@@ -240,20 +239,6 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
     else:
         findings = survey(evaluations.Plan(), work_precision.Plan(), QUANTITIES)
     return write(findings, folder)
-
-
-def stored(path: Path) -> Findings:
-    """Return the findings of a speed-against-error.json."""
-    data = json.loads(path.read_text(encoding='utf-8'))
-    return Findings(
-        [CaseFacts(**one) for one in data['cases']],
-        [Point(**one) for one in data['points']],
-        [MotionFacts(**one) for one in data['motions']],
-        [RunPoint(**one) for one in data['runs']],
-        data['left_out'],
-        data['machine'],
-        [Row(**one) for one in data['quantities']],
-    )
 
 
 def write(findings: Findings, folder: Path) -> list[Path]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import zip_longest
-import json
 from pathlib import Path
 import re
 from typing import Any
@@ -24,8 +23,6 @@ from pfd_core.report.measure.controlled_motion import (
     ControlledRow,
     Findings,
     Plan,
-    ReferenceFacts,
-    Rounding,
     advice,
     is_ours,
     scene_errors,
@@ -45,6 +42,7 @@ from pfd_core.report.render.plots import (
     logarithmic,
     save,
 )
+from pfd_core.report.render.records import read
 
 NAME = 'controlled-arm'
 # Of the plot [inch].
@@ -255,26 +253,10 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
     return write(findings, case, folder)
 
 
-def stored(path: Path) -> Findings:
-    """Return the findings of a controlled-arm.json."""
-    data = json.loads(path.read_text(encoding='utf-8'))
-    rows = [ControlledRow(**row | {'left_out': tuple(row['left_out'])}) for row in data['rows']]
-    return Findings(
-        ReferenceFacts(**data['reference']),
-        data['periods'],
-        rows,
-        [Rounding(**one) for one in data['roundings']],
-        data['left_out'],
-        data['ramps'],
-        data['solvers'],
-        data['machine'],
-    )
-
-
 def publish(root: Path) -> list[Path]:
     """Write the page of docs/report/controlled-arm.json, and the block of README.md."""
     folder, readme = root / 'docs' / 'report', root / 'README.md'
-    findings = stored(folder / f'{NAME}.json')
+    findings = read(Findings, folder / f'{NAME}.json')
     text = readme.read_text(encoding='utf-8')
     readme.write_text(filled(text, findings), encoding='utf-8')
     return [*write(findings, stored_arm(), folder), readme]

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import cycle
-import json
 from pathlib import Path
 import re
 from typing import Any
@@ -32,6 +31,7 @@ from pfd_core.report.render.plots import (
     over_joints,
     save,
 )
+from pfd_core.report.render.records import read
 from pfd_core.report.time_tables import (
     NOTES,
     batch_name,
@@ -149,17 +149,10 @@ def run(folder: Path, quick: bool = False, plan: Survey | None = None) -> list[P
     return write(survey(plan or (QUICK if quick else Survey())), folder)
 
 
-def stored(path: Path) -> Findings:
-    """Return the findings of a speed.json."""
-    data = json.loads(path.read_text(encoding='utf-8'))
-    rows, others = ([Row(**row) for row in data[name]] for name in ('rows', 'others'))
-    return Findings(rows, data['left_out'], data['machine'], others)
-
-
 def publish(root: Path) -> list[Path]:
     """Write the page of docs/report/speed.json, and the blocks of README.md and the guide."""
     folder = root / 'docs' / 'report'
-    findings = stored(folder / 'speed.json')
+    findings = read(Findings, folder / 'speed.json')
     paths = write(findings, folder)
     rows = [*findings.rows, *findings.others]
     return [*paths, *headlines.publish(rows, findings.machine, root)]

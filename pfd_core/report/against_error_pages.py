@@ -16,7 +16,7 @@ from pfd_core.report.measure.evaluations import PEERS, CaseFacts, Point
 from pfd_core.report.measure.surroundings import described, surroundings
 from pfd_core.report.measure.timing import Row, show_progress
 from pfd_core.report.measure.work_precision import MotionFacts, RunPoint
-from pfd_core.report.render.markdown import Columns, bullets, grid, lines_of, page, table
+from pfd_core.report.render.markdown import Cells, Columns, bullets, grid, lines_of, page, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import least_and_median, order, short
 
@@ -122,7 +122,7 @@ def _summary(findings: Findings, most: int) -> list[str]:
         if text.startswith(peer.split()[0]) and 'install the extra' in text
     }
     failed = {text.split(': ')[0] for text in findings.left_out if ': failed: ' in text}
-    cells: dict[tuple[str, object], str] = {}
+    cells: Cells = {}
     for case in findings.cases:
         known = {
             (point.way, point.refine): point
@@ -188,12 +188,7 @@ def _case(case: CaseFacts, points: Sequence[Point], sizes: Sequence[int]) -> str
         own.setdefault((point.way, point.dtype, point.refine), {})[point.batch] = point
     lines = []
     for (way, dtype, refine), found in own.items():
-        times = [
-            least_and_median(found[size].minimum, found[size].median)
-            if size in found
-            else 'failed'
-            for size in sizes
-        ]
+        times = [least_and_median(found[size]) if size in found else 'failed' for size in sizes]
         one = next(iter(found.values()))
         units = '' if one.in_units is None else f' ({short(one.in_units)})'
         name = f'{way} (auto)' if way == case.default(refine) else way
@@ -211,9 +206,7 @@ def _or_missing(cell: str, run: RunPoint) -> str:
 RUNS: Columns = {
     'integrator': 'way',
     'step or tolerance': 'setting',
-    'time [ms]': lambda run: (
-        'missing' if run.minimum is None else least_and_median(run.minimum, run.median, 1e3)
-    ),
+    'time [ms]': lambda run: 'missing' if run.minimum is None else least_and_median(run, 1e3),
     'evaluations': lambda run: '-' if run.evaluations is None else f'{run.evaluations:.0f}',
     'trajectory error [rad]': lambda run: _or_missing(order(run.trajectory_error), run),
     'energy error': lambda run: _or_missing(order(run.energy_error), run),

@@ -21,7 +21,7 @@ from pfd_core.report.measure.array_runs import (
 )
 from pfd_core.report.render.array_activity import runs_svg
 from pfd_core.report.render.array_design import CellRules, Design, Stream, designs_svg
-from pfd_core.report.render.markdown import grid, page, table, write_text
+from pfd_core.report.render.markdown import Cells, grid, page, table, write_text
 from pfd_core.report.render.markdown import write as write_page
 
 # The size of Figure 1, which the pictures have.
@@ -62,7 +62,7 @@ def markdown(rows: Sequence[ArrayRun]) -> str:
     )
 
 
-def _busy(n: int) -> dict[tuple[str, object], str]:
+def _busy(n: int) -> Cells:
     """Return the cycles in which each cell acts in RUNS, by row, from the top, and column."""
     counts = [Counter(place for acting in run(n).actions for place in acting) for run in RUNS]
     return {

@@ -99,19 +99,13 @@ def _without(row: ControlledRow) -> str:
     return 'without ' + ', '.join(names[:-1]) + ' and ' * (len(names) > 1) + names[-1]
 
 
-def _milliseconds(row: ControlledRow) -> str:
-    if row.minimum is None or row.median is None:
-        return row.status
-    return least_and_median(row.minimum, row.median, 1e3)
-
-
 ROWS: Columns = {
     'library, integrator, format': 'way',
     'step or tolerance': 'setting',
     'scene': _without,
     'arms': 'arms',
     'friction': lambda row: row.softness or '-',
-    'time': _milliseconds,
+    'time': lambda row: row.status if row.minimum is None else least_and_median(row, 1e3),
     'error': lambda row: '-' if row.error is None else f'{row.error:.1e} / {row.middle:.1e}',
 }
 

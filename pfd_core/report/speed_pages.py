@@ -19,7 +19,7 @@ from pfd_core.report.measure.first_results import FROM_DISK, PROCESS, WORKS
 from pfd_core.report.measure.speed import QUICK, Findings, Survey, survey
 from pfd_core.report.measure.surroundings import described
 from pfd_core.report.measure.timing import Row
-from pfd_core.report.render.markdown import bullets, grid, page
+from pfd_core.report.render.markdown import Cells, bullets, grid, page
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import least_and_median
 from pfd_core.report.render.plots import (
@@ -38,6 +38,8 @@ from pfd_core.report.time_tables import (
     by_work,
     contents,
     difference_cell,
+    factor,
+    fastest,
     limits,
     over_robots,
     share_cell,
@@ -58,6 +60,7 @@ def markdown(findings: Findings) -> str:
     """Return the whole page."""
     rows = findings.rows
     known = dict(by_work(rows))
+    milliseconds = partial(least_and_median, unit=1e3)
     others = page(
         'other-quantities', command=COMMAND, notes=NOTES, summary=summary(findings.others)
     )
@@ -75,7 +78,12 @@ def markdown(findings: Findings) -> str:
         limits=limits(rows),
         process=PROCESS,
         first_results='\n\n'.join(
-            '\n'.join([f'### {work.capitalize()}\n', *over_robots(known[work], _milliseconds)])
+            '\n'.join(
+                [
+                    f'### {work.capitalize()}\n',
+                    *over_robots(known[work], milliseconds),
+                ]
+            )
             for work in PREPARED
             if work in known
         ),
@@ -84,10 +92,6 @@ def markdown(findings: Findings) -> str:
         rollouts=over_robots(far.get('rollout', []), difference_cell),
         excluded=bullets(findings.left_out, 'Nothing.'),
     )
-
-
-def _milliseconds(row: Row) -> str:
-    return least_and_median(row.minimum, row.median, 1e3)
 
 
 def _summary(rows: Sequence[Row]) -> str:
@@ -103,11 +107,11 @@ def _summary(rows: Sequence[Row]) -> str:
         f'{size}, C order': lambda row: row.work == size and 'float64, C' in row.way,
         f'{size}, F order, float32': lambda row: row.work == size and 'float32, F' in row.way,
     }
-    ratios: dict[tuple[str, object], str] = {}
+    ratios: Cells = {}
     for robot in dict.fromkeys(row.robot for row in rows):
         own = [row for row in rows if row.robot == robot and row.way.startswith(tuple(METHODS))]
         for title, fits in columns.items():
-            best = headlines.fastest(filter(fits, own))
+            best = fastest(filter(fits, own))
             ratios[robot, title] = '-' if best is None else _over_pinocchio(best, rows)
         ratios[robot, SHARE] = _share(own, size)
     return page('speed-summary', batch=size, ratios=grid(ratios, 'robot'))
@@ -117,15 +121,14 @@ def _over_pinocchio(own: Row, rows: Sequence[Row]) -> str:
     """Return the time of Pinocchio's fastest way of the same work over ours."""
     same = (row for row in rows if (row.robot, row.work) == (own.robot, own.work))
     ways = (row for row in headlines.peers(same, any_robot=True) if 'inocchio' in row.way)
-    peer = headlines.fastest(ways)
-    return '-' if peer is None else f'{headlines.factor(own, peer):.1f}'
+    peer = fastest(ways)
+    return '-' if peer is None else f'{factor(own, peer):.1f}'
 
 
 def _share(own: Sequence[Row], size: str) -> str:
     """Return the share of the port limit of the fastest kernel in float64."""
     suffix = ', F order'
-    batches = [row for row in own if row.work == size and row.way.endswith(f'float64{suffix}')]
-    best = min(batches, key=lambda row: row.minimum, default=None)
+    best = fastest(row for row in own if row.work == size and row.way.endswith(f'float64{suffix}'))
     name = None if best is None else best.way.removesuffix(suffix)
     limit = (row for row in own if row.work == port_limit.WORK and row.way == name)
     return share_cell(next(limit, None))

@@ -33,18 +33,19 @@ def record_of(kind: Any, data: Any, null: float = math.nan) -> Any:
         return record_of(kind, data, null)
 
     origin, inner = get_origin(kind), get_args(kind)
-    if is_dataclass(kind):
+    if isinstance(kind, type) and is_dataclass(kind):
         types = get_type_hints(kind)
         known = {one.name: data[one.name] for one in fields(kind) if one.name in data}
-        return kind(**{name: inside(types[name], value) for name, value in known.items()})
+        given = {name: inside(types[name], value) for name, value in known.items()}
+        return kind(**given)
     if origin in (Union, UnionType):
         (some,) = (one for one in inner if one is not type(None))
         return None if data is None else inside(some, data)
     if origin in (list, Sequence):
         return [inside(inner[0], value) for value in data]
     if origin is tuple:
-        types = inner[:1] * len(data) if inner[1:] == (...,) else inner
-        return tuple(inside(one, value) for one, value in zip(types, data, strict=True))
+        kinds = inner[:1] * len(data) if inner[1:] == (...,) else inner
+        return tuple(inside(one, value) for one, value in zip(kinds, data, strict=True))
     if origin in (dict, Mapping):
         return {inner[0](key): inside(inner[1], value) for key, value in data.items()}
     return null if kind is float and data is None else data

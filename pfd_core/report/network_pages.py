@@ -38,7 +38,7 @@ from pfd_core.report.measure.network_times import (
     parallel_pays_below,
 )
 from pfd_core.report.measure.processes import in_one_list
-from pfd_core.report.render.markdown import grid, page
+from pfd_core.report.render.markdown import Cells, grid, page
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import (
     BLACK,
@@ -127,9 +127,9 @@ def _recording(one: Recorded) -> str:
     return f'{title_of(one.method)}{edition}{iterations}, {one.packing}'
 
 
-def _at_one_price(recordings: Sequence[Recorded]) -> dict[tuple[str, object], object]:
+def _at_one_price(recordings: Sequence[Recorded]) -> Cells:
     """Return the times of PCRBM's editions for t_r = t_m by edition and network."""
-    cells: dict[tuple[str, object], object] = {}
+    cells: Cells = {}
     for edition in EDITIONS:
         found = of_system(recordings, 'pcrbm', PRINTED_AT, edition)
         for network in NETWORKS:
@@ -150,9 +150,9 @@ def _chosen(one: Recorded) -> str:
     return base + one.packing
 
 
-def _lines(recordings: Sequence[Recorded]) -> dict[tuple[str, object], object]:
+def _lines(recordings: Sequence[Recorded]) -> Cells:
     """Return the time of each recording over t_r."""
-    cells: dict[tuple[str, object], object] = {}
+    cells: Cells = {}
     for one in recordings:
         cells[_recording(one), 'arithmetic'] = f'{one.arithmetic:g}'
         for network in NETWORKS:
@@ -160,7 +160,7 @@ def _lines(recordings: Sequence[Recorded]) -> dict[tuple[str, object], object]:
     return cells
 
 
-def _best_known(recordings: Sequence[Recorded]) -> dict[tuple[str, object], object]:
+def _best_known(recordings: Sequence[Recorded]) -> Cells:
     """Return the time and the packing of the best known recording by network and price."""
     found = of_system(recordings, 'pcrbm', PRINTED_AT)
     return {
@@ -171,11 +171,9 @@ def _best_known(recordings: Sequence[Recorded]) -> dict[tuple[str, object], obje
     }
 
 
-def _packing(
-    recordings: Sequence[Recorded], shown: Sequence[int]
-) -> dict[tuple[str, object], object]:
+def _packing(recordings: Sequence[Recorded], shown: Sequence[int]) -> Cells:
     """Return the prices below which packing pays, by method and network."""
-    cells: dict[tuple[str, object], object] = {}
+    cells: Cells = {}
     for system, methods in SYSTEMS.items():
         for method in methods:
             own = {
@@ -188,11 +186,9 @@ def _packing(
     return cells
 
 
-def _parallel(
-    recordings: Sequence[Recorded], shown: Sequence[int]
-) -> dict[tuple[str, object], object]:
+def _parallel(recordings: Sequence[Recorded], shown: Sequence[int]) -> Cells:
     """Return the prices below which a system is faster than one processor."""
-    cells: dict[tuple[str, object], object] = {}
+    cells: Cells = {}
     for system in SYSTEMS:
         for network in NETWORKS:
             cells[SHORT[system], TITLES[network]] = ' / '.join(
@@ -225,9 +221,7 @@ def _price(value: float) -> str:
     return f'{value:.2f}' if value else 'never'
 
 
-def _fastest(
-    recordings: Sequence[Recorded], sizes: Sequence[int]
-) -> dict[tuple[str, object], object]:
+def _fastest(recordings: Sequence[Recorded], sizes: Sequence[int]) -> Cells:
     """Return the fastest system by network, price and n."""
     return {
         (f'{TITLES[network]}, {price:g}', n): SHORT[
@@ -239,9 +233,9 @@ def _fastest(
     }
 
 
-def _crossovers(recordings: Sequence[Recorded]) -> dict[tuple[str, object], object]:
+def _crossovers(recordings: Sequence[Recorded]) -> Cells:
     """Return the n from which the second system of a contest is faster."""
-    cells: dict[tuple[str, object], object] = {}
+    cells: Cells = {}
     for network in NETWORKS:
         for price in FEW_PRICES:
             for one, other in CONTESTS:
@@ -251,7 +245,7 @@ def _crossovers(recordings: Sequence[Recorded]) -> dict[tuple[str, object], obje
     return cells
 
 
-def _choices(recordings: Sequence[Recorded]) -> dict[tuple[str, object], object]:
+def _choices(recordings: Sequence[Recorded]) -> Cells:
     """Return selects, merges and comparisons of each recording."""
     return {
         (_recording(one), name): getattr(one.choices, name)
@@ -273,12 +267,9 @@ def run(
     iterations: Mapping[int, int], folder: Path, sizes: Sequence[int] = NETWORK_SIZES
 ) -> list[Path]:
     """Measure every recording on every network and write the page; progress to a terminal."""
-    recordings = in_one_list(partial(_recorded_at, iterations), sizes, 'routing at each n')
+    at_each = partial(measure_networks, iterations=iterations)
+    recordings = in_one_list(at_each, sizes, 'routing at each n')
     return write(recordings, folder)
-
-
-def _recorded_at(iterations: Mapping[int, int], n: int) -> list[Recorded]:
-    return list(measure_networks([n], iterations))
 
 
 def write(recordings: Sequence[Recorded], folder: Path) -> list[Path]:

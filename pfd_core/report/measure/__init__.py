@@ -10,9 +10,8 @@ Tools:
 Steps:
 
     counts              steps of every method measured on recorded programs, compared with the
-                        paper (Row)
+                        paper, also on fewer processors than joints (Row)
     network_times       time of every recording on every network (Recorded)
-    processors          steps on fewer processors than joints (OnProcessors)
     convergence         iterations of the iterative methods to converge, and errors after n of them
     claims              sentences of the paper, each checked (Claim, Verdict)
     doubling            recursive doubling executed: moves between lanes, contents of lanes

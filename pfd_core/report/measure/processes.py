@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 import os
 from typing import TypeVar
@@ -40,8 +41,16 @@ def each(
 
 
 def in_one_list(
-    measure: Callable[[Item], Sequence[Found]], items: Sequence[Item], what: str = 'measuring'
+    measure: Callable[[Sequence[Item]], Iterable[Found]], items: Sequence[Item], what: str
 ) -> list[Found]:
-    """Return the measurements of all items, in their order; the last item, the longest, first."""
-    found = list(each(measure, items[::-1], what))
+    """
+    Return the measurements of all items, in their order; the last item, the longest, first.
+
+    `measure` yields the measurements of several items, and gets one at a time.
+    """
+    found = list(each(partial(_of_one, measure), items[::-1], what))
     return [one for some in reversed(found) for one in some]
+
+
+def _of_one(measure: Callable[[Sequence[Item]], Iterable[Found]], item: Item) -> list[Found]:
+    return list(measure([item]))

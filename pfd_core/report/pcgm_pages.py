@@ -22,7 +22,6 @@ from pfd_core.report.measure.pcgm_iterations import (
     Study,
     study,
 )
-from pfd_core.report.measure.timing import show_progress
 from pfd_core.report.render.markdown import Columns, grid, page, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import BLACK, BLUE, GREEN, GREY, ORANGE, over_joints, save
@@ -146,9 +145,7 @@ PRICES: Columns = {
 
 def run(folder: Path, sizes: Sequence[int] = SIZES) -> list[Path]:
     """Measure and write pcgm.md, .json and .png into a folder; progress goes to a terminal."""
-    measured = study(sizes, show_progress)
-    show_progress('')
-    return write(measured, folder)
+    return write(study(sizes), folder)
 
 
 def write(measured: Study, folder: Path) -> list[Path]:

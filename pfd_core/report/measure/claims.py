@@ -28,6 +28,7 @@ from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics
 from pfd_core.machine.program import Steps
 from pfd_core.model import load_robot, resolve
 from pfd_core.report.cases.paper import TABLE, levels, value
+from pfd_core.report.cases.problems import seeded_states
 from pfd_core.report.cases.robots import uniform_chain
 from pfd_core.report.cases.stored import table
 from pfd_core.report.measure.array_runs import measure_array, solve_run
@@ -39,7 +40,7 @@ from pfd_core.report.measure.counts import (
     row,
 )
 from pfd_core.report.measure.doubling import doubling
-from pfd_core.report.measure.pcgm_iterations import errors_of_iterates, seeded_states
+from pfd_core.report.measure.pcgm_iterations import errors_of_iterates
 
 N = 6
 FEW = 20  # states in which iterations are counted

@@ -18,7 +18,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pfd_core.algorithms.paper.literal_array import literal_array
 from pfd_core.algorithms.paper.pcgm_1987 import STEP_16, record_pcgm_1987
@@ -32,12 +31,12 @@ from pfd_core.machine.recorder import Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Robot, Scene, load_robot, resolve
 from pfd_core.report.cases.paper import TABLE, levels, value
-from pfd_core.report.cases.robots import uniform_chain
+from pfd_core.report.cases.problems import SEED, seeded_states
+from pfd_core.report.cases.robots import Array, uniform_chain
 from pfd_core.report.cases.stored import table
 from pfd_core.report.measure.differences import differences
 
-Array = NDArray[Any]
-STATES, SEED = 20, 1987
+STATES = 20
 FEW = 3  # states in 50 digits
 ROUNDING = 1e-12
 
@@ -74,12 +73,6 @@ def robots() -> tuple[Robot, Robot]:
     return load_robot('puma560'), replace(uniform_chain(6), name='sliding6', joint_types=types)
 
 
-def state(count: int = STATES) -> dict[str, Array]:
-    """Return positions, velocities and torques of six joints, (count, 6) each."""
-    unit = 2 * np.random.default_rng(SEED).random((3, count, 6)) - 1
-    return {'q': np.pi * unit[0], 'qd': 2 * unit[1], 'tau': 5 * unit[2]}
-
-
 def errors(found: Array, wanted: Array) -> str:
     """Return the median error of qdd, NaN counted apart."""
     off = differences(found, wanted)
@@ -105,7 +98,7 @@ def pcrbm_error(*misprints: str) -> str:
     """Return the error of qdd of PCRBM with some misprints."""
 
     def effect(robot: Robot) -> str:
-        plant, inputs = resolve(robot), state()
+        plant, inputs = resolve(robot), seeded_states(6, STATES)
         program = record_pcrbm_1987(plant, 'parallel', misprints=misprints)
         wanted = _executed(FORWARD['pcrbm'](plant, 'parallel'), inputs)
         return errors(_executed(program, inputs), wanted)
@@ -117,7 +110,7 @@ def pcgm_error(*misprints: str) -> str:
     """Return the error of qdd of PCGM from an estimate x_0, with some misprints, in 50 digits."""
 
     def effect(robot: Robot) -> str:
-        plant, inputs = resolve(robot), state(FEW)
+        plant, inputs = resolve(robot), seeded_states(6, FEW)
         inputs['start'] = np.random.default_rng(SEED).random((FEW, 6))
         program = record_pcgm_1987(plant, 'parallel', misprints=misprints, start=True)
         wanted = _executed(FORWARD['pcrbm'](plant, 'parallel'), inputs, 50)
@@ -131,8 +124,9 @@ def gravity_error(gravity: float) -> str:
 
     def effect(robot: Robot) -> str:
         scenes = Scene(gravity=(0.0, 0.0, -gravity)), Scene()
+        states = seeded_states(6, STATES)
         found, wanted = (
-            _executed(FORWARD['pcrbm'](resolve(robot, scene), 'parallel'), state())
+            _executed(FORWARD['pcrbm'](resolve(robot, scene), 'parallel'), states)
             for scene in scenes
         )
         return errors(found, wanted)
@@ -163,7 +157,9 @@ def array_status() -> str:
 
     def effect(robot: Robot) -> str:
         program = record_terms(resolve(robot), 'parallel')
-        found = run(program, {'q': state()['q'], 'qd': np.zeros((STATES, 6))})['H']
+        found = run(program, {'q': seeded_states(6, STATES)['q'], 'qd': np.zeros((STATES, 6))})[
+            'H'
+        ]
         status = [literal_array(H).result.status for H in found]
         kinds = (f'{status.count(kind)} {kind.replace("_", " ")}' for kind in sorted(set(status)))
         return ', '.join(kinds)

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from pfd_core.machine.systolic import Place
+from pfd_core.machine.systolic import Place, Trace
 from pfd_core.report.measure.array_runs import (
     CLAIMS,
     SIZES,
@@ -19,7 +19,7 @@ from pfd_core.report.measure.array_runs import (
     measure_array,
     solve_run,
 )
-from pfd_core.report.render.array_activity import runs_svg
+from pfd_core.report.render.array_activity import Label, runs_svg
 from pfd_core.report.render.array_design import CellRules, Design, Stream, designs_svg
 from pfd_core.report.render.markdown import Cells, grid, page, table, write_text
 from pfd_core.report.render.markdown import write as write_page
@@ -117,16 +117,14 @@ def corrected_label(place: Place, cycle: int) -> str:
 def cycles_picture(n: int) -> str:
     """Return both designs at work, cycle by cycle, each cell with its element."""
     literal, corrected = literal_run(n), factor_run(n)
-    runs = {
+    runs: dict[str, tuple[Trace, Label | None]] = {
         f'{TITLES["as printed"]}, {literal.cycles} cycles': (
             literal,
             lambda place, cycle: literal_label(n, place, cycle),
         ),
         f'{TITLES["corrected"]}, {corrected.cycles} cycles': (corrected, corrected_label),
     }
-    return runs_svg(
-        runs, f'Triangular array, n = {n}: the element in each cell, cycle by cycle', 6
-    )
+    return runs_svg(runs, f'Triangular array, n = {n}: the element in each cell, cycle by cycle')
 
 
 def designs_picture(n: int) -> str:

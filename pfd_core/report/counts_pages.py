@@ -38,7 +38,7 @@ from pfd_core.report.network_pages import median_iterations
 from pfd_core.report.network_pages import run as run_networks
 from pfd_core.report.paper_pages import write_errata
 from pfd_core.report.processor_pages import write as write_processors
-from pfd_core.report.render.array_activity import activity_svg
+from pfd_core.report.render.array_activity import runs_svg
 from pfd_core.report.render.markdown import Columns, grid, page, table, write_text
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import over_joints, save
@@ -343,4 +343,4 @@ def solve_picture(n: int) -> str:
     title = (
         f'Triangular array, n = {n}: factorisation and both substitutions, {trace.cycles} cycles'
     )
-    return activity_svg(trace, title)
+    return runs_svg({'': (trace, None)}, title)

@@ -19,12 +19,11 @@ from pfd_core.report.measure.scene_margins import Margin
 from pfd_core.report.measure.scene_needs import (
     TIMED_STEPS,
     WINDOW,
-    EffectRow,
     Needs,
     scene_needs,
 )
 from pfd_core.report.measure.scene_search import MOST_EXHAUSTED, pareto_front
-from pfd_core.report.measure.timing import show_progress
+from pfd_core.report.measure.surroundings import described
 from pfd_core.report.render.markdown import Columns, page, paragraph, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import listed, yes
@@ -53,7 +52,7 @@ def markdown(needs: Needs) -> str:
     return page(
         'scene',
         needs=needs,
-        machine=paragraph(_machine(needs.machine)),
+        machine=paragraph(f'{described(needs.machine)}.'),
         departed=_error(needs.departure),
         kept=listed(small.effects),
         gone=listed(row.name for row in needs.effects if not row.needed),
@@ -79,12 +78,6 @@ def markdown(needs: Needs) -> str:
     )
 
 
-def _machine(machine: dict[str, Any]) -> str:
-    versions = ', '.join(f'{name} {number}' for name, number in machine['versions'].items())
-    load = f'load before the start {machine["load"]}'
-    return '; '.join([machine['processor'], versions, load, machine['date']]) + '.'
-
-
 def _margin(margin: Margin) -> str:
     share = '' if math.isnan(margin.value) else f'{100 * margin.value:.3g} %'
     return MARGINS[margin.kind].format(share=share, value=margin.value, joint=margin.joint)
@@ -103,20 +96,17 @@ def _advice(needs: Needs) -> str:
     unneeded = [row for row in needs.effects if not row.needed]
     small = [row.name for row in unneeded if row.exercised]
     silent = [row for row in needs.effects if not row.exercised]
+    margins = '; '.join(f'{row.name}: {_margin(row.margin)}' for row in silent)
     advice = f'simulate this motion with {listed(needs.smallest.effects)}.'
     if small:
         advice += f' Leave out {listed(small)}, whose error is within the tolerance.'
     if silent:
         advice += (
             f' The motion says nothing about {listed(row.name for row in silent)}, which do not '
-            f'change it ({"; ".join(map(_silence, silent))}): test with a motion that does, or '
+            f'change it ({margins}): test with a motion that does, or '
             'keep them.'
         )
     return f'**Advice**: {advice}'
-
-
-def _silence(row: EffectRow) -> str:
-    return f'{row.name}: {_margin(row.margin)}'
 
 
 def _unless_refused(row: SceneRow, value: object) -> object:
@@ -206,10 +196,8 @@ def run(
     window: float = WINDOW,
     refused: Mapping[str, str] | None = None,
 ) -> list[Path]:
-    """Measure and write the report into a folder; progress goes to a terminal."""
-    needs = scene_needs(
-        robot, scene, motion, tolerance, window=window, refused=refused, progress=show_progress
-    )
+    """Measure and write the report into a folder."""
+    needs = scene_needs(robot, scene, motion, tolerance, window=window, refused=refused)
     return write(needs, folder)
 
 

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import chain, combinations
 import time
 from typing import Any
@@ -33,13 +32,14 @@ from pfd_core.report.contenders.control_loop import (
     CASADI,
     MUJOCO,
     PINOCCHIO,
-    CasadiArm,
-    MujocoArm,
-    PinocchioArm,
     Run,
+    Simulate,
     Softness,
+    casadi_arm,
+    mujoco_arm,
+    pinocchio_arm,
 )
-from pfd_core.report.contenders.drake import DRAKE, DrakeArm
+from pfd_core.report.contenders.drake import DRAKE, drake_arm
 from pfd_core.report.contenders.ours_controlled import adaptive, fixed
 from pfd_core.report.contenders.work import LeftOutError, Side
 from pfd_core.report.measure.surroundings import surroundings
@@ -345,49 +345,32 @@ def _subsets(names: Iterable[str], most: int) -> Iterator[tuple[str, ...]]:
         yield from combinations(known, count)
 
 
+# Other libraries: their ways, and a function that makes the arm.
+PEERS: dict[str, tuple[Iterable[str], Callable[[ControlledArm], Simulate]]] = {
+    'CasADi': ((CASADI,), casadi_arm),
+    'Pinocchio': ((PINOCCHIO,), pinocchio_arm),
+    'MuJoCo': (MUJOCO, mujoco_arm),
+    'Drake': (DRAKE, drake_arm),
+}
+
+
 def _peers(case: ControlledArm, plan: Plan, left_out: list[str]) -> Iterator[_Candidate]:
-    for library, candidates in PEERS.items():
+    for library in PEERS:
         try:
-            yield from candidates(case, plan)
+            yield from _of_peer(library, case, plan)
         except LeftOutError as reason:
             left_out.append(f'{library}: {reason}')
 
 
-def _with_ramps(
-    way: str,
-    make: Callable[[ControlledArm], CasadiArm | PinocchioArm],
-    case: ControlledArm,
-    plan: Plan,
-) -> Iterator[_Candidate]:
-    arm = make(case)
-    for substeps in plan.substeps:
-        runs = [(str(soft), arm.run(substeps, soft)) for soft in plan.ramps]
-        yield _Candidate(ControlledRow(way, case.period / substeps, None), runs)
-
-
-def _mujoco(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
-    arm = MujocoArm(case)
-    for way in MUJOCO:
-        for substeps in plan.substeps:
-            runs = [(str(soft), arm.run(way, substeps, soft)) for soft in plan.solvers]
-            yield _Candidate(ControlledRow(way, case.period / substeps, None), runs)
-
-
-def _drake(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
-    arm = DrakeArm(case)
-    for way in DRAKE:
-        for tolerance in plan.accuracies:
-            ramps = plan.ramps[:DRAKES]
-            runs = [(str(soft), arm.run(way, tolerance, soft)) for soft in ramps]
-            yield _Candidate(ControlledRow(way, None, tolerance), runs)
-
-
-PEERS: dict[str, Callable[[ControlledArm, Plan], Iterator[_Candidate]]] = {
-    'CasADi': partial(_with_ramps, CASADI, CasadiArm),
-    'Pinocchio': partial(_with_ramps, PINOCCHIO, PinocchioArm),
-    'MuJoCo': _mujoco,
-    'Drake': _drake,
-}
+def _of_peer(library: str, case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
+    ways, make = PEERS[library]
+    simulate, adaptive = make(case), library == 'Drake'
+    softnesses = {'MuJoCo': plan.solvers, 'Drake': plan.ramps[:DRAKES]}.get(library, plan.ramps)
+    for way in ways:
+        for setting in plan.accuracies if adaptive else plan.substeps:
+            step, tolerance = (None, setting) if adaptive else (case.period / setting, None)
+            runs = [(str(soft), simulate(way, setting, soft)) for soft in softnesses]
+            yield _Candidate(ControlledRow(way, step, tolerance), runs)
 
 
 def _rounding(case: ControlledArm, plan: Plan, dtype: str) -> Rounding:

@@ -35,11 +35,7 @@ from pfd_core.report.contenders.native import C, address, built, effort_limits, 
 from pfd_core.report.contenders.pinocchio_cpp import NAME as PINOCCHIO_CPP
 from pfd_core.report.contenders.pinocchio_cpp import PinocchioCpp
 
-MUJOCO = {
-    'MuJoCo Euler': 'mjINT_EULER',
-    'MuJoCo implicitfast': 'mjINT_IMPLICITFAST',
-    'MuJoCo RK4': 'mjINT_RK4',
-}
+MUJOCO = ('MuJoCo Euler', 'MuJoCo implicitfast', 'MuJoCo RK4')
 CASADI = 'CasADi RK4'
 PINOCCHIO = f'{PINOCCHIO_CPP} RK4'
 
@@ -143,9 +139,7 @@ def mujoco_arm(case: ControlledArm) -> Simulate:
 
     def simulate(way: str, substeps: float, softness: Softness) -> Run:
         h = case.period / substeps
-        model = peer.model_of(plant)
-        model.opt.timestep = h
-        model.opt.integrator = getattr(mj.mjtIntegrator, MUJOCO[way])
+        model = peer.model_of(plant, way, h)
         if plant.friction is not None:
             model.opt.disableflags &= ~int(mj.mjtDisableBit.mjDSBL_CONSTRAINT)
             model.dof_frictionloss[:] = plant.friction

@@ -132,19 +132,23 @@ def guide_table(rows: Sequence[Row]) -> list[str]:
     return lines_of(titles, lines)
 
 
-def against_strongest(rows: Sequence[Row]) -> list[str]:
-    """Return a table of our fastest ways over the strongest peer, robot by robot."""
+def columns(rows: Sequence[Row]) -> dict[str, tuple[str, str]]:
+    """Return title, work, and how the names of our ways end, of tables over robots."""
     size = batch_name(rows)
-    columns = {
+    return {
         'one bound call': ('call', 'float64: bound'),
         'rollout': ('rollout', 'float64'),
         f'{size}, F order': (size, 'float64, F order'),
         f'{size}, C order': (size, 'float64, C order'),
         f'{size}, F order, float32': (size, 'float32, F order'),
     }
+
+
+def against_strongest(rows: Sequence[Row]) -> list[str]:
+    """Return a table of our fastest ways over the strongest peer, robot by robot."""
     cells: Cells = {}
     for robot in dict.fromkeys(row.robot for row in rows):
-        for title, (work, ending) in columns.items():
+        for title, (work, ending) in columns(rows).items():
             found = compared(rows, robot, FORWARD, work, ending)
             cells[robot, title] = '-'
             if found is not None:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import cycle
@@ -97,21 +97,12 @@ def markdown(findings: Findings) -> str:
 def _summary(rows: Sequence[Row]) -> str:
     """Return a table of our speed-up over Pinocchio's fastest way, robot by robot."""
     size = batch_name(rows)
-    columns: dict[str, Callable[[Row], bool]] = {
-        'call with out=': lambda row: (
-            row.work == 'call' and 'float64: kernel(..., out=)' in row.way
-        ),
-        'bound call': lambda row: row.work == 'call' and 'float64: bound' in row.way,
-        'rollout': lambda row: row.work == 'rollout' and 'float64' in row.way,
-        f'{size}, F order': lambda row: row.work == size and row.way.endswith('float64, F order'),
-        f'{size}, C order': lambda row: row.work == size and 'float64, C' in row.way,
-        f'{size}, F order, float32': lambda row: row.work == size and 'float32, F' in row.way,
-    }
+    columns = {'call with out=': ('call', 'float64: kernel(..., out=)'), **headlines.columns(rows)}
     ratios: Cells = {}
     for robot in dict.fromkeys(row.robot for row in rows):
         own = [row for row in rows if row.robot == robot and row.way.startswith(tuple(METHODS))]
-        for title, fits in columns.items():
-            best = fastest(filter(fits, own))
+        for title, (work, ending) in columns.items():
+            best = fastest(row for row in own if row.work == work and row.way.endswith(ending))
             ratios[robot, title] = '-' if best is None else _over_pinocchio(best, rows)
         ratios[robot, SHARE] = _share(own, size)
     return page('speed-summary', batch=size, ratios=grid(ratios, 'robot'))

@@ -19,17 +19,7 @@ from pfd_core.report.measure.evaluations import Point
 from pfd_core.report.measure.timing import MIDDLE_BATCH, Row
 from pfd_core.report.render.markdown import grid, lines_of, page
 from pfd_core.report.render.numbers import least_and_median, order, short
-from pfd_core.report.render.plots import (
-    BLUE,
-    CASADI,
-    ORANGE,
-    PINOCCHIO,
-    SKY,
-    VERMILLION,
-    logarithmic,
-    marks,
-    save,
-)
+from pfd_core.report.render.plots import CASADI, KERNELS, PINOCCHIO, logarithmic, mark, save
 
 NOTES = page('quantity-notes', step=LINEAR_STEP * 1e3)
 
@@ -193,10 +183,11 @@ def _time_and_error(rows: Sequence[Row], way: str, batch: str) -> list[str]:
 
 # Beginning of a contender's name: colour and marker; the first that fits is taken.
 STYLES = {
-    'pfd float64 refined': (BLUE, 'o'),
-    'pfd float64': (SKY, 'o'),
-    'pfd float32 refined': (VERMILLION, '^'),
-    'pfd float32': (ORANGE, '^'),
+    **{
+        f'pfd {dtype}{" refined" * refine}': KERNELS[dtype, refine]
+        for dtype in ('float64', 'float32')
+        for refine in (1, 0)
+    },
     'pinocchio': (PINOCCHIO, 's'),
     'CasADi': (CASADI, '*'),
 }
@@ -240,9 +231,9 @@ def _draw(
     figure.supylabel(f'time of a state, {batch} [ns]')
     figure.suptitle('Time against error, one thread. Down and left is better.')
     seen = {_style(contender(row)) for row in rows if row.error is not None}
-    entries = marks(
-        (*style, LABELS.get(label, label)) for label, style in STYLES.items() if label in seen
-    )
+    entries = [
+        mark(*style, LABELS.get(label, label)) for label, style in STYLES.items() if label in seen
+    ]
     figure.legend(handles=entries, loc='outside lower center', ncols=6, frameon=False)
 
 

@@ -152,7 +152,6 @@ def _place(point: Point) -> tuple[float, float] | None:
 
 
 def _explain(axes: Any, points: Sequence[Point]) -> None:
-    """Draw the legend into a separate panel."""
     seen = {point.way for point in points}
     entries = [
         mark(*style, f'pfd, {dtype}{", refined once" * refine}', markersize=7)

@@ -92,7 +92,6 @@ LEFT = 0.2
 
 
 def _without(row: ControlledRow) -> str:
-    """Return the scene of a row in words."""
     if not row.left_out:
         return 'all effects'
     names = [LEAVES[name] for name in row.left_out]
@@ -155,7 +154,6 @@ def summary(findings: Findings) -> str:
 
 
 def _others(whole: Sequence[ControlledRow]) -> str:
-    """Return a sentence about the other libraries."""
     peers = [row for row in whole if not is_ours(row)]
     if not peers:
         return 'No other library was measured.'
@@ -180,7 +178,6 @@ def _differing(rows: Sequence[list[str]]) -> list[list[str]]:
 
 
 def _advised(one: Advice) -> list[str]:
-    """Return a row of the table of advice."""
     cells = [f'{one.tolerance:g}']
     if one.one is None or one.one.minimum is None:
         cells += ['-', 'none', '-']

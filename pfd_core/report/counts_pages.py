@@ -257,7 +257,6 @@ CONVERGENCE: Columns = {
 
 
 def _cost(found: Convergence, count: Callable[[Row], int]) -> str:
-    """Return a count from the fewest to the most iterations."""
     few, many = (count(counts_of(found.system, found.n, k)) for k in (found.least, found.most))
     return str(few) if few == many else f'{few} to {many}'
 

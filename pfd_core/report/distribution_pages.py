@@ -96,7 +96,6 @@ def summary(found: Findings) -> str:
 
 
 def _some(boxes: Sequence[Box], quantity: str, way: str) -> list[Box]:
-    """Return the boxes of a way in float64."""
     wanted = (quantity, way, 'float64')
     return [box for box in boxes if (box.quantity, box.way, box.dtype) == wanted]
 

@@ -222,7 +222,6 @@ def _methods(results: Sequence[Result], dtype: str) -> list[str]:
 
 
 def _peers(results: Sequence[Result]) -> list[str]:
-    """Return the table of peers and of the kernel without and with refinement."""
     installed = {row.way for one in results for row in one.methods}
     lines = []
     for one in results:
@@ -372,7 +371,6 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
 
 
 def _measured(item: Case | Part) -> Any:
-    """Return the result of a case, or the rows of a part of the survey."""
     return measure(item) if isinstance(item, Case) else tuple(item())
 
 

@@ -116,7 +116,6 @@ def _listed(values: Iterable[float]) -> str:
 
 
 def _recording(one: Recorded) -> str:
-    """Return the name of a recording in a table."""
     edition = f', {one.edition}' if one.system in PROCEDURES else ''
     if one.system == ONE_PROCESSOR:
         return f'{title_of(one.method)}, one processor'
@@ -145,13 +144,11 @@ def _at_one_price(recordings: Sequence[Recorded]) -> Cells:
 
 
 def _chosen(one: Recorded) -> str:
-    """Return the choice among the recordings of a system."""
     base = 'base origin, ' if one.method == 'pcrbm_base_origin' else ''
     return base + one.packing
 
 
 def _lines(recordings: Sequence[Recorded]) -> Cells:
-    """Return the time of each recording over t_r."""
     cells: Cells = {}
     for one in recordings:
         cells[_recording(one), 'arithmetic'] = f'{one.arithmetic:g}'
@@ -205,7 +202,6 @@ def _parallel(recordings: Sequence[Recorded], shown: Sequence[int]) -> Cells:
 
 
 def _alone(recordings: Sequence[Recorded], n: int) -> float:
-    """Return the time of one processor."""
     (one,) = of_system(recordings, ONE_PROCESSOR, n)
     return one.arithmetic
 
@@ -222,7 +218,6 @@ def _price(value: float) -> str:
 
 
 def _fastest(recordings: Sequence[Recorded], sizes: Sequence[int]) -> Cells:
-    """Return the fastest system by network, price and n."""
     return {
         (f'{TITLES[network]}, {price:g}', n): SHORT[
             fastest_system(recordings, n, network, price)[0]
@@ -246,7 +241,6 @@ def _crossovers(recordings: Sequence[Recorded]) -> Cells:
 
 
 def _choices(recordings: Sequence[Recorded]) -> Cells:
-    """Return selects, merges and comparisons of each recording."""
     return {
         (_recording(one), name): getattr(one.choices, name)
         for one in recordings

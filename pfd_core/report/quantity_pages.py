@@ -69,7 +69,6 @@ def markdown(findings: Findings, quantity: str, references: int = 0) -> str:
 
 
 def _speed_tables(rows: Sequence[Row]) -> str:
-    """Return tables of all ways over the robots, work by work."""
     calls = [row for row in rows if row.work == 'call' and row.difference is not None]
     difference = ['## Difference from Pinocchio\n', 'max|difference| / max|entry| of a state.\n']
     difference += over_robots(calls, difference_cell)

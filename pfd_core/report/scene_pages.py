@@ -92,7 +92,6 @@ def _bare(bare: SceneRow) -> str:
 
 
 def _advice(needs: Needs) -> str:
-    """Return what to simulate this motion with, and what it says nothing about."""
     unneeded = [row for row in needs.effects if not row.needed]
     small = [row.name for row in unneeded if row.exercised]
     silent = [row for row in needs.effects if not row.exercised]

@@ -109,7 +109,6 @@ def _summary(rows: Sequence[Row]) -> str:
 
 
 def _over_pinocchio(own: Row, rows: Sequence[Row]) -> str:
-    """Return the time of Pinocchio's fastest way of the same work over ours."""
     same = (row for row in rows if (row.robot, row.work) == (own.robot, own.work))
     ways = (row for row in headlines.peers(same, any_robot=True) if 'inocchio' in row.way)
     peer = fastest(ways)
@@ -117,7 +116,6 @@ def _over_pinocchio(own: Row, rows: Sequence[Row]) -> str:
 
 
 def _share(own: Sequence[Row], size: str) -> str:
-    """Return the share of the port limit of the fastest kernel in float64."""
     suffix = ', F order'
     best = fastest(row for row in own if row.work == size and row.way.endswith(f'float64{suffix}'))
     name = None if best is None else best.way.removesuffix(suffix)

@@ -169,12 +169,10 @@ def contender(row: Row) -> str:
 
 
 def _least(rows: Sequence[Row], way: str, work: str) -> Row | None:
-    """Return the fastest row of a contender at a work."""
     return fastest(row for row in rows if row.work == work and contender(row) == way)
 
 
 def _time_and_error(rows: Sequence[Row], way: str, batch: str) -> list[str]:
-    """Return the least times of a contender and its largest error."""
     found = [_least(rows, way, work) for work in ('call', batch)]
     errors = [row.error for row in rows if contender(row) == way and row.error is not None]
     times = ['-' if row is None else least_and_median(row) for row in found]

@@ -89,7 +89,6 @@ def _library(n: int) -> ctypes.CDLL:
 
 
 def _run(case: ControlledArm, advance: Any, arm: Any, substeps: int) -> Run:
-    """Return a run of the loop in C around the native function advance(arm, ...)."""
     q, qd = np.empty((2, case.robot.n))
     law = np.concatenate([case.kp, case.kd])
     reference = np.ascontiguousarray(np.hstack([case.taus, case.q, case.qd]))

@@ -317,7 +317,6 @@ def _program(
 def _net(
     program: Program, processors: int | None, iterations: int, network: str = 'crossbar'
 ) -> Steps:
-    """Return the steps of a program without the sections GIVEN."""
     counted = tuple(one for one in program.instructions if one.section not in GIVEN)
     return replace(program, instructions=counted).count(
         processors, iterations=iterations, network=network

@@ -73,7 +73,6 @@ def _names(traces: Sequence[Trace]) -> list[str]:
 def _frame(
     trace: Trace, n: int, t: int, at: tuple[float, float], size: float, label: Label | None
 ) -> Iterator[str]:
-    """Draw all cells in cycle t + 1."""
     acting = trace.actions[t]
     yield f'<g transform="translate({at[0]:g} {at[1]:g})">'
     yield text(0, 12, f'cycle {t + 1}')
@@ -96,7 +95,6 @@ def _legend(names: list[str]) -> Iterator[str]:
 
 
 def _cell(place: Place, n: int, action: str | None, size: float) -> str:
-    """Return one cell: a circle on the diagonal and a square elsewhere."""
     row, column = place
     x, y = (column - 1) * size, LINE + (n - row) * size
     fill = 'none' if action is None else ACTIONS.get(action, OTHER)

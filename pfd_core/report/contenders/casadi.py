@@ -31,7 +31,7 @@ from pfd_core.model import Plant, Robot, resolve
 from pfd_core.report.cases.quantities import FORWARD, argument_names
 from pfd_core.report.cases.robots import Array, joint_frames
 from pfd_core.report.cases.stored import text
-from pfd_core.report.contenders.native import C, address, built
+from pfd_core.report.contenders.native import C, address, built, torques_if_any
 from pfd_core.report.contenders.work import (
     Contender,
     Contents,
@@ -261,7 +261,7 @@ class Casadi(Contender):
         C.path()
         if quantity not in ALGORITHMS:
             raise LeftOutError('not implemented with CasADi here')
-        plant = robot if isinstance(robot, Plant) else resolve(robot, None)
+        plant = self.plant = robot if isinstance(robot, Plant) else resolve(robot, None)
         robot, forward = plant.robot, quantity == FORWARD
         if forward and robot.n > LARGEST:
             raise LeftOutError(
@@ -283,10 +283,13 @@ class Casadi(Contender):
         # Arrays whose addresses native code holds.
         self.kept: list[object] = []
 
-    def rollout(self, step: float, q: Array, qd: Array, taus: Array) -> partial[None]:
-        """Return a call that moves q and qd, (n,), in place, a step for each row of taus."""
-        steps = (ctypes.c_longlong(len(taus)), ctypes.c_longlong(1), ctypes.c_double(step))
-        return partial(self.library.rollout, None, *steps, *map(address, (q, qd, taus)))
+    def rollout(
+        self, step: float, q: Array, qd: Array, taus: Array, substeps: int = 1
+    ) -> partial[None]:
+        """Return a call that moves q and qd, (n,), in place, as PinocchioCpp.rollout does."""
+        steps = (ctypes.c_longlong(len(taus)), ctypes.c_longlong(substeps), ctypes.c_double(step))
+        effects, *arrays = map(address, (torques_if_any(self.plant), q, qd, taus))
+        return partial(self.library.rollout, effects, *steps, *arrays)
 
     def _calls(self, work: Work) -> Iterator[Side]:
         given = [np.array(x) for x in work.arguments(self.quantity)]

@@ -31,7 +31,7 @@ from pfd_core.report.cases.robots import Array
 from pfd_core.report.cases.stored import text
 from pfd_core.report.contenders.casadi import Casadi
 from pfd_core.report.contenders.mujoco import Mujoco
-from pfd_core.report.contenders.native import C, address, built, effort_limits, joint_torques
+from pfd_core.report.contenders.native import C, address, built, effort_limits, torques_if_any
 from pfd_core.report.contenders.pinocchio_cpp import NAME as PINOCCHIO_CPP
 from pfd_core.report.contenders.pinocchio_cpp import PinocchioCpp
 
@@ -113,7 +113,7 @@ def casadi_arm(case: ControlledArm) -> Simulate:
     peer = Casadi(case.plant)
 
     def simulate(way: str, substeps: float, softness: Softness) -> Run:
-        effects = address(joint_torques(case.plant, softness.width))
+        effects = address(torques_if_any(case.plant, softness.width))
         return _run(case, peer.library.rollout, effects, int(substeps))
 
     return simulate

@@ -95,3 +95,9 @@ def joint_torques(plant: Plant, width: float) -> Array:
     zero = np.zeros(plant.robot.n)
     damping, friction = (zero if x is None else x for x in (plant.viscosity, plant.friction))
     return np.array([effort_limits(plant), damping, friction, zero + (width or 1.0)])
+
+
+def torques_if_any(plant: Plant, width: float = 0.0) -> Array | None:
+    """Return `joint_torques`; None for a plant without limits, damping and friction."""
+    plain = plant.effort_limits is plant.viscosity is plant.friction is None
+    return None if plain else joint_torques(plant, width)

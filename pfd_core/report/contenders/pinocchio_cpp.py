@@ -23,7 +23,7 @@ import numpy as np
 from pfd_core.model import Plant, Robot, resolve
 from pfd_core.report.cases.robots import Array, joint_frames
 from pfd_core.report.cases.stored import text
-from pfd_core.report.contenders.native import CPP, address, built, joint_torques
+from pfd_core.report.contenders.native import CPP, address, built, torques_if_any
 from pfd_core.report.contenders.work import (
     Contender,
     Contents,
@@ -83,12 +83,10 @@ class PinocchioCpp(Contender):
         kinds = np.array([kind == 'prismatic' for kind in plant.robot.joint_types], np.int32)
         # In the axes of the world, in which joint_frames are.
         gravity = plant.robot.base_rotation @ plant.gravity
-        plain = plant.effort_limits is plant.viscosity is plant.friction is None
-        torques = None if plain else joint_torques(plant, width)
         numbers = (rotations, origins, plant.robot.masses, centers, inertias, gravity)
         given = [
             None if x is None else np.ascontiguousarray(x, float)
-            for x in (*numbers, plant.inertia, torques)
+            for x in (*numbers, plant.inertia, torques_if_any(plant, width))
         ]
         self.arm = _Arm(self.library.make(self.n, address(kinds), *map(address, given)))
         weakref.finalize(self.arm, self.library.release, ctypes.c_void_p(self.arm.value))

@@ -17,18 +17,17 @@ it, or an angle is off by more than LOST. All others take turns in one process.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-import ctypes
 from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
+from pfd_core.model import Plant
 from pfd_core.report.cases.motions import FREE, MOTIONS, Motion
 from pfd_core.report.cases.robots import Array
 from pfd_core.report.contenders.casadi import Casadi
 from pfd_core.report.contenders.control_loop import CASADI, PINOCCHIO
 from pfd_core.report.contenders.mujoco import INTEGRATORS, Mujoco
-from pfd_core.report.contenders.native import address, joint_torques
 from pfd_core.report.contenders.pinocchio_cpp import PinocchioCpp
 from pfd_core.report.contenders.work import LeftOutError, Side
 from pfd_core.report.measure.energies import SAMPLES, Reference, interval, reference
@@ -212,31 +211,21 @@ def _of_mujoco(motion: Motion, plan: Plan) -> Iterator[Run]:
             yield Run(way, step, None, _mujoco(peer, motion, way, step))
 
 
-def _of_casadi(motion: Motion, plan: Plan) -> Iterator[Run]:
-    rollout = Casadi(motion.plant).library.rollout
-    effects, taus = joint_torques(motion.plant, 0.0), np.zeros((1, motion.robot.n))
+def _of_native(
+    way: str, make: Callable[[Plant], Casadi | PinocchioCpp], motion: Motion, plan: Plan
+) -> Iterator[Run]:
+    peer, n = make(motion.plant), motion.robot.n
     for step in plan.steps:
-        q, qd = np.empty((2, motion.robot.n))
+        q, qd = np.empty((2, n))
         substeps = round(interval(motion) / step)
-        counts = (ctypes.c_longlong(1), ctypes.c_longlong(substeps), ctypes.c_double(step))
-        advance = partial(rollout, address(effects), *counts, *map(address, (q, qd, taus)))
-        yield Run(CASADI, step, None, _native(motion, advance, q, qd, substeps))
-
-
-def _of_pinocchio(motion: Motion, plan: Plan) -> Iterator[Run]:
-    peer = PinocchioCpp(motion.plant)
-    taus = np.zeros((1, motion.robot.n))
-    for step in plan.steps:
-        q, qd = np.empty((2, motion.robot.n))
-        substeps = round(interval(motion) / step)
-        advance = peer.rollout(step, q, qd, taus, substeps)
-        yield Run(PINOCCHIO, step, None, _native(motion, advance, q, qd, substeps))
+        advance = peer.rollout(step, q, qd, np.zeros((1, n)), substeps)
+        yield Run(way, step, None, _native(motion, advance, q, qd, substeps))
 
 
 PEERS: dict[str, Callable[[Motion, Plan], Iterator[Run]]] = {
     'MuJoCo': _of_mujoco,
-    CASADI: _of_casadi,
-    PINOCCHIO: _of_pinocchio,
+    CASADI: partial(_of_native, CASADI, Casadi),
+    PINOCCHIO: partial(_of_native, PINOCCHIO, PinocchioCpp),
 }
 
 

@@ -18,7 +18,7 @@ from pfd_core.report.against_error_pages import Findings, markdown, write
 from pfd_core.report.cases.hard_cases import CASES, ROUNDING
 from pfd_core.report.measure import evaluations, work_precision
 from pfd_core.report.measure.errors import kernel_answer, peer_answers
-from pfd_core.report.measure.evaluations import CaseFacts, Plan, Point, measure
+from pfd_core.report.measure.evaluations import Plan, Point, TimedCase, measure
 from pfd_core.report.measure.reference import errors, kappa_s, reference
 from pfd_core.report.measure.timing import Pace
 from pfd_core.report.measure.work_precision import MotionFacts, RunPoint
@@ -37,8 +37,8 @@ TINY = Plan(
 )
 PAGES = Findings(
     cases=[
-        CaseFacts(
-            NAME, 'coaxial', 3, 1, 'composite_body', 'composite_body', 7e11, 2.0, 6e-41, 1e-41
+        TimedCase(
+            NAME, 'coaxial', 3, 1, 7e11, 2.0, 6e-41, 1e-41, 'composite_body', 'composite_body'
         )
     ],
     points=[
@@ -65,13 +65,13 @@ PAGES = Findings(
 
 
 @pytest.fixture(scope='module')
-def measured() -> tuple[CaseFacts, list[Point]]:
+def measured() -> tuple[TimedCase, list[Point]]:
     facts, found, _ = measure(NAME, TINY)
     return facts, found
 
 
 @pytest.fixture(scope='module')
-def points(measured: tuple[CaseFacts, list[Point]]) -> list[Point]:
+def points(measured: tuple[TimedCase, list[Point]]) -> list[Point]:
     return measured[1]
 
 
@@ -83,7 +83,7 @@ def test_the_report_has_every_method_and_cases_of_the_table() -> None:
 
 @pytest.mark.slow
 def test_every_method_format_and_refinement_has_a_point_for_every_batch(
-    measured: tuple[CaseFacts, list[Point]],
+    measured: tuple[TimedCase, list[Point]],
 ) -> None:
     facts, points = measured
     ours = [(p.way, p.dtype, p.refine, p.batch) for p in points if p.way in TINY.methods]

@@ -12,7 +12,7 @@ from typing import Any
 from pfd_core.report import against_error_plots, time_tables
 from pfd_core.report.measure import evaluations, port_limit, quantity_rows, work_precision
 from pfd_core.report.measure.energies import SAMPLES
-from pfd_core.report.measure.evaluations import PEERS, CaseFacts, Point
+from pfd_core.report.measure.evaluations import PEERS, Point, TimedCase
 from pfd_core.report.measure.surroundings import described, surroundings
 from pfd_core.report.measure.timing import Row, show_progress
 from pfd_core.report.measure.work_precision import MotionFacts, RunPoint
@@ -35,7 +35,7 @@ class Findings:
     `quantities` are rows of quantities other than forward dynamics.
     """
 
-    cases: list[CaseFacts] = field(default_factory=list)
+    cases: list[TimedCase] = field(default_factory=list)
     points: list[Point] = field(default_factory=list)
     motions: list[MotionFacts] = field(default_factory=list)
     runs: list[RunPoint] = field(default_factory=list)
@@ -166,7 +166,7 @@ def _grouped(left_out: Sequence[str]) -> Iterator[str]:
         yield f'{way} at {", ".join(at)}: {reason}'
 
 
-def _case(case: CaseFacts, points: Sequence[Point], sizes: Sequence[int]) -> str:
+def _case(case: TimedCase, points: Sequence[Point], sizes: Sequence[int]) -> str:
     """Return the section of a case: a row for each way."""
     points = [point for point in points if point.case == case.name]
     other = '' if case.refined == case.auto else f', refined {case.refined}'

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pfd_core.report.cases.hard_cases import ROUNDING
-from pfd_core.report.measure.evaluations import NATIVE, PEERS, CaseFacts, Point
+from pfd_core.report.measure.evaluations import NATIVE, PEERS, Point, TimedCase
 from pfd_core.report.measure.work_precision import WAYS, MotionFacts, RunPoint
 from pfd_core.report.render.plots import (
     BLACK,
@@ -65,7 +65,7 @@ LEAST = 1e-2
 
 
 def write(
-    cases: Sequence[CaseFacts],
+    cases: Sequence[TimedCase],
     points: Sequence[Point],
     motions: Sequence[MotionFacts],
     runs: Sequence[RunPoint],
@@ -84,7 +84,7 @@ def write(
 
 
 def _draw_cases(
-    cases: Sequence[CaseFacts], points: Sequence[Point], size: int, figure: Any
+    cases: Sequence[TimedCase], points: Sequence[Point], size: int, figure: Any
 ) -> None:
     points = _shown(points)
     rows = -(-(len(cases) + 1) // COLUMNS)
@@ -111,7 +111,7 @@ def _shown(points: Sequence[Point]) -> list[Point]:
     return [point for point in points if not (native and point.loop == 'Python')]
 
 
-def _draw_case(axes: Any, case: CaseFacts, points: Sequence[Point]) -> None:
+def _draw_case(axes: Any, case: TimedCase, points: Sequence[Point]) -> None:
     """Draw the points of a case; a line leads from the default method to its refined answer."""
     axes.set_title(f'{case.name} (n = {case.n})', fontsize=10)
     logarithmic(axes)

@@ -103,8 +103,8 @@ class MethodRow:
 
 
 @dataclass(frozen=True)
-class Result:
-    """Everything measured at a case; `held_out` are rows at states of the seed HELD_OUT."""
+class CaseFacts:
+    """A case with its condition numbers and the certificate of its reference."""
 
     name: str
     cause: str
@@ -114,6 +114,28 @@ class Result:
     kappa_s: float
     difference: float
     residual: float
+
+
+def facts_of(
+    case: Case, problem: Problem, known: Reference, conditions: tuple[Array, Array]
+) -> dict[str, Any]:
+    """Return the fields of CaseFacts; conditions are kappa_s and kappa_j."""
+    return {
+        'name': case.name,
+        'cause': case.cause,
+        'n': problem.plant.robot.n,
+        'states': len(known.qdd),
+        'kappa_j': float(conditions[1].max()),
+        'kappa_s': float(conditions[0].max()),
+        'difference': known.difference,
+        'residual': known.residual,
+    }
+
+
+@dataclass(frozen=True)
+class Result(CaseFacts):
+    """Everything measured at a case; `held_out` are rows at states of the seed HELD_OUT."""
+
     kernels: tuple[KernelRow, ...]
     methods: tuple[MethodRow, ...]
     held_out: tuple[KernelRow, ...] = ()
@@ -183,14 +205,7 @@ def measure(case: Case) -> Result:
         MethodRow(name, 'float64', 0, worst(found, known)) for name, found in peer_answers(problem)
     ]
     return Result(
-        name=case.name,
-        cause=case.cause,
-        n=n,
-        states=len(known.qdd),
-        kappa_j=float(conditions[1].max()),
-        kappa_s=float(conditions[0].max()),
-        difference=known.difference,
-        residual=known.residual,
+        **facts_of(case, problem, known, conditions),
         kernels=tuple(kernel_rows(problem, known, conditions)),
         methods=tuple(others),
         held_out=held_out(case),

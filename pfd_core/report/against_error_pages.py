@@ -235,11 +235,7 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
 
 
 def write(findings: Findings, folder: Path) -> list[Path]:
-    """
-    Write the page, its JSON and the plots as PNG and SVG, and return their paths.
-
-    The plots are skipped if matplotlib (extra `report`) is not installed.
-    """
+    """Write the page, its JSON and the plots as PNG and SVG, and return their paths."""
     return [
         *write_page(folder, NAME, markdown(findings), findings),
         *against_error_plots.write(

@@ -259,11 +259,7 @@ def filled(text: str, findings: Findings) -> str:
 
 
 def write(findings: Findings, case: ControlledArm, folder: Path) -> list[Path]:
-    """
-    Write the page, its JSON and the plot as PNG and SVG, and return their paths.
-
-    The plot is skipped if matplotlib (extra `report`) is not installed.
-    """
+    """Write the page, its JSON and the plot as PNG and SVG, and return their paths."""
     return [
         *write_page(folder, NAME, markdown(findings, case), findings),
         *save(partial(_draw, findings), folder, NAME, SIZE),

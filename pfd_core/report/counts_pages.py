@@ -293,12 +293,7 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
 
 
 def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) -> list[Path]:
-    """
-    Write counts.md and .json, a plot, counts.png, the array at work, array.svg, and errata.md.
-
-    The plot is skipped if matplotlib (extra `report`) is not installed. `run` also writes the
-    pages of pfd_core.report.processor_pages.
-    """
+    """Write counts.md, .json and .png, the array at work, array.svg, and errata.md."""
     data = {
         'counts': rows,
         'parts': list(counted_parts(PRINTED_AT)),

@@ -267,11 +267,7 @@ def run(
 
 
 def write(recordings: Sequence[Recorded], folder: Path) -> list[Path]:
-    """
-    Write networks.md and .json, and plots of time over t_r/t_m at each n of DRAWN measured.
-
-    The plots are skipped if matplotlib (extra `report`) is not installed.
-    """
+    """Write networks.md and .json, and plots of time over t_r/t_m at each n of DRAWN measured."""
     pages = write_page(folder, 'networks', markdown(recordings), {'recordings': recordings})
     for n in sorted({one.n for one in recordings} & set(DRAWN)):
         draw = partial(_draw, recordings, n)

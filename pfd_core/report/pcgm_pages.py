@@ -149,7 +149,7 @@ def run(folder: Path, sizes: Sequence[int] = SIZES) -> list[Path]:
 
 
 def write(measured: Study, folder: Path) -> list[Path]:
-    """Write the page, its data and its plot, which is skipped without matplotlib."""
+    """Write the page, its data and its plot."""
     pages = write_page(folder, 'pcgm', markdown(measured), measured)
     return [*pages, *save(partial(_draw, Found(measured)), folder, 'pcgm', (12, 5), ['png'])]
 

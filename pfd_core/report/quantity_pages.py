@@ -91,8 +91,7 @@ def write(findings: Findings, folder: Path, quantity: str, references: int = 0) 
     """
     Write the page, its JSON and a plot, and return their paths.
 
-    The plot is over n as PNG, or with references over errors as PNG and SVG; it is skipped where
-    matplotlib (extra `report`) is not installed.
+    The plot is over n as PNG, or with references over errors as PNG and SVG.
     """
     name = f'speed-{"against-error-" * bool(references)}{quantity}'
     pages = write_page(folder, name, markdown(findings, quantity, references), findings)

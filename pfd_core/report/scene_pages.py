@@ -213,9 +213,6 @@ def write(needs: Needs, folder: Path) -> list[Path]:
     Write scene.md, scene.json, scene.yaml, scene.png and scene.svg, and return their paths.
 
     scene.yaml is the smallest scene, as `load_scene` reads it.
-
-    The plots are skipped if matplotlib (extra `report`) is not installed. A number that is
-    not finite is null in the JSON.
     """
     folder.mkdir(parents=True, exist_ok=True)
     pictures = save(partial(_draw, needs), folder, 'scene', (9, 6))

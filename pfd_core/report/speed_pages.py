@@ -151,11 +151,7 @@ def publish(root: Path) -> list[Path]:
 
 
 def write(findings: Findings, folder: Path) -> list[Path]:
-    """
-    Write speed.md, speed.json and a plot, speed.png, and return their paths.
-
-    The plot is skipped if matplotlib (extra `report`) is not installed.
-    """
+    """Write speed.md, speed.json and a plot, speed.png, and return their paths."""
     pages = write_page(folder, 'speed', markdown(findings), findings)
     return [*pages, *plot(findings.rows, folder, 'speed')]
 

@@ -13,7 +13,7 @@ import re
 from typing import Any
 
 from pfd_core.report.cases.controlled_arm import ControlledArm, stored_arm
-from pfd_core.report.contenders.control_loop import CASADI, MUJOCO, PINOCCHIO
+from pfd_core.report.contenders.control_loop import IN_CASADI, MUJOCO, PINOCCHIO
 from pfd_core.report.contenders.drake import DRAKE
 from pfd_core.report.measure import controlled_motion
 from pfd_core.report.measure.controlled_motion import (
@@ -48,7 +48,7 @@ from pfd_core.report.render.plots import (
 
 NAME = 'controlled-arm'
 # Of the plot [inch].
-SIZE = (9.0, 7.0)
+SIZE = (10.0, 7.0)
 NATIVE = 'one call of `Ensemble.rollout`: controller, steps and loop in native code'
 IN_C = 'controller and loop in C; in each period {}'
 RAMP, SOFT = 'ramp', 'soft constraint'
@@ -62,7 +62,10 @@ CONTENTS: Mapping[str, tuple[str, str]] = {
         'a loop in Python: the controller in NumPy and one call of `integrate` in each period',
         'resolved by events',
     ),
-    CASADI: (IN_C.format("steps in C around CasADi's C, compiled with -O3 -march=native"), RAMP),
+    **dict.fromkeys(
+        IN_CASADI,
+        (IN_C.format("steps in C around CasADi's C, compiled with -O3 -march=native"), RAMP),
+    ),
     PINOCCHIO: (
         IN_C.format('steps in C++ around `pinocchio::aba`, compiled with -O3 -march=native'),
         RAMP,
@@ -75,11 +78,15 @@ CONTENTS: Mapping[str, tuple[str, str]] = {
 # Way: colour, marker, line and name in the plot.
 STYLES: Mapping[str, tuple[str, str, str, str]] = {
     'pfd rk4 float64': (FLOAT64, 'o', '-', 'pfd rk4, float64'),
+    'pfd velocity_verlet float64': (FLOAT64, '>', '-.', 'pfd velocity_verlet, float64'),
     'pfd imex2 float64': (FLOAT64, 's', '--', 'pfd imex2, float64'),
-    ADAPTIVE: (FLOAT64, '*', '', 'pfd dop853 (adaptive; code of the reference)'),
+    ADAPTIVE: (FLOAT64, '*', '', 'pfd dop853 (code of the reference)'),
     'pfd rk4 float32': (FLOAT32, '^', '-', 'pfd rk4, float32'),
+    'pfd velocity_verlet float32': (FLOAT32, '<', '-.', 'pfd velocity_verlet, float32'),
     'pfd imex2 float32': (FLOAT32, 'v', '--', 'pfd imex2, float32'),
-    CASADI: (plots.CASADI, 'P', '-', 'CasADi, RK4 in C'),
+    'CasADi RK4': (plots.CASADI, 'P', '-', 'CasADi, RK4 in C'),
+    'CasADi Verlet': (plots.CASADI, 'X', '-.', 'CasADi, Verlet in C'),
+    'CasADi Euler': (plots.CASADI, 'd', ':', 'CasADi, Euler in C'),
     PINOCCHIO: (plots.PINOCCHIO, 'D', '-', 'Pinocchio, RK4 in C++'),
     'MuJoCo Euler': (plots.MUJOCO, '<', ':', 'MuJoCo Euler'),
     'MuJoCo implicitfast': (plots.MUJOCO, '>', '--', 'MuJoCo implicitfast'),
@@ -88,6 +95,7 @@ STYLES: Mapping[str, tuple[str, str, str, str]] = {
     'Drake RK5': (plots.DRAKE, 'd', '--', 'Drake RK5 (adaptive)'),
     'Drake Radau3': (plots.DRAKE, 'p', ':', 'Drake Radau3 (adaptive)'),
 }
+LAST_OF_OURS = 'pfd imex2 float32'
 BLOCK = re.compile(r'(<!-- controlled-arm -->\n).*?(<!-- /controlled-arm -->)', re.DOTALL)
 # Left end of the plot over the smallest resolved error.
 LEFT = 0.2
@@ -333,8 +341,8 @@ def _draw(findings: Findings, figure: Any) -> None:
                 markersize=9 if marker == '*' else 6, label=name if arms == 1 else None,
                 markerfacecolor=colour if arms == 1 else 'white',
             )  # fmt: skip
-        if way == ADAPTIVE:
-            # At this place of the legend, so that its columns of four entries are full.
+        if way == LAST_OF_OURS:
+            # At this place of the legend, whose columns then have one library each.
             label = f'open: each of {many} equal arms'
             axes.plot([], [], 'o', color=BLACK, markerfacecolor='white', label=label)
     axes.axhline(1e3, color=GREY, linewidth=0.9, linestyle='-.')
@@ -345,7 +353,7 @@ def _draw(findings: Findings, figure: Any) -> None:
     axes.set_xlim(LEFT * floor, 2.0)
     axes.set_xlabel('error of the worst joint after one second [rad]      (left is better)')
     axes.set_ylabel('time of one simulated second on one thread [ms]\n(down is better)')
-    figure.legend(loc='outside lower center', ncols=4, fontsize=8.5, frameon=False)
+    figure.legend(loc='outside lower center', ncols=5, fontsize=8, frameon=False)
 
 
 def _bars(findings: Findings, floor: float) -> list[tuple[str, str, float, float]]:

@@ -18,6 +18,7 @@ from pfd_core.report.contenders.drake import DRAKE
 from pfd_core.report.measure import controlled_motion
 from pfd_core.report.measure.controlled_motion import (
     ADAPTIVE,
+    FIXED,
     LEAVES,
     TOLERANCES,
     Advice,
@@ -54,10 +55,7 @@ IN_C = 'controller and loop in C; in each period {}'
 RAMP, SOFT = 'ramp', 'soft constraint'
 # Way: contents of its time, and its friction.
 CONTENTS: Mapping[str, tuple[str, str]] = {
-    **{
-        f'pfd {integrator} {dtype}': (NATIVE, 'resolved by events')
-        for integrator, dtype in controlled_motion.FIXED
-    },
+    **{f'pfd {integrator} {dtype}': (NATIVE, 'resolved by events') for integrator, dtype in FIXED},
     ADAPTIVE: (
         'a loop in Python: the controller in NumPy and one call of `integrate` in each period',
         'resolved by events',
@@ -126,6 +124,11 @@ ROWS: Columns = {
 }
 
 
+def _digits(error: float | None) -> str:
+    """Return an error in two digits: tolerances are powers of ten."""
+    return '-' if error is None else f'{error:.1e}'
+
+
 def _floor(findings: Findings) -> float:
     """Return the smallest error that the reference resolves [rad]."""
     return max(findings.reference.self_difference, findings.reference.from_fixed)
@@ -135,12 +138,14 @@ def summary(findings: Findings) -> str:
     """Return the sentences and the table of advice that README repeats."""
     rows = findings.rows
     whole = [row for row in rows if not row.left_out and row.minimum is not None]
-    first = max(
-        (row for row in whole if row.way == 'pfd rk4 float64' and row.arms == 1),
-        key=lambda row: row.step or 0.0,
-    )
+
+    def longest(way: str) -> ControlledRow:
+        own = (row for row in whole if row.way == way and row.arms == 1)
+        return max(own, key=lambda row: row.step or 0.0)
+
+    first, quick = longest('pfd rk4 float64'), longest('pfd velocity_verlet float64')
     alone = scene_errors(rows)
-    costs = {name: order(alone[name,].error) for name in LEAVES}
+    costs = {name: _digits(alone[name,].error) for name in LEAVES}
     arms = max(row.arms for row in rows)
     single = next(one for one in findings.roundings if one.dtype == 'float32')
     return page(
@@ -148,6 +153,8 @@ def summary(findings: Findings) -> str:
         step=first.setting,
         time=short((first.minimum or 0.0) * 1e3),
         error=order(first.error),
+        quick_time=short((quick.minimum or 0.0) * 1e3),
+        quick_error=order(quick.error),
         others=_others(whole),
         limits=costs['effort limits'],
         friction=costs['friction'],
@@ -242,8 +249,8 @@ def markdown(findings: Findings, case: ControlledArm) -> str:
         scenes=table(
             {
                 'scene': _without,
-                'worst joint [rad]': lambda row: order(row.error) if row.error else row.status,
-                'median joint [rad]': lambda row: order(row.middle) if row.error else '-',
+                'worst joint [rad]': lambda row: _digits(row.error) if row.error else row.status,
+                'median joint [rad]': lambda row: _digits(row.middle) if row.error else '-',
             },
             scene_errors(findings.rows).values(),
         ),
@@ -368,12 +375,13 @@ def _bars(findings: Findings, floor: float) -> list[tuple[str, str, float, float
         for one in findings.roundings
     ]
     whole = [row for row in findings.rows if not row.left_out and row.arms == 1]
-    steps = [row for row in whole if row.way in ('pfd rk4 float64', 'pfd imex2 float64')]
-    longest = max(steps, key=lambda row: row.step or 0.0).step
-    errors = [row.error for row in steps if row.step == longest and row.error is not None]
-    bars.append(
-        (f'a step of {(longest or 0) * 1e3:g} ms: rk4 to imex2', GREY, min(errors), max(errors))
-    )
+    fixed = [f'pfd {name} float64' for name, dtype in FIXED if dtype == 'float64']
+    steps = [row for row in whole if row.way in fixed and row.error is not None]
+    longest = max(row.step or 0.0 for row in steps)
+    ends = sorted((row.error or 0.0, row.way) for row in steps if row.step == longest)
+    (least, best), (most, worst) = ends[0], ends[-1]
+    names = ' to '.join(way.split()[1] for way in (best, worst))
+    bars.append((f'a step of {longest * 1e3:g} ms: {names}', GREY, least, most))
     scenes = scene_errors(findings.rows)
     for name in ('effort limits', 'friction', 'armature'):
         row = scenes[name,]

@@ -6,8 +6,8 @@ Other libraries as simulators of an arm under a controller, the loop and the con
 data/control_loop.c is compiled once for each number of joints. Each library advances the arm by
 one period with constant torques:
 
-    CasADi      the classical Runge-Kutta method, velocity Verlet and semi-implicit Euler in C around
-                C that CasADi generates
+    CasADi      the classical Runge-Kutta method, velocity Verlet and semi-implicit Euler in C
+                around C that CasADi generates
     Pinocchio   the classical Runge-Kutta method in C++ around pinocchio::aba
     MuJoCo      mj_step
 

@@ -112,7 +112,7 @@ class Plan:
 
 
 QUICK = Plan(
-    fixed=(('rk4', 'float64'), ('imex2', 'float64')),
+    fixed=(('rk4', 'float64'), ('velocity_verlet', 'float64')),
     substeps=(1, 5),
     reference_substeps=10,
     arms=16,

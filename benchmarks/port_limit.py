@@ -8,6 +8,7 @@ Times of one state in nanoseconds, in Fortran order; all take turns in one proce
     loop      the operations of the kernel, independent of each other, in registers
     memory    the same with the fewest loads and stores that the kernel needs
     kernel    the batch
+    direct    the batch without a head and copies of columns (pfd_core.kernels.codegen.chunks)
     LLVM      the batch with its operations in the order of LLVM's scheduler
 
 It also prints the times of both loops over the time of the batch. ROBOT is a name of the reports
@@ -58,7 +59,10 @@ def main() -> int:
     parser.add_argument('--places', type=lambda text: [int(place) for place in text.split(',')])
     given = parser.parse_args()
     states, places = given.states, given.places or [None] * 4
-    print('robot       loop  memory  kernel    LLVM  loop/kernel  memory/kernel  loop/LLVM')
+    print(
+        'robot       loop  memory  kernel  direct    LLVM  loop/kernel  memory/kernel  '
+        'loop/direct  loop/LLVM'
+    )
     for name in given.robots:
         kernel = compile_kernel(robot(name), method=given.method, dtype=given.dtype)
         rng = np.random.default_rng(0)
@@ -68,22 +72,24 @@ def main() -> int:
         table = np.array([(address(row), *row.strides) for row in rows])
         width = simd_width(given.dtype)
         ir = kernel_module(kernel.program, given.dtype, width, turned_joints(kernel.robot))
-        batches = [
+        own, other = (
             compile_outlined(outline(ir), partial(str, ir), Optimisation(reorder=reorder))
             for reorder in (False, True)
-        ]
+        )
         loops = [Loop(kernel, states, memory) for memory in (False, True)]
+        calls = [(own, 'batch'), (own, 'rows'), (other, 'batch')]
         runs = [
             *(loop.run for loop in loops),
-            *(partial(BATCH(code.address('batch')), states, address(table)) for code in batches),
+            *(partial(BATCH(code.address(f)), states, address(table)) for code, f in calls),
         ]
         sides = [Side('', run, partial(np.asarray, rows[-1])) for run in runs]
-        loop, memory, own, other = (
+        loop, memory, chosen, plain, reordered = (
             1e9 * times.minimum for times in interleave(sides, states, PACE)
         )
         print(
-            f'{kernel.robot.name:9.9s} {loop:6.1f} {memory:7.1f} {own:7.1f} {other:7.1f} '
-            f'{loop / own:12.2f} {memory / own:14.2f} {loop / other:10.2f}',
+            f'{kernel.robot.name:9.9s} {loop:6.1f} {memory:7.1f} {chosen:7.1f} {plain:7.1f} '
+            f'{reordered:7.1f} {loop / chosen:12.2f} {memory / chosen:14.2f} '
+            f'{loop / plain:12.2f} {loop / reordered:10.2f}',
             flush=True,
         )
     return 0

@@ -123,11 +123,11 @@ def _plan(
     """
     stride = table[-1].column
     lowest = ir.let(f'and i64 {stride}, {ir.let(f"sub i64 0, {stride}")}')
-    # After so many bytes a column has the same place in the cache as another one.
+    # Columns begin at multiples of this in their places of the cache.
     period = ir.call('i64', 'llvm.umin.i64', f'i64 {lowest}', f'i64 {PERIOD}')
 
     def more_than(lines: int, columns: object) -> str:
-        """Return whether so many columns have more lines than this in one place."""
+        """Return whether columns that begin near each other have more lines in one place."""
         product = ir.let(f'mul i64 {period}, {columns}')
         return ir.let(f'icmp ugt i64 {product}, {lines * PERIOD}')
 

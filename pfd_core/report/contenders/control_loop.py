@@ -6,8 +6,9 @@ Other libraries as simulators of an arm under a controller, the loop and the con
 data/control_loop.c is compiled once for each number of joints. Each library advances the arm by
 one period with constant torques:
 
-    CasADi      the classical Runge-Kutta method in C around C that CasADi generates
-    Pinocchio   the same in C++ around pinocchio::aba
+    CasADi      the classical Runge-Kutta method, velocity Verlet and semi-implicit Euler in C
+                around C that CasADi generates
+    Pinocchio   the classical Runge-Kutta method in C++ around pinocchio::aba
     MuJoCo      mj_step
 
 CasADi and Pinocchio have no dry friction: it is a ramp F v / width between -F and F. MuJoCo's
@@ -37,6 +38,8 @@ from pfd_core.report.contenders.pinocchio_cpp import PinocchioCpp
 
 MUJOCO = ('MuJoCo Euler', 'MuJoCo implicitfast', 'MuJoCo RK4')
 CASADI = 'CasADi RK4'
+# Integrators around CasADi's C: functions of data/casadi.c.
+IN_CASADI = {CASADI: 'rollout', 'CasADi Verlet': 'verlet', 'CasADi Euler': 'euler'}
 PINOCCHIO = f'{PINOCCHIO_CPP} RK4'
 
 
@@ -109,12 +112,12 @@ def _run(case: ControlledArm, advance: Any, arm: Any, substeps: int) -> Run:
 
 
 def casadi_arm(case: ControlledArm) -> Simulate:
-    """Return CasADi's C of articulated bodies with rotors, and Runge-Kutta steps in C."""
+    """Return CasADi's C of articulated bodies with rotors, and integrators of IN_CASADI in C."""
     peer = Casadi(case.plant)
 
     def simulate(way: str, substeps: float, softness: Softness) -> Run:
         effects = address(torques_if_any(case.plant, softness.width))
-        return _run(case, peer.library.rollout, effects, int(substeps))
+        return _run(case, getattr(peer.library, IN_CASADI[way]), effects, int(substeps))
 
     return simulate
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, combinations
+from itertools import chain, combinations, product
 import time
 from typing import Any
 
@@ -29,7 +29,7 @@ import numpy as np
 from pfd_core.report.cases.controlled_arm import ControlledArm
 from pfd_core.report.cases.robots import Array
 from pfd_core.report.contenders.control_loop import (
-    CASADI,
+    IN_CASADI,
     MUJOCO,
     PINOCCHIO,
     Run,
@@ -51,12 +51,13 @@ LOST = 2 * np.pi
 # A run that takes longer is a long one [s].
 LONG = 0.1
 # Our integrators in fixed steps that resolve friction, with the number formats.
-FIXED = tuple(
-    (integrator, dtype) for integrator in ('rk4', 'imex2') for dtype in ('float64', 'float32')
-)
+FIXED = tuple(product(('rk4', 'velocity_verlet', 'imex2'), ('float64', 'float32')))
 ADAPTIVE = 'pfd dop853 float64'
 # Effects of smaller scenes, which lack one or several, and their names on the page.
 LEAVES = {'friction': 'dry friction', 'armature': 'rotors', 'effort limits': 'motor limits'}
+# Effects that scenes of CasADi, the fastest of the other libraries, lack. Without rotors every
+# library is as far from the arm.
+LEFT_BY_CASADI = ('friction', 'effort limits')
 # Integrator, format and steps in a period with errors far below the error of a smaller scene, also
 # for light joints with strong damping.
 FINE = ('imex2', 'float64', 10)
@@ -112,7 +113,7 @@ class Plan:
 
 
 QUICK = Plan(
-    fixed=(('rk4', 'float64'), ('imex2', 'float64')),
+    fixed=(('rk4', 'float64'), ('velocity_verlet', 'float64')),
     substeps=(1, 5),
     reference_substeps=10,
     arms=16,
@@ -347,7 +348,7 @@ def _subsets(names: Iterable[str], most: int) -> Iterator[tuple[str, ...]]:
 
 # Other libraries: their ways, and a function that makes the arm.
 PEERS: dict[str, tuple[Iterable[str], Callable[[ControlledArm], Simulate]]] = {
-    'CasADi': ((CASADI,), casadi_arm),
+    'CasADi': (IN_CASADI, casadi_arm),
     'Pinocchio': ((PINOCCHIO,), pinocchio_arm),
     'MuJoCo': (MUJOCO, mujoco_arm),
     'Drake': (DRAKE, drake_arm),
@@ -371,6 +372,20 @@ def _of_peer(library: str, case: ControlledArm, plan: Plan) -> Iterator[_Candida
             step, tolerance = (None, setting) if adaptive else (case.period / setting, None)
             runs = [(str(soft), simulate(way, setting, soft)) for soft in softnesses]
             yield _Candidate(ControlledRow(way, step, tolerance), runs)
+    if library == 'CasADi':
+        yield from _scenes_of_casadi(case, plan)
+
+
+def _scenes_of_casadi(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
+    for names in _subsets(LEFT_BY_CASADI, plan.most_left_out):
+        simulate = casadi_arm(replace(case, scene=case.scene.without(names)))
+        # Without friction the width of a ramp has no effect.
+        ramps = [('', Softness(1.0))]
+        if 'friction' not in names:
+            ramps = [(str(soft), soft) for soft in plan.ramps]
+        for way in IN_CASADI:
+            runs = [(name, simulate(way, 1, soft)) for name, soft in ramps]
+            yield _Candidate(ControlledRow(way, case.period, None, names), runs)
 
 
 def _rounding(case: ControlledArm, plan: Plan, dtype: str) -> Rounding:
@@ -388,9 +403,9 @@ def _rounding(case: ControlledArm, plan: Plan, dtype: str) -> Rounding:
 
 
 def scene_errors(rows: Iterable[ControlledRow]) -> dict[tuple[str, ...], ControlledRow]:
-    """Return the row in the shortest steps of each scene that lacks effects."""
+    """Return our row in the shortest steps of each scene that lacks effects."""
     found: dict[tuple[str, ...], ControlledRow] = {}
-    for row in rows:
+    for row in filter(is_ours, rows):
         before = found.get(row.left_out)
         if row.left_out and (before is None or (row.step or 0.0) < (before.step or 0.0)):
             found[row.left_out] = row

@@ -18,7 +18,7 @@ from pfd_core.report.measure.counts import (
     edition_title,
     title_of,
 )
-from pfd_core.report.render.markdown import Cells, grid, page
+from pfd_core.report.render.markdown import grid, page
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import save
 
@@ -47,11 +47,13 @@ def _section(rows: Sequence[Row], n: int, best: str, least: int) -> str:
 
 
 def _grid(rows: Sequence[Row], cell: Callable[[Row], str]) -> list[str]:
-    cells: Cells = {
-        (edition_title(row.system, row.edition), f'p = {row.processors}'): cell(row)
-        for row in rows
-    }
-    return grid(cells, 'system')
+    return grid(
+        {
+            (edition_title(row.system, row.edition), f'p = {row.processors}'): cell(row)
+            for row in rows
+        },
+        'system',
+    )
 
 
 def _sum(steps: Steps) -> str:

@@ -200,12 +200,25 @@ def run(
     return write(needs, folder)
 
 
+def run_excited(
+    robot: Robot,
+    trajectory: str,
+    tolerance: float,
+    folder: Path,
+    scene: Scene | None = None,
+    window: float = WINDOW,
+) -> list[Path]:
+    """Write the report of a robot that follows an excitation, by default in its full scene."""
+    refused: dict[str, str] = {}
+    if scene is None:
+        scene, refused = full_scene(robot, Scene(), SETTINGS)
+    motion = excited_motion(robot, scene, trajectory)
+    return run(robot, scene, motion, tolerance, folder, window, refused)
+
+
 def example(folder: Path, quick: bool = False) -> list[Path]:
     """Write the report of a PUMA 560 following sines, or quickly of an arm of two joints."""
-    robot = load_robot('planar2' if quick else 'puma560')
-    scene, refused = full_scene(robot, Scene(), SETTINGS)
-    motion = excited_motion(robot, scene, 'sine')
-    return run(robot, scene, motion, 1e-3, folder, refused=refused)
+    return run_excited(load_robot('planar2' if quick else 'puma560'), 'sine', 1e-3, folder)
 
 
 def write(needs: Needs, folder: Path) -> list[Path]:

@@ -9,8 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pfd_core.machine.systolic import Place, Trace
+from pfd_core.report.cases.stored import table as stored_table
 from pfd_core.report.measure.array_runs import (
     CLAIMS,
+    CORRECTED,
+    PRINTED,
     SIZES,
     ArrayClaim,
     ArrayRun,
@@ -29,8 +32,7 @@ FIGURE = 4
 # Joints and runs for the table of cycles of each cell.
 CELLS = 6
 RUNS = (literal_run, factor_run, solve_run)
-PORTS = {'left': 'C_in', 'right': 'C_out', 'down': 'u_in', 'up': 'u_out'}
-TITLES = {'as printed': 'As printed: equations (29) to (31)', 'corrected': "Corrected: H = L L'"}
+TITLES = {PRINTED: 'As printed: equations (29) to (31)', CORRECTED: "Corrected: H = L L'"}
 
 
 def markdown(rows: Sequence[ArrayRun]) -> str:
@@ -118,11 +120,11 @@ def cycles_picture(n: int) -> str:
     """Return both designs at work, cycle by cycle, each cell with its element."""
     literal, corrected = literal_run(n), factor_run(n)
     runs: dict[str, tuple[Trace, Label | None]] = {
-        f'{TITLES["as printed"]}, {literal.cycles} cycles': (
+        f'{TITLES[PRINTED]}, {literal.cycles} cycles': (
             literal,
             lambda place, cycle: literal_label(n, place, cycle),
         ),
-        f'{TITLES["corrected"]}, {corrected.cycles} cycles': (corrected, corrected_label),
+        f'{TITLES[CORRECTED]}, {corrected.cycles} cycles': (corrected, corrected_label),
     }
     return runs_svg(runs, f'Triangular array, n = {n}: the element in each cell, cycle by cycle')
 
@@ -130,59 +132,20 @@ def cycles_picture(n: int) -> str:
 def designs_picture(n: int) -> str:
     """Return both designs with their streams and the rules of their cells."""
     rows = range(1, n + 1)
+    cells = {
+        design: tuple(CellRules(**kind) for kind in kinds)
+        for design, kinds in stored_table('array_cells').items()
+    }
     literal = Design(
-        TITLES['as printed'],
+        TITLES[PRINTED],
         {k: Stream((*_column(k, n)[1:], f'h{k}{k}'), 2 * k) for k in rows},
-        (
-            CellRules(
-                'Circular cell P_kk, Figure 2 (a)',
-                True,
-                PORTS,
-                (
-                    'first u_in: u <- u_in = h_kk',
-                    'otherwise: C_out <- C_in / u, u_out <- u_in',
-                    'u_in = *: C_out <- sqrt(C_in), u_out <- *',
-                    'wrong: divides by h_kk instead of l_kk',
-                ),
-            ),
-            CellRules(
-                'Square cell P_ki, Figure 2 (b)',
-                False,
-                PORTS,
-                (
-                    'first u_in: u <- u_in = h_ki',
-                    'otherwise: C_out <- C_in - u u_in, u_out <- u_in',
-                    'u_in = *: C_out <- C_in - u u, u_out <- *',
-                    'wrong: u and u_in are elements of H instead of L',
-                ),
-            ),
-        ),
+        cells[PRINTED],
         {i: Stream((*_column(i, n), '*'), 3 * i - 2) for i in rows},
     )
     corrected = Design(
-        TITLES['corrected'],
+        TITLES[CORRECTED],
         {k: Stream((f'h{k}{k}*', *_column(k, n)[1:]), 2 * k - 1) for k in rows},
-        (
-            CellRules(
-                'Circular cell P_kk',
-                True,
-                {'left': 'C_in', 'right': 'C_out', 'up': 'u_out'},
-                (
-                    'C_in with *: u <- sqrt(C_in), C_out <- u',
-                    'otherwise: C_out <- C_in / u, u_out <- C_out',
-                    'sends its own result up: no streams from below',
-                ),
-            ),
-            CellRules(
-                'Square cell P_ki',
-                False,
-                PORTS,
-                (
-                    'C_in with *: u <- u_in, C_out <- C_in - u u with *',
-                    'otherwise: C_out <- C_in - u u_in, u_out <- u_in',
-                ),
-            ),
-        ),
+        cells[CORRECTED],
     )
     return designs_svg((literal, corrected), f'Triangular array for Cholesky, n = {n}')
 

@@ -32,7 +32,8 @@ def columns(
     raw = np.zeros(stride * (elements + 1) + 2 * PAGE, np.uint8)
     start = -raw.ctypes.data % PAGE + offset
     table = raw[start : start + stride * elements].view(dtype)
-    return table.reshape(elements, -1).T[:rows]
+    found: NDArray[np.floating] = table.reshape(elements, -1).T[:rows]
+    return found
 
 
 # Bytes after the begin of a page of three inputs and the result.
@@ -54,20 +55,19 @@ def test_crowded_columns_give_the_bits_of_single_states(
     rng = np.random.default_rng(71)
     kernel = pfd.compile_kernel(random_chain(rng, 4), dtype=dtype)
     size = PAGE // np.dtype(dtype).itemsize - 3
-    arrays = [columns(size, 4, offset, dtype) for offset in offsets]
-    *given, out = arrays
-    for array in given:
+    q, qd, tau, out = (columns(size, 4, offset, dtype) for offset in offsets)
+    for array in (q, qd, tau):
         array[:] = rng.normal(size=array.shape)
-    alone = np.array([kernel(*(x[k] for x in given)) for k in range(size)])
+    alone = np.array([kernel(q[k], qd[k], tau[k]) for k in range(size)])
     for first, count in ((0, size), (1, size - 1), (5, size // 2 + 5), (0, size // 2 - 1)):
         out[:] = np.nan
         own = slice(first, first + count)
-        kernel(*(x[own] for x in given), out=out[own])
+        kernel(q[own], qd[own], tau[own], out=out[own])
         np.testing.assert_array_equal(out[own], alone[own])
         assert np.isnan(out[:first]).all()
         assert np.isnan(out[first + count :]).all()
     # The result may replace an input.
-    np.testing.assert_array_equal(kernel(*given, out=given[2]), alone)
+    np.testing.assert_array_equal(kernel(q, qd, tau, out=tau), alone)
 
 
 @pytest.mark.parametrize('state', [0, 3, 77, 300, 508], ids='state {}'.format)
@@ -77,10 +77,10 @@ def test_a_number_that_is_not_finite_is_found_in_each_chunk(
 ) -> None:
     rng = np.random.default_rng(72)
     kernel = pfd.compile_kernel(random_chain(rng, 4))
-    *given, out = (columns(509, 4, offset) for offset in offsets)
-    given[1][state, 2] = np.inf
+    q, qd, tau, out = (columns(509, 4, offset) for offset in offsets)
+    qd[state, 2] = np.inf
     with pytest.raises(ValueError, match=rf'qd must be finite, got inf at index \[{state}, 2\]'):
-        kernel(*given, out=out)
+        kernel(q, qd, tau, out=out)
 
 
 @dataclass(frozen=True)

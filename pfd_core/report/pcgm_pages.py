@@ -22,7 +22,7 @@ from pfd_core.report.measure.pcgm_iterations import (
     Study,
     study,
 )
-from pfd_core.report.measure.timing import show_progress
+from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.render.markdown import Columns, grid, page, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import BLACK, BLUE, GREEN, GREY, ORANGE, over_joints, save

@@ -13,6 +13,7 @@ from typing import Any
 
 from pfd_core.model import Robot, Scene, load_robot
 from pfd_core.report.cases.excitations import SETTINGS, DrivenMotion, excited_motion
+from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.scene_effects import full_scene
 from pfd_core.report.measure.scene_errors import SceneRow
 from pfd_core.report.measure.scene_margins import Margin
@@ -24,7 +25,6 @@ from pfd_core.report.measure.scene_needs import (
     scene_needs,
 )
 from pfd_core.report.measure.scene_search import MOST_EXHAUSTED, pareto_front
-from pfd_core.report.measure.timing import show_progress
 from pfd_core.report.render.markdown import Columns, page, paragraph, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import listed, yes

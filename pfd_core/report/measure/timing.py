@@ -20,7 +20,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import math
 import statistics
-import sys
 import time
 
 import numpy as np
@@ -234,9 +233,3 @@ def _differences(sides: Sequence[Side]) -> list[float | None]:
         return [None] * len(sides)
     wanted = np.array((reference.wanted or reference.result)(), float)
     return [largest_difference(side.result(), wanted) for side in sides]
-
-
-def show_progress(text: str) -> None:
-    """Write a line over the one before, if stderr is a terminal; '' clears it."""
-    if sys.stderr.isatty():
-        print(f'\r{text:79.79s}', end='' if text else '\r', file=sys.stderr, flush=True)

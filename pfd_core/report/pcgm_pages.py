@@ -20,9 +20,10 @@ from pfd_core.report.measure.pcgm_iterations import (
     VARIANTS,
     Reached,
     Study,
+    joined,
     study,
 )
-from pfd_core.report.measure.progress import show_progress
+from pfd_core.report.measure.processes import in_one_list
 from pfd_core.report.render.markdown import Columns, grid, page, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import BLACK, BLUE, GREEN, GREY, ORANGE, over_joints, save
@@ -145,10 +146,13 @@ PRICES: Columns = {
 
 
 def run(folder: Path, sizes: Sequence[int] = SIZES) -> list[Path]:
-    """Measure and write pcgm.md, .json and .png into a folder; progress goes to a terminal."""
-    measured = study(sizes, show_progress)
-    show_progress('')
-    return write(measured, folder)
+    """Measure and write pcgm.md, .json and .png into a folder."""
+    studies = in_one_list(_study_of, sizes, 'iterations of PCGM at each n')
+    return write(joined(studies), folder)
+
+
+def _study_of(n: int) -> list[Study]:
+    return [study([n])]
 
 
 def write(measured: Study, folder: Path) -> list[Path]:

@@ -16,7 +16,7 @@ machine.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -135,14 +135,25 @@ class Study:
     pcrbm: dict[int, Steps]
 
 
-def study(sizes: Iterable[int], progress: Callable[[str], None] = lambda _: None) -> Study:
+def study(sizes: Iterable[int]) -> Study:
     """Measure some n."""
+    return joined(
+        Study(
+            list(measure_iterations([n])),
+            [price(n, variant) for variant in VARIANTS],
+            {n: direct(n)},
+        )
+        for n in sizes
+    )
+
+
+def joined(studies: Iterable[Study]) -> Study:
+    """Return some studies as one."""
     whole = Study([], [], {})
-    for n in sizes:
-        progress(f'iterations of PCGM at n = {n}')
-        whole.iterations.extend(measure_iterations([n]))
-        whole.prices.extend(price(n, variant) for variant in VARIANTS)
-        whole.pcrbm[n] = direct(n)
+    for one in studies:
+        whole.iterations.extend(one.iterations)
+        whole.prices.extend(one.prices)
+        whole.pcrbm.update(one.pcrbm)
     return whole
 
 

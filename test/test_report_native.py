@@ -8,6 +8,7 @@ import ctypes
 import os
 from pathlib import Path
 import shutil
+import signal
 
 import pytest
 
@@ -58,6 +59,8 @@ def test_an_interrupt_ends_the_compiler_and_its_processes(
     compiler.write_text(f'#!/bin/sh\nsleep 1000000 > {fifo} &\nkill -INT $PPID\nwait\n')
     compiler.chmod(0o755)
     monkeypatch.setattr(shutil, 'which', lambda _: str(compiler))
+    # A process in the background ignores the signal.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
     try:
         with pytest.raises(KeyboardInterrupt), built(C, SOURCE):
@@ -66,4 +69,5 @@ def test_an_interrupt_ends_the_compiler_and_its_processes(
         # The end of the pipe: nobody is left who could write to it.
         assert os.read(reader, 1) == b''
     finally:
+        signal.signal(signal.SIGINT, before)
         os.close(reader)

@@ -151,11 +151,14 @@ def own_id(_: int) -> int:
 
 # A measurement prints its process and then takes for ever; the second one may not have begun.
 ENDLESS = """
+import signal
 import sys
 from pfd_core.report.measure.processes import each
 from pfd_core.report.measure.progress import reported
 from test_report_pages import sleep_for_ever
 if __name__ == '__main__':
+    # A process in the background ignores the signal.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with reported(0.01, 0.01):
         list(each(sleep_for_ever, ['a', 'b', *sys.argv[1:]]))
 """

@@ -11,15 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from itertools import count
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 import os
-import signal
 from threading import Thread
 from typing import TypeVar
 
+from pfd_core.report.contenders.native import without_interrupts
 from pfd_core.report.measure.progress import hide_progress, show_progress
 
 Item = TypeVar('Item')
@@ -72,7 +72,7 @@ def _in_processes(
         pool = ProcessPoolExecutor(processes, context, _begin, (end,))
         try:
             show_progress(f'{what}, 0 of {len(items)} finished')
-            with _without_interrupts():
+            with without_interrupts():
                 futures = [pool.submit(measure, item) for item in items]
             for future in futures:
                 future.add_done_callback(finished)
@@ -98,13 +98,3 @@ def _exit_with(end: Connection) -> None:
     with suppress(EOFError, OSError):
         end.recv()
     os._exit(1)
-
-
-@contextmanager
-def _without_interrupts() -> Iterator[None]:
-    """Block Ctrl-C, which processes that are started in the block would report one by one."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

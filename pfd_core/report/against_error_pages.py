@@ -13,8 +13,9 @@ from pfd_core.report import against_error_plots, time_tables
 from pfd_core.report.measure import evaluations, port_limit, quantity_rows, work_precision
 from pfd_core.report.measure.energies import SAMPLES
 from pfd_core.report.measure.evaluations import PEERS, Point, TimedCase
+from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.surroundings import described, surroundings
-from pfd_core.report.measure.timing import Row, show_progress
+from pfd_core.report.measure.timing import Row
 from pfd_core.report.measure.work_precision import MotionFacts, RunPoint
 from pfd_core.report.render.markdown import Cells, Columns, bullets, grid, lines_of, page, table
 from pfd_core.report.render.markdown import write as write_page

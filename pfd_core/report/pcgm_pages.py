@@ -20,8 +20,10 @@ from pfd_core.report.measure.pcgm_iterations import (
     VARIANTS,
     Reached,
     Study,
+    joined,
     study,
 )
+from pfd_core.report.measure.processes import in_one_list
 from pfd_core.report.render.markdown import Columns, grid, page, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import BLACK, BLUE, GREEN, GREY, ORANGE, over_joints, save
@@ -144,8 +146,13 @@ PRICES: Columns = {
 
 
 def run(folder: Path, sizes: Sequence[int] = SIZES) -> list[Path]:
-    """Measure and write pcgm.md, .json and .png into a folder; progress goes to a terminal."""
-    return write(study(sizes), folder)
+    """Measure and write pcgm.md, .json and .png into a folder."""
+    studies = in_one_list(_study_of, sizes, 'iterations of PCGM at each n')
+    return write(joined(studies), folder)
+
+
+def _study_of(sizes: Sequence[int]) -> list[Study]:
+    return [study(sizes)]
 
 
 def write(measured: Study, folder: Path) -> list[Path]:

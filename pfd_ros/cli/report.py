@@ -12,8 +12,9 @@ import sys
 import pfd_core as pfd
 from pfd_core.report import pages
 from pfd_core.report.cases.quantities import QUANTITIES
+from pfd_core.report.measure.progress import reported
 from pfd_ros.cli import log_page
-from pfd_ros.cli.terminal import progress_on
+from pfd_ros.cli.terminal import ended_by_signals, progress_on
 from pfd_ros.text import one_line
 
 LOG = 'one HTML page of a log: what went wrong first, and its curves; opens without network'
@@ -106,6 +107,12 @@ def run(given: argparse.Namespace) -> int:
         raise ValueError(f'{given.what} takes no --quick')
     if given.what == 'log':
         return log_page.run(given)
+    # Also SIGTERM and SIGHUP end the processes and compilers that measure.
+    with ended_by_signals(), reported():
+        return _measure(given, quick)
+
+
+def _measure(given: argparse.Namespace, quick: bool) -> int:
     folder = getattr(given, 'out', None) or (pages.QUICK_FOLDER if quick else pages.FOLDER)
     if given.what is None:
         return _run_all(folder, quick)

@@ -47,6 +47,9 @@ CODE = f'C++ for any robot, {CPP}'
 SINGLE = Contents(CODE, 'ctypes')
 LOOP = Contents(CODE, 'ctypes, once', 'C++')
 HEADERS = ('pinocchio/algorithm/aba.hpp', 'boost/variant.hpp', 'Eigen/Core')
+# Headers that state their versions.
+VERSIONS = ('pinocchio/config.hpp', 'boost/version.hpp', 'Eigen/src/Core/util/Macros.h')
+SYSTEM = Path('/usr/include')
 # Functions of data/pinocchio.cpp from states to accelerations, with their names in a table.
 FUNCTIONS = {
     'aba': f'{NAME} aba',
@@ -146,8 +149,11 @@ def checked(n: int, *arrays: Array) -> tuple[Array, ...]:
 def compiled_library() -> ctypes.CDLL:
     """Return data/pinocchio.cpp, compiled and loaded; LeftOutError has the reason if not."""
     options = [f'-D{define}' for define in DEFINES]
-    options += [f'-isystem{include}' for include in include_folders()]
-    with built(CPP, text('pinocchio.cpp'), *options) as path:
+    folders = include_folders()
+    options += [f'-isystem{include}' for include in folders]
+    places = (folder / header for folder in (*folders, SYSTEM) for header in VERSIONS)
+    versions = ''.join(place.read_text(encoding='utf-8') for place in places if place.is_file())
+    with built(CPP, text('pinocchio.cpp'), *options, headers=versions) as path:
         library = ctypes.CDLL(str(path))
     library.make.restype = ctypes.c_void_p
     return library
@@ -160,7 +166,7 @@ def include_folders() -> list[Path]:
         raise LeftOutError('pinocchio is not installed: install the extra `peers`')
     # PREFIX/lib/pythonX.Y/site-packages/pinocchio/__init__.py
     above = Path(spec.origin).resolve().parents
-    known = [above[min(4, len(above) - 1)] / 'include', Path('/usr/include')]
+    known = [above[min(4, len(above) - 1)] / 'include', SYSTEM]
     known += [folder / 'eigen3' for folder in known]
     found = []
     for header in HEADERS:
@@ -172,4 +178,4 @@ def include_folders() -> list[Path]:
             )
         found.append(folder)
     # Folders that the compiler searches by default must keep their place in its order.
-    return list(dict.fromkeys(folder for folder in found if folder != Path('/usr/include')))
+    return list(dict.fromkeys(folder for folder in found if folder != SYSTEM))

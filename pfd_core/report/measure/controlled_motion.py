@@ -42,8 +42,9 @@ from pfd_core.report.contenders.control_loop import (
 from pfd_core.report.contenders.drake import DRAKE, drake_arm
 from pfd_core.report.contenders.ours_controlled import adaptive, fixed
 from pfd_core.report.contenders.work import LeftOutError, Side
+from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.surroundings import surroundings
-from pfd_core.report.measure.timing import Pace, interleave, show_progress
+from pfd_core.report.measure.timing import Pace, interleave
 from pfd_core.simulation.step_control import SMALLEST_RTOL
 
 # A turn of a joint [rad].

@@ -51,8 +51,9 @@ from pfd_core.report.contenders.work import (
     valid_sides,
 )
 from pfd_core.report.measure.errors import CaseFacts, facts_of, methods, peer_answers
+from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.reference import Reference, errors, kappa_j, kappa_s, reference
-from pfd_core.report.measure.timing import Pace, interleave, show_progress
+from pfd_core.report.measure.timing import Pace, interleave
 
 BATCHES = (1, 4096)
 REFINEMENTS = (0, 1)

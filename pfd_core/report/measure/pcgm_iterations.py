@@ -34,7 +34,6 @@ from pfd_core.report.cases.problems import seeded_states
 from pfd_core.report.cases.robots import Array, uniform_chain
 from pfd_core.report.measure.counts import CORRECTED, GIVEN, row
 from pfd_core.report.measure.differences import differences
-from pfd_core.report.measure.timing import show_progress
 
 SIZES = (2, 3, 4, 5, 6, 8, 12, 16, 24, 32, 48, 64)
 STATES = 100
@@ -138,14 +137,24 @@ class Study:
 
 
 def study(sizes: Iterable[int]) -> Study:
-    """Measure some n; progress goes to a terminal."""
+    """Measure some n."""
+    return joined(
+        Study(
+            list(measure_iterations([n])),
+            [price(n, variant) for variant in VARIANTS],
+            {n: direct(n)},
+        )
+        for n in sizes
+    )
+
+
+def joined(studies: Iterable[Study]) -> Study:
+    """Return some studies as one."""
     whole = Study([], [], {})
-    for n in sizes:
-        show_progress(f'iterations of PCGM at n = {n}')
-        whole.iterations.extend(measure_iterations([n]))
-        whole.prices.extend(price(n, variant) for variant in VARIANTS)
-        whole.pcrbm[n] = direct(n)
-    show_progress('')
+    for one in studies:
+        whole.iterations.extend(one.iterations)
+        whole.prices.extend(one.prices)
+        whole.pcrbm.update(one.pcrbm)
     return whole
 
 

@@ -21,6 +21,7 @@ from pfd_core.model.checked_numbers import real_number
 from pfd_core.model.scene import scene_to_yaml
 from pfd_core.report.cases.excitations import DrivenMotion
 from pfd_core.report.contenders.work import Side, Work
+from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.scene_effects import effects_on
 from pfd_core.report.measure.scene_errors import (
     FullRun,
@@ -38,7 +39,7 @@ from pfd_core.report.measure.scene_search import (
     smallest_one_by_one,
 )
 from pfd_core.report.measure.surroundings import surroundings
-from pfd_core.report.measure.timing import Pace, Row, show_progress, take_turns
+from pfd_core.report.measure.timing import Pace, Row, take_turns
 
 # Scenes differ by few percent of a step's time.
 PACE = Pace(turns=100, budget=8.0)

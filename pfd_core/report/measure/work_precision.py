@@ -31,7 +31,8 @@ from pfd_core.report.contenders.mujoco import INTEGRATORS, Mujoco
 from pfd_core.report.contenders.pinocchio_cpp import PinocchioCpp
 from pfd_core.report.contenders.work import LeftOutError, Side
 from pfd_core.report.measure.energies import SAMPLES, Reference, interval, reference
-from pfd_core.report.measure.timing import Pace, interleave, show_progress
+from pfd_core.report.measure.progress import show_progress
+from pfd_core.report.measure.timing import Pace, interleave
 from pfd_core.simulation.integrators import TABLE, record_step
 from pfd_core.simulation.simulator import Simulator
 

@@ -1,14 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sources of other libraries are compiled once for a machine; a compiler can be interrupted."""
+"""Sources of other libraries are compiled once for a machine."""
 
 from __future__ import annotations
 
 import ctypes
-import os
 from pathlib import Path
 import shutil
-import signal
 
 import pytest
 
@@ -48,26 +46,3 @@ def test_a_source_is_compiled_once_for_each_version_of_its_headers(
     ):
         with pytest.raises(AssertionError, match='compiler was called'), changed():
             pass
-
-
-@pytest.mark.usefixtures('own_cache')
-def test_an_interrupt_ends_the_compiler_and_its_processes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fifo, compiler = tmp_path / 'fifo', tmp_path / 'cc'
-    os.mkfifo(fifo)
-    compiler.write_text(f'#!/bin/sh\nsleep 1000000 > {fifo} &\nkill -INT $PPID\nwait\n')
-    compiler.chmod(0o755)
-    monkeypatch.setattr(shutil, 'which', lambda _: str(compiler))
-    # A process in the background ignores the signal.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
-    try:
-        with pytest.raises(KeyboardInterrupt), built(C, SOURCE):
-            pass
-        os.set_blocking(reader, True)
-        # The end of the pipe: nobody is left who could write to it.
-        assert os.read(reader, 1) == b''
-    finally:
-        signal.signal(signal.SIGINT, before)
-        os.close(reader)

@@ -36,14 +36,14 @@ CORE = {
     'algorithms': 'Emulation',
     'machine': 'Emulation',
 }
-# Titles of the settings, by the module of their table.
+# Titles of the settings, by the class of their table.
 SETTINGS = {
-    'settings': 'Model, simulation, timing, recording',
-    'plant_settings': 'Effects',
-    'description_settings': 'Description and ros2_control',
-    'command_settings': 'Commands and motors',
-    'sensor_settings': 'Sensors',
-    'output_settings': 'Outputs',
+    'Settings': 'Model, simulation, timing, recording',
+    'PlantSettings': 'Effects',
+    'DescriptionSettings': 'Description and ros2_control',
+    'CommandSettings': 'Commands and motors',
+    'SensorSettings': 'Sensors',
+    'OutputSettings': 'Outputs',
 }
 TESTING = (
     'lockstep_arm.LockstepArm',
@@ -80,9 +80,9 @@ def block(text: str) -> str:
 
 
 def _owner(field: dataclasses.Field[Any]) -> str:
-    """Return the module of the table of settings that has a field."""
+    """Return the class of the table of settings that has a field."""
     (found,) = (
-        base.__module__.rpartition('.')[2]
+        base.__name__
         for base in reversed(Settings.__mro__)
         if field.name in vars(base).get('__annotations__', {})
     )

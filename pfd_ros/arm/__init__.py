@@ -5,13 +5,9 @@
 From the inputs to the outputs:
 
     setting_fields    the fields of settings: description, range, reading
-    command_settings  the settings of commands; these and the next four are parts of `settings`
-    description_settings  settings of the model that controllers share
-    plant_settings    settings of the simulated plant
-    output_settings   settings and types of outputs in addition to joint_states
-    sensor_settings   settings of the sensors
-    settings          everything that is not an event: robot, scene, step size, rates
     noise             random numbers as a function of seed, channel and cycle
+    plant_settings    settings of the simulated plant, derived from the effects of the joints
+    settings          everything that is not an event: robot, scene, rates, outputs, sensors
     scene             the scene of the settings: from a file or from their switches
     events            events, outputs, sources, verdicts of the validation
     effects           the effects of events other than commands: requests, states to set
@@ -41,8 +37,7 @@ From the inputs to the outputs:
     driver            runs an engine: for the node, replays and lockstep alike
 
 A new input is a Source in `events`, a rule in `validation`, and a row in node.endpoints and in
-recording.format (with always=False: older recordings lack it). A new output is a
-row of output_settings.OUTPUTS and a writer in `outputs`, and a row in `model_kernels` if it is a
-quantity of the model, and a class in node.endpoints if its type is new. NaN and infinity of a
-command are handled in `commands`. Stepping and recording need no change.
+recording.format (with always=False: older recordings lack it). A new output is a row of
+settings.OUTPUTS and a writer in `outputs`, and a class in node.endpoints if its type is new. NaN
+and infinity of a command are handled in `commands`. Stepping and recording need no change.
 """

@@ -14,14 +14,13 @@ import json
 from typing import Any
 
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.command_settings import check_servo
 from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.effects import SettingsChange
 from pfd_ros.arm.events import PAYLOAD_IN_USE, Output, Verdict
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
 from pfd_ros.arm.scene import with_own_effects
 from pfd_ros.arm.setting_fields import check_joint_counts, typed
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import Settings, check_servo
 from pfd_ros.arm.tip_frames import body_at_tip, tip_frame
 from pfd_ros.messages.convert import encode_string
 from pfd_ros.messages.stamped import InertiaMessage, encode_inertia

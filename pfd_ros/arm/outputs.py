@@ -36,8 +36,7 @@ from numpy.typing import NDArray
 
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.events import ARM_STATE, CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES
-from pfd_ros.arm.output_settings import OUTPUTS
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import OUTPUTS, Settings
 from pfd_ros.messages.convert import POSE, WRENCH, ArrayEncoder, JointStateEncoder
 from pfd_ros.messages.stamped import StampedEncoder, effort_encoder, stamped_encoder
 

@@ -19,8 +19,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import String
 
 from pfd_ros.arm.described_robot import DescribedRobot, described_robot
-from pfd_ros.arm.description_settings import TOPIC
-from pfd_ros.arm.events import Source
+from pfd_ros.arm.events import DESCRIPTION, Source
 from pfd_ros.arm.ros2_control import (
     Ros2Control,
     differences,
@@ -77,10 +76,11 @@ def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> M
     if settings.command_topic:
         topics[Source.ARRAY] = settings.command_topic
     source = settings.robot
-    if source == TOPIC:
+    if source == DESCRIPTION:
         if settings.publish_description:
             raise ValueError(
-                f'publish_description is true, but the model is read from {TOPIC}: set it to false'
+                f'publish_description is true, but the model is read from {DESCRIPTION}: set it '
+                'to false'
             )
         source = wait_for_description(node, settings.description_timeout, stopped)
     found = described_robot(settings, source)
@@ -131,7 +131,7 @@ def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]
     ValueError
         If no description is received in time, or it is not a URDF.
     """
-    topic, received = node.resolve_topic_name(TOPIC), list[bytes]()
+    topic, received = node.resolve_topic_name(DESCRIPTION), list[bytes]()
     node.get_logger().info(f'waiting for the model on {topic} (std_msgs/msg/String)')
     listener = Node(
         f'{node.get_name()}_description',
@@ -177,7 +177,7 @@ def publish_description(node: Node, described: DescribedRobot) -> None:
     """
     publisher = node.create_publisher(
         String,
-        TOPIC,
+        DESCRIPTION,
         _LATCHED,
         qos_overriding_options=QoSOverridingOptions.with_default_policies(),
     )

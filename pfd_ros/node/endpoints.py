@@ -25,7 +25,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from pfd_ros.arm.events import CLOCK, PAYLOAD_IN_USE, STATES, Source
-from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages import convert
 from pfd_ros.node.parameters import given_parameters
 
@@ -48,7 +48,7 @@ PUBLISHED = {
     STATES: (JointState, 'joint_states', 10),
     CLOCK: (Clock, '/clock', 1),
     PAYLOAD_IN_USE: (InertiaStamped, '~/payload_in_use', 1),
-    **{name: (_CLASSES[kind], f'~/{name}', 10) for name, kind in OUTPUTS.items()},
+    **{name: (_CLASSES[kind.type], f'~/{name}', 10) for name, kind in OUTPUTS.items()},
 }
 # Those whose last message reaches subscribers that come later.
 LATCHED = frozenset({Source.PAYLOAD, PAYLOAD_IN_USE})

@@ -25,6 +25,7 @@ from pfd_ros.arm.arm import joint_order
 from pfd_ros.arm.events import (
     ARM_STATE,
     CLOCK,
+    DESCRIPTION,
     PAYLOAD_IN_USE,
     STATES,
     TAKEN,
@@ -90,7 +91,6 @@ SILENCE_SECONDS = 0.1
 BEFORE, AFTER = 20.0, 5.0
 MOST_DIAGNOSED = 1 << 16
 TEXT_LENGTH, MARK_LENGTH = 200, 100
-NAMES = {'position': 'position', 'velocity': 'velocity', 'effort': 'effort'}
 UNITS = {
     'position': ('rad', 'm'),
     'velocity': ('rad/s', 'm/s'),
@@ -337,7 +337,7 @@ class LogReading:
 
     def _feed_topic(self, topic: str, part: LogArrays) -> None:
         role, kind = self._role(topic), part.topics[topic]
-        if role in (CLOCK, 'robot_description') or (role == '' and self.own):
+        if role in (CLOCK, DESCRIPTION) or (role == '' and self.own):
             return
         if role == TAKEN:
             self._feed_rows(topic, part)

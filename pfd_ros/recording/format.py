@@ -26,7 +26,7 @@ from pfd_ros.arm.events import (
     TF_STATIC,
     Source,
 )
-from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages import convert
 
 FORMAT = '2'
@@ -136,7 +136,7 @@ CHANNELS = {
     PAYLOAD_IN_USE: Channel(convert.INERTIA, always=False),
     STATES: Channel(convert.JOINT_STATE),
     DROPPED_STATES: Channel(convert.JOINT_STATE, always=False),
-    **{role: Channel(kind, always=False) for role, kind in OUTPUTS.items()},
+    **{role: Channel(kind.type, always=False) for role, kind in OUTPUTS.items()},
     CLOCK: Channel(convert.CLOCK, always=False),
     TF: Channel(convert.TRANSFORMS, always=False),
     ARM_STATE: Channel(convert.BYTE_ARRAY, always=False),

@@ -16,9 +16,8 @@ from typing import Any
 import pfd_core as pfd
 from pfd_ros.arm import settings as settings_file
 from pfd_ros.arm.events import ARM_STATE, CLOCK, DROPPED_STATES, TF
-from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.outputs import roles_of
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import OUTPUTS, Settings
 from pfd_ros.recording import digests
 from pfd_ros.recording.digests import digest_of, is_digest
 from pfd_ros.recording.format import CHANNELS, FORMAT, ROBOT, EndKey, HeadKey, Part

@@ -17,7 +17,7 @@ from importlib.util import find_spec
 import re
 
 from pfd_ros.arm.events import TAKEN
-from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages.columns import parse_definition
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.messages.definitions import full_text
@@ -164,7 +164,7 @@ def is_command(topic: BagTopic, role: str = '') -> bool:
         return False
     folder, _, last = topic.name.rpartition('/')
     # Outputs of the node are called `bias_torques`; under another name, the name decides.
-    own = role == last and role in OUTPUTS and topic.type == OUTPUTS[role]
+    own = role == last and role in OUTPUTS and topic.type == OUTPUTS[role].type
     words = {word.lower() for word in _WORD.findall(folder if own else topic.name)}
     return (
         last in INPUT_NAMES

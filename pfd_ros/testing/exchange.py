@@ -16,7 +16,7 @@ import time
 from typing import Any
 
 from pfd_ros.arm.events import CLOCK, STATES, Output, Source
-from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages.topics import topic_of
 from pfd_ros.testing.controller import blocked, raised
 from pfd_ros.testing.controllers import Controllers, split
@@ -73,7 +73,7 @@ class Exchange:
         if CLOCK in roles:
             self._publishers[CLOCK] = self.node.create_publisher(Clock, '/clock', CLOCK_DEPTH)
         for role in sorted(OUTPUTS.keys() & set(roles)):
-            package, folder, name = OUTPUTS[role].split('/')
+            package, folder, name = OUTPUTS[role].type.split('/')
             kind = getattr(importlib.import_module(f'{package}.{folder}'), name)
             self._publishers[role] = self.node.create_publisher(kind, f'~/{role}', STATE_DEPTH)
         # Compatible with best-effort and with reliable publishers.

@@ -31,8 +31,8 @@ from rclpy.qos import (
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from pfd_ros.arm.description_settings import TOPIC as DESCRIPTION
-from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.arm.events import DESCRIPTION
+from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages.convert import INERTIA, JOINT_STATE, WRENCH
 from pfd_ros.messages.stamped import WrenchMessage
 from pfd_ros.node.description import wait_for_description

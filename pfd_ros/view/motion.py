@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
+from pfd_ros.arm.events import DESCRIPTION, STATES
 from pfd_ros.messages.convert import INERTIA, JOINT_STATE, NANOSECONDS, STRING, WRENCH
 from pfd_ros.recording.log_arrays import LogArrays, TopicArrays, read_log
 from pfd_ros.text import cut, listed
 
 # The types that a view reads; all others stay in the file.
 TYPES = (JOINT_STATE, STRING, WRENCH, INERTIA)
-DESCRIPTION = 'robot_description'
-STATES = 'joint_states'
 # Positions beyond this [rad, m] are not drawn.
 LARGEST_POSITION = 1e6
 NO_MODEL = (

@@ -17,7 +17,7 @@ from rewriting import GOLDEN, Recording, Sent, load, ros_topic
 from test_read_log import STORE, rosbag2
 import yaml
 
-from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages.qos import Qos, offered_qos, qos_text
 from pfd_ros.recording.bags import Bag, BagTopic
 from pfd_ros.recording.format import HEAD
@@ -104,7 +104,7 @@ def test_a_head_cannot_state_a_role_that_publishes_joint_commands(
 
 @pytest.mark.parametrize('output', sorted(OUTPUTS))
 def test_outputs_of_the_node_are_published(output: str) -> None:
-    topic = BagTopic(f'/sim_arm/{output}', OUTPUTS[output], 'cdr', '')
+    topic = BagTopic(f'/sim_arm/{output}', OUTPUTS[output].type, 'cdr', '')
     assert not is_command(topic, output)
 
 

@@ -204,14 +204,6 @@ def _effects() -> str:
 # The file of a recording.
 
 
-def _topic_of(role: str) -> str:
-    if role in recording.OWN_TOPICS:
-        return recording.OWN_TOPICS[role]
-    source = recording.SOURCE_OF_ROLE.get(role)
-    ends = endpoints.PUBLISHED if source is None else endpoints.SUBSCRIBED
-    return ends[role if source is None else source][1]  # type: ignore[index]
-
-
 def _notes(role: str, channel: recording.Channel) -> Iterator[str]:
     """Yield what a replay does with the messages of a channel, and whether each file has it."""
     if role in recording.SOURCE_OF_ROLE:
@@ -225,7 +217,7 @@ def _channels() -> str:
     rows = [
         (
             code(role),
-            code(_topic_of(role)),
+            code(channel.topic),
             code(channel.type),
             ', '.join(_notes(role, channel)),
         )

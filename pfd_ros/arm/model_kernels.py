@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The native code of the outputs that are quantities of the model, made with the plant's own."""
+"""The native code of quantities of the model: of outputs, and of the error of accelerations."""
 
 from __future__ import annotations
 
@@ -27,3 +27,13 @@ def model_kernels(settings: Settings, robot: pfd.Robot, scene: pfd.Scene) -> Map
             if name in settings.outputs and kind.quantity
         }
     )
+
+
+def acceleration_kernel(robot: pfd.Robot, scene: pfd.Scene, method: str, refine: int = 0) -> Any:
+    """Return the kernel of the accelerations, without brakes and effects that act over a step.
+
+    Those have no accelerations.
+    """
+    over_a_step = {effect.name for effect in pfd.EFFECTS if effect.acts == 'step'}
+    smooth = scene.without(over_a_step | {'brakes', 'external wrench'})
+    return pfd.compile_kernel(robot, method=method, scene=smooth, refine=refine)

@@ -17,7 +17,7 @@ import math
 from typing import Any, NamedTuple
 
 import pfd_core as pfd
-from pfd_ros.arm.effects import MOST_STEPS
+from pfd_ros.arm.events import MOST_STEPS
 from pfd_ros.arm.noise import LARGEST_SEED
 from pfd_ros.arm.plant_settings import PlantSettings
 from pfd_ros.arm.setting_fields import check_values, setting, typed

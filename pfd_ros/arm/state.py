@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.actuator_command import ActuatorCommand
-from pfd_ros.arm.effects import StateChange
+from pfd_ros.arm.events import StateChange
 from pfd_ros.arm.settings import Settings, from_recorded, to_recorded
 
 # The beginning of the bytes of a state; the digest of the rest follows.

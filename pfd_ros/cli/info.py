@@ -206,8 +206,8 @@ def as_json(
         },
     }
     if run_of_node is not None:
-        inputs = {verdict.name.lower(): count for verdict, count in run_of_node.verdicts.items()}
-        accepted = inputs.pop(Verdict.ACCEPTED.name.lower(), 0)
+        inputs = {verdict.label: count for verdict, count in run_of_node.verdicts.items()}
+        accepted = inputs.pop(Verdict.ACCEPTED.label, 0)
         found['run'] = {
             'robot': run_of_node.settings.robot,
             'settings': dict(settings),

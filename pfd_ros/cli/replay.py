@@ -127,7 +127,7 @@ def describe(summary: Summary) -> list[str]:
         f'inputs     {accepted} accepted, {summary.verdicts.total() - accepted} rejected',
     ]
     lines += [
-        f'           {count} {verdict.name.lower()}'
+        f'           {count} {verdict.label}'
         for verdict, count in sorted(summary.verdicts.items())
         if verdict is not Verdict.ACCEPTED
     ]

@@ -1,10 +1,23 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Topics that a description names, where the command line does not name others."""
+"""Topics and message classes for nodes of rclpy, which this module does not import."""
 
 from __future__ import annotations
 
+import importlib
 from typing import Any
+
+
+def message_class(kind: str) -> Any:
+    """Return the class of a type such as 'sensor_msgs/msg/JointState'.
+
+    Raises
+    ------
+    ImportError, AttributeError
+        If it is not installed.
+    """
+    package, folder, name = kind.split('/')
+    return getattr(importlib.import_module(f'{package}.{folder}'), name)
 
 
 def remapped(node: Any, own: str) -> str:

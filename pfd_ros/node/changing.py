@@ -113,7 +113,7 @@ class Changes:
         """Pass values on and wait for the result; a very slow arm applies them later."""
         validation = self.receiver.validation_of(Source.PARAMETERS, encode_changes(values))
         if validation is not None and validation.verdict is not Verdict.ACCEPTED:
-            raise ValueError(f'{validation.verdict.name.lower()}: {validation.detail}')
+            raise ValueError(f'{validation.verdict.label}: {validation.detail}')
 
     def _wait(self, source: Source, values: dict[str, Any], data: bytes) -> None:
         self._waiting[source] = values, data

@@ -326,8 +326,7 @@ class LogReading:
         role, data = self._role(topic), part.messages(topic)
         if role == PAYLOAD_IN_USE:
             for message in map(decode_inertia, data):
-                numbers = message.mass, *message.center, *message.inertia
-                self._payloads.append((message.stamp_ns, checked_payload(numbers)))
+                self._payloads.append((message.stamp_ns, checked_payload(message.numbers)))
         elif role == ARM_STATE and not self._continued and HeadKey.PART in self.bag.head:
             # The log begins with this state; the payload was set in a file before it.
             self._continued = True

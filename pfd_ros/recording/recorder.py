@@ -299,7 +299,11 @@ class LogRecorder:
             self._fail(f'closing took longer than {timeout:g} s (slow disk){_READABLE}')
         self._check_thread()
 
-    def ending(self, totals: Mapping[str, Any]) -> dict[str, str]:
+    def close_run(self, totals: Callable[[], Mapping[str, Any]]) -> None:
+        """Close the recording of a run; `totals` is called once everything else is written."""
+        self.close(lambda: self._run_ending(totals()))
+
+    def _run_ending(self, totals: Mapping[str, Any]) -> dict[str, str]:
         """Return the values of the last record: totals of the run, and counts by topic."""
         names = [topic.name for topic in self.topics]
         values: dict[str, Any] = {

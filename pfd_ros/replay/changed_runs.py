@@ -225,12 +225,12 @@ class NewRun(ChangedRun):
         for row, (source, validation, _) in zip(message.rows, found, strict=True):
             if validation.verdict is row.verdict:
                 continue
-            self.rejected[validation.verdict.name.lower()] += 1
+            self.rejected[validation.verdict.label] += 1
             if not self.first_rejected:
                 self.first_rejected = (
                     f'step {message.cycle}: {ROLE_OF_SOURCE[source]} {row.sequence} is '
-                    f'{validation.verdict.name.lower()} ({cut(validation.detail, 200)}), recorded '
-                    f'as {row.verdict.name.lower()}'
+                    f'{validation.verdict.label} ({cut(validation.detail, 200)}), recorded '
+                    f'as {row.verdict.label}'
                 )
 
     def _write_inputs(self, message: PlacedMessage, stamp_ns: int) -> None:

@@ -23,7 +23,14 @@ from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.messages.definitions import full_text
 from pfd_ros.messages.qos import Qos, offered_qos
 from pfd_ros.recording.bags import Bag, BagTopic
-from pfd_ros.recording.format import CHANNELS, FOLLOWED, MESSAGE_ENCODING, SOURCE_OF_ROLE, HeadKey
+from pfd_ros.recording.format import (
+    CHANNELS,
+    FOLLOWED,
+    MESSAGE_ENCODING,
+    OF_SERVICES,
+    SOURCE_OF_ROLE,
+    HeadKey,
+)
 from pfd_ros.recording.head import read_roles, strict_json
 from pfd_ros.recording.reader import damage_named
 from pfd_ros.replay.log_order import Survey
@@ -31,8 +38,11 @@ from pfd_ros.replay.schedule import Window
 from pfd_ros.text import cut, listed
 
 CLOCK_TOPIC = '/clock'
-# Last names of the topics that the node `sim_arm` subscribes to.
-INPUT_NAMES = frozenset({'joint_commands', 'commands', 'set_state', 'external_wrench', 'payload'})
+# Last names of the topics that the node `sim_arm` subscribes to, but for the clock.
+INPUT_NAMES = frozenset(
+    CHANNELS[role].topic.rpartition('/')[2]
+    for role in SOURCE_OF_ROLE.keys() - OF_SERVICES - {FOLLOWED}
+)
 COMMAND_PARTS = ('command', 'cmd', 'setpoint')
 COMMAND_WORDS = frozenset(
     {

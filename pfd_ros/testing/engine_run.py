@@ -125,7 +125,7 @@ class EngineRun:
         """Send a message; ValueError if the arm does not accept it."""
         validation = self.send(source, data)
         if validation.verdict is not Verdict.ACCEPTED:
-            raise ValueError(f'{validation.verdict.name.lower()}: {validation.detail}')
+            raise ValueError(f'{validation.verdict.label}: {validation.detail}')
 
     def advance(self) -> list[Output]:
         """Run to the next published state, if the last one has its answer; return the messages."""

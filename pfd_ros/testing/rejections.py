@@ -17,8 +17,8 @@ from pfd_ros.messages.convert import decode_floats, decode_joint_state
 from pfd_ros.text import listed
 
 # The names that `allow_rejected` takes, and the diagnostics of the node count.
-REASONS = tuple(verdict.name.lower() for verdict in Verdict if verdict is not Verdict.ACCEPTED)
-STALE = Verdict.STALE.name.lower()
+REASONS = tuple(verdict.label for verdict in Verdict if verdict is not Verdict.ACCEPTED)
+STALE = Verdict.STALE.label
 # Whose text has the joints and numbers.
 NOT_FINITE = frozenset({Verdict.INFINITE, Verdict.NOT_FINITE})
 
@@ -68,17 +68,17 @@ def rejection(
         detail = validation.detail
         if validation.verdict in NOT_FINITE:
             detail = _not_finite(source, data, names)
-        return Rejection(validation.verdict.name.lower(), detail)
+        return Rejection(validation.verdict.label, detail)
     if validation.unknown_count:
         detail = f'{listed(validation.unknown)} of {validation.unknown_count} unknown joints'
-        return Rejection(Verdict.UNKNOWN_NAMES.name.lower(), detail)
+        return Rejection(Verdict.UNKNOWN_NAMES.label, detail)
     effect = validation.effect
     if isinstance(effect, Command) and source is Source.NAMED and len(effect.joints) < len(names):
         driven = {model[j] for j in effect.joints}
         named = decode_joint_state(data).names
         left = [name for name in named if name in names and name not in driven]
         if left:
-            return Rejection(Verdict.ALL_NAN.name.lower(), f'NaN for {listed(left)}')
+            return Rejection(Verdict.ALL_NAN.label, f'NaN for {listed(left)}')
     return None
 
 

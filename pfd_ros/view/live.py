@@ -34,7 +34,7 @@ from sensor_msgs.msg import JointState
 from pfd_ros.arm.events import DESCRIPTION
 from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages.convert import INERTIA, JOINT_STATE, WRENCH
-from pfd_ros.messages.stamped import WrenchMessage
+from pfd_ros.messages.stamped import WrenchMessage, wrench_message
 from pfd_ros.node.description import wait_for_description
 from pfd_ros.view.live_arm import LiveArm
 
@@ -308,9 +308,9 @@ class _Ends:
 def _reported(values: dict[str, str]) -> tuple[WrenchMessage, float] | None:
     """Return the wrench and the timeout in values of diagnostics, None without."""
     try:
-        numbers = tuple(map(float, values['external_wrench'].split()))
+        numbers = [*map(float, values['external_wrench'].split())]
         timeout = float(values['external_wrench_timeout_s'])
         frame = values['external_wrench_frame']
     except (KeyError, ValueError):
         return None
-    return WrenchMessage(0, frame, numbers[:3], numbers[3:]), timeout
+    return wrench_message(0, frame, numbers), timeout

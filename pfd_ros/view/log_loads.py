@@ -41,7 +41,14 @@ from pfd_ros.messages.convert import (
     decode_string,
     rows_as_written,
 )
-from pfd_ros.messages.stamped import InertiaMessage, WrenchMessage, decode_inertia, decode_wrench
+from pfd_ros.messages.stamped import (
+    InertiaMessage,
+    WrenchMessage,
+    decode_inertia,
+    decode_wrench,
+    inertia_message,
+    wrench_message,
+)
 from pfd_ros.recording.bags import Bag
 from pfd_ros.recording.format import EXTERNAL_WRENCH, SOURCE_OF_ROLE, HeadKey
 from pfd_ros.recording.head import read_roles, strict_json
@@ -138,11 +145,8 @@ def _shown(
 
 def is_nothing(message: WrenchMessage | InertiaMessage) -> bool:
     """Return whether a wrench or a payload is zero, or has a number that is not finite."""
-    if isinstance(message, WrenchMessage):
-        numbers = (*message.force, *message.torque)
-        return not any(numbers) or not all(map(math.isfinite, numbers))
-    numbers = (message.mass, *message.center, *message.inertia)
-    return not message.mass > 0 or not all(map(math.isfinite, numbers))
+    zero = not (any(message.numbers) if isinstance(message, WrenchMessage) else message.mass > 0)
+    return zero or not all(map(math.isfinite, message.numbers))
 
 
 # Other bags.
@@ -295,12 +299,8 @@ def _continue(found: _Recorded, log: LogArrays, state: ArmState) -> None:
     assert log.robot is not None
     stamp_ns = state.origin_ns + state.step * found.settings.step_ns
     if state.wrench is not None:
-        numbers = tuple(state.wrench.next.tolist())
-        wrench = WrenchMessage(stamp_ns, log.robot.tip, numbers[:3], numbers[3:])
+        wrench = wrench_message(stamp_ns, log.robot.tip, state.wrench.next.tolist())
         steps = math.inf if state.wrench.left is None else state.wrench.left
         found.begin_wrench(wrench, stamp_ns - 1, steps)
     if state.payload:
-        mass, *body = state.payload
-        found.add_payload(
-            InertiaMessage(stamp_ns, log.robot.tip, mass, tuple(body[:3]), tuple(body[3:]))
-        )
+        found.add_payload(inertia_message(stamp_ns, log.robot.tip, state.payload))

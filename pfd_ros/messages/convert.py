@@ -127,6 +127,15 @@ def decode_floats(data: bytes) -> NDArray[Any]:
     return decode_array(data).values
 
 
+def encode_floats(values: NDArray[Any]) -> bytes:
+    """Return a Float64MultiArray of numbers (count,), without a layout."""
+    writer = CdrWriter()
+    writer.uint32(0)
+    writer.uint32(0)
+    writer.numbers(np.asarray(values, np.float64))
+    return bytes(writer.data)
+
+
 @lru_cache(maxsize=16)
 def _rows_layout(count: int, columns: tuple[str, ...]) -> bytes:
     """Return the message of `count` rows up to their numbers."""
@@ -243,6 +252,15 @@ def encode_clock(stamp_ns: int) -> bytes:
 def decode_clock(data: bytes) -> int:
     """Return the time of a Clock message in nanoseconds."""
     return read_time(CdrReader(data))
+
+
+def encode_state(names: Sequence[str], q: NDArray[Any], qd: NDArray[Any]) -> bytes:
+    """Return a JointState of positions and velocities (n,), without a stamp."""
+    writer = headed('')
+    writer.strings(tuple(names))
+    for numbers in (q, qd, np.zeros(0)):
+        writer.numbers(numbers)
+    return bytes(writer.data)
 
 
 class JointStateEncoder:

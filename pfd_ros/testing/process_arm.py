@@ -20,8 +20,7 @@ import numpy as np
 
 from pfd_ros.arm.arm import joint_order
 from pfd_ros.arm.events import COMMANDS, STATES, Source
-from pfd_ros.messages.command_bytes import state_bytes
-from pfd_ros.messages.convert import NANOSECONDS, JointMessage, decode_joint_state
+from pfd_ros.messages.convert import NANOSECONDS, JointMessage, decode_joint_state, encode_state
 from pfd_ros.messages.stamped import effort_encoder
 from pfd_ros.messages.topics import remapped, topic_of
 from pfd_ros.motion.metrics import Array
@@ -265,7 +264,7 @@ class ProcessArm:
         positions = by_joint(self.names, 'q', q)
         velocities = by_joint(self.names, 'qd', {} if qd is None else qd)
         self._wait(self._jumps.get_subscription_count, REQUEST_SECONDS, 'a reader of set_state')
-        self._jumps.publish(state_bytes(self.names, positions, velocities))
+        self._jumps.publish(encode_state(self.names, positions, velocities))
         self._wait_for_jump(before)
 
     def save(self) -> NoReturn:

@@ -47,6 +47,7 @@ from pfd_ros.messages.convert import (
     JointStateEncoder,
     decode_floats,
     decode_joint_state,
+    encode_floats,
 )
 from pfd_ros.replay.verify import read
 from pfd_ros.replay.what_if import what_if

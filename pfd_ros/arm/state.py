@@ -250,7 +250,7 @@ class ArmState:
             raise ValueError('expected the bytes of an arm state, got other or damaged bytes')
         try:
             found = _record(json.loads(tree))
-        except (TypeError, KeyError, AttributeError) as error:
+        except Exception as error:  # damage has as many exceptions as values
             raise ValueError(f'expected the bytes of an arm state: {error!r}') from error
         if not isinstance(found, cls):
             raise ValueError(f'expected an arm state, got {type(found).__name__}')

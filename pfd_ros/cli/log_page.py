@@ -27,6 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--out',
         type=Path,
+        # A default would replace a file named before `log`.
+        default=argparse.SUPPRESS,
         metavar='FILE',
         help='the page, never over an existing file; default ./NAME.html for NAME.mcap',
     )
@@ -47,7 +49,8 @@ def run(given: argparse.Namespace) -> int:
     OSError
         If the page exists, or a file cannot be read or written.
     """
-    path = given.out or Path(f'{given.logs[0].absolute().name.removesuffix(".mcap")}.html')
+    name = given.logs[0].absolute().name.removesuffix('.mcap')
+    path = getattr(given, 'out', Path(f'{name}.html'))
     if path.exists():
         raise FileExistsError(f'{path} exists and is not overwritten; choose another --out')
     robot = None if given.robot is None else pfd.load_robot(given.robot)

@@ -34,8 +34,13 @@ TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 TRANSITION = 'lifecycle_msgs/msg/TransitionEvent'
 
-# Arrays of a JointState with one number per joint, in the order of `name`.
-JOINT_FIELDS = ('position', 'velocity', 'effort')
+# Units of the arrays of a JointState with one number per joint: of a joint that turns or slides.
+JOINT_UNITS = {
+    'position': ('rad', 'm'),
+    'velocity': ('rad/s', 'm/s'),
+    'effort': ('N m', 'N'),
+}
+JOINT_FIELDS = tuple(JOINT_UNITS)
 # The beginning of a Float64MultiArray without a layout, and the place of its first number.
 _NO_LAYOUT, _FIRST_NUMBER = HEADER + bytes(8), 20
 

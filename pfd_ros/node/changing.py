@@ -116,10 +116,12 @@ class Changes:
             raise ValueError(f'{validation.verdict.label}: {validation.detail}')
 
     def _wait(self, source: Source, values: dict[str, Any], data: bytes) -> None:
-        self._waiting[source] = values, data
         if self._thread is None:
-            self._thread = threading.Thread(target=self._compile_waiting, name='compiling')
-            self._thread.start()
+            # It waits for the lock. Started before anything is kept: it may not start.
+            thread = threading.Thread(target=self._compile_waiting, name='compiling')
+            thread.start()
+            self._thread = thread
+        self._waiting[source] = values, data
 
     def _compile_waiting(self) -> None:
         while True:

@@ -41,6 +41,7 @@ from pfd_ros.messages.convert import (
     FLOAT_ARRAY,
     JOINT_FIELDS,
     JOINT_STATE,
+    JOINT_UNITS,
     NANOSECONDS,
     STRING,
     TRANSITION,
@@ -73,7 +74,7 @@ from pfd_ros.recording.format import (
     HeadKey,
     Part,
 )
-from pfd_ros.recording.head import Ending, read_ending, read_part, read_roles, strict_json
+from pfd_ros.recording.head import Ending, read_ending, read_part, strict_json
 from pfd_ros.recording.log_arrays import LogArrays, TopicArrays, read_parts
 from pfd_ros.recording.reader import LogError, damage_named
 from pfd_ros.text import cut, one_line
@@ -91,11 +92,6 @@ SILENCE_SECONDS = 0.1
 BEFORE, AFTER = 20.0, 5.0
 MOST_DIAGNOSED = 1 << 16
 TEXT_LENGTH, MARK_LENGTH = 200, 100
-UNITS = {
-    'position': ('rad', 'm'),
-    'velocity': ('rad/s', 'm/s'),
-    'effort': ('N m', 'N'),
-}
 ENERGIES = ('kinetic', 'potential', 'total')
 # Numbers of the node's diagnostics: title, unit, the task and its keys.
 DIAGNOSTIC_PLOTS = (
@@ -117,10 +113,10 @@ class _Model:
     kernels: ModelCurves | None = None
 
     def unit(self, item: str, names: Sequence[str]) -> str:
-        revolute, prismatic = UNITS[item]
+        revolute, prismatic = JOINT_UNITS[item]
         types = (
             dict(zip(self.robot.joint_names, self.robot.joint_types, strict=True))
-            if (self.robot)
+            if self.robot
             else {}
         )
         kinds = {types.get(name, '') == 'prismatic' for name in names if name in types}
@@ -211,7 +207,7 @@ class LogReading:
         if part.settings is not None:
             self.own = True
             with suppress(ValueError):
-                model.roles = read_roles(strict_json(bag.head.get(HeadKey.TOPICS, 'null')))
+                model.roles = bag.roles
             try:
                 model.settings = from_recorded(dict(part.settings))
             except ValueError as error:

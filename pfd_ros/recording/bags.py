@@ -24,6 +24,7 @@ import yaml
 
 from pfd_ros.messages.definitions import full_text
 from pfd_ros.recording.format import (
+    DEFINITION_BYTES,
     END,
     HEAD,
     MESSAGE_ENCODING,
@@ -35,7 +36,7 @@ from pfd_ros.recording.format import (
     EndKey,
     HeadKey,
 )
-from pfd_ros.recording.head import strict_json
+from pfd_ros.recording.head import head_roles, strict_json
 from pfd_ros.recording.mcap_stream import CutOffError, McapStream, MessageBlock
 from pfd_ros.recording.reader import Log, LogError, damage_named, opened
 from pfd_ros.recording.run_parts import (
@@ -137,6 +138,11 @@ class Bag:
         if not isinstance(found, dict):
             raise ValueError(f'the settings in its head are {cut(repr(found))}')
         return found
+
+    @property
+    def roles(self) -> dict[str, str]:
+        """Role of each topic, of a recording of the node, else {}; ValueError if damaged."""
+        return head_roles(self.head)
 
     def messages(self) -> Iterator[BagMessage]:
         """
@@ -318,7 +324,7 @@ class Bag:
         tables = {name for (name,) in listed.fetchmany(TOPIC_LIMIT)}
         if not tables >= {'topics', 'messages'}:
             raise ValueError('it has no tables `topics` and `messages`: not a bag of rosbag2')
-        for name in ('topics', 'messages'):
+        for name in ('topics', 'messages', 'message_definitions'):
             # Generated columns are computed: any number of bytes from a small file.
             columns = database.execute(f'PRAGMA table_xinfo({name})').fetchmany(TOPIC_LIMIT)
             if any(column[-1] for column in columns):
@@ -327,7 +333,8 @@ class Bag:
             return {}
         rows = database.execute(
             'SELECT topic_type, encoded_message_definition FROM message_definitions '
-            f"WHERE encoding = '{SCHEMA_ENCODING}' LIMIT {TOPIC_LIMIT}"
+            f"WHERE encoding = '{SCHEMA_ENCODING}' AND length(encoded_message_definition) <= "
+            f'{DEFINITION_BYTES} LIMIT {TOPIC_LIMIT}'
         )
         return dict(rows.fetchall())
 

@@ -58,7 +58,7 @@ class Ending:
 
 
 def strict_json(text: str) -> Any:
-    """Parse JSON; raise ValueError for duplicate keys, NaN and infinity."""
+    """Parse JSON; raise ValueError for duplicate keys, NaN, infinity and deep nesting."""
 
     def refuse(number: str) -> None:
         raise ValueError(f'invalid JSON number {number}')
@@ -69,7 +69,10 @@ def strict_json(text: str) -> Any:
             raise ValueError('duplicate key')
         return found
 
-    return json.loads(text, parse_constant=refuse, object_pairs_hook=unique)
+    try:
+        return json.loads(text, parse_constant=refuse, object_pairs_hook=unique)
+    except RecursionError:
+        raise ValueError('nested too deeply') from None
 
 
 def check_format(texts: Mapping[str, str]) -> None:
@@ -109,6 +112,12 @@ def read_roles(topics: Any) -> dict[str, str]:
     if not set(topics) <= set(CHANNELS) or len(roles) < len(topics):
         raise ValueError(f'{label} {topics}, expected topics of {list(CHANNELS)}')
     return roles
+
+
+def head_roles(texts: Mapping[str, str]) -> dict[str, str]:
+    """Return the role of each topic by a record HEAD, {} for the head of another bag."""
+    text = texts.get(HeadKey.TOPICS)
+    return {} if text is None else read_roles(strict_json(text))
 
 
 def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:

@@ -25,7 +25,7 @@ from pfd_ros.messages.columns import MOST_PADDING, PADDED, read_columns
 from pfd_ros.messages.convert import JOINT_FIELDS, JOINT_STATE, NANOSECONDS
 from pfd_ros.messages.definitions import parse_definition
 from pfd_ros.recording.bags import Bag, BagMessage, BagTopic, bag_of, definition_of
-from pfd_ros.recording.head import read_robot
+from pfd_ros.recording.head import head_roles, read_robot
 from pfd_ros.recording.reader import LogError, damage_named
 from pfd_ros.text import listed
 
@@ -146,6 +146,8 @@ class LogArrays:
     complete : bool
         Whether the file was closed properly, rather than cut off; of a run each file, and none
         is missing.
+    head : mapping of str to str
+        Record HEAD of a recording of ours, empty for other bags.
 
     """
 
@@ -154,6 +156,7 @@ class LogArrays:
     settings: Mapping[str, Any] | None
     robot: pfd.Robot | None = field(repr=False)
     complete: bool
+    head: Mapping[str, str] = field(repr=False)
     _raw: Mapping[str, _Raw] = field(repr=False)
     _read: dict[str, TopicArrays] = field(default_factory=dict, repr=False)
 
@@ -184,6 +187,12 @@ class LogArrays:
             with damage_named(self.path, lambda: f', topic {topic!r}'):
                 self._read[topic] = _decoded(self._raw[topic], self._log_time)
         return self._read[topic]
+
+    @property
+    def roles(self) -> Mapping[str, str]:
+        """Role of each topic, by name; {} for other bags. LogError if damaged."""
+        with damage_named(self.path):
+            return head_roles(self.head)
 
     def messages(self, topic: str) -> Sequence[bytes]:
         """Return the bytes of all messages of a topic, malformed ones included."""
@@ -357,7 +366,7 @@ def _arrays(
 ) -> LogArrays:
     kinds = {name: topic.type for name, topic in bag.topics.items()}
     complete = bag.complete and not bag.absent
-    return LogArrays(bag.path, kinds, settings, robot, complete, raw)
+    return LogArrays(bag.path, kinds, settings, robot, complete, bag.head, raw)
 
 
 def _decoded(raw: _Raw, log_time: str) -> TopicArrays:

@@ -28,9 +28,7 @@ from pfd_ros.recording.format import (
     MESSAGE_ENCODING,
     OF_SERVICES,
     SOURCE_OF_ROLE,
-    HeadKey,
 )
-from pfd_ros.recording.head import read_roles, strict_json
 from pfd_ros.recording.reader import damage_named
 from pfd_ros.replay.log_order import Survey
 from pfd_ros.replay.schedule import Window
@@ -118,7 +116,8 @@ def choose(
     names = dict(remaps)
     if len(names) < len(remaps):
         raise ValueError(f'a topic is remapped twice: {listed([name for name, _ in remaps])}')
-    roles = _roles(bag)
+    with damage_named(bag.path):
+        roles = bag.roles
     chosen: dict[str, Played] = {}
     notes, withheld = [], []
     for name, topic in sorted(bag.topics.items()):
@@ -207,14 +206,6 @@ def obstacle_of(topic: BagTopic) -> str:
     except ValueError as error:
         return f'type {cut(topic.type)} cannot be compared with the installed one: {error}'
     return '' if same else f'type {cut(topic.type)} has other fields than the installed one'
-
-
-def _roles(bag: Bag) -> dict[str, str]:
-    """Return the roles of the topics in a recording of the node, {} for other bags."""
-    if HeadKey.TOPICS not in bag.head:
-        return {}
-    with damage_named(bag.path):
-        return read_roles(strict_json(bag.head[HeadKey.TOPICS]))
 
 
 def _qos(topic: BagTopic, notes: list[str]) -> Qos:

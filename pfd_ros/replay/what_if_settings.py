@@ -113,7 +113,7 @@ def _value(key: str, text: str, kind: str) -> Any:
     elif kind != 'str':
         try:
             value = strict_json(text)
-        except (ValueError, RecursionError):
+        except ValueError:
             if kind.startswith('tuple'):
                 raise ValueError(
                     f'{cut(key)} is {cut(text)!r}, expected numbers as [0.1, 0.2]'

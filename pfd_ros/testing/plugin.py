@@ -40,7 +40,11 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[Any]) -> 
     if report.failed:
         from pfd_ros.testing.artifacts import folder_of, write_artifacts
 
-        lines = write_artifacts(arms, folder_of(item), call.excinfo.value)
+        try:
+            lines = write_artifacts(arms, folder_of(item), call.excinfo.value)
+        # Nothing may hide the failure of the test.
+        except OSError as error:
+            lines = [f'no recording and no page: {error}']
         report.sections.append(('sim_arm', '\n'.join(lines)))
 
 

@@ -328,6 +328,14 @@ def test_any_text_is_a_qos_or_one_error(text: str) -> None:
         assert found is None or 1 <= found.depth <= 10_000
 
 
+@pytest.mark.parametrize('key', ['depth', 'deadline'])
+def test_a_list_of_aliases_is_one_error_and_not_written_out(key: str) -> None:
+    lists = ['&l0 [x]', *(f'&l{k} [{", ".join(9 * [f"*l{k - 1}"])}]' for k in range(1, 30))]
+    rows = [*(f'- history: {text}' for text in lists), f'- {key}: *l29']
+    with pytest.raises(ValueError, match=f'{key} of a QoS profile is a list'):
+        offered_qos('\n'.join(rows))
+
+
 def test_nested_lists_are_one_error() -> None:
     with pytest.raises(ValueError, match='not YAML'):
         offered_qos('[' * 50_000)

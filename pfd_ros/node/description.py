@@ -18,8 +18,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import String
 
+import pfd_core as pfd
 from pfd_ros.arm.described_robot import DescribedRobot, described_robot
 from pfd_ros.arm.events import DESCRIPTION, Source
+from pfd_ros.arm.link_frames import parsed_urdf
 from pfd_ros.arm.ros2_control import (
     Ros2Control,
     differences,
@@ -75,7 +77,7 @@ def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> M
     topics: dict[Source | str, str] = {}
     if settings.command_topic:
         topics[Source.ARRAY] = settings.command_topic
-    source = settings.robot
+    source: str | pfd.Urdf = settings.robot
     if source == DESCRIPTION:
         if settings.publish_description:
             raise ValueError(
@@ -121,7 +123,7 @@ def _topics(node: Node, control: Ros2Control) -> dict[Source | str, str]:
     return chosen
 
 
-def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]) -> str:
+def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]) -> pfd.Urdf:
     """Return the URDF that another node publishes as `robot_description`.
 
     A separate node subscribes, so that any thread can spin it.
@@ -161,10 +163,7 @@ def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]
         raise ValueError(
             f'{topic} has {len(received[0])} bytes, expected {LARGEST_DESCRIPTION} at most'
         )
-    text = decode_string(received[0])
-    if not text.lstrip().startswith('<'):
-        raise ValueError(f'{topic} is not a URDF: it starts with {text[:20]!r}')
-    return text
+    return parsed_urdf(decode_string(received[0]), topic)
 
 
 def publish_description(node: Node, described: DescribedRobot) -> None:

@@ -30,13 +30,12 @@ from pfd_ros.recording.format import (
     MESSAGE_ENCODING,
     RECORD_BYTES,
     ROBOT,
-    ROBOT_BYTES,
     SCHEMA_ENCODING,
     SEQUENCE_MASK,
     EndKey,
     HeadKey,
 )
-from pfd_ros.recording.head import head_roles, strict_json
+from pfd_ros.recording.head import head_roles, robot_text, strict_json
 from pfd_ros.recording.mcap_stream import CutOffError, McapStream, MessageBlock
 from pfd_ros.recording.reader import Log, LogError, damage_named, opened
 from pfd_ros.recording.run_parts import (
@@ -105,7 +104,7 @@ class Bag:
     parts: Sequence[Path] = ()
     topics: dict[str, BagTopic] = field(default_factory=dict)
     head: dict[str, str] = field(default_factory=dict)
-    robot_text: bytes = b''
+    robot_text: str = ''
     end: dict[str, str] = field(default_factory=dict)
     complete: bool = False
     absent: list[str] = field(default_factory=list)
@@ -269,12 +268,7 @@ class Bag:
                     elif isinstance(record, Metadata) and record.name == END:
                         self.end = record.metadata
                     elif isinstance(record, Attachment) and record.name == ROBOT:
-                        if len(record.data) > ROBOT_BYTES:
-                            raise ValueError(
-                                f'{ROBOT} has {len(record.data)} bytes, expected at most '
-                                f'{ROBOT_BYTES}'
-                            )
-                        self.robot_text = self.robot_text or record.data
+                        self.robot_text = self.robot_text or robot_text(record)
             self.complete = records.complete
 
     def _sqlite(self, path: Path) -> Iterator[BagMessage]:

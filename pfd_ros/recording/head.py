@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import json
 from typing import Any
 
+from mcap.records import Attachment
+
 import pfd_core as pfd
 from pfd_ros.arm import settings as settings_file
 from pfd_ros.arm.events import ARM_STATE, CLOCK, DROPPED_STATES, TF
@@ -20,7 +22,7 @@ from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import OUTPUTS, Settings
 from pfd_ros.recording import digests
 from pfd_ros.recording.digests import digest_of, is_digest
-from pfd_ros.recording.format import CHANNELS, FORMAT, ROBOT, EndKey, HeadKey, Part
+from pfd_ros.recording.format import CHANNELS, FORMAT, ROBOT, ROBOT_BYTES, EndKey, HeadKey, Part
 from pfd_ros.text import one_line
 
 # Larger counts are damage; no loop should run to them.
@@ -140,6 +142,13 @@ def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
             f'its topics are {list(roles)}'
         )
     return settings
+
+
+def robot_text(record: Attachment) -> str:
+    """Return the text of the attachment ROBOT."""
+    if len(record.data) > ROBOT_BYTES:
+        raise ValueError(f'{ROBOT} has {len(record.data)} bytes, expected at most {ROBOT_BYTES}')
+    return record.data.decode('utf-8')
 
 
 def read_robot(text: str) -> pfd.Robot:

@@ -354,7 +354,7 @@ def _add(raw: dict[str, _Raw], bag: Bag, message: BagMessage) -> None:
 def _settings_and_robot(bag: Bag) -> tuple[Mapping[str, Any] | None, pfd.Robot | None]:
     with damage_named(bag.path):
         settings = bag.settings
-        robot = read_robot(bag.robot_text.decode('utf-8')) if bag.robot_text else None
+        robot = read_robot(bag.robot_text) if bag.robot_text else None
     return settings, robot
 
 

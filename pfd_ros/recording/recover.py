@@ -49,6 +49,7 @@ from pfd_ros.recording.mcap_stream import (
     records_in_truncated_chunk,
 )
 from pfd_ros.recording.reader import LogError, damage_named, opened
+from pfd_ros.recording.sink import new_file
 
 # Lost parts that are kept: a hostile file could have any number.
 MOST_LOST = 10
@@ -106,15 +107,11 @@ def recover(source: Path, target: Path) -> Recovered:
         size = os.fstat(stream.fileno()).st_size
         if stream.read(len(MAGIC)) != MAGIC:
             raise LogError(f'{source} is not an MCAP file: nothing to recover')
-        with target.open('xb') as written:
-            try:
-                index = _Index(stream, size)
-                stream.seek(len(MAGIC))
-                read = chain(index.records, _readable(stream, size, found, index))
-                _copy(read, written, found, index)
-            except BaseException:
-                target.unlink()
-                raise
+        with new_file(target) as written:
+            index = _Index(stream, size)
+            stream.seek(len(MAGIC))
+            read = chain(index.records, _readable(stream, size, found, index))
+            _copy(read, written, found, index)
         if not found.lost_parts:
             _check_rest(stream, size, found)
     return found

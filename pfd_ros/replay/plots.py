@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pfd_ros.messages.convert import JOINT_UNITS
+from pfd_ros.recording.sink import new_file
 from pfd_ros.replay.compare import Comparison
 from pfd_ros.replay.what_if import WhatIf
 from pfd_ros.text import cut, listed
@@ -127,12 +128,8 @@ def plot_what_if(found: WhatIf, path: Path) -> None:
     )
     title = f'{found.source.name}: {changes or "nothing changed"}'
     figure.suptitle(cut(title, 120), fontsize=10)
-    with path.open('xb') as stream:
-        try:
-            figure.savefig(stream, dpi=120, format=path.suffix.lstrip('.') or 'png')
-        except BaseException:
-            path.unlink()
-            raise
+    with new_file(path) as stream:
+        figure.savefig(stream, dpi=120, format=path.suffix.lstrip('.') or 'png')
 
 
 def _range(recorded: np.ndarray, new: np.ndarray) -> tuple[float, float]:

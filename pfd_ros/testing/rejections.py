@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from difflib import get_close_matches
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from pfd_ros.arm.actuator_command import Command
 from pfd_ros.arm.commands import Validation, kinds_of
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.messages.convert import decode_floats, decode_joint_state
-from pfd_ros.text import listed
+from pfd_ros.text import did_you_mean, listed
 
 # The names that `allow_rejected` takes, and the diagnostics of the node count.
 REASONS = tuple(verdict.label for verdict in Verdict if verdict is not Verdict.ACCEPTED)
@@ -43,8 +42,7 @@ def checked_reasons(given: Collection[str]) -> frozenset[str]:
         given = {given}
     for name in given:
         if name not in REASONS:
-            near = get_close_matches(str(name), REASONS, n=1)
-            hint = f'did you mean {near[0]!r}?' if near else f'expected some of {list(REASONS)}'
+            hint = did_you_mean(str(name), REASONS, f'expected some of {list(REASONS)}')
             raise ValueError(f'allow_rejected has {name!r}: {hint}')
     return frozenset(given)
 

@@ -151,7 +151,7 @@ def dds() -> Iterator[Finding]:
         publisher.kill()
         _, error = publisher.communicate()
     if subscriber.returncode == 0:
-        seconds = float(subscriber.stdout)
+        seconds = float(subscriber.stdout.split()[-1])
         yield Finding('dds', f'{label}: message received by another process after {seconds:.2f} s')
         return
     lines = (error + subscriber.stderr).strip().splitlines()

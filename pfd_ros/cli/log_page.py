@@ -9,7 +9,7 @@ from pathlib import Path
 import sys
 
 import pfd_core as pfd
-from pfd_ros.cli.terminal import progress_on
+from pfd_ros.cli.terminal import add_logs, progress_on
 from pfd_ros.page.html import write_page
 from pfd_ros.page.reading import read_contents
 from pfd_ros.text import one_line
@@ -17,13 +17,7 @@ from pfd_ros.text import one_line
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the log and the page."""
-    parser.add_argument(
-        'logs',
-        nargs='+',
-        type=Path,
-        metavar='LOG',
-        help='MCAP or .db3 file, rosbag2 folder; or all files of one run, or their folder',
-    )
+    add_logs(parser, 'MCAP or .db3 file, rosbag2 folder; or all files of one run, or their folder')
     parser.add_argument(
         '--out',
         type=Path,

@@ -8,6 +8,7 @@ import argparse
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 import json
+from pathlib import Path
 import signal
 from typing import Any, TextIO
 
@@ -69,6 +70,11 @@ def add_view(parser: argparse.ArgumentParser, port: int) -> None:
         metavar='N',
         help=f'port of the page of --view on this computer (default {port}; 0: any free one)',
     )
+
+
+def add_logs(parser: argparse.ArgumentParser, text: str) -> None:
+    """Declare the logs of a command, one or all files of a run."""
+    parser.add_argument('logs', nargs='+', type=Path, metavar='LOG', help=text)
 
 
 def print_lines(lines: Iterable[object]) -> None:

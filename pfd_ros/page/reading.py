@@ -501,7 +501,7 @@ class LogReading:
                 # Commands of a wrong size are drawn with the columns of the arm.
                 joints, labels = True, names
         if role == 'energy':
-            title, unit, labels, joints = 'energy', 'J', ('kinetic', 'potential', 'total'), False
+            title, unit, labels, joints = 'energy', 'J', ENERGIES, False
             total = values[:, :1] + values[:, 1:2]
             values = np.concatenate([values[:, :2], total], axis=1)
         plot = self._plot(

@@ -73,7 +73,7 @@ def open_engine_log(
     names = {role: channels[role].name for role in roles}
     base = provenance.time_base(settings)
     head = provenance.file_head(settings, engine.arm.robot, names, base, engine.arm.program)
-    opening = () if frames is None else frames.opening(settings.start_ns)
+    opening = [] if frames is None else frames.opening(settings.start_ns)
     limits = None
     if settings.splits:
         inputs: dict[int, int] = {
@@ -91,7 +91,7 @@ def open_engine_log(
         [channels[role] for role in roles],
         head,
         report,
-        [(roles.index(role), number, data) for role, number, data in opening],
+        opening,
         limits,
         settings.recording_flush_period,
         roles,

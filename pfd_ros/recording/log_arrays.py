@@ -304,7 +304,7 @@ def read_log(
     return _arrays(bag, raw, *_settings_and_robot(bag))
 
 
-def read_parts(bag: Bag, size: int = PART_BYTES) -> Iterator[LogArrays]:
+def read_parts(bag: Bag) -> Iterator[LogArrays]:
     """
     Read all topics of a log in one pass, in parts of bounded memory, in the order of the log.
 
@@ -315,8 +315,6 @@ def read_parts(bag: Bag, size: int = PART_BYTES) -> Iterator[LogArrays]:
     ----------
     bag : Bag
         The log, before any message was read.
-    size : int
-        Bytes of the messages of a part, at least.
 
     Raises
     ------
@@ -331,7 +329,7 @@ def read_parts(bag: Bag, size: int = PART_BYTES) -> Iterator[LogArrays]:
         for message in bag.messages():
             _add(raw, bag, message)
             held += len(message.data) + MESSAGE_MEMORY
-            if held >= size:
+            if held >= PART_BYTES:
                 model = model or _settings_and_robot(bag)
                 yield _arrays(bag, raw, *model)
                 raw, held = {}, 0

@@ -35,9 +35,8 @@ from mcap.records import (
     Schema,
 )
 
-from pfd_ros.recording.block_writer import NewMessage
+from pfd_ros.recording.block_writer import BlockWriter, NewMessage
 from pfd_ros.recording.format import MAGIC, RECORD_BYTES
-from pfd_ros.recording.mcap_file import new_writer
 from pfd_ros.recording.mcap_stream import (
     FRAME,
     IN_SUMMARY,
@@ -191,7 +190,7 @@ def _copy(
     found: Recovered,
     index: _Index,
 ) -> None:
-    writer = new_writer(written)
+    writer = BlockWriter(written)
     writer.start(index.profile, 'pfd recover')
     # A damaged file may name a channel before its schema.
     schemas: dict[int, int] = {0: 0}

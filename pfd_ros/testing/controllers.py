@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pfd_ros.messages.topics import UNKNOWN_NODE, node_of
+from pfd_ros.testing.child_process import ControllerProcess
 from pfd_ros.testing.controller import ControllerError
-from pfd_ros.testing.controller_process import ControllerProcess
 from pfd_ros.text import listed
 
 

@@ -55,26 +55,25 @@ class Exchange:
     def __init__(
         self,
         roles: Collection[str],
-        ros_args: Sequence[str] = (),
-        topics: Mapping[Source | str, str] | None = None,
+        ros_args: Sequence[str],
+        topics: Mapping[Source | str, str],
     ) -> None:
         require_rclpy()
         from rclpy.qos import QoSProfile, ReliabilityPolicy
 
         self.node = bare_node(NAME, ros_args)
-        named = {} if topics is None else topics
         self._publishers = {}
         for role in (STATES, *sorted({CLOCK, *OUTPUTS} & set(roles))):
             kind, own, *_ = CHANNELS[role]
             depth = CLOCK_DEPTH if role == CLOCK else STATE_DEPTH
-            topic = topic_of(self.node, own, named.get(role, ''))
+            topic = topic_of(self.node, own, topics.get(role, ''))
             self._publishers[role] = self.node.create_publisher(message_class(kind), topic, depth)
         # Compatible with best-effort and with reliable publishers.
         served = QoSProfile(depth=COMMAND_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._subscriptions = {
             source: self.node.create_subscription(
                 message_class(CHANNELS[role].type),
-                topic_of(self.node, CHANNELS[role].topic, named.get(source, '')),
+                topic_of(self.node, CHANNELS[role].topic, topics.get(source, '')),
                 partial(self._on_command, source),
                 served,
                 raw=True,
@@ -115,9 +114,9 @@ class Exchange:
         executor = executor_with([self.node, *nodes])
         self._ended, self._first, self._fault = Future(), None, None
         start = waits.start_of(nodes, processes)
-        topics = [end.topic_name for end in self._subscriptions.values()]
+        commands = [end.topic_name for end in self._subscriptions.values()]
         states, own = self._publishers[STATES].topic_name, {self.node.get_fully_qualified_name()}
-        self._controllers = Controllers(self.node, states, topics, nodes, processes, own)
+        self._controllers = Controllers(self.node, states, commands, nodes, processes, own)
         try:
             with Watch(waits.patience) as self._watch:
                 self._begun = time.perf_counter()
@@ -227,7 +226,7 @@ def require_rclpy() -> None:
         raise RuntimeError('rclpy is not initialised: let the test take the fixture ros_domain')
 
 
-def bare_node(name: str, ros_args: Sequence[str] = ()) -> Any:
+def bare_node(name: str, ros_args: Sequence[str]) -> Any:
     """Return a node without services and log topic: each is an endpoint to be discovered."""
     from rclpy.node import Node
     from rclpy.parameter import Parameter

@@ -86,7 +86,7 @@ def controller_process(ros_domain: int) -> Iterator[Callable[..., Any]]:
     Pass the result to `spin`, which reports how the process ended and the end of its output. The
     process runs in the domain of the test, and ends with it.
     """
-    from pfd_ros.testing.controller_process import ControllerProcess
+    from pfd_ros.testing.child_process import ControllerProcess
 
     with ExitStack() as processes:
         yield lambda command: processes.enter_context(ControllerProcess(command))

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from pfd_ros.messages.convert import JOINT_STATE, NANOSECONDS, JointStateEncoder
 from pfd_ros.messages.definitions import full_text
+from pfd_ros.recording.block_writer import BlockWriter
 from pfd_ros.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
-from pfd_ros.recording.mcap_file import new_writer
 from pfd_ros.recording.sink import new_file
 from pfd_ros.testing.trajectory import Rows
 
@@ -21,7 +21,7 @@ def write_received(names: Sequence[str], runs: Sequence[Rows], path: Path) -> No
     """Write the rows of some runs as states, at simulated times; OSError if the file exists."""
     encoder = JointStateEncoder(names)
     with new_file(path) as stream:
-        writer = new_writer(stream)
+        writer = BlockWriter(stream)
         writer.start(PROFILE, 'pfd_ros')
         schema = writer.register_schema(
             JOINT_STATE, SCHEMA_ENCODING, full_text(JOINT_STATE).encode()

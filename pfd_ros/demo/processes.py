@@ -22,9 +22,8 @@ from typing import Any
 import pfd_core as pfd
 from pfd_ros.arm.settings import Settings
 from pfd_ros.demo.bare_timer import bare_timer
-from pfd_ros.demo.disturbances import disturbances
-from pfd_ros.demo.motion import motion_of
 from pfd_ros.demo.results import show_results
+from pfd_ros.demo.scenario import disturbances, motion_of
 from pfd_ros.recording.reader import LogError
 from pfd_ros.testing.child_process import ChildProcess
 from pfd_ros.testing.domains import FIRST, LAST, environment, own_domain

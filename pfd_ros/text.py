@@ -12,6 +12,8 @@ import re
 NAME_LENGTH = 64
 NAME_COUNT = 8
 LINE_LENGTH = 500
+# Of names that are taken for a misspelling of each other, of 1; 'scene' is 0.62 like 'nonsense'.
+ALIKE = 0.7
 
 
 def cut(text: str, length: int = NAME_LENGTH) -> str:
@@ -37,5 +39,5 @@ def listed(names: Collection[str]) -> str:
 
 def did_you_mean(name: str, known: Collection[str], otherwise: str) -> str:
     """Return the question about the known name that a misspelt one resembles, or another hint."""
-    near = get_close_matches(cut(name), known, n=1)
+    near = get_close_matches(cut(name), known, n=1, cutoff=ALIKE)
     return f'did you mean {near[0]!r}?' if near else otherwise

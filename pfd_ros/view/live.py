@@ -19,6 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import InertiaStamped, WrenchStamped
 from rcl_interfaces.srv import GetParameters
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node, NodeNameNonExistentError
@@ -29,6 +30,7 @@ from rclpy.qos import (
     qos_profile_sensor_data,
 )
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import JointState
 
 import pfd_core as pfd
@@ -78,18 +80,25 @@ def view_node(namespace: str = '/') -> Iterator[Node]:
     Raises
     ------
     ValueError
-        If the namespace is invalid.
+        If the namespace is invalid, or ROS cannot start, such as in an invalid domain.
 
     """
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        yield rclpy.create_node(
-            'pfd_view', namespace=namespace, start_parameter_services=False, enable_rosout=False
-        )
-    except NameValidationException as error:
-        raise ValueError(f'{namespace!r} is not a valid node namespace') from error
+        try:
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            node = rclpy.create_node(
+                'pfd_view',
+                namespace=namespace,
+                start_parameter_services=False,
+                enable_rosout=False,
+            )
+        except NameValidationException as error:
+            raise ValueError(f'{namespace!r} is not a valid node namespace') from error
+        except RCLError as error:
+            raise ValueError(f'ROS: {error}') from error
+        yield node
     finally:
-        rclpy.shutdown()
+        try_shutdown()
 
 
 @dataclass

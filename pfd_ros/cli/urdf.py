@@ -26,7 +26,8 @@ def run(given: argparse.Namespace) -> int:
     """Print the URDF, or write it to a file."""
     text = pfd.urdf_of(given.robot)
     if given.out is None:
-        sys.stdout.write(text)
+        # In any locale, as a file.
+        sys.stdout.buffer.write(text.encode())
     else:
         given.out.write_text(text, encoding='utf-8')
     return 0

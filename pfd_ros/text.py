@@ -37,7 +37,12 @@ def listed(names: Collection[str]) -> str:
     return f'[{", ".join(shown)}{f", and {more} more" if more > 0 else ""}]'
 
 
+def similar(name: str, known: Collection[str]) -> list[str]:
+    """Return the known name that a misspelt one resembles most, or nothing."""
+    return get_close_matches(cut(name), known, n=1, cutoff=ALIKE)
+
+
 def did_you_mean(name: str, known: Collection[str], otherwise: str) -> str:
     """Return the question about the known name that a misspelt one resembles, or another hint."""
-    near = get_close_matches(cut(name), known, n=1, cutoff=ALIKE)
+    near = similar(name, known)
     return f'did you mean {near[0]!r}?' if near else otherwise

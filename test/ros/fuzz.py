@@ -264,7 +264,7 @@ def _cover(
     if leader is not None:
         chosen[Verdict.STALE] = leader.tick_back
     sent = 0
-    while missing := [verdict for verdict in chosen if verdict.name.lower() not in counted]:
+    while missing := [verdict for verdict in chosen if verdict.label not in counted]:
         for verdict in missing:
             chosen[verdict]()
             sent += 1

@@ -17,10 +17,9 @@ from ros_processes import JOINTS
 from pfd_ros.arm.actuator_command import Command
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.commands import Validation
-from pfd_ros.arm.effects import WrenchChange
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict
-from pfd_ros.arm.followed_clock import MOST_STEPS_AHEAD
+from pfd_ros.arm.events import Arrival, Source, Verdict, WrenchChange
+from pfd_ros.arm.pace import MOST_STEPS_AHEAD
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.cdr import CdrWriter
 from pfd_ros.messages.convert import decode_clock, encode_clock

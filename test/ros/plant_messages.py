@@ -12,9 +12,8 @@ import numpy as np
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.commands import Validation
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.events import Arrival, Request, Source, Verdict
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import WRENCH

@@ -21,9 +21,8 @@ from pfd_core.algorithms.chain.drives import record_motor_torques
 from pfd_core.machine.emulator import run as run_program
 from pfd_core.model import resolve
 from pfd_ros.arm.actuators import Actuators, effort_limits, speed_limits
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.events import Arrival, Request, Source, Verdict
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import JointStateEncoder

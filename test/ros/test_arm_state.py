@@ -173,7 +173,17 @@ def test_damaged_bytes_are_refused(damage) -> None:
         ArmState.from_bytes(damage(made().save().to_bytes()))
 
 
-@pytest.mark.parametrize('tree', ['{"ArmState": []}', '{"x": 1}', '[]', '{"ArmState": {"q": 1}}'])
+@pytest.mark.parametrize(
+    'tree',
+    [
+        '{"ArmState": []}',
+        '{"x": 1}',
+        '[]',
+        '{"ArmState": {"q": 1}}',
+        100_000 * '[',
+        f'{{"array": ["<f8", [{2**70}], ""]}}',
+    ],
+)
 def test_other_values_under_a_valid_digest_are_refused(tree: str) -> None:
     data = MAGIC + hashlib.sha256(tree.encode()).digest() + tree.encode()
     with pytest.raises(ValueError, match=r'expected .*an? arm state'):

@@ -81,6 +81,27 @@ def test_values_that_several_threads_set_all_reach_the_arm_in_one_order() -> Non
     assert engine.settings.real_time_factor in {20.0 * k + 19 for k in range(4)}
 
 
+def test_a_change_for_which_no_thread_starts_is_dropped_and_the_next_is_applied(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    engine, receiver, changes = made()
+
+    def start(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    with stepping(engine, receiver):
+        with monkeypatch.context() as patch:
+            patch.setattr(threading.Thread, 'start', start)
+            with pytest.raises(RuntimeError, match="can't start new thread"):
+                changes.set([chosen('payload.mass', 1.0)])
+        assert changes.set([chosen('gravity_compensation', True)]).successful
+        end = time.monotonic() + PATIENCE
+        while not engine.settings.gravity_compensation and time.monotonic() < end:
+            time.sleep(0.01)
+    assert engine.settings.gravity_compensation
+    assert engine.settings.payload_mass == 0.0
+
+
 def test_payloads_and_parameters_from_several_threads_end_in_one_order() -> None:
     engine, receiver, parameters = made()
     changes = parameters.changes

@@ -223,3 +223,19 @@ def test_a_reader_that_ends_first_ends_a_command_quietly(words: list[str]) -> No
     finally:
         os.close(writing)
     assert (done.returncode, done.stderr) == (command_line.CLOSED_PIPE, '')
+
+
+@pytest.mark.parametrize('name', ['é☃.mcap', os.fsdecode(b'\xff.mcap')])
+def test_names_that_a_terminal_cannot_show_are_escaped(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(GOLDEN.read_bytes())
+    for words in (['info', str(path)], ['recover', str(path)]):
+        done = subprocess.run(
+            [sys.executable, '-m', 'pfd_ros.cli.main', *words],
+            env=environment(1) | {'PYTHONIOENCODING': 'ascii'},
+            capture_output=True,
+            check=False,
+            timeout=120,
+        )
+        assert (done.returncode, done.stderr) == (0, b'')
+        assert rb'\udcff' in done.stdout or rb'\xe9\u2603' in done.stdout

@@ -16,9 +16,8 @@ from simulating import efforts, joint_state, rows_of, simulate, states_of
 
 from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.command_link import timeout_text
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.events import Arrival, Request, Source, Verdict
 from pfd_ros.arm.noise import Channel, uniform
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings

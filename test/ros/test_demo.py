@@ -22,10 +22,8 @@ import pfd_core as pfd
 from pfd_ros.cli.main import main
 from pfd_ros.demo import processes as demo
 from pfd_ros.demo.bare_timer import bare_timer, missing_share
-from pfd_ros.demo.computed_torque import efforts
-from pfd_ros.demo.disturbances import PUSH_BEGIN, disturbances, push_force
-from pfd_ros.demo.motion import motion_of
 from pfd_ros.demo.results import TRACKING_LIMIT, unless_busy
+from pfd_ros.demo.scenario import PUSH_BEGIN, disturbances, efforts, motion_of, push_force
 from pfd_ros.replay.verify import read
 from pfd_ros.testing import domains
 from pfd_ros.testing.domains import FIRST, LAST, own_domain

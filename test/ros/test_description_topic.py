@@ -22,13 +22,14 @@ pytestmark = pytest.mark.ros
 def wait(peer: Peer, seconds: float = 20.0, stopped=lambda: False) -> str:
     from pfd_ros.node.description import wait_for_description
 
-    return wait_for_description(peer.node, seconds, stopped)
+    return wait_for_description(peer.node, seconds, stopped).text
 
 
 def test_the_description_of_a_latched_publisher_is_returned(processes: Processes, peer_of) -> None:
     one, other = peer_of(processes, 'left'), peer_of(processes, 'left')
-    publish(latched(one), '\n <robot/>')
-    assert wait(other) == '\n <robot/>'
+    text = '\n <robot name="a"><link name="b"/></robot>'
+    publish(latched(one), text)
+    assert wait(other) == text
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,14 @@ def test_a_middleware_that_does_not_load_is_a_failure(processes: Processes) -> N
     assert 'FAILED' in lines['dds']
 
 
+@pytest.mark.ros
+def test_an_invalid_domain_is_named_and_no_firewall(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('ROS_DOMAIN_ID', '500')
+    (found,) = doctor.dds()
+    assert found.failed
+    assert 'domainId is over 232' in found.text
+
+
 def test_a_folder_that_others_can_write_is_a_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -20,10 +20,9 @@ from simulating import efforts
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.engine import MOST_ROWS, Engine
 from pfd_ros.arm.events import TAKEN_COLUMNS, Arrival, Event, Output, Overflow, Source, Verdict
 from pfd_ros.arm.settings import Settings
-from pfd_ros.arm.validation_rows import MOST_ROWS
 from pfd_ros.messages.convert import (
     JointMessage,
     JointStateEncoder,

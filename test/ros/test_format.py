@@ -21,6 +21,7 @@ from pfd_ros.cli.replay import INCOMPLETE
 from pfd_ros.messages.convert import encode_string
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import END, HEAD, ROBOT
+from pfd_ros.recording.head import strict_json
 from pfd_ros.recording.recover import recover
 from pfd_ros.replay.verify import DifferenceError, read
 
@@ -414,3 +415,8 @@ def test_a_recovered_whole_recording_is_whole(
 ) -> None:
     recover(run.copy().save(tmp_path / 'a.mcap'), tmp_path / 'b.mcap')
     assert verified(tmp_path / 'b.mcap', capsys)[0] == 0
+
+
+def test_a_text_that_is_nested_too_deeply_is_one_error() -> None:
+    with pytest.raises(ValueError, match='nested too deeply'):
+        strict_json(100_000 * '[')

@@ -175,6 +175,23 @@ def test_a_fault_in_a_transition_is_logged_and_the_node_continues(
     assert "configure failed: KeyError: '{}'" in node.text()
 
 
+def test_an_arm_that_cannot_be_started_is_cleaned_up(processes: Processes, peer_of) -> None:
+    recording = ('-p', 'recording:=a.mcap')
+    node = processes.faulty('first_start_fails', *WAITS, *recording, ready=False)
+    node.wait_for_text('waiting for lifecycle transitions')
+    peer = peer_of(processes)
+    assert not change(peer, 'configure')
+    assert "configure failed: can't start new thread" in node.text()
+    assert read(processes.folder / 'a.mcap').complete
+    assert set_text(peer, 'recording', 'b.mcap').successful
+    assert change(peer, 'configure')
+    assert change(peer, 'activate')
+    peer.connect()
+    assert node.end(signal.SIGINT) == 0, node.text()
+    assert 'too: subscribers receive both' not in node.text()
+    assert read(processes.folder / 'b.mcap', verify=True).complete
+
+
 @pytest.mark.slow
 @pytest.mark.long
 def test_a_signal_at_any_moment_of_a_transition_closes_the_file(

@@ -85,10 +85,12 @@ class Listener:
         """Listen until the player ends, and return its exit status."""
         self.peer.wait(lambda: player.process.poll() is not None)
         # The player waited for the last acknowledgement; callbacks may still wait.
-        count = -1
-        while count < len(self.messages):
+        # One turn may run another callback, or none on a busy machine.
+        idle = 0
+        while idle < 3:
             count = len(self.messages)
             self.peer.executor.spin_once(timeout_sec=0.1)
+            idle = idle + 1 if len(self.messages) == count else 0
         return int(player.process.returncode)
 
 

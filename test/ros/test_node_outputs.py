@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from ros_processes import JOINTS, Processes, stamp_ns
 
-from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages import convert
 from pfd_ros.replay.verify import read
 
@@ -45,7 +45,7 @@ def test_readers_get_every_output_and_the_recording_verifies(
     peer = peer_of(processes)
     got: dict[str, list[Any]] = {name: [] for name in OUTPUTS}
     for name, kind in OUTPUTS.items():
-        peer.node.create_subscription(types[kind], f'sim_arm/{name}', got[name].append, 10)
+        peer.node.create_subscription(types[kind.type], f'sim_arm/{name}', got[name].append, 10)
     peer.connect()
     peer.wait(lambda: all(got.values()) and len(got['true_states']) > 40)
     assert arm.end(signal.SIGINT) == 0, arm.text()

@@ -21,9 +21,8 @@ import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import CLOCK, STATES, Arrival, Output, Source
-from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.outputs import position_and_quaternion
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import OUTPUTS, Settings
 from pfd_ros.messages import convert
 from pfd_ros.messages.stamped import decode_stamped
 from pfd_ros.recording.reader import LogError
@@ -57,7 +56,7 @@ def moved(engine: Engine, steps: int = 100) -> dict[str, bytes]:
 
 def decoded(role: str, data: bytes) -> np.ndarray:
     """Return the numbers of an output."""
-    kind = OUTPUTS[role]
+    kind = OUTPUTS[role].type
     if kind == convert.FLOAT_ARRAY:
         array = convert.decode_array(data)
         return array.values.reshape(array.sizes)
@@ -188,7 +187,7 @@ def test_layouts_and_headers_name_joints_axes_and_frames() -> None:
         message = convert.decode_joint_state(found[role])
         assert (message.stamp_ns, message.frame_id, message.names) == (stamp, 'room', ORDER)
     for role, frame in (('tip_pose', 'base_link'), ('tip_wrench', 'tool0')):
-        stamped = decode_stamped(found[role], OUTPUTS[role])
+        stamped = decode_stamped(found[role], OUTPUTS[role].type)
         assert (stamped.stamp_ns, stamped.frame_id) == (stamp, frame)
 
 

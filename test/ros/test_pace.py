@@ -14,7 +14,7 @@ from simulating import efforts
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
-from pfd_ros.arm.followed_clock import MOST_STEPS_AHEAD
+from pfd_ros.arm.pace import MOST_STEPS_AHEAD
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import encode_clock
 

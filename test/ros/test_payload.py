@@ -22,7 +22,7 @@ from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.setting_fields import joint_values
 from pfd_ros.arm.settings import Settings
 from pfd_ros.cli.recorded_motion import read_motion
-from pfd_ros.messages.command_bytes import state_bytes
+from pfd_ros.messages.convert import encode_state
 from pfd_ros.messages.stamped import decode_inertia, encode_inertia
 from pfd_ros.node.diagnostics import MassKernels
 from pfd_ros.replay.verify import read
@@ -55,7 +55,7 @@ def test_a_payload_at_run_time_is_that_from_the_start_in_the_same_state() -> Non
     assert bits(engine) == before
     assert engine.arm.scene == other.arm.scene
     names, q, qd = engine.arm.names, engine.arm.q, engine.arm.qd
-    validated(other, (Source.SET_STATE, state_bytes(names, q, qd)))
+    validated(other, (Source.SET_STATE, encode_state(names, q, qd)))
     other.step()
     validated(other, PUSH)
     unloaded = moving()

@@ -12,7 +12,7 @@ import time
 import pytest
 from ros_processes import PATIENCE, Processes
 
-from pfd_ros.testing.controller_process import ControllerProcess
+from pfd_ros.testing.child_process import ControllerProcess
 from pfd_ros.testing.domains import LOOPBACK, environment_to_kill
 from pfd_ros.testing.session import claimed_domain
 

@@ -207,6 +207,10 @@ ENDLESS = (
         ({'sql': ['DROP TABLE messages', ENDLESS]}, 'no tables `topics` and `messages`'),
         ({'sql': ['UPDATE messages SET topic_id = 77']}, 'unknown topic 77'),
         ({'sql': ['ALTER TABLE messages ADD b BLOB AS (zeroblob(9))']}, 'generated columns'),
+        (
+            {'sql': ['ALTER TABLE message_definitions ADD b BLOB AS (zeroblob(9))']},
+            'message_definitions has generated columns',
+        ),
         ({'sql': ["UPDATE topics SET type = x'00'"]}, 'a field that is not a string'),
         ({'sql': ["UPDATE messages SET data = 'text'"]}, 'a message of 4 bytes'),
     ],

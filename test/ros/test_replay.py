@@ -249,18 +249,17 @@ def test_the_progress_runs_from_start_to_end(recorded: Path) -> None:
     assert 0 < parts[0] <= parts[-1] <= 1
 
 
-def test_the_progress_is_drawn_on_a_terminal_and_nowhere_else(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    class Terminal:
+def test_the_progress_is_drawn_on_a_terminal_and_nowhere_else() -> None:
+    class Terminal(io.StringIO):
         def isatty(self) -> bool:
             return True
 
-    draw = progress_on(Terminal())
+    terminal = Terminal()
+    draw = progress_on(terminal)
     assert draw is not None
     draw(0.5)
     draw(0.501)
-    assert capsys.readouterr().err.count('50 %') == 1
+    assert terminal.getvalue().count('50 %') == 1
     assert progress_on(None) is None
     assert progress_on(io.StringIO()) is None
 

@@ -15,9 +15,8 @@ from rewriting import STATES as STATES_TOPIC
 from rewriting import Recording
 from simulating import efforts, simulate
 
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import DROPPED_STATES, STATES, Arrival, Output, Source
+from pfd_ros.arm.events import DROPPED_STATES, STATES, Arrival, Output, Request, Source
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.sensors import quantized
 from pfd_ros.arm.settings import Settings

@@ -19,9 +19,8 @@ from ros_processes import PATIENCE
 pytest.importorskip('rclpy')
 
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import STATES, Source
+from pfd_ros.arm.events import STATES, Request, Source
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import JointStateEncoder, decode_joint_state
@@ -141,11 +140,7 @@ class Rounds:
 
 def test_the_recording_may_write_after_each_cycle_whose_state_is_published() -> None:
     rounds = Rounds()
-
-    class Session(LogSession):
-        recorder = rounds
-
-    bench = Bench(Session(), real_time_factor=0.0)
+    bench = Bench(LogSession(rounds), real_time_factor=0.0)
     rounds.published = bench.topic.states
     with bench.running():
         bench.wait(lambda: len(rounds.found) >= 100)

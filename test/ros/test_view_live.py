@@ -87,6 +87,21 @@ def test_a_log_and_live_exclude_each_other(
     assert error in capsys.readouterr().err
 
 
+@pytest.mark.ros
+def test_an_invalid_domain_is_one_line() -> None:
+    done = subprocess.run(
+        [sys.executable, '-m', 'pfd_ros.cli.main', 'view', '--live', '--port', '0'],
+        capture_output=True,
+        text=True,
+        env=environment(0) | {'ROS_DOMAIN_ID': 'many'},
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert 'ROS_DOMAIN_ID is not an integral number' in line
+
+
 # The run of each day follows an arm in test_view_process.py.
 @pytest.mark.ros
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import pinocchio as pin
@@ -30,9 +31,12 @@ import pfd_core as pfd
 from pfd_ros import read_log
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import TAKEN, TAKEN_COLUMNS, Source, ValidationRow, Verdict
 from pfd_ros.arm.settings import Settings
 from pfd_ros.cli.main import main
+from pfd_ros.messages.convert import encode_rows, encode_string
 from pfd_ros.messages.stamped import InertiaMessage, WrenchMessage
+from pfd_ros.recording.format import REQUESTS
 from pfd_ros.testing.engine_run import EngineRun
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.run_log import open_log
@@ -268,6 +272,29 @@ def test_the_arrow_is_shown_in_the_states_in_which_the_wrench_acted(tmp_path: Pa
     assert expected.any(axis=1).sum() > 10
     shown = [np.zeros(6) if one is None else np.array([*one.force, *one.torque]) for one in found]
     np.testing.assert_array_equal(np.array(shown), expected)
+
+
+@pytest.mark.parametrize('text', ['{}', '7', 300 * '['])
+def test_a_request_that_is_none_is_a_line_and_the_motion_is_shown(
+    text: str, tmp_path: Path
+) -> None:
+    path = tmp_path / 'run.mcap'
+    settings = Settings(robot='planar2', external_wrench=True, recording=str(path))
+    engine = Engine(settings, load_robot(settings))
+    log = open_log(engine)
+    assert log is not None
+    run = EngineRun(engine, log)
+    run.send(*wrench('tip_link', (0.0, 3.0, 0.0)))
+    data = encode_string(text)
+    row = ValidationRow(1, Source.REQUEST, 1, Verdict.ACCEPTED, crc32(data))
+    log.record(REQUESTS, 1, data)
+    log.record(TAKEN, 2, encode_rows([row], TAKEN_COLUMNS))
+    for _ in range(5):
+        run.step()
+    log.close()
+    content = content_of(path)
+    assert len(content.motion.time) == 5
+    assert 'external wrench and payload are not shown' in content.lines[-1]
 
 
 def test_a_file_that_continues_a_run_begins_with_its_wrench_and_payload(tmp_path: Path) -> None:

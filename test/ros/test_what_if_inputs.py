@@ -13,8 +13,7 @@ from rewriting import Sent, load
 from simulating import efforts, joint_state, simulate
 
 from pfd_ros.arm.changes import encode_changes
-from pfd_ros.arm.effects import Request
-from pfd_ros.arm.events import Source
+from pfd_ros.arm.events import Request, Source
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.cli.main import main
 from pfd_ros.messages.convert import WRENCH, encode_clock

@@ -14,9 +14,8 @@ from ros_processes import example_robot
 from simulating import efforts, rows_of, simulate
 
 import pfd_core as pfd
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.events import Request, Source, Verdict
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.cli.recorded_motion import read_motion
 from pfd_ros.replay.verify import read

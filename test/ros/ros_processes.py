@@ -20,6 +20,7 @@ from typing import Any
 
 from forked_process import ForkedProcess, Job
 import pytest
+from waiting import PATIENCE, wait_until
 
 from pfd_ros.testing import domains
 from pfd_ros.testing.child_process import ChildProcess
@@ -27,10 +28,6 @@ from pfd_ros.testing.child_process import ChildProcess
 ROOT = Path(__file__).resolve().parents[2]
 # Of the package under test; an installation has byte code, which a checkout may not have.
 PACKAGES = Path(domains.__file__).parents[2]
-# Longest wait for anything a process should do: discovery alone may take three seconds, and
-# compiling a robot on a machine with twenty times its load some minutes. Nothing is measured
-# against it.
-PATIENCE = 240.0
 MILLISECOND = 1_000_000
 HAS_ROS = importlib.util.find_spec('rclpy') is not None
 NODE = ('-m', 'pfd_ros.node.main')
@@ -102,11 +99,12 @@ class Process:
         return self.output.read_text(encoding='utf-8', errors='replace')
 
     def wait_for_text(self, wanted: str) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while wanted not in self.text():
-            assert self.process.poll() is None, self.text()
-            assert time.monotonic() < deadline, self.text()
-            time.sleep(0.02)
+        def came() -> bool:
+            found = wanted in self.text()
+            assert found or self.process.poll() is None, self.text()
+            return found
+
+        wait_until(came, self.text, pause=0.02)
 
     def end(self, *signals: signal.Signals, apart: float = 0.005) -> int:
         """Send signals and return the exit status."""

@@ -7,12 +7,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 import threading
-import time
 from typing import Any
 
 from plant_messages import payload
 import pytest
-from ros_processes import PATIENCE, chosen
+from ros_processes import chosen
+from waiting import wait_until
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
@@ -102,10 +102,7 @@ def test_payloads_and_parameters_from_several_threads_end_in_one_order() -> None
             thread.start()
         for thread in threads:
             thread.join()
-        deadline = time.monotonic() + PATIENCE
-        while changes._thread is not None:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(lambda: changes._thread is None)
     assert engine.settings == changes.settings
     assert engine.arm.scene.payload == engine.settings.payload
 

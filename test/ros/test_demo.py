@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ros_processes import HAS_ROS, PATIENCE, Processes, environment
+from ros_processes import HAS_ROS, Processes, environment
 from sampling import one_fast
+from waiting import PATIENCE
 
 import pfd_core as pfd
 from pfd_ros.cli.main import main

@@ -16,8 +16,9 @@ import gripper_arm
 import numpy as np
 import pytest
 from replicas import ControllerManager, TopicHardware
-from ros_processes import PATIENCE, ROOT, Process, Processes
+from ros_processes import ROOT, Process, Processes
 from simulating import rows_of
+from waiting import PATIENCE
 import yaml
 
 from pfd_ros.arm.events import Verdict

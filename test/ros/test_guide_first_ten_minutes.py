@@ -11,11 +11,11 @@ import shlex
 import signal
 import subprocess
 import sys
-import time
 
 from plugin_sessions import install
 import pytest
-from ros_processes import PATIENCE, ROOT, Processes, environment
+from ros_processes import ROOT, Processes, environment
+from waiting import PATIENCE, wait_until
 
 from pfd_ros.recording.log_arrays import read_log
 
@@ -104,7 +104,7 @@ def test_every_command_of_the_guide_works_as_printed(
 
 def wait_for_commands(recording: Path) -> None:
     """Return once the arm has recorded commands."""
-    deadline = time.monotonic() + PATIENCE
-    while not recording.exists() or len(read_log(recording)['/joint_commands']) < 100:
-        assert time.monotonic() < deadline
-        time.sleep(0.5)
+    wait_until(
+        lambda: recording.exists() and len(read_log(recording)['/joint_commands']) >= 100,
+        pause=0.5,
+    )

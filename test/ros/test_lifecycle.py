@@ -11,9 +11,10 @@ from typing import Any
 
 from mcap.reader import make_reader
 import pytest
-from ros_processes import JOINTS, PATIENCE, Peer, Processes, call, stamp_ns
+from ros_processes import JOINTS, Peer, Processes, call, stamp_ns
 from rosbags.typesys import Stores, get_typestore
 from transitions import change
+from waiting import PATIENCE
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read

@@ -11,7 +11,8 @@ import subprocess
 import sys
 
 import pytest
-from ros_processes import NODE, PATIENCE, Processes, environment, in_namespaces
+from ros_processes import NODE, Processes, environment, in_namespaces
+from waiting import PATIENCE
 
 from pfd_ros.replay.verify import read
 

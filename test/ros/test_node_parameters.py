@@ -10,7 +10,8 @@ import signal
 
 import numpy as np
 import pytest
-from ros_processes import MILLISECOND, PATIENCE, Processes, call, example_robot, stamp_ns
+from ros_processes import MILLISECOND, Processes, call, example_robot, stamp_ns
+from waiting import PATIENCE
 
 from pfd_ros.replay.verify import read
 

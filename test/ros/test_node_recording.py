@@ -12,10 +12,11 @@ import time
 
 from mcap.reader import make_reader
 import pytest
-from ros_processes import JOINTS, PATIENCE, Processes, stamp_ns
+from ros_processes import JOINTS, Processes, stamp_ns
 from rosbags.typesys import Stores, get_typestore
 from sampling import one_fast
 from simulating import rows_of
+from waiting import PATIENCE, wait_until
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.cli import main as command_line
@@ -60,10 +61,7 @@ def test_a_node_with_limits_records_the_files_of_one_run(processes: Processes) -
         *('-p', 'recording:=arm.mcap', '-p', 'recording_max_duration:=0.5'),
         *('-p', 'recording_max_size:=100000000', '-p', 'real_time_factor:=2.0'),
     )
-    deadline = time.monotonic() + PATIENCE
-    while not (processes.folder / 'arm_000003.mcap').exists():
-        assert time.monotonic() < deadline, arm.text()
-        time.sleep(0.05)
+    wait_until((processes.folder / 'arm_000003.mcap').exists, arm.text, pause=0.05)
     assert arm.end(signal.SIGINT) == 0, arm.text()
     found = read_run(sorted(processes.folder.glob('arm_*.mcap')), verify=True)
     assert found.absent == []
@@ -72,11 +70,8 @@ def test_a_node_with_limits_records_the_files_of_one_run(processes: Processes) -
 
 def wait_for_steps(processes: Processes, role: str = 'joint_states') -> None:
     """Wait until the recording holds a message of a role."""
-    log, deadline = Log(processes.folder / 'arm.mcap'), time.monotonic() + PATIENCE
-    while all(entry.role != role for entry in log.entries()):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-        log = Log(log.path)
+    path = processes.folder / 'arm.mcap'
+    wait_until(lambda: any(entry.role == role for entry in Log(path).entries()), pause=0.02)
 
 
 @pytest.mark.parametrize('factor', one_fast(['1.0', '5.0'], '5.0'))

@@ -28,11 +28,11 @@ from recordings import (
     refuse,
     running,
     start,
-    wait_for,
     write,
 )
 from rewriting import Recording
 from simulating import efforts, simulate
+from waiting import wait_until
 
 from pfd_ros.recording import recorder as recording
 from pfd_ros.recording.format import HEAD
@@ -280,7 +280,7 @@ def test_a_file_that_loses_its_name_is_a_failure(
     recorder, reports = running(path)
     lose(path)
     if not closing:
-        wait_for(lambda: recorder.failed)
+        wait_until(lambda: recorder.failed)
     recorder.close()
     (line,) = reports
     assert line.startswith(f'recording stopped: {path} was {loss} while it was written; keep log')

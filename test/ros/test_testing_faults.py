@@ -15,7 +15,8 @@ from typing import Any
 from controller_faults import FAULTS, UR5, WAYS, command_of, failure_of, node_of, pd
 import numpy as np
 import pytest
-from ros_processes import PATIENCE, ROOT
+from ros_processes import ROOT
+from waiting import PATIENCE
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.testing.controller import ControllerError

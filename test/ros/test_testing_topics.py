@@ -10,14 +10,14 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-import time
 from typing import Any
 
 import gripper_arm
 from lockstep_runs import GOAL, UNCUT, assert_same_bits
 import numpy as np
 import pytest
-from ros_processes import PATIENCE, ROOT
+from ros_processes import ROOT
+from waiting import PATIENCE, wait_until
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read
@@ -333,10 +333,7 @@ with claimed_domain() as domain, initialised(domain), ProcessArm('planar2') as a
     assert running(pid)
     runner.send_signal(end)
     runner.wait(PATIENCE)
-    deadline = time.monotonic() + PATIENCE
-    while running(pid):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    wait_until(lambda: not running(pid), pause=0.05)
 
 
 @pytest.mark.slow

@@ -7,7 +7,8 @@ from __future__ import annotations
 import signal
 
 import pytest
-from ros_processes import JOINTS, PATIENCE, Processes
+from ros_processes import JOINTS, Processes
+from waiting import PATIENCE
 
 from pfd_ros.replay.verify import read
 

@@ -18,8 +18,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from rewriting import GOLDEN, load
-from ros_processes import PATIENCE, example_robot
+from ros_processes import example_robot
 from view_models import STATE, UR5, joint_state, recorded, swinging, text_message, urdf, write_bag
+from waiting import PATIENCE
 
 from pfd_ros import read_log
 from pfd_ros.cli.main import main

@@ -14,8 +14,9 @@ import urllib.request
 import numpy as np
 import pinocchio as pin
 import pytest
-from ros_processes import PATIENCE, Processes, environment
+from ros_processes import Processes, environment
 from view_models import STATE, STORE, joint_state, parsed, urdf
+from waiting import PATIENCE
 
 from pfd_ros.cli.main import main
 from pfd_ros.view.live_arm import LiveArm

@@ -14,7 +14,7 @@ import pinocchio as pin
 import plant_messages
 from plant_messages import change, validated, wrench
 import pytest
-from rewriting import Recording, Sent
+from rewriting import Recording
 from simulating import efforts, simulate
 
 import pfd_core as pfd
@@ -280,13 +280,6 @@ def test_a_recording_with_every_output_verifies(
     assert not summary.lost
 
 
-def flipped(message: Sent) -> None:
-    """Change the last bit of the lowest byte of the last number."""
-    data = bytearray(message.data)
-    data[-8] ^= 1
-    message.data = bytes(data)
-
-
 @pytest.mark.parametrize(
     ('role', 'place'),
     [
@@ -306,7 +299,8 @@ def test_one_changed_bit_of_an_output_is_found_with_its_element(
     usual: Recording, tmp_path: Path, role: str, place: str
 ) -> None:
     made = usual.copy()
-    flipped(made.on(f'/sim_arm/{role}')[29])
+    # The last bit of the lowest byte of the last number.
+    made.on(f'/sim_arm/{role}')[29].flip(-8)
     made.recount()
     with pytest.raises(DifferenceError, match=f'step 30: {role}: {place}: recorded '):
         read(made.save(tmp_path / 'log.mcap'), verify=True)

@@ -81,10 +81,7 @@ def test_noise_is_replayed_cycle_by_cycle(tmp_path: Path, lengths: list[int]) ->
 def flip(topic: str, place: int, at: int) -> Callable[[Path, Path], Path]:
     def alter(path: Path, other: Path) -> Path:
         recording = load(path)
-        message = recording.on(topic)[place]
-        data = bytearray(message.data)
-        data[at] ^= 1
-        message.data = bytes(data)
+        recording.on(topic)[place].flip(at)
         recording.recount()
         return recording.save(other)
 

@@ -103,8 +103,7 @@ def test_a_changed_bit_behind_a_missing_beginning_is_found(
     run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], topic: str
 ) -> None:
     altered = from_step(run, 130)
-    message = altered.on(topic)[-1]
-    message.data = message.data[:-1] + bytes([message.data[-1] ^ 1])
+    altered.on(topic)[-1].flip()
     status, said = verified(altered.save(tmp_path / 'a.mcap', closed=False), capsys)
     assert status == 1, said
     assert len(said.splitlines()) == 1

@@ -230,8 +230,7 @@ def test_a_robot_that_no_urdf_can_hold_is_recorded_without_frames(tmp_path: Path
 def altered(path: Path, topic: str, place: int) -> Recording:
     """Return a recording with another last byte in one message of a topic."""
     made = load(path)
-    message = made.on(topic)[place]
-    message.data = message.data[:-1] + bytes([message.data[-1] ^ 1])
+    made.on(topic)[place].flip()
     return made
 
 

@@ -82,7 +82,7 @@ def differences(sim: pfd.Simulator, at: list[np.ndarray], **inputs: Any) -> np.n
         sim.step(x[-n:], **inputs)
         rows = [sim.q, sim.qd]
         if lags:
-            rows.append(np.array(sim._now.arrays['tau_motor']))
+            rows.append(sim.tau_motor)
         return np.concatenate(rows)
 
     step = 1e-6

@@ -17,7 +17,7 @@ from typing import Any
 
 from mcap.records import Attachment
 import numpy as np
-from waiting import wait_until
+from waiting import threads_named, wait_until
 
 from pfd_ros.messages import convert, definitions
 from pfd_ros.recording import reader as log
@@ -155,7 +155,7 @@ def check_failed(
     recorder: LogRecorder, reports: list[str], sent: int, path: Path, *, torn: bool = False
 ) -> None:
     """Check that a failure was said once, counts and frees everything, and spares the file."""
-    wait_until(lambda: not recorder._thread.is_alive())
+    wait_until(lambda: not threads_named('recording'))
     recorder.close()
     assert recorder.failed
     assert recorder.backlog == 0.0
@@ -163,7 +163,7 @@ def check_failed(
     assert recorder.error.startswith('recording stopped: ')
     assert recorder.error.isprintable()
     assert len(recorder.error) < 500
-    assert len(recorder._queue) == 0
+    assert recorder.waiting_share == 0.0
     assert recorder.recorded[0] + recorder.dropped[0] == sent
     found, entries = read(path)
     assert not found.complete

@@ -12,7 +12,7 @@ from typing import Any
 from plant_messages import payload
 import pytest
 from ros_processes import chosen
-from waiting import wait_until
+from waiting import threads_named, wait_until
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
@@ -102,7 +102,7 @@ def test_payloads_and_parameters_from_several_threads_end_in_one_order() -> None
             thread.start()
         for thread in threads:
             thread.join()
-        wait_until(lambda: changes._thread is None)
+        wait_until(lambda: not threads_named('compiling'))
     assert engine.settings == changes.settings
     assert engine.arm.scene.payload == engine.settings.payload
 

@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 from array import array
-import contextlib
+from contextlib import ExitStack, suppress
 from pathlib import Path
 import re
 import subprocess
 import sys
+import tempfile
 import threading
 from typing import Any
 
@@ -183,8 +184,12 @@ def test_a_domain_to_avoid_is_not_claimed(tmp_path: Path) -> None:
 def test_without_a_free_domain_the_demo_ends_with_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(domains, '_locked', lambda path: None)
-    assert main(['demo', '--out', str(tmp_path)]) == 1
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    with ExitStack() as claims:
+        with suppress(OSError):
+            while True:
+                claims.enter_context(own_domain(start=0))
+        assert main(['demo', '--out', str(tmp_path)]) == 1
     printed = capsys.readouterr().err
     assert printed.count('\n') == 1
     assert 'all ROS domains from 1 to 101 are taken' in printed
@@ -272,7 +277,7 @@ def test_even_on_one_domain_two_demos_are_apart(tmp_path: Path, monkeypatch) -> 
     started = []
     monkeypatch.setattr(demo, 'ChildProcess', lambda command, *_: started.append(command))
     for _ in range(2):
-        with contextlib.suppress(AttributeError):
+        with suppress(AttributeError):
             demo.run_demo('planar2', 1.0, tmp_path)
     names = [[part for part in command if part.startswith('__ns:=')] for command in started]
     assert all(len(name) == 1 for name in names)

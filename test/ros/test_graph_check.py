@@ -121,14 +121,19 @@ def test_a_subscription_that_is_being_replaced_is_no_trouble(
 
 
 def other_end(number: int, type_name: str, node_name: str) -> SimpleNamespace:
-    from rclpy.qos import QoSProfile
-
-    from pfd_ros.node.graph_check import _effective
+    from rclpy.duration import Infinite
+    from rclpy.qos import LivelinessPolicy, QoSProfile
 
     return SimpleNamespace(
         endpoint_gid=[number],
         topic_type=type_name,
-        qos_profile=_effective(QoSProfile(depth=1)),
+        # As the graph reports a profile whose policies are not set.
+        qos_profile=QoSProfile(
+            depth=1,
+            deadline=Infinite,
+            liveliness=LivelinessPolicy.AUTOMATIC,
+            liveliness_lease_duration=Infinite,
+        ),
         node_name=node_name,
         node_namespace='/',
     )

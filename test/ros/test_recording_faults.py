@@ -32,7 +32,7 @@ from recordings import (
     start,
     state,
 )
-from waiting import PATIENCE, wait_until
+from waiting import PATIENCE, threads_named, wait_until
 from zstandard import ZstdError
 
 from pfd_ros.recording import recorder as recording
@@ -158,7 +158,7 @@ def test_a_failed_recording_gives_its_messages_back(
         recorder.record(1, k, message)
     assert sys.getrefcount(message) >= alone + 19
     hang.go_on.set()
-    wait_until(lambda: not recorder._thread.is_alive())
+    wait_until(lambda: not threads_named('recording'))
     assert sys.getrefcount(message) == alone
     assert recorder.dropped == [0, 20]
     assert len(reports) == 1
@@ -179,27 +179,27 @@ def test_a_full_queue_drops_and_counts_and_keeps_room_for_commands(
     monkeypatch: pytest.MonkeyPatch,
     hang: Hang,
 ) -> None:
-    monkeypatch.setattr(LogRecorder, '_drain', hang.before(LogRecorder._drain))
+    monkeypatch.setattr(McapFile, 'add_all', hang.before(McapFile.add_all))
     recorder, _ = start(tmp_path / 'a.mcap', **limits)
+    recorder.record(0, 1, bytes(size))
+    wait_until(hang.reached.is_set)
     for topic, backlog in ((0, 0.5), (1, 1.0)):
         for k in range(1, 21):
             recorder.record(topic, k, bytes(size))
         assert recorder.backlog == backlog
     hang.go_on.set()
     recorder.close()
-    assert (recorder.recorded, recorder.dropped) == ([5, 5], [15, 15])
+    assert (recorder.recorded, recorder.dropped) == ([1 + 5, 5], [15, 15])
     _, entries = read(tmp_path / 'a.mcap')
-    assert [entry.role for entry in entries] == ['joint_states'] * 5 + ['joint_commands'] * 5
+    assert [entry.role for entry in entries] == ['joint_states'] * 6 + ['joint_commands'] * 5
 
 
 def test_a_round_that_is_due_waits_for_the_end_of_a_step(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, hang: Hang
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recording, 'PATIENCE', PATIENCE)
-    monkeypatch.setattr(LogRecorder, '_drain', hang.before(LogRecorder._drain))
     recorder, _ = start(tmp_path / 'a.mcap', flush_seconds=4 * PATIENCE)
     recorder.record(0, 1, state(1))
-    hang.go_on.set()
     wait_until(lambda: recorder.recorded[0] == 1)
     recorder.record(0, 2, state(2))
     time.sleep(2 * recording.ROUND_SECONDS)
@@ -272,10 +272,9 @@ def test_closing_returns_though_the_disk_does_not_answer(
     for k in range(21, 31):
         recorder.record(0, k, state(k))
     # On a busy machine the thread may need longer than that to get there.
-    join = recorder._thread.join
-    monkeypatch.setattr(
-        recorder._thread, 'join', lambda limit: (hang.reached.wait(PATIENCE), join(limit))
-    )
+    (thread,) = threads_named('recording')
+    join = thread.join
+    monkeypatch.setattr(thread, 'join', lambda limit: (hang.reached.wait(PATIENCE), join(limit)))
     recorder.close(timeout=0.3)
     assert hang.reached.is_set()
     assert recorder.failed
@@ -284,7 +283,7 @@ def test_closing_returns_though_the_disk_does_not_answer(
     check_counts()
     assert counts(read(tmp_path / 'a.mcap')[1]) == [written, 0]
     hang.go_on.set()
-    wait_until(lambda: not recorder._thread.is_alive())
+    wait_until(lambda: not threads_named('recording'))
     recorder.close()
     # It went on, but nothing that has been reported changes.
     check_counts()

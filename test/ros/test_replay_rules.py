@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 import json
 import os
 from pathlib import Path
@@ -21,9 +22,9 @@ from pfd_ros.cli import main as command_line
 from pfd_ros.cli.main import CLOSED_PIPE
 from pfd_ros.cli.replay import INCOMPLETE
 from pfd_ros.messages import convert
-from pfd_ros.recording.format import END
-from pfd_ros.recording.reader import Entry, Log, LogError
-from pfd_ros.replay.ordering import placed_blocks
+from pfd_ros.recording.format import END, HEAD, HeadKey
+from pfd_ros.recording.reader import Log, LogError
+from pfd_ros.replay.ordering import messages_of, placed_blocks
 from pfd_ros.replay.verify import DifferenceError, read
 
 MOVE = {3: [efforts(1.0, 2.0)], 9: [efforts(-1.0, 0.5), efforts(2.0, 0.0)]}
@@ -220,19 +221,21 @@ def test_a_file_that_still_grows_is_verified_up_to_where_it_was(tmp_path: Path) 
 
 
 def test_sequence_numbers_continue_beyond_32_bits(tmp_path: Path) -> None:
-    from pfd_ros.replay.ordering import _Order
-
-    log = Log(simulate(1).save(tmp_path / 'a.mcap'))
-    list(placed_blocks(log))
-    order = _Order(log)
-    order._last['joint_states'] = (1 << 32) - 2
-    later = START_NS + (1 << 33) * 1_000_000
-    found = [
-        order.place(Entry('joint_states', later, n & 0xFFFFFFFF, b'', later))
-        for n in range((1 << 32) - 1, (1 << 32) + 2)
+    # The file continues a run after as many states.
+    run = simulate(1)
+    none = {channel.topic: 0 for channel in run.channels}
+    part = {'number': 2, 'first': '0' * 64, 'previous': '0' * 64, 'dropped': none}
+    part['recorded'] = none | {STATES: (1 << 32) - 2}
+    run.head(HEAD)[HeadKey.PART] = json.dumps(part)
+    later, (state, *_) = START_NS + (1 << 33) * 1_000_000, run.on(STATES)
+    numbers = [(1 << 32) - 1, 1 << 32, (1 << 32) + 1]
+    run.messages = [
+        replace(state, sequence=n & 0xFFFFFFFF, log_ns=later, published_ns=later) for n in numbers
     ]
-    assert [event.number for event in found] == [(1 << 32) - 1, 1 << 32, (1 << 32) + 1]
-    assert [event.lost for event in found] == [0, 0, 0]
+    log = Log(run.save(tmp_path / 'a.mcap', closed=False))
+    found = [message for block in placed_blocks(log) for message in messages_of(block)]
+    assert [message.number for message in found] == numbers
+    assert [message.lost for message in found] == [0, 0, 0]
 
 
 # --- no regular file, and no reader of the output

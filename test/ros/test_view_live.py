@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import signal
 import subprocess
 import sys
@@ -22,13 +21,6 @@ from pfd_ros.cli.main import main
 from pfd_ros.view.live_arm import LiveArm
 from pfd_ros.view.mesh_files import MeshFolders
 from pfd_ros.view.poses import LinkPoses
-from pfd_ros.view.server import page
-
-
-@pytest.fixture
-def empty() -> Iterator[Any]:
-    with page(0, 'test') as server:
-        yield server
 
 
 def encoded(*state: Any) -> bytes:
@@ -42,7 +34,7 @@ def test_the_arm_follows_joint_states_by_name_and_skips_what_is_none(empty: Any)
     pinocchio = pin.buildModelFromXML(urdf())
     data = pinocchio.createData()
     end = LinkPoses(model, ['swing']).index('end')
-    node = empty.scene._handle_from_node_name[f'/arm/link_{end}']
+    node = empty.scene.get_handle_by_name(f'/arm/link_{end}')
 
     def check(q: float) -> None:
         arm.draw()

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 import re
 from typing import Any
@@ -29,16 +28,9 @@ from pfd_ros import read_log
 from pfd_ros.cli.main import main
 from pfd_ros.view.loads import AT_LIMIT, UNKNOWN, Loads, load_colour
 from pfd_ros.view.logged_arm import Content, content_of, fill, offset_of, tip_path
-from pfd_ros.view.server import page
 
 TIMES = (0.0, 0.1, 0.2, 0.35, 0.5)
 NONE, FULL = (70, 120, 200), (225, 60, 45)
-
-
-@pytest.fixture
-def empty() -> Iterator[Any]:
-    with page(0, 'test') as server:
-        yield server
 
 
 @pytest.fixture(scope='module')
@@ -118,7 +110,7 @@ def test_a_ghost_is_shown_at_the_same_stamps(tmp_path: Path, empty: Any) -> None
     model, data = pendulum_model()
     for time, q in ((0.0, 1.0), (0.25, 1.0), (0.35, 2.0), (0.5, 3.0)):
         show(time)
-        node = empty.scene._handle_from_node_name[f'/ghost/link_{ghost.poses.index("end")}']
+        node = empty.scene.get_handle_by_name(f'/ghost/link_{ghost.poses.index("end")}')
         pin.framesForwardKinematics(model, data, np.array([q]))
         expected = data.oMf[model.getFrameId('end', pin.FrameType.BODY)].translation
         np.testing.assert_allclose(node.position, expected, atol=1e-12)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from view_models import (
     UR5,
     WRENCH,
     Exported,
+    Nodes,
     joint_state,
     parsed,
     pushed_bag,
@@ -38,10 +38,9 @@ from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.run_log import open_log
 from pfd_ros.view.export import export
 from pfd_ros.view.live_arm import LiveArm
-from pfd_ros.view.logged_arm import Content, content_of, fill
+from pfd_ros.view.logged_arm import content_of
 from pfd_ros.view.mesh_files import MeshFolders
 from pfd_ros.view.running_wrench import RunningWrench
-from pfd_ros.view.server import page
 from pfd_ros.view.tip_loads import DENSITY, payload_body, scale_of
 
 # The page has float32 vertices.
@@ -54,12 +53,6 @@ PUSHES = {
 FIRST = (1.0, (0.0, 0.05, 0.02), (0.0,) * 6)
 SECOND = (2.5, (0.1, -0.02, 0.05), (0.02, 0.001, -0.002, 0.03, 0.003, 0.025))
 PART = 0.1  # s of each of the four parts of that run: neither, the pushes, neither
-
-
-@pytest.fixture(scope='module')
-def empty() -> Iterator[Any]:
-    with page(0, 'test') as server:
-        yield server
 
 
 @pytest.fixture(scope='module')
@@ -85,34 +78,6 @@ def pushed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         arm.set(payload_mass=0.0)
         arm.run(swing, PART)
     return path
-
-
-class Nodes:
-    """The nodes of a page that shows a log."""
-
-    def __init__(self, server: Any, content: Content) -> None:
-        server.scene.reset()
-        server.gui.reset()
-        self._scene = server.scene
-        self.show = fill(server, content)
-
-    def __getitem__(self, name: str) -> Any:
-        return self._scene._handle_from_node_name[name]
-
-    def pose(self, name: str) -> pin.SE3:
-        """Return the pose of a node in the world, from those of its parents."""
-        found = pin.SE3.Identity()
-        parts = name.strip('/').split('/')
-        for k in range(len(parts)):
-            node = self[f'/{"/".join(parts[: k + 1])}']
-            w, x, y, z = node.wxyz
-            found = found * pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(node.position))
-        return found
-
-    def points(self, name: str) -> np.ndarray:
-        """Return the vertices of a mesh in the world, as a browser places them."""
-        node, pose = self[name], self.pose(name)
-        return (node.vertices * np.array(node.scale)) @ pose.rotation.T + pose.translation
 
 
 def frames_at(log: Path, place: int) -> Any:
@@ -393,10 +358,8 @@ def test_where_the_arm_publishes_the_wrench_that_acts_nothing_else_counts() -> N
 def test_a_running_arm_shows_wrench_and_payload_at_the_frames_of_their_messages(
     empty: Any,
 ) -> None:
-    empty.scene.reset()
-    empty.gui.reset()
     arm = LiveArm(empty, parsed(urdf()), MeshFolders())
-    node = empty.scene._handle_from_node_name.__getitem__
+    node = empty.scene.get_handle_by_name
     state = joint_state(0.0, ['swing'], [0.7])
     arm.take(bytes(STORE.serialize_cdr(state, STATE)))
     sent = wrench_message('end', (0.0, 0.0, 5.0), (0.0, 0.0, 0.0))

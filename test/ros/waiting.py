@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import threading
 import time
 from typing import Any
 
@@ -22,3 +23,8 @@ def wait_until(
     while not done():
         assert time.monotonic() < deadline, told()
         time.sleep(pause)
+
+
+def threads_named(name: str) -> list[threading.Thread]:
+    """Return the threads of this process with a name."""
+    return [thread for thread in threading.enumerate() if thread.name == name]

@@ -269,3 +269,24 @@ def call(peer: Peer, kind: Any, name: str, **values: Any) -> Any:
     peer.wait(future.done)
     peer.node.destroy_client(client)
     return future.result()
+
+
+def transition(peer: Peer, label: str = '', number: int = 0) -> bool:
+    """Request a transition of the node by label or number; return whether it succeeded."""
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+
+    wanted = Transition(id=number, label=label)
+    return bool(call(peer, ChangeState, 'change_state', transition=wanted).success)
+
+
+def description_publisher(
+    peer: Peer, topic: str = 'robot_description', durability: str = 'transient_local'
+) -> Callable[[str], None]:
+    """Return a function that publishes a description of a robot."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import String
+
+    profile = QoSProfile(depth=1, durability=DurabilityPolicy[durability.upper()])
+    publisher = peer.node.create_publisher(String, topic, profile)
+    return lambda text: publisher.publish(String(data=text))

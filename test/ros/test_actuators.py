@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from plant_messages import UNLIMITED, efforts, joint_state
 import pytest
 from sampling import one_fast
-from simulating import efforts, joint_state, simulate, states_of
+from simulating import simulate, states_of
 
 import pfd_core as pfd
 from pfd_core.algorithms.chain.actuators import record_actuators
@@ -33,7 +34,6 @@ from pfd_ros.replay.verify import read
 PLANAR2 = pfd.load_robot('planar2')
 ROBOTS = ('planar2', 'puma560', 'ur5', 'panda')
 NAN = float('nan')
-UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
 
 
 def actuators(**settings: Any) -> Engine:

@@ -7,9 +7,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from plant_messages import change, made, request, validated, wrench
+from plant_messages import UNLIMITED, change, efforts, made, request, validated, wrench
 import pytest
-from simulating import UNLIMITED, efforts
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict

@@ -10,9 +10,9 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from plant_messages import made
+from plant_messages import efforts, joint_state, made
 import pytest
-from simulating import efforts, joint_state, rows_of, simulate, states_of
+from simulating import rows_of, simulate, states_of
 
 from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.command_link import timeout_text

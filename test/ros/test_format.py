@@ -11,13 +11,13 @@ from damage import parts_of, with_a_flip
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType
+from plant_messages import efforts, joint_state
 import pytest
-from read_hostile import replay
+from read_hostile import verified
 from rewriting import ARRAY, GOLDEN, STATES, File, Recording, load
-from simulating import efforts, joint_state, simulate
+from simulating import simulate
 
 from pfd_ros.arm.events import Source
-from pfd_ros.cli import main as command_line
 from pfd_ros.cli.replay import INCOMPLETE
 from pfd_ros.messages.convert import encode_string
 from pfd_ros.recording import provenance
@@ -25,8 +25,6 @@ from pfd_ros.recording.format import END, HEAD, ROBOT
 from pfd_ros.recording.recover import recover
 from pfd_ros.replay.verify import DifferenceError, read
 
-# Processor time of a replay, far above what it takes, s.
-SECONDS = 30.0
 SETTINGS = {
     'outputs': ('acceleration', 'energy'),
     'noise_position': 1e-3,
@@ -52,13 +50,6 @@ def run() -> Recording:
     )
 
 
-def verified(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
-    """Return status and output of `pfd replay --verify`."""
-    status = command_line.main(['replay', str(path), '--verify'])
-    said = capsys.readouterr()
-    return status, said.out + said.err
-
-
 # --- one bit
 
 
@@ -71,18 +62,16 @@ def check_bits(whole: Recording, folder: Path, data: st.DataObject) -> None:
     for message in whole.messages:
         message.published_ns = message.log_ns
     whole.recount()
-    found = replay('--verify', str(whole.save(folder / 'whole.mcap')), SECONDS)
-    assert found['status'] == 0, found
+    status, said = verified(whole.save(folder / 'whole.mcap'))
+    assert status == 0, said
     for part, paths in parts_of(whole).items():
         path = data.draw(st.sampled_from(paths), part)
         altered = with_a_flip(whole, path, data.draw)
-        found = replay(
-            '--verify', str(altered.save(folder / 'altered.mcap', sealed=False)), SECONDS
-        )
+        status, said = verified(altered.save(folder / 'altered.mcap', sealed=False))
         # Under another name it is a record of another tool: the end record is missing.
         renamed = END not in [name for name, _ in altered.metadata]
-        assert found['status'] == (INCOMPLETE if renamed else 1), (part, found)
-        assert renamed or len((found['out'] + found['err']).splitlines()) == 1, found
+        assert status == (INCOMPLETE if renamed else 1), (part, said)
+        assert renamed or len(said.splitlines()) == 1, said
 
 
 @pytest.fixture(scope='module')
@@ -116,19 +105,17 @@ def test_fifteen_changed_bits_in_each_part_of_a_recording_are_found(
     ('name', 'value'), [('robot', 'panda'), ('seed', 6), ('real_time_factor', 2.0)]
 )
 def test_a_changed_setting_is_named(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, value: object
+    run: Recording, tmp_path: Path, name: str, value: object
 ) -> None:
     altered = run.copy()
     altered.seal()
     altered.edit(HEAD, 'settings', lambda settings: settings.update({name: value}))
-    status, said = verified(altered.save(tmp_path / 'a.mcap', sealed=False), capsys)
+    status, said = verified(altered.save(tmp_path / 'a.mcap', sealed=False))
     assert status == 1
     assert "the value 'settings' in its head is not the recorded one" in said
 
 
-def test_a_changed_friction_of_the_robot_is_found_also_in_a_cut_off_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_changed_friction_of_the_robot_is_found_also_in_a_cut_off_file(tmp_path: Path) -> None:
     # The scene has no friction, so no state depends on it.
     altered = load(GOLDEN)
     (file,) = altered.attachments
@@ -136,54 +123,48 @@ def test_a_changed_friction_of_the_robot_is_found_also_in_a_cut_off_file(
     file.data = file.data.replace(b'friction: 0.55443978', b'friction: 0.55443979')
     for closed in (True, False):
         path = altered.save(tmp_path / 'a.mcap', sealed=False, closed=closed)
-        status, said = verified(path, capsys)
+        status, said = verified(path)
         assert status == 1
         assert f'the attachment {ROBOT!r} in its head is not the recorded one' in said
 
 
-def test_changed_log_times_are_found(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_changed_log_times_are_found(run: Recording, tmp_path: Path) -> None:
     for name in ('log_ns', 'published_ns'):
         altered = run.copy()
         for message in altered.messages[20:]:
             setattr(message, name, message.log_ns + 1)
-        status, said = verified(altered.save(tmp_path / 'a.mcap'), capsys)
+        status, said = verified(altered.save(tmp_path / 'a.mcap'))
         assert status == 1
         assert 'are not the recorded ones' in said
 
 
-def test_an_end_record_of_another_run_is_refused(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_end_record_of_another_run_is_refused(run: Recording, tmp_path: Path) -> None:
     other = simulate(60, {}, **(SETTINGS | {'seed': 6}))
     for each in (run, other):
         each.seal()
     altered = run.copy()
     altered.metadata[-1] = other.metadata[-1]
-    status, said = verified(altered.save(tmp_path / 'a.mcap', sealed=False), capsys)
+    status, said = verified(altered.save(tmp_path / 'a.mcap', sealed=False))
     assert status == 1
     assert 'the end record was altered: its digest does not match' in said
 
 
 def test_a_changed_command_without_effect_is_found_in_a_cut_off_file(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Recording, tmp_path: Path
 ) -> None:
     altered = run.copy()
     # The second one has one effort, and is refused.
     message = altered.on(ARRAY)[1]
     message.data = efforts(1.5)
-    status, said = verified(altered.save(tmp_path / 'a.mcap', closed=False), capsys)
+    status, said = verified(altered.save(tmp_path / 'a.mcap', closed=False))
     assert status == 1
     assert 'message 2 of commands: recorded with CRC-32' in said
 
 
-def test_a_recording_of_format_1_is_one_clear_line(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_of_format_1_is_one_clear_line(run: Recording, tmp_path: Path) -> None:
     old = run.copy()
     old.head(HEAD)['format'] = '1'
-    status, said = verified(old.save(tmp_path / 'a.mcap'), capsys)
+    status, said = verified(old.save(tmp_path / 'a.mcap'))
     assert status == 1
     assert said.splitlines() == [
         f"pfd replay: {tmp_path / 'a.mcap'}: it has the recording format '1', expected '2': "
@@ -308,20 +289,16 @@ HARMLESS = {
 
 
 @pytest.mark.parametrize('name', HARMLESS)
-def test_harmless_rewriting_is_no_change(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
+def test_harmless_rewriting_is_no_change(run: Recording, tmp_path: Path, name: str) -> None:
     change, options = HARMLESS[name]
     rewritten = run.copy()
     rewritten.seal()
     change(rewritten)
     path = rewritten.save(tmp_path / 'a.mcap', sealed=False, **options)
-    status, said = verified(path, capsys)
+    status, said = verified(path)
     assert (status, 'every bit equal' in said) == (0, True), said
 
 
-def test_a_recovered_whole_recording_is_whole(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recovered_whole_recording_is_whole(run: Recording, tmp_path: Path) -> None:
     recover(run.copy().save(tmp_path / 'a.mcap'), tmp_path / 'b.mcap')
-    assert verified(tmp_path / 'b.mcap', capsys)[0] == 0
+    assert verified(tmp_path / 'b.mcap')[0] == 0

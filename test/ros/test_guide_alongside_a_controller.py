@@ -11,12 +11,11 @@ import shlex
 import signal
 from xml.etree import ElementTree
 
-from description_topic import latched, publish
 import gripper_arm
 import numpy as np
 import pytest
 from replicas import ControllerManager, TopicHardware
-from ros_processes import ROOT, Process, Processes
+from ros_processes import ROOT, Process, Processes, description_publisher
 from simulating import rows_of
 from waiting import PATIENCE
 import yaml
@@ -169,8 +168,8 @@ def test_a_script_with_the_model_of_the_arm_holds_it(processes: Processes) -> No
 @pytest.mark.ros
 @pytest.mark.slow
 def test_the_model_comes_from_the_topic(processes: Processes, peer_of) -> None:
-    publisher = latched(peer_of(processes))
-    publish(publisher, gripper_arm.with_block(BLOCK))
+    publish = description_publisher(peer_of(processes))
+    publish(gripper_arm.with_block(BLOCK))
     arm = start(processes, 'robot:=robot_description')
     assert 'joint_commands is /robot_joint_commands, from <ros2_control>' in arm.text()
 

@@ -20,10 +20,10 @@ from hypothesis import given, settings, strategies
 from mcap.writer import Writer
 import numpy as np
 import pinocchio as pin
-from plant_messages import change, payload
+from plant_messages import UNLIMITED, change, efforts, payload
 import pytest
 from rewriting import GOLDEN, Recording, load
-from simulating import efforts, simulate
+from simulating import simulate
 
 import pfd_core as pfd
 from pfd_ros import read_log
@@ -226,7 +226,7 @@ def test_each_rejected_input_is_named_with_its_reason() -> None:
 
 def test_the_watchdog_and_an_infinite_state_have_their_times(tmp_path: Path) -> None:
     path = tmp_path / 'silent.mcap'
-    settings = {'command_timeout': 0.05, 'effort_limits': False, 'torque_speed': False}
+    settings = {'command_timeout': 0.05, **UNLIMITED}
     with LockstepArm('planar2', recording=path, publish_rate=10.0, **settings) as arm:
         arm.run(lambda t, q, qd: np.zeros(2), 0.3)
     (watchdog,) = (f for f in read_contents(path).findings if f.kind == 'watchdog')
@@ -247,7 +247,7 @@ def test_a_run_without_problems_says_what_was_checked(tmp_path: Path) -> None:
 
 
 def test_a_failed_simulation_and_files_of_one_run_are_reported(tmp_path: Path) -> None:
-    endless = {'effort_limits': False, 'torque_speed': False, 'recording_max_duration': 0.05}
+    endless = {'recording_max_duration': 0.05, **UNLIMITED}
     arm = LockstepArm('planar2', recording=tmp_path / 'run.mcap', **endless)
     with arm, pytest.raises(ArmError):
         arm.run(lambda t, q, qd: 0 * q + (1e300 if t > 0.1 else 0.0), 0.3)

@@ -12,10 +12,10 @@ import numpy as np
 from oracle import Oracle
 import pinocchio as pin
 import plant_messages
-from plant_messages import change, validated, wrench
+from plant_messages import UNLIMITED, change, efforts, validated, wrench
 import pytest
 from rewriting import Recording
-from simulating import efforts, simulate
+from simulating import simulate
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot
@@ -220,8 +220,7 @@ def test_outputs_come_between_state_and_tick_with_the_number_of_the_state() -> N
 
 
 def test_a_jump_and_a_failed_arm_have_no_acceleration_and_every_number_is_finite() -> None:
-    unlimited = {'effort_limits': False, 'torque_speed': False}
-    engine = made(robot='planar2', joints=(), initial_positions=(), **unlimited)
+    engine = made(robot='planar2', joints=(), initial_positions=(), **UNLIMITED)
     engine.take([Arrival(Source.ARRAY, 1, efforts(1e300, -1e300))])
     for _ in range(20):
         found: list[Output] = engine.step()

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from plant_messages import change, made, payload, validated
+from plant_messages import UNLIMITED, change, efforts, made, payload, validated
 import pytest
 from ros_processes import example_robot
-from simulating import efforts, rows_of, simulate
+from simulating import rows_of, simulate
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot
@@ -280,7 +280,7 @@ def test_a_recording_with_payloads_verifies(tmp_path: Path) -> None:
 
 def test_an_arm_that_failed_takes_no_payload_and_says_why(tmp_path: Path) -> None:
     events = {2: [efforts(1e308, 1e308)], 9: [payload(TIP, 1.0)]}
-    made = simulate(20, events, effort_limits=False, torque_speed=False)
+    made = simulate(20, events, **UNLIMITED)
     path = made.save(tmp_path / 'a.mcap')
     summary = read(path, verify=True)
     assert summary.failure

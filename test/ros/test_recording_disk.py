@@ -12,6 +12,7 @@ import shutil
 import threading
 
 from mcap.records import Attachment
+from plant_messages import efforts
 import pytest
 from recordings import (
     COMMANDS,
@@ -31,7 +32,7 @@ from recordings import (
     write,
 )
 from rewriting import Recording
-from simulating import efforts, simulate
+from simulating import simulate
 from waiting import wait_until
 
 from pfd_ros.recording import recorder as recording

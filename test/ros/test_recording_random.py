@@ -12,10 +12,11 @@ from damage import damaged_bytes
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 import numpy as np
+from plant_messages import efforts
 import pytest
 from read_hostile import bounded, replay
 from rewriting import ARRAY, GOLDEN, NAMED, Recording, load
-from simulating import efforts, simulate
+from simulating import simulate
 
 from pfd_ros.cli.replay import INCOMPLETE
 from pfd_ros.recording.format import END, HEAD

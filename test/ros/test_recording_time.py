@@ -12,9 +12,10 @@ from typing import Any
 
 from mcap.reader import make_reader
 import numpy as np
+from plant_messages import efforts
 import pytest
 from rewriting import load
-from simulating import efforts, simulate
+from simulating import simulate
 
 from pfd_ros import read_log
 from pfd_ros.arm.settings import Settings

@@ -12,10 +12,11 @@ from pathlib import Path
 import subprocess
 import sys
 
+from plant_messages import UNLIMITED, efforts
 import pytest
 from rewriting import ARRAY, STATES, TAKEN, Recording, Sent
 from ros_processes import environment
-from simulating import START_NS, UNLIMITED, efforts, simulate
+from simulating import START_NS, simulate
 
 from pfd_ros.arm.events import TAKEN_COLUMNS, Source, Verdict
 from pfd_ros.cli import main as command_line

@@ -8,9 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from plant_messages import UNLIMITED, efforts
 import pytest
 from rewriting import ARRAY, CLOCK, STATES, Recording, load
-from simulating import efforts, simulate
+from simulating import simulate
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
@@ -143,7 +144,7 @@ def test_a_stale_command_by_name_is_rejected_as_in_single_cycles(
 
 def test_an_arm_that_fails_in_a_stretch_is_replayed_to_its_failure(tmp_path: Path) -> None:
     path = tmp_path / 'a.mcap'
-    with LockstepArm('planar2', recording=path, effort_limits=False, torque_speed=False) as arm:
+    with LockstepArm('planar2', recording=path, **UNLIMITED) as arm:
         arm.run(lambda t, q, qd: 10.0 * (0.5 - q) - qd, 0.2)
         with pytest.raises(Exception, match='not finite'):
             arm.run(lambda t, q, qd: np.full(2, 1e300), 0.2)

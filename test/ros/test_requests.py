@@ -9,9 +9,8 @@ import functools
 import json
 
 import plant_messages
-from plant_messages import asked, verdict
+from plant_messages import asked, efforts, joint_state, verdict
 import pytest
-from simulating import efforts, joint_state
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
@@ -250,12 +249,3 @@ def test_the_present_state_can_be_sent_again_without_a_cycle() -> None:
     last = engine.present()
     assert {output.role: output.data for output in last} == again
     assert engine.cycles == 1
-
-
-def test_a_failed_arm_can_be_paused() -> None:
-    engine = made(effort_limits=False, torque_speed=False)
-    engine.take([Arrival(Source.ARRAY, 1, efforts(1e308, 1e308))])
-    while not engine.arm.failure:
-        engine.step()
-    engine.take([asked('pause')])
-    assert engine.waiting

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from plant_messages import efforts
 import pytest
 from rewriting import Recording
-from simulating import efforts, simulate
+from simulating import simulate
 
 from pfd_ros.replay.verify import read
 

@@ -9,9 +9,10 @@ import signal
 
 from effect_cases import example
 import numpy as np
+from plant_messages import efforts
 import pytest
 from ros_processes import Processes
-from simulating import efforts, simulate
+from simulating import simulate
 
 import pfd_core as pfd
 from pfd_ros.arm.actuator_command import ActuatorCommand

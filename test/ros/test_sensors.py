@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import plant_messages
-from plant_messages import change
+from plant_messages import UNLIMITED, change, efforts
 import pytest
 from rewriting import STATES as STATES_TOPIC
 from rewriting import Recording
-from simulating import efforts, simulate
+from simulating import simulate
 
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
@@ -275,8 +275,7 @@ def test_a_state_twice_published_and_dropped_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_failed_arm_with_sensors_verifies_through_its_gap(tmp_path: Path) -> None:
-    unlimited = {'effort_limits': False, 'torque_speed': False}
-    made = simulate(60, {5: [efforts(1e300, 0.0)]}, **{**ALL, 'drop_state': 0.0, **unlimited})
+    made = simulate(60, {5: [efforts(1e300, 0.0)]}, **{**ALL, 'drop_state': 0.0, **UNLIMITED})
     assert read(made.save(tmp_path / 'log.mcap'), verify=True).stopped_at is not None
     gone = {message.sequence for message in made.on(STATES_TOPIC)[20:40]}
     made.keep(lambda m: m.topic not in (STATES_TOPIC, '/clock') or m.sequence not in gone)
@@ -290,7 +289,7 @@ def test_a_recording_with_a_failure_cleared_by_a_reset_verifies(tmp_path: Path) 
         40: [(Source.REQUEST, encode_request(Request('reset')))],
         45: [efforts(1.0, 0.5)],
     }
-    made = simulate(60, inputs, **ALL, effort_limits=False, torque_speed=False)
+    made = simulate(60, inputs, **ALL, **UNLIMITED)
     summary = read(made.save(tmp_path / 'log.mcap'), verify=True)
     assert (summary.complete, summary.stopped_at, summary.steps) == (True, None, 60)
     gone = {message.sequence for message in made.on(STATES_TOPIC)[5:15]}

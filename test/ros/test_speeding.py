@@ -8,9 +8,9 @@ from pathlib import Path
 import signal
 
 import numpy as np
+from plant_messages import efforts, joint_state
 import pytest
 from ros_processes import Processes, example_robot
-from simulating import efforts, joint_state
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot

@@ -13,8 +13,9 @@ import sys
 from typing import Any
 
 import gripper_arm
-from lockstep_runs import GOAL, UNCUT, assert_same_bits
+from lockstep_runs import GOAL, assert_same_bits
 import numpy as np
+from plant_messages import UNLIMITED
 import pytest
 from ros_processes import ROOT
 from waiting import PATIENCE, wait_until
@@ -31,7 +32,7 @@ from pfd_ros.testing.trajectory import Trajectory
 pytestmark = pytest.mark.ros
 
 # Efforts as they are commanded: states tell those that act.
-SETTINGS: dict[str, Any] = {'robot': 'ur5', 'armature': True, **UNCUT}
+SETTINGS: dict[str, Any] = {'robot': 'ur5', 'armature': True, **UNLIMITED}
 
 
 def pd(q, qd):
@@ -242,7 +243,7 @@ def test_initial_values_and_topics_of_a_urdf_count_as_they_do_for_the_node(domai
     from sensor_msgs.msg import JointState
 
     urdf = gripper_arm.urdf(joint_states_topic='/seen', joint_commands_topic='/told')
-    settings: dict[str, Any] = {'robot': urdf, 'locked': ['finger'], **UNCUT}
+    settings: dict[str, Any] = {'robot': urdf, 'locked': ['finger'], **UNLIMITED}
     node = Node('hardware')
     commands = node.create_publisher(JointState, '/told', 10)
     names: list[list[str]] = []

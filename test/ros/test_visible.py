@@ -23,6 +23,7 @@ import pytest
 from rewriting import Recording, load
 from ros_processes import example_robot
 from rosbags.typesys import Stores, get_typestore
+from view_models import recorded
 
 import pfd_core as pfd
 from pfd_ros.messages import definitions
@@ -72,14 +73,6 @@ ROBOTS: dict[str, tuple[Callable[[], Any], dict[str, Any]]] = {
     'gripper with mimic joint': (urdf, GRIPPER),
     'joints that follow a moving one': (lambda: DIAL, {'tip_link': 'slider'}),
 }
-
-
-def recorded(path: Path, robot: Any, **settings: Any) -> Path:
-    """Record a motion of half a second."""
-    with LockstepArm(robot, recording=path, **settings) as arm:
-        swing = np.linspace(3.0, -2.0, len(arm.names))
-        arm.run(lambda t, q, qd: swing * np.cos(9.0 * t) - 0.3 * qd, 0.5)
-    return path
 
 
 def messages(path: Path) -> list[tuple[str, int, Any]]:

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from plant_messages import change, made, validated, wrench
+from plant_messages import change, efforts, made, validated, wrench
 import pytest
 from ros_processes import example_robot
-from simulating import efforts, rows_of, simulate
+from simulating import rows_of, simulate
 
 import pfd_core as pfd
 from pfd_ros.arm.effects import Request

@@ -74,7 +74,7 @@ def test_source_of_any_time_is_remembered(
     assert [remembered(k) for k in (1, 2)] == [1, 1]
 
 
-def test_what_is_kept_depends_on_the_source_and_on_the_versions(
+def test_a_cached_entry_depends_on_the_source_and_on_the_versions(
     package: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert remembered(2) == 2

@@ -74,7 +74,7 @@ def test_a_loop_ends_at_its_limit(schedule: str) -> None:
     np.testing.assert_array_equal(y, [newton(q, 3)[0][0], 3])
 
 
-def test_a_problem_that_is_finished_keeps_its_bits_while_others_go_on() -> None:
+def test_a_finished_problem_keeps_its_bits_while_others_continue() -> None:
     q = np.array([[4.0], [1e6], [2.0], [1e-6], [-1.0]])
     together = run(roots(1, 'sequential'), {'q': q})['y']
     for row, alone in zip(together, q, strict=True):

@@ -68,7 +68,7 @@ def test_a_urdf_states_rotors_by_elements_of_drake_or_a_motor_inertia() -> None:
     assert locked.armature == pytest.approx([2 * 2e-4 * 50**2])
 
 
-def test_a_reduction_without_a_rotor_says_nothing() -> None:
+def test_a_reduction_without_a_rotor_adds_no_armature() -> None:
     alone = '<mechanicalReduction>100</mechanicalReduction>'
     robot = pfd.load_robot(fork(transmission('shoulder wrist', alone)), locked=FINGERS)
     assert robot == pfd.load_robot(FORK, locked=FINGERS)

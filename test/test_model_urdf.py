@@ -130,7 +130,7 @@ def test_locking_in_the_file_and_in_the_robot_is_the_same() -> None:
     assert ours.joint_names == pfd.load_robot(ODD_ARM, locked=positions).joint_names
 
 
-def test_what_hangs_rigidly_beyond_the_tip_keeps_its_mass() -> None:
+def test_links_fixed_beyond_the_tip_keep_their_mass() -> None:
     whole, cut = pfd.load_robot(ODD_ARM, tip='hand'), pfd.load_robot(ODD_ARM, tip='wrist')
     assert cut.masses[-1] == whole.masses[-1] == pytest.approx(0.8 + 0.5, rel=DYNAMICS)
 
@@ -242,7 +242,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(('text', 'choice', 'message'), BAD)
-def test_what_is_no_chain_is_refused_and_named(
+def test_a_robot_that_is_no_chain_is_refused_and_named(
     text: str, choice: dict[str, object], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):

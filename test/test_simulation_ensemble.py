@@ -57,7 +57,7 @@ def test_every_arm_moves_as_it_would_alone(size: int, integrator: str, dtype: st
     assert many.time == one.time
 
 
-def test_wrench_brakes_and_sliding_joints_are_those_of_each_arm() -> None:
+def test_wrench_brakes_and_sliding_joints_act_on_each_arm_separately() -> None:
     rng = np.random.default_rng(82)
     robot = random_chain(rng, 4, joint_types=['revolute', 'prismatic', 'continuous', 'revolute'])
     scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
@@ -91,7 +91,7 @@ def test_a_second_rollout_continues_where_the_first_ended() -> None:
         np.testing.assert_array_equal(joined, getattr(whole, name))
 
 
-def test_the_law_is_that_of_a_loop_in_python() -> None:
+def test_the_feedback_law_equals_a_loop_in_python() -> None:
     rng = np.random.default_rng(83)
     robot = random_chain(rng, 3)
     q, qd, taus = sequences(3, 10)

@@ -120,7 +120,7 @@ def limited(made: Actuators, wanted: np.ndarray, velocities: np.ndarray) -> np.n
 
 @pytest.mark.parametrize('robot', ['puma560', 'ur5', 'panda'])
 @pytest.mark.parametrize('limits', [('effort_limits',), ('torque_speed',), tuple(UNLIMITED)])
-def test_limits_are_those_of_a_scene_with_the_limits_of_the_model(
+def test_limits_act_as_in_a_scene_with_the_limits_of_the_model(
     limits: tuple[str, ...], robot: str
 ) -> None:
     arm = pfd.load_robot(robot)
@@ -144,9 +144,7 @@ def test_limits_are_those_of_a_scene_with_the_limits_of_the_model(
         (pfd.Scene(torque_speed=[[(1.0, 5.0)]] * 2), [20.0, -10.0]),
     ],
 )
-def test_limits_of_the_scene_act_in_the_place_of_those_of_the_parameters(
-    scene: pfd.Scene, left: list[float]
-) -> None:
+def test_limits_of_the_scene_replace_the_parameters(scene: pfd.Scene, left: list[float]) -> None:
     engine = Engine(Settings(robot='planar2', scene=pfd.scene_to_yaml(scene)), PLANAR2)
     found = limited(engine.actuators, np.array([1e300, -1e300]), np.array([40.0, 40.0]))
     assert found.tolist() == left

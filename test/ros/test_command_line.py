@@ -101,7 +101,7 @@ def test_a_command_that_makes_no_sense_has_status_2(
 
 
 @pytest.mark.parametrize('command', [['demo'], ['sim'], ['replay', 'a.mcap', '--publish']])
-def test_without_ros_the_message_says_how_to_get_it(tmp_path: Path, command: list[str]) -> None:
+def test_without_ros_the_message_states_how_to_get_it(tmp_path: Path, command: list[str]) -> None:
     done = without_ros(tmp_path, *command)
     assert done.returncode == 1
     assert "pip install 'pfd_ros[ros]'" in done.stderr

@@ -81,7 +81,7 @@ def test_a_controller_manager_with_the_stock_hardware_brings_the_arm_to_its_goal
 
 
 @pytest.mark.slow
-def test_hardware_with_the_default_threshold_is_silent_at_a_steady_effort_and_the_arm_continues(
+def test_hardware_with_the_default_threshold_sends_nothing_at_a_steady_effort_and_the_arm_runs(
     processes: Processes, peer_of
 ) -> None:
     arm = arm_with(processes, '-p', 'gravity:=[0.0, 0.0, 0.0]')

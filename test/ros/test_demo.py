@@ -69,7 +69,7 @@ VISIBLE = 1e-3
 
 
 @pytest.mark.parametrize('name', one_fast(pfd.known_robots(), 'planar2'))
-def test_the_disturbances_are_visible_and_the_controller_masters_them(name: str) -> None:
+def test_the_disturbances_are_visible_and_the_controller_rejects_them(name: str) -> None:
     robot, seconds = pfd.load_robot(name), 2.0
     motion = motion_of(robot)
     settings = disturbances(robot, seconds)
@@ -107,21 +107,21 @@ def test_an_unknown_robot_is_named_before_anything_starts(tmp_path: Path) -> Non
 LATE = ['the rate is 45.9% off', 'the arm was 0.401 off its motion, expected 0.1 at most']
 
 
-def test_what_comes_late_where_a_bare_timer_is_late_too_is_a_remark_and_no_failure() -> None:
+def test_late_messages_where_a_bare_timer_is_late_too_are_a_remark_and_no_failure() -> None:
     remarks, problems = unless_busy(LATE, 0.2)
     lost = 'a bare timer loop lost 20.0% of its periods at the same time'
     assert remarks == [f'{item}, but this machine is too busy: {lost}' for item in LATE]
     assert problems == []
 
 
-def test_what_comes_late_where_a_bare_timer_keeps_its_periods_is_a_failure() -> None:
+def test_late_messages_where_a_bare_timer_keeps_its_periods_are_a_failure() -> None:
     remarks, problems = unless_busy(LATE, 0.004)
     lost = 'a bare timer loop lost 0.4% of its periods at the same time'
     assert remarks == []
     assert problems == [f'{item}; {lost}' for item in LATE]
 
 
-def test_nothing_late_needs_no_excuse() -> None:
+def test_without_late_messages_there_is_no_remark() -> None:
     for bare_off in (0.0, 0.5):
         assert unless_busy([], bare_off) == ([], [])
 

@@ -64,7 +64,7 @@ def rows_of(outputs: Sequence[Output]) -> list[list[int]]:
     ]
 
 
-def test_an_arm_nobody_commands_stays_exactly_where_it_starts() -> None:
+def test_an_arm_without_commands_stays_exactly_at_its_start() -> None:
     start = (0.1, -0.2, 0.3, 0.4, -0.5, 0.6)
     engine = made(initial_positions=start, start_time=2.0)
     run(engine, 49)
@@ -249,7 +249,7 @@ def test_validating_a_message_does_not_apply_it() -> None:
     assert not run(engine, 2).effort.any()
 
 
-def test_an_engine_that_is_fed_a_recording_puts_out_what_was_recorded() -> None:
+def test_an_engine_with_recorded_inputs_publishes_the_recorded_outputs() -> None:
     # By hand, with all rows known beforehand: the replay itself streams.
     log = Log(GOLDEN)
     recorded: dict[str, list[bytes]] = defaultdict(list)

@@ -225,7 +225,7 @@ def test_a_difference_of_a_cut_off_file_with_the_same_program_is_one_of_data(
     assert found == 'other data; the program is the same'
 
 
-def test_the_digest_of_the_program_depends_on_what_is_compiled() -> None:
+def test_the_digest_of_the_program_depends_on_the_compiled_program() -> None:
     def program(**settings: object) -> str:
         versions = json.loads(simulate(1, {}, **settings).head(HEAD)['versions'])
         return str(versions['program'])

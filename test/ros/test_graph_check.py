@@ -100,7 +100,7 @@ def test_a_command_of_a_publisher_that_is_gone_is_enough(verdict: Verdict) -> No
     assert checked({}, [1.0, 100.0], counts=counts) == []
 
 
-def test_a_subscription_that_is_being_replaced_is_no_trouble(
+def test_a_subscription_that_is_being_replaced_causes_no_log_line(
     processes: Processes, peer_of
 ) -> None:
     from pfd_ros.arm.events import STATES

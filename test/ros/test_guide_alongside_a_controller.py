@@ -77,7 +77,7 @@ def test_every_command_is_run_by_a_test_of_this_file() -> None:
     assert [line for line in COMMANDS if line not in sims] == ['python3 hold.py']
 
 
-def test_lines_of_the_log_are_those_of_the_node() -> None:
+def test_lines_of_the_log_in_the_guide_are_logged_by_the_node() -> None:
     folder = ROOT / 'pfd_ros'
     paths = [*folder.glob('node/*.py'), folder / 'arm' / 'speeding.py']
     source = ' '.join(path.read_text(encoding='utf-8') for path in paths)

@@ -49,7 +49,9 @@ def transitions(path: Path) -> list[tuple[int, str, str, str]]:
     return found
 
 
-def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, peer_of) -> None:
+def test_an_arm_is_configured_moved_stopped_and_configured_again(
+    processes: Processes, peer_of
+) -> None:
     node = processes.arm(*WAITS, '-p', 'robot:=r2d2', '-p', 'recording:=a.mcap', ready=False)
     node.wait_for_text('waiting for lifecycle transitions')
     peer = peer_of(processes)

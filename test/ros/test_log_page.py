@@ -235,7 +235,7 @@ def test_the_watchdog_and_an_infinite_state_have_their_times(tmp_path: Path) -> 
     assert watchdog.count == 3
 
 
-def test_a_run_without_problems_says_what_was_checked(tmp_path: Path) -> None:
+def test_a_run_without_problems_lists_the_checks(tmp_path: Path) -> None:
     path = tmp_path / 'good.mcap'
     with LockstepArm('planar2', recording=path, gravity=[0.0, 0.0, 0.0]) as arm:
         arm.run(lambda t, q, qd: np.full(2, 0.1), 0.2)
@@ -436,7 +436,7 @@ def test_a_log_that_was_cut_off_is_shown_up_to_the_cut(
     assert read_contents(path).plots[0].curve.samples > 500
 
 
-def test_what_lies_before_damage_is_shown(tmp_path: Path, fault: Path) -> None:
+def test_messages_before_damage_are_shown(tmp_path: Path, fault: Path) -> None:
     data = bytearray(fault.read_bytes())
     middle = 2 * len(data) // 3
     data[middle : middle + 4000] = bytes(4000)
@@ -486,7 +486,7 @@ def test_hostile_messages_in_a_whole_file_do_not_hide_the_others(
 
 
 @pytest.mark.parametrize('data', [b'', b'not a log', b'\x89MCAP0\r\n' + bytes(100)])
-def test_what_is_no_log_is_one_line_and_no_page(
+def test_a_file_that_is_no_log_is_one_line_and_no_page(
     tmp_path: Path, data: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, out = tmp_path / 'x.mcap', tmp_path / 'page.html'

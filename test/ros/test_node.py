@@ -121,7 +121,7 @@ def test_a_state_that_overflows_is_logged_once_and_the_node_continues(
 
 
 @pytest.mark.slow
-def test_a_stopped_reader_that_wants_everything_stops_neither_the_arm_nor_its_clock(
+def test_a_stopped_reliable_reader_stops_neither_the_arm_nor_its_clock(
     processes: Processes, peer_of
 ) -> None:
     # At a hundred times real time the publisher's memory is full in a moment.

@@ -75,7 +75,7 @@ def wait_for_steps(processes: Processes, role: str = 'joint_states') -> None:
 
 
 @pytest.mark.parametrize('factor', one_fast(['1.0', '5.0'], '5.0'))
-def test_a_node_records_what_viewers_need_and_its_diagnostics(
+def test_a_node_records_its_diagnostics_and_all_topics_that_viewers_need(
     processes: Processes, factor: str
 ) -> None:
     arm = processes.arm('-p', 'recording:=arm.mcap', '-p', f'real_time_factor:={factor}')
@@ -155,7 +155,7 @@ def test_a_failed_recording_does_not_stop_an_arm_at_unlimited_speed(
 
 
 @pytest.mark.slow
-def test_what_came_too_fast_drops_the_oldest_and_is_recorded(
+def test_a_flood_of_commands_drops_the_oldest_and_is_recorded(
     processes: Processes, peer_of
 ) -> None:
     from rclpy.duration import Duration

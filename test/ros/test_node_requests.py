@@ -129,7 +129,7 @@ def test_pause_step_reset_and_jump_while_a_controller_runs(processes: Processes,
 
 
 @pytest.mark.slow
-def test_lockstep_outlives_its_controller_and_repeats_a_state_that_nobody_answered(
+def test_lockstep_repeats_a_state_that_an_ended_controller_left_unanswered(
     processes: Processes, peer_of
 ) -> None:
     arm = processes.arm(*ARM, *START, '-p', 'lockstep:=true', '-p', 'real_time_factor:=0.0')

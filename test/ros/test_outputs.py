@@ -86,7 +86,7 @@ class Expected:
         return data.oMf[model.nframes - 1]
 
 
-def test_the_model_of_the_true_state_is_that_of_pinocchio() -> None:
+def test_the_model_quantities_of_the_true_state_equal_pinocchio() -> None:
     engine = made()
     found = moved(engine)
     expected = Expected(engine)

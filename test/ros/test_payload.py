@@ -48,7 +48,7 @@ def bits(engine: Engine) -> bytes:
     return engine.arm.q.tobytes() + engine.arm.qd.tobytes()
 
 
-def test_a_payload_at_run_time_is_that_from_the_start_in_the_same_state() -> None:
+def test_a_payload_at_run_time_acts_as_a_payload_from_the_start() -> None:
     engine, other = moving(), made(**BODY)
     before = bits(engine)
     assert validated(engine, payload(TIP, 2.5, CENTER, INERTIA)).verdict is Verdict.ACCEPTED
@@ -68,7 +68,7 @@ def test_a_payload_at_run_time_is_that_from_the_start_in_the_same_state() -> Non
     assert np.abs(engine.arm.qd - unloaded.arm.qd).max() > 1e-3
 
 
-def test_a_payload_in_a_carried_frame_moves_the_arm_as_pinocchio_says() -> None:
+def test_a_payload_in_a_carried_frame_moves_the_arm_as_in_pinocchio() -> None:
     path = str(example_robot('ur_description/urdf/ur5_robot.urdf'))
     tau = (1.0, -60.0, -5.0, 0.3, -0.2, 0.1)
     engine = made(robot=path, initial_positions=(0.3, -1.2, 0.9, 0.4, -0.7, 1.1), step_size=1e-4)
@@ -278,7 +278,7 @@ def test_a_recording_with_payloads_verifies(tmp_path: Path) -> None:
         read(made.save(tmp_path / 'b.mcap'), verify=True)
 
 
-def test_an_arm_that_failed_takes_no_payload_and_says_why(tmp_path: Path) -> None:
+def test_a_failed_arm_rejects_a_payload_with_the_reason(tmp_path: Path) -> None:
     events = {2: [efforts(1e308, 1e308)], 9: [payload(TIP, 1.0)]}
     made = simulate(20, events, **UNLIMITED)
     path = made.save(tmp_path / 'a.mcap')
@@ -288,7 +288,7 @@ def test_an_arm_that_failed_takes_no_payload_and_says_why(tmp_path: Path) -> Non
     assert row.verdict is Verdict.REFUSED
 
 
-def test_numbers_for_each_joint_stand_in_published_order_over_those_of_the_model() -> None:
+def test_numbers_for_each_joint_in_published_order_override_the_model() -> None:
     chosen = Settings(robot='planar2', joints=('elbow', 'shoulder'), joint_damping=(0.5, 0.25))
     robot = load_robot(chosen)
     engine = Engine(chosen, robot)
@@ -340,7 +340,7 @@ def test_every_effect_of_the_settings_is_in_the_scene() -> None:
     assert made(friction=True, joint_limits=True, motor_lag=(0.0, 0.01)).step()
 
 
-def test_an_engine_with_every_effect_off_is_that_of_a_plain_simulator() -> None:
+def test_an_engine_without_effects_moves_as_a_plain_simulator() -> None:
     engine = made()
     wanted = pfd.Simulator(pfd.load_robot('planar2'), pfd.Scene(brakes=True))
     engine.take([Arrival(Source.ARRAY, 1, efforts(1.0, 0.5))])

@@ -114,7 +114,7 @@ def test_joints_are_found_by_name_whatever_order_a_message_has(tmp_path: Path) -
     assert states.effort.shape == (3, 2)
 
 
-def test_a_window_and_topics_choose_what_is_read() -> None:
+def test_only_the_requested_window_and_topics_are_read() -> None:
     whole = read_log(GOLDEN)['/joint_states']
     log = read_log(GOLDEN, topics=['/joint_states'], start=1.0, end=2.0)
     assert list(log) == ['/joint_states']
@@ -126,7 +126,7 @@ def test_a_window_and_topics_choose_what_is_read() -> None:
     assert (len(empty), empty.names) == (0, ())
 
 
-def test_types_choose_what_is_read() -> None:
+def test_only_topics_of_the_requested_types_are_read() -> None:
     kind = 'sensor_msgs/msg/JointState'
     log = read_log(GOLDEN, types=[kind])
     assert {log.topics[topic] for topic in log} == {kind}

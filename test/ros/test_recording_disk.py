@@ -289,7 +289,7 @@ def test_a_file_that_loses_its_name_is_a_failure(
 
 @pytest.mark.parametrize('closing', [False, True], ids=['running', 'closing'])
 @pytest.mark.parametrize('part', [0.0, 0.9])
-def test_a_file_that_is_truncated_is_a_failure_and_keeps_what_is_left(
+def test_a_truncated_file_is_a_failure_and_keeps_its_remaining_messages(
     part: float, closing: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recording, 'SYNC_SECONDS', 1e9)
@@ -327,7 +327,7 @@ def test_a_file_that_is_truncated_during_a_write_is_a_failure_at_the_next_flush(
     sink.close()
 
 
-def test_a_relative_name_outlives_a_change_of_the_folder(
+def test_a_relative_name_works_after_a_change_of_the_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -90,7 +90,7 @@ DEATHS = (
 
 
 @pytest.mark.parametrize('error', DEATHS, ids=lambda error: type(error).__name__)
-def test_any_exception_of_the_thread_is_said_once_and_leaves_a_readable_file(
+def test_any_exception_of_the_thread_is_reported_once_and_leaves_a_readable_file(
     error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorder, reports = running(tmp_path / 'a.mcap')
@@ -117,7 +117,7 @@ def test_a_report_that_fails_changes_nothing(
 
 
 @pytest.mark.filterwarnings('ignore::pytest.PytestUnhandledThreadExceptionWarning')
-def test_a_thread_that_ends_without_a_word_is_seen(
+def test_a_thread_that_ends_without_an_error_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class MuteError(Exception):

@@ -263,6 +263,6 @@ def test_every_cut_of_a_recording_verifies_up_to_the_cut_or_holds_no_state(
     assert sum(verified) > 10
 
 
-def test_the_golden_recording_says_the_same_when_it_is_copied(tmp_path: Path) -> None:
+def test_a_copy_of_the_golden_recording_verifies_with_the_same_messages(tmp_path: Path) -> None:
     copied = load(GOLDEN).save(tmp_path / 'a.mcap')
     assert check(copied, messages(GOLDEN))

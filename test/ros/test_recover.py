@@ -66,7 +66,7 @@ def test_a_whole_file_keeps_all_of_it_and_verifies(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('share', [0.2, 0.5, 0.77, 0.9, 0.99])
-def test_a_file_that_was_cut_off_keeps_what_a_stream_reader_finds_and_verifies(
+def test_a_cut_off_file_keeps_all_messages_that_a_stream_reader_finds_and_verifies(
     tmp_path: Path, share: float
 ) -> None:
     cut = tmp_path / 'cut.mcap'
@@ -209,7 +209,7 @@ def test_messages_of_a_chunk_that_the_file_ends_within_are_kept(tmp_path: Path) 
     ]
 
 
-def test_the_command_prints_what_is_lost_and_never_overwrites(
+def test_the_command_prints_the_losses_and_never_overwrites(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cut = tmp_path / 'cut.mcap'

@@ -223,7 +223,7 @@ def test_a_recording_without_states_is_read_and_not_simulated(
     assert not (tmp_path / f'{path.stem}_what_if.mcap').exists()
 
 
-def test_a_summary_says_what_is_in_the_file(
+def test_a_summary_lists_the_contents_of_the_file(
     recorded: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert command_line.main(['replay', str(recorded)]) == 0

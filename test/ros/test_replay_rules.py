@@ -170,7 +170,7 @@ def test_a_command_that_was_never_taken_waits(tmp_path: Path) -> None:
     assert read(run.save(tmp_path / 'a.mcap'), verify=True).waiting == 1
 
 
-def test_a_cut_off_file_without_ticks_says_how_many_are_missing(
+def test_a_cut_off_file_without_ticks_reports_the_number_of_missing_ticks(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = simulate(20, MOVE)
@@ -182,7 +182,7 @@ def test_a_cut_off_file_without_ticks_says_how_many_are_missing(
     assert 'missing    11 clock ticks' in text
 
 
-def test_a_digest_says_so_if_a_replay_cannot(tmp_path: Path) -> None:
+def test_a_digest_finds_a_change_that_a_replay_cannot_find(tmp_path: Path) -> None:
     run = simulate(20, MOVE)
     run.messages.append(Sent(ARRAY, 4, run.messages[-1].log_ns, efforts(1.0, 1.0)))
     run.recount()
@@ -193,7 +193,7 @@ def test_a_digest_says_so_if_a_replay_cannot(tmp_path: Path) -> None:
             read(path, verify=verify)
 
 
-def test_counts_are_compared_with_those_of_the_end_record(tmp_path: Path) -> None:
+def test_counts_are_compared_with_the_end_record(tmp_path: Path) -> None:
     run = simulate(20, MOVE)
     run.keep(lambda m: m.topic != STATES or m.sequence != 7)
     with pytest.raises(LogError, match='holds 19 of 20 messages joint_states: 7 to 7 are missing'):
@@ -270,7 +270,7 @@ def assert_one_line(done: subprocess.CompletedProcess[str], expected: str) -> No
         ('loop', 'symbolic links'),
     ],
 )
-def test_what_is_no_recording_is_named(
+def test_a_file_that_is_no_recording_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, expected: str
 ) -> None:
     os.mkfifo(tmp_path / 'fifo')
@@ -284,7 +284,7 @@ def test_what_is_no_recording_is_named(
     assert name in err
 
 
-def test_a_pipe_that_nobody_reads_ends_it_quietly(tmp_path: Path) -> None:
+def test_a_pipe_without_a_reader_ends_the_command_quietly(tmp_path: Path) -> None:
     path = simulate(20, MOVE).save(tmp_path / 'a.mcap')
     reading, writing = os.pipe()
     os.close(reading)

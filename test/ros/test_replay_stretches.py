@@ -170,7 +170,7 @@ def test_a_reflex_within_a_stretch_is_replayed_in_its_cycle(
     assert read_motion(path).motion.held.tobytes() == braked.tobytes()
 
 
-def test_the_motion_of_a_run_is_that_of_single_cycles(
+def test_the_motion_of_a_run_equals_single_cycles(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / 'a.mcap'

@@ -89,7 +89,7 @@ def test_commands_from_before_a_jump_are_stale_and_no_snap_back(event: Arrival) 
     assert verdict(engine, pushed(there.stamp_ns)) is Verdict.ACCEPTED
 
 
-def test_a_jump_is_exactly_the_given_state_and_lets_go_of_the_last_efforts() -> None:
+def test_a_jump_is_exactly_the_given_state_and_ends_the_last_efforts() -> None:
     engine = made()
     engine.run_cycle([PUSH])
     engine.take([placed(['elbow', 'shoulder'], [0.7, -1.1], velocity=[2.0, NAN])])
@@ -209,7 +209,9 @@ def test_lockstep_runs_free_until_the_first_command_and_then_waits_for_each() ->
         assert verdict(engine, pushed(stamp)) is Verdict.ACCEPTED
 
 
-def test_in_lockstep_only_published_states_wait_and_commands_without_a_stamp_answer() -> None:
+def test_in_lockstep_the_arm_waits_at_published_states_for_a_command_with_or_without_stamp() -> (
+    None
+):
     engine = made(lockstep=True, publish_rate=250.0)
     engine.take([PUSH])
     for cycle in range(1, 13):

@@ -35,7 +35,7 @@ def run(settings: dict[str, Any]) -> Recording:
         ({'robot': 'planar2', 'position_sums': 'plain'}, 'rk4', 'plain'),
     ],
 )
-def test_a_recording_stores_what_auto_stood_for(
+def test_a_recording_stores_the_choices_of_auto(
     settings: dict[str, Any], integrator: str, sums: str, tmp_path: Path
 ) -> None:
     summary = read(run(settings).save(tmp_path / 'a.mcap'), verify=True)

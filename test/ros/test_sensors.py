@@ -131,7 +131,7 @@ def test_a_delay_counts_steps_whatever_is_published() -> None:
     assert table(late, 'position').tolist() == table(true, 'position')[1:18:5].tolist()
 
 
-def test_a_reset_is_seen_at_once() -> None:
+def test_a_reset_shows_in_the_measured_state_at_once() -> None:
     engine = made(delay_state=0.005)
     moving = states(engine, 30, PUSH)
     assert moving[-1].velocity.all()
@@ -182,7 +182,7 @@ def test_settings_of_sensors_that_make_no_sense_are_refused(wrong: dict, text: s
         Settings(**wrong)
 
 
-def test_dropped_states_keep_their_numbers_and_come_under_a_role_of_their_own() -> None:
+def test_dropped_states_keep_their_numbers_and_have_a_separate_role() -> None:
     found = [o for o in outputs(made(drop_state=0.25), 4000) if o.role != 'clock']
     assert [output.number for output in found] == list(range(1, 4001))
     dropped = sum(output.role == DROPPED_STATES for output in found)

@@ -137,7 +137,7 @@ def test_a_node_ends_under_repeated_signals_at_any_moment_of_its_life(
 @pytest.mark.ros
 @pytest.mark.parametrize('fault', ['teardown_hangs', 'exit_hangs'])
 @pytest.mark.slow
-def test_what_hangs_after_the_recording_is_closed_is_ended_by_an_alarm(
+def test_a_hang_after_the_recording_is_closed_is_ended_by_an_alarm(
     processes: Processes, fault: str
 ) -> None:
     arm = processes.faulty(fault)

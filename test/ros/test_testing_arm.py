@@ -278,7 +278,7 @@ def test_an_error_of_the_controller_is_reported_with_its_time() -> None:
     assert isinstance(found.value.__cause__, ZeroDivisionError)
 
 
-def test_a_simulation_that_overflows_says_when() -> None:
+def test_an_overflowing_simulation_is_an_error_with_its_time() -> None:
     with pytest.raises(ArmError, match=r'not finite'):
         LockstepArm('ur5', **UNLIMITED).run(lambda t, q, qd: 1e200 * np.ones(6), 1.0)
 

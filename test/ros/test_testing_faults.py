@@ -124,7 +124,7 @@ REJECTED: dict[str, tuple[str, Callable[[Any], Any]]] = {
 
 @pytest.mark.ros
 @pytest.mark.parametrize('case', REJECTED)
-def test_a_single_rejected_command_fails_the_run_and_says_which_when_and_whose(
+def test_a_single_rejected_command_fails_the_run_with_its_reason_time_and_node(
     case: str, sender_of: Callable[..., Any]
 ) -> None:
     reason, message = REJECTED[case]

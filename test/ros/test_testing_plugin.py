@@ -90,7 +90,7 @@ def test_left_alone():
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_workers_have_domains_of_their_own(site: Path, tmp_path: Path) -> None:
+def test_workers_have_separate_domains(site: Path, tmp_path: Path) -> None:
     code = """
 import pathlib, time
 import pytest

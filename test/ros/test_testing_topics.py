@@ -123,7 +123,7 @@ def test_a_run_over_topics_is_recorded_and_verifies(
     assert (summary.states, summary.verdicts) == (100, {Verdict.ACCEPTED: 100})
 
 
-def test_a_silent_system_is_an_error_that_names_the_missing_nodes(
+def test_a_system_that_sends_nothing_is_an_error_that_names_the_missing_nodes(
     controller_of: Callable[..., Any],
 ) -> None:
     alone = LockstepArm(**SETTINGS, ros_args=['-r', '__ns:=/alone'])

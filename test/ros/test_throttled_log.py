@@ -94,7 +94,7 @@ def test_an_event_is_a_line_without_a_number_unless_it_came_more_than_once() -> 
     assert logger == [('warning', 'brakes on'), ('error', 'brakes on (3 times)')]
 
 
-def test_a_lasting_trouble_is_repeated_ever_more_rarely_without_a_number() -> None:
+def test_a_lasting_problem_is_repeated_ever_more_rarely_without_a_number() -> None:
     log, logger, time = made()
     for second in range(100):
         time.now = float(second)

@@ -38,7 +38,7 @@ class Leader:
 
 
 @pytest.mark.slow
-def test_an_arm_follows_a_clock_forwards_only_and_says_when_it_is_lost(
+def test_an_arm_follows_a_clock_forwards_only_and_logs_its_loss(
     processes: Processes, peer_of
 ) -> None:
     arm = processes.arm(*FOLLOWS, '-p', 'recording:=arm.mcap', '-p', 'step_size:=0.002')

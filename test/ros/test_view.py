@@ -50,7 +50,7 @@ def ur5_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded(tmp_path_factory.mktemp('view') / 'ur5.mcap', example_robot(UR5))
 
 
-def test_a_recording_of_a_urdf_with_meshes_is_drawn_where_pinocchio_says(
+def test_a_recording_of_a_urdf_with_meshes_is_drawn_at_the_poses_of_pinocchio(
     ur5_log: Path, empty: Any
 ) -> None:
     found = content(ur5_log)

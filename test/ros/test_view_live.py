@@ -27,7 +27,7 @@ def encoded(*state: Any) -> bytes:
     return bytes(STORE.serialize_cdr(joint_state(0.0, *state), STATE))
 
 
-def test_the_arm_follows_joint_states_by_name_and_skips_what_is_none(empty: Any) -> None:
+def test_the_arm_follows_joint_states_by_name_and_skips_invalid_messages(empty: Any) -> None:
     model = parsed(urdf())
     arm = LiveArm(empty, model, MeshFolders())
     assert arm.joints == ('swing',)

@@ -88,7 +88,7 @@ def test_without_an_effort_limit_the_scale_ends_at_the_largest_torque() -> None:
     assert Loads(free, ['swing'], np.zeros((2, 1))).colours(np.zeros(1), np.zeros(1)) == [NONE]
 
 
-def test_the_path_is_that_of_the_tip_as_pinocchio_has_it(ur5_log: Path) -> None:
+def test_the_path_of_the_tip_equals_pinocchio(ur5_log: Path) -> None:
     found = content_of(ur5_log)
     assert found.tip == 'wrist_3_link'
     path = tip_path(found)

@@ -98,7 +98,7 @@ def child_of(process: Process) -> int:
 
 
 @pytest.mark.ros
-def test_an_arm_goes_on_without_its_view_and_logs_it_once(processes: Processes) -> None:
+def test_an_arm_continues_without_its_view_and_logs_it_once(processes: Processes) -> None:
     viewed = Viewed(processes, '-r', '__ns:=/left', '-r', 'joint_states:=states')
     assert len(viewed.url) == 1
     assert 'receiving /left/states\n' in viewed.arm.text()

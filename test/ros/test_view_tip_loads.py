@@ -118,7 +118,7 @@ def check_wrench(nodes: Nodes, frame: pin.SE3, wrench: Any, scale: Any) -> None:
     assert np.sum(np.cross(turn[:-1], turn[1:]) @ axis) > 0
 
 
-def test_arrows_and_payload_of_a_recording_are_where_pinocchio_says(
+def test_arrows_and_payload_of_a_recording_are_at_the_poses_of_pinocchio(
     pushed: Path, empty: Any
 ) -> None:
     content = content_of(pushed)

@@ -273,7 +273,7 @@ def test_a_description_that_is_no_urdf_is_one_clear_error(tmp_path: Path) -> Non
         assert '\n' not in str(caught.value)
 
 
-def test_the_definition_of_a_transform_message_is_that_of_jazzy() -> None:
+def test_the_definition_of_a_transform_message_is_from_jazzy() -> None:
     theirs, _ = STORE.generate_msgdef(TRANSFORMS, ros_version=2)
     assert theirs.startswith(definitions.KNOWN[TRANSFORMS][0])
     assert definitions.type_hash(TRANSFORMS) == STORE.hash_rihs01(TRANSFORMS)

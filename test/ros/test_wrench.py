@@ -49,7 +49,7 @@ TAU = (1.0, -20.0, 5.0, 0.3, -0.2, 0.1)
 
 
 @pytest.mark.parametrize('frame', ['wrist_3_link', 'tool0', 'ee_link'])
-def test_a_wrench_moves_the_arm_as_pinocchio_says(frame: str) -> None:
+def test_a_wrench_moves_the_arm_as_in_pinocchio(frame: str) -> None:
     engine, path = ur5(frame)
     arm = engine.arm
     model = pin.buildModelFromUrdf(path)

@@ -550,14 +550,14 @@ CLAIMS = (
         'section 2.6',
         'after 2 n - 1 cycles all input from below is stored',
         _array(lambda n: last_cycle(literal_run(n), action=STORE), '2 n - 1'),
-        ARRAY + 'the_literal_design_keeps_its_input_when_the_paper_says',
+        ARRAY + 'the_literal_design_keeps_its_input_in_the_cycles_of_the_paper',
         'true of column 1',
     ),
     Claim(
         'section 2.6',
         'h_44 and the flag enter P_41 after 2 n cycles',
         _array(lambda n: last_cycle(literal_run(n), (n, 1)), '2 n'),
-        ARRAY + 'the_literal_design_keeps_its_input_when_the_paper_says',
+        ARRAY + 'the_literal_design_keeps_its_input_in_the_cycles_of_the_paper',
     ),
     Claim(
         'section 2.6',

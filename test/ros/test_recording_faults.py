@@ -160,6 +160,7 @@ def test_a_failed_recording_gives_its_messages_back(
     hang.go_on.set()
     wait_until(lambda: not threads_named('recording'))
     assert sys.getrefcount(message) == alone
+    assert recorder.waiting_share == 0.0
     assert recorder.dropped == [0, 20]
     assert len(reports) == 1
 

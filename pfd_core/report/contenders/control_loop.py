@@ -6,8 +6,9 @@ Other libraries as simulators of an arm under a controller, the loop and the con
 data/control_loop.c is compiled once for each number of joints. Each library advances the arm by
 one period with constant torques:
 
-    CasADi      the classical Runge-Kutta method in C around C that CasADi generates
-    Pinocchio   the same in C++ around pinocchio::aba
+    CasADi      the classical Runge-Kutta method, velocity Verlet and semi-implicit Euler in C
+                around C that CasADi generates
+    Pinocchio   the classical Runge-Kutta method in C++ around pinocchio::aba
     MuJoCo      mj_step
 
 CasADi and Pinocchio have no dry friction: it is a ramp F v / width between -F and F. MuJoCo's
@@ -41,6 +42,8 @@ MUJOCO = {
     'MuJoCo RK4': 'mjINT_RK4',
 }
 CASADI = 'CasADi RK4'
+# Integrators around CasADi's C: functions of data/casadi.c.
+IN_CASADI = {CASADI: 'rollout', 'CasADi Verlet': 'verlet', 'CasADi Euler': 'euler'}
 PINOCCHIO = f'{PINOCCHIO_CPP} RK4'
 
 
@@ -112,15 +115,16 @@ def _run(case: ControlledArm, advance: Any, arm: Any, substeps: int) -> Run:
 
 
 class CasadiArm:
-    """CasADi's C of articulated bodies with rotors, and Runge-Kutta steps in C."""
+    """CasADi's C of articulated bodies with rotors, and the steps of an integrator in C."""
 
     def __init__(self, case: ControlledArm) -> None:
         self._case, self._peer = case, Casadi(case.plant)
 
-    def run(self, substeps: int, softness: Softness) -> Run:
-        """Return a run with `substeps` steps in each period."""
+    def run(self, way: str, substeps: int, softness: Softness) -> Run:
+        """Return a run by an integrator of IN_CASADI with `substeps` steps in each period."""
         effects = address(joint_torques(self._case.plant, softness.width))
-        return _run(self._case, self._peer.library.rollout, effects, substeps)
+        advance = getattr(self._peer.library, IN_CASADI[way])
+        return _run(self._case, advance, effects, substeps)
 
 
 class PinocchioArm:

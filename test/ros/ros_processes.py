@@ -106,6 +106,11 @@ class Process:
 
         wait_until(came, self.text, pause=0.02)
 
+    def stop(self) -> None:
+        """End the process as Ctrl-C does; its status must be 0."""
+        status = self.end(signal.SIGINT)
+        assert status == 0, f'status {status}; {self.text()}'
+
     def end(self, *signals: signal.Signals, apart: float = 0.005) -> int:
         """Send signals and return the exit status."""
         for number in signals:

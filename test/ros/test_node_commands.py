@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import signal
-
 import numpy as np
 import pytest
 from ros_processes import JOINTS, Processes
@@ -50,5 +48,5 @@ def test_a_servo_holds_after_the_last_command_and_a_reflex_is_logged(
     peer.let_pass()
     assert not np.any(peer.states[-1].effort)
     assert not np.any(peer.states[-1].velocity)
-    assert arm.end(signal.SIGINT) == 0
+    arm.stop()
     assert read(processes.folder / 'arm.mcap', verify=True).complete

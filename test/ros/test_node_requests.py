@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-import signal
 import time
 from typing import Any
 
@@ -110,7 +109,7 @@ def test_pause_step_reset_and_jump_while_a_controller_runs(processes: Processes,
     jump(peer, [1.0, -1.5], lambda: peer.states[-1].position[0] > 0.6)
     peer.let_pass(20)
     check_clock(peer)
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    arm.stop()
     path = processes.folder / 'arm.mcap'
     summary = read(path, verify=True)
     assert summary.verdicts[Verdict.REFUSED] == 1
@@ -157,7 +156,7 @@ def test_lockstep_repeats_a_state_that_an_ended_controller_left_unanswered(
     again.wait_for_text('answers')
     peer.wait(lambda: stamp_ns(peer.states[-1]) > settled_at + 100 * MILLISECOND)
     check_clock(peer)
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    arm.stop()
     summary = read(processes.folder / 'arm.mcap', verify=True)
     assert summary.verdicts[Verdict.ACCEPTED] > 100
 
@@ -172,4 +171,4 @@ def test_services_answer_while_the_arm_is_very_slow(processes: Processes, peer_o
         assert trigger(peer, 'step').message.startswith('refused')
         assert pause(peer, True).message == 'accepted: pause; simulated time 5.0 s'
         assert pause(peer, False).success
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    arm.stop()

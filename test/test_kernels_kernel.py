@@ -251,7 +251,7 @@ def test_calls_leave_no_references_behind() -> None:
 
 
 def test_a_batch_releases_the_global_interpreter_lock() -> None:
-    # While one thread is inside a long batch, this one goes on counting.
+    # While one thread is inside a long batch, this thread continues to count.
     kernel = pfd.compile_kernel(pfd.load_robot('puma560'))
     arrays = [np.tile(x, (20_000, 1)) for x in random_states(6, 10)]
     kernel(*[x[:10] for x in arrays])

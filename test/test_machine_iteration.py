@@ -138,7 +138,7 @@ def test_an_observer_sees_the_state_before_the_loop_and_after_each_iteration() -
     assert len(seen) == iterations.max() + 1
     np.testing.assert_array_equal(seen[0], q)
     for state, count in enumerate(iterations):
-        # A finished problem keeps its state while the other goes on.
+        # A finished problem keeps its state while the other continues.
         np.testing.assert_array_equal(seen[int(count)][state], seen[-1][state])
         x = q[state]
         for row in seen[1 : int(count) + 1]:

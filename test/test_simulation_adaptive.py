@@ -104,7 +104,7 @@ def test_the_dense_output_meets_all_order_conditions_up_to_order_7(part: float) 
 
 
 def pendulum(swing: float, times: np.ndarray) -> np.ndarray:
-    """Return the angle of a pendulum of two rods of 0.5 m in line, let go at rest at a swing."""
+    """Return the angle of two rods of 0.5 m in line, released at rest at an angle `swing`."""
     # A rod of length L = 1: theta'' = -3 g / (2 L) sin theta; sin(theta/2) = k cd(w t, k).
     k, w = math.sin(swing / 2), math.sqrt(3 * 9.81 / 2)
     cd = [float(mpmath.ellipfun('cd', w * t, k=k)) for t in times]

@@ -62,7 +62,7 @@ def main(path: Path, way: str) -> None:
     wait_until(lambda: min(recorder.recorded) > 0 or recorder.failed)
     print('ready', flush=True)
     if way == 'close':
-        # Producers go on: messages after this moment are no part of the recording.
+        # Producers continue: messages after this moment do not belong to the recording.
         recorder.close(lambda: {'recorded': json.dumps(recorder.recorded)})
     elif way == 'clog':
         clog(path)

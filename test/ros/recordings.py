@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of made-up messages, their expected contents, and faults to record with."""
+"""Recordings of synthetic messages, their expected contents, and faults to record with."""
 
 from __future__ import annotations
 

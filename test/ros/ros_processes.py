@@ -40,7 +40,7 @@ _numbers = itertools.count()
 
 
 def example_robot(path: str) -> Path:
-    """Return a robot of the package example-robot-data, which lies beside Pinocchio."""
+    """Return a robot of the package example-robot-data, installed next to Pinocchio."""
     pinocchio = importlib.util.find_spec('pinocchio')
     assert pinocchio is not None
     assert pinocchio.origin is not None
@@ -219,7 +219,7 @@ class Peer:
     def wait(self, done: Callable[[], Any]) -> None:
         deadline = time.monotonic() + PATIENCE
         while not done():
-            assert time.monotonic() < deadline, f'waited in vain; {len(self.states)} states came'
+            assert time.monotonic() < deadline, f'timed out after {len(self.states)} states'
             self.executor.spin_once(timeout_sec=0.05)
 
     def connect(self) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The actuators: efforts and speeds stay within the limits of motors, and the run goes on."""
+"""The actuators: efforts and speeds stay within the limits of motors, and the run continues."""
 
 from __future__ import annotations
 

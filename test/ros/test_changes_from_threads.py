@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Changes of settings by several threads and in floods reach the arm in one order, or are told."""
+"""Changes by several threads and in floods reach the arm in one order, or are reported."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def test_report_counts_writes_its_pages_without_ros(
 def test_report_paper_writes_all_its_pages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # Each page has a test of its own.
+    # Each page has a separate test.
     for name in ('paper_pages.write_claims', 'array_pages.run', 'pcgm_pages.run'):
         monkeypatch.setattr(f'pfd_core.report.{name}', lambda folder, n=name: [folder / n])
     assert command_line.main(['report', 'paper', '--out', str(tmp_path / 'pages')]) == 0
@@ -134,7 +134,7 @@ def test_pfd_sim_is_the_node(processes: Processes) -> None:
 def test_report_speed_hands_folder_and_quickness_to_its_pages(
     options: list[str], pages: str, quick: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The reports themselves have tests of their own, and take minutes.
+    # The reports themselves have separate tests, and take minutes.
     asked: list[tuple[Path, bool]] = []
     monkeypatch.setattr(
         f'pfd_core.report.{pages}.run', lambda folder, quick: asked.append((folder, quick)) or []

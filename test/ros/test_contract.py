@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The arm beside replicas of its peers over real DDS: ros2_control, and scripts written for it."""
+"""The arm with replicas of its peers over real DDS: ros2_control, and scripts written for it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def arm_with(processes: Processes, *args: str, **params: str) -> Process:
 
 
 def computed_torque(robot: pfd.Robot):
-    """Return a controller that holds GOAL; its fingers push in vain."""
+    """Return a controller that holds GOAL; its fingers push without effect."""
 
     def update(states: State) -> State:
         q, qd = ([states[joint][kind] for joint in ARM] for kind in ('position', 'velocity'))

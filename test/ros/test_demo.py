@@ -197,7 +197,7 @@ def test_without_a_free_domain_the_demo_ends_with_one_line(
 
 @pytest.mark.ros
 def test_a_domain_with_a_node_on_it_is_not_claimed(processes: Processes, tmp_path: Path) -> None:
-    # Of a process of its own: participants are numbered by process, and their ports by number.
+    # In a separate process: participants are numbered by process, and their ports by number.
     processes.arm('-p', 'robot:=planar2')
     with own_domain(tmp_path, start=processes.domain - FIRST) as domain:
         assert domain != processes.domain

@@ -55,7 +55,7 @@ def run() -> Recording:
 
 def check_bits(whole: Recording, folder: Path, data: st.DataObject) -> None:
     """Check that a changed bit in each part of a recording is found."""
-    # Definitions and QoS come from the golden recording; made-up runs have none.
+    # Definitions and QoS come from the golden recording; simulated runs have none.
     for kind in whole.channels:
         kind.definition = kind.definition or b'float64 x\n'
         kind.metadata = kind.metadata or {'offered_qos_profiles': '- depth: 1\n'}

@@ -199,7 +199,7 @@ def test_a_publisher_of_another_type_is_named_with_the_topic_that_takes_it(
     from std_msgs.msg import Float64MultiArray
 
     arm = reporting_often(processes)
-    # A participant has one type for a topic, and a peer has commands of its own.
+    # A participant has one type for a topic, and a peer publishes commands itself.
     peer = peer_of(processes, 'other')
     peer.node.create_publisher(Float64MultiArray, '/joint_commands', 10)
     arm.wait_for_text(
@@ -233,7 +233,7 @@ def test_a_best_effort_publisher_is_served_and_no_message_is_taken_twice(
             publisher.publish(JointState(name=['joint1'], effort=[number]))
         return peer.states[-1].effort[0] in sent[publishers[-1]]
 
-    # The reliable publisher goes on while the subscription is replaced.
+    # The reliable publisher continues while the subscription is replaced.
     peer.wait(lambda: send_and_hear(peer.named, best_effort))
     sent[peer.named].clear()
     peer.wait(lambda: send_and_hear(peer.named))

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Servo, watchdog and reflex of a real node: set by parameters, and told in its log."""
+"""Servo, watchdog and reflex of a real node: set by parameters, and logged."""
 
 from __future__ import annotations
 

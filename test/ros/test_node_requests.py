@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Services, jumps and lockstep over real topics, beside a controller that goes on publishing."""
+"""Services, jumps and lockstep over real topics, while a controller continues to publish."""
 
 from __future__ import annotations
 

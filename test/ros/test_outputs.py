@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Outputs beside joint_states: their numbers against Pinocchio, and their recordings."""
+"""Outputs other than joint_states: their values against Pinocchio, and their recordings."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ MEGABYTE = 1 << 20
 
 @dataclass
 class Hang:
-    """Calls on the recording's thread that do not come back until they are let go."""
+    """Calls on the recording's thread that block until `go_on` is set."""
 
     go_on: threading.Event
     reached: threading.Event
@@ -339,7 +339,7 @@ def test_a_pause_of_this_process_is_no_stall_of_the_disk(
 
 
 class Clock(TimeBase):
-    """A clock that shows the given times one after the other, and then stands still."""
+    """A clock that shows the given times one after the other, and then stops."""
 
     def __init__(self, *times: int) -> None:
         super().__init__()

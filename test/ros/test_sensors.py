@@ -158,7 +158,7 @@ def test_an_episode_after_a_reset_is_that_after_the_start_noise_and_losses_inclu
     outputs(engine, 1, RESET)
     assert episode() == first
     assert engine.state.link.lost == 2 * lost
-    # A jump is none: its noise goes on.
+    # A jump is no reset: its noise continues.
     place = np.array([0.3, -0.2])
     jump = JointStateEncoder(engine.arm.names).encode(0, place, 0 * place, 0 * place)
     outputs(engine, 1, Arrival(Source.SET_STATE, 1, jump))

@@ -264,7 +264,7 @@ def test_an_invalid_answer_is_one_error_with_its_time(answer, text: str) -> None
     arm = ur5()
     with pytest.raises(ControllerError, match=text):
         arm.run(lambda t, q, qd: answer if t >= 0.01 else pd(t, q, qd), 1.0)
-    # The arm waits in that state, and another controller may go on from it.
+    # The arm waits in that state, and another controller may continue from it.
     assert arm.time == 0.01
     assert arm.run(pd, 0.01).time[0] == 0.01
 

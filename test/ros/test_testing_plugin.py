@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The pytest plugin in sessions of its own: what it imports, its domains, its errors."""
+"""The pytest plugin in separate sessions: what it imports, its domains, its errors."""
 
 from __future__ import annotations
 

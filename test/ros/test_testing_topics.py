@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The arm of a test over real topics: in this process, and as a process of its own."""
+"""The arm of a test over real topics: in this process, and in a separate process."""
 
 from __future__ import annotations
 

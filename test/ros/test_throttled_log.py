@@ -70,7 +70,7 @@ def test_findings_are_logged_once_each_up_to_a_bound() -> None:
         log.once(k % 500, f'found {k}')
     assert len(logger) == MOST_FINDINGS + 2
     assert logger[-1][1] == 'further warnings of this kind are not logged'
-    # What is counted is of a kind known beforehand, and told all the same.
+    # Counts are of a kind known beforehand, and logged all the same.
     log.count('failure', 1, 'failure', error=True)
     assert logger[-1] == ('error', '1 failure')
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated time of a real node: a followed clock, and time that goes on across a restart."""
+"""Simulated time of a real node: a followed clock, and time that continues across a restart."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The external wrench: its physics beside Pinocchio, its rules, how long it acts, its replay."""
+"""The external wrench: its physics against Pinocchio, validation, duration and replay."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ PATIENCE = 240.0
 def wait_until(
     done: Callable[[], Any], told: Callable[[], Any] = lambda: '', pause: float = 1e-3
 ) -> None:
-    """Return once `done` is true; fail with `told` after PATIENCE. Looks every `pause` s."""
+    """Poll every `pause` s until `done` is true; fail with `told` after PATIENCE."""
     deadline = time.monotonic() + PATIENCE
     while not done():
         assert time.monotonic() < deadline, told()

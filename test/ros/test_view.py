@@ -15,7 +15,6 @@ from typing import Any
 import urllib.request
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from rewriting import GOLDEN, load
 from ros_processes import example_robot
@@ -27,6 +26,7 @@ from view_models import (
     recorded,
     swinging,
     text_message,
+    ur5_poses,
     urdf,
     write_bag,
 )
@@ -57,19 +57,14 @@ def test_a_recording_of_a_urdf_with_meshes_is_drawn_at_the_poses_of_pinocchio(
     assert found.lines == ()
     assert not any(shape.stands_in for shape in found.drawing.shapes)
     nodes = Nodes(empty, found)
-    model = pin.buildModelFromUrdf(str(example_robot(UR5)))
-    data = model.createData()
-    states = read_log(ur5_log)['/joint_states']
+    pose, states = ur5_poses(ur5_log), read_log(ur5_log)['/joint_states']
     for place in (0, len(states) // 2, len(states) - 1):
         nodes.show(states.time[place] - states.time[0])
-        q = pin.neutral(model)
-        for name, value in zip(states.names, states.position[place], strict=True):
-            q[model.joints[model.getJointId(name)].idx_q] = value
-        pin.framesForwardKinematics(model, data, q)
         for link in ('base_link', 'forearm_link', 'wrist_3_link'):
-            expected = data.oMf[model.getFrameId(link, pin.FrameType.BODY)]
-            pose = nodes.pose(f'/arm/link_{found.poses.index(link)}')
-            np.testing.assert_allclose(pose.homogeneous, expected.homogeneous, atol=1e-12)
+            shown = nodes.pose(f'/arm/link_{found.poses.index(link)}')
+            np.testing.assert_allclose(
+                shown.homogeneous, pose(place, link).homogeneous, atol=1e-12
+            )
 
 
 def test_a_recording_without_a_description_is_drawn_from_its_robot() -> None:

@@ -11,10 +11,9 @@ from typing import Any
 import urllib.request
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from ros_processes import Processes, environment
-from view_models import STATE, STORE, joint_state, parsed, urdf
+from view_models import STATE, STORE, joint_state, parsed, pendulum_end, urdf
 from waiting import PATIENCE
 
 from pfd_ros.cli.main import main
@@ -31,16 +30,12 @@ def test_the_arm_follows_joint_states_by_name_and_skips_invalid_messages(empty: 
     model = parsed(urdf())
     arm = LiveArm(empty, model, MeshFolders())
     assert arm.joints == ('swing',)
-    pinocchio = pin.buildModelFromXML(urdf())
-    data = pinocchio.createData()
     end = LinkPoses(model, ['swing']).index('end')
     node = empty.scene.get_handle_by_name(f'/arm/link_{end}')
 
     def check(q: float) -> None:
         arm.draw()
-        pin.framesForwardKinematics(pinocchio, data, np.array([q]))
-        expected = data.oMf[pinocchio.getFrameId('end', pin.FrameType.BODY)].translation
-        np.testing.assert_allclose(node.position, expected, atol=1e-12)
+        np.testing.assert_allclose(node.position, pendulum_end(q).translation, atol=1e-12)
 
     check(0.0)
     arm.take(encoded(['other', 'swing'], [9.0, 0.7], [1.0, 2.0]))

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,9 @@ from view_models import (
     Nodes,
     joint_state,
     parsed,
+    pendulum_end,
     pushed_bag,
+    ur5_poses,
     urdf,
     wrench_message,
 )
@@ -80,18 +83,6 @@ def pushed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def frames_at(log: Path, place: int) -> Any:
-    """Return a function from a link of the UR5 to its frame in a state of a log, by Pinocchio."""
-    model = pin.buildModelFromUrdf(str(example_robot(UR5)))
-    data = model.createData()
-    states = read_log(log)['/joint_states']
-    q = pin.neutral(model)
-    for name, value in zip(states.names, states.position[place], strict=True):
-        q[model.joints[model.getJointId(name)].idx_q] = value
-    pin.framesForwardKinematics(model, data, q)
-    return lambda link: data.oMf[model.getFrameId(link, pin.FrameType.BODY)]
-
-
 def visible(nodes: Nodes) -> list[str]:
     names = ('/wrench/force', '/wrench/torque', '/payload')
     return [name for name in names if nodes[name].visible]
@@ -124,10 +115,11 @@ def test_arrows_and_payload_of_a_recording_are_at_the_poses_of_pinocchio(
     content = content_of(pushed)
     assert content.lines == ()
     nodes, count = Nodes(empty, content), len(content.motion.time)
+    pose = ur5_poses(pushed)
     for part, frame in ((1, 'tool0'), (2, 'wrist_3_link')):
         for place in (part * count // 4 + 1, (2 * part + 1) * count // 8, (part + 1) * count // 4):
             nodes.show(content.motion.time[place - 1])
-            at = frames_at(pushed, place - 1)
+            at = partial(pose, place - 1)
             assert visible(nodes) == ['/wrench/force', '/wrench/torque', '/payload']
             check_wrench(nodes, at(frame), PUSHES[frame], content.scale)
             centre = at('wrist_3_link').act(np.array((FIRST, SECOND)[part - 1][1]))
@@ -293,14 +285,14 @@ def test_an_exported_page_shows_hides_and_turns_the_arrow(pushed: Path, tmp_path
     # A browser changes sizes later than it shows a node: the first one is there from the start.
     radius = np.linalg.norm(PUSHES['tool0'][1]) / content.scale.torque
     assert exported.updates('/wrench/torque/turn')[0] == (0.0, {'scale': pytest.approx(radius)})
-    at = frames_at(pushed, len(content.motion.time) // 2 - 2)
+    tool = ur5_poses(pushed)(len(content.motion.time) // 2 - 2, 'tool0')
     (turn,) = [wxyz for time, wxyz in exported.turns('/wrench/force') if time <= 2 * PART - 0.01][
         -1:
     ]
     w, x, y, z = turn
     along = pin.Quaternion(w, x, y, z).matrix()[:, 2]
     force = np.array(PUSHES['tool0'][0])
-    expected = at('tool0').rotation @ force / np.linalg.norm(force)
+    expected = tool.rotation @ force / np.linalg.norm(force)
     # Between two frames the link turns by some degrees.
     assert along @ expected > np.cos(np.radians(10))
     assert np.ptp([wxyz for _, wxyz in exported.turns('/wrench/force')], axis=0).max() > 0.2
@@ -367,10 +359,7 @@ def test_a_running_arm_shows_wrench_and_payload_at_the_frames_of_their_messages(
     _, body = payload('end', 1.5, (0.0, 0.1, 0.0))
     arm.take_payload(body)
     arm.draw()
-    model = pin.buildModelFromXML(urdf())
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, np.array([0.7]))
-    end = data.oMf[model.getFrameId('end', pin.FrameType.BODY)]
+    end = pendulum_end(0.7)
     force = node('/wrench/force')
     assert force.visible
     np.testing.assert_allclose(force.position, end.translation, atol=1e-12)

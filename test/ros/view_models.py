@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 import re
 from typing import Any
@@ -18,6 +18,7 @@ from ros_processes import example_robot
 import zstandard
 
 import pfd_core as pfd
+from pfd_ros import read_log
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.view.logged_arm import Content, fill
 
@@ -141,6 +142,29 @@ def pushed_bag(path: Path, frame: str = 'end') -> Path:
             for topic in ('/arm/external_wrench', '/sensor/wrench'):
                 messages.append((topic, WRENCH, round((10.05 + 0.1 * k) * 1e9), sent))
     return write_bag(path, messages)
+
+
+def ur5_poses(log: Path) -> Callable[[int, str], pin.SE3]:
+    """Return a function from a state of a log and a link of the UR5 to its pose, by Pinocchio."""
+    model = pin.buildModelFromUrdf(str(example_robot(UR5)))
+    data, states = model.createData(), read_log(log)['/joint_states']
+
+    def pose(place: int, link: str) -> pin.SE3:
+        q = pin.neutral(model)
+        for name, value in zip(states.names, states.position[place], strict=True):
+            q[model.joints[model.getJointId(name)].idx_q] = value
+        pin.framesForwardKinematics(model, data, q)
+        return data.oMf[model.getFrameId(link, pin.FrameType.BODY)].copy()
+
+    return pose
+
+
+def pendulum_end(q: float) -> pin.SE3:
+    """Return the pose of the link `end` of the pendulum of `urdf`, by Pinocchio."""
+    model = pin.buildModelFromXML(urdf())
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, np.array([q]))
+    return data.oMf[model.getFrameId('end', pin.FrameType.BODY)].copy()
 
 
 class Nodes:

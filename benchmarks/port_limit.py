@@ -47,7 +47,9 @@ def array(states: int, elements: int, dtype: str, place: int | None) -> NDArray[
     item = np.dtype(dtype).itemsize
     raw = np.zeros(states * elements + 2 * PAGE // item, dtype)
     start = (-raw.ctypes.data % PAGE + place) // item
-    return raw[start : start + states * elements].reshape(elements, states).T
+    columns = raw[start : start + states * elements]
+    found: NDArray[np.floating] = columns.reshape(elements, states).T
+    return found
 
 
 def main() -> int:

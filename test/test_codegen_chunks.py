@@ -23,16 +23,19 @@ from pfd_core.kernels.runtime.threads import BATCH, address
 from pfd_core.machine.program import Program
 
 PAGE = 4096
+# Bytes from column to column.
+STRIDE = 2 * PAGE
 
 
 def columns(
-    rows: int, elements: int, offset: int, dtype: str = 'float64', stride: int = PAGE
+    rows: int, elements: int, offset: int, dtype: str = 'float64', stride: int = STRIDE
 ) -> NDArray[np.floating]:
     """Return (rows, elements), whose columns are `stride` bytes apart and begin at an offset."""
     raw = np.zeros(stride * (elements + 1) + 2 * PAGE, np.uint8)
     start = -raw.ctypes.data % PAGE + offset
     table = raw[start : start + stride * elements].view(dtype)
-    return table.reshape(elements, -1).T[:rows]
+    found: NDArray[np.floating] = table.reshape(elements, -1).T[:rows]
+    return found
 
 
 # Bytes after the begin of a page of three inputs and the result.
@@ -53,34 +56,33 @@ def test_crowded_columns_give_the_bits_of_single_states(
 ) -> None:
     rng = np.random.default_rng(71)
     kernel = pfd.compile_kernel(random_chain(rng, 4), dtype=dtype)
-    size = PAGE // np.dtype(dtype).itemsize - 3
-    arrays = [columns(size, 4, offset, dtype) for offset in offsets]
-    *given, out = arrays
-    for array in given:
+    size = STRIDE // np.dtype(dtype).itemsize - 3
+    q, qd, tau, out = (columns(size, 4, offset, dtype) for offset in offsets)
+    for array in (q, qd, tau):
         array[:] = rng.normal(size=array.shape)
-    alone = np.array([kernel(*(x[k] for x in given)) for k in range(size)])
+    alone = np.array([kernel(q[k], qd[k], tau[k]) for k in range(size)])
     for first, count in ((0, size), (1, size - 1), (5, size // 2 + 5), (0, size // 2 - 1)):
         out[:] = np.nan
         own = slice(first, first + count)
-        kernel(*(x[own] for x in given), out=out[own])
+        kernel(q[own], qd[own], tau[own], out=out[own])
         np.testing.assert_array_equal(out[own], alone[own])
         assert np.isnan(out[:first]).all()
         assert np.isnan(out[first + count :]).all()
     # The result may replace an input.
-    np.testing.assert_array_equal(kernel(*given, out=given[2]), alone)
+    np.testing.assert_array_equal(kernel(q, qd, tau, out=tau), alone)
 
 
-@pytest.mark.parametrize('state', [0, 3, 77, 300, 508], ids='state {}'.format)
+@pytest.mark.parametrize('state', [0, 3, 77, 600, 1020], ids='state {}'.format)
 @pytest.mark.parametrize('offsets', [(16, 16, 16, 16), (16, 32, 48, 64)], ids=str)
 def test_a_number_that_is_not_finite_is_found_in_each_chunk(
     offsets: Sequence[int], state: int
 ) -> None:
     rng = np.random.default_rng(72)
     kernel = pfd.compile_kernel(random_chain(rng, 4))
-    *given, out = (columns(509, 4, offset) for offset in offsets)
-    given[1][state, 2] = np.inf
+    q, qd, tau, out = (columns(1021, 4, offset) for offset in offsets)
+    qd[state, 2] = np.inf
     with pytest.raises(ValueError, match=rf'qd must be finite, got inf at index \[{state}, 2\]'):
-        kernel(*given, out=out)
+        kernel(q, qd, tau, out=out)
 
 
 @dataclass(frozen=True)
@@ -129,11 +131,11 @@ def starts(arrays: Sequence[NDArray[np.floating]], state: int = 0) -> list[int]:
 @pytest.mark.parametrize(
     ('offsets', 'stride', 'count'),
     [
-        ((0, 0, 0, 0), PAGE, 512),
+        ((0, 0, 0, 0), STRIDE, 1024),
         ((0, 64, 128, 192), PAGE + 64, 512),
         ((16, 32, 48, 64), PAGE + 64, 512),
-        ((16, 32, 48, 64), PAGE, 255),
-        ((16, 1040, 2064, 3088), PAGE, 512),
+        ((16, 32, 48, 64), STRIDE, 511),
+        ((16, 1040, 2064, 3088), STRIDE, 1024),
     ],
     ids=['whole lines', 'another stride', 'between lines', 'few states', 'arrays far apart'],
 )
@@ -146,18 +148,18 @@ def test_a_batch_is_computed_in_one_go_where_no_columns_evict_each_other(
 
 
 def test_states_in_rows_are_computed_in_one_go(monkeypatch: pytest.MonkeyPatch) -> None:
-    arrays = [np.zeros((512, 512))[:, :6] for _ in range(4)]
+    arrays = [np.zeros((1024, 1024))[:, :6] for _ in range(4)]
     (run,) = runs(arrays, monkeypatch)
-    assert (run.count, run.addresses) == (512, starts(arrays))
+    assert (run.count, run.addresses) == (1024, starts(arrays))
 
 
 def test_a_head_lets_all_arrays_begin_on_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    arrays = [columns(510, 6, 16) for _ in range(4)]
+    arrays = [columns(1022, 6, 16) for _ in range(4)]
     head, rest = runs(arrays, monkeypatch)
     assert (head.count, head.addresses) == (6, starts(arrays))
-    assert (rest.count, rest.addresses) == (504, starts(arrays, 6))
+    assert (rest.count, rest.addresses) == (1016, starts(arrays, 6))
     assert all(start % chunks.LINE == 0 for start in rest.addresses)
-    assert head.strides == rest.strides == [PAGE] * 4
+    assert head.strides == rest.strides == [STRIDE] * 4
 
 
 @pytest.mark.parametrize(
@@ -168,16 +170,16 @@ def test_a_head_lets_all_arrays_begin_on_a_line(monkeypatch: pytest.MonkeyPatch)
 def test_crowded_results_and_enough_inputs_are_copied(
     offsets: Sequence[int], first: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    arrays = [columns(512 - first, 6, offset) for offset in offsets]
+    arrays = [columns(1024 - first, 6, offset) for offset in offsets]
     found = runs(arrays, monkeypatch)
     if first:
-        assert found.pop(0) == Run(first, starts(arrays), [PAGE] * 4)
-    whole, left = divmod(512 - 2 * first, chunks.CHUNK // 8)
+        assert found.pop(0) == Run(first, starts(arrays), [STRIDE] * 4)
+    whole, left = divmod(1024 - 2 * first, chunks.CHUNK // 8)
     assert [run.count for run in found] == [chunks.CHUNK // 8] * whole + [left] * (left > 0)
     for k, run in enumerate(found[:whole]):
         own = starts(arrays, first + k * chunks.CHUNK // 8)
         assert run.addresses[1:3] == own[1:3]
-        assert run.strides == [chunks.CHUNK, PAGE, PAGE, chunks.CHUNK]
+        assert run.strides == [chunks.CHUNK, STRIDE, STRIDE, chunks.CHUNK]
         assert not {run.addresses[0], run.addresses[3]} & set(own)
         assert all(run.addresses[copied] % chunks.LINE == 0 for copied in (0, 3))
     if left:
@@ -189,15 +191,16 @@ def test_registers_that_share_a_line_are_copied_also_from_whole_lines(
 ) -> None:
     arrays = [columns(512, 6, 0) for _ in range(4)]
     found = runs(arrays, monkeypatch, width=4)
-    assert [run.strides for run in found] == [[chunks.CHUNK, PAGE, PAGE, chunks.CHUNK]] * 8
+    assert [run.strides for run in found] == [[chunks.CHUNK, STRIDE, STRIDE, chunks.CHUNK]] * 8
 
 
 def test_so_many_columns_are_copied_that_few_are_left(monkeypatch: pytest.MonkeyPatch) -> None:
     # Of 4 x 12 columns 12 are left in one place; every other column lies in the same place.
     offsets = (16, 32, 48, 64)
-    for stride, copied in ((PAGE, (0, 1, 3)), (PAGE // 2, (0, 3))):
-        arrays = [columns(256, 12, offset, stride=stride) for offset in offsets]
+    for stride, copied in ((STRIDE, (0, 1, 3)), (STRIDE - PAGE // 2, (0, 3))):
+        arrays = [columns(768, 12, offset, stride=stride) for offset in offsets]
         found = runs(arrays, monkeypatch)
+        assert len(found) == 768 * 8 // chunks.CHUNK
         for run in found:
             wanted = [chunks.CHUNK if k in copied else stride for k in range(4)]
             assert run.strides == wanted

@@ -19,12 +19,12 @@ from pfd_core.report import controlled_arm_pages
 from pfd_core.report.cases.controlled_arm import ControlledArm, controlled_arm, stored_arm
 from pfd_core.report.contenders.control_loop import (
     MUJOCO,
-    CasadiArm,
-    MujocoArm,
-    PinocchioArm,
     Softness,
+    casadi_arm,
+    mujoco_arm,
+    pinocchio_arm,
 )
-from pfd_core.report.contenders.drake import DrakeArm
+from pfd_core.report.contenders.drake import drake_arm
 from pfd_core.report.contenders.ours_controlled import adaptive, fixed
 from pfd_core.report.contenders.work import LeftOutError
 from pfd_core.report.measure.controlled_motion import (
@@ -37,6 +37,7 @@ from pfd_core.report.measure.controlled_motion import (
     is_ours,
     survey,
 )
+from pfd_core.report.render.records import read
 
 ROOT = Path(__file__).resolve().parent.parent
 REPORT = ROOT / 'docs' / 'report'
@@ -103,9 +104,8 @@ def test_our_runs_agree_with_an_event_driven_motion_of_pinocchio_and_scipy() -> 
 @pytest.mark.slow
 def test_mujoco_and_casadi_simulate_the_same_arm_without_friction() -> None:
     wanted = fixed(SMOOTH, SMOOTH.scene, 4, 'rk4', 'float64')()
-    casadi = CasadiArm(SMOOTH)
-    found = [casadi.run('CasADi RK4', 4, Softness(1.0))()]
-    found.append(MujocoArm(SMOOTH).run('MuJoCo RK4', 4, Softness())())
+    found = [casadi_arm(SMOOTH)('CasADi RK4', 4, Softness(1.0))()]
+    found.append(mujoco_arm(SMOOTH)('MuJoCo RK4', 4, Softness())())
     for one in found:
         assert one.status == 'ok'
         np.testing.assert_allclose(one.q, wanted.q, atol=1e-9)
@@ -116,37 +116,37 @@ def test_mujoco_and_casadi_simulate_the_same_arm_without_friction() -> None:
 @pytest.mark.parametrize(('way', 'order'), [('CasADi Verlet', 2), ('CasADi Euler', 1)])
 def test_integrators_around_casadi_have_their_order(way: str, order: int) -> None:
     wanted = fixed(SMOOTH, SMOOTH.scene, 4, 'rk4', 'float64')().q
-    arm = CasadiArm(SMOOTH)
+    simulate = casadi_arm(SMOOTH)
     errors = [
-        np.abs(arm.run(way, substeps, Softness(1.0))().q - wanted).max() for substeps in (4, 32)
+        np.abs(simulate(way, substeps, Softness(1.0))().q - wanted).max() for substeps in (4, 32)
     ]
     assert np.log(errors[0] / errors[1]) / np.log(8) == pytest.approx(order, abs=0.1)
 
 
 def test_verlet_around_casadi_takes_the_steps_of_ours() -> None:
     ours = fixed(SMOOTH, SMOOTH.scene, 2, 'velocity_verlet', 'float64')()
-    peer = CasadiArm(SMOOTH).run('CasADi Verlet', 2, Softness(1.0))()
+    peer = casadi_arm(SMOOTH)('CasADi Verlet', 2, Softness(1.0))()
     np.testing.assert_allclose(peer.q, ours.q, rtol=0, atol=1e-13)
 
 
 @pytest.mark.long
 def test_pinocchio_in_cpp_simulates_the_same_arm_without_friction() -> None:
     wanted = fixed(SMOOTH, SMOOTH.scene, 4, 'rk4', 'float64')()
-    one = PinocchioArm(SMOOTH).run(4, Softness(1.0))()
+    one = pinocchio_arm(SMOOTH)('Pinocchio C++ RK4', 4, Softness(1.0))()
     np.testing.assert_allclose(one.q, wanted.q, atol=1e-9)
 
 
 def test_a_run_of_which_mujoco_warns_has_failed() -> None:
     wild = replace(SMOOTH, kp=1e12 * SMOOTH.kp, scene=pfd.Scene())
     for way in MUJOCO:
-        assert MujocoArm(wild).run(way, 1, Softness())().status == 'MuJoCo warning'
+        assert mujoco_arm(wild)(way, 1, Softness())().status == 'MuJoCo warning'
 
 
 def test_drake_is_left_out_with_the_command_that_adds_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'pydrake', None)
     monkeypatch.setitem(sys.modules, 'pydrake.all', None)
     with pytest.raises(LeftOutError, match='`pip install drake` adds it'):
-        DrakeArm(SMALL)
+        drake_arm(SMALL)
 
 
 def row(way: str, error: float, milliseconds: float, **more: Any) -> ControlledRow:
@@ -205,7 +205,7 @@ def test_the_plot_is_written_in_both_formats(tmp_path: Path) -> None:
     assert all(path.stat().st_size for path in paths)
 
 
-STORED = controlled_arm_pages.stored(REPORT / 'controlled-arm.json')
+STORED = read(Findings, REPORT / 'controlled-arm.json')
 
 
 def test_the_page_has_the_numbers_of_its_json() -> None:

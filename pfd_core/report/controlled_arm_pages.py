@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import zip_longest
-import json
 from pathlib import Path
 import re
 from typing import Any
@@ -25,8 +24,6 @@ from pfd_core.report.measure.controlled_motion import (
     ControlledRow,
     Findings,
     Plan,
-    ReferenceFacts,
-    Rounding,
     advice,
     is_ours,
     scene_errors,
@@ -46,6 +43,7 @@ from pfd_core.report.render.plots import (
     logarithmic,
     save,
 )
+from pfd_core.report.render.records import read
 
 NAME = 'controlled-arm'
 # Of the plot [inch].
@@ -100,17 +98,10 @@ LEFT = 0.2
 
 
 def _without(row: ControlledRow) -> str:
-    """Return the scene of a row in words."""
     if not row.left_out:
         return 'all effects'
     names = [LEAVES[name] for name in row.left_out]
     return 'without ' + ', '.join(names[:-1]) + ' and ' * (len(names) > 1) + names[-1]
-
-
-def _milliseconds(row: ControlledRow) -> str:
-    if row.minimum is None or row.median is None:
-        return row.status
-    return least_and_median(row.minimum, row.median, 1e3)
 
 
 ROWS: Columns = {
@@ -119,7 +110,7 @@ ROWS: Columns = {
     'scene': _without,
     'arms': 'arms',
     'friction': lambda row: row.softness or '-',
-    'time': _milliseconds,
+    'time': lambda row: row.status if row.minimum is None else least_and_median(row, 1e3),
     'error': lambda row: '-' if row.error is None else f'{row.error:.1e} / {row.middle:.1e}',
 }
 
@@ -178,7 +169,6 @@ def summary(findings: Findings) -> str:
 
 
 def _others(whole: Sequence[ControlledRow]) -> str:
-    """Return a sentence about the other libraries."""
     peers = [row for row in whole if not is_ours(row)]
     if not peers:
         return 'No other library was measured.'
@@ -203,7 +193,6 @@ def _differing(rows: Sequence[list[str]]) -> list[list[str]]:
 
 
 def _advised(one: Advice) -> list[str]:
-    """Return a row of the table of advice."""
     cells = [f'{one.tolerance:g}']
     if one.one is None or one.one.minimum is None:
         cells += ['-', 'none', '-']
@@ -270,26 +259,10 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
     return write(findings, case, folder)
 
 
-def stored(path: Path) -> Findings:
-    """Return the findings of a controlled-arm.json."""
-    data = json.loads(path.read_text(encoding='utf-8'))
-    rows = [ControlledRow(**row | {'left_out': tuple(row['left_out'])}) for row in data['rows']]
-    return Findings(
-        ReferenceFacts(**data['reference']),
-        data['periods'],
-        rows,
-        [Rounding(**one) for one in data['roundings']],
-        data['left_out'],
-        data['ramps'],
-        data['solvers'],
-        data['machine'],
-    )
-
-
 def publish(root: Path) -> list[Path]:
     """Write the page of docs/report/controlled-arm.json, and the block of README.md."""
     folder, readme = root / 'docs' / 'report', root / 'README.md'
-    findings = stored(folder / f'{NAME}.json')
+    findings = read(Findings, folder / f'{NAME}.json')
     text = readme.read_text(encoding='utf-8')
     readme.write_text(filled(text, findings), encoding='utf-8')
     return [*write(findings, stored_arm(), folder), readme]
@@ -301,11 +274,7 @@ def filled(text: str, findings: Findings) -> str:
 
 
 def write(findings: Findings, case: ControlledArm, folder: Path) -> list[Path]:
-    """
-    Write the page, its JSON and the plot as PNG and SVG, and return their paths.
-
-    The plot is skipped if matplotlib (extra `report`) is not installed.
-    """
+    """Write the page, its JSON and the plot as PNG and SVG, and return their paths."""
     return [
         *write_page(folder, NAME, markdown(findings, case), findings),
         *save(partial(_draw, findings), folder, NAME, SIZE),

@@ -593,7 +593,7 @@ entry:
   %v36 = sub i64 0, %v30
   %v37 = and i64 %v30, %v36
   %v38 = call i64 @llvm.umin.i64(i64 %v37, i64 4096)
-  %v39 = icmp uge i64 %count, 256
+  %v39 = icmp uge i64 %count, 512
   %v40 = mul i64 %v38, 10
   %v41 = icmp ugt i64 %v40, 32768
   %v42 = and i1 %v31, %v32

@@ -44,7 +44,7 @@ FEW = 100
 CHUNK = 512
 MOST = 1 << 19
 # Chunks of a batch from which these remedies are worth their time.
-LONG = 4
+LONG = 8
 # Bytes of a cache line; bytes after which addresses have the same place in the first cache, and
 # the same low bits in a comparison of loads with stores; lines in one place. They are those of
 # x86-64 processors of the last ten years, a few of which have more lines in one place.

@@ -32,17 +32,19 @@ from pfd_core.report.contenders.control_loop import (
     IN_CASADI,
     MUJOCO,
     PINOCCHIO,
-    CasadiArm,
-    MujocoArm,
-    PinocchioArm,
     Run,
+    Simulate,
     Softness,
+    casadi_arm,
+    mujoco_arm,
+    pinocchio_arm,
 )
-from pfd_core.report.contenders.drake import DRAKE, DrakeArm
+from pfd_core.report.contenders.drake import DRAKE, drake_arm
 from pfd_core.report.contenders.ours_controlled import adaptive, fixed
 from pfd_core.report.contenders.work import LeftOutError, Side
+from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.surroundings import surroundings
-from pfd_core.report.measure.timing import Pace, interleave, show_progress
+from pfd_core.report.measure.timing import Pace, interleave
 from pfd_core.simulation.step_control import SMALLEST_RTOL
 
 # A turn of a joint [rad].
@@ -345,60 +347,46 @@ def _subsets(names: Iterable[str], most: int) -> Iterator[tuple[str, ...]]:
         yield from combinations(known, count)
 
 
+# Other libraries: their ways, and a function that makes the arm.
+PEERS: dict[str, tuple[Iterable[str], Callable[[ControlledArm], Simulate]]] = {
+    'CasADi': (IN_CASADI, casadi_arm),
+    'Pinocchio': ((PINOCCHIO,), pinocchio_arm),
+    'MuJoCo': (MUJOCO, mujoco_arm),
+    'Drake': (DRAKE, drake_arm),
+}
+
+
 def _peers(case: ControlledArm, plan: Plan, left_out: list[str]) -> Iterator[_Candidate]:
-    for library, candidates in PEERS.items():
+    for library in PEERS:
         try:
-            yield from candidates(case, plan)
+            yield from _of_peer(library, case, plan)
         except LeftOutError as reason:
             left_out.append(f'{library}: {reason}')
 
 
-def _casadi(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
-    arm = CasadiArm(case)
-    for way, substeps in product(IN_CASADI, plan.substeps):
-        runs = [(str(soft), arm.run(way, substeps, soft)) for soft in plan.ramps]
-        yield _Candidate(ControlledRow(way, case.period / substeps, None), runs)
+def _of_peer(library: str, case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
+    ways, make = PEERS[library]
+    simulate, adaptive = make(case), library == 'Drake'
+    softnesses = {'MuJoCo': plan.solvers, 'Drake': plan.ramps[:DRAKES]}.get(library, plan.ramps)
+    for way in ways:
+        for setting in plan.accuracies if adaptive else plan.substeps:
+            step, tolerance = (None, setting) if adaptive else (case.period / setting, None)
+            runs = [(str(soft), simulate(way, setting, soft)) for soft in softnesses]
+            yield _Candidate(ControlledRow(way, step, tolerance), runs)
+    if library == 'CasADi':
+        yield from _scenes_of_casadi(case, plan)
+
+
+def _scenes_of_casadi(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
     for names in _subsets(LEFT_BY_CASADI, plan.most_left_out):
-        arm = CasadiArm(replace(case, scene=case.scene.without(names)))
+        simulate = casadi_arm(replace(case, scene=case.scene.without(names)))
         # Without friction the width of a ramp has no effect.
         ramps = [('', Softness(1.0))]
         if 'friction' not in names:
             ramps = [(str(soft), soft) for soft in plan.ramps]
         for way in IN_CASADI:
-            runs = [(name, arm.run(way, 1, soft)) for name, soft in ramps]
+            runs = [(name, simulate(way, 1, soft)) for name, soft in ramps]
             yield _Candidate(ControlledRow(way, case.period, None, names), runs)
-
-
-def _pinocchio(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
-    arm = PinocchioArm(case)
-    for substeps in plan.substeps:
-        runs = [(str(soft), arm.run(substeps, soft)) for soft in plan.ramps]
-        yield _Candidate(ControlledRow(PINOCCHIO, case.period / substeps, None), runs)
-
-
-def _mujoco(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
-    arm = MujocoArm(case)
-    for way in MUJOCO:
-        for substeps in plan.substeps:
-            runs = [(str(soft), arm.run(way, substeps, soft)) for soft in plan.solvers]
-            yield _Candidate(ControlledRow(way, case.period / substeps, None), runs)
-
-
-def _drake(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
-    arm = DrakeArm(case)
-    for way in DRAKE:
-        for tolerance in plan.accuracies:
-            ramps = plan.ramps[:DRAKES]
-            runs = [(str(soft), arm.run(way, tolerance, soft)) for soft in ramps]
-            yield _Candidate(ControlledRow(way, None, tolerance), runs)
-
-
-PEERS: dict[str, Callable[[ControlledArm, Plan], Iterator[_Candidate]]] = {
-    'CasADi': _casadi,
-    'Pinocchio': _pinocchio,
-    'MuJoCo': _mujoco,
-    'Drake': _drake,
-}
 
 
 def _rounding(case: ControlledArm, plan: Plan, dtype: str) -> Rounding:

@@ -1,18 +1,18 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Changes of settings by several threads and in floods reach the arm in one order, or are told."""
+"""Changes by several threads and in floods reach the arm in one order, or are reported."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 import threading
-import time
 from typing import Any
 
 from plant_messages import payload
 import pytest
-from ros_processes import PATIENCE, chosen
+from ros_processes import chosen
+from waiting import threads_named, wait_until
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
@@ -95,10 +95,7 @@ def test_a_change_for_which_no_thread_starts_is_dropped_and_the_next_is_applied(
             with pytest.raises(RuntimeError, match="can't start new thread"):
                 changes.set([chosen('payload.mass', 1.0)])
         assert changes.set([chosen('gravity_compensation', True)]).successful
-        end = time.monotonic() + PATIENCE
-        while not engine.settings.gravity_compensation and time.monotonic() < end:
-            time.sleep(0.01)
-    assert engine.settings.gravity_compensation
+        wait_until(lambda: engine.settings.gravity_compensation)
     assert engine.settings.payload_mass == 0.0
 
 
@@ -123,10 +120,7 @@ def test_payloads_and_parameters_from_several_threads_end_in_one_order() -> None
             thread.start()
         for thread in threads:
             thread.join()
-        deadline = time.monotonic() + PATIENCE
-        while changes._thread is not None:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(lambda: not threads_named('compiling'))
     assert engine.settings == changes.settings
     assert engine.arm.scene.payload == engine.settings.payload
 

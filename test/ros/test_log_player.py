@@ -28,6 +28,7 @@ from rewriting import (
     TAKEN,
     Recording,
     Sent,
+    flipped,
     load,
     ros_topic,
 )
@@ -542,9 +543,8 @@ def test_a_log_that_cannot_be_published_is_one_line_and_status_1(
     if content is not None:
         path.write_bytes(content)
     elif name == 'damaged.mcap':
-        data = bytearray(GOLDEN.read_bytes())
-        data[len(data) // 2] ^= 1
-        path.write_bytes(data)
+        data = GOLDEN.read_bytes()
+        path.write_bytes(flipped(data, len(data) // 2))
     else:
         write_words(path, 3, maps=())
     player = start(processes, path, *options)

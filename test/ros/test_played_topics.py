@@ -244,7 +244,7 @@ def test_a_log_of_commands_alone_has_nothing_to_publish(tmp_path: Path) -> None:
         choose(write(tmp_path / 'a.mcap', ('/a/commands', FLOATS, 'cdr', '')))
 
 
-def test_a_topic_has_the_recorded_qos_else_that_of_its_name(tmp_path: Path) -> None:
+def test_a_topic_has_the_recorded_qos_else_the_default_of_its_name(tmp_path: Path) -> None:
     rows = [(name, STRING, 'cdr', '') for name in ('/robot_description', '/x')]
     without = choose(write(tmp_path / 'a.mcap', *rows)).topics
     assert without['/robot_description'].qos == Qos(depth=1, transient_local=True)

@@ -311,8 +311,7 @@ def test_a_changed_bit_is_found_in_each_file(copies: list[Path]) -> None:
         whole = path.read_bytes()
         for topic in (STATES, SAVED, '/sim_arm/commands', '/sim_arm/applied_commands'):
             altered = load(path)
-            message = altered.on(topic)[-1]
-            message.data = message.data[:-1] + bytes([message.data[-1] ^ 1])
+            altered.on(topic)[-1].flip()
             resealed(altered, path)
             with pytest.raises(LogError):
                 read_run([path], verify=True)

@@ -17,7 +17,8 @@ from typing import Any
 from controller_faults import FAULTS, UR5, WAYS, command_of, failure_of, node_of, pd
 import numpy as np
 import pytest
-from ros_processes import PATIENCE, ROOT
+from ros_processes import ROOT
+from waiting import PATIENCE
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.testing.child_process import ChildProcess, ControllerProcess
@@ -125,7 +126,7 @@ REJECTED: dict[str, tuple[str, Callable[[Any], Any]]] = {
 
 @pytest.mark.ros
 @pytest.mark.parametrize('case', REJECTED)
-def test_a_single_rejected_command_fails_the_run_and_says_which_when_and_whose(
+def test_a_single_rejected_command_fails_the_run_with_its_reason_time_and_node(
     case: str, sender_of: Callable[..., Any]
 ) -> None:
     reason, message = REJECTED[case]

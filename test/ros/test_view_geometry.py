@@ -61,7 +61,7 @@ def mesh(uri: str, scale: str = '') -> str:
 
 
 @pytest.mark.parametrize('robot', [UR5, PANDA, SO100, 'puma560'])
-def test_the_tip_and_all_links_are_where_pinocchio_says(robot: str) -> None:
+def test_the_tip_and_all_links_are_at_the_poses_of_pinocchio(robot: str) -> None:
     model_urdf = parsed(pfd.urdf_of(robot)) if robot == 'puma560' else example_urdf(robot)[0]
     model = pin.buildModelFromXML(model_urdf.text)
     names = [name for name in model.names[1:] if model.joints[model.getJointId(name)].nq == 1]

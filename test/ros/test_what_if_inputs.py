@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from plant_messages import efforts, joint_state
 import pytest
 from rewriting import Sent, load
-from simulating import efforts, joint_state, simulate
+from simulating import simulate
 
 from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.events import Request, Source

@@ -26,7 +26,8 @@ from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.machine.derivative import MODES, derivative
 from pfd_core.machine.emulator import run
-from pfd_core.model import resolve
+from pfd_core.model import Plant, resolve
+from pfd_core.report.cases.robots import coaxial
 from pfd_core.report.cases.robots import robot as robot_called
 
 EXACT = ('ur5', 'panda', 'puma560', 'planar2', 'chain4')  # twists whose sine and cosine are exact
@@ -242,6 +243,77 @@ def test_the_derivative_by_tau_is_the_inverse_of_the_inertia_matrix(name: str) -
     found = derivatives(robot, pfd.Scene(), given)
     np.testing.assert_array_equal(found[:, 2 * robot.n :], parts['X'])
     np.testing.assert_allclose(found[:, : 2 * robot.n], -parts['X'] @ parts['D'], rtol=1e-12)
+
+
+FACTOR, BODIES = ('composite_body', 0), ('grouped_articulated_body', 0)
+REFINED = (('composite_body', 1), ('grouped_articulated_body', 1))
+# Grouped parameters are rounded to float64; of their error a step of refinement leaves the square.
+SQUARED = 1e-28
+
+
+def inverse(plant: Plant, how: tuple[str, int], given: dict[str, Array], **options: Any) -> Any:
+    return run(record_derivatives(plant, inverse=how), given, **options)['X']
+
+
+def by_unit_torques(plant: Plant, given: dict[str, Array]) -> Any:
+    """Return H^-1 in 50 digits: accelerations by unit torques, of parameters as given."""
+    program = record_forward_dynamics(plant, 'articulated_body', 'sequential')
+    n = plant.robot.n
+    still = given | {'qd': np.zeros(n)}
+    rest, *columns = (
+        run(program, still | {'tau': tau}, digits=50)['qdd'] for tau in (np.zeros(n), *np.eye(n))
+    )
+    return np.array([column - rest for column in columns]).T
+
+
+def braked(seed: int) -> tuple[Plant, dict[str, Array]]:
+    """Return a chain with rotors and a braked joint, and inputs."""
+    rng = np.random.default_rng(seed)
+    robot = robot_called('chain4')
+    scene = pfd.Scene(brakes=True, armature=rng.uniform(0.1, 1.0, robot.n), external_wrench=True)
+    given = inputs(rng, robot, scene)
+    given['free'][:] = [1.0, 0.0, 1.0, 1.0]
+    return resolve(robot, scene), given
+
+
+def test_articulated_bodies_and_the_factor_have_the_same_inverse_in_fifty_digits() -> None:
+    plant, given = braked(51)
+    X, wanted = (inverse(plant, how, given, digits=50) for how in (BODIES, FACTOR))
+    np.testing.assert_array_equal(X, X.T)
+    assert not X[1].any()
+    assert relative(X, wanted) < FIFTY_DIGITS
+
+
+def test_a_step_of_refinement_squares_the_error_of_an_inverse() -> None:
+    plant, given = braked(52)
+    wanted = by_unit_torques(plant, given)
+    one, other = (inverse(plant, how, given, digits=50) for how in REFINED)
+    assert relative(one, other) < SQUARED
+    for X in (one, other):
+        np.testing.assert_array_equal(X, X.T)
+        assert not X[1].any()
+        assert relative(X, wanted) < 2.0**-52
+
+
+def test_articulated_bodies_keep_the_inverse_inertia_of_nearly_coaxial_joints() -> None:
+    # kappa_J is 7e11: the factor of H has few digits left.
+    plant = resolve(coaxial(1e-12))
+    given = inputs(np.random.default_rng(53), plant.robot, pfd.Scene())
+    wanted = by_unit_torques(plant, given)
+    assert relative(inverse(plant, FACTOR, given), wanted) > 1e-8
+    assert relative(inverse(plant, BODIES, given), wanted) < 4 * 2.0**-53
+
+
+@pytest.mark.parametrize('how', REFINED)
+def test_a_step_of_refinement_keeps_the_inverse_inertia_of_a_heavy_tip(
+    how: tuple[str, int],
+) -> None:
+    payload = pfd.Payload(1e6, (0.1, 0.2, 0.3), 1e4 * np.eye(3))
+    robot, given, _ = arm('panda')
+    plant = resolve(robot, pfd.Scene(payload=payload))
+    wanted = by_unit_torques(plant, given)
+    assert relative(inverse(plant, (how[0], 0), given), wanted) > 1e-13
+    assert relative(inverse(plant, how, given), wanted) < 1e-15
 
 
 @pytest.mark.parametrize('name', ['ur5', 'panda', 'puma560', 'dense6'])

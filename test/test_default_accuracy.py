@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from zoo import without_mass
 import pfd_core as pfd
 from pfd_core.algorithms.grouped.links import centered_links, grouped_links
 from pfd_core.kernels import auto
+from pfd_core.kernels.spec import KernelSpec
 from pfd_core.model import resolve
 from pfd_core.report import mechanism_pages
 from pfd_core.report.cases.hard_cases import CASES, MECHANISMS, Case
@@ -28,7 +30,8 @@ from pfd_core.report.cases.problems import (
     weighed,
 )
 from pfd_core.report.cases.problems import problem as states_of
-from pfd_core.report.cases.robots import chain, mechanism
+from pfd_core.report.cases.robots import chain, coaxial, mechanism
+from pfd_core.report.cases.robots import robot as robot_called
 from pfd_core.report.measure.errors import kernel_answer, worst
 from pfd_core.report.measure.reference import reference
 from pfd_core.report.mechanism_pages import PEER, Result, drawn, markdown, measure
@@ -104,6 +107,41 @@ def test_the_included_arms_need_no_refinement(name: str, method: str) -> None:
     # Grouped articulated bodies take up to 1.14 times the time of composite bodies.
     few, used = (auto.cost(kernel.spec.plant, one) for one in ('composite_body', method))
     assert used <= 1.15 * few
+
+
+def of_derivatives(robot: pfd.Robot, **options: Any) -> tuple[str, int]:
+    spec = KernelSpec(robot, pfd.Scene(), quantity='derivatives', **options)
+    return spec.method, spec.refine
+
+
+@pytest.mark.parametrize('name', ['puma560', 'ur5', 'panda', 'planar2', 'ur10'])
+def test_derivatives_of_ordinary_arms_are_by_composite_bodies(name: str) -> None:
+    assert of_derivatives(robot_called(name)) == ('composite_body', 0)
+
+
+@pytest.mark.parametrize(
+    ('robot', 'found'),
+    [
+        # The factor of H loses digits.
+        (chain(6, 'y'), ('grouped_articulated_body', 0)),
+        (coaxial(1e-12), ('grouped_articulated_body', 0)),
+        # Rounded grouped parameters cost digits, too.
+        (robot_called('kinova'), ('composite_body', 1)),
+    ],
+    ids=['rods', 'coaxial', 'kinova'],
+)
+def test_derivatives_take_the_cheapest_accurate_inverse(
+    robot: pfd.Robot, found: tuple[str, int]
+) -> None:
+    assert of_derivatives(robot) == found
+    assert of_derivatives(robot, method='composite_body') == ('composite_body', 0)
+
+
+def test_effects_that_are_no_inertia_do_not_change_the_inverse_of_derivatives() -> None:
+    robot = chain(3, 'y')
+    plain = auto.default_inverse(resolve(robot))
+    scene = pfd.Scene(damping=[1.0] * 3, gravity=None, external_wrench=True, brakes=True)
+    assert auto.default_inverse(resolve(robot, scene)) == plain
 
 
 def test_a_named_method_and_a_simulation_are_not_refined() -> None:

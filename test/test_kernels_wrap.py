@@ -14,7 +14,7 @@ import pytest
 
 import pfd_core as pfd
 from pfd_core.kernels.codegen import wrap
-from pfd_core.kernels.codegen.wrap import WRAP_ANGLE_IR
+from pfd_core.kernels.codegen.wrap import wrap_angle
 from pfd_core.kernels.passes.sincos import WRAP_LIMIT
 
 DIGITS = 1200  # of the reference: x has up to 309 before the point, the remainder 20 zeros after
@@ -51,7 +51,7 @@ def remainder(x: float) -> mpmath.mpf:
 def native() -> Callable[[float], float]:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    module = llvm.parse_assembly(WRAP_ANGLE_IR + CALL)
+    module = llvm.parse_assembly(wrap_angle() + CALL)
     module.verify()
     machine = llvm.Target.from_default_triple().create_target_machine(opt=3)
     engine = llvm.create_mcjit_compiler(module, machine)

@@ -11,6 +11,7 @@ import pickle
 from typing import Any
 
 from exact_steps import exact
+import mpmath
 import numpy as np
 from oracle import Oracle
 import pinocchio as pin
@@ -68,6 +69,40 @@ def test_a_and_b_are_the_derivatives_of_the_step_in_fifty_digits(
     wanted = exact(robot, scene, integrator, H, substeps, at)
     assert (A.shape, B.shape) == ((2 * n, 2 * n), (2 * n, n))
     assert np.abs(np.hstack([A, B]) - wanted).max() <= EXACT * np.abs(wanted).max()
+
+
+# Turns of the joints of planar2, also beyond the range of the sine.
+TURNED = np.array([1e6, -41.5])
+
+
+def test_whole_turns_of_a_joint_change_no_bit_of_a_and_b() -> None:
+    sim = pfd.Simulator(pfd.load_robot('planar2'), step_size=H, substeps=2)
+    _, qd, tau = state(2, 4)
+    with mpmath.workdps(40):
+        turn = 2 * mpmath.pi
+        rest = [float(mpmath.mpf(x) - turn * mpmath.nint(mpmath.mpf(x) / turn)) for x in TURNED]
+    for found, wanted in zip(
+        sim.linearize(TURNED, qd, tau), sim.linearize(rest, qd, tau), strict=True
+    ):
+        np.testing.assert_array_equal(found, wanted)
+
+
+def test_the_end_of_a_linearised_step_keeps_its_turns() -> None:
+    # In this scene the ends of both steps are compared within 1e-9.
+    scene = pfd.Scene(friction=[0.1, 0.1], static_friction=[0.1, 0.1])
+    sim = pfd.Simulator(pfd.load_robot('planar2'), scene, step_size=H)
+    assert sim.linearize(TURNED, [1.0, 2.0], [0.1, 0.2]).status.tolist() == ['moving'] * 2
+
+
+@pytest.mark.slow
+def test_the_position_of_a_slide_is_not_wrapped() -> None:
+    robot, scene = CASES['sliding']
+    sim = pfd.Simulator(robot, scene, step_size=H, substeps=1, integrator='rk4')
+    at = state(robot.n, 3)
+    at[0][1] = 20.0
+    wanted = exact(robot, scene, 'rk4', H, 1, at)
+    found = np.hstack(sim.linearize(*at))
+    assert np.abs(found - wanted).max() <= EXACT * np.abs(wanted).max()
 
 
 def differences(sim: pfd.Simulator, at: list[np.ndarray], **inputs: Any) -> np.ndarray:

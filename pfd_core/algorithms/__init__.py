@@ -18,6 +18,7 @@ Modules that take any of them:
     emulation     pfd.emulate: a method on the emulated machine, with steps, utilisation, status
     refinement    a method with steps of iterative refinement, and its error estimate
     convergence   whether an iterative method has converged, by the equations of motion
+    inverse_inertia   H^-1 by its factor or by articulated bodies, with steps of refinement
     acceleration_derivatives   d qdd / d(q, qd, tau): the factors X and D, and their product
 
 A new effect of a joint is a record in pfd_core.model.effects, and nothing in here changes. An

@@ -15,6 +15,8 @@ for the gravity that the drives compensate.
 A braked joint has zeros in its row and its column of X. At a motor limit, where the torque has
 no derivative, it is taken on the side that the program selects.
 
+X is computed as pfd_core.algorithms.inverse_inertia describes.
+
 Carpentier and Mansard 2018 (derivatives of forward dynamics by derivatives of inverse dynamics
 and H^-1).
 
@@ -24,7 +26,7 @@ One register holds one number.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pfd_core.algorithms.chain.drives import record_motor_torques
@@ -41,6 +43,7 @@ from pfd_core.algorithms.grouped.torque_derivatives import (
     by_velocities,
     minus_bias,
 )
+from pfd_core.algorithms.inverse_inertia import fused_product, inverse_inertia
 from pfd_core.algorithms.programs import TOLERANCES
 from pfd_core.algorithms.refinement import inline, record_refined
 from pfd_core.machine.derivative import derivative
@@ -53,7 +56,11 @@ OWN_METHOD = 'composite_body'
 
 
 def record_derivatives(
-    plant: Plant, method: str = OWN_METHOD, refine: int = 0, dtype: str = 'float64'
+    plant: Plant,
+    method: str = OWN_METHOD,
+    refine: int = 0,
+    dtype: str = 'float64',
+    inverse: tuple[str, int] | None = None,
 ) -> Program:
     """
     Return the program of the factors of d qdd / d(q, qd, tau) = [-X D, X T], from q, qd and tau.
@@ -66,6 +73,9 @@ def record_derivatives(
         A name in METHODS, which gives the qdd at which D is taken.
     refine : int
         Steps of iterative refinement of that qdd.
+    inverse : tuple of str and int, optional
+        Method and steps of refinement of X (pfd_core.algorithms.inverse_inertia); default those
+        of qdd.
     dtype : str
         Number format, to whose rounding an iterative method iterates.
 
@@ -105,7 +115,7 @@ def record_derivatives(
     with recorder.section('joints and drives'):
         D = _with_joints_and_drives({'q': by_q, 'qd': by_qd}, joints, motors)
     with recorder.section('inverse'):
-        X = _inverse(factors)
+        X = inverse_inertia(recorder, plant, factors, *(inverse or (method, refine)))
     recorder.output('qdd', (n,), [(value, 0) for value in qdd])
     recorder.output('X', (n, n), [(value, 0) for row in X for value in row])
     recorder.output('D', (n, 2 * n), [(value, 0) for row in D for value in row])
@@ -130,19 +140,11 @@ def record_acceleration_derivatives(plant: Plant, method: str = OWN_METHOD) -> P
     with recorder.section('product'):
         by_tau = X * array(parts['T']) if 'T' in parts else X
         rows = [
-            [*(-_product(row, column) for column in D.T), *scaled]
+            [*(-fused_product(row, column) for column in D.T), *scaled]
             for row, scaled in zip(X, by_tau, strict=True)
         ]
     recorder.output('derivatives', (n, 3 * n), [(value, 0) for row in rows for value in row])
     return recorder.program()
-
-
-def _product(row: Iterable[Lanes], column: Iterable[Lanes]) -> Lanes:
-    total: Lanes | None = None
-    for x, d in zip(row, column, strict=True):
-        total = x * d if total is None else x.recorder.apply('fma', x, d, total)
-    assert total is not None
-    return total
 
 
 def _minus_inertia(
@@ -187,21 +189,6 @@ def _with_joints_and_drives(
             total = total - array(motors[by]).reshape(n, n)
         D.append(total)
     return [[*row, *row_qd] for row, row_qd in zip(*D, strict=True)]
-
-
-def _inverse(factors: Factors) -> Matrix:
-    """Return H^-1, row after row of L X = D^-1 L'^-1, whose right side is triangular."""
-    X: Matrix = []
-    n = len(factors.L)
-    for L, diagonal in zip(factors.L, factors.inverses, strict=True):
-        row: list[Lanes] = []
-        for j in range(len(L)):
-            column = (X[max(j, k)][min(j, k)] for k in range(len(L)))
-            row.append(-_product(L, column))
-        for factor, x in zip(L, row, strict=True):
-            diagonal = diagonal - factor * x
-        X.append([*row, diagonal])
-    return [[X[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
 
 
 def _refined(

@@ -6,8 +6,15 @@ The method that 'auto' selects: the cheapest one that keeps the digits of the an
 For a kernel of forward dynamics, rounding errors of the methods are measured (`roundings`). The
 first method within its limit in MOST_ROUNDINGS is taken, or a method with one step of refinement
 if none is within it, as on all chains of LONG joints and more
-(docs/decisions/0040-a-default-that-is-not-worse.md). The rest of this text is about the method of
-a step of a simulation, and of a refined kernel.
+(docs/decisions/0040-a-default-that-is-not-worse.md).
+
+For derivatives the rounding error of the inverse X of the inertia matrix is measured
+(`inverse_roundings`): their other factor, the derivatives of inverse dynamics, is the same for all
+methods. The first method within its limit in MOST_INVERSE is taken, for X and for the
+accelerations, or a step of refinement of both
+(docs/decisions/0052-accurate-derivatives.md).
+
+The rest of this text is about the method of a step of a simulation, and of a refined kernel.
 
 The cheapest is the serial method whose kernel has the fewest operations. The matrix of
 composite bodies grows with n^2 and its factors with n^3, articulated bodies with n, from a higher
@@ -25,21 +32,24 @@ corrected up to u^-1/2. Beyond LARGEST_LOSS_REFINED a refined kernel uses articu
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 import math
 
 import numpy as np
 
+from pfd_core.algorithms.acceleration_derivatives import record_derivatives
 from pfd_core.algorithms.grouped.composite_body import record_inertia_matrix
 from pfd_core.algorithms.grouped.link_torques import record_link_torques
 from pfd_core.algorithms.programs import METHODS, record_forward_dynamics
 from pfd_core.algorithms.refinement import record_refined
+from pfd_core.kernels.passes.dead_code import eliminate_dead_code
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.kernels.runtime.json_cache import get_or_compute
 from pfd_core.machine.emulator import run
 from pfd_core.model import Plant, without_step_effects, without_torques
-from pfd_core.model.checked_numbers import integer
+from pfd_core.model.checked_numbers import Array, integer
 from pfd_core.model.error_text import quote
 
 FEW_JOINTS, MANY_JOINTS = 'composite_body', 'grouped_articulated_body'
@@ -55,6 +65,8 @@ LARGEST_LOSS, LARGEST_LOSS_REFINED = 1e3, 1e7
 POSES = 16
 # Largest rounding error that an answer may have without refinement, in roundings (`roundings`).
 MOST_ROUNDINGS = {FEW_JOINTS: 3.0, MANY_JOINTS: 3.8}
+# The same for H^-1, whose factor is the cheapest by far.
+MOST_INVERSE = {FEW_JOINTS: 4.0, MANY_JOINTS: 8.0}
 # States at which rounding errors are measured; the share of the states that must be within a
 # limit; and the relative change of a state by which the effect of rounding its numbers is
 # measured.
@@ -88,13 +100,105 @@ def choose(plant: Plant, method: str, refine: int) -> str:
 
 def default(plant: Plant, method: str, refine: int) -> tuple[str, int]:
     """Return the method and the steps of refinement of a kernel of forward dynamics."""
-    named = not isinstance(method, str) or method != 'auto'
-    if named or integer('refine', refine, 0, REFINE_AT_MOST):
+    if not _left_to_auto(method, refine):
         return choose(plant, method, refine), refine
     plain = get_or_compute(
         ('accurate', plant.digest), lambda: _accurate(plant), {'', *MOST_ROUNDINGS}.__contains__
     )
     return (plain, 0) if plain else (choose(plant, 'auto', 1), 1)
+
+
+def default_of_derivatives(plant: Plant, method: str, refine: int) -> tuple[str, int]:
+    """Return the method and the steps of refinement of a kernel of derivatives."""
+    if _left_to_auto(method, refine):
+        return default_inverse(plant)
+    return choose(plant, method, refine), refine
+
+
+def default_inverse(plant: Plant) -> tuple[str, int]:
+    """Return the method and the steps of refinement that derivatives have by default."""
+    bodies = _bodies(plant)
+    plain = get_or_compute(
+        ('accurate inverse', bodies.digest),
+        lambda: _accurate_inverse(bodies),
+        {'', *MOST_INVERSE}.__contains__,
+    )
+    return (plain, 0) if plain else (choose(bodies, 'auto', 1), 1)
+
+
+def _bodies(plant: Plant) -> Plant:
+    """Return a plant with the effects that H depends on."""
+    return replace(
+        without_torques(without_step_effects(plant)),
+        external_wrench=False,
+        brakes=False,
+        payload_input=False,
+    )
+
+
+def _accurate_inverse(plant: Plant) -> str:
+    """Return the first method whose errors of H^-1 are within its limit, cheapest first, or ''."""
+    if plant.robot.n >= LONG:
+        return MANY_JOINTS
+    found = inverse_roundings(plant, MOST_INVERSE)
+    return next((method for method, error in found if error <= MOST_INVERSE[method]), '')
+
+
+def inverse_roundings(plant: Plant, methods: Iterable[str]) -> Iterator[tuple[str, float]]:
+    """
+    Yield methods and how far they round H^-1 on a robot with its payload and rotors.
+
+    As `roundings`, at the same positions, with errors in the Frobenius norm.
+    """
+    bare = _bodies(plant)
+    q, *_, signs = _uniform(plant.robot.n)
+    q = np.pi * q
+    near = q * (1 + np.copysign(CHANGE, signs))
+
+    def inverse(method: str, steps: int, *positions: Array) -> list[Array]:
+        recorded = eliminate_dead_code(record_derivatives(bare, method, steps), ['X'])
+        program = expand_sines(recorded, 'float64')
+        return [run(program, dict.fromkeys(program.inputs, x))['X'] for x in positions]
+
+    with np.errstate(all='ignore'):
+        right, moved = inverse(choose(plant, 'auto', 1), 1, q, near)
+        change = _distances(moved, right) / CHANGE
+    for method in methods:
+        with np.errstate(all='ignore'):
+            (plain,) = inverse(method, 0, q)
+            error = _distances(plain, right) / (2.0**-53 * np.maximum(1.0, change))
+        yield method, _at_share(error, right.reshape(STATES, -1))
+
+
+def _distances(found: Array, right: Array) -> Array:
+    """Return |found - right| / |right| of each matrix, in the Frobenius norm."""
+    flat = right.reshape(STATES, -1)
+    difference = found.reshape(STATES, -1) - flat
+    # Sums in the order of the elements: NumPy's own order depends on the processor.
+    squares, whole = (np.cumsum(x * x, axis=-1)[:, -1] for x in (difference, flat))
+    result: Array = np.sqrt(squares / whole)
+    return result
+
+
+def _at_share(errors: Array, right: Array) -> float:
+    """Return the SHARE-quantile of the errors of answers, (STATES, k)."""
+    # A joint without inertia, which only brakes can hold, has no answer to compare.
+    found = np.sort(np.where(np.isfinite(right).all(axis=-1), errors, 0.0))
+    return float(found[int(SHARE * STATES)])
+
+
+def _left_to_auto(method: str, refine: int) -> bool:
+    named = not isinstance(method, str) or method != 'auto'
+    return not named and not integer('refine', refine, 0, REFINE_AT_MOST)
+
+
+def _uniform(n: int) -> Array:
+    """Return five rows of STATES numbers for n joints, uniform within [-1, 1)."""
+    shape = (5, STATES, n)
+    bits = np.random.PCG64(0).random_raw(math.prod(shape)).reshape(shape)
+    # From the upper 53 bits.
+    numbers: Array = (bits >> np.uint64(11)) * 2.0**-52 - 1
+    return numbers
 
 
 def _accurate(plant: Plant) -> str:
@@ -140,10 +244,7 @@ def roundings(plant: Plant, method: str) -> float:
             *(record_refined(bare, method, steps, estimate=None) for steps in (0, 1)),
         )
     )
-    shape = (5, STATES, plant.robot.n)
-    bits = np.random.PCG64(0).random_raw(math.prod(shape)).reshape(shape)
-    # Uniform within [-1, 1), from the upper 53 bits.
-    q, qd, qdd, tau, signs = (bits >> np.uint64(11)) * 2.0**-52 - 1
+    q, qd, qdd, tau, signs = _uniform(plant.robot.n)
     states = {'q': np.pi * q, 'qd': qd}
     with np.errstate(all='ignore'):
         needed = run(torques, states | {'qdd': qdd})['tau']
@@ -155,9 +256,7 @@ def roundings(plant: Plant, method: str) -> float:
             for x in (run(plain, states)['qdd'], run(refined, near)['qdd'])
         )
         found = error / (2.0**-53 * np.maximum(1.0, change / CHANGE))
-    # A joint without inertia, which only brakes can hold, has no acceleration to compare.
-    found = np.sort(np.where(np.isfinite(right).all(axis=-1), found, 0.0))
-    return float(found[int(SHARE * STATES)])
+    return _at_share(found, right)
 
 
 def _cheapest(plant: Plant) -> str:

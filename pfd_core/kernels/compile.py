@@ -31,19 +31,19 @@ def compile_kernel(
     robot : Robot
         The chain.
     method : str
-        A name in METHODS, or 'auto': for forward dynamics the cheapest method with small rounding
-        errors on this robot, or a method with a step of refinement (`kernel.method`,
-        `kernel.spec.refine`). Quantities other than forward dynamics and its derivatives have one
-        method.
+        A name in METHODS, or 'auto': for forward dynamics and its derivatives the cheapest method
+        with small rounding errors on this robot, or a method with a step of refinement
+        (`kernel.method`, `kernel.spec.refine`). Other quantities have one method.
     scene : Scene, optional
         Which effects are on; default: rigid links and gravity. A quantity ignores the effects
         that it does not depend on.
     dtype : {'float64', 'float32'}
         Number format of the kernel and its arrays.
     refine : int
-        Steps of iterative refinement, at least 0, of forward dynamics, and of the accelerations
-        at which derivatives are taken. One step reaches rounding level in nearly every
-        scene, for about half as much work again as the default method.
+        Steps of iterative refinement, at least 0, of forward dynamics; for derivatives, of the
+        accelerations at which they are taken and of the inverse inertia matrix. One step reaches
+        rounding level in nearly every scene. It takes about half as much work again as the
+        default method, for derivatives of a UR5 as much again.
     quantity : str
         The result, and its arguments::
 

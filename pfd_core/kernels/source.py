@@ -26,6 +26,7 @@ from pfd_core.algorithms.programs import TOLERANCES
 from pfd_core.algorithms.quantities import RECORDERS
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.forking import cached_property, no_fork
+from pfd_core.kernels.auto import default_inverse
 from pfd_core.kernels.codegen.module import kernel_module, product_module
 from pfd_core.kernels.codegen.spelling import arguments
 from pfd_core.kernels.passes.pipeline import Stages, joined, lower, operations
@@ -225,17 +226,25 @@ def quantity_source(
 
 
 def derivatives(spec: KernelSpec, plant: Plant | None = None) -> ProductSource:
-    """Return the source of d qdd / d(q, qd, tau), (n, 3n), of a plant as for `forward`."""
+    """
+    Return the source of d qdd / d(q, qd, tau), (n, 3n), of a plant as for `forward`.
+
+    The accelerations are those of the spec. The method of a step is chosen by other rules than the
+    method of the inverse inertia, which is one for all functions of a step.
+    """
     plant = spec.plant if plant is None else plant
+    of_step = spec.quantity != 'derivatives'
+    inverse = default_inverse(spec.plant) if of_step else (spec.method, spec.refine)
 
     def lowered() -> Stages:
-        recorded = record_derivatives(plant, spec.method, spec.refine, spec.dtype)
+        recorded = record_derivatives(plant, spec.method, spec.refine, spec.dtype, inverse)
         return lower(recorded, spec.dtype, longest=ORDERED)
 
     n = plant.robot.n
     # The factors, and a copy of the result.
     check_stack(f'a kernel of derivatives for {n} joints', 6 * n * n)
-    key = ('derivatives', plant.digest, spec.method, str(spec.refine), spec.dtype)
+    how = (spec.method, str(spec.refine), *map(str, inverse))
+    key = ('derivatives', plant.digest, *how, spec.dtype)
     return ProductSource(lowered, key)
 
 

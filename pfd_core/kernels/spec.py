@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from pfd_core.kernels.auto import choose, default
+from pfd_core.kernels.auto import choose, default, default_of_derivatives
 from pfd_core.kernels.quantities import check_options, quantity_named, reduced
 from pfd_core.model import Plant, Robot, Scene, in_motion, resolve, without_step_effects
 from pfd_core.model.checked_numbers import DTYPES, choice
@@ -85,6 +85,8 @@ class KernelSpec:
         method, refine = quantity.method, self.refine
         if self.quantity == 'forward_dynamics':
             method, refine = default(plant, self.method, refine)
+        elif self.quantity == 'derivatives':
+            method, refine = default_of_derivatives(plant, self.method, refine)
         resolved: dict[str, Any] = {
             'scene': scene,
             'method': method or choose(plant, self.method, refine),

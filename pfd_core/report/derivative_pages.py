@@ -80,6 +80,8 @@ def markdown(results: Sequence[Result]) -> str:
         outcome='\n'.join(_outcome(results, matrix) for matrix in MATRICES),
         worse=bullets(_worse(results), '- none'),
         compared=len(list(_pairs(results))),
+        held_worse=bullets(_worse(results, held=True), '- none'),
+        held_compared=len(list(_pairs(results, held=True))),
         factor=WORSE,
         floor=FLOOR,
         peer_worse=sum(peer > WORSE * ours and peer > FLOOR for _, ours, peer in _pairs(results)),
@@ -111,6 +113,8 @@ def summary(results: Sequence[Result]) -> str:
         held_missed=missed_bounds(_missed(held)),
         compared=len(list(_pairs(results))),
         worse=len(list(_worse(results))),
+        held_compared=len(list(_pairs(results, held=True))),
+        held_worse=len(list(_worse(results, held=True))),
         factor=WORSE,
         floor=FLOOR,
     )
@@ -153,10 +157,11 @@ def _unpredicted(results: Sequence[Result]) -> Iterator[str]:
                 yield f'{one.name}, {dtype}: {names}; errors up to {order(max(errors))}'
 
 
-def _pairs(results: Sequence[Result]) -> Iterator[tuple[str, float, float]]:
+def _pairs(results: Sequence[Result], held: bool = False) -> Iterator[tuple[str, float, float]]:
     """Yield case and matrix, and the errors of the default and of the peer [u]."""
     for one in results:
-        found = {(row.matrix, row.way, row.dtype, row.refine): row.error for row in one.rows}
+        rows = one.held_out if held else one.rows
+        found = {(row.matrix, row.way, row.dtype, row.refine): row.error for row in rows}
         for matrix in MATRICES:
             peer = found.get((matrix, PEER, 'float64', 0))
             if peer is not None:
@@ -165,8 +170,8 @@ def _pairs(results: Sequence[Result]) -> Iterator[tuple[str, float, float]]:
                 yield f'{one.name}, {TITLES[matrix]}', own / u, peer / u
 
 
-def _worse(results: Sequence[Result]) -> Iterator[str]:
-    for name, own, peer in _pairs(results):
+def _worse(results: Sequence[Result], held: bool = False) -> Iterator[str]:
+    for name, own, peer in _pairs(results, held):
         if own > max(WORSE * peer, FLOOR):
             yield f'{name}: {short(own)} u, {PEER} {short(peer)} u'
 

@@ -39,12 +39,19 @@ def wrapped_inputs(
     """Return the inputs of a program, with a copy of q where an angle is beyond the limit."""
     arrays = {name: form.parameter(name) for name in arguments(program)}
     if angles:
-        arrays['q'] = _wrapped(ir, form, arrays['q'], program.inputs['q'], angles)
+        arrays['q'] = wrapped(ir, form, arrays['q'], program.inputs['q'], angles)
     return list(arrays.values())
 
 
-def _wrapped(ir: Function, form: Format, q: Array, n: int, angles: Sequence[int]) -> Array:
-    """Return q, or a copy with wrapped angles if one is beyond the limit."""
+def wrapped(
+    ir: Function,
+    form: Format,
+    q: Array,
+    n: int,
+    angles: Sequence[int],
+    limit: float = WRAP_LIMIT,
+) -> Array:
+    """Return q, or a copy with wrapped angles if one is beyond the limit of @wrap_row."""
     T = form.type
     copy = Array(ir.array(T, n), f'{form.bytes * form.width}' if form.strided else '')
     # No angle is beyond the limit if no sum of squares is; NaN takes the branch.
@@ -52,7 +59,7 @@ def _wrapped(ir: Function, form: Format, q: Array, n: int, angles: Sequence[int]
     for k in angles:
         x = form.read(ir, q, k)
         total = ir.let(f'call {T} @llvm.fma.{form.suffix}({T} {x}, {T} {x}, {T} {total})')
-    beyond = ir.let(f'fcmp ugt {T} {total}, {form.constant(WRAP_LIMIT**2)}')
+    beyond = ir.let(f'fcmp ugt {T} {total}, {form.constant(limit**2)}')
     chosen = [Variable('ptr', q.address), Variable('i64', q.stride)][: 1 + form.strided]
     with ir.when(form.any(ir, beyond), *chosen, rarely=True):
         for k in range(n):
@@ -64,7 +71,7 @@ def _wrapped(ir: Function, form: Format, q: Array, n: int, angles: Sequence[int]
     return Array(*(variable.value for variable in chosen))
 
 
-def wrap_row(form: Format) -> str:
+def wrap_row(form: Format, limit: float = WRAP_LIMIT) -> str:
     """Return `void @wrap_row(ptr)`, which wraps the angles beyond the limit, of `width`."""
     S = form.scalar
     ir = Function('define internal void @wrap_row(ptr %row) cold noinline')
@@ -72,7 +79,7 @@ def wrap_row(form: Format) -> str:
         address = ir.element(S, '%row', lane)
         x = ir.load(S, address)
         magnitude = ir.call(S, f'llvm.fabs.{SUFFIX[form.dtype]}', f'{S} {x}')
-        with ir.when(ir.let(f'fcmp ogt {S} {magnitude}, {form.number(WRAP_LIMIT)}')):
+        with ir.when(ir.let(f'fcmp ogt {S} {magnitude}, {form.number(limit)}')):
             wide = x if S == 'double' else ir.let(f'fpext float {x} to double')
             y = ir.call('double', 'wrap_angle', f'double {wide}')
             ir.store(S, y if S == 'double' else ir.let(f'fptrunc double {y} to float'), address)

@@ -22,11 +22,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from pfd_core.kernels.codegen.builder import Function
+from pfd_core.kernels.codegen.evaluate import wrapped
 from pfd_core.kernels.codegen.matrices import Matrices, Matrix
 from pfd_core.kernels.codegen.spelling import ARGUMENTS, Array, Format, arguments
 from pfd_core.kernels.codegen.step import HANDED, MOTION, MOTOR_TORQUE
 from pfd_core.machine.program import Program
 
+# Angles of at most this magnitude stay as they are [rad]: a stage rounds them little.
+ANGLE_LIMIT = 8.0
 # The torque that a step is given, by which its end is derived as well.
 COMMAND = 'tau'
 Factors = tuple[float, ...]
@@ -257,7 +260,11 @@ class _Step:
 
 
 def linearisation(
-    step: Program, dynamics: Mapping[str, Program], form: Format, substeps: int
+    step: Program,
+    dynamics: Mapping[str, Program],
+    form: Format,
+    substeps: int,
+    angles: Sequence[int],
 ) -> str:
     """
     Return `void @evaluate(inputs..., out)`: the derivative of the state after some substeps.
@@ -265,7 +272,8 @@ def linearisation(
     It is that by the state before them and by the torque, with the state itself as the last
     column, (rows n, (rows + 1) n + 1). Arrays are of the format, strided or not. A joint that its
     brake holds loses its velocity first, so that nothing depends on that. Motors with a lag have
-    reached the torque.
+    reached the torque. Of `angles`, elements of q, only the part within half a turn enters the
+    stages: a stage would round a large angle. The turns are added to the angle at the end.
     """
     n, rows, carried = step.lanes, state_rows(step), carried_rows(step)
     inner = Format(form.dtype, form.width)
@@ -273,6 +281,7 @@ def linearisation(
     given = (*(name for name in ARGUMENTS if name in names and name not in carried[2:]), 'out')
     ir = Function(f'define void @evaluate({form.parameters(given)})')
     own = _copied(ir, form, names, n)
+    turns = _wrap(ir, inner, own, n, angles) if angles else {}
     matrices = Matrices(ir, inner)
     height, m = n * len(carried), n * (len(rows) + 1)
     once = matrices.new(height, height + n)
@@ -302,6 +311,8 @@ def linearisation(
             form.write(ir, form.parameter('out'), i * (m + 1) + j, value)
         part, k = divmod(i, n)
         value = inner.read(ir, Array(own[rows[part]]), k)
+        if rows[part] == 'q' and k in turns:
+            value = form.operation(ir, 'add', [value, turns[k]])
         form.write(ir, form.parameter('out'), i * (m + 1) + m, value)
     ir.ret()
     return str(ir)
@@ -322,6 +333,18 @@ def _copied(ir: Function, form: Format, names: Sequence[str], n: int) -> dict[st
                 value = _while_free(ir, form, k, value)
             inner.write(ir, Array(own[name]), k, value)
     return own
+
+
+def _wrap(
+    ir: Function, form: Format, own: dict[str, str], n: int, angles: Sequence[int]
+) -> dict[int, str]:
+    """Wrap the angles among the inputs; return what each of them has lost."""
+    whole = Array(own['q'])
+    rest = wrapped(ir, form, whole, n, angles, ANGLE_LIMIT)
+    own['q'] = rest.address
+    return {
+        k: form.operation(ir, 'sub', [form.read(ir, x, k) for x in (whole, rest)]) for k in angles
+    }
 
 
 def _beginning(

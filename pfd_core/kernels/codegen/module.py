@@ -25,14 +25,20 @@ from pfd_core.kernels.codegen.copies import copies
 from pfd_core.kernels.codegen.cycles import cycles
 from pfd_core.kernels.codegen.evaluate import evaluate, wrap_row
 from pfd_core.kernels.codegen.law import whole_state
-from pfd_core.kernels.codegen.linear_step import linear_step, linearisation, state_rows
+from pfd_core.kernels.codegen.linear_step import (
+    ANGLE_LIMIT,
+    linear_step,
+    linearisation,
+    state_rows,
+)
 from pfd_core.kernels.codegen.product import factors_body, jacobian, product, vector_widths
 from pfd_core.kernels.codegen.python_entry import batch_entry_ir, entry_ir
 from pfd_core.kernels.codegen.rollout import accelerations, rollout
 from pfd_core.kernels.codegen.segments import Contact
 from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.codegen.step import brake, extra_arguments, further_rows, step
-from pfd_core.kernels.codegen.wrap import WRAP_ANGLE_IR
+from pfd_core.kernels.codegen.wrap import wrap_angle
+from pfd_core.kernels.passes.sincos import WRAP_LIMIT
 from pfd_core.machine.program import Program
 
 INTRINSICS = {'sqrt': 1, 'fabs': 1, 'fma': 3}  # and their operands
@@ -82,18 +88,18 @@ def linear_module(
     `dynamics` are programs of factors, of the derivatives of the functions that the step calls.
     """
     inner, form = Format(dtype, width), Format(dtype, width, strided=width > 1)
-    functions = [wrap_row(inner)] if angles else []
+    functions = [wrap_row(inner, ANGLE_LIMIT)] if angles else []
     inputs: dict[str, int] = {}
     for name, program in dynamics.items():
         functions += [factors_body(program, inner, f'_{name}')]
         functions += [jacobian(program, inner, angles, f'_{name}')]
         inputs |= program.inputs
     functions.append(linear_step(step_program, dynamics, inner))
-    functions.append(linearisation(step_program, dynamics, form, substeps))
+    functions.append(linearisation(step_program, dynamics, form, substeps, angles))
     n, rows = step_program.lanes, len(state_rows(step_program))
     signature = Program(1, (), inputs, {})
     entries = _entries(signature, form, (n * rows, n * (rows + 1) + 1))
-    return module([*functions, *entries], form, angles, vector_widths(inner))
+    return module([*functions, *entries], form, angles, vector_widths(inner), ANGLE_LIMIT)
 
 
 def _entries(program: Program, form: Format, shape: Sequence[int]) -> list[str]:
@@ -192,19 +198,24 @@ def _simulation(
 
 
 def module(
-    parts: Sequence[str], form: Format, angles: Sequence[int], widths: Collection[int] = ()
+    parts: Sequence[str],
+    form: Format,
+    angles: Sequence[int],
+    widths: Collection[int] = (),
+    limit: float = WRAP_LIMIT,
 ) -> str:
     """
     Return functions of one format with the declarations they need; `angles` as above.
 
-    `widths` are the widths of further registers that the functions compute with.
+    `widths` are the widths of further registers that the functions compute with, `limit` is the
+    angle that @wrap_angle returns as it is [rad].
     """
     declarations = ['declare i64 @llvm.umin.i64(i64, i64)']
     for own in (Format(form.dtype, width) for width in {1, form.width, *widths}):
         declarations += _intrinsics(own)
     # An angle that has to be wrapped is rare: its branch is laid out of the way.
     metadata = '!0 = !{!"branch_weights", i32 1, i32 10000}'
-    wrap = [WRAP_ANGLE_IR] if angles else []
+    wrap = [wrap_angle(limit)] if angles else []
     return '\n\n'.join([*parts, *wrap, *sorted(set(declarations)), metadata])
 
 

@@ -1,14 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-LLVM IR of @wrap_angle: an angle modulo 2 pi, in [-pi, pi].
+LLVM IR of @wrap_angle: an angle modulo 2 pi, in [-pi, pi], if its magnitude exceeds a limit.
 
 `sincos` in pfd_core.kernels.passes.sincos takes |x| up to WRAP_LIMIT; such angles stay as they
-are. Larger ones are rare, and reduced with exact integers instead of floating point (Payne and
-Hanek, Radian reduction for trigonometric functions, SIGNUM Newsletter 18, 1983). With
-x = m 2^e, multiples of one in x / 2 pi drop out before anything is multiplied, so 256 bits of
-2^e / 2 pi below the binary point are enough for every e; m times them, modulo one, is the
-fraction of a turn that remains.
+are. A linearised step wraps smaller angles, too (codegen.linear_step). Larger ones are rare, and
+reduced with exact integers instead of floating point (Payne and Hanek, Radian reduction for
+trigonometric functions, SIGNUM Newsletter 18, 1983). With x = m 2^e, multiples of one in
+x / 2 pi drop out before anything is multiplied, so 256 bits of 2^e / 2 pi below the binary point
+are enough for every e; m times them, modulo one, is the fraction of a turn that remains.
 
 Error: the result is the remainder rounded to nearest, except where the remainder lies within
 2^-70 of its last place of the middle between two neighbours; that is, at most 0.5 + 2^-70 units
@@ -48,7 +48,7 @@ _TWO_PI = (_pi(_TWO_PI_BITS + 32) >> 30) + 1 >> 1  # to nearest
 
 
 # This IR declares @llvm.ctlz.i256; a module must not declare it again.
-WRAP_ANGLE_IR = f"""
+_WRAP_ANGLE_IR = f"""
 declare i256 @llvm.ctlz.i256(i256, i1 immarg)
 
 define internal double @wrap_angle(double %x) noinline cold {{
@@ -56,7 +56,7 @@ entry:
   %bits = bitcast double %x to i64
   %magnitude = and i64 %bits, {2**63 - 1}
   %size = bitcast i64 %magnitude to double
-  %near = fcmp ole double %size, {WRAP_LIMIT:e}
+  %near = fcmp ole double %size, LIMIT
   br i1 %near, label %identity, label %far
 identity:
   ret double %x
@@ -107,3 +107,8 @@ reduce:
   ret double %result
 }}
 """
+
+
+def wrap_angle(limit: float = WRAP_LIMIT) -> str:
+    """Return `double @wrap_angle(double)`, which returns angles up to a limit as they are."""
+    return _WRAP_ANGLE_IR.replace('LIMIT', f'{limit:e}')

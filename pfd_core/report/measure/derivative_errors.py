@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.algorithms.acceleration_derivatives import record_derivatives
-from pfd_core.kernels.auto import choose
+from pfd_core.kernels.auto import default_of_derivatives
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.kernels.passes.schedule import ORDERED
 from pfd_core.machine.emulator import run
@@ -142,8 +142,7 @@ class Matrices:
     def __init__(self, problem: Problem, dtype: str, refine: int, h: float | None) -> None:
         self.dtype, self.refine = dtype, refine
         plant = problem.plant
-        method = choose(plant, 'auto', refine)
-        recorded = record_derivatives(plant, method, refine, dtype)
+        recorded = record_derivatives(plant, *default_of_derivatives(plant, 'auto', refine), dtype)
         self._factors: Program = lower(recorded, dtype, longest=ORDERED).compiled
         self._h = h
         self._simulator: Simulator | None = None
@@ -208,6 +207,7 @@ def measure(case: Case) -> Result:
         rows += our_rows(own, matrices)
         held_rows += our_rows(other, matrices)
     rows += _peer_rows(own, h)
+    held_rows += _peer_rows(other, h)
     return Result(
         name=case.name,
         n=problem.plant.robot.n,

@@ -1,0 +1,132 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The inverse X of the inertia matrix, by the factor of H or by articulated bodies, and refined.
+
+    composite bodies      row after row of L X = D^-1 L'^-1, whose right side is triangular
+    articulated bodies    column j is the acceleration at rest by a unit torque on joint j
+
+Only elements on and above the diagonal are kept of a column, so that its solution goes from joint
+j to the base and back, and X is symmetric. The articulated bodies are those of the acceleration
+and recorded once. All other methods take the factor.
+
+A step of refinement computes the torques that each column misses, e_j - H x_j, link by link
+(pfd_core.algorithms.grouped.link_torques), and adds their accelerations by the same method, as
+pfd_core.algorithms.refinement does for accelerations.
+
+A factor loses digits with the condition number of H. Articulated bodies keep them where joints
+are coaxial, a refined column also where the tip is heavy
+(docs/decisions/0052-accurate-derivatives.md).
+
+One register holds one number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+from pfd_core.algorithms.grouped.factors import Factors, Matrix, solution
+from pfd_core.algorithms.grouped.link_torques import record_link_torques
+from pfd_core.algorithms.programs import record_forward_dynamics
+from pfd_core.algorithms.refinement import inline
+from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.model import Plant, without_torques
+
+# Methods that solve for single columns; the others share the factor of composite bodies.
+BY_COLUMNS = ('articulated_body', 'grouped_articulated_body')
+
+
+def inverse_inertia(
+    recorder: Recorder, plant: Plant, factors: Factors, method: str, steps: int
+) -> Matrix:
+    """
+    Return H^-1, (n, n), symmetric, with rows and columns of zeros for braked joints.
+
+    Parameters
+    ----------
+    recorder : Recorder
+        Of one lane.
+    plant : Plant
+        Robot and scene.
+    factors : Factors
+        Of H; no kernel has them if the method does not use them.
+    method : str
+        A name in METHODS.
+    steps : int
+        Steps of iterative refinement.
+
+    """
+    n = plant.robot.n
+    zero, one = recorder.constant(0.0), recorder.constant(1.0)
+    still = replace(without_torques(plant), external_wrench=False)
+    at_rest = {'qd': [zero] * n}
+    units = [[one if i == j else zero for i in range(n)] for j in range(n)]
+    if method in BY_COLUMNS:
+        program = record_forward_dynamics(still, method, 'sequential')
+
+        def solve(y: Sequence[Lanes]) -> list[Lanes]:
+            return inline(recorder, program, at_rest | {'tau': y})['qdd']
+
+        X = _symmetric(map(solve, units))
+    else:
+
+        def solve(y: Sequence[Lanes]) -> list[Lanes]:
+            return solution(factors, y)
+
+        X = _by_factors(factors)
+    if steps:
+        X = _refined(recorder, still, X, units, solve, steps)
+    return X
+
+
+def _by_factors(factors: Factors) -> Matrix:
+    """Return H^-1, row after row of L X = D^-1 L'^-1, whose right side is triangular."""
+    X: Matrix = []
+    n = len(factors.L)
+    for L, diagonal in zip(factors.L, factors.inverses, strict=True):
+        row: list[Lanes] = []
+        for j in range(len(L)):
+            column = (X[max(j, k)][min(j, k)] for k in range(len(L)))
+            row.append(-fused_product(L, column))
+        for factor, x in zip(L, row, strict=True):
+            diagonal = diagonal - factor * x
+        X.append([*row, diagonal])
+    return [[X[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
+
+
+def _refined(
+    recorder: Recorder,
+    still: Plant,
+    X: Matrix,
+    units: Matrix,
+    solve: Callable[[Sequence[Lanes]], list[Lanes]],
+    steps: int,
+) -> Matrix:
+    """Return X with steps of refinement, of a plant without torques."""
+    torques = record_link_torques(still)
+    at_rest = {'qd': [recorder.constant(0.0)] * len(X)}
+    for _ in range(steps):
+        columns = []
+        for unit, x in zip(units, X, strict=True):
+            needed = inline(recorder, torques, at_rest | {'qdd': x})['tau']
+            missed = [e - t for e, t in zip(unit, needed, strict=True)]
+            columns.append([a + d for a, d in zip(x, solve(missed), strict=True)])
+        X = _symmetric(columns)
+    return X
+
+
+def _symmetric(columns: Iterable[Sequence[Lanes]]) -> Matrix:
+    """Return the symmetric matrix of the elements on and above the diagonal of columns."""
+    above = list(columns)
+    n = len(above)
+    return [[above[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
+
+
+def fused_product(row: Iterable[Lanes], column: Iterable[Lanes]) -> Lanes:
+    """Return the sum of products in their order, each fused with the sum of those before."""
+    total: Lanes | None = None
+    for x, d in zip(row, column, strict=True):
+        total = x * d if total is None else x.recorder.apply('fma', x, d, total)
+    assert total is not None
+    return total

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from pfd_core.report import headlines, speed_pages
+from pfd_core.report import speed_pages
 from pfd_core.report.measure.speed import Findings
 from pfd_core.report.render.records import read
 
@@ -100,20 +100,10 @@ def test_the_sentence_about_a_panda_has_the_measured_ratios() -> None:
 
 
 def test_the_sentence_of_the_readme_is_against_the_strongest_peers() -> None:
-    found = re.findall(r'1/[\d.]+', text_of('README.md').split('<!-- speed: headline -->')[1])[:4]
+    found = re.findall(r'1/[\d.]+', text_of('README.md').split('<!-- speed-headline -->')[1])[:4]
     batch = parts('ur5', *ROWS['batch of 4096 states, Fortran order'], anyone, for_any_robot)
     call = parts('ur5', *ROWS['one call from Python through `kernel.bind`'], anyone, for_any_robot)
     assert found == [*batch, *call]
-
-
-@pytest.mark.parametrize('name', headlines.FILES)
-def test_a_page_has_the_blocks_that_are_written_from_the_numbers(
-    name: str, stored: Findings
-) -> None:
-    text = (ROOT / name).read_text(encoding='utf-8')
-    content = headlines.blocks([*stored.rows, *stored.others], stored.machine)
-    assert headlines.BLOCK.search(text)
-    assert headlines.filled(text, content) == text
 
 
 def test_the_page_of_speed_is_the_one_of_its_numbers(stored: Findings) -> None:

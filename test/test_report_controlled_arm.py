@@ -213,12 +213,6 @@ def test_the_page_has_the_numbers_of_its_json() -> None:
     assert controlled_arm_pages.markdown(STORED, stored_arm()) == page
 
 
-def test_the_readme_has_the_summary_of_the_page() -> None:
-    text = (ROOT / 'README.md').read_text(encoding='utf-8')
-    assert controlled_arm_pages.BLOCK.search(text)
-    assert controlled_arm_pages.filled(text, STORED) == text
-
-
 @pytest.mark.long
 def test_a_quick_survey_has_a_row_for_each_way_and_smaller_scene() -> None:
     found = survey(SMALL, replace(QUICK, substeps=(1, 2)))

@@ -44,7 +44,6 @@ from pfd_core.report.render.records import record_of
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ROOT / 'docs' / 'report'
-GUIDE = ROOT / 'docs' / 'guides' / 'speed-and-accuracy.md'
 BY_NAME = {case.name: case for case in CASES}
 LONG = [pytest.mark.slow, pytest.mark.long]
 # A difference over 1e-40 in 130 digits keeps 50 digits and more.
@@ -228,13 +227,10 @@ def read() -> list[Result]:
     return found
 
 
-def test_the_page_and_the_guide_are_those_of_the_data() -> None:
+def test_the_page_is_that_of_the_data() -> None:
     found = read()
     assert [one.name for one in found] == [case.name for case in CASES if measured(case)]
     assert (PAGES / 'derivatives.md').read_text(encoding='utf-8') == markdown(found)
-    guide = GUIDE.read_text(encoding='utf-8')
-    block = guide.split('<!-- derivatives -->\n')[1].split('<!-- /derivatives -->')[0]
-    assert block == summary(found)
 
 
 def test_no_bound_is_missed_on_the_page() -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from pfd_core.report import headlines
 from pfd_core.report.measure import decomposition
+from pfd_core.report.measure.speed import Findings
 from pfd_core.report.measure.timing import Row
 
 BATCH = 'batch of 4096'
@@ -31,8 +32,12 @@ ROWS = [
 ]
 
 
+def findings(rows: list[Row]) -> Findings:
+    return Findings(rows, [], MACHINE)
+
+
 def test_a_sentence_is_against_the_strongest_peers_on_one_thread() -> None:
-    text = headlines.headline(ROWS, MACHINE)
+    text = ' '.join(headlines.headline(findings(ROWS)).split())
     assert text.startswith(
         'On one thread of a virtual Abacus, a UR5 in a batch of 4096 states in Fortran order '
         'takes 1/15 of the time of the strongest peer, C that CasADi generates for this arm (loop '
@@ -46,7 +51,7 @@ def test_a_sentence_is_against_the_strongest_peers_on_one_thread() -> None:
 
 def test_there_is_no_sentence_without_peers() -> None:
     ours = [row for row in ROWS if 'float64' in row.way]
-    assert headlines.headline(ours, MACHINE) == ''
+    assert headlines.headline(findings(ours)) == ''
 
 
 def test_a_peer_that_is_refined_or_on_two_threads_is_not_the_strongest() -> None:
@@ -72,9 +77,3 @@ def test_factors_of_the_decomposition_multiply_to_the_whole() -> None:
     without = [row for row in rows if row.way != decomposition.CPP]
     assert '| ur5 | 2000 | - | - | 5 | 100 | - | 1.25 |' in str(headlines.decomposed(without))
     assert headlines.decomposed([]) is None
-
-
-def test_a_block_is_filled_and_the_rest_of_a_page_kept() -> None:
-    text = 'before\n<!-- speed: guide -->\nold\n<!-- /speed -->\nafter 1/2\n'
-    filled = headlines.filled(text, {'guide': 'new\n'})
-    assert filled == 'before\n<!-- speed: guide -->\nnew\n<!-- /speed -->\nafter 1/2\n'

@@ -35,6 +35,7 @@ page is a template, texts/NAME.md.
     mechanism_pages       `pfd report mechanisms`: mechanisms.md and .json
     scene_pages           `pfd report scene`: scene.md, .json, .yaml, .png and .svg
     headlines             sentences of pages and README.md: our time and the strongest peer's
+    blocks                generated blocks of README.md and the guides, from the data of pages
     time_tables           tables of ways over robots and of quantities, for all pages of speed
 
 A new column is a field of the table's record and, in the module of the page, a title with a cell.

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
-import re
 from typing import Any
 
 from pfd_core.report.cases.controlled_arm import ControlledArm, stored_arm
@@ -43,7 +42,6 @@ from pfd_core.report.render.plots import (
     logarithmic,
     save,
 )
-from pfd_core.report.render.records import read
 
 NAME = 'controlled-arm'
 # Of the plot [inch].
@@ -92,7 +90,6 @@ STYLES: Mapping[str, tuple[str, str, str, str]] = {
     'Drake Radau3': (plots.DRAKE, 'p', ':', 'Drake Radau3 (adaptive)'),
 }
 LAST_OF_OURS = 'pfd imex2 float32'
-BLOCK = re.compile(r'(<!-- controlled-arm -->\n).*?(<!-- /controlled-arm -->)', re.DOTALL)
 # Left end of the plot over the smallest resolved error.
 LEFT = 0.2
 
@@ -257,20 +254,6 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
     case = stored_arm()
     findings = survey(case, controlled_motion.QUICK if quick else Plan())
     return write(findings, case, folder)
-
-
-def publish(root: Path) -> list[Path]:
-    """Write the page of docs/report/controlled-arm.json, and the block of README.md."""
-    folder, readme = root / 'docs' / 'report', root / 'README.md'
-    findings = read(Findings, folder / f'{NAME}.json')
-    text = readme.read_text(encoding='utf-8')
-    readme.write_text(filled(text, findings), encoding='utf-8')
-    return [*write(findings, stored_arm(), folder), readme]
-
-
-def filled(text: str, findings: Findings) -> str:
-    """Return a page whose block has the summary of findings."""
-    return BLOCK.sub(lambda match: f'{match[1]}{summary(findings)}{match[2]}', text)
 
 
 def write(findings: Findings, case: ControlledArm, folder: Path) -> list[Path]:

@@ -82,6 +82,33 @@ def markdown(rows: Sequence[Row], iterations: Sequence[Convergence]) -> str:
     )
 
 
+def summary(rows: Sequence[Row], verdicts: Sequence[str]) -> str:
+    """Return the speed-ups of PCRBM and the verdicts on claims as a paragraph, for the README."""
+    known = {(row.system, row.edition): row for row in rows if row.n == PRINTED_AT}
+    executed, own = known['pcrbm', AS_PRINTED], known['pcrbm', BEST_KNOWN]
+    base = known['pcrbm_base_origin', BEST_KNOWN]
+    pcrbm, published = TABLE['pcrbm'], published_serial(PRINTED_AT)
+    printed = (pcrbm.multiplications.printed or 0) + (pcrbm.additions.printed or 0)
+    routed = min(
+        _mult(x) + x.additions + x.square_roots + x.routes
+        for x in (executed.steps, executed.unpacked)
+    )
+    return page(
+        'paper-summary',
+        printed=f'{published / printed:.2f}',
+        executed=_ratio(executed.published_speed_up),
+        routed=f'{published / routed:.2f}',
+        own=_ratio(own.speed_up),
+        own_routed=_ratio(own.routed_speed_up),
+        base=_ratio(base.speed_up),
+        base_routed=_ratio(base.routed_speed_up),
+        sentences=len(verdicts),
+        true=verdicts.count('true'),
+        false=verdicts.count('false'),
+        undecided=verdicts.count('not decided'),
+    )
+
+
 # Columns of rows with a note on their iterations.
 SYSTEMS: Columns = {
     'system': lambda x: edition_title(x[0].system, x[0].edition) + x[1],

@@ -4,24 +4,20 @@
 Sentences of the pages of speed and of README.md: our fastest way compared with the strongest peer.
 
 The strongest peer takes the least time for the same work. It is named among all peers, and among
-the peers that take any robot without compilation for it. `publish` writes the sentences into the
-blocks of README.md and of the guide, which begin and end with `<!-- speed: NAME -->` and
-`<!-- /speed -->`.
+the peers that take any robot without compilation for it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
-import re
-from typing import Any
 
 from pfd_core.report.cases.quantities import FORWARD
 from pfd_core.report.contenders.ours import METHODS
 from pfd_core.report.contenders.pinocchio_cpp import NAME as CPP
-from pfd_core.report.measure import decomposition
+from pfd_core.report.measure import decomposition, port_limit
+from pfd_core.report.measure.speed import Findings
 from pfd_core.report.measure.timing import Row
-from pfd_core.report.render.markdown import Cells, grid, lines_of, page, paragraph
+from pfd_core.report.render.markdown import Cells, grid, lines_of, page
 from pfd_core.report.render.numbers import short
 from pfd_core.report.time_tables import batch_name, factor, fastest
 
@@ -46,6 +42,8 @@ PHRASES = {
 }
 # The arm and the batch of the sentences.
 ROBOT, MANY = 'ur5', 'batch of 4096'
+# The arm whose derivatives the notes of the guide compare.
+OTHER_ROBOT = 'panda'
 # Rows of the table of the guide: title, quantity, work, and how the names of our ways end.
 GUIDE = (
     ('batch of 4096 states, Fortran order', FORWARD, MANY, 'float64, F order'),
@@ -54,8 +52,6 @@ GUIDE = (
     ('derivatives of qdd by q, qd, tau, the same batch', 'derivatives', MANY, 'float64, F order'),
     ('the same, one bound call', 'derivatives', 'call', 'float64: bound'),
 )
-BLOCK = re.compile(r'(<!-- speed: (\w+) -->\n).*?(<!-- /speed -->)', re.DOTALL)
-FILES = ('README.md', 'docs/guides/speed-and-accuracy.md')
 
 
 def peers(rows: Iterable[Row], any_robot: bool = False) -> Iterator[Row]:
@@ -77,11 +73,15 @@ def compared(
     The names of our ways end with `ending`. None where a row is missing.
     """
     own = [row for row in rows if (row.robot, row.quantity, row.work) == (robot, quantity, work)]
-    ours = fastest(row for row in own if row.way.startswith(OURS) and row.way.endswith(ending))
+    ours = _ours(own, ending)
     strongest, general = fastest(peers(own)), fastest(peers(own, any_robot=True))
     if ours is None or strongest is None or general is None:
         return None
     return ours, strongest, general
+
+
+def _ours(rows: Iterable[Row], ending: str) -> Row | None:
+    return fastest(row for row in rows if row.way.startswith(OURS) and row.way.endswith(ending))
 
 
 def part(own: Row, peer: Row) -> str:
@@ -90,19 +90,19 @@ def part(own: Row, peer: Row) -> str:
     return f'1/{ratio:.0f}' if ratio >= 9.95 else f'1/{ratio:.1f}'
 
 
-def headline(rows: Sequence[Row], machine: Mapping[str, Any]) -> str:
+def headline(findings: Findings) -> str:
     """Return the sentences of README.md; '' where the rows lack its arm, batch or peers."""
+    rows, machine = [*findings.rows, *findings.others], findings.machine
     found = [compared(rows, ROBOT, *place) for _, *place in GUIDE[:2]]
     parts = [_parts(*rows_of) for rows_of in found if rows_of is not None]
     if len(parts) < len(found):
         return ''
-    text = page(
+    return page(
         'speed-headline',
         processor=f'{"virtual " * bool(machine.get("virtual"))}{machine["processor"]}',
         batch=parts[0],
         call=parts[1],
     )
-    return ' '.join(text.split())
 
 
 def _parts(own: Row, strongest: Row, general: Row) -> str:
@@ -119,8 +119,9 @@ def _phrase(row: Row) -> str:
     return PHRASES.get(row.way, row.way)
 
 
-def guide_table(rows: Sequence[Row]) -> list[str]:
+def guide_table(findings: Findings) -> str:
     """Return the table of the guide: works of one arm, and our parts of the peers' times."""
+    rows = [*findings.rows, *findings.others]
     lines = []
     for title, *place in GUIDE:
         found = compared(rows, ROBOT, *place)
@@ -129,7 +130,47 @@ def guide_table(rows: Sequence[Row]) -> list[str]:
             cells = [f'{part(own, row)} ({row.way})' for row in others]
             lines.append([title, f'{short(own.minimum * 1e9)} ns', *cells])
     titles = ['UR5', 'our time', 'part of the strongest peer', 'of the strongest for any robot']
-    return lines_of(titles, lines)
+    return '\n'.join(lines_of(titles, lines)) + '\n'
+
+
+def _part_of(rows: Iterable[Row], robot: str, place: Sequence[str], peer: str) -> str:
+    """Return our part of the time of the fastest way of a peer; '-' without rows."""
+    quantity, work, ending = place
+    own = [row for row in rows if (row.robot, row.quantity, row.work) == (robot, quantity, work)]
+    ours = _ours(own, ending)
+    theirs = fastest(row for row in peers(own) if peer in row.way)
+    return '-' if ours is None or theirs is None else part(ours, theirs)
+
+
+def limit_row(rows: Sequence[Row], robot: str) -> Row | None:
+    """Return the row of the port limit of a robot's fastest batch in float64; None without."""
+    own, suffix = [row for row in rows if row.robot == robot], ', F order'
+    size = batch_name(rows)
+    best = fastest(row for row in own if row.work == size and row.way.endswith(f'float64{suffix}'))
+    name = None if best is None else best.way.removesuffix(suffix)
+    return next((row for row in own if row.work == port_limit.WORK and row.way == name), None)
+
+
+def guide_notes(findings: Findings) -> str:
+    """Return the paragraph of the guide on derivatives of another arm and the port limit."""
+    parts = {
+        f'{name}_{peer.lower()}': _part_of(findings.others, OTHER_ROBOT, place, peer)
+        for name, (_, *place) in zip(('batch', 'call'), GUIDE[3:], strict=True)
+        for peer in ('CasADi', 'pinocchio')
+    }
+    shares = {
+        robot: row.times
+        for robot in dict.fromkeys(row.robot for row in findings.rows)
+        if (row := limit_row(findings.rows, robot)) is not None and row.times is not None
+    }
+    others = [share for robot, share in shares.items() if robot != ROBOT]
+    return page(
+        'speed-notes',
+        **parts,
+        share=f'{shares[ROBOT]:.0%}',
+        least=f'{min(others):.0%}',
+        most=f'{max(others):.0%}',
+    )
 
 
 def columns(rows: Sequence[Row]) -> dict[str, tuple[str, str]]:
@@ -195,23 +236,3 @@ def _steps(own: Mapping[str, Row]) -> Iterator[str]:
     for faster, slower in pairs:
         known = faster in own and slower in own
         yield short(factor(own[faster], own[slower])) if known else '-'
-
-
-def publish(rows: Sequence[Row], machine: Mapping[str, Any], root: Path) -> list[Path]:
-    """Write the sentences of rows into the blocks of README.md and the guide; return the paths."""
-    found = [root / name for name in FILES]
-    for path in found:
-        text = path.read_text(encoding='utf-8')
-        path.write_text(filled(text, blocks(rows, machine)), encoding='utf-8')
-    return found
-
-
-def blocks(rows: Sequence[Row], machine: Mapping[str, Any]) -> dict[str, str]:
-    """Return the content of each block by name."""
-    sentence = paragraph(headline(rows, machine)) + '\n'
-    return {'headline': sentence, 'guide': '\n'.join(guide_table(rows)) + '\n'}
-
-
-def filled(text: str, content: Mapping[str, str]) -> str:
-    """Return a page with its blocks filled."""
-    return BLOCK.sub(lambda match: f'{match[1]}{content[match[2]]}{match[3]}', text)

@@ -31,7 +31,6 @@ from pfd_core.report.render.plots import (
     over_joints,
     save,
 )
-from pfd_core.report.render.records import read
 from pfd_core.report.time_tables import (
     NOTES,
     batch_name,
@@ -104,7 +103,7 @@ def _summary(rows: Sequence[Row]) -> str:
         for title, (work, ending) in columns.items():
             best = fastest(row for row in own if row.work == work and row.way.endswith(ending))
             ratios[robot, title] = '-' if best is None else _over_pinocchio(best, rows)
-        ratios[robot, SHARE] = _share(own, size)
+        ratios[robot, SHARE] = share_cell(headlines.limit_row(rows, robot))
     return page('speed-summary', batch=size, ratios=grid(ratios, 'robot'))
 
 
@@ -113,14 +112,6 @@ def _over_pinocchio(own: Row, rows: Sequence[Row]) -> str:
     ways = (row for row in headlines.peers(same, any_robot=True) if 'inocchio' in row.way)
     peer = fastest(ways)
     return '-' if peer is None else f'{factor(own, peer):.1f}'
-
-
-def _share(own: Sequence[Row], size: str) -> str:
-    suffix = ', F order'
-    best = fastest(row for row in own if row.work == size and row.way.endswith(f'float64{suffix}'))
-    name = None if best is None else best.way.removesuffix(suffix)
-    limit = (row for row in own if row.work == port_limit.WORK and row.way == name)
-    return share_cell(next(limit, None))
 
 
 def _largest_differences(rows: Sequence[Row]) -> list[Row]:
@@ -139,15 +130,6 @@ def _largest_differences(rows: Sequence[Row]) -> list[Row]:
 def run(folder: Path, quick: bool = False, plan: Survey | None = None) -> list[Path]:
     """Measure, write the report into a folder and return its files."""
     return write(survey(plan or (QUICK if quick else Survey())), folder)
-
-
-def publish(root: Path) -> list[Path]:
-    """Write the page of docs/report/speed.json, and the blocks of README.md and the guide."""
-    folder = root / 'docs' / 'report'
-    findings = read(Findings, folder / 'speed.json')
-    paths = write(findings, folder)
-    rows = [*findings.rows, *findings.others]
-    return [*paths, *headlines.publish(rows, findings.machine, root)]
 
 
 def write(findings: Findings, folder: Path) -> list[Path]:

@@ -20,7 +20,7 @@ from pfd_core.algorithms.acceleration_derivatives import (
     record_acceleration_derivatives,
     record_derivatives,
 )
-from pfd_core.kernels.codegen import batch, body, product
+from pfd_core.kernels.codegen import body, chunks, product
 from pfd_core.kernels.codegen.module import module, product_module
 from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.passes.pipeline import Stages, joined, lower, operations
@@ -191,14 +191,15 @@ def test_a_program_in_parts_gives_the_same_bits(dtype: str, monkeypatch: Any) ->
 
 
 def test_chunks_that_would_take_too_much_of_the_stack_are_smaller(monkeypatch: Any) -> None:
-    monkeypatch.setattr(batch, 'FEW', 0)
-    monkeypatch.setattr(batch, 'MOST', 1)
+    monkeypatch.setattr(chunks, 'FEW', 0)
+    monkeypatch.setattr(chunks, 'MOST', 1)
     robot = arm('four mixed')
     source = jacobian(robot)
     width = simd_width('float64')
     ir = source.module('float64', width, ())
     assert f'alloca [{source.elements} x <{width} x double>]' in ir
-    assert f'alloca [{source.elements * batch.CHUNK} x' not in ir
+    registers = chunks.CHUNK // (8 * width)
+    assert f'alloca [{source.elements * registers} x' not in ir
     assert_native_is_emulated(source, robot, 'float64')
 
 

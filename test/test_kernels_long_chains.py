@@ -15,10 +15,9 @@ from zoo import random_chain, random_state, without_mass
 
 import pfd_core as pfd
 from pfd_core.kernels import auto
-from pfd_core.kernels.codegen import batch, body
+from pfd_core.kernels.codegen import body, chunks
 from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.runtime import jit
-from pfd_core.kernels.runtime.jit import simd_width
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model import resolve
 from pfd_core.report.cases.robots import coaxial, uniform_chain
@@ -78,17 +77,18 @@ def test_chunks_of_columns_give_the_bits_of_single_states(
     dtype: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv('PFD_CACHE', '')
-    monkeypatch.setattr(batch, 'FEW', 0)
+    monkeypatch.setattr(chunks, 'FEW', 0)
     rng = np.random.default_rng(62)
     scene = pfd.Scene(external_wrench=True, brakes=True)
     kernel = pfd.compile_kernel(random_chain(rng, 3), scene=scene, dtype=dtype)
-    size = 3 * batch.CHUNK * simd_width(dtype) + 5
+    chunk = chunks.CHUNK // np.dtype(dtype).itemsize
+    size = 3 * chunk + 5
     q, qd, tau = (rng.normal(size=(size, 3)).astype(dtype) for _ in range(3))
     wrench, brakes = rng.normal(size=(size, 6)).astype(dtype), rng.random((size, 3)) < 0.3
     alone = np.array(
         [kernel(q[k], qd[k], tau[k], wrench[k], brakes=brakes[k]) for k in range(size)]
     )
-    for count in (1, batch.CHUNK * simd_width(dtype), size - 6, size):
+    for count in (1, chunk, size - 6, size):
         some = [np.asfortranarray(x[:count]) for x in (q, qd, tau, wrench)]
         for given in (some, [some[0], *(np.ascontiguousarray(x) for x in some[1:])]):
             out = np.full((count + 2, 3), np.nan, dtype, order='F')

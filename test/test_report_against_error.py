@@ -5,10 +5,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-import json
 from pathlib import Path
 import sys
-from typing import Any
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -20,10 +18,11 @@ from pfd_core.report.against_error_pages import Findings, markdown, write
 from pfd_core.report.cases.hard_cases import CASES, ROUNDING
 from pfd_core.report.measure import evaluations, work_precision
 from pfd_core.report.measure.errors import kernel_answer, peer_answers
-from pfd_core.report.measure.evaluations import CaseFacts, Plan, Point, measure
+from pfd_core.report.measure.evaluations import Plan, Point, TimedCase, measure
 from pfd_core.report.measure.reference import errors, kappa_s, reference
-from pfd_core.report.measure.timing import Pace, Row
+from pfd_core.report.measure.timing import Pace
 from pfd_core.report.measure.work_precision import MotionFacts, RunPoint
+from pfd_core.report.render.records import read
 
 REPORT = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 # The smallest case with a lost answer, which is that of composite bodies in float32.
@@ -38,8 +37,8 @@ TINY = Plan(
 )
 PAGES = Findings(
     cases=[
-        CaseFacts(
-            NAME, 'coaxial', 3, 1, 'composite_body', 'composite_body', 7e11, 2.0, 6e-41, 1e-41
+        TimedCase(
+            NAME, 'coaxial', 3, 1, 7e11, 2.0, 6e-41, 1e-41, 'composite_body', 'composite_body'
         )
     ],
     points=[
@@ -65,22 +64,14 @@ PAGES = Findings(
 )
 
 
-def findings_of(data: dict[str, Any]) -> Findings:
-    """Return the findings that a JSON holds."""
-    records = {'cases': CaseFacts, 'points': Point, 'motions': MotionFacts, 'runs': RunPoint}
-    found = {name: [record(**row) for row in data[name]] for name, record in records.items()}
-    rows = [Row(**row) for row in data.get('quantities', [])]
-    return Findings(**found, left_out=data['left_out'], machine=data['machine'], quantities=rows)
-
-
 @pytest.fixture(scope='module')
-def measured() -> tuple[CaseFacts, list[Point]]:
+def measured() -> tuple[TimedCase, list[Point]]:
     facts, found, _ = measure(NAME, TINY)
     return facts, found
 
 
 @pytest.fixture(scope='module')
-def points(measured: tuple[CaseFacts, list[Point]]) -> list[Point]:
+def points(measured: tuple[TimedCase, list[Point]]) -> list[Point]:
     return measured[1]
 
 
@@ -92,7 +83,7 @@ def test_the_report_has_every_method_and_cases_of_the_table() -> None:
 
 @pytest.mark.slow
 def test_every_method_format_and_refinement_has_a_point_for_every_batch(
-    measured: tuple[CaseFacts, list[Point]],
+    measured: tuple[TimedCase, list[Point]],
 ) -> None:
     facts, points = measured
     ours = [(p.way, p.dtype, p.refine, p.batch) for p in points if p.way in TINY.methods]
@@ -215,16 +206,16 @@ def test_the_json_has_every_number_and_the_plots_are_written(tmp_path: Path) -> 
         'speed-against-error.json',
         *(f'{name}.{suffix}' for name in names for suffix in ('png', 'svg')),
     ]
-    data = json.loads(paths[1].read_text())
-    assert findings_of(data) == PAGES
-    assert markdown(findings_of(data)) == paths[0].read_text()
+    found = read(Findings, paths[1])
+    assert found == PAGES
+    assert markdown(found) == paths[0].read_text()
     for path in paths[3::2]:
         text = ''.join(ElementTree.parse(path).getroot().itertext())
         assert ('per simulated second' if 'work' in path.name else 'one evaluation [ns]') in text
 
 
 def test_the_report_in_the_documentation_has_every_case_method_and_integrator() -> None:
-    found = findings_of(json.loads((REPORT / 'speed-against-error.json').read_text()))
+    found = read(Findings, REPORT / 'speed-against-error.json')
     page = (REPORT / 'speed-against-error.md').read_text()
     assert tuple(case.name for case in found.cases) == Plan().cases
     left_out = '\n'.join(found.left_out)
@@ -287,5 +278,5 @@ def test_a_survey_gathers_cases_and_motions(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_the_page_in_docs_is_made_of_the_numbers_next_to_it() -> None:
-    found = against_error_pages.stored(REPORT / 'speed-against-error.json')
+    found = read(Findings, REPORT / 'speed-against-error.json')
     assert markdown(found) == (REPORT / 'speed-against-error.md').read_text(encoding='utf-8')

@@ -12,7 +12,7 @@ import pytest
 from pfd_core.algorithms.paper.array_solver import factor
 from pfd_core.algorithms.paper.triangular_array import solve_cycles
 from pfd_core.report.counts_pages import solve_picture
-from pfd_core.report.render.array_activity import activity_svg
+from pfd_core.report.render.array_activity import runs_svg
 
 SVG = '{http://www.w3.org/2000/svg}'
 
@@ -32,7 +32,5 @@ def test_the_picture_shows_every_cell_in_every_cycle(n: int) -> None:
 
 def test_the_title_of_the_picture_is_quoted() -> None:
     trace = factor(np.eye(2)).trace
-    root = ElementTree.fromstring(activity_svg(trace, 'n < 3 & "more"'))
+    root = ElementTree.fromstring(runs_svg({'': (trace, None)}, 'n < 3 & "more"'))
     assert root.findtext(f'{SVG}title') == 'n < 3 & "more"'
-    with pytest.raises(ValueError, match='per_row must be at least 1, got 0'):
-        activity_svg(trace, 'x', per_row=0)

@@ -14,6 +14,7 @@ import pytest
 
 from pfd_core.report import headlines, speed_pages
 from pfd_core.report.measure.speed import Findings
+from pfd_core.report.render.records import read
 
 ROOT = Path(__file__).resolve().parent.parent
 GUIDE = 'docs/guides/speed-and-accuracy.md'
@@ -75,7 +76,7 @@ def text_of(name: str) -> str:
 
 @pytest.fixture(scope='module')
 def stored() -> Findings:
-    return speed_pages.stored(ROOT / 'docs/report/speed.json')
+    return read(Findings, ROOT / 'docs/report/speed.json')
 
 
 @pytest.mark.parametrize('label', ROWS)

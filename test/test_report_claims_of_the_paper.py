@@ -21,8 +21,7 @@ from pfd_core.algorithms.paper.pcgm_1987 import record_pcgm_1987
 from pfd_core.algorithms.paper.pcrbm_1987 import AS_PRINTED, record_pcrbm_1987
 from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics
 from pfd_core.model import resolve
-from pfd_core.report.cases.equations import EQUATIONS, PROCEDURES, Implemented
-from pfd_core.report.cases.paper import TABLE, value
+from pfd_core.report.cases.paper import EQUATIONS, PROCEDURES, TABLE, Implemented, value
 from pfd_core.report.cases.robots import uniform_chain
 from pfd_core.report.measure.claims import CLAIMS, Claim, verdicts
 from pfd_core.report.paper_pages import write_claims

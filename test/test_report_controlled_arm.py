@@ -19,12 +19,12 @@ from pfd_core.report import controlled_arm_pages
 from pfd_core.report.cases.controlled_arm import ControlledArm, controlled_arm, stored_arm
 from pfd_core.report.contenders.control_loop import (
     MUJOCO,
-    CasadiArm,
-    MujocoArm,
-    PinocchioArm,
     Softness,
+    casadi_arm,
+    mujoco_arm,
+    pinocchio_arm,
 )
-from pfd_core.report.contenders.drake import DrakeArm
+from pfd_core.report.contenders.drake import drake_arm
 from pfd_core.report.contenders.ours_controlled import adaptive, fixed
 from pfd_core.report.contenders.work import LeftOutError
 from pfd_core.report.measure.controlled_motion import (
@@ -34,8 +34,10 @@ from pfd_core.report.measure.controlled_motion import (
     ReferenceFacts,
     Rounding,
     advice,
+    is_ours,
     survey,
 )
+from pfd_core.report.render.records import read
 
 ROOT = Path(__file__).resolve().parent.parent
 REPORT = ROOT / 'docs' / 'report'
@@ -102,32 +104,49 @@ def test_our_runs_agree_with_an_event_driven_motion_of_pinocchio_and_scipy() -> 
 @pytest.mark.slow
 def test_mujoco_and_casadi_simulate_the_same_arm_without_friction() -> None:
     wanted = fixed(SMOOTH, SMOOTH.scene, 4, 'rk4', 'float64')()
-    found = [CasadiArm(SMOOTH).run(4, Softness(1.0))()]
-    found.append(MujocoArm(SMOOTH).run('MuJoCo RK4', 4, Softness())())
+    found = [casadi_arm(SMOOTH)('CasADi RK4', 4, Softness(1.0))()]
+    found.append(mujoco_arm(SMOOTH)('MuJoCo RK4', 4, Softness())())
     for one in found:
         assert one.status == 'ok'
         np.testing.assert_allclose(one.q, wanted.q, atol=1e-9)
         np.testing.assert_allclose(one.qd, wanted.qd, atol=1e-7)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(('way', 'order'), [('CasADi Verlet', 2), ('CasADi Euler', 1)])
+def test_integrators_around_casadi_have_their_order(way: str, order: int) -> None:
+    wanted = fixed(SMOOTH, SMOOTH.scene, 4, 'rk4', 'float64')().q
+    simulate = casadi_arm(SMOOTH)
+    errors = [
+        np.abs(simulate(way, substeps, Softness(1.0))().q - wanted).max() for substeps in (4, 32)
+    ]
+    assert np.log(errors[0] / errors[1]) / np.log(8) == pytest.approx(order, abs=0.1)
+
+
+def test_verlet_around_casadi_takes_the_steps_of_ours() -> None:
+    ours = fixed(SMOOTH, SMOOTH.scene, 2, 'velocity_verlet', 'float64')()
+    peer = casadi_arm(SMOOTH)('CasADi Verlet', 2, Softness(1.0))()
+    np.testing.assert_allclose(peer.q, ours.q, rtol=0, atol=1e-13)
+
+
 @pytest.mark.long
 def test_pinocchio_in_cpp_simulates_the_same_arm_without_friction() -> None:
     wanted = fixed(SMOOTH, SMOOTH.scene, 4, 'rk4', 'float64')()
-    one = PinocchioArm(SMOOTH).run(4, Softness(1.0))()
+    one = pinocchio_arm(SMOOTH)('Pinocchio C++ RK4', 4, Softness(1.0))()
     np.testing.assert_allclose(one.q, wanted.q, atol=1e-9)
 
 
 def test_a_run_of_which_mujoco_warns_has_failed() -> None:
     wild = replace(SMOOTH, kp=1e12 * SMOOTH.kp, scene=pfd.Scene())
     for way in MUJOCO:
-        assert MujocoArm(wild).run(way, 1, Softness())().status == 'MuJoCo warning'
+        assert mujoco_arm(wild)(way, 1, Softness())().status == 'MuJoCo warning'
 
 
 def test_drake_is_left_out_with_the_command_that_adds_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'pydrake', None)
     monkeypatch.setitem(sys.modules, 'pydrake.all', None)
     with pytest.raises(LeftOutError, match='`pip install drake` adds it'):
-        DrakeArm(SMALL)
+        drake_arm(SMALL)
 
 
 def row(way: str, error: float, milliseconds: float, **more: Any) -> ControlledRow:
@@ -141,6 +160,7 @@ ROWS = [
     row('pfd rk4 float64', 1e-11, 1.05),
     row('pfd rk4 float32', 4e-8, 1.0),
     row('pfd imex2 float64', 2e-7, 1.5),
+    row('pfd velocity_verlet float64', 6e-7, 1.2),
     row('pfd rk4 float32', 4e-8, 0.1, arms=16),
     row('pfd rk4 float32', 3e-3, 0.5, left_out=('effort limits',)),
     row('pfd rk4 float32', 1e-2, 0.4, left_out=('friction',)),
@@ -165,8 +185,8 @@ def test_advice_is_the_fastest_run_within_the_tolerance() -> None:
     assert coarse.one.left_out == ('effort limits',)
     assert fine.one == ROWS[1]
     assert finest.one == ROWS[0]
-    assert fine.many == ROWS[3]
-    assert fine.other == ROWS[7]
+    assert fine.many == ROWS[4]
+    assert fine.other == ROWS[8]
     assert finest.many is finest.other is None
     assert none.one is None
 
@@ -175,7 +195,7 @@ def test_the_page_shows_failed_runs_exclusions_and_what_each_effect_costs() -> N
     text = controlled_arm_pages.markdown(FINDINGS, SMALL)
     assert '| MuJoCo Euler | 1 ms | all effects | 1 | - | MuJoCo warning | - |' in text
     assert '- Drake: it is absent' in text
-    assert '| without dry friction | 1e-02 | 5e-03 |' in text
+    assert '| without dry friction | 1.0e-02 | 5.0e-03 |' in text
     assert '| 1e-12 | - | none | - | none | none |' in text
 
 
@@ -185,7 +205,7 @@ def test_the_plot_is_written_in_both_formats(tmp_path: Path) -> None:
     assert all(path.stat().st_size for path in paths)
 
 
-STORED = controlled_arm_pages.stored(REPORT / 'controlled-arm.json')
+STORED = read(Findings, REPORT / 'controlled-arm.json')
 
 
 def test_the_page_has_the_numbers_of_its_json() -> None:
@@ -204,9 +224,11 @@ def test_a_quick_survey_has_a_row_for_each_way_and_smaller_scene() -> None:
     found = survey(SMALL, replace(QUICK, substeps=(1, 2)))
     assert found.reference.self_difference < 1e-12
     assert found.reference.from_fixed < 1e-8
-    # Seven scenes, five runs for one arm and four for many.
+    # Three scenes without one effect: two runs for one arm, two for many and one in short steps.
+    # Of them CasADi has two, each by three integrators.
     smaller = [one for one in found.rows if one.left_out]
-    assert len(smaller) == 7 * 9
+    assert sum(map(is_ours, smaller)) == 3 * 5
+    assert sum(not is_ours(one) for one in smaller) == 2 * 3
     ways = {one.way for one in found.rows}
     assert ways <= controlled_arm_pages.STYLES.keys()
     assert ways <= controlled_arm_pages.CONTENTS.keys()

@@ -7,7 +7,6 @@ from __future__ import annotations
 from dataclasses import replace
 import json
 from pathlib import Path
-from typing import Any
 
 import mpmath
 import numpy as np
@@ -42,6 +41,7 @@ from pfd_core.report.measure.derivative_reference import (
 )
 from pfd_core.report.measure.reference import reference
 from pfd_core.report.render.numbers import order
+from pfd_core.report.render.records import record_of
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ROOT / 'docs' / 'report'
@@ -227,20 +227,11 @@ def test_a_predicted_error_of_a_matrix_follows_the_formula() -> None:
     assert found == pytest.approx(wanted)
 
 
-def result(case: dict[str, Any]) -> Result:
-    rows = {key: tuple(map(row_of, case[key])) for key in ('rows', 'held_out')}
-    return Result(**{**case, **rows})
-
-
-def row_of(values: dict[str, Any]) -> Row:
-    """Return a row of the JSON, which has null for infinite errors."""
-    lost = {key: np.inf for key in ('error', 'in_units') if values[key] is None}
-    return Row(**{**values, **lost})
-
-
 def read() -> list[Result]:
     content = json.loads((PAGES / 'derivatives.json').read_text(encoding='utf-8'))
-    return [result(case) for case in content['cases']]
+    # Infinite errors are null in the JSON.
+    found: list[Result] = record_of(list[Result], content['cases'], np.inf)
+    return found
 
 
 def test_the_page_and_the_guide_are_those_of_the_data() -> None:

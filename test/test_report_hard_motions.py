@@ -35,7 +35,7 @@ from pfd_core.report.cases.motions import (
 )
 from pfd_core.report.cases.robots import robot
 from pfd_core.report.hard_case_pages import Survey, data, section
-from pfd_core.report.measure.decimals import cos_sin, evaluator
+from pfd_core.report.measure.decimals import cos_sin, evaluator, on_mpmath_numbers
 from pfd_core.report.measure.extrapolation import computed, end_of_motion
 from pfd_core.report.measure.motion_errors import (
     SAME_EFFORT,
@@ -155,6 +155,32 @@ def test_decimal_sines_have_the_digits_of_the_context(angle: str) -> None:
         # Halving an angle of a thousand costs the digits of a thousand.
         assert abs(mpmath.mpf(str(c)) - mpmath.cos(x)) < 1e-36
         assert abs(mpmath.mpf(str(s)) - mpmath.sin(x)) < 1e-36
+
+
+@pytest.mark.parametrize('angle', ['64.1', '-1000000.25', '3e12'])
+def test_decimal_sines_of_large_angles_lose_no_digits(angle: str) -> None:
+    with localcontext() as context, mpmath.workdps(70):
+        context.prec = 50
+        c, s = cos_sin(Decimal(angle))
+        x = mpmath.mpf(angle)
+        assert abs(mpmath.mpf(str(c)) - mpmath.cos(x)) < 1e-49
+        assert abs(mpmath.mpf(str(s)) - mpmath.sin(x)) < 1e-49
+
+
+def test_states_of_mpmath_numbers_give_what_the_emulator_gives() -> None:
+    plant = resolve(pfd.load_robot('ur5'))
+    q, qd, tau = np.random.default_rng(7).uniform(-2.0, 2.0, (3, 2, 3, 6))
+    with mpmath.workdps(50):
+        third = np.vectorize(mpmath.mpf, otypes=[object])(q) / 3
+        states = {'q': third, 'qd': qd, 'tau': tau}
+        programs = (
+            record_forward_dynamics(plant, 'articulated_body', schedule)
+            for schedule in ('sequential', 'parallel')
+        )
+        found = on_mpmath_numbers(next(programs), 'qdd')(states)
+        wanted = run(next(programs), states, digits=50)['qdd']
+        assert found.shape == wanted.shape == (2, 3, 6)
+        assert abs(found - wanted).max() < mpmath.mpf(10) ** -46 * abs(wanted).max()
 
 
 def test_a_parallel_program_is_refused() -> None:

@@ -43,6 +43,7 @@ from pfd_core.report.measure.network_times import (
     system_time,
 )
 from pfd_core.report.network_pages import markdown, median_iterations
+from pfd_core.report.render.records import record_of
 
 KEY = ('system', 'edition', 'method', 'n', 'iterations', 'converged', 'packing')
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
@@ -59,12 +60,8 @@ def data() -> list[dict[str, object]]:
 @pytest.fixture(scope='module')
 def written(data: list[dict[str, object]]) -> list[Recorded]:
     """Return the recordings of the page."""
-    return [
-        Recorded(
-            **entry | {'steps': Steps(**entry['steps']), 'choices': Choices(**entry['choices'])}
-        )  # type: ignore[arg-type, dict-item]
-        for entry in data
-    ]
+    found: list[Recorded] = record_of(list[Recorded], data)
+    return found
 
 
 @pytest.fixture(scope='module')

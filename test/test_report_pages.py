@@ -4,20 +4,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import import_module
 import json
+import os
 from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 
 from pfd_core.report import pages
+from pfd_core.report.measure import processes
 from pfd_core.report.measure.processes import each
 from pfd_core.report.pages import INDEX, PAGES, QUICK, Page, index_text
 from pfd_ros.cli import main as command_line
 
+NEEDS_TWO = pytest.mark.skipif(
+    len(os.sched_getaffinity(0)) < 2, reason='one processor measures in one process'
+)
 DOCUMENTED = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 SMALL = Page('small', 'small', 'two numbers', 'small_pages')
 BROKEN = Page('broken', 'broken', 'nothing', 'broken_pages')
+WRONG = Page('wrong', 'wrong', 'nothing', 'wrong_pages', clocks=True)
 
 
 def small(folder: Path, quick: bool) -> list[Path]:
@@ -32,16 +44,24 @@ def broken(folder: Path, quick: bool) -> list[Path]:
     raise OSError('no compiler\nin sight')
 
 
+def wrong(folder: Path, quick: bool) -> list[Path]:
+    return {}['page']
+
+
 class Module:
     def __init__(self, run: object) -> None:
         self.run = run
 
 
 @pytest.fixture
-def two_pages(monkeypatch: pytest.MonkeyPatch) -> None:
-    modules = {'pfd_core.report.small_pages': small, 'pfd_core.report.broken_pages': broken}
-    monkeypatch.setattr(pages, 'PAGES', (BROKEN, SMALL))
-    monkeypatch.setattr(pages, 'import_module', lambda name: Module(modules[name]))
+def three_pages(monkeypatch: pytest.MonkeyPatch) -> None:
+    modules = {'small_pages': small, 'broken_pages': broken, 'wrong_pages': wrong}
+    monkeypatch.setattr(pages, 'PAGES', (BROKEN, SMALL, WRONG))
+    monkeypatch.setattr(
+        pages, 'import_module', lambda name: Module(modules[name.rpartition('.')[2]])
+    )
+    # Other processes do not know these pages.
+    monkeypatch.setattr(processes.os, 'sched_getaffinity', lambda _: {0})
 
 
 def test_a_kind_of_report_has_the_title_of_its_shortest_command() -> None:
@@ -65,8 +85,8 @@ def test_every_generated_page_is_in_the_table_and_the_index_is_not_stale() -> No
 
 
 @pytest.mark.parametrize('quick', [False, True])
-@pytest.mark.usefixtures('two_pages')
-def test_without_a_name_every_page_is_made_and_one_that_fails_is_reported(
+@pytest.mark.usefixtures('three_pages')
+def test_without_a_name_every_page_is_made_and_each_that_fails_is_reported(
     quick: bool,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -77,12 +97,29 @@ def test_without_a_name_every_page_is_made_and_one_that_fails_is_reported(
     folder = pages.QUICK_FOLDER if quick else pages.FOLDER
     files = [str(folder / name) for name in ('small.md', 'small.json', INDEX)]
     printed, progress = capsys.readouterr()
-    assert printed.splitlines() == ['broken was not made: no compiler in sight', *files]
-    assert '2 of 2: small, two numbers' in progress
+    failed = [
+        'broken was not made: no compiler in sight',
+        "wrong was not made: KeyError: 'page'; its traceback: pfd report wrong",
+    ]
+    assert sorted(printed.splitlines()) == sorted([*failed, *files])
+    assert ' of 3: small, two numbers' in progress
     assert [path.name for path in tmp_path.iterdir()] == [str(folder)]
+    last = progress.splitlines()[-1]
+    assert last.startswith('all pages: ')
+    assert {'broken', 'wrong'} == set(last.split('; not made: ')[1].split(', '))
 
 
-@pytest.mark.usefixtures('two_pages')
+@pytest.mark.usefixtures('three_pages')
+def test_pages_with_clocks_come_first_unless_quick(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for quick, order in ((False, ['wrong', 'broken', 'small']), (True, ['broken', 'small'])):
+        assert len(list(pages.make_all(tmp_path, quick))) == 5
+        lines = [line for line in capsys.readouterr().err.splitlines() if ' of 3: ' in line]
+        assert [line.split(': ')[1].split(',')[0] for line in lines][: len(order)] == order
+
+
+@pytest.mark.usefixtures('three_pages')
 def test_quick_pages_and_their_data_say_that_they_are_quick(tmp_path: Path) -> None:
     page, data = SMALL.make(tmp_path, quick=True)
     assert page.read_text() == f'# Small\n\n{QUICK}\n\nText.\n'
@@ -95,3 +132,86 @@ def test_quick_pages_and_their_data_say_that_they_are_quick(tmp_path: Path) -> N
 def test_measurements_on_many_processors_keep_their_order() -> None:
     assert list(each(abs, [-3, -1, 2])) == [3, 1, 2]
     assert list(each(abs, [-3])) == [3]
+
+
+def test_a_process_that_measures_measures_further_items_itself() -> None:
+    both = list(each(ids, [2, 2]))
+    assert {one for some in both for one in some}.isdisjoint({os.getpid()})
+    assert [len(some) for some in both] == [1, 1]
+
+
+def ids(count: int) -> set[int]:
+    """Return the processes that measure some items."""
+    return set(each(own_id, range(count)))
+
+
+def own_id(_: int) -> int:
+    return os.getpid()
+
+
+# A measurement prints its process and then takes for ever; the second one may not have begun.
+ENDLESS = """
+import signal
+import sys
+from pfd_core.report.measure.processes import each
+from pfd_core.report.measure.progress import reported
+from test_report_pages import sleep_for_ever
+if __name__ == '__main__':
+    # A process in the background ignores the signal.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    with reported(0.01, 0.01):
+        list(each(sleep_for_ever, ['a', 'b', *sys.argv[1:]]))
+"""
+
+
+def sleep_for_ever(name: str) -> None:
+    """Print the id of this process and sleep, or fail if the name says so."""
+    if name == 'failing':
+        raise ValueError('no number')
+    print(os.getpid(), flush=True)
+    time.sleep(1e6)
+
+
+@pytest.fixture
+def endless() -> Iterator[subprocess.Popen[str]]:
+    """A process whose two processes measure for ever."""
+    folder = Path(__file__).resolve().parent
+    path = os.pathsep.join([str(folder), str(folder.parent), os.environ.get('PYTHONPATH', '')])
+    with subprocess.Popen(
+        [sys.executable, '-c', ENDLESS],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, 'PYTHONPATH': path},
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@NEEDS_TWO
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_measuring_processes_end_with_the_process_that_started_them(
+    endless: subprocess.Popen[str], number: signal.Signals
+) -> None:
+    assert endless.stdout is not None
+    begun = {endless.stdout.readline() for _ in range(2)}
+    endless.send_signal(number)
+    endless.wait(60)
+    # The pipe ends only once no process is left that can write to it.
+    assert endless.stdout.read() == ''
+    assert len(begun) == 2
+
+
+@NEEDS_TWO
+def test_a_long_step_shows_its_seconds(endless: subprocess.Popen[str]) -> None:
+    assert endless.stderr is not None
+    lines = [endless.stderr.readline() for _ in range(3)]
+    assert all(re.fullmatch(r'   measuring, 0 of 2 finished, \d+ s\n', line) for line in lines)
+
+
+@NEEDS_TWO
+def test_the_first_error_ends_all_measurements() -> None:
+    with pytest.raises(ValueError, match='no number'):
+        list(each(sleep_for_ever, ['failing', 'long', 'long']))

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from functools import cache
-import json
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +29,7 @@ from pfd_core.report.measure.pcgm_iterations import (
 )
 from pfd_core.report.pcgm_pages import Found, markdown, write
 from pfd_core.report.render.markdown import json_text
+from pfd_core.report.render.records import read
 
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 
@@ -37,13 +37,7 @@ PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 @cache
 def published() -> Study:
     """Return the study of the page in docs."""
-    data = json.loads((PAGES / 'pcgm.json').read_text(encoding='utf-8'))
-    prices = [
-        Price(one['n'], one['variant'], Steps(**one['first']), Steps(**one['each']))
-        for one in data['prices']
-    ]
-    pcrbm = {int(n): Steps(**steps) for n, steps in data['pcrbm'].items()}
-    return Study([Reached(**row) for row in data['iterations']], prices, pcrbm)
+    return read(Study, PAGES / 'pcgm.json')
 
 
 def plain(n: int, tolerance: float = TOLERANCES[1]) -> Reached:

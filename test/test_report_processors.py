@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 import json
 from pathlib import Path
 from typing import Any
@@ -14,15 +14,19 @@ from sampling import one_fast
 
 from pfd_core.algorithms.programs import ITERATIVE, METHODS, SERIAL
 from pfd_core.machine.program import Steps
-from pfd_core.report.measure.counts import BEST_KNOWN, CORRECTED, PROCEDURES, best_serial
-from pfd_core.report.measure.processors import (
+from pfd_core.report.measure.counts import (
+    BEST_KNOWN,
+    CORRECTED,
+    PROCEDURES,
     PROCESSORS,
-    OnProcessors,
-    measure,
-    on_processors,
+    Row,
+    best_serial,
+    measure_on_processors,
+    row,
     with_routes,
 )
 from pfd_core.report.processor_pages import markdown, write
+from pfd_core.report.render.records import record_of
 
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 
@@ -32,19 +36,17 @@ def data() -> Any:
     return json.loads((PAGES / 'processors.json').read_text())
 
 
-def stored() -> list[OnProcessors]:
+def stored() -> list[Row]:
     """Return the rows of the page in docs."""
-    return [
-        OnProcessors(**entry | {key: Steps(**entry[key]) for key in ('steps', 'unpacked')})
-        for entry in data()['processors']
-    ]
+    found: list[Row] = record_of(list[Row], data()['processors'])
+    return found
 
 
 def arithmetic(steps: Steps) -> int:
     return steps.multiplications + steps.additions + steps.divisions + steps.square_roots
 
 
-def check_efficiency(found: OnProcessors) -> None:
+def check_efficiency(found: Row) -> None:
     """Assert that no speed-up is above the processors, by any of the four ratios."""
     pairs = (
         (found.speed_up, found.efficiency),
@@ -85,7 +87,7 @@ def test_no_efficiency_is_above_one_at_any_number_of_processors(n: int) -> None:
         if method in SERIAL or method == 'divide_and_conquer':
             continue
         for p in range(1, n + 1):
-            found = on_processors(method, n, p)
+            found = row(method, n, processors=p)
             check_efficiency(found)
             taken = arithmetic(found.steps)
             if found.speed_up is not None:
@@ -122,9 +124,7 @@ def test_a_processor_for_each_joint_has_the_numbers_of_the_page_of_counts() -> N
     for found in stored():
         if found.processors == found.n:
             entry = counts[found.system, found.edition, found.n]
-            for name in ('speed_up', 'routed_speed_up', 'own_speed_up', 'units', 'efficiency'):
-                assert getattr(found, name) == pytest.approx(entry[name]), name
-            assert asdict(found.steps) == entry['steps']
+            assert asdict(replace(found, cells={})) == entry | {'cells': {}}
 
 
 def test_the_page_in_docs_is_what_the_command_writes_now() -> None:
@@ -136,14 +136,14 @@ def test_the_page_in_docs_is_what_the_command_writes_now() -> None:
     known = {(one.system, one.edition, one.n, one.processors): one for one in rows}
     for method, edition in (('pcrbm', BEST_KNOWN), ('pcgm', CORRECTED)):
         for p in PROCESSORS[6]:
-            assert known[method, edition, 6, p] == on_processors(method, 6, p, edition)
+            assert known[method, edition, 6, p] == row(method, 6, edition=edition, processors=p)
 
 
 @pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.timeout(3000)
 def test_the_whole_page_is_what_the_command_counts_now(tmp_path: Path) -> None:
-    rows = list(measure())
+    rows = list(measure_on_processors())
     assert rows == stored()
     write(rows, tmp_path)
     for name in ('processors.md', 'processors.json'):

@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 import json
 import math
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from pfd_core import report
 from pfd_core.report.render.markdown import grid, json_text, page, table, write
 from pfd_core.report.render.numbers import order, short, yes
+from pfd_core.report.render.records import read, record_of
 
 REPORT = Path(report.__file__).parent
 
@@ -29,6 +31,14 @@ class Row:
 class Point:
     error: float
     parts: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Whole:
+    points: list[Point]
+    by_number: Mapping[int, Row]
+    pair: tuple[int, str]
+    missing: float | None
 
 
 def test_a_table_has_a_field_or_a_function_of_each_row_for_a_column() -> None:
@@ -94,6 +104,17 @@ def test_a_page_and_its_data_are_written_and_numbers_that_are_not_finite_are_nul
     assert paths[0].read_text() == 'text\n'
     assert json.loads(paths[1].read_text()) == {'points': [{'error': None, 'parts': [None, 1.0]}]}
     assert json_text([]) == '[]\n'
+
+
+def test_a_record_is_read_from_its_json_and_a_null_is_a_number_that_was_not_finite(
+    tmp_path: Path,
+) -> None:
+    whole = Whole([Point(1.0, (2.0, 3.0))], {6: Row('a', 1)}, (1, 'x'), None)
+    path = tmp_path / 'data.json'
+    path.write_text(json_text({'quick': True, **asdict(whole)}))
+    assert read(Whole, path) == whole
+    assert math.isnan(record_of(Point, {'error': None}).error)
+    assert record_of(list[Point], [{'error': None}], math.inf) == [Point(math.inf)]
 
 
 def test_numbers_have_the_digits_that_a_reader_needs() -> None:

@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import cycle
 import json
 import os
 from pathlib import Path
@@ -133,6 +135,36 @@ def test_a_long_work_has_fewer_turns_but_never_less_than_the_fewest(
         timing.take_turns('arm', Work('call', *np.zeros((3, 2))), [side], pace)
         # Once to see that it works, twice to see how long it takes.
         assert clock.now == (turns + 3) * seconds
+
+
+def turns_of(times: Sequence[float], most: int) -> int:
+    """Return the turns of one side whose times are given, and repeat."""
+    clock, seconds = Clock(), cycle(times)
+    taken: list[float] = []
+
+    def run() -> None:
+        taken.append(next(seconds))
+        clock.now += taken[-1]
+
+    pace = Pace(chunk=1e-9, turns=most, budget=1e9)
+    timing.interleave([Side('ours', run, lambda: np.ones(1), True)], 1, pace, clock)
+    # Twice to see how long it takes.
+    return len(taken) - 2
+
+
+def test_equal_times_end_after_the_fewest_turns_and_scattered_ones_take_all() -> None:
+    assert turns_of([1.0], 40) == timing.FEWEST_SETTLED
+    assert turns_of([1.0, 1.005], 40) == timing.FEWEST_SETTLED
+    # Both halves lie more than SETTLED from the median between them.
+    assert turns_of([1.0, 1.05], 40) == 40
+    assert turns_of([1.0], 6) == 6
+
+
+def test_a_minimum_must_be_found_again_before_the_turns_end() -> None:
+    # The least time comes in turns 1, 14, 27, ..., and turns end in pairs.
+    seldom = [1.02, 1.02, 1.0, *[1.02] * 10]
+    assert turns_of(seldom, 100) == 28
+    assert turns_of(seldom, 20) == 20
 
 
 def test_a_chunk_of_several_calls_begins_with_one_that_is_not_counted(

@@ -165,10 +165,9 @@ class Engine:
     def __init__(self, step_of_reset: int) -> None:
         self.mj = self
         self.left = step_of_reset
-        self.mjtIntegrator = SimpleNamespace(mjINT_EULER=0)
 
-    def model_of(self, plant: object) -> SimpleNamespace:
-        return SimpleNamespace(opt=SimpleNamespace())
+    def model_of(self, plant: object, integrator: str, step: float) -> SimpleNamespace:
+        return SimpleNamespace()
 
     def MjData(self, model: object) -> SimpleNamespace:
         warning = SimpleNamespace(number=np.zeros(3, int))

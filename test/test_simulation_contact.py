@@ -336,7 +336,7 @@ def test_a_mass_that_bounces_lies_on_its_stop_within_a_step_of_the_last_bounce(
         assert ((q[moving] != 0.0) | (v[moving] != 0.0)).all()
 
 
-@pytest.mark.parametrize('integrator', ['rk4', 'imex2'])
+@pytest.mark.parametrize('integrator', ['rk4', 'velocity_verlet', 'imex2'])
 def test_a_damped_mass_comes_to_rest_on_its_stop(integrator: str) -> None:
     scene = pfd.Scene(
         joint_limits=[[0.1, 100.0]], restitution=[0.9], damping=[30.0], friction=[0.5]

@@ -157,7 +157,12 @@ def test_an_arm_under_a_shaking_torque_below_its_friction_does_not_creep() -> No
 
 @pytest.mark.parametrize(
     ('integrator', 'dtype', 'brakes'),
-    [('rk4', 'float64', False), ('rk4', 'float32', True), ('imex2', 'float64', True)],
+    [
+        ('rk4', 'float64', False),
+        ('rk4', 'float32', True),
+        ('velocity_verlet', 'float64', True),
+        ('imex2', 'float64', True),
+    ],
 )
 @pytest.mark.slow
 def test_an_arm_moves_by_the_same_bits_alone_step_by_step_and_in_an_ensemble(
@@ -230,11 +235,21 @@ def test_friction_costs_no_operation_where_it_is_off() -> None:
     assert off.operations == bare.operations
 
 
-@pytest.mark.parametrize('integrator', ['velocity_verlet', 'imex2'])
-def test_integrators_without_events_or_implicit_damping_refuse_friction(integrator: str) -> None:
+def test_implicit_damping_is_refused_in_a_scene_with_friction_and_without_damping() -> None:
     robot = pfd.load_robot('ur5')
-    with pytest.raises(ValueError, match=r'friction and joint_limits .* need'):
-        pfd.Simulator(robot, pfd.Scene(friction=[1.0] * 6), integrator=integrator)
+    expected = (
+        r"integrator must be one of \['rk4', 'velocity_verlet'\] in a scene with friction or "
+        "joint_limits and without damping, got 'imex2'"
+    )
+    with pytest.raises(ValueError, match=expected):
+        pfd.Simulator(robot, pfd.Scene(friction=[1.0] * 6), integrator='imex2')
+
+
+def test_all_integrators_take_steps_with_friction_and_stops() -> None:
+    scene = pfd.Scene(friction=[1.0], damping=[0.1], joint_limits=[[-1.0, 1.0]])
+    for integrator in pfd.INTEGRATORS:
+        run = pfd.Simulator(slider(1, 0), scene, integrator=integrator).rollout(np.ones((2, 1)))
+        assert run.status == 'ok'
 
 
 def test_stops_out_of_reach_leave_the_motion_as_it_is_with_lagging_motors() -> None:

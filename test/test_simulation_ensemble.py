@@ -153,6 +153,37 @@ def test_a_diagonal_of_gains_is_the_law_joint_by_joint() -> None:
     np.testing.assert_array_equal(whole.q, alone.q)
 
 
+@pytest.mark.parametrize(
+    'scene',
+    [
+        pfd.Scene(),
+        pfd.Scene(
+            friction=[0.3, 0.2], joint_limits=[[-1, 1], [-1, 1]], external_wrench=True, brakes=True
+        ),
+    ],
+    ids=['smooth', 'rough'],
+)
+def test_one_arm_alone_moves_by_the_bits_of_an_arm_among_others(scene: pfd.Scene) -> None:
+    rng = np.random.default_rng(86)
+    robot = pfd.load_robot('planar2')
+    q, qd, taus = sequences(2, 3)
+    given = {'wrench': rng.uniform(-1, 1, 6)} if scene.external_wrench else {}
+    given |= {'brakes': [True, False]} if scene.brakes else {}
+    q = np.clip(q, -0.9, 0.9)
+    alone, many = pfd.Ensemble(robot, 1, scene), pfd.Ensemble(robot, 3, scene)
+    for law in (
+        None,
+        pfd.Feedback(rng.uniform(1, 5, 2), rng.uniform(0, 1, 2), 0.2),
+        pfd.StateFeedback(rng.uniform(-1, 1, (2, 4)), 0.2, 0.1),
+    ):
+        alone.reset(q[1:2], qd[1:2])
+        many.reset(q, qd)
+        one = alone.rollout(taus[1:2], feedback=law, **given)
+        all_three = many.rollout(taus, feedback=law, **given)
+        for name in ('q', 'qd', 'qdd'):
+            np.testing.assert_array_equal(getattr(one, name)[0], getattr(all_three, name)[1])
+
+
 def test_a_slide_of_unit_mass_whose_program_has_no_operations_is_simulated() -> None:
     robot = slider(1, 0)
     scene = pfd.Scene(gravity=None)

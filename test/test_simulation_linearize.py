@@ -221,7 +221,7 @@ ROUGHLY = pfd.Scene(
         {'motor_lag': [0.01, 0.02], 'stribeck_velocity': [0.3, 0.2]},
     ],
 )
-@pytest.mark.parametrize('integrator', ['rk4', 'imex2'])
+@pytest.mark.parametrize('integrator', ['rk4', 'velocity_verlet', 'imex2'])
 @pytest.mark.slow
 def test_friction_of_sliding_joints_has_a_slope_and_resting_ones_are_held(
     effects: dict[str, Any], integrator: str

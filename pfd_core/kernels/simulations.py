@@ -131,12 +131,17 @@ def compile_ensemble(
     spec: KernelSpec,
     step_program: Program,
     *,
+    arms: int,
     implicit: float = 0.0,
     contact: Contact | None = None,
 ) -> NativeEnsemble:
-    """Compile many simulations of a robot by an integrator's step; as compile_rollout."""
+    """
+    Compile many simulations of a robot by an integrator's step; as compile_rollout.
+
+    One of `arms` alone needs no vectors: scalar code takes half the time, with the same bits.
+    """
     sources = _sources(spec, implicit, contact)
-    width = simd_width(spec.dtype)
+    width = 1 if arms == 1 else simd_width(spec.dtype)
 
     def ir() -> str:
         return ensemble_module(

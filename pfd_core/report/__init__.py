@@ -38,5 +38,6 @@ page is a template, texts/NAME.md.
     time_tables           tables of ways over robots and of quantities, for all pages of speed
 
 A new column is a field of the table's record and, in the module of the page, a title with a cell.
-The JSON has all fields of the records. A new case is a row of a table in data.
+The JSON has all fields of the records. A new case is a row of a table in data. Plots are skipped
+where matplotlib (extra `report`) is not installed.
 """

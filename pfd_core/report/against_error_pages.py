@@ -6,18 +6,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-import json
 from pathlib import Path
 from typing import Any
 
 from pfd_core.report import against_error_plots, time_tables
 from pfd_core.report.measure import evaluations, port_limit, quantity_rows, work_precision
 from pfd_core.report.measure.energies import SAMPLES
-from pfd_core.report.measure.evaluations import PEERS, CaseFacts, Point
+from pfd_core.report.measure.evaluations import PEERS, Point, TimedCase
+from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.surroundings import described, surroundings
-from pfd_core.report.measure.timing import Row, show_progress
+from pfd_core.report.measure.timing import Row
 from pfd_core.report.measure.work_precision import MotionFacts, RunPoint
-from pfd_core.report.render.markdown import Columns, bullets, grid, lines_of, page, table
+from pfd_core.report.render.markdown import Cells, Columns, bullets, grid, lines_of, page, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import least_and_median, order, short
 
@@ -36,7 +36,7 @@ class Findings:
     `quantities` are rows of quantities other than forward dynamics.
     """
 
-    cases: list[CaseFacts] = field(default_factory=list)
+    cases: list[TimedCase] = field(default_factory=list)
     points: list[Point] = field(default_factory=list)
     motions: list[MotionFacts] = field(default_factory=list)
     runs: list[RunPoint] = field(default_factory=list)
@@ -123,7 +123,7 @@ def _summary(findings: Findings, most: int) -> list[str]:
         if text.startswith(peer.split()[0]) and 'install the extra' in text
     }
     failed = {text.split(': ')[0] for text in findings.left_out if ': failed: ' in text}
-    cells: dict[tuple[str, object], str] = {}
+    cells: Cells = {}
     for case in findings.cases:
         known = {
             (point.way, point.refine): point
@@ -167,7 +167,7 @@ def _grouped(left_out: Sequence[str]) -> Iterator[str]:
         yield f'{way} at {", ".join(at)}: {reason}'
 
 
-def _case(case: CaseFacts, points: Sequence[Point], sizes: Sequence[int]) -> str:
+def _case(case: TimedCase, points: Sequence[Point], sizes: Sequence[int]) -> str:
     """Return the section of a case: a row for each way."""
     points = [point for point in points if point.case == case.name]
     other = '' if case.refined == case.auto else f', refined {case.refined}'
@@ -189,12 +189,7 @@ def _case(case: CaseFacts, points: Sequence[Point], sizes: Sequence[int]) -> str
         own.setdefault((point.way, point.dtype, point.refine), {})[point.batch] = point
     lines = []
     for (way, dtype, refine), found in own.items():
-        times = [
-            least_and_median(found[size].minimum, found[size].median)
-            if size in found
-            else 'failed'
-            for size in sizes
-        ]
+        times = [least_and_median(found[size]) if size in found else 'failed' for size in sizes]
         one = next(iter(found.values()))
         units = '' if one.in_units is None else f' ({short(one.in_units)})'
         name = f'{way} (auto)' if way == case.default(refine) else way
@@ -212,9 +207,7 @@ def _or_missing(cell: str, run: RunPoint) -> str:
 RUNS: Columns = {
     'integrator': 'way',
     'step or tolerance': 'setting',
-    'time [ms]': lambda run: (
-        'missing' if run.minimum is None else least_and_median(run.minimum, run.median, 1e3)
-    ),
+    'time [ms]': lambda run: 'missing' if run.minimum is None else least_and_median(run, 1e3),
     'evaluations': lambda run: '-' if run.evaluations is None else f'{run.evaluations:.0f}',
     'trajectory error [rad]': lambda run: _or_missing(order(run.trajectory_error), run),
     'energy error': lambda run: _or_missing(order(run.energy_error), run),
@@ -242,26 +235,8 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
     return write(findings, folder)
 
 
-def stored(path: Path) -> Findings:
-    """Return the findings of a speed-against-error.json."""
-    data = json.loads(path.read_text(encoding='utf-8'))
-    return Findings(
-        [CaseFacts(**one) for one in data['cases']],
-        [Point(**one) for one in data['points']],
-        [MotionFacts(**one) for one in data['motions']],
-        [RunPoint(**one) for one in data['runs']],
-        data['left_out'],
-        data['machine'],
-        [Row(**one) for one in data['quantities']],
-    )
-
-
 def write(findings: Findings, folder: Path) -> list[Path]:
-    """
-    Write the page, its JSON and the plots as PNG and SVG, and return their paths.
-
-    The plots are skipped if matplotlib (extra `report`) is not installed.
-    """
+    """Write the page, its JSON and the plots as PNG and SVG, and return their paths."""
     return [
         *write_page(folder, NAME, markdown(findings), findings),
         *against_error_plots.write(

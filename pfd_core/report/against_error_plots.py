@@ -10,31 +10,23 @@ from pathlib import Path
 from typing import Any
 
 from pfd_core.report.cases.hard_cases import ROUNDING
-from pfd_core.report.measure.evaluations import NATIVE, PEERS, CaseFacts, Point
+from pfd_core.report.measure.evaluations import NATIVE, PEERS, Point, TimedCase
 from pfd_core.report.measure.work_precision import WAYS, MotionFacts, RunPoint
 from pfd_core.report.render.plots import (
     BLACK,
-    BLUE,
     CASADI,
     FLOAT64,
     GREEN,
     GREY,
+    KERNELS,
     MUJOCO,
-    ORANGE,
     PINOCCHIO,
     SKY,
-    VERMILLION,
     logarithmic,
+    mark,
     save,
 )
 
-# Number format and steps of refinement: colour, marker, and name.
-OURS = {
-    ('float64', 0): (SKY, 'o', 'float64'),
-    ('float64', 1): (BLUE, 'o', 'float64, refined once'),
-    ('float32', 0): (ORANGE, '^', 'float32'),
-    ('float32', 1): (VERMILLION, '^', 'float32, refined once'),
-}
 PEER_STYLES = dict(
     zip(
         PEERS,
@@ -73,7 +65,7 @@ LEAST = 1e-2
 
 
 def write(
-    cases: Sequence[CaseFacts],
+    cases: Sequence[TimedCase],
     points: Sequence[Point],
     motions: Sequence[MotionFacts],
     runs: Sequence[RunPoint],
@@ -92,7 +84,7 @@ def write(
 
 
 def _draw_cases(
-    cases: Sequence[CaseFacts], points: Sequence[Point], size: int, figure: Any
+    cases: Sequence[TimedCase], points: Sequence[Point], size: int, figure: Any
 ) -> None:
     points = _shown(points)
     rows = -(-(len(cases) + 1) // COLUMNS)
@@ -119,7 +111,7 @@ def _shown(points: Sequence[Point]) -> list[Point]:
     return [point for point in points if not (native and point.loop == 'Python')]
 
 
-def _draw_case(axes: Any, case: CaseFacts, points: Sequence[Point]) -> None:
+def _draw_case(axes: Any, case: TimedCase, points: Sequence[Point]) -> None:
     """Draw the points of a case; a line leads from the default method to its refined answer."""
     axes.set_title(f'{case.name} (n = {case.n})', fontsize=10)
     logarithmic(axes)
@@ -137,7 +129,7 @@ def _draw_case(axes: Any, case: CaseFacts, points: Sequence[Point]) -> None:
             colour, marker = PEER_STYLES[point.way]
             axes.plot(*place, marker, color=colour, markersize=8, zorder=3)
         else:
-            colour, marker, _ = OURS[point.dtype, point.refine]
+            colour, marker = KERNELS[point.dtype, point.refine]
             default = point.way == case.default(point.refine)
             axes.plot(
                 *place, marker, color=colour, markersize=9 if default else 5,
@@ -160,27 +152,14 @@ def _place(point: Point) -> tuple[float, float] | None:
 
 
 def _explain(axes: Any, points: Sequence[Point]) -> None:
-    """Draw the legend into a separate panel."""
-    from matplotlib.lines import Line2D
-
-    def entry(colour: str, marker: str, label: str, size: int, edge: str) -> Any:
-        return Line2D(
-            [], [], color=colour, marker=marker, linestyle='', label=label, markersize=size,
-            markeredgecolor=edge,
-        )  # fmt: skip
-
     seen = {point.way for point in points}
-    entries = [entry(c, m, f'pfd, {name}', 7, c) for c, m, name in OURS.values()]
-    entries.append(
-        entry(
-            'white',
-            'o',
-            "pfd's default method: a line\nto its refined answer, if it differs",
-            9,
-            BLACK,
-        )
-    )
-    entries += [entry(c, m, peer, 8, c) for peer, (c, m) in PEER_STYLES.items() if peer in seen]
+    entries = [
+        mark(*style, f'pfd, {dtype}{", refined once" * refine}', markersize=7)
+        for (dtype, refine), style in KERNELS.items()
+    ]
+    default = "pfd's default method: a line\nto its refined answer, if it differs"
+    entries.append(mark('white', 'o', default, markersize=9, markeredgecolor=BLACK))
+    entries += [mark(*PEER_STYLES[peer], peer, markersize=8) for peer in PEERS if peer in seen]
     axes.legend(handles=entries, loc='center', fontsize=10, frameon=False)
 
 

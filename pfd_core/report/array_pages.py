@@ -8,9 +8,12 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from pfd_core.machine.systolic import Place
+from pfd_core.machine.systolic import Place, Trace
+from pfd_core.report.cases.stored import table as stored_table
 from pfd_core.report.measure.array_runs import (
     CLAIMS,
+    CORRECTED,
+    PRINTED,
     SIZES,
     ArrayClaim,
     ArrayRun,
@@ -19,9 +22,9 @@ from pfd_core.report.measure.array_runs import (
     measure_array,
     solve_run,
 )
-from pfd_core.report.render.array_activity import runs_svg
+from pfd_core.report.render.array_activity import Label, runs_svg
 from pfd_core.report.render.array_design import CellRules, Design, Stream, designs_svg
-from pfd_core.report.render.markdown import grid, page, table, write_text
+from pfd_core.report.render.markdown import Cells, grid, page, table, write_text
 from pfd_core.report.render.markdown import write as write_page
 
 # The size of Figure 1, which the pictures have.
@@ -29,8 +32,7 @@ FIGURE = 4
 # Joints and runs for the table of cycles of each cell.
 CELLS = 6
 RUNS = (literal_run, factor_run, solve_run)
-PORTS = {'left': 'C_in', 'right': 'C_out', 'down': 'u_in', 'up': 'u_out'}
-TITLES = {'as printed': 'As printed: equations (29) to (31)', 'corrected': "Corrected: H = L L'"}
+TITLES = {PRINTED: 'As printed: equations (29) to (31)', CORRECTED: "Corrected: H = L L'"}
 
 
 def markdown(rows: Sequence[ArrayRun]) -> str:
@@ -62,7 +64,7 @@ def markdown(rows: Sequence[ArrayRun]) -> str:
     )
 
 
-def _busy(n: int) -> dict[tuple[str, object], str]:
+def _busy(n: int) -> Cells:
     """Return the cycles in which each cell acts in RUNS, by row, from the top, and column."""
     counts = [Counter(place for acting in run(n).actions for place in acting) for run in RUNS]
     return {
@@ -117,74 +119,33 @@ def corrected_label(place: Place, cycle: int) -> str:
 def cycles_picture(n: int) -> str:
     """Return both designs at work, cycle by cycle, each cell with its element."""
     literal, corrected = literal_run(n), factor_run(n)
-    runs = {
-        f'{TITLES["as printed"]}, {literal.cycles} cycles': (
+    runs: dict[str, tuple[Trace, Label | None]] = {
+        f'{TITLES[PRINTED]}, {literal.cycles} cycles': (
             literal,
             lambda place, cycle: literal_label(n, place, cycle),
         ),
-        f'{TITLES["corrected"]}, {corrected.cycles} cycles': (corrected, corrected_label),
+        f'{TITLES[CORRECTED]}, {corrected.cycles} cycles': (corrected, corrected_label),
     }
-    return runs_svg(
-        runs, f'Triangular array, n = {n}: the element in each cell, cycle by cycle', 6
-    )
+    return runs_svg(runs, f'Triangular array, n = {n}: the element in each cell, cycle by cycle')
 
 
 def designs_picture(n: int) -> str:
     """Return both designs with their streams and the rules of their cells."""
     rows = range(1, n + 1)
+    cells = {
+        design: tuple(CellRules(**kind) for kind in kinds)
+        for design, kinds in stored_table('array_cells').items()
+    }
     literal = Design(
-        TITLES['as printed'],
+        TITLES[PRINTED],
         {k: Stream((*_column(k, n)[1:], f'h{k}{k}'), 2 * k) for k in rows},
-        (
-            CellRules(
-                'Circular cell P_kk, Figure 2 (a)',
-                True,
-                PORTS,
-                (
-                    'first u_in: u <- u_in = h_kk',
-                    'otherwise: C_out <- C_in / u, u_out <- u_in',
-                    'u_in = *: C_out <- sqrt(C_in), u_out <- *',
-                    'wrong: divides by h_kk instead of l_kk',
-                ),
-            ),
-            CellRules(
-                'Square cell P_ki, Figure 2 (b)',
-                False,
-                PORTS,
-                (
-                    'first u_in: u <- u_in = h_ki',
-                    'otherwise: C_out <- C_in - u u_in, u_out <- u_in',
-                    'u_in = *: C_out <- C_in - u u, u_out <- *',
-                    'wrong: u and u_in are elements of H instead of L',
-                ),
-            ),
-        ),
+        cells[PRINTED],
         {i: Stream((*_column(i, n), '*'), 3 * i - 2) for i in rows},
     )
     corrected = Design(
-        TITLES['corrected'],
+        TITLES[CORRECTED],
         {k: Stream((f'h{k}{k}*', *_column(k, n)[1:]), 2 * k - 1) for k in rows},
-        (
-            CellRules(
-                'Circular cell P_kk',
-                True,
-                {'left': 'C_in', 'right': 'C_out', 'up': 'u_out'},
-                (
-                    'C_in with *: u <- sqrt(C_in), C_out <- u',
-                    'otherwise: C_out <- C_in / u, u_out <- C_out',
-                    'sends its own result up: no streams from below',
-                ),
-            ),
-            CellRules(
-                'Square cell P_ki',
-                False,
-                PORTS,
-                (
-                    'C_in with *: u <- u_in, C_out <- C_in - u u with *',
-                    'otherwise: C_out <- C_in - u u_in, u_out <- u_in',
-                ),
-            ),
-        ),
+        cells[CORRECTED],
     )
     return designs_svg((literal, corrected), f'Triangular array for Cholesky, n = {n}')
 

@@ -7,25 +7,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import zip_longest
-import json
 from pathlib import Path
 import re
 from typing import Any
 
 from pfd_core.report.cases.controlled_arm import ControlledArm, stored_arm
-from pfd_core.report.contenders.control_loop import CASADI, MUJOCO, PINOCCHIO
+from pfd_core.report.contenders.control_loop import IN_CASADI, MUJOCO, PINOCCHIO
 from pfd_core.report.contenders.drake import DRAKE
 from pfd_core.report.measure import controlled_motion
 from pfd_core.report.measure.controlled_motion import (
     ADAPTIVE,
+    FIXED,
     LEAVES,
     TOLERANCES,
     Advice,
     ControlledRow,
     Findings,
     Plan,
-    ReferenceFacts,
-    Rounding,
     advice,
     is_ours,
     scene_errors,
@@ -45,24 +43,25 @@ from pfd_core.report.render.plots import (
     logarithmic,
     save,
 )
+from pfd_core.report.render.records import read
 
 NAME = 'controlled-arm'
 # Of the plot [inch].
-SIZE = (9.0, 7.0)
+SIZE = (10.0, 7.0)
 NATIVE = 'one call of `Ensemble.rollout`: controller, steps and loop in native code'
 IN_C = 'controller and loop in C; in each period {}'
 RAMP, SOFT = 'ramp', 'soft constraint'
 # Way: contents of its time, and its friction.
 CONTENTS: Mapping[str, tuple[str, str]] = {
-    **{
-        f'pfd {integrator} {dtype}': (NATIVE, 'resolved by events')
-        for integrator, dtype in controlled_motion.FIXED
-    },
+    **{f'pfd {integrator} {dtype}': (NATIVE, 'resolved by events') for integrator, dtype in FIXED},
     ADAPTIVE: (
         'a loop in Python: the controller in NumPy and one call of `integrate` in each period',
         'resolved by events',
     ),
-    CASADI: (IN_C.format("steps in C around CasADi's C, compiled with -O3 -march=native"), RAMP),
+    **dict.fromkeys(
+        IN_CASADI,
+        (IN_C.format("steps in C around CasADi's C, compiled with -O3 -march=native"), RAMP),
+    ),
     PINOCCHIO: (
         IN_C.format('steps in C++ around `pinocchio::aba`, compiled with -O3 -march=native'),
         RAMP,
@@ -75,11 +74,15 @@ CONTENTS: Mapping[str, tuple[str, str]] = {
 # Way: colour, marker, line and name in the plot.
 STYLES: Mapping[str, tuple[str, str, str, str]] = {
     'pfd rk4 float64': (FLOAT64, 'o', '-', 'pfd rk4, float64'),
+    'pfd velocity_verlet float64': (FLOAT64, '>', '-.', 'pfd velocity_verlet, float64'),
     'pfd imex2 float64': (FLOAT64, 's', '--', 'pfd imex2, float64'),
-    ADAPTIVE: (FLOAT64, '*', '', 'pfd dop853 (adaptive; code of the reference)'),
+    ADAPTIVE: (FLOAT64, '*', '', 'pfd dop853 (code of the reference)'),
     'pfd rk4 float32': (FLOAT32, '^', '-', 'pfd rk4, float32'),
+    'pfd velocity_verlet float32': (FLOAT32, '<', '-.', 'pfd velocity_verlet, float32'),
     'pfd imex2 float32': (FLOAT32, 'v', '--', 'pfd imex2, float32'),
-    CASADI: (plots.CASADI, 'P', '-', 'CasADi, RK4 in C'),
+    'CasADi RK4': (plots.CASADI, 'P', '-', 'CasADi, RK4 in C'),
+    'CasADi Verlet': (plots.CASADI, 'X', '-.', 'CasADi, Verlet in C'),
+    'CasADi Euler': (plots.CASADI, 'd', ':', 'CasADi, Euler in C'),
     PINOCCHIO: (plots.PINOCCHIO, 'D', '-', 'Pinocchio, RK4 in C++'),
     'MuJoCo Euler': (plots.MUJOCO, '<', ':', 'MuJoCo Euler'),
     'MuJoCo implicitfast': (plots.MUJOCO, '>', '--', 'MuJoCo implicitfast'),
@@ -88,23 +91,17 @@ STYLES: Mapping[str, tuple[str, str, str, str]] = {
     'Drake RK5': (plots.DRAKE, 'd', '--', 'Drake RK5 (adaptive)'),
     'Drake Radau3': (plots.DRAKE, 'p', ':', 'Drake Radau3 (adaptive)'),
 }
+LAST_OF_OURS = 'pfd imex2 float32'
 BLOCK = re.compile(r'(<!-- controlled-arm -->\n).*?(<!-- /controlled-arm -->)', re.DOTALL)
 # Left end of the plot over the smallest resolved error.
 LEFT = 0.2
 
 
 def _without(row: ControlledRow) -> str:
-    """Return the scene of a row in words."""
     if not row.left_out:
         return 'all effects'
     names = [LEAVES[name] for name in row.left_out]
     return 'without ' + ', '.join(names[:-1]) + ' and ' * (len(names) > 1) + names[-1]
-
-
-def _milliseconds(row: ControlledRow) -> str:
-    if row.minimum is None or row.median is None:
-        return row.status
-    return least_and_median(row.minimum, row.median, 1e3)
 
 
 ROWS: Columns = {
@@ -113,9 +110,14 @@ ROWS: Columns = {
     'scene': _without,
     'arms': 'arms',
     'friction': lambda row: row.softness or '-',
-    'time': _milliseconds,
+    'time': lambda row: row.status if row.minimum is None else least_and_median(row, 1e3),
     'error': lambda row: '-' if row.error is None else f'{row.error:.1e} / {row.middle:.1e}',
 }
+
+
+def _digits(error: float | None) -> str:
+    """Return an error in two digits: tolerances are powers of ten."""
+    return '-' if error is None else f'{error:.1e}'
 
 
 def _floor(findings: Findings) -> float:
@@ -127,12 +129,14 @@ def summary(findings: Findings) -> str:
     """Return the sentences and the table of advice that README repeats."""
     rows = findings.rows
     whole = [row for row in rows if not row.left_out and row.minimum is not None]
-    first = max(
-        (row for row in whole if row.way == 'pfd rk4 float64' and row.arms == 1),
-        key=lambda row: row.step or 0.0,
-    )
+
+    def longest(way: str) -> ControlledRow:
+        own = (row for row in whole if row.way == way and row.arms == 1)
+        return max(own, key=lambda row: row.step or 0.0)
+
+    first, quick = longest('pfd rk4 float64'), longest('pfd velocity_verlet float64')
     alone = scene_errors(rows)
-    costs = {name: order(alone[name,].error) for name in LEAVES}
+    costs = {name: _digits(alone[name,].error) for name in LEAVES}
     arms = max(row.arms for row in rows)
     single = next(one for one in findings.roundings if one.dtype == 'float32')
     return page(
@@ -140,6 +144,8 @@ def summary(findings: Findings) -> str:
         step=first.setting,
         time=short((first.minimum or 0.0) * 1e3),
         error=order(first.error),
+        quick_time=short((quick.minimum or 0.0) * 1e3),
+        quick_error=order(quick.error),
         others=_others(whole),
         limits=costs['effort limits'],
         friction=costs['friction'],
@@ -163,7 +169,6 @@ def summary(findings: Findings) -> str:
 
 
 def _others(whole: Sequence[ControlledRow]) -> str:
-    """Return a sentence about the other libraries."""
     peers = [row for row in whole if not is_ours(row)]
     if not peers:
         return 'No other library was measured.'
@@ -188,7 +193,6 @@ def _differing(rows: Sequence[list[str]]) -> list[list[str]]:
 
 
 def _advised(one: Advice) -> list[str]:
-    """Return a row of the table of advice."""
     cells = [f'{one.tolerance:g}']
     if one.one is None or one.one.minimum is None:
         cells += ['-', 'none', '-']
@@ -234,8 +238,8 @@ def markdown(findings: Findings, case: ControlledArm) -> str:
         scenes=table(
             {
                 'scene': _without,
-                'worst joint [rad]': lambda row: order(row.error) if row.error else row.status,
-                'median joint [rad]': lambda row: order(row.middle) if row.error else '-',
+                'worst joint [rad]': lambda row: _digits(row.error) if row.error else row.status,
+                'median joint [rad]': lambda row: _digits(row.middle) if row.error else '-',
             },
             scene_errors(findings.rows).values(),
         ),
@@ -255,26 +259,10 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
     return write(findings, case, folder)
 
 
-def stored(path: Path) -> Findings:
-    """Return the findings of a controlled-arm.json."""
-    data = json.loads(path.read_text(encoding='utf-8'))
-    rows = [ControlledRow(**row | {'left_out': tuple(row['left_out'])}) for row in data['rows']]
-    return Findings(
-        ReferenceFacts(**data['reference']),
-        data['periods'],
-        rows,
-        [Rounding(**one) for one in data['roundings']],
-        data['left_out'],
-        data['ramps'],
-        data['solvers'],
-        data['machine'],
-    )
-
-
 def publish(root: Path) -> list[Path]:
     """Write the page of docs/report/controlled-arm.json, and the block of README.md."""
     folder, readme = root / 'docs' / 'report', root / 'README.md'
-    findings = stored(folder / f'{NAME}.json')
+    findings = read(Findings, folder / f'{NAME}.json')
     text = readme.read_text(encoding='utf-8')
     readme.write_text(filled(text, findings), encoding='utf-8')
     return [*write(findings, stored_arm(), folder), readme]
@@ -286,11 +274,7 @@ def filled(text: str, findings: Findings) -> str:
 
 
 def write(findings: Findings, case: ControlledArm, folder: Path) -> list[Path]:
-    """
-    Write the page, its JSON and the plot as PNG and SVG, and return their paths.
-
-    The plot is skipped if matplotlib (extra `report`) is not installed.
-    """
+    """Write the page, its JSON and the plot as PNG and SVG, and return their paths."""
     return [
         *write_page(folder, NAME, markdown(findings, case), findings),
         *save(partial(_draw, findings), folder, NAME, SIZE),
@@ -333,8 +317,8 @@ def _draw(findings: Findings, figure: Any) -> None:
                 markersize=9 if marker == '*' else 6, label=name if arms == 1 else None,
                 markerfacecolor=colour if arms == 1 else 'white',
             )  # fmt: skip
-        if way == ADAPTIVE:
-            # At this place of the legend, so that its columns of four entries are full.
+        if way == LAST_OF_OURS:
+            # At this place of the legend, whose columns then have one library each.
             label = f'open: each of {many} equal arms'
             axes.plot([], [], 'o', color=BLACK, markerfacecolor='white', label=label)
     axes.axhline(1e3, color=GREY, linewidth=0.9, linestyle='-.')
@@ -345,7 +329,7 @@ def _draw(findings: Findings, figure: Any) -> None:
     axes.set_xlim(LEFT * floor, 2.0)
     axes.set_xlabel('error of the worst joint after one second [rad]      (left is better)')
     axes.set_ylabel('time of one simulated second on one thread [ms]\n(down is better)')
-    figure.legend(loc='outside lower center', ncols=4, fontsize=8.5, frameon=False)
+    figure.legend(loc='outside lower center', ncols=5, fontsize=8, frameon=False)
 
 
 def _bars(findings: Findings, floor: float) -> list[tuple[str, str, float, float]]:
@@ -360,12 +344,13 @@ def _bars(findings: Findings, floor: float) -> list[tuple[str, str, float, float
         for one in findings.roundings
     ]
     whole = [row for row in findings.rows if not row.left_out and row.arms == 1]
-    steps = [row for row in whole if row.way in ('pfd rk4 float64', 'pfd imex2 float64')]
-    longest = max(steps, key=lambda row: row.step or 0.0).step
-    errors = [row.error for row in steps if row.step == longest and row.error is not None]
-    bars.append(
-        (f'a step of {(longest or 0) * 1e3:g} ms: rk4 to imex2', GREY, min(errors), max(errors))
-    )
+    fixed = [f'pfd {name} float64' for name, dtype in FIXED if dtype == 'float64']
+    steps = [row for row in whole if row.way in fixed and row.error is not None]
+    longest = max(row.step or 0.0 for row in steps)
+    ends = sorted((row.error or 0.0, row.way) for row in steps if row.step == longest)
+    (least, best), (most, worst) = ends[0], ends[-1]
+    names = ' to '.join(way.split()[1] for way in (best, worst))
+    bars.append((f'a step of {longest * 1e3:g} ms: {names}', GREY, least, most))
     scenes = scene_errors(findings.rows)
     for name in ('effort limits', 'friction', 'armature'):
         row = scenes[name,]

@@ -11,13 +11,13 @@ from typing import Any
 
 from pfd_core.algorithms.paper.array_solver import solve
 from pfd_core.machine.program import Steps
-from pfd_core.model import Robot
 from pfd_core.report.cases.paper import KINDS, TABLE, value
 from pfd_core.report.measure.convergence import Convergence, measure_convergence, robots
 from pfd_core.report.measure.counts import (
     AS_PRINTED,
     BEST_KNOWN,
     CORRECTED,
+    MACHINES,
     PRINTED_AT,
     SIZES,
     Cell,
@@ -26,19 +26,19 @@ from pfd_core.report.measure.counts import (
     best_serial,
     counted_parts,
     edition_title,
+    machine_of,
     measure,
+    measure_on_processors,
     published_serial,
 )
 from pfd_core.report.measure.counts import row as counts_of
 from pfd_core.report.measure.network_times import NETWORK_SIZES
 from pfd_core.report.measure.processes import in_one_list
-from pfd_core.report.measure.processors import PROCESSORS, OnProcessors
-from pfd_core.report.measure.processors import measure as measure_processors
 from pfd_core.report.network_pages import median_iterations
 from pfd_core.report.network_pages import run as run_networks
 from pfd_core.report.paper_pages import write_errata
 from pfd_core.report.processor_pages import write as write_processors
-from pfd_core.report.render.array_activity import activity_svg
+from pfd_core.report.render.array_activity import runs_svg
 from pfd_core.report.render.markdown import Columns, grid, page, table, write_text
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import over_joints, save
@@ -85,7 +85,7 @@ def markdown(rows: Sequence[Row], iterations: Sequence[Convergence]) -> str:
 # Columns of rows with a note on their iterations.
 SYSTEMS: Columns = {
     'system': lambda x: edition_title(x[0].system, x[0].edition) + x[1],
-    'processors': lambda x: x[0].processors,
+    'processors': lambda x: machine_of(x[0].system),
     'mult': lambda x: _mult(x[0].steps),
     'of these div': lambda x: x[0].steps.divisions,
     'add': lambda x: x[0].steps.additions,
@@ -135,7 +135,7 @@ def _parallel(row: Row, count: int) -> str:
 
 
 def _speed_up(row: Row) -> str:
-    if row.speed_up is None or row.routed_speed_up is None:
+    if row.speed_up is None:
         return '-'
     return f'{row.speed_up:.2f} / {row.routed_speed_up:.2f}'
 
@@ -145,9 +145,9 @@ def _ratio(value: float | None) -> str:
 
 
 def _efficiency(row: Row) -> str:
-    if row.efficiency is None or row.routed_speed_up is None:
+    if row.efficiency is None:
         return '-'
-    return f'{row.efficiency:.0%} / {row.routed_speed_up / row.units:.0%}'
+    return f'{row.efficiency:.0%} / {row.routed_efficiency:.0%}'
 
 
 # Columns of (rows by system and edition, row of the best known, kind of operation, iterations).
@@ -257,7 +257,6 @@ CONVERGENCE: Columns = {
 
 
 def _cost(found: Convergence, count: Callable[[Row], int]) -> str:
-    """Return a count from the fewest to the most iterations."""
     few, many = (count(counts_of(found.system, found.n, k)) for k in (found.least, found.most))
     return str(few) if few == many else f'{few} to {many}'
 
@@ -283,37 +282,18 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
     Progress goes to a terminal.
     """
     sizes: Sequence[int] = (PRINTED_AT,) if quick else SIZES
-    rows = in_one_list(_rows_at, sizes, 'counting at each n')
-    chains = robots((PRINTED_AT,), ()) if quick else robots()
-    iterations = in_one_list(_convergence_of, list(chains), 'counting iterations of each robot')
-    few = dict(list(PROCESSORS.items())[: 1 if quick else None])
-    each_number = [(n, processors) for n, numbers in few.items() for processors in numbers]
-    fewer = in_one_list(_on_processors, each_number, 'counting on fewer processors than joints')
+    rows = in_one_list(measure, sizes, 'counting at each n')
+    chains = list(robots((PRINTED_AT,), ()) if quick else robots())
+    iterations = in_one_list(measure_convergence, chains, 'counting iterations of each robot')
+    machines = [one for one in MACHINES if not quick or one[0] == PRINTED_AT]
+    fewer = in_one_list(measure_on_processors, machines, 'counting on fewer processors')
     pages = [*write(rows, iterations, folder), *write_processors(fewer, folder)]
     sizes = (PRINTED_AT,) if quick else NETWORK_SIZES
     return [*pages, *run_networks(median_iterations(iterations), folder, sizes)]
 
 
-def _rows_at(n: int) -> list[Row]:
-    return list(measure([n]))
-
-
-def _convergence_of(robot: Robot) -> list[Convergence]:
-    return list(measure_convergence([robot]))
-
-
-def _on_processors(numbers: tuple[int, int]) -> list[OnProcessors]:
-    n, processors = numbers
-    return list(measure_processors({n: [processors]}))
-
-
 def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) -> list[Path]:
-    """
-    Write counts.md and .json, a plot, counts.png, the array at work, array.svg, and errata.md.
-
-    The plot is skipped if matplotlib (extra `report`) is not installed. `run` also writes the
-    pages of pfd_core.report.processor_pages.
-    """
+    """Write counts.md, .json and .png, the array at work, array.svg, and errata.md."""
     data = {
         'counts': rows,
         'parts': list(counted_parts(PRINTED_AT)),
@@ -357,4 +337,4 @@ def solve_picture(n: int) -> str:
     title = (
         f'Triangular array, n = {n}: factorisation and both substitutions, {trace.cycles} cycles'
     )
-    return activity_svg(trace, title)
+    return runs_svg({'': (trace, None)}, title)

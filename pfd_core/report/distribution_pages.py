@@ -96,7 +96,6 @@ def summary(found: Findings) -> str:
 
 
 def _some(boxes: Sequence[Box], quantity: str, way: str) -> list[Box]:
-    """Return the boxes of a way in float64."""
     wanted = (quantity, way, 'float64')
     return [box for box in boxes if (box.quantity, box.way, box.dtype) == wanted]
 
@@ -140,11 +139,7 @@ def _table(boxes: Sequence[Box], quantity: str) -> list[str]:
 
 
 def write(found: Findings, folder: Path) -> list[Path]:
-    """
-    Write distributions.md, .json, .png and .svg, and return their paths.
-
-    The plots are skipped if matplotlib (extra `report`) is not installed.
-    """
+    """Write distributions.md, .json, .png and .svg, and return their paths."""
     pages = write_page(folder, NAME, markdown(found), asdict(found))
     return [*pages, *save(partial(_draw, found.boxes), folder, NAME, (11, 12.5))]
 

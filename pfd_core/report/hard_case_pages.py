@@ -63,6 +63,7 @@ def markdown(results: Sequence[Result], survey: Survey | None = None) -> str:
     refined = [(one, row) for one in results for row in one.kernels if row.refine]
     doubles = [row.in_units for _, row in refined if row.dtype == 'float64']
     found = [(one, row) for one in results for row in one.kernels]
+    held_out = [(one, row) for one in results for row in one.held_out]
     missed = _missed(found)
     unpredicted = (
         f'{one.name}, {_kernel(row)}: {order(row.error)}'
@@ -81,11 +82,11 @@ def markdown(results: Sequence[Result], survey: Survey | None = None) -> str:
         count=len(doubles),
         largest=f'{max(doubles, default=0.0):.2g}',
         missed=bullets(missed, '- none'),
-        held_out=bullets(missed_held_out(results), '- none'),
+        held_out=bullets(_missed(held_out), '- none'),
         seed=HELD_OUT,
         states=HELD_OUT_STATES,
         longest=LONGEST_HELD_OUT,
-        held_out_rows=sum(len(one.held_out) for one in results),
+        held_out_rows=len(held_out),
         unpredicted=bullets(unpredicted, '- none'),
         uncertified=_uncertified(results),
         times=predictions.FACTOR,
@@ -132,11 +133,6 @@ def _missed(found: Sequence[tuple[Result, KernelRow]]) -> list[str]:
         for one, row in found
         if row.met is False
     ]
-
-
-def missed_held_out(results: Sequence[Result]) -> list[str]:
-    """Return a line for each bound that is missed at held-out states."""
-    return _missed([(one, row) for one in results for row in one.held_out])
 
 
 def _kernel(row: KernelRow) -> str:
@@ -222,7 +218,6 @@ def _methods(results: Sequence[Result], dtype: str) -> list[str]:
 
 
 def _peers(results: Sequence[Result]) -> list[str]:
-    """Return the table of peers and of the kernel without and with refinement."""
     installed = {row.way for one in results for row in one.methods}
     lines = []
     for one in results:
@@ -372,7 +367,6 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
 
 
 def _measured(item: Case | Part) -> Any:
-    """Return the result of a case, or the rows of a part of the survey."""
     return measure(item) if isinstance(item, Case) else tuple(item())
 
 

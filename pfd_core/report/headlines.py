@@ -21,9 +21,9 @@ from pfd_core.report.contenders.ours import METHODS
 from pfd_core.report.contenders.pinocchio_cpp import NAME as CPP
 from pfd_core.report.measure import decomposition
 from pfd_core.report.measure.timing import Row
-from pfd_core.report.render.markdown import grid, lines_of, page, paragraph
+from pfd_core.report.render.markdown import Cells, grid, lines_of, page, paragraph
 from pfd_core.report.render.numbers import short
-from pfd_core.report.time_tables import batch_name
+from pfd_core.report.time_tables import batch_name, factor, fastest
 
 # Beginnings of the ways of this library, and of peers whose code is compiled for one robot.
 OURS = (*METHODS, 'pfd')
@@ -58,11 +58,6 @@ BLOCK = re.compile(r'(<!-- speed: (\w+) -->\n).*?(<!-- /speed -->)', re.DOTALL)
 FILES = ('README.md', 'docs/guides/speed-and-accuracy.md')
 
 
-def fastest(rows: Iterable[Row]) -> Row | None:
-    """Return the row of the least time."""
-    return min(rows, key=lambda row: row.minimum, default=None)
-
-
 def peers(rows: Iterable[Row], any_robot: bool = False) -> Iterator[Row]:
     """Yield the rows of peers on one thread; with `any_robot` not those compiled for one robot."""
     for row in rows:
@@ -71,13 +66,6 @@ def peers(rows: Iterable[Row], any_robot: bool = False) -> Iterator[Row]:
         for_one = any_robot and row.way.startswith(ONE_ROBOT)
         if not (ours or shared or refined or for_one):
             yield row
-
-
-def factor(own: Row, peer: Row) -> float:
-    """Return the time of a peer over ours; of neighbouring turns, if both rows have them."""
-    if own.times is None or peer.times is None:
-        return peer.median / own.median
-    return own.times / peer.times
 
 
 def compared(
@@ -144,19 +132,23 @@ def guide_table(rows: Sequence[Row]) -> list[str]:
     return lines_of(titles, lines)
 
 
-def against_strongest(rows: Sequence[Row]) -> list[str]:
-    """Return a table of our fastest ways over the strongest peer, robot by robot."""
+def columns(rows: Sequence[Row]) -> dict[str, tuple[str, str]]:
+    """Return title, work, and how the names of our ways end, of tables over robots."""
     size = batch_name(rows)
-    columns = {
+    return {
         'one bound call': ('call', 'float64: bound'),
         'rollout': ('rollout', 'float64'),
         f'{size}, F order': (size, 'float64, F order'),
         f'{size}, C order': (size, 'float64, C order'),
         f'{size}, F order, float32': (size, 'float32, F order'),
     }
-    cells: dict[tuple[str, object], str] = {}
+
+
+def against_strongest(rows: Sequence[Row]) -> list[str]:
+    """Return a table of our fastest ways over the strongest peer, robot by robot."""
+    cells: Cells = {}
     for robot in dict.fromkeys(row.robot for row in rows):
-        for title, (work, ending) in columns.items():
+        for title, (work, ending) in columns(rows).items():
             found = compared(rows, robot, FORWARD, work, ending)
             cells[robot, title] = '-'
             if found is not None:

@@ -38,7 +38,7 @@ from pfd_core.report.measure.network_times import (
     parallel_pays_below,
 )
 from pfd_core.report.measure.processes import in_one_list
-from pfd_core.report.render.markdown import grid, page
+from pfd_core.report.render.markdown import Cells, grid, page
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import (
     BLACK,
@@ -116,7 +116,6 @@ def _listed(values: Iterable[float]) -> str:
 
 
 def _recording(one: Recorded) -> str:
-    """Return the name of a recording in a table."""
     edition = f', {one.edition}' if one.system in PROCEDURES else ''
     if one.system == ONE_PROCESSOR:
         return f'{title_of(one.method)}, one processor'
@@ -127,9 +126,9 @@ def _recording(one: Recorded) -> str:
     return f'{title_of(one.method)}{edition}{iterations}, {one.packing}'
 
 
-def _at_one_price(recordings: Sequence[Recorded]) -> dict[tuple[str, object], object]:
+def _at_one_price(recordings: Sequence[Recorded]) -> Cells:
     """Return the times of PCRBM's editions for t_r = t_m by edition and network."""
-    cells: dict[tuple[str, object], object] = {}
+    cells: Cells = {}
     for edition in EDITIONS:
         found = of_system(recordings, 'pcrbm', PRINTED_AT, edition)
         for network in NETWORKS:
@@ -145,14 +144,12 @@ def _at_one_price(recordings: Sequence[Recorded]) -> dict[tuple[str, object], ob
 
 
 def _chosen(one: Recorded) -> str:
-    """Return the choice among the recordings of a system."""
     base = 'base origin, ' if one.method == 'pcrbm_base_origin' else ''
     return base + one.packing
 
 
-def _lines(recordings: Sequence[Recorded]) -> dict[tuple[str, object], object]:
-    """Return the time of each recording over t_r."""
-    cells: dict[tuple[str, object], object] = {}
+def _lines(recordings: Sequence[Recorded]) -> Cells:
+    cells: Cells = {}
     for one in recordings:
         cells[_recording(one), 'arithmetic'] = f'{one.arithmetic:g}'
         for network in NETWORKS:
@@ -160,7 +157,7 @@ def _lines(recordings: Sequence[Recorded]) -> dict[tuple[str, object], object]:
     return cells
 
 
-def _best_known(recordings: Sequence[Recorded]) -> dict[tuple[str, object], object]:
+def _best_known(recordings: Sequence[Recorded]) -> Cells:
     """Return the time and the packing of the best known recording by network and price."""
     found = of_system(recordings, 'pcrbm', PRINTED_AT)
     return {
@@ -171,11 +168,9 @@ def _best_known(recordings: Sequence[Recorded]) -> dict[tuple[str, object], obje
     }
 
 
-def _packing(
-    recordings: Sequence[Recorded], shown: Sequence[int]
-) -> dict[tuple[str, object], object]:
+def _packing(recordings: Sequence[Recorded], shown: Sequence[int]) -> Cells:
     """Return the prices below which packing pays, by method and network."""
-    cells: dict[tuple[str, object], object] = {}
+    cells: Cells = {}
     for system, methods in SYSTEMS.items():
         for method in methods:
             own = {
@@ -188,11 +183,9 @@ def _packing(
     return cells
 
 
-def _parallel(
-    recordings: Sequence[Recorded], shown: Sequence[int]
-) -> dict[tuple[str, object], object]:
+def _parallel(recordings: Sequence[Recorded], shown: Sequence[int]) -> Cells:
     """Return the prices below which a system is faster than one processor."""
-    cells: dict[tuple[str, object], object] = {}
+    cells: Cells = {}
     for system in SYSTEMS:
         for network in NETWORKS:
             cells[SHORT[system], TITLES[network]] = ' / '.join(
@@ -209,7 +202,6 @@ def _parallel(
 
 
 def _alone(recordings: Sequence[Recorded], n: int) -> float:
-    """Return the time of one processor."""
     (one,) = of_system(recordings, ONE_PROCESSOR, n)
     return one.arithmetic
 
@@ -225,10 +217,7 @@ def _price(value: float) -> str:
     return f'{value:.2f}' if value else 'never'
 
 
-def _fastest(
-    recordings: Sequence[Recorded], sizes: Sequence[int]
-) -> dict[tuple[str, object], object]:
-    """Return the fastest system by network, price and n."""
+def _fastest(recordings: Sequence[Recorded], sizes: Sequence[int]) -> Cells:
     return {
         (f'{TITLES[network]}, {price:g}', n): SHORT[
             fastest_system(recordings, n, network, price)[0]
@@ -239,9 +228,9 @@ def _fastest(
     }
 
 
-def _crossovers(recordings: Sequence[Recorded]) -> dict[tuple[str, object], object]:
+def _crossovers(recordings: Sequence[Recorded]) -> Cells:
     """Return the n from which the second system of a contest is faster."""
-    cells: dict[tuple[str, object], object] = {}
+    cells: Cells = {}
     for network in NETWORKS:
         for price in FEW_PRICES:
             for one, other in CONTESTS:
@@ -251,8 +240,7 @@ def _crossovers(recordings: Sequence[Recorded]) -> dict[tuple[str, object], obje
     return cells
 
 
-def _choices(recordings: Sequence[Recorded]) -> dict[tuple[str, object], object]:
-    """Return selects, merges and comparisons of each recording."""
+def _choices(recordings: Sequence[Recorded]) -> Cells:
     return {
         (_recording(one), name): getattr(one.choices, name)
         for one in recordings
@@ -273,20 +261,13 @@ def run(
     iterations: Mapping[int, int], folder: Path, sizes: Sequence[int] = NETWORK_SIZES
 ) -> list[Path]:
     """Measure every recording on every network and write the page; progress to a terminal."""
-    recordings = in_one_list(partial(_recorded_at, iterations), sizes, 'routing at each n')
+    at_each = partial(measure_networks, iterations=iterations)
+    recordings = in_one_list(at_each, sizes, 'routing at each n')
     return write(recordings, folder)
 
 
-def _recorded_at(iterations: Mapping[int, int], n: int) -> list[Recorded]:
-    return list(measure_networks([n], iterations))
-
-
 def write(recordings: Sequence[Recorded], folder: Path) -> list[Path]:
-    """
-    Write networks.md and .json, and plots of time over t_r/t_m at each n of DRAWN measured.
-
-    The plots are skipped if matplotlib (extra `report`) is not installed.
-    """
+    """Write networks.md and .json, and plots of time over t_r/t_m at each n of DRAWN measured."""
     pages = write_page(folder, 'networks', markdown(recordings), {'recordings': recordings})
     for n in sorted({one.n for one in recordings} & set(DRAWN)):
         draw = partial(_draw, recordings, n)

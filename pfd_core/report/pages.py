@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from importlib import import_module
 import json
 from pathlib import Path
-import sys
 import time
 
+from pfd_core.report.measure.processes import each
+from pfd_core.report.measure.progress import show_line
 from pfd_core.report.render.markdown import json_text, lines_of, write_text
 
 FOLDER, QUICK_FOLDER = Path('pfd_report'), Path('pfd_report_quick')
@@ -24,6 +25,11 @@ QUICK = (
     '**Quick run** (`--quick`): few rounds, cases and states, to see that everything works. '
     'Its numbers are no results.'
 )
+
+# Errors whose message says what to do.
+EXPECTED = (ValueError, OSError, ImportError, ArithmeticError, RuntimeError)
+# The page that begins a quick run.
+QUICK_FIRST = 'speed-against-error'
 
 
 @dataclass(frozen=True)
@@ -45,6 +51,8 @@ class Page:
         Name of the function of folder and quickness.
     also : tuple of str
         Names of further pages that it writes.
+    clocks : bool
+        Whether it measures times, which other work on the machine would change.
 
     """
 
@@ -54,6 +62,7 @@ class Page:
     module: str
     function: str = 'run'
     also: tuple[str, ...] = ()
+    clocks: bool = False
 
     @property
     def kind(self) -> str:
@@ -93,6 +102,7 @@ PAGES: Sequence[Page] = (
         'cost and error of each effect of a scene, and the smallest scene within a tolerance',
         'scene_pages',
         'example',
+        clocks=True,
     ),
     Page(
         'hard-cases',
@@ -123,14 +133,16 @@ PAGES: Sequence[Page] = (
         'speed --against-error',
         'time against error of every method, integrator and peer',
         'against_error_pages',
+        clocks=True,
     ),
     Page(
         'controlled-arm',
         'controlled-arm',
         'time against error of a UR5 under a controller, and advice',
         'controlled_arm_pages',
+        clocks=True,
     ),
-    Page('speed', 'speed', 'times compared with other libraries', 'speed_pages'),
+    Page('speed', 'speed', 'times compared with other libraries', 'speed_pages', clocks=True),
 )
 
 
@@ -153,6 +165,9 @@ def make_all(folder: Path, quick: bool = False) -> Iterator[Path | str]:
     """
     Make every page and the index; progress goes to stderr, a line for each page.
 
+    Pages with clocks come first, before others have warmed up the machine, and run alone. Other
+    pages measure on all processors. Quick pages, whose times are no results, are made at once.
+
     Yields
     ------
     Path or str
@@ -160,19 +175,58 @@ def make_all(folder: Path, quick: bool = False) -> Iterator[Path | str]:
 
     """
     start = time.monotonic()
-    for k, one in enumerate(PAGES):
-        began = time.monotonic()
-        print(f'{k + 1} of {len(PAGES)}: {one.name}, {one.title}', file=sys.stderr, flush=True)
-        try:
-            yield from one.make(folder, quick)
-        except (ValueError, OSError, ImportError, ArithmeticError, RuntimeError) as error:
-            yield f'{one.name} was not made: {error}'
-        print(f'   {time.monotonic() - began:.0f} s', file=sys.stderr, flush=True)
+    # Quickly the page that compiles longest, whose result others take from disk.
+    first = (one.name == QUICK_FIRST if quick else one.clocks for one in PAGES)
+    order = [PAGES[k] for _, k in sorted((not now, k) for k, now in enumerate(first))]
+    attempts = [_Attempt(one, folder, quick) for one in order]
+    outcomes = each(_attempted, attempts, 'pages') if quick else map(_attempted, attempts)
+    failed: list[str] = []
+    for k, one in enumerate(order):
+        show_line(f'{k + 1} of {len(order)}: {one.name}, {one.title}')
+        outcome = next(outcomes)
+        yield from outcome.files
+        if outcome.error:
+            failed.append(one.name)
+            yield f'{one.name} was not made: {outcome.error}'
+        show_line(f'   {outcome.seconds:.0f} s')
     index = write_text(folder, INDEX, index_text())
     if quick:
         _mark(index)
     yield index
-    print(f'all pages: {time.monotonic() - start:.0f} s', file=sys.stderr, flush=True)
+    missing = f'; not made: {", ".join(failed)}' if failed else ''
+    show_line(f'all pages: {time.monotonic() - start:.0f} s{missing}')
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """A page to be made."""
+
+    page: Page
+    folder: Path
+    quick: bool
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """The files of a page or the reason why it has none, and the seconds that it took."""
+
+    files: Sequence[Path]
+    error: str
+    seconds: float
+
+
+def _attempted(one: _Attempt) -> _Outcome:
+    began = time.monotonic()
+    files: Sequence[Path] = ()
+    reason = ''
+    try:
+        files = one.page.make(one.folder, one.quick)
+    except EXPECTED as error:
+        reason = str(error)
+    except Exception as error:
+        # A mistake of one page, which is no reason to lose the others.
+        reason = f'{type(error).__name__}: {error}; its traceback: pfd report {one.page.command}'
+    return _Outcome(files, reason, time.monotonic() - began)
 
 
 def index_text() -> str:

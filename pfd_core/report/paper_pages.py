@@ -14,7 +14,7 @@ from pathlib import Path
 import re
 
 from pfd_core.report import array_pages, illustrated_pages, pcgm_pages
-from pfd_core.report.cases.equations import EQUATIONS, PROCEDURES, Implemented
+from pfd_core.report.cases.paper import EQUATIONS, PROCEDURES, Implemented
 from pfd_core.report.measure.claims import CLAIMS, Verdict, verdicts
 from pfd_core.report.measure.errata import ERRATA, FEW, STATES
 from pfd_core.report.render.markdown import Columns, page, table, write_text

@@ -20,9 +20,10 @@ from pfd_core.report.measure.pcgm_iterations import (
     VARIANTS,
     Reached,
     Study,
+    joined,
     study,
 )
-from pfd_core.report.measure.timing import show_progress
+from pfd_core.report.measure.processes import in_one_list
 from pfd_core.report.render.markdown import Columns, grid, page, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import BLACK, BLUE, GREEN, GREY, ORANGE, over_joints, save
@@ -145,14 +146,17 @@ PRICES: Columns = {
 
 
 def run(folder: Path, sizes: Sequence[int] = SIZES) -> list[Path]:
-    """Measure and write pcgm.md, .json and .png into a folder; progress goes to a terminal."""
-    measured = study(sizes, show_progress)
-    show_progress('')
-    return write(measured, folder)
+    """Measure and write pcgm.md, .json and .png into a folder."""
+    studies = in_one_list(_study_of, sizes, 'iterations of PCGM at each n')
+    return write(joined(studies), folder)
+
+
+def _study_of(sizes: Sequence[int]) -> list[Study]:
+    return [study(sizes)]
 
 
 def write(measured: Study, folder: Path) -> list[Path]:
-    """Write the page, its data and its plot, which is skipped without matplotlib."""
+    """Write the page, its data and its plot."""
     pages = write_page(folder, 'pcgm', markdown(measured), measured)
     return [*pages, *save(partial(_draw, Found(measured)), folder, 'pcgm', (12, 5), ['png'])]
 

@@ -11,19 +11,24 @@ from typing import Any
 
 from pfd_core.algorithms.emulation import arithmetic
 from pfd_core.machine.program import Steps
-from pfd_core.report.measure.counts import BEST_KNOWN, best_serial, edition_title, title_of
-from pfd_core.report.measure.processors import OnProcessors
+from pfd_core.report.measure.counts import (
+    BEST_KNOWN,
+    Row,
+    best_serial,
+    edition_title,
+    title_of,
+)
 from pfd_core.report.render.markdown import grid, page
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import save
 
 
-def markdown(rows: Sequence[OnProcessors], best: Mapping[int, tuple[str, int]]) -> str:
+def markdown(rows: Sequence[Row], best: Mapping[int, tuple[str, int]]) -> str:
     """Return the whole page; `best` has the best serial method and its arithmetic for each n."""
     return page('processors', sections='\n'.join(_section(rows, n, *best[n]) for n in best))
 
 
-def _section(rows: Sequence[OnProcessors], n: int, best: str, least: int) -> str:
+def _section(rows: Sequence[Row], n: int, best: str, least: int) -> str:
     of_n = [row for row in rows if row.n == n]
     direct = [row for row in of_n if row.speed_up is not None]
     return page(
@@ -41,19 +46,21 @@ def _section(rows: Sequence[OnProcessors], n: int, best: str, least: int) -> str
     )
 
 
-def _grid(rows: Sequence[OnProcessors], cell: Callable[[OnProcessors], str]) -> list[str]:
-    cells: dict[tuple[str, object], object] = {
-        (edition_title(row.system, row.edition), f'p = {row.processors}'): cell(row)
-        for row in rows
-    }
-    return grid(cells, 'system')
+def _grid(rows: Sequence[Row], cell: Callable[[Row], str]) -> list[str]:
+    return grid(
+        {
+            (edition_title(row.system, row.edition), f'p = {row.processors}'): cell(row)
+            for row in rows
+        },
+        'system',
+    )
 
 
 def _sum(steps: Steps) -> str:
     return f'{arithmetic(steps)} + {steps.routes}'
 
 
-def write(rows: Sequence[OnProcessors], folder: Path) -> list[Path]:
+def write(rows: Sequence[Row], folder: Path) -> list[Path]:
     """Write processors.md and .json and, with matplotlib, processors.png into a folder."""
     best = {n: best_serial(n) for n in dict.fromkeys(row.n for row in rows)}
     data = {'best_serial': best, 'processors': rows}
@@ -70,7 +77,7 @@ PANELS = (
 )
 
 
-def _draw(rows: Sequence[OnProcessors], figure: Any) -> None:
+def _draw(rows: Sequence[Row], figure: Any) -> None:
     """Draw speed-ups and efficiencies over p, best known, a column of panels for each n."""
     # The cells of the array are processors that no p has.
     drawn = [row for row in rows if row.edition == BEST_KNOWN and row.units == row.processors]
@@ -102,7 +109,7 @@ def _draw(rows: Sequence[OnProcessors], figure: Any) -> None:
 
 def _lines(
     axes: Any,
-    rows: Sequence[OnProcessors],
+    rows: Sequence[Row],
     field: str,
     color: str,
     style: str,

@@ -69,7 +69,6 @@ def markdown(findings: Findings, quantity: str, references: int = 0) -> str:
 
 
 def _speed_tables(rows: Sequence[Row]) -> str:
-    """Return tables of all ways over the robots, work by work."""
     calls = [row for row in rows if row.work == 'call' and row.difference is not None]
     difference = ['## Difference from Pinocchio\n', 'max|difference| / max|entry| of a state.\n']
     difference += over_robots(calls, difference_cell)
@@ -92,8 +91,7 @@ def write(findings: Findings, folder: Path, quantity: str, references: int = 0) 
     """
     Write the page, its JSON and a plot, and return their paths.
 
-    The plot is over n as PNG, or with references over errors as PNG and SVG; it is skipped where
-    matplotlib (extra `report`) is not installed.
+    The plot is over n as PNG, or with references over errors as PNG and SVG.
     """
     name = f'speed-{"against-error-" * bool(references)}{quantity}'
     pages = write_page(folder, name, markdown(findings, quantity, references), findings)

@@ -19,12 +19,11 @@ from pfd_core.report.measure.scene_margins import Margin
 from pfd_core.report.measure.scene_needs import (
     TIMED_STEPS,
     WINDOW,
-    EffectRow,
     Needs,
     scene_needs,
 )
 from pfd_core.report.measure.scene_search import MOST_EXHAUSTED, pareto_front
-from pfd_core.report.measure.timing import show_progress
+from pfd_core.report.measure.surroundings import described
 from pfd_core.report.render.markdown import Columns, page, paragraph, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import listed, yes
@@ -53,7 +52,7 @@ def markdown(needs: Needs) -> str:
     return page(
         'scene',
         needs=needs,
-        machine=paragraph(_machine(needs.machine)),
+        machine=paragraph(f'{described(needs.machine)}.'),
         departed=_error(needs.departure),
         kept=listed(small.effects),
         gone=listed(row.name for row in needs.effects if not row.needed),
@@ -79,12 +78,6 @@ def markdown(needs: Needs) -> str:
     )
 
 
-def _machine(machine: dict[str, Any]) -> str:
-    versions = ', '.join(f'{name} {number}' for name, number in machine['versions'].items())
-    load = f'load before the start {machine["load"]}'
-    return '; '.join([machine['processor'], versions, load, machine['date']]) + '.'
-
-
 def _margin(margin: Margin) -> str:
     share = '' if math.isnan(margin.value) else f'{100 * margin.value:.3g} %'
     return MARGINS[margin.kind].format(share=share, value=margin.value, joint=margin.joint)
@@ -99,24 +92,20 @@ def _bare(bare: SceneRow) -> str:
 
 
 def _advice(needs: Needs) -> str:
-    """Return what to simulate this motion with, and what it says nothing about."""
     unneeded = [row for row in needs.effects if not row.needed]
     small = [row.name for row in unneeded if row.exercised]
     silent = [row for row in needs.effects if not row.exercised]
+    margins = '; '.join(f'{row.name}: {_margin(row.margin)}' for row in silent)
     advice = f'simulate this motion with {listed(needs.smallest.effects)}.'
     if small:
         advice += f' Leave out {listed(small)}, whose error is within the tolerance.'
     if silent:
         advice += (
             f' The motion says nothing about {listed(row.name for row in silent)}, which do not '
-            f'change it ({"; ".join(map(_silence, silent))}): test with a motion that does, or '
+            f'change it ({margins}): test with a motion that does, or '
             'keep them.'
         )
     return f'**Advice**: {advice}'
-
-
-def _silence(row: EffectRow) -> str:
-    return f'{row.name}: {_margin(row.margin)}'
 
 
 def _unless_refused(row: SceneRow, value: object) -> object:
@@ -206,19 +195,30 @@ def run(
     window: float = WINDOW,
     refused: Mapping[str, str] | None = None,
 ) -> list[Path]:
-    """Measure and write the report into a folder; progress goes to a terminal."""
-    needs = scene_needs(
-        robot, scene, motion, tolerance, window=window, refused=refused, progress=show_progress
-    )
+    """Measure and write the report into a folder."""
+    needs = scene_needs(robot, scene, motion, tolerance, window=window, refused=refused)
     return write(needs, folder)
+
+
+def run_excited(
+    robot: Robot,
+    trajectory: str,
+    tolerance: float,
+    folder: Path,
+    scene: Scene | None = None,
+    window: float = WINDOW,
+) -> list[Path]:
+    """Write the report of a robot that follows an excitation, by default in its full scene."""
+    refused: dict[str, str] = {}
+    if scene is None:
+        scene, refused = full_scene(robot, Scene(), SETTINGS)
+    motion = excited_motion(robot, scene, trajectory)
+    return run(robot, scene, motion, tolerance, folder, window, refused)
 
 
 def example(folder: Path, quick: bool = False) -> list[Path]:
     """Write the report of a PUMA 560 following sines, or quickly of an arm of two joints."""
-    robot = load_robot('planar2' if quick else 'puma560')
-    scene, refused = full_scene(robot, Scene(), SETTINGS)
-    motion = excited_motion(robot, scene, 'sine')
-    return run(robot, scene, motion, 1e-3, folder, refused=refused)
+    return run_excited(load_robot('planar2' if quick else 'puma560'), 'sine', 1e-3, folder)
 
 
 def write(needs: Needs, folder: Path) -> list[Path]:
@@ -226,9 +226,6 @@ def write(needs: Needs, folder: Path) -> list[Path]:
     Write scene.md, scene.json, scene.yaml, scene.png and scene.svg, and return their paths.
 
     scene.yaml is the smallest scene, as `load_scene` reads it.
-
-    The plots are skipped if matplotlib (extra `report`) is not installed. A number that is
-    not finite is null in the JSON.
     """
     folder.mkdir(parents=True, exist_ok=True)
     pictures = save(partial(_draw, needs), folder, 'scene', (9, 6))

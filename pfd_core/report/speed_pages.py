@@ -4,11 +4,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import cycle
-import json
 from pathlib import Path
 import re
 from typing import Any
@@ -20,7 +19,7 @@ from pfd_core.report.measure.first_results import FROM_DISK, PROCESS, WORKS
 from pfd_core.report.measure.speed import QUICK, Findings, Survey, survey
 from pfd_core.report.measure.surroundings import described
 from pfd_core.report.measure.timing import Row
-from pfd_core.report.render.markdown import bullets, grid, page
+from pfd_core.report.render.markdown import Cells, bullets, grid, page
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.numbers import least_and_median
 from pfd_core.report.render.plots import (
@@ -32,12 +31,15 @@ from pfd_core.report.render.plots import (
     over_joints,
     save,
 )
+from pfd_core.report.render.records import read
 from pfd_core.report.time_tables import (
     NOTES,
     batch_name,
     by_work,
     contents,
     difference_cell,
+    factor,
+    fastest,
     limits,
     over_robots,
     share_cell,
@@ -58,6 +60,7 @@ def markdown(findings: Findings) -> str:
     """Return the whole page."""
     rows = findings.rows
     known = dict(by_work(rows))
+    milliseconds = partial(least_and_median, unit=1e3)
     others = page(
         'other-quantities', command=COMMAND, notes=NOTES, summary=summary(findings.others)
     )
@@ -75,7 +78,12 @@ def markdown(findings: Findings) -> str:
         limits=limits(rows),
         process=PROCESS,
         first_results='\n\n'.join(
-            '\n'.join([f'### {work.capitalize()}\n', *over_robots(known[work], _milliseconds)])
+            '\n'.join(
+                [
+                    f'### {work.capitalize()}\n',
+                    *over_robots(known[work], milliseconds),
+                ]
+            )
             for work in PREPARED
             if work in known
         ),
@@ -86,46 +94,30 @@ def markdown(findings: Findings) -> str:
     )
 
 
-def _milliseconds(row: Row) -> str:
-    return least_and_median(row.minimum, row.median, 1e3)
-
-
 def _summary(rows: Sequence[Row]) -> str:
     """Return a table of our speed-up over Pinocchio's fastest way, robot by robot."""
     size = batch_name(rows)
-    columns: dict[str, Callable[[Row], bool]] = {
-        'call with out=': lambda row: (
-            row.work == 'call' and 'float64: kernel(..., out=)' in row.way
-        ),
-        'bound call': lambda row: row.work == 'call' and 'float64: bound' in row.way,
-        'rollout': lambda row: row.work == 'rollout' and 'float64' in row.way,
-        f'{size}, F order': lambda row: row.work == size and row.way.endswith('float64, F order'),
-        f'{size}, C order': lambda row: row.work == size and 'float64, C' in row.way,
-        f'{size}, F order, float32': lambda row: row.work == size and 'float32, F' in row.way,
-    }
-    ratios: dict[tuple[str, object], str] = {}
+    columns = {'call with out=': ('call', 'float64: kernel(..., out=)'), **headlines.columns(rows)}
+    ratios: Cells = {}
     for robot in dict.fromkeys(row.robot for row in rows):
         own = [row for row in rows if row.robot == robot and row.way.startswith(tuple(METHODS))]
-        for title, fits in columns.items():
-            best = headlines.fastest(filter(fits, own))
+        for title, (work, ending) in columns.items():
+            best = fastest(row for row in own if row.work == work and row.way.endswith(ending))
             ratios[robot, title] = '-' if best is None else _over_pinocchio(best, rows)
         ratios[robot, SHARE] = _share(own, size)
     return page('speed-summary', batch=size, ratios=grid(ratios, 'robot'))
 
 
 def _over_pinocchio(own: Row, rows: Sequence[Row]) -> str:
-    """Return the time of Pinocchio's fastest way of the same work over ours."""
     same = (row for row in rows if (row.robot, row.work) == (own.robot, own.work))
     ways = (row for row in headlines.peers(same, any_robot=True) if 'inocchio' in row.way)
-    peer = headlines.fastest(ways)
-    return '-' if peer is None else f'{headlines.factor(own, peer):.1f}'
+    peer = fastest(ways)
+    return '-' if peer is None else f'{factor(own, peer):.1f}'
 
 
 def _share(own: Sequence[Row], size: str) -> str:
-    """Return the share of the port limit of the fastest kernel in float64."""
     suffix = ', F order'
-    batches = [row for row in own if row.work == size and row.way.endswith(f'float64{suffix}')]
-    best = min(batches, key=lambda row: row.minimum, default=None)
+    best = fastest(row for row in own if row.work == size and row.way.endswith(f'float64{suffix}'))
     name = None if best is None else best.way.removesuffix(suffix)
     limit = (row for row in own if row.work == port_limit.WORK and row.way == name)
     return share_cell(next(limit, None))
@@ -149,28 +141,17 @@ def run(folder: Path, quick: bool = False, plan: Survey | None = None) -> list[P
     return write(survey(plan or (QUICK if quick else Survey())), folder)
 
 
-def stored(path: Path) -> Findings:
-    """Return the findings of a speed.json."""
-    data = json.loads(path.read_text(encoding='utf-8'))
-    rows, others = ([Row(**row) for row in data[name]] for name in ('rows', 'others'))
-    return Findings(rows, data['left_out'], data['machine'], others)
-
-
 def publish(root: Path) -> list[Path]:
     """Write the page of docs/report/speed.json, and the blocks of README.md and the guide."""
     folder = root / 'docs' / 'report'
-    findings = stored(folder / 'speed.json')
+    findings = read(Findings, folder / 'speed.json')
     paths = write(findings, folder)
     rows = [*findings.rows, *findings.others]
     return [*paths, *headlines.publish(rows, findings.machine, root)]
 
 
 def write(findings: Findings, folder: Path) -> list[Path]:
-    """
-    Write speed.md, speed.json and a plot, speed.png, and return their paths.
-
-    The plot is skipped if matplotlib (extra `report`) is not installed.
-    """
+    """Write speed.md, speed.json and a plot, speed.png, and return their paths."""
     pages = write_page(folder, 'speed', markdown(findings), findings)
     return [*pages, *plot(findings.rows, folder, 'speed')]
 

@@ -8,7 +8,7 @@ The quantities are those other than forward dynamics; their plot has a panel for
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,17 +19,7 @@ from pfd_core.report.measure.evaluations import Point
 from pfd_core.report.measure.timing import MIDDLE_BATCH, Row
 from pfd_core.report.render.markdown import grid, lines_of, page
 from pfd_core.report.render.numbers import least_and_median, order, short
-from pfd_core.report.render.plots import (
-    BLUE,
-    CASADI,
-    ORANGE,
-    PINOCCHIO,
-    SKY,
-    VERMILLION,
-    logarithmic,
-    marks,
-    save,
-)
+from pfd_core.report.render.plots import CASADI, KERNELS, PINOCCHIO, logarithmic, mark, save
 
 NOTES = page('quantity-notes', step=LINEAR_STEP * 1e3)
 
@@ -83,10 +73,22 @@ def batch_name(rows: Sequence[Row]) -> str:
     return min(batches, key=lambda work: abs(int(work.split()[-1]) - MIDDLE_BATCH), default='')
 
 
+def fastest(rows: Iterable[Row]) -> Row | None:
+    """Return the row of the least time."""
+    return min(rows, key=lambda row: row.minimum, default=None)
+
+
+def factor(own: Row, peer: Row) -> float:
+    """Return the time of a peer over ours; of neighbouring turns, if both rows have them."""
+    if own.times is None or peer.times is None:
+        return peer.median / own.median
+    return own.times / peer.times
+
+
 def time_cell(row: Row) -> str:
     """Return minimum / median [ns], and in brackets the speed in times the reference."""
     ratio = '' if row.times is None else f' ({short(row.times)})'
-    return least_and_median(row.minimum, row.median) + ratio
+    return least_and_median(row) + ratio
 
 
 def share_cell(row: Row | None) -> str:
@@ -95,7 +97,7 @@ def share_cell(row: Row | None) -> str:
 
 
 def _limit_cell(row: Row) -> str:
-    return f'{least_and_median(row.minimum, row.median)} ({share_cell(row)})'
+    return f'{least_and_median(row)} ({share_cell(row)})'
 
 
 def difference_cell(row: Row) -> str:
@@ -156,13 +158,8 @@ def _ratios(rows: Sequence[Row], work: str, way: str) -> list[str]:
     own = known[way]
     ratios = ['-' if own.times is None else short(own.times)]
     peer = next((row for name, row in known.items() if name.startswith('CasADi')), None)
-    if peer is None:
-        ratios.append('-')
-    elif own.times is None or peer.times is None:
-        ratios.append(short(peer.median / own.median))
-    else:
-        ratios.append(short(own.times / peer.times))
-    return [least_and_median(own.minimum, own.median), *ratios]
+    ratios.append('-' if peer is None else short(factor(own, peer)))
+    return [least_and_median(own), *ratios]
 
 
 def contender(row: Row) -> str:
@@ -172,25 +169,23 @@ def contender(row: Row) -> str:
 
 
 def _least(rows: Sequence[Row], way: str, work: str) -> Row | None:
-    """Return the fastest row of a contender at a work."""
-    found = [row for row in rows if row.work == work and contender(row) == way]
-    return min(found, key=lambda row: row.minimum, default=None)
+    return fastest(row for row in rows if row.work == work and contender(row) == way)
 
 
 def _time_and_error(rows: Sequence[Row], way: str, batch: str) -> list[str]:
-    """Return the least times of a contender and its largest error."""
     found = [_least(rows, way, work) for work in ('call', batch)]
     errors = [row.error for row in rows if contender(row) == way and row.error is not None]
-    times = ['-' if row is None else least_and_median(row.minimum, row.median) for row in found]
+    times = ['-' if row is None else least_and_median(row) for row in found]
     return [*times, order(max(errors)) if errors else '-']
 
 
 # Beginning of a contender's name: colour and marker; the first that fits is taken.
 STYLES = {
-    'pfd float64 refined': (BLUE, 'o'),
-    'pfd float64': (SKY, 'o'),
-    'pfd float32 refined': (VERMILLION, '^'),
-    'pfd float32': (ORANGE, '^'),
+    **{
+        f'pfd {dtype}{" refined" * refine}': KERNELS[dtype, refine]
+        for dtype in ('float64', 'float32')
+        for refine in (1, 0)
+    },
     'pinocchio': (PINOCCHIO, 's'),
     'CasADi': (CASADI, '*'),
 }
@@ -234,9 +229,9 @@ def _draw(
     figure.supylabel(f'time of a state, {batch} [ns]')
     figure.suptitle('Time against error, one thread. Down and left is better.')
     seen = {_style(contender(row)) for row in rows if row.error is not None}
-    entries = marks(
-        (*style, LABELS.get(label, label)) for label, style in STYLES.items() if label in seen
-    )
+    entries = [
+        mark(*style, LABELS.get(label, label)) for label, style in STYLES.items() if label in seen
+    ]
     figure.legend(handles=entries, loc='outside lower center', ncols=6, frameon=False)
 
 

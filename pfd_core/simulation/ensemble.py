@@ -28,6 +28,8 @@ from pfd_core.kernels.codegen.arms import SLOTS
 from pfd_core.kernels.codegen.step import REPORT
 from pfd_core.kernels.runtime.threads import MAX_BLOCK_WORK, block_size, run, thread_count
 from pfd_core.kernels.simulations import NativeEnsemble, compile_ensemble
+from pfd_core.kernels.spec import KernelSpec
+from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene, given_scene
 from pfd_core.model.checked_numbers import (
     LARGEST_INTEGER,
@@ -70,7 +72,6 @@ class Ensemble(Simulation):
     """
 
     _native: NativeEnsemble
-    _compiler = staticmethod(compile_ensemble)
 
     def __init__(
         self, robot: Robot, size: int, scene: Scene | None = None, **settings: Any
@@ -82,6 +83,9 @@ class Ensemble(Simulation):
         self.size = integer('size', size, 1, math.inf)
         self.batch = (self.size,)
         super().__init__(robot, scene, **settings)
+
+    def _compiler(self, spec: KernelSpec, step: Program, **contents: Any) -> NativeEnsemble:
+        return compile_ensemble(spec, step, arms=self.size, **contents)
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         names = (*REPORT, *self._native.rows)

@@ -168,10 +168,12 @@ def record_step(
 
     It calls the function `qdd`; where damping is implicit, `undamped` and `solve` instead. Rows
     are added for positions with `compensated` sums, for motors with a lag (n,) [s], and for steps
-    that are cut at `events`, which may be too many.
+    that are cut at `events`, which may be too many. Such a step evaluates the acceleration at its
+    beginning, with the joints that friction and stops hold then, and does not carry it.
     """
     recorder = Recorder(n)
-    carried = {part: recorder.input(part, range(n)) for part in integrator.carried}
+    rows = [part for part in integrator.carried if not (events and part == 'qdd')]
+    carried = {part: recorder.input(part, range(n)) for part in rows}
     low = CompensatedSum(recorder) if compensated else None
     torque = None if motor_lag is None else LaggedTorque(recorder, motor_lag, h)
     solved = damping if integrator.implicit else None
@@ -186,9 +188,11 @@ def record_step(
         None if solved is None else partial(recorder.call, 'solve'),
         None if solved is None else recorder.constant(solved),
     )
-    if torque is not None and torque.jumps and 'qdd' in carried:
+    jumps = events or (torque is not None and torque.jumps)
+    if jumps and 'qdd' in integrator.carried:
         carried['qdd'] = accelerations(carried['q'], carried['qd'], 0)
-    end = dict(zip(carried, integrator.step(system, h, *carried.values()), strict=True))
+    moved = dict(zip(carried, integrator.step(system, h, *carried.values()), strict=True))
+    end = {part: moved[part] for part in rows}
     unfinished = UnfinishedStep(recorder) if events else None
     end |= {row.name: row.end() for row in (low, torque, unfinished) if row is not None}
     for name, value in end.items():

@@ -41,7 +41,7 @@ from pfd_core.model.scene_checks import INPUT, switch
 from pfd_core.simulation.contact.events import MOST_SEGMENTS
 from pfd_core.simulation.contact.modes import PIVOTS
 from pfd_core.simulation.contact.programs import contact_programs, has_contact
-from pfd_core.simulation.contact.schemes import RK4, imex2
+from pfd_core.simulation.contact.schemes import RK4, VELOCITY_VERLET, imex2
 from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, record_step
 from pfd_core.simulation.linearisation import Linearization, LinearStep
 from pfd_core.simulation.rows import LaggedTorque, UnfinishedStep, decays
@@ -49,7 +49,11 @@ from pfd_core.simulation.state import SimulationState
 from pfd_core.simulation.stiffness import check_damping, check_springs, chosen
 
 # By the integrators whose steps can be cut at events of friction and stops.
-SCHEMES = {'rk4': RK4, 'imex2': imex2(IMEX_DIAGONAL, IMEX_FIRST)}
+SCHEMES = {
+    'rk4': RK4,
+    'velocity_verlet': VELOCITY_VERLET,
+    'imex2': imex2(IMEX_DIAGONAL, IMEX_FIRST),
+}
 # A step of more substeps than this is better cut into several.
 SUBSTEPS_AT_MOST = 100_000
 # Larger angles [rad] have lost more than 2e-7 rad in float64 and 1e-4 rad in float32 already.
@@ -161,12 +165,18 @@ class Simulation(ABC):
         if not has_contact(plant):
             return None
         implicit = TABLE[self.integrator].implicit
-        if self.integrator not in SCHEMES or (implicit and plant.viscosity is None):
+        known = {
+            name: scheme
+            for name, scheme in SCHEMES.items()
+            if plant.viscosity is not None or not scheme.implicit
+        }
+        if self.integrator not in known:
             raise ValueError(
-                "friction and joint_limits of the scene need integrator='rk4', or 'imex2' with "
-                f'damping, whose steps are cut at events, got {self.integrator!r}'
+                f'integrator must be one of {sorted(known)} in a scene with friction or '
+                'joint_limits'
+                f'{" and without damping" * (plant.viscosity is None)}, got {self.integrator!r}'
             )
-        scheme = SCHEMES[self.integrator]
+        scheme = known[self.integrator]
         exact = None
         if plant.motor_lag is not None:
             exact = decays(plant.motor_lag, scheme.middle * h), decays(plant.motor_lag, h)

@@ -12,8 +12,9 @@ import sys
 import pfd_core as pfd
 from pfd_core.report import pages
 from pfd_core.report.cases.quantities import QUANTITIES
+from pfd_core.report.measure.progress import reported
 from pfd_ros.cli import log_page
-from pfd_ros.cli.terminal import progress_on
+from pfd_ros.cli.terminal import ended_by_signals, progress_on
 from pfd_ros.text import one_line
 
 LOG = 'one HTML page of a log: what went wrong first, and its curves; opens without network'
@@ -106,6 +107,12 @@ def run(given: argparse.Namespace) -> int:
         raise ValueError(f'{given.what} takes no --quick')
     if given.what == 'log':
         return log_page.run(given)
+    # Also SIGTERM and SIGHUP end the processes and compilers that measure.
+    with ended_by_signals(), reported():
+        return _measure(given, quick)
+
+
+def _measure(given: argparse.Namespace, quick: bool) -> int:
     folder = getattr(given, 'out', None) or (pages.QUICK_FOLDER if quick else pages.FOLDER)
     if given.what is None:
         return _run_all(folder, quick)
@@ -133,25 +140,23 @@ def _run_all(folder: Path, quick: bool) -> int:
 
 def _run_scene(given: argparse.Namespace, folder: Path) -> list[Path]:
     from pfd_core.report import scene_pages
-    from pfd_core.report.cases import excitations
+    from pfd_core.report.cases.excitations import excitation_named
     from pfd_core.report.measure.scene_effects import full_scene
     from pfd_ros.cli.recorded_motion import read_motion
 
-    scene = pfd.Scene() if given.scene is None else pfd.load_scene(given.scene)
-    refused: dict[str, str] = {}
-    path = Path(given.trajectory)
-    if path.suffix == '.mcap' or path.is_file():
-        robot, recorded, motion = read_motion(path, given.robot, progress_on(sys.stderr))
-        # The brakes of a recording are an input, whatever the scene.
-        scene = recorded if given.scene is None else replace(scene, brakes=True)
-        if given.scene is None:
-            scene, refused = full_scene(robot, scene, motion.settings)
-    else:
-        excitations.excitation_named(given.trajectory)
+    scene = None if given.scene is None else pfd.load_scene(given.scene)
+    path, name, tolerance = Path(given.trajectory), given.trajectory, given.tolerance
+    if path.suffix != '.mcap' and not path.is_file():
+        excitation_named(name)
         if given.robot is None:
-            raise ValueError(f'the trajectory {given.trajectory!r} needs a --robot')
+            raise ValueError(f'the trajectory {name!r} needs a --robot')
         robot = pfd.load_robot(given.robot)
-        if given.scene is None:
-            scene, refused = full_scene(robot, scene, excitations.SETTINGS)
-        motion = excitations.excited_motion(robot, scene, given.trajectory)
-    return scene_pages.run(robot, scene, motion, given.tolerance, folder, given.window, refused)
+        return scene_pages.run_excited(robot, name, tolerance, folder, scene, given.window)
+    refused: dict[str, str] = {}
+    robot, recorded, motion = read_motion(path, given.robot, progress_on(sys.stderr))
+    if scene is None:
+        scene, refused = full_scene(robot, recorded, motion.settings)
+    else:
+        # The brakes of a recording are an input, whatever the scene.
+        scene = replace(scene, brakes=True)
+    return scene_pages.run(robot, scene, motion, tolerance, folder, given.window, refused)

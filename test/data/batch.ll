@@ -131,7 +131,7 @@ done12:
   ret void
 }
 
-define i64 @batch(i64 %count, ptr %table) {
+define i64 @rows(i64 %count, ptr %table) {
 entry:
   %a31 = alloca [2 x <4 x double>], align 64
   %a32 = alloca [2 x <4 x double>], align 64
@@ -461,6 +461,381 @@ done17:
   br i1 %v19, label %loop1, label %done20
 done20:
   ret void
+}
+
+define internal void @copy_columns(i1 %wanted, i64 %elements, ptr %source, i64 %source.column, ptr %target, i64 %target.column) {
+entry:
+  br i1 %wanted, label %then1, label %after2
+then1:
+  br label %loop3
+loop3:
+  %v4 = phi i64 [ 0, %then1 ], [ %v57, %loop3 ]
+  %v5 = mul i64 %v4, %source.column
+  %v6 = getelementptr i8, ptr %source, i64 %v5
+  %v7 = mul i64 %v4, %target.column
+  %v8 = getelementptr i8, ptr %target, i64 %v7
+  %v9 = getelementptr <4 x double>, ptr %v6, i64 0
+  %v10 = load <4 x double>, ptr %v9, align 8
+  %v11 = getelementptr <4 x double>, ptr %v8, i64 0
+  store <4 x double> %v10, ptr %v11, align 8
+  %v12 = getelementptr <4 x double>, ptr %v6, i64 1
+  %v13 = load <4 x double>, ptr %v12, align 8
+  %v14 = getelementptr <4 x double>, ptr %v8, i64 1
+  store <4 x double> %v13, ptr %v14, align 8
+  %v15 = getelementptr <4 x double>, ptr %v6, i64 2
+  %v16 = load <4 x double>, ptr %v15, align 8
+  %v17 = getelementptr <4 x double>, ptr %v8, i64 2
+  store <4 x double> %v16, ptr %v17, align 8
+  %v18 = getelementptr <4 x double>, ptr %v6, i64 3
+  %v19 = load <4 x double>, ptr %v18, align 8
+  %v20 = getelementptr <4 x double>, ptr %v8, i64 3
+  store <4 x double> %v19, ptr %v20, align 8
+  %v21 = getelementptr <4 x double>, ptr %v6, i64 4
+  %v22 = load <4 x double>, ptr %v21, align 8
+  %v23 = getelementptr <4 x double>, ptr %v8, i64 4
+  store <4 x double> %v22, ptr %v23, align 8
+  %v24 = getelementptr <4 x double>, ptr %v6, i64 5
+  %v25 = load <4 x double>, ptr %v24, align 8
+  %v26 = getelementptr <4 x double>, ptr %v8, i64 5
+  store <4 x double> %v25, ptr %v26, align 8
+  %v27 = getelementptr <4 x double>, ptr %v6, i64 6
+  %v28 = load <4 x double>, ptr %v27, align 8
+  %v29 = getelementptr <4 x double>, ptr %v8, i64 6
+  store <4 x double> %v28, ptr %v29, align 8
+  %v30 = getelementptr <4 x double>, ptr %v6, i64 7
+  %v31 = load <4 x double>, ptr %v30, align 8
+  %v32 = getelementptr <4 x double>, ptr %v8, i64 7
+  store <4 x double> %v31, ptr %v32, align 8
+  %v33 = getelementptr <4 x double>, ptr %v6, i64 8
+  %v34 = load <4 x double>, ptr %v33, align 8
+  %v35 = getelementptr <4 x double>, ptr %v8, i64 8
+  store <4 x double> %v34, ptr %v35, align 8
+  %v36 = getelementptr <4 x double>, ptr %v6, i64 9
+  %v37 = load <4 x double>, ptr %v36, align 8
+  %v38 = getelementptr <4 x double>, ptr %v8, i64 9
+  store <4 x double> %v37, ptr %v38, align 8
+  %v39 = getelementptr <4 x double>, ptr %v6, i64 10
+  %v40 = load <4 x double>, ptr %v39, align 8
+  %v41 = getelementptr <4 x double>, ptr %v8, i64 10
+  store <4 x double> %v40, ptr %v41, align 8
+  %v42 = getelementptr <4 x double>, ptr %v6, i64 11
+  %v43 = load <4 x double>, ptr %v42, align 8
+  %v44 = getelementptr <4 x double>, ptr %v8, i64 11
+  store <4 x double> %v43, ptr %v44, align 8
+  %v45 = getelementptr <4 x double>, ptr %v6, i64 12
+  %v46 = load <4 x double>, ptr %v45, align 8
+  %v47 = getelementptr <4 x double>, ptr %v8, i64 12
+  store <4 x double> %v46, ptr %v47, align 8
+  %v48 = getelementptr <4 x double>, ptr %v6, i64 13
+  %v49 = load <4 x double>, ptr %v48, align 8
+  %v50 = getelementptr <4 x double>, ptr %v8, i64 13
+  store <4 x double> %v49, ptr %v50, align 8
+  %v51 = getelementptr <4 x double>, ptr %v6, i64 14
+  %v52 = load <4 x double>, ptr %v51, align 8
+  %v53 = getelementptr <4 x double>, ptr %v8, i64 14
+  store <4 x double> %v52, ptr %v53, align 8
+  %v54 = getelementptr <4 x double>, ptr %v6, i64 15
+  %v55 = load <4 x double>, ptr %v54, align 8
+  %v56 = getelementptr <4 x double>, ptr %v8, i64 15
+  store <4 x double> %v55, ptr %v56, align 8
+  %v57 = add i64 %v4, 1
+  %v58 = icmp ult i64 %v57, %elements
+  br i1 %v58, label %loop3, label %done59
+done59:
+  br label %after2
+after2:
+  ret void
+}
+
+define i64 @batch(i64 %count, ptr %table) {
+entry:
+  %a202 = alloca [15 x i64], align 64
+  %a203 = alloca [32 x <4 x double>], align 64
+  %a204 = alloca [32 x <4 x double>], align 64
+  %a205 = alloca [32 x <4 x double>], align 64
+  %a206 = alloca [32 x <4 x double>], align 64
+  %a207 = alloca [32 x <4 x double>], align 64
+  %v1 = getelementptr i64, ptr %table, i64 0
+  %v2 = getelementptr i64, ptr %table, i64 1
+  %v3 = getelementptr i64, ptr %table, i64 2
+  %v4 = load ptr, ptr %v1
+  %v5 = load i64, ptr %v2
+  %v6 = load i64, ptr %v3
+  %v7 = getelementptr i64, ptr %table, i64 3
+  %v8 = getelementptr i64, ptr %table, i64 4
+  %v9 = getelementptr i64, ptr %table, i64 5
+  %v10 = load ptr, ptr %v7
+  %v11 = load i64, ptr %v8
+  %v12 = load i64, ptr %v9
+  %v13 = getelementptr i64, ptr %table, i64 6
+  %v14 = getelementptr i64, ptr %table, i64 7
+  %v15 = getelementptr i64, ptr %table, i64 8
+  %v16 = load ptr, ptr %v13
+  %v17 = load i64, ptr %v14
+  %v18 = load i64, ptr %v15
+  %v19 = getelementptr i64, ptr %table, i64 9
+  %v20 = getelementptr i64, ptr %table, i64 10
+  %v21 = getelementptr i64, ptr %table, i64 11
+  %v22 = load ptr, ptr %v19
+  %v23 = load i64, ptr %v20
+  %v24 = load i64, ptr %v21
+  %v25 = getelementptr i64, ptr %table, i64 12
+  %v26 = getelementptr i64, ptr %table, i64 13
+  %v27 = getelementptr i64, ptr %table, i64 14
+  %v28 = load ptr, ptr %v25
+  %v29 = load i64, ptr %v26
+  %v30 = load i64, ptr %v27
+  %v31 = icmp eq i64 %v5, 8
+  %v32 = icmp eq i64 %v11, 8
+  %v33 = icmp eq i64 %v17, 8
+  %v34 = icmp eq i64 %v23, 8
+  %v35 = icmp eq i64 %v29, 8
+  %v36 = sub i64 0, %v30
+  %v37 = and i64 %v30, %v36
+  %v38 = call i64 @llvm.umin.i64(i64 %v37, i64 4096)
+  %v39 = icmp uge i64 %count, 512
+  %v40 = mul i64 %v38, 10
+  %v41 = icmp ugt i64 %v40, 32768
+  %v42 = and i1 %v31, %v32
+  %v43 = and i1 %v42, %v33
+  %v44 = and i1 %v43, %v34
+  %v45 = and i1 %v44, %v35
+  %v46 = and i1 %v45, %v39
+  %v47 = and i1 %v46, %v41
+  %v48 = xor i1 %v47, true
+  br i1 %v48, label %then49, label %after50
+then49:
+  %v51 = call i64 @rows(i64 %count, ptr %table)
+  ret i64 %v51
+after50:
+  %v52 = ptrtoint ptr %v4 to i64
+  %v53 = ptrtoint ptr %v10 to i64
+  %v54 = ptrtoint ptr %v16 to i64
+  %v55 = ptrtoint ptr %v22 to i64
+  %v56 = ptrtoint ptr %v28 to i64
+  %v57 = sub i64 %v38, 1
+  %v58 = sub i64 %v52, %v53
+  %v59 = sub i64 %v58, -127
+  %v60 = and i64 %v59, %v57
+  %v61 = icmp ule i64 %v60, 254
+  %v62 = select i1 %v61, i64 2, i64 0
+  %v63 = add i64 2, %v62
+  %v64 = select i1 %v61, i64 2, i64 0
+  %v65 = add i64 2, %v64
+  %v66 = sub i64 %v52, %v54
+  %v67 = sub i64 %v66, -127
+  %v68 = and i64 %v67, %v57
+  %v69 = icmp ule i64 %v68, 254
+  %v70 = select i1 %v69, i64 2, i64 0
+  %v71 = add i64 %v63, %v70
+  %v72 = select i1 %v69, i64 2, i64 0
+  %v73 = add i64 2, %v72
+  %v74 = sub i64 %v52, %v55
+  %v75 = sub i64 %v74, -127
+  %v76 = and i64 %v75, %v57
+  %v77 = icmp ule i64 %v76, 254
+  %v78 = select i1 %v77, i64 2, i64 0
+  %v79 = add i64 %v71, %v78
+  %v80 = select i1 %v77, i64 2, i64 0
+  %v81 = add i64 2, %v80
+  %v82 = sub i64 %v52, %v56
+  %v83 = sub i64 %v82, -127
+  %v84 = and i64 %v83, %v57
+  %v85 = icmp ule i64 %v84, 254
+  %v86 = select i1 %v85, i64 2, i64 0
+  %v87 = add i64 %v79, %v86
+  %v88 = select i1 %v85, i64 2, i64 0
+  %v89 = add i64 2, %v88
+  %v90 = sub i64 %v53, %v54
+  %v91 = sub i64 %v90, -127
+  %v92 = and i64 %v91, %v57
+  %v93 = icmp ule i64 %v92, 254
+  %v94 = select i1 %v93, i64 2, i64 0
+  %v95 = add i64 %v65, %v94
+  %v96 = select i1 %v93, i64 2, i64 0
+  %v97 = add i64 %v73, %v96
+  %v98 = sub i64 %v53, %v55
+  %v99 = sub i64 %v98, -127
+  %v100 = and i64 %v99, %v57
+  %v101 = icmp ule i64 %v100, 254
+  %v102 = select i1 %v101, i64 2, i64 0
+  %v103 = add i64 %v95, %v102
+  %v104 = select i1 %v101, i64 2, i64 0
+  %v105 = add i64 %v81, %v104
+  %v106 = sub i64 %v53, %v56
+  %v107 = sub i64 %v106, -127
+  %v108 = and i64 %v107, %v57
+  %v109 = icmp ule i64 %v108, 254
+  %v110 = select i1 %v109, i64 2, i64 0
+  %v111 = add i64 %v103, %v110
+  %v112 = select i1 %v109, i64 2, i64 0
+  %v113 = add i64 %v89, %v112
+  %v114 = sub i64 %v54, %v55
+  %v115 = sub i64 %v114, -127
+  %v116 = and i64 %v115, %v57
+  %v117 = icmp ule i64 %v116, 254
+  %v118 = select i1 %v117, i64 2, i64 0
+  %v119 = add i64 %v97, %v118
+  %v120 = select i1 %v117, i64 2, i64 0
+  %v121 = add i64 %v105, %v120
+  %v122 = sub i64 %v54, %v56
+  %v123 = sub i64 %v122, -127
+  %v124 = and i64 %v123, %v57
+  %v125 = icmp ule i64 %v124, 254
+  %v126 = select i1 %v125, i64 2, i64 0
+  %v127 = add i64 %v119, %v126
+  %v128 = select i1 %v125, i64 2, i64 0
+  %v129 = add i64 %v113, %v128
+  %v130 = sub i64 %v55, %v56
+  %v131 = sub i64 %v130, -127
+  %v132 = and i64 %v131, %v57
+  %v133 = icmp ule i64 %v132, 254
+  %v134 = select i1 %v133, i64 2, i64 0
+  %v135 = add i64 %v121, %v134
+  %v136 = select i1 %v133, i64 2, i64 0
+  %v137 = add i64 %v129, %v136
+  %v138 = mul i64 %v38, %v87
+  %v139 = icmp ugt i64 %v138, 32768
+  %v140 = mul i64 %v38, %v111
+  %v141 = icmp ugt i64 %v140, 32768
+  %v142 = mul i64 %v38, %v127
+  %v143 = icmp ugt i64 %v142, 32768
+  %v144 = mul i64 %v38, %v135
+  %v145 = icmp ugt i64 %v144, 32768
+  %v146 = mul i64 %v38, %v137
+  %v147 = icmp ugt i64 %v146, 32768
+  %v148 = or i1 %v139, %v141
+  %v149 = or i1 %v148, %v143
+  %v150 = or i1 %v149, %v145
+  %v151 = or i1 %v150, %v147
+  %v152 = xor i1 %v151, true
+  br i1 %v152, label %then153, label %after154
+then153:
+  %v155 = call i64 @rows(i64 %count, ptr %table)
+  ret i64 %v155
+after154:
+  %v156 = sub i64 0, %v56
+  %v157 = and i64 %v156, 63
+  %v158 = udiv i64 %v157, 8
+  %v159 = icmp ne i64 %v158, 0
+  br i1 %v159, label %then160, label %after161
+then160:
+  %v162 = call i64 @rows(i64 %v158, ptr %table)
+  br label %after161
+after161:
+  %v163 = phi i64 [ %v162, %then160 ], [ 0, %after154 ]
+  %v164 = mul i64 %v158, 8
+  %v165 = sub i64 %v56, %v52
+  %v166 = sub i64 %v165, 1
+  %v167 = and i64 %v166, %v57
+  %v168 = icmp ule i64 %v167, 126
+  %v169 = sub i64 %v56, %v53
+  %v170 = sub i64 %v169, 1
+  %v171 = and i64 %v170, %v57
+  %v172 = icmp ule i64 %v171, 126
+  %v173 = sub i64 %v56, %v54
+  %v174 = sub i64 %v173, 1
+  %v175 = and i64 %v174, %v57
+  %v176 = icmp ule i64 %v175, 126
+  %v177 = sub i64 %v56, %v55
+  %v178 = sub i64 %v177, 1
+  %v179 = and i64 %v178, %v57
+  %v180 = icmp ule i64 %v179, 126
+  %v181 = or i1 %v139, %v141
+  %v182 = or i1 %v181, %v143
+  %v183 = or i1 %v182, %v145
+  %v184 = or i1 %v183, %v147
+  %v185 = or i1 %v184, %v168
+  %v186 = or i1 %v185, %v172
+  %v187 = or i1 %v186, %v176
+  %v188 = or i1 %v187, %v180
+  %v189 = mul i64 %v38, 8
+  %v190 = icmp ugt i64 %v189, 65536
+  %v191 = and i1 %v188, %v190
+  %v192 = mul i64 %v38, 6
+  %v193 = icmp ugt i64 %v192, 65536
+  %v194 = and i1 %v188, %v193
+  %v195 = mul i64 %v38, 4
+  %v196 = icmp ugt i64 %v195, 65536
+  %v197 = and i1 %v188, %v196
+  %v198 = mul i64 %v38, 2
+  %v199 = icmp ugt i64 %v198, 65536
+  %v200 = and i1 %v188, %v199
+  %v201 = select i1 %v188, i64 64, i64 %count
+  %v208 = getelementptr i64, ptr %a202, i64 1
+  store i64 %v5, ptr %v208
+  %v209 = getelementptr i64, ptr %a202, i64 4
+  store i64 %v11, ptr %v209
+  %v210 = getelementptr i64, ptr %a202, i64 7
+  store i64 %v17, ptr %v210
+  %v211 = getelementptr i64, ptr %a202, i64 10
+  store i64 %v23, ptr %v211
+  %v212 = getelementptr i64, ptr %a202, i64 13
+  store i64 %v29, ptr %v212
+  br label %loop213
+loop213:
+  %v214 = phi i64 [ %v158, %after161 ], [ %v256, %loop213 ]
+  %v215 = phi i64 [ %v163, %after161 ], [ %v255, %loop213 ]
+  %v216 = sub i64 %count, %v214
+  %v217 = icmp uge i64 %v216, %v201
+  %v218 = call i64 @llvm.umin.i64(i64 %v216, i64 %v201)
+  %v219 = and i1 %v191, %v217
+  %v220 = mul i64 %v214, %v5
+  %v221 = getelementptr i8, ptr %v4, i64 %v220
+  %v222 = select i1 %v219, ptr %a203, ptr %v221
+  %v223 = select i1 %v219, i64 512, i64 %v6
+  %v224 = getelementptr i64, ptr %a202, i64 0
+  store ptr %v222, ptr %v224
+  %v225 = getelementptr i64, ptr %a202, i64 2
+  store i64 %v223, ptr %v225
+  %v226 = and i1 %v194, %v217
+  %v227 = mul i64 %v214, %v11
+  %v228 = getelementptr i8, ptr %v10, i64 %v227
+  %v229 = select i1 %v226, ptr %a204, ptr %v228
+  %v230 = select i1 %v226, i64 512, i64 %v12
+  %v231 = getelementptr i64, ptr %a202, i64 3
+  store ptr %v229, ptr %v231
+  %v232 = getelementptr i64, ptr %a202, i64 5
+  store i64 %v230, ptr %v232
+  %v233 = and i1 %v197, %v217
+  %v234 = mul i64 %v214, %v17
+  %v235 = getelementptr i8, ptr %v16, i64 %v234
+  %v236 = select i1 %v233, ptr %a205, ptr %v235
+  %v237 = select i1 %v233, i64 512, i64 %v18
+  %v238 = getelementptr i64, ptr %a202, i64 6
+  store ptr %v236, ptr %v238
+  %v239 = getelementptr i64, ptr %a202, i64 8
+  store i64 %v237, ptr %v239
+  %v240 = and i1 %v200, %v217
+  %v241 = mul i64 %v214, %v23
+  %v242 = getelementptr i8, ptr %v22, i64 %v241
+  %v243 = select i1 %v240, ptr %a206, ptr %v242
+  %v244 = select i1 %v240, i64 512, i64 %v24
+  %v245 = getelementptr i64, ptr %a202, i64 9
+  store ptr %v243, ptr %v245
+  %v246 = getelementptr i64, ptr %a202, i64 11
+  store i64 %v244, ptr %v246
+  %v247 = and i1 %v188, %v217
+  %v248 = mul i64 %v214, %v29
+  %v249 = getelementptr i8, ptr %v28, i64 %v248
+  %v250 = select i1 %v247, ptr %a207, ptr %v249
+  %v251 = select i1 %v247, i64 512, i64 %v30
+  %v252 = getelementptr i64, ptr %a202, i64 12
+  store ptr %v250, ptr %v252
+  %v253 = getelementptr i64, ptr %a202, i64 14
+  store i64 %v251, ptr %v253
+  call void @copy_columns(i1 %v219, i64 2, ptr %v221, i64 %v6, ptr %v222, i64 %v223)
+  call void @copy_columns(i1 %v226, i64 2, ptr %v228, i64 %v12, ptr %v229, i64 %v230)
+  call void @copy_columns(i1 %v233, i64 2, ptr %v235, i64 %v18, ptr %v236, i64 %v237)
+  call void @copy_columns(i1 %v240, i64 2, ptr %v242, i64 %v24, ptr %v243, i64 %v244)
+  %v254 = call i64 @rows(i64 %v218, ptr %a202)
+  call void @copy_columns(i1 %v247, i64 2, ptr %v250, i64 %v251, ptr %v249, i64 %v30)
+  %v255 = or i64 %v215, %v254
+  %v256 = add i64 %v214, %v201
+  %v257 = icmp ult i64 %v256, %count
+  br i1 %v257, label %loop213, label %done258
+done258:
+  ret i64 %v255
 }
 
 define internal i64 @table(ptr %args, i64 %count, ptr %table) {

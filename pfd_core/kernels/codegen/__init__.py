@@ -11,7 +11,8 @@ Code generation: program -> LLVM IR. Each module writes the functions it is name
     matrices         loops over matrices in memory
     product          @evaluate, @jacobian of a result that is a product of a program's outputs
     copies           @copy_in, @copy_out: rows of arrays to and from a buffer
-    batch            @batch: @evaluate over many states at any strides; chunks of columns
+    batch            @batch: @evaluate over many states at any strides
+    chunks           @batch where columns evict each other from the cache: copies of columns
     python_entry     @entry, @bound: functions that Python calls, which check their arrays
     step             @step: an integrator's step around @evaluate
     linear_step      @linear_step, @evaluate: derivatives of a step

@@ -9,12 +9,6 @@ and the last block if it is only partly filled, go through a small buffer
 blocks (docs/decisions/0047-order-of-native-code.md): one branch skips all copies, and the check
 for finite inputs sums products of two inputs each. A NaN or an infinity in an input makes this sum
 NaN or infinite for good. Finite inputs can do so as well, if a product or the sum overflows.
-
-In Fortran order each element of a state has a separate column. Many columns are more streams
-than a processor prefetches, and if the number of states is a power of two they evict each other
-from its caches. For arms of many joints, pieces of the columns are therefore copied side by side
-first, for CHUNK registers of states at a time, and the results are copied back. With few elements
-that takes longer than it saves.
 """
 
 from __future__ import annotations
@@ -26,56 +20,6 @@ from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.copies import Block, Rows, copies, copy
 from pfd_core.kernels.codegen.spelling import Array, Format, arguments
 from pfd_core.machine.program import Program
-
-# Up to so many elements, of a state and its result, no column is copied.
-FEW = 100
-# Registers of each element that are copied at once: 512 bytes of a column with AVX-512. Fewer, if
-# all elements would take more than MOST bytes of the stack.
-CHUNK = 8
-MOST = 1 << 19
-CHUNK_PARAMETERS = 'i1 %copied, ptr %near, ptr %base, i64 %column, i64 %elements'
-
-
-def batch_of(program: Program, form: Format, size: int) -> str:
-    """Return `i64 @batch(count, table)` as `batch`, by chunks of columns if elements are many."""
-    sizes = [*(program.inputs[name] for name in arguments(program)), size]
-    if sum(sizes) <= FEW:
-        return batch(program, form, size)
-    chunk = max(min(CHUNK, MOST // (sum(sizes) * form.width * form.bytes)), 1)
-    states = chunk * form.width
-    ir = Function('define i64 @batch(i64 %count, ptr %table)')
-    own = ir.array('i64', 3 * len(sizes))
-    near = [ir.array(form.type, elements * chunk) for elements in sizes]
-    table = [Rows(*table_row(ir, slot, 3)) for slot in range(len(sizes))]
-    adjacent = [ir.let(f'icmp eq i64 {rows.row}, {form.bytes}') for rows in table]
-    for slot, rows in enumerate(table):
-        ir.store('i64', rows.row, ir.element('i64', own, 3 * slot + 1))
-    wrong = Variable('i64', '0')
-    with ir.loop('%count', wrong, step=states) as c:
-        left = ir.let(f'sub i64 %count, {c}')
-        whole = ir.let(f'icmp uge i64 {left}, {states}')
-        count = ir.call('i64', 'llvm.umin.i64', f'i64 {left}', f'i64 {states}')
-        chunks = []
-        for slot, rows in enumerate(table):
-            copied = ir.let(f'and i1 {adjacent[slot]}, {whole}')
-            there = ir.offset(rows.base, c, rows.row)
-            place = ir.let(f'select i1 {copied}, ptr {near[slot]}, ptr {there}')
-            run = states * form.bytes
-            column = ir.let(f'select i1 {copied}, i64 {run}, i64 {rows.column}')
-            ir.store('ptr', place, ir.element('i64', own, 3 * slot))
-            ir.store('i64', column, ir.element('i64', own, 3 * slot + 2))
-            chunks.append(
-                f'i1 {copied}, ptr {near[slot]}, ptr {there}, i64 {rows.column}, i64 {sizes[slot]}'
-            )
-        *inputs, out = chunks
-        for given in inputs:
-            ir.call('void', 'columns_in', given)
-        flag = ir.call('i64', 'rows', f'i64 {count}', f'ptr {own}')
-        ir.call('void', 'columns_out', out)
-        wrong.value = ir.let(f'or i64 {wrong}, {flag}')
-    ir.ret('i64', wrong)
-    copies = [_copy_chunk(form, chunk, inward) for inward in (True, False)]
-    return '\n'.join([batch(program, form, size, 'rows'), *copies, str(ir)])
 
 
 def batch(program: Program, form: Format, size: int, name: str = 'batch') -> str:
@@ -156,19 +100,3 @@ def _multiply_pairs(
     for x, y in pairs:
         operands = f'{form.type} {x}, {form.type} {y}, {form.type} {products}'
         products.value = ir.let(f'call {form.type} @llvm.fma.{form.suffix}({operands})')
-
-
-def _copy_chunk(form: Format, chunk: int, inward: bool) -> str:
-    """Return the function that copies a chunk to or from the buffer, if the buffer is used."""
-    T = form.type
-    name = 'columns_in' if inward else 'columns_out'
-    ir = Function(f'define internal void @{name}({CHUNK_PARAMETERS})')
-    with ir.when('%copied'), ir.loop('%elements') as e:
-        there = ir.offset('%base', e, '%column')
-        here = ir.element(T, '%near', ir.let(f'mul i64 {e}, {chunk}'))
-        for k in range(chunk):
-            far, near = ir.element(T, there, k), ir.element(T, here, k)
-            source, target = (far, near) if inward else (near, far)
-            ir.store(T, ir.load(T, source, form.bytes), target, form.bytes)
-    ir.ret()
-    return str(ir)

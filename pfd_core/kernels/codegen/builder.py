@@ -108,7 +108,7 @@ class Function:
         end: object,
         *variables: Variable,
         start: str = '0',
-        step: int = 1,
+        step: object = 1,
         condition: Variable | None = None,
     ) -> Iterator[str]:
         """

@@ -65,20 +65,26 @@ def whole_state(n: int, form: Format) -> str:
         'define internal void @whole_state(ptr %tau, ptr %error, ptr %gain, i64 %arm, '
         'i64 %column, i64 %b, i64 %last)'
     )
-    limit = form.splat(ir, ir.let('sub i64 %last, %b'))
-    arm = ir.call(lanes, umin, f'{lanes} {lane_numbers(W)}', f'{lanes} {limit}')
-    offsets = ir.let(f'mul {lanes} {arm}, {form.splat(ir, "%arm")}')
+    declared = ''
+    if W > 1:
+        declared = f'declare {lanes} @{umin}({lanes}, {lanes})\n'
+        limit = form.splat(ir, ir.let('sub i64 %last, %b'))
+        arm = ir.call(lanes, umin, f'{lanes} {lane_numbers(W)}', f'{lanes} {limit}')
+        offsets = ir.let(f'mul {lanes} {arm}, {form.splat(ir, "%arm")}')
     here = Variable('ptr', ir.offset('%gain', '%b', '%arm'))
     with ir.loop(n, here) as i:
         tau = ir.element(T, '%tau', i)
         total = Variable(T, ir.load(T, tau, form.bytes))
         with ir.loop(2 * n, here, total) as j:
-            places = ir.let(f'getelementptr i8, ptr {here}, {lanes} {offsets}')
-            gain = gather(ir, form, places)
+            if W > 1:
+                places = ir.let(f'getelementptr i8, ptr {here}, {lanes} {offsets}')
+                gain = gather(ir, form, places)
+            else:
+                gain = ir.load(T, here.value, form.bytes)
             error = ir.load(T, ir.element(T, '%error', j), form.bytes)
             product = ir.let(f'fmul {T} {gain}, {error}')
             total.value = ir.let(f'fadd {T} {total}, {product}')
             here.value = ir.offset(here.value, '%column')
         ir.store(T, total, tau, form.bytes)
     ir.ret()
-    return f'declare {lanes} @{umin}({lanes}, {lanes})\n{ir}'
+    return f'{declared}{ir}'

@@ -19,8 +19,8 @@ from types import MappingProxyType
 
 from pfd_core.kernels.codegen.adaptive import AdaptivePair, adaptive
 from pfd_core.kernels.codegen.arms import arms, ensemble
-from pfd_core.kernels.codegen.batch import batch_of
 from pfd_core.kernels.codegen.body import body
+from pfd_core.kernels.codegen.chunks import batch_of
 from pfd_core.kernels.codegen.copies import copies
 from pfd_core.kernels.codegen.cycles import cycles
 from pfd_core.kernels.codegen.evaluate import evaluate, wrap_row

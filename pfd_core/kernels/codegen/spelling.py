@@ -146,14 +146,14 @@ class Format:
         mask = f'<{self.width} x i32> zeroinitializer'
         return ir.let(f'shufflevector {T} {one}, {T} poison, {mask}')
 
-    def not_finite(self, ir: Function, values: Iterable[str], start: str = '') -> str:
+    def not_finite(self, ir: Function, values: Iterable[str]) -> str:
         """
-        Return NaN where a value is not finite, else `start`, which is zero or NaN.
+        Return NaN where a value is not finite, else zero.
 
         The sum of 0 x is kept in four parts, so that few operations wait for each other.
         """
         T, zero = self.type, self.zero
-        sums = [start or zero, zero, zero, zero]
+        sums = [zero] * 4
         for k, x in enumerate(values):
             operands = f'{T} {x}, {T} {zero}, {T} {sums[k % 4]}'
             sums[k % 4] = ir.let(f'call {T} @llvm.fma.{self.suffix}({operands})')

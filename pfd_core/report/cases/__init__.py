@@ -11,7 +11,7 @@ Cases: robots, states, motions and quantities that are measured, and claims they
     controlled_arm  an arm under a controller in discrete time (ControlledArm), stored
     excitations   motions driven by torques (DrivenMotion); named ones (EXCITATIONS)
     quantities    the table of quantities other than forward dynamics (QUANTITIES), and states
-    paper         claims of the paper: formulas and values of Table 1 (TABLE)
-    equations     where each equation and procedure of the paper is implemented and tested
+    paper         claims of the paper: formulas and values of Table 1 (TABLE); index of where its
+                  equations and procedures are implemented and tested (EQUATIONS, PROCEDURES)
     stored        the files in pfd_core.report.data, which hold the tables
 """

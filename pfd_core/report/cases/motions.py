@@ -31,6 +31,7 @@ from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
 from pfd_core.report.cases import problems
 from pfd_core.report.cases.robots import chain, robot
 from pfd_core.report.cases.stored import table
+from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,13 @@ class Motion:
     def plant(self) -> Plant:
         """The arm in its scene, as numbers."""
         return resolve(self.robot, self.scene)
+
+    def integrated(self, duration: float | None = None, **settings: Any) -> AdaptiveTrajectory:
+        """Return the motion by `integrate`, from its start unless the settings have q and qd."""
+        start = {'q': self.q, 'qd': self.qd}
+        torques = np.zeros(self.robot.n)
+        seconds = self.duration if duration is None else duration
+        return integrate(self.robot, torques, seconds, scene=self.scene, **start | settings)
 
     def macro_steps(self, steps: int) -> list[Fraction]:
         """Return the lengths [s] of a number of macro steps and the halvings of the first."""

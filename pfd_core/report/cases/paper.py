@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Claims of Lee and Chang (1987): Table 1, sums of the parts that the paper counts, contradictions.
+Lee and Chang (1987): claims of Table 1, sums of the parts, contradictions, index of equations.
 
 Each claim is a formula in n with L = ceil(log2 n), h = ceil((n-1)/2), P6 = ceil((n^2-1)/6) and
 P2 = ceil((n^2-1)/2), as printed, with the value printed for n = 6. `parts` is the sum of the
@@ -12,6 +12,11 @@ The available copy is a scan. Of the multiplications of PCRBM in Table 1 it show
 31 L + 170 is from the formula of section 2.5, which prints 2 n instead of 4 n.
 
 The claims are stored in data/paper.yaml, the counts of parts in data/paper_parts.yaml.
+
+EQUATIONS and PROCEDURES, stored in data/equations.yaml, are an index: where each equation and
+procedure is implemented, and what tests it. A test checks that every equation of the paper is in
+the index, that the functions and tests exist, that the function's module cites the equation, and
+that the test's file uses this module or a method that contains it.
 """
 
 from __future__ import annotations
@@ -148,3 +153,35 @@ PARTS = tuple(
     for system, rows in table('paper_parts').items()
     for row in rows
 )
+
+
+@dataclass(frozen=True)
+class Implemented:
+    """
+    An equation or procedure of the paper.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Numbers of equations, without brackets, or the name of a procedure.
+    text : str
+        What it computes.
+    function : str
+        module:function.
+    test : str
+        File and function of the test.
+
+    """
+
+    names: tuple[str, ...]
+    text: str
+    function: str
+    test: str
+
+
+def _index(kind: str) -> tuple[Implemented, ...]:
+    rows = table('equations')[kind]
+    return tuple(Implemented(**row | {'names': tuple(row['names'])}) for row in rows)
+
+
+EQUATIONS, PROCEDURES = _index('equations'), _index('procedures')

@@ -3,7 +3,7 @@
 """
 Problems: a robot in a scene with seeded states, and the functions that tables of cases name.
 
-The numbers of all states are rounded to float32, so that one reference serves both number formats.
+The numbers of problems are rounded to float32, so that one reference serves both number formats.
 """
 
 from __future__ import annotations
@@ -90,6 +90,16 @@ def problem(
         drawn['q'] = np.tile(q, (states, 1))
     rounded = {name: single(value) for name, value in drawn.items()}
     return Problem(resolve(robot, scene), rounded)
+
+
+def seeded_states(n: int, count: int) -> dict[str, Array]:
+    """
+    Return states (count, n), for programs that count iterations and steps.
+
+    Positions are any angle [rad], velocities up to 2 rad/s, torques up to 5 N m, not rounded.
+    """
+    unit = 2 * np.random.default_rng(SEED).random((3, count, n)) - 1
+    return {'q': np.pi * unit[0], 'qd': 2 * unit[1], 'tau': 5 * unit[2]}
 
 
 def scene_of(plant: Plant) -> Scene:

@@ -205,7 +205,6 @@ def coaxial(inertia: float) -> Robot:
 
 
 def _bead(robot: Robot, index: int, inertia: float) -> Robot:
-    """Return a chain in which one link is a bead on its own axis."""
     changed = {key: getattr(robot, key).copy() for key in ('translations', 'centers', 'inertias')}
     changed['translations'][index] = changed['centers'][index] = 0.0
     changed['inertias'][index] = single(inertia * np.eye(3))

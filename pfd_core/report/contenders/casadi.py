@@ -31,7 +31,7 @@ from pfd_core.model import Plant, Robot, resolve
 from pfd_core.report.cases.quantities import FORWARD, argument_names
 from pfd_core.report.cases.robots import Array, joint_frames
 from pfd_core.report.cases.stored import text
-from pfd_core.report.contenders.native import C, address, built
+from pfd_core.report.contenders.native import C, address, built, torques_if_any
 from pfd_core.report.contenders.work import (
     Contender,
     Contents,
@@ -42,6 +42,15 @@ from pfd_core.report.contenders.work import (
     simulation_side,
 )
 
+
+class _Casadi:
+    """The module casadi, which is imported when it is first used."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(installed('casadi'), name)
+
+
+casadi: Any = _Casadi()
 GRAVITY = 9.81
 # gcc takes 20 seconds for articulated bodies of 60 joints, and half a minute for this many
 # instructions of CasADi; more than in proportion beyond.
@@ -53,17 +62,17 @@ LOOP = Contents(CODE, 'ctypes, once', 'C')
 
 
 def _articulated_body(
-    casadi: Any, robot: Robot, q: Any, qd: Any, tau: Any, *, armature: Array | None = None
+    robot: Robot, q: Any, qd: Any, tau: Any, *, armature: Array | None = None
 ) -> Any:
     """Return the accelerations, (n,) of casadi.SX, by articulated bodies; gravity along -z."""
     SX, n = casadi.SX, robot.n
-    X, S, inertia = _links(casadi, robot, q)
+    X, S, inertia = _links(robot, q)
     v, c, bias = (list[Any]() for _ in range(3))
     for i in range(n):
         own = S[i] * qd[i]
         v.append(own if i == 0 else X[i] @ v[i - 1] + own)
-        c.append(_motion_cross(casadi, v[i]) @ own)
-        bias.append(-_motion_cross(casadi, v[i]).T @ inertia[i] @ v[i])
+        c.append(_motion_cross(v[i]) @ own)
+        bias.append(-_motion_cross(v[i]).T @ inertia[i] @ v[i])
     U, D, u = [SX()] * n, [SX()] * n, [SX()] * n
     for i in reversed(range(n)):
         U[i] = inertia[i] @ S[i]
@@ -76,7 +85,7 @@ def _articulated_body(
             pa = bias[i] + Ia @ c[i] + U[i] * (u[i] / D[i])
             inertia[i - 1] = inertia[i - 1] + X[i].T @ Ia @ X[i]
             bias[i - 1] = bias[i - 1] + X[i].T @ pa
-    a = _at_rest(casadi)
+    a = _at_rest()
     qdd = []
     for i in range(n):
         a = X[i] @ a + c[i]
@@ -85,14 +94,14 @@ def _articulated_body(
     return casadi.vertcat(*qdd)
 
 
-def _inverse_dynamics(casadi: Any, robot: Robot, q: Any, qd: Any, qdd: Any) -> Any:
+def _inverse_dynamics(robot: Robot, q: Any, qd: Any, qdd: Any) -> Any:
     """Return the torques, (n,) of casadi.SX, by the recursive Newton-Euler algorithm."""
-    X, S, inertia = _links(casadi, robot, q)
-    v, a, f = casadi.SX(6, 1), _at_rest(casadi), []
+    X, S, inertia = _links(robot, q)
+    v, a, f = casadi.SX(6, 1), _at_rest(), []
     for i in range(robot.n):
         own = S[i] * qd[i]
         v = X[i] @ v + own
-        cross = _motion_cross(casadi, v)
+        cross = _motion_cross(v)
         a = X[i] @ a + S[i] * qdd[i] + cross @ own
         f.append(inertia[i] @ a - cross.T @ inertia[i] @ v)
     tau = [casadi.SX()] * robot.n
@@ -103,40 +112,40 @@ def _inverse_dynamics(casadi: Any, robot: Robot, q: Any, qd: Any, qdd: Any) -> A
     return casadi.vertcat(*tau)
 
 
-def _inertia_matrix(casadi: Any, robot: Robot, q: Any) -> Any:
+def _inertia_matrix(robot: Robot, q: Any) -> Any:
     qdd, still = casadi.SX.sym('qdd', robot.n), casadi.SX(robot.n, 1)
-    return casadi.jacobian(_inverse_dynamics(casadi, robot, q, still, qdd), qdd)
+    return casadi.jacobian(_inverse_dynamics(robot, q, still, qdd), qdd)
 
 
-def _bias_torques(casadi: Any, robot: Robot, q: Any, qd: Any) -> Any:
-    return _inverse_dynamics(casadi, robot, q, qd, casadi.SX(robot.n, 1))
+def _bias_torques(robot: Robot, q: Any, qd: Any) -> Any:
+    return _inverse_dynamics(robot, q, qd, casadi.SX(robot.n, 1))
 
 
-def _gravity_torques(casadi: Any, robot: Robot, q: Any) -> Any:
-    return _bias_torques(casadi, robot, q, casadi.SX(robot.n, 1))
+def _gravity_torques(robot: Robot, q: Any) -> Any:
+    return _bias_torques(robot, q, casadi.SX(robot.n, 1))
 
 
-def _poses(casadi: Any, robot: Robot, q: Any) -> list[tuple[Any, Any]]:
+def _poses(robot: Robot, q: Any) -> list[tuple[Any, Any]]:
     """Return rotation and origin of each joint's frame and of the tip, in the base link's."""
     R, p = casadi.SX.eye(3), casadi.SX(3, 1)
     poses = []
     for i, (turn, shift, _, _) in enumerate(joint_frames(robot)):
-        E, r = _coordinates(casadi, robot, i, turn, shift, q[i])
+        E, r = _coordinates(robot, i, turn, shift, q[i])
         R, p = R @ E.T, p + R @ r
         poses.append((R, p))
     tip = robot.frame()
     for turn, shift in (robot.rotations[-1], robot.translations[-1]), tip.placement:
-        R, p = R @ _exact(casadi, turn), p + R @ _exact(casadi, shift)
+        R, p = R @ _exact(turn), p + R @ _exact(shift)
     return [*poses, (R, p)]
 
 
-def _tip_pose(casadi: Any, robot: Robot, q: Any) -> Any:
-    R, p = _poses(casadi, robot, q)[-1]
+def _tip_pose(robot: Robot, q: Any) -> Any:
+    R, p = _poses(robot, q)[-1]
     return casadi.vertcat(casadi.horzcat(R, p), casadi.SX([[0, 0, 0, 1]]))
 
 
-def _tip_jacobian(casadi: Any, robot: Robot, q: Any) -> Any:
-    *poses, (_, tip) = _poses(casadi, robot, q)
+def _tip_jacobian(robot: Robot, q: Any) -> Any:
+    *poses, (_, tip) = _poses(robot, q)
     columns = []
     for kind, (R, p) in zip(robot.joint_types, poses, strict=True):
         axis = R[:, 2]
@@ -147,11 +156,11 @@ def _tip_jacobian(casadi: Any, robot: Robot, q: Any) -> Any:
     return casadi.horzcat(*columns)
 
 
-def _derivatives(casadi: Any, robot: Robot, q: Any, qd: Any, tau: Any) -> Any:
+def _derivatives(robot: Robot, q: Any, qd: Any, tau: Any) -> Any:
     n, qdd = robot.n, casadi.SX.sym('qdd', robot.n)
-    torques = _inverse_dynamics(casadi, robot, q, qd, qdd)
+    torques = _inverse_dynamics(robot, q, qd, qdd)
     D = casadi.jacobian(torques, casadi.vertcat(q, qd))
-    D = casadi.substitute(D, qdd, casadi.cse(_articulated_body(casadi, robot, q, qd, tau)))
+    D = casadi.substitute(D, qdd, casadi.cse(_articulated_body(robot, q, qd, tau)))
     factors = casadi.ldl(casadi.densify(casadi.jacobian(torques, qdd)), False)
     rows = casadi.horzcat(-D, casadi.SX.eye(n))
     return casadi.ldl_solve(casadi.densify(rows), *factors)
@@ -169,7 +178,7 @@ ALGORITHMS: dict[str, Callable[..., Any]] = {
 }
 
 
-def _links(casadi: Any, robot: Robot, q: Any) -> tuple[list[Any], list[Any], list[Any]]:
+def _links(robot: Robot, q: Any) -> tuple[list[Any], list[Any], list[Any]]:
     """
     Return transforms, axes and inertias as casadi.SX, a list over the joints each.
 
@@ -178,32 +187,32 @@ def _links(casadi: Any, robot: Robot, q: Any) -> tuple[list[Any], list[Any], lis
     """
     X, S, inertia = (list[Any]() for _ in range(3))
     for i, (R, p, center, J) in enumerate(joint_frames(robot)):
-        E, r = _coordinates(casadi, robot, i, R, p, q[i])
-        X.append(_transform(casadi, E, r))
-        S.append(_exact(casadi, np.eye(6)[5 if robot.joint_types[i] == 'prismatic' else 2]))
-        inertia.append(_exact(casadi, _spatial_inertia(float(robot.masses[i]), center, J)))
+        E, r = _coordinates(robot, i, R, p, q[i])
+        X.append(_transform(E, r))
+        S.append(_exact(np.eye(6)[5 if robot.joint_types[i] == 'prismatic' else 2]))
+        inertia.append(_exact(_spatial_inertia(float(robot.masses[i]), center, J)))
     return X, S, inertia
 
 
-def _coordinates(casadi: Any, robot: Robot, i: int, R: Array, p: Array, q: Any) -> tuple[Any, Any]:
+def _coordinates(robot: Robot, i: int, R: Array, p: Array, q: Any) -> tuple[Any, Any]:
     """Return rotation into the frame of joint i, and its origin, from and in the frame before."""
-    E, r = _exact(casadi, R.T), _exact(casadi, p)
+    E, r = _exact(R.T), _exact(p)
     if robot.joint_types[i] == 'prismatic':
-        return E, r + _exact(casadi, R[:, 2]) * q
-    return _turn(casadi, q) @ E, r
+        return E, r + _exact(R[:, 2]) * q
+    return _turn(q) @ E, r
 
 
-def _at_rest(casadi: Any) -> Any:
+def _at_rest() -> Any:
     """Return the acceleration of the base equivalent to gravity along -z, (6,)."""
-    return _exact(casadi, np.array([0, 0, 0, 0, 0, GRAVITY]))
+    return _exact(np.array([0, 0, 0, 0, 0, GRAVITY]))
 
 
-def _exact(casadi: Any, values: Array) -> Any:
+def _exact(values: Array) -> Any:
     """Return numbers as SX whose zeros CasADi knows."""
     return casadi.SX(casadi.sparsify(casadi.DM(values)))
 
 
-def _turn(casadi: Any, angle: Any) -> Any:
+def _turn(angle: Any) -> Any:
     """Return the coordinate transform of a rotation about z, (3, 3)."""
     c, s, zero = casadi.cos(angle), casadi.sin(angle), casadi.SX(1, 1)
     return casadi.vertcat(
@@ -213,13 +222,13 @@ def _turn(casadi: Any, angle: Any) -> Any:
     )
 
 
-def _transform(casadi: Any, E: Any, r: Any) -> Any:
+def _transform(E: Any, r: Any) -> Any:
     """Return the transform of motion vectors to a frame at r with axes E, (6, 6)."""
     zero = casadi.SX(3, 3)
     return casadi.vertcat(casadi.horzcat(E, zero), casadi.horzcat(-E @ casadi.skew(r), E))
 
 
-def _motion_cross(casadi: Any, v: Any) -> Any:
+def _motion_cross(v: Any) -> Any:
     """Return the matrix of the product of motion vectors, (6, 6); -transposed, of forces."""
     w = casadi.skew(v[:3])
     return casadi.vertcat(
@@ -248,11 +257,11 @@ class Casadi(Contender):
     """
 
     def __init__(self, robot: Robot | Plant, quantity: str = FORWARD) -> None:
-        casadi = installed('casadi')
+        installed('casadi')
         C.path()
         if quantity not in ALGORITHMS:
             raise LeftOutError('not implemented with CasADi here')
-        plant = robot if isinstance(robot, Plant) else resolve(robot, None)
+        plant = self.plant = robot if isinstance(robot, Plant) else resolve(robot, None)
         robot, forward = plant.robot, quantity == FORWARD
         if forward and robot.n > LARGEST:
             raise LeftOutError(
@@ -263,21 +272,24 @@ class Casadi(Contender):
             algorithm = partial(algorithm, armature=plant.armature)
         names = argument_names(quantity)
         given = [casadi.SX.sym(name, robot.n) for name in names]
-        result = casadi.densify(algorithm(casadi, robot, *given))
+        result = casadi.densify(algorithm(robot, *given))
         arm = casadi.Function('arm', given, [casadi.cse(result)])
         if not forward and arm.n_instructions() > MOST_INSTRUCTIONS:
             raise LeftOutError(
                 f'its C has {arm.n_instructions()} instructions and takes minutes to compile'
             )
         self.quantity, self.shape = quantity, arm.size_out(0)
-        self.library, self.external = _compiled(casadi, arm, robot.n, forward)
+        self.library, self.external = _compiled(arm, robot.n, forward)
         # Arrays whose addresses native code holds.
         self.kept: list[object] = []
 
-    def rollout(self, step: float, q: Array, qd: Array, taus: Array) -> partial[None]:
-        """Return a call that moves q and qd, (n,), in place, a step for each row of taus."""
-        steps = (ctypes.c_longlong(len(taus)), ctypes.c_longlong(1), ctypes.c_double(step))
-        return partial(self.library.rollout, None, *steps, *map(address, (q, qd, taus)))
+    def rollout(
+        self, step: float, q: Array, qd: Array, taus: Array, substeps: int = 1
+    ) -> partial[None]:
+        """Return a call that moves q and qd, (n,), in place, as PinocchioCpp.rollout does."""
+        steps = (ctypes.c_longlong(len(taus)), ctypes.c_longlong(substeps), ctypes.c_double(step))
+        effects, *arrays = map(address, (torques_if_any(self.plant), q, qd, taus))
+        return partial(self.library.rollout, effects, *steps, *arrays)
 
     def _calls(self, work: Work) -> Iterator[Side]:
         given = [np.array(x) for x in work.arguments(self.quantity)]
@@ -308,7 +320,7 @@ class Casadi(Contender):
         return out, lambda: out.transpose(0, 2, 1).reshape(states, -1)
 
 
-def _compiled(casadi: Any, arm: Any, n: int, forward: bool) -> tuple[ctypes.CDLL, Any]:
+def _compiled(arm: Any, n: int, forward: bool) -> tuple[ctypes.CDLL, Any]:
     """Return the library of CasADi's function and its loops, and CasADi's own view of it."""
     generator = casadi.CodeGenerator('arm.c')
     generator.add(arm)

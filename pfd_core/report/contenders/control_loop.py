@@ -6,8 +6,9 @@ Other libraries as simulators of an arm under a controller, the loop and the con
 data/control_loop.c is compiled once for each number of joints. Each library advances the arm by
 one period with constant torques:
 
-    CasADi      the classical Runge-Kutta method in C around C that CasADi generates
-    Pinocchio   the same in C++ around pinocchio::aba
+    CasADi      the classical Runge-Kutta method, velocity Verlet and semi-implicit Euler in C
+                around C that CasADi generates
+    Pinocchio   the classical Runge-Kutta method in C++ around pinocchio::aba
     MuJoCo      mj_step
 
 CasADi and Pinocchio have no dry friction: it is a ramp F v / width between -F and F. MuJoCo's
@@ -31,16 +32,14 @@ from pfd_core.report.cases.robots import Array
 from pfd_core.report.cases.stored import text
 from pfd_core.report.contenders.casadi import Casadi
 from pfd_core.report.contenders.mujoco import Mujoco
-from pfd_core.report.contenders.native import C, address, built, effort_limits, joint_torques
+from pfd_core.report.contenders.native import C, address, built, effort_limits, torques_if_any
 from pfd_core.report.contenders.pinocchio_cpp import NAME as PINOCCHIO_CPP
 from pfd_core.report.contenders.pinocchio_cpp import PinocchioCpp
 
-MUJOCO = {
-    'MuJoCo Euler': 'mjINT_EULER',
-    'MuJoCo implicitfast': 'mjINT_IMPLICITFAST',
-    'MuJoCo RK4': 'mjINT_RK4',
-}
+MUJOCO = ('MuJoCo Euler', 'MuJoCo implicitfast', 'MuJoCo RK4')
 CASADI = 'CasADi RK4'
+# Integrators around CasADi's C: functions of data/casadi.c.
+IN_CASADI = {CASADI: 'rollout', 'CasADi Verlet': 'verlet', 'CasADi Euler': 'euler'}
 PINOCCHIO = f'{PINOCCHIO_CPP} RK4'
 
 
@@ -81,6 +80,8 @@ class Answer:
 
 
 Run = Callable[[], Answer]
+# Run of a way, with substeps in each period or a tolerance.
+Simulate = Callable[[str, float, Softness], Run]
 
 
 @cache
@@ -91,7 +92,6 @@ def _library(n: int) -> ctypes.CDLL:
 
 
 def _run(case: ControlledArm, advance: Any, arm: Any, substeps: int) -> Run:
-    """Return a run of the loop in C around the native function advance(arm, ...)."""
     q, qd = np.empty((2, case.robot.n))
     law = np.concatenate([case.kp, case.kd])
     reference = np.ascontiguousarray(np.hstack([case.taus, case.q, case.qd]))
@@ -111,45 +111,37 @@ def _run(case: ControlledArm, advance: Any, arm: Any, substeps: int) -> Run:
     return run
 
 
-class CasadiArm:
-    """CasADi's C of articulated bodies with rotors, and Runge-Kutta steps in C."""
+def casadi_arm(case: ControlledArm) -> Simulate:
+    """Return CasADi's C of articulated bodies with rotors, and integrators of IN_CASADI in C."""
+    peer = Casadi(case.plant)
 
-    def __init__(self, case: ControlledArm) -> None:
-        self._case, self._peer = case, Casadi(case.plant)
+    def simulate(way: str, substeps: float, softness: Softness) -> Run:
+        effects = address(torques_if_any(case.plant, softness.width))
+        return _run(case, getattr(peer.library, IN_CASADI[way]), effects, int(substeps))
 
-    def run(self, substeps: int, softness: Softness) -> Run:
-        """Return a run with `substeps` steps in each period."""
-        effects = address(joint_torques(self._case.plant, softness.width))
-        return _run(self._case, self._peer.library.rollout, effects, substeps)
-
-
-class PinocchioArm:
-    """Pinocchio's C++ with Runge-Kutta steps."""
-
-    def __init__(self, case: ControlledArm) -> None:
-        self._case = case
-
-    def run(self, substeps: int, softness: Softness) -> Run:
-        """Return a run with `substeps` steps in each period."""
-        peer = PinocchioCpp(self._case.plant, softness.width)
-        return _run(self._case, peer.library.rollout, peer.arm, substeps)
+    return simulate
 
 
-class MujocoArm:
-    """MuJoCo's model of the arm with frictionloss, and mj_step called from C."""
+def pinocchio_arm(case: ControlledArm) -> Simulate:
+    """Return Pinocchio's C++ with Runge-Kutta steps."""
 
-    def __init__(self, case: ControlledArm) -> None:
-        self._case, self._peer = case, Mujoco(case.robot)
-        (path,) = Path(self._peer.mj.__file__).parent.glob('libmujoco.*')
-        self._step = ctypes.cast(ctypes.CDLL(str(path)).mj_step, ctypes.c_void_p)
+    def simulate(way: str, substeps: float, softness: Softness) -> Run:
+        peer = PinocchioCpp(case.plant, softness.width)
+        return _run(case, peer.library.rollout, peer.arm, int(substeps))
 
-    def run(self, way: str, substeps: int, softness: Softness) -> Run:
-        """Return a run by an integrator of MUJOCO with `substeps` steps in each period."""
-        mj, case = self._peer.mj, self._case
-        plant, h = case.plant, case.period / substeps
-        model = self._peer.model_of(plant)
-        model.opt.timestep = h
-        model.opt.integrator = getattr(mj.mjtIntegrator, MUJOCO[way])
+    return simulate
+
+
+def mujoco_arm(case: ControlledArm) -> Simulate:
+    """Return MuJoCo's model of the arm with frictionloss, and mj_step called from C."""
+    peer, plant = Mujoco(case.robot), case.plant
+    mj = peer.mj
+    (path,) = Path(mj.__file__).parent.glob('libmujoco.*')
+    step = ctypes.cast(ctypes.CDLL(str(path)).mj_step, ctypes.c_void_p)
+
+    def simulate(way: str, substeps: float, softness: Softness) -> Run:
+        h = case.period / substeps
+        model = peer.model_of(plant, way, h)
         if plant.friction is not None:
             model.opt.disableflags &= ~int(mj.mjtDisableBit.mjDSBL_CONSTRAINT)
             model.dof_frictionloss[:] = plant.friction
@@ -160,8 +152,8 @@ class MujocoArm:
         data = mj.MjData(model)
         arrays = data.qpos, data.qvel, data.qfrc_applied, effort_limits(plant)
         addresses = model._address, data._address, *(x.ctypes.data for x in arrays)
-        arm = (ctypes.c_void_p * 7)(self._step, *addresses)
-        advance = _run(case, _library(case.robot.n).mujoco, arm, substeps)
+        arm = (ctypes.c_void_p * 7)(step, *addresses)
+        advance = _run(case, _library(case.robot.n).mujoco, arm, int(substeps))
 
         # The arrays whose addresses C holds live as long as this function.
         def run(held: object = arrays) -> Answer:
@@ -173,6 +165,8 @@ class MujocoArm:
             return Answer('MuJoCo warning', end.q, end.qd) if data.warning.number.any() else end
 
         return run
+
+    return simulate
 
 
 def answer(q: Array, qd: Array) -> Answer:

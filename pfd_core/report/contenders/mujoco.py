@@ -27,6 +27,14 @@ _BODY = """<body pos="0.1 0.2 0.3" quat="0.5 0.6 0.4 0.2">
 
 
 MUJOCO = 'MuJoCo'
+RK4 = 'MuJoCo RK4'
+# Integrators on pages, by the names of mjtIntegrator, with their evaluations in a step.
+INTEGRATORS = {
+    'MuJoCo Euler': ('mjINT_EULER', 1),
+    'MuJoCo implicit': ('mjINT_IMPLICIT', 1),
+    'MuJoCo implicitfast': ('mjINT_IMPLICITFAST', 1),
+    RK4: ('mjINT_RK4', 4),
+}
 CODE = 'C for any robot, as in the wheel'
 SINGLE = Contents(CODE, 'Python, state set before')
 LOOP = Contents(CODE, 'Python, once', 'C')
@@ -65,9 +73,13 @@ class Mujoco(Contender):
         self.data = mj.MjData(m)
         mj.mj_setConst(m, self.data)
 
-    def model_of(self, plant: Plant) -> Any:
+    def model_of(
+        self, plant: Plant, integrator: str = 'MuJoCo RK4', step: float = STEP_SIZE
+    ) -> Any:
         """Return a copy of the model with the gravity, damping and rotors of a plant."""
         model = copy(self.model)
+        model.opt.integrator = getattr(self.mj.mjtIntegrator, INTEGRATORS[integrator][0])
+        model.opt.timestep = step
         model.opt.gravity[:] = plant.robot.base_rotation @ plant.gravity
         if plant.damping is not None:
             model.dof_damping[:] = plant.damping

@@ -3,7 +3,8 @@
 """
 Loops in C and C++ around other libraries: compilers, addresses of arrays, torques of joints.
 
-Each source is compiled on this machine for its processor and loaded into this process.
+Each source is compiled on this machine for its processor and loaded into this process. The disk
+cache of kernels keeps what was compiled: Pinocchio's C++ takes twenty seconds of a compiler.
 """
 
 from __future__ import annotations
@@ -11,14 +12,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 import ctypes
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+import os
 from pathlib import Path
 import shutil
+import signal
 import subprocess
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from pfd_core.kernels.runtime import disk_cache, processor
 from pfd_core.model import Plant
 from pfd_core.report.cases.robots import Array
 from pfd_core.report.contenders.work import LeftOutError
@@ -51,21 +55,76 @@ CPP = Language('C++', 'g++', '.cpp', ('-std=c++17', '-DNDEBUG', '-w'))
 
 
 @contextmanager
-def built(language: Language, source: str, *options: str) -> Iterator[Path]:
+def built(language: Language, source: str, *options: str, headers: str = '') -> Iterator[Path]:
     """
-    Compile a source to a shared library, whose file is deleted at the end.
+    Compile a source to a shared library, or take it from the disk cache, until the end of a block.
 
     A loaded library needs no file. LeftOutError has the first error of the compiler.
+
+    Parameters
+    ----------
+    language : Language
+        Language of the source.
+    source : str
+        The source.
+    *options : str
+        Further options of the compiler.
+    headers : str
+        What tells versions of headers apart that are not the compiler's own.
+
     """
+    command = [language.path(), *language.options, *OPTIMISED, '-shared', '-fPIC', *options]
+    known = disk_cache.digest(source, headers, *command, *_identity(command[0]))
     with TemporaryDirectory(prefix='pfd_speed_') as folder:
         code, library = (Path(folder) / f'arm{suffix}' for suffix in (language.suffix, '.so'))
-        code.write_text(source, encoding='utf-8')
-        command = [language.path(), *language.options, *OPTIMISED, '-shared', '-fPIC', *options]
-        command += [str(code), '-o', str(library), '-lm']
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise LeftOutError(f'{language.compiler} failed: {_first_error(done.stderr)}')
+        kept = disk_cache.read(known)
+        if kept is None:
+            code.write_text(source, encoding='utf-8')
+            _compile([*command, str(code), '-o', str(library), '-lm'])
+            disk_cache.write(known, library.read_bytes())
+        else:
+            library.write_bytes(kept)
         yield library
+
+
+def _identity(compiler: str) -> tuple[str, ...]:
+    """Return what decides the result of a compilation for this processor, besides its command."""
+    path = Path(compiler).resolve()
+    state = path.stat()
+    return str(path), str(state.st_size), str(state.st_mtime_ns), *astuple(processor.host())
+
+
+def _compile(command: list[str]) -> None:
+    compiler: subprocess.Popen[str] | None = None
+    try:
+        with without_interrupts():
+            # A group of processes, of which the compiler proper is one, ends as a whole.
+            compiler = subprocess.Popen(
+                command,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
+                start_new_session=True,
+            )
+        _, message = compiler.communicate()
+    except BaseException:
+        if compiler is not None and compiler.returncode is None:
+            # Its number is free only after the wait.
+            os.killpg(compiler.pid, signal.SIGKILL)
+            compiler.communicate()
+        raise
+    if compiler.returncode:
+        raise LeftOutError(f'{Path(command[0]).name} failed: {_first_error(message)}')
+
+
+@contextmanager
+def without_interrupts() -> Iterator[None]:
+    """Delay Ctrl-C until the end of a block, and block it in processes that are started there."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _first_error(message: str) -> str:
@@ -95,3 +154,9 @@ def joint_torques(plant: Plant, width: float) -> Array:
     zero = np.zeros(plant.robot.n)
     damping, friction = (zero if x is None else x for x in (plant.viscosity, plant.friction))
     return np.array([effort_limits(plant), damping, friction, zero + (width or 1.0)])
+
+
+def torques_if_any(plant: Plant, width: float = 0.0) -> Array | None:
+    """Return `joint_torques`; None for a plant without limits, damping and friction."""
+    plain = plant.effort_limits is plant.viscosity is plant.friction is None
+    return None if plain else joint_torques(plant, width)

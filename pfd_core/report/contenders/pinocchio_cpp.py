@@ -23,7 +23,7 @@ import numpy as np
 from pfd_core.model import Plant, Robot, resolve
 from pfd_core.report.cases.robots import Array, joint_frames
 from pfd_core.report.cases.stored import text
-from pfd_core.report.contenders.native import CPP, address, built, joint_torques
+from pfd_core.report.contenders.native import CPP, address, built, torques_if_any
 from pfd_core.report.contenders.work import (
     Contender,
     Contents,
@@ -47,6 +47,9 @@ CODE = f'C++ for any robot, {CPP}'
 SINGLE = Contents(CODE, 'ctypes')
 LOOP = Contents(CODE, 'ctypes, once', 'C++')
 HEADERS = ('pinocchio/algorithm/aba.hpp', 'boost/variant.hpp', 'Eigen/Core')
+# Headers that state their versions.
+VERSIONS = ('pinocchio/config.hpp', 'boost/version.hpp', 'Eigen/src/Core/util/Macros.h')
+SYSTEM = Path('/usr/include')
 # Functions of data/pinocchio.cpp from states to accelerations, with their names in a table.
 FUNCTIONS = {
     'aba': f'{NAME} aba',
@@ -83,12 +86,10 @@ class PinocchioCpp(Contender):
         kinds = np.array([kind == 'prismatic' for kind in plant.robot.joint_types], np.int32)
         # In the axes of the world, in which joint_frames are.
         gravity = plant.robot.base_rotation @ plant.gravity
-        plain = plant.effort_limits is plant.viscosity is plant.friction is None
-        torques = None if plain else joint_torques(plant, width)
         numbers = (rotations, origins, plant.robot.masses, centers, inertias, gravity)
         given = [
             None if x is None else np.ascontiguousarray(x, float)
-            for x in (*numbers, plant.inertia, torques)
+            for x in (*numbers, plant.inertia, torques_if_any(plant, width))
         ]
         self.arm = _Arm(self.library.make(self.n, address(kinds), *map(address, given)))
         weakref.finalize(self.arm, self.library.release, ctypes.c_void_p(self.arm.value))
@@ -148,8 +149,11 @@ def checked(n: int, *arrays: Array) -> tuple[Array, ...]:
 def compiled_library() -> ctypes.CDLL:
     """Return data/pinocchio.cpp, compiled and loaded; LeftOutError has the reason if not."""
     options = [f'-D{define}' for define in DEFINES]
-    options += [f'-isystem{include}' for include in include_folders()]
-    with built(CPP, text('pinocchio.cpp'), *options) as path:
+    folders = include_folders()
+    options += [f'-isystem{include}' for include in folders]
+    places = (folder / header for folder in (*folders, SYSTEM) for header in VERSIONS)
+    versions = ''.join(place.read_text(encoding='utf-8') for place in places if place.is_file())
+    with built(CPP, text('pinocchio.cpp'), *options, headers=versions) as path:
         library = ctypes.CDLL(str(path))
     library.make.restype = ctypes.c_void_p
     return library
@@ -162,7 +166,7 @@ def include_folders() -> list[Path]:
         raise LeftOutError('pinocchio is not installed: install the extra `peers`')
     # PREFIX/lib/pythonX.Y/site-packages/pinocchio/__init__.py
     above = Path(spec.origin).resolve().parents
-    known = [above[min(4, len(above) - 1)] / 'include', Path('/usr/include')]
+    known = [above[min(4, len(above) - 1)] / 'include', SYSTEM]
     known += [folder / 'eigen3' for folder in known]
     found = []
     for header in HEADERS:
@@ -174,4 +178,4 @@ def include_folders() -> list[Path]:
             )
         found.append(folder)
     # Folders that the compiler searches by default must keep their place in its order.
-    return list(dict.fromkeys(folder for folder in found if folder != Path('/usr/include')))
+    return list(dict.fromkeys(folder for folder in found if folder != SYSTEM))

@@ -35,8 +35,9 @@ static void at(const double *effects, const double *q, const double *qd, const d
     batch(1, in, qdd);
 }
 
-// The classical Runge-Kutta method: `substeps` steps of h seconds in each period, whose torques
-// are a row of taus.
+// Simulations: `substeps` steps of h seconds in each period, whose torques are a row of taus.
+
+// The classical Runge-Kutta method.
 void rollout(const double *effects, long long periods, long long substeps, double h, double *q,
              double *qd, const double *taus) {
     double a1[N], a2[N], a3[N], a4[N], x[N], v2[N], v3[N], v4[N];
@@ -53,6 +54,32 @@ void rollout(const double *effects, long long periods, long long substeps, doubl
             q[i] += h / 6 * (qd[i] + 2 * v2[i] + 2 * v3[i] + v4[i]);
             qd[i] += h / 6 * (a1[i] + 2 * a2[i] + 2 * a3[i] + a4[i]);
         }
+    }
+}
+
+// Velocity Verlet with a predicted velocity; a step begins with the acceleration at which the step
+// before it ended, if the torques are the same.
+void verlet(const double *effects, long long periods, long long substeps, double h, double *q,
+            double *qd, const double *taus) {
+    double a[N], end[N], v[N];
+    for (long long k = 0; k < periods; k++) {
+        const double *tau = taus + k * N;
+        at(effects, q, qd, tau, a);
+        for (long long s = 0; s < substeps; s++) {
+            for (int i = 0; i < N; i++) q[i] += h * (qd[i] + h / 2 * a[i]), v[i] = qd[i] + h * a[i];
+            at(effects, q, v, tau, end);
+            for (int i = 0; i < N; i++) qd[i] += h / 2 * (a[i] + end[i]), a[i] = end[i];
+        }
+    }
+}
+
+// The semi-implicit Euler method.
+void euler(const double *effects, long long periods, long long substeps, double h, double *q,
+           double *qd, const double *taus) {
+    double a[N];
+    for (long long k = 0; k < periods * substeps; k++) {
+        at(effects, q, qd, taus + k / substeps * N, a);
+        for (int i = 0; i < N; i++) qd[i] += h * a[i], q[i] += h * qd[i];
     }
 }
 #endif

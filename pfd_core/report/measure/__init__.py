@@ -5,14 +5,14 @@ Measurements: steps, times and errors, each as rows of a table.
 
 Tools:
 
+    progress            what is being measured and for how long, on a terminal or in a log
     processes           runs measurements whose numbers do not depend on the load on all processors
 
 Steps:
 
     counts              steps of every method measured on recorded programs, compared with the
-                        paper (Row)
+                        paper, also on fewer processors than joints (Row)
     network_times       time of every recording on every network (Recorded)
-    processors          steps on fewer processors than joints (OnProcessors)
     convergence         iterations of the iterative methods to converge, and errors after n of them
     claims              sentences of the paper, each checked (Claim, Verdict)
     doubling            recursive doubling executed: moves between lanes, contents of lanes
@@ -35,6 +35,7 @@ Times:
 Errors of single states:
 
     differences         differences relative to the largest entry of a state
+    decimals            programs on Python's decimal numbers, one state at a time
     reference           qdd in 50 digits with its certificate, errors and condition numbers
     quantity_reference  other quantities in 50 digits
     estimates           error estimates of refined kernels compared with their errors
@@ -51,7 +52,6 @@ Errors of motions:
 
     energies            energies, references in float64, errors of runs compared with them
     work_precision      work and errors of every integrator on a motion (RunPoint)
-    decimals            programs on Python's decimal numbers, one state at a time
     extrapolation       end of a motion, extrapolated in extended precision
     motion_errors       runs of hard and steady motions; formulation stiffness; loops through a
                         hold

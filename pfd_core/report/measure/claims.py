@@ -5,19 +5,21 @@ Quantitative sentences of Lee and Chang (1987), each with a verdict from executi
 
 A check runs the programs or evaluates the printed formulas, and returns whether the sentence holds
 and the evidence in words. A note limits a true sentence, or corrects a false one.
+
+The sentences are stored in data/claims.yaml, each with one of the functions below as its check.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
 from pfd_core.algorithms.emulation import arithmetic
 from pfd_core.algorithms.paper.fohra_first_level import record_fohra, structure_of
-from pfd_core.algorithms.paper.literal_array import STORE
 from pfd_core.algorithms.paper.pcgm_1987 import MISPRINTS, record_pcgm_1987
 from pfd_core.algorithms.paper.pcrbm_1987 import AS_PRINTED as PCRBM_AS_PRINTED
 from pfd_core.algorithms.paper.pcrbm_1987 import record_pcrbm_1987
@@ -26,8 +28,10 @@ from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics
 from pfd_core.machine.program import Steps
 from pfd_core.model import load_robot, resolve
 from pfd_core.report.cases.paper import TABLE, levels, value
+from pfd_core.report.cases.problems import seeded_states
 from pfd_core.report.cases.robots import uniform_chain
-from pfd_core.report.measure.array_runs import last_cycle, literal_run, solve_run
+from pfd_core.report.cases.stored import table
+from pfd_core.report.measure.array_runs import measure_array, solve_run
 from pfd_core.report.measure.counts import (
     AS_PRINTED,
     CountedPart,
@@ -36,7 +40,7 @@ from pfd_core.report.measure.counts import (
     row,
 )
 from pfd_core.report.measure.doubling import doubling
-from pfd_core.report.measure.pcgm_iterations import errors_of_iterates, seeded_states
+from pfd_core.report.measure.pcgm_iterations import errors_of_iterates
 
 N = 6
 FEW = 20  # states in which iterations are counted
@@ -101,37 +105,27 @@ def _pair(steps: Steps) -> tuple[int, int]:
     return steps.multiplications + steps.divisions, steps.additions
 
 
-def _of_part(system: str, item: str) -> Callable[[], FOUND]:
-    """Return the check of a count of a part: as printed, n = 6."""
-
-    def check() -> FOUND:
-        x = _part(system, item)
-        claimed = tuple(int(value(f, N)) for f in (x.part.multiplications, x.part.additions))
-        found, corrected = _pair(x.as_printed), _pair(x.corrected)
-        words = (
-            f'n = {N}: {found[0]} and {found[1]} executed, {claimed[0]} and {claimed[1]} claimed'
-        )
-        if corrected != found:
-            words += f'; corrected {corrected[0]} and {corrected[1]}'
-        return found == claimed, words
-
-    return check
+def _of_part(system: str, item: str) -> FOUND:
+    """Check the count of a part as printed, n = 6."""
+    x = _part(system, item)
+    claimed = tuple(int(value(f, N)) for f in (x.part.multiplications, x.part.additions))
+    found, corrected = _pair(x.as_printed), _pair(x.corrected)
+    words = f'n = {N}: {found[0]} and {found[1]} executed, {claimed[0]} and {claimed[1]} claimed'
+    if corrected != found:
+        words += f'; corrected {corrected[0]} and {corrected[1]}'
+    return found == claimed, words
 
 
-def _of_total(system: str) -> Callable[[], FOUND]:
-    """Return the check of a printed total at n = 6: by its formula, and executed as printed."""
-
-    def check() -> FOUND:
-        claims = TABLE[system].multiplications, TABLE[system].additions
-        printed = [claim.printed for claim in claims]
-        formula = [int(claim.formula(N)) for claim in claims]
-        found = _pair(row(system, N, edition=AS_PRINTED).steps)
-        return list(found) == printed, (
-            f'{printed[0]} and {printed[1]} printed, {formula[0]} and {formula[1]} by the '
-            f'formula, {found[0]} and {found[1]} executed as printed'
-        )
-
-    return check
+def _of_total(system: str) -> FOUND:
+    """Check a printed total at n = 6: by its formula, and executed as printed."""
+    claims = TABLE[system].multiplications, TABLE[system].additions
+    printed = [claim.printed for claim in claims]
+    formula = [int(claim.formula(N)) for claim in claims]
+    found = _pair(row(system, N, edition=AS_PRINTED).steps)
+    return list(found) == printed, (
+        f'{printed[0]} and {printed[1]} printed, {formula[0]} and {formula[1]} by the '
+        f'formula, {found[0]} and {found[1]} executed as printed'
+    )
 
 
 def _fohra_on_a_puma() -> FOUND:
@@ -241,15 +235,12 @@ def _column_sweeps() -> FOUND:
     )
 
 
-def _array(event: Callable[[int], int], formula: str) -> Callable[[], FOUND]:
-    def check() -> FOUND:
-        sizes = (2, 3, 4, 6, 8)
-        found, wanted = [event(n) for n in sizes], [int(value(formula, n)) for n in sizes]
-        same = found == wanted
-        words = f'{found[-1]} cycles at n = {sizes[-1]}' + ('' if same else f', not {wanted[-1]}')
-        return same, words
-
-    return check
+def _array(event: str) -> FOUND:
+    """Check the cycle of an event of the array as printed."""
+    runs = [one for one in measure_array((2, 3, 4, 6, 8)) if one.event == event]
+    same, last = all(one.measured == one.claimed for one in runs), runs[-1]
+    words = f'{last.measured} cycles at n = {last.n}' + ('' if same else f', not {last.claimed}')
+    return same, words
 
 
 def _logarithmic_array() -> FOUND:
@@ -373,230 +364,18 @@ def _processors() -> FOUND:
     return array == all_of_them, f'n = {N}: {array} cells and {N} processors, {all_of_them} in all'
 
 
-def _formula(system: str, printed: dict[str, int]) -> Callable[[], FOUND]:
-    def check() -> FOUND:
-        found = {kind: getattr(TABLE[system], kind).formula(N) for kind in printed}
-        words = ', '.join(f'{kind} {float(x):g}' for kind, x in found.items())
-        return found == printed, f'by the formula of Table 1: {words}'
+def _formula(system: str, multiplications: int, additions: int) -> FOUND:
+    claims = TABLE[system].multiplications, TABLE[system].additions
+    found = [claim.formula(N) for claim in claims]
+    return found == [multiplications, additions], (
+        f'by the formula of Table 1: multiplications {float(found[0]):g}, '
+        f'additions {float(found[1]):g}'
+    )
 
-    return check
+
+def _claim(check: list[Any], **row: str) -> Claim:
+    name, *given = check
+    return Claim(check=partial(globals()[f'_{name}'], *given), **row)
 
 
-COUNTS, OWN = 'test_report_counts.py::test_', 'test_report_claims_of_the_paper.py::test_'
-ARRAY = 'test_algorithms_triangular_array.py::test_'
-PARTS = COUNTS + 'parts_are_those_of_the_paper_or_differ_by_a_known_number'
-CLAIMS = (
-    Claim(
-        'abstract, section 1',
-        'PCRBM takes O(n^2) with O(n) processors',
-        _quadratic_factorisation,
-        'test_algorithms_set_ordering.py::'
-        'test_the_procedure_takes_a_third_of_the_additions_that_the_paper_prints',
-        'as printed; corrected, the factorisation has the same order',
-    ),
-    Claim(
-        'section 1',
-        'and O(n) with O(n^2) processors',
-        _linear_array,
-        ARRAY + 'a_right_hand_side_takes_one_cycle_more_and_a_solve_2n_minus_1_after_it',
-    ),
-    Claim(
-        'abstract, section 4',
-        'PCGM computes the accelerations in O(n) multiplications and O(n log n) additions',
-        _n_iterations,
-        'test_report_pcgm.py::'
-        'test_from_twelve_joints_on_no_state_gets_its_accelerations_in_n_iterations',
-        'n iterations have these orders; from about 8 joints on they leave errors',
-    ),
-    Claim(
-        'section 1',
-        'conjugate gradients converge in less than n iterations',
-        _less_than_n_iterations,
-        'test_report_pcgm.py::test_n_iterations_are_enough_up_to_six_joints',
-        'exact arithmetic needs at most n',
-    ),
-    Claim(
-        'section 1',
-        'O(P6) multiplications on O(n) processors, O(7 n + 9 h) on O(n^2): fewer on more',
-        _orders_of_the_introduction,
-        OWN + 'the_introduction_compares_a_factorisation_with_a_whole_method',
-        'the first counts the factorisation, the second the whole method',
-    ),
-    Claim(
-        'section 1',
-        'an iteration of PCGM takes O(1) multiplications and O(log2 n) additions',
-        _price_of_an_iteration,
-        'test_algorithms_1987.py::test_pcgm_of_1987_has_its_closed_forms',
-    ),
-    Claim(
-        'section 1',
-        'for n <= 12 methods 1 to 3 are more efficient than method 4',
-        _serial_before_iterative,
-        OWN + 'the_verdict_on_methods_1_to_3_is_that_of_the_formulas',
-        'with 117 n instead of 12 n, which gives the printed value, method 1 wins at small n',
-    ),
-    Claim(
-        'section 1',
-        'method 3 takes 1629 multiplications and 1255 additions',
-        _formula('walker_orin_3', {'multiplications': 1629, 'additions': 1255}),
-        COUNTS + 'the_formulas_at_six_joints_are_those_of_the_paper',
-        'Table 1 and section 2.5 have 1627',
-    ),
-    Claim(
-        'section 1',
-        "Featherstone's method takes 2250 multiplications and 1816 additions",
-        _formula('articulated_body', {'multiplications': 2250, 'additions': 1816}),
-        COUNTS + 'the_formulas_at_six_joints_are_those_of_the_paper',
-        'Table 1 prints 2280 and 1816; unexplained',
-    ),
-    Claim(
-        'section 1',
-        "the recurrence of Featherstone's method cannot be parallelised",
-        _articulated_recurrence,
-        COUNTS + 'divide_and_conquer_grows_with_the_logarithm_alone',
-        'for forward dynamics another algorithm exists whose steps grow with log2 n',
-    ),
-    Claim(
-        'section 2.1',
-        'NE takes O(log2 n) time',
-        _newton_euler_levels,
-        OWN + 'a_doubling_of_the_joints_adds_the_same_steps_to_newton_euler',
-    ),
-    Claim(
-        'section 2.2',
-        'FOHRA and FOIHRA take O(log2 n) time',
-        _levels,
-        'test_report_illustrated.py::test_a_level_doubles_what_a_lane_holds',
-        'FOIHRA as printed has a level more where n is a power of two',
-    ),
-    Claim(
-        'section 2.3',
-        'row sweeping takes n - 1 steps',
-        _row_sweep,
-        PARTS,
-    ),
-    Claim(
-        'section 2.4',
-        'there are (n^3 - n)/6 products',
-        _number_of_products,
-        'test_algorithms_set_ordering.py::test_the_program_is_equations_11_and_12',
-    ),
-    Claim(
-        'section 2.4',
-        'the products take ceil((n^2 - 1)/6) multiplications',
-        _products,
-        'test_algorithms_set_ordering.py::test_the_literal_factorisation_takes_the_steps_of_its_parts',
-        'true of the products as printed, which are all known at once',
-    ),
-    Claim(
-        'section 2.4',
-        'set ordering takes n(n - 1)/2 additions',
-        _orderings,
-        'test_algorithms_set_ordering.py::'
-        'test_the_procedure_takes_a_third_of_the_additions_that_the_paper_prints',
-        'the paper counts too many',
-    ),
-    Claim(
-        'section 2.4',
-        'the factorisation takes one square root',
-        _one_root,
-        OWN + 'one_square_root_is_enough_only_for_the_wrong_matrix',
-        "with L D L' the roots of D are one step, and a solve needs none",
-    ),
-    Claim(
-        'section 2.4',
-        'a column sweep takes 2 n - 1 multiplications and n - 1 additions',
-        _column_sweeps,
-        OWN + 'column_sweeps_take_what_the_paper_counts',
-    ),
-    Claim(
-        'section 2.5 (a)',
-        'FOHRA takes 27 L - 19 multiplications and 18 L - 14 additions',
-        _fohra_on_a_puma,
-        'test_algorithms_fohra.py::'
-        'test_a_puma_takes_27_l_minus_19_multiplications_and_18_l_minus_14_additions',
-        'for twists of 0 and 90 degrees only',
-    ),
-    Claim('section 2.5 (b)', 'L, 9 L, 4 L - 1 and 3 L', _of_part('pcrbm', '(b)'), PARTS),
-    Claim('section 2.5 (d)', 'the bias: 84, 15 L + 63', _of_part('pcrbm', '(d)'), PARTS),
-    Claim('section 2.5 (e)', 'the solve', _of_part('pcrbm', '(e)'), PARTS),
-    Claim('section 2.5 (f)', 'other equations', _of_part('pcrbm', '(f)'), PARTS),
-    Claim(
-        'section 2.5',
-        'PCRBM takes 334 multiplications and 328 additions at n = 6',
-        _of_total('pcrbm'),
-        COUNTS + 'no_system_as_printed_takes_as_few_multiplications_as_its_formula',
-    ),
-    Claim(
-        'section 2.5, implied',
-        'PCRBM takes 4.35 times fewer steps than method 3 on one processor',
-        _speed_up,
-        COUNTS + 'the_papers_own_speed_up_is_taken_over_its_published_serial_count',
-        '(1627 + 1255) / (334 + 328)',
-    ),
-    Claim(
-        'Table 1',
-        'PCRBM with the array takes 331 multiplications and 322 additions at n = 6',
-        _of_total('pcrbm_array'),
-        COUNTS + 'no_system_as_printed_takes_as_few_multiplications_as_its_formula',
-    ),
-    Claim(
-        'Table 1',
-        'and one square root',
-        _roots_of_the_array,
-        COUNTS + 'every_circular_cell_takes_its_root_in_a_cycle_of_its_own',
-    ),
-    Claim(
-        'section 2.6',
-        'after 2 n - 1 cycles all input from below is stored',
-        _array(lambda n: last_cycle(literal_run(n), action=STORE), '2 n - 1'),
-        ARRAY + 'the_literal_design_keeps_its_input_when_the_paper_says',
-        'true of column 1',
-    ),
-    Claim(
-        'section 2.6',
-        'h_44 and the flag enter P_41 after 2 n cycles',
-        _array(lambda n: last_cycle(literal_run(n), (n, 1)), '2 n'),
-        ARRAY + 'the_literal_design_keeps_its_input_when_the_paper_says',
-    ),
-    Claim(
-        'section 2.6',
-        'the array factors in 3 n - 1 cycles',
-        _array(lambda n: literal_run(n).cycles, '3 n - 1'),
-        ARRAY + 'the_literal_design_takes_3n_minus_1_cycles_for_equations_11_and_12',
-        'the matrix is wrong; corrected: 3 n - 2 cycles',
-    ),
-    Claim('section 3 (b)', 'H u takes 42, 12 L + 26', _of_part('pcgm', '(b), step 7'), PARTS),
-    Claim('section 3 (c)', 'an inner product takes 1, L', _of_part('pcgm', '(c)'), PARTS),
-    Claim('section 3 (d)', 'an iteration takes 49, 14 L + 30', _of_part('pcgm', '(d)'), PARTS),
-    Claim(
-        'section 3 (e)', 'before the loop 27 L + 124, 34 L + 87', _of_part('pcgm', '(e)'), PARTS
-    ),
-    Claim(
-        'section 3',
-        'PCGM takes 499 multiplications and 621 additions at n = 6',
-        _of_total('pcgm'),
-        COUNTS + 'no_system_as_printed_takes_as_few_multiplications_as_its_formula',
-    ),
-    Claim(
-        'section 4',
-        'the array reduces O(n^2) to O(log2 n)',
-        _logarithmic_array,
-        OWN + 'the_array_takes_a_time_in_proportion_to_n',
-        'O(n), as in sections 1 and 2.6',
-    ),
-    Claim(
-        'section 4',
-        'with n(n + 1)/2 processors',
-        _processors,
-        COUNTS + 'the_cells_of_the_array_are_processors',
-        'Table 1 adds n general-purpose processors',
-    ),
-    Claim(
-        'section 4',
-        'for n <= 12 PCRBM is superior to PCGM',
-        _pcrbm_before_pcgm,
-        OWN + 'pcrbm_takes_fewer_steps_than_pcgm_far_beyond_twelve_joints',
-        'also for much longer chains',
-    ),
-)
+CLAIMS = tuple(_claim(**row) for row in table('claims'))

@@ -20,8 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
-from itertools import chain, combinations
+from itertools import chain, combinations, product
 import time
 from typing import Any
 
@@ -30,20 +29,22 @@ import numpy as np
 from pfd_core.report.cases.controlled_arm import ControlledArm
 from pfd_core.report.cases.robots import Array
 from pfd_core.report.contenders.control_loop import (
-    CASADI,
+    IN_CASADI,
     MUJOCO,
     PINOCCHIO,
-    CasadiArm,
-    MujocoArm,
-    PinocchioArm,
     Run,
+    Simulate,
     Softness,
+    casadi_arm,
+    mujoco_arm,
+    pinocchio_arm,
 )
-from pfd_core.report.contenders.drake import DRAKE, DrakeArm
+from pfd_core.report.contenders.drake import DRAKE, drake_arm
 from pfd_core.report.contenders.ours_controlled import adaptive, fixed
 from pfd_core.report.contenders.work import LeftOutError, Side
+from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.surroundings import surroundings
-from pfd_core.report.measure.timing import Pace, interleave, show_progress
+from pfd_core.report.measure.timing import Pace, interleave
 from pfd_core.simulation.step_control import SMALLEST_RTOL
 
 # A turn of a joint [rad].
@@ -51,12 +52,13 @@ LOST = 2 * np.pi
 # A run that takes longer is a long one [s].
 LONG = 0.1
 # Our integrators in fixed steps that resolve friction, with the number formats.
-FIXED = tuple(
-    (integrator, dtype) for integrator in ('rk4', 'imex2') for dtype in ('float64', 'float32')
-)
+FIXED = tuple(product(('rk4', 'velocity_verlet', 'imex2'), ('float64', 'float32')))
 ADAPTIVE = 'pfd dop853 float64'
 # Effects of smaller scenes, which lack one or several, and their names on the page.
 LEAVES = {'friction': 'dry friction', 'armature': 'rotors', 'effort limits': 'motor limits'}
+# Effects that scenes of CasADi, the fastest of the other libraries, lack. Without rotors every
+# library is as far from the arm.
+LEFT_BY_CASADI = ('friction', 'effort limits')
 # Integrator, format and steps in a period with errors far below the error of a smaller scene, also
 # for light joints with strong damping.
 FINE = ('imex2', 'float64', 10)
@@ -112,7 +114,7 @@ class Plan:
 
 
 QUICK = Plan(
-    fixed=(('rk4', 'float64'), ('imex2', 'float64')),
+    fixed=(('rk4', 'float64'), ('velocity_verlet', 'float64')),
     substeps=(1, 5),
     reference_substeps=10,
     arms=16,
@@ -345,49 +347,46 @@ def _subsets(names: Iterable[str], most: int) -> Iterator[tuple[str, ...]]:
         yield from combinations(known, count)
 
 
+# Other libraries: their ways, and a function that makes the arm.
+PEERS: dict[str, tuple[Iterable[str], Callable[[ControlledArm], Simulate]]] = {
+    'CasADi': (IN_CASADI, casadi_arm),
+    'Pinocchio': ((PINOCCHIO,), pinocchio_arm),
+    'MuJoCo': (MUJOCO, mujoco_arm),
+    'Drake': (DRAKE, drake_arm),
+}
+
+
 def _peers(case: ControlledArm, plan: Plan, left_out: list[str]) -> Iterator[_Candidate]:
-    for library, candidates in PEERS.items():
+    for library in PEERS:
         try:
-            yield from candidates(case, plan)
+            yield from _of_peer(library, case, plan)
         except LeftOutError as reason:
             left_out.append(f'{library}: {reason}')
 
 
-def _with_ramps(
-    way: str,
-    make: Callable[[ControlledArm], CasadiArm | PinocchioArm],
-    case: ControlledArm,
-    plan: Plan,
-) -> Iterator[_Candidate]:
-    arm = make(case)
-    for substeps in plan.substeps:
-        runs = [(str(soft), arm.run(substeps, soft)) for soft in plan.ramps]
-        yield _Candidate(ControlledRow(way, case.period / substeps, None), runs)
+def _of_peer(library: str, case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
+    ways, make = PEERS[library]
+    simulate, adaptive = make(case), library == 'Drake'
+    softnesses = {'MuJoCo': plan.solvers, 'Drake': plan.ramps[:DRAKES]}.get(library, plan.ramps)
+    for way in ways:
+        for setting in plan.accuracies if adaptive else plan.substeps:
+            step, tolerance = (None, setting) if adaptive else (case.period / setting, None)
+            runs = [(str(soft), simulate(way, setting, soft)) for soft in softnesses]
+            yield _Candidate(ControlledRow(way, step, tolerance), runs)
+    if library == 'CasADi':
+        yield from _scenes_of_casadi(case, plan)
 
 
-def _mujoco(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
-    arm = MujocoArm(case)
-    for way in MUJOCO:
-        for substeps in plan.substeps:
-            runs = [(str(soft), arm.run(way, substeps, soft)) for soft in plan.solvers]
-            yield _Candidate(ControlledRow(way, case.period / substeps, None), runs)
-
-
-def _drake(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
-    arm = DrakeArm(case)
-    for way in DRAKE:
-        for tolerance in plan.accuracies:
-            ramps = plan.ramps[:DRAKES]
-            runs = [(str(soft), arm.run(way, tolerance, soft)) for soft in ramps]
-            yield _Candidate(ControlledRow(way, None, tolerance), runs)
-
-
-PEERS: dict[str, Callable[[ControlledArm, Plan], Iterator[_Candidate]]] = {
-    'CasADi': partial(_with_ramps, CASADI, CasadiArm),
-    'Pinocchio': partial(_with_ramps, PINOCCHIO, PinocchioArm),
-    'MuJoCo': _mujoco,
-    'Drake': _drake,
-}
+def _scenes_of_casadi(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
+    for names in _subsets(LEFT_BY_CASADI, plan.most_left_out):
+        simulate = casadi_arm(replace(case, scene=case.scene.without(names)))
+        # Without friction the width of a ramp has no effect.
+        ramps = [('', Softness(1.0))]
+        if 'friction' not in names:
+            ramps = [(str(soft), soft) for soft in plan.ramps]
+        for way in IN_CASADI:
+            runs = [(name, simulate(way, 1, soft)) for name, soft in ramps]
+            yield _Candidate(ControlledRow(way, case.period, None, names), runs)
 
 
 def _rounding(case: ControlledArm, plan: Plan, dtype: str) -> Rounding:
@@ -405,9 +404,9 @@ def _rounding(case: ControlledArm, plan: Plan, dtype: str) -> Rounding:
 
 
 def scene_errors(rows: Iterable[ControlledRow]) -> dict[tuple[str, ...], ControlledRow]:
-    """Return the row in the shortest steps of each scene that lacks effects."""
+    """Return our row in the shortest steps of each scene that lacks effects."""
     found: dict[tuple[str, ...], ControlledRow] = {}
-    for row in rows:
+    for row in filter(is_ours, rows):
         before = found.get(row.left_out)
         if row.left_out and (before is None or (row.step or 0.0) < (before.step or 0.0)):
             found[row.left_out] = row

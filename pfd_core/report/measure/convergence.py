@@ -24,13 +24,13 @@ from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, load_robot, resolve
+from pfd_core.report.cases.problems import seeded_states
 from pfd_core.report.cases.robots import Array, uniform_chain
 from pfd_core.report.measure.differences import differences
 
 CHAINS = (2, 3, 4, 5, 6, 8, 12, 16, 24)
 ARMS = ('puma560', 'ur5', 'panda')
 STATES = 1000
-SEED = 1987
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def measure_convergence(chosen: Iterable[Robot]) -> Iterator[Convergence]:
 def convergence(method: str, robot: Robot) -> Convergence:
     """Return the iterations of one method over STATES states; RuntimeError if one fails."""
     plant, n = resolve(robot), robot.n
-    state = _states(n)
+    state = seeded_states(n, STATES)
 
     def answer(program: Program) -> dict[str, Array]:
         return run(expand_sines(program, 'float64'), state)
@@ -104,9 +104,3 @@ def convergence(method: str, robot: Robot) -> Convergence:
         worst_after_n=float(after_n.max()),
         worst_converged=float(differences(whole['qdd'], wanted).max()),
     )
-
-
-def _states(n: int) -> dict[str, Array]:
-    """Return any positions, velocities up to 2 rad/s and torques up to 5 N m."""
-    unit = 2 * np.random.default_rng(SEED).random((3, STATES, n)) - 1
-    return {'q': np.pi * unit[0], 'qd': 2 * unit[1], 'tau': 5 * unit[2]}

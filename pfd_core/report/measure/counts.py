@@ -16,8 +16,10 @@ since the paper quotes their totals.
 Speed-up divides the arithmetic of one processor by the arithmetic of a system. The processor
 executes the same algorithm, or the best direct algorithm at that n: its sequential recording, or
 the system's program operation by operation, whichever is less. So n processors are at most n times
-as fast. Efficiency is speed-up over processors, cells of the array included. The same holds for
-fewer processors than joints (pfd_core.report.measure.processors).
+as fast. Efficiency is speed-up over processors, cells of the array included.
+
+On p processors, fewer than joints, each has a block of ceil(n / p) links. The program is recorded
+for them (pfd_core.machine.recorder), not derived from the count on n.
 """
 
 from __future__ import annotations
@@ -49,6 +51,9 @@ from pfd_core.report.cases.paper import KINDS, PARTS, TABLE, Claim, Part
 from pfd_core.report.cases.robots import uniform_chain
 
 SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 32, 48, 64)
+# Joints, and numbers of processors: divisors, and for 6 joints also 4, of which one has no link.
+PROCESSORS = {6: (1, 2, 3, 4, 6), 12: (1, 2, 3, 4, 6, 12), 64: (1, 2, 4, 8, 16, 32, 64)}
+MACHINES = tuple((n, processors) for n, numbers in PROCESSORS.items() for processors in numbers)
 GIVEN = ('joint rotation', 'rotations')  # the sections that the paper does not count
 PRINTED_AT = 6
 AS_PRINTED, CORRECTED, BEST_KNOWN = EDITIONS = ('as printed', 'corrected', 'best known')
@@ -118,9 +123,8 @@ class Row:
         Joints.
     iterations : int or None
         Iterations of an iterative method.
-    processors, units : str, int
-        Formula of the number of processors, or the number without cells of the array; and their
-        number with the cells.
+    processors, units : int
+        Number of processors without and with the cells of the array.
     steps, unpacked : Steps
         Steps on that machine, with and without packing of rows of lanes. As printed and corrected,
         only the pairs i < j are packed.
@@ -129,14 +133,14 @@ class Row:
     speed_up, published_speed_up : float or None
         Over the best direct algorithm on one processor, and over the best serial formula of
         Table 1; None for an iterative method.
-    routed_speed_up : float or None
-        `speed_up` with each route counted as a step (packed or not: the faster one).
     own_speed_up : float
         Over the same algorithm on one processor, with as many iterations.
-    efficiency, own_efficiency : float or None
-        `speed_up` and `own_speed_up` over `units`.
+    routed_speed_up, routed_own_speed_up : float or None
+        The same with each route counted as a step (packed or not: the faster one).
+    efficiency, own_efficiency, routed_efficiency, routed_own_efficiency : float or None
+        These speed-ups over `units`.
     cells : dict
-        By kind of operation.
+        By kind of operation; empty on fewer processors than joints, which the paper does not have.
 
     """
 
@@ -145,7 +149,7 @@ class Row:
     edition: str
     n: int
     iterations: int | None
-    processors: str
+    processors: int
     units: int
     steps: Steps
     unpacked: Steps
@@ -154,8 +158,11 @@ class Row:
     published_speed_up: float | None
     routed_speed_up: float | None
     own_speed_up: float
+    routed_own_speed_up: float
     efficiency: float | None
     own_efficiency: float
+    routed_efficiency: float | None
+    routed_own_efficiency: float
     cells: dict[str, Cell]
 
 
@@ -165,6 +172,15 @@ def measure(sizes: Iterable[int] = SIZES) -> Iterator[Row]:
         for method in COUNTED:
             for edition in EDITIONS if method in PROCEDURES else (BEST_KNOWN,):
                 yield row(method, n, edition=edition)
+
+
+def measure_on_processors(machines: Iterable[tuple[int, int]] = MACHINES) -> Iterator[Row]:
+    """Yield the counts of every parallel system for some n and numbers of processors."""
+    for n, processors in machines:
+        for method in METHODS:
+            for edition in (CORRECTED, BEST_KNOWN) if method in PROCEDURES else (BEST_KNOWN,):
+                if method not in SERIAL:
+                    yield row(method, n, edition=edition, processors=processors)
 
 
 def row(
@@ -185,10 +201,8 @@ def row(
     steps, unpacked, work, alone = _counted(method, n, edition, iterations or 1, processors)
     lanes = processors or (1 if method in SERIAL else n)
     units = processors_of(method, n, lanes)
-    taken = arithmetic(steps)
-    speed_up = None if iterative else best_serial(n)[1] / taken
-    own_speed_up = alone / taken
-    routed = min(arithmetic(s) + s.routes for s in (steps, unpacked))
+    taken, routed = arithmetic(steps), min(map(with_routes, (steps, unpacked)))
+    best = None if iterative else best_serial(n)[1]
     system = TABLE.get(method)
     return Row(
         system=method,
@@ -196,19 +210,20 @@ def row(
         edition=edition,
         n=n,
         iterations=iterations,
-        processors=str(
-            processors or (system.processors if system else '1' if lanes == 1 else 'n')
-        ),
+        processors=lanes,
         units=units,
         steps=steps,
         unpacked=unpacked,
         busy=work / (taken * units),
-        speed_up=speed_up,
+        speed_up=None if best is None else best / taken,
         published_speed_up=None if iterative else published_serial(n) / taken,
-        routed_speed_up=None if speed_up is None else speed_up * taken / routed,
-        own_speed_up=own_speed_up,
-        efficiency=None if speed_up is None else speed_up / units,
-        own_efficiency=own_speed_up / units,
+        routed_speed_up=None if best is None else best / routed,
+        own_speed_up=alone / taken,
+        routed_own_speed_up=alone / routed,
+        efficiency=None if best is None else best / taken / units,
+        own_efficiency=alone / taken / units,
+        routed_efficiency=None if best is None else best / routed / units,
+        routed_own_efficiency=alone / routed / units,
         cells={
             kind: _cell(
                 _of_kind(steps, kind),
@@ -218,8 +233,20 @@ def row(
                 edition == AS_PRINTED,
             )
             for kind in KINDS
-        },
+        }
+        if processors is None
+        else {},
     )
+
+
+def with_routes(steps: Steps) -> int:
+    """Return the steps of arithmetic and the routes."""
+    return arithmetic(steps) + steps.routes
+
+
+def machine_of(method: str) -> str:
+    """Return the number of processors of a method on the page, a formula in n."""
+    return TABLE[method].processors if method in TABLE else '1' if method in SERIAL else 'n'
 
 
 def title_of(method: str) -> str:
@@ -290,7 +317,6 @@ def _program(
 def _net(
     program: Program, processors: int | None, iterations: int, network: str = 'crossbar'
 ) -> Steps:
-    """Return the steps of a program without the sections GIVEN."""
     counted = tuple(one for one in program.instructions if one.section not in GIVEN)
     return replace(program, instructions=counted).count(
         processors, iterations=iterations, network=network

@@ -1,33 +1,41 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Programs run one state at a time on Python's decimal numbers, for long motions in many digits.
+Programs run one state at a time on Python's decimal numbers: references, and long motions.
 
 Python's decimal numbers are written in C: an evaluation takes a twentieth of the emulator's time
-with mpmath. Products with zero and one and sums with zero, which a recording has many of, are
-skipped; everything else is executed as recorded. Sine and cosine are Taylor series of an angle
-that is halved first.
+with mpmath, a quarter where the emulator runs a hundred states at once. Products with zero and
+one and sums with zero, which a recording has many of, are skipped; everything else is executed as
+recorded. Sine and cosine are Taylor series of an angle that is first reduced to half a turn, if
+it is large, and halved.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from decimal import Decimal, getcontext
+from decimal import Decimal, getcontext, localcontext
+from functools import cache
 import operator
 from typing import Any
+
+import numpy as np
 
 from pfd_core.machine.program import Program
 
 Inputs = Mapping[str, Sequence[Decimal]]
-ZERO, ONE = Decimal(0), Decimal(1)
+ZERO, ONE, TWO = Decimal(0), Decimal(1), Decimal(2)
+# Digits beyond those of mpmath numbers, whose roundings are binary.
+MORE = 10
 # Halvings of an angle before its series, and digits beyond the context's that they cost.
 HALVINGS, GUARD = 6, 5
 
 
 def cos_sin(angle: Decimal) -> tuple[Decimal, Decimal]:
-    """Return cosine and sine of an angle [rad] of moderate size."""
+    """Return cosine and sine of an angle [rad]."""
     context = getcontext()
     context.prec += GUARD
+    if abs(angle) > 2**HALVINGS:
+        angle = _within_half_a_turn(angle)
     x = angle / 2**HALVINGS
     square, term, k = x * x, x, 1
     sine, smallest = x, abs(x) * Decimal(10) ** -context.prec
@@ -41,6 +49,32 @@ def cos_sin(angle: Decimal) -> tuple[Decimal, Decimal]:
         sine, versine = 2 * sine * (ONE - versine), 2 * sine * sine
     context.prec -= GUARD
     return ONE - versine, +sine
+
+
+def _within_half_a_turn(angle: Decimal) -> Decimal:
+    with localcontext() as context:
+        # The part that remains keeps all digits.
+        context.prec += angle.adjusted() + 1
+        turn = 2 * _pi(context.prec)
+        return angle - (angle / turn).to_integral_value() * turn
+
+
+@cache
+def _pi(digits: int) -> Decimal:
+    """Return pi by Machin's formula, 16 atan(1/5) - 4 atan(1/239)."""
+    with localcontext() as context:
+        context.prec = digits + GUARD
+        return 16 * _arctangent_of_inverse(5) - 4 * _arctangent_of_inverse(239)
+
+
+def _arctangent_of_inverse(number: int) -> Decimal:
+    power = ONE / number
+    total, k, smallest = power, 1, Decimal(10) ** -getcontext().prec
+    while abs(power) > smallest:
+        power = -power / number**2
+        k += 2
+        total += power / k
+    return total
 
 
 MEANING: dict[str, Callable[..., Any]] = {
@@ -100,6 +134,58 @@ def evaluator(program: Program) -> Callable[[Inputs], dict[str, list[Decimal]]]:
         }
 
     return evaluate
+
+
+def on_mpmath_numbers(program: Program, output: str) -> Callable[[Mapping[str, Any]], Any]:
+    """
+    Return a function that runs a sequential program on states of mpmath numbers, MORE digits wide.
+
+    Parameters
+    ----------
+    program : Program
+        A program that `evaluator` takes.
+    output : str
+        Its output.
+
+    Returns
+    -------
+    callable
+        Of inputs by name, (..., elements) of floats or mpmath.mpf, to (..., size) of mpmath.mpf
+        with the digits that mpmath is set to.
+
+    """
+    import mpmath
+
+    evaluate = evaluator(program)
+
+    def run(inputs: Mapping[str, Any]) -> Any:
+        batch = next(iter(inputs.values())).shape[:-1]
+        rows = {name: inputs[name].reshape(-1, inputs[name].shape[-1]) for name in program.inputs}
+        with localcontext() as context:
+            context.prec = mpmath.mp.dps + MORE
+            found = [
+                [
+                    mpmath.mpf(str(number))
+                    for number in evaluate(dict(zip(rows, map(_decimals, state), strict=True)))[
+                        output
+                    ]
+                ]
+                for state in zip(*rows.values(), strict=True)
+            ]
+        return np.array(found, object).reshape(*batch, -1)
+
+    return run
+
+
+def _decimals(numbers: Sequence[Any]) -> list[Decimal]:
+    """Return mpmath numbers, or others that float64 holds, as decimal ones."""
+    return [_decimal(x) if hasattr(x, 'man') else Decimal(float(x)) for x in numbers]
+
+
+def _decimal(number: Any) -> Decimal:
+    # The mantissa has no sign.
+    size = Decimal(int(number.man)) * TWO ** int(number.exp)
+    return -size if number < 0 else size
 
 
 def _alias(op: str, operands: Sequence[int], known: Mapping[int, Decimal]) -> int | None:

@@ -40,7 +40,8 @@ from pfd_core.report.contenders.work import (
     one_by_one,
     valid_sides,
 )
-from pfd_core.report.measure.timing import MIDDLE_BATCH, Pace, Row, show_progress, take_turns
+from pfd_core.report.measure.progress import show_progress
+from pfd_core.report.measure.timing import MIDDLE_BATCH, Pace, Row, take_turns
 
 WORK = 'decomposition'
 PYTHON, CPP, CASADI = 'Pinocchio from Python', 'Pinocchio in C++', 'CasADi C'

@@ -45,6 +45,7 @@ from pfd_core.model import Plant
 from pfd_core.report.cases.problems import SEED, Problem
 from pfd_core.report.cases.quantities import STATE, linear_rk4
 from pfd_core.report.cases.robots import Array
+from pfd_core.report.measure.decimals import on_mpmath_numbers
 from pfd_core.report.measure.reference import DIGITS as CERTIFIED
 from pfd_core.report.measure.reference import (
     STEP,
@@ -63,8 +64,6 @@ MATRICES = (*DERIVATIVES, *STEPS)
 DIGITS, DISTANCE = 130, '1e-40'
 # Of the largest value of a function: smaller derivatives are roundings.
 ROUNDED = '1e-70'
-# Numbers that a run of a program keeps, of 200 bytes each.
-MOST_NUMBERS = 500_000
 # Neighbours of which A and B are computed, too.
 STEP_DIRECTIONS = 4
 # Accelerations drawn for `gain`.
@@ -218,7 +217,7 @@ def _split(matrix: Numbers, n: int) -> list[Numbers]:
 
 def _forward(plant: Plant, states: States) -> Function:
     """Return the acceleration, (S, K, n), of K points near each of S states."""
-    program = record_forward_dynamics(plant, 'articulated_body', 'parallel')
+    program = record_forward_dynamics(plant, 'articulated_body', 'sequential')
     return _evaluated(program, states, STATE, 'qdd')
 
 
@@ -227,19 +226,14 @@ def _evaluated(
 ) -> Callable[..., Numbers]:
     """Return a function of inputs (S, K, n); other inputs come from the states."""
     others = {name: x[:, None] for name, x in states.items() if name not in names}
-    points = max(1, MOST_NUMBERS // len(program.instructions))
+    on_numbers = on_mpmath_numbers(program, output)
 
     def evaluate(*given: Numbers) -> Numbers:
         batch = given[0].shape[:-1]
         inputs = dict(zip(names, given, strict=True))
         inputs |= {k: np.broadcast_to(x, (*batch, x.shape[-1])) for k, x in others.items()}
-        flat = {k: x.reshape(-1, x.shape[-1]) for k, x in inputs.items()}
-        found = [
-            run(program, {k: x[start : start + points] for k, x in flat.items()}, digits=DIGITS)
-            for start in range(0, int(np.prod(batch)), points)
-        ]
-        result = np.concatenate([one[output] for one in found])
-        return result.reshape(*batch, -1)
+        result: Numbers = on_numbers(inputs)
+        return result
 
     return evaluate
 
@@ -292,7 +286,7 @@ def _equation(
     linear in qdd.
     """
     n = plant.robot.n
-    program = record_inverse_dynamics(plant, 'parallel')
+    program = record_inverse_dynamics(plant, 'sequential')
     torques = _evaluated(program, states, ('q', 'qd', 'qdd'), 'tau')
     qdd = _wide({'qdd': known.qdd})['qdd']
     gain = _gain(torques, states, qdd, known, found)

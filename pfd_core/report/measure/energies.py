@@ -27,7 +27,6 @@ from pfd_core.machine.emulator import run
 from pfd_core.model import Plant
 from pfd_core.report.cases.motions import Motion
 from pfd_core.report.cases.robots import Array
-from pfd_core.simulation.adaptive import integrate
 from pfd_core.simulation.step_control import SMALLEST_RTOL
 
 SAMPLES = 20
@@ -71,11 +70,8 @@ def _states(motion: Motion, method: str, longest: float) -> tuple[Array, Array]:
     states = [(np.array(motion.q), np.array(motion.qd))]
     for _ in range(SAMPLES):
         q, qd = states[-1]
-        step = integrate(
-            motion.robot,
-            np.zeros(motion.robot.n),
+        step = motion.integrated(
             interval(motion),
-            scene=motion.scene,
             q=q,
             qd=qd,
             rtol=SMALLEST_RTOL,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.algorithms.convergence import with_nan_unless_converged
-from pfd_core.algorithms.programs import METHODS, TOLERANCES
+from pfd_core.algorithms.programs import ITERATIVE, METHODS, TOLERANCES
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.auto import default
 from pfd_core.kernels.passes.pipeline import lower
@@ -103,8 +103,8 @@ class MethodRow:
 
 
 @dataclass(frozen=True)
-class Result:
-    """Everything measured at a case; `held_out` are rows at states of the seed HELD_OUT."""
+class CaseFacts:
+    """A case with its condition numbers and the certificate of its reference."""
 
     name: str
     cause: str
@@ -114,6 +114,28 @@ class Result:
     kappa_s: float
     difference: float
     residual: float
+
+
+def facts_of(
+    case: Case, problem: Problem, known: Reference, conditions: tuple[Array, Array]
+) -> dict[str, Any]:
+    """Return the fields of CaseFacts; conditions are kappa_s and kappa_j."""
+    return {
+        'name': case.name,
+        'cause': case.cause,
+        'n': problem.plant.robot.n,
+        'states': len(known.qdd),
+        'kappa_j': float(conditions[1].max()),
+        'kappa_s': float(conditions[0].max()),
+        'difference': known.difference,
+        'residual': known.residual,
+    }
+
+
+@dataclass(frozen=True)
+class Result(CaseFacts):
+    """Everything measured at a case; `held_out` are rows at states of the seed HELD_OUT."""
+
     kernels: tuple[KernelRow, ...]
     methods: tuple[MethodRow, ...]
     held_out: tuple[KernelRow, ...] = ()
@@ -134,7 +156,10 @@ def methods(n: int) -> tuple[str, ...]:
 
 def method_answer(problem: Problem, method: str, dtype: str, refine: int) -> NDArray[Any]:
     """Return qdd (S, n) by the program of a method as recorded, before it is folded and fused."""
-    recorded = _record(problem.plant, method, refine, dtype)
+    return _answer(_record(problem.plant, method, refine, dtype), problem, dtype)
+
+
+def _answer(recorded: Program, problem: Problem, dtype: str) -> NDArray[Any]:
     qdd: NDArray[Any] = _run(expand_sines(recorded, dtype), problem.states, dtype)['qdd']
     return qdd
 
@@ -173,28 +198,28 @@ def measure(case: Case) -> Result:
     problem = case.make()
     known, n = reference(problem), problem.plant.robot.n
     conditions = kappa_s(problem, known), kappa_j(problem)
-    others = [
-        MethodRow(name, dtype, refine, worst(method_answer(problem, name, dtype, refine), known))
-        for name in methods(n)
-        for dtype in ROUNDING
-        for refine in (0, 1)
-    ]
+    others = [row for name in methods(n) for row in _method_rows(problem, known, name)]
     others += [
         MethodRow(name, 'float64', 0, worst(found, known)) for name, found in peer_answers(problem)
     ]
     return Result(
-        name=case.name,
-        cause=case.cause,
-        n=n,
-        states=len(known.qdd),
-        kappa_j=float(conditions[1].max()),
-        kappa_s=float(conditions[0].max()),
-        difference=known.difference,
-        residual=known.residual,
+        **facts_of(case, problem, known, conditions),
         kernels=tuple(kernel_rows(problem, known, conditions)),
         methods=tuple(others),
         held_out=held_out(case),
     )
+
+
+def _method_rows(problem: Problem, known: Reference, method: str) -> Iterator[MethodRow]:
+    recorded: dict[object, Program] = {}
+    for dtype in ROUNDING:
+        for refine in (0, 1):
+            # Of the number format, a recording has the tolerance at which iterations stop.
+            key = refine, method in ITERATIVE and dtype
+            if key not in recorded:
+                recorded[key] = _record(problem.plant, method, refine, dtype)
+            qdd = _answer(recorded[key], problem, dtype)
+            yield MethodRow(method, dtype, refine, worst(qdd, known))
 
 
 def held_out(case: Case) -> tuple[KernelRow, ...]:

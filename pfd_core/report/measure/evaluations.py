@@ -50,9 +50,10 @@ from pfd_core.report.contenders.work import (
     one_by_one,
     valid_sides,
 )
-from pfd_core.report.measure.errors import methods, peer_answers
+from pfd_core.report.measure.errors import CaseFacts, facts_of, methods, peer_answers
+from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.reference import Reference, errors, kappa_j, kappa_s, reference
-from pfd_core.report.measure.timing import Pace, interleave, show_progress
+from pfd_core.report.measure.timing import Pace, interleave
 
 BATCHES = (1, 4096)
 REFINEMENTS = (0, 1)
@@ -99,24 +100,16 @@ QUICK = Plan(
 
 
 @dataclass(frozen=True)
-class CaseFacts:
+class TimedCase(CaseFacts):
     """
-    A case with its condition numbers and the certificate of its reference.
+    A case at which ways are timed.
 
     `auto` and `steps` are the method and the steps of refinement that 'auto' selects, `refined`
     the method that it selects for `refine=1`.
     """
 
-    name: str
-    cause: str
-    n: int
-    states: int
     auto: str
     refined: str
-    kappa_j: float
-    kappa_s: float
-    difference: float
-    residual: float
     # Missing in older JSON files, from versions in which 'auto' never refined.
     steps: int = 0
 
@@ -201,7 +194,7 @@ class Solved:
         return float(np.max(found)), float(np.max(found / self.condition) / ROUNDING[dtype])
 
 
-def measure(name: str, plan: Plan) -> tuple[CaseFacts, list[Point], list[str]]:
+def measure(name: str, plan: Plan) -> tuple[TimedCase, list[Point], list[str]]:
     """Return a case, its points, and the excluded implementations with reasons."""
     (case,) = (case for case in CASES if case.name == name)
     show_progress(f'{name}: reference')
@@ -209,18 +202,11 @@ def measure(name: str, plan: Plan) -> tuple[CaseFacts, list[Point], list[str]]:
     known = reference(problem)
     solved = Solved(name, problem, known, kappa_s(problem, known))
     auto, steps = default(problem.plant, 'auto', 0)
-    facts = CaseFacts(
-        name=name,
-        cause=case.cause,
-        n=problem.plant.robot.n,
-        states=len(known.qdd),
+    facts = TimedCase(
+        **facts_of(case, problem, known, (solved.condition, kappa_j(problem))),
         auto=auto,
         steps=steps,
         refined=default(problem.plant, 'auto', 1)[0],
-        kappa_j=float(kappa_j(problem).max()),
-        kappa_s=float(solved.condition.max()),
-        difference=known.difference,
-        residual=known.residual,
     )
     left_out: list[str] = []
     ways = [*_kernels(solved, plan.methods, left_out), *_peers(solved, plan.peers, left_out)]
@@ -233,7 +219,7 @@ def measure(name: str, plan: Plan) -> tuple[CaseFacts, list[Point], list[str]]:
 
 
 def _points(
-    case: CaseFacts,
+    case: TimedCase,
     ways: Sequence[Way],
     solved: Solved,
     batch: int,

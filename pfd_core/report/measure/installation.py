@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from importlib.metadata import version
 import secrets
-import time
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,8 @@ from pfd_core.kernels.functions import inverse_dynamics
 from pfd_core.kernels.runtime import cpu_count, disk_cache, processor
 from pfd_core.model import Robot, load_robot
 from pfd_core.model.geometry import Array
+from pfd_core.report.contenders.work import Side
+from pfd_core.report.measure.timing import Pace, interleave
 from pfd_core.simulation.simulator import Simulator
 
 ROBOT = 'ur5'
@@ -87,24 +88,18 @@ def speed() -> Iterator[Finding]:
     robot = load_robot(ROBOT)
     kernel = compile_kernel(robot)
     one, many = _state(robot, 1), _state(robot, BATCH)
-    call = _best(kernel.bind(*one, np.empty(robot.n)), 1000)
-    out = np.empty((BATCH, robot.n))
-    batch = _best(lambda: kernel(*many, out=out), 10) / BATCH
+    out, still = np.empty((BATCH, robot.n)), np.zeros(robot.n)
     sim = Simulator(robot)
-    step = _best(lambda: sim.step(one[2] * 0.0), 200)
+    calls: tuple[Callable[[], object], ...] = (
+        kernel.bind(*one, np.empty(robot.n)),
+        lambda: kernel(*many, out=out),
+        lambda: sim.step(still),
+    )
+    sides = [Side('', call, lambda: out) for call in calls]
+    pace = Pace(turns=ROUNDS, fewest=ROUNDS)
+    call, batch, step = (times.minimum for times in interleave(sides, 1, pace))
     yield Finding(
         'speed',
         f'{ROBOT}, best of {ROUNDS} rounds: one state {1e6 * call:.2f} us, {BATCH} states '
-        f'{1e9 * batch:.0f} ns each, a simulated step {1e6 * step:.2f} us',
+        f'{1e9 * batch / BATCH:.0f} ns each, a simulated step {1e6 * step:.2f} us',
     )
-
-
-def _best(call: Callable[[], object], number: int) -> float:
-    """Return the shortest time of a call, s, of rounds of so many calls."""
-    best = float('inf')
-    for _ in range(ROUNDS):
-        start = time.perf_counter()
-        for _ in range(number):
-            call()
-        best = min(best, (time.perf_counter() - start) / number)
-    return best

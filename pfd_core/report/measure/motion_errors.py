@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -33,7 +32,6 @@ from pfd_core.report.cases.problems import SEED
 from pfd_core.report.cases.robots import Array
 from pfd_core.report.measure import predictions
 from pfd_core.report.measure.energies import energy
-from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
 from pfd_core.simulation.embedded_pairs import PAIRS
 from pfd_core.simulation.simulator import Simulator
 
@@ -91,7 +89,14 @@ def _states(
     """Return whether a run, perhaps of another motion, is finite, and its q and qd, (K, n)."""
     motion = motion or BY_NAME[check.motion]
     if check.integrator in PAIRS:
-        made = _adaptive(motion, duration, check.step, integrator=check.integrator, refine=1)
+        made = motion.integrated(
+            duration,
+            integrator=check.integrator,
+            rtol=check.step,
+            atol=ABSOLUTE * check.step,
+            refine=1,
+            dense=False,
+        )
         return made.status == 'ok', made.q, made.qd
     sim = Simulator(
         motion.robot,
@@ -105,21 +110,6 @@ def _states(
     steps = round(duration / check.step)
     rolled = sim.rollout(np.zeros((steps, motion.robot.n), dtype=check.dtype))
     return rolled.status == 'ok', rolled.q, rolled.qd
-
-
-def _adaptive(motion: Motion, duration: float, rtol: float, **settings: Any) -> AdaptiveTrajectory:
-    return integrate(
-        motion.robot,
-        np.zeros(motion.robot.n),
-        duration,
-        scene=motion.scene,
-        q=motion.q,
-        qd=motion.qd,
-        rtol=rtol,
-        atol=ABSOLUTE * rtol,
-        dense=False,
-        **settings,
-    )
 
 
 @dataclass(frozen=True)
@@ -269,7 +259,13 @@ def formulation() -> list[Effort]:
     motion = BY_NAME[STIFF_FORMULATION]
     efforts = []
     for refine in range(3):
-        made = _adaptive(motion, motion.duration, TOLERANCE, refine=refine, max_steps=MOST_STEPS)
+        made = motion.integrated(
+            rtol=TOLERANCE,
+            atol=ABSOLUTE * TOLERANCE,
+            refine=refine,
+            max_steps=MOST_STEPS,
+            dense=False,
+        )
         efforts.append(Effort(refine, made.evaluations if made.status == 'ok' else None))
     return efforts
 

@@ -118,7 +118,6 @@ def measure_networks(
 
 
 def _serial(n: int) -> Recorded:
-    """Return the direct method that is fastest on one processor."""
     direct = [method for method in METHODS if method in SERIAL and method not in ITERATIVE]
     counted = {method: on_networks(method, n, BEST_KNOWN, 'sequential', 1) for method in direct}
     times = {method: WEIGHTS.arithmetic(on['crossbar']) for method, (_, on) in counted.items()}

@@ -16,7 +16,7 @@ machine.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -30,12 +30,13 @@ from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import resolve
+from pfd_core.report.cases.problems import seeded_states
 from pfd_core.report.cases.robots import Array, uniform_chain
 from pfd_core.report.measure.counts import CORRECTED, GIVEN, row
 from pfd_core.report.measure.differences import differences
 
 SIZES = (2, 3, 4, 5, 6, 8, 12, 16, 24, 32, 48, 64)
-STATES, SEED = 100, 1987
+STATES = 100
 TOLERANCES = (1e-3, 1e-6, 1e-9)
 CYCLE = 1e-3  # [s]
 
@@ -135,21 +136,32 @@ class Study:
     pcrbm: dict[int, Steps]
 
 
-def study(sizes: Iterable[int], progress: Callable[[str], None] = lambda _: None) -> Study:
+def study(sizes: Iterable[int]) -> Study:
     """Measure some n."""
+    return joined(
+        Study(
+            list(measure_iterations([n])),
+            [price(n, variant) for variant in VARIANTS],
+            {n: direct(n)},
+        )
+        for n in sizes
+    )
+
+
+def joined(studies: Iterable[Study]) -> Study:
+    """Return some studies as one."""
     whole = Study([], [], {})
-    for n in sizes:
-        progress(f'iterations of PCGM at n = {n}')
-        whole.iterations.extend(measure_iterations([n]))
-        whole.prices.extend(price(n, variant) for variant in VARIANTS)
-        whole.pcrbm[n] = direct(n)
+    for one in studies:
+        whole.iterations.extend(one.iterations)
+        whole.prices.extend(one.prices)
+        whole.pcrbm.update(one.pcrbm)
     return whole
 
 
 def measure_iterations(sizes: Iterable[int] = SIZES) -> Iterator[Reached]:
     """Yield every variant at every n and tolerance."""
     for n in sizes:
-        states = seeded_states(n)
+        states = seeded_states(n, STATES)
         for variant in VARIANTS:
             yield from _reached(n, variant, errors_of_iterates(n, variant, states))
 
@@ -223,9 +235,3 @@ def direct(n: int) -> Steps:
     """Return the steps of `pcrbm_1987` with one lane per link, rotations of the joints given."""
     program = record_pcrbm_1987(resolve(uniform_chain(n)), 'unpacked')
     return program.count() - in_sections(program, GIVEN)
-
-
-def seeded_states(n: int, count: int = STATES) -> dict[str, Array]:
-    """Return any positions, velocities up to 2 rad/s and torques up to 5 N m, (count, n)."""
-    unit = 2 * np.random.default_rng(SEED).random((3, count, n)) - 1
-    return {'q': np.pi * unit[0], 'qd': 2 * unit[1], 'tau': 5 * unit[2]}

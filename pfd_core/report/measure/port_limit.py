@@ -40,8 +40,9 @@ from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.kernels.runtime.jit import compile_ir, simd_width
 from pfd_core.kernels.runtime.processor import current
 from pfd_core.report.contenders.work import LeftOutError, Side, Work, named
+from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.register_traffic import Traffic, traffic
-from pfd_core.report.measure.timing import MIDDLE_BATCH, Pace, Row, interleave, show_progress
+from pfd_core.report.measure.timing import MIDDLE_BATCH, Pace, Row, interleave
 
 WORK = 'port limit'
 # Operands that all operations share: one number near one, and one near zero.

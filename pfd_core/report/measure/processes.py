@@ -1,47 +1,109 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs measurements whose numbers do not depend on the load, on all processors at once."""
+"""
+Runs measurements whose numbers do not depend on the load, on all processors at once.
+
+Processes end with the first error, with Ctrl-C, and with the process that started them, at once
+and in the middle of a measurement: each waits for the end of a pipe that this process holds open.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import suppress
+from functools import partial
+from itertools import count
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 import os
+from threading import Thread
 from typing import TypeVar
 
-from pfd_core.report.measure.timing import show_progress
+from pfd_core.report.contenders.native import without_interrupts
+from pfd_core.report.measure.progress import hide_progress, show_progress
 
 Item = TypeVar('Item')
 Found = TypeVar('Found')
+
+# Whether this process is one of several that measure.
+_one_of_several = False
 
 
 def each(
     measure: Callable[[Item], Found], items: Sequence[Item], what: str = 'measuring'
 ) -> Iterator[Found]:
     """
-    Yield the measurement of each item in order; progress goes to a terminal.
+    Yield the measurement of each item in order, and show the number of finished ones.
 
-    Function, items and results are sent between processes.
+    Function, items and results are sent between processes. In a process that does this already,
+    and for one item, this process measures.
     """
-    count = min(len(os.sched_getaffinity(0)), len(items))
-    if count < 2:
-        for k, item in enumerate(items):
-            show_progress(f'{what}, {k + 1} of {len(items)}')
-            yield measure(item)
+    processes = 1 if _one_of_several else min(len(os.sched_getaffinity(0)), len(items))
+    if processes > 1:
+        yield from _in_processes(processes, measure, items, what)
     else:
-        # A forked process would share locks with this one.
-        with ProcessPoolExecutor(count, get_context('spawn')) as pool:
-            show_progress(f'{what}, {len(items)}')
-            for k, found in enumerate(pool.map(measure, items)):
-                show_progress(f'{what}, {k + 1} of {len(items)}')
-                yield found
+        for k, item in enumerate(items):
+            show_progress(f'{what}, {k} of {len(items)} finished')
+            yield measure(item)
     show_progress('')
 
 
 def in_one_list(
-    measure: Callable[[Item], Sequence[Found]], items: Sequence[Item], what: str = 'measuring'
+    measure: Callable[[Sequence[Item]], Iterable[Found]], items: Sequence[Item], what: str
 ) -> list[Found]:
-    """Return the measurements of all items, in their order; the last item, the longest, first."""
-    found = list(each(measure, items[::-1], what))
+    """
+    Return the measurements of all items, in their order; the last item, the longest, first.
+
+    `measure` yields the measurements of several items, and gets one at a time.
+    """
+    found = list(each(partial(_of_one, measure), items[::-1], what))
     return [one for some in reversed(found) for one in some]
+
+
+def _of_one(measure: Callable[[Sequence[Item]], Iterable[Found]], item: Item) -> list[Found]:
+    return list(measure([item]))
+
+
+def _in_processes(
+    processes: int, measure: Callable[[Item], Found], items: Sequence[Item], what: str
+) -> Iterator[Found]:
+    # A forked process would share locks with this one.
+    context = get_context('spawn')
+    end, lifeline = context.Pipe(duplex=False)
+    numbers = count(1)
+
+    def finished(future: Future[Found]) -> None:
+        if not future.cancelled() and future.exception() is None:
+            show_progress(f'{what}, {next(numbers)} of {len(items)} finished')
+
+    with end, lifeline:
+        pool = ProcessPoolExecutor(processes, context, _begin, (end,))
+        try:
+            show_progress(f'{what}, 0 of {len(items)} finished')
+            with without_interrupts():
+                futures = [pool.submit(measure, item) for item in items]
+            for future in futures:
+                future.add_done_callback(finished)
+            for future in futures:
+                yield future.result()
+        except BaseException:
+            # Also of the caller, who takes no more measurements.
+            lifeline.close()
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _begin(end: Connection) -> None:
+    """Begin a process that measures."""
+    global _one_of_several
+    _one_of_several = True
+    hide_progress()
+    Thread(target=_exit_with, args=(end,), daemon=True).start()
+
+
+def _exit_with(end: Connection) -> None:
+    with suppress(EOFError, OSError):
+        end.recv()
+    os._exit(1)

@@ -32,8 +32,9 @@ from pfd_core.report.contenders.work import (
 )
 from pfd_core.report.measure import port_limit
 from pfd_core.report.measure.differences import largest_difference
+from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.quantity_reference import exact
-from pfd_core.report.measure.timing import Pace, Row, show_progress, take_turns
+from pfd_core.report.measure.timing import Pace, Row, take_turns
 
 # Peer to the class of its contenders, constructed from a robot and a quantity.
 PEERS: dict[str, Callable[[Robot, str], Contender]] = {

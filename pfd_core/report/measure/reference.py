@@ -3,9 +3,10 @@
 """
 Certified references of the hard cases, condition numbers, and errors relative to the references.
 
-The reference is qdd in 50 digits by articulated bodies, in the axes of each link. Two certificates
-in 50 digits: PCRBM, which solves with an inertia matrix summed in other frames, and the residual
-torque of the Newton-Euler equations.
+The reference is qdd in 50 digits by articulated bodies, in the axes of each link, on decimal
+numbers of ten digits more. Two certificates in 50 digits, on mpmath's binary numbers: PCRBM, which
+solves with an inertia matrix summed in other frames, and the residual torque of the Newton-Euler
+equations.
 
     error      |x - qdd| / |qdd|, Euclidean; for an arm in equilibrium relative to |qdd| without
     torques
@@ -38,6 +39,7 @@ from pfd_core.machine.emulator import run
 from pfd_core.model import Plant, with_inertia
 from pfd_core.report.cases.problems import SEED, Problem
 from pfd_core.report.cases.robots import Array
+from pfd_core.report.measure.decimals import on_mpmath_numbers
 
 DIGITS = 50
 WIDE = 'longdouble'
@@ -85,19 +87,19 @@ def wide_reference(problem: Problem) -> Reference:
     Its error is at most 2^-11 of the error of the same algorithm in float64. Compare it with
     `reference` at a few states.
     """
-    qdd = _exact(problem.plant, problem.states, WIDE)
+    qdd = _wide(problem.plant, problem.states)
     return Reference(qdd, _norm(qdd), np.nan, np.nan)
 
 
 def _reference(problem: Problem, certified: bool) -> Reference:
     plant, states = problem.plant, problem.states
-    qdd = _exact(plant, states, 'articulated_body')
+    qdd = _exact(plant, states)
     scale = _norm(qdd)
     if problem.at_hold:
-        scale = _norm(_exact(plant, states | {'tau': 0 * states['tau']}, 'articulated_body'))
+        scale = _norm(_exact(plant, states | {'tau': 0 * states['tau']}))
     if not certified:
         return Reference(qdd, scale, np.nan, np.nan)
-    difference = _norm(_exact(plant, states, 'pcrbm') - qdd) / scale
+    difference = _norm(_second(plant, states) - qdd) / scale
     torques = record_inverse_dynamics(plant, 'parallel')
     needed, bias = (
         run(torques, states | {'qdd': x}, digits=DIGITS)['tau'] for x in (qdd, 0 * qdd)
@@ -107,17 +109,27 @@ def _reference(problem: Problem, certified: bool) -> Reference:
     return Reference(qdd, scale, float(difference.max()), float(residual.max()))
 
 
-def _exact(plant: Plant, states: States, method: str) -> NDArray[Any]:
-    wide = method == WIDE
-    # Without refinement: the sequential programs group constants of the robot in float64.
-    program = record_forward_dynamics(plant, 'articulated_body' if wide else method, 'parallel')
-    result: NDArray[Any] = run(program, states, *_numbers(wide))['qdd']
+def _exact(plant: Plant, states: States) -> NDArray[Any]:
+    """Return qdd of states, (S, n), with the digits that mpmath is set to."""
+    # Without refinement, which a sequential program of other methods would need.
+    program = record_forward_dynamics(plant, 'articulated_body', 'sequential')
+    result: NDArray[Any] = on_mpmath_numbers(program, 'qdd')(states)
     return result
 
 
-def _numbers(wide: bool) -> tuple[str, int | None]:
-    """Return number format and digits of the emulator."""
-    return (WIDE, None) if wide else ('float64', DIGITS)
+def _second(plant: Plant, states: States) -> NDArray[Any]:
+    """Return qdd in DIGITS by another algorithm, on other lanes and in binary numbers."""
+    program = record_forward_dynamics(plant, 'pcrbm', 'parallel')
+    result: NDArray[Any] = run(program, states, digits=DIGITS)['qdd']
+    return result
+
+
+def _wide(plant: Plant, states: States) -> NDArray[Any]:
+    """Return qdd of states, (S, n), in longdouble."""
+    # Parallel: the sequential programs group constants of the robot in float64.
+    program = record_forward_dynamics(plant, 'articulated_body', 'parallel')
+    result: NDArray[Any] = run(program, states, WIDE)['qdd']
+    return result
 
 
 def _norm(values: NDArray[Any]) -> NDArray[Any]:
@@ -129,7 +141,7 @@ def kappa_j(problem: Problem, wide: bool = False) -> Array:
     """Return the condition number of H after Jacobi scaling, (S,); in longdouble if `wide`."""
     program = record_terms(problem.plant, 'parallel')
     states = {name: problem.states[name] for name in program.inputs}
-    H = run(program, states, *_numbers(wide))['H']
+    H = run(program, states, *((WIDE, None) if wide else ('float64', DIGITS)))['H']
     scale = np.diagonal(H, axis1=-2, axis2=-1) ** 0.5
     scaled = (H / (scale[:, :, None] * scale[:, None, :])).astype(np.float64)
     result: Array = np.linalg.cond(scaled)
@@ -148,7 +160,7 @@ def _kappa_s(problem: Problem, known: Reference) -> Array:
     largest = np.zeros(len(known.qdd))
     wide = known.qdd.dtype == np.longdouble
     for plant, states in neighbours(problem, wide):
-        qdd = _exact(plant, states, WIDE if wide else 'articulated_body')
+        qdd = (_wide if wide else _exact)(plant, states)
         change = (_norm(qdd - known.qdd) / known.scale).astype(np.float64)
         largest = np.maximum(largest, change / STEP)
     return largest

@@ -9,7 +9,7 @@ a whole, and its own error decides.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -21,6 +21,7 @@ from pfd_core.model.checked_numbers import real_number
 from pfd_core.model.scene import scene_to_yaml
 from pfd_core.report.cases.excitations import DrivenMotion
 from pfd_core.report.contenders.work import Side, Work
+from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.scene_effects import effects_on
 from pfd_core.report.measure.scene_errors import (
     FullRun,
@@ -167,11 +168,10 @@ def scene_needs(
     *,
     window: float = WINDOW,
     refused: Mapping[str, str] | None = None,
-    pace: Pace | None = None,
-    progress: Callable[[str], None] = lambda text: None,
+    pace: Pace = PACE,
 ) -> Needs:
     """
-    Return which effects of a scene a motion needs within a tolerance.
+    Return which effects of a scene a motion needs within a tolerance; progress to a terminal.
 
     Parameters
     ----------
@@ -189,8 +189,6 @@ def scene_needs(
         Effects that `full_scene` could not take from the model, for the page.
     pace : Pace
         Durations and repetitions of the timing.
-    progress : callable
-        Called with each progress message.
 
     Raises
     ------
@@ -200,7 +198,7 @@ def scene_needs(
     """
     tolerance, window = _above_zero('tolerance', tolerance), _above_zero('window', window)
     machine = surroundings()
-    progress('simulating the full scene')
+    show_progress('simulating the full scene')
     full = run_full(robot, scene, motion, window)
     names = effects_on(robot, scene)
     rows: dict[Scene, SceneRow] = {}
@@ -208,7 +206,7 @@ def scene_needs(
     def row(left_out: frozenset[str]) -> SceneRow:
         changed = scene.without(left_out)
         if changed not in rows:
-            progress(f'simulating scene {len(rows) + 1}: without {", ".join(left_out)}')
+            show_progress(f'simulating scene {len(rows) + 1}: without {", ".join(left_out)}')
             rows[changed] = measure(full, changed)
         return rows[changed]
 
@@ -217,13 +215,13 @@ def scene_needs(
     left_out = search(names, row, tolerance)
     singles = {name: row(frozenset({name})) for name in names}
     bare = row(frozenset(names))
-    progress('errors of integrator and rounding')
+    show_progress('errors of integrator and rounding')
     margins = {name: margin_of(full, name) for name in names}
     common = floors(full)
-    progress('timing')
+    show_progress('timing')
     timed = {name: scene.without({name}) for name in names if not singles[name].refused}
-    times = time_steps(full, {**timed, SMALLEST: scene.without(left_out)}, pace or PACE)
-    progress('')
+    times = time_steps(full, {**timed, SMALLEST: scene.without(left_out)}, pace)
+    show_progress('')
     return Needs(
         robot=robot.name,
         trajectory=motion.name,

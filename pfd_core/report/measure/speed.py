@@ -29,8 +29,9 @@ from pfd_core.report.contenders.pinocchio_cpp import PinocchioCpp, compiled_libr
 from pfd_core.report.contenders.work import Contender, LeftOutError, Work, valid_sides
 from pfd_core.report.measure import decomposition, port_limit, quantity_rows
 from pfd_core.report.measure.first_results import first_results, fresh_process
+from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.surroundings import surroundings
-from pfd_core.report.measure.timing import Pace, Row, show_progress, take_turns
+from pfd_core.report.measure.timing import Pace, Row, take_turns
 
 ARMS = ('ur5', 'panda', 'puma560', 'dense6')
 CHAINS = (6, 12, 30, 60, 100)

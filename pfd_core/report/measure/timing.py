@@ -7,14 +7,19 @@ The sides take turns, in chunks of a few milliseconds, forwards and then backwar
 works again before every few others. The quoted speed is the median over the turns of the ratio of
 two times taken shortly after each other: a machine that slows down slows both. The minimum is the
 time without disturbance, the median the typical time.
+
+The spread of the times decides the number of turns: they end once the minimum and the medians of
+every side are known to a part SETTLED. The minimum is known if BEST times lie that close to it
+(the K-best scheme: Bryant and O'Hallaron, Computer Systems, 1st ed. 2003, section 9.4), a median
+if its confidence interval from order statistics is that narrow to both sides.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+import math
 import statistics
-import sys
 import time
 
 import numpy as np
@@ -27,6 +32,12 @@ from pfd_core.report.measure.differences import largest_difference
 MIDDLE_BATCH = 4096
 # Number of other sides between two turns of the reference.
 BETWEEN_REFERENCES = 3
+# A minimum or median is known to this part, and after no fewer turns than this.
+SETTLED, FEWEST_SETTLED = 0.01, 10
+# Times that must lie close to the minimum.
+BEST = 3
+# Half-width of a confidence interval of 95 % in standard deviations of a normal distribution.
+NORMAL = 1.96
 
 
 @dataclass(frozen=True)
@@ -82,9 +93,10 @@ class Pace:
         Seconds of one turn: long compared with the clock's resolution, short compared with changes
         of the machine's speed.
     turns, fewest : int
-        Turns of each side; fewer for long works, but never fewer than `fewest`.
+        The most turns of each side; fewer where the times are settled earlier, and for long works,
+        but never fewer than `fewest`.
     budget : float
-        Seconds for all turns of one work.
+        The most seconds for all turns of one work.
     repeats : int
         Repetitions of a first result, which needs a new preparation; one if it takes a second.
 
@@ -167,10 +179,30 @@ def interleave(
                 times[k].append(seconds / units)
                 if near is not None:
                     ratios[k].append(times[near][-1] / times[k][-1])
+            # After both directions.
+            if t % 2 and t + 1 >= FEWEST_SETTLED and all(map(_settled, times, ratios)):
+                break
     return [
         Times(min(own), statistics.median(own), statistics.median(ratio) if ratio else None)
         for own, ratio in zip(times, ratios, strict=True)
     ]
+
+
+def _settled(times: Sequence[float], ratios: Sequence[float]) -> bool:
+    """Return whether minimum and medians of a side are known to a part SETTLED."""
+    best = sorted(times)[BEST - 1]
+    return best <= (1 + SETTLED) * min(times) and all(map(_is_narrow, (times, ratios)))
+
+
+def _is_narrow(values: Sequence[float]) -> bool:
+    """Return whether the confidence interval of a median, if any, is within SETTLED of it."""
+    ordered, count = sorted(values), len(values)
+    # Ranks from a binomial distribution: David and Nagaraja, Order Statistics, 3rd ed., 7.1.
+    low = math.floor((count - 1 - NORMAL * math.sqrt(count)) / 2)
+    if low < 0:
+        return not values
+    middle = statistics.median(ordered)
+    return all(abs(ordered[k] - middle) <= SETTLED * middle for k in (low, count - 1 - low))
 
 
 def _order(sides: Sequence[Side], backwards: bool) -> Iterator[tuple[int, int | None]]:
@@ -201,9 +233,3 @@ def _differences(sides: Sequence[Side]) -> list[float | None]:
         return [None] * len(sides)
     wanted = np.array((reference.wanted or reference.result)(), float)
     return [largest_difference(side.result(), wanted) for side in sides]
-
-
-def show_progress(text: str) -> None:
-    """Write a line over the one before, if stderr is a terminal; '' clears it."""
-    if sys.stderr.isatty():
-        print(f'\r{text:79.79s}', end='' if text else '\r', file=sys.stderr, flush=True)

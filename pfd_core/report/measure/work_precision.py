@@ -17,23 +17,22 @@ it, or an angle is off by more than LOST. All others take turns in one process.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-import ctypes
 from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
+from pfd_core.model import Plant
 from pfd_core.report.cases.motions import FREE, MOTIONS, Motion
 from pfd_core.report.cases.robots import Array
 from pfd_core.report.contenders.casadi import Casadi
 from pfd_core.report.contenders.control_loop import CASADI, PINOCCHIO
-from pfd_core.report.contenders.mujoco import Mujoco
-from pfd_core.report.contenders.native import address, joint_torques
+from pfd_core.report.contenders.mujoco import INTEGRATORS, Mujoco
 from pfd_core.report.contenders.pinocchio_cpp import PinocchioCpp
 from pfd_core.report.contenders.work import LeftOutError, Side
 from pfd_core.report.measure.energies import SAMPLES, Reference, interval, reference
-from pfd_core.report.measure.timing import Pace, interleave, show_progress
-from pfd_core.simulation.adaptive import integrate
+from pfd_core.report.measure.progress import show_progress
+from pfd_core.report.measure.timing import Pace, interleave
 from pfd_core.simulation.integrators import TABLE, record_step
 from pfd_core.simulation.simulator import Simulator
 
@@ -42,16 +41,9 @@ LOST = 2 * np.pi
 ADAPTIVE = 'dop853'
 # The absolute tolerance, as a part of the relative one.
 ABSOLUTE = 1e-3
-# MuJoCo's integrators by the names of mjtIntegrator, with their evaluations in a step.
-MUJOCO = {
-    'MuJoCo Euler': ('mjINT_EULER', 1),
-    'MuJoCo implicit': ('mjINT_IMPLICIT', 1),
-    'MuJoCo implicitfast': ('mjINT_IMPLICITFAST', 1),
-    'MuJoCo RK4': ('mjINT_RK4', 4),
-}
 # Ways in native code with four evaluations in a step.
 NATIVE = (CASADI, PINOCCHIO)
-WAYS = (*TABLE, ADAPTIVE, *MUJOCO, *NATIVE)
+WAYS = (*TABLE, ADAPTIVE, *INTEGRATORS, *NATIVE)
 # Moves a state q and qd, (n,), from one sample to the next.
 Advance = Callable[[], object]
 
@@ -215,36 +207,26 @@ def _runs(motion: Motion, plan: Plan, left_out: list[str]) -> Iterator[Run]:
 
 def _of_mujoco(motion: Motion, plan: Plan) -> Iterator[Run]:
     peer = Mujoco(motion.robot)
-    for way in MUJOCO:
+    for way in INTEGRATORS:
         for step in plan.steps:
             yield Run(way, step, None, _mujoco(peer, motion, way, step))
 
 
-def _of_casadi(motion: Motion, plan: Plan) -> Iterator[Run]:
-    rollout = Casadi(motion.plant).library.rollout
-    effects, taus = joint_torques(motion.plant, 0.0), np.zeros((1, motion.robot.n))
+def _of_native(
+    way: str, make: Callable[[Plant], Casadi | PinocchioCpp], motion: Motion, plan: Plan
+) -> Iterator[Run]:
+    peer, n = make(motion.plant), motion.robot.n
     for step in plan.steps:
-        q, qd = np.empty((2, motion.robot.n))
+        q, qd = np.empty((2, n))
         substeps = round(interval(motion) / step)
-        counts = (ctypes.c_longlong(1), ctypes.c_longlong(substeps), ctypes.c_double(step))
-        advance = partial(rollout, address(effects), *counts, *map(address, (q, qd, taus)))
-        yield Run(CASADI, step, None, _native(motion, advance, q, qd, substeps))
-
-
-def _of_pinocchio(motion: Motion, plan: Plan) -> Iterator[Run]:
-    peer = PinocchioCpp(motion.plant)
-    taus = np.zeros((1, motion.robot.n))
-    for step in plan.steps:
-        q, qd = np.empty((2, motion.robot.n))
-        substeps = round(interval(motion) / step)
-        advance = peer.rollout(step, q, qd, taus, substeps)
-        yield Run(PINOCCHIO, step, None, _native(motion, advance, q, qd, substeps))
+        advance = peer.rollout(step, q, qd, np.zeros((1, n)), substeps)
+        yield Run(way, step, None, _native(motion, advance, q, qd, substeps))
 
 
 PEERS: dict[str, Callable[[Motion, Plan], Iterator[Run]]] = {
     'MuJoCo': _of_mujoco,
-    CASADI: _of_casadi,
-    PINOCCHIO: _of_pinocchio,
+    CASADI: partial(_of_native, CASADI, Casadi),
+    PINOCCHIO: partial(_of_native, PINOCCHIO, PinocchioCpp),
 }
 
 
@@ -273,16 +255,7 @@ def _fixed(motion: Motion, way: str, step: float) -> Callable[[], Outcome]:
 
 def _adaptive(motion: Motion, tolerance: float) -> Outcome:
     """Return the run of `integrate` at a tolerance, the states from its dense output."""
-    found = integrate(
-        motion.robot,
-        np.zeros(motion.robot.n),
-        motion.duration,
-        scene=motion.scene,
-        q=motion.q,
-        qd=motion.qd,
-        rtol=tolerance,
-        atol=tolerance * ABSOLUTE,
-    )
+    found = motion.integrated(rtol=tolerance, atol=tolerance * ABSOLUTE)
     if found.status != 'ok':
         return Outcome(found.status, found.q, found.qd, found.evaluations)
     times = np.linspace(0, motion.duration, SAMPLES + 1)[1:]
@@ -292,10 +265,8 @@ def _adaptive(motion: Motion, tolerance: float) -> Outcome:
 
 def _mujoco(peer: Mujoco, motion: Motion, way: str, step: float) -> Callable[[], Outcome]:
     """Return a run of mj_step by one of MuJoCo's integrators."""
-    name, evaluations = MUJOCO[way]
-    model, mj = peer.model_of(motion.plant), peer.mj
-    model.opt.timestep = step
-    model.opt.integrator = getattr(mj.mjtIntegrator, name)
+    mj, (_, evaluations) = peer.mj, INTEGRATORS[way]
+    model = peer.model_of(motion.plant, way, step)
     data = mj.MjData(model)
     substeps = round(interval(motion) / step)
     q, qd = np.empty((2, SAMPLES, motion.robot.n))

@@ -26,69 +26,41 @@ CELL, LABELLED = 14, 22
 GAP = 18
 MARGIN = 20
 LINE = 20
-PER_ROW = 7
-
-
-def activity_svg(trace: Trace, title: str, per_row: int = PER_ROW) -> str:
-    """
-    Return an SVG picture of a run of a square or triangular array.
-
-    Parameters
-    ----------
-    trace : Trace
-        Record of the run.
-    title : str
-        Heading of the picture.
-    per_row : int
-        Cycles side by side, at least 1.
-
-    """
-    if per_row < 1:
-        raise ValueError(f'per_row must be at least 1, got {per_row}')
-    n = max(row for row, _ in trace.states)
-    names = _names([trace])
-    side = n * CELL + GAP
-    frame_height = side + LINE
-    frames = max(trace.cycles, 1)
-    width = 2 * MARGIN + max(per_row * side, 170 * len(names))
-    height = 2 * MARGIN + 2 * LINE + -(-frames // per_row) * frame_height
-    body = [text(MARGIN, MARGIN + 4, title, 14), *_legend(names)]
-    for t in range(frames):
-        x = MARGIN + t % per_row * side
-        y = MARGIN + 2 * LINE + t // per_row * frame_height
-        body += _frame(trace, n, t, (x, y), CELL, None)
-    return document(width, height, title, body)
+# Cycles side by side.
+PER_ROW, PER_ROW_LABELLED = 7, 6
 
 
 # From the place of a cell and a cycle to the name of the cell's element.
 Label = Callable[[Place, int], str]
 
 
-def runs_svg(runs: Mapping[str, tuple[Trace, Label]], title: str, per_row: int = PER_ROW) -> str:
+def runs_svg(runs: Mapping[str, tuple[Trace, Label | None]], title: str) -> str:
     """
     Return an SVG picture of runs of arrays of the same size, one below the other.
 
     Parameters
     ----------
     runs : mapping
-        Heading to the record of a run, and the label of a cell that acts.
+        Heading, or '', to the record of a run, and the label of a cell that acts, or None.
     title : str
         Heading of the picture.
-    per_row : int
-        Cycles side by side, at least 1.
 
     """
     n = max(row for trace, _ in runs.values() for row, _ in trace.states)
     names = _names([trace for trace, _ in runs.values()])
-    side = n * LABELLED + GAP
+    labelled = any(label for _, label in runs.values())
+    size, per_row = (LABELLED, PER_ROW_LABELLED) if labelled else (CELL, PER_ROW)
+    side = n * size + GAP
     body = [text(MARGIN, MARGIN + 4, title, 14), *_legend(names)]
     y = float(MARGIN + 2 * LINE)
     for heading, (trace, label) in runs.items():
-        body.append(text(MARGIN, y + 14, heading, 12))
+        if heading:
+            body.append(text(MARGIN, y + 14, heading, 12))
+            y += LINE
         for t in range(trace.cycles):
-            at = MARGIN + t % per_row * side, y + LINE + t // per_row * (side + LINE)
-            body += _frame(trace, n, t, at, LABELLED, label)
-        y += LINE + -(-trace.cycles // per_row) * (side + LINE) + GAP
+            at = MARGIN + t % per_row * side, y + t // per_row * (side + LINE)
+            body += _frame(trace, n, t, at, size, label)
+        y += -(-trace.cycles // per_row) * (side + LINE) + GAP
     return document(2 * MARGIN + max(per_row * side, 170 * len(names)), y, title, body)
 
 
@@ -101,8 +73,7 @@ def _names(traces: Sequence[Trace]) -> list[str]:
 def _frame(
     trace: Trace, n: int, t: int, at: tuple[float, float], size: float, label: Label | None
 ) -> Iterator[str]:
-    """Draw all cells in cycle t + 1."""
-    acting = trace.actions[t] if t < len(trace.actions) else {}
+    acting = trace.actions[t]
     yield f'<g transform="translate({at[0]:g} {at[1]:g})">'
     yield text(0, 12, f'cycle {t + 1}')
     for place in sorted(trace.states):
@@ -124,7 +95,6 @@ def _legend(names: list[str]) -> Iterator[str]:
 
 
 def _cell(place: Place, n: int, action: str | None, size: float) -> str:
-    """Return one cell: a circle on the diagonal and a square elsewhere."""
     row, column = place
     x, y = (column - 1) * size, LINE + (n - row) * size
     fill = 'none' if action is None else ACTIONS.get(action, OTHER)

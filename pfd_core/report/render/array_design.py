@@ -34,7 +34,7 @@ class CellRules:
     name: str
     circular: bool
     ports: dict[str, str]
-    rules: tuple[str, ...]
+    rules: Sequence[str]
 
 
 @dataclass(frozen=True)

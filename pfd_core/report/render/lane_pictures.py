@@ -17,6 +17,7 @@ MARGIN = 20
 LANE, LEVEL, HEIGHT = 96, 84, 26
 DONE, DOING, IDLE = '#cfe6f5', '#ffffff', '#eeeeee'
 TERM, ROW, FRAME = 62, 26, 350
+PER_ROW = 2
 WORKERS = ('#f6d9b8', '#cfe6f5', '#cdeee2', '#f0d4e4')
 
 
@@ -77,22 +78,21 @@ class SetRow:
     worker: int | None
 
 
-def sets_svg(title: str, frames: Sequence[tuple[str, Sequence[SetRow]]], per_row: int = 2) -> str:
+def sets_svg(title: str, frames: Sequence[tuple[str, Sequence[SetRow]]]) -> str:
     """Return frames of sets side by side, each with a heading."""
     deepest = max(len(rows) for _, rows in frames)
     height = (deepest + 1) * ROW + 30
     body = [text(MARGIN, MARGIN + 4, title, 14)]
     for k, (heading, rows) in enumerate(frames):
-        x, y = MARGIN + k % per_row * FRAME, MARGIN + 20 + k // per_row * height
+        x, y = MARGIN + k % PER_ROW * FRAME, MARGIN + 20 + k // PER_ROW * height
         body.append(f'<g transform="translate({x} {y})">')
         body.append(text(0, 14, heading, 12))
         for line, row in enumerate(rows):
             body += _set(row, 24 + line * ROW)
         body.append('</g>')
-    rows_of_frames = -(-len(frames) // per_row)
-    return document(
-        2 * MARGIN + per_row * FRAME, MARGIN + 20 + rows_of_frames * height, title, body
-    )
+    width = 2 * MARGIN + PER_ROW * FRAME
+    rows_of_frames = -(-len(frames) // PER_ROW)
+    return document(width, MARGIN + 20 + rows_of_frames * height, title, body)
 
 
 def _set(row: SetRow, y: float) -> Iterator[str]:

@@ -29,6 +29,8 @@ PLACE = re.compile(r'{(\w+)((?:\.\w+)*)(?::[^}]*)?}')
 # Titles of a table, each with the field of a row, or a function of a row, that gives its cells. Of
 # equal titles the second ends with a space.
 Columns = Mapping[str, str | Callable[[Any], object]]
+# Cells of a table by row and column.
+Cells = dict[tuple[str, object], object]
 
 
 def page(name: str, /, **values: Any) -> str:
@@ -75,7 +77,7 @@ def lines_of(titles: Sequence[object], rows: Iterable[Iterable[object]]) -> list
     return [_line(titles), '|---' * len(titles) + '|', *map(_line, rows)]
 
 
-def grid(cells: Mapping[tuple[str, object], object], corner: str = '') -> list[str]:
+def grid(cells: Cells, corner: str = '') -> list[str]:
     """Return a table of cells by (row, column), in the order in which these first occur."""
     columns = list(dict.fromkeys(column for _, column in cells))
     rows = dict.fromkeys(row for row, _ in cells)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 import math
+from typing import Any
 
 
 def order(error: float | None) -> str:
@@ -20,9 +21,9 @@ def short(value: float) -> str:
     return f'{value:.0f}' if value >= 99.5 else f'{value:.3g}'
 
 
-def least_and_median(minimum: float, median: float, unit: float = 1e9) -> str:
-    """Return minimum / median, seconds times a unit."""
-    return f'{short(minimum * unit)} / {short(median * unit)}'
+def least_and_median(times: Any, unit: float = 1e9) -> str:
+    """Return minimum / median of a record with these fields, seconds times a unit."""
+    return f'{short(times.minimum * unit)} / {short(times.median * unit)}'
 
 
 def yes(value: bool | None) -> str:

@@ -17,6 +17,13 @@ BLUE, VERMILLION, PURPLE, GREY = '#0072B2', '#D55E00', '#CC79A7', '#7F7F7F'
 # Of this library by number format, and of other libraries: the same on all pages.
 FLOAT64, FLOAT32 = BLUE, VERMILLION
 PINOCCHIO, MUJOCO, CASADI, DRAKE = BLACK, GREY, PURPLE, '#8C510A'
+# Colour and marker of our kernels by number format and steps of refinement.
+KERNELS = {
+    ('float64', 0): (SKY, 'o'),
+    ('float64', 1): (BLUE, 'o'),
+    ('float32', 0): (ORANGE, '^'),
+    ('float32', 1): (VERMILLION, '^'),
+}
 
 
 def save(
@@ -64,11 +71,8 @@ def over_joints(axes: Any, ticks: list[int]) -> None:
     axes.grid(which='both', alpha=0.25)
 
 
-def marks(styles: Iterable[tuple[str, str, str]]) -> list[Any]:
-    """Return entries of a legend from (colour, marker, label)."""
+def mark(colour: str, marker: str, label: str, **style: Any) -> Any:
+    """Return an entry of a legend; `style` as of a line of Matplotlib."""
     from matplotlib.lines import Line2D
 
-    return [
-        Line2D([], [], color=colour, marker=marker, linestyle='', label=label)
-        for colour, marker, label in styles
-    ]
+    return Line2D([], [], color=colour, marker=marker, linestyle='', label=label, **style)

@@ -50,6 +50,6 @@ def box(x: float, y: float, width: float, height: float, fill: str = 'none') -> 
     return f'<rect x="{x:g}" y="{y:g}" {size} fill="{fill}" stroke="{LINE}" rx="3"/>'
 
 
-def circle(x: float, y: float, radius: float, fill: str = 'none') -> str:
+def circle(x: float, y: float, radius: float) -> str:
     """Return a circle by its centre."""
-    return f'<circle cx="{x:g}" cy="{y:g}" r="{radius:g}" fill="{fill}" stroke="{LINE}"/>'
+    return f'<circle cx="{x:g}" cy="{y:g}" r="{radius:g}" fill="none" stroke="{LINE}"/>'

@@ -31,7 +31,7 @@ from pfd_core.simulation.contact.modes import (
     record_pivot,
     record_watch,
 )
-from pfd_core.simulation.contact.schemes import RK4, Scheme
+from pfd_core.simulation.contact.schemes import Scheme
 
 
 def has_contact(plant: Plant) -> bool:
@@ -79,7 +79,7 @@ def contact_programs(
     if decays is not None:
         programs['lag'] = record_lag(plant, h, scheme.middle, *decays)
         programs['follow'] = record_follow(plant)
-    if scheme is not RK4:
+    if scheme.implicit:
         programs['drive'] = record_drive(plant)
     return programs | _event_programs(plant, dtype)
 

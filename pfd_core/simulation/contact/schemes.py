@@ -6,11 +6,14 @@ Schemes: integrators whose steps can be cut at events, for joints in fixed modes
     rk4     the classical Runge-Kutta method, with its output of third order
             v(t) = v + r (b1 a1 + b2 (a2 + a3) + b4 a4), and q(t) of the stages' velocities,
             b1 = t - 3 t^2/2 + 2 t^3/3, b2 = t^2 - 2 t^3/3, b4 = -t^2/2 + 2 t^3/3, 0 <= t <= 1
+    velocity_verlet
+            with a prediction of the velocity; its output is v(t) = v + r (t a + t^2/2 (a' - a)),
+            and q(t) = q + r t v + r^2 t^2/2 a, 0 <= t <= 1
     imex2   ARS(2, 2, 2) of pfd_core.simulation.integrators, with the chords from q to q' and from
             v to v': slopes at the beginning are steep under strong damping; for a joint that
             leaves its stop the parabola through q and q' with the slope r v
 
-Both run over a segment of length r, the rest of the step. The implicit damping of imex2 solves
+All run over a segment of length r, the rest of the step. The implicit damping of imex2 solves
 with H + c h D, h the whole step, also over a shorter segment. That and the chords are errors of
 order h^2, once for each event, so that the motion is of second order all the same. It also makes
 the modes differ from the motion: a joint at rest that they release may move the other way
@@ -73,6 +76,11 @@ class Scheme:
     end: Callable[[Recorder, int], tuple[list[Lanes], list[Lanes]]]
     output: Callable[[Recorder, int, list[Lanes]], tuple[list[Cubic], list[Cubic]]]
     sticks: bool
+
+    @property
+    def implicit(self) -> bool:
+        """Whether a stage solves with the damping."""
+        return any(stage.function == '_stiff' for stage in self.stages)
 
 
 def _read(recorder: Recorder, n: int, *names: str) -> Rows:
@@ -140,6 +148,53 @@ RK4 = Scheme(
     programs=_rk4_programs,
     end=_rk4_end,
     output=_rk4_output,
+    sticks=False,
+)
+
+
+# Velocity Verlet.
+
+
+def _predicted(n: int) -> Program:
+    """Return the program of the position `at` and the predicted velocity `qd2`, (n,)."""
+    recorder = Recorder(1, 'sequential')
+    q, qd, a = _read(recorder, n, 'q', 'qd', 'qdd')
+    r = _rest(recorder)
+    return program_with_outputs(
+        recorder,
+        at=[q[i] + r * (qd[i] + (0.5 * r) * a[i]) for i in range(n)],
+        qd2=[qd[i] + r * a[i] for i in range(n)],
+    )
+
+
+def _verlet_end(recorder: Recorder, n: int) -> tuple[list[Lanes], list[Lanes]]:
+    qd, a, a_end = _read(recorder, n, 'qd', 'qdd', 'qdd2')
+    r = _rest(recorder)
+    half = 0.5 * r
+    return (
+        [r * (qd[i] + half * a[i]) for i in range(n)],
+        [qd[i] + half * (a[i] + a_end[i]) for i in range(n)],
+    )
+
+
+def _verlet_output(
+    recorder: Recorder, n: int, at_stop: list[Lanes]
+) -> tuple[list[Cubic], list[Cubic]]:
+    q, qd, a, a_end = _read(recorder, n, 'q', 'qd', 'qdd', 'qdd2')
+    r, zero = _rest(recorder), recorder.constant(0.0)
+    half = 0.5 * r
+    return (
+        [[q[i], r * qd[i], r * (half * a[i]), zero] for i in range(n)],
+        [[qd[i], r * a[i], half * (a_end[i] - a[i]), zero] for i in range(n)],
+    )
+
+
+VELOCITY_VERLET = Scheme(
+    stages=(Stage('predicted', 'qdd2', q='at', qd='qd2', tau='tau.end'),),
+    middle=1.0,
+    programs=lambda plant: {'predicted': _predicted(plant.robot.n)},
+    end=_verlet_end,
+    output=_verlet_output,
     sticks=False,
 )
 

@@ -39,7 +39,7 @@ def test_kernel_and_emulator_give_the_same_bits(name: str, dtype: str) -> None:
 
 
 @pytest.mark.parametrize('dtype', one_fast(DTYPES))
-@pytest.mark.parametrize('n', [1, 2, 3, pytest.param(6, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('n', one_fast([1, 2, 3, 6], 2))
 def test_random_chains_give_the_same_bits_with_wrench_and_brakes(n: int, dtype: str) -> None:
     rng = np.random.default_rng(2)
     scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')

@@ -17,7 +17,7 @@ from pfd_core.model import Robot, resolve
 from pfd_core.report import derivative_pages
 from pfd_core.report.cases.hard_cases import CASES, ROUNDING, Case
 from pfd_core.report.cases.problems import Problem, drawing, scene_of
-from pfd_core.report.derivative_pages import TITLES, markdown, summary, write
+from pfd_core.report.derivative_pages import TITLES, markdown, write
 from pfd_core.report.measure import predictions
 from pfd_core.report.measure.derivative_errors import (
     HELD_OUT,

@@ -43,8 +43,12 @@ from mcap.reader import make_reader
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.messages.command_bytes import EffortArray
-from pfd_ros.messages.convert import JointStateEncoder, decode_floats, decode_joint_state
+from pfd_ros.messages.convert import (
+    JointStateEncoder,
+    decode_floats,
+    decode_joint_state,
+    encode_floats,
+)
 from pfd_ros.replay.verify import read
 from pfd_ros.replay.what_if import what_if
 from pfd_ros.testing.lockstep_arm import LockstepArm
@@ -112,7 +116,6 @@ def controller(kind: str) -> Any:
 
     node, raw = Node(f'controller_{kind}', namespace=kind), kind.startswith('raw')
     commands = node.create_publisher(Float64MultiArray, 'sim_arm/commands', 10)
-    encoder = EffortArray(6)
 
     def on_state(state: Any) -> None:
         efforts = pd(np.frombuffer(state.position), np.frombuffer(state.velocity))
@@ -120,7 +123,7 @@ def controller(kind: str) -> Any:
 
     def on_bytes(data: bytes) -> None:
         state = decode_joint_state(data)
-        commands.publish(encoder.encode(pd(state.position, state.velocity)))
+        commands.publish(encode_floats(pd(state.position, state.velocity)))
 
     node.create_subscription(
         JointState, 'joint_states', on_bytes if raw else on_state, 10, raw=raw

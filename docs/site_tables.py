@@ -36,14 +36,14 @@ CORE = {
     'algorithms': 'Emulation',
     'machine': 'Emulation',
 }
-# Titles of the settings, by the module of their table.
+# Titles of the settings, by the class of their table.
 SETTINGS = {
-    'settings': 'Model, simulation, timing, recording',
-    'plant_settings': 'Effects',
-    'description_settings': 'Description and ros2_control',
-    'command_settings': 'Commands and motors',
-    'sensor_settings': 'Sensors',
-    'output_settings': 'Outputs',
+    'Settings': 'Model, simulation, timing, recording',
+    'PlantSettings': 'Effects',
+    'DescriptionSettings': 'Description and ros2_control',
+    'CommandSettings': 'Commands and motors',
+    'SensorSettings': 'Sensors',
+    'OutputSettings': 'Outputs',
 }
 TESTING = (
     'lockstep_arm.LockstepArm',
@@ -80,9 +80,9 @@ def block(text: str) -> str:
 
 
 def _owner(field: dataclasses.Field[Any]) -> str:
-    """Return the module of the table of settings that has a field."""
+    """Return the class of the table of settings that has a field."""
     (found,) = (
-        base.__module__.rpartition('.')[2]
+        base.__name__
         for base in reversed(Settings.__mro__)
         if field.name in vars(base).get('__annotations__', {})
     )
@@ -204,14 +204,6 @@ def _effects() -> str:
 # The file of a recording.
 
 
-def _topic_of(role: str) -> str:
-    if role in recording.OWN_TOPICS:
-        return recording.OWN_TOPICS[role]
-    source = recording.SOURCE_OF_ROLE.get(role)
-    ends = endpoints.PUBLISHED if source is None else endpoints.SUBSCRIBED
-    return ends[role if source is None else source][1]  # type: ignore[index]
-
-
 def _notes(role: str, channel: recording.Channel) -> Iterator[str]:
     """Yield what a replay does with the messages of a channel, and whether each file has it."""
     if role in recording.SOURCE_OF_ROLE:
@@ -225,7 +217,7 @@ def _channels() -> str:
     rows = [
         (
             code(role),
-            code(_topic_of(role)),
+            code(channel.topic),
             code(channel.type),
             ', '.join(_notes(role, channel)),
         )

@@ -23,14 +23,13 @@ Only `node`, `testing`, `demo` and `view.live` import rclpy.
 
 To change or add
 
-    an input                arm.events.Source, a rule in arm.validation, rows in node.endpoints and
-                            recording.format.CHANNELS
-    a published topic       arm.output_settings.OUTPUTS and a writer in arm.outputs; a quantity of
-                            the model also a row in arm.model_kernels, a new type also a class in
-                            node.endpoints. A topic that is not published with each state
-                            has a separate publisher, as in node.diagnostics
+    an input                arm.events.Source, a rule in arm.validation, its role and channel in
+                            recording.format
+    a published topic       arm.settings.OUTPUTS and a writer in arm.outputs. A topic that is not
+                            published with each state has a separate publisher, as in
+                            node.diagnostics
     frames of the links     arm.link_frames: /tf of recordings
-    a parameter             a field of arm.*_settings, a line of config/sim_arm.yaml
+    a parameter             a field of arm.settings, a line of config/sim_arm.yaml
     NaN in a command        arm.commands: validate_named (the joint is unchanged), validate_array
                             (the message is rejected)
     log lines, diagnostics  node.reporting, node.diagnostics

@@ -1,16 +1,19 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Shorten text from outside and make it printable on one line."""
+"""Texts from outside shortened and printable on one line; known names for misspelt ones."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
+from difflib import get_close_matches
 from itertools import islice
 import re
 
 NAME_LENGTH = 64
 NAME_COUNT = 8
 LINE_LENGTH = 500
+# Of names that are taken for a misspelling of each other, of 1; 'scene' is 0.62 like 'nonsense'.
+ALIKE = 0.7
 
 
 def cut(text: str, length: int = NAME_LENGTH) -> str:
@@ -32,3 +35,14 @@ def listed(names: Collection[str]) -> str:
     shown = [repr(cut(name)) for name in islice(names, NAME_COUNT)]
     more = len(names) - len(shown)
     return f'[{", ".join(shown)}{f", and {more} more" if more > 0 else ""}]'
+
+
+def similar(name: str, known: Collection[str]) -> list[str]:
+    """Return the known name that a misspelt one resembles most, or nothing."""
+    return get_close_matches(cut(name), known, n=1, cutoff=ALIKE)
+
+
+def did_you_mean(name: str, known: Collection[str], otherwise: str) -> str:
+    """Return the question about the known name that a misspelt one resembles, or another hint."""
+    near = similar(name, known)
+    return f'did you mean {near[0]!r}?' if near else otherwise

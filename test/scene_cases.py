@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A disc that closed forms describe, and made-up motions, for reports of a scene."""
+"""A disc that closed forms describe, and synthetic motions, for reports of a scene."""
 
 from __future__ import annotations
 

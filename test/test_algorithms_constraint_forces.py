@@ -168,6 +168,6 @@ def test_it_is_emulated_by_name_and_not_compiled() -> None:
         ),
     ],
 )
-def test_what_it_cannot_do_is_refused(robot: pfd.Robot, scene: pfd.Scene, message: str) -> None:
+def test_unsupported_arms_are_refused(robot: pfd.Robot, scene: pfd.Scene, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         record_constraint_forces(resolve(robot, scene), 'parallel')

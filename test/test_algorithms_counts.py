@@ -125,7 +125,7 @@ def test_the_linear_solve_needs_no_square_root(n: int) -> None:
     assert back == (n - 1, n - 1, 0, 0)
 
 
-def test_the_linear_solve_of_six_joints_takes_half_of_what_the_paper_prints() -> None:
+def test_the_linear_solve_of_six_joints_takes_half_of_the_printed_steps() -> None:
     # Section 2.5 (e): 31 multiplications, divisions among them, 28 additions, 1 square root.
     program = FORWARD['pcrbm'](resolve(chain(6)), 'parallel')
     parts = [arithmetic(program.count(section=s)) for s in ('factorisation', 'column sweep')]

@@ -77,7 +77,7 @@ def test_lent_rotors_are_taken_back_to_fifty_digits() -> None:
         np.testing.assert_array_equal(a[free == 0].astype(float), 0.0)
 
 
-def test_links_a_millionth_of_what_they_carry_are_lent_rotors_and_keep_their_digits() -> None:
+def test_links_a_millionth_of_their_load_are_lent_rotors_and_keep_their_digits() -> None:
     rng = np.random.default_rng(36)
     whole = random_chain(rng, 6, 0.0)
     light = np.where(np.arange(6) < 5, 1e-7, 1.0)
@@ -107,7 +107,7 @@ def test_a_chain_that_ends_in_nothing_has_a_pivot_at_zero(n: int, schedule: str)
 
 
 @pytest.mark.parametrize('name', one_fast(['q', 'qd', 'tau'], 'qd'))
-def test_what_is_no_number_is_never_hidden(name: str) -> None:
+def test_nan_is_never_hidden(name: str) -> None:
     robot = chain(5)
     rng = np.random.default_rng(37)
     inputs = dict(zip(('q', 'qd', 'tau'), random_state(rng, 5), strict=True))

@@ -273,7 +273,7 @@ def test_a_body_on_a_spring_swings_as_it_should() -> None:
     assert np.abs(run.q[:, 0] - expected).max() < 0.05 * (500 * 0.2**5 / 120)
 
 
-def test_springs_hold_an_arm_where_pinocchio_says() -> None:
+def test_springs_hold_an_arm_in_the_equilibrium_of_pinocchio() -> None:
     rng = np.random.default_rng(68)
     robot = random_chain(rng, 6, joint_types=['revolute'] * 6)
     q = rng.uniform(-1, 1, 6)

@@ -296,7 +296,7 @@ def test_quantities_take_no_more_operations_than_promised(name: str) -> None:
         assert sum(count for op, count in counts.items() if op != 'neg') <= MOST[name][key], key
 
 
-def test_a_quantity_of_a_scene_pays_only_for_what_it_reads() -> None:
+def test_a_quantity_of_a_scene_costs_only_the_effects_that_it_reads() -> None:
     robot = pfd.load_robot('ur5')
     scene = pfd.Scene(
         damping=np.ones(6), effort_limits=np.ones(6), brakes=True, external_wrench=True

@@ -149,7 +149,7 @@ def test_two_rows_come_out_right_only_if_the_first_element_is_one() -> None:
     assert literal_cholesky(np.full((3, 3), 0.5) + 0.5 * np.eye(3)).status == 'wrong_matrix'
 
 
-def test_what_cannot_be_computed_is_a_status_and_not_only_a_nan() -> None:
+def test_a_failed_computation_has_a_status_and_not_only_nan() -> None:
     result = literal_cholesky([[1.0, 2.0], [2.0, 3.0]])
     assert result.status == 'negative_radicand'
     assert np.isnan(result.residual)

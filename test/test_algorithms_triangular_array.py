@@ -93,7 +93,7 @@ def test_every_element_is_where_its_partner_is_when_it_is(n: int) -> None:
 
 
 @pytest.mark.parametrize('n', range(1, 9))
-def test_the_literal_design_keeps_its_input_when_the_paper_says(n: int) -> None:
+def test_the_literal_design_keeps_its_input_in_the_cycles_of_the_paper(n: int) -> None:
     _, H, _ = integers(np.random.default_rng(n), n)
     trace = literal_array(H).trace
     stored = {

@@ -115,7 +115,7 @@ def fifty_digits(program: pfd.Program, inputs: dict[str, Array]) -> Array:
     return found
 
 
-def test_fifty_digits_of_the_variants_are_those_of_pcrbm() -> None:
+def test_the_variants_equal_pcrbm_in_fifty_digits() -> None:
     scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
     for rng, robot in chains(6, seed=26):
         plant = resolve(robot, scene)
@@ -164,7 +164,7 @@ def test_omega_takes_66_multiplications_and_15_levels_and_62_additions(n: int) -
 
 
 @pytest.mark.parametrize('n', SIZES[1:])
-def test_sliding_joints_and_a_wrench_add_to_omega_what_they_add_to_ne1(n: int) -> None:
+def test_sliding_joints_and_a_wrench_add_the_same_terms_to_omega_and_ne1(n: int) -> None:
     slides, pushed = resolve(chain(n, prismatic=True)), resolve(chain(n), WRENCH)
     for plant in (slides, pushed):
         steps = record_torque(plant, 'parallel', False).count(section='omega')

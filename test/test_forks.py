@@ -106,7 +106,7 @@ def test_locks_and_late_imports_are_those_that_are_held_at_a_fork() -> None:
     found = {
         path.relative_to(PACKAGE).as_posix(): list(violations(path.read_text(encoding='utf-8')))
         for path in PACKAGE.rglob('*.py')
-        if 'report' not in path.parts  # programs of their own, which fork nothing
+        if 'report' not in path.parts  # separate programs, which do not fork
     }
     assert {name: lines for name, lines in found.items() if lines} == {
         'forking.py': ['threading.RLock', 'functools.cached_property', 'functools.cached_property']

@@ -33,7 +33,7 @@ GUIDES = sorted(
 )
 WITH_SCIPY = re.compile(r'^```python scipy\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 # Relative difference of a start's cost from the linear model's, over the size of the start
-# [rad, rad/s]: terms of third order beside those of second; seen up to 0.1.
+# [rad, rad/s]: terms of third order relative to terms of second order; seen up to 0.1.
 CUBIC = 0.3
 
 

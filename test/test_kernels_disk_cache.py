@@ -51,7 +51,7 @@ def test_the_variable_moves_the_cache_and_switches_it_off(
     assert not list(tmp_path.iterdir())
 
 
-def test_what_was_not_used_for_longest_is_removed_first_and_nothing_else(
+def test_the_least_recently_used_entry_is_removed_first_and_nothing_else(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cache, 'LIMIT', 4000)
@@ -184,7 +184,9 @@ def test_a_full_disk_leaves_nothing_half_written(
     assert 'No space left on device' in record.message
 
 
-def test_what_is_too_large_is_not_kept(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_entry_that_is_too_large_is_not_kept(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(cache, 'LARGEST', 1000)
     cache.write('0' * 64, bytes(1000))
     cache.write('1' * 64, bytes(1001))
@@ -201,7 +203,7 @@ LATER = 4e9  # [s] in 2096
     [(LATER, NOW), (LATER, LATER + 1), (-1e9, NOW), (-1e9, -1e9 + 1)],
     ids=['clock was ahead', 'all ahead', 'before 1970', 'all before 1970'],
 )
-def test_clocks_that_were_wrong_do_not_decide_what_is_removed(
+def test_wrong_clocks_do_not_change_the_order_of_removal(
     folder: Path, monkeypatch: pytest.MonkeyPatch, old: float, new: float
 ) -> None:
     monkeypatch.setattr(cache, 'LIMIT', 4000)
@@ -230,7 +232,7 @@ def test_unfinished_files_are_removed_when_their_process_is_long_gone(
     assert unfinished.exists() == stays
 
 
-def test_what_other_processes_wrote_is_counted_from_time_to_time(
+def test_entries_of_other_processes_are_counted_from_time_to_time(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cache, 'LIMIT', 10_000)
@@ -343,7 +345,7 @@ def test_an_entry_that_is_no_file_of_the_user_is_not_used(
 
 
 @pytest.mark.parametrize('what', ['folder', 'entry'])
-def test_what_belongs_to_another_user_is_not_used(
+def test_files_of_another_user_are_not_used(
     folder: Path, emitted: list[str], what: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     engine.compile_ir(IR)
@@ -358,7 +360,7 @@ def test_what_belongs_to_another_user_is_not_used(
     assert emitted == [IR]
 
 
-def test_what_belongs_to_root_is_used(
+def test_files_of_root_are_used(
     folder: Path, emitted: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if os.geteuid() != 0:

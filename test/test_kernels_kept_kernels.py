@@ -23,20 +23,23 @@ from sampling import one_fast
 from zoo import random_chain
 
 import pfd_core as pfd
+from pfd_core.kernels import source
 from pfd_core.kernels.runtime import disk_cache as cache
 from pfd_core.kernels.runtime import jit as engine
 from pfd_core.kernels.runtime import processor
-from pfd_core.kernels.source import KernelSource
 
 CHILD = """
 import json, sys
 import numpy as np
 import pfd_core as pfd
 from pfd_core.kernels.runtime import jit as engine, json_cache as facts
+from pfd_core.machine.recorder import Recorder
 facts.IMPORTED = 0.0  # whoever edits the package while its tests run knows what he does
 facts.sources.cache_clear()
 emitted, emit = [], engine.emit
 engine.emit = lambda *args: emitted.append(1) or emit(*args)
+recorded, begin = [], Recorder.__init__
+Recorder.__init__ = lambda *args, **options: recorded.append(1) or begin(*args, **options)
 robot = pfd.load_robot(sys.argv[1])
 kernel = pfd.compile_kernel(robot)
 rows = np.random.default_rng(1).uniform(-1, 1, (3, 9, robot.n))
@@ -44,7 +47,7 @@ first = kernel(*rows[:, 0])
 print(json.dumps({
     'single': first.tobytes().hex(), 'batch': kernel(*rows).tobytes().hex(),
     'operations': kernel.operations, 'emitted': len(emitted),
-    'recorded': 'program' in kernel._source.__dict__,
+    'recorded': bool(recorded),
     'ir': kernel.ir,
 }))
 """
@@ -71,10 +74,9 @@ def test_a_second_simulation_from_disk_records_no_program(
     robot = pfd.load_robot('planar2')
     first = pfd.Simulator(robot, scene).rollout(np.zeros((3, robot.n)))
     recorded: list[Any] = []
-    record = KernelSource._recorded
-    monkeypatch.setattr(
-        KernelSource, '_recorded', lambda source: recorded.append(source.key) or record(source)
-    )
+    # Entered for each program that is recorded.
+    uncollected = source.uncollected
+    monkeypatch.setattr(source, 'uncollected', lambda: recorded.append(1) or uncollected())
     again = pfd.Simulator(robot, scene).rollout(np.zeros((3, robot.n)))
     assert not recorded
     assert again.q.tobytes() == first.q.tobytes()

@@ -202,7 +202,7 @@ def test_bound_arrays_are_read_and_written_in_place() -> None:
 
 @pytest.mark.parametrize('shape', [(6,), (10, 6)])
 @pytest.mark.parametrize('wrong', [np.nan, np.inf])
-def test_what_is_bound_is_refused_once_it_is_not_finite(
+def test_a_bound_array_is_refused_once_it_is_not_finite(
     shape: tuple[int, ...], wrong: float
 ) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
@@ -220,7 +220,7 @@ def test_what_is_bound_is_refused_once_it_is_not_finite(
     np.testing.assert_array_equal(out, kernel(q, qd, tau))
 
 
-def test_a_bound_function_outlives_its_kernel() -> None:
+def test_a_bound_function_works_after_its_kernel_is_deleted() -> None:
     q, qd, tau = (x[0] for x in random_states(2, 1))
     out = np.empty(2)
     robot = pfd.load_robot('planar2')
@@ -251,7 +251,7 @@ def test_calls_leave_no_references_behind() -> None:
 
 
 def test_a_batch_releases_the_global_interpreter_lock() -> None:
-    # While one thread is inside a long batch, this one goes on counting.
+    # While one thread is inside a long batch, this thread continues to count.
     kernel = pfd.compile_kernel(pfd.load_robot('puma560'))
     arrays = [np.tile(x, (20_000, 1)) for x in random_states(6, 10)]
     kernel(*[x[:10] for x in arrays])

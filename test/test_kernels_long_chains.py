@@ -17,7 +17,7 @@ import pfd_core as pfd
 from pfd_core.kernels import auto
 from pfd_core.kernels.codegen import body, chunks
 from pfd_core.kernels.codegen.spelling import Format
-from pfd_core.kernels.runtime import jit
+from pfd_core.kernels.runtime import jit, processor
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model import resolve
 from pfd_core.report.cases.robots import coaxial, uniform_chain
@@ -189,23 +189,22 @@ def test_a_requested_method_is_used_at_any_length() -> None:
 def test_the_code_of_a_long_ir_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PFD_CACHE', '')
     states = [random_state(np.random.default_rng(k), 7) for k in range(9)]
-    emit, optimise = jit.emit, jit._optimise
-    levels, results = [], []
-
-    def optimised(module: object, machine: object, optimisation: jit.Optimisation) -> None:
-        levels[-1].add(optimisation.code)
-        optimise(module, machine, optimisation)
-
-    monkeypatch.setattr(jit, '_optimise', optimised)
+    emit = jit.emit
+    results = []
     for length in (jit.USUAL.long_ir, 0):
         usual = replace(jit.USUAL, long_ir=length)
         monkeypatch.setattr(
             jit, 'emit', lambda ir, target, _, usual=usual: emit(ir, target, usual)
         )
-        levels.append(set())
         kernel = pfd.compile_kernel(pfd.load_robot('panda'))
         batch = kernel(*(np.array(part) for part in zip(*states, strict=True)))
         results.append([batch.tobytes(), *(kernel(*state).tobytes() for state in states)])
-    # The level is ours; whether it changes an instruction depends on the processor.
-    assert levels == [{jit.USUAL.code}, {jit.USUAL.long_code}]
     assert results[0] == results[1]
+
+
+def test_the_length_of_an_ir_sets_the_level_of_its_code() -> None:
+    ir, target = pfd.compile_kernel(pfd.load_robot('planar2')).ir, processor.current()
+    for code, length in ((jit.USUAL.code, len(ir) + 1), (jit.USUAL.long_code, len(ir))):
+        usual = replace(jit.USUAL, long_ir=length)
+        always = replace(jit.USUAL, code=code, long_code=code)
+        assert jit.emit(ir, target, usual) == jit.emit(ir, target, always)

@@ -80,7 +80,9 @@ def recorded(function: Function) -> pfd.Program:
         (lambda x, y: (x - y) + (y - x), {}),
     ],
 )
-def test_folding_leaves_only_what_is_needed(function: Function, left: dict[str, int]) -> None:
+def test_folding_leaves_only_the_needed_operations(
+    function: Function, left: dict[str, int]
+) -> None:
     program = recorded(function)
     folded = eliminate_dead_code(fold(program))
     assert operations(folded) == left
@@ -142,7 +144,7 @@ def test_a_lowered_program_agrees_with_the_program_as_written(name: str) -> None
     np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * np.abs(b).max())
 
 
-def test_a_scene_pays_only_for_what_it_models() -> None:
+def test_a_scene_costs_only_its_effects() -> None:
     robot = pfd.load_robot('ur5')
 
     def cost(scene: pfd.Scene) -> int:

@@ -185,7 +185,9 @@ def test_arm_and_this_processor_give_the_same_bits(
         (Target('x86_64-unknown-linux-gnu', '', '+avx,+avx512f'), {'float64': 8, 'float32': 16}),
     ],
 )
-def test_the_width_is_that_of_a_vector_register(target: Target, widths: dict[str, int]) -> None:
+def test_the_width_equals_a_vector_register_of_the_target(
+    target: Target, widths: dict[str, int]
+) -> None:
     assert {dtype: simd_width(dtype, target) for dtype in widths} == widths
 
 
@@ -206,7 +208,9 @@ def test_ir_that_is_no_module_is_refused() -> None:
         emit('define double @f(double %x) { ret double }', processor.host())
 
 
-def test_what_a_processor_lacks_is_found_in_the_c_library(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_operations_that_a_processor_lacks_come_from_the_c_library(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     ir = (
         'declare double @llvm.fma.f64(double, double, double)\n'
         'define double @f(double %x, double %y, double %z) {\n'

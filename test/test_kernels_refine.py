@@ -244,7 +244,7 @@ def test_twenty_four_stretched_links_get_their_digits_back() -> None:
 
 
 @pytest.mark.slow
-def test_a_residual_link_by_link_saves_what_sums_about_the_base_have_lost() -> None:
+def test_a_residual_link_by_link_recovers_the_digits_that_sums_about_the_base_lose() -> None:
     # The wrist is light, and its inertia a small difference of sums about the base.
     plant = resolve(pfd.load_robot('puma560'))
     rng = np.random.default_rng(5)
@@ -352,7 +352,7 @@ def test_a_massless_end_has_an_infinite_estimate() -> None:
 
 @pytest.mark.parametrize('method', one_fast(METHODS, 'composite_body'))
 @pytest.mark.parametrize('name', one_fast(['puma560', 'ur5', 'panda']))
-def test_a_kernel_without_refinement_estimates_the_error_of_its_own_bits(
+def test_a_kernel_without_refinement_estimates_the_error_of_its_result(
     name: str, method: str
 ) -> None:
     robot = pfd.load_robot(name)

@@ -96,7 +96,7 @@ def test_values_are_computed_when_they_are_needed() -> None:
     assert max(pressure(schedule_instructions(program))) <= REGISTERS + 1
 
 
-def test_what_need_not_wait_comes_before_what_must() -> None:
+def test_ready_operations_come_before_waiting_operations() -> None:
     recorder = Recorder(1, 'sequential')
     x, y = recorder.input('x', [0]), recorder.input('y', [0])
     chain = x / y

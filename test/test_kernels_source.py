@@ -72,7 +72,7 @@ def test_cycles_are_collected_again_after_recordings_by_many_threads(hurried: No
     assert gc.isenabled()
 
 
-def test_cycles_stay_where_somebody_does_not_want_them_collected(hurried: None) -> None:
+def test_cycles_stay_where_garbage_collection_is_disabled(hurried: None) -> None:
     gc.disable()
     record_nothing(1)
     assert not gc.isenabled()

@@ -32,7 +32,7 @@ def midways(dtype: str, count: int, rng: np.random.Generator) -> Triple:
 
 @pytest.mark.parametrize('kind', [cancelling, midways, everywhere])
 @pytest.mark.parametrize('dtype', FORMATS)
-def test_one_rounding_is_that_of_exact_fractions(dtype: str, kind) -> None:  # type: ignore[no-untyped-def]
+def test_a_fused_product_rounds_once_as_exact_fractions_do(dtype: str, kind) -> None:  # type: ignore[no-untyped-def]
     with np.errstate(under='ignore'):
         a, b, c = kind(dtype, 1500, np.random.default_rng(1))
     found = fused(a, b, c)

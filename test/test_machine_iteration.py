@@ -74,7 +74,7 @@ def test_a_loop_ends_at_its_limit(schedule: str) -> None:
     np.testing.assert_array_equal(y, [newton(q, 3)[0][0], 3])
 
 
-def test_a_problem_that_is_finished_keeps_its_bits_while_others_go_on() -> None:
+def test_a_finished_problem_keeps_its_bits_while_others_continue() -> None:
     q = np.array([[4.0], [1e6], [2.0], [1e-6], [-1.0]])
     together = run(roots(1, 'sequential'), {'q': q})['y']
     for row, alone in zip(together, q, strict=True):
@@ -138,7 +138,7 @@ def test_an_observer_sees_the_state_before_the_loop_and_after_each_iteration() -
     assert len(seen) == iterations.max() + 1
     np.testing.assert_array_equal(seen[0], q)
     for state, count in enumerate(iterations):
-        # A finished problem keeps its state while the other goes on.
+        # A finished problem keeps its state while the other continues.
         np.testing.assert_array_equal(seen[int(count)][state], seen[-1][state])
         x = q[state]
         for row in seen[1 : int(count) + 1]:

@@ -95,7 +95,7 @@ def test_one_word_takes_the_shortest_path(network: str) -> None:
 
 
 @pytest.mark.parametrize('k', range(4))
-def test_a_shift_by_a_power_of_two_takes_what_the_network_is_known_for(k: int) -> None:
+def test_a_shift_by_a_power_of_two_takes_the_known_steps_of_the_network(k: int) -> None:
     n, by = 16, 2**k
     shifted = tuple(i - by if i >= by else None for i in range(n))
     assert {network: route_steps(network, shifted) for network in NETWORKS} == {

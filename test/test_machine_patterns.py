@@ -280,7 +280,7 @@ def pairs(n: int, schedule: str) -> pfd.Program:
 
 
 @pytest.mark.parametrize('schedule', SCHEDULES)
-def test_packed_rows_hold_what_unpacked_rows_hold(schedule: str) -> None:
+def test_packed_rows_hold_the_values_of_unpacked_rows(schedule: str) -> None:
     rng = np.random.default_rng(1)
     for n in LENGTHS[1:]:
         a, b = rng.normal(size=(2, n, 3))

@@ -45,7 +45,7 @@ def test_all_latches_change_at_once_whatever_the_order_of_the_cells() -> None:
     assert [e.item for e in traces[0].emitted] == list('abcde')
 
 
-def test_two_cells_exchange_what_they_hold() -> None:
+def test_two_cells_exchange_their_values() -> None:
     def exchange(outer: str, inner: str) -> Any:
         def cell(state: Any, ports: Ports) -> Step:
             if ports[outer] is not None:
@@ -62,7 +62,7 @@ def test_two_cells_exchange_what_they_hold() -> None:
     assert trace.cycles == 2
 
 
-def test_what_is_not_read_in_the_next_cycle_is_lost() -> None:
+def test_a_value_that_is_not_read_in_the_next_cycle_is_lost() -> None:
     def every_other(state: Any, ports: Ports) -> Step:
         turn = not state
         return Step(turn, {'right': ports['left']} if turn else {})

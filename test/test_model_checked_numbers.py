@@ -82,7 +82,7 @@ RIGHT = {
 
 @pytest.mark.parametrize('case', STRANGE)
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
-def test_what_is_no_real_number_is_refused_by_name(case: str, dtype: str) -> None:
+def test_values_other_than_real_numbers_are_refused_by_name(case: str, dtype: str) -> None:
     value, message = STRANGE[case]
     with warnings.catch_warnings():
         warnings.simplefilter('error')

@@ -55,7 +55,7 @@ def test_a_table_gives_its_base_and_its_tip() -> None:
 
 
 @pytest.mark.parametrize('indices', [[0], [2], [4], [0, 1], [1, 3, 4], [0, 1, 2, 4]])
-def test_frames_stay_where_they_are_when_joints_are_locked(indices: list[int]) -> None:
+def test_frames_keep_their_poses_when_joints_are_locked(indices: list[int]) -> None:
     rng, robot = carried(3)
     q = np.clip(rng.uniform(-1, 1, 5), robot.position_lower, robot.position_upper)
     less = pfd.lock(robot, {robot.joint_names[i]: q[i] for i in indices})

@@ -227,7 +227,7 @@ def test_a_wrong_robot_is_refused_and_the_cause_named(
     ],
     ids=repr,
 )
-def test_what_is_no_real_number_is_refused(value: object) -> None:
+def test_values_other_than_real_numbers_are_refused(value: object) -> None:
     for key in ('masses', 'damping', 'armature'):
         with pytest.raises(ValueError, match=key):
             rod(**{key: value})
@@ -284,7 +284,7 @@ def test_a_broken_triangle_rule_is_warned_of_and_the_link_named() -> None:
     assert robot.inertias[0, 2, 2] == 2.1
 
 
-def test_the_published_puma_breaks_the_triangle_rule_where_its_file_says_so() -> None:
+def test_the_published_puma_breaks_the_triangle_rule_where_its_file_states_it() -> None:
     puma = pfd.load_robot('puma560')
     assert puma.accepted == ('joint1', 'joint3')
     with pytest.warns(pfd.PhysicsWarning) as warned:

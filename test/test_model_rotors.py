@@ -63,12 +63,12 @@ def test_a_urdf_states_rotors_by_elements_of_drake_or_a_motor_inertia() -> None:
     np.testing.assert_allclose(robot.armature, [1.5e-4 * 120**2, 2 * 2e-4 * 50**2], rtol=1e-15)
     direct = fork(transmission('shoulder', '<drake:rotor_inertia value="0.02"/>'))
     np.testing.assert_array_equal(pfd.load_robot(direct, locked=FINGERS).armature, [0.02, 0.0])
-    # A rotor of a locked joint stands still.
+    # A rotor of a locked joint does not turn.
     locked = pfd.load_robot(text, locked=FINGERS | {'shoulder': 0.1})
     assert locked.armature == pytest.approx([2 * 2e-4 * 50**2])
 
 
-def test_a_reduction_without_a_rotor_says_nothing() -> None:
+def test_a_reduction_without_a_rotor_adds_no_armature() -> None:
     alone = '<mechanicalReduction>100</mechanicalReduction>'
     robot = pfd.load_robot(fork(transmission('shoulder wrist', alone)), locked=FINGERS)
     assert robot == pfd.load_robot(FORK, locked=FINGERS)

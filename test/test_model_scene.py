@@ -391,7 +391,7 @@ def test_a_scene_comes_back_the_same(scene: pfd.Scene, tmp_path: Path) -> None:
     assert pfd.load_scene(pfd.scene_to_yaml(scene)) == scene
 
 
-def test_a_file_holds_gravity_and_what_is_not_the_default(tmp_path: Path) -> None:
+def test_a_file_holds_gravity_and_all_values_other_than_defaults(tmp_path: Path) -> None:
     path = tmp_path / 'scene.yaml'
     pfd.Scene(brakes=True, torque_speed=[None, [(0, 1)]]).save(str(path))
     text = path.read_text(encoding='utf-8')

@@ -52,6 +52,17 @@ CHAINS = [
     pytest.param(STRAIGHT_ARM, {'tip': 'flange'}, 3, id='aligned'),
     pytest.param(FORK, {'locked': {'left_finger': 0.02, 'right_finger': 0.03}}, 2, id='gripper'),
     pytest.param(TWO_ARMS, {'base': 'column', 'tip': 'right_fore'}, 2, id='one of two arms'),
+    # Published arms, by the file of example-robot-data.
+    ('ur_description/urdf/ur5_robot.urdf', {'tip': 'ee_link'}, 6),
+    ('kinova_description/robots/kinova.urdf', {}, 6),
+    ('xarm_description/urdf/xarm7.urdf', {}, 7),
+    ('z1_description/urdf/z1.urdf', {'locked': {'jointGripper': -0.3}}, 6),
+    (
+        'panda_description/urdf/panda.urdf',
+        {'locked': {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}},
+        7,
+    ),
+    ('double_pendulum_description/urdf/double_pendulum_continuous.urdf', {}, 2),
 ]
 
 
@@ -59,31 +70,7 @@ CHAINS = [
 def test_a_chain_has_the_inertia_the_torques_and_the_frames_of_pinocchio(
     text: str, choice: dict[str, object], n: int
 ) -> None:
-    robot = pfd.load_robot(text, **choice)
-    assert robot.n == n
-    assert_same_physics(robot, text, choice.get('locked', {}))
-    assert_same_frames(robot, text, choice.get('locked', {}))
-
-
-@pytest.mark.parametrize(
-    ('name', 'choice', 'n'),
-    [
-        ('ur_description/urdf/ur5_robot.urdf', {'tip': 'ee_link'}, 6),
-        ('kinova_description/robots/kinova.urdf', {}, 6),
-        ('xarm_description/urdf/xarm7.urdf', {}, 7),
-        ('z1_description/urdf/z1.urdf', {'locked': {'jointGripper': -0.3}}, 6),
-        (
-            'panda_description/urdf/panda.urdf',
-            {'locked': {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}},
-            7,
-        ),
-        ('double_pendulum_description/urdf/double_pendulum_continuous.urdf', {}, 2),
-    ],
-)
-def test_published_arms_have_the_physics_and_the_frames_of_pinocchio(
-    name: str, choice: dict[str, object], n: int
-) -> None:
-    text = example(name)
+    text = text if '<' in text else example(text)
     robot = pfd.load_robot(text, **choice)
     assert robot.n == n
     assert_same_physics(robot, text, choice.get('locked', {}))
@@ -130,7 +117,7 @@ def test_locking_in_the_file_and_in_the_robot_is_the_same() -> None:
     assert ours.joint_names == pfd.load_robot(ODD_ARM, locked=positions).joint_names
 
 
-def test_what_hangs_rigidly_beyond_the_tip_keeps_its_mass() -> None:
+def test_links_fixed_beyond_the_tip_keep_their_mass() -> None:
     whole, cut = pfd.load_robot(ODD_ARM, tip='hand'), pfd.load_robot(ODD_ARM, tip='wrist')
     assert cut.masses[-1] == whole.masses[-1] == pytest.approx(0.8 + 0.5, rel=DYNAMICS)
 
@@ -242,7 +229,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(('text', 'choice', 'message'), BAD)
-def test_what_is_no_chain_is_refused_and_named(
+def test_a_robot_that_is_no_chain_is_refused_and_named(
     text: str, choice: dict[str, object], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):

@@ -56,7 +56,7 @@ NO_NUMBERS = (
 
 
 @pytest.mark.parametrize('number', NO_NUMBERS)
-def test_what_is_no_number_is_refused_and_the_link_or_joint_named(number: str) -> None:
+def test_a_value_that_is_no_number_is_refused_and_the_link_or_joint_named(number: str) -> None:
     for old, new, where in (
         ('<mass value="4.0"/>', f'<mass value="{number}"/>', "<mass value> of link 'turret'"),
         ('ixx="0.02"', f'ixx="{number}"', "<inertia ixx> of link 'pedestal'"),
@@ -73,7 +73,7 @@ def test_what_is_no_number_is_refused_and_the_link_or_joint_named(number: str) -
 
 
 @pytest.mark.parametrize('number', [n for n in NO_NUMBERS if 'inf' not in n and n != '1e101'])
-def test_what_is_no_limit_is_refused_and_the_joint_named(number: str) -> None:
+def test_a_value_that_is_no_limit_is_refused_and_the_joint_named(number: str) -> None:
     for key, old in (('lower', '-1'), ('upper', '1.5'), ('velocity', '2'), ('effort', '60')):
         text = changed(f'{key}="{old}"', f'{key}="{number}"')
         with pytest.raises(ValueError, match=f"<limit {key}> of joint 'j1'"):
@@ -126,7 +126,7 @@ def test_subnormal_numbers_are_numbers() -> None:
         ('lower="-1" upper="1.5"', 'lower="2" upper="1"', "position_lower of joint 'j1' must not"),
     ],
 )
-def test_what_the_format_does_not_allow_is_refused_and_named(
+def test_elements_that_the_format_does_not_allow_are_refused_and_named(
     old: str, new: str, message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
@@ -446,7 +446,7 @@ def test_a_misspelt_name_is_warned_of_with_the_likely_one(
     assert warning.filename == __file__
 
 
-def test_xacro_that_was_not_expanded_is_an_error_that_says_what_to_run() -> None:
+def test_unexpanded_xacro_is_an_error_with_the_command_to_run() -> None:
     text = NAMED.replace('<link name="base"/>', '<xacro:arm/><link name="base"/>')
     with pytest.raises(ValueError, match=r'<xacro:arm>, which is not expanded: load the \.xacro'):
         pfd.load_robot(text)

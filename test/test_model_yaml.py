@@ -260,7 +260,7 @@ def test_missing_and_wrong_files_are_named(tmp_path: Path) -> None:
         pfd.load_robot(3)
 
 
-def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
+def test_a_path_that_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / 'pipe.urdf')
     (tmp_path / 'folder.yaml').mkdir()
     (tmp_path / 'zero.urdf').symlink_to('/dev/zero')

@@ -104,7 +104,7 @@ def test_the_dense_output_meets_all_order_conditions_up_to_order_7(part: float) 
 
 
 def pendulum(swing: float, times: np.ndarray) -> np.ndarray:
-    """Return the angle of a pendulum of two rods of 0.5 m in line, let go at rest at a swing."""
+    """Return the angle of two rods of 0.5 m in line, released at rest at an angle `swing`."""
     # A rod of length L = 1: theta'' = -3 g / (2 L) sin theta; sin(theta/2) = k cd(w t, k).
     k, w = math.sin(swing / 2), math.sqrt(3 * 9.81 / 2)
     cd = [float(mpmath.ellipfun('cd', w * t, k=k)) for t in times]
@@ -144,7 +144,7 @@ def test_the_error_falls_with_the_eighth_power_of_the_step() -> None:
 
 
 @pytest.mark.parametrize('rtol', one_fast([1e-4, 1e-7, 1e-10, 1e-13], 1e-10))
-def test_a_pendulum_swings_as_its_closed_form_says_between_the_steps_too(rtol: float) -> None:
+def test_a_pendulum_swings_as_in_its_closed_form_between_the_steps_too(rtol: float) -> None:
     run = swing_with_the_elbow_held(3.0, rtol=rtol, atol=rtol)
     assert run.status == 'ok'
     assert run.time[-1] == 3.0
@@ -156,7 +156,7 @@ def test_a_pendulum_swings_as_its_closed_form_says_between_the_steps_too(rtol: f
         np.testing.assert_array_equal(states.qd[:, 1], 0.0)
 
 
-def test_states_at_the_ends_of_steps_are_those_of_the_run() -> None:
+def test_states_at_the_ends_of_steps_equal_the_run() -> None:
     run = swing_with_the_elbow_held(1.0)
     at_ends = run.at(run.time)
     for name in ('q', 'qd'):

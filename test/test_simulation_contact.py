@@ -190,7 +190,7 @@ def test_a_damped_bounce_falls_by_the_square_of_the_restitution() -> None:
     assert abs(run.q[at_top, 0] - height * e**2) < 9.81 * STEP**2
 
 
-def test_kept_code_of_one_scene_with_friction_is_not_taken_for_that_of_another() -> None:
+def test_cached_code_of_one_scene_with_friction_is_not_used_for_another() -> None:
     # All have the same dynamics of held joints, from which their code takes its name.
     robot, ends = rotor(1.0), []
     for effects in ({}, {'effort_limits': [2.0]}, {'effort_limits': [4.0]}):

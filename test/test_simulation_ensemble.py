@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import itertools
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,7 +59,7 @@ def test_every_arm_moves_as_it_would_alone(size: int, integrator: str, dtype: st
     assert many.time == one.time
 
 
-def test_wrench_brakes_and_sliding_joints_are_those_of_each_arm() -> None:
+def test_wrench_brakes_and_sliding_joints_act_on_each_arm_separately() -> None:
     rng = np.random.default_rng(82)
     robot = random_chain(rng, 4, joint_types=['revolute', 'prismatic', 'continuous', 'revolute'])
     scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
@@ -91,7 +93,7 @@ def test_a_second_rollout_continues_where_the_first_ended() -> None:
         np.testing.assert_array_equal(joined, getattr(whole, name))
 
 
-def test_the_law_is_that_of_a_loop_in_python() -> None:
+def test_the_feedback_law_equals_a_loop_in_python() -> None:
     rng = np.random.default_rng(83)
     robot = random_chain(rng, 3)
     q, qd, taus = sequences(3, 10)
@@ -360,8 +362,11 @@ def test_the_bits_do_not_depend_on_the_pieces(
     q, qd, taus = sequences(2, 19)
     law = pfd.StateFeedback(np.ones((2, 4)), taus / 10)
     found = []
-    for most in (threads.MAX_BLOCK_WORK, 1, *(k * many._step_work for k in (2, 3, 4, 7))):
-        monkeypatch.setattr(ensemble, 'MAX_BLOCK_WORK', most)
+    pieces = ensemble.pieces
+    for most in (len(taus[0]), 1, 2, 3, 4, 7):
+        monkeypatch.setattr(
+            ensemble, 'pieces', lambda steps, every, _, most=most: pieces(steps, every, most)
+        )
         many.reset(q, qd)
         runs = many.rollout(taus, feedback=law, every=every)
         found.append([runs.time, runs.q, runs.qd, runs.qdd, runs.finite_steps, many.q, many.qdd])
@@ -377,23 +382,30 @@ def test_an_interrupted_rollout_leaves_time_and_states_together(
     many = pfd.Ensemble(pfd.load_robot('planar2'), 40)
     _, _, taus = sequences(2, 40)
     whole = many.rollout(taus)
-    monkeypatch.setattr(ensemble, 'MAX_BLOCK_WORK', 2 * many._step_work)
+    pieces, run = ensemble.pieces, ensemble.run
+    monkeypatch.setattr(ensemble, 'pieces', lambda steps, every, _: pieces(steps, every, 2))
+    # Blocks of one vector.
     monkeypatch.setattr(threads, 'MAX_BLOCK_WORK', 1)
-    blocks = itertools.count()
-    # The arms of a block fill a vector of this processor.
-    in_a_piece = -(-many.size // many._native.width)
+    runs, done = itertools.count(), []
 
-    def interrupted(*arguments: object) -> int:
-        # Three pieces of blocks: it comes in the middle of the second.
-        if next(blocks) == in_a_piece + in_a_piece // 2:
-            raise KeyboardInterrupt
-        return run_block(*arguments)
+    def interrupted(work: Callable[[int, int], int], *arguments: Any) -> int:
+        # In the second piece, after its first block.
+        if next(runs) != 1:
+            return run(work, *arguments)
 
-    run_block = ensemble._run_block
-    monkeypatch.setattr(ensemble, '_run_block', interrupted)
+        def work_or_stop(first: int, size: int) -> int:
+            if done:
+                raise KeyboardInterrupt
+            done.append(first)
+            return work(first, size)
+
+        return run(work_or_stop, *arguments)
+
+    monkeypatch.setattr(ensemble, 'run', interrupted)
     many.reset()
     with pytest.raises(KeyboardInterrupt):
         many.rollout(taus)
+    assert done
     assert many.time == whole.time[1]
     np.testing.assert_array_equal(many.q, whole.q[:, 1])
     np.testing.assert_array_equal(many.qd, whole.qd[:, 1])

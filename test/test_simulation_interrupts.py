@@ -215,7 +215,7 @@ def test_a_step_of_endless_substeps_is_interrupted_and_leaves_the_state_before_i
 
 
 @pytest.mark.parametrize('integrator', ['rk4', 'velocity_verlet'])
-def test_a_long_step_that_nobody_interrupts_gives_the_bits_of_short_ones(
+def test_an_uninterrupted_long_step_gives_the_bits_of_short_steps(
     integrator: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot = pfd.load_robot('planar2')

@@ -93,7 +93,7 @@ def test_the_error_falls_with_the_order_of_the_integrator(
 )
 def test_a_wheel_turns_as_the_closed_form_says(lag: float, h: float, most: float) -> None:
     # I dqd/dt = u (1 - exp(-t/T)) from rest; 1 rad/s^2 in the end. T = 0.2 ms is stable though
-    # three times shorter than a step: as an equation of its own it would need h < 2.78 T.
+    # three times shorter than a step: as a separate equation it would need h < 2.78 T.
     sim = pfd.Simulator(
         pfd.load_robot(WHEEL),
         pfd.Scene(gravity=None, motor_lag=[lag]),
@@ -103,6 +103,7 @@ def test_a_wheel_turns_as_the_closed_form_says(lag: float, h: float, most: float
     run = sim.rollout(np.full((60, 1), INERTIA))
     t = run.time
     rise = -np.expm1(-t / lag)
+    np.testing.assert_allclose(sim.tau_motor, [INERTIA * rise[-1]], rtol=1e-12)
     np.testing.assert_allclose(run.qdd[:, 0], rise, rtol=1e-12)
     np.testing.assert_allclose(run.q[:, 0], t * t / 2 - lag * t + lag**2 * rise, atol=most)
 
@@ -186,3 +187,8 @@ def test_an_arm_whose_motors_hold_it_from_the_start_does_not_fall() -> None:
     assert np.abs(many.rollout(np.tile(hold, (50, 1))).q[:, -1] - starts).max() > 1e-3
     with pytest.raises(ValueError, match='tau_motor was given, but the scene has no motor_lag'):
         pfd.Simulator(robot).reset(tau_motor=hold)
+
+
+def test_a_scene_without_lag_has_no_torques_of_motors() -> None:
+    with pytest.raises(ValueError, match='tau_motor needs a scene with motor_lag'):
+        _ = pfd.Simulator(pfd.load_robot(WHEEL)).tau_motor

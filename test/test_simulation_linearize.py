@@ -28,7 +28,7 @@ EXACT = 1e-13
 PINOCCHIO, DIFFERENCES = 1e-9, 1e-6
 # One-sided differences with changes of 1e-7: the second derivative, and roundings over the change.
 ONE_SIDED = 1e-5
-# Differences of imex2 beside an event, in steps [s]: its position within a step is of first order.
+# Differences of imex2 near an event, in steps [s]: its position within a step is of first order.
 CHORDS = 5.0
 H = 2e-3
 
@@ -82,7 +82,7 @@ def differences(sim: pfd.Simulator, at: list[np.ndarray], **inputs: Any) -> np.n
         sim.step(x[-n:], **inputs)
         rows = [sim.q, sim.qd]
         if lags:
-            rows.append(np.array(sim._now.arrays['tau_motor']))
+            rows.append(sim.tau_motor)
         return np.concatenate(rows)
 
     step = 1e-6
@@ -238,7 +238,7 @@ def test_friction_of_sliding_joints_has_a_slope_and_resting_ones_are_held(
 
 
 ELBOW_STOPS = [[-np.inf, np.inf], [0.3, 2.0]]
-# A two-link arm whose elbow rests at 0.3 rad, and torques at the elbow beside gravity's 2.26 N m.
+# A two-link arm whose elbow rests at 0.3 rad, and torques at the elbow besides gravity's 2.26 N m.
 # The changes of the elbow's position and velocity by which A and B are derivatives, the status,
 # the scene, and the torque.
 RESTING: dict[str, tuple[str, str, str, pfd.Scene, float]] = {

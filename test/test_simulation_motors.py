@@ -37,7 +37,7 @@ def limited(effort: float, velocity: float, limits: np.ndarray) -> float:
 @pytest.mark.parametrize(
     'scene', [pfd.Scene(), pfd.Scene(friction=(0.3, 0.1), armature=(0.1, 0.1))]
 )
-def test_without_limits_the_steps_are_those_of_a_simulator(scene: pfd.Scene) -> None:
+def test_without_limits_the_steps_equal_those_of_a_simulator(scene: pfd.Scene) -> None:
     motor, plain = pfd.MotorSimulator(ROBOT, scene), pfd.Simulator(ROBOT, scene)
     state, counters = motor.new_state(), pfd.MotorState(np.zeros(2))
     rows, out = efforts(200), np.empty((200, 3, 2))
@@ -169,7 +169,7 @@ def test_a_run_that_overflows_after_one_that_ended_at_a_jump_has_its_status() ->
     assert (counters.jumped, state.status) == (False, 'not_finite')
 
 
-def test_the_recorded_program_is_what_native_code_computes() -> None:
+def test_native_code_computes_the_recorded_program() -> None:
     program = record_actuators(2)
     rng = np.random.default_rng(5)
     for _ in range(20):

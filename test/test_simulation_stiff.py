@@ -93,7 +93,7 @@ def test_velocities_under_a_very_strong_damping_are_quasi_static() -> None:
 
 @pytest.mark.parametrize('integrator', ['imex2', 'auto'])
 @pytest.mark.parametrize('damping', one_fast([1e-2, 1.0, 1e2, 3e3, 1e4, 1e6], 1e4))
-def test_a_damped_rod_coasts_as_its_closed_form_says(damping: float, integrator: str) -> None:
+def test_a_damped_rod_coasts_as_in_its_closed_form(damping: float, integrator: str) -> None:
     # Two rods of 0.5 m and 1 kg, in line: I = 2/3, qd = w0 exp(-d t / I).
     scene = pfd.Scene(gravity=None, damping=np.full(2, damping), brakes=True)
     sim = pfd.Simulator(
@@ -233,7 +233,7 @@ def test_a_wheel_is_stiff_from_a_damping_of_its_inertia_over_the_step(kind: str)
     assert pfd.Simulator(load, pfd.Scene(damping=[1e9]), integrator='rk4').integrator == 'rk4'
 
 
-def test_inertias_of_many_poses_are_those_of_pinocchio() -> None:
+def test_inertias_of_many_poses_equal_pinocchio() -> None:
     for seed in range(4):
         rng = np.random.default_rng(seed)
         robot = random_chain(rng, 5)

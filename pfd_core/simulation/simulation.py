@@ -231,6 +231,18 @@ class Simulation(ABC):
         return qd
 
     @property
+    def tau_motor(self) -> Array:
+        """Torques of motors with a lag, (n,) or (B, n) [N m or N]; a copy.
+
+        ValueError if the scene has no `motor_lag`: then torques act as they are commanded.
+        """
+        found = self._now.arrays.get(LaggedTorque.name)
+        if found is None:
+            raise ValueError('tau_motor needs a scene with motor_lag')
+        tau_motor: Array = found.copy()
+        return tau_motor
+
+    @property
     def wrapped(self) -> tuple[Array, Array]:
         """
         Positions as angles from -pi to pi and whole turns, each (n,) or (B, n).

@@ -5,16 +5,11 @@
 From the inputs to the outputs:
 
     setting_fields    the fields of settings: description, range, reading
-    command_settings  the settings of commands; these and the next four are parts of `settings`
-    description_settings  settings of the model that controllers share
-    plant_settings    settings of the simulated plant
-    output_settings   settings and types of outputs in addition to joint_states
-    sensor_settings   settings of the sensors
-    settings          everything that is not an event: robot, scene, step size, rates
     noise             random numbers as a function of seed, channel and cycle
+    plant_settings    settings of the simulated plant, derived from the effects of the joints
+    settings          everything that is not an event: robot, scene, rates, outputs, sensors
     scene             the scene of the settings: from a file or from their switches
-    events            events, outputs, sources, verdicts of the validation
-    effects           the effects of events other than commands: requests, states to set
+    events            events, their effects, outputs, sources, verdicts of the validation
     state             ArmState: everything that changes while an arm runs
     actuator_command  efforts, brakes and servo targets, and how a command changes them
     commands          the rules for a command, NaN and infinity among them
@@ -24,7 +19,6 @@ From the inputs to the outputs:
     link_frames       the frames of a URDF's links, for /tf of a recording
     described_robot   the robot that settings name, and what its URDF adds to them
     ros2_control      the <ros2_control> blocks of a URDF: topics, initial positions, mimic joints
-    followed_clock    the rules for ticks of another node's clock
     pace              whether there may be a step: activity, pauses, lockstep, followed clock
     command_link      commands on the way to the actuators: delay, drop-out, watchdog
     actuators         from commands to the efforts that act: servos, limits of the motors
@@ -36,13 +30,10 @@ From the inputs to the outputs:
     outputs           further outputs: model, tip, energy, true state
     stable_gains      the largest gains of a PD loop through a zero-order hold
     validation        validates each event by the rules for its source
-    validation_rows   the messages with the validation results
     engine            one cycle: events -> validation -> actuators -> step -> rows, state, tick
     driver            runs an engine: for the node, replays and lockstep alike
 
-A new input is a Source in `events`, a rule in `validation`, and a row in node.endpoints and in
-recording.format (with always=False: older recordings lack it). A new output is a
-row of output_settings.OUTPUTS and a writer in `outputs`, and a row in `model_kernels` if it is a
-quantity of the model, and a class in node.endpoints if its type is new. NaN and infinity of a
-command are handled in `commands`. Stepping and recording need no change.
+A new input is a Source in `events`, a rule in `validation`, and its role and channel in
+recording.format. A new output is a row of settings.OUTPUTS and a writer in `outputs`. NaN and
+infinity of a command are handled in `commands`. Stepping, topics and recording need no change.
 """

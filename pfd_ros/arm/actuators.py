@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.actuator_command import Gains
-from pfd_ros.arm.command_settings import check_servo
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import Settings, check_servo
 from pfd_ros.arm.state import ActuatorState
 from pfd_ros.text import cut
 

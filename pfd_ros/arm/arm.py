@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 import pfd_core as pfd
 from pfd_ros.arm.actuator_command import ActuatorCommand, all_braked
 from pfd_ros.arm.actuators import in_model_order
-from pfd_ros.arm.effects import StateChange
+from pfd_ros.arm.events import StateChange
 from pfd_ros.arm.model_kernels import model_kernels
-from pfd_ros.arm.plant_settings import INPUT, payload_changes
-from pfd_ros.arm.scene import payload_numbers, payload_of, scene_of
+from pfd_ros.arm.plant_settings import INPUT, payload_changes, payload_numbers
+from pfd_ros.arm.scene import payload_of, scene_of
 from pfd_ros.arm.setting_fields import check_joint_counts
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import ActuatorState, ArmState, LinkState, WrenchState
@@ -496,7 +496,4 @@ class Arm:
 
 def _plant_of(scene: pfd.Scene, compiled: Compiled) -> Plant:
     payload = payload_of(scene)
-    if payload is None:
-        return Plant(scene, compiled, ())
-    mass, center, inertia = payload_numbers(payload)
-    return Plant(scene, compiled, (mass, *center, *inertia))
+    return Plant(scene, compiled, () if payload is None else payload_numbers(payload))

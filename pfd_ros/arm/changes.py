@@ -14,17 +14,15 @@ import json
 from typing import Any
 
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.command_settings import check_servo
 from pfd_ros.arm.commands import Validation
-from pfd_ros.arm.effects import SettingsChange
-from pfd_ros.arm.events import PAYLOAD_IN_USE, Output, Verdict
+from pfd_ros.arm.events import PAYLOAD_IN_USE, Output, SettingsChange, Verdict
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
 from pfd_ros.arm.scene import with_own_effects
 from pfd_ros.arm.setting_fields import check_joint_counts, typed
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import Settings, check_servo
 from pfd_ros.arm.tip_frames import body_at_tip, tip_frame
 from pfd_ros.messages.convert import encode_string
-from pfd_ros.messages.stamped import InertiaMessage, encode_inertia
+from pfd_ros.messages.stamped import InertiaMessage, encode_inertia, inertia_message
 from pfd_ros.text import listed
 
 # Every dynamic setting of an arm with a hundred joints fits in.
@@ -73,17 +71,6 @@ def changed(arm: Arm, settings: Settings, values: Mapping[str, Any]) -> Settings
     return found
 
 
-def validate_changes(text: str, arm: Arm) -> Validation:
-    """Validate new values for the settings of an arm.
-
-    Raises
-    ------
-    ValueError
-        As `read_changes`.
-    """
-    return validate_values(read_changes(text), arm)
-
-
 def validate_payload(message: InertiaMessage, arm: Arm) -> Validation:
     """Validate a payload for an arm; a mass of 0 removes it."""
     try:
@@ -125,6 +112,5 @@ def payload_message(arm: Arm) -> Output | None:
     if payload == state.payload or state.failure:
         return None
     state.payload, state.payload_messages = payload, state.payload_messages + 1
-    mass, *body = payload or (0.0,) * 10
-    message = InertiaMessage(arm.stamp_ns, arm.robot.tip, mass, tuple(body[:3]), tuple(body[3:]))
+    message = inertia_message(arm.stamp_ns, arm.robot.tip, payload or (0.0,) * 10)
     return Output(PAYLOAD_IN_USE, state.payload_messages, encode_inertia(message))

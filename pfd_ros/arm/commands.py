@@ -20,16 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm.actuator_command import Command, Gains
-from pfd_ros.arm.effects import (
+from pfd_ros.arm.events import (
     LARGEST_POSITION,
     LARGEST_VELOCITY,
     ClockTick,
     Request,
     SettingsChange,
     StateChange,
+    Verdict,
     WrenchChange,
 )
-from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
 from pfd_ros.text import NAME_COUNT, cut, listed
 

@@ -61,15 +61,15 @@ class DescribedRobot:
             return None
 
 
-def described_robot(settings: Settings, source: str) -> DescribedRobot:
-    """Return the robot of a source: a name, a path or a URDF.
+def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobot:
+    """Return the robot of a source: a name, a path, the text of a URDF, or a URDF.
 
     Raises
     ------
     ValueError
         If it cannot be loaded, or a `<ros2_control>` block breaks a rule.
     """
-    urdf = pfd.read_urdf(source)
+    urdf = source if isinstance(source, pfd.Urdf) else pfd.read_urdf(source)
     if urdf is None:
         return DescribedRobot(load_robot(settings, source), settings)
     robot = load_robot(settings, urdf)

@@ -21,7 +21,7 @@ alone: the simulated time of a failed arm is stopped, and it continues to publis
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 import math
 from typing import Any, NamedTuple
 from zlib import crc32
@@ -37,21 +37,27 @@ from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.changes import payload_message
 from pfd_ros.arm.command_link import CommandLink
 from pfd_ros.arm.commands import Validation
-from pfd_ros.arm.effects import ClockTick, Request, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
     ARM_STATE,
     CLOCK,
     COMMANDS,
     DROPPED_STATES,
     STATES,
+    TAKEN,
+    TAKEN_COLUMNS,
     TF,
     Arrival,
+    ClockTick,
     Event,
     Output,
     Overflow,
+    Request,
+    SettingsChange,
     Source,
+    StateChange,
     ValidationRow,
     Verdict,
+    WrenchChange,
 )
 from pfd_ros.arm.link_frames import LinkFrames
 from pfd_ros.arm.outputs import extra_outputs
@@ -60,9 +66,10 @@ from pfd_ros.arm.sensors import Sensors
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import ArmState, JointArrays
 from pfd_ros.arm.validation import Validator
-from pfd_ros.arm.validation_rows import overflow_messages, rows_message
 from pfd_ros.messages import convert
 
+# Rows of one message: a flood may have dropped a million commands before a cycle.
+MOST_ROWS = 4096
 OVERFLOWED = Validation(Verdict.OVERFLOWED, 'newer ones came before the next step')
 
 
@@ -204,7 +211,7 @@ class Engine:
             if isinstance(event, Overflow):
                 validations.append((event.source, OVERFLOWED, len(event.sequences)))
                 if self._rows:
-                    outputs.extend(overflow_messages(self.state, event, cycle))
+                    outputs.extend(self._overflow_messages(event, cycle))
                 continue
             validation = self.accept(event)
             validations.append((event.source, validation, 1))
@@ -212,8 +219,20 @@ class Engine:
                 checksum, verdict = crc32(event.payload), validation.verdict
                 rows.append(ValidationRow(cycle, event.source, event.sequence, verdict, checksum))
         if rows:
-            outputs.append(rows_message(self.state, rows))
+            outputs.append(self._rows_message(rows))
         return Taken(outputs, validations)
+
+    def _rows_message(self, rows: Sequence[ValidationRow]) -> Output:
+        self.state.row_messages += 1
+        return Output(TAKEN, self.state.row_messages, convert.encode_rows(rows, TAKEN_COLUMNS))
+
+    def _overflow_messages(self, event: Overflow, cycle: int) -> Iterator[Output]:
+        """Yield the messages about events that were dropped before a cycle."""
+        for start in range(0, len(event.sequences), MOST_ROWS):
+            some = event.sequences[start : start + MOST_ROWS]
+            yield self._rows_message(
+                [ValidationRow(cycle, event.source, x, Verdict.OVERFLOWED) for x in some]
+            )
 
     def accept(self, event: Arrival) -> Validation:
         """Validate one message and apply it to the next cycle, without a row."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The inputs and outputs of the arm: events come in, messages go out.
+"""The inputs and outputs of the arm: events come in, take effect, and messages go out.
 
 Wall time and thread order reach the arm only as events. Everything else follows from the
 settings, the events and the number of the cycle, so a recording of the events proves a run.
@@ -12,8 +12,15 @@ separate numbering and no separate row: an `Arrival` and a `ValidationRow` hold 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
+
+# Most steps of one request; a request that lasts for ever is `resume`.
+MOST_STEPS = 1_000_000
+# Farther and faster than any joint goes, rad or m, rad/s or m/s; a simulation from there, or a
+# servo to it, would not stay finite.
+LARGEST_POSITION, LARGEST_VELOCITY = 1e6, 1e4
 
 
 class Source(IntEnum):
@@ -55,6 +62,11 @@ class Verdict(IntEnum):
     # Understood, but not possible now.
     REFUSED = 13
 
+    @property
+    def label(self) -> str:
+        """The name in log lines, diagnostics and tests."""
+        return self.name.lower()
+
 
 class Arrival(NamedTuple):
     """A message that came in: its topic, its number there from 1, its bytes as they travelled."""
@@ -72,6 +84,53 @@ class Overflow(NamedTuple):
 
 
 Event: TypeAlias = Arrival | Overflow
+
+
+@dataclass(frozen=True)
+class Request:
+    """A request for the arm as a whole.
+
+    Attributes
+    ----------
+    name
+        One of pfd_ros.arm.requests.REQUESTS.
+    count
+        Steps, of a request to step.
+    """
+
+    name: str
+    count: int = 1
+
+
+@dataclass(frozen=True)
+class SettingsChange:
+    """The `Settings` from the next cycle on, and the `Plant` if they need another one."""
+
+    settings: Any
+    plant: Any = None
+
+
+@dataclass(frozen=True)
+class WrenchChange:
+    """Force and moment on the last link, (6,) in N and N m, in its frame, about its origin."""
+
+    wrench: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class StateChange:
+    """The joints that jump, by index in the model, where to, rad or m, and with which velocity."""
+
+    joints: tuple[int, ...]
+    positions: tuple[float, ...]
+    velocities: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ClockTick:
+    """The time of a followed clock, ns."""
+
+    stamp_ns: int
 
 
 class ValidationRow(NamedTuple):

@@ -101,12 +101,18 @@ class LinkFrames:
         return self._encoder.encode(stamp_ns, self._transforms.at(positions))
 
 
-def link_frames(text: str, settings: Settings, robot: pfd.Robot) -> LinkFrames:
-    """Return the frames of a URDF for an arm; ValueError if the text is not a URDF of a tree."""
+def parsed_urdf(text: str, label: str) -> pfd.Urdf:
+    """Return the model of a URDF's text; ValueError, with the label, for another text."""
     # Other text would be taken for the name of a robot or a file.
     urdf = pfd.read_urdf(text) if text.lstrip().startswith('<') else None
     if urdf is None:
-        raise ValueError(f'{DESCRIPTION} is not a URDF: it starts with {cut(text[:20])!r}')
+        raise ValueError(f'{label} is not a URDF: it starts with {cut(text[:20])!r}')
+    return urdf
+
+
+def link_frames(text: str, settings: Settings, robot: pfd.Robot) -> LinkFrames:
+    """Return the frames of a URDF for an arm; ValueError if the text is not a URDF of a tree."""
+    urdf = parsed_urdf(text, DESCRIPTION)
     if len(urdf.joints) >= len(urdf.links):
         raise ValueError(
             f'{DESCRIPTION} has {len(urdf.joints)} joints and {len(urdf.links)} links: no tree'

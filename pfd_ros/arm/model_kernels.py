@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The native code of the outputs that are quantities of the model, made with the plant's own."""
+"""The native code of quantities of the model: of outputs, and of the error of accelerations."""
 
 from __future__ import annotations
 
@@ -10,21 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 import pfd_core as pfd
-from pfd_ros.arm.settings import Settings
-
-# Output -> the quantity of pfd_core that it is.
-QUANTITIES = {
-    'external_torques': 'wrench_torques',
-    'inertia_matrix': 'inertia_matrix',
-    'bias_torques': 'bias_torques',
-    'gravity_torques': 'gravity_torques',
-    'external_torques_array': 'wrench_torques',
-    'bias_torques_array': 'bias_torques',
-    'gravity_torques_array': 'gravity_torques',
-    'tip_jacobian': 'tip_jacobian',
-    'tip_pose': 'tip_pose',
-    'energy': 'energy',
-}
+from pfd_ros.arm.settings import OUTPUTS, Settings
 
 
 def model_kernels(settings: Settings, robot: pfd.Robot, scene: pfd.Scene) -> Mapping[str, Any]:
@@ -36,8 +22,18 @@ def model_kernels(settings: Settings, robot: pfd.Robot, scene: pfd.Scene) -> Map
     alone = replace(scene, external_wrench=False, gravity_compensation=False)
     return MappingProxyType(
         {
-            output: pfd.compile_kernel(robot, scene=alone, quantity=quantity)
-            for output, quantity in QUANTITIES.items()
-            if output in settings.outputs
+            name: pfd.compile_kernel(robot, scene=alone, quantity=kind.quantity)
+            for name, kind in OUTPUTS.items()
+            if name in settings.outputs and kind.quantity
         }
     )
+
+
+def acceleration_kernel(robot: pfd.Robot, scene: pfd.Scene, method: str, refine: int = 0) -> Any:
+    """Return the kernel of the accelerations, without brakes and effects that act over a step.
+
+    Those have no accelerations.
+    """
+    over_a_step = {effect.name for effect in pfd.EFFECTS if effect.acts == 'step'}
+    smooth = scene.without(over_a_step | {'brakes', 'external wrench'})
+    return pfd.compile_kernel(robot, method=method, scene=smooth, refine=refine)

@@ -27,7 +27,6 @@ Kernels are compiled before the first step.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 import math
 from typing import Any, TypeAlias
 
@@ -36,8 +35,7 @@ from numpy.typing import NDArray
 
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.events import ARM_STATE, CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES
-from pfd_ros.arm.output_settings import OUTPUTS
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import OUTPUTS, Settings
 from pfd_ros.messages.convert import POSE, WRENCH, ArrayEncoder, JointStateEncoder
 from pfd_ros.messages.stamped import StampedEncoder, effort_encoder, stamped_encoder
 
@@ -70,7 +68,9 @@ class ExtraOutputs:
         self.q, self.qd = np.zeros((2, arm.robot.n))
         self.wrench = np.zeros(6)
         self._writers = [
-            (name, _WRITERS[name](self)) for name in OUTPUTS if name in settings.outputs
+            (name, _WRITERS[name.removesuffix(AS_ARRAY)](self, name))
+            for name in OUTPUTS
+            if name in settings.outputs
         ]
 
     def messages(self) -> list[tuple[str, bytes]]:
@@ -100,9 +100,9 @@ class ExtraOutputs:
         """Return the function that writes a message with a stamp."""
         return lambda: encoder.encode(self.arm.stamp_ns, _finite(value()))
 
-    def efforts(self, value: Callable[[], NDArray[Any]], as_array: bool = False) -> Writer:
+    def efforts(self, output: str, value: Callable[[], NDArray[Any]]) -> Writer:
         """Return the function that writes efforts, from their values in model order."""
-        if as_array:
+        if output.endswith(AS_ARRAY):
             return _array([('joint', self.arm.names)], lambda: value()[self.columns])
         encoder = effort_encoder(self.arm.names, self.frame_id)
         return self.stamped(encoder, lambda: value()[self.columns])
@@ -120,55 +120,54 @@ def _array(
     return lambda: encoder.encode(_finite(value()))
 
 
-def _true_states(given: ExtraOutputs) -> Writer:
+def _true_states(given: ExtraOutputs, output: str) -> Writer:
     arm = given.arm
     encoder = JointStateEncoder(arm.names, given.frame_id, given.locked, arm.order)
     return lambda: encoder.encode(arm.stamp_ns, arm.q, arm.qd, arm.tau)
 
 
-def _acceleration(given: ExtraOutputs) -> Writer:
+def _acceleration(given: ExtraOutputs, output: str) -> Writer:
     layout = [('joint', given.arm.names)]
     return _array(layout, lambda: given.arm.acceleration[given.columns])
 
 
-def _external_torques(given: ExtraOutputs, form: str = '') -> Writer:
-    value = given.bound(f'external_torques{form}', given.q, wrench=given.wrench)
-    return given.efforts(value, bool(form))
+def _external_torques(given: ExtraOutputs, output: str) -> Writer:
+    return given.efforts(output, given.bound(output, given.q, wrench=given.wrench))
 
 
-def _inertia_matrix(given: ExtraOutputs) -> Writer:
-    evaluate, order = given.bound('inertia_matrix', given.q), np.ix_(given.columns, given.columns)
+def _inertia_matrix(given: ExtraOutputs, output: str) -> Writer:
+    evaluate, order = given.bound(output, given.q), np.ix_(given.columns, given.columns)
     layout = [('row', given.arm.names), ('column', given.arm.names)]
     return _array(layout, lambda: evaluate()[order])
 
 
-def _bias_torques(given: ExtraOutputs, form: str = '') -> Writer:
-    return given.efforts(given.bound(f'bias_torques{form}', given.q, given.qd), bool(form))
+def _bias_torques(given: ExtraOutputs, output: str) -> Writer:
+    return given.efforts(output, given.bound(output, given.q, given.qd))
 
 
-def _gravity_torques(given: ExtraOutputs, form: str = '') -> Writer:
-    return given.efforts(given.bound(f'gravity_torques{form}', given.q), bool(form))
+def _gravity_torques(given: ExtraOutputs, output: str) -> Writer:
+    return given.efforts(output, given.bound(output, given.q))
 
 
-def _tip_jacobian(given: ExtraOutputs) -> Writer:
-    evaluate = given.bound('tip_jacobian', given.q)
+def _tip_jacobian(given: ExtraOutputs, output: str) -> Writer:
+    evaluate = given.bound(output, given.q)
     layout = [('row', TWIST_AXES), ('column', given.arm.names)]
     return _array(layout, lambda: evaluate()[:, given.columns])
 
 
-def _tip_pose(given: ExtraOutputs) -> Writer:
-    evaluate = given.bound('tip_pose', given.q)
+def _tip_pose(given: ExtraOutputs, output: str) -> Writer:
+    evaluate = given.bound(output, given.q)
     return given.stamped(
         stamped_encoder(POSE, given.arm.robot.base), lambda: position_and_quaternion(evaluate())
     )
 
 
-def _tip_wrench(given: ExtraOutputs) -> Writer:
+def _tip_wrench(given: ExtraOutputs, output: str) -> Writer:
     return given.stamped(stamped_encoder(WRENCH, given.arm.robot.tip), lambda: given.wrench)
 
 
-def _energy(given: ExtraOutputs) -> Writer:
-    evaluate, arm = given.bound('energy', given.q, given.qd), given.arm
+def _energy(given: ExtraOutputs, output: str) -> Writer:
+    evaluate, arm = given.bound(output, given.q, given.qd), given.arm
 
     def value() -> NDArray[Any]:
         return np.append(evaluate(), _power((arm.tau * arm.qd)[given.columns]))
@@ -176,16 +175,14 @@ def _energy(given: ExtraOutputs) -> Writer:
     return _array([('item', ENERGIES)], value)
 
 
-_WRITERS: dict[str, Callable[[ExtraOutputs], Writer]] = {
+# By the name of the output, without AS_ARRAY.
+_WRITERS: dict[str, Callable[[ExtraOutputs, str], Writer]] = {
     'true_states': _true_states,
     'acceleration': _acceleration,
     'external_torques': _external_torques,
     'inertia_matrix': _inertia_matrix,
     'bias_torques': _bias_torques,
     'gravity_torques': _gravity_torques,
-    'external_torques_array': partial(_external_torques, form=AS_ARRAY),
-    'bias_torques_array': partial(_bias_torques, form=AS_ARRAY),
-    'gravity_torques_array': partial(_gravity_torques, form=AS_ARRAY),
     'tip_jacobian': _tip_jacobian,
     'tip_pose': _tip_pose,
     'tip_wrench': _tip_wrench,

@@ -4,21 +4,30 @@
 
 The node paces cycles by its clock; this module decides when no cycle runs. It follows from
 settings, events and cycles, never from wall time.
+
+A followed clock is the clock of another node. At its first tick, and at the first one after a
+pause, a reset or an activation, simulated time is set to the tick without a step. After that the
+arm steps up to the newest tick. A tick earlier than a previous one is stale, since simulated time
+never goes back. A tick too far ahead is rejected; the arm then waits for a valid tick or a reset.
+Without ticks the arm waits; the node reports it after some seconds.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pfd_ros.arm.effects import Request
-from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.commands import Validation
+from pfd_ros.arm.events import ClockTick, Request, Verdict
 from pfd_ros.arm.state import PaceState
+from pfd_ros.messages.convert import NANOSECONDS
 
 # NaN from a driver whose joints no controller has claimed counts as an answer, and so do commands
 # for an arm braked by a reflex.
 ANSWERS = frozenset({Verdict.ACCEPTED, Verdict.ALL_NAN, Verdict.REFUSED})
 # Requests after which the arm continues at the time of the followed clock, without steps.
 JUMPS = frozenset({'resume', 'activate', 'reset'})
+# Largest number of steps for one tick: at 1 kHz a hundred seconds.
+MOST_STEPS_AHEAD = 100_000
 
 
 @dataclass(frozen=True)
@@ -78,3 +87,32 @@ class Pace:
 def needs_event(state: PaceState) -> bool:
     """Return whether the next step needs an event; a jump runs in a pause and needs none."""
     return state.waits or (state.paused and not state.left)
+
+
+def validate_tick(tick_ns: int, stamp_ns: int, until_ns: int | None, step_ns: int) -> Validation:
+    """Validate a tick.
+
+    Parameters
+    ----------
+    tick_ns, stamp_ns
+        The simulated times of the tick and of the arm, ns.
+    until_ns
+        The simulated time of the newest tick, ns; None before the first one.
+    step_ns
+        Simulated time of a step, ns.
+    """
+    last = stamp_ns if until_ns is None else until_ns
+    if tick_ns < last:
+        return Validation(
+            Verdict.STALE,
+            f'the clock is at {tick_ns / NANOSECONDS} s and was at {last / NANOSECONDS} s: '
+            'simulated time never goes back',
+        )
+    if until_ns is not None and tick_ns - stamp_ns > MOST_STEPS_AHEAD * step_ns:
+        return Validation(
+            Verdict.REFUSED,
+            f'the clock is at {tick_ns / NANOSECONDS} s and the arm at '
+            f'{stamp_ns / NANOSECONDS} s, more than {MOST_STEPS_AHEAD} steps behind: '
+            'call ~/reset to set its time',
+        )
+    return Validation(Verdict.ACCEPTED, effect=ClockTick(tick_ns))

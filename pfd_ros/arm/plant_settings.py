@@ -47,6 +47,18 @@ def payload_changes(wanted: str, method: str) -> str:
     return wanted
 
 
+def payload_numbers(payload: pfd.Payload) -> tuple[float, ...]:
+    """Return mass, centre of mass and inertia (xx, xy, xz, yy, yz, zz) of a payload, (10,)."""
+    upper = np.asarray(payload.inertia)[np.triu_indices(3)]
+    return payload.mass, *np.asarray(payload.center).tolist(), *upper.tolist()
+
+
+def payload_from(numbers: Sequence[float]) -> pfd.Payload:
+    """Return the payload of `payload_numbers`; ValueError if no body is like that."""
+    mass, x, y, z, xx, xy, xz, yy, yz, zz = numbers
+    return pfd.Payload(mass, (x, y, z), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+
+
 def effect_fields() -> Iterator[Any]:
     """Yield the fields of the effects of the joints, `pfd_core.model.effects.Field`."""
     for effect in pfd.EFFECTS:
@@ -206,10 +218,8 @@ class PlantSettings:
         """The payload, None without one; ValueError if no body is like that."""
         if not self.payload_mass:
             return None
-        xx, xy, xz, yy, yz, zz = self.payload_inertia
-        inertia = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
-        body = pfd.Payload(self.payload_mass, self.payload_center, inertia)
-        moments = np.linalg.eigvalsh(np.array(inertia)).tolist()
+        body = payload_from((self.payload_mass, *self.payload_center, *self.payload_inertia))
+        moments = np.linalg.eigvalsh(np.asarray(body.inertia)).tolist()
         if moments[2] > (moments[0] + moments[1]) * (1 + TRIANGLE_TOLERANCE):
             raise ValueError(
                 'payload.inertia is not physically consistent: of its principal moments '

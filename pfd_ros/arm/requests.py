@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from pfd_ros.arm.commands import Validation, named_values_rule, too_far
-from pfd_ros.arm.effects import MOST_STEPS, Request, StateChange
-from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.events import MOST_STEPS, Request, StateChange, Verdict
 from pfd_ros.arm.state import PaceState
 from pfd_ros.messages.convert import JointMessage, encode_string
 from pfd_ros.text import NAME_COUNT, cut, listed

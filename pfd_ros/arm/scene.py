@@ -8,10 +8,14 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 import pfd_core as pfd
-from pfd_ros.arm.plant_settings import COMPILED, INPUT, PAYLOAD, given_effects
+from pfd_ros.arm.plant_settings import (
+    COMPILED,
+    INPUT,
+    PAYLOAD,
+    given_effects,
+    payload_numbers,
+)
 from pfd_ros.arm.settings import Settings
 from pfd_ros.text import cut
 
@@ -86,7 +90,8 @@ def with_own_effects(settings: Settings, changed: Collection[str]) -> Settings:
     if not set(PAYLOAD).isdisjoint(changed):
         payload = payload_of(scene)
         if payload is not None and settings.payload is None:
-            own |= zip(PAYLOAD, payload_numbers(payload), strict=True)
+            mass, *body = payload_numbers(payload)
+            own |= zip(PAYLOAD, (mass, tuple(body[:3]), tuple(body[3:])), strict=True)
         scene = replace(scene, payload=None)
     return replace(settings, **own, scene=pfd.scene_to_yaml(scene))
 
@@ -95,9 +100,3 @@ def payload_of(scene: pfd.Scene) -> pfd.Payload | None:
     """Return the payload of an arm's scene, which is never an input."""
     assert not isinstance(scene.payload, str)
     return scene.payload
-
-
-def payload_numbers(payload: pfd.Payload) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
-    """Return mass, centre of mass and inertia (xx, xy, xz, yy, yz, zz) of a payload."""
-    upper = np.asarray(payload.inertia)[np.triu_indices(3)]
-    return payload.mass, tuple(np.asarray(payload.center).tolist()), tuple(upper.tolist())

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The settings of a run: one frozen table, checked once, written into every recording.
 
-A new setting is a new field of `Settings` or of one of its base classes. The node declares its
-parameters from the fields, and a replay reads them from the file, so both run the same simulation.
+A new setting is a new field of `Settings` or of one of its base classes, which group the settings
+in the documentation. The node declares its parameters from the fields, and a replay reads them
+from the file, so both run the same simulation.
 """
 
 from __future__ import annotations
@@ -13,15 +14,14 @@ import dataclasses
 from dataclasses import dataclass
 import json
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import pfd_core as pfd
-from pfd_ros.arm.command_settings import CommandSettings
-from pfd_ros.arm.description_settings import DescriptionSettings
-from pfd_ros.arm.output_settings import OutputSettings
+from pfd_ros.arm.events import MOST_STEPS
+from pfd_ros.arm.noise import LARGEST_SEED
 from pfd_ros.arm.plant_settings import PlantSettings
-from pfd_ros.arm.sensor_settings import SensorSettings
 from pfd_ros.arm.setting_fields import check_values, setting, typed
+from pfd_ros.messages import convert
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.text import listed
 
@@ -49,6 +49,197 @@ ABSENT: dict[str, Any] = {
 }
 # Names of `position_sums`: whether the simulator compensates; None lets it choose.
 POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
+
+
+# Longest delay of commands and of states, s: a line of this length is kept.
+LONGEST_DELAY = 1.0
+# Stiffer than any servo; the efforts of a servo stay finite with it.
+LARGEST_GAIN = 1e9
+# Far more than any sensor errs by; sums with it stay finite.
+LARGEST_ERROR = 1e6
+
+
+@dataclass(frozen=True)
+class CommandSettings:
+    """The part of the settings that is about commands."""
+
+    lockstep: bool = setting(
+        False, 'After each published state wait for a command with its stamp, or without a stamp'
+    )
+    wait_for_controller: bool = setting(
+        False, 'In lockstep, let the first step wait for the first command too'
+    )
+    step_count: int = setting(1, 'Steps of one call of ~/step', 1, MOST_STEPS)
+    convention: str = setting(
+        'plain',
+        'Efforts with gravity (plain), or without it, compensated by the arm (franka)',
+        values=('plain', 'franka'),
+    )
+    effort_limits: bool = setting(
+        True,
+        "Cut efforts to the model's limits; joints without one get a wide one; limits of the "
+        'scene file replace these',
+        dynamic=True,
+    )
+    torque_speed: bool = setting(
+        True,
+        "Cut efforts to the model's torque-speed tables: the effort limit up to the velocity "
+        'limit, no driving effort from twice that on; tables of the scene file replace these',
+        dynamic=True,
+    )
+    servo_p: tuple[float, ...] = setting(
+        (),
+        'Gain of the servo that follows commanded positions, N m/rad or N/m; 0 is no servo',
+        0.0,
+        LARGEST_GAIN,
+        dynamic=True,
+        per_joint=True,
+    )
+    servo_d: tuple[float, ...] = setting(
+        (),
+        'Gain of the servo on velocities, N m s/rad or N s/m; 0 follows no velocity',
+        0.0,
+        LARGEST_GAIN,
+        dynamic=True,
+        per_joint=True,
+    )
+    command_timeout: float = setting(
+        0.0,
+        'Simulated time without a command after which `on_timeout` acts, s; 0 is never',
+        0.0,
+        1e6,
+        dynamic=True,
+    )
+    on_timeout: str = setting(
+        'brake',
+        'After command_timeout: brake, zero efforts, or hold by the servos',
+        values=('brake', 'zero', 'hold'),
+        dynamic=True,
+    )
+    delay_commands: float = setting(
+        0.0,
+        'From the reception of a command until it acts, s of simulated time, whole steps',
+        0.0,
+        LONGEST_DELAY,
+        name='delay.commands',
+    )
+    drop_commands: float = setting(
+        0.0, 'Share of the commands that are lost', 0.0, 1.0, name='drop.commands', dynamic=True
+    )
+    reflex_effort_rate: float = setting(
+        0.0,
+        'Rate of an effort, servo included, that brakes all joints, N m/s or N/s; 0 means off',
+        0.0,
+        1e9,
+        dynamic=True,
+    )
+
+
+@dataclass(frozen=True)
+class DescriptionSettings:
+    """The part of the settings that is about the model outside of the arm."""
+
+    ros2_control: bool = setting(
+        True,
+        'Take topic names and initial positions from the <ros2_control> block of the URDF, where '
+        'neither a remapping nor a parameter gives them',
+    )
+    description_timeout: float = setting(
+        30.0, 'How long to wait for the topic of a model, s of real time', 0.1, 3600.0
+    )
+    publish_description: bool = setting(
+        False, 'Publish robot_description: the URDF of the arm; only one node of a system may'
+    )
+    command_topic: str = setting('', "Topic of commands without names; '' is ~/commands")
+    publish_locked: bool = setting(
+        True, 'Publish the locked joints in joint_states too, after the others, at rest'
+    )
+
+
+def _error(name: str, text: str) -> Any:
+    """Return the field of a standard deviation or a step: 0 for none."""
+    return setting(0.0, text, 0.0, LARGEST_ERROR, name=name, dynamic=True)
+
+
+def _bias(kind: str, unit: str) -> Any:
+    """Return the field of numbers that are added to measured values, one for each joint."""
+    text = f'Added to the measured {kind} of each joint, {unit}'
+    return setting(
+        (), text, -LARGEST_ERROR, LARGEST_ERROR, name=f'bias.{kind}', dynamic=True, per_joint=True
+    )
+
+
+@dataclass(frozen=True)
+class SensorSettings:
+    """The part of the settings that is about measured states."""
+
+    seed: int = setting(0, 'Seed of all noise', 0, LARGEST_SEED)
+    noise_position: float = _error(
+        'noise.position', 'Standard deviation of measured positions, rad or m'
+    )
+    noise_velocity: float = _error(
+        'noise.velocity', 'Standard deviation of measured velocities, rad/s or m/s'
+    )
+    noise_effort: float = _error(
+        'noise.effort', 'Standard deviation of measured efforts, N m or N'
+    )
+    bias_position: tuple[float, ...] = _bias('position', 'rad or m')
+    bias_velocity: tuple[float, ...] = _bias('velocity', 'rad/s or m/s')
+    bias_effort: tuple[float, ...] = _bias('effort', 'N m or N')
+    quantization_position: float = _error(
+        'quantization.position', 'Step of the encoders, rad or m; 0 is none'
+    )
+    quantization_velocity: float = _error(
+        'quantization.velocity', 'Step of measured velocities, rad/s or m/s; 0 is none'
+    )
+    quantization_effort: float = _error(
+        'quantization.effort', 'Step of measured efforts, N m or N; 0 is none'
+    )
+    delay_state: float = setting(
+        0.0,
+        'Age of the measured state, s of simulated time, whole steps',
+        0.0,
+        LONGEST_DELAY,
+        name='delay.state',
+    )
+    drop_state: float = setting(
+        0.0, 'Share of the states that are not published, by chance', 0.0, 0.99, name='drop.state'
+    )
+
+
+class OutputKind(NamedTuple):
+    """The type of an output's messages, and the quantity of pfd_core that it is, '' for none."""
+
+    type: str
+    quantity: str = ''
+
+
+# The outputs in addition to joint_states. The topic of each is `~/<name>`, and its role is the
+# name; in the order in which a cycle puts them out. The names are in recordings and stay.
+OUTPUTS = {
+    'true_states': OutputKind(convert.JOINT_STATE),
+    'acceleration': OutputKind(convert.FLOAT_ARRAY),
+    'external_torques': OutputKind(convert.JOINT_STATE, 'wrench_torques'),
+    'inertia_matrix': OutputKind(convert.FLOAT_ARRAY, 'inertia_matrix'),
+    'bias_torques': OutputKind(convert.JOINT_STATE, 'bias_torques'),
+    'gravity_torques': OutputKind(convert.JOINT_STATE, 'gravity_torques'),
+    'external_torques_array': OutputKind(convert.FLOAT_ARRAY, 'wrench_torques'),
+    'bias_torques_array': OutputKind(convert.FLOAT_ARRAY, 'bias_torques'),
+    'gravity_torques_array': OutputKind(convert.FLOAT_ARRAY, 'gravity_torques'),
+    'tip_jacobian': OutputKind(convert.FLOAT_ARRAY, 'tip_jacobian'),
+    'tip_pose': OutputKind(convert.POSE, 'tip_pose'),
+    'tip_wrench': OutputKind(convert.WRENCH),
+    'energy': OutputKind(convert.FLOAT_ARRAY, 'energy'),
+}
+
+
+@dataclass(frozen=True)
+class OutputSettings:
+    """The settings of outputs in addition to joint_states."""
+
+    outputs: tuple[str, ...] = setting(
+        (), 'Published with each state, on ~/<name>; empty means nothing', values=tuple(OUTPUTS)
+    )
 
 
 @dataclass(frozen=True)
@@ -325,6 +516,18 @@ class Settings(
                 f'{self.step_size!r} s; expected a whole number of steps, or 0 for every step'
             )
         return whole
+
+
+def check_servo(settings: CommandSettings) -> None:
+    """Check that there is a servo for what needs one; once the joints are known.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    if settings.on_timeout == 'hold' and not (settings.servo_p and min(settings.servo_p) > 0.0):
+        raise ValueError("on_timeout is 'hold', expected servo_p above 0 for every joint")
 
 
 def timeout_steps(seconds: float, step_size: float) -> float:

@@ -17,6 +17,7 @@ import pfd_core as pfd
 from pfd_ros.arm.actuators import speed_limits
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.plant_settings import ESTIMATED
+from pfd_ros.messages.convert import JOINT_UNITS
 from pfd_ros.text import cut
 
 # Multiple of the velocity limit beyond every intended motion. Under the torque-speed limit, which
@@ -52,7 +53,7 @@ def speeding(arm: Arm) -> Speeding | None:
         return None
     joint = arm.order[peaks.index(ratio)]
     name, limit = cut(arm.robot.joint_names[joint]), float(speed_limits(arm.robot)[joint])
-    unit = 'm/s' if arm.robot.joint_types[joint] == 'prismatic' else 'rad/s'
+    unit = JOINT_UNITS['velocity'][arm.robot.joint_types[joint] == 'prismatic']
     found = f'{name} at {ratio * limit:.3g} {unit}, limit {limit:.3g} {unit}'
     if arm.robot.velocity_limit[joint] != limit:
         found += ' (assumed, the model has none)'

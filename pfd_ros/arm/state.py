@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.actuator_command import ActuatorCommand
-from pfd_ros.arm.effects import StateChange
+from pfd_ros.arm.events import StateChange
 from pfd_ros.arm.settings import Settings, from_recorded, to_recorded
 
 # The beginning of the bytes of a state; the digest of the rest follows.
@@ -250,7 +250,7 @@ class ArmState:
             raise ValueError('expected the bytes of an arm state, got other or damaged bytes')
         try:
             found = _record(json.loads(tree))
-        except (TypeError, KeyError, AttributeError) as error:
+        except Exception as error:  # damage has as many exceptions as values
             raise ValueError(f'expected the bytes of an arm state: {error!r}') from error
         if not isinstance(found, cls):
             raise ValueError(f'expected an arm state, got {type(found).__name__}')

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from pfd_ros.arm.actuator_command import Gains
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.changes import validate_changes, validate_payload
+from pfd_ros.arm.changes import read_changes, validate_payload, validate_values
 from pfd_ros.arm.commands import Validation, validate_array, validate_named
 from pfd_ros.arm.events import MOVING, Arrival, Source, Verdict
-from pfd_ros.arm.followed_clock import validate_tick
-from pfd_ros.arm.pace import Pace
+from pfd_ros.arm.pace import Pace, validate_tick
 from pfd_ros.arm.requests import validate_request, validate_state
 from pfd_ros.arm.wrench import validate_wrench
 from pfd_ros.messages import convert, stamped
@@ -51,7 +50,7 @@ class Validator:
                 message = convert.decode_joint_state(payload)
                 return validate_state(message, self._index, self._locked)
             if source is Source.PARAMETERS:
-                return validate_changes(convert.decode_string(payload), self._arm)
+                return validate_values(read_changes(convert.decode_string(payload)), self._arm)
             if source is Source.TICK:
                 return self._validate_tick(convert.decode_clock(payload))
             if source is Source.WRENCH:

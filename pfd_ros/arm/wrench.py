@@ -10,8 +10,7 @@ import numpy as np
 
 import pfd_core as pfd
 from pfd_ros.arm.commands import Validation
-from pfd_ros.arm.effects import WrenchChange
-from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.events import Verdict, WrenchChange
 from pfd_ros.arm.settings import Settings, timeout_steps
 from pfd_ros.arm.state import WrenchState
 from pfd_ros.arm.tip_frames import tip_frame, wrench_at_tip
@@ -40,10 +39,9 @@ def validate_wrench(
     """
     if not taken:
         return Validation(Verdict.REFUSED, 'start the arm with external_wrench:=true')
-    numbers = (*message.force, *message.torque)
-    if not all(map(math.isfinite, numbers)):
+    if not all(map(math.isfinite, message.numbers)):
         return Validation(Verdict.NOT_FINITE, 'contains a number that is not finite')
-    if max(map(abs, numbers)) > LARGEST_WRENCH:
+    if max(map(abs, message.numbers)) > LARGEST_WRENCH:
         return Validation(Verdict.REFUSED, f'expected {LARGEST_WRENCH:g} N and N m at most')
     if 0 != message.stamp_ns < since_ns:
         return Validation(

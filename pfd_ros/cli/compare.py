@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 
 from pfd_ros.cli.terminal import print_json, print_lines
 from pfd_ros.messages.convert import JOINT_FIELDS
 from pfd_ros.recording.log_arrays import read_log
 from pfd_ros.replay.compare import Comparison, compare
+from pfd_ros.replay.plots import plot_comparison
 
 HELP = 'compare two logs, joint by joint'
 EXAMPLE = 'pfd compare real.mcap simulated.mcap --tolerance 0.01'
@@ -65,26 +66,15 @@ def run(given: argparse.Namespace) -> int:
     else:
         print_lines(lines_of(found))
     if given.plot:
-        from pfd_ros.replay.compare_plot import plot  # needs matplotlib
-
-        plot(found, (str(given.a), str(given.b)), given.plot)
+        plot_comparison(found, (str(given.a), str(given.b)), given.plot)
     return 0 if found.within else 1
 
 
 def as_json(found: Comparison) -> dict[str, object]:
     """Return a comparison without its curves."""
-    return {
-        'within': found.within,
-        'tolerance': found.tolerance,
-        'lag': found.lag,
-        'shift': found.shift,
-        'overlap': found.overlap,
-        'only_in_a': found.only_in_a,
-        'only_in_b': found.only_in_b,
-        'unordered': found.unordered,
-        'uncovered': found.uncovered,
-        'differences': [asdict(item) for item in found.differences],
-    }
+    values = {f.name: getattr(found, f.name) for f in fields(found) if f.name != 'curves'}
+    differences = [asdict(item) for item in found.differences]
+    return {'within': found.within, **values, 'differences': differences}
 
 
 def lines_of(found: Comparison) -> list[str]:

@@ -151,9 +151,10 @@ def dds() -> Iterator[Finding]:
         publisher.kill()
         _, error = publisher.communicate()
     if subscriber.returncode == 0:
-        seconds = float(subscriber.stdout)
+        seconds = float(subscriber.stdout.split()[-1])
         yield Finding('dds', f'{label}: message received by another process after {seconds:.2f} s')
         return
-    lines = (error + subscriber.stderr).strip().splitlines()
+    # Fast DDS says on standard output that a domain is invalid.
+    lines = (subscriber.stdout + error + subscriber.stderr).strip().splitlines()
     why = lines[-1] if lines else f'no message within {DISCOVERY:g} s; is a firewall on?'
     yield Finding('dds', f'{label}: {why}', failed=True)

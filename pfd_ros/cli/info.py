@@ -8,14 +8,13 @@ import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
-from pathlib import Path
 import statistics
 from typing import Any
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.settings import SIMULATED
 from pfd_ros.cli.replay import describe
-from pfd_ros.cli.terminal import print_json, print_lines
+from pfd_ros.cli.terminal import add_logs, print_json, print_lines
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.recording.bags import Bag, bag_of
 from pfd_ros.replay.summary import Summary
@@ -52,13 +51,7 @@ class TopicCount:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the log."""
-    parser.add_argument(
-        'logs',
-        nargs='+',
-        type=Path,
-        metavar='LOG',
-        help='MCAP or .db3 file, rosbag2 folder; or all files of one run, or their folder',
-    )
+    add_logs(parser, 'MCAP or .db3 file, rosbag2 folder; or all files of one run, or their folder')
     parser.add_argument('--json', action='store_true', help='print JSON')
 
 
@@ -206,8 +199,8 @@ def as_json(
         },
     }
     if run_of_node is not None:
-        inputs = {verdict.name.lower(): count for verdict, count in run_of_node.verdicts.items()}
-        accepted = inputs.pop(Verdict.ACCEPTED.name.lower(), 0)
+        inputs = {verdict.label: count for verdict, count in run_of_node.verdicts.items()}
+        accepted = inputs.pop(Verdict.ACCEPTED.label, 0)
         found['run'] = {
             'robot': run_of_node.settings.robot,
             'settings': dict(settings),

@@ -9,7 +9,7 @@ from pathlib import Path
 import sys
 
 import pfd_core as pfd
-from pfd_ros.cli.terminal import progress_on
+from pfd_ros.cli.terminal import add_logs, progress_on
 from pfd_ros.page.html import write_page
 from pfd_ros.page.reading import read_contents
 from pfd_ros.text import one_line
@@ -17,16 +17,12 @@ from pfd_ros.text import one_line
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the log and the page."""
-    parser.add_argument(
-        'logs',
-        nargs='+',
-        type=Path,
-        metavar='LOG',
-        help='MCAP or .db3 file, rosbag2 folder; or all files of one run, or their folder',
-    )
+    add_logs(parser, 'MCAP or .db3 file, rosbag2 folder; or all files of one run, or their folder')
     parser.add_argument(
         '--out',
         type=Path,
+        # A default would replace a file named before `log`.
+        default=argparse.SUPPRESS,
         metavar='FILE',
         help='the page, never over an existing file; default ./NAME.html for NAME.mcap',
     )
@@ -47,7 +43,8 @@ def run(given: argparse.Namespace) -> int:
     OSError
         If the page exists, or a file cannot be read or written.
     """
-    path = given.out or Path(f'{given.logs[0].absolute().name.removesuffix(".mcap")}.html')
+    name = given.logs[0].absolute().name.removesuffix('.mcap')
+    path = getattr(given, 'out', Path(f'{name}.html'))
     if path.exists():
         raise FileExistsError(f'{path} exists and is not overwritten; choose another --out')
     robot = None if given.robot is None else pfd.load_robot(given.robot)

@@ -15,6 +15,7 @@ import argparse
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 import importlib.util
+import io
 import os
 import sys
 from typing import Any
@@ -80,6 +81,9 @@ def main(args: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if args is None else args)
     if '_ARGCOMPLETE' in os.environ:
         return _complete(os.environ.get('COMP_LINE', ''))
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # Names in files and of files may have characters that a terminal has not.
+        sys.stdout.reconfigure(errors='backslashreplace')
     try:
         node = words[:1] == ['sim'] or (words[:1] == ['replay'] and '--publish' in words)
         return _run(words, stop_on_signals() if node else None)

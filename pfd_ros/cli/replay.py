@@ -5,12 +5,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 import sys
 
 from pfd_ros.arm.events import CLOCK, STATES, TAKEN, TF, Verdict
 from pfd_ros.cli import replay_publish, what_if
-from pfd_ros.cli.terminal import progress_on
+from pfd_ros.cli.terminal import add_logs, progress_on
 from pfd_ros.recording.provenance import versions
 from pfd_ros.recording.run_parts import files_of
 from pfd_ros.replay.summary import Summary
@@ -29,13 +28,10 @@ NOUNS = {STATES: 'states', CLOCK: 'clock ticks', TAKEN: 'rows of applied command
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the recording and the options."""
-    parser.add_argument(
-        'logs',
-        nargs='+',
-        type=Path,
-        metavar='LOG',
-        help='a recording, or all files of one run or their folder; with --publish and --commands '
-        'any bag, also a folder of rosbag2',
+    add_logs(
+        parser,
+        'a recording, or all files of one run or their folder; with --publish and --commands any '
+        'bag, also a folder of rosbag2',
     )
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument(
@@ -127,7 +123,7 @@ def describe(summary: Summary) -> list[str]:
         f'inputs     {accepted} accepted, {summary.verdicts.total() - accepted} rejected',
     ]
     lines += [
-        f'           {count} {verdict.name.lower()}'
+        f'           {count} {verdict.label}'
         for verdict, count in sorted(summary.verdicts.items())
         if verdict is not Verdict.ACCEPTED
     ]

@@ -8,9 +8,9 @@ import argparse
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 import json
+from pathlib import Path
 import signal
-import sys
-from typing import Any
+from typing import Any, TextIO
 
 from pfd_ros.text import one_line
 
@@ -72,6 +72,11 @@ def add_view(parser: argparse.ArgumentParser, port: int) -> None:
     )
 
 
+def add_logs(parser: argparse.ArgumentParser, text: str) -> None:
+    """Declare the logs of a command, one or all files of a run."""
+    parser.add_argument('logs', nargs='+', type=Path, metavar='LOG', help=text)
+
+
 def print_lines(lines: Iterable[object]) -> None:
     """Print each text on one line, shortened."""
     for line in lines:
@@ -89,9 +94,9 @@ def print_json(found: Mapping[str, object]) -> None:
     print(json.dumps(found, allow_nan=False))
 
 
-def progress_on(stream: object) -> Callable[[float], None] | None:
+def progress_on(stream: TextIO | None) -> Callable[[float], None] | None:
     """Return a function that prints the progress on a terminal, or None without a terminal."""
-    if stream is None or not getattr(stream, 'isatty', bool)():
+    if stream is None or not stream.isatty():
         return None
     shown = -1
 
@@ -99,6 +104,6 @@ def progress_on(stream: object) -> Callable[[float], None] | None:
         nonlocal shown
         if int(100 * part) != shown:
             shown = int(100 * part)
-            print(f'\r{shown:3d} %', end='\r', file=sys.stderr, flush=True)
+            print(f'\r{shown:3d} %', end='\r', file=stream, flush=True)
 
     return draw

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 from pathlib import Path
 import sys
 
@@ -26,7 +27,10 @@ def run(given: argparse.Namespace) -> int:
     """Print the URDF, or write it to a file."""
     text = pfd.urdf_of(given.robot)
     if given.out is None:
-        sys.stdout.write(text)
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            # In any locale, as a file.
+            sys.stdout.reconfigure(encoding='utf-8')
+        print(text, end='')
     else:
         given.out.write_text(text, encoding='utf-8')
     return 0

@@ -153,7 +153,7 @@ def _live(given: argparse.Namespace) -> None:
     from pfd_ros.view import live, server
     from pfd_ros.view.live_arm import LiveArm
     from pfd_ros.view.mesh_files import MeshFolders
-    from pfd_ros.view.motion import folder_of, named_model, parsed_text
+    from pfd_ros.view.motion import folder_of, named_model
 
     named = None if given.node is None else live.arm_node(given.node)
     namespace = '/' if named is None else named.namespace
@@ -161,9 +161,10 @@ def _live(given: argparse.Namespace) -> None:
     with server.page(given.port, 'live') as page, live.view_node(namespace) as node:
         topics = live.LiveTopics(node, given.topic, named, given.wrench_topic)
         page.on_client_connect(_report_browser())
-        text, robot = ('', given.robot) if given.robot is not None else topics.model()
-        urdf = parsed_text(text, 'robot_description') if robot is None else named_model(robot)
-        folders = MeshFolders(folder_of(None, robot), tuple(given.package_path))
+        found = topics.model() if given.robot is None else given.robot
+        urdf = named_model(found) if isinstance(found, str) else found
+        folder = folder_of(None, found if isinstance(found, str) else None)
+        folders = MeshFolders(folder, tuple(given.package_path))
         arm = LiveArm(page, urdf, folders, given.force_scale)
         print_lines(arm.problems)
         shown = given.node or given.topic or live.TOPIC

@@ -11,9 +11,9 @@ from pathlib import Path
 import sys
 
 from pfd_ros.cli.terminal import print_json, print_lines
-from pfd_ros.replay.divergence import FIELDS
+from pfd_ros.messages.convert import JOINT_FIELDS
+from pfd_ros.replay.plots import check_picture, plot_what_if
 from pfd_ros.replay.what_if import THRESHOLDS, JointDivergence, WhatIf, what_if
-from pfd_ros.replay.what_if_plot import check_picture, plot
 from pfd_ros.text import listed, one_line
 
 
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         '--thresholds',
-        nargs=len(FIELDS),
+        nargs=len(JOINT_FIELDS),
         type=float,
         metavar=('Q', 'QD', 'TAU'),
         help='differences beyond which runs have diverged; default '
@@ -116,7 +116,7 @@ def _renaming(word: str) -> tuple[str, str]:
 def _draw(found: WhatIf, path: Path) -> tuple[str, str]:
     """Return the path of the picture, '' without one, and a line that says why."""
     try:
-        plot(found, path)
+        plot_what_if(found, path)
     except (ValueError, OSError) as error:
         return '', f'no plot    {error}'
     return str(path), ''
@@ -129,7 +129,7 @@ def as_json(found: WhatIf) -> dict[str, object]:
     return values | {
         'source': str(found.source),
         'log': str(found.log),
-        'thresholds': dict(zip(FIELDS, found.thresholds, strict=True)),
+        'thresholds': dict(zip(JOINT_FIELDS, found.thresholds, strict=True)),
         'divergences': [asdict(item) for item in found.divergences],
     }
 

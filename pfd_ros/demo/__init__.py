@@ -4,11 +4,9 @@
 
 In the order of a run:
 
-    motion        the motion that the controller should follow
-    disturbances  unknown to the controller: friction, a payload, and a push of the tip
-    computed_torque  the control law
-    controller    the controller, a ROS 2 node
-    processes     both nodes as two processes on a separate ROS domain: `run_demo`
-    bare_timer    a timer loop alongside the arm: the rate that the machine allows
-    results       from the recording: rate, jitter, tracking, losses, replay, plot
+    scenario    the motion, the control law, and disturbances that it does not know
+    controller  the controller, a ROS 2 node
+    processes   both nodes as two processes on a separate ROS domain: `run_demo`
+    bare_timer  a timer loop alongside the arm: the rate that the machine allows
+    results     from the recording: rate, jitter, tracking, losses, replay, plot
 """

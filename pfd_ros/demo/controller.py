@@ -25,9 +25,7 @@ from rclpy.utilities import remove_ros_args, try_shutdown
 from sensor_msgs.msg import JointState
 
 import pfd_core as pfd
-from pfd_ros.demo.computed_torque import efforts
-from pfd_ros.demo.disturbances import PUSH_BEGIN, push_force
-from pfd_ros.demo.motion import motion_of
+from pfd_ros.demo.scenario import PUSH_BEGIN, efforts, motion_of, push_force
 from pfd_ros.messages.convert import NANOSECONDS
 
 # Simulated time between discovery of the arm and the motion.

@@ -19,18 +19,15 @@ import sys
 import time
 from typing import Any
 
-import yaml
-
 import pfd_core as pfd
 from pfd_ros.arm.settings import Settings
 from pfd_ros.demo.bare_timer import bare_timer
-from pfd_ros.demo.disturbances import disturbances
-from pfd_ros.demo.motion import motion_of
 from pfd_ros.demo.results import show_results
+from pfd_ros.demo.scenario import disturbances, motion_of
 from pfd_ros.recording.reader import LogError
 from pfd_ros.testing.child_process import ChildProcess
 from pfd_ros.testing.domains import FIRST, LAST, environment, own_domain
-from pfd_ros.testing.node_process import parameters_of
+from pfd_ros.testing.node_process import parameters_of, write_parameters
 from pfd_ros.view.ports import OPENED, check_page
 from pfd_ros.view.process import ViewProcess
 
@@ -96,9 +93,7 @@ def run_demo(robot_name: str, seconds: float, folder: Path, view_port: int | Non
             f'{namespace}/joint_commands': {'subscription': {'depth': COMMAND_DEPTH}}
         },
     }
-    base.with_suffix('.yaml').write_text(
-        yaml.safe_dump({'/**': {'ros__parameters': parameters}}), encoding='utf-8'
-    )
+    write_parameters(parameters, base.with_suffix('.yaml'))
     print(f'{robot_name}: arm and controller for {seconds:g} s, recorded to {base}.mcap')
     # Not the domain of the environment, where an arm may be running.
     avoided = os.environ.get('ROS_DOMAIN_ID', '')

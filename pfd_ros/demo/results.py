@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 import pfd_core as pfd
 from pfd_ros.arm.events import STATES
 from pfd_ros.demo.bare_timer import missing_share
-from pfd_ros.demo.disturbances import PUSH_BEGIN, PUSH_END, payload_mass, push_force
-from pfd_ros.demo.motion import motion_of
+from pfd_ros.demo.scenario import PUSH_BEGIN, PUSH_END, motion_of, payload_mass, push_force
 from pfd_ros.messages.convert import NANOSECONDS, decode_joint_state
 from pfd_ros.recording.reader import Log
 from pfd_ros.replay.summary import Summary

@@ -7,11 +7,10 @@
     stamped        messages of a header and a fixed count of numbers: pose, wrench, inertia
     transforms     frames of links, as on /tf
     node_reports   diagnostics and transitions of the node
-    command_bytes  bytes of commands without names, and of states to set
+    definitions    text and hash of a message type as ROS installed them, and its fields
     columns        fields of many messages as arrays, by the definition of their type
-    definitions    text and hash of a message type, from where ROS installed them
     qos            QoS profiles as rosbag2 writes them
-    topics         topics that a description names, where nobody has remapped them
+    topics         topics and message classes for nodes of rclpy
 
 A new message type is a name in `convert`, and its functions there or in the next three modules.
 """

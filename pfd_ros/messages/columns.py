@@ -10,126 +10,24 @@ a recording of an arm has one such table a topic.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 import math
-import re
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.messages.cdr import CdrReader
+from pfd_ros.messages.definitions import NUMPY_TYPES, STRING, Field, Types, full_name
 
-# Kinds of NumPy of the primitive types; `char` is an octet in ROS 2.
-NUMPY_TYPES = {
-    'bool': '?',
-    'byte': 'u1',
-    'char': 'u1',
-    'float32': 'f4',
-    'float64': 'f8',
-    **{f'int{bits}': f'i{bits // 8}' for bits in (8, 16, 32, 64)},
-    **{f'uint{bits}': f'u{bits // 8}' for bits in (8, 16, 32, 64)},
-}
-STRING = 'string'
-# Bounds of hostile definitions and messages: nested types, fields of a type with all it uses, and
-# numbers and strings in a message that are not in one sequence of numbers.
-DEPTH = 16
-FIELDS = 4096
+# Bound of hostile messages: numbers and strings that are not in one sequence of numbers.
 LEAVES = 1 << 16
 # Most tables of messages of one size; beyond this, messages are read one by one.
 TABLES = 64
 # Bounds of padded rows of different lengths: elements, and their multiple of the filled ones.
 PADDED = 1 << 20
 MOST_PADDING = 16
-_SEPARATOR = re.compile('^={80}\n', re.MULTILINE)
-_FIELD = re.compile(
-    r'^(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?:\[(?P<most><=)?(?P<count>\d*)\])?'
-    r'\s+(?P<name>[A-Za-z]\w*)(?P<rest>\s*=.*|\s.*)?$'
-)
-
-
-@dataclass(frozen=True)
-class Field:
-    """A field of a type; a count of -1 means a sequence, None a single value."""
-
-    name: str
-    type: str
-    count: int | None
-
-
-Types = Mapping[str, tuple[Field, ...]]
-
-
-def parse_definition(name: str, text: str) -> Types:
-    """
-    Return the fields of a type and of all types that it uses, by full name.
-
-    Parameters
-    ----------
-    name : str
-        Such as 'sensor_msgs/msg/JointState'.
-    text : str
-        Its definition, then the definitions of the types it uses, each after a line of 80 `=`
-        and its name, as bags hold them (encoding `ros2msg`).
-
-    Raises
-    ------
-    ValueError
-        If a line declares no field, a type is missing or uses itself, or there are too many.
-
-    """
-    first, *others = _SEPARATOR.split(text.replace('\r\n', '\n'))
-    texts = {_full(name): first}
-    for other in others:
-        title, _, body = other.partition('\n')
-        if not title.startswith('MSG: '):
-            raise ValueError(f'definition of {name}: {title[:80]!r} in place of "MSG: <type>"')
-        texts[_full(title.removeprefix('MSG: ').strip())] = body
-    types = {kind: tuple(_fields(kind, body)) for kind, body in texts.items()}
-    _count_fields(_full(name), types, 0)
-    return types
-
-
-def _full(name: str) -> str:
-    """Return a type's name as package/Name."""
-    return name.replace('/msg/', '/')
-
-
-def _fields(kind: str, text: str) -> Iterator[Field]:
-    package = kind.partition('/')[0]
-    for line in text.splitlines():
-        stripped = line.partition('#')[0].strip()
-        if not stripped:
-            continue
-        found = _FIELD.match(stripped)
-        if not found:
-            raise ValueError(f'definition of {kind}: {stripped[:80]!r} is not a field')
-        if (found['rest'] or '').lstrip().startswith('='):
-            continue  # a constant
-        name = found['type']
-        if name not in NUMPY_TYPES and name != STRING:
-            name = _full(name if '/' in name else f'{package}/{name}')
-        count = None
-        if found['count'] is not None:
-            count = -1 if found['most'] or not found['count'] else int(found['count'])
-        yield Field(found['name'], name, count)
-
-
-def _count_fields(kind: str, types: Types, depth: int) -> int:
-    """Return the fields of a type with all it uses; ValueError above the bounds."""
-    if kind not in types:
-        raise ValueError(f'definition of type {kind} is missing')
-    if depth > DEPTH:
-        raise ValueError(f'type {kind} is nested deeper than {DEPTH} types')
-    total = 0
-    for item in types[kind]:
-        own = item.type in NUMPY_TYPES or item.type == STRING
-        # A type without fields counts too, or their number would have no bound.
-        total += 1 if own else max(1, _count_fields(item.type, types, depth + 1))
-        if total > FIELDS:
-            raise ValueError(f'type {kind} has more than {FIELDS} fields')
-    return total
 
 
 def read_columns(
@@ -145,7 +43,7 @@ def read_columns(
     Strings are str in arrays of objects. Where lengths differ between messages, shorter rows end
     with NaN (numbers, which are float64 then), or with '' (strings).
     """
-    root = _full(name)
+    root = full_name(name)
     pieces: dict[str, list[tuple[NDArray[Any], NDArray[Any]]]] = {
         path: [] for path in _paths(root, types)
     }

@@ -34,8 +34,13 @@ TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 TRANSITION = 'lifecycle_msgs/msg/TransitionEvent'
 
-# Arrays of a JointState with one number per joint, in the order of `name`.
-JOINT_FIELDS = ('position', 'velocity', 'effort')
+# Units of the arrays of a JointState with one number per joint: of a joint that turns or slides.
+JOINT_UNITS = {
+    'position': ('rad', 'm'),
+    'velocity': ('rad/s', 'm/s'),
+    'effort': ('N m', 'N'),
+}
+JOINT_FIELDS = tuple(JOINT_UNITS)
 # The beginning of a Float64MultiArray without a layout, and the place of its first number.
 _NO_LAYOUT, _FIRST_NUMBER = HEADER + bytes(8), 20
 
@@ -125,6 +130,15 @@ def decode_floats(data: bytes) -> NDArray[Any]:
         if len(data) == _FIRST_NUMBER + 8 * count:
             return np.frombuffer(data, '<f8', count, _FIRST_NUMBER).astype('f8')
     return decode_array(data).values
+
+
+def encode_floats(values: NDArray[Any]) -> bytes:
+    """Return a Float64MultiArray of numbers (count,), without a layout."""
+    writer = CdrWriter()
+    writer.uint32(0)
+    writer.uint32(0)
+    writer.numbers(np.asarray(values, np.float64))
+    return bytes(writer.data)
 
 
 @lru_cache(maxsize=16)
@@ -243,6 +257,15 @@ def encode_clock(stamp_ns: int) -> bytes:
 def decode_clock(data: bytes) -> int:
     """Return the time of a Clock message in nanoseconds."""
     return read_time(CdrReader(data))
+
+
+def encode_state(names: Sequence[str], q: NDArray[Any], qd: NDArray[Any]) -> bytes:
+    """Return a JointState of positions and velocities (n,), without a stamp."""
+    writer = headed('')
+    writer.strings(tuple(names))
+    for numbers in (q, qd, np.zeros(0)):
+        writer.numbers(numbers)
+    return bytes(writer.data)
 
 
 class JointStateEncoder:

@@ -118,7 +118,7 @@ def _nanoseconds(row: dict[str, Any], name: str) -> int | None:
     """Return a duration in ns, None if it is infinite or the default, which is infinite."""
     value = row.get(name, {})
     if not isinstance(value, dict):
-        raise ValueError(f'{name} of a QoS profile is {str(value)[:80]!r}')
+        raise ValueError(f'{name} of a QoS profile is {_shown(value)}, expected a table')
     seconds, rest = (_whole(value.get(key, '0'), name) for key in ('sec', 'nsec'))
     found = seconds * 10**9 + rest
     return None if found == 0 or seconds >= _INFINITE_SECONDS else found
@@ -126,8 +126,13 @@ def _nanoseconds(row: dict[str, Any], name: str) -> int | None:
 
 def _whole(value: Any, name: str) -> int:
     if not isinstance(value, str) or not value.isascii() or not value.isdigit() or len(value) > 20:
-        raise ValueError(f'{name} of a QoS profile is {str(value)[:80]!r}, expected a number')
+        raise ValueError(f'{name} of a QoS profile is {_shown(value)}, expected a number')
     return int(value)
+
+
+def _shown(value: Any) -> str:
+    # Written out, a list of aliases to lists of aliases could have any length.
+    return repr(value[:80]) if isinstance(value, str) else f'a {type(value).__name__}'
 
 
 def _shortest(durations: Any) -> int | None:

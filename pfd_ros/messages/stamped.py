@@ -93,12 +93,21 @@ class WrenchMessage:
     force: tuple[float, ...]
     torque: tuple[float, ...]
 
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """Force and torque, (6,)."""
+        return *self.force, *self.torque
+
+
+def wrench_message(stamp_ns: int, frame_id: str, numbers: Sequence[float]) -> WrenchMessage:
+    """Return a wrench of force and torque, (6,) in N and N m."""
+    return WrenchMessage(stamp_ns, frame_id, tuple(numbers[:3]), tuple(numbers[3:]))
+
 
 def decode_wrench(data: bytes) -> WrenchMessage:
     """Return the fields of a WrenchStamped."""
     found = decode_stamped(data, WRENCH)
-    numbers = found.values.tolist()
-    return WrenchMessage(found.stamp_ns, found.frame_id, tuple(numbers[:3]), tuple(numbers[3:]))
+    return wrench_message(found.stamp_ns, found.frame_id, found.values.tolist())
 
 
 @dataclass(frozen=True)
@@ -115,17 +124,25 @@ class InertiaMessage:
     center: tuple[float, ...]
     inertia: tuple[float, ...]
 
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """Mass, centre of mass and inertia, (10,)."""
+        return self.mass, *self.center, *self.inertia
+
+
+def inertia_message(stamp_ns: int, frame_id: str, numbers: Sequence[float]) -> InertiaMessage:
+    """Return an inertia of mass, centre of mass and inertia, (10,)."""
+    mass, *body = numbers
+    return InertiaMessage(stamp_ns, frame_id, mass, tuple(body[:3]), tuple(body[3:]))
+
 
 def decode_inertia(data: bytes) -> InertiaMessage:
     """Return the fields of an InertiaStamped."""
     found = decode_stamped(data, INERTIA)
-    mass, *numbers = found.values.tolist()
-    return InertiaMessage(
-        found.stamp_ns, found.frame_id, mass, tuple(numbers[:3]), tuple(numbers[3:])
-    )
+    return inertia_message(found.stamp_ns, found.frame_id, found.values.tolist())
 
 
 def encode_inertia(message: InertiaMessage) -> bytes:
     """Return an InertiaStamped message."""
-    numbers = np.array([message.mass, *message.center, *message.inertia])
-    return stamped_encoder(INERTIA, message.frame_id).encode(message.stamp_ns, numbers)
+    encoder = stamped_encoder(INERTIA, message.frame_id)
+    return encoder.encode(message.stamp_ns, np.array(message.numbers))

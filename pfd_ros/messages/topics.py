@@ -1,10 +1,26 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Topics that a description names, where the command line does not name others."""
+"""Topics and message classes for nodes of rclpy, which this module does not import."""
 
 from __future__ import annotations
 
+import importlib
 from typing import Any
+
+# Name in the graph of the node of an endpoint, before it is known; of other middleware always.
+UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
+
+
+def message_class(kind: str) -> Any:
+    """Return the class of a type such as 'sensor_msgs/msg/JointState'.
+
+    Raises
+    ------
+    ImportError, AttributeError
+        If it is not installed.
+    """
+    package, folder, name = kind.split('/')
+    return getattr(importlib.import_module(f'{package}.{folder}'), name)
 
 
 def remapped(node: Any, own: str) -> str:
@@ -16,3 +32,8 @@ def remapped(node: Any, own: str) -> str:
 def topic_of(node: Any, own: str, theirs: str = '') -> str:
     """Return the topic that a description names, if it does and nobody has remapped its own."""
     return theirs if theirs and not remapped(node, own) else own
+
+
+def node_of(end: Any) -> str:
+    """Return the full name of the node of an endpoint in the graph."""
+    return f'{end.node_namespace.rstrip("/")}/{end.node_name}'

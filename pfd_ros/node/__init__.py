@@ -33,7 +33,6 @@ Around it:
 Threads: main (reporting), signals, the executor (started by process), stepping (started by
 lifecycle for each arm), compiling (while a payload waits for its code, changing), recording
 (recording.recorder), and the middleware's. The pool of pfd_core is not used: one arm is
-stepped by one thread at a time. A new input is a row in endpoints.INPUTS and the steps that
-pfd_ros.arm lists; an output only these steps, and its type in endpoints if that is new. A new
-parameter is a field of arm.settings.
+stepped by one thread at a time. A new input or output needs the steps that pfd_ros.arm lists. A
+new parameter is a field of arm.settings.
 """

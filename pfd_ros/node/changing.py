@@ -113,13 +113,15 @@ class Changes:
         """Pass values on and wait for the result; a very slow arm applies them later."""
         validation = self.receiver.validation_of(Source.PARAMETERS, encode_changes(values))
         if validation is not None and validation.verdict is not Verdict.ACCEPTED:
-            raise ValueError(f'{validation.verdict.name.lower()}: {validation.detail}')
+            raise ValueError(f'{validation.verdict.label}: {validation.detail}')
 
     def _wait(self, source: Source, values: dict[str, Any], data: bytes) -> None:
-        self._waiting[source] = values, data
         if self._thread is None:
-            self._thread = threading.Thread(target=self._compile_waiting, name='compiling')
-            self._thread.start()
+            # It waits for the lock. Started before anything is kept: it may not start.
+            thread = threading.Thread(target=self._compile_waiting, name='compiling')
+            thread.start()
+            self._thread = thread
+        self._waiting[source] = values, data
 
     def _compile_waiting(self) -> None:
         while True:

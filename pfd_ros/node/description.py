@@ -18,9 +18,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import String
 
+import pfd_core as pfd
 from pfd_ros.arm.described_robot import DescribedRobot, described_robot
-from pfd_ros.arm.description_settings import TOPIC
-from pfd_ros.arm.events import Source
+from pfd_ros.arm.events import DESCRIPTION, Source
+from pfd_ros.arm.link_frames import parsed_urdf
 from pfd_ros.arm.ros2_control import (
     Ros2Control,
     differences,
@@ -31,7 +32,7 @@ from pfd_ros.arm.ros2_control import (
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import decode_string
 from pfd_ros.messages.topics import remapped
-from pfd_ros.node.endpoints import PUBLISHED, SUBSCRIBED
+from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE
 from pfd_ros.text import one_line
 
 # As `load_robot` takes it; a larger message is not decoded.
@@ -76,11 +77,12 @@ def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> M
     topics: dict[Source | str, str] = {}
     if settings.command_topic:
         topics[Source.ARRAY] = settings.command_topic
-    source = settings.robot
-    if source == TOPIC:
+    source: str | pfd.Urdf = settings.robot
+    if source == DESCRIPTION:
         if settings.publish_description:
             raise ValueError(
-                f'publish_description is true, but the model is read from {TOPIC}: set it to false'
+                f'publish_description is true, but the model is read from {DESCRIPTION}: set it '
+                'to false'
             )
         source = wait_for_description(node, settings.description_timeout, stopped)
     found = described_robot(settings, source)
@@ -110,7 +112,7 @@ def _topics(node: Node, control: Ros2Control) -> dict[Source | str, str]:
     """Return the topics of the hardware component, except remapped ones."""
     chosen: dict[Source | str, str] = {}
     for end, theirs in control.topics.items():
-        own = (SUBSCRIBED[end] if isinstance(end, Source) else PUBLISHED[end])[1]
+        own = CHANNELS[ROLE_OF_SOURCE[end] if isinstance(end, Source) else end].topic
         name = remapped(node, own)
         if name:
             text = f'{own} is remapped to {name}, ignoring {theirs} of <ros2_control>'
@@ -121,7 +123,7 @@ def _topics(node: Node, control: Ros2Control) -> dict[Source | str, str]:
     return chosen
 
 
-def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]) -> str:
+def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]) -> pfd.Urdf:
     """Return the URDF that another node publishes as `robot_description`.
 
     A separate node subscribes, so that any thread can spin it.
@@ -131,7 +133,7 @@ def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]
     ValueError
         If no description is received in time, or it is not a URDF.
     """
-    topic, received = node.resolve_topic_name(TOPIC), list[bytes]()
+    topic, received = node.resolve_topic_name(DESCRIPTION), list[bytes]()
     node.get_logger().info(f'waiting for the model on {topic} (std_msgs/msg/String)')
     listener = Node(
         f'{node.get_name()}_description',
@@ -161,10 +163,7 @@ def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]
         raise ValueError(
             f'{topic} has {len(received[0])} bytes, expected {LARGEST_DESCRIPTION} at most'
         )
-    text = decode_string(received[0])
-    if not text.lstrip().startswith('<'):
-        raise ValueError(f'{topic} is not a URDF: it starts with {text[:20]!r}')
-    return text
+    return parsed_urdf(decode_string(received[0]), topic)
 
 
 def publish_description(node: Node, described: DescribedRobot) -> None:
@@ -177,7 +176,7 @@ def publish_description(node: Node, described: DescribedRobot) -> None:
     """
     publisher = node.create_publisher(
         String,
-        TOPIC,
+        DESCRIPTION,
         _LATCHED,
         qos_overriding_options=QoSOverridingOptions.with_default_policies(),
     )

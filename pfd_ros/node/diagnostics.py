@@ -28,12 +28,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-import pfd_core as pfd
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.commands import QUIET
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import COMMANDS, Verdict
-from pfd_ros.arm.model_kernels import model_kernels
+from pfd_ros.arm.model_kernels import acceleration_kernel, model_kernels
 from pfd_ros.arm.speeding import speeding
 from pfd_ros.arm.stable_gains import gain_limits
 from pfd_ros.messages.convert import NANOSECONDS
@@ -81,12 +80,7 @@ class MassKernels:
         # As on the topics of these names.
         kernels = model_kernels(asked, arm.robot, self.scene)
         self.inertia, self.energy = kernels['inertia_matrix'], kernels['energy']
-        # Effects that act over a step have no accelerations.
-        over_a_step = {effect.name for effect in pfd.EFFECTS if effect.acts == 'step'}
-        smooth = self.scene.without(over_a_step | {'brakes', 'external wrench'})
-        self.accelerations = pfd.compile_kernel(
-            arm.robot, method=arm.settings.method, scene=smooth
-        )
+        self.accelerations = acceleration_kernel(arm.robot, self.scene, arm.settings.method)
         # Compiled before the stepping thread starts.
         zero = np.zeros(arm.robot.n)
         self.error_estimate(zero, zero, zero, {})
@@ -184,7 +178,7 @@ class ArmDiagnostics:
         ]
         for (source, verdict), (count, _) in sorted(counts.verdicts().items()):
             if verdict is not Verdict.ACCEPTED:
-                values.append((f'{ROLE_OF_SOURCE[source]}.{verdict.name.lower()}', count))
+                values.append((f'{ROLE_OF_SOURCE[source]}.{verdict.label}', count))
         state = self.stepper.engine.state
         link, actuators = state.link, state.actuators
         values += [

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The publishers and subscriptions of the node: topics, types, QoS; publishers that cannot block.
 
-A new topic is a row in one of the two tables; QoS can be overridden by parameters.
+Topics and types are those of recording.format.CHANNELS; QoS can be overridden by parameters.
 """
 
 from __future__ import annotations
@@ -13,42 +13,37 @@ from functools import partial
 import time
 from typing import Any, NamedTuple
 
-from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 
 from pfd_ros.arm.events import CLOCK, PAYLOAD_IN_USE, STATES, Source
-from pfd_ros.arm.output_settings import OUTPUTS
-from pfd_ros.messages import convert
+from pfd_ros.arm.settings import OUTPUTS
+from pfd_ros.messages.topics import message_class
 from pfd_ros.node.parameters import given_parameters
+from pfd_ros.recording.format import CHANNELS, OF_SERVICES, SOURCE_OF_ROLE
 
-_CLASSES = {
-    convert.JOINT_STATE: JointState,
-    convert.FLOAT_ARRAY: Float64MultiArray,
-    convert.POSE: PoseStamped,
-    convert.WRENCH: WrenchStamped,
-}
+# Depth of the topics of states and of the outputs that come with them.
+STATE_DEPTH = 10
+
+
+def _end(role: str, depth: int = 1) -> tuple[Any, str, int]:
+    channel = CHANNELS[role]
+    return message_class(channel.type), channel.topic, depth
+
+
 # Type, topic and depth of each source of events, and of each output by role.
 SUBSCRIBED = {
-    Source.NAMED: (JointState, 'joint_commands', 1),
-    Source.ARRAY: (Float64MultiArray, '~/commands', 1),
-    Source.SET_STATE: (JointState, '~/set_state', 1),
-    Source.WRENCH: (WrenchStamped, '~/external_wrench', 1),
-    Source.PAYLOAD: (InertiaStamped, '~/payload', 1),
-    Source.TICK: (Clock, '/clock', 1),
+    source: _end(role) for role, source in SOURCE_OF_ROLE.items() if role not in OF_SERVICES
 }
 PUBLISHED = {
-    STATES: (JointState, 'joint_states', 10),
-    CLOCK: (Clock, '/clock', 1),
-    PAYLOAD_IN_USE: (InertiaStamped, '~/payload_in_use', 1),
-    **{name: (_CLASSES[kind], f'~/{name}', 10) for name, kind in OUTPUTS.items()},
+    STATES: _end(STATES, STATE_DEPTH),
+    CLOCK: _end(CLOCK),
+    PAYLOAD_IN_USE: _end(PAYLOAD_IN_USE),
+    **{role: _end(role, STATE_DEPTH) for role in OUTPUTS},
 }
 # Those whose last message reaches subscribers that come later.
 LATCHED = frozenset({Source.PAYLOAD, PAYLOAD_IN_USE})

@@ -26,6 +26,7 @@ from rclpy.qos import (
 )
 
 from pfd_ros.arm.events import CLOCK, COMMANDS, STATES, Source
+from pfd_ros.messages.topics import UNKNOWN_NODE, node_of
 from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.endpoints import (
     Endpoints,
@@ -51,13 +52,10 @@ SECOND_PUBLISHER = {
         'too: simulated time jumps back and forth; set publish_clock:=false on all but one node'
     ),
 }
-# Discovery finds an endpoint before the name of its node; of other middleware it never does.
-NAMELESS = '_NODE_NAME_UNKNOWN_'
 
 
 def _who(info: Any) -> str:
-    name = f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-    return f'node {cut(name)!r}'
+    return f'node {cut(node_of(info))!r}'
 
 
 @dataclass
@@ -116,7 +114,7 @@ class GraphCheck:
         if len(self._nameless_since) > MOST_ENDPOINTS:
             self._nameless_since.clear()
         for info in islice(found, MOST_ENDPOINTS):
-            if info.node_name == NAMELESS:
+            if info.node_name == UNKNOWN_NODE:
                 now, key = self.now(), tuple(info.endpoint_gid)
                 if now - self._nameless_since.setdefault(key, now) <= PATIENCE_SECONDS:
                     continue

@@ -197,7 +197,12 @@ class SimArmNode(LifecycleNode):
         gc.unfreeze()
         gc.collect()
         gc.freeze()
-        self.arm.start(self._workers)
+        try:
+            self.arm.start(self._workers)
+        except BaseException:
+            # Unconfigured, the node has no arm: the next one would have the same topics.
+            self._clean_up()
+            raise
         self.arm.reporter.introduce()
 
     def _activate(self) -> None:

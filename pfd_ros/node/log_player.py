@@ -17,7 +17,6 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 import math
 import sys
 import time
@@ -45,6 +44,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from pfd_ros.messages.convert import NANOSECONDS, encode_clock
 from pfd_ros.messages.qos import MOST_DEPTH, Qos
+from pfd_ros.messages.topics import message_class
 from pfd_ros.node.endpoints import NonblockingPublisher
 from pfd_ros.node.main import STATUS_BASE, Stop
 from pfd_ros.node.workers import described
@@ -221,9 +221,8 @@ class _Player:
         self._failure: Exception | None = None
 
     def _publish_on(self, played: Played) -> None:
-        package, _, name = played.type.split('/')
         end = self.node.create_publisher(
-            getattr(import_module(f'{package}.msg'), name),
+            message_class(played.type),
             played.published,
             profile_of(played.qos),
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),

@@ -13,25 +13,17 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import (
-    ARM_STATE,
-    DESCRIPTION,
-    DROPPED_STATES,
-    TF,
-    TF_STATIC,
-)
-from pfd_ros.arm.outputs import roles_of
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.recording.format import (
     CHANNELS,
-    LATCHED,
-    OWN_TOPICS,
+    DIAGNOSTICS,
+    FOLLOWED,
     ROLE_OF_SOURCE,
+    TRANSITIONS,
 )
 
 if TYPE_CHECKING:
-    from pfd_ros.recording.engine_log import EngineLog
     from pfd_ros.recording.recorder import LogRecorder
 
 
@@ -39,18 +31,13 @@ if TYPE_CHECKING:
 class LogSession:
     """An open recording, or none if the settings name no file."""
 
-    log: EngineLog | None = None
+    recorder: LogRecorder | None = None
     _numbers: Counter[str] = field(default_factory=Counter)
-
-    @property
-    def recorder(self) -> LogRecorder | None:
-        """The queue of the recording."""
-        return None if self.log is None else self.log.recorder
 
     def record(self, role: str, number: int, data: bytes) -> None:
         """Record one message without blocking."""
-        if self.log is not None:
-            self.log.record(role, number, data)
+        if self.recorder is not None:
+            self.recorder.record(role, number, data)
 
     def record_next(self, role: str, data: bytes) -> None:
         """Record a message of the node itself, whose numbers only the recording has."""
@@ -60,9 +47,7 @@ class LogSession:
     @property
     def backlog(self) -> float:
         """Share of the recorder's queue that waits for the disk; 0 without a working recording."""
-        if self.recorder is None or self.recorder.failed:
-            return 0.0
-        return self.recorder.backlog
+        return 0.0 if self.recorder is None else self.recorder.backlog
 
     @property
     def waiting_share(self) -> float:
@@ -94,42 +79,34 @@ class LogSession:
 
     def close(self, totals: Callable[[], Mapping[str, Any]]) -> None:
         """Write the queue and the totals of the run, and close the file."""
-        if self.log is not None:
-            self.log.close(totals)
+        if self.recorder is not None:
+            self.recorder.close_run(totals)
 
 
 def open_session(node: Node, engine: Engine, endpoints: Endpoints) -> LogSession:
-    """Open the recording, with a channel for each endpoint and of OWN_TOPICS.
+    """Open the recording, with a channel for each endpoint and for what only recordings hold.
 
     Raises
     ------
     OSError
         If the file exists or cannot be written.
     """
-    settings, frames = engine.settings, engine.frames
-    if not settings.recording:
+    if not engine.settings.recording:
         return LogSession()
     # Imported here: a node without a recording starts faster.
-    from pfd_ros.recording.engine_log import open_engine_log
-    from pfd_ros.recording.mcap_file import Topic
-
-    def topic(role: str, name: str, qos: str) -> Topic:
-        return Topic(name, CHANNELS[role].type, qos, CHANNELS[role].vital)
+    from pfd_ros.recording.engine_log import channel_of, open_engine_log, recorded_roles
 
     subscribed = endpoints.subscriptions
     ends: dict[str, Any] = {ROLE_OF_SOURCE[source]: end for source, end in subscribed.items()}
     ends |= endpoints.publishers
-    channels = {
-        role: topic(role, end.topic_name, qos_of(end.qos_profile)) for role, end in ends.items()
-    }
-    absent = {DROPPED_STATES, ARM_STATE, DESCRIPTION, TF_STATIC, TF} - roles_of(settings)
-    absent -= frozenset() if frames is None else frames.roles
-    for role, own in OWN_TOPICS.items():
-        if role in absent:
-            continue
-        name = node.resolve_topic_name(own)
-        durability = 'transient_local' if role in LATCHED else 'volatile'
-        channels[role] = topic(role, name, qos_text(1, durability=durability))
+    channels = {}
+    for role in (*recorded_roles(engine), DIAGNOSTICS, TRANSITIONS):
+        if role in ends:
+            end = ends[role]
+            channels[role] = channel_of(role, end.topic_name, qos_of(end.qos_profile))
+        elif role != FOLLOWED:
+            name = node.resolve_topic_name(CHANNELS[role].topic)
+            channels[role] = channel_of(role, name)
     return LogSession(open_engine_log(engine, channels, node.get_logger().error))
 
 

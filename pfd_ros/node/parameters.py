@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 import dataclasses
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -32,7 +31,7 @@ from pfd_ros.arm.arm import joint_order
 from pfd_ros.arm.setting_fields import joint_values, parameter_name, typed
 from pfd_ros.arm.settings import Settings, from_values
 from pfd_ros.node.changing import Changes
-from pfd_ros.text import NAME_COUNT, cut, listed, one_line
+from pfd_ros.text import NAME_COUNT, cut, listed, one_line, similar
 
 # By the annotation of the field: an empty tuple does not have the type of its elements.
 _KINDS = {
@@ -167,8 +166,7 @@ def misspelt(node: Node) -> str:
     """Return the parameters set by the user that the node does not have, for a log line."""
     unknown = sorted(name for name in given_parameters(node) if not node.has_parameter(name))
     known = sorted(node.get_parameters_by_prefix(''))
-    near = [get_close_matches(cut(name), known, 1) for name in unknown[:NAME_COUNT]]
-    meant = sorted({match for matches in near for match in matches})
+    meant = sorted({match for name in unknown[:NAME_COUNT] for match in similar(name, known)})
     hint = f'; similar names: {listed(meant)}' if meant else ''
     return f'{listed(unknown)}{hint}' if unknown else ''
 

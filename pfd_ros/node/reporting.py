@@ -125,7 +125,7 @@ class Reporter:
             if verdict not in QUIET:
                 end = self.endpoints.subscriptions.get(source)
                 where = ROLE_OF_SOURCE[source] if end is None else end.topic_name
-                text = f'messages on {where} rejected: {verdict.name.lower()} ({detail})'
+                text = f'messages on {where} rejected: {verdict.label} ({detail})'
                 self.log.count((source, verdict), count, text, error=verdict in ERRORS, last=last)
         locked = self.stepper.receiver.counts.locked()
         if locked:

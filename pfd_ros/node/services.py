@@ -17,9 +17,8 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.events import Request, Source, Verdict
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.node.receiving import Receiver
@@ -41,7 +40,7 @@ class Services:
             return response
         response.success = validation.verdict is Verdict.ACCEPTED
         seconds = self.engine.arm.stamp_ns / NANOSECONDS
-        result = validation.verdict.name.lower()
+        result = validation.verdict.label
         response.message = one_line(f'{result}: {validation.detail}; simulated time {seconds} s')
         return response
 

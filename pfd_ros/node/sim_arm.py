@@ -15,9 +15,8 @@ from typing import Any
 from rclpy.node import Node
 
 import pfd_core as pfd
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.events import Request, Source, Verdict
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.plant_settings import ESTIMATED, effect_fields
 from pfd_ros.arm.requests import encode_request

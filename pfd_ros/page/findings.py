@@ -205,7 +205,7 @@ class InputCheck:
                 self.last_accepted = time
             return
         self.rejected += 1
-        reason = row.verdict.name.lower()
+        reason = row.verdict.label
         if row.verdict is Verdict.REFUSED and command and self.reflex_rate:
             findings.add(
                 'reflex',

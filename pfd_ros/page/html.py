@@ -24,6 +24,7 @@ from pfd_ros.page.contents import Contents, Plot
 from pfd_ros.page.curves import Drawn
 from pfd_ros.page.findings import NOTE, Finding
 from pfd_ros.page.packing import packed_times, packed_values
+from pfd_ros.recording.sink import new_file
 from pfd_ros.text import cut
 
 # Of the curves of a page, characters: coarser curves are drawn beyond it.
@@ -66,12 +67,8 @@ def write_page(contents: Contents, path: Path) -> None:
 
     """
     text = page(contents)
-    with path.open('x', encoding='utf-8', newline='\n') as stream:
-        try:
-            stream.write(text)
-        except BaseException:
-            path.unlink()
-            raise
+    with new_file(path, 'x', encoding='utf-8', newline='\n') as stream:
+        stream.write(text)
 
 
 def _asset(name: str) -> str:

@@ -13,8 +13,9 @@ import numpy as np
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import joint_order
-from pfd_ros.arm.plant_settings import INPUT
-from pfd_ros.arm.scene import payload_numbers, payload_of, scene_of
+from pfd_ros.arm.model_kernels import acceleration_kernel
+from pfd_ros.arm.plant_settings import INPUT, payload_from, payload_numbers
+from pfd_ros.arm.scene import payload_of, scene_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.page.curves import Array
 
@@ -76,7 +77,7 @@ class ModelCurves:
         """Return kernels, and the payload as an argument of them."""
         if payload == self.first:
             return self.kernels, {}
-        return self._with_input, {'payload': _payload(payload)}
+        return self._with_input, {'payload': payload_from(payload) if payload else None}
 
     @cached_property
     def _with_input(self) -> Kernels:
@@ -102,7 +103,8 @@ def model_curves(robot: pfd.Robot, settings: Settings) -> ModelCurves:
     order = joint_order(settings.joints, robot)
     scene = replace(scene_of(settings, order), external_wrench=False, gravity_compensation=False)
     kernels = _compiled(robot, scene, settings.method)
-    first = _numbers(payload_of(scene))
+    payload = payload_of(scene)
+    first = () if payload is None else payload_numbers(payload)
     return ModelCurves(robot, scene, settings.method, np.array(order), first, kernels)
 
 
@@ -110,28 +112,12 @@ def _compiled(robot: pfd.Robot, scene: pfd.Scene, method: str) -> Kernels:
     energy = pfd.compile_kernel(robot, scene=scene, quantity='energy')
     if scene.payload == INPUT and method not in pfd.PAYLOAD_METHODS:
         return Kernels(energy, None)
-    # Effects that act over a step have no accelerations.
-    over_a_step = {effect.name for effect in pfd.EFFECTS if effect.acts == 'step'}
-    smooth = scene.without(over_a_step | {'brakes'})
-    return Kernels(energy, pfd.compile_kernel(robot, method=method, scene=smooth, refine=1))
+    return Kernels(energy, acceleration_kernel(robot, scene, method, refine=1))
 
 
 def checked_payload(numbers: Sequence[float]) -> tuple[float, ...]:
     """Return a payload as `ModelCurves.payload` has it; ValueError if no body is like that."""
     found = tuple(numbers) if numbers and numbers[0] else ()
-    _payload(found)
+    if found:
+        payload_from(found)
     return found
-
-
-def _numbers(payload: pfd.Payload | None) -> tuple[float, ...]:
-    if payload is None:
-        return ()
-    mass, center, inertia = payload_numbers(payload)
-    return mass, *center, *inertia
-
-
-def _payload(numbers: tuple[float, ...]) -> pfd.Payload | None:
-    if not numbers:
-        return None
-    mass, x, y, z, xx, xy, xz, yy, yz, zz = numbers
-    return pfd.Payload(mass, (x, y, z), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))

@@ -25,6 +25,7 @@ from pfd_ros.arm.arm import joint_order
 from pfd_ros.arm.events import (
     ARM_STATE,
     CLOCK,
+    DESCRIPTION,
     PAYLOAD_IN_USE,
     STATES,
     TAKEN,
@@ -40,6 +41,7 @@ from pfd_ros.messages.convert import (
     FLOAT_ARRAY,
     JOINT_FIELDS,
     JOINT_STATE,
+    JOINT_UNITS,
     NANOSECONDS,
     STRING,
     TRANSITION,
@@ -72,7 +74,7 @@ from pfd_ros.recording.format import (
     HeadKey,
     Part,
 )
-from pfd_ros.recording.head import Ending, read_ending, read_part, read_roles, strict_json
+from pfd_ros.recording.head import Ending, read_ending, read_part, strict_json
 from pfd_ros.recording.log_arrays import LogArrays, TopicArrays, read_parts
 from pfd_ros.recording.reader import LogError, damage_named
 from pfd_ros.text import cut, one_line
@@ -90,12 +92,6 @@ SILENCE_SECONDS = 0.1
 BEFORE, AFTER = 20.0, 5.0
 MOST_DIAGNOSED = 1 << 16
 TEXT_LENGTH, MARK_LENGTH = 200, 100
-NAMES = {'position': 'position', 'velocity': 'velocity', 'effort': 'effort'}
-UNITS = {
-    'position': ('rad', 'm'),
-    'velocity': ('rad/s', 'm/s'),
-    'effort': ('N m', 'N'),
-}
 ENERGIES = ('kinetic', 'potential', 'total')
 # Numbers of the node's diagnostics: title, unit, the task and its keys.
 DIAGNOSTIC_PLOTS = (
@@ -117,10 +113,10 @@ class _Model:
     kernels: ModelCurves | None = None
 
     def unit(self, item: str, names: Sequence[str]) -> str:
-        revolute, prismatic = UNITS[item]
+        revolute, prismatic = JOINT_UNITS[item]
         types = (
             dict(zip(self.robot.joint_names, self.robot.joint_types, strict=True))
-            if (self.robot)
+            if self.robot
             else {}
         )
         kinds = {types.get(name, '') == 'prismatic' for name in names if name in types}
@@ -211,7 +207,7 @@ class LogReading:
         if part.settings is not None:
             self.own = True
             with suppress(ValueError):
-                model.roles = read_roles(strict_json(bag.head.get(HeadKey.TOPICS, 'null')))
+                model.roles = bag.roles
             try:
                 model.settings = from_recorded(dict(part.settings))
             except ValueError as error:
@@ -326,8 +322,7 @@ class LogReading:
         role, data = self._role(topic), part.messages(topic)
         if role == PAYLOAD_IN_USE:
             for message in map(decode_inertia, data):
-                numbers = message.mass, *message.center, *message.inertia
-                self._payloads.append((message.stamp_ns, checked_payload(numbers)))
+                self._payloads.append((message.stamp_ns, checked_payload(message.numbers)))
         elif role == ARM_STATE and not self._continued and HeadKey.PART in self.bag.head:
             # The log begins with this state; the payload was set in a file before it.
             self._continued = True
@@ -337,7 +332,7 @@ class LogReading:
 
     def _feed_topic(self, topic: str, part: LogArrays) -> None:
         role, kind = self._role(topic), part.topics[topic]
-        if role in (CLOCK, 'robot_description') or (role == '' and self.own):
+        if role in (CLOCK, DESCRIPTION) or (role == '' and self.own):
             return
         if role == TAKEN:
             self._feed_rows(topic, part)
@@ -506,7 +501,7 @@ class LogReading:
                 # Commands of a wrong size are drawn with the columns of the arm.
                 joints, labels = True, names
         if role == 'energy':
-            title, unit, labels, joints = 'energy', 'J', ('kinetic', 'potential', 'total'), False
+            title, unit, labels, joints = 'energy', 'J', ENERGIES, False
             total = values[:, :1] + values[:, 1:2]
             values = np.concatenate([values[:, :2], total], axis=1)
         plot = self._plot(

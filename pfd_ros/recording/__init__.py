@@ -8,7 +8,7 @@
 Writing, from the callers to the disk:
 
     provenance      the head of a file: settings, robot, topics, versions, clocks
-    engine_log      EngineLog: the messages of an engine's run, by role
+    engine_log      the channels of an engine's run, and its recorder
     recorder        LogRecorder: a bounded queue and the thread that empties it
     run_files       the files of a run: when a new one begins, and what it repeats
     mcap_file       the head, the messages and the end of a file, and the digests of its topics

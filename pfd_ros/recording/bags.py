@@ -24,18 +24,18 @@ import yaml
 
 from pfd_ros.messages.definitions import full_text
 from pfd_ros.recording.format import (
+    DEFINITION_BYTES,
     END,
     HEAD,
     MESSAGE_ENCODING,
     RECORD_BYTES,
     ROBOT,
-    ROBOT_BYTES,
     SCHEMA_ENCODING,
     SEQUENCE_MASK,
     EndKey,
     HeadKey,
 )
-from pfd_ros.recording.head import strict_json
+from pfd_ros.recording.head import head_roles, robot_text, strict_json
 from pfd_ros.recording.mcap_stream import CutOffError, McapStream, MessageBlock
 from pfd_ros.recording.reader import Log, LogError, damage_named, opened
 from pfd_ros.recording.run_parts import (
@@ -104,7 +104,7 @@ class Bag:
     parts: Sequence[Path] = ()
     topics: dict[str, BagTopic] = field(default_factory=dict)
     head: dict[str, str] = field(default_factory=dict)
-    robot_text: bytes = b''
+    robot_text: str = ''
     end: dict[str, str] = field(default_factory=dict)
     complete: bool = False
     absent: list[str] = field(default_factory=list)
@@ -137,6 +137,11 @@ class Bag:
         if not isinstance(found, dict):
             raise ValueError(f'the settings in its head are {cut(repr(found))}')
         return found
+
+    @property
+    def roles(self) -> dict[str, str]:
+        """Role of each topic, of a recording of the node, else {}; ValueError if damaged."""
+        return head_roles(self.head)
 
     def messages(self) -> Iterator[BagMessage]:
         """
@@ -263,12 +268,7 @@ class Bag:
                     elif isinstance(record, Metadata) and record.name == END:
                         self.end = record.metadata
                     elif isinstance(record, Attachment) and record.name == ROBOT:
-                        if len(record.data) > ROBOT_BYTES:
-                            raise ValueError(
-                                f'{ROBOT} has {len(record.data)} bytes, expected at most '
-                                f'{ROBOT_BYTES}'
-                            )
-                        self.robot_text = self.robot_text or record.data
+                        self.robot_text = self.robot_text or robot_text(record)
             self.complete = records.complete
 
     def _sqlite(self, path: Path) -> Iterator[BagMessage]:
@@ -318,7 +318,7 @@ class Bag:
         tables = {name for (name,) in listed.fetchmany(TOPIC_LIMIT)}
         if not tables >= {'topics', 'messages'}:
             raise ValueError('it has no tables `topics` and `messages`: not a bag of rosbag2')
-        for name in ('topics', 'messages'):
+        for name in ('topics', 'messages', 'message_definitions'):
             # Generated columns are computed: any number of bytes from a small file.
             columns = database.execute(f'PRAGMA table_xinfo({name})').fetchmany(TOPIC_LIMIT)
             if any(column[-1] for column in columns):
@@ -327,7 +327,8 @@ class Bag:
             return {}
         rows = database.execute(
             'SELECT topic_type, encoded_message_definition FROM message_definitions '
-            f"WHERE encoding = '{SCHEMA_ENCODING}' LIMIT {TOPIC_LIMIT}"
+            f"WHERE encoding = '{SCHEMA_ENCODING}' AND length(encoded_message_definition) <= "
+            f'{DEFINITION_BYTES} LIMIT {TOPIC_LIMIT}'
         )
         return dict(rows.fetchall())
 

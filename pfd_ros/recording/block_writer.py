@@ -34,7 +34,7 @@ from mcap.records import (
 )
 import zstandard
 
-from pfd_ros.recording.format import MAGIC
+from pfd_ros.recording.format import CHUNK_BYTES, MAGIC
 
 # Each record begins with its kind and the length of the rest.
 # Channel, sequence, log time and publish time of a message, before its data.
@@ -74,7 +74,7 @@ class BlockWriter:
         Bytes of the records of a chunk before compression.
     """
 
-    def __init__(self, stream: ByteStream, chunk_size: int) -> None:
+    def __init__(self, stream: ByteStream, chunk_size: int = CHUNK_BYTES) -> None:
         self._stream = stream
         self._chunk_size = chunk_size
         # Setting one up takes longer than to compress a chunk of a few kilobytes.

@@ -1,47 +1,55 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recording of an engine's run, with its messages by role."""
+"""The recording of an engine's run: its channels, and a recorder that names them by role."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import ARM_STATE, TAKEN, Output
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.events import ARM_STATE, TAKEN
+from pfd_ros.arm.outputs import roles_of
+from pfd_ros.messages.qos import qos_text
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, SOURCE_OF_ROLE
+from pfd_ros.recording.format import CHANNELS, FOLLOWED, LATCHED, SOURCE_OF_ROLE
 from pfd_ros.recording.mcap_file import Topic
 from pfd_ros.recording.recorder import LogRecorder
 from pfd_ros.recording.run_files import Limits
 
 
-@dataclass(frozen=True)
-class EngineLog:
-    """An open recording, whose messages are named by their roles."""
+def recorded_roles(engine: Engine) -> list[str]:
+    """Return the roles of the inputs and outputs of an engine, in the order of CHANNELS."""
+    wanted = {*SOURCE_OF_ROLE, TAKEN, *roles_of(engine.settings)}
+    if engine.frames is not None:
+        wanted |= engine.frames.roles
+    return [role for role in CHANNELS if role in wanted]
 
-    recorder: LogRecorder
 
-    def record(self, role: str, number: int, data: bytes) -> None:
-        """Record one message without blocking."""
-        self.recorder.record(role, number, data)
+def channel_of(role: str, topic: str, qos: str = '') -> Topic:
+    """Return the channel of a role; by default the QoS is reliable with depth 1."""
+    kind, _, vital, _ = CHANNELS[role]
+    durability = 'transient_local' if role in LATCHED else 'volatile'
+    return Topic(topic, kind, qos or qos_text(1, durability=durability), vital)
 
-    def record_all(self, outputs: Sequence[Output], stamp_ns: int) -> None:
-        """Record outputs of one cycle, or of what was taken before it, at one time."""
-        self.recorder.record_all(outputs, stamp_ns)
 
-    def close(self, totals: Callable[[], Mapping[str, Any]]) -> None:
-        """Write the queue and the totals of the run, and close the file."""
-        self.recorder.close(lambda: self.recorder.ending(totals()))
+def channels_without_node(
+    engine: Engine, names: Mapping[str, str] | None = None
+) -> dict[str, Topic]:
+    """Return the channels of a run without ROS, by role; topics without a name get `sim_arm`'s."""
+    found = {}
+    for role in recorded_roles(engine):
+        # The arm's own clock may have a channel too, and a file has one for a topic.
+        own = f'~/{role}' if role == FOLLOWED else CHANNELS[role].topic
+        name = f'/{own.lstrip("/")}'.replace('/~', '/sim_arm')
+        found[role] = channel_of(role, (names or {}).get(role) or name)
+    return found
 
 
 def open_engine_log(
     engine: Engine, channels: Mapping[str, Topic], report: Callable[[str], None]
-) -> EngineLog:
-    """Open the file that the settings name.
+) -> LogRecorder:
+    """Open the file that the settings name; messages are recorded by their roles.
 
     The recorded settings have 'auto' resolved, since another version may choose differently.
     The first messages are the URDF and the frames that never move.
@@ -51,7 +59,7 @@ def open_engine_log(
     engine
         Of the run, before its first cycle.
     channels
-        Topic of each role.
+        The channel of each role.
     report
         Called with a line about a failure of the recording.
 
@@ -61,35 +69,30 @@ def open_engine_log(
         If the file exists or cannot be written.
     """
     settings, frames = engine.settings, engine.frames
-    roles = tuple(role for role in CHANNELS if role in channels)
-    topics = [channels[role] for role in roles]
+    roles = [role for role in CHANNELS if role in channels]
     names = {role: channels[role].name for role in roles}
     base = provenance.time_base(settings)
     head = provenance.file_head(settings, engine.arm.robot, names, base, engine.arm.program)
-    opening = () if frames is None else frames.opening(settings.start_ns)
-    recorder = LogRecorder(
+    opening = [] if frames is None else frames.opening(settings.start_ns)
+    limits = None
+    if settings.splits:
+        inputs: dict[int, int] = {
+            source: roles.index(role) for role, source in SOURCE_OF_ROLE.items() if role in roles
+        }
+        limits = Limits(
+            settings.recording_max_size,
+            settings.states_per_file,
+            roles.index(ARM_STATE),
+            roles.index(TAKEN),
+            inputs,
+        )
+    return LogRecorder(
         Path(settings.recording),
-        topics,
+        [channels[role] for role in roles],
         head,
         report,
-        [(roles.index(role), number, data) for role, number, data in opening],
-        _limits(settings, roles),
+        opening,
+        limits,
         settings.recording_flush_period,
         roles,
-    )
-    return EngineLog(recorder)
-
-
-def _limits(settings: Settings, roles: Sequence[str]) -> Limits | None:
-    if not settings.splits:
-        return None
-    inputs: dict[int, int] = {
-        source: roles.index(role) for role, source in SOURCE_OF_ROLE.items() if role in roles
-    }
-    return Limits(
-        settings.recording_max_size,
-        settings.states_per_file,
-        roles.index(ARM_STATE),
-        roles.index(TAKEN),
-        inputs,
     )

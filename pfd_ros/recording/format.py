@@ -26,7 +26,7 @@ from pfd_ros.arm.events import (
     TF_STATIC,
     Source,
 )
-from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages import convert
 
 FORMAT = '2'
@@ -107,15 +107,18 @@ class Channel(NamedTuple):
     ----------
     type
         ROS type of the messages.
+    topic
+        As the node names it, before remapping; `~` is the node's name.
     vital
         Whether a replay needs every message: such messages are dropped last.
     always
-        Whether each recording has the channel; optional ones need no new FORMAT.
+        Whether each recording has the channel; others need no new FORMAT.
     """
 
     type: str
+    topic: str
     vital: bool = False
-    always: bool = True
+    always: bool = False
 
 
 NAMED_COMMANDS, ARRAY_COMMANDS = 'joint_commands', 'commands'
@@ -124,44 +127,29 @@ EXTERNAL_WRENCH, PAYLOAD, FOLLOWED = 'external_wrench', 'payload', 'followed_clo
 DIAGNOSTICS, TRANSITIONS = 'diagnostics', 'transition_event'
 # In the order of the recorder's topics: the inputs come first, by Source.
 CHANNELS = {
-    NAMED_COMMANDS: Channel(convert.JOINT_STATE, vital=True),
-    ARRAY_COMMANDS: Channel(convert.FLOAT_ARRAY, vital=True),
-    SET_STATE: Channel(convert.JOINT_STATE, vital=True, always=False),
-    REQUESTS: Channel(convert.STRING, vital=True, always=False),
-    PARAMETERS: Channel(convert.STRING, vital=True, always=False),
-    EXTERNAL_WRENCH: Channel(convert.WRENCH, vital=True, always=False),
-    PAYLOAD: Channel(convert.INERTIA, vital=True, always=False),
-    FOLLOWED: Channel(convert.CLOCK, vital=True, always=False),
-    TAKEN: Channel(convert.INTEGER_ARRAY, vital=True),
-    PAYLOAD_IN_USE: Channel(convert.INERTIA, always=False),
-    STATES: Channel(convert.JOINT_STATE),
-    DROPPED_STATES: Channel(convert.JOINT_STATE, always=False),
-    **{role: Channel(kind, always=False) for role, kind in OUTPUTS.items()},
-    CLOCK: Channel(convert.CLOCK, always=False),
-    TF: Channel(convert.TRANSFORMS, always=False),
-    ARM_STATE: Channel(convert.BYTE_ARRAY, always=False),
-    DESCRIPTION: Channel(convert.STRING, always=False),
-    TF_STATIC: Channel(convert.TRANSFORMS, always=False),
-    DIAGNOSTICS: Channel(convert.DIAGNOSTICS, always=False),
-    TRANSITIONS: Channel(convert.TRANSITION, always=False),
+    NAMED_COMMANDS: Channel(convert.JOINT_STATE, 'joint_commands', vital=True, always=True),
+    ARRAY_COMMANDS: Channel(convert.FLOAT_ARRAY, '~/commands', vital=True, always=True),
+    SET_STATE: Channel(convert.JOINT_STATE, '~/set_state', vital=True),
+    REQUESTS: Channel(convert.STRING, '~/requests', vital=True),
+    PARAMETERS: Channel(convert.STRING, '~/parameter_changes', vital=True),
+    EXTERNAL_WRENCH: Channel(convert.WRENCH, '~/external_wrench', vital=True),
+    PAYLOAD: Channel(convert.INERTIA, '~/payload', vital=True),
+    FOLLOWED: Channel(convert.CLOCK, '/clock', vital=True),
+    TAKEN: Channel(convert.INTEGER_ARRAY, '~/applied_commands', vital=True, always=True),
+    PAYLOAD_IN_USE: Channel(convert.INERTIA, '~/payload_in_use'),
+    STATES: Channel(convert.JOINT_STATE, 'joint_states', always=True),
+    DROPPED_STATES: Channel(convert.JOINT_STATE, '~/dropped_states'),
+    **{role: Channel(kind.type, f'~/{role}') for role, kind in OUTPUTS.items()},
+    CLOCK: Channel(convert.CLOCK, '/clock'),
+    TF: Channel(convert.TRANSFORMS, '/tf'),
+    ARM_STATE: Channel(convert.BYTE_ARRAY, '~/arm_state'),
+    DESCRIPTION: Channel(convert.STRING, 'robot_description'),
+    TF_STATIC: Channel(convert.TRANSFORMS, '/tf_static'),
+    DIAGNOSTICS: Channel(convert.DIAGNOSTICS, '/diagnostics'),
+    TRANSITIONS: Channel(convert.TRANSITION, '~/transition_event'),
 }
-# Channels without an endpoint of the arm: validation rows, requests of services, changed
-# parameters, states dropped by the sensors, the state of the whole arm, what viewers need, and
-# messages of the node itself.
-OWN_TOPICS = {
-    TAKEN: '~/applied_commands',
-    REQUESTS: '~/requests',
-    PARAMETERS: '~/parameter_changes',
-    DROPPED_STATES: '~/dropped_states',
-    ARM_STATE: '~/arm_state',
-    DESCRIPTION: 'robot_description',
-    TF_STATIC: '/tf_static',
-    TF: '/tf',
-    DIAGNOSTICS: '/diagnostics',
-    TRANSITIONS: '~/transition_event',
-}
-# Topics of the node without its name before them.
-ABSOLUTE = frozenset({NAMED_COMMANDS, STATES, CLOCK})
+# Inputs that come from services, not from topics; their topics are in recordings only.
+OF_SERVICES = frozenset({REQUESTS, PARAMETERS})
 # Those whose last message a late reader needs.
 LATCHED = frozenset({DESCRIPTION, TF_STATIC})
 # Neither inputs nor outputs of a cycle: a replay does not simulate them.

@@ -13,15 +13,16 @@ from dataclasses import dataclass
 import json
 from typing import Any
 
+from mcap.records import Attachment
+
 import pfd_core as pfd
 from pfd_ros.arm import settings as settings_file
 from pfd_ros.arm.events import ARM_STATE, CLOCK, DROPPED_STATES, TF
-from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.outputs import roles_of
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import OUTPUTS, Settings
 from pfd_ros.recording import digests
 from pfd_ros.recording.digests import digest_of, is_digest
-from pfd_ros.recording.format import CHANNELS, FORMAT, ROBOT, EndKey, HeadKey, Part
+from pfd_ros.recording.format import CHANNELS, FORMAT, ROBOT, ROBOT_BYTES, EndKey, HeadKey, Part
 from pfd_ros.text import one_line
 
 # Larger counts are damage; no loop should run to them.
@@ -59,7 +60,7 @@ class Ending:
 
 
 def strict_json(text: str) -> Any:
-    """Parse JSON; raise ValueError for duplicate keys, NaN and infinity."""
+    """Parse JSON; raise ValueError for duplicate keys, NaN, infinity and deep nesting."""
 
     def refuse(number: str) -> None:
         raise ValueError(f'invalid JSON number {number}')
@@ -70,7 +71,10 @@ def strict_json(text: str) -> Any:
             raise ValueError('duplicate key')
         return found
 
-    return json.loads(text, parse_constant=refuse, object_pairs_hook=unique)
+    try:
+        return json.loads(text, parse_constant=refuse, object_pairs_hook=unique)
+    except RecursionError:
+        raise ValueError('nested too deeply') from None
 
 
 def check_format(texts: Mapping[str, str]) -> None:
@@ -112,6 +116,12 @@ def read_roles(topics: Any) -> dict[str, str]:
     return roles
 
 
+def head_roles(texts: Mapping[str, str]) -> dict[str, str]:
+    """Return the role of each topic by a record HEAD, {} for the head of another bag."""
+    text = texts.get(HeadKey.TOPICS)
+    return {} if text is None else read_roles(strict_json(text))
+
+
 def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
     """Return the settings of a recording with channels of these roles, by topic."""
     settings = settings_file.from_recorded(_table(value, HeadKey.SETTINGS))
@@ -132,6 +142,13 @@ def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
             f'its topics are {list(roles)}'
         )
     return settings
+
+
+def robot_text(record: Attachment) -> str:
+    """Return the text of the attachment ROBOT."""
+    if len(record.data) > ROBOT_BYTES:
+        raise ValueError(f'{ROBOT} has {len(record.data)} bytes, expected at most {ROBOT_BYTES}')
+    return record.data.decode('utf-8')
 
 
 def read_robot(text: str) -> pfd.Robot:

@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.settings import SIMULATED, WALL
-from pfd_ros.messages.columns import MOST_PADDING, PADDED, parse_definition, read_columns
+from pfd_ros.messages.columns import MOST_PADDING, PADDED, read_columns
 from pfd_ros.messages.convert import JOINT_FIELDS, JOINT_STATE, NANOSECONDS
+from pfd_ros.messages.definitions import parse_definition
 from pfd_ros.recording.bags import Bag, BagMessage, BagTopic, bag_of, definition_of
-from pfd_ros.recording.head import read_robot
+from pfd_ros.recording.head import head_roles, read_robot
 from pfd_ros.recording.reader import LogError, damage_named
 from pfd_ros.text import listed
 
@@ -145,6 +146,8 @@ class LogArrays:
     complete : bool
         Whether the file was closed properly, rather than cut off; of a run each file, and none
         is missing.
+    head : mapping of str to str
+        Record HEAD of a recording of ours, empty for other bags.
 
     """
 
@@ -153,6 +156,7 @@ class LogArrays:
     settings: Mapping[str, Any] | None
     robot: pfd.Robot | None = field(repr=False)
     complete: bool
+    head: Mapping[str, str] = field(repr=False)
     _raw: Mapping[str, _Raw] = field(repr=False)
     _read: dict[str, TopicArrays] = field(default_factory=dict, repr=False)
 
@@ -183,6 +187,12 @@ class LogArrays:
             with damage_named(self.path, lambda: f', topic {topic!r}'):
                 self._read[topic] = _decoded(self._raw[topic], self._log_time)
         return self._read[topic]
+
+    @property
+    def roles(self) -> Mapping[str, str]:
+        """Role of each topic, by name; {} for other bags. LogError if damaged."""
+        with damage_named(self.path):
+            return head_roles(self.head)
 
     def messages(self, topic: str) -> Sequence[bytes]:
         """Return the bytes of all messages of a topic, malformed ones included."""
@@ -294,7 +304,7 @@ def read_log(
     return _arrays(bag, raw, *_settings_and_robot(bag))
 
 
-def read_parts(bag: Bag, size: int = PART_BYTES) -> Iterator[LogArrays]:
+def read_parts(bag: Bag) -> Iterator[LogArrays]:
     """
     Read all topics of a log in one pass, in parts of bounded memory, in the order of the log.
 
@@ -305,8 +315,6 @@ def read_parts(bag: Bag, size: int = PART_BYTES) -> Iterator[LogArrays]:
     ----------
     bag : Bag
         The log, before any message was read.
-    size : int
-        Bytes of the messages of a part, at least.
 
     Raises
     ------
@@ -321,7 +329,7 @@ def read_parts(bag: Bag, size: int = PART_BYTES) -> Iterator[LogArrays]:
         for message in bag.messages():
             _add(raw, bag, message)
             held += len(message.data) + MESSAGE_MEMORY
-            if held >= size:
+            if held >= PART_BYTES:
                 model = model or _settings_and_robot(bag)
                 yield _arrays(bag, raw, *model)
                 raw, held = {}, 0
@@ -344,7 +352,7 @@ def _add(raw: dict[str, _Raw], bag: Bag, message: BagMessage) -> None:
 def _settings_and_robot(bag: Bag) -> tuple[Mapping[str, Any] | None, pfd.Robot | None]:
     with damage_named(bag.path):
         settings = bag.settings
-        robot = read_robot(bag.robot_text.decode('utf-8')) if bag.robot_text else None
+        robot = read_robot(bag.robot_text) if bag.robot_text else None
     return settings, robot
 
 
@@ -356,7 +364,7 @@ def _arrays(
 ) -> LogArrays:
     kinds = {name: topic.type for name, topic in bag.topics.items()}
     complete = bag.complete and not bag.absent
-    return LogArrays(bag.path, kinds, settings, robot, complete, raw)
+    return LogArrays(bag.path, kinds, settings, robot, complete, bag.head, raw)
 
 
 def _decoded(raw: _Raw, log_time: str) -> TopicArrays:

@@ -22,7 +22,6 @@ from pfd_ros.messages.definitions import full_text, type_hash
 from pfd_ros.recording.block_writer import BlockWriter, ByteStream, NewMessage
 from pfd_ros.recording.digests import digest_of, of_attachment, of_channel, sealed_end, sealed_head
 from pfd_ros.recording.format import (
-    CHUNK_BYTES,
     DIGEST_PREFIX,
     END,
     HEAD,
@@ -236,16 +235,11 @@ class McapFile:
         return sealed[EndKey.DIGEST]
 
 
-def new_writer(stream: ByteStream) -> BlockWriter:
-    """Return a writer of the chunks of a recording."""
-    return BlockWriter(stream, CHUNK_BYTES)
-
-
 def _begin(
     stream: ByteStream, table: ChannelTable, head: FileHead
 ) -> tuple[BlockWriter, list[int], str]:
     """Write the head of the file; return the writer, the channel of each topic, and a digest."""
-    writer = new_writer(stream)
+    writer = BlockWriter(stream)
     files = {record.name: of_attachment(record) for record in head.attachments}
     first = sealed_head(head.values, files, table.digests)
     writer.start(PROFILE, head.library)

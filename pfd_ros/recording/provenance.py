@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -19,17 +19,8 @@ from mcap.records import Attachment
 import pfd_core as pfd
 from pfd_ros.arm import settings as settings_file
 from pfd_ros.arm.settings import SIMULATED, Settings
-from pfd_ros.messages.qos import qos_text
-from pfd_ros.recording.format import (
-    ABSOLUTE,
-    CHANNELS,
-    FORMAT,
-    LATCHED,
-    OWN_TOPICS,
-    ROBOT,
-    HeadKey,
-)
-from pfd_ros.recording.mcap_file import FileHead, TimeBase, Topic
+from pfd_ros.recording.format import FORMAT, ROBOT, HeadKey
+from pfd_ros.recording.mcap_file import FileHead, TimeBase
 
 # Keys of the versions: the commit of the software, and the digest of the compiled program.
 COMMIT, PROGRAM = 'commit', 'program'
@@ -91,17 +82,6 @@ def _robot_yaml(robot: pfd.Robot) -> str:
 def time_base(settings: Settings) -> TimeBase:
     """Return the clocks of a recording that begins now."""
     return TimeBase(simulated=settings.log_time == SIMULATED, start_ns=settings.start_ns)
-
-
-def topics_without_node(roles: Sequence[str], names: Mapping[str, str]) -> list[Topic]:
-    """Return the channels of a run without ROS; topics without a name get `sim_arm`'s."""
-    found = []
-    for role in roles:
-        own = OWN_TOPICS.get(role, role if role in ABSOLUTE else f'~/{role}')
-        name = names.get(role) or f'/{own.lstrip("/")}'.replace('/~', '/sim_arm')
-        qos = qos_text(1, durability='transient_local' if role in LATCHED else 'volatile')
-        found.append(Topic(name, CHANNELS[role].type, qos, CHANNELS[role].vital))
-    return found
 
 
 def file_head(

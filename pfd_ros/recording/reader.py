@@ -29,7 +29,6 @@ from pfd_ros.recording.format import (
     MESSAGE_ENCODING,
     PROFILE,
     ROBOT,
-    ROBOT_BYTES,
     SCHEMA_ENCODING,
     HeadKey,
     Part,
@@ -261,11 +260,7 @@ class Log:
             self.end_texts = record.metadata
         elif isinstance(record, Attachment) and record.name == ROBOT:
             _check_first(self.robot_yaml, ROBOT)
-            if len(record.data) > ROBOT_BYTES:
-                raise ValueError(
-                    f'{ROBOT} has {len(record.data)} bytes, expected at most {ROBOT_BYTES}'
-                )
-            self.robot_yaml = record.data.decode('utf-8')
+            self.robot_yaml = head.robot_text(record)
         if isinstance(record, Attachment):
             self._check.add(digests.ATTACHMENTS, record.name, digests.of_attachment(record))
 

@@ -77,7 +77,7 @@ class LogRecorder:
     report
         Called once, with one line, if the recording fails. It may be called on any thread.
     opening
-        Topic, sequence number and bytes of the first messages, in the file at once.
+        The first messages, in the file at once.
     limits
         When a new file begins; None for one file.
     flush_seconds
@@ -112,7 +112,7 @@ class LogRecorder:
         topics: Sequence[Topic],
         head: FileHead,
         report: Callable[[str], None],
-        opening: Sequence[tuple[int, int, bytes]] = (),
+        opening: Sequence[Message] = (),
         limits: Limits | None = None,
         flush_seconds: float = FLUSH_SECONDS,
         names: Sequence[Hashable] = (),
@@ -263,14 +263,11 @@ class LogRecorder:
                 self._dropped_before.append(tuple(self.dropped))
         return kept, total
 
-    def _opening(self, opening: Sequence[tuple[int, int, bytes]]) -> list[Timed]:
+    def _opening(self, opening: Sequence[Message]) -> list[Timed]:
         """Return the first messages with their times, but for those that are too long."""
-        names, messages = [*self._places], list[Message]()
-        for topic, sequence, data in opening:
-            if len(data) > MESSAGE_BYTES:
-                self.dropped[topic] += 1
-            else:
-                messages.append((names[topic], sequence, data))
+        messages = [message for message in opening if len(message[2]) <= MESSAGE_BYTES]
+        for name, _, data in opening:
+            self.dropped[self._places[name]] += len(data) > MESSAGE_BYTES
         moment = time.monotonic_ns(), self._simulated_ns, messages, 0
         return [Timed(*message) for message in self._timed([moment])]
 
@@ -299,7 +296,11 @@ class LogRecorder:
             self._fail(f'closing took longer than {timeout:g} s (slow disk){_READABLE}')
         self._check_thread()
 
-    def ending(self, totals: Mapping[str, Any]) -> dict[str, str]:
+    def close_run(self, totals: Callable[[], Mapping[str, Any]]) -> None:
+        """Close the recording of a run; `totals` is called once everything else is written."""
+        self.close(lambda: self._run_ending(totals()))
+
+    def _run_ending(self, totals: Mapping[str, Any]) -> dict[str, str]:
         """Return the values of the last record: totals of the run, and counts by topic."""
         names = [topic.name for topic in self.topics]
         values: dict[str, Any] = {

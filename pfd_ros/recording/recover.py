@@ -35,9 +35,8 @@ from mcap.records import (
     Schema,
 )
 
-from pfd_ros.recording.block_writer import NewMessage
+from pfd_ros.recording.block_writer import BlockWriter, NewMessage
 from pfd_ros.recording.format import MAGIC, RECORD_BYTES
-from pfd_ros.recording.mcap_file import new_writer
 from pfd_ros.recording.mcap_stream import (
     FRAME,
     IN_SUMMARY,
@@ -49,6 +48,7 @@ from pfd_ros.recording.mcap_stream import (
     records_in_truncated_chunk,
 )
 from pfd_ros.recording.reader import LogError, damage_named, opened
+from pfd_ros.recording.sink import new_file
 
 # Lost parts that are kept: a hostile file could have any number.
 MOST_LOST = 10
@@ -106,15 +106,11 @@ def recover(source: Path, target: Path) -> Recovered:
         size = os.fstat(stream.fileno()).st_size
         if stream.read(len(MAGIC)) != MAGIC:
             raise LogError(f'{source} is not an MCAP file: nothing to recover')
-        with target.open('xb') as written:
-            try:
-                index = _Index(stream, size)
-                stream.seek(len(MAGIC))
-                read = chain(index.records, _readable(stream, size, found, index))
-                _copy(read, written, found, index)
-            except BaseException:
-                target.unlink()
-                raise
+        with new_file(target) as written:
+            index = _Index(stream, size)
+            stream.seek(len(MAGIC))
+            read = chain(index.records, _readable(stream, size, found, index))
+            _copy(read, written, found, index)
         if not found.lost_parts:
             _check_rest(stream, size, found)
     return found
@@ -194,7 +190,7 @@ def _copy(
     found: Recovered,
     index: _Index,
 ) -> None:
-    writer = new_writer(written)
+    writer = BlockWriter(written)
     writer.start(index.profile, 'pfd recover')
     # A damaged file may name a channel before its schema.
     schemas: dict[int, int] = {0: 0}

@@ -1,13 +1,15 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The file on disk, which ends after a complete flush even if the disk is full."""
+"""New files, never over existing ones; a recording ends after a complete flush on any disk."""
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 import errno
 import os
 from pathlib import Path
+from typing import Any
 
 # Longest part of a path in a message.
 _SHOWN = 200
@@ -15,6 +17,23 @@ _SHOWN = 200
 
 # End of the error about a file that another program has changed.
 CURE = 'while it was written; keep log rotation and other programs away from recordings'
+
+
+@contextmanager
+def new_file(path: Path, mode: str = 'xb', **options: Any) -> Iterator[Any]:
+    """Open a new file, and remove it if the block fails.
+
+    Raises
+    ------
+    OSError
+        If it exists or cannot be written.
+    """
+    with path.open(mode, **options) as stream:
+        try:
+            yield stream
+        except BaseException:
+            path.unlink()
+            raise
 
 
 class FileLostError(OSError):

@@ -21,7 +21,6 @@ Any log, published by node.log_player:
 Two logs, of simulated or real arms:
 
     compare       differences by joint, with the lag between the clocks
-    compare_plot  both logs over time
 
 Inputs of a recording, or of any bag, for an arm with something changed:
 
@@ -30,8 +29,8 @@ Inputs of a recording, or of any bag, for an arm with something changed:
     bag_inputs        commands of any bag as inputs, by zero-order hold
     new_log           the recording of the new run
     changed_runs      the new run, and the same with one bit changed
-    divergence        differences summed over a run of any length, and curves for plots
-    state_comparison  recorded states compared with the states of both runs
+    state_comparison  recorded states compared with the states of both runs, and curves for plots
     what_if           the whole: `what_if`
-    what_if_plot      positions and differences over time
+
+    plots         pictures of two compared logs, and of a what-if run
 """

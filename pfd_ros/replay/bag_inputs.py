@@ -27,7 +27,6 @@ import pfd_core as pfd
 from pfd_ros.arm.events import STATES, TAKEN, Source, ValidationRow, Verdict
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.cdr import CdrReader
-from pfd_ros.messages.command_bytes import EffortArray, state_bytes
 from pfd_ros.messages.convert import (
     FLOAT_ARRAY,
     JOINT_STATE,
@@ -35,6 +34,8 @@ from pfd_ros.messages.convert import (
     JointMessage,
     decode_floats,
     decode_joint_state,
+    encode_floats,
+    encode_state,
     read_time,
 )
 from pfd_ros.messages.stamped import effort_encoder
@@ -230,7 +231,7 @@ class BagInputs:
         known = [k for k, name in enumerate(first.names) if name in names]
         with_velocities = len(first.velocity) == len(first.names)
         qd = first.velocity[known] if with_velocities else np.zeros(len(known))
-        data = state_bytes([first.names[k] for k in known], first.position[known], qd)
+        data = encode_state([first.names[k] for k in known], first.position[known], qd)
         yield from _input(Source.SET_STATE, 1, 1, self.start_ns, data)
         times = self.start_ns, self.start_ns
         state = PlacedMessage(STATES, 0, 0, 1, self.start_ns, self._first_data, (), *times)
@@ -331,7 +332,6 @@ class _Held:
     def __post_init__(self) -> None:
         self._index = {name: k for k, name in enumerate(self.names)}
         self.efforts: NDArray[Any] = np.full(len(self.names), np.nan)
-        self._array = EffortArray(len(self.names))
 
     def take(self, names: tuple[str, ...], efforts: NDArray[Any]) -> bool:
         """Take efforts by name; return whether any joint is known."""
@@ -351,7 +351,7 @@ class _Held:
         given = np.flatnonzero(np.isfinite(self.efforts))
         source, data = Source.ARRAY, b''
         if len(given) == len(self.names):
-            data = self._array.encode(self.efforts)
+            data = encode_floats(self.efforts)
         else:
             source = Source.NAMED
             names = [self.names[k] for k in given]

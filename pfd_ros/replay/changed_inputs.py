@@ -29,8 +29,7 @@ from pfd_ros.arm.events import (
 )
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.cdr import STAMP, time_bytes
-from pfd_ros.messages.command_bytes import EffortArray
-from pfd_ros.messages.convert import NANOSECONDS, decode_floats
+from pfd_ros.messages.convert import NANOSECONDS, decode_floats, encode_floats
 from pfd_ros.messages.stamped import effort_encoder
 from pfd_ros.recording.format import ROLE_OF_SOURCE, SOURCE_OF_ROLE
 from pfd_ros.replay.ordering import (
@@ -214,7 +213,7 @@ class ChangedInputs:
             if self._by_name:
                 return Source.NAMED, effort_encoder(self.old_names).encode(0, efforts)
             order = [self.old_names.index(name) for name in self.new_names]
-            return source, EffortArray(len(order)).encode(efforts[order])
+            return source, encode_floats(efforts[order])
         if source in STAMPED and self._restamped and len(data) >= STAMP.stop:
             data = data[: STAMP.start] + time_bytes(0) + data[STAMP.stop :]
         return source, data

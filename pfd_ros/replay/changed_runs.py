@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm.events import CLOCK, STATES, TAKEN, TF, Output, Verdict
-from pfd_ros.messages.command_bytes import state_bytes
-from pfd_ros.messages.convert import decode_joint_state, encode_clocks
+from pfd_ros.messages.convert import decode_joint_state, encode_clocks, encode_state
 from pfd_ros.recording.format import ROLE_OF_SOURCE, SET_STATE
 from pfd_ros.replay.new_log import LogTimes, NewLog
 from pfd_ros.replay.ordering import RANKS, Columns, PlacedMessage
@@ -128,7 +127,7 @@ def _nudged(data: bytes) -> bytes:
         state = decode_joint_state(data)
     except ValueError:
         return data
-    return state_bytes(state.names, one_bit(state.position), state.velocity)
+    return encode_state(state.names, one_bit(state.position), state.velocity)
 
 
 @dataclass
@@ -225,12 +224,12 @@ class NewRun(ChangedRun):
         for row, (source, validation, _) in zip(message.rows, found, strict=True):
             if validation.verdict is row.verdict:
                 continue
-            self.rejected[validation.verdict.name.lower()] += 1
+            self.rejected[validation.verdict.label] += 1
             if not self.first_rejected:
                 self.first_rejected = (
                     f'step {message.cycle}: {ROLE_OF_SOURCE[source]} {row.sequence} is '
-                    f'{validation.verdict.name.lower()} ({cut(validation.detail, 200)}), recorded '
-                    f'as {row.verdict.name.lower()}'
+                    f'{validation.verdict.label} ({cut(validation.detail, 200)}), recorded '
+                    f'as {row.verdict.label}'
                 )
 
     def _write_inputs(self, message: PlacedMessage, stamp_ns: int) -> None:

@@ -26,8 +26,7 @@ from pfd_ros.arm.events import (
     TF_STATIC,
     Verdict,
 )
-from pfd_ros.arm.output_settings import OUTPUTS
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import OUTPUTS, Settings
 from pfd_ros.arm.state import ArmState
 from pfd_ros.messages.convert import decode_bytes, decode_clock
 from pfd_ros.recording.format import (

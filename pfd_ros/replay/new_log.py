@@ -15,18 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import NUMBERED_AS_STATES, TAKEN
-from pfd_ros.arm.outputs import roles_of
+from pfd_ros.arm.events import NUMBERED_AS_STATES
 from pfd_ros.arm.settings import SIMULATED
 from pfd_ros.recording import provenance
 from pfd_ros.recording.block_writer import NewMessage
-from pfd_ros.recording.format import (
-    CHANNELS,
-    ROLE_OF_SOURCE,
-    SEQUENCE_MASK,
-    SOURCE_OF_ROLE,
-    EndKey,
-)
+from pfd_ros.recording.engine_log import channels_without_node
+from pfd_ros.recording.format import SEQUENCE_MASK, SOURCE_OF_ROLE, EndKey
 from pfd_ros.recording.mcap_file import McapFile, TimeBase, channel_table
 
 # Times of cycles in memory.
@@ -77,19 +71,15 @@ class NewLog:
         started_ns: int,
     ) -> None:
         settings, frames = engine.settings, engine.frames
-        wanted = roles_of(settings) | {TAKEN, *ROLE_OF_SOURCE.values()}
-        if frames is not None:
-            wanted |= frames.roles
-        roles = [role for role in CHANNELS if role in wanted]
-        channels = provenance.topics_without_node(roles, topics)
-        names = {role: channel.name for role, channel in zip(roles, channels, strict=True)}
+        channels = channels_without_node(engine, topics)
+        names = {role: channel.name for role, channel in channels.items()}
         self._simulated = settings.log_time == SIMULATED
         base = TimeBase(started_ns, simulated=self._simulated, start_ns=settings.start_ns)
         head = provenance.file_head(settings, engine.arm.robot, names, base, engine.arm.program)
         self.path = path
-        self._index = {role: k for k, role in enumerate(roles)}
+        self._index = {role: k for k, role in enumerate(channels)}
         self._names = names
-        self._file = McapFile(path, channel_table(channels), head)
+        self._file = McapFile(path, channel_table([*channels.values()]), head)
         self._block: list[NewMessage] = []
         self._last_ns = settings.start_ns if self._simulated else started_ns
         self._newest: Counter[str] = Counter()

@@ -17,22 +17,29 @@ from importlib.util import find_spec
 import re
 
 from pfd_ros.arm.events import TAKEN
-from pfd_ros.arm.output_settings import OUTPUTS
-from pfd_ros.messages.columns import parse_definition
+from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages.convert import NANOSECONDS
-from pfd_ros.messages.definitions import full_text
+from pfd_ros.messages.definitions import full_text, parse_definition
 from pfd_ros.messages.qos import Qos, offered_qos
 from pfd_ros.recording.bags import Bag, BagTopic
-from pfd_ros.recording.format import CHANNELS, FOLLOWED, MESSAGE_ENCODING, SOURCE_OF_ROLE, HeadKey
-from pfd_ros.recording.head import read_roles, strict_json
+from pfd_ros.recording.format import (
+    CHANNELS,
+    FOLLOWED,
+    MESSAGE_ENCODING,
+    OF_SERVICES,
+    SOURCE_OF_ROLE,
+)
 from pfd_ros.recording.reader import damage_named
 from pfd_ros.replay.log_order import Survey
 from pfd_ros.replay.schedule import Window
 from pfd_ros.text import cut, listed
 
 CLOCK_TOPIC = '/clock'
-# Last names of the topics that the node `sim_arm` subscribes to.
-INPUT_NAMES = frozenset({'joint_commands', 'commands', 'set_state', 'external_wrench', 'payload'})
+# Last names of the topics that the node `sim_arm` subscribes to, but for the clock.
+INPUT_NAMES = frozenset(
+    CHANNELS[role].topic.rpartition('/')[2]
+    for role in SOURCE_OF_ROLE.keys() - OF_SERVICES - {FOLLOWED}
+)
 COMMAND_PARTS = ('command', 'cmd', 'setpoint')
 COMMAND_WORDS = frozenset(
     {
@@ -109,7 +116,8 @@ def choose(
     names = dict(remaps)
     if len(names) < len(remaps):
         raise ValueError(f'a topic is remapped twice: {listed([name for name, _ in remaps])}')
-    roles = _roles(bag)
+    with damage_named(bag.path):
+        roles = bag.roles
     chosen: dict[str, Played] = {}
     notes, withheld = [], []
     for name, topic in sorted(bag.topics.items()):
@@ -164,7 +172,7 @@ def is_command(topic: BagTopic, role: str = '') -> bool:
         return False
     folder, _, last = topic.name.rpartition('/')
     # Outputs of the node are called `bias_torques`; under another name, the name decides.
-    own = role == last and role in OUTPUTS and topic.type == OUTPUTS[role]
+    own = role == last and role in OUTPUTS and topic.type == OUTPUTS[role].type
     words = {word.lower() for word in _WORD.findall(folder if own else topic.name)}
     return (
         last in INPUT_NAMES
@@ -198,14 +206,6 @@ def obstacle_of(topic: BagTopic) -> str:
     except ValueError as error:
         return f'type {cut(topic.type)} cannot be compared with the installed one: {error}'
     return '' if same else f'type {cut(topic.type)} has other fields than the installed one'
-
-
-def _roles(bag: Bag) -> dict[str, str]:
-    """Return the roles of the topics in a recording of the node, {} for other bags."""
-    if HeadKey.TOPICS not in bag.head:
-        return {}
-    with damage_named(bag.path):
-        return read_roles(strict_json(bag.head[HeadKey.TOPICS]))
 
 
 def _qos(topic: BagTopic, notes: list[str]) -> Qos:

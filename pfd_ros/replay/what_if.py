@@ -28,6 +28,7 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.link_frames import link_frames
 from pfd_ros.arm.settings import WALL, Settings
 from pfd_ros.messages.convert import (
+    JOINT_FIELDS,
     NANOSECONDS,
     JointColumns,
     decode_joint_state,
@@ -40,7 +41,6 @@ from pfd_ros.recording.run_parts import files_of, in_order
 from pfd_ros.replay.bag_inputs import BagInputs
 from pfd_ros.replay.changed_inputs import ChangedInputs, FedBlock, fed_blocks
 from pfd_ros.replay.changed_runs import NewRun, RoundingRun, one_bit
-from pfd_ros.replay.divergence import FIELDS
 from pfd_ros.replay.new_log import LogTimes, NewLog, free_path
 from pfd_ros.replay.ordering import Block, PlacedMessage, placed_blocks
 from pfd_ros.replay.state_comparison import StateComparison
@@ -219,7 +219,7 @@ def what_if(
     """
     paths = [Path(path)] if isinstance(path, str | Path) else [*path]
     path = paths[0]
-    if len(thresholds) != len(FIELDS) or not all(0 <= x < np.inf for x in thresholds):
+    if len(thresholds) != len(JOINT_FIELDS) or not all(0 <= x < np.inf for x in thresholds):
         raise ValueError(f'thresholds must be 3 numbers, 0 or more, got {list(thresholds)}')
     changes = read_changes(words)
     if commands:
@@ -444,7 +444,7 @@ def _result(
 
 def _divergences(found: StateComparison) -> Iterator[JointDivergence]:
     new, rounding = found.divergence, found.rounding
-    for k, kind in enumerate(FIELDS):
+    for k, kind in enumerate(JOINT_FIELDS):
         for m, joint in enumerate(found.joints):
             columns = (
                 new.largest,

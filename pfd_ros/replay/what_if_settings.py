@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
-from difflib import get_close_matches
 from typing import Any
 
 import pfd_core as pfd
@@ -24,12 +23,10 @@ from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.setting_fields import joint_values, parameter_name, typed
 from pfd_ros.arm.settings import Settings
 from pfd_ros.recording.head import strict_json
-from pfd_ros.text import cut, listed
+from pfd_ros.text import cut, did_you_mean, listed
 
 # Settings that only a robot read from a file or a name has.
 MODEL = ('base_link', 'tip_link', 'locked', 'locked_positions', 'ros2_control')
-# Least similarity (difflib's ratio) of an unknown name to the suggested name.
-ALIKE = 0.6
 
 
 @dataclass(frozen=True)
@@ -100,8 +97,7 @@ def _field(key: str, text: str) -> tuple[Any, str]:
         if item.metadata['per_joint'] and key.startswith(group):
             return item, key.removeprefix(group)
     known = sorted({parameter_name(item) for item in fields(Settings)})
-    near = get_close_matches(cut(key), known, n=1, cutoff=ALIKE)
-    hint = f'did you mean {near[0]!r}?' if near else '`pfd info LOG` lists all'
+    hint = did_you_mean(key, known, '`pfd info LOG` lists all')
     raise ValueError(f'unknown setting {cut(key)!r}: {hint}')
 
 
@@ -113,7 +109,7 @@ def _value(key: str, text: str, kind: str) -> Any:
     elif kind != 'str':
         try:
             value = strict_json(text)
-        except (ValueError, RecursionError):
+        except ValueError:
             if kind.startswith('tuple'):
                 raise ValueError(
                     f'{cut(key)} is {cut(text)!r}, expected numbers as [0.1, 0.2]'

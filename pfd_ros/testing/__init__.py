@@ -23,8 +23,7 @@ Over ROS:
     topic_run           a run over topics: each command is answered with the next state
     exchange            the topics of the arm in this process
     controllers         the nodes of controllers, and why one did not answer; NoAnswerError
-    child_process       a process that ends with its parent, and its output
-    controller_process  a controller as such a process
+    child_process       a process that ends with its parent, and its output; a controller as one
     process_arm         ProcessArm: the node as a separate process, in lockstep over topics
     node_process        that process: its parameters and its end
     received_log        the states that came from it, as a bag

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Processes that end with their parent, however it ends."""
+"""Processes that end with their parent, however it ends; controllers as such processes."""
 
 from __future__ import annotations
 
@@ -8,9 +8,14 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 import os
 from pathlib import Path
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
+
+from pfd_ros.testing.domains import environment_to_kill
 
 # On Linux the kernel ends the process if the thread that started it is gone (PR_SET_PDEATHSIG), so
 # that a killed test runner leaves nothing behind; exec keeps that (prctl(2)).
@@ -23,6 +28,8 @@ os.execvp(sys.argv[2], sys.argv[2:])
 """
 # Of the output, in the text of an error.
 LAST_LINES = 15
+# Of a controller, from SIGINT, which ends a node, to SIGKILL.
+END_SECONDS = 5.0
 
 
 class ChildProcess:
@@ -84,9 +91,11 @@ class ChildProcess:
         status = self.process.poll()
         if status is None:
             return ''
-        if status < 0:
-            return f'ended by {signal.Signals(-status).name}'
-        return f'ended with status {status}'
+        if status >= 0:
+            return f'ended with status {status}'
+        # Signals for programs in real time have no names.
+        names = {int(number): number.name for number in signal.Signals}
+        return f'ended by {names.get(-status, f"signal {-status}")}'
 
     def stop(self, seconds: float, number: signal.Signals = signal.SIGINT) -> int:
         """End the process by a signal, after so many seconds by force; return its status."""
@@ -97,3 +106,34 @@ class ChildProcess:
         except subprocess.TimeoutExpired:
             self.process.kill()
             return self.process.wait()
+
+
+class ControllerProcess(ChildProcess):
+    """A controller as a running process, in the ROS domain of the test.
+
+    Parameters
+    ----------
+    command
+        Program and arguments.
+    """
+
+    def __init__(self, command: Sequence[str | os.PathLike[str]]) -> None:
+        self._folder = Path(tempfile.mkdtemp(prefix='pfd_ros_'))
+        env = environment_to_kill(os.environ)
+        super().__init__(command, self._folder / 'output.txt', env)
+
+    def __enter__(self) -> ControllerProcess:
+        """Return the process."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """End the process."""
+        self.close()
+
+    def __str__(self) -> str:
+        return f'the process {shlex.join(self.command)!r} (pid {self.pid})'
+
+    def close(self) -> None:
+        """End the process, as Ctrl-C does or else by force."""
+        self.stop(END_SECONDS)
+        shutil.rmtree(self._folder, ignore_errors=True)

@@ -13,12 +13,10 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from pfd_ros.messages.topics import UNKNOWN_NODE, node_of
+from pfd_ros.testing.child_process import ControllerProcess
 from pfd_ros.testing.controller import ControllerError
-from pfd_ros.testing.controller_process import ControllerProcess
 from pfd_ros.text import listed
-
-# Name in the graph of an endpoint whose node is unknown, since its name was used before.
-UNKNOWN = '_NODE_NAME_UNKNOWN_'
 
 
 class NoAnswerError(Exception):
@@ -58,10 +56,10 @@ class Controllers:
     def _ends(self) -> dict[tuple[int, ...], str]:
         """Return the node of each publisher of commands, by the identity of the publisher."""
         return {
-            tuple(end.endpoint_gid): _full_name(end)
+            tuple(end.endpoint_gid): node_of(end)
             for topic in self.commands
             for end in self.node.get_publishers_info_by_topic(topic)
-            if _full_name(end) not in self.own
+            if node_of(end) not in self.own
         }
 
     def found(self) -> bool:
@@ -89,7 +87,7 @@ class Controllers:
             for node in self.nodes
             if any(end.topic_name in self.commands for end in node.publishers)
         }
-        found = own | {name for name in self._ends().values() if UNKNOWN not in name}
+        found = own | {name for name in self._ends().values() if UNKNOWN_NODE not in name}
         self.seen |= found
         return found
 
@@ -101,8 +99,8 @@ class Controllers:
             if any(end.topic_name == self.states for end in node.subscriptions)
         }
         ends = self.node.get_subscriptions_info_by_topic(self.states)
-        names = {_full_name(end) for end in ends} - set(self.own)
-        return own | {name for name in names if UNKNOWN not in name}
+        names = {node_of(end) for end in ends} - set(self.own)
+        return own | {name for name in names if UNKNOWN_NODE not in name}
 
     def absence(self, seconds: float) -> NoAnswerError:
         """Return the error about controllers that were not found within a time, s."""
@@ -165,10 +163,6 @@ class Controllers:
 
     def _outputs(self) -> str:
         return ''.join(f'; {process} runs{process.tail()}' for process in self.processes)
-
-
-def _full_name(end: Any) -> str:
-    return f'{end.node_namespace.rstrip("/")}/{end.node_name}'
 
 
 def _told(names: Collection[str]) -> str:

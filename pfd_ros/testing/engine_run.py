@@ -19,8 +19,7 @@ from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Output, Source, Verdict
 from pfd_ros.arm.state import ArmState
-from pfd_ros.messages.command_bytes import EffortArray
-from pfd_ros.messages.convert import NANOSECONDS, permutation
+from pfd_ros.messages.convert import NANOSECONDS, encode_floats, permutation
 from pfd_ros.motion.metrics import Array
 from pfd_ros.recording.format import ROLE_OF_SOURCE
 from pfd_ros.testing.journal import Input, Journal
@@ -43,7 +42,6 @@ class EngineRun:
     log: RunLog | None = None
     journal: Journal | None = None
     _numbers: dict[Source, itertools.count[int]] = field(init=False)
-    _encoder: EffortArray = field(init=False)
     # None where published order is model order.
     _order: Any = field(init=False)
     _driver: Driver = field(init=False)
@@ -53,7 +51,6 @@ class EngineRun:
     def __post_init__(self) -> None:
         """Begin to number the messages of each source."""
         self._numbers = {source: itertools.count(1) for source in Source}
-        self._encoder = EffortArray(len(self.engine.arm.names))
         self._order = permutation(self.engine.arm.order)
         self._driver, self._silent = Driver(self.engine, self._put), Driver(self.engine)
 
@@ -73,7 +70,7 @@ class EngineRun:
     def command(self, efforts: Array) -> Validation:
         """Command efforts (n,), published order; if accepted, run to the next published state."""
         if self.log is not None:
-            validation = self.send(Source.ARRAY, self._encoder.encode(efforts))
+            validation = self.send(Source.ARRAY, encode_floats(efforts))
             self.advance()
             return validation
         validation = self._silent.answer(efforts)
@@ -125,7 +122,7 @@ class EngineRun:
         """Send a message; ValueError if the arm does not accept it."""
         validation = self.send(source, data)
         if validation.verdict is not Verdict.ACCEPTED:
-            raise ValueError(f'{validation.verdict.name.lower()}: {validation.detail}')
+            raise ValueError(f'{validation.verdict.label}: {validation.detail}')
 
     def advance(self) -> list[Output]:
         """Run to the next published state, if the last one has its answer; return the messages."""

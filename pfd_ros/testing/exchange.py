@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
-import importlib
 import time
 from typing import Any
 
 from pfd_ros.arm.events import CLOCK, STATES, Output, Source
-from pfd_ros.arm.output_settings import OUTPUTS
-from pfd_ros.messages.topics import topic_of
+from pfd_ros.arm.settings import OUTPUTS
+from pfd_ros.messages.topics import message_class, topic_of
+from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE
 from pfd_ros.testing.controller import blocked, raised
 from pfd_ros.testing.controllers import Controllers, split
 from pfd_ros.testing.patience import BlockedError, Waits, Watch
@@ -26,9 +26,7 @@ from pfd_ros.testing.session import executor_with, import_rclpy, spin, take_down
 from pfd_ros.testing.topic_run import TopicRun
 
 NAME = 'sim_arm'
-# As in the node.
-STATE_TOPIC = 'joint_states'
-COMMAND_TOPICS = {Source.NAMED: 'joint_commands', Source.ARRAY: '~/commands'}
+COMMAND_ROLES = {source: ROLE_OF_SOURCE[source] for source in (Source.NAMED, Source.ARRAY)}
 STATE_DEPTH, COMMAND_DEPTH, CLOCK_DEPTH = 10, 100, 1
 # After the answer to a state that was sent again, its repetitions may come for so long, s.
 REPEAT_SECONDS = 0.2
@@ -57,38 +55,31 @@ class Exchange:
     def __init__(
         self,
         roles: Collection[str],
-        ros_args: Sequence[str] = (),
-        topics: Mapping[Source | str, str] | None = None,
+        ros_args: Sequence[str],
+        topics: Mapping[Source | str, str],
     ) -> None:
         require_rclpy()
         from rclpy.qos import QoSProfile, ReliabilityPolicy
-        from rosgraph_msgs.msg import Clock
-        from sensor_msgs.msg import JointState
-        from std_msgs.msg import Float64MultiArray
 
         self.node = bare_node(NAME, ros_args)
-        named = {} if topics is None else topics
-        states = topic_of(self.node, STATE_TOPIC, named.get(STATES, ''))
-        self._publishers = {STATES: self.node.create_publisher(JointState, states, STATE_DEPTH)}
-        if CLOCK in roles:
-            self._publishers[CLOCK] = self.node.create_publisher(Clock, '/clock', CLOCK_DEPTH)
-        for role in sorted(OUTPUTS.keys() & set(roles)):
-            package, folder, name = OUTPUTS[role].split('/')
-            kind = getattr(importlib.import_module(f'{package}.{folder}'), name)
-            self._publishers[role] = self.node.create_publisher(kind, f'~/{role}', STATE_DEPTH)
+        self._publishers = {}
+        for role in (STATES, *sorted({CLOCK, *OUTPUTS} & set(roles))):
+            kind, own, *_ = CHANNELS[role]
+            depth = CLOCK_DEPTH if role == CLOCK else STATE_DEPTH
+            topic = topic_of(self.node, own, topics.get(role, ''))
+            self._publishers[role] = self.node.create_publisher(message_class(kind), topic, depth)
         # Compatible with best-effort and with reliable publishers.
         served = QoSProfile(depth=COMMAND_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        kinds = {Source.NAMED: JointState, Source.ARRAY: Float64MultiArray}
-        self._subscriptions = [
-            self.node.create_subscription(
-                kinds[source],
-                topic_of(self.node, own, named.get(source, '')),
+        self._subscriptions = {
+            source: self.node.create_subscription(
+                message_class(CHANNELS[role].type),
+                topic_of(self.node, CHANNELS[role].topic, topics.get(source, '')),
                 partial(self._on_command, source),
                 served,
                 raw=True,
             )
-            for source, own in COMMAND_TOPICS.items()
-        ]
+            for source, role in COMMAND_ROLES.items()
+        }
         self._arm: TopicRun | None = None
         # Times: of the beginning of the run, of the first publication of the last state, since
         # which readers can answer it, and of its last publication.
@@ -123,9 +114,9 @@ class Exchange:
         executor = executor_with([self.node, *nodes])
         self._ended, self._first, self._fault = Future(), None, None
         start = waits.start_of(nodes, processes)
-        topics = [end.topic_name for end in self._subscriptions]
+        commands = [end.topic_name for end in self._subscriptions.values()]
         states, own = self._publishers[STATES].topic_name, {self.node.get_fully_qualified_name()}
-        self._controllers = Controllers(self.node, states, topics, nodes, processes, own)
+        self._controllers = Controllers(self.node, states, commands, nodes, processes, own)
         try:
             with Watch(waits.patience) as self._watch:
                 self._begun = time.perf_counter()
@@ -206,7 +197,7 @@ class Exchange:
         try:
             outputs = arm.answer(source, data, now - self._published)
         except RejectedError as error:
-            topic = self._controllers.commands[list(COMMAND_TOPICS).index(source)]
+            topic = self._subscriptions[source].topic_name
             raise self._controllers.rejected(topic, arm.time, arm.answers, error) from None
         if outputs is None:
             self._ended.set_result(None)
@@ -235,7 +226,7 @@ def require_rclpy() -> None:
         raise RuntimeError('rclpy is not initialised: let the test take the fixture ros_domain')
 
 
-def bare_node(name: str, ros_args: Sequence[str] = ()) -> Any:
+def bare_node(name: str, ros_args: Sequence[str]) -> Any:
     """Return a node without services and log topic: each is an endpoint to be discovered."""
     from rclpy.node import Node
     from rclpy.parameter import Parameter

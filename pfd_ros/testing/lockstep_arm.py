@@ -22,14 +22,12 @@ import warnings
 import numpy as np
 
 from pfd_ros.arm.changes import encode_changes
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.events import Request, Source, Verdict
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.state import ArmState
-from pfd_ros.messages.command_bytes import state_bytes
-from pfd_ros.messages.convert import NANOSECONDS, WRENCH
+from pfd_ros.messages.convert import NANOSECONDS, WRENCH, encode_state
 from pfd_ros.messages.stamped import stamped_encoder
 from pfd_ros.motion.metrics import Array
 from pfd_ros.testing.controller import Controller, asked, blocked, refusal
@@ -272,7 +270,7 @@ class LockstepArm:
         """
         positions = by_joint(self.names, 'q', q)
         velocities = by_joint(self.names, 'qd', {} if qd is None else qd)
-        self._jump(Source.SET_STATE, state_bytes(self.names, positions, velocities))
+        self._jump(Source.SET_STATE, encode_state(self.names, positions, velocities))
 
     def save(self) -> ArmState:
         """Return a copy of the state of the arm, from which `restore` continues with equal bits.

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
-from difflib import get_close_matches
 import math
 import os
 from typing import Any, TypeAlias
@@ -21,7 +20,7 @@ from pfd_ros.arm.settings import Settings, from_values
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.motion.metrics import Array
 from pfd_ros.testing.trajectory import Limits, Rows
-from pfd_ros.text import cut
+from pfd_ros.text import cut, did_you_mean
 
 # A name, a path, a URDF, or the robot itself.
 RobotSource: TypeAlias = str | os.PathLike[str] | pfd.Robot
@@ -37,8 +36,6 @@ LOCKSTEP: Mapping[str, Any] = {
 }
 # Share of a control period by which a time may miss the end of the last one.
 SLACK = 1e-6
-# Least similarity (difflib's ratio) of a misspelt setting to the one that is suggested.
-ALIKE = 0.7
 
 
 def lockstep_settings(robot: RobotSource, given: Mapping[str, Any]) -> Settings:
@@ -70,8 +67,7 @@ def check_names(names: Iterable[str]) -> None:
     known = [field.name for field in fields(Settings)]
     for name in names:
         if name not in known:
-            near = get_close_matches(name.replace('.', '_'), known, n=1, cutoff=ALIKE)
-            hint = f'did you mean {near[0]!r}?' if near else 'config/sim_arm.yaml has them all'
+            hint = did_you_mean(name.replace('.', '_'), known, 'config/sim_arm.yaml has them all')
             raise ValueError(f'unknown setting {cut(name)!r}: {hint}')
 
 

@@ -41,6 +41,12 @@ def parameters_of(settings: Settings, names: Sequence[str]) -> dict[str, Any]:
     return found
 
 
+def write_parameters(parameters: Mapping[str, Any], path: Path) -> None:
+    """Write parameters by name to a file for nodes of any name."""
+    text = yaml.safe_dump({'/**': {'ros__parameters': dict(parameters)}})
+    path.write_text(text, encoding='utf-8')
+
+
 class NodeProcess:
     """A running node.
 
@@ -55,9 +61,7 @@ class NodeProcess:
     def __init__(self, parameters: Mapping[str, Any], ros_args: Sequence[str]) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix='pfd_ros_'))
         file = self._folder / 'parameters.yaml'
-        file.write_text(
-            yaml.safe_dump({'/**': {'ros__parameters': dict(parameters)}}), encoding='utf-8'
-        )
+        write_parameters(parameters, file)
         command = [sys.executable, '-m', 'pfd_ros.node.main', '--ros-args', *ros_args]
         command += ['--params-file', str(file)]
         self._child = ChildProcess(command, self._folder / 'output.txt')

@@ -40,7 +40,11 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[Any]) -> 
     if report.failed:
         from pfd_ros.testing.artifacts import folder_of, write_artifacts
 
-        lines = write_artifacts(arms, folder_of(item), call.excinfo.value)
+        try:
+            lines = write_artifacts(arms, folder_of(item), call.excinfo.value)
+        # Nothing may hide the failure of the test.
+        except OSError as error:
+            lines = [f'no recording and no page: {error}']
         report.sections.append(('sim_arm', '\n'.join(lines)))
 
 
@@ -82,7 +86,7 @@ def controller_process(ros_domain: int) -> Iterator[Callable[..., Any]]:
     Pass the result to `spin`, which reports how the process ended and the end of its output. The
     process runs in the domain of the test, and ends with it.
     """
-    from pfd_ros.testing.controller_process import ControllerProcess
+    from pfd_ros.testing.child_process import ControllerProcess
 
     with ExitStack() as processes:
         yield lambda command: processes.enter_context(ControllerProcess(command))

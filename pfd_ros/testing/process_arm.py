@@ -20,21 +20,14 @@ import numpy as np
 
 from pfd_ros.arm.arm import joint_order
 from pfd_ros.arm.events import COMMANDS, STATES, Source
-from pfd_ros.messages.command_bytes import state_bytes
-from pfd_ros.messages.convert import NANOSECONDS, JointMessage, decode_joint_state
+from pfd_ros.messages.convert import NANOSECONDS, JointMessage, decode_joint_state, encode_state
 from pfd_ros.messages.stamped import effort_encoder
 from pfd_ros.messages.topics import remapped, topic_of
 from pfd_ros.motion.metrics import Array
-from pfd_ros.recording.format import ROLE_OF_SOURCE
+from pfd_ros.recording.format import ARRAY_COMMANDS, CHANNELS, NAMED_COMMANDS, ROLE_OF_SOURCE
 from pfd_ros.testing.controller import Controller, ControllerError, asked, blocked, raised, refusal
 from pfd_ros.testing.controllers import Controllers, NoAnswerError, split
-from pfd_ros.testing.exchange import (
-    COMMAND_TOPICS,
-    LOOK_SECONDS,
-    STATE_TOPIC,
-    bare_node,
-    require_rclpy,
-)
+from pfd_ros.testing.exchange import LOOK_SECONDS, bare_node, require_rclpy
 from pfd_ros.testing.journal import MOST_BYTES
 from pfd_ros.testing.lockstep_settings import (
     JointValues,
@@ -121,10 +114,11 @@ class ProcessArm:
         from std_srvs.srv import Trigger
 
         self.node = node = bare_node('sim_arm_watch', ros_args)
-        states = topic_of(node, STATE_TOPIC, topics.get(STATES, ''))
-        commands = topic_of(node, COMMAND_TOPICS[Source.NAMED], topics.get(Source.NAMED, ''))
+        states = topic_of(node, CHANNELS[STATES].topic, topics.get(STATES, ''))
+        named = CHANNELS[NAMED_COMMANDS].topic
+        commands = topic_of(node, named, topics.get(Source.NAMED, ''))
         # Remappings of the arm's private name hold for this node's private name.
-        array = remapped(node, COMMAND_TOPICS[Source.ARRAY]) or topics.get(Source.ARRAY, '')
+        array = remapped(node, CHANNELS[ARRAY_COMMANDS].topic) or topics.get(Source.ARRAY, '')
         array = array or self.settings.command_topic or 'sim_arm/commands'
         self._topics = [node.resolve_topic_name(name) for name in (states, commands, array)]
         # A separate executor: the controllers do not run while it waits.
@@ -270,7 +264,7 @@ class ProcessArm:
         positions = by_joint(self.names, 'q', q)
         velocities = by_joint(self.names, 'qd', {} if qd is None else qd)
         self._wait(self._jumps.get_subscription_count, REQUEST_SECONDS, 'a reader of set_state')
-        self._jumps.publish(state_bytes(self.names, positions, velocities))
+        self._jumps.publish(encode_state(self.names, positions, velocities))
         self._wait_for_jump(before)
 
     def save(self) -> NoReturn:

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from difflib import get_close_matches
 from typing import NamedTuple
 
 import numpy as np
@@ -14,11 +13,11 @@ from pfd_ros.arm.actuator_command import Command
 from pfd_ros.arm.commands import Validation, kinds_of
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.messages.convert import decode_floats, decode_joint_state
-from pfd_ros.text import listed
+from pfd_ros.text import did_you_mean, listed
 
 # The names that `allow_rejected` takes, and the diagnostics of the node count.
-REASONS = tuple(verdict.name.lower() for verdict in Verdict if verdict is not Verdict.ACCEPTED)
-STALE = Verdict.STALE.name.lower()
+REASONS = tuple(verdict.label for verdict in Verdict if verdict is not Verdict.ACCEPTED)
+STALE = Verdict.STALE.label
 # Whose text has the joints and numbers.
 NOT_FINITE = frozenset({Verdict.INFINITE, Verdict.NOT_FINITE})
 
@@ -43,8 +42,7 @@ def checked_reasons(given: Collection[str]) -> frozenset[str]:
         given = {given}
     for name in given:
         if name not in REASONS:
-            near = get_close_matches(str(name), REASONS, n=1)
-            hint = f'did you mean {near[0]!r}?' if near else f'expected some of {list(REASONS)}'
+            hint = did_you_mean(str(name), REASONS, f'expected some of {list(REASONS)}')
             raise ValueError(f'allow_rejected has {name!r}: {hint}')
     return frozenset(given)
 
@@ -68,17 +66,17 @@ def rejection(
         detail = validation.detail
         if validation.verdict in NOT_FINITE:
             detail = _not_finite(source, data, names)
-        return Rejection(validation.verdict.name.lower(), detail)
+        return Rejection(validation.verdict.label, detail)
     if validation.unknown_count:
         detail = f'{listed(validation.unknown)} of {validation.unknown_count} unknown joints'
-        return Rejection(Verdict.UNKNOWN_NAMES.name.lower(), detail)
+        return Rejection(Verdict.UNKNOWN_NAMES.label, detail)
     effect = validation.effect
     if isinstance(effect, Command) and source is Source.NAMED and len(effect.joints) < len(names):
         driven = {model[j] for j in effect.joints}
         named = decode_joint_state(data).names
         left = [name for name in named if name in names and name not in driven]
         if left:
-            return Rejection(Verdict.ALL_NAN.name.lower(), f'NaN for {listed(left)}')
+            return Rejection(Verdict.ALL_NAN.label, f'NaN for {listed(left)}')
     return None
 
 

@@ -10,11 +10,9 @@ import time
 from typing import Any
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import TAKEN, Output
-from pfd_ros.arm.outputs import roles_of
-from pfd_ros.recording.engine_log import EngineLog, open_engine_log
-from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE
-from pfd_ros.recording.provenance import topics_without_node
+from pfd_ros.arm.events import Output
+from pfd_ros.recording.engine_log import channels_without_node, open_engine_log
+from pfd_ros.recording.recorder import LogRecorder
 
 # The loop is faster than a disk: between two looks at the recorder's queue, and from there on.
 LOOK_MESSAGES = 1000
@@ -37,25 +35,25 @@ class RunLog:
     """
 
     engine: Engine
-    log: EngineLog
+    recorder: LogRecorder
     accepted: int = 0
     _since: int = 0
 
     def record(self, role: str, number: int, data: bytes) -> None:
         """Record one message; waits for the disk now and then."""
-        self.log.record(role, number, data)
+        self.recorder.record(role, number, data)
         self._wait(1)
 
     def record_all(self, outputs: Sequence[Output]) -> None:
         """Record outputs of one cycle, or validation rows before it, at one time."""
-        self.log.record_all(outputs, self.engine.arm.stamp_ns)
+        self.recorder.record_all(outputs, self.engine.arm.stamp_ns)
         self._wait(len(outputs))
 
     def _wait(self, messages: int) -> None:
         self._since += messages
         if self._since >= LOOK_MESSAGES:
             self._since = 0
-            while self.log.recorder.backlog > BACKLOG_LIMIT:
+            while self.recorder.backlog > BACKLOG_LIMIT:
                 time.sleep(DISK_POLL_SECONDS)
 
     def close(self) -> None:
@@ -66,11 +64,10 @@ class RunLog:
         RecordingError
             If the file does not hold everything.
         """
-        self.log.close(self._totals)
-        recorder = self.log.recorder
-        lost = sum(recorder.dropped)
-        if recorder.error or lost:
-            raise RecordingError(recorder.error or f'{lost} messages were not recorded')
+        self.recorder.close_run(self._totals)
+        error, lost = self.recorder.error, sum(self.recorder.dropped)
+        if error or lost:
+            raise RecordingError(error or f'{lost} messages were not recorded')
 
     def _totals(self) -> dict[str, Any]:
         engine = self.engine
@@ -90,12 +87,7 @@ def open_log(engine: Engine) -> RunLog | None:
     OSError
         If it exists or cannot be written.
     """
-    settings, frames = engine.settings, engine.frames
-    if not settings.recording:
+    if not engine.settings.recording:
         return None
-    wanted = {*ROLE_OF_SOURCE.values(), TAKEN, *roles_of(settings)}
-    if frames is not None:
-        wanted |= frames.roles
-    roles = tuple(role for role in CHANNELS if role in wanted)
-    channels = dict(zip(roles, topics_without_node(roles, {}), strict=True))
+    channels = channels_without_node(engine)
     return RunLog(engine, open_engine_log(engine, channels, lambda line: None))

@@ -12,7 +12,6 @@ Geometry, without a browser
     poses        joint positions -> frames of all links
     arrows       arrows for forces and torques
     loads        torques and limits of joints -> colours
-    timeline     a value that changes at known times
     motion       a log -> joint states over time, and its model
     log_loads    a log -> external wrench and payload over time
     running_wrench  messages of a running arm -> the external wrench on it

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_ros.recording.sink import new_file
 from pfd_ros.view.logged_arm import Content, fill
 from pfd_ros.view.server import page
 
@@ -52,21 +53,16 @@ def export(
     """
     times = frame_times(content.motion.duration)
     # Before the work, so that a wrong path is told at once.
-    with path.open('x', encoding='utf-8') as stream:
-        try:
-            with page(0, '') as server:
-                show = fill(server, content, ghost)
-                show(0.0)
-                recording = server.get_scene_serializer()
-                for before, time in pairwise(times):
-                    recording.insert_sleep(float(time - before))
-                    show(min(float(time), content.motion.duration))
-                    if progress is not None:
-                        progress(float(time / times[-1]))
-                return stream.write(recording.as_html())
-        except BaseException:
-            path.unlink()
-            raise
+    with new_file(path, 'x', encoding='utf-8') as stream, page(0, '') as server:
+        show = fill(server, content, ghost)
+        show(0.0)
+        recording = server.get_scene_serializer()
+        for before, time in pairwise(times):
+            recording.insert_sleep(float(time - before))
+            show(min(float(time), content.motion.duration))
+            if progress is not None:
+                progress(float(time / times[-1]))
+        return int(stream.write(recording.as_html()))
 
 
 def frame_times(duration: float) -> NDArray[np.float64]:

@@ -19,6 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import InertiaStamped, WrenchStamped
 from rcl_interfaces.srv import GetParameters
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node, NodeNameNonExistentError
@@ -29,12 +30,15 @@ from rclpy.qos import (
     qos_profile_sensor_data,
 )
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import JointState
 
-from pfd_ros.arm.description_settings import TOPIC as DESCRIPTION
-from pfd_ros.arm.output_settings import OUTPUTS
+import pfd_core as pfd
+from pfd_ros.arm.events import DESCRIPTION
+from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages.convert import INERTIA, JOINT_STATE, WRENCH
-from pfd_ros.messages.stamped import WrenchMessage
+from pfd_ros.messages.stamped import WrenchMessage, wrench_message
+from pfd_ros.messages.topics import UNKNOWN_NODE
 from pfd_ros.node.description import wait_for_description
 from pfd_ros.view.live_arm import LiveArm
 
@@ -46,8 +50,6 @@ MODEL_SECONDS, ANSWER_SECONDS, QUIET_SECONDS = 20.0, 5.0, 5.0
 RATE, LOOK_SECONDS = 30.0, 0.5
 # Callbacks between two updates, at most: a state, wrenches, a payload, a report.
 CALLBACKS = 6
-# Of an endpoint whose node is not known yet.
-UNKNOWN = '_NODE_NAME_UNKNOWN_'
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -78,18 +80,25 @@ def view_node(namespace: str = '/') -> Iterator[Node]:
     Raises
     ------
     ValueError
-        If the namespace is invalid.
+        If the namespace is invalid, or ROS cannot start, such as in an invalid domain.
 
     """
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        yield rclpy.create_node(
-            'pfd_view', namespace=namespace, start_parameter_services=False, enable_rosout=False
-        )
-    except NameValidationException as error:
-        raise ValueError(f'{namespace!r} is not a valid node namespace') from error
+        try:
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            node = rclpy.create_node(
+                'pfd_view',
+                namespace=namespace,
+                start_parameter_services=False,
+                enable_rosout=False,
+            )
+        except NameValidationException as error:
+            raise ValueError(f'{namespace!r} is not a valid node namespace') from error
+        except RCLError as error:
+            raise ValueError(f'ROS: {error}') from error
+        yield node
     finally:
-        rclpy.shutdown()
+        try_shutdown()
 
 
 @dataclass
@@ -130,7 +139,7 @@ class LiveTopics:
         if self.named is not None:
             return self.named if self._of_arm(self.named, 'publisher', JOINT_STATE) else None
         for end in self.node.get_publishers_info_by_topic(self.states):
-            if end.node_name != UNKNOWN:
+            if end.node_name != UNKNOWN_NODE:
                 return ArmNode(end.node_name, end.node_namespace)
         return None
 
@@ -157,11 +166,9 @@ class LiveTopics:
         except NodeNameNonExistentError:
             return []
 
-    def model(self) -> tuple[str, str | None]:
+    def model(self) -> pfd.Urdf | str:
         """
-        Return the model: the text on robot_description and None, or '' and a robot's name.
-
-        The name, or path, is the arm's parameter `robot`.
+        Return the model on robot_description, or the name or path in the arm's parameter `robot`.
 
         Raises
         ------
@@ -175,13 +182,13 @@ class LiveTopics:
         while time.monotonic() < end:
             if self.node.count_publishers(topic):
                 try:
-                    return wait_for_description(self.node, MODEL_SECONDS, lambda: False), None
+                    return wait_for_description(self.node, MODEL_SECONDS, lambda: False)
                 except ValueError as error:
                     raise ValueError(f'{error}; {cure}') from error
             arm = self.arm
             robot = '' if arm is None else self._robot_of(arm)
             if robot and robot != DESCRIPTION:
-                return '', robot
+                return robot
             time.sleep(LOOK_SECONDS)
         raise ValueError(
             f'no model within {MODEL_SECONDS:g} s: nothing on {topic}, and no arm with the '
@@ -308,9 +315,9 @@ class _Ends:
 def _reported(values: dict[str, str]) -> tuple[WrenchMessage, float] | None:
     """Return the wrench and the timeout in values of diagnostics, None without."""
     try:
-        numbers = tuple(map(float, values['external_wrench'].split()))
+        numbers = [*map(float, values['external_wrench'].split())]
         timeout = float(values['external_wrench_timeout_s'])
         frame = values['external_wrench_frame']
     except (KeyError, ValueError):
         return None
-    return WrenchMessage(0, frame, numbers[:3], numbers[3:]), timeout
+    return wrench_message(0, frame, numbers), timeout

@@ -10,16 +10,16 @@ the next one of its topic.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 import json
 import math
-from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 from zlib import crc32
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.arm.changes import read_changes
 from pfd_ros.arm.events import (
@@ -41,14 +41,20 @@ from pfd_ros.messages.convert import (
     decode_string,
     rows_as_written,
 )
-from pfd_ros.messages.stamped import InertiaMessage, WrenchMessage, decode_inertia, decode_wrench
+from pfd_ros.messages.stamped import (
+    InertiaMessage,
+    WrenchMessage,
+    decode_inertia,
+    decode_wrench,
+    inertia_message,
+    wrench_message,
+)
 from pfd_ros.recording.bags import Bag
 from pfd_ros.recording.format import EXTERNAL_WRENCH, SOURCE_OF_ROLE, HeadKey
-from pfd_ros.recording.head import read_roles, strict_json
 from pfd_ros.recording.log_arrays import LogArrays
+from pfd_ros.recording.reader import damage_named
 from pfd_ros.text import cut, listed, one_line
 from pfd_ros.view.motion import Motion
-from pfd_ros.view.timeline import Timeline, timeline
 
 # Last names of the topics in other bags, the first of them that has messages.
 WRENCH_NAMES = ('external_wrench', 'tip_wrench')
@@ -57,6 +63,44 @@ PAYLOAD_NAMES = ('payload_in_use', 'payload')
 INPUTS = (Source.WRENCH, Source.REQUEST, Source.PARAMETERS)
 END_WRENCH = ('reset', 'clear_wrench')
 T = TypeVar('T', WrenchMessage, InertiaMessage)
+
+
+@dataclass(frozen=True)
+class Timeline(Generic[T]):
+    """
+    Values over time.
+
+    Attributes
+    ----------
+    times : ndarray, (k,)
+        When each value begins [s], not decreasing.
+    values : tuple
+        The values; None for none.
+
+    """
+
+    times: NDArray[np.float64]
+    values: tuple[T | None, ...]
+
+    def at(self, time: float) -> T | None:
+        """Return the last value that begins at or before a time [s]; None before the first."""
+        place = int(np.searchsorted(self.times, time, side='right')) - 1
+        return self.values[place] if place >= 0 else None
+
+    @property
+    def first(self) -> T | None:
+        """The first value that is not None, None if there is none."""
+        return next((value for value in self.values if value is not None), None)
+
+    def __bool__(self) -> bool:
+        """Return whether there is a value at any time."""
+        return self.first is not None
+
+
+def timeline(items: Iterable[tuple[float, T | None]]) -> Timeline[T]:
+    """Return the timeline of values with their times [s], which do not decrease."""
+    found = list(items)
+    return Timeline(np.array([time for time, _ in found]), tuple(value for _, value in found))
 
 
 @dataclass(frozen=True)
@@ -94,13 +138,14 @@ def tip_loads(
     if topic is not None and log.topics.get(topic) != WRENCH:
         known = [name for name, kind in log.topics.items() if kind == WRENCH]
         raise ValueError(f'{log.path} has no topic {topic!r} of {WRENCH}; it has {listed(known)}')
-    roles = _roles(log)
+    roles = log.roles
     wrenches: list[tuple[float, WrenchMessage | None]] = []
     payloads: list[tuple[float, InertiaMessage | None]] = []
     problems: dict[str, None] = {}
     if roles and motion.stamped:
         try:
-            ours = _recorded(log, roles, motion)
+            with damage_named(log.path):
+                ours = _recorded(log, roles, motion)
             wrenches, payloads = ours.wrenches, ours.payloads
         except ValueError as error:
             problems[one_line(f'external wrench and payload are not shown: {error}')] = None
@@ -138,11 +183,8 @@ def _shown(
 
 def is_nothing(message: WrenchMessage | InertiaMessage) -> bool:
     """Return whether a wrench or a payload is zero, or has a number that is not finite."""
-    if isinstance(message, WrenchMessage):
-        numbers = (*message.force, *message.torque)
-        return not any(numbers) or not all(map(math.isfinite, numbers))
-    numbers = (message.mass, *message.center, *message.inertia)
-    return not message.mass > 0 or not all(map(math.isfinite, numbers))
+    zero = not (any(message.numbers) if isinstance(message, WrenchMessage) else message.mass > 0)
+    return zero or not all(map(math.isfinite, message.numbers))
 
 
 # Other bags.
@@ -219,15 +261,7 @@ class _Recorded:
         return (time_ns - self.motion.start_ns) / NANOSECONDS
 
 
-def _roles(log: LogArrays) -> dict[str, str]:
-    """Return the roles of the topics of a recording of the node, {} for other bags."""
-    bag = Bag(Path(log.path))
-    next(bag.messages(), None)
-    text = bag.head.get(HeadKey.TOPICS)
-    return {} if text is None else read_roles(strict_json(text))
-
-
-def _recorded(log: LogArrays, roles: dict[str, str], motion: Motion) -> _Recorded:
+def _recorded(log: LogArrays, roles: Mapping[str, str], motion: Motion) -> _Recorded:
     settings = from_recorded(dict(log.settings or {}))
     found = _Recorded(motion, settings, [], [])
     topics = {role: topic for topic, role in roles.items()}
@@ -256,11 +290,11 @@ def _recorded(log: LogArrays, roles: dict[str, str], motion: Motion) -> _Recorde
     return found
 
 
-def _inputs(log: LogArrays, roles: dict[str, str], simulated: bool) -> Iterator[_Input]:
+def _inputs(log: LogArrays, roles: Mapping[str, str], simulated: bool) -> Iterator[_Input]:
     """Yield the accepted messages of the sources in INPUTS, in the order of their rows."""
     waiting: dict[tuple[int, int], list[bytes]] = {}
     width = len(TAKEN_COLUMNS)
-    for message in Bag(Path(log.path)).messages():
+    for message in Bag(log.path).messages():
         role = roles.get(message.topic, '')
         if SOURCE_OF_ROLE.get(role) in INPUTS:
             key = (SOURCE_OF_ROLE[role], crc32(message.data))
@@ -279,15 +313,13 @@ def _inputs(log: LogArrays, roles: dict[str, str], simulated: bool) -> Iterator[
                     yield _Input(before_ns, Source(source), data)
 
 
-def _state_before(log: LogArrays, roles: dict[str, str]) -> ArmState | None:
+def _state_before(log: LogArrays, roles: Mapping[str, str]) -> ArmState | None:
     """Return the state at the beginning of a file that continues another one."""
-    bag = Bag(Path(log.path))
-    for message in bag.messages():
-        if HeadKey.PART not in bag.head or ARM_STATE not in roles.values():
-            return None
-        if roles.get(message.topic) == ARM_STATE:
-            return ArmState.from_bytes(decode_bytes(message.data))
-    return None
+    if HeadKey.PART not in log.head:
+        return None
+    states = (m.data for m in Bag(log.path).messages() if roles.get(m.topic) == ARM_STATE)
+    found = next(states, None)
+    return None if found is None else ArmState.from_bytes(decode_bytes(found))
 
 
 def _continue(found: _Recorded, log: LogArrays, state: ArmState) -> None:
@@ -295,12 +327,8 @@ def _continue(found: _Recorded, log: LogArrays, state: ArmState) -> None:
     assert log.robot is not None
     stamp_ns = state.origin_ns + state.step * found.settings.step_ns
     if state.wrench is not None:
-        numbers = tuple(state.wrench.next.tolist())
-        wrench = WrenchMessage(stamp_ns, log.robot.tip, numbers[:3], numbers[3:])
+        wrench = wrench_message(stamp_ns, log.robot.tip, state.wrench.next.tolist())
         steps = math.inf if state.wrench.left is None else state.wrench.left
         found.begin_wrench(wrench, stamp_ns - 1, steps)
     if state.payload:
-        mass, *body = state.payload
-        found.add_payload(
-            InertiaMessage(stamp_ns, log.robot.tip, mass, tuple(body[:3]), tuple(body[3:]))
-        )
+        found.add_payload(inertia_message(stamp_ns, log.robot.tip, state.payload))

@@ -18,6 +18,7 @@ import re
 import stat
 from urllib.parse import unquote, urlsplit
 import warnings
+from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +34,6 @@ MOST_TRIANGLES = 1_000_000
 # A node of a COLLADA file may hold another one twice, and so on: so many nodes have at most
 # 2^8 copies.
 MOST_INSTANCES = 16
-INSTANCES = re.compile(rb'<\s*instance_node\b')
-DECLARATIONS = re.compile(rb'<!\s*(?:DOCTYPE|ENTITY)', re.IGNORECASE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,10 +151,7 @@ def read_mesh(path: Path) -> list[Triangles]:
         raise ValueError(f'it has more than {MOST_BYTES >> 20} MiB')
     kind = path.suffix.lower()[1:]
     if kind == 'dae':
-        if DECLARATIONS.search(data):
-            raise ValueError('it has a <!DOCTYPE> or <!ENTITY>')
-        if len(INSTANCES.findall(data)) > MOST_INSTANCES:
-            raise ValueError(f'it has more than {MOST_INSTANCES} <instance_node>')
+        _check_collada(data)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
@@ -163,6 +159,30 @@ def read_mesh(path: Path) -> list[Triangles]:
     except Exception as error:  # the parsers raise whatever a file provokes
         reason = one_line(f'{type(error).__name__}: {error}', 160)
         raise ValueError(f'it cannot be read: {reason}') from error
+
+
+def _check_collada(data: bytes) -> None:
+    """Raise ValueError for entities, and for nodes that could be copied without end.
+
+    Parsed, since an encoding or a namespace can hide both from a search for their bytes.
+    """
+    instances = 0
+
+    def start(name: str, _: object) -> None:
+        nonlocal instances
+        instances += name.rpartition(' ')[2] == 'instance_node'
+        if instances > MOST_INSTANCES:
+            raise ValueError(f'it has more than {MOST_INSTANCES} <instance_node>')
+
+    def declare(*_: object) -> None:
+        raise ValueError('it has a <!DOCTYPE>')
+
+    parser = expat.ParserCreate(namespace_separator=' ')
+    parser.StartElementHandler, parser.StartDoctypeDeclHandler = start, declare
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        raise ValueError(f'it cannot be read: {error}') from error
 
 
 def _triangles(scene: trimesh.Scene, kind: str) -> Iterator[Triangles]:

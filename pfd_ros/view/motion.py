@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
+from pfd_ros.arm.events import DESCRIPTION, STATES
+from pfd_ros.arm.link_frames import parsed_urdf
 from pfd_ros.messages.convert import INERTIA, JOINT_STATE, NANOSECONDS, STRING, WRENCH
 from pfd_ros.recording.log_arrays import LogArrays, TopicArrays, read_log
-from pfd_ros.text import cut, listed
+from pfd_ros.text import listed
 
 # The types that a view reads; all others stay in the file.
 TYPES = (JOINT_STATE, STRING, WRENCH, INERTIA)
-DESCRIPTION = 'robot_description'
-STATES = 'joint_states'
 # Positions beyond this [rad, m] are not drawn.
 LARGEST_POSITION = 1e6
 NO_MODEL = (
@@ -134,31 +134,17 @@ def model_of(log: LogArrays, robot: str | None, other: pfd.Urdf | None) -> pfd.U
         return named_model(robot)
     for topic in (name for name in log if name.rpartition('/')[2] == DESCRIPTION):
         if log.topics[topic] == STRING and len(log[topic]):
-            return parsed_text(str(log[topic].data[-1]), f'{topic} of {log.path}')
+            return parsed_urdf(str(log[topic].data[-1]), f'{topic} of {log.path}')
     if log.robot is None and other is not None:
         return other
     if log.robot is None:
         raise ValueError(f'{log.path} {NO_MODEL}')
-    return parsed_text(pfd.robot_to_urdf(log.robot), f'the robot in {log.path}')
+    return parsed_urdf(pfd.robot_to_urdf(log.robot), f'the robot in {log.path}')
 
 
 def named_model(robot: str) -> pfd.Urdf:
     """Return the model of a robot, as `load_robot` takes it."""
-    return pfd.read_urdf(robot) or _parsed(pfd.urdf_of(robot))
-
-
-def parsed_text(text: str, label: str) -> pfd.Urdf:
-    """Return a model from the text of a URDF; ValueError, with the label, for another text."""
-    # Other text would be taken for the name of a robot or a file.
-    if not text.lstrip().startswith('<'):
-        raise ValueError(f'{label} is not a URDF: it starts with {cut(text[:20])!r}')
-    return _parsed(text)
-
-
-def _parsed(source: str) -> pfd.Urdf:
-    urdf = pfd.read_urdf(source)
-    assert urdf is not None
-    return urdf
+    return pfd.read_urdf(robot) or parsed_urdf(pfd.urdf_of(robot), robot)
 
 
 def folder_of(log: LogArrays | None, robot: str | None) -> Path | None:

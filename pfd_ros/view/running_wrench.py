@@ -47,9 +47,8 @@ class RunningWrench:
 
     def sent(self, wrench: WrenchMessage, seconds: float) -> None:
         """Take a message of ~/external_wrench that came at a steady time [s]."""
-        numbers = (*wrench.force, *wrench.torque)
         # As the arm rejects them.
-        if self._exact or not all(abs(number) <= LARGEST_WRENCH for number in numbers):
+        if self._exact or not all(abs(number) <= LARGEST_WRENCH for number in wrench.numbers):
             return
         self.acting = None if is_nothing(wrench) else wrench
         self._begin_ns, self._sent = self._now_ns, seconds

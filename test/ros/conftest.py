@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 import os
 from pathlib import Path
 import signal
+from typing import Any
 
 from plugin_sessions import install
 import pytest
@@ -59,6 +60,23 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('site')
     install(folder)
     return folder
+
+
+@pytest.fixture(scope='session')
+def page_server() -> Iterator[Any]:
+    """Return a page of the view that is served for the whole run."""
+    from pfd_ros.view.server import page
+
+    with page(0, 'test') as server:
+        yield server
+
+
+@pytest.fixture
+def empty(page_server: Any) -> Any:
+    """Return a page of the view without anything on it."""
+    page_server.scene.reset()
+    page_server.gui.reset()
+    return page_server
 
 
 @pytest.fixture(scope='session')

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from pfd_ros.testing.controller_process import ControllerProcess
+from pfd_ros.testing.child_process import ControllerProcess
 from pfd_ros.testing.lockstep_arm import LockstepArm
 
 GOAL = np.array([0.5, -1.0, 1.0, -0.5, 0.4, 0.3])

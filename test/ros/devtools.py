@@ -13,17 +13,15 @@ import json
 import os
 from pathlib import Path
 import subprocess
-import time
 from typing import Any
 import urllib.request
 
 from browser import BROWSER
 import numpy as np
 from PIL import Image
+from waiting import PATIENCE, wait_until
 from websockets.sync.client import connect
 
-# Longest wait for the browser; a busy machine without a graphics card draws a frame a second.
-PATIENCE = 120.0
 WIDTH, HEIGHT = 1440, 900
 OPTIONS = (
     '--headless=new',
@@ -47,16 +45,18 @@ class Page:
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Call a method of the protocol and return its result; errors of the page are kept."""
-        end = time.monotonic() + PATIENCE
-        while True:
-            answer = self._answer(method, parameters)
-            if 'error' not in answer:
-                return dict(answer['result'])
+        answer: dict[str, Any] = {}
+
+        def answered() -> bool:
+            answer.clear()
+            answer.update(self._answer(method, parameters))
             # The browser replaces its first page by the new one.
-            starting = answer['error'].get('message') == 'Not attached to an active page'
-            assert starting, answer['error']
-            assert time.monotonic() < end, answer['error']
-            time.sleep(0.2)
+            starting = {'message': 'Not attached to an active page'}
+            assert answer.get('error', starting).get('message') == starting['message'], answer
+            return 'error' not in answer
+
+        wait_until(answered, lambda: answer, pause=0.2)
+        return dict(answer['result'])
 
     def _answer(self, method: str, parameters: dict[str, Any]) -> dict[str, Any]:
         number = next(self._numbers)
@@ -119,10 +119,5 @@ def opened(url: str, folder: Path) -> Iterator[Page]:
 
 
 def _port(path: Path) -> int:
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        lines = path.read_text().splitlines() if path.exists() else []
-        if len(lines) > 1:
-            return int(lines[0])
-        time.sleep(0.05)
-    raise AssertionError('the browser did not start')
+    wait_until(lambda: path.exists() and len(path.read_text().splitlines()) > 1)
+    return int(path.read_text().splitlines()[0])

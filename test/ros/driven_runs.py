@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from simulating import efforts
+from plant_messages import efforts
 
 from pfd_ros.arm.described_robot import described_robot
 from pfd_ros.arm.driver import Driver

@@ -159,6 +159,15 @@ def put_in(fault: str) -> None:
         Arm.advance = advance
     elif fault == 'configuring_fails':
         lifecycle.SimArm = lambda *_: {}['{}']
+    elif fault == 'first_start_fails':
+        real_start, starts = sim_arm.SimArm.start, itertools.count()
+
+        def start(arm, workers) -> None:
+            if not next(starts):
+                raise RuntimeError("can't start new thread")
+            real_start(arm, workers)
+
+        sim_arm.SimArm.start = start
     elif fault == 'reporting_fails':
         from pfd_ros.node.reporting import Reporter
 
@@ -200,7 +209,7 @@ def put_in(fault: str) -> None:
     elif fault == 'recorder_failed':
         from pfd_ros.recording.recorder import LogRecorder
 
-        LogRecorder.backlog = property(lambda recorder: 1.0)
+        LogRecorder.waiting_share = property(lambda recorder: 1.0)
         LogRecorder.failed = property(lambda recorder: True, lambda recorder, value: None)
     elif fault.startswith('first_step_after_'):
         step_after(int(fault.removeprefix('first_step_after_')))

@@ -116,7 +116,7 @@ class Leader:
         own = next(end for end in peer.node.subscriptions if end.topic_name == '/clock')
         peer.node.destroy_subscription(own)
         self._publisher = peer.node.create_publisher(Clock, '/clock', 10)
-        # Time goes on while the peer waits for something.
+        # Time continues while the peer waits for something.
         peer.node.create_timer(TICK_SECONDS, self.tick)
 
     def tick(self) -> None:
@@ -264,7 +264,7 @@ def _cover(
     if leader is not None:
         chosen[Verdict.STALE] = leader.tick_back
     sent = 0
-    while missing := [verdict for verdict in chosen if verdict.name.lower() not in counted]:
+    while missing := [verdict for verdict in chosen if verdict.label not in counted]:
         for verdict in missing:
             chosen[verdict]()
             sent += 1
@@ -294,7 +294,7 @@ def fuzz(
         peer.connect()
         arm.wait_for_text('traced ')
         sent, warm = _flood(arm, peer, crowd, leader, seconds, Messages(seed, largest))
-        # It still does what it is told.
+        # It still follows commands.
         wanted = [0.25 * k for k in range(len(JOINTS))]
 
         def heard() -> bool:

@@ -118,8 +118,7 @@ def without(topic: str, goes: Callable[[int, int], bool], *, recount: bool = Fal
 def alter_bytes(recording: Recording) -> None:
     """Alter a byte that no state depends on: the effort of a command for nobody."""
     recording.recount()
-    message = next(m for m in recording.on(NAMED) if b'nobody' in m.data)
-    message.data = message.data[:-1] + bytes([message.data[-1] ^ 1])
+    next(m for m in recording.on(NAMED) if b'nobody' in m.data).flip()
 
 
 # --- the end record

@@ -17,10 +17,9 @@ from ros_processes import JOINTS
 from pfd_ros.arm.actuator_command import Command
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.commands import Validation
-from pfd_ros.arm.effects import WrenchChange
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict
-from pfd_ros.arm.followed_clock import MOST_STEPS_AHEAD
+from pfd_ros.arm.events import Arrival, Source, Verdict, WrenchChange
+from pfd_ros.arm.pace import MOST_STEPS_AHEAD
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.cdr import CdrWriter
 from pfd_ros.messages.convert import decode_clock, encode_clock
@@ -49,9 +48,9 @@ LONGEST_NAME = 1 << 20
 MILLISECOND = 10**6
 # Farther ahead than an arm of 1 kHz follows at once, ns; after a reset its time leaps there.
 FARTHEST_TICK = MOST_STEPS_AHEAD * MILLISECOND * 3 // 2
-# What an arm with a clock of its own rejects; a flood alone overflows.
+# Validation results of an arm with its own clock; only a flood overflows.
 REJECTIONS = tuple(set(Verdict) - {Verdict.ACCEPTED, Verdict.OVERFLOWED, Verdict.STALE})
-# The sources that are topics of a node with a clock of its own.
+# The sources that are topics of a node with its own clock.
 TOPICS = (Source.NAMED, Source.ARRAY, Source.SET_STATE, Source.WRENCH, Source.PAYLOAD)
 # Of puma560, the default.
 TIP = 'flange'
@@ -62,7 +61,7 @@ class Ticks:
 
     def __init__(self, chance: random.Random) -> None:
         self._random = chance
-        # Its latest tick that an arm follows: there time goes on.
+        # Its latest tick that an arm follows: time continues there.
         self._now_ns = self._reached_ns = 0
 
     def after(self, reached_ns: int) -> bytes:

@@ -10,8 +10,6 @@ from pfd_ros.testing.trajectory import Trajectory
 
 GOAL = np.array([0.3, -0.6, 0.9, 0.2, -0.5, 0.4])
 FIELDS = ('time', 'q', 'qd', 'tau')
-# Efforts as they are commanded.
-UNCUT = {'effort_limits': False, 'torque_speed': False}
 
 
 def assert_same_bits(one: Trajectory, other: Trajectory) -> None:

@@ -12,20 +12,32 @@ import numpy as np
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.commands import Validation
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.events import Arrival, Request, Source, Verdict
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
+from pfd_ros.messages import cdr
 from pfd_ros.messages.convert import WRENCH
 from pfd_ros.messages.stamped import InertiaMessage, encode_inertia, stamped_encoder
 
 Message = tuple[Source, bytes]
+# Efforts act as they are commanded, and a state may overflow.
+UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
 
 
 def made(**chosen: Any) -> Engine:
     settings = Settings(**{'robot': 'planar2', **chosen})
     return Engine(settings, load_robot(settings))
+
+
+def failed(**chosen: Any) -> Engine:
+    """Return an engine whose arm has failed: a command made its state overflow."""
+    engine = made(**UNLIMITED, **chosen)
+    count = len(engine.arm.names)
+    engine.take([Arrival(Source.ARRAY, 1, efforts(*[1e300] * count))])
+    while not engine.arm.failure:
+        engine.step()
+    return engine
 
 
 def validated(engine: Engine, *messages: Message) -> Validation:
@@ -50,6 +62,32 @@ def asked(name: str, count: int = 1) -> Arrival:
 
 def change(**values: Any) -> Message:
     return Source.PARAMETERS, encode_changes(values)
+
+
+def efforts(*values: float) -> bytes:
+    """Return a command without names."""
+    writer = cdr.CdrWriter()
+    writer.uint32(0)
+    writer.uint32(0)
+    writer.numbers(np.array(values, float))
+    return bytes(writer.data)
+
+
+def joint_state(
+    names: Sequence[str],
+    position: Sequence[float] = (),
+    velocity: Sequence[float] = (),
+    effort: Sequence[float] = (),
+    stamp_ns: int = 0,
+) -> bytes:
+    """Return a JointState, a command by name or a state to jump to; its arrays may be ragged."""
+    writer = cdr.CdrWriter()
+    writer.time(stamp_ns)
+    writer.string('')
+    writer.strings(tuple(names))
+    for values in (position, velocity, effort):
+        writer.numbers(np.array(values, float))
+    return bytes(writer.data)
 
 
 def wrench(

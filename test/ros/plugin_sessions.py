@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sessions of pytest in processes of their own, with the plugin as an installation has it."""
+"""Sessions of pytest in separate processes, with the plugin as an installation has it."""
 
 from __future__ import annotations
 

@@ -60,6 +60,12 @@ def replay(option: str, path: str, seconds: float) -> dict[str, Any]:
     return {'status': status, 'out': out.getvalue(), 'err': err.getvalue(), 'peak_mb': peak_mb()}
 
 
+def verified(path: Path) -> tuple[int, str]:
+    """Return status and output of `pfd replay --verify`, above a minute an error."""
+    found = replay('--verify', str(path), 60.0)
+    return found['status'], found['out'] + found['err']
+
+
 def peak_mb() -> float:
     """Return the most memory that this process has held; ru_maxrss begins with the parent's."""
     status = Path('/proc/self/status')

@@ -15,7 +15,8 @@ import sys
 import threading
 import time
 
-from recordings import PATIENCE, start, wait_for
+from recordings import start
+from waiting import PATIENCE, wait_until
 
 from pfd_ros.recording import recorder as recording
 from pfd_ros.recording.recorder import LogRecorder
@@ -58,10 +59,10 @@ def main(path: Path, way: str) -> None:
     recorder, _ = start(path, flush_seconds=0.02)
     for topic in (0, 1):
         threading.Thread(target=produce, args=(recorder, topic), daemon=True).start()
-    wait_for(lambda: min(recorder.recorded) > 0 or recorder.failed)
+    wait_until(lambda: min(recorder.recorded) > 0 or recorder.failed)
     print('ready', flush=True)
     if way == 'close':
-        # Producers go on: messages after this moment are no part of the recording.
+        # Producers continue: messages after this moment do not belong to the recording.
         recorder.close(lambda: {'recorded': json.dumps(recorder.recorded)})
     elif way == 'clog':
         clog(path)
@@ -69,7 +70,7 @@ def main(path: Path, way: str) -> None:
     elif way == 'raise':
         raise ZeroDivisionError
     elif way == 'full':
-        wait_for(lambda: recorder.failed)
+        wait_until(lambda: recorder.failed)
         recorder.close()
     elif way == 'kill':
         time.sleep(PATIENCE)

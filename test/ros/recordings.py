@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of made-up messages, their expected contents, and faults to record with."""
+"""Recordings of synthetic messages, their expected contents, and faults to record with."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from pathlib import Path
 import resource
 import struct
 import threading
-import time
 from typing import Any
 
 from mcap.records import Attachment
 import numpy as np
+from waiting import threads_named, wait_until
 
 from pfd_ros.messages import convert, definitions
 from pfd_ros.recording import reader as log
@@ -32,8 +32,6 @@ COMMANDS = Topic('/joint_commands', convert.JOINT_STATE, QOS, vital=True)
 TOPICS = (STATES, COMMANDS)
 ROLES = {'joint_states': STATES.name, 'joint_commands': COMMANDS.name}
 NAMES = ('a', 'b')
-# Longest wait for anything that another thread or process does; nothing is measured by it.
-PATIENCE = 60.0
 HAS_DEFINITIONS = any((share / 'sensor_msgs').is_dir() for share in definitions.shares())
 
 
@@ -79,19 +77,12 @@ def read(path: Path) -> tuple[log.Log, list[log.Entry]]:
     return found, list(found.entries())
 
 
-def wait_for(done: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not done():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-
-
 def flushed(recorder: LogRecorder, count: int) -> None:
     """Record states and wait until they are in the file."""
     first = recorder.recorded[0]
     for k in range(first + 1, first + count + 1):
         recorder.record(0, k, state(k))
-    wait_for(lambda: recorder.recorded[0] == first + count)
+    wait_until(lambda: recorder.recorded[0] == first + count)
 
 
 def digests(entries: Sequence[log.Entry]) -> dict[str, str]:
@@ -156,7 +147,7 @@ def fail_after(recorder: LogRecorder, count: int) -> int:
             recorder.record(0, sent, state(sent))
         return recorder.failed
 
-    wait_for(failed)
+    wait_until(failed)
     return sent
 
 
@@ -164,7 +155,7 @@ def check_failed(
     recorder: LogRecorder, reports: list[str], sent: int, path: Path, *, torn: bool = False
 ) -> None:
     """Check that a failure was said once, counts and frees everything, and spares the file."""
-    wait_for(lambda: not recorder._thread.is_alive())
+    wait_until(lambda: not threads_named('recording'))
     recorder.close()
     assert recorder.failed
     assert recorder.backlog == 0.0
@@ -172,7 +163,7 @@ def check_failed(
     assert recorder.error.startswith('recording stopped: ')
     assert recorder.error.isprintable()
     assert len(recorder.error) < 500
-    assert len(recorder._queue) == 0
+    assert recorder.waiting_share == 0.0
     assert recorder.recorded[0] + recorder.dropped[0] == sent
     found, entries = read(path)
     assert not found.complete

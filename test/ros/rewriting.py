@@ -24,6 +24,13 @@ STATES, CLOCK = '/joint_states', '/clock'
 NAMED, ARRAY, TAKEN = '/joint_commands', '/sim_arm/commands', '/sim_arm/applied_commands'
 
 
+def flipped(data: bytes, at: int, bit: int = 0) -> bytes:
+    """Return data with one bit of the byte at an index changed."""
+    changed = bytearray(data)
+    changed[at] ^= 1 << bit
+    return bytes(changed)
+
+
 @dataclass
 class Sent:
     """One message."""
@@ -34,6 +41,11 @@ class Sent:
     data: bytes
     # The log time, if None.
     published_ns: int | None = None
+
+    def flip(self, at: int = -1, bit: int = 0) -> Sent:
+        """Change one bit of a byte of the data; return the message."""
+        self.data = flipped(self.data, at, bit)
+        return self
 
 
 @dataclass

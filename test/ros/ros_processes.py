@@ -20,6 +20,7 @@ from typing import Any
 
 from forked_process import ForkedProcess, Job
 import pytest
+from waiting import PATIENCE, wait_until
 
 from pfd_ros.testing import domains
 from pfd_ros.testing.child_process import ChildProcess
@@ -27,10 +28,6 @@ from pfd_ros.testing.child_process import ChildProcess
 ROOT = Path(__file__).resolve().parents[2]
 # Of the package under test; an installation has byte code, which a checkout may not have.
 PACKAGES = Path(domains.__file__).parents[2]
-# Longest wait for anything a process should do: discovery alone may take three seconds, and
-# compiling a robot on a machine with twenty times its load some minutes. Nothing is measured
-# against it.
-PATIENCE = 240.0
 MILLISECOND = 1_000_000
 HAS_ROS = importlib.util.find_spec('rclpy') is not None
 NODE = ('-m', 'pfd_ros.node.main')
@@ -43,7 +40,7 @@ _numbers = itertools.count()
 
 
 def example_robot(path: str) -> Path:
-    """Return a robot of the package example-robot-data, which lies beside Pinocchio."""
+    """Return a robot of the package example-robot-data, installed next to Pinocchio."""
     pinocchio = importlib.util.find_spec('pinocchio')
     assert pinocchio is not None
     assert pinocchio.origin is not None
@@ -102,11 +99,17 @@ class Process:
         return self.output.read_text(encoding='utf-8', errors='replace')
 
     def wait_for_text(self, wanted: str) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while wanted not in self.text():
-            assert self.process.poll() is None, self.text()
-            assert time.monotonic() < deadline, self.text()
-            time.sleep(0.02)
+        def came() -> bool:
+            found = wanted in self.text()
+            assert found or self.process.poll() is None, self.text()
+            return found
+
+        wait_until(came, self.text, pause=0.02)
+
+    def stop(self) -> None:
+        """End the process as Ctrl-C does; its status must be 0."""
+        status = self.end(signal.SIGINT)
+        assert status == 0, f'status {status}; {self.text()}'
 
     def end(self, *signals: signal.Signals, apart: float = 0.005) -> int:
         """Send signals and return the exit status."""
@@ -216,7 +219,7 @@ class Peer:
     def wait(self, done: Callable[[], Any]) -> None:
         deadline = time.monotonic() + PATIENCE
         while not done():
-            assert time.monotonic() < deadline, f'waited in vain; {len(self.states)} states came'
+            assert time.monotonic() < deadline, f'timed out after {len(self.states)} states'
             self.executor.spin_once(timeout_sec=0.05)
 
     def connect(self) -> None:
@@ -271,3 +274,24 @@ def call(peer: Peer, kind: Any, name: str, **values: Any) -> Any:
     peer.wait(future.done)
     peer.node.destroy_client(client)
     return future.result()
+
+
+def transition(peer: Peer, label: str = '', number: int = 0) -> bool:
+    """Request a transition of the node by label or number; return whether it succeeded."""
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+
+    wanted = Transition(id=number, label=label)
+    return bool(call(peer, ChangeState, 'change_state', transition=wanted).success)
+
+
+def description_publisher(
+    peer: Peer, topic: str = 'robot_description', durability: str = 'transient_local'
+) -> Callable[[str], None]:
+    """Return a function that publishes a description of a robot."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import String
+
+    profile = QoSProfile(depth=1, durability=DurabilityPolicy[durability.upper()])
+    publisher = peer.node.create_publisher(String, topic, profile)
+    return lambda text: publisher.publish(String(data=text))

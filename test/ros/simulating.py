@@ -11,7 +11,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, File, Recording, Sent, Type
 
 from pfd_ros.arm.arm import load_robot
@@ -26,7 +25,6 @@ from pfd_ros.arm.events import (
 )
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import WALL, Settings
-from pfd_ros.messages import cdr
 from pfd_ros.messages.convert import JointMessage, decode_joint_state
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import CHANNELS, END, HEAD, ROLE_OF_SOURCE
@@ -41,8 +39,6 @@ ROLES = {
     'clock': CLOCK,
 }
 START_NS = 1_700_000_000_000_000_000
-# Of an arm whose state may overflow.
-UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
 
 
 def rows_of(path: Path) -> list[ValidationRow]:
@@ -54,32 +50,6 @@ def rows_of(path: Path) -> list[ValidationRow]:
 def states_of(path: Path) -> list[JointMessage]:
     """Return the published states of a recording."""
     return [decode_joint_state(e.data) for e in Log(path).entries() if e.role == 'joint_states']
-
-
-def efforts(*values: float) -> bytes:
-    """Return a command without names."""
-    writer = cdr.CdrWriter()
-    writer.uint32(0)
-    writer.uint32(0)
-    writer.numbers(np.array(values, float))
-    return bytes(writer.data)
-
-
-def joint_state(
-    names: Sequence[str],
-    position: Sequence[float] = (),
-    velocity: Sequence[float] = (),
-    effort: Sequence[float] = (),
-    stamp_ns: int = 0,
-) -> bytes:
-    """Return a JointState, a command by name or a state to jump to; its arrays may be ragged."""
-    writer = cdr.CdrWriter()
-    writer.time(stamp_ns)
-    writer.string('')
-    writer.strings(tuple(names))
-    for values in (position, velocity, effort):
-        writer.numbers(np.array(values, float))
-    return bytes(writer.data)
 
 
 def simulate(

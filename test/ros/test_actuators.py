@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The actuators: efforts and speeds stay within the limits of motors, and the run goes on."""
+"""The actuators: efforts and speeds stay within the limits of motors, and the run continues."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from plant_messages import UNLIMITED, efforts, joint_state
 import pytest
 from sampling import one_fast
-from simulating import efforts, joint_state, simulate, states_of
+from simulating import simulate, states_of
 
 import pfd_core as pfd
 from pfd_core.algorithms.chain.actuators import record_actuators
@@ -21,9 +22,8 @@ from pfd_core.algorithms.chain.drives import record_motor_torques
 from pfd_core.machine.emulator import run as run_program
 from pfd_core.model import resolve
 from pfd_ros.arm.actuators import Actuators, effort_limits, speed_limits
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.events import Arrival, Request, Source, Verdict
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import JointStateEncoder
@@ -33,7 +33,6 @@ from pfd_ros.replay.verify import read
 PLANAR2 = pfd.load_robot('planar2')
 ROBOTS = ('planar2', 'puma560', 'ur5', 'panda')
 NAN = float('nan')
-UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
 
 
 def actuators(**settings: Any) -> Engine:
@@ -121,7 +120,7 @@ def limited(made: Actuators, wanted: np.ndarray, velocities: np.ndarray) -> np.n
 @pytest.mark.sweep
 @pytest.mark.parametrize('robot', ['puma560', 'ur5', 'panda'])
 @pytest.mark.parametrize('limits', [('effort_limits',), ('torque_speed',), tuple(UNLIMITED)])
-def test_limits_are_those_of_a_scene_with_the_limits_of_the_model(
+def test_limits_act_as_in_a_scene_with_the_limits_of_the_model(
     limits: tuple[str, ...], robot: str
 ) -> None:
     arm = pfd.load_robot(robot)
@@ -145,9 +144,7 @@ def test_limits_are_those_of_a_scene_with_the_limits_of_the_model(
         (pfd.Scene(torque_speed=[[(1.0, 5.0)]] * 2), [20.0, -10.0]),
     ],
 )
-def test_limits_of_the_scene_act_in_the_place_of_those_of_the_parameters(
-    scene: pfd.Scene, left: list[float]
-) -> None:
+def test_limits_of_the_scene_replace_the_parameters(scene: pfd.Scene, left: list[float]) -> None:
     engine = Engine(Settings(robot='planar2', scene=pfd.scene_to_yaml(scene)), PLANAR2)
     found = limited(engine.actuators, np.array([1e300, -1e300]), np.array([40.0, 40.0]))
     assert found.tolist() == left

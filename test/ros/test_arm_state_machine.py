@@ -24,9 +24,9 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 import numpy as np
-from plant_messages import Message, change, made, request
+from plant_messages import UNLIMITED, Message, change, efforts, joint_state, made, request
 import pytest
-from simulating import efforts, joint_state, simulate, states_of
+from simulating import simulate, states_of
 
 import pfd_core as pfd
 from pfd_ros.arm.events import Arrival, Source, Verdict
@@ -41,8 +41,7 @@ NAN, INF = float('nan'), float('inf')
 SETTINGS: dict[str, Any] = {
     'robot': 'planar2',
     'initial_positions': START,
-    'effort_limits': False,
-    'torque_speed': False,
+    **UNLIMITED,
 }
 SMALL = st.floats(-2.0, 2.0, width=32)
 PAIRS = st.lists(SMALL | SMALL | st.just(NAN), min_size=2, max_size=2)

@@ -7,9 +7,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from plant_messages import change, made, request, validated, wrench
+from plant_messages import UNLIMITED, change, efforts, made, request, validated, wrench
 import pytest
-from simulating import UNLIMITED, efforts
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
@@ -78,7 +77,7 @@ def test_a_stretch_has_the_bits_and_the_state_of_single_cycles(settings, every: 
     assert found.tobytes() == wanted.tobytes()
     assert other.state == one.state
     assert other.state.actuators.saturated > 10 or settings.get('effort_limits') is False
-    # Both go on alike.
+    # Both continue with the same bits.
     single(one, rows[:20], step)
     single(other, rows[:20], step)
     assert other.state == one.state

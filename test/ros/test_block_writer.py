@@ -49,7 +49,7 @@ def begun(writer: Writer | BlockWriter) -> None:
 
 @settings(deadline=None)
 @given(blocks=BLOCKS, size=st.integers(1, 2000))
-def test_the_file_is_that_of_the_package(
+def test_the_file_equals_the_output_of_the_package_mcap(
     blocks: list[list[NewMessage] | str | tuple], size: int
 ) -> None:
     ours, theirs = BytesIO(), BytesIO()

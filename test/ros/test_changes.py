@@ -7,10 +7,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from plant_messages import change, made, validated
+from plant_messages import change, efforts, made, validated
 import pytest
 from rewriting import STATES
-from simulating import efforts, rows_of, simulate
+from simulating import rows_of, simulate
 
 from pfd_ros.arm.changes import LONGEST_CHANGES
 from pfd_ros.arm.events import Source, Verdict

@@ -1,18 +1,18 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Changes of settings by several threads and in floods reach the arm in one order, or are told."""
+"""Changes by several threads and in floods reach the arm in one order, or are reported."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 import threading
-import time
 from typing import Any
 
 from plant_messages import payload
 import pytest
-from ros_processes import PATIENCE, chosen
+from ros_processes import chosen
+from waiting import threads_named, wait_until
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
@@ -81,6 +81,24 @@ def test_values_that_several_threads_set_all_reach_the_arm_in_one_order() -> Non
     assert engine.settings.real_time_factor in {20.0 * k + 19 for k in range(4)}
 
 
+def test_a_change_for_which_no_thread_starts_is_dropped_and_the_next_is_applied(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    engine, receiver, changes = made()
+
+    def start(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    with stepping(engine, receiver):
+        with monkeypatch.context() as patch:
+            patch.setattr(threading.Thread, 'start', start)
+            with pytest.raises(RuntimeError, match="can't start new thread"):
+                changes.set([chosen('payload.mass', 1.0)])
+        assert changes.set([chosen('gravity_compensation', True)]).successful
+        wait_until(lambda: engine.settings.gravity_compensation)
+    assert engine.settings.payload_mass == 0.0
+
+
 def test_payloads_and_parameters_from_several_threads_end_in_one_order() -> None:
     engine, receiver, parameters = made()
     changes = parameters.changes
@@ -102,10 +120,7 @@ def test_payloads_and_parameters_from_several_threads_end_in_one_order() -> None
             thread.start()
         for thread in threads:
             thread.join()
-        deadline = time.monotonic() + PATIENCE
-        while changes._thread is not None:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(lambda: not threads_named('compiling'))
     assert engine.settings == changes.settings
     assert engine.arm.scene.payload == engine.settings.payload
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import sys
 
 import pytest
 
@@ -26,3 +27,8 @@ def test_pfd_urdf_prints_and_writes_the_urdf_of_a_robot(
 def test_pfd_urdf_of_an_unknown_robot_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['urdf', 'ur55']) == 1
     assert capsys.readouterr().err.startswith("pfd urdf: unknown robot 'ur55': known are panda")
+
+
+def test_pfd_urdf_without_an_output_does_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, 'stdout', None)
+    assert main(['urdf', 'ur5']) == 0

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-import signal
 import subprocess
 import sys
 
@@ -61,7 +60,7 @@ def test_report_counts_writes_its_pages_without_ros(
 def test_report_paper_writes_all_its_pages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # Each page has a test of its own.
+    # Each page has a separate test.
     for name in ('paper_pages.write_claims', 'array_pages.run', 'pcgm_pages.run'):
         monkeypatch.setattr(f'pfd_core.report.{name}', lambda folder, n=name: [folder / n])
     assert command_line.main(['report', 'paper', '--out', str(tmp_path / 'pages')]) == 0
@@ -101,7 +100,7 @@ def test_a_command_that_makes_no_sense_has_status_2(
 
 
 @pytest.mark.parametrize('command', [['demo'], ['sim'], ['replay', 'a.mcap', '--publish']])
-def test_without_ros_the_message_says_how_to_get_it(tmp_path: Path, command: list[str]) -> None:
+def test_without_ros_the_message_states_how_to_get_it(tmp_path: Path, command: list[str]) -> None:
     done = without_ros(tmp_path, *command)
     assert done.returncode == 1
     assert "pip install 'pfd_ros[ros]'" in done.stderr
@@ -120,7 +119,7 @@ def test_pfd_sim_is_the_node(processes: Processes) -> None:
         '-m', 'pfd_ros.cli.main', 'sim', '--robot', 'planar2', '--ros-args', '-r', '__ns:=/x'
     )
     arm.wait_for_text('planar2: all 2 joints are braked until the first command')
-    assert arm.end(signal.SIGINT) == 0
+    arm.stop()
 
 
 @pytest.mark.parametrize(
@@ -135,7 +134,7 @@ def test_pfd_sim_is_the_node(processes: Processes) -> None:
 def test_report_speed_hands_folder_and_quickness_to_its_pages(
     options: list[str], pages: str, quick: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The reports themselves have tests of their own, and take minutes.
+    # The reports themselves have separate tests, and take minutes.
     asked: list[tuple[Path, bool]] = []
     monkeypatch.setattr(
         f'pfd_core.report.{pages}.run', lambda folder, quick: asked.append((folder, quick)) or []
@@ -223,3 +222,19 @@ def test_a_reader_that_ends_first_ends_a_command_quietly(words: list[str]) -> No
     finally:
         os.close(writing)
     assert (done.returncode, done.stderr) == (command_line.CLOSED_PIPE, '')
+
+
+@pytest.mark.parametrize('name', ['é☃.mcap', os.fsdecode(b'\xff.mcap')])
+def test_names_that_a_terminal_cannot_show_are_escaped(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(GOLDEN.read_bytes())
+    for words in (['info', str(path)], ['recover', str(path)]):
+        done = subprocess.run(
+            [sys.executable, '-m', 'pfd_ros.cli.main', *words],
+            env=environment(1) | {'PYTHONIOENCODING': 'ascii'},
+            capture_output=True,
+            check=False,
+            timeout=120,
+        )
+        assert (done.returncode, done.stderr) == (0, b'')
+        assert rb'\udcff' in done.stdout or rb'\xe9\u2603' in done.stdout

@@ -10,15 +10,14 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from plant_messages import made
+from plant_messages import efforts, joint_state, made
 import pytest
-from simulating import efforts, joint_state, rows_of, simulate, states_of
+from simulating import rows_of, simulate, states_of
 
 from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.command_link import timeout_text
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.events import Arrival, Request, Source, Verdict
 from pfd_ros.arm.noise import Channel, uniform
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
@@ -103,7 +102,7 @@ def test_a_pause_is_no_silence() -> None:
     assert taus(engine, 5) == [[1.0, 0.5]] * 5
 
 
-def test_on_timeout_zero_lets_go_of_the_joints_and_leaves_brakes_on() -> None:
+def test_on_timeout_zero_commands_zero_effort_and_leaves_brakes_on() -> None:
     engine = made(command_timeout=0.005, on_timeout='zero', gravity=(0.0, 0.0, 0.0))
     send(engine, joint_state(['shoulder'], effort=[2.0]), Source.NAMED)
     assert taus(engine, 7) == [[2.0, 0.0]] * 5 + [[0.0, 0.0]] * 2
@@ -172,7 +171,7 @@ def test_a_delayed_command_acts_some_cycles_later_and_is_validated_at_once() -> 
     assert taus(engine, 4) == [[0.0, 0.0]] * 2 + [[1.0, 0.5], [7.0, 9.0]]
 
 
-def test_a_delay_is_that_of_targets_and_not_of_the_torques_of_a_servo() -> None:
+def test_a_delay_acts_on_targets_and_not_on_the_torques_of_a_servo() -> None:
     late, prompt = made(delay_commands=0.004, **SERVO), made(**SERVO)
     target = joint_state(NAMES, [0.1, -0.1])
     send(late, target, Source.NAMED)
@@ -181,7 +180,7 @@ def test_a_delay_is_that_of_targets_and_not_of_the_torques_of_a_servo() -> None:
     assert taus(late, 100) == taus(prompt, 100)
 
 
-def test_a_reset_and_a_jump_end_what_is_under_way() -> None:
+def test_a_reset_and_a_jump_discard_delayed_commands() -> None:
     for source, data in (
         (Source.REQUEST, RESET),
         (Source.SET_STATE, joint_state(NAMES, [0.3, 0.3])),
@@ -415,7 +414,7 @@ def test_any_messages_leave_a_finite_arm_and_a_recording_that_verifies(
     ('action', 'end'),
     [('brake', 'brakes on'), ('zero', 'zero efforts'), ('hold', 'servos hold the position')],
 )
-def test_the_line_of_the_watchdog_says_what_it_did(action: str, end: str) -> None:
+def test_the_log_line_of_the_watchdog_states_its_action(action: str, end: str) -> None:
     gains = (1.0,) * 6 if action == 'hold' else ()
     settings = Settings(command_timeout=0.5, on_timeout=action, servo_p=gains)
     line = timeout_text(settings)

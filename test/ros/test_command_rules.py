@@ -211,7 +211,7 @@ def test_the_counts_stay_small_however_many_names_come() -> None:
     assert (count, names[:3], len(names)) == (2000, ['{0}', 'y', '{1}'], 8)
 
 
-def test_the_details_name_what_was_received() -> None:
+def test_the_details_name_the_received_values() -> None:
     assert validate('ab', [1]).detail == '2 names and 1 numbers in effort'
     assert validate('ab', position=[1, 2], velocity=[1, 2]).detail == (
         'holds position and velocity but no effort'

@@ -13,7 +13,7 @@ import pytest
 from pfd_ros.node.compile_report import compile_report
 
 
-def test_a_first_start_says_that_it_compiles_and_a_warm_one_does_not(
+def test_a_first_start_logs_that_it_compiles_and_a_warm_start_does_not(
     folder: Path, emitted: list[str]
 ) -> None:
     lines: list[tuple[int, str]] = []

@@ -12,7 +12,7 @@ import sys
 import sysconfig
 
 import pytest
-from ros_processes import PATIENCE
+from waiting import PATIENCE
 
 # What bash does at the key TAB, with the function that argcomplete registers for pfd.
 SCRIPT = """

@@ -1,10 +1,8 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The arm beside replicas of its peers over real DDS: ros2_control, and scripts written for it."""
+"""The arm with replicas of its peers over real DDS: ros2_control, and scripts written for it."""
 
 from __future__ import annotations
-
-import signal
 
 import gripper_arm
 import numpy as np
@@ -30,7 +28,7 @@ def arm_with(processes: Processes, *args: str, **params: str) -> Process:
 
 
 def computed_torque(robot: pfd.Robot):
-    """Return a controller that holds GOAL; its fingers push in vain."""
+    """Return a controller that holds GOAL; its fingers push without effect."""
 
     def update(states: State) -> State:
         q, qd = ([states[joint][kind] for joint in ARM] for kind in ('position', 'velocity'))
@@ -73,7 +71,7 @@ def test_a_controller_manager_with_the_stock_hardware_brings_the_arm_to_its_goal
     peer.wait(lambda: manager.run(20) or off(hardware) > 0.05)
     assert [hardware.states[joint]['effort'] for joint in ARM] == [0.0, 0.0]
     assert manager.times == sorted(manager.times)
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    arm.stop()
     for text in ('messages on', 'unknown', 'trigger_joint_command_threshold'):
         assert text not in arm.text()
     verdicts = read(processes.folder / 'arm.mcap', verify=True).verdicts
@@ -81,7 +79,7 @@ def test_a_controller_manager_with_the_stock_hardware_brings_the_arm_to_its_goal
 
 
 @pytest.mark.slow
-def test_hardware_with_the_default_threshold_is_silent_at_a_steady_effort_and_the_arm_continues(
+def test_hardware_with_the_default_threshold_sends_nothing_at_a_steady_effort_and_the_arm_runs(
     processes: Processes, peer_of
 ) -> None:
     arm = arm_with(processes, '-p', 'gravity:=[0.0, 0.0, 0.0]')

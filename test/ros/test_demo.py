@@ -5,27 +5,27 @@
 from __future__ import annotations
 
 from array import array
-import contextlib
+from contextlib import ExitStack, suppress
 from pathlib import Path
 import re
 import subprocess
 import sys
+import tempfile
 import threading
 from typing import Any
 
 import numpy as np
 import pytest
-from ros_processes import HAS_ROS, PATIENCE, Processes, environment
+from ros_processes import HAS_ROS, Processes, environment
 from sampling import one_fast
+from waiting import PATIENCE
 
 import pfd_core as pfd
 from pfd_ros.cli.main import main
 from pfd_ros.demo import processes as demo
 from pfd_ros.demo.bare_timer import bare_timer, missing_share
-from pfd_ros.demo.computed_torque import efforts
-from pfd_ros.demo.disturbances import PUSH_BEGIN, disturbances, push_force
-from pfd_ros.demo.motion import motion_of
 from pfd_ros.demo.results import TRACKING_LIMIT, unless_busy
+from pfd_ros.demo.scenario import PUSH_BEGIN, disturbances, efforts, motion_of, push_force
 from pfd_ros.replay.verify import read
 from pfd_ros.testing import domains
 from pfd_ros.testing.domains import FIRST, LAST, own_domain
@@ -67,7 +67,7 @@ VISIBLE = 1e-3
 
 
 @pytest.mark.parametrize('name', one_fast(pfd.known_robots(), 'planar2'))
-def test_the_disturbances_are_visible_and_the_controller_masters_them(name: str) -> None:
+def test_the_disturbances_are_visible_and_the_controller_rejects_them(name: str) -> None:
     robot, seconds = pfd.load_robot(name), 2.0
     motion = motion_of(robot)
     settings = disturbances(robot, seconds)
@@ -105,21 +105,21 @@ def test_an_unknown_robot_is_named_before_anything_starts(tmp_path: Path) -> Non
 LATE = ['the rate is 45.9% off', 'the arm was 0.401 off its motion, expected 0.1 at most']
 
 
-def test_what_comes_late_where_a_bare_timer_is_late_too_is_a_remark_and_no_failure() -> None:
+def test_late_messages_where_a_bare_timer_is_late_too_are_a_remark_and_no_failure() -> None:
     remarks, problems = unless_busy(LATE, 0.2)
     lost = 'a bare timer loop lost 20.0% of its periods at the same time'
     assert remarks == [f'{item}, but this machine is too busy: {lost}' for item in LATE]
     assert problems == []
 
 
-def test_what_comes_late_where_a_bare_timer_keeps_its_periods_is_a_failure() -> None:
+def test_late_messages_where_a_bare_timer_keeps_its_periods_are_a_failure() -> None:
     remarks, problems = unless_busy(LATE, 0.004)
     lost = 'a bare timer loop lost 0.4% of its periods at the same time'
     assert remarks == []
     assert problems == [f'{item}; {lost}' for item in LATE]
 
 
-def test_nothing_late_needs_no_excuse() -> None:
+def test_without_late_messages_there_is_no_remark() -> None:
     for bare_off in (0.0, 0.5):
         assert unless_busy([], bare_off) == ([], [])
 
@@ -182,8 +182,12 @@ def test_a_domain_to_avoid_is_not_claimed(tmp_path: Path) -> None:
 def test_without_a_free_domain_the_demo_ends_with_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(domains, '_locked', lambda path: None)
-    assert main(['demo', '--out', str(tmp_path)]) == 1
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    with ExitStack() as claims:
+        with suppress(OSError):
+            while True:
+                claims.enter_context(own_domain(start=0))
+        assert main(['demo', '--out', str(tmp_path)]) == 1
     printed = capsys.readouterr().err
     assert printed.count('\n') == 1
     assert 'all ROS domains from 1 to 101 are taken' in printed
@@ -191,7 +195,7 @@ def test_without_a_free_domain_the_demo_ends_with_one_line(
 
 @pytest.mark.ros
 def test_a_domain_with_a_node_on_it_is_not_claimed(processes: Processes, tmp_path: Path) -> None:
-    # Of a process of its own: participants are numbered by process, and their ports by number.
+    # In a separate process: participants are numbered by process, and their ports by number.
     processes.arm('-p', 'robot:=planar2')
     with own_domain(tmp_path, start=processes.domain - FIRST) as domain:
         assert domain != processes.domain
@@ -271,7 +275,7 @@ def test_even_on_one_domain_two_demos_are_apart(tmp_path: Path, monkeypatch) -> 
     started = []
     monkeypatch.setattr(demo, 'ChildProcess', lambda command, *_: started.append(command))
     for _ in range(2):
-        with contextlib.suppress(AttributeError):
+        with suppress(AttributeError):
             demo.run_demo('planar2', 1.0, tmp_path)
     names = [[part for part in command if part.startswith('__ns:=')] for command in started]
     assert all(len(name) == 1 for name in names)

@@ -131,7 +131,7 @@ def test_initial_values_are_taken_in_the_order_of_the_joints_where_none_are_give
     assert differences(filled, ARM, found) == ''
 
 
-def test_given_positions_override_those_of_the_description_with_a_log_line() -> None:
+def test_given_positions_override_the_description_with_a_log_line() -> None:
     found = Ros2Control(positions={'shoulder': 0.1, 'elbow': 0.2, 'finger': 0.04})
     settings = Settings(initial_positions=(0.1, 0.3), locked=('finger',), locked_positions=(0.01,))
     assert with_initial_values(settings, ARM, found) == settings
@@ -174,7 +174,7 @@ def test_robot_blocks_and_followers_come_from_one_record_of_the_urdf() -> None:
         (joint('elbow', command='position'), '1e-5', False),
     ],
 )
-def test_hardware_that_falls_silent_at_a_steady_effort_is_warned_of(
+def test_hardware_that_stops_sending_at_a_steady_effort_is_a_warning(
     joints: str, threshold: str, warned: bool
 ) -> None:
     found = described(block(joints, trigger_joint_command_threshold=threshold))
@@ -191,7 +191,7 @@ def test_hardware_that_falls_silent_at_a_steady_effort_is_warned_of(
         (joint('shoulder') + '<joint name="finger"/>', {'effort'}),
     ],
 )
-def test_hardware_whose_arrays_would_be_ragged_is_warned_of(joints: str, ragged: set[str]) -> None:
+def test_hardware_with_ragged_arrays_is_a_warning(joints: str, ragged: set[str]) -> None:
     found = described(block(joints), block(joint('finger'), 'mock_components/GenericSystem'))
     assert found.ragged == ragged
     text = ragged_trap(found)

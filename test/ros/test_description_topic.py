@@ -7,11 +7,9 @@ from __future__ import annotations
 import re
 import signal
 
-from description_topic import latched, publish
 import gripper_arm
 import pytest
-from ros_processes import Peer, Processes
-from transitions import change
+from ros_processes import Peer, Processes, description_publisher, transition
 
 import pfd_core as pfd
 from pfd_ros.replay.verify import read
@@ -22,13 +20,14 @@ pytestmark = pytest.mark.ros
 def wait(peer: Peer, seconds: float = 20.0, stopped=lambda: False) -> str:
     from pfd_ros.node.description import wait_for_description
 
-    return wait_for_description(peer.node, seconds, stopped)
+    return wait_for_description(peer.node, seconds, stopped).text
 
 
 def test_the_description_of_a_latched_publisher_is_returned(processes: Processes, peer_of) -> None:
     one, other = peer_of(processes, 'left'), peer_of(processes, 'left')
-    publish(latched(one), '\n <robot/>')
-    assert wait(other) == '\n <robot/>'
+    text = '\n <robot name="a"><link name="b"/></robot>'
+    description_publisher(one)(text)
+    assert wait(other) == text
 
 
 @pytest.mark.parametrize(
@@ -44,8 +43,8 @@ def test_a_description_that_is_no_urdf_is_rejected(
     processes: Processes, peer_of, text: str, reason: str
 ) -> None:
     one, other = peer_of(processes), peer_of(processes)
-    publisher = latched(one)
-    publish(publisher, text)
+    publish = description_publisher(one)
+    publish(text)
     with pytest.raises(ValueError, match=re.escape(reason)):
         wait(other)
 
@@ -66,8 +65,8 @@ def test_a_hostile_model_is_refused_in_one_line(
     processes: Processes, peer_of, text: str, reason: str
 ) -> None:
     one = peer_of(processes)
-    publisher = latched(one)
-    publish(publisher, text)
+    publish = description_publisher(one)
+    publish(text)
     arm = processes.arm('-p', 'robot:=robot_description', '-p', 'locked:=[finger]', ready=False)
     assert arm.end() == 1
     (line,) = (line for line in arm.text().splitlines() if line.startswith('sim_arm: '))
@@ -79,8 +78,8 @@ def test_a_model_that_does_not_come_is_waited_for_until_the_time_is_over(
     processes: Processes, peer_of
 ) -> None:
     one, other = peer_of(processes), peer_of(processes)
-    publisher = latched(one, durability='volatile')
-    publish(publisher, '<robot/>')
+    publish = description_publisher(one, durability='volatile')
+    publish('<robot/>')
     with pytest.raises(
         ValueError, match=r'no model received on /robot_description within 0\.5 s: p'
     ):
@@ -96,14 +95,14 @@ def test_the_arm_takes_everything_from_the_topic_and_its_ros2_control(
     from sensor_msgs.msg import JointState
 
     peer = peer_of(processes, 'left')
-    publisher = latched(peer)
+    publish = description_publisher(peer)
     arm = processes.arm(
         *('-r', '__ns:=/left', '-p', 'robot:=robot_description', '-p', 'locked:=[finger]'),
         *('-p', 'recording:=arm.mcap'),
         ready=False,
     )
     arm.wait_for_text('waiting for the model on /left/robot_description')
-    publish(publisher, gripper_arm.urdf(joint_states_topic='seen'))
+    publish(gripper_arm.urdf(joint_states_topic='seen'))
     arm.wait_for_text('until the first command')
     for text in (
         'joint_commands is /robot_joint_commands, from <ros2_control>',
@@ -122,7 +121,7 @@ def test_the_arm_takes_everything_from_the_topic_and_its_ros2_control(
     assert states[0].position.tolist() == [*gripper_arm.START, 0.04, -0.04]
     commands.publish(JointState(name=['elbow'], effort=[1.0]))
     peer.wait(lambda: states[-1].effort.tolist() == [0.0, 1.0, 0.0, 0.0])
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    arm.stop()
     summary = read(processes.folder / 'arm.mcap', verify=True)
     assert summary.settings.initial_positions == gripper_arm.START
     assert summary.settings.locks == {'finger': 0.04, 'thumb': -0.04}
@@ -207,19 +206,19 @@ def test_each_configuration_takes_the_model_of_its_time_and_leaves_no_topic_behi
     def listeners() -> int:
         return peer.node.count_subscribers(topic)
 
-    assert not change(peer, 'configure')
+    assert not transition(peer, 'configure')
     assert 'configure failed: no model received on /robot_description within 0.5 s' in arm.text()
-    publisher = latched(peer)
-    publish(publisher, gripper_arm.urdf())
-    assert change(peer, 'configure')
+    publish = description_publisher(peer)
+    publish(gripper_arm.urdf())
+    assert transition(peer, 'configure')
     peer.wait(lambda: listeners() == 1)
     # The subscription that is replaced by a best-effort one is the arm's, too.
     peer.node.create_publisher(JointState, topic, qos_profile_sensor_data)
     arm.wait_for_text(f'publishes {topic} best effort')
-    assert change(peer, 'cleanup')
+    assert transition(peer, 'cleanup')
     peer.wait(lambda: listeners() == 0)
-    publish(publisher, gripper_arm.urdf(joint_commands_topic='/others'))
-    assert change(peer, 'configure')
+    publish(gripper_arm.urdf(joint_commands_topic='/others'))
+    assert transition(peer, 'configure')
     peer.wait(lambda: peer.node.count_subscribers('/others') == 1)
     assert listeners() == 0
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    arm.stop()

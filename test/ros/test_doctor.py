@@ -62,6 +62,14 @@ def test_a_middleware_that_does_not_load_is_a_failure(processes: Processes) -> N
     assert 'FAILED' in lines['dds']
 
 
+@pytest.mark.ros
+def test_an_invalid_domain_is_named_and_no_firewall(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('ROS_DOMAIN_ID', '500')
+    (found,) = doctor.dds()
+    assert found.failed
+    assert 'domainId is over 232' in found.text
+
+
 def test_a_folder_that_others_can_write_is_a_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -81,7 +89,7 @@ def test_a_file_in_the_place_of_the_folder_is_a_failure(
     assert found.failed
 
 
-def test_without_a_cache_the_line_says_what_that_costs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_cache_the_line_states_its_cost(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PFD_CACHE', '')
     (found,) = doctor.cache()
     assert not found.failed
@@ -106,7 +114,7 @@ def test_a_kernel_with_a_wrong_answer_is_a_failure(monkeypatch: pytest.MonkeyPat
     assert found.failed
 
 
-def test_a_missing_extra_is_named_with_what_installs_it(
+def test_a_missing_extra_is_named_with_the_command_that_installs_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / 'pfd_ros-0.1.0.dist-info'

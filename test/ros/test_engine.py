@@ -12,21 +12,18 @@ import zlib
 
 import numpy as np
 import plant_messages
-from plant_messages import asked
+from plant_messages import UNLIMITED, asked, efforts, failed, joint_state
 import pytest
 from rewriting import GOLDEN
 from ros_processes import example_robot
-from simulating import efforts
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.engine import MOST_ROWS, Engine
 from pfd_ros.arm.events import TAKEN_COLUMNS, Arrival, Event, Output, Overflow, Source, Verdict
 from pfd_ros.arm.settings import Settings
-from pfd_ros.arm.validation_rows import MOST_ROWS
 from pfd_ros.messages.convert import (
     JointMessage,
-    JointStateEncoder,
     decode_clock,
     decode_joint_state,
     decode_rows,
@@ -39,11 +36,6 @@ NAN = float('nan')
 
 
 made = functools.partial(plant_messages.made, robot='puma560')
-
-
-def named(names, effort) -> bytes:
-    none = np.zeros(len(names))
-    return JointStateEncoder(names).encode(0, none, none, np.array(effort, float))
 
 
 def array(*values: float) -> Arrival:
@@ -71,7 +63,7 @@ def rows_of(outputs: Sequence[Output]) -> list[list[int]]:
     ]
 
 
-def test_an_arm_nobody_commands_stays_exactly_where_it_starts() -> None:
+def test_an_arm_without_commands_stays_exactly_at_its_start() -> None:
     start = (0.1, -0.2, 0.3, 0.4, -0.5, 0.6)
     engine = made(initial_positions=start, start_time=2.0)
     run(engine, 49)
@@ -86,7 +78,7 @@ def test_an_arm_nobody_commands_stays_exactly_where_it_starts() -> None:
 
 
 def test_only_the_joints_that_were_commanded_move() -> None:
-    command = Arrival(Source.NAMED, 1, named(['joint2', 'joint5'], [3.0, 0.2]))
+    command = Arrival(Source.NAMED, 1, joint_state(['joint2', 'joint5'], effort=[3.0, 0.2]))
     state = run(made(), 10, [command])
     assert [bool(v) for v in state.velocity] == [False, True, False, False, True, False]
     assert state.effort.tolist() == [0, 3.0, 0, 0, 0.2, 0]
@@ -116,7 +108,7 @@ def test_the_order_of_the_joints_is_a_view_and_does_not_change_the_motion() -> N
 
 
 def test_a_state_that_overflows_stops_the_arm_at_the_last_finite_one() -> None:
-    engine = made(effort_limits=False, torque_speed=False)
+    engine = made(**UNLIMITED)
     last, state = run(engine, 1), run(engine, 1, [array(*[1e300] * 6)])
     while not engine.arm.failure:
         last, state = state, run(engine, 1)
@@ -130,9 +122,7 @@ def test_a_state_that_overflows_stops_the_arm_at_the_last_finite_one() -> None:
 
 
 def test_a_failed_arm_continues_to_validate_and_count_and_a_gap_costs_nothing() -> None:
-    engine, passed = (
-        made(publish_rate=500.0, effort_limits=False, torque_speed=False) for _ in range(2)
-    )
+    engine, passed = (made(publish_rate=500.0, **UNLIMITED) for _ in range(2))
     for one in (engine, passed):
         run(one, 2, [array(*[1e308] * 6)])
         assert one.arm.failure
@@ -147,18 +137,11 @@ def test_a_failed_arm_continues_to_validate_and_count_and_a_gap_costs_nothing() 
 
 
 def test_after_a_reset_a_failed_arm_continues_at_the_time_of_its_cycle() -> None:
-    engine = made(
-        robot='planar2', initial_positions=(0.3, -0.2), effort_limits=False, torque_speed=False
-    )
-    fresh = made(
-        robot='planar2', initial_positions=(0.3, -0.2), effort_limits=False, torque_speed=False
-    )
-    run(engine, 1, [array(1e300, 0.0)])
-    while not engine.arm.failure:
-        engine.step()
-    failed = engine.cycles
+    start = {'initial_positions': (0.3, -0.2)}
+    engine, fresh = failed(**start), made(robot='planar2', **start, **UNLIMITED)
+    cycles = engine.cycles
     stopped = run(engine, 50)
-    assert stopped.stamp_ns == (failed - 1) * STEP_NS
+    assert stopped.stamp_ns == (cycles - 1) * STEP_NS
     after = run(engine, 1, [asked('reset')])
     assert (engine.arm.failure, engine.state.failures) == ('', 1)
     assert after.stamp_ns == engine.arm.stamp_ns == engine.cycles * STEP_NS
@@ -171,10 +154,7 @@ def test_after_a_reset_a_failed_arm_continues_at_the_time_of_its_cycle() -> None
 
 
 def test_no_gap_is_so_long_that_the_time_after_it_has_no_stamp() -> None:
-    engine = made(robot='planar2', effort_limits=False, torque_speed=False)
-    run(engine, 1, [array(1e300, 0.0)])
-    while not engine.arm.failure:
-        engine.step()
+    engine = failed()
     engine.skip_cycles(10**15)
     with pytest.raises(ValueError, match='whose time overflows a stamp'):
         engine.take([asked('reset')])
@@ -193,7 +173,7 @@ EVENTS: dict[int, list[Event]] = {
         Arrival(Source.ARRAY, 5, efforts(3.0, NAN)),
         Arrival(Source.ARRAY, 6, efforts(-1.0, 0.5)),
     ],
-    7: [Arrival(Source.NAMED, 2, named(['elbow'], [NAN]))],
+    7: [Arrival(Source.NAMED, 2, joint_state(['elbow'], effort=[NAN]))],
 }
 
 
@@ -262,23 +242,13 @@ def test_messages_dropped_by_a_full_queue_are_reported_in_rows_of_bounded_size()
     ]
 
 
-def test_nan_leaves_a_joint_as_it_was() -> None:
-    engine = made(robot='planar2')
-    first = Arrival(Source.NAMED, 1, named(['shoulder'], [1.5]))
-    again = Arrival(Source.NAMED, 2, named(['shoulder', 'elbow'], [NAN, NAN]))
-    assert run(engine, 3, [first]).effort.tolist() == [1.5, 0.0]
-    state = run(engine, 3, [again])
-    assert state.effort.tolist() == [1.5, 0.0]
-    assert state.velocity[1] == 0.0
-
-
 def test_validating_a_message_does_not_apply_it() -> None:
     engine = made(robot='planar2')
     assert engine.validate(array(1.0, 2.0)).verdict is Verdict.ACCEPTED
     assert not run(engine, 2).effort.any()
 
 
-def test_an_engine_that_is_fed_a_recording_puts_out_what_was_recorded() -> None:
+def test_an_engine_with_recorded_inputs_publishes_the_recorded_outputs() -> None:
     # By hand, with all rows known beforehand: the replay itself streams.
     log = Log(GOLDEN)
     recorded: dict[str, list[bytes]] = defaultdict(list)

@@ -4,23 +4,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import json
 from pathlib import Path
-import random
-from typing import NamedTuple
 
+from damage import parts_of, with_a_flip
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType
+from plant_messages import efforts, joint_state
 import pytest
-from rewriting import ARRAY, GOLDEN, STATES, File, Recording, Type, load
-from simulating import efforts, joint_state, simulate
+from read_hostile import verified
+from rewriting import ARRAY, GOLDEN, STATES, File, Recording, load
+from simulating import simulate
 
 from pfd_ros.arm.events import Source
-from pfd_ros.cli import main as command_line
 from pfd_ros.cli.replay import INCOMPLETE
 from pfd_ros.messages.convert import encode_string
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import END, HEAD, ROBOT
+from pfd_ros.recording.head import strict_json
 from pfd_ros.recording.recover import recover
 from pfd_ros.replay.verify import DifferenceError, read
 
@@ -49,152 +51,52 @@ def run() -> Recording:
     )
 
 
-def verified(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
-    """Return status and output of `pfd replay --verify`."""
-    status = command_line.main(['replay', str(path), '--verify'])
-    said = capsys.readouterr()
-    return status, said.out + said.err
-
-
 # --- one bit
 
 
-def flipped(value: str | bytes | int, draw: random.Random) -> str | bytes | int:
-    """Return a value with one bit changed; texts stay ASCII."""
-    if isinstance(value, int):
-        return value ^ 1 << draw.randrange(32)
-    data = bytearray(value.encode() if isinstance(value, str) else value)
-    data[draw.randrange(len(data))] ^= 1 << draw.randrange(7)
-    return data.decode() if isinstance(value, str) else bytes(data)
-
-
-class Change(NamedTuple):
-    """The name of a part of a recording, and a function that changes a bit of it."""
-
-    part: str
-    make: Callable[[Recording, random.Random], object]
-
-
-def field_of(find: Callable[[Recording], object], name: str) -> Callable[..., object]:
-    def change(recording: Recording, draw: random.Random) -> None:
-        owner = find(recording)
-        before = getattr(owner, name)
-        setattr(owner, name, flipped(before, draw))
-        if isinstance(owner, Type) and name == 'topic':
-            for message in recording.on(before):
-                message.topic = owner.topic
-
-    return change
-
-
-def value_of(place: int, key: str) -> Callable[..., object]:
-    def change(recording: Recording, draw: random.Random) -> None:
-        values = recording.metadata[place][1]
-        values[key] = flipped(values[key], draw)
-
-    return change
-
-
-def key_of(place: int, key: str) -> Callable[..., object]:
-    def change(recording: Recording, draw: random.Random) -> None:
-        values = recording.metadata[place][1]
-        values[flipped(key, draw)] = values.pop(key)
-
-    return change
-
-
-def name_of(place: int) -> Callable[..., object]:
-    def change(recording: Recording, draw: random.Random) -> None:
-        name, values = recording.metadata[place]
-        recording.metadata[place] = flipped(name, draw), values
-
-    return change
-
-
-def channel_value(place: int, key: str) -> Callable[..., object]:
-    def change(recording: Recording, draw: random.Random) -> None:
-        metadata = recording.channels[place].metadata
-        metadata[key] = flipped(metadata[key], draw)
-
-    return change
-
-
-def parts_of(recording: Recording) -> list[list[Change]]:
-    """Return the parts of a recording in which a bit can change, by kind."""
-    kinds: list[list[Change]] = []
-    for kind in recording.channels:
-        places = [k for k, m in enumerate(recording.messages) if m.topic == kind.topic]
-        for name in ('data', 'sequence', 'log_ns', 'published_ns'):
-            kinds.append(
-                [
-                    Change(f'{name} of {kind.topic}', field_of(lambda r, k=k: r.messages[k], name))
-                    for k in places
-                    if getattr(recording.messages[k], name) != b''
-                ]
-            )
-    for place, kind in enumerate(recording.channels):
-        names = ('topic', 'encoding', 'schema', 'schema_encoding', 'definition')
-        kinds.append(
-            [
-                Change(f'{name} of a channel', field_of(lambda r, k=place: r.channels[k], name))
-                for name in names
-            ]
-            + [Change('QoS', channel_value(place, key)) for key in kind.metadata]
-        )
-    for place, (name, values) in enumerate(recording.metadata):
-        kinds.append([Change(name, name_of(place))])
-        for key in values:
-            kinds.append([Change(f'{name} {key}', value_of(place, key))])
-            kinds.append([Change(f'key {key} of {name}', key_of(place, key))])
-    kinds.append(
-        [
-            Change(f'{name} of the robot', field_of(lambda r: r.attachments[0], name))
-            for name in ('name', 'data', 'kind', 'created_ns', 'log_ns')
-        ]
-    )
-    kinds.append([Change('profile', field_of(lambda r: r, 'profile'))])
-    return [kind for kind in kinds if kind]
-
-
-def check_bits(
-    whole: Recording, folder: Path, capsys: pytest.CaptureFixture[str], count: int, seed: int
-) -> None:
-    """Change one bit, so many times, and check that each is found."""
-    draw = random.Random(seed)
-    # Definitions and QoS come from the golden recording; made-up runs have none.
+def check_bits(whole: Recording, folder: Path, data: st.DataObject) -> None:
+    """Check that a changed bit in each part of a recording is found."""
+    # Definitions and QoS come from the golden recording; simulated runs have none.
     for kind in whole.channels:
         kind.definition = kind.definition or b'float64 x\n'
         kind.metadata = kind.metadata or {'offered_qos_profiles': '- depth: 1\n'}
     for message in whole.messages:
         message.published_ns = message.log_ns
     whole.recount()
-    status, said = verified(whole.save(folder / 'whole.mcap'), capsys)
+    status, said = verified(whole.save(folder / 'whole.mcap'))
     assert status == 0, said
-    kinds = parts_of(whole)
-    for k in range(count):
-        change = draw.choice(kinds[k % len(kinds)])
-        altered = whole.copy()
-        change.make(altered, draw)
-        path = altered.save(folder / 'altered.mcap', sealed=False)
-        status, said = verified(path, capsys)
+    for part, paths in parts_of(whole).items():
+        path = data.draw(st.sampled_from(paths), part)
+        altered = with_a_flip(whole, path, data.draw)
+        status, said = verified(altered.save(folder / 'altered.mcap', sealed=False))
         # Under another name it is a record of another tool: the end record is missing.
-        wanted = INCOMPLETE if change.part == END else 1
-        assert status == wanted, (change.part, said)
-        assert status != 1 or len(said.splitlines()) == 1, said
+        renamed = END not in [name for name, _ in altered.metadata]
+        assert status == (INCOMPLETE if renamed else 1), (part, said)
+        assert renamed or len(said.splitlines()) == 1, said
 
 
-def test_each_changed_bit_of_a_recording_is_found(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of files that are written anew for each example."""
+    return tmp_path_factory.mktemp('bits')
+
+
+@settings(max_examples=2)
+@given(data=st.data())
+def test_a_changed_bit_in_each_part_of_a_recording_is_found(
+    run: Recording, folder: Path, data: st.DataObject
 ) -> None:
-    check_bits(run.copy(), tmp_path, capsys, 200, 1)
+    check_bits(run.copy(), folder, data)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize('golden', [False, True], ids=['made up', 'golden'])
-def test_each_of_a_thousand_changed_bits_is_found(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], golden: bool
+@settings(max_examples=15)
+@given(data=st.data())
+def test_fifteen_changed_bits_in_each_part_of_a_recording_are_found(
+    run: Recording, folder: Path, data: st.DataObject, golden: bool
 ) -> None:
-    check_bits(load(GOLDEN) if golden else run.copy(), tmp_path, capsys, 1000, 2)
+    check_bits(load(GOLDEN) if golden else run.copy(), folder, data)
 
 
 # --- a head of another run
@@ -204,19 +106,17 @@ def test_each_of_a_thousand_changed_bits_is_found(
     ('name', 'value'), [('robot', 'panda'), ('seed', 6), ('real_time_factor', 2.0)]
 )
 def test_a_changed_setting_is_named(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, value: object
+    run: Recording, tmp_path: Path, name: str, value: object
 ) -> None:
     altered = run.copy()
     altered.seal()
     altered.edit(HEAD, 'settings', lambda settings: settings.update({name: value}))
-    status, said = verified(altered.save(tmp_path / 'a.mcap', sealed=False), capsys)
+    status, said = verified(altered.save(tmp_path / 'a.mcap', sealed=False))
     assert status == 1
     assert "the value 'settings' in its head is not the recorded one" in said
 
 
-def test_a_changed_friction_of_the_robot_is_found_also_in_a_cut_off_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_changed_friction_of_the_robot_is_found_also_in_a_cut_off_file(tmp_path: Path) -> None:
     # The scene has no friction, so no state depends on it.
     altered = load(GOLDEN)
     (file,) = altered.attachments
@@ -224,54 +124,48 @@ def test_a_changed_friction_of_the_robot_is_found_also_in_a_cut_off_file(
     file.data = file.data.replace(b'friction: 0.55443978', b'friction: 0.55443979')
     for closed in (True, False):
         path = altered.save(tmp_path / 'a.mcap', sealed=False, closed=closed)
-        status, said = verified(path, capsys)
+        status, said = verified(path)
         assert status == 1
         assert f'the attachment {ROBOT!r} in its head is not the recorded one' in said
 
 
-def test_changed_log_times_are_found(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_changed_log_times_are_found(run: Recording, tmp_path: Path) -> None:
     for name in ('log_ns', 'published_ns'):
         altered = run.copy()
         for message in altered.messages[20:]:
             setattr(message, name, message.log_ns + 1)
-        status, said = verified(altered.save(tmp_path / 'a.mcap'), capsys)
+        status, said = verified(altered.save(tmp_path / 'a.mcap'))
         assert status == 1
         assert 'are not the recorded ones' in said
 
 
-def test_an_end_record_of_another_run_is_refused(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_end_record_of_another_run_is_refused(run: Recording, tmp_path: Path) -> None:
     other = simulate(60, {}, **(SETTINGS | {'seed': 6}))
     for each in (run, other):
         each.seal()
     altered = run.copy()
     altered.metadata[-1] = other.metadata[-1]
-    status, said = verified(altered.save(tmp_path / 'a.mcap', sealed=False), capsys)
+    status, said = verified(altered.save(tmp_path / 'a.mcap', sealed=False))
     assert status == 1
     assert 'the end record was altered: its digest does not match' in said
 
 
 def test_a_changed_command_without_effect_is_found_in_a_cut_off_file(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Recording, tmp_path: Path
 ) -> None:
     altered = run.copy()
     # The second one has one effort, and is refused.
     message = altered.on(ARRAY)[1]
     message.data = efforts(1.5)
-    status, said = verified(altered.save(tmp_path / 'a.mcap', closed=False), capsys)
+    status, said = verified(altered.save(tmp_path / 'a.mcap', closed=False))
     assert status == 1
     assert 'message 2 of commands: recorded with CRC-32' in said
 
 
-def test_a_recording_of_format_1_is_one_clear_line(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_of_format_1_is_one_clear_line(run: Recording, tmp_path: Path) -> None:
     old = run.copy()
     old.head(HEAD)['format'] = '1'
-    status, said = verified(old.save(tmp_path / 'a.mcap'), capsys)
+    status, said = verified(old.save(tmp_path / 'a.mcap'))
     assert status == 1
     assert said.splitlines() == [
         f"pfd replay: {tmp_path / 'a.mcap'}: it has the recording format '1', expected '2': "
@@ -290,8 +184,7 @@ def test_recorded_settings_have_nothing_left_to_choose(run: Recording) -> None:
 
 def altered_state(run: Recording, *, recount: bool) -> Recording:
     altered = run.copy()
-    state = altered.on(STATES)[30]
-    state.data = state.data[:-1] + bytes([state.data[-1] ^ 1])
+    altered.on(STATES)[30].flip()
     if recount:
         altered.recount()
     return altered
@@ -333,7 +226,7 @@ def test_a_difference_of_a_cut_off_file_with_the_same_program_is_one_of_data(
     assert found == 'other data; the program is the same'
 
 
-def test_the_digest_of_the_program_depends_on_what_is_compiled() -> None:
+def test_the_digest_of_the_program_depends_on_the_compiled_program() -> None:
     def program(**settings: object) -> str:
         versions = json.loads(simulate(1, {}, **settings).head(HEAD)['versions'])
         return str(versions['program'])
@@ -397,20 +290,21 @@ HARMLESS = {
 
 
 @pytest.mark.parametrize('name', HARMLESS)
-def test_harmless_rewriting_is_no_change(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
+def test_harmless_rewriting_is_no_change(run: Recording, tmp_path: Path, name: str) -> None:
     change, options = HARMLESS[name]
     rewritten = run.copy()
     rewritten.seal()
     change(rewritten)
     path = rewritten.save(tmp_path / 'a.mcap', sealed=False, **options)
-    status, said = verified(path, capsys)
+    status, said = verified(path)
     assert (status, 'every bit equal' in said) == (0, True), said
 
 
-def test_a_recovered_whole_recording_is_whole(
-    run: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recovered_whole_recording_is_whole(run: Recording, tmp_path: Path) -> None:
     recover(run.copy().save(tmp_path / 'a.mcap'), tmp_path / 'b.mcap')
-    assert verified(tmp_path / 'b.mcap', capsys)[0] == 0
+    assert verified(tmp_path / 'b.mcap')[0] == 0
+
+
+def test_a_text_that_is_nested_too_deeply_is_one_error() -> None:
+    with pytest.raises(ValueError, match='nested too deeply'):
+        strict_json(100_000 * '[')

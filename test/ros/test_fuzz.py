@@ -13,9 +13,8 @@ from hostile_traffic import MILLISECOND, REJECTIONS, SMALL_BYTES, Messages, Tick
 import pytest
 from ros_processes import Processes
 
-from pfd_ros.arm.effects import ClockTick
-from pfd_ros.arm.events import Verdict
-from pfd_ros.arm.followed_clock import validate_tick
+from pfd_ros.arm.events import ClockTick, Verdict
+from pfd_ros.arm.pace import validate_tick
 from pfd_ros.messages.convert import decode_clock
 
 SECONDS = 4.0

@@ -8,16 +8,15 @@ from __future__ import annotations
 from pathlib import Path
 import re
 import shlex
-import signal
 from xml.etree import ElementTree
 
-from description_topic import latched, publish
 import gripper_arm
 import numpy as np
 import pytest
 from replicas import ControllerManager, TopicHardware
-from ros_processes import PATIENCE, ROOT, Process, Processes
+from ros_processes import ROOT, Process, Processes, description_publisher
 from simulating import rows_of
+from waiting import PATIENCE
 import yaml
 
 from pfd_ros.arm.events import Verdict
@@ -77,7 +76,7 @@ def test_every_command_is_run_by_a_test_of_this_file() -> None:
     assert [line for line in COMMANDS if line not in sims] == ['python3 hold.py']
 
 
-def test_lines_of_the_log_are_those_of_the_node() -> None:
+def test_lines_of_the_log_in_the_guide_are_logged_by_the_node() -> None:
     folder = ROOT / 'pfd_ros'
     paths = [*folder.glob('node/*.py'), folder / 'arm' / 'speeding.py']
     source = ' '.join(path.read_text(encoding='utf-8') for path in paths)
@@ -115,7 +114,7 @@ def test_ros2_control_needs_no_remapping(processes: Processes, peer_of) -> None:
     manager.update = lambda states: {joint: {'effort': 0.5} for joint in ARM}
     peer.wait(lambda: manager.run(1) or hardware.states['elbow']['effort'] == 0.5)
     assert hardware.states['finger']['position'] == 0.04
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    arm.stop()
     warnings = [line for line in arm.text().splitlines() if '[WARN]' in line]
     # On a busy machine steps are late, and publishers are discovered late.
     assert not [w for w in warnings if not re.search('steps late|no publisher of commands', w)]
@@ -144,7 +143,7 @@ def test_in_lockstep_every_state_has_the_command_of_its_cycle(
     manager.run(100)
     # A controller manager that has ended answers no more.
     arm.wait_for_text('s without a command for the state at t = ')
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    arm.stop()
     read(processes.folder / 'arm.mcap', verify=True)
     rows = rows_of(processes.folder / 'arm.mcap')
     taken = [row.cycle for row in rows if row.verdict is Verdict.ACCEPTED]
@@ -168,8 +167,8 @@ def test_a_script_with_the_model_of_the_arm_holds_it(processes: Processes) -> No
 @pytest.mark.ros
 @pytest.mark.slow
 def test_the_model_comes_from_the_topic(processes: Processes, peer_of) -> None:
-    publisher = latched(peer_of(processes))
-    publish(publisher, gripper_arm.with_block(BLOCK))
+    publish = description_publisher(peer_of(processes))
+    publish(gripper_arm.with_block(BLOCK))
     arm = start(processes, 'robot:=robot_description')
     assert 'joint_commands is /robot_joint_commands, from <ros2_control>' in arm.text()
 

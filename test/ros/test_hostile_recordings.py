@@ -33,7 +33,7 @@ SECONDS = 30.0
 MEGABYTES = 300.0
 # A process that has hung in native code is ended after this, s.
 PATIENCE = 300.0
-# Enough to be asked for the settings.
+# Enough for a file whose settings are read.
 FIRST_MESSAGES = 3
 
 REWRITTEN = {**hostile_messages.CASES, **hostile_heads.CASES}

@@ -19,7 +19,7 @@ from pfd_ros.cli.main import main
 rosbag2 = pytest.importorskip('rosbags.rosbag2')
 
 
-def test_topics_times_and_counts_are_those_of_the_summary_of_the_file(
+def test_topics_times_and_counts_equal_the_summary_of_the_file(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(['info', str(GOLDEN), '--json']) == 0
@@ -49,7 +49,7 @@ def test_lines_name_each_topic_and_the_settings(capsys: pytest.CaptureFixture[st
     assert any('robot=puma560' in line for line in lines)
 
 
-def test_a_recording_that_was_cut_off_says_so(
+def test_a_recording_that_was_cut_off_is_reported_as_incomplete(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / 'cut.mcap'

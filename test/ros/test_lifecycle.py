@@ -11,22 +11,15 @@ from typing import Any
 
 from mcap.reader import make_reader
 import pytest
-from ros_processes import JOINTS, PATIENCE, Peer, Processes, call, stamp_ns
+from ros_processes import JOINTS, Peer, Processes, call, stamp_ns, transition
 from rosbags.typesys import Stores, get_typestore
-from transitions import change
+from waiting import PATIENCE
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 WAITS = ('-p', 'autostart:=false')
-
-
-def change_by_number(peer: Peer, number: int) -> bool:
-    from lifecycle_msgs.msg import Transition
-    from lifecycle_msgs.srv import ChangeState
-
-    return bool(call(peer, ChangeState, 'change_state', transition=Transition(id=number)).success)
 
 
 def state(peer: Peer) -> str:
@@ -56,18 +49,20 @@ def transitions(path: Path) -> list[tuple[int, str, str, str]]:
     return found
 
 
-def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, peer_of) -> None:
+def test_an_arm_is_configured_moved_stopped_and_configured_again(
+    processes: Processes, peer_of
+) -> None:
     node = processes.arm(*WAITS, '-p', 'robot:=r2d2', '-p', 'recording:=a.mcap', ready=False)
     node.wait_for_text('waiting for lifecycle transitions')
     peer = peer_of(processes)
     # A model that does not load, a transition that is not possible, one that does not exist.
     assert state(peer) == 'unconfigured'
-    assert not change(peer, 'configure')
+    assert not transition(peer, 'configure')
     assert "configure failed: unknown robot 'r2d2'" in node.text()
-    assert not change(peer, 'activate')
-    assert not change(peer, '%s{0}')
+    assert not transition(peer, 'activate')
+    assert not transition(peer, '%s{0}')
     for number in (200, 255, 4):
-        assert not change_by_number(peer, number)
+        assert not transition(peer, number=number)
     assert state(peer) == 'unconfigured'
     node.wait_for_text(
         '4 is not possible when unconfigured; possible: configure (1), shutdown (5)'
@@ -78,7 +73,7 @@ def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, 
     assert not (processes.folder / 'a.mcap').exists()
 
     assert set_text(peer, 'robot', 'puma560').successful
-    assert change(peer, 'configure')
+    assert transition(peer, 'configure')
     node.wait_for_text('all 6 joints are braked')
     refused = set_text(peer, 'robot', 'ur5')
     assert not refused.successful
@@ -89,16 +84,16 @@ def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, 
         peer.command(JOINTS, [1.0] * 6)
         peer.executor.spin_once(timeout_sec=0.2)
     assert not peer.states
-    assert change(peer, 'activate')
+    assert transition(peer, 'activate')
     peer.connect()
     peer.let_pass()
     assert not any(peer.states[-1].effort)
 
     peer.command(JOINTS, [1.0] * 6)
     peer.wait(lambda: any(peer.states[-1].velocity))
-    assert change(peer, 'deactivate')
+    assert transition(peer, 'deactivate')
     assert state(peer) == 'inactive'
-    assert change(peer, 'activate')
+    assert transition(peer, 'activate')
     stopped = len(peer.states)
     peer.let_pass()
     assert not any(peer.states[-1].velocity)
@@ -106,8 +101,8 @@ def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, 
     stamps = [stamp_ns(one) for one in peer.states[stopped - 1 :]]
     assert stamps == sorted(stamps)
 
-    assert change(peer, 'deactivate')
-    assert change(peer, 'cleanup')
+    assert transition(peer, 'deactivate')
+    assert transition(peer, 'cleanup')
     # The file is closed and stays: the next arm needs another one.
     assert read(processes.folder / 'a.mcap', verify=True).complete
     assert transitions(processes.folder / 'a.mcap') == [
@@ -117,15 +112,15 @@ def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, 
         (3, 'activate', 'inactive', 'active'),
         (4, 'deactivate', 'active', 'inactive'),
     ]
-    assert not change(peer, 'configure')
+    assert not transition(peer, 'configure')
     node.wait_for_text('a.mcap exists and is not overwritten')
     assert set_text(peer, 'recording', 'b.mcap').successful
-    assert change(peer, 'configure')
-    assert change(peer, 'activate')
+    assert transition(peer, 'configure')
+    assert transition(peer, 'activate')
     peer.let_pass()
     peer.command(JOINTS, [1.0] * 6)
     peer.wait(lambda: any(peer.states[-1].velocity))
-    assert node.end(signal.SIGINT) == 0, node.text()
+    node.stop()
     for name in ('a.mcap', 'b.mcap'):
         summary = read(processes.folder / name, verify=True)
         assert summary.complete
@@ -137,16 +132,16 @@ def test_simulated_time_continues_after_a_cleanup(processes: Processes, peer_of)
     node.wait_for_text('waiting for lifecycle transitions')
     peer = peer_of(processes)
     for _ in range(3):
-        assert change(peer, 'configure')
-        assert change(peer, 'activate')
+        assert transition(peer, 'configure')
+        assert transition(peer, 'activate')
         peer.connect()
         peer.let_pass()
-        assert change(peer, 'deactivate')
-        assert change(peer, 'cleanup')
+        assert transition(peer, 'deactivate')
+        assert transition(peer, 'cleanup')
     for received in (peer.states, peer.clocks):
         stamps = [stamp_ns(one) for one in received]
         assert stamps == sorted(set(stamps))
-    assert node.end(signal.SIGINT) == 0, node.text()
+    node.stop()
 
 
 def test_shutdown_ends_the_process_with_a_closed_file(processes: Processes, peer_of) -> None:
@@ -154,11 +149,11 @@ def test_shutdown_ends_the_process_with_a_closed_file(processes: Processes, peer
     peer = peer_of(processes)
     peer.connect()
     assert state(peer) == 'active'
-    assert change(peer, 'deactivate')
+    assert transition(peer, 'deactivate')
     # By itself no arm starts twice: read-only parameters name the same file.
-    assert change(peer, 'cleanup')
-    assert not change(peer, 'configure')
-    assert change(peer, 'shutdown')
+    assert transition(peer, 'cleanup')
+    assert not transition(peer, 'configure')
+    assert transition(peer, 'shutdown')
     assert node.process.wait(PATIENCE) == 0, node.text()
     assert read(processes.folder / 'arm.mcap', verify=True).complete
 
@@ -169,10 +164,27 @@ def test_a_fault_in_a_transition_is_logged_and_the_node_continues(
     node = processes.faulty('configuring_fails', *WAITS, ready=False)
     node.wait_for_text('waiting for lifecycle transitions')
     peer = peer_of(processes)
-    assert not change(peer, 'configure')
+    assert not transition(peer, 'configure')
     assert state(peer) == 'unconfigured'
     assert node.end(signal.SIGTERM) == 1
     assert "configure failed: KeyError: '{}'" in node.text()
+
+
+def test_an_arm_that_cannot_be_started_is_cleaned_up(processes: Processes, peer_of) -> None:
+    recording = ('-p', 'recording:=a.mcap')
+    node = processes.faulty('first_start_fails', *WAITS, *recording, ready=False)
+    node.wait_for_text('waiting for lifecycle transitions')
+    peer = peer_of(processes)
+    assert not transition(peer, 'configure')
+    assert "configure failed: can't start new thread" in node.text()
+    assert read(processes.folder / 'a.mcap').complete
+    assert set_text(peer, 'recording', 'b.mcap').successful
+    assert transition(peer, 'configure')
+    assert transition(peer, 'activate')
+    peer.connect()
+    assert node.end(signal.SIGINT) == 0, node.text()
+    assert 'too: subscribers receive both' not in node.text()
+    assert read(processes.folder / 'b.mcap', verify=True).complete
 
 
 @pytest.mark.slow

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import plant_messages
+from plant_messages import efforts, joint_state
 import pytest
-from simulating import efforts, joint_state, simulate, states_of
+from simulating import simulate, states_of
 
 from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.cli.recorded_motion import read_motion

@@ -10,7 +10,6 @@ from html.parser import HTMLParser
 from itertools import pairwise
 import json
 from pathlib import Path
-import random
 import re
 from typing import Any
 import zlib
@@ -18,14 +17,13 @@ import zlib
 from bags import STORE, rosbag2
 from browser import check_curves, drawn, needs_browser, screenshot
 from hypothesis import given, settings, strategies
-from mcap.reader import make_reader
 from mcap.writer import Writer
 import numpy as np
 import pinocchio as pin
-from plant_messages import change, payload
+from plant_messages import UNLIMITED, change, efforts, payload
 import pytest
-from rewriting import GOLDEN
-from simulating import efforts, simulate
+from rewriting import GOLDEN, Recording, load
+from simulating import simulate
 
 import pfd_core as pfd
 from pfd_ros import read_log
@@ -68,6 +66,14 @@ def fault_page(fault: Path) -> Path:
     out = fault.with_suffix('.html')
     assert main(['report', 'log', str(fault), '--out', str(out)]) == 0
     return out
+
+
+def test_the_file_of_the_page_may_be_named_before_the_kind_of_report(
+    fault: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / 'page.html'
+    assert main(['report', '--out', str(out), 'log', str(fault)]) == 0
+    assert out.read_text().startswith('<!DOCTYPE html>')
 
 
 def write_states(path: Path, topic: str, names: list[str], times_ns: list[int]) -> None:
@@ -228,7 +234,7 @@ def test_each_rejected_input_is_named_with_its_reason() -> None:
 
 def test_the_watchdog_and_an_infinite_state_have_their_times(tmp_path: Path) -> None:
     path = tmp_path / 'silent.mcap'
-    settings = {'command_timeout': 0.05, 'effort_limits': False, 'torque_speed': False}
+    settings = {'command_timeout': 0.05, **UNLIMITED}
     with LockstepArm('planar2', recording=path, publish_rate=10.0, **settings) as arm:
         arm.run(lambda t, q, qd: np.zeros(2), 0.3)
     (watchdog,) = (f for f in read_contents(path).findings if f.kind == 'watchdog')
@@ -237,7 +243,7 @@ def test_the_watchdog_and_an_infinite_state_have_their_times(tmp_path: Path) -> 
     assert watchdog.count == 3
 
 
-def test_a_run_without_problems_says_what_was_checked(tmp_path: Path) -> None:
+def test_a_run_without_problems_lists_the_checks(tmp_path: Path) -> None:
     path = tmp_path / 'good.mcap'
     with LockstepArm('planar2', recording=path, gravity=[0.0, 0.0, 0.0]) as arm:
         arm.run(lambda t, q, qd: np.full(2, 0.1), 0.2)
@@ -249,7 +255,7 @@ def test_a_run_without_problems_says_what_was_checked(tmp_path: Path) -> None:
 
 
 def test_a_failed_simulation_and_files_of_one_run_are_reported(tmp_path: Path) -> None:
-    endless = {'effort_limits': False, 'torque_speed': False, 'recording_max_duration': 0.05}
+    endless = {'recording_max_duration': 0.05, **UNLIMITED}
     arm = LockstepArm('planar2', recording=tmp_path / 'run.mcap', **endless)
     with arm, pytest.raises(ArmError):
         arm.run(lambda t, q, qd: 0 * q + (1e300 if t > 0.1 else 0.0), 0.3)
@@ -438,7 +444,7 @@ def test_a_log_that_was_cut_off_is_shown_up_to_the_cut(
     assert read_contents(path).plots[0].curve.samples > 500
 
 
-def test_what_lies_before_damage_is_shown(tmp_path: Path, fault: Path) -> None:
+def test_messages_before_damage_are_shown(tmp_path: Path, fault: Path) -> None:
     data = bytearray(fault.read_bytes())
     middle = 2 * len(data) // 3
     data[middle : middle + 4000] = bytes(4000)
@@ -449,35 +455,35 @@ def test_what_lies_before_damage_is_shown(tmp_path: Path, fault: Path) -> None:
     assert contents.plots[0].curve.samples > 500
 
 
-@pytest.mark.parametrize('seed', range(12))
+# Cut short, numbers that are NaN, and numbers as large as there are.
+WRONG = strategies.sampled_from((b'', b'\xff' * 8, bytes(6) + b'\xf0\x7f'))
+
+
+@strategies.composite
+def hostile_messages(draw: strategies.DrawFn) -> Recording:
+    """Draw the golden recording with tens of messages that are damaged or have a wrong time."""
+    found = load(GOLDEN)
+    some = strategies.sampled_from(found.messages)
+    for message in draw(strategies.lists(some, max_size=60)):
+        at = draw(strategies.integers(0, len(message.data)))
+        message.data = message.data[:at] + draw(WRONG) + message.data[at + 8 :]
+    for message in draw(strategies.lists(some, max_size=6)):
+        message.log_ns = draw(strategies.sampled_from((0, (1 << 63) - 1)))
+    return found
+
+
+@pytest.fixture(scope='module')
+def hostile_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the path of the file that is written anew for each example."""
+    return tmp_path_factory.mktemp('hostile') / 'hostile.mcap'
+
+
+@settings(max_examples=12)
+@given(recording=hostile_messages())
 def test_hostile_messages_in_a_whole_file_do_not_hide_the_others(
-    tmp_path: Path, seed: int
+    recording: Recording, hostile_path: Path
 ) -> None:
-    rng, path = random.Random(seed), tmp_path / 'hostile.mcap'
-    with GOLDEN.open('rb') as stream, path.open('xb') as out:
-        reader, writer = make_reader(stream), Writer(out)
-        writer.start(profile='ros2')
-        for record in list(reader.iter_metadata()):
-            writer.add_metadata(record.name, record.metadata)
-        for item in reader.iter_attachments():
-            times = item.create_time, item.log_time
-            writer.add_attachment(*times, item.name, item.media_type, item.data)
-        channels: dict[int, int] = {}
-        for schema, channel, message in reader.iter_messages(log_time_order=False):
-            assert schema is not None
-            if channel.id not in channels:
-                number = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.id] = writer.register_channel(
-                    channel.topic, channel.message_encoding, number
-                )
-            data = bytearray(message.data)
-            if rng.random() < 0.1:
-                at = rng.randrange(len(data))
-                data[at : at + 8] = rng.choice((b'', b'\xff' * 8, bytes(6) + b'\xf0\x7f'))
-            at_ns = rng.choice((0, (1 << 63) - 1)) if rng.random() < 0.01 else message.log_time
-            place = channels[channel.id], at_ns, bytes(data), message.publish_time
-            writer.add_message(*place, message.sequence)
-        writer.finish()
+    path = recording.save(hostile_path)
     contents = read_contents(path)
     text = page(contents)
     data_text = re.search('id="data">(.*?)</script>', text, re.DOTALL)
@@ -488,7 +494,7 @@ def test_hostile_messages_in_a_whole_file_do_not_hide_the_others(
 
 
 @pytest.mark.parametrize('data', [b'', b'not a log', b'\x89MCAP0\r\n' + bytes(100)])
-def test_what_is_no_log_is_one_line_and_no_page(
+def test_a_file_that_is_no_log_is_one_line_and_no_page(
     tmp_path: Path, data: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, out = tmp_path / 'x.mcap', tmp_path / 'page.html'

@@ -11,7 +11,8 @@ import subprocess
 import sys
 
 import pytest
-from ros_processes import NODE, PATIENCE, Processes, environment, in_namespaces
+from ros_processes import NODE, Processes, environment, in_namespaces
+from waiting import PATIENCE
 
 from pfd_ros.replay.verify import read
 
@@ -19,22 +20,17 @@ pytestmark = pytest.mark.ros
 SETTINGS = ('--ros-args', '-p', 'robot:=planar2', '-p', 'recording:=arm.mcap')
 
 
-def test_without_discovery_an_arm_steps_and_records(processes: Processes) -> None:
-    started = subprocess.Popen(
-        [sys.executable, *NODE, *SETTINGS],
-        cwd=processes.folder,
-        env=environment(processes.domain) | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
-        stdin=subprocess.DEVNULL,
-    )
-    end(started, processes.folder)
-
-
-def test_without_a_network_an_arm_steps_and_records(processes: Processes) -> None:
+@pytest.mark.parametrize('without', ['discovery', 'a network'])
+def test_without_discovery_or_a_network_an_arm_steps_and_records(
+    processes: Processes, without: str
+) -> None:
+    alone = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'} if without == 'discovery' else {}
     # A new network, in which not even the loopback is up.
+    network = in_namespaces('--net') if without == 'a network' else []
     started = subprocess.Popen(
-        [*in_namespaces('--net'), sys.executable, *NODE, *SETTINGS],
+        [*network, sys.executable, *NODE, *SETTINGS],
         cwd=processes.folder,
-        env=environment(processes.domain),
+        env=environment(processes.domain) | alone,
         stdin=subprocess.DEVNULL,
     )
     end(started, processes.folder)

@@ -1,10 +1,8 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Servo, watchdog and reflex of a real node: set by parameters, and told in its log."""
+"""Servo, watchdog and reflex of a real node: set by parameters, and logged."""
 
 from __future__ import annotations
-
-import signal
 
 import numpy as np
 import pytest
@@ -50,5 +48,5 @@ def test_a_servo_holds_after_the_last_command_and_a_reflex_is_logged(
     peer.let_pass()
     assert not np.any(peer.states[-1].effort)
     assert not np.any(peer.states[-1].velocity)
-    assert arm.end(signal.SIGINT) == 0
+    arm.stop()
     assert read(processes.folder / 'arm.mcap', verify=True).complete

@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-import signal
 from typing import Any
 
 import pytest
 from ros_processes import JOINTS, Processes, stamp_ns
 
-from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages import convert
 from pfd_ros.replay.verify import read
 
@@ -45,16 +44,16 @@ def test_readers_get_every_output_and_the_recording_verifies(
     peer = peer_of(processes)
     got: dict[str, list[Any]] = {name: [] for name in OUTPUTS}
     for name, kind in OUTPUTS.items():
-        peer.node.create_subscription(types[kind], f'sim_arm/{name}', got[name].append, 10)
+        peer.node.create_subscription(types[kind.type], f'sim_arm/{name}', got[name].append, 10)
     peer.connect()
     peer.wait(lambda: all(got.values()) and len(got['true_states']) > 40)
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    arm.stop()
 
     for name in ('external_torques', 'bias_torques', 'gravity_torques', 'true_states'):
         assert tuple(got[name][0].name) == JOINTS
     assert [d.size for d in got['inertia_matrix'][0].layout.dim] == [6, 6]
     assert len(got['tip_jacobian'][0].data) == 36
-    # A brake holds the joints: what joint_states tell beside 0 are errors of the sensors.
+    # A brake holds the joints: values in joint_states other than 0 are sensor errors.
     assert not any(got['true_states'][-1].position)
     assert all(abs(state.position[0] - 0.5) < 0.01 for state in peer.states)
     assert any(state.position[0] != 0.5 for state in peer.states)

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-import signal
 
 import numpy as np
 import pytest
-from ros_processes import MILLISECOND, PATIENCE, Processes, call, example_robot, stamp_ns
+from ros_processes import MILLISECOND, Processes, call, example_robot, stamp_ns
+from waiting import PATIENCE
 
 from pfd_ros.replay.verify import read
 
@@ -33,7 +33,7 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
     assert peer.states[-1].position.tolist() == [0.5, -0.25]
     steps = np.diff([stamp_ns(state) for state in peer.states])
     assert all(step % (10 * MILLISECOND) == 0 and step > 0 for step in steps)
-    assert arm.end(signal.SIGINT) == 0
+    arm.stop()
     assert "unknown parameters ignored: ['colour']" in arm.text()
 
 
@@ -141,7 +141,7 @@ def test_an_integer_for_a_number_is_refused_with_the_way_to_write_it(
     assert result.reason == 'payload.center takes floating-point numbers: write [0.0, -1.0]'
     answer = call(peer, SetParametersAtomically, 'set_parameters_atomically', parameters=integer)
     assert (answer.result.successful, answer.result.reason) == (False, wanted)
-    assert arm.end(signal.SIGINT) == 0
+    arm.stop()
 
 
 @pytest.mark.slow
@@ -165,7 +165,7 @@ def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
     peer.command(fingers, [1.0] * 2)
     arm.wait_for_text(f'commands for locked joints have no effect: {fingers}')
     arm.wait_for_text('1 messages on /joint_commands rejected: refused (locked: ')
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    arm.stop()
     summary = read(processes.folder / 'arm.mcap', verify=True)
     assert summary.settings is not None
     assert summary.settings.locks == {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}

@@ -12,10 +12,11 @@ import time
 
 from mcap.reader import make_reader
 import pytest
-from ros_processes import JOINTS, PATIENCE, Processes, stamp_ns
+from ros_processes import JOINTS, Processes, stamp_ns
 from rosbags.typesys import Stores, get_typestore
 from sampling import one_fast
 from simulating import rows_of
+from waiting import PATIENCE, wait_until
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.cli import main as command_line
@@ -60,11 +61,8 @@ def test_a_node_with_limits_records_the_files_of_one_run(processes: Processes) -
         *('-p', 'recording:=arm.mcap', '-p', 'recording_max_duration:=0.5'),
         *('-p', 'recording_max_size:=100000000', '-p', 'real_time_factor:=2.0'),
     )
-    deadline = time.monotonic() + PATIENCE
-    while not (processes.folder / 'arm_000003.mcap').exists():
-        assert time.monotonic() < deadline, arm.text()
-        time.sleep(0.05)
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    wait_until((processes.folder / 'arm_000003.mcap').exists, arm.text, pause=0.05)
+    arm.stop()
     found = read_run(sorted(processes.folder.glob('arm_*.mcap')), verify=True)
     assert found.absent == []
     assert [part.start for part in found.parts[:3]] == [0, 500, 1000]
@@ -72,20 +70,17 @@ def test_a_node_with_limits_records_the_files_of_one_run(processes: Processes) -
 
 def wait_for_steps(processes: Processes, role: str = 'joint_states') -> None:
     """Wait until the recording holds a message of a role."""
-    log, deadline = Log(processes.folder / 'arm.mcap'), time.monotonic() + PATIENCE
-    while all(entry.role != role for entry in log.entries()):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-        log = Log(log.path)
+    path = processes.folder / 'arm.mcap'
+    wait_until(lambda: any(entry.role == role for entry in Log(path).entries()), pause=0.02)
 
 
 @pytest.mark.parametrize('factor', one_fast(['1.0', '5.0'], '5.0'))
-def test_a_node_records_what_viewers_need_and_its_diagnostics(
+def test_a_node_records_its_diagnostics_and_all_topics_that_viewers_need(
     processes: Processes, factor: str
 ) -> None:
     arm = processes.arm('-p', 'recording:=arm.mcap', '-p', f'real_time_factor:={factor}')
     wait_for_steps(processes, 'diagnostics')
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    arm.stop()
     assert not read(processes.folder / 'arm.mcap', verify=True).absent
     store, found = get_typestore(Stores.ROS2_JAZZY), []
     with (processes.folder / 'arm.mcap').open('rb') as stream:
@@ -160,7 +155,7 @@ def test_a_failed_recording_does_not_stop_an_arm_at_unlimited_speed(
 
 
 @pytest.mark.slow
-def test_what_came_too_fast_drops_the_oldest_and_is_recorded(
+def test_a_flood_of_commands_drops_the_oldest_and_is_recorded(
     processes: Processes, peer_of
 ) -> None:
     from rclpy.duration import Duration
@@ -180,7 +175,7 @@ def test_what_came_too_fast_drops_the_oldest_and_is_recorded(
             assert peer.plain.wait_for_all_acked(Duration(seconds=PATIENCE))
     peer.wait(lambda: peer.states and any(peer.states[-1].effort))
     assert peer.states[-1].effort.tolist() == [1e-6 * (count - 1)] * 6
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    arm.stop()
     assert 'messages on /sim_arm/commands rejected: overflowed' in arm.text()
     rows = rows_of(processes.folder / 'arm.mcap')
     assert [row.sequence for row in rows] == list(range(1, count + 1))

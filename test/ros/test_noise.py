@@ -42,7 +42,7 @@ from pfd_ros.arm.noise import (
         ),
     ],
 )
-def test_the_bits_are_those_of_the_published_vectors(counter, key, words) -> None:
+def test_the_bits_equal_the_published_vectors(counter, key, words) -> None:
     got = philox(np.array(counter, np.uint64)[:, None], key[0] | key[1] << 32)
     assert got[:, 0].tolist() == words
 

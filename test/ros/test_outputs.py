@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Outputs beside joint_states: their numbers against Pinocchio, and their recordings."""
+"""Outputs other than joint_states: their values against Pinocchio, and their recordings."""
 
 from __future__ import annotations
 
@@ -12,18 +12,17 @@ import numpy as np
 from oracle import Oracle
 import pinocchio as pin
 import plant_messages
-from plant_messages import change, validated, wrench
+from plant_messages import UNLIMITED, change, efforts, validated, wrench
 import pytest
-from rewriting import Recording, Sent
-from simulating import efforts, simulate
+from rewriting import Recording
+from simulating import simulate
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import CLOCK, STATES, Arrival, Output, Source
-from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.outputs import position_and_quaternion
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import OUTPUTS, Settings
 from pfd_ros.messages import convert
 from pfd_ros.messages.stamped import decode_stamped
 from pfd_ros.recording.reader import LogError
@@ -57,7 +56,7 @@ def moved(engine: Engine, steps: int = 100) -> dict[str, bytes]:
 
 def decoded(role: str, data: bytes) -> np.ndarray:
     """Return the numbers of an output."""
-    kind = OUTPUTS[role]
+    kind = OUTPUTS[role].type
     if kind == convert.FLOAT_ARRAY:
         array = convert.decode_array(data)
         return array.values.reshape(array.sizes)
@@ -86,7 +85,7 @@ class Expected:
         return data.oMf[model.nframes - 1]
 
 
-def test_the_model_of_the_true_state_is_that_of_pinocchio() -> None:
+def test_the_model_quantities_of_the_true_state_equal_pinocchio() -> None:
     engine = made()
     found = moved(engine)
     expected = Expected(engine)
@@ -188,7 +187,7 @@ def test_layouts_and_headers_name_joints_axes_and_frames() -> None:
         message = convert.decode_joint_state(found[role])
         assert (message.stamp_ns, message.frame_id, message.names) == (stamp, 'room', ORDER)
     for role, frame in (('tip_pose', 'base_link'), ('tip_wrench', 'tool0')):
-        stamped = decode_stamped(found[role], OUTPUTS[role])
+        stamped = decode_stamped(found[role], OUTPUTS[role].type)
         assert (stamped.stamp_ns, stamped.frame_id) == (stamp, frame)
 
 
@@ -220,8 +219,7 @@ def test_outputs_come_between_state_and_tick_with_the_number_of_the_state() -> N
 
 
 def test_a_jump_and_a_failed_arm_have_no_acceleration_and_every_number_is_finite() -> None:
-    unlimited = {'effort_limits': False, 'torque_speed': False}
-    engine = made(robot='planar2', joints=(), initial_positions=(), **unlimited)
+    engine = made(robot='planar2', joints=(), initial_positions=(), **UNLIMITED)
     engine.take([Arrival(Source.ARRAY, 1, efforts(1e300, -1e300))])
     for _ in range(20):
         found: list[Output] = engine.step()
@@ -280,13 +278,6 @@ def test_a_recording_with_every_output_verifies(
     assert not summary.lost
 
 
-def flipped(message: Sent) -> None:
-    """Change the last bit of the lowest byte of the last number."""
-    data = bytearray(message.data)
-    data[-8] ^= 1
-    message.data = bytes(data)
-
-
 @pytest.mark.parametrize(
     ('role', 'place'),
     [
@@ -306,7 +297,8 @@ def test_one_changed_bit_of_an_output_is_found_with_its_element(
     usual: Recording, tmp_path: Path, role: str, place: str
 ) -> None:
     made = usual.copy()
-    flipped(made.on(f'/sim_arm/{role}')[29])
+    # The last bit of the lowest byte of the last number.
+    made.on(f'/sim_arm/{role}')[29].flip(-8)
     made.recount()
     with pytest.raises(DifferenceError, match=f'step 30: {role}: {place}: recorded '):
         read(made.save(tmp_path / 'log.mcap'), verify=True)

@@ -7,14 +7,13 @@ from __future__ import annotations
 import math
 import struct
 
-from plant_messages import asked, made, verdict
+from plant_messages import UNLIMITED, asked, efforts, failed, made, verdict
 import pytest
-from simulating import efforts
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
-from pfd_ros.arm.followed_clock import MOST_STEPS_AHEAD
+from pfd_ros.arm.pace import MOST_STEPS_AHEAD
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import encode_clock
 
@@ -87,18 +86,16 @@ def test_lockstep_waits_for_no_controller_from_before_an_activation() -> None:
         engine.step()
 
 
-def test_an_arm_that_failed_is_stopped_while_it_is_inactive() -> None:
-    engine = made(effort_limits=False, torque_speed=False)
-    engine.run_cycle([Arrival(Source.ARRAY, 1, efforts(1e300, 1e300))])
-    while not engine.arm.failure:
-        engine.step()
+@pytest.mark.parametrize('request_name', ['pause', 'deactivate'])
+def test_an_arm_that_failed_can_be_stopped(request_name: str) -> None:
+    engine = failed()
     assert not engine.waiting
-    engine.take([asked('deactivate')])
+    engine.take([asked(request_name)])
     assert engine.waiting
 
 
 def test_the_clock_of_a_failed_arm_continues_and_a_reset_clears_the_failure() -> None:
-    engine = following(effort_limits=False, torque_speed=False)
+    engine = following(**UNLIMITED)
     engine.take([tick(7_000 * MS), Arrival(Source.ARRAY, 1, efforts(1e300, 1e300))])
     engine.take([tick(7_050 * MS)])
     run(engine)

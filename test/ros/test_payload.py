@@ -6,13 +6,14 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from plant_messages import change, made, payload, validated
+from plant_messages import UNLIMITED, change, efforts, made, payload, validated
 import pytest
 from ros_processes import example_robot
-from simulating import efforts, rows_of, simulate
+from simulating import rows_of, simulate
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot
@@ -22,7 +23,7 @@ from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.setting_fields import joint_values
 from pfd_ros.arm.settings import Settings
 from pfd_ros.cli.recorded_motion import read_motion
-from pfd_ros.messages.command_bytes import state_bytes
+from pfd_ros.messages.convert import encode_state
 from pfd_ros.messages.stamped import decode_inertia, encode_inertia
 from pfd_ros.node.diagnostics import MassKernels
 from pfd_ros.replay.verify import read
@@ -48,14 +49,14 @@ def bits(engine: Engine) -> bytes:
     return engine.arm.q.tobytes() + engine.arm.qd.tobytes()
 
 
-def test_a_payload_at_run_time_is_that_from_the_start_in_the_same_state() -> None:
+def test_a_payload_at_run_time_acts_as_a_payload_from_the_start() -> None:
     engine, other = moving(), made(**BODY)
     before = bits(engine)
     assert validated(engine, payload(TIP, 2.5, CENTER, INERTIA)).verdict is Verdict.ACCEPTED
     assert bits(engine) == before
     assert engine.arm.scene == other.arm.scene
     names, q, qd = engine.arm.names, engine.arm.q, engine.arm.qd
-    validated(other, (Source.SET_STATE, state_bytes(names, q, qd)))
+    validated(other, (Source.SET_STATE, encode_state(names, q, qd)))
     other.step()
     validated(other, PUSH)
     unloaded = moving()
@@ -68,7 +69,7 @@ def test_a_payload_at_run_time_is_that_from_the_start_in_the_same_state() -> Non
     assert np.abs(engine.arm.qd - unloaded.arm.qd).max() > 1e-3
 
 
-def test_a_payload_in_a_carried_frame_moves_the_arm_as_pinocchio_says() -> None:
+def test_a_payload_in_a_carried_frame_moves_the_arm_as_in_pinocchio() -> None:
     path = str(example_robot('ur_description/urdf/ur5_robot.urdf'))
     tau = (1.0, -60.0, -5.0, 0.3, -0.2, 0.1)
     engine = made(robot=path, initial_positions=(0.3, -1.2, 0.9, 0.4, -0.7, 1.1), step_size=1e-4)
@@ -183,12 +184,30 @@ def test_changes_replace_the_effects_of_a_scene_file() -> None:
     assert engine.arm.scene == pfd.Scene(damping=(0.5, 0.2), brakes=True)
 
 
-def test_a_prepared_plant_is_the_one_compiled_at_the_event() -> None:
+@pytest.fixture
+def simulators(monkeypatch: pytest.MonkeyPatch) -> list[pfd.MotorSimulator]:
+    """Return a growing list of the simulators that are constructed."""
+    found: list[pfd.MotorSimulator] = []
+    real = pfd.MotorSimulator
+
+    def constructed(*args: Any, **options: Any) -> pfd.MotorSimulator:
+        found.append(real(*args, **options))
+        return found[-1]
+
+    monkeypatch.setattr(pfd, 'MotorSimulator', constructed)
+    return found
+
+
+def test_a_prepared_plant_is_the_one_compiled_at_the_event(
+    simulators: list[pfd.MotorSimulator],
+) -> None:
     engine, other = moving(), moving()
     engine.arm.prepare(Settings(**{**vars(engine.settings), **BODY}))
-    _, native = engine.arm._compiled.values()
+    prepared = simulators[-1]
+    count = len(simulators)
     validated(engine, change(**BODY))
-    assert engine.arm.plant.compiled is native
+    assert len(simulators) == count
+    assert engine.arm.plant.compiled.simulator is prepared
     validated(other, change(**BODY))
     for one in (engine, other):
         for _ in range(20):
@@ -196,14 +215,23 @@ def test_a_prepared_plant_is_the_one_compiled_at_the_event() -> None:
     assert bits(engine) == bits(other)
 
 
-def test_payloads_as_constants_are_compiled_for_each_and_few_are_kept(emitted: list[str]) -> None:
+def test_payloads_as_constants_are_compiled_for_each_and_few_are_kept(
+    emitted: list[str], simulators: list[pfd.MotorSimulator]
+) -> None:
     engine = moving(payload_changes='constant')
     first = len(emitted)
-    # Masses that no other test of this process has had compiled.
-    for mass in np.linspace(0.171, 0.771, 6):
+
+    def prepare(mass: float) -> int:
+        """Return the number of simulators constructed for a mass."""
+        before = len(simulators)
         engine.arm.prepare(Settings(**{**vars(engine.settings), 'payload_mass': float(mass)}))
+        return len(simulators) - before
+
+    # Masses that no other test of this process has had compiled.
+    masses = np.linspace(0.171, 0.771, 6)
+    assert [prepare(mass) for mass in masses] == [1] * 6
     assert len(emitted) >= first + 6
-    assert len(engine.arm._compiled) <= 4
+    assert [prepare(mass) for mass in masses[::-1]] == [0] * 4 + [1] * 2
 
 
 def test_only_the_first_of_many_payloads_compiles_code(emitted: list[str]) -> None:
@@ -224,11 +252,12 @@ def test_outputs_and_diagnostics_see_a_payload_that_is_an_input() -> None:
     outputs = ('inertia_matrix', 'bias_torques', 'gravity_torques', 'energy', 'acceleration')
     engine, other = moving(outputs=outputs), moving(outputs=outputs, payload_changes='constant')
     masses = MassKernels(engine.arm)
+    published = []
     for one in (engine, other):
         validated(one, payload(TIP, 2.5, CENTER, INERTIA))
-        one.step()
+        published.append({role: data for role, _, data in one.step()})
     for name in ('inertia_matrix', 'bias_torques', 'gravity_torques', 'energy', 'acceleration'):
-        found, wanted = (dict(one._extra.messages())[name] for one in (engine, other))
+        found, wanted = (one[name] for one in published)
         size = 8 * (4 if name == 'inertia_matrix' else 2)
         a, b = (np.frombuffer(data[-size:]) for data in (found, wanted))
         np.testing.assert_allclose(a, b, rtol=1e-12, err_msg=name)
@@ -277,9 +306,9 @@ def test_a_recording_with_payloads_verifies(tmp_path: Path) -> None:
         read(made.save(tmp_path / 'b.mcap'), verify=True)
 
 
-def test_an_arm_that_failed_takes_no_payload_and_says_why(tmp_path: Path) -> None:
+def test_a_failed_arm_rejects_a_payload_with_the_reason(tmp_path: Path) -> None:
     events = {2: [efforts(1e308, 1e308)], 9: [payload(TIP, 1.0)]}
-    made = simulate(20, events, effort_limits=False, torque_speed=False)
+    made = simulate(20, events, **UNLIMITED)
     path = made.save(tmp_path / 'a.mcap')
     summary = read(path, verify=True)
     assert summary.failure
@@ -287,7 +316,7 @@ def test_an_arm_that_failed_takes_no_payload_and_says_why(tmp_path: Path) -> Non
     assert row.verdict is Verdict.REFUSED
 
 
-def test_numbers_for_each_joint_stand_in_published_order_over_those_of_the_model() -> None:
+def test_numbers_for_each_joint_in_published_order_override_the_model() -> None:
     chosen = Settings(robot='planar2', joints=('elbow', 'shoulder'), joint_damping=(0.5, 0.25))
     robot = load_robot(chosen)
     engine = Engine(chosen, robot)
@@ -339,7 +368,7 @@ def test_every_effect_of_the_settings_is_in_the_scene() -> None:
     assert made(friction=True, joint_limits=True, motor_lag=(0.0, 0.01)).step()
 
 
-def test_an_engine_with_every_effect_off_is_that_of_a_plain_simulator() -> None:
+def test_an_engine_without_effects_moves_as_a_plain_simulator() -> None:
     engine = made()
     wanted = pfd.Simulator(pfd.load_robot('planar2'), pfd.Scene(brakes=True))
     engine.take([Arrival(Source.ARRAY, 1, efforts(1.0, 0.5))])

@@ -7,12 +7,12 @@ from __future__ import annotations
 from pathlib import Path
 import subprocess
 import sys
-import time
 
 import pytest
-from ros_processes import PATIENCE, Processes
+from ros_processes import Processes
+from waiting import PATIENCE, wait_until
 
-from pfd_ros.testing.controller_process import ControllerProcess
+from pfd_ros.testing.child_process import ControllerProcess
 from pfd_ros.testing.domains import LOOPBACK, environment_to_kill
 from pfd_ros.testing.session import claimed_domain
 
@@ -48,9 +48,7 @@ print('shares memory:', '/dev/shm/fast' in Path('/proc/self/maps').read_text())
 @pytest.mark.ros
 def test_a_controller_process_that_may_be_killed_shares_no_memory() -> None:
     with claimed_domain(), ControllerProcess([sys.executable, '-c', CONTROLLER]) as controller:
-        deadline = time.monotonic() + PATIENCE
-        while not controller.end() and time.monotonic() < deadline:
-            time.sleep(0.05)
+        wait_until(controller.end, controller.text, pause=0.05)
         assert controller.end() == 'ended with status 0', controller.text()
         assert 'shares memory: False' in controller.text()
 

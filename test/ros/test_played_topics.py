@@ -17,7 +17,7 @@ from rewriting import GOLDEN, Recording, Sent, load, ros_topic
 from test_read_log import STORE, rosbag2
 import yaml
 
-from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages.qos import Qos, offered_qos, qos_text
 from pfd_ros.recording.bags import Bag, BagTopic
 from pfd_ros.recording.format import HEAD
@@ -104,7 +104,7 @@ def test_a_head_cannot_state_a_role_that_publishes_joint_commands(
 
 @pytest.mark.parametrize('output', sorted(OUTPUTS))
 def test_outputs_of_the_node_are_published(output: str) -> None:
-    topic = BagTopic(f'/sim_arm/{output}', OUTPUTS[output], 'cdr', '')
+    topic = BagTopic(f'/sim_arm/{output}', OUTPUTS[output].type, 'cdr', '')
     assert not is_command(topic, output)
 
 
@@ -244,7 +244,7 @@ def test_a_log_of_commands_alone_has_nothing_to_publish(tmp_path: Path) -> None:
         choose(write(tmp_path / 'a.mcap', ('/a/commands', FLOATS, 'cdr', '')))
 
 
-def test_a_topic_has_the_recorded_qos_else_that_of_its_name(tmp_path: Path) -> None:
+def test_a_topic_has_the_recorded_qos_else_the_default_of_its_name(tmp_path: Path) -> None:
     rows = [(name, STRING, 'cdr', '') for name in ('/robot_description', '/x')]
     without = choose(write(tmp_path / 'a.mcap', *rows)).topics
     assert without['/robot_description'].qos == Qos(depth=1, transient_local=True)
@@ -326,6 +326,14 @@ def test_any_text_is_a_qos_or_one_error(text: str) -> None:
         event('refused')
     else:
         assert found is None or 1 <= found.depth <= 10_000
+
+
+@pytest.mark.parametrize('key', ['depth', 'deadline'])
+def test_a_list_of_aliases_is_one_error_and_not_written_out(key: str) -> None:
+    lists = ['&l0 [x]', *(f'&l{k} [{", ".join(9 * [f"*l{k - 1}"])}]' for k in range(1, 30))]
+    rows = [*(f'- history: {text}' for text in lists), f'- {key}: *l29']
+    with pytest.raises(ValueError, match=f'{key} of a QoS profile is a list'):
+        offered_qos('\n'.join(rows))
 
 
 def test_nested_lists_are_one_error() -> None:

@@ -33,7 +33,7 @@ def test_a_full_queue_drops_the_oldest_and_reports_its_number() -> None:
     assert queue.take() == [Arrival(NAMED, 3, b'y')]
 
 
-def test_a_wait_ends_for_an_event_and_when_it_is_woken_without_one() -> None:
+def test_a_wait_ends_at_an_event_or_when_it_is_woken() -> None:
     # Else this test would not end.
     for_ever = 1e6
     queue = EventQueue()

@@ -21,6 +21,7 @@ from recordings import (
     state,
     write,
 )
+from rewriting import flipped
 
 from pfd_ros.messages import convert, definitions
 from pfd_ros.messages.qos import qos_text
@@ -172,8 +173,7 @@ def test_a_cut_off_file_gives_all_messages_before_the_cut(tmp_path: Path) -> Non
 )
 def test_a_damaged_file_is_refused_with_the_place(place, expected: str, tmp_path: Path) -> None:
     write(tmp_path / 'a.mcap', 1000)
-    data = bytearray((tmp_path / 'a.mcap').read_bytes())
-    data[place(len(data))] ^= 1
-    (tmp_path / 'a.mcap').write_bytes(data)
+    data = (tmp_path / 'a.mcap').read_bytes()
+    (tmp_path / 'a.mcap').write_bytes(flipped(data, place(len(data))))
     with pytest.raises(LogError, match=expected):
         read(tmp_path / 'a.mcap')

@@ -12,6 +12,7 @@ import shutil
 import threading
 
 from mcap.records import Attachment
+from plant_messages import efforts
 import pytest
 from recordings import (
     COMMANDS,
@@ -28,11 +29,11 @@ from recordings import (
     refuse,
     running,
     start,
-    wait_for,
     write,
 )
 from rewriting import Recording
-from simulating import efforts, simulate
+from simulating import simulate
+from waiting import wait_until
 
 from pfd_ros.recording import recorder as recording
 from pfd_ros.recording.format import HEAD
@@ -280,7 +281,7 @@ def test_a_file_that_loses_its_name_is_a_failure(
     recorder, reports = running(path)
     lose(path)
     if not closing:
-        wait_for(lambda: recorder.failed)
+        wait_until(lambda: recorder.failed)
     recorder.close()
     (line,) = reports
     assert line.startswith(f'recording stopped: {path} was {loss} while it was written; keep log')
@@ -288,7 +289,7 @@ def test_a_file_that_loses_its_name_is_a_failure(
 
 @pytest.mark.parametrize('closing', [False, True], ids=['running', 'closing'])
 @pytest.mark.parametrize('part', [0.0, 0.9])
-def test_a_file_that_is_truncated_is_a_failure_and_keeps_what_is_left(
+def test_a_truncated_file_is_a_failure_and_keeps_its_remaining_messages(
     part: float, closing: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recording, 'SYNC_SECONDS', 1e9)
@@ -326,7 +327,7 @@ def test_a_file_that_is_truncated_during_a_write_is_a_failure_at_the_next_flush(
     sink.close()
 
 
-def test_a_relative_name_outlives_a_change_of_the_folder(
+def test_a_relative_name_works_after_a_change_of_the_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

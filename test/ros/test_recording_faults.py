@@ -18,7 +18,6 @@ from typing import Any
 import pytest
 from recordings import (
     HAS_DEFINITIONS,
-    PATIENCE,
     TOPICS,
     check_failed,
     counts,
@@ -32,8 +31,8 @@ from recordings import (
     running,
     start,
     state,
-    wait_for,
 )
+from waiting import PATIENCE, threads_named, wait_until
 from zstandard import ZstdError
 
 from pfd_ros.recording import recorder as recording
@@ -50,7 +49,7 @@ MEGABYTE = 1 << 20
 
 @dataclass
 class Hang:
-    """Calls on the recording's thread that do not come back until they are let go."""
+    """Calls on the recording's thread that block until `go_on` is set."""
 
     go_on: threading.Event
     reached: threading.Event
@@ -91,7 +90,7 @@ DEATHS = (
 
 
 @pytest.mark.parametrize('error', DEATHS, ids=lambda error: type(error).__name__)
-def test_any_exception_of_the_thread_is_said_once_and_leaves_a_readable_file(
+def test_any_exception_of_the_thread_is_reported_once_and_leaves_a_readable_file(
     error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorder, reports = running(tmp_path / 'a.mcap')
@@ -118,7 +117,7 @@ def test_a_report_that_fails_changes_nothing(
 
 
 @pytest.mark.filterwarnings('ignore::pytest.PytestUnhandledThreadExceptionWarning')
-def test_a_thread_that_ends_without_a_word_is_seen(
+def test_a_thread_that_ends_without_an_error_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class MuteError(Exception):
@@ -159,8 +158,9 @@ def test_a_failed_recording_gives_its_messages_back(
         recorder.record(1, k, message)
     assert sys.getrefcount(message) >= alone + 19
     hang.go_on.set()
-    wait_for(lambda: not recorder._thread.is_alive())
+    wait_until(lambda: not threads_named('recording'))
     assert sys.getrefcount(message) == alone
+    assert recorder.waiting_share == 0.0
     assert recorder.dropped == [0, 20]
     assert len(reports) == 1
 
@@ -180,37 +180,40 @@ def test_a_full_queue_drops_and_counts_and_keeps_room_for_commands(
     monkeypatch: pytest.MonkeyPatch,
     hang: Hang,
 ) -> None:
-    monkeypatch.setattr(LogRecorder, '_drain', hang.before(LogRecorder._drain))
+    monkeypatch.setattr(McapFile, 'add_all', hang.before(McapFile.add_all))
     recorder, _ = start(tmp_path / 'a.mcap', **limits)
+    recorder.record(0, 1, bytes(size))
+    wait_until(hang.reached.is_set)
     for topic, backlog in ((0, 0.5), (1, 1.0)):
         for k in range(1, 21):
             recorder.record(topic, k, bytes(size))
         assert recorder.backlog == backlog
     hang.go_on.set()
     recorder.close()
-    assert (recorder.recorded, recorder.dropped) == ([5, 5], [15, 15])
+    assert (recorder.recorded, recorder.dropped) == ([1 + 5, 5], [15, 15])
     _, entries = read(tmp_path / 'a.mcap')
-    assert [entry.role for entry in entries] == ['joint_states'] * 5 + ['joint_commands'] * 5
+    assert [entry.role for entry in entries] == ['joint_states'] * 6 + ['joint_commands'] * 5
 
 
 def test_a_round_that_is_due_waits_for_the_end_of_a_step(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, hang: Hang
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recording, 'PATIENCE', PATIENCE)
-    monkeypatch.setattr(LogRecorder, '_drain', hang.before(LogRecorder._drain))
     recorder, _ = start(tmp_path / 'a.mcap', flush_seconds=4 * PATIENCE)
     recorder.record(0, 1, state(1))
-    hang.go_on.set()
-    wait_for(lambda: recorder.recorded[0] == 1)
+    wait_until(lambda: recorder.recorded[0] == 1)
     recorder.record(0, 2, state(2))
     time.sleep(2 * recording.ROUND_SECONDS)
     assert recorder.waiting_share > 0.0
     # In a fraction of its patience. On a busy machine it may learn late that a round is due.
     deadline = time.monotonic() + PATIENCE / 4
-    while recorder.waiting_share > 0.0:
+
+    def drained() -> bool:
         recorder.between_steps()
-        assert time.monotonic() < deadline
-        time.sleep(1e-3)
+        return recorder.waiting_share == 0.0
+
+    wait_until(drained)
+    assert time.monotonic() < deadline
     recorder.close()
     assert recorder.recorded == [2, 0]
 
@@ -244,7 +247,7 @@ def test_a_producer_that_is_always_faster_delays_neither_flush_nor_sync_nor_clos
     monkeypatch.setattr(McapFile, 'add_all', refilled)
     recorder, reports = start(tmp_path / 'a.mcap')
     recorder.record(0, 1, state(1))
-    wait_for(lambda: recorder.recorded[0] > 0 and len(syncs) > 1)
+    wait_until(lambda: recorder.recorded[0] > 0 and len(syncs) > 1)
     recorder.close()
     assert not reports
     found, entries = read(tmp_path / 'a.mcap')
@@ -270,10 +273,9 @@ def test_closing_returns_though_the_disk_does_not_answer(
     for k in range(21, 31):
         recorder.record(0, k, state(k))
     # On a busy machine the thread may need longer than that to get there.
-    join = recorder._thread.join
-    monkeypatch.setattr(
-        recorder._thread, 'join', lambda limit: (hang.reached.wait(PATIENCE), join(limit))
-    )
+    (thread,) = threads_named('recording')
+    join = thread.join
+    monkeypatch.setattr(thread, 'join', lambda limit: (hang.reached.wait(PATIENCE), join(limit)))
     recorder.close(timeout=0.3)
     assert hang.reached.is_set()
     assert recorder.failed
@@ -282,7 +284,7 @@ def test_closing_returns_though_the_disk_does_not_answer(
     check_counts()
     assert counts(read(tmp_path / 'a.mcap')[1]) == [written, 0]
     hang.go_on.set()
-    wait_for(lambda: not recorder._thread.is_alive())
+    wait_until(lambda: not threads_named('recording'))
     recorder.close()
     # It went on, but nothing that has been reported changes.
     check_counts()
@@ -300,11 +302,11 @@ def test_waiting_for_a_disk_that_hangs_ends_at_the_limit(
     monkeypatch.setattr(os, 'write', hang.before(os.write))
     for k in range(21, 31):
         recorder.record(0, k, state(k))
-    wait_for(hang.reached.is_set)
+    wait_until(hang.reached.is_set)
     for k in range(31, 41):
         recorder.record(0, k, state(k))
     assert recorder.backlog > 0.0
-    wait_for(lambda: recorder.backlog == 0.0)
+    wait_until(lambda: recorder.backlog == 0.0)
     assert recorder.failed
     assert 'did not respond for 0.3 s' in recorder.error
     assert (recorder.recorded[0], recorder.dropped[0]) == (20, 20)
@@ -320,7 +322,7 @@ def test_a_pause_of_this_process_is_no_stall_of_the_disk(
     recorder, _ = running(tmp_path / 'a.mcap')
     monkeypatch.setattr(os, 'write', hang.before(os.write))
     recorder.record(0, 21, state(21))
-    wait_for(hang.reached.is_set)
+    wait_until(hang.reached.is_set)
     recorder.record(0, 22, state(22))
     assert recorder.backlog > 0.0
     # As after SIGSTOP, an hour, and SIGCONT.
@@ -337,7 +339,7 @@ def test_a_pause_of_this_process_is_no_stall_of_the_disk(
 
 
 class Clock(TimeBase):
-    """A clock that shows the given times one after the other, and then stands still."""
+    """A clock that shows the given times one after the other, and then stops."""
 
     def __init__(self, *times: int) -> None:
         super().__init__()

@@ -23,8 +23,9 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 import pytest
-from recordings import HAS_DEFINITIONS, PATIENCE
+from recordings import HAS_DEFINITIONS
 from ros_processes import environment
+from waiting import PATIENCE
 
 from pfd_ros.arm.settings import Settings
 from pfd_ros.recording.recover import recover

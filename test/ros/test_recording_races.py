@@ -19,8 +19,9 @@ import time
 from typing import Any
 
 import pytest
-from recordings import HAS_DEFINITIONS, PATIENCE, counts, digests, read, start
+from recordings import HAS_DEFINITIONS, counts, digests, read, start
 from ros_processes import environment, in_namespaces
+from waiting import PATIENCE
 
 from pfd_ros.recording import reader as log
 from pfd_ros.recording.block_writer import NewMessage

@@ -12,9 +12,10 @@ from typing import Any
 
 from mcap.reader import make_reader
 import numpy as np
+from plant_messages import efforts
 import pytest
 from rewriting import load
-from simulating import efforts, simulate
+from simulating import simulate
 
 from pfd_ros import read_log
 from pfd_ros.arm.settings import Settings
@@ -97,7 +98,7 @@ def test_messages_of_one_state_have_one_log_time(base: str, tmp_path: Path) -> N
     assert arrays == 3 * len(states) == 300
 
 
-def test_the_arm_in_lockstep_records_simulated_time_and_stores_what_auto_was(
+def test_the_arm_in_lockstep_records_simulated_time_and_stores_the_choice_of_auto(
     tmp_path: Path,
 ) -> None:
     recorded(tmp_path / 'a.mcap')

@@ -32,13 +32,6 @@ from pfd_ros.replay.what_if import what_if
 pytestmark = pytest.mark.ros
 
 
-def flipped(message: Sent, at: int) -> Sent:
-    data = bytearray(message.data)
-    data[at] ^= 1
-    message.data = bytes(data)
-    return message
-
-
 def only(topic: str, sequences: Iterable[int]) -> Callable[[str, Sent], bool]:
     wanted = set(sequences)
     return lambda name, message: name == topic and message.sequence in wanted
@@ -89,7 +82,7 @@ def test_one_flipped_bit_is_found_and_placed(
         at = {'position': 0, 'velocity': 1, 'effort': 2}[field]
         start = len(message.data) - len(values) - (2 - at) * (len(values) + 8)
         assert message.data[start : start + len(values)] == values
-        return flipped(message, start + 5 * 8)
+        return message.flip(start + 5 * 8)
 
     rewrite(recorded, tmp_path / 'a.mcap', change)
     status = command_line.main(['replay', str(tmp_path / 'a.mcap'), '--verify'])
@@ -119,7 +112,7 @@ def test_the_sign_of_a_zero_is_a_bit_like_any_other(recorded: Path, tmp_path: Pa
 
 def test_a_changed_command_is_found_where_it_was_taken(recorded: Path, tmp_path: Path) -> None:
     hit = only('/joint_commands', [20])
-    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: flipped(m, -2) if hit(t, m) else m)
+    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: m.flip(-2) if hit(t, m) else m)
     expected = r'step \d+: message 20 of joint_commands: recorded with CRC-32 0x\w+, it has'
     with pytest.raises(DifferenceError, match=expected):
         read(tmp_path / 'a.mcap', verify=True)
@@ -196,8 +189,7 @@ def test_a_recording_without_its_end_record_is_equal_as_far_as_it_goes_or_differ
     run = load(recorded)
     run.metadata = [item for item in run.metadata if item[0] != END]
     if changed:
-        state = run.on(STATES)[70]
-        run.messages[run.messages.index(state)] = flipped(state, len(state.data) - 5)
+        run.on(STATES)[70].flip(-5)
     status = command_line.main(['replay', str(run.save(tmp_path / 'a.mcap')), '--verify'])
     said = capsys.readouterr()
     assert status == (1 if changed else INCOMPLETE)
@@ -231,7 +223,7 @@ def test_a_recording_without_states_is_read_and_not_simulated(
     assert not (tmp_path / f'{path.stem}_what_if.mcap').exists()
 
 
-def test_a_summary_says_what_is_in_the_file(
+def test_a_summary_lists_the_contents_of_the_file(
     recorded: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert command_line.main(['replay', str(recorded)]) == 0
@@ -249,18 +241,17 @@ def test_the_progress_runs_from_start_to_end(recorded: Path) -> None:
     assert 0 < parts[0] <= parts[-1] <= 1
 
 
-def test_the_progress_is_drawn_on_a_terminal_and_nowhere_else(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    class Terminal:
+def test_the_progress_is_drawn_on_a_terminal_and_nowhere_else() -> None:
+    class Terminal(io.StringIO):
         def isatty(self) -> bool:
             return True
 
-    draw = progress_on(Terminal())
+    terminal = Terminal()
+    draw = progress_on(terminal)
     assert draw is not None
     draw(0.5)
     draw(0.501)
-    assert capsys.readouterr().err.count('50 %') == 1
+    assert terminal.getvalue().count('50 %') == 1
     assert progress_on(None) is None
     assert progress_on(io.StringIO()) is None
 

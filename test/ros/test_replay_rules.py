@@ -5,25 +5,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 import json
 import os
 from pathlib import Path
 import subprocess
 import sys
 
+from plant_messages import UNLIMITED, efforts
 import pytest
 from rewriting import ARRAY, STATES, TAKEN, Recording, Sent
 from ros_processes import environment
-from simulating import START_NS, UNLIMITED, efforts, simulate
+from simulating import START_NS, simulate
 
 from pfd_ros.arm.events import TAKEN_COLUMNS, Source, Verdict
 from pfd_ros.cli import main as command_line
 from pfd_ros.cli.main import CLOSED_PIPE
 from pfd_ros.cli.replay import INCOMPLETE
 from pfd_ros.messages import convert
-from pfd_ros.recording.format import END
-from pfd_ros.recording.reader import Entry, Log, LogError
-from pfd_ros.replay.ordering import placed_blocks
+from pfd_ros.recording.format import END, HEAD, HeadKey
+from pfd_ros.recording.reader import Log, LogError
+from pfd_ros.replay.ordering import messages_of, placed_blocks
 from pfd_ros.replay.verify import DifferenceError, read
 
 MOVE = {3: [efforts(1.0, 2.0)], 9: [efforts(-1.0, 0.5), efforts(2.0, 0.0)]}
@@ -168,7 +170,7 @@ def test_a_command_that_was_never_taken_waits(tmp_path: Path) -> None:
     assert read(run.save(tmp_path / 'a.mcap'), verify=True).waiting == 1
 
 
-def test_a_cut_off_file_without_ticks_says_how_many_are_missing(
+def test_a_cut_off_file_without_ticks_reports_the_number_of_missing_ticks(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = simulate(20, MOVE)
@@ -180,7 +182,7 @@ def test_a_cut_off_file_without_ticks_says_how_many_are_missing(
     assert 'missing    11 clock ticks' in text
 
 
-def test_a_digest_says_so_if_a_replay_cannot(tmp_path: Path) -> None:
+def test_a_digest_finds_a_change_that_a_replay_cannot_find(tmp_path: Path) -> None:
     run = simulate(20, MOVE)
     run.messages.append(Sent(ARRAY, 4, run.messages[-1].log_ns, efforts(1.0, 1.0)))
     run.recount()
@@ -191,7 +193,7 @@ def test_a_digest_says_so_if_a_replay_cannot(tmp_path: Path) -> None:
             read(path, verify=verify)
 
 
-def test_counts_are_compared_with_those_of_the_end_record(tmp_path: Path) -> None:
+def test_counts_are_compared_with_the_end_record(tmp_path: Path) -> None:
     run = simulate(20, MOVE)
     run.keep(lambda m: m.topic != STATES or m.sequence != 7)
     with pytest.raises(LogError, match='holds 19 of 20 messages joint_states: 7 to 7 are missing'):
@@ -220,19 +222,21 @@ def test_a_file_that_still_grows_is_verified_up_to_where_it_was(tmp_path: Path) 
 
 
 def test_sequence_numbers_continue_beyond_32_bits(tmp_path: Path) -> None:
-    from pfd_ros.replay.ordering import _Order
-
-    log = Log(simulate(1).save(tmp_path / 'a.mcap'))
-    list(placed_blocks(log))
-    order = _Order(log)
-    order._last['joint_states'] = (1 << 32) - 2
-    later = START_NS + (1 << 33) * 1_000_000
-    found = [
-        order.place(Entry('joint_states', later, n & 0xFFFFFFFF, b'', later))
-        for n in range((1 << 32) - 1, (1 << 32) + 2)
+    # The file continues a run after as many states.
+    run = simulate(1)
+    none = {channel.topic: 0 for channel in run.channels}
+    part = {'number': 2, 'first': '0' * 64, 'previous': '0' * 64, 'dropped': none}
+    part['recorded'] = none | {STATES: (1 << 32) - 2}
+    run.head(HEAD)[HeadKey.PART] = json.dumps(part)
+    later, (state, *_) = START_NS + (1 << 33) * 1_000_000, run.on(STATES)
+    numbers = [(1 << 32) - 1, 1 << 32, (1 << 32) + 1]
+    run.messages = [
+        replace(state, sequence=n & 0xFFFFFFFF, log_ns=later, published_ns=later) for n in numbers
     ]
-    assert [event.number for event in found] == [(1 << 32) - 1, 1 << 32, (1 << 32) + 1]
-    assert [event.lost for event in found] == [0, 0, 0]
+    log = Log(run.save(tmp_path / 'a.mcap', closed=False))
+    found = [message for block in placed_blocks(log) for message in messages_of(block)]
+    assert [message.number for message in found] == numbers
+    assert [message.lost for message in found] == [0, 0, 0]
 
 
 # --- no regular file, and no reader of the output
@@ -266,7 +270,7 @@ def assert_one_line(done: subprocess.CompletedProcess[str], expected: str) -> No
         ('loop', 'symbolic links'),
     ],
 )
-def test_what_is_no_recording_is_named(
+def test_a_file_that_is_no_recording_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, expected: str
 ) -> None:
     os.mkfifo(tmp_path / 'fifo')
@@ -280,7 +284,7 @@ def test_what_is_no_recording_is_named(
     assert name in err
 
 
-def test_a_pipe_that_nobody_reads_ends_it_quietly(tmp_path: Path) -> None:
+def test_a_pipe_without_a_reader_ends_the_command_quietly(tmp_path: Path) -> None:
     path = simulate(20, MOVE).save(tmp_path / 'a.mcap')
     reading, writing = os.pipe()
     os.close(reading)

@@ -8,9 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from plant_messages import UNLIMITED, efforts
 import pytest
 from rewriting import ARRAY, CLOCK, STATES, Recording, load
-from simulating import efforts, simulate
+from simulating import simulate
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
@@ -81,10 +82,7 @@ def test_noise_is_replayed_cycle_by_cycle(tmp_path: Path, lengths: list[int]) ->
 def flip(topic: str, place: int, at: int) -> Callable[[Path, Path], Path]:
     def alter(path: Path, other: Path) -> Path:
         recording = load(path)
-        message = recording.on(topic)[place]
-        data = bytearray(message.data)
-        data[at] ^= 1
-        message.data = bytes(data)
+        recording.on(topic)[place].flip(at)
         recording.recount()
         return recording.save(other)
 
@@ -146,7 +144,7 @@ def test_a_stale_command_by_name_is_rejected_as_in_single_cycles(
 
 def test_an_arm_that_fails_in_a_stretch_is_replayed_to_its_failure(tmp_path: Path) -> None:
     path = tmp_path / 'a.mcap'
-    with LockstepArm('planar2', recording=path, effort_limits=False, torque_speed=False) as arm:
+    with LockstepArm('planar2', recording=path, **UNLIMITED) as arm:
         arm.run(lambda t, q, qd: 10.0 * (0.5 - q) - qd, 0.2)
         with pytest.raises(Exception, match='not finite'):
             arm.run(lambda t, q, qd: np.full(2, 1e300), 0.2)
@@ -172,7 +170,7 @@ def test_a_reflex_within_a_stretch_is_replayed_in_its_cycle(
     assert read_motion(path).motion.held.tobytes() == braked.tobytes()
 
 
-def test_the_motion_of_a_run_is_that_of_single_cycles(
+def test_the_motion_of_a_run_equals_single_cycles(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / 'a.mcap'

@@ -9,9 +9,10 @@ import json
 from pathlib import Path
 
 import numpy as np
+from plant_messages import UNLIMITED, efforts
 import pytest
 from rewriting import GOLDEN
-from simulating import efforts, simulate
+from simulating import simulate
 
 import pfd_core as pfd
 from pfd_core.report.measure import scene_needs
@@ -109,7 +110,7 @@ def test_the_report_of_a_recording_names_the_effects_it_needs(
 
 def test_only_the_steps_before_a_failure_count(tmp_path: Path) -> None:
     blow_up = {5: [efforts(1.0, 2.0)], 12: [efforts(1e308, -1e308)]}
-    run = simulate(30, blow_up, effort_limits=False, torque_speed=False)
+    run = simulate(30, blow_up, **UNLIMITED)
     motion = read_motion(run.save(tmp_path / 'a.mcap')).motion
     assert len(motion.taus) == 11
 

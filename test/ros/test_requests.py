@@ -9,9 +9,8 @@ import functools
 import json
 
 import plant_messages
-from plant_messages import asked, verdict
+from plant_messages import asked, efforts, joint_state, verdict
 import pytest
-from simulating import efforts, joint_state
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
@@ -90,7 +89,7 @@ def test_commands_from_before_a_jump_are_stale_and_no_snap_back(event: Arrival) 
     assert verdict(engine, pushed(there.stamp_ns)) is Verdict.ACCEPTED
 
 
-def test_a_jump_is_exactly_the_given_state_and_lets_go_of_the_last_efforts() -> None:
+def test_a_jump_is_exactly_the_given_state_and_ends_the_last_efforts() -> None:
     engine = made()
     engine.run_cycle([PUSH])
     engine.take([placed(['elbow', 'shoulder'], [0.7, -1.1], velocity=[2.0, NAN])])
@@ -210,7 +209,9 @@ def test_lockstep_runs_free_until_the_first_command_and_then_waits_for_each() ->
         assert verdict(engine, pushed(stamp)) is Verdict.ACCEPTED
 
 
-def test_in_lockstep_only_published_states_wait_and_commands_without_a_stamp_answer() -> None:
+def test_in_lockstep_the_arm_waits_at_published_states_for_a_command_with_or_without_stamp() -> (
+    None
+):
     engine = made(lockstep=True, publish_rate=250.0)
     engine.take([PUSH])
     for cycle in range(1, 13):
@@ -250,12 +251,3 @@ def test_the_present_state_can_be_sent_again_without_a_cycle() -> None:
     last = engine.present()
     assert {output.role: output.data for output in last} == again
     assert engine.cycles == 1
-
-
-def test_a_failed_arm_can_be_paused() -> None:
-    engine = made(effort_limits=False, torque_speed=False)
-    engine.take([Arrival(Source.ARRAY, 1, efforts(1e308, 1e308))])
-    while not engine.arm.failure:
-        engine.step()
-    engine.take([asked('pause')])
-    assert engine.waiting

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from plant_messages import efforts
 import pytest
 from rewriting import Recording
-from simulating import efforts, simulate
+from simulating import simulate
 
 from pfd_ros.replay.verify import read
 
@@ -34,7 +35,7 @@ def run(settings: dict[str, Any]) -> Recording:
         ({'robot': 'planar2', 'position_sums': 'plain'}, 'rk4', 'plain'),
     ],
 )
-def test_a_recording_stores_what_auto_stood_for(
+def test_a_recording_stores_the_choices_of_auto(
     settings: dict[str, Any], integrator: str, sums: str, tmp_path: Path
 ) -> None:
     summary = read(run(settings).save(tmp_path / 'a.mcap'), verify=True)

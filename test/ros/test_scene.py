@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-import signal
 
 from effect_cases import example
 import numpy as np
+from plant_messages import efforts
 import pytest
 from ros_processes import Processes
-from simulating import efforts, simulate
+from simulating import simulate
 
 import pfd_core as pfd
 from pfd_ros.arm.actuator_command import ActuatorCommand
@@ -116,7 +116,7 @@ def test_the_node_reads_the_file_and_records_its_content(processes: Processes, p
     peer.connect()
     peer.plain_command([0.5] * 2)
     peer.wait(lambda: peer.states[-1].effort.tolist() == [0.5] * 2)
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    arm.stop()
     summary = read(processes.folder / 'arm.mcap', verify=True)
     assert summary.settings is not None
     assert summary.settings.scene == TEXT

@@ -116,7 +116,7 @@ def test_the_clock_ticks_at_its_period_between_the_messages_it_lies_between(
     assert schedule.ended
 
 
-def test_a_loop_says_each_time_that_time_goes_back() -> None:
+def test_a_loop_reports_each_jump_back_in_time() -> None:
     messages = log_of([0, 1, 2, 3])
     schedule = schedule_of(messages, begin=UNIT, loop=True)
     assert sends(drain(schedule, 0)) == [messages[0], messages[1]]
@@ -381,7 +381,7 @@ class Playing(RuleBasedStateMachine):
         self.compare(expected)
 
 
-def test_any_sequence_of_calls_plays_what_the_model_plays() -> None:
+def test_any_sequence_of_calls_plays_as_the_model_does() -> None:
     run_state_machine_as_test(Playing)
 
 

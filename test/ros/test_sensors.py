@@ -9,15 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import plant_messages
-from plant_messages import change
+from plant_messages import UNLIMITED, change, efforts
 import pytest
 from rewriting import STATES as STATES_TOPIC
 from rewriting import Recording
-from simulating import efforts, simulate
+from simulating import simulate
 
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import DROPPED_STATES, STATES, Arrival, Output, Source
+from pfd_ros.arm.events import DROPPED_STATES, STATES, Arrival, Output, Request, Source
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.sensors import quantized
 from pfd_ros.arm.settings import Settings
@@ -131,7 +130,7 @@ def test_a_delay_counts_steps_whatever_is_published() -> None:
     assert table(late, 'position').tolist() == table(true, 'position')[1:18:5].tolist()
 
 
-def test_a_reset_is_seen_at_once() -> None:
+def test_a_reset_shows_in_the_measured_state_at_once() -> None:
     engine = made(delay_state=0.005)
     moving = states(engine, 30, PUSH)
     assert moving[-1].velocity.all()
@@ -158,7 +157,7 @@ def test_an_episode_after_a_reset_is_that_after_the_start_noise_and_losses_inclu
     outputs(engine, 1, RESET)
     assert episode() == first
     assert engine.state.link.lost == 2 * lost
-    # A jump is none: its noise goes on.
+    # A jump is no reset: its noise continues.
     place = np.array([0.3, -0.2])
     jump = JointStateEncoder(engine.arm.names).encode(0, place, 0 * place, 0 * place)
     outputs(engine, 1, Arrival(Source.SET_STATE, 1, jump))
@@ -182,7 +181,7 @@ def test_settings_of_sensors_that_make_no_sense_are_refused(wrong: dict, text: s
         Settings(**wrong)
 
 
-def test_dropped_states_keep_their_numbers_and_come_under_a_role_of_their_own() -> None:
+def test_dropped_states_keep_their_numbers_and_have_a_separate_role() -> None:
     found = [o for o in outputs(made(drop_state=0.25), 4000) if o.role != 'clock']
     assert [output.number for output in found] == list(range(1, 4001))
     dropped = sum(output.role == DROPPED_STATES for output in found)
@@ -275,8 +274,7 @@ def test_a_state_twice_published_and_dropped_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_failed_arm_with_sensors_verifies_through_its_gap(tmp_path: Path) -> None:
-    unlimited = {'effort_limits': False, 'torque_speed': False}
-    made = simulate(60, {5: [efforts(1e300, 0.0)]}, **{**ALL, 'drop_state': 0.0, **unlimited})
+    made = simulate(60, {5: [efforts(1e300, 0.0)]}, **{**ALL, 'drop_state': 0.0, **UNLIMITED})
     assert read(made.save(tmp_path / 'log.mcap'), verify=True).stopped_at is not None
     gone = {message.sequence for message in made.on(STATES_TOPIC)[20:40]}
     made.keep(lambda m: m.topic not in (STATES_TOPIC, '/clock') or m.sequence not in gone)
@@ -290,7 +288,7 @@ def test_a_recording_with_a_failure_cleared_by_a_reset_verifies(tmp_path: Path) 
         40: [(Source.REQUEST, encode_request(Request('reset')))],
         45: [efforts(1.0, 0.5)],
     }
-    made = simulate(60, inputs, **ALL, effort_limits=False, torque_speed=False)
+    made = simulate(60, inputs, **ALL, **UNLIMITED)
     summary = read(made.save(tmp_path / 'log.mcap'), verify=True)
     assert (summary.complete, summary.stopped_at, summary.steps) == (True, None, 60)
     gone = {message.sequence for message in made.on(STATES_TOPIC)[5:15]}

@@ -14,8 +14,9 @@ import sys
 import time
 
 import pytest
-from ros_processes import FAULTY, NODE, PATIENCE, Process, Processes
+from ros_processes import FAULTY, NODE, Process, Processes
 from sampling import one_fast
+from waiting import PATIENCE, wait_until
 
 INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 STATUS_BASE = 128  # of a shell, for a process that a signal ended
@@ -123,10 +124,12 @@ def test_a_node_ends_under_repeated_signals_at_any_moment_of_its_life(
     for k in range(10):
         arm = processes.python(*NODE, '--ros-args')
         time.sleep(0.2 * k)
-        deadline = time.monotonic() + PATIENCE
-        while arm.process.poll() is None and time.monotonic() < deadline:
+
+        def ended(arm: Process = arm) -> bool:
             arm.process.send_signal(INT)
-            time.sleep(0.02)
+            return arm.process.poll() is not None
+
+        wait_until(ended, arm.text, pause=0.02)
         # Without a handler yet, the first one kills.
         assert arm.process.poll() in (0, 1, STATUS_BASE + INT, -INT), arm.text()
 
@@ -134,7 +137,7 @@ def test_a_node_ends_under_repeated_signals_at_any_moment_of_its_life(
 @pytest.mark.ros
 @pytest.mark.parametrize('fault', ['teardown_hangs', 'exit_hangs'])
 @pytest.mark.slow
-def test_what_hangs_after_the_recording_is_closed_is_ended_by_an_alarm(
+def test_a_hang_after_the_recording_is_closed_is_ended_by_an_alarm(
     processes: Processes, fault: str
 ) -> None:
     arm = processes.faulty(fault)
@@ -151,15 +154,15 @@ AT_ONCE = 4
 def wait_for_handlers(process: Process) -> None:
     """Wait until a process handles SIGHUP and SIGTERM, which Python by itself does not."""
     wanted = sum(1 << number - 1 for number in (INT, TERM, HUP))
-    deadline = time.monotonic() + PATIENCE
-    while True:
+
+    def handled() -> bool:
         status = Path(f'/proc/{process.process.pid}/status').read_text(encoding='ascii')
         caught = int(next(line for line in status.splitlines() if 'SigCgt' in line).split()[1], 16)
-        if caught & wanted == wanted:
-            return
-        assert process.process.poll() is None, process.text()
-        assert time.monotonic() < deadline
-        time.sleep(0.001)
+        found = caught & wanted == wanted
+        assert found or process.process.poll() is None, process.text()
+        return found
+
+    wait_until(handled)
 
 
 def check_early_signals(processes: Processes, count: int) -> None:

@@ -20,7 +20,7 @@ from ros_processes import ROOT
 import pfd_core as pfd
 
 pytestmark = [pytest.mark.ros, pytest.mark.long]
-# A network of its own, in which not even the loopback is up.
+# A separate network, in which not even the loopback is up.
 ALONE = (shutil.which('unshare') or 'false', '--net')
 
 
@@ -79,7 +79,7 @@ def test_every_link_inside_the_site_leads_to_a_file_and_an_element(site: Path) -
 def test_the_reference_has_all_public_names(site: Path) -> None:
     page = (site / 'reference' / 'pfd_core.html').read_text(encoding='utf-8')
     for name in set(pfd.__all__) - {'__version__'}:
-        # An object of its own, or a row of the table of constants.
+        # A separate object, or a row of the table of constants.
         assert f'id="pfd_core.{name}"' in page or f'>{name}</span>' in page, name
 
 

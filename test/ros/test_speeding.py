@@ -5,12 +5,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-import signal
 
 import numpy as np
+from plant_messages import efforts, joint_state
 import pytest
 from ros_processes import Processes, example_robot
-from simulating import efforts, joint_state
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot
@@ -158,7 +157,7 @@ def test_a_runaway_is_logged_once_and_in_the_diagnostics(processes: Processes, p
 
     peer.wait(logged)
     peer.wait(lambda: any(line in status.message for status in seen))
-    assert arm.end(signal.SIGINT) == 0
+    arm.stop()
     assert arm.text().count(line) == 1
 
 
@@ -174,7 +173,7 @@ def test_the_rotors_that_are_estimated_are_named_in_the_log_and_replay(
     )
     assert 'armature is estimated, kg m^2 or kg: shoulder_pan_joint 1.67, ' in arm.text()
     assert '(0.035 s * effort limit / velocity limit, where the model states no' in arm.text()
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    arm.stop()
     assert read(processes.folder / 'arm.mcap', verify=True).settings.armature == 'estimated'
 
 

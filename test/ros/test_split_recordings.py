@@ -311,8 +311,7 @@ def test_a_changed_bit_is_found_in_each_file(copies: list[Path]) -> None:
         whole = path.read_bytes()
         for topic in (STATES, SAVED, '/sim_arm/commands', '/sim_arm/applied_commands'):
             altered = load(path)
-            message = altered.on(topic)[-1]
-            message.data = message.data[:-1] + bytes([message.data[-1] ^ 1])
+            altered.on(topic)[-1].flip()
             resealed(altered, path)
             with pytest.raises(LogError):
                 read_run([path], verify=True)
@@ -408,7 +407,7 @@ def test_messages_that_were_dropped_before_a_boundary_are_counted_once(tmp_path:
     driver, log = opened_run(
         tmp_path / 'run.mcap', recording_max_duration=0.1, recording_flush_period=0.01
     )
-    recorder = log.log.recorder
+    recorder = log.recorder
 
     def disturb(step: int) -> None:
         if not 90 <= step <= 110:
@@ -478,7 +477,7 @@ def failed(folder: Path, before: Callable[[], object]) -> str:
     run_steps(driver, log, 150)
     with pytest.raises(Exception, match='recording stopped: ') as caught:
         log.close()
-    recorder = log.log.recorder
+    recorder = log.recorder
     assert log.engine.cycles == 150
     states = [topic.name for topic in recorder.topics].index(STATES)
     found = read(folder / 'run_000001.mcap', verify=True)
@@ -565,9 +564,9 @@ def test_an_unfinished_second_file_of_a_running_node_is_read_to_its_last_flush(
     tmp_path: Path,
 ) -> None:
     driver, log = opened_run(tmp_path / 'run.mcap', recording_max_duration=0.1)
-    states = [topic.name for topic in log.log.recorder.topics].index(STATES)
+    states = [topic.name for topic in log.recorder.topics].index(STATES)
     run_steps(driver, log, 150)
-    while log.log.recorder.recorded[states] < 100:
+    while log.recorder.recorded[states] < 100:
         time.sleep(0.005)
     found = read_run(sorted(tmp_path.iterdir()), verify=True)
     assert len(found.parts) == 2

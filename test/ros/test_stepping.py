@@ -4,25 +4,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import replace
 import sys
 import threading
-import time
 from typing import Any
 
 import numpy as np
 import pytest
-from ros_processes import PATIENCE
 from sampling import one_fast
+from waiting import PATIENCE, wait_until
 
 pytest.importorskip('rclpy')
 
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import STATES, Source
+from pfd_ros.arm.events import STATES, Request, Source
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import JointStateEncoder, decode_joint_state
@@ -67,12 +64,6 @@ class Bench:
             thread.join(PATIENCE)
             assert not thread.is_alive()
 
-    def wait(self, done: Callable[[], Any]) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not done():
-            assert time.monotonic() < deadline
-            time.sleep(1e-4)
-
     def answer(self, data: bytes) -> None:
         """Answer a state with efforts that depend on it."""
         state = decode_joint_state(data)
@@ -86,14 +77,18 @@ class Bench:
     def answer_each(self, count: int) -> list[bytes]:
         """Answer so many states, each once, as soon as it comes; return them."""
         states = self.topic.states
-        self.wait(lambda: states)
+        wait_until(lambda: states)
         self.answer(states[-1])
         # It stands before the state it waits with is published.
-        self.wait(lambda: self.engine.waiting and stamp(states[-1]) == self.engine.arm.stamp_ns)
+        wait_until(
+            lambda: self.engine.waiting and stamp(states[-1]) == self.engine.arm.stamp_ns,
+        )
         answered = [states[-1]]
         while len(answered) < count:
             self.answer(answered[-1])
-            self.wait(lambda: decode_joint_state(states[-1]).stamp_ns > stamp(answered[-1]))
+            wait_until(
+                lambda: decode_joint_state(states[-1]).stamp_ns > stamp(answered[-1]), pause=1e-4
+            )
             answered.append(states[-1])
         return answered
 
@@ -142,14 +137,10 @@ class Rounds:
 
 def test_the_recording_may_write_after_each_cycle_whose_state_is_published() -> None:
     rounds = Rounds()
-
-    class Session(LogSession):
-        recorder = rounds
-
-    bench = Bench(Session(), real_time_factor=0.0)
+    bench = Bench(LogSession(rounds), real_time_factor=0.0)
     rounds.published = bench.topic.states
     with bench.running():
-        bench.wait(lambda: len(rounds.found) >= 100)
+        wait_until(lambda: len(rounds.found) >= 100)
     assert rounds.found == [(k, k) for k in range(1, len(rounds.found) + 1)]
 
 
@@ -173,7 +164,7 @@ def test_a_fault_in_a_step_on_another_thread_ends_the_stepping_thread() -> None:
         last = bench.answer_each(5)[-1]
         bench.stepper.run_cycle = fail
         bench.answer(last)
-        bench.wait(bench.workers.stop.is_set)
+        wait_until(bench.workers.stop.is_set)
     assert bench.workers.failures[0].startswith("stepping failed: KeyError: '{0}'")
 
 
@@ -182,16 +173,16 @@ def test_another_real_time_factor_counts_at_once_for_a_slow_arm_and_for_one_that
     slow = Bench(real_time_factor=1e-6)
     with slow.running():
         slow.engine.state.settings = replace(slow.engine.settings, real_time_factor=0.0)
-        slow.wait(lambda: slow.engine.cycles > 10)
+        wait_until(lambda: slow.engine.cycles > 10)
     waiting = Bench(lockstep=True, real_time_factor=0.0)
     with waiting.running():
         last = waiting.answer_each(5)[-1]
         waiting.engine.state.settings = replace(waiting.engine.settings, real_time_factor=0.5)
-        waiting.wait(lambda: waiting.stepper.timer.period_ns == 2_000_000)
+        wait_until(lambda: waiting.stepper.timer.period_ns == 2_000_000)
         # From now on the stepping thread paces it.
         assert not waiting.stepper.step_at_once()
         waiting.answer(last)
-        waiting.wait(lambda: stamp(waiting.topic.states[-1]) > stamp(last))
+        wait_until(lambda: stamp(waiting.topic.states[-1]) > stamp(last))
 
 
 def test_a_request_for_many_steps_is_done_to_its_end() -> None:
@@ -203,8 +194,8 @@ def test_a_request_for_many_steps_is_done_to_its_end() -> None:
 
     with bench.running():
         ask('pause')
-        bench.wait(lambda: bench.engine.waiting)
+        wait_until(lambda: bench.engine.waiting)
         before = bench.engine.cycles
         ask('step', 1234)
-        bench.wait(lambda: bench.engine.cycles == before + 1234)
+        wait_until(lambda: bench.engine.cycles == before + 1234)
         assert bench.engine.waiting

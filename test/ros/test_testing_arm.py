@@ -7,8 +7,9 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from lockstep_runs import FIELDS, GOAL, UNCUT, assert_same_bits
+from lockstep_runs import FIELDS, GOAL, assert_same_bits
 import numpy as np
+from plant_messages import UNLIMITED
 import pytest
 from recordings import HAS_DEFINITIONS
 
@@ -34,7 +35,7 @@ def pd(t, q, qd):
 
 
 def ur5(**settings) -> LockstepArm:
-    return LockstepArm('ur5', armature=True, **UNCUT, **settings)
+    return LockstepArm('ur5', armature=True, **UNLIMITED, **settings)
 
 
 def test_twenty_runs_of_one_controller_have_the_same_bits() -> None:
@@ -263,7 +264,7 @@ def test_an_invalid_answer_is_one_error_with_its_time(answer, text: str) -> None
     arm = ur5()
     with pytest.raises(ControllerError, match=text):
         arm.run(lambda t, q, qd: answer if t >= 0.01 else pd(t, q, qd), 1.0)
-    # The arm waits in that state, and another controller may go on from it.
+    # The arm waits in that state, and another controller may continue from it.
     assert arm.time == 0.01
     assert arm.run(pd, 0.01).time[0] == 0.01
 
@@ -277,9 +278,9 @@ def test_an_error_of_the_controller_is_reported_with_its_time() -> None:
     assert isinstance(found.value.__cause__, ZeroDivisionError)
 
 
-def test_a_simulation_that_overflows_says_when() -> None:
+def test_an_overflowing_simulation_is_an_error_with_its_time() -> None:
     with pytest.raises(ArmError, match=r'not finite'):
-        LockstepArm('ur5', **UNCUT).run(lambda t, q, qd: 1e200 * np.ones(6), 1.0)
+        LockstepArm('ur5', **UNLIMITED).run(lambda t, q, qd: 1e200 * np.ones(6), 1.0)
 
 
 @pytest.mark.parametrize(
@@ -304,7 +305,7 @@ def test_settings_that_do_not_go_with_a_test_are_refused(settings, text: str) ->
 def test_a_robot_and_a_scene_may_be_objects() -> None:
     robot = pfd.load_robot('planar2')
     scene = pfd.Scene(gravity=None, damping=[0.3, 0.2])
-    arm = LockstepArm(robot, scene=scene, **UNCUT)
+    arm = LockstepArm(robot, scene=scene, **UNLIMITED)
     assert arm.robot is robot
     found = arm.run(lambda t, q, qd: [1.0, 0.0], 0.1)
     sim = pfd.Simulator(robot, pfd.Scene(gravity=None, damping=[0.3, 0.2], brakes=True))

@@ -195,6 +195,20 @@ def test_falls(sim_arm):
     assert names == ['test_it.py_test_falls', 'test_it.py_test_falls-2']
 
 
+def test_a_folder_that_cannot_be_made_leaves_the_report_of_the_test(
+    site: Path, tmp_path: Path
+) -> None:
+    code = """
+def test_falls(sim_arm):
+    arm = sim_arm(robot='planar2')
+    arm.run(lambda t, q, qd: 0 * q, 0.02).assert_settles(1.0, within=0.1, by=0.0)
+"""
+    (tmp_path / 'left').touch()
+    text = session(site, tmp_path, code, ['--sim-arm-artifacts', 'left'], status=1)
+    assert 'expected within 0.1' in text
+    assert 'no recording and no page: ' in text
+
+
 @pytest.mark.ros
 def test_a_run_over_topics_is_recorded_again_with_the_bits_of_its_motion(
     site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -49,7 +49,7 @@ def step_response(damping: float, seconds: float = 2.0) -> Trajectory:
 
 
 @pytest.mark.parametrize('damping', [0.2, 0.5, 0.7])
-def test_the_overshoot_of_a_second_order_system_is_that_of_its_damping_ratio(
+def test_the_overshoot_of_a_second_order_system_follows_from_its_damping_ratio(
     damping: float,
 ) -> None:
     expected = math.exp(-math.pi * damping / math.sqrt(1 - damping**2))

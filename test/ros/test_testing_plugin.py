@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The pytest plugin in sessions of its own: what it imports, its domains, its errors."""
+"""The pytest plugin in separate sessions: what it imports, its domains, its errors."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_left_alone():
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_workers_have_domains_of_their_own(site: Path, tmp_path: Path) -> None:
+def test_workers_have_separate_domains(site: Path, tmp_path: Path) -> None:
     code = """
 import pathlib, time
 import pytest

@@ -74,7 +74,7 @@ def test_the_share_at_the_torque_limit_counts_samples_at_and_beyond_it() -> None
     assert symptoms.saturation(tau, math.inf) == 0.0
 
 
-def test_one_line_a_joint_states_what_happened_and_when_first() -> None:
+def test_one_line_a_joint_states_the_first_symptom_and_its_time() -> None:
     n = len(TIME)
     q = np.zeros((n, 3))
     q[:, 0] = 1.1 - np.exp(-9 * TIME)

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The arm of a test over real topics: in this process, and as a process of its own."""
+"""The arm of a test over real topics: in this process, and in a separate process."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-import time
 from typing import Any
 
 import gripper_arm
-from lockstep_runs import GOAL, UNCUT, assert_same_bits
+from lockstep_runs import GOAL, assert_same_bits
 import numpy as np
+from plant_messages import UNLIMITED
 import pytest
-from ros_processes import PATIENCE, ROOT
+from ros_processes import ROOT
+from waiting import PATIENCE, wait_until
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read
@@ -31,7 +32,7 @@ from pfd_ros.testing.trajectory import Trajectory
 pytestmark = pytest.mark.ros
 
 # Efforts as they are commanded: states tell those that act.
-SETTINGS: dict[str, Any] = {'robot': 'ur5', 'armature': True, **UNCUT}
+SETTINGS: dict[str, Any] = {'robot': 'ur5', 'armature': True, **UNLIMITED}
 
 
 def pd(q, qd):
@@ -122,7 +123,7 @@ def test_a_run_over_topics_is_recorded_and_verifies(
     assert (summary.states, summary.verdicts) == (100, {Verdict.ACCEPTED: 100})
 
 
-def test_a_silent_system_is_an_error_that_names_the_missing_nodes(
+def test_a_system_that_sends_nothing_is_an_error_that_names_the_missing_nodes(
     controller_of: Callable[..., Any],
 ) -> None:
     alone = LockstepArm(**SETTINGS, ros_args=['-r', '__ns:=/alone'])
@@ -242,7 +243,7 @@ def test_initial_values_and_topics_of_a_urdf_count_as_they_do_for_the_node(domai
     from sensor_msgs.msg import JointState
 
     urdf = gripper_arm.urdf(joint_states_topic='/seen', joint_commands_topic='/told')
-    settings: dict[str, Any] = {'robot': urdf, 'locked': ['finger'], **UNCUT}
+    settings: dict[str, Any] = {'robot': urdf, 'locked': ['finger'], **UNLIMITED}
     node = Node('hardware')
     commands = node.create_publisher(JointState, '/told', 10)
     names: list[list[str]] = []
@@ -333,10 +334,7 @@ with claimed_domain() as domain, initialised(domain), ProcessArm('planar2') as a
     assert running(pid)
     runner.send_signal(end)
     runner.wait(PATIENCE)
-    deadline = time.monotonic() + PATIENCE
-    while running(pid):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    wait_until(lambda: not running(pid), pause=0.05)
 
 
 @pytest.mark.slow

@@ -70,7 +70,7 @@ def test_findings_are_logged_once_each_up_to_a_bound() -> None:
         log.once(k % 500, f'found {k}')
     assert len(logger) == MOST_FINDINGS + 2
     assert logger[-1][1] == 'further warnings of this kind are not logged'
-    # What is counted is of a kind known beforehand, and told all the same.
+    # Counts are of a kind known beforehand, and logged all the same.
     log.count('failure', 1, 'failure', error=True)
     assert logger[-1] == ('error', '1 failure')
 
@@ -94,7 +94,7 @@ def test_an_event_is_a_line_without_a_number_unless_it_came_more_than_once() -> 
     assert logger == [('warning', 'brakes on'), ('error', 'brakes on (3 times)')]
 
 
-def test_a_lasting_trouble_is_repeated_ever_more_rarely_without_a_number() -> None:
+def test_a_lasting_problem_is_repeated_ever_more_rarely_without_a_number() -> None:
     log, logger, time = made()
     for second in range(100):
         time.now = float(second)

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Two arms in namespaces: one clock, topics of their own, QoS by their full names."""
+"""Two arms in namespaces: one clock, separate topics, QoS by their full names."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_two_arms_in_two_namespaces_receive_nothing_from_each_other(
     peers[1].wait(lambda: peers[1].states[-1].effort.tolist() == [2.0] * 6)
     peers[0].let_pass()
     assert peers[0].states[-1].effort.tolist() == [1.0] * 6
-    # One clock: it belongs to the left arm and goes on without the right one.
+    # One clock: it belongs to the left arm and continues without the right one.
     assert right.end(signal.SIGINT) == 0
     count = len(peers[0].clocks)
     peers[0].wait(lambda: len(peers[0].clocks) > count + 10)

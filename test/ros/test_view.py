@@ -15,17 +15,28 @@ from typing import Any
 import urllib.request
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from rewriting import GOLDEN, load
-from ros_processes import PATIENCE, example_robot
-from view_models import STATE, UR5, joint_state, recorded, swinging, text_message, urdf, write_bag
+from ros_processes import example_robot
+from view_models import (
+    STATE,
+    UR5,
+    Nodes,
+    joint_state,
+    recorded,
+    swinging,
+    text_message,
+    ur5_poses,
+    urdf,
+    write_bag,
+)
+from waiting import PATIENCE
 
 from pfd_ros import read_log
 from pfd_ros.cli.main import main
-from pfd_ros.view.logged_arm import Content, content_of, fill
+from pfd_ros.view.logged_arm import Content, content_of
 from pfd_ros.view.player import Player
-from pfd_ros.view.server import HOST, address, page
+from pfd_ros.view.server import HOST, address
 
 TIMES = (0.0, 0.1, 0.2, 0.35, 0.5)
 
@@ -35,58 +46,25 @@ def content(path: Path, robot: str | None = None, topic: str | None = None) -> C
 
 
 @pytest.fixture(scope='module')
-def server() -> Iterator[Any]:
-    with page(0, 'test') as found:
-        yield found
-
-
-@pytest.fixture
-def empty(server: Any) -> Iterator[Any]:
-    """Return a page without anything on it."""
-    server.scene.reset()
-    server.gui.reset()
-    return server
-
-
-@pytest.fixture(scope='module')
 def ur5_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded(tmp_path_factory.mktemp('view') / 'ur5.mcap', example_robot(UR5))
 
 
-class Nodes:
-    """The nodes of a page that a player moves."""
-
-    def __init__(self, server: Any, found: Content) -> None:
-        self.show = fill(server, found)
-        self._scene = server.scene
-
-    def frame(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        handle = self._scene._handle_from_node_name[name]
-        return np.array(handle.position), np.array(handle.wxyz)
-
-
-def test_a_recording_of_a_urdf_with_meshes_is_drawn_where_pinocchio_says(
+def test_a_recording_of_a_urdf_with_meshes_is_drawn_at_the_poses_of_pinocchio(
     ur5_log: Path, empty: Any
 ) -> None:
     found = content(ur5_log)
     assert found.lines == ()
     assert not any(shape.stands_in for shape in found.drawing.shapes)
     nodes = Nodes(empty, found)
-    model = pin.buildModelFromUrdf(str(example_robot(UR5)))
-    data = model.createData()
-    states = read_log(ur5_log)['/joint_states']
+    pose, states = ur5_poses(ur5_log), read_log(ur5_log)['/joint_states']
     for place in (0, len(states) // 2, len(states) - 1):
         nodes.show(states.time[place] - states.time[0])
-        q = pin.neutral(model)
-        for name, value in zip(states.names, states.position[place], strict=True):
-            q[model.joints[model.getJointId(name)].idx_q] = value
-        pin.framesForwardKinematics(model, data, q)
         for link in ('base_link', 'forearm_link', 'wrist_3_link'):
-            expected = data.oMf[model.getFrameId(link, pin.FrameType.BODY)]
-            position, wxyz = nodes.frame(f'/arm/link_{found.poses.index(link)}')
-            np.testing.assert_allclose(position, expected.translation, atol=1e-12)
-            rotation = pin.Quaternion(wxyz[[1, 2, 3, 0]]).matrix()
-            np.testing.assert_allclose(rotation, expected.rotation, atol=1e-12)
+            shown = nodes.pose(f'/arm/link_{found.poses.index(link)}')
+            np.testing.assert_allclose(
+                shown.homogeneous, pose(place, link).homogeneous, atol=1e-12
+            )
 
 
 def test_a_recording_without_a_description_is_drawn_from_its_robot() -> None:

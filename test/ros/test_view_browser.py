@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-import time
 
 from browser import needs_browser
-from devtools import PATIENCE, Page, opened, red
+from devtools import Page, opened, red
 import numpy as np
 import pytest
 from view_models import STATE, joint_state, pushed_bag, text_message, urdf, visual, write_bag
+from waiting import wait_until
 
 from pfd_ros.view.export import export
 from pfd_ros.view.logged_arm import Content, content_of, fill
@@ -47,14 +47,17 @@ def arm_of(pixels: np.ndarray) -> np.ndarray:
 
 def seen(shown: Page, other: np.ndarray | None = None) -> np.ndarray:
     """Return where the arm is, once it is there, and elsewhere than in another picture."""
-    end = time.monotonic() + PATIENCE
-    shares = [0.0, 0.0]
-    while time.monotonic() < end:
+    found = np.zeros(0)
+    shares: list[float] = []
+
+    def came() -> bool:
+        nonlocal found
         found = arm_of(shown.pixels())
-        shares = [float(found.mean()), 1.0 if other is None else float((found ^ other).mean())]
-        if min(shares) > LEAST:
-            return found
-    raise AssertionError(f'parts that are magenta, and that moved: {shares}; {shown.console}')
+        shares[:] = found.mean(), 1.0 if other is None else (found ^ other).mean()
+        return min(shares) > LEAST
+
+    wait_until(came, lambda: f'parts that are magenta, and that moved: {shares}; {shown.console}')
+    return found
 
 
 def height(arm: np.ndarray) -> float:
@@ -93,7 +96,8 @@ def test_the_arrow_of_a_force_is_in_the_page_while_it_acts(tmp_path: Path) -> No
         with opened(address(server), tmp_path / 'profile') as shown:
             for time_shown, acts in ((0.1, False), (0.3, True), (0.4, False), (0.2, True)):
                 show(content.motion.time[round(10 * time_shown)])
-                end = time.monotonic() + PATIENCE
-                while (red(shown) > ARROW) != acts:
-                    assert time.monotonic() < end, (time_shown, shown.console)
+                wait_until(
+                    lambda acts=acts: (red(shown) > ARROW) == acts,
+                    lambda at=time_shown: (at, shown.console),
+                )
             assert shown.console == []

@@ -62,7 +62,7 @@ def mesh(uri: str, scale: str = '') -> str:
 
 
 @pytest.mark.parametrize('robot', [UR5, PANDA, SO100, 'puma560'])
-def test_the_tip_and_all_links_are_where_pinocchio_says(robot: str) -> None:
+def test_the_tip_and_all_links_are_at_the_poses_of_pinocchio(robot: str) -> None:
     model_urdf = parsed(pfd.urdf_of(robot)) if robot == 'puma560' else example_urdf(robot)[0]
     model = pin.buildModelFromXML(model_urdf.text)
     names = [name for name in model.names[1:] if model.joints[model.getJointId(name)].nq == 1]
@@ -217,8 +217,11 @@ def test_collada_has_its_own_unit_and_its_up_axis_is_ignored_as_in_rviz(tmp_path
         ('noise.dae', 'cannot be read'),
         ('large.stl', 'has more than'),
         ('triangles.stl', 'more than 3 triangles'),
-        ('entities.dae', 'it has a <!DOCTYPE> or <!ENTITY>'),
+        ('entities.dae', 'it has a <!DOCTYPE>'),
+        ('wide_entities.dae', 'it has a <!DOCTYPE>'),
         ('nodes.dae', 'it has more than 16 <instance_node>'),
+        ('wide_nodes.dae', 'it has more than 16 <instance_node>'),
+        ('named_nodes.dae', 'it has more than 16 <instance_node>'),
         ('far.stl', 'a vertex is not finite, or too far away'),
     ],
 )
@@ -230,14 +233,20 @@ def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
     (tmp_path / 'secret.stl').write_bytes(box_stl(1.0))
     os.mkfifo(package / 'pipe.stl')
     (package / 'folder.stl').mkdir()
+    entities = '<!DOCTYPE x [<!ENTITY a "aaaa">]><x>&a;</x>'
+    nodes = f'<x>{17 * "<instance_node/>"}</x>'
+    named = f'<a:x xmlns:a="b">{17 * "<a:instance_node/>"}</a:x>'
     files = {
         'empty.stl': b'',
         'noise.dae': bytes(range(256)),
         'large.stl': bytes(2048),
         'triangles.stl': box_stl(1.0),
         'far.stl': box_stl(1e30),
-        'entities.dae': b'<!DOCTYPE x [<!ENTITY a "aaaa">]>' + dae(1.0).encode()[:512],
-        'nodes.dae': 17 * b'<instance_node url="#n"/>',
+        'entities.dae': entities.encode(),
+        'wide_entities.dae': entities.encode('utf-16'),
+        'nodes.dae': nodes.encode(),
+        'wide_nodes.dae': nodes.encode('utf-16'),
+        'named_nodes.dae': named.encode(),
     }
     for name, data in files.items():
         (package / name).write_bytes(data)

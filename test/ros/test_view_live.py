@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import signal
 import subprocess
 import sys
@@ -12,42 +11,31 @@ from typing import Any
 import urllib.request
 
 import numpy as np
-import pinocchio as pin
 import pytest
-from ros_processes import PATIENCE, Processes, environment
-from view_models import STATE, STORE, joint_state, parsed, urdf
+from ros_processes import Processes, environment
+from view_models import STATE, STORE, joint_state, parsed, pendulum_end, urdf
+from waiting import PATIENCE
 
 from pfd_ros.cli.main import main
 from pfd_ros.view.live_arm import LiveArm
 from pfd_ros.view.mesh_files import MeshFolders
 from pfd_ros.view.poses import LinkPoses
-from pfd_ros.view.server import page
-
-
-@pytest.fixture
-def empty() -> Iterator[Any]:
-    with page(0, 'test') as server:
-        yield server
 
 
 def encoded(*state: Any) -> bytes:
     return bytes(STORE.serialize_cdr(joint_state(0.0, *state), STATE))
 
 
-def test_the_arm_follows_joint_states_by_name_and_skips_what_is_none(empty: Any) -> None:
+def test_the_arm_follows_joint_states_by_name_and_skips_invalid_messages(empty: Any) -> None:
     model = parsed(urdf())
     arm = LiveArm(empty, model, MeshFolders())
     assert arm.joints == ('swing',)
-    pinocchio = pin.buildModelFromXML(urdf())
-    data = pinocchio.createData()
     end = LinkPoses(model, ['swing']).index('end')
-    node = empty.scene._handle_from_node_name[f'/arm/link_{end}']
+    node = empty.scene.get_handle_by_name(f'/arm/link_{end}')
 
     def check(q: float) -> None:
         arm.draw()
-        pin.framesForwardKinematics(pinocchio, data, np.array([q]))
-        expected = data.oMf[pinocchio.getFrameId('end', pin.FrameType.BODY)].translation
-        np.testing.assert_allclose(node.position, expected, atol=1e-12)
+        np.testing.assert_allclose(node.position, pendulum_end(q).translation, atol=1e-12)
 
     check(0.0)
     arm.take(encoded(['other', 'swing'], [9.0, 0.7], [1.0, 2.0]))
@@ -85,6 +73,21 @@ def test_a_log_and_live_exclude_each_other(
     pytest.importorskip('rclpy')
     assert main(['view', *arguments]) == 1
     assert error in capsys.readouterr().err
+
+
+@pytest.mark.ros
+def test_an_invalid_domain_is_one_line() -> None:
+    done = subprocess.run(
+        [sys.executable, '-m', 'pfd_ros.cli.main', 'view', '--live', '--port', '0'],
+        capture_output=True,
+        text=True,
+        env=environment(0) | {'ROS_DOMAIN_ID': 'many'},
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert 'ROS_DOMAIN_ID is not an integral number' in line
 
 
 # The run of each day follows an arm in test_view_process.py.

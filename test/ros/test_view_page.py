@@ -4,13 +4,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 import re
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from ros_processes import example_robot
 from view_models import (
@@ -19,26 +17,20 @@ from view_models import (
     Exported,
     joint_state,
     parsed,
+    pendulum_end,
     recorded,
     swinging,
+    ur5_poses,
     urdf,
     write_bag,
 )
 
-from pfd_ros import read_log
 from pfd_ros.cli.main import main
 from pfd_ros.view.loads import AT_LIMIT, UNKNOWN, Loads, load_colour
 from pfd_ros.view.logged_arm import Content, content_of, fill, offset_of, tip_path
-from pfd_ros.view.server import page
 
 TIMES = (0.0, 0.1, 0.2, 0.35, 0.5)
 NONE, FULL = (70, 120, 200), (225, 60, 45)
-
-
-@pytest.fixture
-def empty() -> Iterator[Any]:
-    with page(0, 'test') as server:
-        yield server
 
 
 @pytest.fixture(scope='module')
@@ -46,24 +38,10 @@ def ur5_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded(tmp_path_factory.mktemp('view') / 'ur5.mcap', example_robot(UR5), 1.0)
 
 
-def pendulum_model() -> tuple[Any, Any]:
-    model = pin.buildModelFromXML(urdf())
-    return model, model.createData()
-
-
 def tip_of(log: Path, places: np.ndarray) -> np.ndarray:
     """Return the tip of a UR5 at some states of a log, by Pinocchio."""
-    model = pin.buildModelFromUrdf(str(example_robot(UR5)))
-    data = model.createData()
-    states, found = read_log(log)['/joint_states'], []
-    for place in places:
-        q = pin.neutral(model)
-        for name, value in zip(states.names, states.position[place], strict=True):
-            q[model.joints[model.getJointId(name)].idx_q] = value
-        pin.framesForwardKinematics(model, data, q)
-        frame = data.oMf[model.getFrameId('wrist_3_link', pin.FrameType.BODY)]
-        found.append(frame.translation.copy())
-    return np.array(found)
+    pose = ur5_poses(log)
+    return np.array([pose(place, 'wrist_3_link').translation for place in places])
 
 
 def test_a_torque_is_blue_at_none_and_red_at_its_limit() -> None:
@@ -96,7 +74,7 @@ def test_without_an_effort_limit_the_scale_ends_at_the_largest_torque() -> None:
     assert Loads(free, ['swing'], np.zeros((2, 1))).colours(np.zeros(1), np.zeros(1)) == [NONE]
 
 
-def test_the_path_is_that_of_the_tip_as_pinocchio_has_it(ur5_log: Path) -> None:
+def test_the_path_of_the_tip_equals_pinocchio(ur5_log: Path) -> None:
     found = content_of(ur5_log)
     assert found.tip == 'wrist_3_link'
     path = tip_path(found)
@@ -115,13 +93,10 @@ def test_a_ghost_is_shown_at_the_same_stamps(tmp_path: Path, empty: Any) -> None
     ghost = content_of(write_bag(tmp_path / 'b', states), other=arm.seen.urdf)
     assert offset_of(arm.motion, ghost.motion) == pytest.approx(0.2)
     show = fill(empty, arm, ghost)
-    model, data = pendulum_model()
     for time, q in ((0.0, 1.0), (0.25, 1.0), (0.35, 2.0), (0.5, 3.0)):
         show(time)
-        node = empty.scene._handle_from_node_name[f'/ghost/link_{ghost.poses.index("end")}']
-        pin.framesForwardKinematics(model, data, np.array([q]))
-        expected = data.oMf[model.getFrameId('end', pin.FrameType.BODY)].translation
-        np.testing.assert_allclose(node.position, expected, atol=1e-12)
+        node = empty.scene.get_handle_by_name(f'/ghost/link_{ghost.poses.index("end")}')
+        np.testing.assert_allclose(node.position, pendulum_end(q).translation, atol=1e-12)
 
 
 def test_logs_without_a_time_in_common_start_together(tmp_path: Path) -> None:

@@ -12,13 +12,13 @@ import re
 import signal
 import socket
 import time
-from typing import Any
 import urllib.request
 
 from browser import needs_browser
 from devtools import opened, red
 import pytest
-from ros_processes import PATIENCE, Peer, Process, Processes, call
+from ros_processes import Peer, Process, Processes, call
+from waiting import PATIENCE, wait_until
 
 from pfd_ros.cli.main import commands_of, parser
 from pfd_ros.demo.processes import run_demo
@@ -78,7 +78,7 @@ class Viewed:
 
     def wait_for_the_end(self) -> None:
         """Wait until the view is gone, and its port."""
-        wait(lambda: not Path(f'/proc/{self.view}').exists())
+        wait_until(lambda: not Path(f'/proc/{self.view}').exists())
         with socket.socket() as probe:
             assert probe.connect_ex((HOST, int(self.url[0].rpartition(':')[2]))) != 0
 
@@ -97,15 +97,8 @@ def child_of(process: Process) -> int:
     return child
 
 
-def wait(done: Callable[[], Any]) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not done():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-
-
 @pytest.mark.ros
-def test_an_arm_goes_on_without_its_view_and_logs_it_once(processes: Processes) -> None:
+def test_an_arm_continues_without_its_view_and_logs_it_once(processes: Processes) -> None:
     viewed = Viewed(processes, '-r', '__ns:=/left', '-r', 'joint_states:=states')
     assert len(viewed.url) == 1
     assert 'receiving /left/states\n' in viewed.arm.text()
@@ -151,18 +144,18 @@ def test_the_page_of_a_running_arm_shows_a_force_until_it_is_cleared(
     # The arm and the view.
     peer.wait(lambda: hand.get_subscription_count() == 2)
     with opened(viewed.url[0], tmp_path / 'profile') as shown:
-        wait(lambda: '1 m = 50 N' in (shown.value('document.body.innerText') or ''))
+        wait_until(lambda: '1 m = 50 N' in (shown.value('document.body.innerText') or ''))
         assert red(shown) < LEAST
         message = WrenchStamped()
         message.header.frame_id = 'tool0'
         message.wrench.force.z = 60.0
         hand.publish(message)
-        wait(lambda: red(shown) > LEAST)
+        wait_until(lambda: red(shown) > LEAST)
         # A report comes each second; the wrench acts, and stays.
         peer.let_pass(1500)
         assert red(shown) > LEAST
         assert call(peer, Trigger, 'clear_external_wrench').success
-        wait(lambda: red(shown) < LEAST)
+        wait_until(lambda: red(shown) < LEAST)
         assert shown.console == []
     assert viewed.arm.end(signal.SIGINT) == 0
     viewed.wait_for_the_end()

@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import pinocchio as pin
@@ -19,9 +20,12 @@ from view_models import (
     UR5,
     WRENCH,
     Exported,
+    Nodes,
     joint_state,
     parsed,
+    pendulum_end,
     pushed_bag,
+    ur5_poses,
     urdf,
     wrench_message,
 )
@@ -30,18 +34,20 @@ import pfd_core as pfd
 from pfd_ros import read_log
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import TAKEN, TAKEN_COLUMNS, Source, ValidationRow, Verdict
 from pfd_ros.arm.settings import Settings
 from pfd_ros.cli.main import main
+from pfd_ros.messages.convert import encode_rows, encode_string
 from pfd_ros.messages.stamped import InertiaMessage, WrenchMessage
+from pfd_ros.recording.format import REQUESTS
 from pfd_ros.testing.engine_run import EngineRun
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.run_log import open_log
 from pfd_ros.view.export import export
 from pfd_ros.view.live_arm import LiveArm
-from pfd_ros.view.logged_arm import Content, content_of, fill
+from pfd_ros.view.logged_arm import content_of
 from pfd_ros.view.mesh_files import MeshFolders
 from pfd_ros.view.running_wrench import RunningWrench
-from pfd_ros.view.server import page
 from pfd_ros.view.tip_loads import DENSITY, payload_body, scale_of
 
 # The page has float32 vertices.
@@ -54,12 +60,6 @@ PUSHES = {
 FIRST = (1.0, (0.0, 0.05, 0.02), (0.0,) * 6)
 SECOND = (2.5, (0.1, -0.02, 0.05), (0.02, 0.001, -0.002, 0.03, 0.003, 0.025))
 PART = 0.1  # s of each of the four parts of that run: neither, the pushes, neither
-
-
-@pytest.fixture(scope='module')
-def empty() -> Iterator[Any]:
-    with page(0, 'test') as server:
-        yield server
 
 
 @pytest.fixture(scope='module')
@@ -85,46 +85,6 @@ def pushed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         arm.set(payload_mass=0.0)
         arm.run(swing, PART)
     return path
-
-
-class Nodes:
-    """The nodes of a page that shows a log."""
-
-    def __init__(self, server: Any, content: Content) -> None:
-        server.scene.reset()
-        server.gui.reset()
-        self._scene = server.scene
-        self.show = fill(server, content)
-
-    def __getitem__(self, name: str) -> Any:
-        return self._scene._handle_from_node_name[name]
-
-    def pose(self, name: str) -> pin.SE3:
-        """Return the pose of a node in the world, from those of its parents."""
-        found = pin.SE3.Identity()
-        parts = name.strip('/').split('/')
-        for k in range(len(parts)):
-            node = self[f'/{"/".join(parts[: k + 1])}']
-            w, x, y, z = node.wxyz
-            found = found * pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(node.position))
-        return found
-
-    def points(self, name: str) -> np.ndarray:
-        """Return the vertices of a mesh in the world, as a browser places them."""
-        node, pose = self[name], self.pose(name)
-        return (node.vertices * np.array(node.scale)) @ pose.rotation.T + pose.translation
-
-
-def frames_at(log: Path, place: int) -> Any:
-    """Return a function from a link of the UR5 to its frame in a state of a log, by Pinocchio."""
-    model = pin.buildModelFromUrdf(str(example_robot(UR5)))
-    data = model.createData()
-    states = read_log(log)['/joint_states']
-    q = pin.neutral(model)
-    for name, value in zip(states.names, states.position[place], strict=True):
-        q[model.joints[model.getJointId(name)].idx_q] = value
-    pin.framesForwardKinematics(model, data, q)
-    return lambda link: data.oMf[model.getFrameId(link, pin.FrameType.BODY)]
 
 
 def visible(nodes: Nodes) -> list[str]:
@@ -153,16 +113,17 @@ def check_wrench(nodes: Nodes, frame: pin.SE3, wrench: Any, scale: Any) -> None:
     assert np.sum(np.cross(turn[:-1], turn[1:]) @ axis) > 0
 
 
-def test_arrows_and_payload_of_a_recording_are_where_pinocchio_says(
+def test_arrows_and_payload_of_a_recording_are_at_the_poses_of_pinocchio(
     pushed: Path, empty: Any
 ) -> None:
     content = content_of(pushed)
     assert content.lines == ()
     nodes, count = Nodes(empty, content), len(content.motion.time)
+    pose = ur5_poses(pushed)
     for part, frame in ((1, 'tool0'), (2, 'wrist_3_link')):
         for place in (part * count // 4 + 1, (2 * part + 1) * count // 8, (part + 1) * count // 4):
             nodes.show(content.motion.time[place - 1])
-            at = frames_at(pushed, place - 1)
+            at = partial(pose, place - 1)
             assert visible(nodes) == ['/wrench/force', '/wrench/torque', '/payload']
             check_wrench(nodes, at(frame), PUSHES[frame], content.scale)
             centre = at('wrist_3_link').act(np.array((FIRST, SECOND)[part - 1][1]))
@@ -270,6 +231,29 @@ def test_the_arrow_is_shown_in_the_states_in_which_the_wrench_acted(tmp_path: Pa
     np.testing.assert_array_equal(np.array(shown), expected)
 
 
+@pytest.mark.parametrize('text', ['{}', '7', 300 * '['])
+def test_a_request_that_is_none_is_a_line_and_the_motion_is_shown(
+    text: str, tmp_path: Path
+) -> None:
+    path = tmp_path / 'run.mcap'
+    settings = Settings(robot='planar2', external_wrench=True, recording=str(path))
+    engine = Engine(settings, load_robot(settings))
+    log = open_log(engine)
+    assert log is not None
+    run = EngineRun(engine, log)
+    run.send(*wrench('tip_link', (0.0, 3.0, 0.0)))
+    data = encode_string(text)
+    row = ValidationRow(1, Source.REQUEST, 1, Verdict.ACCEPTED, crc32(data))
+    log.record(REQUESTS, 1, data)
+    log.record(TAKEN, 2, encode_rows([row], TAKEN_COLUMNS))
+    for _ in range(5):
+        run.step()
+    log.close()
+    content = content_of(path)
+    assert len(content.motion.time) == 5
+    assert 'external wrench and payload are not shown' in content.lines[-1]
+
+
 def test_a_file_that_continues_a_run_begins_with_its_wrench_and_payload(tmp_path: Path) -> None:
     files = {'recording_max_duration': 0.1, 'recording_state_period': 0.1}
     settings = {'external_wrench': True, 'payload_mass': 1.5, 'publish_rate': 100.0, **files}
@@ -328,14 +312,14 @@ def test_an_exported_page_shows_hides_and_turns_the_arrow(pushed: Path, tmp_path
     # A browser changes sizes later than it shows a node: the first one is there from the start.
     radius = np.linalg.norm(PUSHES['tool0'][1]) / content.scale.torque
     assert exported.updates('/wrench/torque/turn')[0] == (0.0, {'scale': pytest.approx(radius)})
-    at = frames_at(pushed, len(content.motion.time) // 2 - 2)
+    tool = ur5_poses(pushed)(len(content.motion.time) // 2 - 2, 'tool0')
     (turn,) = [wxyz for time, wxyz in exported.turns('/wrench/force') if time <= 2 * PART - 0.01][
         -1:
     ]
     w, x, y, z = turn
     along = pin.Quaternion(w, x, y, z).matrix()[:, 2]
     force = np.array(PUSHES['tool0'][0])
-    expected = at('tool0').rotation @ force / np.linalg.norm(force)
+    expected = tool.rotation @ force / np.linalg.norm(force)
     # Between two frames the link turns by some degrees.
     assert along @ expected > np.cos(np.radians(10))
     assert np.ptp([wxyz for _, wxyz in exported.turns('/wrench/force')], axis=0).max() > 0.2
@@ -393,10 +377,8 @@ def test_where_the_arm_publishes_the_wrench_that_acts_nothing_else_counts() -> N
 def test_a_running_arm_shows_wrench_and_payload_at_the_frames_of_their_messages(
     empty: Any,
 ) -> None:
-    empty.scene.reset()
-    empty.gui.reset()
     arm = LiveArm(empty, parsed(urdf()), MeshFolders())
-    node = empty.scene._handle_from_node_name.__getitem__
+    node = empty.scene.get_handle_by_name
     state = joint_state(0.0, ['swing'], [0.7])
     arm.take(bytes(STORE.serialize_cdr(state, STATE)))
     sent = wrench_message('end', (0.0, 0.0, 5.0), (0.0, 0.0, 0.0))
@@ -404,10 +386,7 @@ def test_a_running_arm_shows_wrench_and_payload_at_the_frames_of_their_messages(
     _, body = payload('end', 1.5, (0.0, 0.1, 0.0))
     arm.take_payload(body)
     arm.draw()
-    model = pin.buildModelFromXML(urdf())
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, np.array([0.7]))
-    end = data.oMf[model.getFrameId('end', pin.FrameType.BODY)]
+    end = pendulum_end(0.7)
     force = node('/wrench/force')
     assert force.visible
     np.testing.assert_allclose(force.position, end.translation, atol=1e-12)

@@ -23,6 +23,7 @@ import pytest
 from rewriting import Recording, load
 from ros_processes import example_robot
 from rosbags.typesys import Stores, get_typestore
+from view_models import recorded
 
 import pfd_core as pfd
 from pfd_ros.messages import definitions
@@ -72,14 +73,6 @@ ROBOTS: dict[str, tuple[Callable[[], Any], dict[str, Any]]] = {
     'gripper with mimic joint': (urdf, GRIPPER),
     'joints that follow a moving one': (lambda: DIAL, {'tip_link': 'slider'}),
 }
-
-
-def recorded(path: Path, robot: Any, **settings: Any) -> Path:
-    """Record a motion of half a second."""
-    with LockstepArm(robot, recording=path, **settings) as arm:
-        swing = np.linspace(3.0, -2.0, len(arm.names))
-        arm.run(lambda t, q, qd: swing * np.cos(9.0 * t) - 0.3 * qd, 0.5)
-    return path
 
 
 def messages(path: Path) -> list[tuple[str, int, Any]]:
@@ -230,8 +223,7 @@ def test_a_robot_that_no_urdf_can_hold_is_recorded_without_frames(tmp_path: Path
 def altered(path: Path, topic: str, place: int) -> Recording:
     """Return a recording with another last byte in one message of a topic."""
     made = load(path)
-    message = made.on(topic)[place]
-    message.data = message.data[:-1] + bytes([message.data[-1] ^ 1])
+    made.on(topic)[place].flip()
     return made
 
 
@@ -281,7 +273,7 @@ def test_a_description_that_is_no_urdf_is_one_clear_error(tmp_path: Path) -> Non
         assert '\n' not in str(caught.value)
 
 
-def test_the_definition_of_a_transform_message_is_that_of_jazzy() -> None:
+def test_the_definition_of_a_transform_message_is_from_jazzy() -> None:
     theirs, _ = STORE.generate_msgdef(TRANSFORMS, ros_version=2)
     assert theirs.startswith(definitions.KNOWN[TRANSFORMS][0])
     assert definitions.type_hash(TRANSFORMS) == STORE.hash_rihs01(TRANSFORMS)

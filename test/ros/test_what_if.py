@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 from oracle import Oracle
 import pinocchio as pin
+from plant_messages import efforts, joint_state
 import pytest
 from rewriting import GOLDEN, load
 from ros_processes import example_robot
 from sampling import one_fast
-from simulating import efforts, joint_state, simulate
+from simulating import simulate
 
 import pfd_core as pfd
 from pfd_ros import read_log

@@ -120,7 +120,7 @@ def test_an_arm_that_is_the_recorded_one_follows_it(tmp_path: Path, start: float
     np.testing.assert_array_equal(new.position[0], Q0)
 
 
-def test_another_payload_diverges_as_a_simulation_says(tmp_path: Path) -> None:
+def test_another_payload_diverges_as_in_a_simulation(tmp_path: Path) -> None:
     bag = own_bag(tmp_path / 'bag')
     found = run(bag, '/joint_states', 'payload.mass=0.5')
     scene = pfd.Scene(payload=pfd.Payload(0.5))

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from plant_messages import efforts, joint_state
 import pytest
 from rewriting import Sent, load
-from simulating import efforts, joint_state, simulate
+from simulating import simulate
 
 from pfd_ros.arm.changes import encode_changes
-from pfd_ros.arm.effects import Request
-from pfd_ros.arm.events import Source
+from pfd_ros.arm.events import Request, Source
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.cli.main import main
 from pfd_ros.messages.convert import WRENCH, encode_clock

@@ -16,8 +16,8 @@ from typing import Any
 from hypothesis import event, given
 from hypothesis import strategies as st
 import numpy as np
+from plant_messages import efforts
 import pytest
-from simulating import efforts
 
 from pfd_ros.messages import convert
 from pfd_ros.messages.stamped import NUMBERS, decode_stamped, effort_encoder, stamped_encoder

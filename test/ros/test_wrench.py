@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The external wrench: its physics beside Pinocchio, its rules, how long it acts, its replay."""
+"""The external wrench: its physics against Pinocchio, validation, duration and replay."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from plant_messages import change, made, validated, wrench
+from plant_messages import change, efforts, made, validated, wrench
 import pytest
 from ros_processes import example_robot
-from simulating import efforts, rows_of, simulate
+from simulating import rows_of, simulate
 
 import pfd_core as pfd
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.events import Request, Source, Verdict
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.cli.recorded_motion import read_motion
 from pfd_ros.replay.verify import read
@@ -49,7 +48,7 @@ TAU = (1.0, -20.0, 5.0, 0.3, -0.2, 0.1)
 
 
 @pytest.mark.parametrize('frame', ['wrist_3_link', 'tool0', 'ee_link'])
-def test_a_wrench_moves_the_arm_as_pinocchio_says(frame: str) -> None:
+def test_a_wrench_moves_the_arm_as_in_pinocchio(frame: str) -> None:
     engine, path = ur5(frame)
     arm = engine.arm
     model = pin.buildModelFromUrdf(path)

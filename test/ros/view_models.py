@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 import re
 from typing import Any
@@ -13,11 +13,14 @@ from typing import Any
 from bags import STORE, rosbag2
 import msgspec
 import numpy as np
+import pinocchio as pin
 from ros_processes import example_robot
 import zstandard
 
 import pfd_core as pfd
+from pfd_ros import read_log
 from pfd_ros.testing.lockstep_arm import LockstepArm
+from pfd_ros.view.logged_arm import Content, fill
 
 UR5 = 'ur_description/urdf/ur5_robot.urdf'
 PANDA = 'panda_description/urdf/panda.urdf'
@@ -139,6 +142,55 @@ def pushed_bag(path: Path, frame: str = 'end') -> Path:
             for topic in ('/arm/external_wrench', '/sensor/wrench'):
                 messages.append((topic, WRENCH, round((10.05 + 0.1 * k) * 1e9), sent))
     return write_bag(path, messages)
+
+
+def ur5_poses(log: Path) -> Callable[[int, str], pin.SE3]:
+    """Return a function from a state of a log and a link of the UR5 to its pose, by Pinocchio."""
+    model = pin.buildModelFromUrdf(str(example_robot(UR5)))
+    data, states = model.createData(), read_log(log)['/joint_states']
+
+    def pose(place: int, link: str) -> pin.SE3:
+        q = pin.neutral(model)
+        for name, value in zip(states.names, states.position[place], strict=True):
+            q[model.joints[model.getJointId(name)].idx_q] = value
+        pin.framesForwardKinematics(model, data, q)
+        return data.oMf[model.getFrameId(link, pin.FrameType.BODY)].copy()
+
+    return pose
+
+
+def pendulum_end(q: float) -> pin.SE3:
+    """Return the pose of the link `end` of the pendulum of `urdf`, by Pinocchio."""
+    model = pin.buildModelFromXML(urdf())
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, np.array([q]))
+    return data.oMf[model.getFrameId('end', pin.FrameType.BODY)].copy()
+
+
+class Nodes:
+    """The nodes of a page that shows a log."""
+
+    def __init__(self, server: Any, content: Content) -> None:
+        self._scene = server.scene
+        self.show = fill(server, content)
+
+    def __getitem__(self, name: str) -> Any:
+        return self._scene.get_handle_by_name(name)
+
+    def pose(self, name: str) -> pin.SE3:
+        """Return the pose of a node in the world, from those of its parents."""
+        found = pin.SE3.Identity()
+        parts = name.strip('/').split('/')
+        for k in range(len(parts)):
+            node = self[f'/{"/".join(parts[: k + 1])}']
+            w, x, y, z = node.wxyz
+            found = found * pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(node.position))
+        return found
+
+    def points(self, name: str) -> np.ndarray:
+        """Return the vertices of a mesh in the world, as a browser places them."""
+        node, pose = self[name], self.pose(name)
+        return (node.vertices * np.array(node.scale)) @ pose.rotation.T + pose.translation
 
 
 class Exported:

@@ -13,10 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 import ctypes
 from dataclasses import astuple, dataclass
-import os
 from pathlib import Path
 import shutil
-import signal
 import subprocess
 from tempfile import TemporaryDirectory
 
@@ -95,36 +93,9 @@ def _identity(compiler: str) -> tuple[str, ...]:
 
 
 def _compile(command: list[str]) -> None:
-    compiler: subprocess.Popen[str] | None = None
-    try:
-        with without_interrupts():
-            # A group of processes, of which the compiler proper is one, ends as a whole.
-            compiler = subprocess.Popen(
-                command,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                text=True,
-                start_new_session=True,
-            )
-        _, message = compiler.communicate()
-    except BaseException:
-        if compiler is not None and compiler.returncode is None:
-            # Its number is free only after the wait.
-            os.killpg(compiler.pid, signal.SIGKILL)
-            compiler.communicate()
-        raise
-    if compiler.returncode:
-        raise LeftOutError(f'{Path(command[0]).name} failed: {_first_error(message)}')
-
-
-@contextmanager
-def without_interrupts() -> Iterator[None]:
-    """Delay Ctrl-C until the end of a block, and block it in processes that are started there."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise LeftOutError(f'{Path(command[0]).name} failed: {_first_error(done.stderr)}')
 
 
 def _first_error(message: str) -> str:

@@ -11,16 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import count
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 import os
+import signal
 from threading import Thread
 from typing import TypeVar
 
-from pfd_core.report.contenders.native import without_interrupts
 from pfd_core.report.measure.progress import hide_progress, show_progress
 
 Item = TypeVar('Item')
@@ -81,7 +81,7 @@ def _in_processes(
         pool = ProcessPoolExecutor(processes, context, _begin, (end,))
         try:
             show_progress(f'{what}, 0 of {len(items)} finished')
-            with without_interrupts():
+            with _without_interrupts():
                 futures = [pool.submit(measure, item) for item in items]
             for future in futures:
                 future.add_done_callback(finished)
@@ -93,6 +93,16 @@ def _in_processes(
             raise
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Delay Ctrl-C until the end of a block, and block it in processes that are started there."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin(end: Connection) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Plot of a what-if run: positions recorded and new, and the divergence next to rounding's."""
+"""Plots of two compared logs, and of a what-if run; they need matplotlib."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from pfd_ros.messages.convert import JOINT_UNITS
+from pfd_ros.recording.sink import new_file
+from pfd_ros.replay.compare import Comparison
 from pfd_ros.replay.what_if import WhatIf
 from pfd_ros.text import cut, listed
 
@@ -45,9 +48,45 @@ def _figure() -> Any:
     return Figure
 
 
-def plot(found: WhatIf, path: Path) -> None:
+def plot_comparison(found: Comparison, names: tuple[str, str], path: Path) -> None:
     """
-    Write the picture of a run: a row for each joint, joints beyond the twelfth are left out.
+    Write the curves of the first topic, a panel a joint and field.
+
+    Joints beyond the twelfth are left out.
+
+    Raises
+    ------
+    ValueError
+        If matplotlib is not installed.
+
+    """
+    topic = found.differences[0].topic
+    chosen = {key[1:]: curves for key, curves in found.curves.items() if key[0] == topic}
+    fields = list(dict.fromkeys(item for item, _ in chosen))
+    joints = list(dict.fromkeys(joint for _, joint in chosen))[:MOST_JOINTS]
+    figure = _figure()(figsize=(4.2 * len(fields), 1.7 * len(joints) + 1.0), layout='constrained')
+    axes = figure.subplots(len(joints), len(fields), sharex=True, squeeze=False)
+    for row, joint in zip(axes, joints, strict=True):
+        for axis, item in zip(row, fields, strict=True):
+            if (item, joint) in chosen:
+                time, left, right = chosen[item, joint]
+                axis.plot(time, left, label=f'A: {names[0]}', linewidth=1.6)
+                axis.plot(time, right, label=f'B: {names[1]}', linewidth=1.0, linestyle='--')
+            axis.set_title(f'{joint}: {item}', fontsize=9)
+            axis.set_ylabel(' or '.join(JOINT_UNITS[item]), fontsize=8)
+            axis.tick_params(labelsize=8)
+    for axis in axes[-1]:
+        axis.set_xlabel('time of A [s]', fontsize=8)
+    handles, labels = axes[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc='outside upper center', ncols=2, fontsize=8)
+    figure.savefig(path, dpi=120)
+
+
+def plot_what_if(found: WhatIf, path: Path) -> None:
+    """
+    Write positions recorded and new, and their difference next to rounding's, a row a joint.
+
+    Joints beyond the twelfth are left out.
 
     Raises
     ------
@@ -57,10 +96,9 @@ def plot(found: WhatIf, path: Path) -> None:
         If the file exists or cannot be written.
 
     """
-    Figure = _figure()
     time, positions, sizes = found.curves
     joints = found.joints[:MOST_JOINTS]
-    figure = Figure(figsize=(11.0, 1.6 * len(joints) + 1.3), layout='constrained')
+    figure = _figure()(figsize=(11.0, 1.6 * len(joints) + 1.3), layout='constrained')
     axes = figure.subplots(len(joints), 2, sharex=True, squeeze=False)
     for k, (joint, (left, right)) in enumerate(zip(joints, axes, strict=True)):
         left.plot(time, positions[:, 0, k], label='recorded', linewidth=1.8, color='C0')
@@ -90,12 +128,8 @@ def plot(found: WhatIf, path: Path) -> None:
     )
     title = f'{found.source.name}: {changes or "nothing changed"}'
     figure.suptitle(cut(title, 120), fontsize=10)
-    with path.open('xb') as stream:
-        try:
-            figure.savefig(stream, dpi=120, format=path.suffix.lstrip('.') or 'png')
-        except BaseException:
-            path.unlink()
-            raise
+    with new_file(path) as stream:
+        figure.savefig(stream, dpi=120, format=path.suffix.lstrip('.') or 'png')
 
 
 def _range(recorded: np.ndarray, new: np.ndarray) -> tuple[float, float]:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 import gc
 import os
@@ -76,6 +76,7 @@ def pytest_xdist_auto_num_workers() -> int:
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Leave most parameters of a sweep to the run of all tests: they are `long`."""
+    _mark_sweeps(items)
     place: Counter[str] = Counter()
     for item in items:
         if item.get_closest_marker('slow') is not None:
@@ -83,6 +84,27 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             if place[name] % SAMPLED:
                 item.add_marker('long')
             place[name] += 1
+
+
+def _mark_sweeps(items: list[pytest.Item]) -> None:
+    """Mark parameters of a `sweep` as `slow`, but for a few with all values of all arguments."""
+    sweeps = defaultdict[str, list[tuple[pytest.Item, set[tuple[str, int]]]]](list)
+    for item in items:
+        call = getattr(item, 'callspec', None)
+        if call is None or item.get_closest_marker('sweep') is None:
+            continue
+        if item.get_closest_marker('slow') is None:
+            # The items of a sweep share the objects that are their values.
+            values = {(name, id(value)) for name, value in call.params.items()}
+            sweeps[item.nodeid.partition('[')[0]].append((item, values))
+    for left in sweeps.values():
+        missing = set().union(*(values for _, values in left))
+        while missing:
+            fast = max(left, key=lambda each: len(each[1] & missing))
+            left.remove(fast)
+            missing -= fast[1]
+        for item, _ in left:
+            item.add_marker('slow')
 
 
 def pytest_report_header() -> str | None:

@@ -248,6 +248,7 @@ def pcrbm_routes(n: int) -> dict[str, int]:
     return {section: count for section, count in found.items() if count}
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('literal', [False, True])
 @pytest.mark.parametrize('schedule', ['parallel', 'unpacked'])
 @pytest.mark.parametrize('n', EVERY_SIZE)
@@ -293,6 +294,7 @@ def pcgm_routes(n: int, literal: bool) -> dict[str, int]:
     return {section: count for section, count in found.items() if count}
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('literal', [False, True])
 @pytest.mark.parametrize('n', EVERY_SIZE)
 def test_pcgm_of_1987_has_its_closed_forms(n: int, literal: bool) -> None:

@@ -139,6 +139,7 @@ def test_look_ahead_attains_the_minimum_found_by_integer_programming(n: int) -> 
     assert found == FEWEST_SOLVE.get(n, found) == bound(n, True)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('schedule', SCHEDULES)
 @pytest.mark.parametrize('form', ['no roots', 'roots', 'one root'])
 def test_every_order_yields_the_cholesky_factor(form: str, schedule: str) -> None:
@@ -177,6 +178,7 @@ def test_a_factorisation_takes_the_steps_of_its_order_and_no_more(n: int) -> Non
         assert (steps.divisions, steps.square_roots) == (n - 1, roots), form
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('square_roots', [False, True])
 @pytest.mark.parametrize('schedule', SCHEDULES)
 def test_every_order_solves(schedule: str, square_roots: bool) -> None:

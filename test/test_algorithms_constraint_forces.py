@@ -49,6 +49,7 @@ def constraint_matrix(oracle: Oracle, q: Array) -> Array:
     return np.asarray(J @ inverse @ J.T)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     ('n', 'share', 'schedule'),
     [

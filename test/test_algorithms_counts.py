@@ -306,6 +306,7 @@ def parts(method: str, n: int) -> Iterator[tuple[str, tuple[int, int, int]]]:
     yield 'solve', (cube + 3 * pairs // 2 + n, cube + pairs, n)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     'n', [n if n < 9 else pytest.param(n, marks=pytest.mark.slow) for n in SERIAL_SIZES]
 )

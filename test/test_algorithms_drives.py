@@ -20,6 +20,7 @@ from drive_scenes import (
 import numpy as np
 from oracle import Oracle, chains, jacobi_condition, relative
 import pytest
+from sampling import one_fast
 from tolerances import DYNAMICS, FIFTY_DIGITS, SINGLE
 from zoo import random_chain
 
@@ -67,7 +68,7 @@ def test_kernels_agree_with_pinocchio(name: str, refine: int) -> None:
             assert relative(kernel(**at), wanted_qdd(robot, scene, at)) < most
 
 
-@pytest.mark.parametrize('name', ['all', 'exact compensation'])
+@pytest.mark.parametrize('name', one_fast(['all', 'exact compensation']))
 def test_kernels_of_single_precision_agree_too(name: str) -> None:
     rng = np.random.default_rng(63)
     robot = random_chain(rng, 5, joint_types=['revolute'] * 5)
@@ -93,7 +94,7 @@ def test_methods_on_lanes_agree_in_50_digits() -> None:
         assert max(abs(found - wanted)) < FIFTY_DIGITS * max(abs(wanted))
 
 
-@pytest.mark.parametrize('name', ['all', 'limited compensation', 'effort limits'])
+@pytest.mark.parametrize('name', one_fast(['all', 'limited compensation', 'effort limits']))
 def test_motors_and_an_arm_without_drives_are_the_arm_with_them(name: str) -> None:
     for rng, robot in chains(12, seed=69):
         scene = scenes(robot.n)[name]
@@ -195,7 +196,7 @@ def test_a_limited_arm_is_one_that_is_given_limited_torques() -> None:
     np.testing.assert_array_equal(limited.qdd, clipped.qdd)
 
 
-@pytest.mark.parametrize('integrator', ['rk4', 'imex2'])
+@pytest.mark.parametrize('integrator', one_fast(['rk4', 'imex2']))
 def test_an_arm_with_drives_moves_alone_as_in_an_ensemble(integrator: str) -> None:
     rng = np.random.default_rng(70)
     robot = random_chain(rng, 4, joint_types=['revolute', 'prismatic', 'revolute', 'continuous'])
@@ -226,7 +227,7 @@ def test_an_arm_that_is_compensated_exactly_is_weightless() -> None:
     assert resolve(robot, scene).gravity_compensation is not None
 
 
-@pytest.mark.parametrize('name', ['compensation of another model', 'all'])
+@pytest.mark.parametrize('name', one_fast(['compensation of another model', 'all'], 'all'))
 def test_inverse_dynamics_gives_the_commanded_torques(name: str) -> None:
     for rng, robot in chains(12, seed=67):
         scene = replace(scenes(robot.n)[name], effort_limits=None, torque_speed=None)

@@ -67,6 +67,7 @@ def test_kernels_of_every_method_give_the_emulators_bits(method: str, dtype: str
     assert_bits_of_the_emulator(kernel, rng)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('digits', [None, 30])
 @pytest.mark.parametrize('method', pfd.METHODS)
 def test_an_arm_without_inertia_is_a_status(method: str, digits: int | None) -> None:

@@ -161,6 +161,7 @@ def fifty_digits(n: int) -> tuple[pfd.Robot, dict[str, Array], Array]:
     return robot, given, run(program, given, digits=50)['qdd']
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('n', [1, 2, 4, 6])
 @pytest.mark.parametrize(
     ('method', 'schedule'), [case for case in CASES if case.values[0] not in ROUNDED]
@@ -183,6 +184,7 @@ def exact(values: Array) -> Array:
     return np.round(np.asarray(values) * 256) / 256
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('n', [1, 2, 4, 6])
 @pytest.mark.parametrize('method', ROUNDED)
 def test_fifty_digits_agree_also_where_parameters_are_grouped_or_iterations_end(

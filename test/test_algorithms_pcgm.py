@@ -10,6 +10,7 @@ from closed_forms import SIZES
 import numpy as np
 from oracle import ARMS, Oracle, chains, every, jacobi_condition, relative
 import pytest
+from sampling import one_fast
 from tolerances import ACCELERATION
 from zoo import random_chain, random_state, without_mass
 
@@ -25,7 +26,7 @@ def revolute(n: int) -> pfd.Robot:
     return random_chain(np.random.default_rng(n), n, 0.0)
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', one_fast(SCHEDULES, 'parallel'))
 def test_scaled_iterations_agree_with_pinocchio_within_their_limit(schedule: str) -> None:
     for rng, robot in every(4, chains(48, seed=21)):
         plant = resolve(robot, pfd.Scene(external_wrench=True))
@@ -166,7 +167,7 @@ def test_in_single_precision_the_iteration_ends_at_the_rounding_of_single_precis
     assert errors.max() <= CG_BASELINE['float32']
 
 
-@pytest.mark.parametrize('name', ARMS)
+@pytest.mark.parametrize('name', one_fast(ARMS, 'puma560'))
 def test_real_arms_converge_in_twice_as_many_iterations_as_joints(name: str) -> None:
     robot = pfd.load_robot(name)
     rng = np.random.default_rng(11)

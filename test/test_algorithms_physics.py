@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 from oracle import WRENCH, Oracle, chains, every, jacobi_condition, relative
 import pytest
+from sampling import one_fast
 from tolerances import ACCELERATION, DYNAMICS
 from zoo import random_chain, random_state
 
@@ -17,7 +18,7 @@ from pfd_core.machine.recorder import SCHEDULES
 from pfd_core.model import resolve
 
 
-@pytest.mark.parametrize(('schedule', 'step'), [('parallel', 2), ('sequential', 4)])
+@pytest.mark.parametrize(('schedule', 'step'), one_fast([('parallel', 2), ('sequential', 4)]))
 def test_terms_and_inverse_dynamics_of_random_chains_agree_with_pinocchio(
     schedule: str, step: int
 ) -> None:
@@ -37,7 +38,7 @@ def test_terms_and_inverse_dynamics_of_random_chains_agree_with_pinocchio(
         assert relative(found, tau) < DYNAMICS, robot
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', one_fast(SCHEDULES, 'parallel'))
 def test_torque_is_recovered_from_the_accelerations_it_causes(schedule: str) -> None:
     for rng, robot in every(5, chains(36, seed=4)):
         plant = resolve(robot, pfd.Scene(external_wrench=True, damping='model', armature='model'))

@@ -97,6 +97,7 @@ def test_a_batch_with_brakes_runs_on_blocks() -> None:
         assert (found[0, [0, 3]] == 0).all()
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('method', PARALLEL)
 @pytest.mark.parametrize('name', ['parallel', 'unpacked'])
 def test_one_processor_runs_the_serial_program_itself(method: str, name: str) -> None:

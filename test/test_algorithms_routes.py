@@ -80,6 +80,7 @@ EXPECTED = {
 }
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('n', EVERY_SIZE)
 @pytest.mark.parametrize('method', EXPECTED)
 def test_routes_with_one_lane_per_link_have_their_closed_forms(method: str, n: int) -> None:

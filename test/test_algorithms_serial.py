@@ -116,6 +116,7 @@ def test_an_inertia_that_is_not_positive_definite_is_reported(method: str) -> No
         assert sound(method, run(record(method, plant), given)) == good
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('value', [np.nan, np.inf])
 @pytest.mark.parametrize('name', ['q', 'qd', 'tau'])

@@ -10,6 +10,7 @@ from closed_forms import SIZES, arithmetic, chain, elimination, levels, rounds
 import numpy as np
 from oracle import ARMS, WRENCH, Oracle, chains, every, relative
 import pytest
+from sampling import one_fast
 from tolerances import DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state
 
@@ -65,7 +66,7 @@ def record_diagonal(robot: pfd.Robot, method: Callable[..., list[Lanes]]) -> pfd
     return recorder.program()
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', one_fast(SCHEDULES, 'parallel'))
 def test_h_about_the_base_origin_agrees_with_pinocchio(schedule: str) -> None:
     for rng, robot in every(2, chains(24, seed=21)):
         q, _, _ = random_state(rng, robot.n)
@@ -97,7 +98,7 @@ def test_h_times_unit_vectors_is_h_on_thirty_two_joints() -> None:
     assert relative(run(record_H(resolve(robot), 'parallel'), {'q': q})['H'], H) < DYNAMICS
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', one_fast(SCHEDULES, 'parallel'))
 def test_omega_torques_agree_with_pinocchio(schedule: str) -> None:
     for rng, robot in every(4, chains(48, seed=24)):
         plant, oracle = resolve(robot, WRENCH), Oracle(robot)
@@ -170,6 +171,7 @@ def test_sliding_joints_and_a_wrench_add_the_same_terms_to_omega_and_ne1(n: int)
         assert arithmetic(steps) == (66, 15 * levels(n) + 68, 0, 0)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('prismatic', [False, True])
 @pytest.mark.parametrize('n', SIZES)
 def test_h_about_the_base_origin_takes_half_a_row_for_each_joint(n: int, prismatic: bool) -> None:

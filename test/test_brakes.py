@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 from oracle import Oracle
 import pytest
+from sampling import one_fast
 from tolerances import ACCELERATION
 from zoo import random_chain, random_state, without_mass
 
@@ -157,7 +158,7 @@ CLOSED = {
 }
 
 
-@pytest.mark.parametrize('effects', CLOSED)
+@pytest.mark.parametrize('effects', one_fast(CLOSED))
 def test_a_brake_that_closes_on_a_moving_joint_acts_on_the_others_by_its_impulse(
     effects: str,
 ) -> None:
@@ -216,6 +217,7 @@ CALLS = {
 }
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('call', CALLS)
 @pytest.mark.parametrize(
     'brakes',

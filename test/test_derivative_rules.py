@@ -54,6 +54,7 @@ def operand_choices(arity: int) -> list[tuple[float | str, ...]]:
     return [c for c in choices if any(isinstance(operand, str) for operand in c)]
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('mode', MODES)
 @pytest.mark.parametrize('op', RULES)
 def test_each_rule_agrees_with_differences_for_inputs_equal_operands_and_constants(

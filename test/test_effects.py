@@ -24,6 +24,7 @@ from exact_steps import exact
 from mpmath import mp
 import numpy as np
 import pytest
+from sampling import one_fast
 from tolerances import ACCELERATION, FIFTY_DIGITS
 from zoo import Array, random_chain
 
@@ -263,6 +264,7 @@ def test_the_fields_of_a_scene_are_those_of_the_table_and_off_by_default_but_for
     }
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('name', INSTANT)
 @pytest.mark.parametrize(
     'quantity',
@@ -320,6 +322,7 @@ def accelerations_without_effects(method: str) -> Any:
         return emulated(method, scene_with(n=N), fifty(state()['tau']))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('name', INSTANT)
 @pytest.mark.parametrize('method', pfd.METHODS)
 def test_every_method_has_every_effect(method: str, name: str) -> None:
@@ -407,7 +410,7 @@ def test_the_torque_of_a_record_is_the_derivative_of_its_potential(name: str) ->
         assert np.abs(torque).min() > NOTICED
 
 
-@pytest.mark.parametrize('name', OVER_A_STEP)
+@pytest.mark.parametrize('name', one_fast(OVER_A_STEP))
 def test_effects_over_a_step_are_refused_at_an_instant_and_in_no_other_quantity(
     name: str,
 ) -> None:

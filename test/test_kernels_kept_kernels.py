@@ -19,6 +19,7 @@ import llvmlite
 import llvmlite.binding as llvm
 import numpy as np
 import pytest
+from sampling import one_fast
 from zoo import random_chain
 
 import pfd_core as pfd
@@ -184,7 +185,7 @@ def test_the_name_of_an_object_depends_on_all_that_decides_it(
         key(IR, replace(HOST, cpu='skylake'), usual),
         key(IR, replace(HOST, features='+avx'), usual),
         key(IR, replace(HOST, triple='aarch64-linux-gnu'), usual),
-        key(IR, HOST, replace(usual, passes=2)),
+        key(IR, HOST, replace(usual, passes=())),
         key(IR, HOST, replace(usual, code=3)),
         key(IR, HOST, replace(usual, reorder=False)),
     ]
@@ -291,7 +292,7 @@ def full(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, 'replace', refuse)
 
 
-@pytest.mark.parametrize('obstacle', [in_the_way, read_only, full])
+@pytest.mark.parametrize('obstacle', one_fast([in_the_way, read_only, full], read_only))
 def test_where_nothing_can_be_written_kernels_work_after_one_warning(
     folder: Path,
     obstacle: Any,

@@ -27,7 +27,7 @@ BATCHES = (1, 2, 7, 8, 9, 16, 33)
 
 
 @pytest.mark.parametrize('dtype', one_fast(DTYPES))
-@pytest.mark.parametrize('name', ARMS)
+@pytest.mark.parametrize('name', one_fast(ARMS, 'ur5'))
 def test_kernel_and_emulator_give_the_same_bits(name: str, dtype: str) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot(name), dtype=dtype)
     q, qd, tau = random_states(kernel.robot.n, 33, dtype)
@@ -39,7 +39,7 @@ def test_kernel_and_emulator_give_the_same_bits(name: str, dtype: str) -> None:
 
 
 @pytest.mark.parametrize('dtype', one_fast(DTYPES))
-@pytest.mark.parametrize('n', [1, 2, 3, pytest.param(6, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('n', one_fast([1, 2, 3, 6], 2))
 def test_random_chains_give_the_same_bits_with_wrench_and_brakes(n: int, dtype: str) -> None:
     rng = np.random.default_rng(2)
     scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
@@ -336,6 +336,7 @@ def test_a_kernel_has_its_method_operations_and_ir() -> None:
         assert flag not in kernel.ir
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('dtype', DTYPES)
 @pytest.mark.parametrize('method', ITERATIVE)
 def test_an_iteration_that_does_not_converge_answers_nan(method: str, dtype: str) -> None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from oracle import Oracle, assert_bits_of_the_emulator, jacobi_condition, relative
 import pytest
+from sampling import one_fast
 from tolerances import ACCELERATION
 from zoo import random_chain, random_state, without_mass
 
@@ -71,7 +72,7 @@ def test_a_result_may_be_an_input_a_constant_or_an_early_value() -> None:
     assert final.count('ptr %out, i64') == ir.count('ptr %out, i64') == 3
 
 
-@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
 def test_chunks_of_columns_give_the_bits_of_single_states(
     dtype: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

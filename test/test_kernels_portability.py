@@ -14,6 +14,7 @@ import llvmlite.binding as llvm
 import numpy as np
 from numpy.typing import NDArray
 import pytest
+from sampling import one_fast
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
@@ -130,7 +131,7 @@ def emulator() -> str:
     return found
 
 
-@pytest.mark.parametrize('dtype', NEON)
+@pytest.mark.parametrize('dtype', one_fast(NEON))
 def test_every_module_of_a_kernel_compiles_for_64_bit_arm(dtype: str) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=SCENE, dtype=dtype)
     angles = turned_joints(kernel.robot)

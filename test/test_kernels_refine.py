@@ -147,7 +147,7 @@ METHODS = ('composite_body', 'articulated_body')
 OTHER = {'composite_body': 'articulated_body', 'articulated_body': 'pcrbm'}
 
 
-@pytest.mark.parametrize('name', HARD_CASES)
+@pytest.mark.parametrize('name', one_fast(HARD_CASES))
 def test_the_cases_are_hard_without_refinement(name: str) -> None:
     errors, _ = answers(name, 'composite_body', 'float64', 0)
     assert errors.max() > HARDNESS[name]
@@ -350,7 +350,7 @@ def test_a_massless_end_has_an_infinite_estimate() -> None:
         assert result['error'][0, 0] == np.inf
 
 
-@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('method', one_fast(METHODS, 'composite_body'))
 @pytest.mark.parametrize('name', one_fast(['puma560', 'ur5', 'panda']))
 def test_a_kernel_without_refinement_estimates_the_error_of_its_result(
     name: str, method: str

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sampling import one_fast
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
@@ -140,7 +141,7 @@ def cycles(program: pfd.Program) -> float:
     return max(ready)
 
 
-@pytest.mark.parametrize('method', ['composite_body', 'grouped_articulated_body'])
+@pytest.mark.parametrize('method', one_fast(['composite_body', 'grouped_articulated_body']))
 def test_a_processor_waits_less(method: str) -> None:
     skew = random_chain(np.random.default_rng(2), 6, 0.0)
     for robot in (pfd.load_robot('ur5'), pfd.load_robot('panda'), skew):

@@ -55,6 +55,7 @@ def matrix_product(n: int, schedule: str, downward: bool) -> pfd.Program:
     return finish(recorder, run_(lambda left, right: left @ right, R))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('schedule', SCHEDULES)
 @pytest.mark.parametrize('downward', [False, True])
 def test_fohra_multiplies_matrices_in_order(schedule: str, downward: bool) -> None:
@@ -89,6 +90,7 @@ def affine(n: int, schedule: str, downward: bool, matrices: bool) -> pfd.Program
     return finish(recorder, run_(a, b, lambda k, x: k * x, lambda k, m: k * m))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('schedule', SCHEDULES)
 @pytest.mark.parametrize('downward', [False, True])
 @pytest.mark.parametrize('matrices', [False, True])
@@ -188,6 +190,7 @@ def column_swept(n: int, schedule: str, downward: bool, unit: bool) -> pfd.Progr
     return recorder.program()
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('unit', [False, True])
 @pytest.mark.parametrize('downward', [False, True])
 @pytest.mark.parametrize('schedule', SCHEDULES)

@@ -139,6 +139,7 @@ CALLS: dict[str, Callable[[Any], Any]] = {
 }
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('call', CALLS)
 @pytest.mark.parametrize(
     'case', ['complex', 'digits as text', 'a huge integer', 'masked', 'units', 'dates', 'records']

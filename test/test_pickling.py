@@ -60,6 +60,7 @@ def go_on(sim: pfd.Simulator, settings: dict[str, Any]) -> tuple[Any, ...]:
     return facts(sim)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('way', COPIES)
 @pytest.mark.parametrize('settings', SETTINGS, ids=['plain', 'everything', 'single'])
 def test_a_copied_simulation_continues_with_the_same_bits_independently(

@@ -63,6 +63,7 @@ def test_a_run_stays_within_its_bound(check: Check) -> None:
     assert error(check) <= check.bound
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('dtype', ROUNDING)
 @pytest.mark.parametrize('motion', STEADY, ids=[motion.name for motion in STEADY])
 def test_a_joint_that_rests_or_turns_evenly_keeps_its_angle(motion: Motion, dtype: str) -> None:

@@ -352,6 +352,7 @@ def test_surveys_of_forward_dynamics_measure_the_others_too(
     assert asked == [TINY] * 2
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('quick', [False, True])
 @pytest.mark.parametrize('against_error', [False, True])
 def test_a_report_measures_the_requested_quantity(

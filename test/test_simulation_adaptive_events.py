@@ -372,7 +372,7 @@ print('interrupted')
 """
 
 
-@pytest.mark.parametrize('kind', ['smooth', 'friction', 'law'])
+@pytest.mark.parametrize('kind', one_fast(['smooth', 'friction', 'law'], 'friction'))
 def test_a_run_is_interrupted_within_its_steps(kind: str) -> None:
     done = subprocess.run(
         [sys.executable, '-c', INTERRUPTED, kind],

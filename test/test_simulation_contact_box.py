@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 from oracle import Oracle
 import pytest
+from sampling import one_fast
 from zoo import Array, random_chain, slider
 
 import pfd_core as pfd
@@ -27,7 +28,7 @@ def instant(robot: pfd.Robot, scene: pfd.Scene, q: Array, qd: Array, tau: Array)
     return arms
 
 
-@pytest.mark.parametrize('n', [1, 2, 4, pytest.param(7, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('n', one_fast([1, 2, 4, 7], 2))
 def test_accelerations_from_rest_balance_the_torques_within_the_friction(n: int) -> None:
     rng = np.random.default_rng(n)
     robot = random_chain(rng, n, 0.2)

@@ -21,6 +21,7 @@ from pfd_core.simulation.integrators import TABLE
 INERTIA = 0.025
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('substeps', one_fast([1, 3], 3))
 @pytest.mark.parametrize('integrator', TABLE)
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sampling import one_fast
 
 import pfd_core as pfd
 from pfd_core.simulation import simulation, simulator
@@ -165,7 +166,7 @@ def interrupt(seed: int, times: int) -> None:
     assert done.stdout.startswith('went on after'), done.stdout
 
 
-@pytest.mark.parametrize('seed', range(2))
+@pytest.mark.parametrize('seed', one_fast(range(2)))
 def test_a_simulation_continues_where_it_was_interrupted(seed: int) -> None:
     interrupt(seed, 3)
 

@@ -62,7 +62,7 @@ def reference(lag: np.ndarray, **scene: Any) -> np.ndarray:
     return np.asarray(run.q[-1])
 
 
-@pytest.mark.parametrize('integrator', INTEGRATORS)
+@pytest.mark.parametrize('integrator', one_fast(INTEGRATORS))
 @pytest.mark.parametrize(
     'lag',
     [

@@ -428,6 +428,7 @@ def test_an_event_in_the_step_is_named(q: Any, qd: Any, tau: Any, message: str) 
         many.linearize(*rows, [(1.0, 0.1), tau, (1.0, 0.1)])
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 @pytest.mark.parametrize(('stops', 'torque'), [((0.3, 2.0), -40.0), ((-2.0, -0.1), 40.0)])
 def test_a_joint_that_rests_on_its_stop_is_held_in_either_number_format(

@@ -149,6 +149,7 @@ def test_a_step_makes_its_evaluations_and_solves_only_with_damping(name: str) ->
 STEADY = 4.0
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(('dtype', 'most'), [('float64', 9e13), ('float32', 1.6e6)])
 @pytest.mark.parametrize('inertia', [1e-12, 0.5])
 def test_damping_is_as_accurate_as_the_number_format_carries_and_refused_beyond(
@@ -180,6 +181,7 @@ def test_damping_is_as_accurate_as_the_number_format_carries_and_refused_beyond(
             sim(stiffness)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('integrator', ['auto', 'imex2'])
 @pytest.mark.parametrize('first', [1e-18, 1e-20])
 def test_damping_is_refused_where_the_inertia_matrix_has_no_factors(
@@ -212,7 +214,7 @@ SWING = 500 * 0.2**5 / 120 * 0.01 * 1.1
 INERTIA = 0.025
 
 
-@pytest.mark.parametrize('kind', ['Simulator', 'Ensemble'])
+@pytest.mark.parametrize('kind', one_fast(['Simulator', 'Ensemble']))
 def test_a_wheel_is_stiff_from_a_damping_of_its_inertia_over_the_step(kind: str) -> None:
     make = {'Simulator': pfd.Simulator, 'Ensemble': partial(pfd.Ensemble, size=2)}[kind]
 

@@ -133,7 +133,8 @@ class KernelSource:
     def optimisation(self) -> Optimisation:
         """The effort of the compiler."""
         # The passes find nothing to do in a long program, and take their time.
-        return Optimisation(passes=int(self.work <= LONGEST), reorder=not self.ordered)
+        passes = USUAL.passes if self.work <= LONGEST else ()
+        return Optimisation(passes=passes, reorder=not self.ordered)
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the module of a kernel, of one state or a batch (pfd_core.kernels.codegen)."""
@@ -180,7 +181,7 @@ class ProductSource(KernelSource):
         """The effort of the compiler."""
         # Level 2 of the code generator doubles the time to compile the parts of a long program,
         # which are no faster then.
-        return Optimisation(passes=0, code=1) if self.work > LONGEST else USUAL
+        return Optimisation(passes=(), code=1) if self.work > LONGEST else USUAL
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the module of a kernel, which computes the factors and multiplies them."""

@@ -68,7 +68,7 @@ def markdown(findings: Findings) -> str:
         'speed',
         command=COMMAND,
         machine=described(findings.machine),
-        headline=headlines.headline(rows, findings.machine) or None,
+        headline=headlines.headline(findings) or None,
         strongest=headlines.against_strongest([row for row in rows if row.work not in PREPARED]),
         summary=_summary(rows),
         decomposition=headlines.decomposed(rows),

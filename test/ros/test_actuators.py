@@ -117,6 +117,7 @@ def limited(made: Actuators, wanted: np.ndarray, velocities: np.ndarray) -> np.n
     return found
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('robot', ['puma560', 'ur5', 'panda'])
 @pytest.mark.parametrize('limits', [('effort_limits',), ('torque_speed',), tuple(UNLIMITED)])
 def test_limits_act_as_in_a_scene_with_the_limits_of_the_model(

@@ -72,6 +72,7 @@ def test_a_log_is_equal_to_itself(capsys: pytest.CaptureFixture[str]) -> None:
     assert not any(item['topic'] == '/joint_commands' for item in found['differences'])
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('lag', [-0.3004, -0.008, 0.0013, 0.25])
 @pytest.mark.parametrize('start', [0.0, 1.7e9])
 def test_a_lag_between_the_clocks_is_found(tmp_path: Path, lag: float, start: float) -> None:

@@ -139,6 +139,7 @@ def damage_index_offset(data: bytearray, chunk: int, xor: int, crc: bool) -> Non
         data[-12:-8] = bytes(4)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('crc', [True, False], ids=['checksum differs', 'no checksum'])
 @pytest.mark.parametrize('xor', [0x07, 0x4000])
 def test_a_damaged_offset_in_the_index_costs_no_message(

@@ -76,6 +76,7 @@ def test_an_engine_continues_from_a_recorded_state_with_the_same_bits(run: Recor
         assert state == states[step]
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('closed', [False, True])
 @pytest.mark.parametrize('step', [2, 49, 50, 51, 130, 249])
 def test_a_recording_without_its_beginning_verifies_from_the_first_state_in_it(

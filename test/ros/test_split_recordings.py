@@ -404,13 +404,17 @@ def test_a_run_below_its_limits_is_one_file_of_number_1(
 
 def test_messages_that_were_dropped_before_a_boundary_are_counted_once(tmp_path: Path) -> None:
     # As for a slow disk: the queue takes nothing for some steps around a boundary.
-    driver, log = opened_run(tmp_path / 'run.mcap', recording_max_duration=0.1)
+    driver, log = opened_run(
+        tmp_path / 'run.mcap', recording_max_duration=0.1, recording_flush_period=0.01
+    )
     recorder = log.recorder
 
     def disturb(step: int) -> None:
+        if not 90 <= step <= 110:
+            return
+        full = step < 110
         while len(recorder._queue):
             time.sleep(0.001)
-        full = 90 <= step < 110
         # Each message is looked at.
         recorder._free = -1
         recorder._capacities = [

@@ -19,6 +19,7 @@ from plant_messages import efforts, joint_state
 import pytest
 from rewriting import GOLDEN, load
 from ros_processes import example_robot
+from sampling import one_fast
 from simulating import simulate
 
 import pfd_core as pfd
@@ -184,7 +185,7 @@ def by_pinocchio(
     return np.array(rows)
 
 
-@pytest.mark.parametrize('robot', ['planar2', 'ur5'])
+@pytest.mark.parametrize('robot', one_fast(['planar2', 'ur5']))
 def test_a_payload_diverges_as_pinocchio_says(robot: str, tmp_path: Path) -> None:
     log = swung(tmp_path / 'a.mcap', robot, 0.4, armature=True, **UNCUT)
     words = ['payload.mass=0.7', 'payload.center=[0.05, -0.02, 0.1]', 'armature=false']
@@ -245,7 +246,9 @@ def test_sensors_of_another_seed_change_what_is_measured_alone(tmp_path: Path) -
     assert main(['replay', str(found.log), '--verify']) == 0
 
 
-@pytest.mark.parametrize(('word', 'share'), [('step_size=0.0005', 2), ('step_size=0.00025', 4)])
+@pytest.mark.parametrize(
+    ('word', 'share'), one_fast([('step_size=0.0005', 2), ('step_size=0.00025', 4)])
+)
 def test_other_steps_take_the_commands_at_their_times(
     word: str, share: int, swing: Path, tmp_path: Path
 ) -> None:

@@ -134,6 +134,7 @@ FIELDS = {
 }
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('kind', NUMBERS)
 @given(st.data(), STAMPS, TEXTS)
 def test_others_read_headed_numbers_as_we_write_them_and_so_do_we(

@@ -41,6 +41,29 @@ COFF_MACHINE = 2
 LLVM_LOCK = getattr(llvm.ffi.lib, '_lock', None)
 # The newest LLVM that is known to have the option: LLVM ends the process at an unknown one.
 NEWEST_WITH_SCHEDULER_OPTION = 22
+# IR passes that are worth their time around straight-line code, and for loops over small matrices,
+# whose arrays become registers once the loops are unrolled.
+PASSES = (
+    'always_inliner',
+    'sroa',
+    'instruction_combine',
+    'simplify_cfg',
+    'new_gvn',
+    'global_dead_code_eliminate',
+)
+MATRIX_PASSES = (
+    'always_inliner',
+    'sroa',
+    'simplify_cfg',
+    'instruction_combine',
+    'loop_rotate',
+    'loop_unroll',
+    'sroa',
+    'instruction_combine',
+    'new_gvn',
+    'simplify_cfg',
+    'global_dead_code_eliminate',
+)
 # Addresses in this process that a module may refer to, by their names.
 _symbols: dict[str, int] = {}
 
@@ -72,17 +95,18 @@ class Optimisation:
     How hard LLVM tries; the bits of a result do not depend on it.
 
     Every option is a field, because the fields are part of an object's name on disk. The
-    default cleans up around the straight-line code, which is already as short as it gets.
+    default cleans up around the straight-line code, which is already as short as it gets
+    (docs/decisions/0053-few-passes.md).
 
     Attributes
     ----------
-    passes, code : int
-        Levels of the IR passes and of the code generator.
+    passes : tuple of str
+        The IR passes, in their order; no functions are inlined without `always_inliner`.
+    code : int
+        Level of the code generator.
     long_ir, long_code : int
         Length from which IR is long, and the level of the code generator for long IR:
         derivatives of thirty joints are as fast, and made in three quarters of the time.
-    slp_vectorization, loop_vectorization : bool
-        Whether scalars and loops are turned into vectors.
     relocation, code_model : str
         How code refers to its constants, and to symbols outside the module.
     reorder : bool
@@ -91,12 +115,10 @@ class Optimisation:
 
     """
 
-    passes: int = 1
+    passes: tuple[str, ...] = PASSES
     code: int = 2
     long_ir: int = 4_000_000
     long_code: int = 1
-    slp_vectorization: bool = False
-    loop_vectorization: bool = False
     relocation: str = 'pic'
     code_model: str = 'small'
     reorder: bool = True
@@ -205,17 +227,26 @@ def _machine(target: Target, optimisation: Optimisation) -> Any:
 
 
 def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
-    options = llvm.create_pipeline_tuning_options(speed_level=optimisation.passes)
-    options.slp_vectorization = optimisation.slp_vectorization
-    options.loop_vectorization = optimisation.loop_vectorization
-    builder = llvm.create_pass_builder(machine, options)
-    passes = builder.getModulePassManager()
+    for function in module.functions:
+        # LLVM would weigh costs. A function that is only called in its module is inlined, unless
+        # it says `noinline`: the straight-line code, and what is rarely called.
+        if function.linkage == llvm.Linkage.internal and b'noinline' not in _words(function):
+            function.add_function_attribute('alwaysinline')
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options())
+    passes = llvm.create_new_module_pass_manager()
+    for name in optimisation.passes:
+        getattr(passes, f'add_{name}_pass')()
     passes.run(module, builder)
     # llvmlite 0.50 frees no pass manager: the empty method of ObjectRef hides its own.
     hidden = getattr(super(llvm.ffi.ObjectRef, passes), '_dispose', None)
     if hidden is not None:
         hidden()
         passes.detach()
+
+
+def _words(function: Any) -> set[bytes]:
+    """Return the attributes of a function."""
+    return {word for attribute in function.attributes for word in attribute.split()}
 
 
 @contextmanager

@@ -186,6 +186,7 @@ def test_the_name_of_an_object_depends_on_all_that_decides_it(
         key(IR, replace(HOST, features='+avx'), usual),
         key(IR, replace(HOST, triple='aarch64-linux-gnu'), usual),
         key(IR, HOST, replace(usual, passes=())),
+        key(IR, HOST, replace(usual, pipeline=1)),
         key(IR, HOST, replace(usual, code=3)),
         key(IR, HOST, replace(usual, reorder=False)),
     ]

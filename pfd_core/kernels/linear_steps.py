@@ -10,14 +10,13 @@ stage of the integrator; native code combines them by the chain rule (codegen.li
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from operator import attrgetter
 
 from pfd_core.kernels.codegen.linear_step import called, carried_rows, state_rows
 from pfd_core.kernels.codegen.module import linear_module
 from pfd_core.kernels.kernel import Kernel
-from pfd_core.kernels.runtime.jit import MATRIX_PASSES, Optimisation
+from pfd_core.kernels.runtime.jit import Optimisation, with_pipeline
 from pfd_core.kernels.simulations import plants
 from pfd_core.kernels.source import KernelSource, ProductSource, check_stack, derivatives
 from pfd_core.kernels.spec import KernelSpec
@@ -47,9 +46,8 @@ class LinearSource(KernelSource):
 
     @property
     def optimisation(self) -> Optimisation:
-        """That of the longest function, with the passes for products of matrices."""
-        longest = max(self._sources.values(), key=attrgetter('work')).optimisation
-        return replace(longest, passes=MATRIX_PASSES) if longest.passes else longest
+        """That of the longest function, with LLVM's pipeline for products of matrices."""
+        return with_pipeline(max(self._sources.values(), key=attrgetter('work')).optimisation)
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the LLVM IR of the kernel."""

@@ -25,7 +25,7 @@ from pfd_core.kernels.codegen.rollout import written
 from pfd_core.kernels.codegen.segments import Contact
 from pfd_core.kernels.codegen.step import extra_arguments, further_rows, torque_row
 from pfd_core.kernels.passes.pipeline import lower, operations
-from pfd_core.kernels.runtime.jit import Native, simd_width
+from pfd_core.kernels.runtime.jit import Native, simd_width, with_pipeline
 from pfd_core.kernels.source import KernelSource, forward, motors, quantity_source, turned_joints
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
@@ -102,7 +102,7 @@ def compile_rollout(
         )
 
     name = 'rollout with motors' if motors else 'rollout'
-    native = sources.main.compile(f'{name}{sources.key} {step_program}', ir)
+    native = sources.compile(f'{name}{sources.key} {step_program}', ir)
     integer = ctypes.c_int64
     inputs: list[Any] = [ctypes.c_void_p] * len(sources.inputs)
     rows, out = further_rows(step_program), written(step_program)
@@ -153,7 +153,7 @@ def compile_ensemble(
             *sources.further(),
         )
 
-    native = sources.main.compile(f'ensemble {width}{sources.key} {step_program}', ir)
+    native = sources.compile(f'ensemble {width}{sources.key} {step_program}', ir)
     kinds = [ctypes.c_void_p if kind.startswith('ptr') else ctypes.c_int64 for kind in PARAMETERS]
     run = ctypes.CFUNCTYPE(None, *kinds)(native.address('ensemble'))
     rows = further_rows(step_program)
@@ -196,7 +196,7 @@ def compile_adaptive(spec: KernelSpec, pair: AdaptivePair, contact: Contact) -> 
         assert lowered is not None
         return adaptive_module(pair, lowered, inputs, spec.dtype, turned_joints(spec.robot))
 
-    native = sources.main.compile(f'adaptive {pair}{sources.key}', ir)
+    native = sources.compile(f'adaptive {pair}{sources.key}', ir)
     arrays, integer = carried(contact, inputs), ctypes.c_int64
     # The law is an object of Python, or a null pointer.
     state: list[Any] = [ctypes.c_void_p] * (4 + len(arrays))
@@ -249,6 +249,13 @@ class _Sources:
     def signature(self) -> Program:
         """A program with the inputs of the simulation."""
         return Program(1, (), dict(self.inputs), {}) if self.contact else self.main.program
+
+    def compile(self, module: str, ir: Callable[[], str]) -> Native:
+        """Return native code as KernelSource.compile; steps cut at events have many branches."""
+        optimisation = self.main.optimisation
+        if self.contact is not None:
+            optimisation = with_pipeline(optimisation)
+        return self.main.compile(module, ir, optimisation)
 
     def further(self) -> tuple[dict[str, Program], Contact | None]:
         """Return the other programs, and dry friction and stops with lowered programs."""

@@ -112,7 +112,9 @@ class KernelSource:
         """The operations of the lowered program."""
         return sum(self.operations['compiled'].values())
 
-    def compile(self, module: str, ir: Callable[[], str]) -> Native:
+    def compile(
+        self, module: str, ir: Callable[[], str], optimisation: Optimisation | None = None
+    ) -> Native:
         """
         Return native code of the program.
 
@@ -123,11 +125,13 @@ class KernelSource:
             module.
         ir : callable
             Writes the module of LLVM IR; called only if its object is not on disk.
+        optimisation : Optimisation, optional
+            The effort of the compiler; default: that of the program.
 
         """
         once = cache(ir)
         known = self._get_or_compute(module, lambda: asdict(outline(once())), _is_outline)
-        return compile_outlined(Outline(**known), once, self.optimisation)
+        return compile_outlined(Outline(**known), once, optimisation or self.optimisation)
 
     @property
     def optimisation(self) -> Optimisation:

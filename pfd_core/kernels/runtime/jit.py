@@ -41,26 +41,11 @@ COFF_MACHINE = 2
 LLVM_LOCK = getattr(llvm.ffi.lib, '_lock', None)
 # The newest LLVM that is known to have the option: LLVM ends the process at an unknown one.
 NEWEST_WITH_SCHEDULER_OPTION = 22
-# IR passes that are worth their time around straight-line code, and for loops over small matrices,
-# whose arrays become registers once the loops are unrolled.
+# IR passes that are worth their time around straight-line code.
 PASSES = (
     'always_inliner',
     'sroa',
     'instruction_combine',
-    'simplify_cfg',
-    'new_gvn',
-    'global_dead_code_eliminate',
-)
-MATRIX_PASSES = (
-    'always_inliner',
-    'sroa',
-    'simplify_cfg',
-    'instruction_combine',
-    'loop_rotate',
-    'loop_unroll',
-    'sroa',
-    'instruction_combine',
-    'new_gvn',
     'simplify_cfg',
     'global_dead_code_eliminate',
 )
@@ -102,6 +87,9 @@ class Optimisation:
     ----------
     passes : tuple of str
         The IR passes, in their order; no functions are inlined without `always_inliner`.
+    pipeline : int
+        Level of LLVM's pipeline, which replaces `passes`: for code with many branches or loops
+        over small matrices. 0 for `passes`.
     code : int
         Level of the code generator.
     long_ir, long_code : int
@@ -116,6 +104,7 @@ class Optimisation:
     """
 
     passes: tuple[str, ...] = PASSES
+    pipeline: int = 0
     code: int = 2
     long_ir: int = 4_000_000
     long_code: int = 1
@@ -125,6 +114,11 @@ class Optimisation:
 
 
 USUAL = Optimisation()
+
+
+def with_pipeline(optimisation: Optimisation) -> Optimisation:
+    """Return an effort with LLVM's pipeline of level 1, if it has any passes."""
+    return replace(optimisation, pipeline=1) if optimisation.passes else optimisation
 
 
 def outline(ir: str) -> Outline:
@@ -227,15 +221,17 @@ def _machine(target: Target, optimisation: Optimisation) -> Any:
 
 
 def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
-    for function in module.functions:
-        # LLVM would weigh costs. A function that is only called in its module is inlined, unless
-        # it says `noinline`: the straight-line code, and what is rarely called.
-        if function.linkage == llvm.Linkage.internal and b'noinline' not in _words(function):
-            function.add_function_attribute('alwaysinline')
-    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options())
-    passes = llvm.create_new_module_pass_manager()
-    for name in optimisation.passes:
-        getattr(passes, f'add_{name}_pass')()
+    options = llvm.create_pipeline_tuning_options(speed_level=optimisation.pipeline)
+    # No scalars or loops become vectors.
+    options.slp_vectorization = options.loop_vectorization = False
+    builder = llvm.create_pass_builder(machine, options)
+    if optimisation.pipeline:
+        passes = builder.getModulePassManager()
+    else:
+        _inline_internal(module)
+        passes = llvm.create_new_module_pass_manager()
+        for name in optimisation.passes:
+            getattr(passes, f'add_{name}_pass')()
     passes.run(module, builder)
     # llvmlite 0.50 frees no pass manager: the empty method of ObjectRef hides its own.
     hidden = getattr(super(llvm.ffi.ObjectRef, passes), '_dispose', None)
@@ -244,9 +240,17 @@ def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
         passes.detach()
 
 
-def _words(function: Any) -> set[bytes]:
-    """Return the attributes of a function."""
-    return {word for attribute in function.attributes for word in attribute.split()}
+def _inline_internal(module: Any) -> None:
+    """
+    Mark functions for `always_inliner`, where LLVM would weigh costs.
+
+    A function that is only called in its module is inlined, unless it says `noinline`: the
+    straight-line code, and what is rarely called.
+    """
+    for function in module.functions:
+        words = {word for attribute in function.attributes for word in attribute.split()}
+        if function.linkage == llvm.Linkage.internal and b'noinline' not in words:
+            function.add_function_attribute('alwaysinline')
 
 
 @contextmanager

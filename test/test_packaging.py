@@ -52,7 +52,7 @@ def run(command: list[str], folder: Path, **environment: str) -> str:
 def installed(sources: Path) -> dict[str, str]:
     """Return the text of each file that setup.py installs, by path; it takes half a second."""
     root = sources / 'dist'
-    options = ('--root', str(root), '--single-version-externally-managed')
+    options = ('--root', str(root), '--single-version-externally-managed', '--no-compile')
     run([sys.executable, 'setup.py', '-q', 'install', *options], sources)
     files = [path for path in root.rglob('*') if path.is_file()]
     return {str(path): path.read_text(encoding='utf-8') for path in files}

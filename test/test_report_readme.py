@@ -18,8 +18,8 @@ from pfd_core.report.render.records import read, record_of
 ROOT = Path(__file__).resolve().parent.parent
 REPORT = ROOT / 'docs' / 'report'
 # Numbers in the prose of the README that no measurement gives: versions, names, the year of the
-# paper, a part of the tests, and a dimension.
-NAMES = {'2', '3.10', '3.13', '560', '1987', '1', '3', '2.0'}
+# paper, the digits of the reference, a part of the tests, and a dimension.
+NAMES = {'1', '2', '2.0', '3', '3.10', '3.13', '50', '560', '1987'}
 
 
 def texts() -> dict[str, str]:

@@ -37,6 +37,7 @@ from dataclasses import replace
 import math
 
 import numpy as np
+from numpy.random import PCG64
 
 from pfd_core.algorithms.acceleration_derivatives import record_derivatives
 from pfd_core.algorithms.grouped.composite_body import record_inertia_matrix
@@ -195,7 +196,7 @@ def _left_to_auto(method: str, refine: int) -> bool:
 def _uniform(n: int) -> Array:
     """Return five rows of STATES numbers for n joints, uniform within [-1, 1)."""
     shape = (5, STATES, n)
-    bits = np.random.PCG64(0).random_raw(math.prod(shape)).reshape(shape)
+    bits = PCG64(0).random_raw(math.prod(shape)).reshape(shape)
     # From the upper 53 bits.
     numbers: Array = (bits >> np.uint64(11)) * 2.0**-52 - 1
     return numbers

@@ -10,7 +10,7 @@ time without disturbance, the median the typical time.
 
 The spread of the times decides the number of turns: they end once the minimum and the medians of
 every side are known to a part SETTLED. The minimum is known if BEST times lie that close to it
-(the K-best scheme: Bryant and O'Hallaron, Computer Systems, 1st ed. 2003, section 9.4), a median
+(the K-best scheme: Bryant and O'Hallaron, Computer Systems, 1st ed. 2003), a median
 if its confidence interval from order statistics is that narrow to both sides.
 """
 

@@ -21,8 +21,10 @@ To change or add
                             friction its law in simulation.contact.modes (record_effort,
                             record_modes) and, for joints in motion, in chain.drives (_friction)
     rotor inertia           config/robots/*.yaml, read by model.yaml_robot (_drive); of a URDF by
-                            model.urdf_reader (_armature); acts with Scene(armature=...)
-    an equation             algorithms.paper lists its modules with the paper's equations
+                            model.urdf_reader (_armature); estimated by model.rotors; acts with
+                            Scene(armature=...)
+    an equation             algorithms.paper lists its modules with the paper's equations;
+                            pcrbm_1987 and pcgm_1987 execute them as printed
     a method                a module of algorithms, a row of algorithms.programs.FORWARD, and a
                             name in SERIAL, ITERATIVE or EMULATED if it is one of these
     an integrator           a row of simulation.integrators.TABLE; for friction and stops also a

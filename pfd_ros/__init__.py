@@ -30,11 +30,11 @@ To change or add
                             node.diagnostics
     frames of the links     arm.link_frames: /tf of recordings
     a parameter             a field of arm.settings, a line of config/sim_arm.yaml
-    NaN in a command        arm.commands: validate_named (the joint is unchanged), validate_array
+    NaN in a command        arm.commands: validate_named (keeps the last value), validate_array
                             (the message is rejected)
     log lines, diagnostics  node.reporting, node.diagnostics
     metadata of recordings  recording.format.HeadKey, EndKey; built in provenance.file_head and
-                            recorder.LogRecorder.ending, written by mcap_file
+                            recorder.LogRecorder.close_run, written by mcap_file
     a check of a page       page.findings, fed by page.reading
     what `pfd view` draws   view.scene, view.tip_loads, in view.logged_arm and view.live_arm; from
                             a new topic also view.motion or view.log_loads, and view.live

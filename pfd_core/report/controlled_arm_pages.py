@@ -177,9 +177,9 @@ def _others(whole: Sequence[ControlledRow]) -> str:
 
     return (
         f'The fastest run of another library, {quick.way} {at(quick)}, takes '
-        f'{short((quick.minimum or 0) * 1e3)} ms and errs by {order(quick.error)} rad; the most '
-        f'accurate, {nearest.way} {at(nearest)}, takes {short((nearest.minimum or 0) * 1e3)} ms '
-        f'and errs by {order(nearest.error)} rad. All of them approximate dry friction.'
+        f'{short((quick.minimum or 0) * 1e3)} ms, with {order(quick.error)} rad; the most '
+        f'accurate, {nearest.way} {at(nearest)}, takes {short((nearest.minimum or 0) * 1e3)} '
+        f'ms, with {order(nearest.error)} rad. All of them approximate dry friction.'
     )
 
 

@@ -3,9 +3,10 @@
 """
 Integrators: one step of size h of qdd = f(q, qd, t), with constant commanded torque.
 
-An integrator is a function over one lane per joint, and its row in TABLE: to add one, write
-both. A simulation then offers it under its name, and the tests measure its order. It sees the arm
-as a System: where its torque comes from and how its positions are summed is not its business.
+To add an integrator, write its function over one lane per joint and its row in TABLE; for dry
+friction and stops also its Scheme (simulation.SCHEMES). A simulation then offers it under its
+name, and the tests measure its order. It sees the arm as a System, so it does not depend on where
+torques come from and how positions are summed.
 
 An integrator that carries the acceleration at the end of a step on to the next does not evaluate
 f twice at one state; a simulation then adds one evaluation when the torque changes.

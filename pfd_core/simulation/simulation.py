@@ -73,7 +73,7 @@ class Simulation(ABC):
 
     # Leading dimensions of all states: (), or (B,) for an ensemble.
     batch: tuple[int, ...] = ()
-    # The compiler of the native code, in pfd_core.kernels.codegen.
+    # The compiler of the native code, in pfd_core.kernels.simulations.
     _compiler: ClassVar[Callable[..., Any]]
 
     def __init__(
@@ -281,7 +281,7 @@ class Simulation(ABC):
         Set positions and velocities, (n,) or (B, n), default zero, and the time [s].
 
         `tau_motor` are the torques of motors with a lag; only if the scene has one. Positions may
-        lie beyond the joint limits. ValueError for an angle above turns.LARGEST_ANGLE.
+        lie beyond the joint limits. ValueError for an angle above LARGEST_ANGLE.
         """
         self._set(self._buffers[1 - self._turn], q, qd, time, tau_motor)
         self._turn ^= 1

@@ -112,8 +112,8 @@ def trip(
     state.tripped = True
     state.trips += 1
     state.reflex = (
-        f'the effort of {cut(names[joint])!r} jumped by {jump:.6g} in a '
-        f'cycle, expected {largest_jump:.6g} at most; ~/reset ends it'
+        f'the effort of {cut(names[joint])!r} changed by {jump:.6g} in one step, '
+        f'limit {largest_jump:.6g}'
     )
 
 

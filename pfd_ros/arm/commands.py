@@ -150,9 +150,8 @@ def validate_named(
         return broken
     kinds = [kind for kind, values in kinds_of(message).items() if len(values)]
     if 'effort' not in kinds and (gains is None or not kinds):
-        return Validation(
-            Verdict.NO_EFFORT, f'holds {" and ".join(kinds or ["nothing"])} but no effort'
-        )
+        only = f', got only {" and ".join(kinds)}' if kinds else ''
+        return Validation(Verdict.NO_EFFORT, f'expected one effort for each name{only}')
     known = [place for place, name in enumerate(message.names) if name in index]
     strange = [name for name in message.names if name not in index and name not in locked]
     welded = _commanded(message, locked, gains) if locked else ()

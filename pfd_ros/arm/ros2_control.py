@@ -180,7 +180,10 @@ def differences(settings: Settings, moving: Collection[str], control: Ros2Contro
     ]
     if not off:
         return ''
-    return f'<ros2_control> has other initial values for {listed(off)} than the parameters'
+    return (
+        f'initial positions of {listed(off)} differ between <ros2_control> and the parameters: '
+        'the parameters are used'
+    )
 
 
 def ragged_trap(control: Ros2Control) -> str:

@@ -159,7 +159,7 @@ class ArmDiagnostics:
             return Task('stepping', ERROR, engine.arm.failure, values)
         if now.missed > last.missed:
             return Task(
-                'stepping', WARN, 'steps late (busy machine or blocked subscriber)', values
+                'stepping', WARN, 'periods missed (busy machine or blocked subscriber)', values
             )
         if engine.waiting:
             return Task('stepping', OK, _reason_to_wait(engine), values)
@@ -190,7 +190,10 @@ class ArmDiagnostics:
         ]
         if actuators.tripped:
             return Task(
-                'commands', ERROR, f'all joints braked by the reflex: {actuators.reflex}', values
+                'commands',
+                ERROR,
+                f'protective stop, all joints braked: {actuators.reflex}',
+                values,
             )
         if link.timed_out:
             return Task('commands', WARN, 'no command for command_timeout', values)

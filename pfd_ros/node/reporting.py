@@ -52,8 +52,8 @@ class Reporter:
         )
         self.log.info(f'publishing {published}')
         self.log.info(
-            f'{cut(engine.settings.robot)}: all {len(engine.arm.names)} joints are braked until '
-            f'the first command; simulated time starts at {engine.arm.stamp_ns / NANOSECONDS:g} s'
+            f'{cut(engine.settings.robot)}: each of the {len(engine.arm.names)} joints is braked '
+            f'until its first command; simulated time starts at {engine.arm.stamp_ns / NANOSECONDS:g} s'
         )
 
     def report(self, *, last: bool = False) -> None:
@@ -61,7 +61,7 @@ class Reporter:
         count, event = self.log.count, self.log.event
         self._report_commands(last)
         text = (
-            'steps late (busy machine or blocked subscriber): lower real_time_factor or '
+            'periods missed (busy machine or blocked subscriber): lower real_time_factor or '
             'publish_rate'
         )
         count('missed', self.stepper.timer.missed, text, last=last)
@@ -77,7 +77,9 @@ class Reporter:
         state, arm = engine.state, engine.arm
         link, actuators = state.link, state.actuators
         event('timeouts', link.timeouts, timeout_text(engine.settings), last=last)
-        text = f'all joints braked by the reflex: {actuators.reflex}; call ~/reset to release them'
+        text = (
+            f'protective stop, all joints braked: {actuators.reflex}; call ~/reset to release them'
+        )
         event('reflex', actuators.trips, text, error=True, last=last)
         reason = f': {arm.failure}' if arm.failure else ''
         text = f'simulation stopped{reason}; call ~/reset to restart'
@@ -97,7 +99,7 @@ class Reporter:
         stamp_ns = engine.state.newest_ns
         newest = 'none' if stamp_ns is None else f't = {stamp_ns / NANOSECONDS:.9g} s'
         text = (
-            f's without a command for the state at t = '
+            f's of waiting for commands in lockstep, now for the state at t = '
             f'{engine.arm.stamp_ns / NANOSECONDS:.9g} s (last stamp: {newest}); check that the '
             'controller answers each state and uses this /clock'
         )

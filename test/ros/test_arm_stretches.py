@@ -108,7 +108,7 @@ def test_a_reflex_in_a_stretch_brakes_as_in_single_cycles() -> None:
     assert found.tobytes() == wanted[:41].tobytes()
     single(other, rows[41:], 1)
     assert other.state.actuators.trips == 1
-    assert 'jumped by' in other.state.actuators.reflex
+    assert 'changed by' in other.state.actuators.reflex
     assert other.state == one.state
 
 

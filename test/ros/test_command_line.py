@@ -118,7 +118,7 @@ def test_pfd_sim_is_the_node(processes: Processes) -> None:
     arm = processes.python(
         '-m', 'pfd_ros.cli.main', 'sim', '--robot', 'planar2', '--ros-args', '-r', '__ns:=/x'
     )
-    arm.wait_for_text('planar2: all 2 joints are braked until the first command')
+    arm.wait_for_text('planar2: each of the 2 joints is braked until its first command')
     arm.stop()
 
 

@@ -214,9 +214,9 @@ def test_the_counts_stay_small_however_many_names_come() -> None:
 def test_the_details_name_the_received_values() -> None:
     assert validate('ab', [1]).detail == '2 names and 1 numbers in effort'
     assert validate('ab', position=[1, 2], velocity=[1, 2]).detail == (
-        'holds position and velocity but no effort'
+        'expected one effort for each name, got only position and velocity'
     )
-    assert validate('ab').detail == 'holds nothing but no effort'
+    assert validate('ab').detail == 'expected one effort for each name'
 
 
 def test_an_array_goes_to_the_joints_in_their_published_order() -> None:

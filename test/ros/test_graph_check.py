@@ -190,7 +190,7 @@ def test_a_good_peer_causes_no_log_line(processes: Processes, peer_of) -> None:
     assert '[ERROR]' not in arm.text()
     # Only the machine may be too slow.
     warned = [line for line in arm.text().splitlines() if '[WARN]' in line]
-    assert all('steps late' in line for line in warned), arm.text()
+    assert all('periods missed' in line for line in warned), arm.text()
 
 
 def test_a_publisher_of_another_type_is_named_with_the_topic_that_takes_it(

@@ -44,7 +44,7 @@ def test_a_servo_holds_after_the_last_command_and_a_reflex_is_logged(
     np.testing.assert_allclose(peer.states[-1].position, held, atol=1e-4)
     # 180 N m from one step to the next, where 50 are allowed.
     peer.command(JOINTS, [0.0, -180.0, 0.0, 0.0, 0.0, 0.0])
-    arm.wait_for_text("all joints braked by the reflex: the effort of 'joint2' jumped by")
+    arm.wait_for_text("protective stop, all joints braked: the effort of 'joint2' changed by")
     peer.let_pass()
     assert not np.any(peer.states[-1].effort)
     assert not np.any(peer.states[-1].velocity)

@@ -189,12 +189,8 @@ class ArmDiagnostics:
             ('reflex_trips', actuators.trips),
         ]
         if actuators.tripped:
-            return Task(
-                'commands',
-                ERROR,
-                f'protective stop, all joints braked: {actuators.reflex}',
-                values,
-            )
+            text = f'protective stop, all joints braked until ~/reset: {actuators.reflex}'
+            return Task('commands', ERROR, text, values)
         if link.timed_out:
             return Task('commands', WARN, 'no command for command_timeout', values)
         if now.rejected > last.rejected:

@@ -53,7 +53,8 @@ class Reporter:
         self.log.info(f'publishing {published}')
         self.log.info(
             f'{cut(engine.settings.robot)}: each of the {len(engine.arm.names)} joints is braked '
-            f'until its first command; simulated time starts at {engine.arm.stamp_ns / NANOSECONDS:g} s'
+            'until its first command; simulated time starts at '
+            f'{engine.arm.stamp_ns / NANOSECONDS:g} s'
         )
 
     def report(self, *, last: bool = False) -> None:
@@ -77,9 +78,7 @@ class Reporter:
         state, arm = engine.state, engine.arm
         link, actuators = state.link, state.actuators
         event('timeouts', link.timeouts, timeout_text(engine.settings), last=last)
-        text = (
-            f'protective stop, all joints braked: {actuators.reflex}; call ~/reset to release them'
-        )
+        text = f'protective stop, all joints braked: {actuators.reflex}; call ~/reset to end it'
         event('reflex', actuators.trips, text, error=True, last=last)
         reason = f': {arm.failure}' if arm.failure else ''
         text = f'simulation stopped{reason}; call ~/reset to restart'

@@ -140,7 +140,7 @@ def test_remappings_and_parameters_count_before_the_ros2_control(
     )
     for text in (
         'joint_commands is remapped to /mine, ignoring /robot_joint_commands of <ros2_control>',
-        "initial positions of ['shoulder', 'elbow', 'finger'] differ between <ros2_control> and the ",
+        "initial positions of ['shoulder', 'elbow', 'finger'] differ between <ros2_control> and ",
         'subscribed to /mine (',
         '/effort_controllers/commands (std_msgs/msg/Float64MultiArray: efforts in the order ',
         'publishing /joint_states (',

@@ -52,6 +52,7 @@ def survey(
 ) -> Findings:
     """Measure both plans; progress goes to a terminal's stderr."""
     found = Findings()
+    evaluations.compile_all(cases)
     for name in cases.cases:
         facts, points, left_out = evaluations.measure(name, cases)
         found.cases.append(facts)

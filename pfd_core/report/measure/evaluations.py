@@ -29,7 +29,7 @@ from pfd_core.kernels.auto import default
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.model import Robot, resolve
-from pfd_core.report.cases.hard_cases import CASES, ROUNDING
+from pfd_core.report.cases.hard_cases import CASES, ROUNDING, Case
 from pfd_core.report.cases.problems import Problem
 from pfd_core.report.cases.robots import Array
 from pfd_core.report.contenders import ours, pinocchio_cpp
@@ -51,6 +51,7 @@ from pfd_core.report.contenders.work import (
     valid_sides,
 )
 from pfd_core.report.measure.errors import CaseFacts, facts_of, methods, peer_answers
+from pfd_core.report.measure.processes import each
 from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.reference import Reference, errors, kappa_j, kappa_s, reference
 from pfd_core.report.measure.timing import Pace, interleave
@@ -194,9 +195,47 @@ class Solved:
         return float(np.max(found)), float(np.max(found / self.condition) / ROUNDING[dtype])
 
 
+def compile_all(plan: Plan) -> None:
+    """Compile the kernels of all cases on all processors; the disk cache keeps them."""
+    kernels = [
+        (name, method, dtype, refine)
+        for name in plan.cases
+        for method in _able(plan.methods, _case(name).make().plant.robot)
+        for dtype in ROUNDING
+        for refine in REFINEMENTS
+    ]
+    # Those that take longest begin first.
+    kernels.sort(key=lambda kernel: kernel[1] not in MOST)
+    for _ in each(_compile, kernels, 'compiling kernels'):
+        pass
+
+
+def _compile(kernel: tuple[str, str, str, int]) -> None:
+    """Compile a kernel, named by case, method, format and refinement, of one state and batches."""
+    name, method, dtype, refine = kernel
+    problem = _case(name).make()
+    made = compile_kernel(problem.plant.robot, method=method, dtype=dtype, refine=refine)
+    states = [np.atleast_2d(x) for x in problem.states.values()]
+    for batch in (states, [x[0] for x in states]):
+        made(*batch)
+
+
+def _case(name: str) -> Case:
+    (case,) = (case for case in CASES if case.name == name)
+    return case
+
+
+def _able(wanted: Sequence[str], robot: Robot) -> list[str]:
+    """Return the methods whose kernels of this robot compile in less than minutes."""
+    known = set(methods(robot.n))
+    return [
+        method for method in wanted if method in known and robot.n <= MOST.get(method, robot.n)
+    ]
+
+
 def measure(name: str, plan: Plan) -> tuple[TimedCase, list[Point], list[str]]:
     """Return a case, its points, and the excluded implementations with reasons."""
-    (case,) = (case for case in CASES if case.name == name)
+    case = _case(name)
     show_progress(f'{name}: reference')
     problem = case.make()
     known = reference(problem)
@@ -260,13 +299,13 @@ def _kernels(solved: Solved, wanted: tuple[str, ...], left_out: list[str]) -> It
     robot = plant.robot
     if resolve(robot).digest != plant.digest:
         raise ValueError(f'{solved.name} has a scene: only robots under gravity are compiled here')
-    able = [method for method in methods(robot.n) if robot.n <= MOST.get(method, robot.n)]
+    able = _able(wanted, robot)
     left_out += [
         f'{method} at {solved.name}: takes minutes to compile for {robot.n} joints'
         for method in wanted
         if method not in able
     ]
-    for method in (method for method in wanted if method in able):
+    for method in able:
         for dtype in ROUNDING:
             for refine in REFINEMENTS:
                 show_progress(f'{solved.name}: compiling {method} {dtype} refine={refine}')

@@ -263,7 +263,19 @@ def test_quick_takes_the_quick_plans(
     ]
 
 
+def test_kernels_compiled_by_other_processes_are_not_compiled_again(
+    folder: Path, emitted: list[str]
+) -> None:
+    plan = replace(TINY, methods=('composite_body', 'articulated_body'), peers=())
+    evaluations.compile_all(plan)
+    assert list(folder.iterdir())
+    before = len(emitted)
+    evaluations.measure(plan.cases[0], plan)
+    assert len(emitted) == before
+
+
 def test_a_survey_gathers_cases_and_motions(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(evaluations, 'compile_all', lambda plan: None)
     monkeypatch.setattr(
         evaluations, 'measure', lambda name, plan: (PAGES.cases[0], PAGES.points, [name])
     )

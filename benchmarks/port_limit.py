@@ -52,13 +52,21 @@ def array(states: int, elements: int, dtype: str, place: int | None) -> NDArray[
     return found
 
 
+def four_places(text: str) -> list[int]:
+    """Return the bytes after a page at which q, qd, tau and the results begin."""
+    places = [int(place) for place in text.split(',')]
+    if len(places) != 4 or any(place % 8 or place < 0 for place in places):
+        raise argparse.ArgumentTypeError('expected four multiples of 8')
+    return places
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or '').split('\n', 2)[1])
     parser.add_argument('robots', nargs='*', default=ROBOTS, metavar='ROBOT')
     parser.add_argument('--dtype', choices=('float64', 'float32'), default='float64')
     parser.add_argument('--method', default='composite_body')
     parser.add_argument('--states', type=int, default=STATES)
-    parser.add_argument('--places', type=lambda text: [int(place) for place in text.split(',')])
+    parser.add_argument('--places', type=four_places, metavar='Q,QD,TAU,OUT')
     given = parser.parse_args()
     states, places = given.states, given.places or [None] * 4
     print(

@@ -16,6 +16,7 @@ import numpy as np
 from oracle import Oracle
 import pinocchio as pin
 import pytest
+from sampling import one_fast
 from zoo import random_chain
 
 import pfd_core as pfd
@@ -270,6 +271,38 @@ def test_friction_of_sliding_joints_has_a_slope_and_resting_ones_are_held(
     moving = [0, 2, *([4] if 'motor_lag' in effects else []), len(A)]
     wanted = differences(sim, [q, qd, tau])[:, moving]
     np.testing.assert_allclose(np.hstack([A, B])[:, moving], wanted, rtol=0, atol=DIFFERENCES)
+
+
+@pytest.mark.parametrize('substeps', one_fast([1, 2, 4], 2))
+@pytest.mark.parametrize('integrator', ['rk4', 'velocity_verlet'])
+def test_joints_that_slide_at_ordinary_speeds_are_linearised(
+    integrator: str, substeps: int
+) -> None:
+    scene = pfd.Scene(friction=[0.5, 0.5], damping=[1.0, 1.0])
+    settings = {'integrator': integrator, 'substeps': substeps}
+    sim = pfd.Simulator(pfd.load_robot('planar2'), scene, step_size=1e-3, **settings)
+    rng = np.random.default_rng(87)
+    for _ in range(3):
+        q, tau = rng.uniform(-1, 1, (2, 2))
+        qd = rng.uniform(1, 3, 2) * rng.choice([-1, 1], 2)
+        found = np.hstack(sim.linearize(q, qd, tau))
+        wanted = differences(sim, [q, qd, tau])
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=DIFFERENCES)
+
+
+@pytest.mark.parametrize(
+    'effects',
+    [
+        {'stiffness': [3.0, 1.0]},
+        {'cogging': [(0.5, 2.5, 0.1), (0.2, 1.3, 0.0)]},
+    ],
+)
+def test_a_spring_and_cogging_are_linearised_beyond_a_turn(effects: dict[str, Any]) -> None:
+    sim = pfd.Simulator(pfd.load_robot('planar2'), pfd.Scene(**effects), step_size=1e-2)
+    for q in ([10.0, 0.3], [-9.0, 25.0]):
+        at = [np.array(x) for x in (q, [0.4, -0.2], [0.1, 0.2])]
+        found = np.hstack(sim.linearize(*at))
+        np.testing.assert_allclose(found, differences(sim, at), rtol=0, atol=DIFFERENCES)
 
 
 ELBOW_STOPS = [[-np.inf, np.inf], [0.3, 2.0]]

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from operator import attrgetter
 
+from pfd_core.algorithms.chain.joint_torques import record_joint_torques
 from pfd_core.kernels.codegen.linear_step import called, carried_rows, state_rows
 from pfd_core.kernels.codegen.module import linear_module
 from pfd_core.kernels.kernel import Kernel
@@ -21,13 +22,21 @@ from pfd_core.kernels.simulations import plants
 from pfd_core.kernels.source import KernelSource, ProductSource, check_stack, derivatives
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
+from pfd_core.model import without_viscosity
 
 
 class LinearSource(KernelSource):
     """The source of a linearised step, composed of the sources of the functions that it calls."""
 
-    def __init__(self, step: Program, substeps: int, sources: Mapping[str, ProductSource]) -> None:
+    def __init__(
+        self,
+        step: Program,
+        substeps: int,
+        sources: Mapping[str, ProductSource],
+        periodic: bool,
+    ) -> None:
         self._step, self._substeps, self._sources = step, substeps, sources
+        self._periodic = periodic
         self.key = ('linear step', str(step), str(substeps))
         for source in sources.values():
             self.key += source.key
@@ -52,7 +61,9 @@ class LinearSource(KernelSource):
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the LLVM IR of the kernel."""
         programs = {name: source.factors for name, source in self._sources.items()}
-        return linear_module(self._step, programs, self._substeps, dtype, width, angles)
+        return linear_module(
+            self._step, programs, self._substeps, dtype, width, angles, self._periodic
+        )
 
 
 def compile_linear_step(spec: KernelSpec, step: Program, substeps: int, implicit: float) -> Kernel:
@@ -69,7 +80,9 @@ def compile_linear_step(spec: KernelSpec, step: Program, substeps: int, implicit
     functions = dict(plants(spec.plant, implicit))
     sources = {name: derivatives(spec, functions[name]) for name in called(step)}
     recreate = partial(compile_linear_step, spec, step, substeps, implicit)
-    return Kernel(spec, LinearSource(step, substeps, sources), recreate)
+    # Springs and cogging tell an angle from the same angle a turn further.
+    periodic = 'q' not in record_joint_torques(without_viscosity(spec.plant)).inputs
+    return Kernel(spec, LinearSource(step, substeps, sources, periodic), recreate)
 
 
 def _matrices(step: Program) -> int:

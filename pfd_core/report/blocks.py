@@ -42,7 +42,7 @@ def _records(kind: Any, path: Path, key: str | None, null: float = math.nan) -> 
 
 
 def _paper(folder: Path) -> str:
-    verdicts = [one['verdict'] for one in json.loads((folder / 'claims.json').read_text())]
+    verdicts = [one['verdict'] for one in json.loads((folder / 'claims.json').read_text('utf-8'))]
     return counts_pages.summary(_records(Row, folder / 'counts.json', 'counts'), verdicts)
 
 
@@ -74,13 +74,13 @@ BLOCKS: Mapping[str, Callable[[Path], str]] = {
 
 def filled(root: Path, name: str) -> str:
     """Return a file of FILES with its blocks filled; `root` is the project's folder."""
-    up = '../' * (len(Path(name).parts) - 1)
+    inside = name.startswith('docs/')
 
     def block(match: re.Match[str]) -> str:
         if match[2] not in BLOCKS:
             return match[0]
         text = BLOCKS[match[2]](root / REPORT)
-        links = text.replace('](docs/', '](../') if up else text
+        links = text.replace('](docs/', '](../') if inside else text
         return f'{match[1]}{links}{match[3]}'
 
     return MARKED.sub(block, (root / name).read_text(encoding='utf-8'))

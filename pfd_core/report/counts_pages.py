@@ -30,6 +30,7 @@ from pfd_core.report.measure.counts import (
     measure,
     measure_on_processors,
     published_serial,
+    with_routes,
 )
 from pfd_core.report.measure.counts import row as counts_of
 from pfd_core.report.measure.network_times import NETWORK_SIZES
@@ -89,10 +90,7 @@ def summary(rows: Sequence[Row], verdicts: Sequence[str]) -> str:
     base = known['pcrbm_base_origin', BEST_KNOWN]
     pcrbm, published = TABLE['pcrbm'], published_serial(PRINTED_AT)
     printed = (pcrbm.multiplications.printed or 0) + (pcrbm.additions.printed or 0)
-    routed = min(
-        _mult(x) + x.additions + x.square_roots + x.routes
-        for x in (executed.steps, executed.unpacked)
-    )
+    routed = min(map(with_routes, (executed.steps, executed.unpacked)))
     return page(
         'paper-summary',
         printed=f'{published / printed:.2f}',

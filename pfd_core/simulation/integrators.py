@@ -163,17 +163,18 @@ def record_step(
     compensated: bool = False,
     motor_lag: Array | None = None,
     events: bool = False,
+    carries: bool = True,
 ) -> Program:
     """
     Return the program of one step on n lanes, for a scene with a damping (n,) or none.
 
     It calls the function `qdd`; where damping is implicit, `undamped` and `solve` instead. Rows
     are added for positions with `compensated` sums, for motors with a lag (n,) [s], and for steps
-    that are cut at `events`, which may be too many. Such a step evaluates the acceleration at its
-    beginning, with the joints that friction and stops hold then, and does not carry it.
+    that are cut at `events`, which may be too many. A step that does not carry the acceleration
+    evaluates it at its beginning, as steps with events do: other joints may be held then.
     """
     recorder = Recorder(n)
-    rows = [part for part in integrator.carried if not (events and part == 'qdd')]
+    rows = [part for part in integrator.carried if carries or part != 'qdd']
     carried = {part: recorder.input(part, range(n)) for part in rows}
     low = CompensatedSum(recorder) if compensated else None
     torque = None if motor_lag is None else LaggedTorque(recorder, motor_lag, h)
@@ -189,8 +190,8 @@ def record_step(
         None if solved is None else partial(recorder.call, 'solve'),
         None if solved is None else recorder.constant(solved),
     )
-    jumps = events or (torque is not None and torque.jumps)
-    if jumps and 'qdd' in integrator.carried:
+    jumps = torque is not None and torque.jumps
+    if (jumps or not carries) and 'qdd' in integrator.carried:
         carried['qdd'] = accelerations(carried['q'], carried['qd'], 0)
     moved = dict(zip(carried, integrator.step(system, h, *carried.values()), strict=True))
     end = {part: moved[part] for part in rows}

@@ -140,7 +140,9 @@ class LinearStep:
         row, h = TABLE[simulation.integrator], simulation.step_size / simulation.substeps
         plant = resolve(robot, spec.scene)
         # The digits that sums keep, with `compensated`, have no derivative.
-        step = record_step(row, robot.n, h, plant.viscosity, motor_lag=plant.motor_lag)
+        step = record_step(
+            row, robot.n, h, plant.viscosity, motor_lag=plant.motor_lag, carries=not self._dry
+        )
         self.kernel = compile_linear_step(spec, step, simulation.substeps, row.implicit * h)
 
     def matrices(

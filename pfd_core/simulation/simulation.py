@@ -155,6 +155,7 @@ class Simulation(ABC):
             compensated=self.compensated,
             motor_lag=plant.motor_lag,
             events=has_contact(plant),
+            carries=not has_contact(plant),
         )
         return self._compiler(
             self.spec, step, implicit=integrator.implicit * h, contact=self._contact(plant, h)

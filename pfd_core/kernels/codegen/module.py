@@ -81,25 +81,29 @@ def linear_module(
     dtype: str,
     width: int,
     angles: Sequence[int],
+    periodic: bool,
 ) -> str:
     """
     Return the module of a kernel of the linearised steps of an integrator.
 
-    `dynamics` are programs of factors, of the derivatives of the functions that the step calls.
+    `dynamics` are programs of factors, of the derivatives of the functions that the step calls;
+    `periodic` states whether the angles enter only by sine and cosine.
     """
     inner, form = Format(dtype, width), Format(dtype, width, strided=width > 1)
-    functions = [wrap_row(inner, ANGLE_LIMIT)] if angles else []
+    limit = ANGLE_LIMIT if periodic else WRAP_LIMIT
+    functions = [wrap_row(inner, limit)] if angles else []
     inputs: dict[str, int] = {}
     for name, program in dynamics.items():
         functions += [factors_body(program, inner, f'_{name}')]
         functions += [jacobian(program, inner, angles, f'_{name}')]
         inputs |= program.inputs
     functions.append(linear_step(step_program, dynamics, inner))
-    functions.append(linearisation(step_program, dynamics, form, substeps, angles))
+    turning = angles if periodic else ()
+    functions.append(linearisation(step_program, dynamics, form, substeps, turning))
     n, rows = step_program.lanes, len(state_rows(step_program))
     signature = Program(1, (), inputs, {})
     entries = _entries(signature, form, (n * rows, n * (rows + 1) + 1))
-    return module([*functions, *entries], form, angles, vector_widths(inner), ANGLE_LIMIT)
+    return module([*functions, *entries], form, angles, vector_widths(inner), limit)
 
 
 def _entries(program: Program, form: Format, shape: Sequence[int]) -> list[str]:

@@ -228,7 +228,8 @@ def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
     if optimisation.pipeline:
         passes = builder.getModulePassManager()
     else:
-        _inline_internal(module)
+        if optimisation.passes:
+            _inline_internal(module)
         passes = llvm.create_new_module_pass_manager()
         for name in optimisation.passes:
             getattr(passes, f'add_{name}_pass')()
@@ -244,8 +245,8 @@ def _inline_internal(module: Any) -> None:
     """
     Mark functions for `always_inliner`, where LLVM would weigh costs.
 
-    A function that is only called in its module is inlined, unless it says `noinline`: the
-    straight-line code, and what is rarely called.
+    A function that is only called in its module is inlined, unless it says `noinline`, as parts
+    of long programs and functions that are rarely called do.
     """
     for function in module.functions:
         words = {word for attribute in function.attributes for word in attribute.split()}

@@ -109,6 +109,8 @@ def _begin(end: Connection) -> None:
     """Begin a process that measures."""
     global _one_of_several
     _one_of_several = True
+    # Compilers and other processes that it starts end with it.
+    os.setpgid(0, 0)
     hide_progress()
     Thread(target=_exit_with, args=(end,), daemon=True).start()
 
@@ -116,4 +118,4 @@ def _begin(end: Connection) -> None:
 def _exit_with(end: Connection) -> None:
     with suppress(EOFError, OSError):
         end.recv()
-    os._exit(1)
+    os.killpg(0, signal.SIGKILL)

@@ -8,10 +8,10 @@ works again before every few others. The quoted speed is the median over the tur
 two times taken shortly after each other: a machine that slows down slows both. The minimum is the
 time without disturbance, the median the typical time.
 
-The spread of the times decides the number of turns: they end once the minimum and the medians of
-every side are known to a part SETTLED. The minimum is known if BEST times lie that close to it
-(the K-best scheme: Bryant and O'Hallaron, Computer Systems, 1st ed. 2003), a median
-if its confidence interval from order statistics is that narrow to both sides.
+The spread of the times decides the number of turns: they end once those of every side are settled.
+The minimum counts as settled if BEST times lie within a part SETTLED of it, which does not prove
+that no shorter time exists (the K-best scheme: Bryant and O'Hallaron, Computer Systems, 1st ed.
+2003), a median if its confidence interval from order statistics is that narrow to both sides.
 """
 
 from __future__ import annotations
@@ -180,7 +180,8 @@ def interleave(
                 if near is not None:
                     ratios[k].append(times[near][-1] / times[k][-1])
             # After both directions.
-            if t % 2 and t + 1 >= FEWEST_SETTLED and all(map(_settled, times, ratios)):
+            enough = t % 2 and t + 1 >= max(FEWEST_SETTLED, pace.fewest)
+            if enough and all(map(_settled, times, ratios)):
                 break
     return [
         Times(min(own), statistics.median(own), statistics.median(ratio) if ratio else None)
@@ -189,7 +190,7 @@ def interleave(
 
 
 def _settled(times: Sequence[float], ratios: Sequence[float]) -> bool:
-    """Return whether minimum and medians of a side are known to a part SETTLED."""
+    """Return whether minimum and medians of a side are settled to a part SETTLED."""
     best = sorted(times)[BEST - 1]
     return best <= (1 + SETTLED) * min(times) and all(map(_is_narrow, (times, ratios)))
 

@@ -198,6 +198,10 @@ ENDLESS = (
     "SELECT n AS id, 1 AS topic_id, n AS timestamp, x'00' AS data FROM x"
 )
 
+LONG_DEFINITION = (
+    "UPDATE message_definitions SET encoded_message_definition = printf('%65537s', 'string data')"
+)
+
 
 @pytest.mark.parametrize(
     ('changes', 'message'),
@@ -214,6 +218,10 @@ ENDLESS = (
         ),
         ({'sql': ["UPDATE topics SET type = x'00'"]}, 'a field that is not a string'),
         ({'sql': ["UPDATE messages SET data = 'text'"]}, 'a message of 4 bytes'),
+        (
+            {'sql': [LONG_DEFINITION]},
+            'the definition of std_msgs/msg/String has 65537 characters, expected a text of at',
+        ),
     ],
 )
 def test_hostile_bags_are_refused_with_a_line(

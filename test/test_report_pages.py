@@ -109,6 +109,23 @@ def test_without_a_name_every_page_is_made_and_each_that_fails_is_reported(
     assert {'broken', 'wrong'} == set(last.split('; not made: ')[1].split(', '))
 
 
+@pytest.mark.parametrize('broken', [False, True])
+def test_a_page_is_made_without_stderr(
+    broken: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(pages, 'PAGES', {'small': SMALL})
+    with Path('/dev/full').open('w', encoding='utf-8') as full:
+        monkeypatch.setattr(sys, 'stderr', full if broken else None)
+        made = list(pages.make_all(tmp_path, True))
+        show_line('a line')
+        monkeypatch.undo()
+        # What could not be written is still in the buffer.
+        with suppress(OSError):
+            full.close()
+    assert [path for path in made if path.exists()] == made
+    assert capsys.readouterr().out == ''
+
+
 @pytest.mark.usefixtures('three_pages')
 def test_pages_with_clocks_come_first_unless_quick(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

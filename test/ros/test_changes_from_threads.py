@@ -87,6 +87,12 @@ def test_a_change_for_which_no_thread_starts_is_dropped_and_the_next_is_applied(
 ) -> None:
     engine, receiver, changes = made()
 
+    def send() -> None:
+        if topic:
+            changes.changes.take_payload(payload('tip_link', 1.0, (0.0, 0.0, 0.0))[1])
+        else:
+            changes.set([chosen('payload.mass', 1.0)])
+
     def start(thread: threading.Thread) -> None:
         raise RuntimeError("can't start new thread")
 
@@ -94,10 +100,7 @@ def test_a_change_for_which_no_thread_starts_is_dropped_and_the_next_is_applied(
         with monkeypatch.context() as patch:
             patch.setattr(threading.Thread, 'start', start)
             with pytest.raises(RuntimeError, match="can't start new thread"):
-                if topic:
-                    changes.changes.take_payload(payload('tip_link', 1.0, (0.0, 0.0, 0.0))[1])
-                else:
-                    changes.set([chosen('payload.mass', 1.0)])
+                send()
         assert changes.set([chosen('gravity_compensation', True)]).successful
         wait_until(lambda: engine.settings.gravity_compensation)
     assert engine.settings.payload_mass == 0.0

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib import import_module
+from io import StringIO
 import json
 import os
 from pathlib import Path
@@ -13,6 +14,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -20,6 +22,7 @@ import pytest
 from pfd_core.report import pages
 from pfd_core.report.measure import processes
 from pfd_core.report.measure.processes import each
+from pfd_core.report.measure.progress import reported, show_line, show_progress
 from pfd_core.report.pages import INDEX, PAGES, QUICK, Page, index_text
 from pfd_ros.cli import main as command_line
 
@@ -109,20 +112,29 @@ def test_without_a_name_every_page_is_made_and_each_that_fails_is_reported(
     assert {'broken', 'wrong'} == set(last.split('; not made: ')[1].split(', '))
 
 
-@pytest.mark.parametrize('broken', [False, True])
-def test_a_page_is_made_without_stderr(
-    broken: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+class Unread(StringIO):
+    """A terminal that nobody reads."""
+
+    def isatty(self) -> bool:
+        return True
+
+    def write(self, text: str) -> int:
+        raise BrokenPipeError
+
+
+@pytest.mark.parametrize('stderr', [None, Unread()], ids=['closed', 'broken'])
+def test_a_measurement_without_stderr_goes_on_and_prints_no_progress(
+    stderr: Unread | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(pages, 'PAGES', {'small': SMALL})
-    with Path('/dev/full').open('w', encoding='utf-8') as full:
-        monkeypatch.setattr(sys, 'stderr', full if broken else None)
-        made = list(pages.make_all(tmp_path, True))
+    monkeypatch.setattr(sys, 'stderr', stderr)
+    failed: list[object] = []
+    monkeypatch.setattr(threading, 'excepthook', failed.append)
+    with reported(0.01, 0.01):
+        show_progress('measuring')
         show_line('a line')
-        monkeypatch.undo()
-        # What could not be written is still in the buffer.
-        with suppress(OSError):
-            full.close()
-    assert [path for path in made if path.exists()] == made
+        time.sleep(0.1)
+        show_progress('')
+    assert failed == []
     assert capsys.readouterr().out == ''
 
 

@@ -29,6 +29,9 @@ def test_pfd_urdf_of_an_unknown_robot_is_one_line(capsys: pytest.CaptureFixture[
     assert capsys.readouterr().err.startswith("pfd urdf: unknown robot 'ur55': known are panda")
 
 
-def test_pfd_urdf_without_an_output_does_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pfd_urdf_without_an_output_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(sys, 'stdout', None)
-    assert main(['urdf', 'ur5']) == 0
+    assert main(['urdf', 'ur5']) == 1
+    assert capsys.readouterr().err == 'pfd urdf: no standard output; use --out\n'

@@ -349,6 +349,26 @@ def test_messages_of_other_lengths_each_are_read_without_comparing_all_with_all(
     assert [len(x) for x in found.b] == [500 - k for k in rows]
 
 
+@pytest.mark.parametrize(
+    ('fields', 'content'),
+    [
+        ('uint32 oanosec', bytes(4)),
+        ('string nanosec', bytes((2, 0, 0, 0)) + b'x\0'),
+        ('uint32[2] nanosec', bytes(8)),
+    ],
+)
+def test_a_type_whose_stamp_is_no_time_has_no_stamps(
+    tmp_path: Path, fields: str, content: bytes
+) -> None:
+    bar = 80 * '='
+    definition = f'Time clock\n{bar}\nMSG: pkg/Time\nint32 sec\n{fields}\n'
+    data = bytes((0, 1, 0, 0)) + bytes(4) + content
+    log = read_log(mcap_of(tmp_path / 'a.mcap', 'pkg/msg/Odd', definition, [data]))
+    assert len(log['/topic']) == 1
+    assert log['/topic'].stamp_ns is None
+    assert len(log['/topic'].time) == 1
+
+
 @pytest.fixture(scope='module', params=['MCAP', 'SQLITE3'])
 def whole_bag(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of a good bag; examples are written next to it."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib import import_module
+from io import StringIO
 import json
 import os
 from pathlib import Path
@@ -13,6 +14,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -20,6 +22,7 @@ import pytest
 from pfd_core.report import pages
 from pfd_core.report.measure import processes
 from pfd_core.report.measure.processes import each
+from pfd_core.report.measure.progress import reported, show_line, show_progress
 from pfd_core.report.pages import INDEX, PAGES, QUICK, Page, index_text
 from pfd_ros.cli import main as command_line
 
@@ -107,6 +110,32 @@ def test_without_a_name_every_page_is_made_and_each_that_fails_is_reported(
     last = progress.splitlines()[-1]
     assert last.startswith('all pages: ')
     assert {'broken', 'wrong'} == set(last.split('; not made: ')[1].split(', '))
+
+
+class Unread(StringIO):
+    """A terminal that nobody reads."""
+
+    def isatty(self) -> bool:
+        return True
+
+    def write(self, text: str) -> int:
+        raise BrokenPipeError
+
+
+@pytest.mark.parametrize('stderr', [None, Unread()], ids=['closed', 'broken'])
+def test_a_measurement_without_stderr_goes_on_and_prints_no_progress(
+    stderr: Unread | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, 'stderr', stderr)
+    failed: list[object] = []
+    monkeypatch.setattr(threading, 'excepthook', failed.append)
+    with reported(0.01, 0.01):
+        show_progress('measuring')
+        show_line('a line')
+        time.sleep(0.1)
+        show_progress('')
+    assert failed == []
+    assert capsys.readouterr().out == ''
 
 
 @pytest.mark.usefixtures('three_pages')

@@ -16,13 +16,15 @@ From the inputs to the outputs:
     tip_frames        frames on the last link: wrenches and inertias transformed to its frame
     wrench            the rules for external wrenches, and how long one acts
     requests          the rules for requests (pause, step, reset) and for states to set
-    link_frames       the frames of a URDF's links, for /tf of a recording
+    link_frames       the frames of a URDF's links, for /tf of a recording; parsed_urdf: a URDF
+                      from the text of a topic, for node.description and view.motion
     described_robot   the robot that settings name, and what its URDF adds to them
     ros2_control      the <ros2_control> blocks of a URDF: topics, initial positions, mimic joints
     pace              whether there may be a step: activity, pauses, lockstep, followed clock
     command_link      commands on the way to the actuators: delay, drop-out, watchdog
     actuators         from commands to the efforts that act: servos, limits of the motors
-    model_kernels     the native code of the outputs that are quantities of the model
+    model_kernels     the native code of the outputs that are quantities of the model, and of the
+                      accelerations
     arm               the simulated arm: robot, brakes, simulator, failure
     speeding          joints beyond their velocity limits, and the remedy
     changes           the rules for settings that change while the arm runs: new payloads, gains

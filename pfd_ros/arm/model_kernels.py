@@ -30,9 +30,9 @@ def model_kernels(settings: Settings, robot: pfd.Robot, scene: pfd.Scene) -> Map
 
 
 def acceleration_kernel(robot: pfd.Robot, scene: pfd.Scene, method: str, refine: int = 0) -> Any:
-    """Return the kernel of the accelerations, without brakes and effects that act over a step.
+    """Return the kernel of the accelerations, without brakes and the external wrench.
 
-    Those have no accelerations.
+    Effects that act over a step, such as friction, are left out too: they have no accelerations.
     """
     over_a_step = {effect.name for effect in pfd.EFFECTS if effect.acts == 'step'}
     smooth = scene.without(over_a_step | {'brakes', 'external wrench'})

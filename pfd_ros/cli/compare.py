@@ -12,7 +12,6 @@ from pfd_ros.cli.terminal import print_json, print_lines
 from pfd_ros.messages.convert import JOINT_FIELDS
 from pfd_ros.recording.log_arrays import read_log
 from pfd_ros.replay.compare import Comparison, compare
-from pfd_ros.replay.plots import plot_comparison
 
 HELP = 'compare two logs, joint by joint'
 EXAMPLE = 'pfd compare real.mcap simulated.mcap --tolerance 0.01'
@@ -66,6 +65,8 @@ def run(given: argparse.Namespace) -> int:
     else:
         print_lines(lines_of(found))
     if given.plot:
+        from pfd_ros.replay.plots import plot_comparison
+
         plot_comparison(found, (str(given.a), str(given.b)), given.plot)
     return 0 if found.within else 1
 

@@ -27,6 +27,8 @@ def run(given: argparse.Namespace) -> int:
     """Print the URDF, or write it to a file."""
     text = pfd.urdf_of(given.robot)
     if given.out is None:
+        if sys.stdout is None:
+            raise OSError('no standard output; use --out')
         if isinstance(sys.stdout, io.TextIOWrapper):
             # In any locale, as a file.
             sys.stdout.reconfigure(encoding='utf-8')

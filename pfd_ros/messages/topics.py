@@ -7,7 +7,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-# Name in the graph of the node of an endpoint, before it is known; of other middleware always.
+# Node name that the graph reports until discovery has it; some middleware never reports it.
 UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 
 

@@ -87,7 +87,7 @@ class Changes:
                 if len(data) > LONGEST_PAYLOAD:
                     raise ValueError
                 values = payload_values(decode_inertia(data), self.engine.arm)
-                self.settings = self._checked(values)
+                settings = self._checked(values)
             except ValueError:
                 # The arm rejects it, as a message of any other topic.
                 self.receiver.receive(Source.PAYLOAD, data)
@@ -99,6 +99,7 @@ class Changes:
             if Source.PAYLOAD in self._waiting:
                 self.receiver.counts.add(Source.PAYLOAD, SUPERSEDED)
             self._wait(Source.PAYLOAD, values, data)
+            self.settings = settings
 
     def _checked(self, values: dict[str, Any]) -> Settings:
         arm = self.engine.arm

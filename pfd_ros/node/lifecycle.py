@@ -188,22 +188,22 @@ class SimArmNode(LifecycleNode):
     def _configure(self) -> None:
         settings = replace(parameters.read(self), autostart=self._starting)
         self.arm = SimArm(self, settings, self._log, self._workers.stop.is_set, self._reached_ns)
-        # Only now the parameters of joints are known.
-        misspelt = parameters.misspelt(self)
-        if misspelt:
-            self._log.once('misspelt', f'unknown parameters ignored: {misspelt}')
-        self._guard_services()
-        # Objects of the start are excluded from later garbage collections.
-        gc.unfreeze()
-        gc.collect()
-        gc.freeze()
         try:
+            # Only now the parameters of joints are known.
+            misspelt = parameters.misspelt(self)
+            if misspelt:
+                self._log.once('misspelt', f'unknown parameters ignored: {misspelt}')
+            self._guard_services()
+            # Objects of the start are excluded from later garbage collections.
+            gc.unfreeze()
+            gc.collect()
+            gc.freeze()
             self.arm.start(self._workers)
+            self.arm.reporter.introduce()
         except BaseException:
             # Unconfigured, the node has no arm: the next one would have the same topics.
             self._clean_up()
             raise
-        self.arm.reporter.introduce()
 
     def _activate(self) -> None:
         if self.arm is not None and not self._starting:

@@ -13,7 +13,7 @@ Writing, from the callers to the disk:
     run_files       the files of a run: when a new one begins, and what it repeats
     mcap_file       the head, the messages and the end of a file, and the digests of its topics
     block_writer    the file with many messages at once, with the bytes of the package `mcap`
-    sink            bytes to the disk in complete flushes
+    sink            new files, never over existing ones; bytes to the disk in complete flushes
 
 Reading, from bytes to a log:
 

@@ -325,12 +325,21 @@ class Bag:
                 raise ValueError(f'table {name} has generated columns: not a bag of rosbag2')
         if 'message_definitions' not in tables:
             return {}
+        definition = 'encoded_message_definition'
         rows = database.execute(
-            'SELECT topic_type, encoded_message_definition FROM message_definitions '
-            f"WHERE encoding = '{SCHEMA_ENCODING}' AND length(encoded_message_definition) <= "
-            f'{DEFINITION_BYTES} LIMIT {TOPIC_LIMIT}'
+            f'SELECT topic_type, length({definition}), CASE WHEN length({definition}) <= '
+            f'{DEFINITION_BYTES} THEN {definition} END FROM message_definitions '
+            f"WHERE encoding = '{SCHEMA_ENCODING}' LIMIT {TOPIC_LIMIT}"
         )
-        return dict(rows.fetchall())
+        definitions = {}
+        for kind, size, text in rows:
+            if not isinstance(text, str):
+                raise ValueError(
+                    f'the definition of {cut(str(kind))} has {size} characters, expected a text '
+                    f'of at most {DEFINITION_BYTES}'
+                )
+            definitions[kind] = text
+        return definitions
 
     def _add(self, topic: BagTopic) -> None:
         before = self.topics.setdefault(topic.name, topic)

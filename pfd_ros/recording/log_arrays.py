@@ -105,9 +105,12 @@ class TopicArrays(Fields):
     def stamp_ns(self) -> NDArray[np.int64] | None:
         """The time in the header, or of a Clock, (N,), in ns; None for types without one."""
         for path in ('header.stamp', 'clock'):
-            if f'{path}.sec' in self.arrays:
-                sec, nanosec = (self.arrays[f'{path}.{x}'] for x in ('sec', 'nanosec'))
-                stamps: NDArray[np.int64] = sec.astype(np.int64) * 10**9 + nanosec
+            found = [self.arrays.get(f'{path}.{x}') for x in ('sec', 'nanosec')]
+            # A definition in a bag may have other fields of these names.
+            whole = [x for x in found if x is not None and x.dtype.kind in 'iu' and x.ndim == 1]
+            if len(whole) == len(found):
+                sec, nanosec = (x.astype(np.int64) for x in whole)
+                stamps: NDArray[np.int64] = sec * 10**9 + nanosec
                 return stamps
         return None
 

@@ -39,12 +39,13 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[Any]) -> 
     report = outcome.get_result()
     if report.failed:
         from pfd_ros.testing.artifacts import folder_of, write_artifacts
+        from pfd_ros.text import one_line
 
         try:
             lines = write_artifacts(arms, folder_of(item), call.excinfo.value)
         # Nothing may hide the failure of the test.
-        except OSError as error:
-            lines = [f'no recording and no page: {error}']
+        except Exception as error:
+            lines = [one_line(f'no recording and no page: {type(error).__name__}: {error}')]
         report.sections.append(('sim_arm', '\n'.join(lines)))
 
 

@@ -31,6 +31,8 @@ from rclpy.qos import (
 )
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
+from rclpy.validate_full_topic_name import validate_full_topic_name
+from rclpy.validate_node_name import validate_node_name
 from sensor_msgs.msg import JointState
 
 import pfd_core as pfd
@@ -40,6 +42,7 @@ from pfd_ros.messages.convert import INERTIA, JOINT_STATE, WRENCH
 from pfd_ros.messages.stamped import WrenchMessage, wrench_message
 from pfd_ros.messages.topics import UNKNOWN_NODE
 from pfd_ros.node.description import wait_for_description
+from pfd_ros.text import cut
 from pfd_ros.view.live_arm import LiveArm
 
 TOPIC = 'joint_states'
@@ -117,12 +120,31 @@ class LiveTopics:
     wrench_topic : str or None
         A topic of wrenches that replaces the arm's.
 
+    Raises
+    ------
+    ValueError
+        If a name is invalid.
+
     """
 
     node: Node
     topic: str | None = None
     named: ArmNode | None = None
     wrench_topic: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check the names: the graph rejects them with errors of its own kind."""
+        for topic in (self.topic, self.wrench_topic):
+            if topic is not None:
+                try:
+                    validate_full_topic_name(self.node.resolve_topic_name(topic))
+                except (NameValidationException, RCLError) as error:
+                    raise ValueError(f'{cut(topic)!r} is not a valid topic name') from error
+        if self.named is not None:
+            try:
+                validate_node_name(self.named.name)
+            except NameValidationException as error:
+                raise ValueError(f'{cut(self.named.name)!r} is not a valid node name') from error
 
     @property
     def states(self) -> str:

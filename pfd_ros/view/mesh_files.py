@@ -181,7 +181,8 @@ def _check_collada(data: bytes) -> None:
     parser.StartElementHandler, parser.StartDoctypeDeclHandler = start, declare
     try:
         parser.Parse(data, True)
-    except expat.ExpatError as error:
+    # Python's codecs raise LookupError for an encoding that they lack.
+    except (expat.ExpatError, LookupError) as error:
         raise ValueError(f'it cannot be read: {error}') from error
 
 

@@ -168,6 +168,26 @@ def put_in(fault: str) -> None:
             real_start(arm, workers)
 
         sim_arm.SimArm.start = start
+    elif fault == 'first_introduction_fails':
+        from pfd_ros.node.reporting import Reporter
+
+        real_introduce, introductions = Reporter.introduce, itertools.count()
+
+        def introduce(reporter) -> None:
+            if not next(introductions):
+                raise RuntimeError('no introduction')
+            real_introduce(reporter)
+
+        Reporter.introduce = introduce
+    elif fault == 'first_reading_fails':
+        real_misspelt, readings = lifecycle.parameters.misspelt, itertools.count()
+
+        def misspelt(node):
+            if not next(readings):
+                raise RuntimeError('no parameters')
+            return real_misspelt(node)
+
+        lifecycle.parameters.misspelt = misspelt
     elif fault == 'reporting_fails':
         from pfd_ros.node.reporting import Reporter
 

@@ -81,10 +81,17 @@ def test_values_that_several_threads_set_all_reach_the_arm_in_one_order() -> Non
     assert engine.settings.real_time_factor in {20.0 * k + 19 for k in range(4)}
 
 
+@pytest.mark.parametrize('topic', [False, True], ids=['parameter', 'topic'])
 def test_a_change_for_which_no_thread_starts_is_dropped_and_the_next_is_applied(
-    monkeypatch: pytest.MonkeyPatch,
+    topic: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     engine, receiver, changes = made()
+
+    def send() -> None:
+        if topic:
+            changes.changes.take_payload(payload('tip_link', 1.0, (0.0, 0.0, 0.0))[1])
+        else:
+            changes.set([chosen('payload.mass', 1.0)])
 
     def start(thread: threading.Thread) -> None:
         raise RuntimeError("can't start new thread")
@@ -93,10 +100,11 @@ def test_a_change_for_which_no_thread_starts_is_dropped_and_the_next_is_applied(
         with monkeypatch.context() as patch:
             patch.setattr(threading.Thread, 'start', start)
             with pytest.raises(RuntimeError, match="can't start new thread"):
-                changes.set([chosen('payload.mass', 1.0)])
+                send()
         assert changes.set([chosen('gravity_compensation', True)]).successful
         wait_until(lambda: engine.settings.gravity_compensation)
     assert engine.settings.payload_mass == 0.0
+    assert engine.settings == changes.changes.settings
 
 
 def test_payloads_and_parameters_from_several_threads_end_in_one_order() -> None:

@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+import re
+import subprocess
 import sys
 
 import pytest
@@ -24,11 +27,32 @@ def test_pfd_urdf_prints_and_writes_the_urdf_of_a_robot(
     assert path.read_text(encoding='utf-8') == printed
 
 
+def test_pfd_urdf_prints_the_bytes_that_it_writes_also_where_stdout_is_ascii(
+    tmp_path: Path,
+) -> None:
+    arm, path = tmp_path / 'arm.urdf', tmp_path / 'written.urdf'
+    assert main(['urdf', 'planar2', '--out', str(arm)]) == 0
+    text = arm.read_text(encoding='utf-8')
+    arm.write_text(re.sub('<robot name="[^"]*"', '<robot name="é"', text), encoding='utf-8')
+    assert main(['urdf', str(arm), '--out', str(path)]) == 0
+    done = subprocess.run(
+        [sys.executable, '-m', 'pfd_ros.cli.main', 'urdf', str(arm)],
+        capture_output=True,
+        env=os.environ | {'PYTHONIOENCODING': 'ascii'},
+        check=True,
+    )
+    assert 'name="é"'.encode() in done.stdout
+    assert done.stdout == path.read_bytes()
+
+
 def test_pfd_urdf_of_an_unknown_robot_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['urdf', 'ur55']) == 1
     assert capsys.readouterr().err.startswith("pfd urdf: unknown robot 'ur55': known are panda")
 
 
-def test_pfd_urdf_without_an_output_does_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pfd_urdf_without_an_output_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(sys, 'stdout', None)
-    assert main(['urdf', 'ur5']) == 0
+    assert main(['urdf', 'ur5']) == 1
+    assert capsys.readouterr().err == 'pfd urdf: no standard output; use --out\n'

@@ -170,13 +170,23 @@ def test_a_fault_in_a_transition_is_logged_and_the_node_continues(
     assert "configure failed: KeyError: '{}'" in node.text()
 
 
-def test_an_arm_that_cannot_be_started_is_cleaned_up(processes: Processes, peer_of) -> None:
+@pytest.mark.parametrize(
+    ('fault', 'error'),
+    [
+        ('first_start_fails', "can't start new thread"),
+        ('first_reading_fails', 'no parameters'),
+        ('first_introduction_fails', 'no introduction'),
+    ],
+)
+def test_an_arm_that_cannot_be_started_is_cleaned_up(
+    processes: Processes, peer_of, fault: str, error: str
+) -> None:
     recording = ('-p', 'recording:=a.mcap')
-    node = processes.faulty('first_start_fails', *WAITS, *recording, ready=False)
+    node = processes.faulty(fault, *WAITS, *recording, ready=False)
     node.wait_for_text('waiting for lifecycle transitions')
     peer = peer_of(processes)
     assert not transition(peer, 'configure')
-    assert "configure failed: can't start new thread" in node.text()
+    assert error in node.text()
     assert read(processes.folder / 'a.mcap').complete
     assert set_text(peer, 'recording', 'b.mcap').successful
     assert transition(peer, 'configure')

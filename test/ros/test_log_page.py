@@ -463,12 +463,13 @@ WRONG = strategies.sampled_from((b'', b'\xff' * 8, bytes(6) + b'\xf0\x7f'))
 def hostile_messages(draw: strategies.DrawFn) -> Recording:
     """Draw the golden recording with tens of messages that are damaged or have a wrong time."""
     found = load(GOLDEN)
-    some = strategies.sampled_from(found.messages)
-    for message in draw(strategies.lists(some, max_size=60)):
+    numbers = strategies.integers(0, len(found.messages) - 1)
+    for number in draw(strategies.lists(numbers, min_size=20, max_size=60, unique=True)):
+        message = found.messages[number]
         at = draw(strategies.integers(0, len(message.data)))
         message.data = message.data[:at] + draw(WRONG) + message.data[at + 8 :]
-    for message in draw(strategies.lists(some, max_size=6)):
-        message.log_ns = draw(strategies.sampled_from((0, (1 << 63) - 1)))
+    for number in draw(strategies.lists(numbers, max_size=6)):
+        found.messages[number].log_ns = draw(strategies.sampled_from((0, (1 << 63) - 1)))
     return found
 
 

@@ -198,6 +198,10 @@ ENDLESS = (
     "SELECT n AS id, 1 AS topic_id, n AS timestamp, x'00' AS data FROM x"
 )
 
+LONG_DEFINITION = (
+    "UPDATE message_definitions SET encoded_message_definition = printf('%65537s', 'string data')"
+)
+
 
 @pytest.mark.parametrize(
     ('changes', 'message'),
@@ -214,6 +218,10 @@ ENDLESS = (
         ),
         ({'sql': ["UPDATE topics SET type = x'00'"]}, 'a field that is not a string'),
         ({'sql': ["UPDATE messages SET data = 'text'"]}, 'a message of 4 bytes'),
+        (
+            {'sql': [LONG_DEFINITION]},
+            'the definition of std_msgs/msg/String has 65537 characters, expected a text of at',
+        ),
     ],
 )
 def test_hostile_bags_are_refused_with_a_line(
@@ -339,6 +347,26 @@ def test_messages_of_other_lengths_each_are_read_without_comparing_all_with_all(
     found = read_log(path)['/topic']
     assert [len(x) for x in found.a] == rows
     assert [len(x) for x in found.b] == [500 - k for k in rows]
+
+
+@pytest.mark.parametrize(
+    ('fields', 'content'),
+    [
+        ('uint32 oanosec', bytes(4)),
+        ('string nanosec', bytes((2, 0, 0, 0)) + b'x\0'),
+        ('uint32[2] nanosec', bytes(8)),
+    ],
+)
+def test_a_type_whose_stamp_is_no_time_has_no_stamps(
+    tmp_path: Path, fields: str, content: bytes
+) -> None:
+    bar = 80 * '='
+    definition = f'Time clock\n{bar}\nMSG: pkg/Time\nint32 sec\n{fields}\n'
+    data = bytes((0, 1, 0, 0)) + bytes(4) + content
+    log = read_log(mcap_of(tmp_path / 'a.mcap', 'pkg/msg/Odd', definition, [data]))
+    assert len(log['/topic']) == 1
+    assert log['/topic'].stamp_ns is None
+    assert len(log['/topic'].time) == 1
 
 
 @pytest.fixture(scope='module', params=['MCAP', 'SQLITE3'])

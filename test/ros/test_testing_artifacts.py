@@ -206,7 +206,21 @@ def test_falls(sim_arm):
     (tmp_path / 'left').touch()
     text = session(site, tmp_path, code, ['--sim-arm-artifacts', 'left'], status=1)
     assert 'expected within 0.1' in text
-    assert 'no recording and no page: ' in text
+    assert 'no recording and no page: NotADirectoryError: ' in text
+
+
+def test_any_error_of_the_artifacts_leaves_the_report_of_the_test(
+    site: Path, tmp_path: Path
+) -> None:
+    code = """
+def test_falls(sim_arm, monkeypatch):
+    arm = sim_arm(robot='planar2')
+    monkeypatch.setattr('pfd_ros.testing.artifacts.folder_of', lambda item: {}['folder'])
+    arm.run(lambda t, q, qd: 0 * q, 0.02).assert_settles(1.0, within=0.1, by=0.0)
+"""
+    text = session(site, tmp_path, code, [], status=1)
+    assert 'expected within 0.1' in text
+    assert "no recording and no page: KeyError: 'folder'" in text
 
 
 @pytest.mark.ros

@@ -215,6 +215,8 @@ def test_collada_has_its_own_unit_and_its_up_axis_is_ignored_as_in_rviz(tmp_path
         ('', 'it has no filename'),
         ('empty.stl', 'cannot be read'),
         ('noise.dae', 'cannot be read'),
+        ('coded.dae', 'cannot be read: unknown encoding: foo'),
+        ('hex.dae', 'cannot be read'),
         ('large.stl', 'has more than'),
         ('triangles.stl', 'more than 3 triangles'),
         ('entities.dae', 'it has a <!DOCTYPE>'),
@@ -239,6 +241,8 @@ def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
     files = {
         'empty.stl': b'',
         'noise.dae': bytes(range(256)),
+        'coded.dae': b'<?xml version="1.0" encoding="foo"?><x/>',
+        'hex.dae': b'<?xml version="1.0" encoding="hex"?><x/>',
         'large.stl': bytes(2048),
         'triangles.stl': box_stl(1.0),
         'far.stl': box_stl(1e30),

@@ -76,18 +76,33 @@ def test_a_log_and_live_exclude_each_other(
 
 
 @pytest.mark.ros
-def test_an_invalid_domain_is_one_line() -> None:
+@pytest.mark.parametrize(
+    ('arguments', 'domain', 'error'),
+    [
+        ((), 'many', 'ROS_DOMAIN_ID is not an integral number'),
+        (('--topic', 'a b'), '0', "'a b' is not a valid topic name"),
+        (('--topic', ''), '0', "'' is not a valid topic name"),
+        (('--wrench-topic', 'a//b'), '0', "'a//b' is not a valid topic name"),
+        (('--node', 'x y'), '0', "'x y' is not a valid node name"),
+        (('--node', '/'), '0', "'' is not a valid node name"),
+        (('--node', '/x y/arm'), '0', "'/x y' is not a valid node namespace"),
+    ],
+)
+def test_an_invalid_domain_or_name_is_one_line(
+    arguments: tuple[str, ...], domain: str, error: str
+) -> None:
+    command = [sys.executable, '-m', 'pfd_ros.cli.main', 'view', '--live', '--port', '0']
     done = subprocess.run(
-        [sys.executable, '-m', 'pfd_ros.cli.main', 'view', '--live', '--port', '0'],
+        [*command, *arguments],
         capture_output=True,
         text=True,
-        env=environment(0) | {'ROS_DOMAIN_ID': 'many'},
+        env=environment(0) | {'ROS_DOMAIN_ID': domain},
         timeout=PATIENCE,
         check=False,
     )
     assert done.returncode == 1
     (line,) = done.stderr.splitlines()
-    assert 'ROS_DOMAIN_ID is not an integral number' in line
+    assert error in line
 
 
 # The run of each day follows an arm in test_view_process.py.

@@ -15,8 +15,13 @@ from typing import Any
 PATIENCE = 240.0
 
 
+def _late() -> str:
+    threads = ', '.join(thread.name for thread in threading.enumerate())
+    return f'not within {PATIENCE:g} s; threads alive: {threads}'
+
+
 def wait_until(
-    done: Callable[[], Any], told: Callable[[], Any] = lambda: '', pause: float = 1e-3
+    done: Callable[[], Any], told: Callable[[], Any] = _late, pause: float = 1e-3
 ) -> None:
     """Poll every `pause` s until `done` is true; fail with `told` after PATIENCE."""
     deadline = time.monotonic() + PATIENCE

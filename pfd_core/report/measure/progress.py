@@ -11,7 +11,7 @@ a line elsewhere. The thread that writes them takes some microseconds a second.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 import sys
 from threading import Event, Thread
@@ -45,7 +45,7 @@ def show_line(text: str) -> None:
     """Print a line that stays, above what is being done."""
     if _on_terminal():
         _write_over('')
-    print(text, file=sys.stderr, flush=True)
+    _print(text)
 
 
 def hide_progress() -> None:
@@ -74,12 +74,19 @@ def _report(end: Event, shown: float, logged: float) -> None:
             if _on_terminal():
                 _write_over(line)
             else:
-                print(f'   {line}', file=sys.stderr, flush=True)
+                _print(f'   {line}')
 
 
 def _on_terminal() -> bool:
-    return sys.stderr.isatty()
+    return sys.stderr is not None and sys.stderr.isatty()
 
 
 def _write_over(text: str) -> None:
-    print(f'\r{text:{WIDTH}.{WIDTH}}', end='' if text else '\r', file=sys.stderr, flush=True)
+    _print(f'\r{text:{WIDTH}.{WIDTH}}', end='' if text else '\r')
+
+
+def _print(text: str, end: str = '\n') -> None:
+    # Without stderr, print would write to stdout. A measurement goes on if nobody reads progress.
+    if sys.stderr is not None:
+        with suppress(OSError):
+            print(text, end=end, file=sys.stderr, flush=True)

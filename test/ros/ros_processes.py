@@ -165,7 +165,7 @@ class Processes:
         settings = ('--ros-args', '-p', 'torque_speed:=false', *ros_args)
         process = self.forked(module, *args, *settings)
         if ready:
-            process.wait_for_text('until the first command')
+            process.wait_for_text('until its first command')
         return process
 
     def close(self) -> None:

@@ -103,7 +103,7 @@ def test_the_arm_takes_everything_from_the_topic_and_its_ros2_control(
     )
     arm.wait_for_text('waiting for the model on /left/robot_description')
     publish(gripper_arm.urdf(joint_states_topic='seen'))
-    arm.wait_for_text('until the first command')
+    arm.wait_for_text('until its first command')
     for text in (
         'joint_commands is /robot_joint_commands, from <ros2_control>',
         'joint_states is seen, from <ros2_control>',

@@ -48,7 +48,7 @@ def start(processes: Processes, part: str, *more: str, ready: bool = True) -> Pr
     (processes.folder / 'arm.urdf').write_text(gripper_arm.with_block(BLOCK))
     arm = processes.forked('pfd_ros.cli.main', 'sim', *command(part), *more)
     if ready:
-        arm.wait_for_text('until the first command')
+        arm.wait_for_text('until its first command')
     return arm
 
 

@@ -35,7 +35,7 @@ def test_a_start_collects_garbage_once_and_imports_nothing_of_other_commands(
     processes: Processes,
 ) -> None:
     node = processes.python('-c', SCRIPT, 'sim', '--robot', 'planar2')
-    node.wait_for_text('until the first command')
+    node.wait_for_text('until its first command')
     node.stop()
     text = node.text()
     assert 'collections: [2]\n' in text

@@ -49,7 +49,7 @@ def test_topics_of_a_urdf_follow_the_namespace_unless_they_are_absolute(
         'reports_often',
         *(*args, '-r', '__ns:=/right', '-p', 'publish_clock:=false', '-p', override),
     )
-    left.wait_for_text('until the first command')
+    left.wait_for_text('until its first command')
     assert 'subscribed to /left/commands (' in left.text()
     assert 'subscribed to /right/commands (' in right.text()
     # A mistake: one absolute topic for the states of both.

@@ -88,7 +88,7 @@ def irs(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, ...], set[str]]:
     """Return a growing table of the IR of native code by its keys; nothing is compiled."""
     found: dict[tuple[str, ...], set[str]] = {}
 
-    def compile(self: KernelSource, module: str, ir: Callable[[], str]) -> None:
+    def compile(self: KernelSource, module: str, ir: Callable[[], str], *_: object) -> None:
         found.setdefault((*self.key, module), set()).add(ir())
         raise NotCompiledError
 

@@ -42,11 +42,14 @@ def test_a_sentence_is_against_the_strongest_peers_on_one_thread() -> None:
         'On one thread of a virtual Abacus, a UR5 in a batch of 4096 states in Fortran order '
         'takes 1/15 of the time of the strongest peer, C that CasADi generates for this arm (loop '
         'in C, `-O3 -march=native`), and 1/60 of the time of the strongest that takes any robot, '
-        "Pinocchio's `aba` in C++ compiled for this processor;"
+        "Pinocchio's `aba` in C++ compiled for this processor."
     )
     # Where the strongest peer takes any robot, it is named once.
-    assert "takes 1/10 of the time of the strongest peer, MuJoCo's `mj_forward` (float64" in text
-    assert 'compilation, contacts and joint limits left out' in text
+    assert (
+        "takes 1/10 of the time of the strongest peer, MuJoCo's `mj_forward`. All are in float64"
+        in text
+    )
+    assert 'compilation, contacts and joint limits are left out' in text
 
 
 def test_there_is_no_sentence_without_peers() -> None:

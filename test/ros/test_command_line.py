@@ -45,7 +45,7 @@ def test_report_counts_writes_its_pages_without_ros(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # The least that the page can be made of; tests of the report measure the rest.
-    monkeypatch.setattr(counts_pages, 'PROCESSORS', {2: (1, 2)})
+    monkeypatch.setattr(counts_pages, 'MACHINES', ((6, 1), (6, 2)))
     arguments = ['report', 'counts', '--quick', '--out', str(tmp_path / 'pages')]
     assert command_line.main(arguments) == 0
     told = capsys.readouterr().out.split()

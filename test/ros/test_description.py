@@ -135,7 +135,7 @@ def test_given_positions_override_the_description_with_a_log_line() -> None:
     found = Ros2Control(positions={'shoulder': 0.1, 'elbow': 0.2, 'finger': 0.04})
     settings = Settings(initial_positions=(0.1, 0.3), locked=('finger',), locked_positions=(0.01,))
     assert with_initial_values(settings, ARM, found) == settings
-    assert "for ['elbow', 'finger'] than the parameters" in differences(settings, ARM, found)
+    assert "of ['elbow', 'finger'] differ between" in differences(settings, ARM, found)
 
 
 def follower(name: str, leader: str, rule: str) -> str:

@@ -74,7 +74,7 @@ def test_an_arm_is_configured_moved_stopped_and_configured_again(
 
     assert set_text(peer, 'robot', 'puma560').successful
     assert transition(peer, 'configure')
-    node.wait_for_text('all 6 joints are braked')
+    node.wait_for_text('each of the 6 joints is braked')
     refused = set_text(peer, 'robot', 'ur5')
     assert not refused.successful
     assert "['robot'] cannot change until cleanup" in refused.reason

@@ -97,7 +97,7 @@ def test_every_kind_of_command_is_validated_as_the_rules_say(
     assert arm.end(signal.SIGTERM) == 0
     rows = rows_of(processes.folder / 'arm.mcap')
     assert [(row.source, row.verdict) for row in rows] == wanted
-    for text in ('ragged (6 names and', 'no_effort (holds', 'joint7'):
+    for text in ('ragged (6 names and', 'no_effort (expected', 'joint7'):
         assert text in arm.text()
     assert read(processes.folder / 'arm.mcap', verify=True).verdicts[Verdict.ACCEPTED] == 3
 

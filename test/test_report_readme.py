@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every number of the README is in a generated block, and each block is that of the data."""
+"""Every number of the README is in a generated block, and each block follows from the data."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pages in docs/report are those that the numbers in the JSON next to them give."""
+"""Pages in docs/report follow from the JSON next to them."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ class LinearSource(KernelSource):
 
     @property
     def optimisation(self) -> Optimisation:
-        """That of the longest function, with LLVM's pipeline for products of matrices."""
+        """The effort for the longest function, with LLVM's pipeline for products of matrices."""
         return with_pipeline(max(self._sources.values(), key=attrgetter('work')).optimisation)
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
@@ -80,7 +80,7 @@ def compile_linear_step(spec: KernelSpec, step: Program, substeps: int, implicit
     functions = dict(plants(spec.plant, implicit))
     sources = {name: derivatives(spec, functions[name]) for name in called(step)}
     recreate = partial(compile_linear_step, spec, step, substeps, implicit)
-    # Springs and cogging tell an angle from the same angle a turn further.
+    # Torques of springs and cogging change from turn to turn.
     periodic = 'q' not in record_joint_torques(without_viscosity(spec.plant)).inputs
     return Kernel(spec, LinearSource(step, substeps, sources, periodic), recreate)
 

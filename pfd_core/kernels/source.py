@@ -126,7 +126,7 @@ class KernelSource:
         ir : callable
             Writes the module of LLVM IR; called only if its object is not on disk.
         optimisation : Optimisation, optional
-            The effort of the compiler; default: that of the program.
+            The effort of the compiler; default: the property `optimisation`.
 
         """
         once = cache(ir)

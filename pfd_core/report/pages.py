@@ -208,7 +208,7 @@ class _Attempt:
 
 @dataclass(frozen=True)
 class _Outcome:
-    """The files of a page or the reason why it has none, and the seconds that it took."""
+    """The files of a page or the reason for their absence, and the seconds that it took."""
 
     files: Sequence[Path]
     error: str
@@ -224,7 +224,7 @@ def _attempted(one: _Attempt) -> _Outcome:
     except EXPECTED as error:
         reason = str(error)
     except Exception as error:
-        # A mistake of one page, which is no reason to lose the others.
+        # The other pages are made in spite of an error in one.
         reason = f'{type(error).__name__}: {error}; its traceback: pfd report {one.page.command}'
     return _Outcome(files, reason, time.monotonic() - began)
 

@@ -133,7 +133,7 @@ class LiveTopics:
     wrench_topic: str | None = None
 
     def __post_init__(self) -> None:
-        """Check the names: the graph rejects them with errors of its own kind."""
+        """Check the names here: rclpy would raise errors of other types later."""
         for topic in (self.topic, self.wrench_topic):
             if topic is not None:
                 try:

@@ -96,7 +96,7 @@ def parts_of(recording: Recording) -> dict[str, list[Path]]:
             part = f'{path[2]} of {recording.messages[path[1]].topic}'
         elif path[0] == 'channels':
             part = f'{path[2]} of a channel'
-        # The topic of a message is that of its channel.
+        # A message has the topic of its channel.
         if path[0::2] != ('messages', 'topic'):
             found.setdefault(part, []).append(path)
     return found

@@ -77,7 +77,7 @@ def check_bits(whole: Recording, folder: Path, data: st.DataObject) -> None:
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder of files that are written anew for each example."""
+    """Return a folder for files, which each example overwrites."""
     return tmp_path_factory.mktemp('bits')
 
 

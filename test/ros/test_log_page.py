@@ -475,7 +475,7 @@ def hostile_messages(draw: strategies.DrawFn) -> Recording:
 
 @pytest.fixture(scope='module')
 def hostile_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the path of the file that is written anew for each example."""
+    """Return the path of a file, which each example overwrites."""
     return tmp_path_factory.mktemp('hostile') / 'hostile.mcap'
 
 

@@ -225,7 +225,7 @@ def test_the_command_prints_the_losses_and_never_overwrites(
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder of files that are written anew for each example."""
+    """Return a folder for files, which each example overwrites."""
     return tmp_path_factory.mktemp('recover')
 
 

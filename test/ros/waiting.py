@@ -23,7 +23,7 @@ def _late() -> str:
 def wait_until(
     done: Callable[[], Any], told: Callable[[], Any] = _late, pause: float = 1e-3
 ) -> None:
-    """Poll every `pause` s until `done` is true; fail with `told` after PATIENCE."""
+    """Poll every `pause` s until `done` is true; fail with the text of `told` after PATIENCE."""
     deadline = time.monotonic() + PATIENCE
     while not done():
         assert time.monotonic() < deadline, told()

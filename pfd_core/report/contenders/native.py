@@ -68,7 +68,7 @@ def built(language: Language, source: str, *options: str, headers: str = '') -> 
     *options : str
         Further options of the compiler.
     headers : str
-        What tells versions of headers apart that are not the compiler's own.
+        Versions of headers that are not the compiler's own.
 
     """
     command = [language.path(), *language.options, *OPTIMISED, '-shared', '-fPIC', *options]

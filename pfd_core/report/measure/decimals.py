@@ -24,7 +24,7 @@ from pfd_core.machine.program import Program
 
 Inputs = Mapping[str, Sequence[Decimal]]
 ZERO, ONE, TWO = Decimal(0), Decimal(1), Decimal(2)
-# Digits beyond those of mpmath numbers, whose roundings are binary.
+# Digits in addition to the digits of mpmath numbers, whose roundings are binary.
 MORE = 10
 # Halvings of an angle before its series, and digits beyond the context's that they cost.
 HALVINGS, GUARD = 6, 5

@@ -204,7 +204,7 @@ def compile_all(plan: Plan) -> None:
         for dtype in ROUNDING
         for refine in REFINEMENTS
     ]
-    # Those that take longest begin first.
+    # The longest compilations begin first.
     kernels.sort(key=lambda kernel: kernel[1] not in MOST)
     for _ in each(_compile, kernels, 'compiling kernels'):
         pass

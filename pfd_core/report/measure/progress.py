@@ -86,7 +86,7 @@ def _write_over(text: str) -> None:
 
 
 def _print(text: str, end: str = '\n') -> None:
-    # Without stderr, print would write to stdout. A measurement goes on if nobody reads progress.
+    # Without stderr, print would write to stdout. A measurement continues if nobody reads it.
     if sys.stderr is not None:
         with suppress(OSError):
             print(text, end=end, file=sys.stderr, flush=True)

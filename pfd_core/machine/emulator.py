@@ -106,6 +106,7 @@ class _Machine:
         self.inputs = inputs
         self.batch = batch
         self.arithmetic = arithmetic
+        self.zero = arithmetic.number(0.0)
         self.functions = functions
         self.network = network
         self.observe = observe
@@ -160,7 +161,7 @@ class _Machine:
         if op == 'constant':
             return np.stack([np.full(self.batch, number(value)) for value in data])
         if op == 'input':
-            zero = np.full(self.batch, number(0.0))
+            zero = np.full(self.batch, self.zero)
             return np.stack([zero if k is None else self.inputs[name][..., k] for name, k in data])
         if op == 'route':
             return self._route(self.registers[args[0]], self.registers[args[1]], data, active)
@@ -189,7 +190,7 @@ class _Machine:
             if source is not None:
                 row[lane] = words[lane][source]
             elif not active >> lane & 1:
-                row[lane] = self.arithmetic.number(0.0)
+                row[lane] = self.zero
         return row
 
 

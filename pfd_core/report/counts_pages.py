@@ -24,6 +24,7 @@ from pfd_core.report.measure.counts import (
     CountedPart,
     Row,
     best_serial,
+    count_all,
     counted_parts,
     edition_title,
     machine_of,
@@ -307,11 +308,11 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
     Progress goes to a terminal.
     """
     sizes: Sequence[int] = (PRINTED_AT,) if quick else SIZES
-    rows = in_one_list(measure, sizes, 'counting at each n')
+    machines = [one for one in MACHINES if not quick or one[0] == PRINTED_AT]
+    count_all(sizes, machines)
+    rows, fewer = list(measure(sizes)), list(measure_on_processors(machines))
     chains = list(robots((PRINTED_AT,), ()) if quick else robots())
     iterations = in_one_list(measure_convergence, chains, 'counting iterations of each robot')
-    machines = [one for one in MACHINES if not quick or one[0] == PRINTED_AT]
-    fewer = in_one_list(measure_on_processors, machines, 'counting on fewer processors')
     pages = [*write(rows, iterations, folder), *write_processors(fewer, folder)]
     sizes = (PRINTED_AT,) if quick else NETWORK_SIZES
     return [*pages, *run_networks(median_iterations(iterations), folder, sizes)]

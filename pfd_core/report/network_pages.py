@@ -32,10 +32,11 @@ from pfd_core.report.measure.network_times import (
     best,
     crossover,
     fastest_system,
-    measure_networks,
+    measure_systems,
     of_system,
     packing_pays_below,
     parallel_pays_below,
+    systems_at,
 )
 from pfd_core.report.measure.processes import in_one_list
 from pfd_core.report.render.markdown import Cells, grid, page
@@ -261,8 +262,8 @@ def run(
     iterations: Mapping[int, int], folder: Path, sizes: Sequence[int] = NETWORK_SIZES
 ) -> list[Path]:
     """Measure every recording on every network and write the page; progress to a terminal."""
-    at_each = partial(measure_networks, iterations=iterations)
-    recordings = in_one_list(at_each, sizes, 'routing at each n')
+    measured = partial(measure_systems, iterations=iterations)
+    recordings = in_one_list(measured, systems_at(sizes), 'routing of each system at each n')
     return write(recordings, folder)
 
 

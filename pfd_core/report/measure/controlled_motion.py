@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain, combinations, product
 import time
 from typing import Any
@@ -42,6 +43,7 @@ from pfd_core.report.contenders.control_loop import (
 from pfd_core.report.contenders.drake import DRAKE, drake_arm
 from pfd_core.report.contenders.ours_controlled import adaptive, fixed
 from pfd_core.report.contenders.work import LeftOutError, Side
+from pfd_core.report.measure.processes import each
 from pfd_core.report.measure.progress import show_progress
 from pfd_core.report.measure.surroundings import surroundings
 from pfd_core.report.measure.timing import Pace, interleave
@@ -110,7 +112,7 @@ class Plan:
     most_left_out: int = len(LEAVES)
     ramps: tuple[Softness, ...] = RAMPS
     solvers: tuple[Softness, ...] = SOLVERS
-    pace: Pace = field(default_factory=lambda: Pace(budget=40.0, turns=40, fewest=2))
+    pace: Pace = field(default_factory=lambda: Pace(budget=30.0, turns=40, fewest=2))
 
 
 QUICK = Plan(
@@ -233,6 +235,8 @@ def survey(case: ControlledArm, plan: Plan) -> Findings:
     """Measure a plan; progress goes to a terminal's stderr."""
     show_progress('reference')
     wanted, facts = reference(case, plan.reference_substeps)
+    for _ in each(partial(_make, case), _fixed_runs(plan), 'compiling simulations'):
+        pass
     left_out: list[str] = []
     candidates = list(chain(_ours(case, plan), _peers(case, plan, left_out)))
     measured = [_measured(candidate, wanted) for candidate in candidates]
@@ -311,33 +315,52 @@ def _measured(candidate: _Candidate, wanted: Array) -> _Measured:
     return min(found, key=lambda one: np.inf if one.row.error is None else one.row.error)
 
 
+@dataclass(frozen=True)
+class _FixedRun:
+    """A run of ours in fixed steps, `arms` at once, without some effects."""
+
+    left_out: tuple[str, ...]
+    integrator: str
+    dtype: str
+    substeps: int
+    arms: int
+
+    def of(self, case: ControlledArm) -> _Candidate:
+        way = f'pfd {self.integrator} {self.dtype}'
+        step = case.period / self.substeps
+        row = ControlledRow(way, step, None, self.left_out, self.arms)
+        scene = case.scene.without(self.left_out)
+        run = fixed(case, scene, self.substeps, self.integrator, self.dtype, arms=self.arms)
+        return _Candidate(row, [('', run)])
+
+
+def _fixed_runs(plan: Plan) -> list[_FixedRun]:
+    runs = [
+        _FixedRun((), *pair, substeps, arms)
+        for arms, numbers in ((1, plan.substeps), (plan.arms, plan.ensemble_substeps))
+        for pair in plan.fixed
+        for substeps in numbers
+    ]
+    for names in _subsets(LEAVES, plan.most_left_out):
+        runs += [
+            _FixedRun(names, *pair, 1, arms) for pair in plan.fixed for arms in (1, plan.arms)
+        ]
+        runs.append(_FixedRun(names, *FINE, 1))
+    return runs
+
+
+def _make(case: ControlledArm, run: _FixedRun) -> None:
+    """Compile what a run needs; the disk cache keeps it."""
+    run.of(case)
+
+
 def _ours(case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
-    for arms, numbers in ((1, plan.substeps), (plan.arms, plan.ensemble_substeps)):
-        for integrator, dtype in plan.fixed:
-            for substeps in numbers:
-                yield _fixed(case, (), integrator, dtype, substeps, arms)
+    for run in _fixed_runs(plan):
+        yield run.of(case)
     for tolerance in plan.tolerances:
         yield _Candidate(
             ControlledRow(ADAPTIVE, None, tolerance), [('', adaptive(case, tolerance))]
         )
-    for names in _subsets(LEAVES, plan.most_left_out):
-        for integrator, dtype in plan.fixed:
-            for arms in (1, plan.arms):
-                yield _fixed(case, names, integrator, dtype, 1, arms)
-        yield _fixed(case, names, *FINE, 1)
-
-
-def _fixed(
-    case: ControlledArm,
-    left_out: tuple[str, ...],
-    integrator: str,
-    dtype: str,
-    substeps: int,
-    arms: int,
-) -> _Candidate:
-    row = ControlledRow(f'pfd {integrator} {dtype}', case.period / substeps, None, left_out, arms)
-    scene = case.scene.without(left_out)
-    return _Candidate(row, [('', fixed(case, scene, substeps, integrator, dtype, arms=arms))])
 
 
 def _subsets(names: Iterable[str], most: int) -> Iterator[tuple[str, ...]]:
@@ -365,6 +388,7 @@ def _peers(case: ControlledArm, plan: Plan, left_out: list[str]) -> Iterator[_Ca
 
 
 def _of_peer(library: str, case: ControlledArm, plan: Plan) -> Iterator[_Candidate]:
+    show_progress(f'making {library}')
     ways, make = PEERS[library]
     simulate, adaptive = make(case), library == 'Drake'
     softnesses = {'MuJoCo': plan.solvers, 'Drake': plan.ramps[:DRAKES]}.get(library, plan.ramps)

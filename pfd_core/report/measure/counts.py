@@ -20,6 +20,9 @@ as fast. Efficiency is speed-up over processors, cells of the array included.
 
 On p processors, fewer than joints, each has a block of ceil(n / p) links. The program is recorded
 for them (pfd_core.machine.recorder), not derived from the count on n.
+
+A recording is counted once in a process, and its counts are kept. `count_all` counts the
+recordings of many rows ahead, on all processors.
 """
 
 from __future__ import annotations
@@ -49,6 +52,7 @@ from pfd_core.machine.recorder import Schedule
 from pfd_core.model import resolve
 from pfd_core.report.cases.paper import KINDS, PARTS, TABLE, Claim, Part
 from pfd_core.report.cases.robots import uniform_chain
+from pfd_core.report.measure.processes import each
 
 SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 32, 48, 64)
 # Joints, and numbers of processors: divisors, and for 6 joints also 4, of which one has no link.
@@ -166,21 +170,45 @@ class Row:
     cells: dict[str, Cell]
 
 
+# Method, n and edition of a row, and its processors, None for n.
+Key = tuple[str, int, str, int | None]
+
+
 def measure(sizes: Iterable[int] = SIZES) -> Iterator[Row]:
     """Yield the counts of every system for some n; iterative methods take n iterations."""
-    for n in sizes:
-        for method in COUNTED:
-            for edition in EDITIONS if method in PROCEDURES else (BEST_KNOWN,):
-                yield row(method, n, edition=edition)
+    for method, n, edition, _ in _keys(sizes):
+        yield row(method, n, edition=edition)
 
 
 def measure_on_processors(machines: Iterable[tuple[int, int]] = MACHINES) -> Iterator[Row]:
     """Yield the counts of every parallel system for some n and numbers of processors."""
+    for method, n, edition, processors in _keys_on_processors(machines):
+        yield row(method, n, edition=edition, processors=processors)
+
+
+def count_all(sizes: Iterable[int], machines: Iterable[tuple[int, int]]) -> None:
+    """Count what `measure` and `measure_on_processors` need, on all processors; it is kept."""
+    keys = [*_keys(sizes), *_keys_on_processors(machines)]
+    wanted = {one: None for key in keys for one in _recordings(*key)}
+    # The longest first.
+    items = sorted(wanted.keys() - _known.keys(), key=_length, reverse=True)
+    for one, found in zip(items, each(_count, items, 'counting recordings'), strict=True):
+        _known[one] = found
+
+
+def _keys(sizes: Iterable[int]) -> Iterator[Key]:
+    for n in sizes:
+        for method in COUNTED:
+            for edition in EDITIONS if method in PROCEDURES else (BEST_KNOWN,):
+                yield method, n, edition, None
+
+
+def _keys_on_processors(machines: Iterable[tuple[int, int]]) -> Iterator[Key]:
     for n, processors in machines:
         for method in METHODS:
             for edition in (CORRECTED, BEST_KNOWN) if method in PROCEDURES else (BEST_KNOWN,):
                 if method not in SERIAL:
-                    yield row(method, n, edition=edition, processors=processors)
+                    yield method, n, edition, processors
 
 
 def row(
@@ -198,7 +226,11 @@ def row(
     """
     iterative = method in ITERATIVE
     iterations = (n if iterations is None else iterations) if iterative else None
-    steps, unpacked, work, alone = _counted(method, n, edition, iterations or 1, processors)
+    parallel, plain, sequential = map(
+        counted, _recordings(method, n, edition, processors, iterations)
+    )
+    steps, unpacked = parallel.steps, plain.steps
+    alone = min(parallel.work, sequential.work)
     lanes = processors or (1 if method in SERIAL else n)
     units = processors_of(method, n, lanes)
     taken, routed = arithmetic(steps), min(map(with_routes, (steps, unpacked)))
@@ -214,7 +246,7 @@ def row(
         units=units,
         steps=steps,
         unpacked=unpacked,
-        busy=work / (taken * units),
+        busy=parallel.work / (taken * units),
         speed_up=None if best is None else best / taken,
         published_speed_up=None if iterative else published_serial(n) / taken,
         routed_speed_up=None if best is None else best / routed,
@@ -263,11 +295,12 @@ def edition_title(system: str, edition: str) -> str:
 def best_serial(n: int) -> tuple[str, int]:
     """Return the direct method with least arithmetic on one processor, and its arithmetic."""
     counts = {
-        method: _counted(method, n, edition, 1)[-1]
+        method: min(one.work for one in (parallel, sequential))
         for method in METHODS
         if method not in ITERATIVE
         # Without the edition as printed, which does not give qdd.
         for edition in ((CORRECTED, BEST_KNOWN) if method in PROCEDURES else (BEST_KNOWN,))
+        for parallel, _, sequential in [map(counted, _recordings(method, n, edition))]
     }
     best = min(counts, key=counts.__getitem__)
     return best, counts[best]
@@ -280,27 +313,84 @@ def published_serial(n: int) -> float:
     return float(min(one.formula(n) + other.formula(n) for one, other in claims))
 
 
-@cache
-def _counted(
-    method: str, n: int, edition: str, iterations: int, processors: int | None = None
-) -> tuple[Steps, Steps, int, int]:
+@dataclass(frozen=True)
+class Recording:
     """
-    Return steps, steps without packing, operations, and the arithmetic on one processor.
+    A recording that is counted.
 
-    One processor takes the sequential recording, or executes all operations one by one.
+    Attributes
+    ----------
+    method, edition : str
+        Name of the method, and one of EDITIONS.
+    n : int
+        Joints.
+    schedule : str
+        'parallel', 'unpacked' or 'sequential'.
+    processors : int or None
+        Processors; None for n.
+    iterations : int
+        Iterations of an iterative method, otherwise 1.
+
     """
-    program = _program(method, n, 'parallel', edition, processors)
-    plain = program if method in SERIAL else _program(method, n, 'unpacked', edition, processors)
-    packed, unpacked = (
-        _on_the_machine(method, n, edition, p, iterations) for p in (program, plain)
+
+    method: str
+    n: int
+    edition: str
+    schedule: str
+    processors: int | None
+    iterations: int
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Steps of a recording on its machine, and its arithmetic operation by operation."""
+
+    steps: Steps
+    work: int
+
+
+_known: dict[Recording, Counted] = {}
+
+
+def counted(one: Recording) -> Counted:
+    """Return the counts of a recording, which are kept in this process."""
+    if one not in _known:
+        _known[one] = _count(one)
+    return _known[one]
+
+
+def _count(one: Recording) -> Counted:
+    program = _program(one.method, one.n, one.schedule, one.edition, one.processors)
+    alone = _net(program, 1, one.iterations)
+    if one.schedule == 'sequential':
+        return Counted(alone, arithmetic(alone))
+    steps = _on_the_machine(one.method, one.n, one.edition, program, one.iterations)
+    return Counted(steps, arithmetic(alone))
+
+
+def _recordings(
+    method: str,
+    n: int,
+    edition: str,
+    processors: int | None = None,
+    iterations: int | None = None,
+) -> tuple[Recording, Recording, Recording]:
+    """Return the recordings of a row: on its machine, there unpacked, and on one processor."""
+    count = 1 if method not in ITERATIVE else n if iterations is None else iterations
+    parallel, unpacked, sequential = (
+        Recording(method, n, edition, schedule, lanes, count)
+        for schedule, lanes in (
+            ('parallel', processors),
+            ('unpacked', processors),
+            ('sequential', None),
+        )
     )
-    work = arithmetic(_net(program, 1, iterations))
-    return packed, unpacked, work, min(work, _in_sequence(method, n, edition, iterations))
+    return parallel, parallel if method in SERIAL else unpacked, sequential
 
 
-@cache
-def _in_sequence(method: str, n: int, edition: str, iterations: int) -> int:
-    return arithmetic(_net(_program(method, n, 'sequential', edition), 1, iterations))
+def _length(one: Recording) -> tuple[int, bool]:
+    """Order recordings by the time that their counting takes."""
+    return one.n, one.schedule != 'sequential'
 
 
 def _program(

@@ -83,6 +83,7 @@ MEANING: dict[str, Callable[..., Any]] = {
     'mul': operator.mul,
     'div': operator.truediv,
     'neg': operator.neg,
+    'sqrt': Decimal.sqrt,
     'select': lambda condition, chosen, other: chosen if condition > 0 else other,
     'sin': lambda x: cos_sin(x)[1],
     'cos': lambda x: cos_sin(x)[0],

@@ -28,8 +28,9 @@ from pfd_core.machine.program import Output, Program
 from pfd_core.model import Plant, load_robot
 from pfd_core.report.cases.problems import SEED, Problem, heavy_tip, payload, problem, rods
 from pfd_core.report.cases.robots import Array
+from pfd_core.report.measure.decimals import on_mpmath_numbers
 from pfd_core.report.measure.differences import differences
-from pfd_core.report.measure.reference import DIGITS, reference
+from pfd_core.report.measure.reference import DIGITS
 
 STATES = 500
 # Target: estimates within FACTOR of errors above SHOWN.
@@ -174,11 +175,12 @@ def row(robot: str, method: str, states: int = STATES) -> Row:
 @lru_cache(maxsize=2)  # of the present robot
 def _exact(robot: str, method: str, states: int) -> NDArray[Any]:
     """Return qdd in DIGITS of the states of a robot by a method, (states, n)."""
+    import mpmath
+
     drawn = ROBOTS[robot](states)
-    if method == 'articulated_body':
-        return reference(drawn, certified=False).qdd
     program = record_forward_dynamics(drawn.plant, method, 'sequential')
-    qdd: NDArray[Any] = run(program, drawn.states, digits=DIGITS)['qdd']
+    with mpmath.workdps(DIGITS):
+        qdd: NDArray[Any] = on_mpmath_numbers(program, 'qdd')(drawn.states)
     return qdd
 
 

@@ -103,18 +103,29 @@ def measure_networks(
 
     Conjugate gradients take n iterations, and again as many as `iterations` gives for an n.
     """
-    for n in sizes:
-        yield _serial(n)
-        for system, methods in SYSTEMS.items():
-            counts: list[tuple[int | None, bool]] = [(None, False)]
-            if system in ITERATIVE:
-                counts = [(n, False)]
-            for edition in (AS_PRINTED, CORRECTED) if system in PROCEDURES else ():
-                yield from _recorded(system, system, n, edition, counts)
-            if system in ITERATIVE and iterations and n in iterations:
-                counts.append((iterations[n], True))
-            for method in methods:
-                yield from _recorded(system, method, n, BEST_KNOWN, counts)
+    yield from measure_systems(systems_at(sizes), iterations or {})
+
+
+def systems_at(sizes: Iterable[int]) -> list[tuple[str, int]]:
+    """Return every system at some n, and one processor."""
+    return [(system, n) for n in sizes for system in (ONE_PROCESSOR, *SYSTEMS)]
+
+
+def measure_systems(
+    systems: Iterable[tuple[str, int]], iterations: Mapping[int, int]
+) -> Iterator[Recorded]:
+    """Yield the recordings of some systems, each at an n, as measure_networks does."""
+    for system, n in systems:
+        if system == ONE_PROCESSOR:
+            yield _serial(n)
+            continue
+        counts: list[tuple[int | None, bool]] = [(n if system in ITERATIVE else None, False)]
+        for edition in (AS_PRINTED, CORRECTED) if system in PROCEDURES else ():
+            yield from _recorded(system, system, n, edition, counts)
+        if system in ITERATIVE and n in iterations:
+            counts.append((iterations[n], True))
+        for method in SYSTEMS[system]:
+            yield from _recorded(system, method, n, BEST_KNOWN, counts)
 
 
 def _serial(n: int) -> Recorded:

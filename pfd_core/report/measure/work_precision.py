@@ -72,7 +72,7 @@ class Plan:
     steps: tuple[float, ...] = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
     tolerances: tuple[float, ...] = tuple(10.0**-k for k in range(3, 13))
     peers: tuple[str, ...] = ('MuJoCo', *NATIVE)
-    pace: Pace = field(default_factory=lambda: Pace(budget=25.0, turns=20, fewest=3))
+    pace: Pace = field(default_factory=lambda: Pace(budget=16.0, turns=20, fewest=3))
 
 
 QUICK = Plan(

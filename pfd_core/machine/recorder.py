@@ -224,6 +224,9 @@ class Recorder:
         self, op: str, operands: Sequence[Lanes], data: Sequence[Any] | None, defined: int
     ) -> Lanes:
         """Record an operation: one instruction for each group of slots."""
+        if self.block == 1 and data is None:
+            args = tuple(operand.registers[0] for operand in operands)
+            return Lanes(self, (self.write(op, args, None, defined),), defined)
         registers = [-1] * self.block
         if data is not None:
             for k, active in self.slots(defined):

@@ -39,6 +39,8 @@ The coefficients are printed by benchmarks/fit_sine.py.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import groupby
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -189,17 +191,18 @@ def expand_sines(program: Program, dtype: str) -> Program:
     recorder = Recorder(program.lanes)
     values: list[Lanes] = []
     pairs: dict[int, tuple[Lanes, Lanes]] = {}
-    for instruction in program.instructions:
-        op, args, data, _, section = instruction
+    for section, instructions in groupby(program.instructions, attrgetter('section')):
         with recorder.section(section):
-            if op in ('sin', 'cos'):
-                if args[0] not in pairs:
-                    pairs[args[0]] = sincos(values[args[0]], dtype)
-                values.append(pairs[args[0]][op == 'cos'])
-            elif op == 'constant':
-                values.append(recorder.constant(data))
-            else:
-                values.append(recorder.copy(instruction, [values[a] for a in args]))
+            for instruction in instructions:
+                op, args, data, _, _ = instruction
+                if op in ('sin', 'cos'):
+                    if args[0] not in pairs:
+                        pairs[args[0]] = sincos(values[args[0]], dtype)
+                    values.append(pairs[args[0]][op == 'cos'])
+                elif op == 'constant':
+                    values.append(recorder.constant(data))
+                else:
+                    values.append(recorder.copy(instruction, [values[a] for a in args]))
     for name, (shape, places) in program.outputs.items():
         recorder.output(name, shape, [(values[register], lane) for register, lane in places])
     expanded = recorder.program()

@@ -148,7 +148,7 @@ def inline(
                     name, k = instruction.data[0]
                     value = inputs[name][k] if name in inputs else recorder.input(name, [k])
                 else:
-                    value = recorder.copy(instruction, [values[a] for a in instruction.args])
+                    value = recorder.copy(instruction, values)
                 values.append(value)
     return {
         name: [values[register] for register, _ in output.places]

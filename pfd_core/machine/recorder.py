@@ -225,7 +225,7 @@ class Recorder:
     ) -> Lanes:
         """Record an operation: one instruction for each group of slots."""
         if self.block == 1 and data is None:
-            args = tuple(operand.registers[0] for operand in operands)
+            args = tuple([operand.registers[0] for operand in operands])
             return Lanes(self, (self.write(op, args, None, defined),), defined)
         registers = [-1] * self.block
         if data is not None:
@@ -304,11 +304,12 @@ class Recorder:
             raise ValueError(f'{op}: no lane has a value in every operand')
         return self._row(op, operands, None, defined)
 
-    def copy(self, instruction: Instruction, operands: Sequence[Lanes]) -> Lanes:
-        """Record an instruction of another program on operands of this recording."""
-        args = tuple(operand.registers[0] for operand in operands)
-        register = self.write(instruction.op, args, instruction.data, instruction.active)
-        return Lanes(self, (register,), instruction.active)
+    def copy(self, instruction: Instruction, values: Sequence[Lanes]) -> Lanes:
+        """Record an instruction of another program, whose register k is `values[k]` here."""
+        op, args, data, active, _ = instruction
+        # A list: this is called millions of times, and a generator takes twice as long.
+        operands = tuple([values[a].registers[0] for a in args])
+        return Lanes(self, (self.write(op, operands, data, active),), active)
 
     def call(self, function: str, *rows: Lanes) -> Lanes:
         """Record a call of a function of some rows, whose body is another program."""
@@ -331,6 +332,12 @@ class Recorder:
             args = (value.registers[0], own.registers[0])
             return Lanes(self, (self.write('route', args, tuple(taken), defined),), defined)
         registers = [-1] * self.block if fill is None else list(fill.registers)
+        if self.processors == 1:
+            # All lanes are in this processor, and nothing moves.
+            for k, source in enumerate(taken):
+                if source is not None:
+                    registers[k] = value.registers[source]
+            return Lanes(self, tuple(registers), defined)
         kept = dict(self.slots(0 if fill is None else fill.defined))
         received: list[tuple[dict[int, Place], int]] = []
         for k in range(self.block):

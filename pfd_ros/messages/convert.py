@@ -134,11 +134,18 @@ def decode_floats(data: bytes) -> NDArray[Any]:
 
 def encode_floats(values: NDArray[Any]) -> bytes:
     """Return a Float64MultiArray of numbers (count,), without a layout."""
+    numbers = np.asarray(values, '<f8')
+    return _floats_layout(numbers.size) + numbers.tobytes()
+
+
+@lru_cache(maxsize=16)
+def _floats_layout(count: int) -> bytes:
+    """Return the message of `count` numbers up to the numbers."""
     writer = CdrWriter()
     writer.uint32(0)
     writer.uint32(0)
-    writer.numbers(np.asarray(values, np.float64))
-    return bytes(writer.data)
+    start = writer.numbers(np.zeros(count))
+    return bytes(writer.data[:start])
 
 
 @lru_cache(maxsize=16)

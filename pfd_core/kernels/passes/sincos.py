@@ -202,7 +202,7 @@ def expand_sines(program: Program, dtype: str) -> Program:
                 elif op == 'constant':
                     values.append(recorder.constant(data))
                 else:
-                    values.append(recorder.copy(instruction, [values[a] for a in args]))
+                    values.append(recorder.copy(instruction, values))
     for name, (shape, places) in program.outputs.items():
         recorder.output(name, shape, [(values[register], lane) for register, lane in places])
     expanded = recorder.program()

@@ -377,15 +377,14 @@ def _recordings(
 ) -> tuple[Recording, Recording, Recording]:
     """Return the recordings of a row: on its machine, there unpacked, and on one processor."""
     count = 1 if method not in ITERATIVE else n if iterations is None else iterations
-    parallel, unpacked, sequential = (
-        Recording(method, n, edition, schedule, lanes, count)
-        for schedule, lanes in (
-            ('parallel', processors),
-            ('unpacked', processors),
-            ('sequential', None),
-        )
+    parallel = Recording(method, n, edition, 'parallel', processors, count)
+    unpacked = parallel if method in SERIAL else replace(parallel, schedule='unpacked')
+    # Systems of the same procedure have one recording on one processor.
+    own = PROCEDURES.get(method)
+    alike = (
+        method if edition == BEST_KNOWN else next(x for x in PROCEDURES if PROCEDURES[x] == own)
     )
-    return parallel, parallel if method in SERIAL else unpacked, sequential
+    return parallel, unpacked, Recording(alike, n, edition, 'sequential', None, count)
 
 
 def _length(one: Recording) -> tuple[int, bool]:

@@ -68,7 +68,7 @@ class MotorState:
 
 
 class MotorSimulator(Simulator):
-    """A Simulator, with the parameters of one, whose efforts pass servos and limits of motors."""
+    """A Simulator, with its parameters, whose efforts pass servos and are limited as by motors."""
 
     _compiler = staticmethod(partial(compile_rollout, motors=True))
 

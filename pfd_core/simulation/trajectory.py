@@ -43,9 +43,10 @@ class Trajectory:
     @cached_property
     def qdd(self) -> Array:
         """
-        Accelerations then, under the torque before, (K, n) or (B, K, n) [rad/s^2 or m/s^2].
+        Accelerations at `time`, under the torque of the step that ends there.
 
-        A single arm's are computed from its states when they are first read: no step needs them.
+        (K, n) or (B, K, n) [rad/s^2 or m/s^2]. Those of a single arm are computed from its states
+        when they are first read, since no step needs them.
         """
         return self._qdd() if callable(self._qdd) else self._qdd
 

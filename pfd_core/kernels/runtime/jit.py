@@ -117,7 +117,7 @@ USUAL = Optimisation()
 
 
 def with_pipeline(optimisation: Optimisation) -> Optimisation:
-    """Return an effort with LLVM's pipeline of level 1, if it has any passes."""
+    """Return the options with LLVM's pipeline of level 1 instead of passes, if they have any."""
     return replace(optimisation, pipeline=1) if optimisation.passes else optimisation
 
 

@@ -189,9 +189,9 @@ def measure_on_processors(machines: Iterable[tuple[int, int]] = MACHINES) -> Ite
 def count_all(sizes: Iterable[int], machines: Iterable[tuple[int, int]]) -> None:
     """Count what `measure` and `measure_on_processors` need, on all processors; it is kept."""
     keys = [*_keys(sizes), *_keys_on_processors(machines)]
-    wanted = {one: None for key in keys for one in _recordings(*key)}
+    wanted = {one: None for key in keys for one in _recordings(*key) if one not in _known}
     # The longest first.
-    items = sorted(wanted.keys() - _known.keys(), key=_length, reverse=True)
+    items = sorted(wanted, key=_length, reverse=True)
     for one, found in zip(items, each(_count, items, 'counting recordings'), strict=True):
         _known[one] = found
 

@@ -219,7 +219,7 @@ def _done(job: Callable[[], None]) -> None:
 
 
 def _compile_cpp() -> None:
-    # Why it cannot be compiled is told where it is measured.
+    # The measurement reports why it cannot be compiled.
     with suppress(LeftOutError):
         pinocchio_cpp.compiled_library()
 

@@ -136,9 +136,13 @@ class Controllers:
         if rejected:
             why = f'the last command was rejected, {rejected}'
         elif answers:
+            # The ROS graph has a node for a while after its end, so one that ended before the run
+            # may be among those that left during it: both are named.
             gone = self.seen - now
-            left = f'{_told(gone)} left the ROS graph' if gone else f'{_told(now)} still runs'
-            why = f'commands stopped after {answers} answers, and {left}'
+            there = f'{_told(now)} still runs' if now or not gone else ''
+            left = f'{_told(gone)} left the ROS graph' if gone else ''
+            both = ', '.join(filter(None, (there, left)))
+            why = f'commands stopped after {answers} answers, and {both}'
         else:
             why = self._missing(now, readers)
         return NoAnswerError(f'{begin}: {why}{self._outputs()}')

@@ -30,7 +30,7 @@ from pfd_ros.testing.process_arm import ProcessArm
 from pfd_ros.testing.rejections import REASONS, checked_reasons
 from pfd_ros.testing.trajectory import ComputationTime, Limits, Trajectory
 
-# Short, for tests of what happens after it, s.
+# Short, for a callback that blocks, s.
 SHORT = 0.3
 # Above the time in which a node of this process answers on a busy machine, s.
 LOADED = 6.0
@@ -38,7 +38,10 @@ LOADED = 6.0
 
 @pytest.fixture
 def sender_of(domain: int) -> Iterator[Callable[..., Any]]:
-    """Return a function that makes a node; `answer` gives its message for the k-th state."""
+    """Return a function that makes a node; `answer` gives its message for the state of k ms.
+
+    By the stamp: on a busy machine a state comes more than once.
+    """
     from rclpy.node import Node
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Float64MultiArray
@@ -50,11 +53,9 @@ def sender_of(domain: int) -> Iterator[Callable[..., Any]]:
         made.append(node)
         named = node.create_publisher(JointState, 'joint_commands', 10)
         plain = node.create_publisher(Float64MultiArray, 'sim_arm/commands', 10)
-        states: list[Any] = []
 
         def on_state(state: Any) -> None:
-            states.append(state)
-            message = answer(len(states), state)
+            message = answer(state.header.stamp.nanosec // 1_000_000, state)
             if message is not None:
                 (named if isinstance(message, JointState) else plain).publish(message)
 
@@ -160,8 +161,13 @@ def test_reasons_have_the_names_of_validation_results_and_a_misspelt_one_is_name
 def test_a_rejected_command_fails_the_run_of_an_arm_in_another_process(
     sender_of: Callable[..., Any],
 ) -> None:
+    bad: list[int] = []
+
     def answer(k: int, state: Any) -> Any:
-        return plain(*[NAN] * 6) if k == 11 else good(state)
+        if k == 11 and not bad:
+            bad.append(k)
+            return plain(*[NAN] * 6)
+        return good(state)
 
     with ProcessArm(**UR5) as arm:
         node = sender_of(answer)
@@ -229,8 +235,7 @@ def test_a_node_that_blocks_fails_with_its_stack_and_the_next_run_works(
     blocked: list[int] = []
 
     def answer(k: int, state: Any) -> Any:
-        # By time: on a busy machine a state comes more than once.
-        if state.header.stamp.nanosec == 3_000_000 and not blocked:
+        if k == 3 and not blocked:
             blocked.append(k)
             lock()
         return good(state)
@@ -254,19 +259,36 @@ def test_patience_is_above_zero_and_a_run_outside_of_the_main_thread_works() -> 
 
 
 @pytest.mark.ros
-def test_the_error_on_silence_names_who_never_published_who_stopped_and_who_left(
+def test_the_error_on_silence_names_who_never_published_and_who_stopped(
     sender_of: Callable[..., Any], domain: int
 ) -> None:
     with LockstepArm(**UR5) as arm:
         mute = sender_of(lambda k, state: None)
         text = r"to the state at t = 0\.001 s: node '/controller' never published a command"
         with pytest.raises(NoAnswerError, match=text):
-            arm.spin(0.1, mute, patience=SHORT)
+            arm.spin(0.1, mute)
         mute.destroy_node()
         stops = sender_of(lambda k, state: good(state) if k <= 7 else None, 'stops')
         text = r"t = 0\.008 s: commands stopped after 7 answers, and node '/stops' still runs"
         with pytest.raises(NoAnswerError, match=text):
-            arm.spin(0.1, stops, patience=SHORT)
+            arm.spin(0.1, stops)
+
+
+@pytest.mark.ros
+def test_the_error_on_silence_names_who_left_beside_who_still_runs(
+    sender_of: Callable[..., Any], domain: int
+) -> None:
+    other = sender_of(lambda k, state: None, 'other')
+
+    def answer(k: int, state: Any) -> Any:
+        if k == 8:
+            other.destroy_node()
+        return good(state) if k <= 7 else None
+
+    with LockstepArm(**UR5) as arm:
+        text = r"after 7 answers, and node '/stops' still runs, node '/other' left the ROS graph"
+        with pytest.raises(NoAnswerError, match=text):
+            arm.spin(0.1, sender_of(answer, 'stops'), other)
 
 
 @pytest.mark.ros

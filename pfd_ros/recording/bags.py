@@ -284,23 +284,24 @@ class Bag:
         with closing(sqlite3.connect(address, uri=True)) as database:
             database.text_factory = lambda data: data.decode('utf-8', 'replace')
             definitions = self._tables(database)
-            rows = database.execute(
-                'SELECT id, name, type, serialization_format, offered_qos_profiles FROM topics '
-                f'LIMIT {TOPIC_LIMIT + 1}'
-            ).fetchall()
+            fields = ('name', 'type', 'serialization_format', 'offered_qos_profiles')
+            columns = ', '.join(_bounded(field, 'text', DEFINITION_BYTES) for field in fields)
+            rows = database.execute(f'SELECT id, {columns} FROM topics LIMIT {TOPIC_LIMIT + 1}')
             names = {}
             for number, name, kind, encoding, qos in rows:
                 if not all(isinstance(value, str) for value in (name, kind, encoding, qos)):
-                    raise ValueError(f'topic {number!r} has a field that is not a string')
+                    raise ValueError(
+                        f'topic {cut(str(number))} has a field that is not a string of at most '
+                        f'{DEFINITION_BYTES} bytes'
+                    )
                 names[number] = name
                 text = definitions.get(kind, '')
                 self._add(BagTopic(name, kind, encoding, text, qos))
             if len(names) > TOPIC_LIMIT:
                 raise ValueError(f'more than {TOPIC_LIMIT} topics')
-            # The size comes first: SQLite would read a longer value whole.
             query = (
-                'SELECT topic_id, timestamp, length(data), CASE WHEN length(data) <= '
-                f'{RECORD_BYTES} THEN data END FROM messages ORDER BY id'
+                f'SELECT topic_id, timestamp, {_size("data")}, '
+                f'{_bounded("data", "blob", RECORD_BYTES)} FROM messages ORDER BY id'
             )
             for number, at_ns, size, data in database.execute(query):
                 if number not in names or not isinstance(at_ns, int):
@@ -326,17 +327,19 @@ class Bag:
         if 'message_definitions' not in tables:
             return {}
         definition = 'encoded_message_definition'
+        types, texts = (
+            _bounded(name, 'text', DEFINITION_BYTES) for name in ('topic_type', definition)
+        )
         rows = database.execute(
-            f'SELECT topic_type, length({definition}), CASE WHEN length({definition}) <= '
-            f'{DEFINITION_BYTES} THEN {definition} END FROM message_definitions '
+            f'SELECT {types}, {_size(definition)}, {texts} FROM message_definitions '
             f"WHERE encoding = '{SCHEMA_ENCODING}' LIMIT {TOPIC_LIMIT}"
         )
         definitions = {}
         for kind, size, text in rows:
             if not isinstance(text, str):
                 raise ValueError(
-                    f'the definition of {cut(str(kind))} has {size} characters, expected a text '
-                    f'of at most {DEFINITION_BYTES}'
+                    f'the definition of {cut(str(kind))} has {size} bytes, expected a text of at '
+                    f'most {DEFINITION_BYTES}'
                 )
             definitions[kind] = text
         return definitions
@@ -347,6 +350,22 @@ class Bag:
             raise ValueError(f'topic {cut(topic.name)!r} has two types')
         if len(self.topics) > TOPIC_LIMIT:
             raise ValueError(f'more than {TOPIC_LIMIT} topics')
+
+
+def _size(column: str) -> str:
+    """Return an expression for the bytes of a column's value.
+
+    A blob has its size in front of it, so a long one is not read; the length of a text is that up
+    to its first NUL.
+    """
+    bytes_of_text = f'length(CAST({column} AS BLOB))'
+    return f"CASE typeof({column}) WHEN 'blob' THEN length({column}) ELSE {bytes_of_text} END"
+
+
+def _bounded(column: str, kind: str, most: int) -> str:
+    """Return an expression for a column's value: NULL if it is of another type or longer."""
+    fits = f"typeof({column}) = '{kind}' AND {_size(column)} <= {most}"
+    return f'CASE WHEN {fits} THEN {column} END'
 
 
 def bag_of(paths: Sequence[Path]) -> Bag:

@@ -202,6 +202,9 @@ LONG_DEFINITION = (
     "UPDATE message_definitions SET encoded_message_definition = printf('%65537s', 'string data')"
 )
 
+# SQLite's length() of it is 0.
+LONG_AFTER_NUL = "char(0) || printf('%70000s', '')"
+
 
 @pytest.mark.parametrize(
     ('changes', 'message'),
@@ -216,11 +219,24 @@ LONG_DEFINITION = (
             {'sql': ['ALTER TABLE message_definitions ADD b BLOB AS (zeroblob(9))']},
             'message_definitions has generated columns',
         ),
-        ({'sql': ["UPDATE topics SET type = x'00'"]}, 'a field that is not a string'),
+        ({'sql': ["UPDATE topics SET type = x'00'"]}, 'a field that is not a string of at most'),
+        ({'sql': [f'UPDATE topics SET name = {LONG_AFTER_NUL}']}, 'topic 1 has a field that is'),
         ({'sql': ["UPDATE messages SET data = 'text'"]}, 'a message of 4 bytes'),
         (
             {'sql': [LONG_DEFINITION]},
-            'the definition of std_msgs/msg/String has 65537 characters, expected a text of at',
+            'the definition of std_msgs/msg/String has 65537 bytes, expected a text of at most',
+        ),
+        (
+            {
+                'sql': [
+                    f'UPDATE message_definitions SET encoded_message_definition = {LONG_AFTER_NUL}'
+                ]
+            },
+            'the definition of std_msgs/msg/String has 70001 bytes',
+        ),
+        (
+            {'sql': [f'UPDATE messages SET data = {LONG_AFTER_NUL}']},
+            'a message of 70001 bytes',
         ),
     ],
 )

@@ -32,7 +32,7 @@ from pfd_ros.arm.ros2_control import (
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import decode_string
 from pfd_ros.messages.topics import remapped
-from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE
+from pfd_ros.recording.format import channel_of_end
 from pfd_ros.text import one_line
 
 # As `load_robot` takes it; a larger message is not decoded.
@@ -112,7 +112,7 @@ def _topics(node: Node, control: Ros2Control) -> dict[Source | str, str]:
     """Return the topics of the hardware component, except remapped ones."""
     chosen: dict[Source | str, str] = {}
     for end, theirs in control.topics.items():
-        own = CHANNELS[ROLE_OF_SOURCE[end] if isinstance(end, Source) else end].topic
+        own = channel_of_end(end).topic
         name = remapped(node, own)
         if name:
             text = f'{own} is remapped to {name}, ignoring {theirs} of <ros2_control>'

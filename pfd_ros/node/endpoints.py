@@ -24,7 +24,7 @@ from pfd_ros.arm.events import CLOCK, PAYLOAD_IN_USE, STATES, Source
 from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages.topics import message_class
 from pfd_ros.node.parameters import given_parameters
-from pfd_ros.recording.format import CHANNELS, OF_SERVICES, SOURCE_OF_ROLE
+from pfd_ros.recording.format import CHANNELS, OF_SERVICES, SOURCE_OF_ROLE, channel_of_end
 
 # Depth of the topics of states and of the outputs that come with them.
 STATE_DEPTH = 10
@@ -45,8 +45,6 @@ PUBLISHED = {
     PAYLOAD_IN_USE: _end(PAYLOAD_IN_USE),
     **{role: _end(role, STATE_DEPTH) for role in OUTPUTS},
 }
-# Those whose last message reaches subscribers that come later.
-LATCHED = frozenset({Source.PAYLOAD, PAYLOAD_IN_USE})
 # The clock is subscribed best effort; the next tick replaces a lost one.
 UNRELIABLE = frozenset({Source.TICK})
 AT_ONCE = Duration()
@@ -75,7 +73,8 @@ class Endpoints:
 
 
 def _profile(end: Source | str, depth: int) -> QoSProfile:
-    durability = DurabilityPolicy.TRANSIENT_LOCAL if end in LATCHED else DurabilityPolicy.VOLATILE
+    latched = channel_of_end(end).latched
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
     best_effort = end in UNRELIABLE
     reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
     return QoSProfile(depth=depth, durability=durability, reliability=reliability)

@@ -12,7 +12,7 @@ from pfd_ros.arm.events import ARM_STATE, TAKEN
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, FOLLOWED, LATCHED, SOURCE_OF_ROLE
+from pfd_ros.recording.format import CHANNELS, FOLLOWED, SOURCE_OF_ROLE
 from pfd_ros.recording.mcap_file import Topic
 from pfd_ros.recording.recorder import LogRecorder
 from pfd_ros.recording.run_files import Limits
@@ -28,9 +28,9 @@ def recorded_roles(engine: Engine) -> list[str]:
 
 def channel_of(role: str, topic: str, qos: str = '') -> Topic:
     """Return the channel of a role; by default the QoS is reliable with depth 1."""
-    kind, _, vital, _ = CHANNELS[role]
-    durability = 'transient_local' if role in LATCHED else 'volatile'
-    return Topic(topic, kind, qos or qos_text(1, durability=durability), vital)
+    channel = CHANNELS[role]
+    durability = 'transient_local' if channel.latched else 'volatile'
+    return Topic(topic, channel.type, qos or qos_text(1, durability=durability), channel.vital)
 
 
 def channels_without_node(

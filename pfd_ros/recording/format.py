@@ -113,12 +113,15 @@ class Channel(NamedTuple):
         Whether a replay needs every message: such messages are dropped last.
     always
         Whether each recording has the channel; others need no new FORMAT.
+    latched
+        Whether the last message reaches subscribers that come later.
     """
 
     type: str
     topic: str
     vital: bool = False
     always: bool = False
+    latched: bool = False
 
 
 NAMED_COMMANDS, ARRAY_COMMANDS = 'joint_commands', 'commands'
@@ -133,25 +136,23 @@ CHANNELS = {
     REQUESTS: Channel(convert.STRING, '~/requests', vital=True),
     PARAMETERS: Channel(convert.STRING, '~/parameter_changes', vital=True),
     EXTERNAL_WRENCH: Channel(convert.WRENCH, '~/external_wrench', vital=True),
-    PAYLOAD: Channel(convert.INERTIA, '~/payload', vital=True),
+    PAYLOAD: Channel(convert.INERTIA, '~/payload', vital=True, latched=True),
     FOLLOWED: Channel(convert.CLOCK, '/clock', vital=True),
     TAKEN: Channel(convert.INTEGER_ARRAY, '~/applied_commands', vital=True, always=True),
-    PAYLOAD_IN_USE: Channel(convert.INERTIA, '~/payload_in_use'),
+    PAYLOAD_IN_USE: Channel(convert.INERTIA, '~/payload_in_use', latched=True),
     STATES: Channel(convert.JOINT_STATE, 'joint_states', always=True),
     DROPPED_STATES: Channel(convert.JOINT_STATE, '~/dropped_states'),
     **{role: Channel(kind.type, f'~/{role}') for role, kind in OUTPUTS.items()},
     CLOCK: Channel(convert.CLOCK, '/clock'),
     TF: Channel(convert.TRANSFORMS, '/tf'),
     ARM_STATE: Channel(convert.BYTE_ARRAY, '~/arm_state'),
-    DESCRIPTION: Channel(convert.STRING, 'robot_description'),
-    TF_STATIC: Channel(convert.TRANSFORMS, '/tf_static'),
+    DESCRIPTION: Channel(convert.STRING, 'robot_description', latched=True),
+    TF_STATIC: Channel(convert.TRANSFORMS, '/tf_static', latched=True),
     DIAGNOSTICS: Channel(convert.DIAGNOSTICS, '/diagnostics'),
     TRANSITIONS: Channel(convert.TRANSITION, '~/transition_event'),
 }
 # Inputs that come from services, not from topics; their topics are in recordings only.
 OF_SERVICES = frozenset({REQUESTS, PARAMETERS})
-# Those whose last message a late reader needs.
-LATCHED = frozenset({DESCRIPTION, TF_STATIC})
 # Neither inputs nor outputs of a cycle: a replay does not simulate them.
 ASIDE = frozenset({DESCRIPTION, TF_STATIC, DIAGNOSTICS, TRANSITIONS})
 ROLE_OF_SOURCE = {
@@ -165,6 +166,12 @@ ROLE_OF_SOURCE = {
     Source.TICK: FOLLOWED,
 }
 SOURCE_OF_ROLE = {role: source for source, role in ROLE_OF_SOURCE.items()}
+
+
+def channel_of_end(end: Source | str) -> Channel:
+    """Return the channel of a source, or of an output by role."""
+    return CHANNELS[ROLE_OF_SOURCE[end] if isinstance(end, Source) else end]
+
 
 # MCAP counts messages in 32 bits: 49 days at 1 kHz.
 SEQUENCE_MASK = 0xFFFFFFFF

@@ -18,6 +18,8 @@ from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.qos import offered_qos
+from pfd_ros.recording.bags import bag_of
 from pfd_ros.replay.verify import read
 from pfd_ros.testing.controller import ControllerError
 from pfd_ros.testing.engine_run import ArmError
@@ -85,6 +87,21 @@ def test_a_recorded_run_has_the_same_bits_and_verifies(tmp_path: Path) -> None:
     assert summary.verdicts == {Verdict.ACCEPTED: 302}
     with pytest.raises(OSError, match=r'run\.mcap'):
         ur5(recording=path)
+
+
+@needs_definitions
+def test_a_recording_without_a_node_offers_payload_and_model_to_late_subscribers(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / 'run.mcap'
+    with ur5(recording=path) as arm:
+        arm.run(pd, 0.01)
+    bag = bag_of([path])
+    assert list(bag.messages())
+    found = {name: offered_qos(topic.qos) for name, topic in bag.topics.items()}
+    late = {name for name, qos in found.items() if qos is not None and qos.transient_local}
+    payload = {'/sim_arm/payload', '/sim_arm/payload_in_use'}
+    assert late == payload | {'/robot_description', '/tf_static'}
 
 
 @needs_definitions

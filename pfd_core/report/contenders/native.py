@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 import ctypes
 from dataclasses import astuple, dataclass
+import os
 from pathlib import Path
 import shutil
 import subprocess
@@ -26,6 +27,8 @@ from pfd_core.report.cases.robots import Array
 from pfd_core.report.contenders.work import LeftOutError
 
 OPTIMISED = ('-O3', '-march=native')
+# Folders of headers and libraries that a compiler searches besides its own.
+SEARCHED = ('CPATH', 'C_INCLUDE_PATH', 'CPLUS_INCLUDE_PATH', 'LIBRARY_PATH')
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,9 @@ def _identity(compiler: str) -> tuple[str, ...]:
     """Return what decides the result of a compilation for this processor, besides its command."""
     path = Path(compiler).resolve()
     state = path.stat()
-    return str(path), str(state.st_size), str(state.st_mtime_ns), *astuple(processor.host())
+    searched = (os.environ.get(name, '') for name in SEARCHED)
+    file = str(path), str(state.st_size), str(state.st_mtime_ns)
+    return *file, *searched, *astuple(processor.host())
 
 
 def _compile(command: list[str]) -> None:

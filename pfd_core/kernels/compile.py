@@ -86,7 +86,7 @@ def compile_spec(spec: KernelSpec) -> Kernel:
     """Compile the kernel of a spec."""
     recreate = partial(compile_spec, spec)
 
-    def with_error() -> Kernel:
-        return Kernel(spec, forward(spec, names=('qdd', 'error')), recreate)
+    def error_alone() -> Kernel:
+        return Kernel(spec, forward(spec, names=('error',)), recreate)
 
-    return Kernel(spec, source_of(spec), recreate, with_error)
+    return Kernel(spec, source_of(spec), recreate, error_alone)

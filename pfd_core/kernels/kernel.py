@@ -72,7 +72,7 @@ class Kernel:
         spec: KernelSpec,
         source: KernelSource,
         recreate: Callable[[], Kernel],
-        with_error: Callable[[], Kernel] | None = None,
+        error_alone: Callable[[], Kernel] | None = None,
     ) -> None:
         self.spec = spec
         # Of the spec, for a call finds them sooner here.
@@ -81,7 +81,7 @@ class Kernel:
         self.operations = source.operations
         self._source = source
         self._recreate = recreate
-        self._make_with_error = with_error
+        self._make_error_alone = error_alone
         self._names = tuple(source.inputs)
         state = state_arguments(self._names)
         # Arguments that a call leaves out, of qd, the third one and the wrench.
@@ -219,19 +219,20 @@ class Kernel:
         answer is not finite.
 
         Near equilibrium the answer is no better than the answer before the last step: rounding of
-        the torques limits both. An estimate costs four to five times as much as a call. It has a
-        separate kernel, which is compiled at the first estimate.
+        the torques limits both. An estimate costs five to eight times as much as a call, which
+        it contains. It has a separate kernel, which is compiled at the first estimate.
         """
-        both = self._with_error(q, qd, tau, wrench, brakes=brakes, payload=payload)
-        return both[..., :-1], both[..., -1]
+        estimate = self._error_alone(q, qd, tau, wrench, brakes=brakes, payload=payload)
+        qdd = self(q, qd, tau, wrench, brakes=brakes, payload=payload)
+        return qdd, estimate[..., 0]
 
     @cached_property
-    def _with_error(self) -> Kernel:
-        if self._make_with_error is None or self.quantity != 'forward_dynamics':
+    def _error_alone(self) -> Kernel:
+        if self._make_error_alone is None or self.quantity != 'forward_dynamics':
             raise ValueError(
                 f'a kernel of {self.quantity} has no error estimate, only one of forward_dynamics'
             )
-        return self._make_with_error()
+        return self._make_error_alone()
 
     def _numbers_of(self, payload: Payload | None) -> tuple[NDArray[Any], ...]:
         return tuple(payload_inputs(self.robot, self.scene, self.dtype, payload).values())

@@ -264,7 +264,7 @@ def kernel_row(
     """Return the kernel's errors in a number format, without or with refinement."""
     method, steps = default(problem.plant, 'auto', refine)
     found = estimated(problem, dtype) if steps else None
-    qdd = found.qdd if found else kernel_answer(problem, dtype, refine)
+    qdd = kernel_answer(problem, dtype, refine)
     error = errors(qdd, known)
     bounds = predictions.FACTOR * predicted_errors(known, conditions, dtype, found)
     bounded = bool((bounds < 1).all())

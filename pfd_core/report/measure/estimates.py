@@ -40,12 +40,10 @@ FACTOR, SHOWN = 3.0, 1e-13
 @dataclass(frozen=True)
 class Estimated:
     """
-    Answers of a refined kernel, each array one number a state, (S,).
+    Error estimates of a refined kernel.
 
     Attributes
     ----------
-    qdd : ndarray
-        (S, n), refined.
     before : ndarray
         (S, n), the answer that the step corrects.
     estimates : ndarray
@@ -53,7 +51,6 @@ class Estimated:
 
     """
 
-    qdd: NDArray[Any]
     before: NDArray[Any]
     estimates: Array
 
@@ -135,14 +132,18 @@ def record_with_first_answer(plant: Plant, method: str, dtype: str = 'float64') 
 
 
 def estimated(problem: Problem, dtype: str, method: str = 'auto') -> Estimated:
-    """Return answers and error estimates of the refined kernel, with its bits."""
+    """
+    Return error estimates of the refined kernel.
+
+    They have a program of their own, as in `Kernel.error_estimate`.
+    """
     method = choose(problem.plant, method, 1)
     recorded = record_with_first_answer(problem.plant, method, dtype)
-    program = lower(recorded, dtype, ['qdd', 'error', 'before']).compiled
+    program = lower(recorded, dtype, ['error', 'before']).compiled
     # A lost answer divides by zero and overflows: its error is infinite.
     with np.errstate(all='ignore'):
         result = run(program, problem.states, dtype)
-    return Estimated(result['qdd'], result['before'], result['error'][:, 0].astype(np.float64))
+    return Estimated(result['before'], result['error'][:, 0].astype(np.float64))
 
 
 def errors_before(found: Estimated, exact: NDArray[Any]) -> Array:

@@ -23,7 +23,7 @@ from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics
 from pfd_core.model import resolve
 from pfd_core.report.cases.paper import EQUATIONS, PROCEDURES, TABLE, Implemented, value
 from pfd_core.report.cases.robots import uniform_chain
-from pfd_core.report.measure.claims import CLAIMS, Claim, verdicts
+from pfd_core.report.measure.claims import CLAIMS, VERDICTS, Claim, verdicts
 from pfd_core.report.paper_pages import write_claims
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -107,14 +107,11 @@ def test_the_page_is_what_the_command_writes_now(tmp_path: Path) -> None:
 def test_the_page_counts_its_verdicts() -> None:
     rows = [line.split(' | ') for line in pages()['claims.md'].splitlines() if '::test_' in line]
     own = [row[2] for row in rows[: len(CLAIMS)]]
-    stated = re.search(
-        r'(\d+) quantitative sentences of the paper: (\d+) true, (\d+) false, (\d+) not decided',
-        ' '.join(pages()['claims.md'].split()),
-    )
-    assert stated is not None
-    kinds = [own.count(kind) for kind in ('true', 'false', 'not decided')]
-    assert [int(x) for x in stated.groups()] == [len(own), *kinds]
-    assert sum(kinds) == len(CLAIMS)
+    kinds = {kind: own.count(kind) for kind in VERDICTS}
+    stated = ', '.join(f'{count} {kind}' for kind, count in kinds.items())
+    text = f'{len(own)} quantitative sentences of the paper: {stated}.'
+    assert text in ' '.join(pages()['claims.md'].split())
+    assert sum(kinds.values()) == len(CLAIMS)
 
 
 def test_the_readme_and_the_guide_have_the_numbers_of_the_pages() -> None:
@@ -124,7 +121,9 @@ def test_the_readme_and_the_guide_have_the_numbers_of_the_pages() -> None:
     )
     data = json.loads(pages()['claims.json'])
     true = sum(one['verdict'] == 'true' for one in data)
-    assert f'Of {len(data)} quantitative sentences of the paper {true} are true' in readme
+    assert (
+        f'{len(data)} quantitative sentences of the paper have a verdict: {true} true,' in readme
+    )
     (fohra,) = (one['evidence'] for one in data if '27 L - 19' in one['sentence'])
     puma, skew = re.findall(r': (\d+ and \d+)', fohra)
     assert f"on a PUMA FOHRA takes the paper's {puma}, with skew axes {skew}" in guide
@@ -139,10 +138,10 @@ def test_the_readme_and_the_guide_have_the_numbers_of_the_pages() -> None:
 
 def test_a_verdict_follows_its_check() -> None:
     claims = [
-        Claim('1', 'x', lambda result=result: (result, 'seen'), 'a::b')  # type: ignore[misc]
-        for result in (True, False, None)
+        Claim('1', 'x', lambda result=result: (result, 'seen'), 'a::b', wrong_matrix=wrong)  # type: ignore[misc]
+        for result, wrong in ((True, False), (True, True), (False, True), (None, False))
     ]
-    assert [one.verdict for one in verdicts(claims)] == ['true', 'false', 'not decided']
+    assert tuple(one.verdict for one in verdicts(claims)) == VERDICTS
     assert {one.evidence for one in verdicts(claims)} == {'seen'}
 
 

@@ -179,8 +179,8 @@ FINDINGS = Findings(
 )
 
 
-def test_advice_is_the_fastest_run_within_the_tolerance() -> None:
-    coarse, fine, finest, none = advice(ROWS, [3e-3, 1e-3, 1e-9, 1e-13])
+def test_advice_is_the_fastest_run_within_half_of_the_tolerance() -> None:
+    coarse, fine, finest, none = advice(ROWS, [6e-3, 1e-3, 1e-9, 1e-13])
     assert coarse.one is not None
     assert coarse.one.left_out == ('effort limits',)
     assert fine.one == ROWS[1]
@@ -189,6 +189,14 @@ def test_advice_is_the_fastest_run_within_the_tolerance() -> None:
     assert fine.other == ROWS[8]
     assert finest.many is finest.other is None
     assert none.one is None
+
+
+def test_of_nearly_equal_times_the_scene_with_most_effects_is_advised() -> None:
+    whole, smaller = row('pfd rk4 float64', 1e-5, 1.04), ROWS[5]
+    for least, wanted in ((0.5, smaller), (1.0, whole)):
+        fastest = replace(smaller, minimum=least / 1e3)
+        (found,) = advice([fastest, whole], [1e-2])
+        assert found.one == (whole if wanted is whole else fastest)
 
 
 def test_the_page_shows_failed_runs_exclusions_and_what_each_effect_costs() -> None:

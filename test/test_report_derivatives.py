@@ -290,7 +290,7 @@ def test_the_command_writes_the_page_and_its_data(
     monkeypatch.setattr(derivative_pages, 'measure', lambda case: replace(one, name=case.name))
     # Without plots, and without processes, whose start takes seconds.
     monkeypatch.setattr(derivative_pages, 'save', lambda draw, *place: [])
-    monkeypatch.setattr(derivative_pages, 'each', lambda measure, items, what: map(measure, items))
+    monkeypatch.setattr(derivative_pages, 'each', lambda measure, items, *_: map(measure, items))
     paths = derivative_pages.run(tmp_path)
     assert [path.name for path in paths[:2]] == ['derivatives.md', 'derivatives.json']
     assert all(path.is_file() for path in paths)

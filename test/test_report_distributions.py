@@ -31,7 +31,7 @@ from pfd_core.report.measure.distributions import (
     STEPS,
     Plan,
     drawn,
-    exact_matrices,
+    matrices,
     measure,
 )
 
@@ -90,9 +90,9 @@ def test_the_reference_of_a_matrix_is_the_difference_quotient_in_50_digits(quant
 
     with mpmath.workdps(DIGITS):
         wanted = central(qdd if quantity == DERIVATIVES else step, given).reshape(1, -1)
-        exact = exact_matrices(quantity, some, DIGITS)
+        exact = matrices(quantity, some.plant, some.states, DIGITS)
         assert float(np.abs(exact - wanted).max() / np.abs(wanted).max()) < 1e-18
-    wide = exact_matrices(quantity, some, None)
+    wide = matrices(quantity, some.plant, some.states, None)
     off = np.abs(wide.astype(float) - wanted.astype(float)).max() / np.abs(wanted).max()
     assert float(off) < 2.0**-51
 

@@ -325,7 +325,7 @@ def test_the_command_writes_the_page_and_its_data(
         monkeypatch.setattr(hard_case_pages, name, tuple)
     monkeypatch.setattr(hard_case_pages, 'CASES', ())
     # Without processes, whose start takes seconds.
-    monkeypatch.setattr(hard_case_pages, 'each', lambda measure, items, what: map(measure, items))
+    monkeypatch.setattr(hard_case_pages, 'each', lambda measure, items, *_: map(measure, items))
     assert command_line.main(['report', 'hard-cases', '--out', str(tmp_path)]) == 0
     pages = [tmp_path / 'hard-cases.md', tmp_path / 'hard-cases.json']
     assert capsys.readouterr().out.split() == [str(page) for page in pages]

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 import json
 import math
@@ -36,14 +37,20 @@ from pfd_core.report.measure.network_times import (
     best,
     break_even,
     crossover,
-    measure_networks,
+    measure_system,
     of_system,
     packing_pays_below,
     parallel_pays_below,
     system_time,
+    systems_at,
 )
 from pfd_core.report.network_pages import markdown, median_iterations
 from pfd_core.report.render.records import record_of
+
+
+def measured(sizes: Sequence[int], iterations: Mapping[int, int]) -> list[Recorded]:
+    return [x for one in systems_at(sizes) for x in measure_system(one, iterations)]
+
 
 KEY = ('system', 'edition', 'method', 'n', 'iterations', 'converged', 'packing')
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
@@ -66,7 +73,7 @@ def written(data: list[dict[str, object]]) -> list[Recorded]:
 
 @pytest.fixture(scope='module')
 def six() -> list[Recorded]:
-    return list(measure_networks([6]))
+    return measured([6], {})
 
 
 def test_best_known_is_best_on_every_network_at_every_price(written: list[Recorded]) -> None:
@@ -238,8 +245,10 @@ def test_the_page_is_what_the_command_writes_now(
 ) -> None:
     known = {tuple(entry[name] for name in KEY): entry for entry in data}
     assert {one.n for one in written} == set(NETWORK_SIZES)
-    iterations = median_iterations(measure_convergence(robots((2, 3), ())))
-    for one in [*measure_networks([2, 3], iterations), *six]:
+    iterations = median_iterations(
+        x for arm in robots((2, 3), ()) for x in measure_convergence(arm)
+    )
+    for one in [*measured([2, 3], iterations), *six]:
         key = tuple(getattr(one, name) for name in KEY)
         assert known[key] == json.loads(json.dumps(asdict(one))), (
             'run pfd report counts --out docs/report'
@@ -252,4 +261,4 @@ def test_the_page_is_what_the_command_writes_now(
 @pytest.mark.long
 def test_every_recording_of_the_page_is_what_is_counted_now(written: list[Recorded]) -> None:
     counts = {one.n: one.iterations for one in written if one.converged}
-    assert written == list(measure_networks(NETWORK_SIZES, counts))  # type: ignore[arg-type]
+    assert written == measured(NETWORK_SIZES, counts)  # type: ignore[arg-type]

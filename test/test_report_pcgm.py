@@ -23,6 +23,7 @@ from pfd_core.report.measure.pcgm_iterations import (
     Reached,
     Study,
     errors_of_iterates,
+    joined,
     measure_iterations,
     price,
     study,
@@ -118,13 +119,13 @@ def test_the_page_is_written_from_its_data() -> None:
 
 def test_the_data_of_few_joints_are_what_the_command_measures_now() -> None:
     rows = [row for row in published().iterations if row.n == 4]
-    assert rows == list(measure_iterations([4])), 'run pfd report paper --out docs/report'
+    assert rows == list(measure_iterations(4)), 'run pfd report paper --out docs/report'
 
 
 @pytest.mark.slow
 @pytest.mark.long
 def test_the_page_is_what_the_command_writes_now(tmp_path: Path) -> None:
-    measured = study(SIZES)
+    measured = joined(map(study, SIZES))
     assert json_text(asdict(measured)) == json_text(asdict(published()))
     write(measured, tmp_path)
     assert (tmp_path / 'pcgm.md').read_text() == (PAGES / 'pcgm.md').read_text()

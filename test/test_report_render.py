@@ -70,7 +70,7 @@ def test_a_paragraph_on_one_line_of_a_template_is_wrapped_and_other_lines_stay()
     text = page('speed-summary', batch='batch of 64', ratios=['| ' + 'x' * 200 + ' |'])
     lines = text.splitlines()
     assert all(len(line) <= 99 for line in lines[:-1])
-    assert ' '.join(lines[2:-2]).endswith('Fortran order reaches (batch of 64).')
+    assert ' '.join(lines[2:-2]).endswith('memory, over the time of the kernel.')
     assert len(lines[-1]) == 204
 
 

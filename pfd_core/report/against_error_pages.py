@@ -132,7 +132,7 @@ def _summary(findings: Findings, most: int) -> list[str]:
             if (point.case, point.batch, point.dtype) == (case.name, most, 'float64')
         }
         plain, refined = known.get((case.auto, case.steps)), known.get((case.refined, 1))
-        cost = f'{1 / refined.times:.2f}' if refined is not None and refined.times else '-'
+        cost = _cost(known.get((case.refined, 0)), refined)
         found = {
             'kappa_J': f'{case.kappa_j:.0e}',
             'kappa_s': f'{case.kappa_s:.1e}',
@@ -149,6 +149,12 @@ def _summary(findings: Findings, most: int) -> list[str]:
         }
         cells |= {(case.name, title): cell for title, cell in found.items()}
     return grid(cells, 'case')
+
+
+def _cost(plain: Point | None, refined: Point | None) -> str:
+    """Return the time of a refined kernel over that of the same method without refinement."""
+    ratios = [point.times for point in (plain, refined) if point is not None and point.times]
+    return f'{ratios[0] / ratios[1]:.2f}' if len(ratios) == 2 else '-'
 
 
 def _time_and_error(point: Point | None, otherwise: str = '-') -> str:

@@ -101,15 +101,23 @@ def _without(row: ControlledRow) -> str:
     return 'without ' + ', '.join(names[:-1]) + ' and ' * (len(names) > 1) + names[-1]
 
 
-ROWS: Columns = {
-    'library, integrator, format': 'way',
-    'step or tolerance': 'setting',
-    'scene': _without,
-    'arms': 'arms',
-    'friction': lambda row: row.softness or '-',
-    'time': lambda row: row.status if row.minimum is None else least_and_median(row, 1e3),
-    'error': lambda row: '-' if row.error is None else f'{row.error:.1e} / {row.middle:.1e}',
-}
+def _rows(floor: float) -> Columns:
+    """Return the columns of all runs; errors below the floor are not resolved."""
+
+    def resolved(error: float | None) -> str:
+        return f'< {floor:.0e}' if error is not None and error < floor else _digits(error)
+
+    return {
+        'library, integrator, format': 'way',
+        'step or tolerance': 'setting',
+        'scene': _without,
+        'arms': 'arms',
+        'friction': lambda row: row.softness or '-',
+        'time': lambda row: row.status if row.minimum is None else least_and_median(row, 1e3),
+        'error': lambda row: (
+            '-' if row.error is None else f'{resolved(row.error)} / {resolved(row.middle)}'
+        ),
+    }
 
 
 def _digits(error: float | None) -> str:
@@ -135,7 +143,6 @@ def summary(findings: Findings) -> str:
     alone = scene_errors(rows)
     costs = {name: _digits(alone[name,].error) for name in LEAVES}
     arms = max(row.arms for row in rows)
-    single = next(one for one in findings.roundings if one.dtype == 'float32')
     return page(
         'controlled-arm-summary',
         step=first.setting,
@@ -146,8 +153,9 @@ def summary(findings: Findings) -> str:
         others=_others(whole),
         limits=costs['effort limits'],
         friction=costs['friction'],
-        rotors=f'{costs["armature"]} rad',
-        single=order(single.largest),
+        rotors=costs['armature'],
+        single=order(_single(whole)),
+        bare=_bare(rows, first.step),
         advice=lines_of(
             [
                 'error allowed [rad]',
@@ -155,7 +163,7 @@ def summary(findings: Findings) -> str:
                 'integrator, format, step',
                 'one arm [ms]',
                 f'each of {arms} arms [ms]',
-                'fastest other library [ms]',
+                'fastest other library, one arm [ms]',
             ],
             _differing([_advised(one) for one in advice(rows, TOLERANCES)]),
         ),
@@ -179,8 +187,41 @@ def _others(whole: Sequence[ControlledRow]) -> str:
         f'The fastest run of another library, {quick.way} {at(quick)}, takes '
         f'{short((quick.minimum or 0) * 1e3)} ms, with {order(quick.error)} rad; the most '
         f'accurate, {nearest.way} {at(nearest)}, takes {short((nearest.minimum or 0) * 1e3)} '
-        f'ms, with {order(nearest.error)} rad. All of them approximate dry friction.'
+        f'ms, with {order(nearest.error)} rad. In other libraries dry friction is approximated, '
+        'by a steep ramp of the velocity or, in MuJoCo, a soft constraint; their errors contain '
+        'that. The reference is our adaptive integrator, in which joints stick.'
     )
+
+
+def _single(whole: Sequence[ControlledRow]) -> float:
+    """Return the most that float32 adds to the error of an integrator in some step [rad]."""
+    errors = {(row.way, row.step): row.error or 0.0 for row in whole if row.arms == 1}
+    return max(
+        error - errors[way.replace('float32', 'float64'), step]
+        for (way, step), error in errors.items()
+        if 'float32' in way and (way.replace('float32', 'float64'), step) in errors
+    )
+
+
+def _bare(rows: Sequence[ControlledRow], step: float | None) -> str:
+    """Return a sentence on our runs without rotors in a step, with a space, or ''."""
+    own = [
+        row
+        for row in rows
+        if row.way.startswith('pfd') and row.way.endswith('float64')
+        if row.left_out == ('armature',) and (row.arms, row.step) == (1, step)
+    ]
+    names: dict[bool, dict[str, float]] = {True: {}, False: {}}
+    for row in own:
+        names[row.status == 'ok'][row.way.split()[1]] = (row.minimum or 0.0) * 1e3
+    if not names[False]:
+        return ''
+    sound = ', '.join(f'{name} does, in {short(time)} ms' for name, time in names[True].items())
+    text = (
+        f'Without rotor inertia, which most URDFs lack, {" and ".join(names[False])} do not '
+        f'finish in steps of {own[0].setting}'
+    )
+    return f'{text}; {sound}. ' if sound else f'{text}. '
 
 
 def _differing(rows: Sequence[list[str]]) -> list[list[str]]:
@@ -244,7 +285,7 @@ def markdown(findings: Findings, case: ControlledArm) -> str:
             f'{one.least:.0e} to {one.largest:.0e} rad in {one.dtype}'
             for one in findings.roundings
         ),
-        rows=table(ROWS, findings.rows),
+        rows=table(_rows(_floor(findings)), findings.rows),
         excluded=bullets(findings.left_out, 'Nothing.'),
     )
 
@@ -265,7 +306,7 @@ def write(findings: Findings, case: ControlledArm, folder: Path) -> list[Path]:
 
 
 def _draw(findings: Findings, figure: Any) -> None:
-    """Draw bars of what each choice costs above, and time over error below."""
+    """Draw bars of the error that each choice adds above, and time over error below."""
     top, axes = figure.subplots(
         2, 1, sharex=True, gridspec_kw={'height_ratios': (1, 3), 'hspace': 0.02}
     )
@@ -281,7 +322,7 @@ def _draw(findings: Findings, figure: Any) -> None:
         'A geared UR5 with friction and motor limits under a 1 kHz controller', fontsize=12
     )
     top.text(
-        0.995, 0.96, 'what each choice costs', transform=top.transAxes, ha='right', va='top',
+        0.995, 0.96, 'error that each choice adds', transform=top.transAxes, ha='right', va='top',
         fontsize=8.5, color=GREY,
     )  # fmt: skip
     top.tick_params(bottom=False)

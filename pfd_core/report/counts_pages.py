@@ -12,6 +12,7 @@ from typing import Any
 from pfd_core.algorithms.paper.array_solver import solve
 from pfd_core.machine.program import Steps
 from pfd_core.report.cases.paper import KINDS, TABLE, value
+from pfd_core.report.measure.claims import counted_verdicts
 from pfd_core.report.measure.convergence import Convergence, measure_convergence, robots
 from pfd_core.report.measure.counts import (
     AS_PRINTED,
@@ -31,11 +32,10 @@ from pfd_core.report.measure.counts import (
     measure,
     measure_on_processors,
     published_serial,
-    with_routes,
 )
 from pfd_core.report.measure.counts import row as counts_of
 from pfd_core.report.measure.network_times import NETWORK_SIZES
-from pfd_core.report.measure.processes import in_one_list
+from pfd_core.report.measure.processes import each
 from pfd_core.report.network_pages import median_iterations
 from pfd_core.report.network_pages import run as run_networks
 from pfd_core.report.paper_pages import write_errata
@@ -91,20 +91,18 @@ def summary(rows: Sequence[Row], verdicts: Sequence[str]) -> str:
     base = known['pcrbm_base_origin', BEST_KNOWN]
     pcrbm, published = TABLE['pcrbm'], published_serial(PRINTED_AT)
     printed = (pcrbm.multiplications.printed or 0) + (pcrbm.additions.printed or 0)
-    routed = min(map(with_routes, (executed.steps, executed.unpacked)))
     return page(
         'paper-summary',
         printed=f'{published / printed:.2f}',
         executed=_ratio(executed.published_speed_up),
-        routed=f'{published / routed:.2f}',
+        best=_ratio(executed.speed_up),
+        routed=_ratio(executed.routed_speed_up),
         own=_ratio(own.speed_up),
         own_routed=_ratio(own.routed_speed_up),
         base=_ratio(base.speed_up),
         base_routed=_ratio(base.routed_speed_up),
         sentences=len(verdicts),
-        true=verdicts.count('true'),
-        false=verdicts.count('false'),
-        undecided=verdicts.count('not decided'),
+        counted=counted_verdicts(verdicts),
     )
 
 
@@ -312,7 +310,8 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
     count_all(sizes, machines)
     rows, fewer = list(measure(sizes)), list(measure_on_processors(machines))
     chains = list(robots((PRINTED_AT,), ()) if quick else robots())
-    iterations = in_one_list(measure_convergence, chains, 'counting iterations of each robot')
+    found = each(measure_convergence, chains, 'counting iterations', lambda robot: robot.n)
+    iterations = [one for some in found for one in some]
     pages = [*write(rows, iterations, folder), *write_processors(fewer, folder)]
     sizes = (PRINTED_AT,) if quick else NETWORK_SIZES
     return [*pages, *run_networks(median_iterations(iterations), folder, sizes)]

@@ -27,7 +27,7 @@ from pfd_core.report.measure.processes import each
 from pfd_core.report.measure.reference import DIRECTIONS
 from pfd_core.report.render.markdown import Columns, bullets, lines_of, missed_bounds, page, table
 from pfd_core.report.render.markdown import write as write_page
-from pfd_core.report.render.numbers import order, short, yes
+from pfd_core.report.render.numbers import order, percent, short, yes
 from pfd_core.report.render.plots import BLACK, BLUE, GREY, SKY, VERMILLION, save
 
 NAME = 'derivatives'
@@ -45,6 +45,8 @@ WAYS = {
     (PEER, 'float64', 0): (PEER, BLACK, 'x'),
     ('pfd', 'float32', 0): ('float32', VERMILLION, '^'),
 }
+Way = tuple[str, str, int]
+DEFAULT, _, PEER_WAY, _ = WAYS
 # The default is worse where an error exceeds so many times the peer's, and so many roundings.
 WORSE, FLOOR = 2.0, 4.0
 # Smaller errors are drawn here [u].
@@ -53,13 +55,9 @@ LEAST = 1e-2
 
 def run(folder: Path, quick: bool = False) -> list[Path]:
     """Measure all cases, or quickly one, and write the page into a folder."""
-    if quick:
-        return write(list(each(measure, QUICK, 'derivatives')), folder)
-    cases = [case for case in CASES if measured(case)]
-    # The longest first.
-    slow = sorted(cases, key=lambda case: -case.make().plant.robot.n)
-    found = {one.name: one for one in each(measure, slow, 'derivatives')}
-    return write([found[case.name] for case in cases], folder)
+    cases = QUICK if quick else [case for case in CASES if measured(case)]
+    found = each(measure, cases, 'derivatives', lambda case: case.make().plant.robot.n)
+    return write(list(found), folder)
 
 
 def markdown(results: Sequence[Result]) -> str:
@@ -101,8 +99,14 @@ def markdown(results: Sequence[Result]) -> str:
 def summary(results: Sequence[Result]) -> str:
     """Return the outcome as a sentence, for the guide."""
     own, held = _bounded(results), _bounded(results, held=True)
+    pairs = [(ours, peer) for _, ours, peer in _pairs(results)]
+    every = [row for one in results for row in (*one.rows, *one.held_out) if row.way != PEER]
     return page(
         'derivatives-summary',
+        share=percent(statistics.median(row.share or 0.0 for _, row in own)),
+        lost=sum(row.predicted is None for row in every),
+        larger=sum(ours > peer for ours, peer in pairs),
+        smaller=sum(ours < peer / 2 for ours, peer in pairs),
         cases=len(results),
         times=predictions.FACTOR,
         rows=len(own),
@@ -160,14 +164,11 @@ def _unpredicted(results: Sequence[Result]) -> Iterator[str]:
 def _pairs(results: Sequence[Result], held: bool = False) -> Iterator[tuple[str, float, float]]:
     """Yield case and matrix, and the errors of the default and of the peer [u]."""
     for one in results:
-        rows = one.held_out if held else one.rows
-        found = {(row.matrix, row.way, row.dtype, row.refine): row.error for row in rows}
         for matrix in MATRICES:
-            peer = found.get((matrix, PEER, 'float64', 0))
-            if peer is not None:
-                u = ROUNDING['float64']
-                own = found[matrix, 'pfd', 'float64', 0]
-                yield f'{one.name}, {TITLES[matrix]}', own / u, peer / u
+            found = _found(one, matrix, held)
+            if PEER_WAY in found:
+                own, peer = (_units(found[way]) for way in (DEFAULT, PEER_WAY))
+                yield f'{one.name}, {TITLES[matrix]}', own, peer
 
 
 def _worse(results: Sequence[Result], held: bool = False) -> Iterator[str]:
@@ -179,19 +180,24 @@ def _worse(results: Sequence[Result], held: bool = False) -> Iterator[str]:
 def _outcome(results: Sequence[Result], matrix: str) -> str:
     """Return a line on one matrix: the median and the largest error of every way."""
     texts = []
+    every = [_found(one, matrix) for one in results]
     for way, (title, *_) in WAYS.items():
-        units = [
-            row.error / ROUNDING[row.dtype]
-            for one in results
-            for row in one.rows
-            if (row.matrix, row.way, row.dtype, row.refine) == (matrix, *way)
-        ]
+        units = [_units(found[way]) for found in every if way in found]
         if units:
-            texts.append(f'{title} {_units(statistics.median(units))}, {_units(max(units))}')
+            texts.append(f'{title} {_cell(statistics.median(units))}, {_cell(max(units))}')
     return f'- {TITLES[matrix]}: {"; ".join(texts)}.'
 
 
-def _units(value: float) -> str:
+def _found(one: Result, matrix: str, held: bool = False) -> dict[Way, Row]:
+    rows = one.held_out if held else one.rows
+    return {(row.way, row.dtype, row.refine): row for row in rows if row.matrix == matrix}
+
+
+def _units(row: Row | None) -> float:
+    return math.nan if row is None else row.error / ROUNDING[row.dtype]
+
+
+def _cell(value: float) -> str:
     return short(value) if math.isfinite(value) else 'lost'
 
 
@@ -219,7 +225,7 @@ def _table(results: Sequence[Result], matrix: str) -> list[str]:
     titles += ['predicted', 'error / bound', 'float32', 'predicted', 'error / bound', 'met']
     lines = []
     for one in results:
-        rows = {(row.way, row.dtype, row.refine): row for row in one.rows if row.matrix == matrix}
+        rows = _found(one, matrix)
         if not rows:
             continue
         errors = [_error(rows.get(way)) for way in list(WAYS)[:3]]
@@ -239,10 +245,10 @@ def _table(results: Sequence[Result], matrix: str) -> list[str]:
 
 
 def _error(row: Row | None) -> str:
-    return '-' if row is None else _units(row.error / ROUNDING[row.dtype])
+    return '-' if row is None else _cell(_units(row))
 
 
-def _predicted(rows: Mapping[tuple[str, str, int], Row], dtype: str) -> tuple[str, str]:
+def _predicted(rows: Mapping[Way, Row], dtype: str) -> tuple[str, str]:
     """Return the predicted error without refinement [u], and error over bound of both kernels."""
     row, refined = rows['pfd', dtype, 0], rows.get(('pfd', dtype, 1))
     found = [row] if refined is None else [row, refined]
@@ -266,12 +272,13 @@ def _draw(results: Sequence[Result], figure: Any) -> None:
     panels = figure.subplots(len(MATRICES), 1, sharex=True)
     names = [one.name for one in results]
     for axes, matrix in zip(panels, MATRICES, strict=True):
-        bounds = [_bound(one, matrix) for one in results]
+        every = [_found(one, matrix) for one in results]
+        bounds = [_bound(found.get(DEFAULT)) for found in every]
         axes.plot(names, bounds, '_', color=GREY, markersize=9, label='bound of the default')
         for way, (title, colour, marker) in WAYS.items():
-            found = [_in_units(one, matrix, way) for one in results]
+            drawn = [_drawn(_units(found.get(way))) for found in every]
             label = f'{title} [u of float32]' if way[1] == 'float32' else title
-            axes.plot(names, found, marker, color=colour, markersize=6, label=label)
+            axes.plot(names, drawn, marker, color=colour, markersize=6, label=label)
         axes.set_yscale('log')
         axes.grid(alpha=0.25)
         axes.set_ylabel('error [u]')
@@ -281,19 +288,11 @@ def _draw(results: Sequence[Result], figure: Any) -> None:
     figure.suptitle('Derivatives and linearised steps at the hard cases. Lower is better.')
 
 
-def _in_units(one: Result, matrix: str, way: tuple[str, str, int]) -> float:
-    """Return an error in units of rounding of its format; NaN where it is missing or lost."""
-    for row in one.rows:
-        if (row.matrix, row.way, row.dtype, row.refine) == (matrix, *way):
-            units = row.error / ROUNDING[row.dtype]
-            # A logarithmic axis has no zero.
-            return max(units, LEAST) if math.isfinite(units) else math.nan
-    return math.nan
+def _drawn(units: float) -> float:
+    # A logarithmic axis has no zero.
+    return max(units, LEAST) if math.isfinite(units) else math.nan
 
 
-def _bound(one: Result, matrix: str) -> float:
-    for row in one.rows:
-        if (row.matrix, row.way, row.dtype, row.refine) == (matrix, 'pfd', 'float64', 0):
-            some = math.nan if row.predicted is None else row.predicted
-            return predictions.FACTOR * some / ROUNDING['float64']
-    return math.nan
+def _bound(row: Row | None) -> float:
+    predicted = None if row is None else row.predicted
+    return math.nan if predicted is None else predictions.FACTOR * predicted / ROUNDING['float64']

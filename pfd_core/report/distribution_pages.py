@@ -87,12 +87,35 @@ def markdown(found: Findings) -> str:
 
 def summary(found: Findings) -> str:
     """Return the outcome of forward dynamics as a paragraph, for the README."""
-    values: dict[str, str] = {}
-    for name, way in (('default', DEFAULT), ('refined', REFINED), ('peer', PEER)):
-        some = _some(found.boxes, FORWARD, way)
-        values[name] = short(statistics.median(box.shares[2] for box in some))
-        values[f'{name}_worst'] = short(max(box.shares[-1] for box in some))
-    return page('distributions-summary', states=some[0].states, arms=len(some), **values)
+    ways = {'default': DEFAULT, 'refined': REFINED, 'peer': PEER}
+    boxes = {name: _some(found.boxes, FORWARD, way) for name, way in ways.items()}
+    every = [box for some in boxes.values() for box in some]
+    return page(
+        'distributions-summary',
+        states=every[0].states,
+        arms=len(boxes['default']),
+        middle=_larger(boxes['default'], boxes['peer'], 2),
+        outer=_larger(boxes['default'], boxes['peer'], -1),
+        medians=short(max(box.shares[2] for box in every)),
+        **{name: _worst(some) for name, some in boxes.items()},
+    )
+
+
+def _larger(own: Sequence[Box], peers: Sequence[Box], k: int) -> str:
+    """Return on how many arms a quantile is larger than the peer's, and by how much at most."""
+    by_arm = {box.robot: box.shares[k] for box in peers}
+    ratios = [(box.shares[k] / by_arm[box.robot], box.robot) for box in own if box.robot in by_arm]
+    ratio, robot = max(ratios)
+    count = sum(one > 1 for one, _ in ratios)
+    return f'{count} of {len(ratios)} arms' + f', by up to {ratio:.2g} times ({robot})' * (
+        count > 0
+    )
+
+
+def _worst(boxes: Sequence[Box]) -> str:
+    """Return the largest 99 % quantile and its arm."""
+    worst = max(boxes, key=lambda box: box.shares[-1])
+    return f'{short(worst.shares[-1])} ({worst.robot})'
 
 
 def _some(boxes: Sequence[Box], quantity: str, way: str) -> list[Box]:
@@ -107,12 +130,8 @@ def _outcome(boxes: Sequence[Box], quantity: str) -> str:
         some = _some(boxes, quantity, way)
         if some:
             middle = statistics.median(box.shares[2] for box in some)
-            worst = max(some, key=lambda box: box.shares[-1])
-            texts.append(
-                f'{way} {short(middle)} u, and in 99 % of the states up to '
-                f'{short(worst.shares[-1])} u ({worst.robot})'
-            )
-    return f'- {TITLES[quantity]}, median of the arms, float64: {"; ".join(texts)}.'
+            texts.append(f'{way} {short(middle)}, and {_worst(some)}')
+    return f'- {TITLES[quantity]}: {"; ".join(texts)}.'
 
 
 CHECKS: Columns = {

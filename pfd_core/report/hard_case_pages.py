@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 import math
 from pathlib import Path
+import statistics
 from typing import Any
 
 from pfd_core.algorithms.programs import METHODS
@@ -47,7 +48,7 @@ from pfd_core.report.measure.motion_errors import (
 from pfd_core.report.measure.processes import each
 from pfd_core.report.render.markdown import Columns, bullets, lines_of, missed_bounds, page, table
 from pfd_core.report.render.markdown import write as write_page
-from pfd_core.report.render.numbers import order, yes
+from pfd_core.report.render.numbers import order, percent, yes
 
 # A part of the survey: measures rows.
 Part = Callable[[], Iterable[Any]]
@@ -65,11 +66,15 @@ def markdown(results: Sequence[Result], survey: Survey | None = None) -> str:
     found = [(one, row) for one in results for row in one.kernels]
     held_out = [(one, row) for one in results for row in one.held_out]
     missed = _missed(found)
+    places = (('', found), (', at held-out states', held_out))
     unpredicted = (
-        f'{one.name}, {_kernel(row)}: {order(row.error)}'
-        for one, row in found
+        f'{one.name}, {_kernel(row)}{place}: {order(row.error)}'
+        for place, rows_of in places
+        for one, row in rows_of
         if row.predicted is None
     )
+    held_doubles = [(row.in_units, one.name) for one, row in held_out if row.dtype == 'float64']
+    held_units, held_name = max(held_doubles, default=(0.0, 'none'))
     wrong = (
         f'{one.name}, {row.dtype}: {row.estimate:.2g} times {order(row.before or 0.0)}'
         for one, row in refined
@@ -81,6 +86,7 @@ def markdown(results: Sequence[Result], survey: Survey | None = None) -> str:
         command='pfd report hard-cases',
         count=len(doubles),
         largest=f'{max(doubles, default=0.0):.2g}',
+        held_largest=f'{held_units:.3g} ({held_name})',
         missed=bullets(missed, '- none'),
         held_out=bullets(_missed(held_out), '- none'),
         seed=HELD_OUT,
@@ -153,6 +159,8 @@ def summary(results: Sequence[Result]) -> str:
         held_rows=len(held),
         held_met=sum(row.met is True for _, row in held),
         held_missed=missed_bounds(_missed(held)),
+        share=percent(statistics.median(row.share or 0.0 for _, row in rows)),
+        largest_share=percent(max(row.share or 0.0 for _, row in rows)),
         lost=sum(
             row.predicted is None for one in results for row in (*one.kernels, *one.held_out)
         ),
@@ -172,7 +180,7 @@ CASE_COLUMNS: Columns = {
 # Columns of a case with its rows without and with refinement.
 KERNELS: Columns = {
     'case': lambda x: x[0].name,
-    'auto is': lambda x: (
+    'method of auto': lambda x: (
         x[1].method
         if x[1].method.removesuffix(', refined') == x[2].method
         else f'{x[1].method}; refined: {x[2].method}'
@@ -356,14 +364,14 @@ def run(folder: Path, quick: bool = False) -> list[Path]:
     """Measure everything, or quickly one case, and write the report into a folder."""
     if quick:
         return write(list(each(measure, QUICK, 'hard cases')), folder)
-    # The longest first.
     parts: list[Part] = [rows, runs, steady_runs, formulation, holds, predicted_runs]
-    long = sorted(CASES, key=lambda case: '_200' not in case.name)
-    items: list[Case | Part] = [*parts, *long]
-    found = list(each(_measured, items, 'hard cases and motions'))
-    by_name = {one.name: one for one in found[len(parts) :]}
-    results = [by_name[case.name] for case in CASES]
-    return write(results, folder, Survey(*found[: len(parts)]))
+    items: list[Case | Part] = [*parts, *CASES]
+    found = list(each(_measured, items, 'hard cases and motions', _is_long))
+    return write(found[len(parts) :], folder, Survey(*found[: len(parts)]))
+
+
+def _is_long(item: Case | Part) -> bool:
+    return not isinstance(item, Case) or '_200' in item.name
 
 
 def _measured(item: Case | Part) -> Any:

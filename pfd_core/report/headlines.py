@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Sentences of the pages of speed and of README.md: our fastest way compared with the strongest peer.
+Sentences of the pages of speed and of README.md: our fastest way compared with the fastest peer.
 
-The strongest peer takes the least time for the same work. It is named among all peers, and among
+The fastest peer takes the least time for the same work. It is named among all peers, and among
 the peers that take any robot without compilation for it.
 """
 
@@ -42,6 +42,13 @@ PHRASES = {
 }
 # The arm and the batch of the sentences.
 ROBOT, MANY = 'ur5', 'batch of 4096'
+# Further batches of the sentences, and the ways of a call.
+OTHER_BATCHES = (
+    ('in C order', MANY, 'C'),
+    ('in batches of 64 states', 'batch of 64', 'F'),
+    ('in a batch of one state', 'batch of 1', 'F'),
+)
+CALLS = {'plain': ': kernel(q, qd, tau)', 'out': ': kernel(..., out=)', 'bound': ': bound'}
 # The arm whose derivatives the notes of the guide compare.
 OTHER_ROBOT = 'panda'
 # Rows of the table of the guide: title, quantity, work, and how the names of our ways end.
@@ -68,7 +75,7 @@ def compared(
     rows: Iterable[Row], robot: str, quantity: str, work: str, ending: str
 ) -> tuple[Row, Row, Row] | None:
     """
-    Return our fastest row, the strongest peer and the strongest that takes any robot.
+    Return our fastest row, the fastest peer and the fastest that takes any robot.
 
     The names of our ways end with `ending`. None where a row is missing.
     """
@@ -95,22 +102,41 @@ def headline(findings: Findings) -> str:
     rows, machine = [*findings.rows, *findings.others], findings.machine
     found = [compared(rows, ROBOT, *place) for _, *place in GUIDE[:2]]
     parts = [_parts(*rows_of) for rows_of in found if rows_of is not None]
-    if len(parts) < len(found):
+    calls = {
+        name: compared(rows, ROBOT, FORWARD, 'call', f'float64{ending}')
+        for name, ending in CALLS.items()
+    }
+    if len(parts) < len(found) or None in calls.values():
         return ''
     return page(
         'speed-headline',
         processor=f'{"virtual " * bool(machine.get("virtual"))}{machine["processor"]}',
         batch=parts[0],
+        others=_other_batches(rows),
         call=parts[1],
+        **{name: f'{one[0].minimum * 1e9:.0f}' for name, one in calls.items() if one is not None},
     )
 
 
+def _other_batches(rows: Sequence[Row]) -> str:
+    """Return a sentence on C order and smaller batches, with a space; '' without them."""
+    texts = []
+    for title, work, order in OTHER_BATCHES:
+        found = compared(rows, ROBOT, FORWARD, work, f'float64, {order} order')
+        if found is not None:
+            own, peer, _ = found
+            ratio = factor(own, peer)
+            longer = f"{1 / ratio:.1f} times the peer's"
+            texts.append(f'{part(own, peer) if ratio >= 1 else longer} {title}')
+    return f'Relative to the fastest peer the time is {", ".join(texts)}. ' if texts else ''
+
+
 def _parts(own: Row, strongest: Row, general: Row) -> str:
-    text = f'{part(own, strongest)} of the time of the strongest peer, {_phrase(strongest)}'
+    text = f'{part(own, strongest)} of the time of the fastest peer, {_phrase(strongest)}'
     if general is strongest:
         return text
     return (
-        f'{text}, and {part(own, general)} of the time of the strongest that takes any robot, '
+        f'{text}, and {part(own, general)} of the time of the fastest that takes any robot, '
         f'{_phrase(general)}'
     )
 
@@ -129,7 +155,7 @@ def guide_table(findings: Findings) -> str:
             own, *others = found
             cells = [f'{part(own, row)} ({row.way})' for row in others]
             lines.append([title, f'{short(own.minimum * 1e9)} ns', *cells])
-    titles = ['UR5', 'our time', 'part of the strongest peer', 'of the strongest for any robot']
+    titles = ['UR5', 'our time', 'part of the fastest peer', 'of the fastest for any robot']
     return '\n'.join(lines_of(titles, lines)) + '\n'
 
 
@@ -186,7 +212,7 @@ def columns(rows: Sequence[Row]) -> dict[str, tuple[str, str]]:
 
 
 def against_strongest(rows: Sequence[Row]) -> list[str]:
-    """Return a table of our fastest ways over the strongest peer, robot by robot."""
+    """Return a table of our fastest ways over the fastest peer, robot by robot."""
     cells: Cells = {}
     for robot in dict.fromkeys(row.robot for row in rows):
         for title, (work, ending) in columns(rows).items():
@@ -214,9 +240,9 @@ def decomposed(rows: Sequence[Row]) -> str | None:
         'Pinocchio from Python [ns]',
         'without calls from Python',
         'code for one robot',
+        "CasADi's C",
         'vectors of states',
         'all',
-        "CasADi's C alone",
         'our calls from Python',
     ]
     size = batch_name(rows)
@@ -226,10 +252,13 @@ def decomposed(rows: Sequence[Row]) -> str | None:
 def _steps(own: Mapping[str, Row]) -> Iterator[str]:
     """Yield the time of Pinocchio called from Python, and the factor of each step from there."""
     chain = (decomposition.PYTHON, decomposition.CPP, decomposition.SCALAR, decomposition.VECTOR)
+    without_calls, one_robot, vectors = zip(chain[1:], chain[:-1], strict=True)
     pairs = [
-        *zip(chain[1:], chain[:-1], strict=True),
-        (chain[-1], chain[0]),
+        without_calls,
+        one_robot,
         (decomposition.CASADI, decomposition.CPP),
+        vectors,
+        (chain[-1], chain[0]),
         (decomposition.SCALAR, decomposition.FROM_PYTHON),
     ]
     yield short(own[decomposition.PYTHON].minimum * 1e9)

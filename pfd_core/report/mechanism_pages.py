@@ -9,7 +9,7 @@ pfd_core.kernels.auto were chosen, and at seed HELD_OUT, on which nothing was ch
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -24,13 +24,14 @@ from pfd_core.report.measure.errors import kernel_answer, peer_answers
 from pfd_core.report.measure.processes import each
 from pfd_core.report.measure.reference import errors, reference
 from pfd_core.report.render.markdown import Columns, bullets, page, table, write
+from pfd_core.report.render.numbers import short
 
 PEER = 'Pinocchio aba'
 HELD_OUT = 20261124
 # States of a case, and of a chain of more than LONG joints.
 STATES, FEW_STATES, LONG = 40, 4, 40
 SHARES = (0.5, 0.9)
-# The default is worse where its error exceeds FACTOR times the peer's and FLOOR roundings: of the
+# The limit of the default is FACTOR times the peer's error, and at least FLOOR roundings: of the
 # parameters, of tau - bias, of the last product and of the last sum.
 FACTOR, FLOOR = 2.0, 4.0
 # Requested method and steps of refinement, by the name of a column.
@@ -71,12 +72,33 @@ class Result:
     found: dict[str, Errors]
 
     @property
+    def larger(self) -> bool:
+        """Whether an error of the default is larger than the peer's."""
+        pairs = zip(self.found['default'], self.found.get(PEER, (np.inf, np.inf)), strict=True)
+        return any(own > peer for own, peer in pairs)
+
+    @property
+    def better(self) -> dict[str, float]:
+        """Times by which the default's errors exceed those of other kernels, if above FACTOR."""
+        return {
+            way: ratio
+            for way in WAYS
+            if way in self.found
+            and (ratio := min(map(_over, self.found['default'], self.found[way]))) > FACTOR
+        }
+
+    @property
     def worst_ratio(self) -> float:
         """Largest error of the default over FACTOR times the peer's; 0 without the peer."""
         if PEER not in self.found:
             return 0.0
         pairs = zip(self.found['default'], self.found[PEER], strict=True)
         return max(own / max(FACTOR * peer, FLOOR) for own, peer in pairs)
+
+
+def _over(own: float, other: float) -> float:
+    """Return how many times an error exceeds another one, 0 for errors of a few roundings."""
+    return own / max(other, 1.0) if own > FLOOR else 0.0
 
 
 def drawn(case: Case, seed: int) -> Problem:
@@ -113,11 +135,9 @@ def _cell(way: str, one: Result) -> str:
 
 COLUMNS: Columns = {
     'case': 'name',
-    'auto is': 'auto',
+    'method of auto': 'auto',
     **{way: partial(_cell, way) for way in (*WAYS, PEER)},
-    'worse': lambda one: (
-        f'{one.worst_ratio:.2f}' + ' (worse)' * (one.worst_ratio > 1) if PEER in one.found else '-'
-    ),
+    'share of the limit': lambda one: f'{one.worst_ratio:.2f}' if PEER in one.found else '-',
 }
 
 
@@ -136,10 +156,18 @@ def markdown(results: Sequence[Result]) -> str:
         few=FEW_STATES,
         long=LONG,
         short=SHORT,
-        counts=' and '.join(
-            f'{sum(one.worst_ratio > 1 for one in group)} of '
-            f'{sum(PEER in one.found for one in group)}'
-            for group in groups
+        counts=_counted(groups, lambda one: one.worst_ratio > 1),
+        larger=_counted(groups, lambda one: one.larger),
+        better=bullets(
+            (
+                f'{one.name}, seed {one.seed}: '
+                + ', '.join(
+                    f'{way} {short(ratio)} times less' for way, ratio in one.better.items()
+                )
+                for one in results
+                if one.better
+            ),
+            '- none',
         ),
         worse=bullets(
             (
@@ -152,6 +180,12 @@ def markdown(results: Sequence[Result]) -> str:
         results=table(COLUMNS, groups[0]),
         held=table(COLUMNS, groups[1]),
     )
+
+
+def _counted(groups: Sequence[Sequence[Result]], holds: Callable[[Result], bool]) -> str:
+    """Return in how many cases with the peer something holds, for each seed."""
+    with_peer = [[one for one in group if PEER in one.found] for group in groups]
+    return ' and '.join(f'{sum(map(holds, group))} of {len(group)}' for group in with_peer)
 
 
 def run(folder: Path, quick: bool = False) -> list[Path]:

@@ -32,13 +32,13 @@ from pfd_core.report.measure.network_times import (
     best,
     crossover,
     fastest_system,
-    measure_systems,
+    measure_system,
     of_system,
     packing_pays_below,
     parallel_pays_below,
     systems_at,
 )
-from pfd_core.report.measure.processes import in_one_list
+from pfd_core.report.measure.processes import each
 from pfd_core.report.render.markdown import Cells, grid, page
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import (
@@ -262,9 +262,9 @@ def run(
     iterations: Mapping[int, int], folder: Path, sizes: Sequence[int] = NETWORK_SIZES
 ) -> list[Path]:
     """Measure every recording on every network and write the page; progress to a terminal."""
-    measured = partial(measure_systems, iterations=iterations)
-    recordings = in_one_list(measured, systems_at(sizes), 'routing of each system at each n')
-    return write(recordings, folder)
+    measured = partial(measure_system, iterations=iterations)
+    found = each(measured, systems_at(sizes), 'routing of each system', lambda one: one[1])
+    return write([one for some in found for one in some], folder)
 
 
 def write(recordings: Sequence[Recorded], folder: Path) -> list[Path]:

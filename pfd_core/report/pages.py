@@ -178,17 +178,17 @@ def make_all(folder: Path, quick: bool = False) -> Iterator[Path | str]:
     # Quickly the page that compiles longest, whose result others take from disk.
     first = (one.name == QUICK_FIRST if quick else one.clocks for one in PAGES)
     order = [PAGES[k] for _, k in sorted((not now, k) for k, now in enumerate(first))]
-    attempts = [_Attempt(one, folder, quick) for one in order]
+    attempts = [(one, folder, quick) for one in order]
     outcomes = each(_attempted, attempts, 'pages') if quick else map(_attempted, attempts)
     failed: list[str] = []
     for k, one in enumerate(order):
         show_line(f'{k + 1} of {len(order)}: {one.name}, {one.title}')
-        outcome = next(outcomes)
-        yield from outcome.files
-        if outcome.error:
+        files, error, seconds = next(outcomes)
+        yield from files
+        if error:
             failed.append(one.name)
-            yield f'{one.name} was not made: {outcome.error}'
-        show_line(f'   {outcome.seconds:.0f} s')
+            yield f'{one.name} was not made: {error}'
+        show_line(f'   {seconds:.0f} s')
     index = write_text(folder, INDEX, index_text())
     if quick:
         _mark(index)
@@ -197,36 +197,18 @@ def make_all(folder: Path, quick: bool = False) -> Iterator[Path | str]:
     show_line(f'all pages: {time.monotonic() - start:.0f} s{missing}')
 
 
-@dataclass(frozen=True)
-class _Attempt:
-    """A page to be made."""
-
-    page: Page
-    folder: Path
-    quick: bool
-
-
-@dataclass(frozen=True)
-class _Outcome:
-    """The files of a page or the reason for their absence, and the seconds that it took."""
-
-    files: Sequence[Path]
-    error: str
-    seconds: float
-
-
-def _attempted(one: _Attempt) -> _Outcome:
-    began = time.monotonic()
-    files: Sequence[Path] = ()
-    reason = ''
+def _attempted(attempt: tuple[Page, Path, bool]) -> tuple[list[Path], str, float]:
+    """Return the files of a page, the reason if it was not made, and the seconds it took."""
+    one, folder, quick = attempt
+    began, files, reason = time.monotonic(), list[Path](), ''
     try:
-        files = one.page.make(one.folder, one.quick)
+        files = one.make(folder, quick)
     except EXPECTED as error:
         reason = str(error)
     except Exception as error:
         # The other pages are made in spite of an error in one.
-        reason = f'{type(error).__name__}: {error}; its traceback: pfd report {one.page.command}'
-    return _Outcome(files, reason, time.monotonic() - began)
+        reason = f'{type(error).__name__}: {error}; its traceback: pfd report {one.command}'
+    return files, reason, time.monotonic() - began
 
 
 def index_text() -> str:

@@ -15,7 +15,7 @@ import re
 
 from pfd_core.report import array_pages, illustrated_pages, pcgm_pages
 from pfd_core.report.cases.paper import EQUATIONS, PROCEDURES, Implemented
-from pfd_core.report.measure.claims import CLAIMS, Verdict, verdicts
+from pfd_core.report.measure.claims import CLAIMS, Verdict, counted_verdicts, verdicts
 from pfd_core.report.measure.errata import ERRATA, FEW, STATES
 from pfd_core.report.render.markdown import Columns, page, table, write_text
 from pfd_core.report.render.markdown import write as write_page
@@ -65,9 +65,7 @@ def claims_markdown(found: Iterable[Verdict]) -> str:
     return page(
         'claims',
         sentences=len(rows),
-        true=sum(one.verdict == 'true' for one in rows),
-        false=sum(one.verdict == 'false' for one in rows),
-        undecided=sum(one.verdict == 'not decided' for one in rows),
+        counted=counted_verdicts([one.verdict for one in rows]),
         claims=table(CLAIM_COLUMNS, rows),
         equations=table(EQUATION_COLUMNS, EQUATIONS),
         procedures=table(EQUATION_COLUMNS, PROCEDURES),

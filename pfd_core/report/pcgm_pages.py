@@ -23,7 +23,7 @@ from pfd_core.report.measure.pcgm_iterations import (
     joined,
     study,
 )
-from pfd_core.report.measure.processes import in_one_list
+from pfd_core.report.measure.processes import each
 from pfd_core.report.render.markdown import Columns, grid, page, table
 from pfd_core.report.render.markdown import write as write_page
 from pfd_core.report.render.plots import BLACK, BLUE, GREEN, GREY, ORANGE, over_joints, save
@@ -147,12 +147,7 @@ PRICES: Columns = {
 
 def run(folder: Path, sizes: Sequence[int] = SIZES) -> list[Path]:
     """Measure and write pcgm.md, .json and .png into a folder."""
-    studies = in_one_list(_study_of, sizes, 'iterations of PCGM at each n')
-    return write(joined(studies), folder)
-
-
-def _study_of(sizes: Sequence[int]) -> list[Study]:
-    return [study(sizes)]
+    return write(joined(each(study, sizes, 'iterations of PCGM', lambda n: n)), folder)
 
 
 def write(measured: Study, folder: Path) -> list[Path]:

@@ -37,7 +37,7 @@ DIVERGES, OVERFLOWS = 'diverges', 'overflows'
 MARGINS = {
     'torque': 'its torque is up to {share} of the largest of {joint}',
     'limit': '{joint} comes to {share} of its limit',
-    'stop': '{joint} comes within {value:.2g} rad or m of a stop',
+    'stop': '{joint} comes within {value:.2g} of a stop',
     'rest': '{joint} is at rest {share} of the time',
     'held': '{joint} is held {share} of the time',
     '': '-',
@@ -96,14 +96,18 @@ def _advice(needs: Needs) -> str:
     small = [row.name for row in unneeded if row.exercised]
     silent = [row for row in needs.effects if not row.exercised]
     margins = '; '.join(f'{row.name}: {_margin(row.margin)}' for row in silent)
-    advice = f'simulate this motion with {listed(needs.smallest.effects)}.'
+    times = needs.step_times
+    advice = (
+        f'simulate this motion with {listed(needs.smallest.effects)}: within '
+        f'{needs.tolerance:g} over {needs.window:g} s, in '
+        f'{times["smallest minimum"] / times["full minimum"]:.0%} of the time of the full scene.'
+    )
     if small:
         advice += f' Leave out {listed(small)}, whose error is within the tolerance.'
     if silent:
         advice += (
-            f' The motion says nothing about {listed(row.name for row in silent)}, which do not '
-            f'change it ({margins}): test with a motion that does, or '
-            'keep them.'
+            f' It cannot show whether you need {listed(row.name for row in silent)}, which do '
+            f'not change this motion ({margins}): test with a motion that does, or keep them.'
         )
     return f'**Advice**: {advice}'
 
@@ -127,7 +131,6 @@ EFFECTS: Columns = {
     ),
     'largest': lambda row: _largest(row.without),
     'rms': lambda row: _unless_refused(row.without, _error(row.without.rms)),
-    'share': lambda row: '-' if math.isnan(row.share) else f'{100 * row.share:.3g} %',
     'joint': lambda row: row.without.joint if row.without.largest else '-',
     'at [s]': lambda row: (
         f'{row.without.time:.3f}' if row.without.largest and row.without.joint else '-'

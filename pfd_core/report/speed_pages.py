@@ -47,7 +47,7 @@ from pfd_core.report.time_tables import (
 )
 
 COMMAND = 'pfd report speed'
-SHARE = 'share of the port limit'
+SHARE = 'share of the arithmetic limit'
 PREPARED = (*WORKS, *(work + FROM_DISK for work in WORKS), PROCESS)
 # Ends of the names of ways that are not in the plot.
 SLOWER = (': kernel(q, qd, tau)', 'out=)', ', C order', ' threads', 'WORLD', ' refined')

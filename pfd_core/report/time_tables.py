@@ -110,7 +110,7 @@ def summary(rows: Sequence[Row]) -> str:
     batch = batch_name(rows)
     ratios = ['times Pinocchio', 'times CasADi C']
     titles = ['quantity [ns]', 'bound', *ratios, f'{batch}, F order', *ratios]
-    titles.append('share of the port limit')
+    titles.append('share of the arithmetic limit')
 
     def lines(own: Sequence[Row], quantity: str) -> Iterator[list[str]]:
         known = {(row.work, row.way): row for row in own}

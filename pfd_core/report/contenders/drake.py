@@ -75,38 +75,30 @@ def _diagram(drake: Any, case: ControlledArm, softness: Softness) -> tuple[Any, 
     plant = builder.AddSystem(_plant(drake, case, damping))
     state = plant.get_state_output_port()
 
-    def held(port: Any, size: int) -> Any:
-        hold = builder.AddSystem(drake.ZeroOrderHold(case.period, size))
-        builder.Connect(port, hold.get_input_port())
-        return hold.get_output_port()
+    def through(system: Any, *ports: Any) -> Any:
+        added = builder.AddSystem(system)
+        for k, port in enumerate(ports):
+            builder.Connect(port, added.get_input_port(k))
+        return added.get_output_port()
 
-    def gain(port: Any, matrix: Array) -> Any:
-        system = builder.AddSystem(drake.MatrixGain(matrix))
-        builder.Connect(port, system.get_input_port())
-        return system.get_output_port()
+    def held(port: Any, size: int) -> Any:
+        return through(drake.ZeroOrderHold(case.period, size), port)
 
     def bounded(port: Any, bound: Array) -> Any:
-        system = builder.AddSystem(drake.Saturation(-bound, bound))
-        builder.Connect(port, system.get_input_port())
-        return system.get_output_port()
-
-    def total(*ports: Any) -> Any:
-        system = builder.AddSystem(drake.Adder(len(ports), n))
-        for k, port in enumerate(ports):
-            builder.Connect(port, system.get_input_port(k))
-        return system.get_output_port()
+        return through(drake.Saturation(-bound, bound), port)
 
     # Each row begins half a period early: the hold reads it in its middle.
     rows = case.taus + case.kp * case.q + case.kd * case.qd
     breaks = case.period * (np.arange(case.periods + 1) - 0.5)
     path = drake.PiecewisePolynomial.ZeroOrderHold(breaks, np.vstack([rows, rows[-1:]]).T)
     reference = builder.AddSystem(drake.TrajectorySource(path)).get_output_port()
-    law = gain(held(state, 2 * n), np.hstack([-np.diag(case.kp), -np.diag(case.kd)]))
-    efforts = [bounded(total(held(reference, n), law), limits)]
+    gains = drake.MatrixGain(np.hstack([-np.diag(case.kp), -np.diag(case.kd)]))
+    law = through(gains, held(state, 2 * n))
+    effort = bounded(through(drake.Adder(2, n), held(reference, n), law), limits)
     if friction.any():
-        ramp = gain(state, np.hstack([np.zeros((n, n)), -np.diag(friction / width)]))
-        efforts.append(bounded(ramp, friction))
-    effort = total(*efforts) if len(efforts) > 1 else efforts[0]
+        slope = drake.MatrixGain(np.hstack([np.zeros((n, n)), -np.diag(friction / width)]))
+        ramp = bounded(through(slope, state), friction)
+        effort = through(drake.Adder(2, n), effort, ramp)
     builder.Connect(effort, plant.get_actuation_input_port())
     return builder.Build(), plant
 

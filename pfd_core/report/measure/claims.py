@@ -11,7 +11,7 @@ The sentences are stored in data/claims.yaml, each with one of the functions bel
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
@@ -46,6 +46,8 @@ N = 6
 FEW = 20  # states in which iterations are counted
 # Whether a sentence holds, None if that is not decided here, and the evidence.
 FOUND = tuple[bool | None, str]
+VERDICTS = 'true', 'true of a wrong matrix', 'false', 'not decided'
+TRUE, OF_A_WRONG_MATRIX, FALSE, UNDECIDED = VERDICTS
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,8 @@ class Claim:
         File and function of the test that shows it.
     note : str
         Limit or correction; or empty.
+    wrong_matrix : bool
+        Whether it is about equations that give a wrong matrix.
 
     """
 
@@ -71,11 +75,12 @@ class Claim:
     check: Callable[[], FOUND]
     test: str
     note: str = ''
+    wrong_matrix: bool = False
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A claim, whether it is 'true', 'false' or 'not decided', and the evidence in words."""
+    """A claim, one of VERDICTS, and the evidence in words."""
 
     claim: Claim
     verdict: str
@@ -86,7 +91,13 @@ def verdicts(claims: Iterable[Claim]) -> Iterator[Verdict]:
     """Check claims."""
     for claim in claims:
         holds, evidence = claim.check()
-        yield Verdict(claim, {True: 'true', False: 'false', None: 'not decided'}[holds], evidence)
+        true = OF_A_WRONG_MATRIX if claim.wrong_matrix else TRUE
+        yield Verdict(claim, {True: true, False: FALSE, None: UNDECIDED}[holds], evidence)
+
+
+def counted_verdicts(found: Sequence[str]) -> str:
+    """Return how many of some verdicts are of each kind, in words."""
+    return ', '.join(f'{found.count(kind)} {kind}' for kind in VERDICTS)
 
 
 @cache
@@ -219,7 +230,7 @@ def _one_root() -> FOUND:
             FORWARD['pcrbm'](plant, 'parallel'),
         )
     )
-    return right == 1, (
+    return printed == 1, (
         f'{printed} for equations (11) and (12), whose matrix is wrong; {right}, one after '
         f"another, for L L'; {ours} for L D L'"
     )
@@ -373,7 +384,7 @@ def _formula(system: str, multiplications: int, additions: int) -> FOUND:
     )
 
 
-def _claim(check: list[Any], **row: str) -> Claim:
+def _claim(check: list[Any], **row: Any) -> Claim:
     name, *given = check
     return Claim(check=partial(globals()[f'_{name}'], *given), **row)
 

@@ -448,15 +448,20 @@ class Advice:
 
 
 TOLERANCES = tuple(10.0**-k for k in (1, 2, 3, 4, 5, 6, 8, 10, 12))
+# Another motion has another error: advice has a margin. Of times that differ by less than this
+# part, the scene with most effects is better.
+MARGIN, NEARLY = 2.0, 0.05
 
 
 def advice(rows: Sequence[ControlledRow], tolerances: Sequence[float]) -> list[Advice]:
-    """Return for each tolerance the fastest rows whose error is within it."""
+    """Return for each tolerance the fastest rows whose error is within it, with MARGIN."""
 
     def fastest(tolerance: float, fits: Callable[[ControlledRow], bool]) -> ControlledRow | None:
-        within = [row for row in rows if row.error is not None and row.error <= tolerance]
+        within = [row for row in rows if row.error is not None and row.error * MARGIN <= tolerance]
         timed = [(row.minimum, row) for row in within if row.minimum is not None and fits(row)]
-        return min(timed, key=lambda one: one[0])[1] if timed else None
+        least = min((time for time, _ in timed), default=0.0)
+        near = [one for one in timed if one[0] <= (1 + NEARLY) * least]
+        return min(near, key=lambda one: (len(one[1].left_out), one[0]))[1] if near else None
 
     return [
         Advice(

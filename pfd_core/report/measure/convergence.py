@@ -71,11 +71,9 @@ def robots(sizes: Iterable[int] = CHAINS, arms: Iterable[str] = ARMS) -> Iterato
     yield from map(load_robot, arms)
 
 
-def measure_convergence(chosen: Iterable[Robot]) -> Iterator[Convergence]:
-    """Yield the iterations of both iterative methods for each robot."""
-    for robot in chosen:
-        for method in ITERATIVE:
-            yield convergence(method, robot)
+def measure_convergence(robot: Robot) -> list[Convergence]:
+    """Return the iterations of both iterative methods for a robot."""
+    return [convergence(method, robot) for method in ITERATIVE]
 
 
 def convergence(method: str, robot: Robot) -> Convergence:

@@ -189,11 +189,9 @@ def measure_on_processors(machines: Iterable[tuple[int, int]] = MACHINES) -> Ite
 def count_all(sizes: Iterable[int], machines: Iterable[tuple[int, int]]) -> None:
     """Count what `measure` and `measure_on_processors` need, on all processors; it is kept."""
     keys = [*_keys(sizes), *_keys_on_processors(machines)]
-    wanted = {one: None for key in keys for one in _recordings(*key) if one not in _known}
-    # The longest first.
-    items = sorted(wanted, key=_length, reverse=True)
-    for one, found in zip(items, each(_count, items, 'counting recordings'), strict=True):
-        _known[one] = found
+    items = list({one: None for key in keys for one in _recordings(*key) if one not in _known})
+    found = each(_count, items, 'counting recordings', _length)
+    _known.update(zip(items, found, strict=True))
 
 
 def _keys(sizes: Iterable[int]) -> Iterator[Key]:

@@ -38,14 +38,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.algorithms.programs import record_forward_dynamics, record_inverse_dynamics
-from pfd_core.machine.derivative import derivative
-from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant
 from pfd_core.report.cases.problems import SEED, Problem
 from pfd_core.report.cases.quantities import STATE, linear_rk4
 from pfd_core.report.cases.robots import Array
 from pfd_core.report.measure.decimals import on_mpmath_numbers
+from pfd_core.report.measure.quantity_reference import differentiated
 from pfd_core.report.measure.reference import DIGITS as CERTIFIED
 from pfd_core.report.measure.reference import (
     STEP,
@@ -399,15 +398,8 @@ def _difference(plant: Plant, states: States, found: dict[str, Numbers], h: floa
     """Return how far the derivative of the recorded program is from the matrices, at a state."""
     import mpmath
 
-    forward = record_forward_dynamics(plant, 'articulated_body', 'sequential')
-    program = derivative(forward, ['qdd'], STATE)
     others = {name: x[:1] for name, x in states.items() if name not in STATE}
-
-    def evaluate(q: Numbers, qd: Numbers, tau: Numbers) -> tuple[Numbers, Numbers]:
-        inputs = others | dict(zip(STATE, (q, qd, tau), strict=True))
-        result = run(program, inputs, digits=DIGITS)
-        return result['qdd'], np.concatenate([result[f'd qdd/d {x}'] for x in STATE], axis=-1)
-
+    evaluate = differentiated(plant, DIGITS, **others)
     n = plant.robot.n
     q, qd, tau = (states[name][:1] for name in STATE)
     _, J = evaluate(q, qd, tau)

@@ -19,25 +19,20 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.kernels.compile import compile_kernel
-from pfd_core.machine.derivative import derivative
-from pfd_core.machine.emulator import run
-from pfd_core.machine.program import Program
-from pfd_core.model import Plant, Robot
+from pfd_core.model import Robot
 from pfd_core.report.cases.hard_cases import ROUNDING
 from pfd_core.report.cases.problems import Problem, drawing, problem
-from pfd_core.report.cases.quantities import LINEAR_STEP, STATE, linear_rk4
+from pfd_core.report.cases.quantities import STATE
 from pfd_core.report.cases.robots import PUBLIC, Array, robot
 from pfd_core.report.contenders.ours import make_quantity
 from pfd_core.report.contenders.pinocchio import Pinocchio, PinocchioQuantity
 from pfd_core.report.contenders.work import LeftOutError, work_of
 from pfd_core.report.measure.differences import differences
+from pfd_core.report.measure.quantity_reference import matrices
 from pfd_core.report.measure.reference import (
     DIGITS,
-    WIDE,
     Reference,
     errors,
     kappa_j,
@@ -158,7 +153,9 @@ def _forward(name: str, arm: Robot, plan: Plan) -> Iterator[Box]:
 def _quantities(name: str, arm: Robot, plan: Plan) -> Iterator[Box]:
     for quantity in (DERIVATIVES, STEPS):
         many = drawn(arm, plan.states[quantity])
-        exact = np.concatenate([exact_matrices(quantity, block, None) for block in _blocks(many)])
+        exact = np.concatenate(
+            [matrices(quantity, block.plant, block.states, None) for block in _blocks(many)]
+        )
         work = work_of('batch', quantity, many.states)
         makers: dict[str, Callable[[], Any]] = {
             DEFAULT: partial(make_quantity, quantity, 'float64', 0, arm),
@@ -184,49 +181,15 @@ def _box(name: str, quantity: str, way: str, dtype: str, values: Array) -> Box:
     )
 
 
-def exact_matrices(quantity: str, some: Problem, digits: int | None) -> NDArray[Any]:
-    """Return d qdd / d(q, qd, tau), or [A B], (S, size), in longdouble or in digits."""
-    program = _differentiated(some.plant)
-    if quantity == DERIVATIVES:
-        J = _evaluated(program, digits, *(some.states[key] for key in STATE))[1]
-        flat: NDArray[Any] = J.reshape(len(J), -1)
-        return flat
-    if digits is None:
-        q, qd, tau = (some.states[key].astype(np.longdouble) for key in STATE)
-        evaluate = partial(_evaluated, program, None)
-        steps = linear_rk4(evaluate, q, qd, tau, np.longdouble(LINEAR_STEP))
-        return steps.reshape(len(steps), -1)
-    import mpmath
-
-    with mpmath.workdps(digits):
-        number = np.vectorize(mpmath.mpf, otypes=[object])
-        q, qd, tau = (number(some.states[key]) for key in STATE)
-        evaluate = partial(_evaluated, program, digits)
-        steps = linear_rk4(evaluate, q, qd, tau, mpmath.mpf(LINEAR_STEP))
-    return steps.reshape(len(steps), -1)
-
-
-def _differentiated(plant: Plant) -> Program:
-    forward = record_forward_dynamics(plant, 'articulated_body', 'sequential')
-    return derivative(forward, ['qdd'], STATE)
-
-
-def _evaluated(
-    program: Program, digits: int | None, q: NDArray[Any], qd: NDArray[Any], tau: NDArray[Any]
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return qdd (S, n) and its derivatives (S, n, 3n)."""
-    states = dict(zip(STATE, (q, qd, tau), strict=True))
-    result = run(program, states, WIDE if digits is None else 'float64', digits)
-    return result['qdd'], np.concatenate([result[f'd qdd/d {x}'] for x in STATE], axis=-1)
-
-
 def _checks(name: str, arm: Robot) -> Iterator[Check]:
     some = drawn(arm, CHECKED)
     u = ROUNDING['float64']
     off = errors(wide_reference(some).qdd, reference(some, certified=False))
     yield Check(name, FORWARD, CHECKED, float(off.max()) / u)
     for quantity in (DERIVATIVES, STEPS):
-        wide, known = (exact_matrices(quantity, some, digits) for digits in (None, DIGITS))
+        wide, known = (
+            matrices(quantity, some.plant, some.states, digits) for digits in (None, DIGITS)
+        )
         upper = wide.astype(np.float64)
         lower = (wide - upper).astype(np.float64)
         difference = np.abs((upper.astype(object) - known) + lower.astype(object)).max(axis=-1)

@@ -154,11 +154,6 @@ def methods(n: int) -> tuple[str, ...]:
     return tuple(name for name in METHODS if n <= (FEW if n <= FEW else MANY.get(name, 0)))
 
 
-def method_answer(problem: Problem, method: str, dtype: str, refine: int) -> NDArray[Any]:
-    """Return qdd (S, n) by the program of a method as recorded, before it is folded and fused."""
-    return _answer(_record(problem.plant, method, refine, dtype), problem, dtype)
-
-
 def _answer(recorded: Program, problem: Problem, dtype: str) -> NDArray[Any]:
     qdd: NDArray[Any] = _run(expand_sines(recorded, dtype), problem.states, dtype)['qdd']
     return qdd

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 import math
 
 from pfd_core.algorithms.programs import ITERATIVE, METHODS, SERIAL
@@ -95,37 +96,27 @@ class Recorded:
         return self.arithmetic + price * self.routes[network]
 
 
-def measure_networks(
-    sizes: Iterable[int] = NETWORK_SIZES, iterations: Mapping[int, int] | None = None
-) -> Iterator[Recorded]:
-    """
-    Yield every recording of every system, and the fastest method for one processor.
-
-    Conjugate gradients take n iterations, and again as many as `iterations` gives for an n.
-    """
-    yield from measure_systems(systems_at(sizes), iterations or {})
-
-
 def systems_at(sizes: Iterable[int]) -> list[tuple[str, int]]:
     """Return every system at some n, and one processor."""
     return [(system, n) for n in sizes for system in (ONE_PROCESSOR, *SYSTEMS)]
 
 
-def measure_systems(
-    systems: Iterable[tuple[str, int]], iterations: Mapping[int, int]
-) -> Iterator[Recorded]:
-    """Yield the recordings of some systems, each at an n, as measure_networks does."""
-    for system, n in systems:
-        if system == ONE_PROCESSOR:
-            yield _serial(n)
-            continue
-        counts: list[tuple[int | None, bool]] = [(n if system in ITERATIVE else None, False)]
-        for edition in (AS_PRINTED, CORRECTED) if system in PROCEDURES else ():
-            yield from _recorded(system, system, n, edition, counts)
-        if system in ITERATIVE and n in iterations:
-            counts.append((iterations[n], True))
-        for method in SYSTEMS[system]:
-            yield from _recorded(system, method, n, BEST_KNOWN, counts)
+def measure_system(one: tuple[str, int], iterations: Mapping[int, int]) -> list[Recorded]:
+    """
+    Return the recordings of a system at an n, or the fastest method for one processor.
+
+    Conjugate gradients take n iterations, and again as many as `iterations` gives for the n.
+    """
+    system, n = one
+    if system == ONE_PROCESSOR:
+        return [_serial(n)]
+    counts: list[tuple[int | None, bool]] = [(n if system in ITERATIVE else None, False)]
+    known = [(system, edition) for edition in (AS_PRINTED, CORRECTED) if system in PROCEDURES]
+    found = [x for pair in known for x in _recorded(system, *pair, n, counts)]
+    if system in ITERATIVE and n in iterations:
+        counts.append((iterations[n], True))
+    own = (_recorded(system, method, BEST_KNOWN, n, counts) for method in SYSTEMS[system])
+    return [*found, *chain.from_iterable(own)]
 
 
 def _serial(n: int) -> Recorded:
@@ -152,8 +143,8 @@ def _serial(n: int) -> Recorded:
 def _recorded(
     system: str,
     method: str,
-    n: int,
     edition: str,
+    n: int,
     counts: Sequence[tuple[int | None, bool]],
 ) -> Iterator[Recorded]:
     """Yield a method's recordings; `counts`: iterations, and whether they converge."""

@@ -136,16 +136,10 @@ class Study:
     pcrbm: dict[int, Steps]
 
 
-def study(sizes: Iterable[int]) -> Study:
-    """Measure some n."""
-    return joined(
-        Study(
-            list(measure_iterations([n])),
-            [price(n, variant) for variant in VARIANTS],
-            {n: direct(n)},
-        )
-        for n in sizes
-    )
+def study(n: int) -> Study:
+    """Measure one n."""
+    prices = [price(n, variant) for variant in VARIANTS]
+    return Study(list(measure_iterations(n)), prices, {n: direct(n)})
 
 
 def joined(studies: Iterable[Study]) -> Study:
@@ -158,12 +152,11 @@ def joined(studies: Iterable[Study]) -> Study:
     return whole
 
 
-def measure_iterations(sizes: Iterable[int] = SIZES) -> Iterator[Reached]:
-    """Yield every variant at every n and tolerance."""
-    for n in sizes:
-        states = seeded_states(n, STATES)
-        for variant in VARIANTS:
-            yield from _reached(n, variant, errors_of_iterates(n, variant, states))
+def measure_iterations(n: int) -> Iterator[Reached]:
+    """Yield every variant at an n and every tolerance."""
+    states = seeded_states(n, STATES)
+    for variant in VARIANTS:
+        yield from _reached(n, variant, errors_of_iterates(n, variant, states))
 
 
 def errors_of_iterates(n: int, variant: str, states: dict[str, Array]) -> Array:

@@ -9,10 +9,9 @@ and in the middle of a measurement: each waits for the end of a pipe that this p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
-from functools import partial
 import gc
 from itertools import count
 from multiprocessing import get_context
@@ -20,7 +19,7 @@ from multiprocessing.connection import Connection
 import os
 import signal
 from threading import Thread
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pfd_core.report.measure.progress import hide_progress, show_progress
 
@@ -32,17 +31,20 @@ _one_of_several = False
 
 
 def each(
-    measure: Callable[[Item], Found], items: Sequence[Item], what: str = 'measuring'
+    measure: Callable[[Item], Found],
+    items: Sequence[Item],
+    what: str = 'measuring',
+    effort: Callable[[Item], Any] = lambda _: 0,
 ) -> Iterator[Found]:
     """
     Yield the measurement of each item in order, and show the number of finished ones.
 
-    Function, items and results are sent between processes. In a process that does this already,
-    and for one item, this process measures.
+    Items of most effort begin first. Function, items and results are sent between processes. In a
+    process that does this already, and for one item, this process measures.
     """
     processes = 1 if _one_of_several else min(len(os.sched_getaffinity(0)), len(items))
     if processes > 1:
-        yield from _in_processes(processes, measure, items, what)
+        yield from _in_processes(processes, measure, items, what, effort)
     else:
         for k, item in enumerate(items):
             show_progress(f'{what}, {k} of {len(items)} finished')
@@ -50,24 +52,12 @@ def each(
     show_progress('')
 
 
-def in_one_list(
-    measure: Callable[[Sequence[Item]], Iterable[Found]], items: Sequence[Item], what: str
-) -> list[Found]:
-    """
-    Return the measurements of all items, in their order; the last item, the longest, first.
-
-    `measure` yields the measurements of several items, and gets one at a time.
-    """
-    found = list(each(partial(_of_one, measure), items[::-1], what))
-    return [one for some in reversed(found) for one in some]
-
-
-def _of_one(measure: Callable[[Sequence[Item]], Iterable[Found]], item: Item) -> list[Found]:
-    return list(measure([item]))
-
-
 def _in_processes(
-    processes: int, measure: Callable[[Item], Found], items: Sequence[Item], what: str
+    processes: int,
+    measure: Callable[[Item], Found],
+    items: Sequence[Item],
+    what: str,
+    effort: Callable[[Item], Any],
 ) -> Iterator[Found]:
     # A forked process would share locks with this one.
     context = get_context('spawn')
@@ -83,7 +73,9 @@ def _in_processes(
         try:
             show_progress(f'{what}, 0 of {len(items)} finished')
             with _without_interrupts():
-                futures = [pool.submit(_collected_after, measure, item) for item in items]
+                order = sorted(range(len(items)), key=lambda k: effort(items[k]), reverse=True)
+                begun = {k: pool.submit(_collected_after, measure, items[k]) for k in order}
+            futures = [begun[k] for k in range(len(items))]
             for future in futures:
                 future.add_done_callback(finished)
             for future in futures:

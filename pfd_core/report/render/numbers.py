@@ -21,6 +21,11 @@ def short(value: float) -> str:
     return f'{value:.0f}' if value >= 99.5 else f'{value:.3g}'
 
 
+def percent(part: float) -> str:
+    """Return a part in percent, with two digits below ten."""
+    return f'{100 * part:.2g} %' if part < 0.1 else f'{part:.0%}'.replace('%', ' %')
+
+
 def least_and_median(times: Any, unit: float = 1e9) -> str:
     """Return minimum / median of a record with these fields, seconds times a unit."""
     return f'{short(times.minimum * unit)} / {short(times.median * unit)}'

@@ -56,6 +56,8 @@ RUN_STYLES = dict(
         strict=True,
     )
 )
+# Drawn large and open: Pinocchio's RK4 has the same points.
+BEHIND = {'MuJoCo RK4'}
 COLUMNS = 4
 # Of a figure [inch].
 SIZE = (14, 7.6)
@@ -183,18 +185,25 @@ def _draw_motions(motions: Sequence[MotionFacts], runs: Sequence[RunPoint], figu
                     axes.plot(
                         [getattr(run, error) for run in found],
                         [getattr(run, work) for run in found],
-                        linestyle=line, marker=marker, color=colour, label=way, markersize=5,
+                        linestyle=line, marker=marker, color=colour, label=_label(way),
+                        markersize=10 if way in BEHIND else 5,
+                        markerfacecolor='white' if way in BEHIND else colour,
                     )  # fmt: skip
             panels[0][column].set_title(motion.name, fontsize=10)
             unit = 'trajectory error [rad]' if column % 2 == 0 else 'energy error / peak kinetic'
             panels[1][column].set_xlabel(unit)
         for row in (0, 1):
             panels[row][2 * k].axvline(motion.self_difference, color=GREY, linestyle=':')
-    panels[0][0].set_ylabel('seconds per simulated second')
+    panels[0][0].set_ylabel('time of a simulated second [s]')
     panels[1][0].set_ylabel('evaluations per simulated second')
     handles, labels = panels[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc='outside lower center', ncols=LEGEND_COLUMNS, frameon=False)
     figure.suptitle(
-        'Integrators: work against error. Down and left is better; runs that blew up are missing; '
+        'Integrators: work against error. Down and left is better; runs that diverged are missing; '
         'dotted: self-difference of the reference.'
     )
+
+
+def _label(way: str) -> str:
+    """Return the name in the legend; ours have no library in theirs."""
+    return way if ' ' in way else f'pfd {way}'

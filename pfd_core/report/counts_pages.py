@@ -331,17 +331,19 @@ def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) 
 
 def _draw(rows: Sequence[Row], figure: Any) -> None:
     """Draw multiplications and additions over n, formulas dashed, as printed dotted."""
+    import matplotlib
+
     for axes, kind in zip(figure.subplots(1, 2), KINDS[:2], strict=True):
         for k, system in enumerate(dict.fromkeys(row.system for row in rows)):
-            # Ten colours; the further systems have another marker.
-            color, marker = f'C{k % 10}', '.' if k < 10 else 's'
+            # Ten colours, then their light shades.
+            color = matplotlib.colormaps['tab20'](2 * k % 20 + k // 10)
             best, printed = (
                 [row for row in rows if (row.system, row.edition) == (system, edition)]
                 for edition in (BEST_KNOWN, AS_PRINTED)
             )
             n, cells = [row.n for row in best], [row.cells[kind] for row in best]
             measured = [cell.measured for cell in cells]
-            axes.loglog(n, measured, color=color, marker=marker, ms=4, label=_title(best[0]))
+            axes.loglog(n, measured, color=color, marker='.', ms=4, label=_title(best[0]))
             if cells[0].claimed is not None:
                 claimed = [cell.claimed for cell in cells]
                 axes.loglog(n, claimed, color=color, linestyle='--', lw=0.8)
@@ -349,6 +351,7 @@ def _draw(rows: Sequence[Row], figure: Any) -> None:
                 counts = [row.cells[kind].measured for row in printed]
                 axes.loglog(n, counts, color=color, linestyle=':')
         over_joints(axes, [2**k for k in range(1, 7)])
+        axes.set_ylabel('steps')
         axes.set_title(f'{kind}, no routes: counted, as printed (dotted), Table 1 (dashed)')
     entries = figure.axes[0].get_legend_handles_labels()
     figure.legend(*entries, loc='outside lower center', ncols=3, fontsize=8, frameon=False)

@@ -199,8 +199,8 @@ def _draw_motions(motions: Sequence[MotionFacts], runs: Sequence[RunPoint], figu
     handles, labels = panels[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc='outside lower center', ncols=LEGEND_COLUMNS, frameon=False)
     figure.suptitle(
-        'Integrators: work against error. Down and left is better; runs that diverged are missing; '
-        'dotted: self-difference of the reference.'
+        'Integrators: work against error. Down and left is better; runs that diverged are '
+        'missing; dotted: self-difference of the reference.'
     )
 
 

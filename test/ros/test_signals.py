@@ -192,6 +192,7 @@ def test_a_signal_while_the_node_starts_ends_it_like_a_later_one(processes: Proc
 @pytest.mark.ros
 @pytest.mark.long
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_hundreds_of_signals_at_any_moment_of_the_first_seconds_end_the_node_cleanly(
     processes: Processes,
 ) -> None:

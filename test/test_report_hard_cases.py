@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 import pinocchio as pin
 import pytest
 from sampling import one_fast
+from tolerances import NOT_ORTHOGONAL, ROUNDED_FRAMES
 from zoo import flywheel, to_pinocchio
 
 import pfd_core as pfd
@@ -117,8 +118,9 @@ def test_at_held_out_states_refined_kernels_keep_five_times_their_predicted_erro
 )
 def test_two_evaluations_in_other_frames_and_the_missed_torque_certify(name: str) -> None:
     _, known = solved(name)
-    assert known.difference < CERTIFICATE
-    assert known.residual < CERTIFICATE
+    certificate = ROUNDED_FRAMES if name in NOT_ORTHOGONAL else CERTIFICATE
+    assert known.difference < certificate
+    assert known.residual < certificate
 
 
 def test_an_error_is_relative_and_infinite_for_an_answer_that_is_not_finite() -> None:

@@ -538,6 +538,7 @@ def test_matrices_that_do_not_fit_the_stack_are_refused(n: int, make: Any) -> No
 
 @pytest.mark.slow
 @pytest.mark.long
+@pytest.mark.timeout(1800)
 def test_thirty_joints_are_linearised_in_threads_of_python() -> None:
     robot = random_chain(np.random.default_rng(1), 30, 0.2)
     many = pfd.Ensemble(robot, 16, integrator='rk4')

@@ -190,13 +190,38 @@ for sim in (
         lambda: sim.step([1.0, 1.0]) if sim.batch == () else sim.rollout(steps=3, threads=2),
         lambda: sim.rollout(np.ones((3, 2))),
     ):
-        threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
         try:
+            threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
             call()
             sys.exit('it was not interrupted')
         except KeyboardInterrupt:
             pass
         assert before == (sim.q.tobytes(), sim.qd.tobytes(), sim.time)
+print('interrupted')
+"""
+# Interrupts while the thread of a long call starts.
+EARLY = """
+import os, random, signal, sys, threading
+import pfd_core as pfd
+from pfd_core.simulation import simulation
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+simulation.SUBSTEPS_AT_MOST = substeps = 2**61
+sim = pfd.Simulator(pfd.load_robot('planar2'), substeps=substeps)
+delays = random.Random(int(sys.argv[1]))
+before = sim.q.tobytes(), sim.qd.tobytes(), sim.time
+for _ in range(int(sys.argv[2])):
+    try:
+        delay = delays.uniform(0.0, 6e-4)
+        threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT)).start()
+        sim.step([1.0, 1.0])
+        sys.exit('it was not interrupted')
+    except KeyboardInterrupt:
+        pass
+    for one in threading.enumerate():
+        if one.name == 'pfd' and one.is_alive():
+            one.join()  # it has ended, or is about to
+    assert before == (sim.q.tobytes(), sim.qd.tobytes(), sim.time)
 print('interrupted')
 """
 # Seconds in which Python starts and code is compiled, however busy the machine.
@@ -206,6 +231,18 @@ PATIENCE = 120
 def test_a_step_of_endless_substeps_is_interrupted_and_leaves_the_state_before_it() -> None:
     done = subprocess.run(
         [sys.executable, '-c', ENDLESS],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.stdout == 'interrupted\n', done.stderr
+
+
+@pytest.mark.parametrize('seed', one_fast(range(3)))
+def test_an_interrupt_while_a_long_step_starts_ends_it_and_its_thread(seed: int) -> None:
+    done = subprocess.run(
+        [sys.executable, '-c', EARLY, str(seed), '200'],
         capture_output=True,
         text=True,
         timeout=PATIENCE,

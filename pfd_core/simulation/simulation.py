@@ -142,7 +142,8 @@ class Simulation(ABC):
         """
         count = c_int64(self.substeps)
         stop = partial(setattr, count, 'value', 0)
-        return run_until_stopped(partial(call, addressof(count)), stop)
+        # The call refers to the number, too, which it reads to its end.
+        return run_until_stopped(lambda: call(addressof(count)), stop)
 
     def _compile(self) -> Any:
         integrator, h = TABLE[self.integrator], self.step_size / self.substeps

@@ -27,6 +27,7 @@ from functools import cache, partial
 from itertools import pairwise
 import math
 import os
+from threading import Thread
 from typing import Any, TypeVar
 
 import numpy as np
@@ -49,6 +50,8 @@ MAX_BLOCK_WORK = 50_000_000
 # Blocks for each thread, unless they become too small: a thread that is delayed by other processes
 # can leave half of its share to others. More blocks cost more than they bring.
 BLOCKS_PER_THREAD = 2
+# Between two looks at signals during a long call [s].
+LOOK_SECONDS = 0.1
 BATCH = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
 
 
@@ -144,10 +147,10 @@ def run(work: Callable[[int, int], int], count: int, block: int, threads: int) -
                     flags |= work(first, min(block, count - first))
         return flags
 
-    workers: list[Future[int]] = []
+    workers: list[Future[int]] = [Future() for _ in range(1, threads)]
     try:
-        for own in range(1, threads):
-            workers += _submitted(partial(take_blocks, own))
+        for own, worker in enumerate(workers, 1):
+            _submit(partial(_fulfil, worker, partial(take_blocks, own)))
         flags = take_blocks(0)
     finally:
         for part in parts:
@@ -167,25 +170,44 @@ def run_until_stopped(call: Callable[[], T], stop: Callable[[], None]) -> T:
     On an exception in the caller (KeyboardInterrupt), `stop` makes the call end early; the
     exception is passed on after that.
     """
-    with ThreadPoolExecutor(1, thread_name_prefix='pfd') as thread:
-        result = thread.submit(call)
-        try:
-            return result.result()
-        except BaseException:
-            stop()
-            raise
-
-
-def _submitted(task: Callable[[], int]) -> list[Future[int]]:
-    """Return the future of a task, or none where no worker can be started."""
+    result: Future[T] = Future()
     try:
-        return [_pool.submit(task)]
+        Thread(target=_fulfil, args=(result, call), name='pfd').start()
+        # A signal just before a wait does not wake it up: Python looks at signals in between.
+        while not wait([result], LOOK_SECONDS).done:
+            pass
+        return result.result()
+    except BaseException:
+        stop()
+        # The thread may have been interrupted while it started: then it does not call.
+        if not result.cancel():
+            wait([result])
+        raise
+
+
+def _fulfil(result: Future[T], call: Callable[[], T]) -> None:
+    """
+    Give a future the result of a call, unless it was cancelled before.
+
+    The caller has the future before the thread that fulfils it: an interrupt at any moment of the
+    start leaves no call that nobody waits for.
+    """
+    if result.set_running_or_notify_cancel():
+        try:
+            result.set_result(call())
+        except BaseException as error:
+            result.set_exception(error)
+
+
+def _submit(task: Callable[[], None]) -> None:
+    """Submit a task to the pool; it is not run where no worker can be started."""
+    try:
+        _pool.submit(task)
     except RuntimeError:
         # The interpreter is about to end, or the system starts no more threads. In the latter
         # case the task is still in the queue, and must not be run later.
         _pool.shutdown(cancel_futures=True)
         _replace_pool()
-        return []
 
 
 def address(array: NDArray[Any]) -> int:

@@ -18,6 +18,13 @@ WARM_UP = 30
 GROWTH = 15_000
 # Far longer than any of the processes takes [s].
 PATIENCE = 3000.0
+# The C library neither returns the end of the heap to the system nor takes it in small pieces:
+# else one piece of 660 kB, kept or not, decides.
+STEADY = {
+    'MALLOC_TRIM_THRESHOLD_': '4000000',
+    'MALLOC_TOP_PAD_': '1000000',
+    'MALLOC_MMAP_THRESHOLD_': '100000000',
+}
 SCRIPT = """
 import gc, os, sys
 import pfd_core as pfd
@@ -46,7 +53,7 @@ def growth(count: int) -> float:
     """Return the memory [B] that a fresh process keeps for each of some compilations."""
     found = subprocess.run(
         [sys.executable, '-c', SCRIPT, str(WARM_UP), str(count)],
-        env=os.environ | {'PFD_CACHE': '', 'PYTHONPATH': os.pathsep.join(sys.path)},
+        env=os.environ | STEADY | {'PFD_CACHE': '', 'PYTHONPATH': os.pathsep.join(sys.path)},
         capture_output=True,
         text=True,
         check=True,

@@ -163,6 +163,7 @@ def test_measurements_on_many_processors_keep_their_order() -> None:
     assert list(each(abs, [-3])) == [3]
 
 
+@NEEDS_TWO
 def test_a_process_that_measures_measures_further_items_itself() -> None:
     both = list(each(ids, [2, 2]))
     assert {one for some in both for one in some}.isdisjoint({os.getpid()})

@@ -310,7 +310,7 @@ def test_a_process_moves_the_arm_with_the_bits_of_a_node_of_the_test(domain: int
         expected = arm.spin(0.3, node)
         node.destroy_node()
     with LockstepArm(**UR5) as arm, ControllerProcess(command_of(fault)) as process:
-        found = arm.spin(0.3, process)
+        found = arm.spin(0.3, process, patience=LOADED, start_patience=PATIENCE)
     assert found.q.tobytes() == expected.q.tobytes()
 
 

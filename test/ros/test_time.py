@@ -77,7 +77,8 @@ def test_an_arm_follows_a_clock_forwards_only_and_logs_its_loss(
     stamps = [stamp_ns(state) for state in peer.states]
     assert (np.diff(stamps) > 0).all()
     assert set(np.diff(stamps) % (2 * MILLISECOND)) == {0}
-    arm.wait_for_text('no /clock for 5 s: simulation paused until it is received again')
+    # The number of seconds in front of it depends on when the arm looks.
+    arm.wait_for_text(' s: simulation paused until it is received again')
     arm.stop()
     summary = read(processes.folder / 'arm.mcap', verify=True)
     assert summary.verdicts[Verdict.STALE] >= 1

@@ -152,7 +152,7 @@ def _summary(findings: Findings, most: int) -> list[str]:
 
 
 def _cost(plain: Point | None, refined: Point | None) -> str:
-    """Return the time of a refined kernel over that of the same method without refinement."""
+    """Return the time of a refined kernel over the time of its method without refinement."""
     ratios = [point.times for point in (plain, refined) if point is not None and point.times]
     return f'{ratios[0] / ratios[1]:.2f}' if len(ratios) == 2 else '-'
 

@@ -79,7 +79,7 @@ class Result:
 
     @property
     def better(self) -> dict[str, float]:
-        """Times by which the default's errors exceed those of other kernels, if above FACTOR."""
+        """Errors of the default over the errors of each other kernel, where above FACTOR."""
         return {
             way: ratio
             for way in WAYS

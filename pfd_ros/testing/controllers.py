@@ -136,8 +136,8 @@ class Controllers:
         if rejected:
             why = f'the last command was rejected, {rejected}'
         elif answers:
-            # The ROS graph has a node for a while after its end, so one that ended before the run
-            # may be among those that left during it: both are named.
+            # The ROS graph shows a node for some time after its end: a node that ended before the
+            # run can disappear during it. The error names all nodes.
             gone = self.seen - now
             there = f'{_told(now)} still runs' if now or not gone else ''
             left = f'{_told(gone)} left the ROS graph' if gone else ''

@@ -135,7 +135,7 @@ def estimated(problem: Problem, dtype: str, method: str = 'auto') -> Estimated:
     """
     Return error estimates of the refined kernel.
 
-    They have a program of their own, as in `Kernel.error_estimate`.
+    A separate program computes them, as in `Kernel.error_estimate`.
     """
     method = choose(problem.plant, method, 1)
     recorded = record_with_first_answer(problem.plant, method, dtype)

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import gc
 import os
 from pathlib import Path
+import sys
 import tempfile
 from typing import Any
 
@@ -20,6 +21,8 @@ from pfd_core.kernels.runtime import jit as engine
 from pfd_core.kernels.runtime import json_cache, processor
 from pfd_core.kernels.runtime.threads import cores
 
+# benchmarks is not installed. At the end: pfd_core and pfd_ros are those that are installed.
+sys.path.append(str(Path(__file__).resolve().parents[1]))
 # Objects between two collections, and collections of one generation between those of the next: a
 # recording makes hundreds of thousands of objects that live on.
 COLLECTED = (50_000, 20, 50)

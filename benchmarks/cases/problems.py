@@ -1,0 +1,260 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Problems: a robot in a scene with seeded states, and the functions that tables of cases name.
+
+The numbers of problems are rounded to float32, so that one reference serves both number formats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from benchmarks.cases.robots import (
+    Array,
+    chain,
+    coaxial,
+    mechanism,
+    rescaled,
+    single,
+    tiny_tip,
+)
+from benchmarks.cases.robots import robot as robot_named
+from pfd_core.algorithms.programs import record_inverse_dynamics
+from pfd_core.machine.emulator import run
+from pfd_core.model import Payload, Plant, Robot, Scene, load_robot, resolve, with_payload
+
+SEED = 1987
+# Seed and number of states for all makers, instead of the values in the tables.
+_DRAWN: ContextVar[tuple[int, int] | None] = ContextVar('drawn', default=None)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """
+    A plant and states of it.
+
+    Attributes
+    ----------
+    plant : Plant
+        Robot and scene.
+    states : dict
+        q, qd and tau, (S, n) each.
+    at_hold : bool
+        Whether tau holds the arm, so that the error is relative to qdd at tau = 0.
+    twin : callable, optional
+        Returns a problem with the same bits of qdd.
+
+    """
+
+    plant: Plant
+    states: dict[str, Array]
+    at_hold: bool = False
+    twin: Callable[[], Problem] | None = None
+
+
+@contextmanager
+def drawing(seed: int, states: int) -> Iterator[None]:
+    """Make all makers draw this number of states from this seed."""
+    token = _DRAWN.set((seed, states))
+    try:
+        yield
+    finally:
+        _DRAWN.reset(token)
+
+
+def problem(
+    robot: Robot,
+    *,
+    scene: Scene | None = None,
+    q: float | Array = np.pi,
+    qd: float = 1.0,
+    tau: float = 1.0,
+    states: int = 1,
+) -> Problem:
+    """Return seeded states: each of q [rad], qd, tau is uniform within +- its bound, or given."""
+    seed, states = _DRAWN.get() or (SEED, states)
+    rng = np.random.default_rng(seed)
+    drawn = {
+        name: reach * rng.uniform(-1.0, 1.0, (states, robot.n))
+        for name, reach in (('q', 1.0 if isinstance(q, np.ndarray) else q), ('qd', qd))
+    }
+    drawn['tau'] = tau * rng.uniform(-1.0, 1.0, (states, robot.n))
+    if isinstance(q, np.ndarray):
+        drawn['q'] = np.tile(q, (states, 1))
+    rounded = {name: single(value) for name, value in drawn.items()}
+    return Problem(resolve(robot, scene), rounded)
+
+
+def seeded_states(n: int, count: int) -> dict[str, Array]:
+    """
+    Return states (count, n), for programs that count iterations and steps.
+
+    Positions are any angle [rad], velocities up to 2 rad/s, torques up to 5 N m, not rounded.
+    """
+    unit = 2 * np.random.default_rng(SEED).random((3, count, n)) - 1
+    return {'q': np.pi * unit[0], 'qd': 2 * unit[1], 'tau': 5 * unit[2]}
+
+
+def scene_of(plant: Plant) -> Scene:
+    """Return the scene of a case's plant, for `plant.robot`; ValueError for other effects."""
+    # The default first: turning gravity back into the base link's axes may round.
+    for gravity in (Scene().gravity, tuple(plant.robot.base_rotation @ plant.gravity)):
+        scene = Scene(
+            gravity=gravity, armature=plant.armature, external_wrench=plant.external_wrench
+        )
+        if resolve(plant.robot, scene).digest == plant.digest:
+            return scene
+    raise ValueError('the plant has effects other than gravity, rotors and a wrench')
+
+
+def rods(n: int, axes: str, q: float = np.pi, qd: float = 1.0, states: int = 1) -> Problem:
+    """Return a chain at states within these bounds [rad, rad/s]."""
+    return problem(chain(n, axes), q=q, qd=qd, states=states)
+
+
+def folded(n: int) -> Problem:
+    """Return a chain in which every link lies on the one before."""
+    return problem(chain(n, 'y'), q=np.array([0.0] + [np.pi] * (n - 1)))
+
+
+def tiny(inertia: float) -> Problem:
+    """Return a chain with a bead of an inertia [kg m^2] at its tip."""
+    return problem(tiny_tip(inertia))
+
+
+def arm(name: str, states: int) -> Problem:
+    """Return an arm at ordinary states."""
+    return problem(robot_named(name), qd=2.0, tau=5.0, states=states)
+
+
+def pushed(name: str, force: float, states: int) -> Problem:
+    """Return an arm with a wrench on its last link, up to `force` [N] and as much moment [N m]."""
+    drawn = problem(
+        robot_named(name), scene=Scene(external_wrench=True), qd=2.0, tau=5.0, states=states
+    )
+    rng = np.random.default_rng([SEED, len(drawn.states['q'])])
+    wrench = single(force * rng.uniform(-1.0, 1.0, (len(drawn.states['q']), 6)))
+    return replace(drawn, states=drawn.states | {'wrench': wrench})
+
+
+def payload() -> Problem:
+    """Return panda with a load a million times heavier than its links."""
+    load = Payload(1e6, (0.0, 0.0, 0.125), 1e3 * np.eye(3))
+    return problem(load_robot('panda'), scene=Scene(payload=load))
+
+
+def wrist(q5: float) -> Problem:
+    """Return puma560 with a wrist that is nearly straight; q5 in rad."""
+    return problem(load_robot('puma560'), q=np.array([0.3, -0.5, 0.7, 1.1, q5, -0.4]))
+
+
+def heavy_tip(n: int, axes: str) -> Problem:
+    """Return a chain whose last link weighs 1e8 kg."""
+    return problem(chain(n, axes, masses={n - 1: 1e8}))
+
+
+def one_link(index: int, mass: float) -> Problem:
+    """Return a chain of six in which one link has another mass [kg]."""
+    return problem(chain(6, 'yz', masses={index: mass}))
+
+
+def far(distance: float) -> Problem:
+    """Return a chain with its base at a distance [m]; its twin is at the origin."""
+
+    def at(x: float) -> Problem:
+        return problem(replace(chain(6, 'yz'), base_position=np.array([x, 0.0, 0.0])))
+
+    return replace(at(distance), twin=partial(at, 0.0))
+
+
+def scaled(length: float, mass: float) -> Problem:
+    """Return a chain in other units of length and mass, powers of two: the bits are the same."""
+    plain = problem(chain(6, 'yz'), scene=Scene(gravity=(0.0, 0.0, -9.8125)))
+    scene = Scene(gravity=(0.0, 0.0, -9.8125 * length))
+    states = plain.states | {'tau': plain.states['tau'] * mass * length**2}
+    plant = resolve(rescaled(plain.plant.robot, length, mass), scene)
+    return Problem(plant, states, twin=lambda: plain)
+
+
+def collinear(inertia: float, load: float = 0.0) -> Problem:
+    """Return two coaxial joints with an inertia [kg m^2] between them and a point load [kg]."""
+    robot = coaxial(inertia)
+    if load:
+        robot = with_payload(robot, Payload(load))
+    return problem(robot)
+
+
+def mixed() -> Problem:
+    """Return a chain of rods of 1 m and 1 kg, and of 1 mm and 1 mg."""
+    lengths = np.where(np.arange(6) % 2, 2.0**-10, 1.0)
+    return problem(chain(6, 'yz', lengths=lengths, masses={1: 1e-6, 3: 1e-6, 5: 1e-6}))
+
+
+def rotors() -> Problem:
+    """Return a chain with rotor inertias of 1e6 kg m^2 at every second joint."""
+    return problem(chain(6, 'yz'), scene=Scene(armature=(1e6, 0.0, 1e6, 0.0, 1e6, 0.0)))
+
+
+def static_hold() -> Problem:
+    """Return a chain in equilibrium under its torques, apart from rounding to float32."""
+    moving = problem(chain(12, 'yz'), qd=0.0)
+    state = {'q': moving.states['q'], 'qd': moving.states['qd']}
+    program = record_inverse_dynamics(moving.plant, 'parallel')
+    tau = run(program, state | {'qdd': np.zeros_like(state['q'])})['tau']
+    return Problem(moving.plant, state | {'tau': single(tau)}, at_hold=True)
+
+
+def lifted(axes: str, lifts: Mapping[int, float]) -> Problem:
+    """Return a mechanism with distances along joints' own axes to the next joints [m]."""
+    return problem(mechanism(axes, lifts=lifts))
+
+
+def dropped(axes: str, index: int, distance: float) -> Problem:
+    """Return a mechanism in which the origin of one frame lies far along its joint's axis [m]."""
+    return problem(mechanism(axes, drops={index - 1: distance}, lifts={index: distance}))
+
+
+def slides(axes: str) -> Problem:
+    """Return a mechanism of equal rods with prismatic joints."""
+    return problem(mechanism(axes))
+
+
+def weighed(axes: str, masses: Mapping[int, float]) -> Problem:
+    """Return a mechanism in which some links have other masses [kg]."""
+    return problem(mechanism(axes, masses=masses))
+
+
+def graded(axes: str, ratio: float) -> Problem:
+    """Return a mechanism whose links are each heavier than the one before by a ratio."""
+    return weighed(axes, {k: ratio**k for k in range(len(axes))})
+
+
+def on_one_axis(axes: str, count: int, inertia: float, mass: float = 0.0) -> Problem:
+    """Return a mechanism whose first `count` joints share an axis, with small links between."""
+    between = range(count - 1)
+    robot = mechanism(
+        axes,
+        masses=dict.fromkeys(between, mass),
+        lengths=dict.fromkeys(between, 0.0),
+        inertias=dict.fromkeys(between, inertia),
+    )
+    return problem(robot)
+
+
+def extended(axes: str, reach: float) -> Problem:
+    """Return a mechanism whose slides are up to a distance [m] out; turns stay within pi."""
+    drawn = problem(mechanism(axes))
+    scale = np.array([reach if letter.isupper() else 1.0 for letter in axes])
+    return Problem(drawn.plant, drawn.states | {'q': single(drawn.states['q'] * scale)})
+
+
+def loaded(name: str, mass: float, distance: float) -> Problem:
+    """Return an arm of config/robots with a point load [kg] on a tool of a length [m]."""
+    return problem(with_payload(load_robot(name), Payload(mass, (0.0, 0.0, distance))))

@@ -37,12 +37,15 @@ class Contents:
         How it is reached from Python, and how often in one run.
     loop : str
         The language of the loop over states or steps; '' for a single state.
+    numbers : str
+        Number format, and error and range of sine and cosine.
 
     """
 
     code: str = ''
     call: str = ''
     loop: str = ''
+    numbers: str = 'float64; C library, 1 ulp, any angle'
 
 
 def installed(name: str) -> Any:

@@ -1,0 +1,390 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Textbook algorithms written with CasADi, and the C that it generates, compiled, as a peer.
+
+    forward dynamics   articulated bodies, table 7.1 of Featherstone, Rigid Body Dynamics
+                       Algorithms, 2008, in 6-D vectors; or composite bodies, table 6.2, in 3-D
+                       vectors, with recursive Newton-Euler and L D L^T: fewer operations for the
+                       arms of the pages
+    inverse dynamics   recursive Newton-Euler in 3-D vectors, in the axes of the links
+    bias, gravity      inverse dynamics at zero acceleration, and at rest
+    inertia matrix     composite bodies
+    pose, Jacobian     products of transforms; axes and lever arms of the joints
+    derivatives        -H^-1 times CasADi's Jacobian of inverse dynamics, at the accelerations of
+                       composite bodies
+
+CasADi knows which elements are zero, shares common sub-expressions and writes C, which the
+machine's compiler translates for its processor: the usual way to generate such code today. Loops
+over states and steps are in data/casadi.c. Dense matrices lie in columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import ctypes
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from benchmarks.cases.quantities import FORWARD, argument_names
+from benchmarks.cases.robots import Array, joint_frames
+from benchmarks.peers.native import C, address, built, torques_if_any
+from benchmarks.peers.work import (
+    Contents,
+    LeftOutError,
+    Peer,
+    Side,
+    Work,
+    installed,
+    simulation_side,
+)
+from benchmarks.table import stored_text
+from pfd_core.model import Plant, Robot, resolve
+
+
+class _Casadi:
+    """The module casadi, which is imported when it is first used."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(installed('casadi'), name)
+
+
+casadi: Any = _Casadi()
+GRAVITY = 9.81
+# gcc takes half a minute for this many instructions of CasADi; more than in proportion beyond.
+MOST_INSTRUCTIONS = 30_000
+# Most joints of composite bodies: beyond 12, articulated bodies soon take fewer operations.
+LONGEST = 12
+ARTICULATED, COMPOSITE = 'articulated bodies', 'composite bodies'
+CODE = f'C for this robot, {C}'
+BUFFER = Contents(CODE, "CasADi's buffer(), arguments set before")
+LOOP = Contents(CODE, 'ctypes, once', 'C')
+
+
+@dataclass(frozen=True)
+class _Link:
+    """
+    A link as CasADi's expressions, in the frame that turns with its joint.
+
+    `frame` and `turn` are the rotations, one after the other, into the frame of the joint before;
+    `origin` lies in that frame.
+    """
+
+    turns: bool
+    frame: Any
+    turn: Any
+    origin: Any
+    mass: float
+    center: Any
+    inertia: Any
+
+    def outward(self, x: Any) -> Any:
+        """Return a vector of the frame before in this frame."""
+        return self.turn.T @ (self.frame.T @ x)
+
+    def inward(self, x: Any) -> Any:
+        """Return a vector of this frame in the frame before."""
+        return self.frame @ (self.turn @ x)
+
+
+def _links(robot: Robot, q: Any) -> list[_Link]:
+    found = []
+    for i, (R, p, center, J) in enumerate(joint_frames(robot)):
+        turns, frame, origin, turn = (
+            robot.joint_types[i] != 'prismatic',
+            _exact(R),
+            _exact(p),
+            None,
+        )
+        if turns:
+            c, s, zero = casadi.cos(q[i]), casadi.sin(q[i]), casadi.SX(1, 1)
+            rows = (c, -s, zero), (s, c, zero), (zero, zero, casadi.SX(1))
+            turn = casadi.vertcat(*(casadi.horzcat(*row) for row in rows))
+        else:
+            origin, turn = origin + _exact(R[:, 2]) * q[i], casadi.SX.eye(3)
+        mass = float(robot.masses[i])
+        found.append(_Link(turns, frame, turn, origin, mass, _exact(center), _exact(J)))
+    return found
+
+
+def _exact(values: Array) -> Any:
+    """Return numbers as SX whose zeros CasADi knows."""
+    return casadi.SX(casadi.sparsify(casadi.DM(values)))
+
+
+def _axis() -> Any:
+    return _exact(np.array([0.0, 0, 1]))
+
+
+def _inverse_dynamics(robot: Robot, q: Any, qd: Any, qdd: Any) -> Any:
+    """Return the torques, (n,) of casadi.SX, by the recursive Newton-Euler algorithm."""
+    z, cross, links = _axis(), casadi.cross, _links(robot, q)
+    w, al, a = casadi.SX(3, 1), casadi.SX(3, 1), GRAVITY * z
+    loads = []
+    for i, link in enumerate(links):
+        a = link.outward(a + cross(al, link.origin) + cross(w, cross(w, link.origin)))
+        w, al = link.outward(w), link.outward(al)
+        if link.turns:
+            al, w = al + cross(w, z * qd[i]) + z * qdd[i], w + z * qd[i]
+        else:
+            a = a + 2 * cross(w, z * qd[i]) + z * qdd[i]
+        c, J = link.center, link.inertia
+        force = link.mass * (a + cross(al, c) + cross(w, cross(w, c)))
+        loads.append((force, J @ al + cross(w, J @ w) + cross(c, force)))
+    force, moment, tau = casadi.SX(3, 1), casadi.SX(3, 1), []
+    for link, (own_force, own_moment) in zip(reversed(links), reversed(loads), strict=True):
+        force, moment = own_force + force, own_moment + moment
+        tau.append((moment if link.turns else force)[2])
+        force, moment = link.inward(force), link.inward(moment)
+        moment = moment + cross(link.origin, force)
+    return casadi.vertcat(*reversed(tau))
+
+
+def _inertia_matrix(robot: Robot, q: Any) -> Any:
+    """Return the inertia matrix, (n, n) of casadi.SX, by composite bodies."""
+    n, z, links, skew = robot.n, _axis(), _links(robot, q), casadi.skew
+    # Of the composite bodies: mass, first moment and inertia about the joint's origin.
+    m = [link.mass for link in links]
+    h = [link.mass * link.center for link in links]
+    J = [x.inertia - x.mass * skew(x.center) @ skew(x.center) for x in links]
+    H = casadi.SX(n, n)
+    for j in reversed(range(n)):
+        own = links[j]
+        force = casadi.cross(z, h[j]) if own.turns else m[j] * z
+        moment = J[j] @ z if own.turns else casadi.cross(h[j], z)
+        for i in range(j, -1, -1):
+            H[i, j] = H[j, i] = (moment if links[i].turns else force)[2]
+            force = links[i].inward(force)
+            moment = links[i].inward(moment) + casadi.cross(links[i].origin, force)
+        if j > 0:
+            r, first = own.origin, own.inward(h[j])
+            turned = own.frame @ (own.turn @ J[j] @ own.turn.T) @ own.frame.T
+            shift = skew(r) @ skew(first) + skew(first) @ skew(r) + m[j] * skew(r) @ skew(r)
+            J[j - 1] = J[j - 1] + turned - shift
+            h[j - 1] = h[j - 1] + first + m[j] * r
+            m[j - 1] += m[j]
+    return H
+
+
+def _composite_body(
+    robot: Robot, q: Any, qd: Any, tau: Any, *, armature: Array | None = None
+) -> Any:
+    """Return the accelerations, (n,) of casadi.SX, by composite bodies and L D L^T."""
+    n, H = robot.n, _inertia_matrix(robot, q)
+    if armature is not None:
+        H = H + casadi.diag(_exact(armature))
+    x = [tau[i] - b for i, b in enumerate(casadi.vertsplit(_bias_torques(robot, q, qd)))]
+    L, D, inverse = casadi.SX(n, n), list[Any](), list[Any]()
+    for j in range(n):
+        D.append(H[j, j] - sum(L[j, k] ** 2 * D[k] for k in range(j)))
+        inverse.append(1 / D[j])
+        for i in range(j + 1, n):
+            L[i, j] = (H[i, j] - sum(L[i, k] * L[j, k] * D[k] for k in range(j))) * inverse[j]
+    for i in range(n):
+        x[i] = x[i] - sum(L[i, k] * x[k] for k in range(i))
+    x = [own * part for own, part in zip(x, inverse, strict=True)]
+    for i in reversed(range(n)):
+        x[i] = x[i] - sum(L[k, i] * x[k] for k in range(i + 1, n))
+    return casadi.vertcat(*x)
+
+
+def _articulated_body(
+    robot: Robot, q: Any, qd: Any, tau: Any, *, armature: Array | None = None
+) -> Any:
+    """Return the accelerations, (n,) of casadi.SX, by articulated bodies; gravity along -z."""
+    SX, n = casadi.SX, robot.n
+    X, S, inertia = (list[Any]() for _ in range(3))
+    for link in _links(robot, q):
+        # Motion vectors, angular part first, from the frame of the joint before; inertia.
+        E, zero = link.turn.T @ link.frame.T, SX(3, 3)
+        below = casadi.horzcat(-E @ casadi.skew(link.origin), E)
+        X.append(casadi.vertcat(casadi.horzcat(E, zero), below))
+        S.append(_exact(np.eye(6)[2 if link.turns else 5]))
+        C, m = casadi.skew(link.center), link.mass
+        above = casadi.horzcat(link.inertia - m * C @ C, m * C)
+        inertia.append(casadi.vertcat(above, casadi.horzcat(-m * C, m * SX.eye(3))))
+    v, c, bias = (list[Any]() for _ in range(3))
+    for i in range(n):
+        own = S[i] * qd[i]
+        v.append(own if i == 0 else X[i] @ v[i - 1] + own)
+        c.append(_motion_cross(v[i]) @ own)
+        bias.append(-_motion_cross(v[i]).T @ inertia[i] @ v[i])
+    U, D, u = [SX()] * n, [SX()] * n, [SX()] * n
+    for i in reversed(range(n)):
+        U[i] = inertia[i] @ S[i]
+        D[i] = S[i].T @ U[i] + (0.0 if armature is None else float(armature[i]))
+        u[i] = tau[i] - S[i].T @ bias[i]
+        if i > 0:
+            Ia = inertia[i] - (U[i] / D[i]) @ U[i].T
+            pa = bias[i] + Ia @ c[i] + U[i] * (u[i] / D[i])
+            inertia[i - 1] = inertia[i - 1] + X[i].T @ Ia @ X[i]
+            bias[i - 1] = bias[i - 1] + X[i].T @ pa
+    # The acceleration of the base is equivalent to gravity.
+    a, qdd = _exact(np.array([0, 0, 0, 0, 0, GRAVITY])), []
+    for i in range(n):
+        a = X[i] @ a + c[i]
+        qdd.append((u[i] - U[i].T @ a) / D[i])
+        a = a + S[i] * qdd[i]
+    return casadi.vertcat(*qdd)
+
+
+def _motion_cross(v: Any) -> Any:
+    """Return the matrix of the product of motion vectors, (6, 6); -transposed, of forces."""
+    w = casadi.skew(v[:3])
+    above = casadi.horzcat(w, casadi.SX(3, 3))
+    return casadi.vertcat(above, casadi.horzcat(casadi.skew(v[3:]), w))
+
+
+def _bias_torques(robot: Robot, q: Any, qd: Any) -> Any:
+    return _inverse_dynamics(robot, q, qd, casadi.SX(robot.n, 1))
+
+
+def _gravity_torques(robot: Robot, q: Any) -> Any:
+    return _bias_torques(robot, q, casadi.SX(robot.n, 1))
+
+
+def _poses(robot: Robot, q: Any) -> list[tuple[Any, Any]]:
+    """Return rotation and origin of each joint's frame and of the tip, in the base link's."""
+    R, p, poses = casadi.SX.eye(3), casadi.SX(3, 1), []
+    for link in _links(robot, q):
+        R, p = R @ link.frame @ link.turn, p + R @ link.origin
+        poses.append((R, p))
+    for turn, shift in (robot.rotations[-1], robot.translations[-1]), robot.frame().placement:
+        R, p = R @ _exact(turn), p + R @ _exact(shift)
+    return [*poses, (R, p)]
+
+
+def _tip_pose(robot: Robot, q: Any) -> Any:
+    R, p = _poses(robot, q)[-1]
+    return casadi.vertcat(casadi.horzcat(R, p), casadi.SX([[0, 0, 0, 1]]))
+
+
+def _tip_jacobian(robot: Robot, q: Any) -> Any:
+    *poses, (_, tip) = _poses(robot, q)
+    columns = []
+    for kind, (R, p) in zip(robot.joint_types, poses, strict=True):
+        axis, turns = R[:, 2], kind != 'prismatic'
+        parts = (casadi.cross(axis, tip - p), axis) if turns else (axis, casadi.SX(3, 1))
+        columns.append(casadi.vertcat(*parts))
+    return casadi.horzcat(*columns)
+
+
+def _derivatives(robot: Robot, q: Any, qd: Any, tau: Any) -> Any:
+    n, qdd = robot.n, casadi.SX.sym('qdd', robot.n)
+    torques = _inverse_dynamics(robot, q, qd, qdd)
+    D = casadi.jacobian(torques, casadi.vertcat(q, qd))
+    D = casadi.substitute(D, qdd, casadi.cse(_composite_body(robot, q, qd, tau)))
+    factors = casadi.ldl(casadi.densify(_inertia_matrix(robot, q)), False)
+    rows = casadi.horzcat(-D, casadi.SX.eye(n))
+    return casadi.ldl_solve(casadi.densify(rows), *factors)
+
+
+METHODS: dict[str, Callable[..., Any]] = {
+    ARTICULATED: _articulated_body,
+    COMPOSITE: _composite_body,
+}
+ALGORITHMS: dict[str, Callable[..., Any]] = {
+    'inverse_dynamics': _inverse_dynamics,
+    'inertia_matrix': _inertia_matrix,
+    'bias_torques': _bias_torques,
+    'gravity_torques': _gravity_torques,
+    'tip_pose': _tip_pose,
+    'tip_jacobian': _tip_jacobian,
+    'derivatives': _derivatives,
+}
+
+
+def function_of(
+    robot: Robot, quantity: str = FORWARD, method: str = ARTICULATED, armature: Array | None = None
+) -> Any:
+    """Return a quantity as casadi.Function `arm`; LeftOutError for one that is too large."""
+    installed('casadi')
+    if quantity != FORWARD and quantity not in ALGORITHMS:
+        raise LeftOutError('not implemented with CasADi here')
+    if quantity == FORWARD and method == COMPOSITE and robot.n > LONGEST:
+        raise LeftOutError(f'beyond {LONGEST} joints {ARTICULATED} are measured')
+    algorithm = ALGORITHMS.get(quantity) or partial(METHODS[method], armature=armature)
+    given = [casadi.SX.sym(name, robot.n) for name in argument_names(quantity)]
+    arm = casadi.Function('arm', given, [casadi.cse(casadi.densify(algorithm(robot, *given)))])
+    count = arm.n_instructions()
+    if count > MOST_INSTRUCTIONS:
+        raise LeftOutError(f'its C has {count} instructions and takes minutes to compile')
+    return arm
+
+
+def source_of(arm: Any) -> str:
+    """Return CasADi's C of a function."""
+    generator = casadi.CodeGenerator('arm.c')
+    generator.add(arm)
+    return str(generator.dump())
+
+
+class Casadi(Peer):
+    """
+    CasADi's C of one quantity of a robot, or of forward dynamics of a plant, compiled and loaded.
+
+    The ways are CasADi's own buffer() for one state, and loops in C.
+
+    Attributes
+    ----------
+    library : ctypes.CDLL
+        data/casadi.c around CasADi's function. `library.rollout`, of forward dynamics, is the
+        native function of a simulation.
+
+    """
+
+    def __init__(
+        self, robot: Robot | Plant, quantity: str = FORWARD, method: str = ARTICULATED
+    ) -> None:
+        plant = self.plant = robot if isinstance(robot, Plant) else resolve(robot, None)
+        arm = function_of(plant.robot, quantity, method, plant.armature)
+        self.quantity, self.shape = quantity, arm.size_out(0)
+        self.name = f'CasADi C{f" {method}" * (quantity == FORWARD)}'
+        sizes = {'N': plant.robot.n, 'ARGUMENTS': arm.n_in(), 'ELEMENTS': arm.numel_out(0)}
+        sizes |= {'SZ_ARG': arm.sz_arg(), 'SZ_RES': arm.sz_res()}
+        sizes |= {'SZ_IW': arm.sz_iw() + 1, 'SZ_W': arm.sz_w() + 1}
+        defines = [f'#define {name} {size}' for name, size in sizes.items()]
+        defines += ['#define FORWARD'] * (quantity == FORWARD)
+        with built(C, '\n'.join([source_of(arm), *defines, stored_text('casadi.c')])) as path:
+            self.library, self.external = ctypes.CDLL(str(path)), casadi.external('arm', str(path))
+        # Arrays whose addresses native code holds.
+        self.kept: list[object] = []
+
+    def rollout(
+        self, step: float, q: Array, qd: Array, taus: Array, substeps: int = 1
+    ) -> partial[None]:
+        """Return a call that moves q and qd, (n,), in place, as PinocchioCpp.rollout does."""
+        steps = (ctypes.c_longlong(len(taus)), ctypes.c_longlong(substeps), ctypes.c_double(step))
+        effects, *arrays = map(address, (torques_if_any(self.plant), q, qd, taus))
+        return partial(self.library.rollout, effects, *steps, *arrays)
+
+    def _calls(self, work: Work) -> Iterator[Side]:
+        given = [np.array(x) for x in work.arguments(self.quantity)]
+        out, result = self._results(1)
+        buffer, evaluate = self.external.buffer()
+        for k, x in enumerate(given):
+            buffer.set_arg(k, x.data)
+        buffer.set_res(0, out.data)
+        self.kept.append((given, buffer))
+        yield Side(f'{self.name}, buffer()', evaluate, lambda: result().ravel(), contents=BUFFER)
+
+    def _batches(self, work: Work) -> Iterator[Side]:
+        given = [np.ascontiguousarray(x) for x in work.arguments(self.quantity)]
+        out, result = self._results(work.units)
+        at = (ctypes.c_void_p * len(given))(*(x.ctypes.data for x in given))
+        self.kept.append((given, at))
+        run = partial(self.library.batch, ctypes.c_longlong(work.units), at, address(out))
+        yield Side(f'{self.name}, loop in C', run, result, contents=LOOP)
+
+    def _rollouts(self, work: Work) -> Iterator[Side]:
+        yield simulation_side(f'{self.name}, RK4 in C', work, self.rollout, LOOP)
+
+    def _results(self, states: int) -> tuple[Array, Callable[[], Array]]:
+        """Return an array for results, and a function that returns them as (states, size)."""
+        rows, columns = self.shape
+        out = np.empty((states, columns, rows))
+        self.kept.append(out)
+        return out, lambda: out.transpose(0, 2, 1).reshape(states, -1)

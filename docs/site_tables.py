@@ -136,7 +136,8 @@ def _type(kind: Any) -> str:
 
 def _qos(end: Any, depth: int) -> str:
     words = 'best effort' if end in endpoints.UNRELIABLE else 'reliable'
-    return f'{words}, {"transient local, " if end in endpoints.LATCHED else ""}depth {depth}'
+    latched = recording.channel_of_end(end).latched
+    return f'{words}, {"transient local, " if latched else ""}depth {depth}'
 
 
 def _topics() -> str:

@@ -7,7 +7,8 @@ Event-driven motion of an arm under dry friction and stops, by another method th
     events           bisection on its output of seventh order, also of a function's minimum
     held joints, impacts    every combination of modes is tried; the one that violates least is it
 
-The laws are those of docs/decisions/0016; nothing else is shared with the simulation.
+The laws are those of docs/decisions/0016-friction-and-stops.md; nothing else is shared with the
+simulation.
 """
 
 from __future__ import annotations

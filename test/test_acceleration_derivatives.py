@@ -373,7 +373,7 @@ def test_the_answer_of_any_method_has_the_same_derivatives(method: str) -> None:
 
 @pytest.mark.parametrize('method', METHODS[:2])
 def test_refined_answers_and_the_derivatives_of_torques_there_have_all_digits(method: str) -> None:
-    # A tip of 1e6 kg costs half of the digits of grouped parameters (docs/decisions/0015).
+    # A tip of 1e6 kg costs half of the digits of grouped parameters.
     robot, given, _ = arm('panda')
     plant = resolve(robot, pfd.Scene(payload=pfd.Payload(1e6, (0.1, 0.2, 0.3), 1e4 * np.eye(3))))
     own = record_forward_dynamics(plant, 'articulated_body', 'sequential')

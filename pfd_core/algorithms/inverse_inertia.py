@@ -16,7 +16,7 @@ pfd_core.algorithms.refinement does for accelerations.
 
 A factor loses digits with the condition number of H. Articulated bodies keep them where joints
 are coaxial, a refined column also where the tip is heavy
-(docs/decisions/0052-accurate-derivatives.md).
+(docs/decisions/0017-derivatives.md).
 
 One register holds one number.
 """

@@ -11,8 +11,7 @@ if none is within it, as on all chains of LONG joints and more
 For derivatives the rounding error of the inverse X of the inertia matrix is measured
 (`inverse_roundings`): their other factor, the derivatives of inverse dynamics, is the same for all
 methods. The first method within its limit in MOST_INVERSE is taken, for X and for the
-accelerations, or a step of refinement of both
-(docs/decisions/0052-accurate-derivatives.md).
+accelerations, or a step of refinement of both.
 
 The rest of this text is about the method of a step of a simulation, and of a refined kernel.
 
@@ -26,8 +25,9 @@ A pivot d_i of the inertia matrix H is what is left of the diagonal h_ii after t
 to the tip are eliminated. The answer of composite bodies loses a factor of up to max h_ii / d_i.
 Beyond LARGEST_LOSS a plain kernel uses articulated bodies with the parameters as given,
 which subtract no such large numbers. A step of refinement squares the loss, in units of u: it is
-corrected up to u^-1/2. Beyond LARGEST_LOSS_REFINED a refined kernel uses articulated bodies
-(docs/decisions/0015-auto-under-refinement.md, 0024-accuracy-of-the-default.md).
+corrected up to u^-1/2. Beyond LARGEST_LOSS_REFINED a refined kernel uses articulated bodies. The
+condition number of the scaled H would decide alike, but needs LAPACK; pivots need products and
+differences in a fixed order, so every machine makes the same choice.
 """
 
 from __future__ import annotations

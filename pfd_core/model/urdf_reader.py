@@ -34,7 +34,7 @@ INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 # inertia of a rotor. Two extensions are read, both in the <actuator> of a <transmission> with one
 # joint: Drake's <drake:rotor_inertia value> with <drake:gear_ratio value>, and <motorInertia> with
 # the format's <mechanicalReduction>. A reduction alone is ambiguous: most files have 1 or its
-# inverse there (docs/decisions/0013-motor-torques.md).
+# inverse there.
 ROTORS = {'rotor_inertia': 'gear_ratio', 'motorInertia': 'mechanicalReduction'}
 BOUNDS, LARGEST_VALUES, LOSSES = (
     ('lower', 'upper'),

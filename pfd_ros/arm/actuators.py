@@ -9,7 +9,7 @@ the effort in joint_states is exactly the effort that acted. It is the effort af
 without friction and without the torque of gravity compensation: commands and states have one
 convention. Motors with a lag follow it.
 
-See docs/decisions/0019-limits-of-actuators.md and 0032-one-table-of-effects.md.
+See docs/decisions/0033-one-state-one-step.md and 0032-one-table-of-effects.md.
 """
 
 from __future__ import annotations

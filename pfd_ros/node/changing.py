@@ -4,8 +4,8 @@
 
 A first payload needs new native code, which takes some tenths of a second to compile. A thread
 compiles it before the event reaches the arm, so neither the stepping thread nor the executor waits
-for it. Of the changes received meanwhile only the newest are applied.
-See docs/decisions/0020-changes-while-the-arm-runs.md.
+for it. Of the changes received meanwhile only the newest are applied. Between two compilations
+the thread pauses, since it shares the interpreter with the stepping thread.
 """
 
 from __future__ import annotations

@@ -8,7 +8,8 @@
     rate       parameter           speed, as a multiple of the log's
 
 One thread: callbacks run while the player waits for the next message. replay.schedule determines
-when a message is sent. See docs/decisions/0037-publishing-a-log.md.
+when a message is sent. `seek_to` is a parameter, since no type of std_srvs has a time, and setting
+a parameter is answered with a reason.
 """
 
 from __future__ import annotations

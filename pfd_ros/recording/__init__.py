@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The MCAP files of a run, written and read; see docs/decisions/0004.
+"""The MCAP files of a run, written and read.
 
     format          the format's version, roles, types, columns, bounds, for writer and reader
     digests         digests of everything in the file that decides a run or its reading

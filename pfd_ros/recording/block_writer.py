@@ -5,7 +5,7 @@
 The package `mcap` packs the rare records. A message, a chunk, its index and its entry in the
 summary are each packed as a whole: the writer of that package packs every field of every message
 by itself, and sets up a compressor for each chunk. The bytes of the file are the same.
-See docs/decisions/0051. Source: the MCAP format specification, version 0.
+Source: the MCAP format specification, version 0.
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 """The format of a recording: names, roles, types, columns, bounds.
 
 A role is the purpose of a topic for the node; topics may be remapped, roles are fixed. Everything
-here is written into files and changes only with FORMAT.
-See docs/decisions/0004-recording-layout.md.
+here is written into files and changes only with FORMAT. See docs/reference/recording.md.
 """
 
 from __future__ import annotations

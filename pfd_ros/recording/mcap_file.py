@@ -1,9 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Write the MCAP file of a recording: head, channels, messages, last record, and their digests.
-
-See docs/decisions/0004-recording-layout.md.
-"""
+"""Write the MCAP file of a recording: head, channels, messages, last record, and their digests."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@
 The package `mcap` parses the fields of a record. Recordings may come from anybody, so this module
 adds checks that the readers of that package lack: lengths are compared with the file before
 anything is read, chunks are decompressed up to a bound, every checksum is compared, and a record
-must have the bytes that the package would write for it. See docs/decisions/0010 and 0031.
+must have the bytes that the package would write for it.
 Source: the MCAP format specification, version 0.
 """
 

@@ -7,7 +7,6 @@ after half of the flush period, and syncs once a second, so that a killed proces
 a flush period and a power cut little more than a second. It does so between two steps of the arm,
 if the stepping thread calls `between_steps`, and else a little later.
 A fault of the disk or of the thread is reported and does not stop the arm.
-See docs/decisions/0004-recording-layout.md and 0051-recording-between-steps.md.
 """
 
 from __future__ import annotations

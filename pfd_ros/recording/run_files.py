@@ -6,7 +6,6 @@ A new file begins with the message of the whole arm's state at which the limit i
 that message come the first messages of the run (the robot's URDF and the frames that never move)
 and the inputs that no cycle has taken yet; both are repeated, with their numbers. The file before
 ends with its end record, whose digest the head of the new file has.
-See docs/decisions/0039-files-of-a-recording.md.
 """
 
 from __future__ import annotations

@@ -225,7 +225,7 @@ def test_flood_of_inputs_without_rows_takes_bounded_memory(run: Recording, tmp_p
         ('panda', {'noise_position': 1e-3, 'outputs': ('energy', 'tip_pose')}),
     ],
 )
-def test_a_state_has_the_size_that_the_decision_promises(robot: str, settings: dict) -> None:
+def test_a_state_has_a_bounded_size_by_joints_and_delay(robot: str, settings: dict) -> None:
     chosen = Settings(robot=robot, **settings)
     engine = Engine(chosen, load_robot(chosen))
     n = engine.arm.robot.n

@@ -11,8 +11,10 @@ a member from the same numbers in whichever block it lies: the bits of a result 
 the number of threads nor on the order in which blocks are taken.
 
 A small batch is computed by the caller alone, and a block has an upper bound, so that a signal is
-answered in time. Work is counted in operations on vector registers. See
-docs/decisions/0007-threads.md.
+answered in time. Work is counted in operations on vector registers.
+
+The pool is of the standard library, which joins its workers before the interpreter ends. Helper
+threads in native code outlived the code that they ran, and crashed half of the processes at exit.
 """
 
 from __future__ import annotations

@@ -18,9 +18,6 @@ import pytest
 from tolerances import DYNAMICS
 
 import pfd_core as pfd
-from pfd_core.algorithms.programs import record_inverse_dynamics
-from pfd_core.algorithms.quantities import RECORDERS
-from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.quantities import EVERYTHING, QUANTITIES
 from pfd_core.model import resolve
 
@@ -225,16 +222,3 @@ def test_the_readmes_quantities_are_those_of_one_equation_of_motion() -> None:
     qdd = pfd.forward_dynamics(names['robot'], q, qd, tau, scene=names['sim'].scene)
     np.testing.assert_allclose(names['H'] @ qdd + names['bias'], tau, rtol=1e-10)
     assert (names['A'].shape, names['B'].shape) == ((12, 12), (12, 6))
-
-
-def test_the_changelog_has_the_operations_of_inverse_dynamics() -> None:
-    page = ' '.join((FOLDER.parent.parent / 'CHANGELOG.md').read_text(encoding='utf-8').split())
-    plant = resolve(pfd.load_robot('ur5'))
-    programs = (
-        RECORDERS['inverse_dynamics'](plant, None),
-        record_inverse_dynamics(plant, 'sequential'),
-    )
-    counts = [operations(lower(program, 'float64').compiled) for program in programs]
-    # Changes of sign apart.
-    now, before = (sum(count.values()) - count.get('neg', 0) for count in counts)
-    assert f'of a UR5 takes {now} arithmetic operations instead of {before}' in page

@@ -9,7 +9,7 @@ NAME = 'pfd_ros'
 ROBOTS = glob('config/robots/*')
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 REPORT = ['matplotlib', 'mpmath']
-# Peers of `pfd report` other than Pinocchio, Eigen's headers for its C++, and public arms.
+# Peers of benchmarks other than Pinocchio, Eigen's headers for its C++, and public arms.
 PEERS = ['casadi', 'mujoco', 'cmeel-eigen', 'example-robot-data']
 # Completion of `pfd` in shells, as ros2 and colcon have it.
 COMPLETION = ['argcomplete']

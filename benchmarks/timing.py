@@ -212,8 +212,11 @@ def _differences(sides: Sequence[Side]) -> list[float | None]:
     reference = next((side for side in sides if side.reference), None)
     if reference is None:
         return [None] * len(sides)
-    wanted = np.array((reference.wanted or reference.result)(), float)
-    return [largest_difference(side.result(), wanted) for side in sides]
+    common = (reference.wanted or reference.result)()
+    return [
+        largest_difference(side.result(), np.array(side.wanted() if side.wanted else common, float))
+        for side in sides
+    ]
 
 
 def differences(found: NDArray[Any], wanted: NDArray[Any]) -> NDArray[Any]:

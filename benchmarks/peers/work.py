@@ -131,7 +131,8 @@ class Side:
     reference : bool
         Whether the times of the other sides are compared with the times of this side.
     wanted : callable, optional
-        Returns the result to compare with, if it is not the reference's own.
+        Returns the result to compare with: of the reference, with all sides, if it is not its
+        own; of another side, with this one.
     contents : Contents
         What the time of `run` contains.
     failure : callable, optional

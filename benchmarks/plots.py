@@ -9,6 +9,7 @@ Colours by Okabe and Ito, which colour-blind readers can distinguish; markers di
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -76,3 +77,50 @@ def mark(colour: str, marker: str, label: str, **style: Any) -> Any:
     from matplotlib.lines import Line2D
 
     return Line2D([], [], color=colour, marker=marker, linestyle='', label=label, **style)
+
+
+# ---- elements of pictures in SVG: plain text, the same bytes everywhere ----
+
+LINE = '#444444'
+
+
+def svg(width: float, height: float, title: str, body: Iterable[str]) -> str:
+    """Return a picture of a size [pixels] with a title for screen readers."""
+    size = f'width="{width:g}" height="{height:g}"'
+    head = f'<marker id="head" viewBox="0 0 8 8" refX="7" refY="4" fill="{LINE}" orient="auto"'
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {width:g} {height:g}"',
+        f' font-family="sans-serif"><title>{escape(title)}</title>',
+        f'<defs>{head} markerWidth="7" markerHeight="7"><path d="M0 0L8 4L0 8z"/></marker></defs>',
+        f'<rect {size} fill="white"/>',
+        *body,
+        '</svg>',
+    ]
+    return '\n'.join(lines) + '\n'
+
+
+def words(
+    x: float, y: float, text: object, size: float = 11, anchor: str = 'start', colour: str = BLACK
+) -> str:
+    """Return text at a place; `anchor` is 'start', 'middle' or 'end'."""
+    style = f'font-size="{size:g}" text-anchor="{anchor}" fill="{colour}"'
+    return f'<text x="{x:g}" y="{y:g}" {style}>{escape(str(text))}</text>'
+
+
+def arrow(x: float, y: float, to_x: float, to_y: float, colour: str = LINE) -> str:
+    """Return an arrow between two places."""
+    ends = f'x1="{x:g}" y1="{y:g}" x2="{to_x:g}" y2="{to_y:g}"'
+    return f'<line {ends} stroke="{colour}" marker-end="url(#head)"/>'
+
+
+def box(
+    x: float, y: float, width: float, height: float, fill: str = 'none', colour: str = LINE
+) -> str:
+    """Return a rectangle by its centre."""
+    place = f'x="{x - width / 2:g}" y="{y - height / 2:g}" width="{width:g}" height="{height:g}"'
+    return f'<rect {place} fill="{fill}" stroke="{colour}" rx="2"/>'
+
+
+def circle(x: float, y: float, radius: float, fill: str = 'none', colour: str = LINE) -> str:
+    """Return a circle by its centre."""
+    return f'<circle cx="{x:g}" cy="{y:g}" r="{radius:g}" fill="{fill}" stroke="{colour}"/>'

@@ -1,0 +1,231 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Lee and Chang (1987): the counts that it claims, and the steps of every system, recorded.
+
+Formulas are in n with L = ceil(log2 n), h = ceil((n-1)/2), P6 = ceil((n^2-1)/6) and
+P2 = ceil((n^2-1)/2), as printed. TABLE, of data/paper.yaml, has the claims of Table 1 with the
+values printed for n = 6; `parts` is the sum of the counts that the paper derives for parts of a
+method: items (a) to (f) of section 2.5 for PCRBM, (d) and (e) of section 3 for PCGM. The available
+copy is a scan. Of the multiplications of PCRBM in Table 1 it shows P6, 10 h and 4 n; 31 L + 170 is
+from the formula of section 2.5, which prints 2 n instead of 4 n.
+
+A system of the paper has three editions. *As printed*: its procedure step by step, misprints
+included, as far as it can be executed. *Corrected*: changed only where a right result needs it.
+*Best known*: our own, with packing and other formulas. Serial methods have only the last edition,
+since the paper quotes their totals.
+
+Programs are recorded for chains of equal links (`uniform_chain`). On p processors, fewer than
+joints, each has a block of ceil(n / p) links: the program is recorded for them, not derived from
+the count on n. The rotations of the joints are not counted, as in the paper. A cycle of the
+triangular array is one multiplication, one addition where some cell subtracts, and one root where
+some cell takes one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import replace
+from fractions import Fraction
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.cases.robots import uniform_chain
+from benchmarks.table import stored_table
+from pfd_core.algorithms.emulation import arithmetic, in_sections, processors_of
+from pfd_core.algorithms.paper import pcgm_1987, pcrbm_1987
+from pfd_core.algorithms.paper.array_solver import factor
+from pfd_core.algorithms.paper.literal_array import literal_array
+from pfd_core.algorithms.paper.pcrbm_array import SECTION, STREAMS, stream_steps
+from pfd_core.algorithms.paper.triangular_array import DIVIDE, MULTIPLY, solve_steps
+from pfd_core.algorithms.programs import (
+    FORWARD,
+    ITERATIVE,
+    SERIAL,
+    record_forward_dynamics,
+)
+from pfd_core.machine.program import Program, Steps
+from pfd_core.machine.recorder import Schedule
+from pfd_core.model import resolve
+
+KINDS = ('multiplications', 'additions', 'square_roots')
+PRINTED_AT = 6
+AS_PRINTED, CORRECTED, BEST_KNOWN = EDITIONS = ('as printed', 'corrected', 'best known')
+TABLE: dict[str, dict[str, Any]] = stored_table('paper')
+# Systems that the paper does not have.
+BEYOND = {
+    'pcrbm_base_origin': 'PCRBM about the base origin',
+    'divide_and_conquer': 'Divide and conquer, after Featherstone 1999',
+    'constraint_forces': "Constraint forces, after Fijany, Sharf and D'Eleuterio 1995",
+    'composite_body': 'Composite bodies with grouped parameters, for kernels',
+    'grouped_articulated_body': 'Articulated bodies with grouped parameters, for kernels',
+}
+# The procedures of the paper that the first two editions of a system are recorded from.
+PROCEDURES: dict[str, tuple[str, Collection[str]]] = {
+    'pcrbm': ('pcrbm_1987', pcrbm_1987.AS_PRINTED),
+    'pcrbm_array': ('pcrbm_1987', pcrbm_1987.AS_PRINTED),
+    'pcgm': ('pcgm_1987', pcgm_1987.MISPRINTS),
+}
+GIVEN = ('joint rotation', 'rotations')  # the sections that the paper does not count
+VERDICTS = 'true', 'true of a wrong matrix', 'false', 'not decided'
+# Sections of PCRBM that the array executes instead of n processors.
+FACTORISATION = ('set ordering', 'square roots', 'divisions', 'factorisation')
+
+SYMBOLS: dict[str, Callable[[int], Fraction | int]] = {
+    '': lambda n: 1,
+    'n': lambda n: n,
+    'n^2': lambda n: n**2,
+    'n^3/6': lambda n: Fraction(n**3, 6),
+    'h': lambda n: n // 2,
+    'L': lambda n: (n - 1).bit_length(),
+    'n L': lambda n: n * (n - 1).bit_length(),
+    'P6': lambda n: -((1 - n * n) // 6),
+    'P2': lambda n: -((1 - n * n) // 2),
+}
+# Sign, number, which may be mixed as 75 1/2, and symbol of a term.
+TERM = re.compile(r'([+-]?) ?((?:\d+(?: \d+/\d+)?)?) ?((?:[nhLP][\w^/]*(?: L)?)?)(?: |$)')
+
+
+def value(formula: str, n: int) -> Fraction:
+    """Return the value of a printed formula at n."""
+    total = Fraction(0)
+    for sign, number, symbol in TERM.findall(formula):
+        if number or symbol:
+            factor = sum(map(Fraction, number.split())) if number else 1
+            total += (-1 if sign == '-' else 1) * factor * SYMBOLS[symbol](n)
+    return total
+
+
+def claimed(system: str, n: int) -> tuple[Fraction, Fraction]:
+    """Return multiplications and additions of a system by its formulas in Table 1."""
+    multiplications, additions = (value(TABLE[system][kind]['formula'], n) for kind in KINDS[:2])
+    return multiplications, additions
+
+
+def published_serial(n: int) -> float:
+    """Return the least total that a formula of Table 1 gives for a direct serial method."""
+    direct = (name for name in TABLE if name in SERIAL and name not in ITERATIVE)
+    return float(min(sum(claimed(name, n)) for name in direct))
+
+
+def title_of(system: str, edition: str = '') -> str:
+    """Return the name of a system on a page, with an edition if it has several."""
+    title = TABLE[system]['title'] if system in TABLE else BEYOND[system]
+    return f'{title}, {edition}' if edition and system in PROCEDURES else str(title)
+
+
+def editions_of(method: str) -> Sequence[str]:
+    """Return the editions of a method."""
+    return EDITIONS if method in PROCEDURES else (BEST_KNOWN,)
+
+
+def counted_verdicts(found: Iterable[str]) -> str:
+    """Return how many of some verdicts are of each kind, in words."""
+    known = list(found)
+    return ', '.join(f'{known.count(kind)} {kind}' for kind in VERDICTS)
+
+
+class Recording(NamedTuple):
+    """
+    A program of a method for n joints; `processors` None is n, or one for a serial method.
+
+    `schedule` is 'parallel', 'unpacked', which has one lane per link, or 'sequential'.
+    """
+
+    method: str
+    n: int
+    edition: str = BEST_KNOWN
+    schedule: str = 'parallel'
+    processors: int | None = None
+
+
+def program_of(one: Recording) -> Program:
+    """Return a program to count, without the rotations of the joints."""
+    plant, machine = resolve(uniform_chain(one.n)), Schedule(one.schedule, one.processors)
+    if one.edition == BEST_KNOWN:
+        program = record_forward_dynamics(plant, one.method, machine)
+    else:
+        procedure, misprints = PROCEDURES[one.method]
+        printed = misprints if one.edition == AS_PRINTED else ()
+        program = FORWARD[procedure](plant, machine, misprints=printed)
+    kept = tuple(x for x in program.instructions if x.section not in GIVEN)
+    return replace(program, instructions=kept)
+
+
+def steps_of(
+    one: Recording, program: Program, iterations: int = 1, network: str = 'crossbar'
+) -> Steps:
+    """
+    Return the steps of a program on its machine.
+
+    Cells of the array that act in one cycle are one step; a route brings each antidiagonal of H to
+    the rows of the array (pcrbm_array.streams).
+    """
+    steps = program.count(iterations=iterations, network=network)
+    if one.method != 'pcrbm_array':
+        return steps
+    if one.edition == BEST_KNOWN:
+        cycles, on_cells = solve_steps(one.n), (STREAMS, SECTION)
+    else:
+        # The array factors, and n processors substitute. Its actions depend on n alone.
+        trace = (literal_array if one.edition == AS_PRINTED else factor)(np.eye(one.n)).trace
+        dividing, subtracting = trace.cycles_with(DIVIDE), trace.cycles_with(MULTIPLY)
+        cycles = Steps(trace.cycles - dividing, subtracting, dividing, square_roots=one.n)
+        on_cells = FACTORISATION
+    feeding = stream_steps(one.n, program.lanes, network)
+    return steps - in_sections(program, on_cells, network) + cycles + feeding
+
+
+def flat(prefix: str, steps: Steps) -> dict[str, int]:
+    """Return steps as cells of a row; divisions are also multiplications, as in the paper."""
+    counts = {
+        'multiplications': steps.multiplications + steps.divisions,
+        'divisions': steps.divisions,
+        'additions': steps.additions,
+        'square_roots': steps.square_roots,
+        'routes': steps.routes,
+    }
+    return {prefix + kind: count for kind, count in counts.items()}
+
+
+def row(
+    method: str,
+    n: int,
+    edition: str = BEST_KNOWN,
+    processors: int | None = None,
+    iterations: int | None = None,
+) -> dict[str, Any]:
+    """
+    Return the counts of one edition of a method; `iterations`, default n, of an iterative one.
+
+    `units` are the processors and the cells of the array, and `unpacked_...` the steps with one
+    lane per link. `work` is the arithmetic of the program operation by operation, and `own` that
+    of the same algorithm on one processor: its sequential recording or the program itself,
+    whichever is less. So n processors are at most n times as fast.
+    """
+    times = (iterations or n) if method in ITERATIVE else 1
+    # Of a serial method all schedules are the same.
+    schedules = ('parallel',) if method in SERIAL else ('parallel', 'unpacked', 'sequential')
+    ways = [Recording(method, n, edition, schedule, processors) for schedule in schedules]
+    ways[2:] = (way._replace(processors=None) for way in ways[2:])
+    programs = [program_of(way) for way in ways]
+    steps = [
+        steps_of(way, program, times) for way, program in zip(ways[:2], programs, strict=False)
+    ]
+    works = [arithmetic(program.count(1, iterations=times)) for program in programs]
+    lanes = processors or (1 if method in SERIAL else n)
+    return {
+        'system': method,
+        'title': title_of(method, edition),
+        'edition': edition,
+        'n': n,
+        'iterations': times if method in ITERATIVE else None,
+        'processors': lanes,
+        'units': processors_of(method, n, lanes),
+        **flat('', steps[0]),
+        **flat('unpacked_', steps[-1]),
+        'work': works[0],
+        'own': min(works[0], works[-1]),
+    }

@@ -7,12 +7,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bridge import run_program
 import mpmath
 import numpy as np
 from numpy.typing import ArrayLike
 
 import pfd_core as pfd
-from pfd_core.machine.emulator import run
 
 
 def differences(
@@ -37,5 +37,5 @@ def differences(
             for key, size in program.inputs.items()
         }
         at[name] = at[name] + np.concatenate([moves, -moves])
-        values = run(program, at, digits=digits)[output]
+        values = run_program(program, at, digits=digits)[output]
         return np.moveaxis((values[:n] - values[n:]) / (2 * change), 0, -1)

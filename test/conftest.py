@@ -13,14 +13,20 @@ import sys
 import tempfile
 from typing import Any
 
+import bridge
+from bridge import (
+    CACHE_VARIABLE,
+    TARGET_VARIABLE,
+    cache_warned,
+    cache_written,
+    cores,
+    host_target,
+    json_cache_sources,
+)
 from hypothesis import HealthCheck, settings
 import pytest
 
-from pfd_core.kernels.runtime import disk_cache as cache
-from pfd_core.kernels.runtime import jit as engine
-from pfd_core.kernels.runtime import json_cache, processor
-from pfd_core.kernels.runtime.threads import cores
-
+TESTS = str(Path(__file__).resolve().parent)
 # benchmarks is not installed. At the end: pfd_core and pfd_ros are those that are installed.
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 # Objects between two collections, and collections of one generation between those of the next: a
@@ -51,7 +57,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         '--target-cpu',
         metavar='NAME',
-        help=f'compile for another processor, such as x86-64-v3; sets {processor.VARIABLE}',
+        help=f'compile for another processor, such as x86-64-v3; sets {TARGET_VARIABLE}',
     )
 
 
@@ -61,11 +67,15 @@ def pytest_configure(config: pytest.Config) -> None:
     storage = tempfile.TemporaryDirectory(prefix='hypothesis-')
     config.add_cleanup(storage.cleanup)
     os.environ.setdefault('HYPOTHESIS_STORAGE_DIRECTORY', storage.name)
+    # The processes that tests start import bridge too.
+    path = os.environ.get('PYTHONPATH', '').split(os.pathsep)
+    if TESTS not in path:
+        os.environ['PYTHONPATH'] = os.pathsep.join([TESTS, *filter(None, path)])
     cpu = config.getoption('--target-cpu')
     if cpu is not None:
-        os.environ[processor.VARIABLE] = cpu
+        os.environ[TARGET_VARIABLE] = cpu
     try:
-        processor.current()
+        bridge.current_target()
     except ValueError as error:
         raise pytest.UsageError(str(error)) from None
 
@@ -112,8 +122,8 @@ def _mark_sweeps(items: list[pytest.Item]) -> None:
 
 def pytest_report_header() -> str | None:
     """Say which processor it is where it is not this machine's."""
-    cpu = processor.current().cpu
-    return None if cpu == processor.host().cpu else f'kernels are compiled for {cpu}'
+    cpu = bridge.current_target().cpu
+    return None if cpu == host_target().cpu else f'kernels are compiled for {cpu}'
 
 
 def pytest_collection_finish() -> None:
@@ -139,11 +149,11 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a cache folder of the test's own, which is in use and does not exist yet."""
     where = tmp_path / 'cache'
-    monkeypatch.setenv(cache.VARIABLE, str(where))
-    monkeypatch.setattr(json_cache, 'IMPORTED', 0.0)
-    json_cache.sources.cache_clear()
-    cache._warned.clear()
-    cache._written.clear()
+    monkeypatch.setenv(CACHE_VARIABLE, str(where))
+    monkeypatch.setattr(*bridge.target('JSON_CACHE_IMPORTED'), 0.0)
+    json_cache_sources.cache_clear()
+    cache_warned.clear()
+    cache_written.clear()
     return where
 
 
@@ -151,11 +161,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def emitted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return a growing list of the modules of IR that were compiled."""
     modules: list[str] = []
-    emit = engine.emit
+    emit = bridge.emit_object
 
     def counted(ir: str, *rest: Any) -> bytes:
         modules.append(ir)
         return emit(ir, *rest)
 
-    monkeypatch.setattr(engine, 'emit', counted)
+    monkeypatch.setattr(*bridge.target('emit_object'), counted)
     return modules

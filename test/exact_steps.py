@@ -7,12 +7,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from bridge import IMEX_DIAGONAL, INTEGRATOR_TABLE, IntegratedSystem, resolve_plant
 from mpmath import mp, mpf
 import numpy as np
 
 import pfd_core as pfd
-from pfd_core.model import resolve
-from pfd_core.simulation.integrators import IMEX_DIAGONAL, TABLE, System
 
 DIGITS = 50
 # Step of the central differences in 50 digits: their error is its square.
@@ -31,8 +30,8 @@ def ends(
     """Return the states (B, 2n) after a step from q, qd and tau (B, 3n), in 50 digits."""
     n = robot.n
     q, qd, tau = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
-    row = TABLE[integrator]
-    plant = resolve(robot, scene)
+    row = INTEGRATOR_TABLE[integrator]
+    plant = resolve_plant(robot, scene)
     implicit = row.implicit > 0 and plant.damping is not None
     explicit = replace(scene, damping=None) if implicit else scene
 
@@ -45,7 +44,9 @@ def ends(
         rest = pfd.Scene(gravity=None, armature=heavier, payload=scene.payload)
         return pfd.emulate(robot, q, 0 * q, y, scene=rest, digits=DIGITS).qdd
 
-    system = System(accelerations, solve=solve if implicit else None, damping=plant.damping)
+    system = IntegratedSystem(
+        accelerations, solve=solve if implicit else None, damping=plant.damping
+    )
     parts = [q, qd]
     if 'qdd' in row.carried:
         parts.append(accelerations(q, qd, 0))

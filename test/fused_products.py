@@ -8,9 +8,8 @@ import ctypes
 from fractions import Fraction
 import math
 
+from bridge import compile_ir
 import numpy as np
-
-from pfd_core.kernels.runtime.jit import compile_ir
 
 Triple = tuple[np.ndarray, np.ndarray, np.ndarray]
 

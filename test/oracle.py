@@ -6,13 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from bridge import run_program
 import mpmath
 import numpy as np
 import pinocchio as pin
 from zoo import Array, random_chain, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.machine.emulator import run
 
 ARMS = ('puma560', 'ur5', 'planar2', 'panda')
 WRENCH = pfd.Scene(external_wrench=True)
@@ -89,7 +89,7 @@ def assert_bits_of_the_emulator(
     q, qd, tau = (x.astype(dtype) for x in rng.normal(size=(3, count, n)))
     wrench, brakes = rng.normal(size=(count, 6)).astype(dtype), rng.random((count, n)) < 0.3
     inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench, 'free': 1.0 - brakes}
-    emulated = run(kernel.program, inputs, dtype)['qdd']
+    emulated = run_program(kernel.program, inputs, dtype)['qdd']
     assert np.isfinite(emulated).all()
     np.testing.assert_array_equal(kernel(q, qd, tau, wrench, brakes=brakes), emulated)
     one = kernel(q[3], qd[3], tau[3], wrench[3], brakes=brakes[3])

@@ -13,10 +13,10 @@ import sys
 import threading
 import time
 
+import bridge
 import numpy as np
 
 import pfd_core as pfd
-from pfd_core.kernels.runtime import threads
 
 STATUS = 7
 # Nothing is computed for longer, should whoever waits for this process be gone [s].
@@ -126,5 +126,7 @@ WAYS: dict[str, Callable[[int], None]] = {
 STATUSES = {'by SystemExit': STATUS, 'by SIGINT': -signal.SIGINT}
 
 if __name__ == '__main__':
-    threads.MIN_BLOCK_WORK, threads.SINGLE_THREAD_WORK = 1, 0  # a small batch is worth a worker
+    # A small batch is worth a worker.
+    bridge.put('MIN_BLOCK_WORK', 1)
+    bridge.put('SINGLE_THREAD_WORK', 0)
     WAYS[sys.argv[1]](int(sys.argv[2]))

@@ -4,16 +4,15 @@
 
 from __future__ import annotations
 
+from bridge import DrivenMotion, TimingPace
 import numpy as np
 from zoo import joint, link, urdf
 
 import pfd_core as pfd
-from pfd_core.report.cases.excitations import DrivenMotion
-from pfd_core.report.measure.timing import Pace
 
 # Rounding of some hundred steps of a motion of about a radian, and of differences of it.
 ROUNDING = 1e-12
-FAST = Pace(chunk=1e-5, turns=2, budget=0.1)
+FAST = TimingPace(chunk=1e-5, turns=2, budget=0.1)
 WINDOW = 0.1
 # A disc of 0.5 kg m^2 on a vertical axis: gravity does not turn it.
 INERTIA = 0.5

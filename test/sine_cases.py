@@ -7,10 +7,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from bridge import WRAP_LIMIT
 import mpmath
 import numpy as np
-
-from pfd_core.kernels.passes.sincos import WRAP_LIMIT
 
 LARGEST_K = 63662  # WRAP_LIMIT in quarter turns
 SMALLEST_SWEPT = 1e-6  # below it r**3 / 6 is under half a unit in float32, and sin x is x

@@ -8,6 +8,20 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+from bridge import (
+    DERIVATIVE_MODES,
+    Plant,
+    coaxial_robot,
+    derivative_program,
+    lower_program,
+    program_operations,
+    record_acceleration_derivatives,
+    record_derivatives,
+    record_forward_dynamics,
+    report_robot,
+    resolve_plant,
+    run_program,
+)
 from central_differences import differences as central
 import numpy as np
 from oracle import ARMS, Oracle, chains, every, relative
@@ -18,17 +32,6 @@ from tolerances import FIFTY_DIGITS
 from zoo import Array, random_chain, random_state, without_mass
 
 import pfd_core as pfd
-from pfd_core.algorithms.acceleration_derivatives import (
-    record_acceleration_derivatives,
-    record_derivatives,
-)
-from pfd_core.algorithms.programs import record_forward_dynamics
-from pfd_core.kernels.passes.pipeline import lower, operations
-from pfd_core.machine.derivative import MODES, derivative
-from pfd_core.machine.emulator import run
-from pfd_core.model import Plant, resolve
-from pfd_core.report.cases.robots import coaxial
-from pfd_core.report.cases.robots import robot as robot_called
 
 EXACT = ('ur5', 'panda', 'puma560', 'planar2', 'chain4')  # twists whose sine and cosine are exact
 STATE = ('q', 'qd', 'tau')
@@ -83,7 +86,7 @@ def inputs(rng: np.random.Generator, robot: pfd.Robot, scene: pfd.Scene) -> dict
 
 def differences(robot: pfd.Robot, scene: pfd.Scene, given: dict[str, Array]) -> Any:
     """Return central differences of qdd by q, qd and tau, (n, 3 n), on mpmath numbers."""
-    program = record_forward_dynamics(resolve(robot, scene), 'composite_body', 'sequential')
+    program = record_forward_dynamics(resolve_plant(robot, scene), 'composite_body', 'sequential')
     parts = [central(program, given, 'qdd', name, STEP, DIGITS) for name in STATE]
     return np.concatenate(parts, axis=1)
 
@@ -91,14 +94,14 @@ def differences(robot: pfd.Robot, scene: pfd.Scene, given: dict[str, Array]) -> 
 def derivatives(
     robot: pfd.Robot, scene: pfd.Scene, given: dict[str, Array], **options: Any
 ) -> Any:
-    program = record_acceleration_derivatives(resolve(robot, scene))
-    return run(program, given, **options)['derivatives']
+    program = record_acceleration_derivatives(resolve_plant(robot, scene))
+    return run_program(program, given, **options)['derivatives']
 
 
 @cache
 def arm(name: str) -> tuple[pfd.Robot, dict[str, Array], Any]:
     """Return a robot, inputs, and 50-digit differences there, in gravity alone."""
-    robot = robot_called(name)
+    robot = report_robot(name)
     given = inputs(np.random.default_rng(41), robot, pfd.Scene())
     return robot, given, differences(robot, pfd.Scene(), given)
 
@@ -116,11 +119,13 @@ def test_fifty_digits_equal_central_differences_entry_by_entry(name: str) -> Non
 @pytest.mark.parametrize('name', [*EXACT, 'dense6', 'chain12'])
 def test_a_kernel_has_thirteen_digits_of_the_largest_derivative(name: str) -> None:
     robot, given, wanted = arm(name)
-    program = lower(record_acceleration_derivatives(resolve(robot)), 'float64').compiled
-    found = run(program, given)['derivatives']
+    program = lower_program(
+        record_acceleration_derivatives(resolve_plant(robot)), 'float64'
+    ).compiled
+    found = run_program(program, given)['derivatives']
     assert relative(found, wanted) < ROUNDING
     # Row by row, relative to the largest terms of the sums: an entry that cancels has no digits.
-    parts = run(record_derivatives(resolve(robot)), given)
+    parts = run_program(record_derivatives(resolve_plant(robot)), given)
     terms = np.abs(parts['X']) @ np.hstack([np.abs(parts['D']), np.eye(robot.n)])
     assert (np.abs(found - wanted).max(axis=1) <= ROUNDING * terms.max(axis=1)).all()
 
@@ -140,18 +145,18 @@ def by_the_generic_pass(
     robot: pfd.Robot, scene: pfd.Scene, given: dict[str, Array], mode: str
 ) -> Any:
     """Return the derivatives of the program of forward dynamics by the generic pass, (n, 3 n)."""
-    program = record_forward_dynamics(resolve(robot, scene), 'composite_body', 'sequential')
-    parts = run(derivative(program, ['qdd'], STATE, mode), given, digits=50)
+    program = record_forward_dynamics(resolve_plant(robot, scene), 'composite_body', 'sequential')
+    parts = run_program(derivative_program(program, ['qdd'], STATE, mode), given, digits=50)
     return np.concatenate([parts[f'd qdd/d {name}'] for name in STATE], axis=-1)
 
 
-@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('mode', DERIVATIVE_MODES)
 @pytest.mark.parametrize('name', one_fast(EXACT, 'chain4'))
 def test_fifty_digits_equal_those_of_the_generic_pass_in_a_scene_with_everything(
     name: str, mode: str
 ) -> None:
     rng = np.random.default_rng(43)
-    robot = robot_called(name)
+    robot = report_robot(name)
     scene = everything(rng, robot)
     given = inputs(rng, robot, scene)
     found = derivatives(robot, scene, given, digits=50)
@@ -165,15 +170,15 @@ def test_random_chains_equal_the_generic_pass_but_for_rounded_twists(seed: int) 
     scene = everything(rng, robot)
     given = inputs(rng, robot, scene)
     found = derivatives(robot, scene, given)
-    for mode in MODES:
+    for mode in DERIVATIVE_MODES:
         assert relative(found, by_the_generic_pass(robot, scene, given, mode)) < ROUNDING
 
 
 def test_second_derivatives_by_positions_are_symmetric() -> None:
     robot, given, _ = arm('ur5')
-    program = record_acceleration_derivatives(resolve(robot))
+    program = record_acceleration_derivatives(resolve_plant(robot))
     n = robot.n
-    parts = run(derivative(program, ['derivatives'], ['q']), given, digits=50)
+    parts = run_program(derivative_program(program, ['derivatives'], ['q']), given, digits=50)
     by_q = parts['d derivatives/d q'][:, :n]
     assert np.abs(by_q).max() > 1
     assert relative(by_q, by_q.swapaxes(1, 2)) < FIFTY_DIGITS
@@ -182,7 +187,7 @@ def test_second_derivatives_by_positions_are_symmetric() -> None:
 def against_pinocchio(rng: np.random.Generator, robot: pfd.Robot, scene: pfd.Scene) -> float:
     """Return the largest difference from Pinocchio's derivatives, relative to the largest."""
     n = robot.n
-    plant = resolve(robot, scene)
+    plant = resolve_plant(robot, scene)
     given = inputs(rng, robot, scene)
     oracle = Oracle(robot, plant.armature)
     forces = oracle.forces(given.get('wrench'))
@@ -205,7 +210,7 @@ JOINTS = pfd.Scene(external_wrench=True, damping='model', armature='model')
     'name', [*ARMS, 'dense6', pytest.param('chain12', marks=pytest.mark.slow)]
 )
 def test_the_arms_agree_with_pinocchio(name: str) -> None:
-    robot = robot_called(name)
+    robot = report_robot(name)
     rng = np.random.default_rng(44)
     for wrench in (False, True):
         assert against_pinocchio(rng, robot, pfd.Scene(external_wrench=wrench)) < PINOCCHIO
@@ -235,7 +240,7 @@ def test_thirty_chains_agree_with_pinocchio_and_every_tenth_with_differences() -
 @pytest.mark.parametrize('name', one_fast(['ur5', 'panda', 'dense6']))
 def test_the_derivative_by_tau_is_the_inverse_of_the_inertia_matrix(name: str) -> None:
     robot, given, _ = arm(name)
-    parts = run(record_derivatives(resolve(robot)), given)
+    parts = run_program(record_derivatives(resolve_plant(robot)), given)
     np.testing.assert_array_equal(parts['X'], parts['X'].T)
     H = Oracle(robot).H(given['q'])
     np.testing.assert_allclose(H @ parts['X'], np.eye(robot.n), atol=1e-12)
@@ -252,7 +257,7 @@ SQUARED = 1e-28
 
 
 def inverse(plant: Plant, how: tuple[str, int], given: dict[str, Array], **options: Any) -> Any:
-    return run(record_derivatives(plant, inverse=how), given, **options)['X']
+    return run_program(record_derivatives(plant, inverse=how), given, **options)['X']
 
 
 def by_unit_torques(plant: Plant, given: dict[str, Array]) -> Any:
@@ -261,7 +266,8 @@ def by_unit_torques(plant: Plant, given: dict[str, Array]) -> Any:
     n = plant.robot.n
     still = given | {'qd': np.zeros(n)}
     rest, *columns = (
-        run(program, still | {'tau': tau}, digits=50)['qdd'] for tau in (np.zeros(n), *np.eye(n))
+        run_program(program, still | {'tau': tau}, digits=50)['qdd']
+        for tau in (np.zeros(n), *np.eye(n))
     )
     return np.array([column - rest for column in columns]).T
 
@@ -269,11 +275,11 @@ def by_unit_torques(plant: Plant, given: dict[str, Array]) -> Any:
 def braked(seed: int) -> tuple[Plant, dict[str, Array]]:
     """Return a chain with rotors and a braked joint, and inputs."""
     rng = np.random.default_rng(seed)
-    robot = robot_called('chain4')
+    robot = report_robot('chain4')
     scene = pfd.Scene(brakes=True, armature=rng.uniform(0.1, 1.0, robot.n), external_wrench=True)
     given = inputs(rng, robot, scene)
     given['free'][:] = [1.0, 0.0, 1.0, 1.0]
-    return resolve(robot, scene), given
+    return resolve_plant(robot, scene), given
 
 
 def test_articulated_bodies_and_the_factor_have_the_same_inverse_in_fifty_digits() -> None:
@@ -297,7 +303,7 @@ def test_a_step_of_refinement_squares_the_error_of_an_inverse() -> None:
 
 def test_articulated_bodies_keep_the_inverse_inertia_of_nearly_coaxial_joints() -> None:
     # kappa_J is 7e11: the factor of H has few digits left.
-    plant = resolve(coaxial(1e-12))
+    plant = resolve_plant(coaxial_robot(1e-12))
     given = inputs(np.random.default_rng(53), plant.robot, pfd.Scene())
     wanted = by_unit_torques(plant, given)
     assert relative(inverse(plant, FACTOR, given), wanted) > 1e-8
@@ -310,7 +316,7 @@ def test_a_step_of_refinement_keeps_the_inverse_inertia_of_a_heavy_tip(
 ) -> None:
     payload = pfd.Payload(1e6, (0.1, 0.2, 0.3), 1e4 * np.eye(3))
     robot, given, _ = arm('panda')
-    plant = resolve(robot, pfd.Scene(payload=payload))
+    plant = resolve_plant(robot, pfd.Scene(payload=payload))
     wanted = by_unit_torques(plant, given)
     assert relative(inverse(plant, (how[0], 0), given), wanted) > 1e-13
     assert relative(inverse(plant, how, given), wanted) < 1e-15
@@ -348,7 +354,7 @@ def test_a_torque_beyond_its_limit_changes_nothing_and_one_within_it_does() -> N
     _, given, _ = arm('ur5')
     limits = np.abs(given['tau']) + np.array([1.0, -0.5, 1.0, 1.0, 1.0, 1.0])
     scene = pfd.Scene(effort_limits=limits)
-    parts = run(record_derivatives(resolve(robot, scene)), given)
+    parts = run_program(record_derivatives(resolve_plant(robot, scene)), given)
     np.testing.assert_array_equal(parts['T'], [1.0, 0.0, 1.0, 1.0, 1.0, 1.0])
     by_tau = derivatives(robot, scene, given)[:, 12:]
     np.testing.assert_array_equal(by_tau, parts['X'] * parts['T'])
@@ -367,7 +373,9 @@ METHODS = ('composite_body', 'grouped_articulated_body', 'pcgm')
 @pytest.mark.parametrize('method', METHODS)
 def test_the_answer_of_any_method_has_the_same_derivatives(method: str) -> None:
     robot, given, wanted = arm('panda')
-    found = run(record_acceleration_derivatives(resolve(robot), method), given)['derivatives']
+    found = run_program(record_acceleration_derivatives(resolve_plant(robot), method), given)[
+        'derivatives'
+    ]
     assert relative(found, wanted) < ROUNDING
 
 
@@ -375,24 +383,26 @@ def test_the_answer_of_any_method_has_the_same_derivatives(method: str) -> None:
 def test_refined_answers_and_the_derivatives_of_torques_there_have_all_digits(method: str) -> None:
     # A tip of 1e6 kg costs half of the digits of grouped parameters.
     robot, given, _ = arm('panda')
-    plant = resolve(robot, pfd.Scene(payload=pfd.Payload(1e6, (0.1, 0.2, 0.3), 1e4 * np.eye(3))))
+    plant = resolve_plant(
+        robot, pfd.Scene(payload=pfd.Payload(1e6, (0.1, 0.2, 0.3), 1e4 * np.eye(3)))
+    )
     own = record_forward_dynamics(plant, 'articulated_body', 'sequential')
-    exact = run(own, given, digits=50)['qdd']
-    rough, refined = (run(record_derivatives(plant, method, k), given) for k in (0, 1))
+    exact = run_program(own, given, digits=50)['qdd']
+    rough, refined = (run_program(record_derivatives(plant, method, k), given) for k in (0, 1))
     assert relative(rough['qdd'], exact) > 1e-12
     assert relative(refined['qdd'], exact) < 1e-15
-    D = run(record_derivatives(plant, method, 1), given, digits=50)['D']
+    D = run_program(record_derivatives(plant, method, 1), given, digits=50)['D']
     assert relative(refined['D'], D) < 1e-14
 
 
 @cache
 def arithmetic(name: str) -> tuple[int, int]:
     """Return the operations of the factors of a kernel, and those of the product."""
-    robot = robot_called(name)
-    program = lower(record_derivatives(resolve(robot)), 'float64').compiled
+    robot = report_robot(name)
+    program = lower_program(record_derivatives(resolve_plant(robot)), 'float64').compiled
     elements = [register for register, _ in program.outputs['D'].places]
     varying = [r for r in elements if program.instructions[r].op != 'constant']
-    counts = operations(program)
+    counts = program_operations(program)
     return sum(counts.values()) - counts.get('neg', 0), len(varying) * robot.n
 
 

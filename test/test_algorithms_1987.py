@@ -7,6 +7,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 import math
 
+from bridge import (
+    FORWARD_METHODS,
+    PCGM_MISPRINTS,
+    PCGM_STEP_4,
+    PCGM_STEP_7,
+    PCRBM_A_3,
+    PCRBM_A_8,
+    PCRBM_CHOLESKY,
+    PCRBM_MISPRINTS,
+    PCRBM_STEP_6,
+    record_pcgm_1987,
+    record_pcrbm_1987,
+    resolve_plant,
+    run_program,
+    uniform_chain_robot,
+)
 from closed_forms import (
     EVERY_SIZE,
     Counts,
@@ -24,13 +40,6 @@ from tolerances import ACCELERATION, FIFTY_DIGITS
 from zoo import random_chain, random_state, right_angled
 
 import pfd_core as pfd
-from pfd_core.algorithms.paper import pcgm_1987, pcrbm_1987
-from pfd_core.algorithms.paper.pcgm_1987 import record_pcgm_1987
-from pfd_core.algorithms.paper.pcrbm_1987 import record_pcrbm_1987
-from pfd_core.algorithms.programs import FORWARD
-from pfd_core.machine.emulator import run
-from pfd_core.model import resolve
-from pfd_core.report.cases.robots import uniform_chain
 
 METHODS = ('pcrbm_1987', 'pcgm_1987')
 RIGHT_ANGLED = pfd.Scene(external_wrench=True, damping='model', armature='model', brakes=True)
@@ -59,19 +68,19 @@ def test_n_iterations_of_1987_are_the_answer_in_fifty_digits(n: int) -> None:
     # Directions lose their orthogonality by rounding: seen up to 1e-38.
     robot, given = right_angled(n)
     given['free'] = (np.arange(n) % 3 != 1).astype(float)
-    plant = resolve(robot, RIGHT_ANGLED)
-    wanted = run(FORWARD['pcrbm'](plant, 'parallel'), given, digits=50)['qdd']
+    plant = resolve_plant(robot, RIGHT_ANGLED)
+    wanted = run_program(FORWARD_METHODS['pcrbm'](plant, 'parallel'), given, digits=50)['qdd']
     for schedule in ('parallel', 'sequential'):
-        found = run(record_pcgm_1987(plant, schedule), given, digits=50)
+        found = run_program(record_pcgm_1987(plant, schedule), given, digits=50)
         assert found['iterations'] <= n
         assert error(found['qdd'], wanted) < 1e-30
 
 
 def test_n_iterations_of_1987_leave_an_error_in_double_precision() -> None:
-    robot = uniform_chain(12)
+    robot = uniform_chain_robot(12)
     states = [random_state(np.random.default_rng(seed), 12) for seed in range(20)]
     given = dict(zip(('q', 'qd', 'tau'), np.transpose(states, (1, 0, 2)), strict=True))
-    found = run(record_pcgm_1987(resolve(robot), 'parallel'), given)
+    found = run_program(record_pcgm_1987(resolve_plant(robot), 'parallel'), given)
     oracle = Oracle(robot)
     errors = [
         relative(qdd, oracle.qdd(*state)) for qdd, state in zip(found['qdd'], states, strict=True)
@@ -89,16 +98,18 @@ def test_pcrbm_of_1987_agrees_in_fifty_digits_after_steps_of_any_kind(schedule: 
         robot = random_chain(rng, len(types), joint_types=types)
         q, qd, tau = random_state(rng, robot.n)
         given = {'q': q, 'qd': qd, 'tau': tau}
-        wanted = run(FORWARD['pcrbm'](resolve(robot), 'parallel'), given, digits=50)['qdd']
-        program = record_pcrbm_1987(resolve(robot), schedule)
-        assert error(run(program, given, digits=50)['qdd'], wanted) < FIFTY_DIGITS
+        wanted = run_program(
+            FORWARD_METHODS['pcrbm'](resolve_plant(robot), 'parallel'), given, digits=50
+        )['qdd']
+        program = record_pcrbm_1987(resolve_plant(robot), schedule)
+        assert error(run_program(program, given, digits=50)['qdd'], wanted) < FIFTY_DIGITS
 
 
 # ---- misprints -------------------------------------------------------------------------------
 
 
 def test_an_unknown_misprint_is_an_error() -> None:
-    plant = resolve(chain(2))
+    plant = resolve_plant(chain(2))
     for record in (record_pcrbm_1987, record_pcgm_1987):
         with pytest.raises(ValueError, match=r"misprint must be one of .* got 'eq\. 99'"):
             record(plant, 'parallel', misprints=['eq. 99'])
@@ -108,9 +119,9 @@ def test_an_unknown_misprint_is_an_error() -> None:
 def test_cholesky_as_printed_gives_no_arm_its_accelerations(name: str) -> None:
     robot = pfd.load_robot(name)
     q, qd, tau = random_state(np.random.default_rng(5), robot.n)
-    program = record_pcrbm_1987(resolve(robot), 'parallel', misprints=[pcrbm_1987.CHOLESKY])
+    program = record_pcrbm_1987(resolve_plant(robot), 'parallel', misprints=[PCRBM_CHOLESKY])
     with np.errstate(all='ignore'):
-        found = run(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
+        found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
     assert not relative(found, Oracle(robot).qdd(q, qd, tau)) < 0.01  # NaN, or far off
 
 
@@ -118,8 +129,8 @@ def test_cholesky_as_printed_is_right_for_one_joint_of_unit_inertia() -> None:
     # l_11 = sqrt(h_11) in both; n = 1 has no product.
     robot = chain(1)
     q, qd, tau = random_state(np.random.default_rng(6), 1)
-    program = record_pcrbm_1987(resolve(robot), 'parallel', misprints=[pcrbm_1987.CHOLESKY])
-    found = run(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
+    program = record_pcrbm_1987(resolve_plant(robot), 'parallel', misprints=[PCRBM_CHOLESKY])
+    found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
     assert relative(found, Oracle(robot).qdd(q, qd, tau)) < ACCELERATION
 
 
@@ -128,9 +139,9 @@ def test_step_6_as_printed_is_wrong_only_for_sliding_joints() -> None:
     for sliding in (False, True):
         robot = chain(4, prismatic=sliding)
         q, qd, tau = random_state(rng, 4)
-        program = record_pcrbm_1987(resolve(robot), 'parallel', misprints=[pcrbm_1987.STEP_6])
+        program = record_pcrbm_1987(resolve_plant(robot), 'parallel', misprints=[PCRBM_STEP_6])
         with np.errstate(all='ignore'):
-            found = run(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
+            found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
         off = relative(found, Oracle(robot).qdd(q, qd, tau))
         assert not off < 0.01 if sliding else off < 1e-9  # z . F_j = 0 is no pivot: NaN
 
@@ -142,11 +153,11 @@ def test_equations_of_appendix_a_as_printed_are_wrong() -> None:
         robot = random_chain(rng, 4, joint_types=types)
         q, qd, tau = random_state(rng, 4)
         wanted = Oracle(robot).qdd(q, qd, tau)
-        for misprint in (pcrbm_1987.A_3, pcrbm_1987.A_8):
-            program = record_pcrbm_1987(resolve(robot), 'parallel', misprints=[misprint])
+        for misprint in (PCRBM_A_3, PCRBM_A_8):
+            program = record_pcrbm_1987(resolve_plant(robot), 'parallel', misprints=[misprint])
             with np.errstate(all='ignore'):
-                found = run(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
-            right = misprint == pcrbm_1987.A_8 and 'prismatic' not in types
+                found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
+            right = misprint == PCRBM_A_8 and 'prismatic' not in types
             assert (relative(found, wanted) < 1e-3) == right
 
 
@@ -154,8 +165,8 @@ def test_step_7_as_printed_loses_the_iterate() -> None:
     robot = pfd.load_robot('ur5')
     q, qd, tau = random_state(np.random.default_rng(11), 6)
     given = {'q': q, 'qd': qd, 'tau': tau}
-    program = record_pcgm_1987(resolve(robot), 'parallel', misprints=[pcgm_1987.STEP_7])
-    assert not relative(run(program, given)['qdd'], Oracle(robot).qdd(q, qd, tau)) < 0.01
+    program = record_pcgm_1987(resolve_plant(robot), 'parallel', misprints=[PCGM_STEP_7])
+    assert not relative(run_program(program, given)['qdd'], Oracle(robot).qdd(q, qd, tau)) < 0.01
 
 
 def test_step_4_as_printed_gives_the_answer_plus_the_estimate() -> None:
@@ -163,13 +174,13 @@ def test_step_4_as_printed_gives_the_answer_plus_the_estimate() -> None:
     q, qd, tau = random_state(np.random.default_rng(8), 6)
     x0 = np.random.default_rng(9).normal(size=6)
     given = {'q': q, 'qd': qd, 'tau': tau, 'start': x0}
-    plant = resolve(robot)
-    exact = run(FORWARD['pcrbm'](plant, 'parallel'), given, digits=50)['qdd']
+    plant = resolve_plant(robot)
+    exact = run_program(FORWARD_METHODS['pcrbm'](plant, 'parallel'), given, digits=50)['qdd']
     with mpmath.workdps(50):
         shifted = exact + x0
-    for misprints, wanted in (((), exact), ((pcgm_1987.STEP_4,), shifted)):
+    for misprints, wanted in (((), exact), ((PCGM_STEP_4,), shifted)):
         program = record_pcgm_1987(plant, 'parallel', misprints=misprints, start=True)
-        assert error(run(program, given, digits=50)['qdd'], wanted) < 1e-30
+        assert error(run_program(program, given, digits=50)['qdd'], wanted) < 1e-30
 
 
 # ---- counts: closed forms, by hand from the equations ----------------------------------------
@@ -253,8 +264,8 @@ def pcrbm_routes(n: int) -> dict[str, int]:
 @pytest.mark.parametrize('schedule', ['parallel', 'unpacked'])
 @pytest.mark.parametrize('n', EVERY_SIZE)
 def test_pcrbm_of_1987_has_its_closed_forms(n: int, schedule: str, literal: bool) -> None:
-    misprints = pcrbm_1987.MISPRINTS if literal else ()
-    program = record_pcrbm_1987(resolve(chain(n)), schedule, misprints=misprints)
+    misprints = PCRBM_MISPRINTS if literal else ()
+    program = record_pcrbm_1987(resolve_plant(chain(n)), schedule, misprints=misprints)
     assert by_section(program) == pcrbm_parts(n, schedule == 'parallel', literal)
     if schedule == 'unpacked' and not literal:
         assert routes_by_section(program) == pcrbm_routes(n)
@@ -298,11 +309,11 @@ def pcgm_routes(n: int, literal: bool) -> dict[str, int]:
 @pytest.mark.parametrize('literal', [False, True])
 @pytest.mark.parametrize('n', EVERY_SIZE)
 def test_pcgm_of_1987_has_its_closed_forms(n: int, literal: bool) -> None:
-    misprints = pcgm_1987.MISPRINTS if literal else ()
-    program = record_pcgm_1987(resolve(chain(n)), 'parallel', misprints=misprints)
+    misprints = PCGM_MISPRINTS if literal else ()
+    program = record_pcgm_1987(resolve_plant(chain(n)), 'parallel', misprints=misprints)
     assert by_section(program) == pcgm_parts(n, literal)
     assert routes_by_section(program) == pcgm_routes(n, literal)
-    unpacked = record_pcgm_1987(resolve(chain(n)), 'unpacked', misprints=misprints)
+    unpacked = record_pcgm_1987(resolve_plant(chain(n)), 'unpacked', misprints=misprints)
     assert unpacked == program  # no pairs, nothing to pack
 
 
@@ -310,14 +321,14 @@ def test_pcgm_of_1987_has_its_closed_forms(n: int, literal: bool) -> None:
 def test_the_totals_of_1987_are_those_of_the_docstrings(n: int) -> None:
     L, h = levels(n), math.ceil((n - 1) / 2)
     given = np.array((12, 6, 0, 0))
-    whole = arithmetic(record_pcrbm_1987(resolve(chain(n)), 'parallel').count()) - given
+    whole = arithmetic(record_pcrbm_1987(resolve_plant(chain(n)), 'parallel').count()) - given
     assert tuple(whole) == (
         31 * L + 9 * h + products(n, True) + 2 * n + 208,
         46 * L + 5 * h + (n * n + 9 * n) // 2 + 153,
         3 * n,
         n,
     )
-    program = record_pcgm_1987(resolve(chain(n)), 'parallel')
+    program = record_pcgm_1987(resolve_plant(chain(n)), 'parallel')
     for iterations in (0, n):
         whole = arithmetic(program.count(iterations=iterations)) - given
         assert tuple(whole) == (
@@ -331,11 +342,13 @@ def test_the_totals_of_1987_are_those_of_the_docstrings(n: int) -> None:
 def test_six_joints_of_1987_take_366_and_351_with_pairs_packed_and_391_and_361_without() -> None:
     # Divisions are multiplications, as in the paper, and R_i is given.
     for schedule, wanted in (('parallel', (366, 351, 6)), ('unpacked', (391, 361, 6))):
-        found = arithmetic(record_pcrbm_1987(resolve(chain(6)), schedule).count())
+        found = arithmetic(record_pcrbm_1987(resolve_plant(chain(6)), schedule).count())
         assert (found[0] + found[2] - 12, found[1] - 6, found[3]) == wanted
 
 
 def test_levels_of_a_pose_leave_other_methods_alone() -> None:
     # FOHRA unpacked belongs to the methods of 1987; PCRBM packs it, for 51 and 34.
-    found = FORWARD['pcrbm'](resolve(chain(6)), 'parallel').count(section='orientation')
+    found = FORWARD_METHODS['pcrbm'](resolve_plant(chain(6)), 'parallel').count(
+        section='orientation'
+    )
     assert arithmetic(found)[:2] == (51, 34)

@@ -10,6 +10,13 @@ from functools import cache
 import math
 from typing import Any
 
+from bridge import (
+    FORWARD_METHODS,
+    OPERATIONS,
+    record_inverse_dynamics,
+    record_terms,
+    resolve_plant,
+)
 from closed_forms import SIZES, arithmetic, chain, elimination, levels, rounds
 from drive_scenes import OTHER
 import numpy as np
@@ -19,15 +26,12 @@ from serial_methods import DIRECT, METHODS
 from zoo import random_chain
 
 import pfd_core as pfd
-from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics, record_terms
-from pfd_core.machine.operations import OPERATIONS
-from pfd_core.model import resolve
 
 
 @pytest.mark.parametrize('n', SIZES)
 def test_ne1_takes_87_multiplications_and_15_levels_and_65_additions(n: int) -> None:
     # The paper prints 84 and 15 L + 63 (section 2.5 (d)). A single link has no w x zq.
-    program = record_terms(resolve(chain(n)), 'parallel')
+    program = record_terms(resolve_plant(chain(n)), 'parallel')
     single = n == 1
     assert arithmetic(program.count(section='newton_euler')) == (
         87 - 6 * single,
@@ -39,31 +43,31 @@ def test_ne1_takes_87_multiplications_and_15_levels_and_65_additions(n: int) -> 
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_ne1_with_a_sliding_joint_takes_six_additions_more(n: int) -> None:
-    program = record_terms(resolve(chain(n, prismatic=True)), 'parallel')
+    program = record_terms(resolve_plant(chain(n, prismatic=True)), 'parallel')
     assert arithmetic(program.count(section='newton_euler'))[:2] == (87, 15 * levels(n) + 71)
 
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_ne1_with_a_wrench_takes_six_additions_more(n: int) -> None:
-    program = record_terms(resolve(chain(n), pfd.Scene(external_wrench=True)), 'parallel')
+    program = record_terms(resolve_plant(chain(n), pfd.Scene(external_wrench=True)), 'parallel')
     assert arithmetic(program.count(section='newton_euler'))[:2] == (87, 15 * levels(n) + 71)
     assert arithmetic(program.count(section='wrench'))[:2] == (18, 12)
 
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_ne1_without_gravity_saves_its_three_additions(n: int) -> None:
-    program = record_terms(resolve(chain(n), pfd.Scene(gravity=None)), 'parallel')
+    program = record_terms(resolve_plant(chain(n), pfd.Scene(gravity=None)), 'parallel')
     assert arithmetic(program.count(section='newton_euler'))[:2] == (87, 15 * levels(n) + 62)
 
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_inverse_dynamics_takes_three_multiplications_and_additions_more(n: int) -> None:
-    program = record_inverse_dynamics(resolve(chain(n)), 'parallel')
+    program = record_inverse_dynamics(resolve_plant(chain(n)), 'parallel')
     assert arithmetic(program.count(section='newton_euler'))[:2] == (90, 15 * levels(n) + 68)
 
 
 def test_an_unknown_section_is_an_error() -> None:
-    program = FORWARD['pcrbm'](resolve(chain(3)), 'parallel')
+    program = FORWARD_METHODS['pcrbm'](resolve_plant(chain(3)), 'parallel')
     with pytest.raises(ValueError, match=r"section must be one of .*'row sweep'.* got 'row swep'"):
         program.count(section='row swep')
     with pytest.raises(ValueError, match=r"section must be one of .* got \['row sweep'\]"):
@@ -72,7 +76,8 @@ def test_an_unknown_section_is_an_error() -> None:
 
 def test_a_single_joint_has_neither_recurrence_nor_row_sweep_nor_column_sweep() -> None:
     sections = {
-        one.section for one in FORWARD['pcrbm'](resolve(chain(1)), 'parallel').instructions
+        one.section
+        for one in FORWARD_METHODS['pcrbm'](resolve_plant(chain(1)), 'parallel').instructions
     }
     assert not sections & {'orientation', 'row sweep', 'elements of H', 'column sweep'}
     assert 'factorisation' in sections
@@ -81,7 +86,7 @@ def test_a_single_joint_has_neither_recurrence_nor_row_sweep_nor_column_sweep() 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_the_orientation_recurrence_takes_27_and_18_a_level_at_most(n: int) -> None:
     # The paper prints 27 L - 19 and 18 L - 14, which holds for twists of 0 and 90 degrees.
-    program = record_terms(resolve(chain(n)), 'parallel')
+    program = record_terms(resolve_plant(chain(n)), 'parallel')
     recurrence = arithmetic(program.count(section='orientation'))
     # Elements of the products of a level, packed onto full rows of lanes.
     assert recurrence == (3 * rounds(n), 2 * rounds(n), 0, 0)
@@ -95,7 +100,7 @@ def test_the_orientation_recurrence_takes_27_and_18_a_level_at_most(n: int) -> N
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_composite_bodies_take_4_levels_and_42_multiplications(n: int) -> None:
-    program = record_terms(resolve(chain(n)), 'parallel')
+    program = record_terms(resolve_plant(chain(n)), 'parallel')
     L = levels(n)
     assert arithmetic(program.count(section='composite bodies')) == (
         4 * L + 42,
@@ -107,7 +112,7 @@ def test_composite_bodies_take_4_levels_and_42_multiplications(n: int) -> None:
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_the_row_sweep_takes_three_additions_a_row(n: int) -> None:
-    program = record_terms(resolve(chain(n)), 'parallel')
+    program = record_terms(resolve_plant(chain(n)), 'parallel')
     assert arithmetic(program.count(section='row sweep')) == (0, 3 * (n - 1), 0, 0)
     # Pairs i < j, packed: h rounds, with the 9 h and 5 h of section 2.5 (f).
     h = math.ceil((n - 1) / 2)
@@ -117,7 +122,7 @@ def test_the_row_sweep_takes_three_additions_a_row(n: int) -> None:
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_the_linear_solve_needs_no_square_root(n: int) -> None:
-    program = FORWARD['pcrbm'](resolve(chain(n)), 'parallel')
+    program = FORWARD_METHODS['pcrbm'](resolve_plant(chain(n)), 'parallel')
     factor, back = (
         arithmetic(program.count(section=s)) for s in ('factorisation', 'column sweep')
     )
@@ -127,14 +132,14 @@ def test_the_linear_solve_needs_no_square_root(n: int) -> None:
 
 def test_the_linear_solve_of_six_joints_takes_half_of_the_printed_steps() -> None:
     # Section 2.5 (e): 31 multiplications, divisions among them, 28 additions, 1 square root.
-    program = FORWARD['pcrbm'](resolve(chain(6)), 'parallel')
+    program = FORWARD_METHODS['pcrbm'](resolve_plant(chain(6)), 'parallel')
     parts = [arithmetic(program.count(section=s)) for s in ('factorisation', 'column sweep')]
     assert tuple(np.sum(parts, axis=0)) == (15, 15, 6, 0)
 
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_pcrbm_as_a_whole_is_the_sum_of_its_parts(n: int) -> None:
-    steps = FORWARD['pcrbm'](resolve(chain(n)), 'parallel').count()
+    steps = FORWARD_METHODS['pcrbm'](resolve_plant(chain(n)), 'parallel').count()
     L, s, h = levels(n), elimination(n), math.ceil((n - 1) / 2)
     assert arithmetic(steps) == (
         4 * L + 3 * rounds(n) + s + 9 * h + n + 182,
@@ -152,7 +157,7 @@ def test_packing_saves_arithmetic_and_costs_routes() -> None:
         ('factorisation', 'column sweep'): ((15, 15, 53), (30, 25, 30)),
     }
     for schedule, which in (('parallel', 0), ('unpacked', 1)):
-        program = FORWARD['pcrbm'](resolve(chain(6)), schedule)
+        program = FORWARD_METHODS['pcrbm'](resolve_plant(chain(6)), schedule)
         for sections, counts in expected.items():
             parts = [program.count(section=s) for s in sections]
             found = tuple(
@@ -164,9 +169,9 @@ def test_packing_saves_arithmetic_and_costs_routes() -> None:
 
 def test_the_speed_up_of_n_processors_lies_between_one_and_n() -> None:
     for n in (2, 6, 12):
-        plant = resolve(chain(n))
-        serial = FORWARD['pcrbm'](plant, 'sequential').count()
-        parallel = FORWARD['pcrbm'](plant, 'parallel')
+        plant = resolve_plant(chain(n))
+        serial = FORWARD_METHODS['pcrbm'](plant, 'sequential').count()
+        parallel = FORWARD_METHODS['pcrbm'](plant, 'parallel')
         # Multiplications are another matter: one processor takes reciprocals to spare divisions.
         assert serial.additions <= parallel.count(processors=1).additions
         assert serial.divisions < parallel.count(processors=1).divisions
@@ -236,14 +241,16 @@ def test_gravity_compensation_has_its_closed_form_of_steps(n: int) -> None:
         (pfd.Scene(gravity_compensation=True, effort_limits=[1.0] * n), 9, 3 * levels(n) + 7),
         (pfd.Scene(gravity_compensation=pfd.Scene(payload=OTHER)), 18, 3 * levels(n) + 11),
     ):
-        program = FORWARD['pcrbm'](resolve(robot, scene), 'parallel')
+        program = FORWARD_METHODS['pcrbm'](resolve_plant(robot, scene), 'parallel')
         assert arithmetic(program.count(section='drives'))[:2] == (products, sums)
 
 
 @pytest.mark.parametrize('rows', [1, 2, 4])
 def test_limits_have_their_closed_form_of_steps(rows: int) -> None:
     found = np.stack([np.arange(rows), 10.0 - np.arange(rows)], axis=1)
-    program = FORWARD['pcrbm'](resolve(chain(5), pfd.Scene(torque_speed=[found] * 5)), 'parallel')
+    program = FORWARD_METHODS['pcrbm'](
+        resolve_plant(chain(5), pfd.Scene(torque_speed=[found] * 5)), 'parallel'
+    )
     steps = arithmetic(program.count(section='drives'))[:2]
     assert steps == ((0, 2) if rows == 1 else (rows - 1, 2 * (rows - 1) + 3))
 
@@ -260,7 +267,7 @@ Counts = tuple[int, int, int]
 def recorded(method: str, n: int) -> pfd.Program:
     types = ['revolute'] * n
     robot = random_chain(np.random.default_rng(n), n, joint_types=types)
-    return FORWARD[method](resolve(robot), 'sequential')
+    return FORWARD_METHODS[method](resolve_plant(robot), 'sequential')
 
 
 @cache
@@ -396,8 +403,8 @@ def test_articulated_bodies_overtake_composite_bodies_at_eleven_joints() -> None
 def test_a_wrench_brings_the_last_frame_back(method: str, more: tuple[int, int]) -> None:
     for n in range(2, 8):
         robot = random_chain(np.random.default_rng(n), n, 0.0)
-        found = FORWARD[method](resolve(robot, WRENCH), 'sequential').count()
-        bare = FORWARD[method](resolve(robot), 'sequential').count()
+        found = FORWARD_METHODS[method](resolve_plant(robot, WRENCH), 'sequential').count()
+        bare = FORWARD_METHODS[method](resolve_plant(robot), 'sequential').count()
         assert (found.multiplications, found.additions) == (
             bare.multiplications + more[0],
             bare.additions + more[1],

@@ -6,6 +6,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from bridge import (
+    FORWARD_METHODS,
+    MACHINE_SCHEDULES,
+    SERIAL_METHODS,
+    cut_off,
+    record_inverse_dynamics,
+    record_motor_torques,
+    resolve_plant,
+    without_drives,
+)
+from bridge import run_program as run
 from drive_scenes import (
     NAMES,
     PAYLOAD,
@@ -25,11 +36,6 @@ from tolerances import DYNAMICS, FIFTY_DIGITS, SINGLE
 from zoo import random_chain
 
 import pfd_core as pfd
-from pfd_core.algorithms.chain.drives import cut_off, record_motor_torques
-from pfd_core.algorithms.programs import FORWARD, SERIAL, record_inverse_dynamics
-from pfd_core.machine.emulator import run
-from pfd_core.machine.recorder import SCHEDULES
-from pfd_core.model import resolve, without_drives
 
 # ---- accelerations ---------------------------------------------------------------------------
 
@@ -45,8 +51,10 @@ def test_every_method_agrees_with_pinocchio(method: str, name: str) -> None:
         at = given(rng, robot, scene)
         wanted = wanted_qdd(robot, scene, at)
         most = tolerance(method, robot, scene, at['q'])
-        for schedule in ('sequential',) if method in SERIAL else ('parallel', 'sequential'):
-            found = run(FORWARD[method](resolve(robot, scene), schedule), at)['qdd']
+        for schedule in (
+            ('sequential',) if method in SERIAL_METHODS else ('parallel', 'sequential')
+        ):
+            found = run(FORWARD_METHODS[method](resolve_plant(robot, scene), schedule), at)['qdd']
             assert relative(found, wanted) < most, (robot, schedule)
 
 
@@ -84,11 +92,11 @@ def test_methods_on_lanes_agree_in_50_digits() -> None:
     robot = random_chain(rng, 4, joint_types=['revolute', 'prismatic', 'revolute', 'continuous'])
     # Tables whose slopes are no doubles: those are rounded once, when the program is recorded.
     scene = replace(scenes(4)['all'], torque_speed=[[(0.1, 7.0), (3.1, 0.1)], *[None] * 3])
-    plant, at = resolve(robot, scene), given(rng, robot, scene)
+    plant, at = resolve_plant(robot, scene), given(rng, robot, scene)
     wanted, *others = (
-        run(FORWARD[method](plant, schedule), at, digits=50)['qdd']
+        run(FORWARD_METHODS[method](plant, schedule), at, digits=50)['qdd']
         for method in ('pcrbm', 'pcrbm_array', 'pcrbm_base_origin', 'divide_and_conquer')
-        for schedule in SCHEDULES
+        for schedule in MACHINE_SCHEDULES
     )
     for found in others:
         assert max(abs(found - wanted)) < FIFTY_DIGITS * max(abs(wanted))
@@ -98,11 +106,11 @@ def test_methods_on_lanes_agree_in_50_digits() -> None:
 def test_motors_and_an_arm_without_drives_are_the_arm_with_them(name: str) -> None:
     for rng, robot in chains(12, seed=69):
         scene = scenes(robot.n)[name]
-        plant, at = resolve(robot, scene), given(rng, robot, scene)
+        plant, at = resolve_plant(robot, scene), given(rng, robot, scene)
         tau = run(record_motor_torques(plant), {k: at[k] for k in ('q', 'qd', 'tau')})['tau']
         wanted = motors(robot, scene, at['q'], at['qd'], at['tau'])
         assert np.abs(tau - wanted).max() < DYNAMICS * np.abs(wanted).max()
-        program = FORWARD['composite_body'](without_drives(plant), 'sequential')
+        program = FORWARD_METHODS['composite_body'](without_drives(plant), 'sequential')
         found = run(program, at | {'tau': tau})['qdd']
         assert relative(found, wanted_qdd(robot, scene, at)) < tolerance('', robot, scene, at['q'])
 
@@ -218,13 +226,13 @@ def test_an_arm_with_drives_moves_alone_as_in_an_ensemble(integrator: str) -> No
 
 def test_an_arm_that_is_compensated_exactly_is_weightless() -> None:
     robot = pfd.load_robot('panda')
-    plant = resolve(
+    plant = resolve_plant(
         robot, pfd.Scene(payload=PAYLOAD, gravity_compensation=pfd.Scene(payload=PAYLOAD))
     )
-    assert plant.digest == resolve(robot, pfd.Scene(gravity=None, payload=PAYLOAD)).digest
+    assert plant.digest == resolve_plant(robot, pfd.Scene(gravity=None, payload=PAYLOAD)).digest
     # A limit might cut the torques of the compensation off.
     scene = pfd.Scene(gravity_compensation=True, effort_limits=[1.0] * 7)
-    assert resolve(robot, scene).gravity_compensation is not None
+    assert resolve_plant(robot, scene).gravity_compensation is not None
 
 
 @pytest.mark.parametrize('name', one_fast(['compensation of another model', 'all'], 'all'))
@@ -234,7 +242,7 @@ def test_inverse_dynamics_gives_the_commanded_torques(name: str) -> None:
         at = given(rng, robot, scene)
         qdd, tau = wanted_qdd(robot, scene, at), at.pop('tau')
         for schedule in ('parallel', 'sequential'):
-            program = record_inverse_dynamics(resolve(robot, scene), schedule)
+            program = record_inverse_dynamics(resolve_plant(robot, scene), schedule)
             found = run(program, at | {'qdd': qdd})['tau']
             size = np.abs(gravity_torques(robot, scene, at['q'])).max() + np.abs(tau).max()
             H = oracle_of(robot, scene).H(at['q'])

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from bridge import ITERATIVE_METHODS, SERIAL_METHODS
 import numpy as np
 from oracle import Oracle, assert_bits_of_the_emulator
 import pytest
@@ -11,7 +12,6 @@ from tolerances import ACCELERATION
 from zoo import random_chain, random_state, without_mass
 
 import pfd_core as pfd
-from pfd_core.algorithms.programs import ITERATIVE, SERIAL
 
 # Methods of which each run has a kernel in float32: one serial, one parallel, one iterative.
 SINGLE = ('articulated_body', 'composite_body', 'pcgm')
@@ -37,9 +37,9 @@ def test_every_method_gives_pinocchios_accelerations(method: str) -> None:
         result = pfd.emulate(robot, q, qd, tau, method=method, wrench=wrench)
         assert np.abs(result.qdd - wanted).max() < tolerance
         assert result.status == 'ok'
-        assert (result.iterations is not None) == (method in ITERATIVE)
+        assert (result.iterations is not None) == (method in ITERATIVE_METHODS)
         assert result.cycles == (5 * n - 2 if method == 'pcrbm_array' else None)
-        assert result.program.lanes == (1 if method in SERIAL else n)
+        assert result.program.lanes == (1 if method in SERIAL_METHODS else n)
         assert 0 < result.utilisation <= 1
         if n == 7:
             continue  # LLVM takes seconds for some of these kernels

@@ -4,6 +4,15 @@
 
 from __future__ import annotations
 
+from bridge import (
+    FORWARD_METHODS,
+    eliminate_dead_code,
+    fold_program,
+    program_operations,
+    resolve_plant,
+    run_program,
+    uniform_chain_robot,
+)
 import numpy as np
 from oracle import Oracle, chains, jacobi_condition
 import pytest
@@ -11,13 +20,6 @@ from tolerances import ACCELERATION
 from zoo import random_state
 
 import pfd_core as pfd
-from pfd_core.algorithms.programs import FORWARD
-from pfd_core.kernels.passes.dead_code import eliminate_dead_code
-from pfd_core.kernels.passes.fold import fold
-from pfd_core.kernels.passes.pipeline import operations
-from pfd_core.machine.emulator import run
-from pfd_core.model import resolve
-from pfd_core.report.cases.robots import uniform_chain as uniform
 
 METHODS = ('composite_body', 'grouped_articulated_body')
 # Operations that folding may leave, sine and cosine apart: what is promised for composite bodies,
@@ -34,8 +36,8 @@ MOST = {
 def test_pivots_multiply_to_the_determinant_of_the_inertia_matrix(method: str) -> None:
     for rng, robot in chains(12, seed=53):
         q, qd, tau = random_state(rng, robot.n)
-        program = FORWARD[method](resolve(robot), 'sequential')
-        pivots = run(program, {'q': q, 'qd': qd, 'tau': tau})['pivots']
+        program = FORWARD_METHODS[method](resolve_plant(robot), 'sequential')
+        pivots = run_program(program, {'q': q, 'qd': qd, 'tau': tau})['pivots']
         H = Oracle(robot).H(q)
         assert (pivots > 0).all()
         tolerance = ACCELERATION * jacobi_condition(H)
@@ -44,8 +46,10 @@ def test_pivots_multiply_to_the_determinant_of_the_inertia_matrix(method: str) -
 
 def folded(method: str, robot: pfd.Robot) -> int:
     """Return the operations that are left, changes of sign, sine and cosine apart."""
-    program = eliminate_dead_code(fold(FORWARD[method](resolve(robot), 'sequential')), ['qdd'])
-    counts = operations(program)
+    program = eliminate_dead_code(
+        fold_program(FORWARD_METHODS[method](resolve_plant(robot), 'sequential')), ['qdd']
+    )
+    counts = program_operations(program)
     return sum(count for op, count in counts.items() if op not in ('sin', 'cos', 'neg'))
 
 
@@ -55,5 +59,7 @@ def test_the_arms_take_no_more_operations_than_promised(method: str, name: str) 
 
 
 def test_a_joint_more_takes_articulated_bodies_the_same_anywhere_in_the_chain() -> None:
-    counts = [folded('grouped_articulated_body', uniform(n)) for n in (5, 6, 7, 12, 13)]
+    counts = [
+        folded('grouped_articulated_body', uniform_chain_robot(n)) for n in (5, 6, 7, 12, 13)
+    ]
     assert counts[1] - counts[0] == counts[2] - counts[1] == counts[4] - counts[3]

@@ -7,6 +7,15 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+from bridge import (
+    FORWARD_METHODS,
+    ITERATIVE_METHODS,
+    MACHINE_SCHEDULES,
+    SERIAL_METHODS,
+    Plant,
+    resolve_plant,
+    run_program,
+)
 import mpmath
 import numpy as np
 from oracle import ARMS, WRENCH, Oracle, chains, error, every, jacobi_condition, relative
@@ -16,10 +25,6 @@ from tolerances import ACCELERATION, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state, right_angled, without_mass
 
 import pfd_core as pfd
-from pfd_core.algorithms.programs import FORWARD, ITERATIVE, SERIAL
-from pfd_core.machine.emulator import run
-from pfd_core.machine.recorder import SCHEDULES
-from pfd_core.model import Plant, resolve
 
 EVERYTHING = pfd.Scene(external_wrench=True, damping='model', armature='model', brakes=True)
 # The other schedules of a parallel method are slow: scalar by scalar for one processor.
@@ -28,25 +33,28 @@ CASES = [
         method,
         schedule,
         marks=[pytest.mark.slow]
-        * (method == 'divide_and_conquer' or (method not in SERIAL and schedule != 'parallel')),
+        * (
+            method == 'divide_and_conquer'
+            or (method not in SERIAL_METHODS and schedule != 'parallel')
+        ),
     )
     # The n iterations of pcgm_1987 end too early in double precision: test_algorithms_1987.
     for method in (*pfd.METHODS, 'pcrbm_1987')
-    for schedule in (SCHEDULES if method not in SERIAL else ('sequential',))
+    for schedule in (MACHINE_SCHEDULES if method not in SERIAL_METHODS else ('sequential',))
 ]
 # Their link parameters are grouped in float64, and their iterations end before the last digit.
-ROUNDED = ('composite_body', 'grouped_articulated_body', *ITERATIVE)
+ROUNDED = ('composite_body', 'grouped_articulated_body', *ITERATIVE_METHODS)
 on_each = pytest.mark.parametrize(('method', 'schedule'), CASES)
 
 
 def record(method: str, plant: Plant, schedule: str) -> pfd.Program:
-    return FORWARD[method](plant, schedule)
+    return FORWARD_METHODS[method](plant, schedule)
 
 
 def tolerance(method: str, H: Array) -> float:
     """Return how far off rounding may be; an iteration stops at a residual without scaling."""
     condition = jacobi_condition(H)
-    if method in ITERATIVE:
+    if method in ITERATIVE_METHODS:
         condition = max(condition, float(np.linalg.cond(H)))
     return ACCELERATION * condition
 
@@ -70,7 +78,7 @@ def test_random_chains_agree_with_pinocchio(method: str, schedule: str, scene: p
         given = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench}
         if everything:
             given |= {'tau': tau + robot.damping * qd, 'free': np.ones(robot.n)}
-        found = run(record(method, resolve(robot, scene), schedule), given)
+        found = run_program(record(method, resolve_plant(robot, scene), schedule), given)
         wanted = oracle.qdd(q, qd, tau, wrench)
         assert relative(found['qdd'], wanted) < tolerance(method, oracle.H(q)), robot
         assert_sound(found)
@@ -88,8 +96,8 @@ def test_the_arms_agree_with_pinocchio_with_and_without_rotors(
         oracle = Oracle(robot, robot.armature if rotors else None)
         states = [random_state(rng, robot.n) for _ in range(8)]
         q, qd, tau = (np.array([state[k] for state in states]) for k in range(3))
-        plant = resolve(robot, pfd.Scene(armature='model' if rotors else None))
-        found = run(record(method, plant, schedule), {'q': q, 'qd': qd, 'tau': tau})['qdd']
+        plant = resolve_plant(robot, pfd.Scene(armature='model' if rotors else None))
+        found = run_program(record(method, plant, schedule), {'q': q, 'qd': qd, 'tau': tau})['qdd']
         for k in range(len(states)):
             wanted = oracle.qdd(q[k], qd[k], tau[k])
             assert relative(found[k], wanted) < tolerance(method, oracle.H(q[k])), name
@@ -103,8 +111,10 @@ def test_long_chains_agree_with_pinocchio(method: str, n: int) -> None:
     robot = random_chain(rng, n, 0.2)
     oracle = Oracle(robot)
     q, qd, tau = random_state(rng, n)
-    schedule = 'sequential' if method in SERIAL else 'parallel'
-    found = run(record(method, resolve(robot), schedule), {'q': q, 'qd': qd, 'tau': tau})['qdd']
+    schedule = 'sequential' if method in SERIAL_METHODS else 'parallel'
+    found = run_program(
+        record(method, resolve_plant(robot), schedule), {'q': q, 'qd': qd, 'tau': tau}
+    )['qdd']
     assert relative(found, oracle.qdd(q, qd, tau)) < tolerance(method, oracle.H(q))
 
 
@@ -112,8 +122,10 @@ def test_long_chains_agree_with_pinocchio(method: str, n: int) -> None:
 def test_without_gravity_and_at_rest_only_the_torque_acts(method: str, schedule: str) -> None:
     for rng, robot in every(6, chains(24, seed=24)):
         q, _, tau = random_state(rng, robot.n)
-        plant = resolve(robot, pfd.Scene(gravity=None))
-        found = run(record(method, plant, schedule), {'q': q, 'qd': 0 * q, 'tau': tau})['qdd']
+        plant = resolve_plant(robot, pfd.Scene(gravity=None))
+        found = run_program(record(method, plant, schedule), {'q': q, 'qd': 0 * q, 'tau': tau})[
+            'qdd'
+        ]
         H = Oracle(robot).H(q)
         assert relative(found, np.linalg.solve(H, tau)) < tolerance(method, H)
 
@@ -127,9 +139,9 @@ def test_braked_joints_do_not_accelerate_and_their_torque_does_not_act_on_the_ot
         q, qd, tau = random_state(rng, robot.n)
         held = rng.random(robot.n) < 0.4
         armature = 'model' if robot.n % 2 else None
-        plant = resolve(robot, pfd.Scene(brakes=True, armature=armature))
+        plant = resolve_plant(robot, pfd.Scene(brakes=True, armature=armature))
         given = {'q': q, 'qd': qd, 'tau': tau, 'free': 1.0 - held}
-        found = run(record(method, plant, schedule), given)['qdd']
+        found = run_program(record(method, plant, schedule), given)['qdd']
         np.testing.assert_array_equal(found[held], 0.0)
         oracle = Oracle(robot, robot.armature if armature else None)
         free = ~held
@@ -144,8 +156,8 @@ def test_a_massless_end_of_the_chain_is_carried_by_its_rotor(method: str, schedu
     robot = without_mass(random_chain(np.random.default_rng(26), 3, 0.0), (2,))
     armature = np.array([0.0, 0.0, 0.1])
     q, qd, tau = random_state(np.random.default_rng(27), 3)
-    plant = resolve(robot, pfd.Scene(armature=armature))
-    found = run(record(method, plant, schedule), {'q': q, 'qd': qd, 'tau': tau})['qdd']
+    plant = resolve_plant(robot, pfd.Scene(armature=armature))
+    found = run_program(record(method, plant, schedule), {'q': q, 'qd': qd, 'tau': tau})['qdd']
     oracle = Oracle(robot, armature)
     H = oracle.H(q)
     wanted = np.linalg.solve(H, tau - oracle.tau(q, qd, 0 * q))
@@ -157,8 +169,8 @@ def fifty_digits(n: int) -> tuple[pfd.Robot, dict[str, Array], Array]:
     """Return a robot, a state with everything, and its qdd by PCRBM on n lanes in 50 digits."""
     robot, given = right_angled(n)
     given['free'] = (np.arange(n) % 3 != 1).astype(float)
-    program = record('pcrbm', resolve(robot, EVERYTHING), 'parallel')
-    return robot, given, run(program, given, digits=50)['qdd']
+    program = record('pcrbm', resolve_plant(robot, EVERYTHING), 'parallel')
+    return robot, given, run_program(program, given, digits=50)['qdd']
 
 
 @pytest.mark.sweep
@@ -170,11 +182,11 @@ def test_fifty_digits_agree_with_those_of_pcrbm_and_measure_the_rounding(
     method: str, schedule: str, n: int
 ) -> None:
     robot, given, wanted = fifty_digits(n)
-    program = record(method, resolve(robot, EVERYTHING), schedule)
-    found = run(program, given, digits=50)['qdd']
+    program = record(method, resolve_plant(robot, EVERYTHING), schedule)
+    found = run_program(program, given, digits=50)['qdd']
     with mpmath.workdps(50):
         assert error(found, wanted) < FIFTY_DIGITS
-    rounding = error(run(program, given)['qdd'], wanted)
+    rounding = error(run_program(program, given)['qdd'], wanted)
     H = Oracle(robot, robot.armature).H(given['q'])
     assert 0 < rounding < ACCELERATION * jacobi_condition(H) or n == 1
 
@@ -203,9 +215,9 @@ def test_fifty_digits_agree_also_where_parameters_are_grouped_or_iterations_end(
         base_rotation=np.eye(3),
     )
     given['free'] = (np.arange(n) % 3 != 1).astype(float)
-    plant = resolve(robot, replace(EVERYTHING, gravity=(0.0, 0.0, -9.8125)))
-    wanted = run(record('pcrbm', plant, 'parallel'), given, digits=50)['qdd']
-    stop = {'tolerance': FIFTY_DIGITS} if method in ITERATIVE else {}
-    for schedule in SCHEDULES if method not in SERIAL else ('sequential',):
-        program = FORWARD[method](plant, schedule, **stop)
-        assert error(run(program, given, digits=50)['qdd'], wanted) < FIFTY_DIGITS
+    plant = resolve_plant(robot, replace(EVERYTHING, gravity=(0.0, 0.0, -9.8125)))
+    wanted = run_program(record('pcrbm', plant, 'parallel'), given, digits=50)['qdd']
+    stop = {'tolerance': FIFTY_DIGITS} if method in ITERATIVE_METHODS else {}
+    for schedule in MACHINE_SCHEDULES if method not in SERIAL_METHODS else ('sequential',):
+        program = FORWARD_METHODS[method](plant, schedule, **stop)
+        assert error(run_program(program, given, digits=50)['qdd'], wanted) < FIFTY_DIGITS

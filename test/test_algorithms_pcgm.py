@@ -6,6 +6,13 @@ from __future__ import annotations
 
 import math
 
+from bridge import (
+    FORWARD_METHODS,
+    MACHINE_SCHEDULES,
+    default_pcgm_limit,
+    resolve_plant,
+    run_program,
+)
 from closed_forms import SIZES
 import numpy as np
 from oracle import ARMS, Oracle, chains, every, jacobi_condition, relative
@@ -15,39 +22,36 @@ from tolerances import ACCELERATION
 from zoo import random_chain, random_state, without_mass
 
 import pfd_core as pfd
-from pfd_core.algorithms.paper.pcgm import default_limit
-from pfd_core.algorithms.programs import FORWARD
-from pfd_core.machine.emulator import run
-from pfd_core.machine.recorder import SCHEDULES
-from pfd_core.model import resolve
 
 
 def revolute(n: int) -> pfd.Robot:
     return random_chain(np.random.default_rng(n), n, 0.0)
 
 
-@pytest.mark.parametrize('schedule', one_fast(SCHEDULES, 'parallel'))
+@pytest.mark.parametrize('schedule', one_fast(MACHINE_SCHEDULES, 'parallel'))
 def test_scaled_iterations_agree_with_pinocchio_within_their_limit(schedule: str) -> None:
     for rng, robot in every(4, chains(48, seed=21)):
-        plant = resolve(robot, pfd.Scene(external_wrench=True))
+        plant = resolve_plant(robot, pfd.Scene(external_wrench=True))
         q, qd, tau = random_state(rng, robot.n)
         wrench = rng.normal(size=6) * 10
-        program = FORWARD['pcgm'](plant, schedule, jacobi=True)
-        found = run(program, {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench})
+        program = FORWARD_METHODS['pcgm'](plant, schedule, jacobi=True)
+        found = run_program(program, {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench})
         oracle = Oracle(robot)
         H = oracle.H(q)
         # The stop is on the residual: the plain condition number brings it to the solution.
         tolerance = ACCELERATION * max(jacobi_condition(H), float(np.linalg.cond(H)))
         assert relative(found['qdd'], oracle.qdd(q, qd, tau, wrench)) < tolerance
         assert found['converged'] == 1
-        assert 1 <= found['iterations'] <= default_limit(robot.n)
+        assert 1 <= found['iterations'] <= default_pcgm_limit(robot.n)
 
 
 @pytest.mark.parametrize('n', [20, 32])
 def test_long_chains_need_more_than_n_iterations_and_agree(n: int) -> None:
     robot = revolute(n)
     q, qd, tau = random_state(np.random.default_rng(1), n)
-    found = run(FORWARD['pcgm'](resolve(robot), 'parallel'), {'q': q, 'qd': qd, 'tau': tau})
+    found = run_program(
+        FORWARD_METHODS['pcgm'](resolve_plant(robot), 'parallel'), {'q': q, 'qd': qd, 'tau': tau}
+    )
     oracle = Oracle(robot)
     tolerance = ACCELERATION * float(np.linalg.cond(oracle.H(q)))
     assert relative(found['qdd'], oracle.qdd(q, qd, tau)) < tolerance
@@ -59,8 +63,8 @@ def test_fifty_digits_need_no_more_than_n_iterations() -> None:
     for n in (1, 2, 4, 6):
         robot = revolute(n)
         q, qd, tau = random_state(np.random.default_rng(2), n)
-        program = FORWARD['pcgm'](resolve(robot), 'parallel', tolerance=1e-20)
-        found = run(program, {'q': q, 'qd': qd, 'tau': tau}, digits=60)
+        program = FORWARD_METHODS['pcgm'](resolve_plant(robot), 'parallel', tolerance=1e-20)
+        found = run_program(program, {'q': q, 'qd': qd, 'tau': tau}, digits=60)
         assert found['iterations'] <= n
         oracle = Oracle(robot)
         wanted = oracle.qdd(q, qd, tau)
@@ -68,7 +72,7 @@ def test_fifty_digits_need_no_more_than_n_iterations() -> None:
         assert relative(np.array(found['qdd'], dtype=float), wanted) < tolerance
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 def test_a_start_other_than_zero_leads_to_the_same_answer(schedule: str) -> None:
     # As printed, with w_0 = y, the iteration ends at the answer plus the start.
     robot = revolute(5)
@@ -78,10 +82,10 @@ def test_a_start_other_than_zero_leads_to_the_same_answer(schedule: str) -> None
     oracle = Oracle(robot)
     wanted = oracle.qdd(q, qd, tau)
     tolerance = ACCELERATION * float(np.linalg.cond(oracle.H(q)))
-    program = FORWARD['pcgm'](resolve(robot), schedule, start=True)
-    far = run(program, {**inputs, 'start': rng.normal(size=5) * 10})
+    program = FORWARD_METHODS['pcgm'](resolve_plant(robot), schedule, start=True)
+    far = run_program(program, {**inputs, 'start': rng.normal(size=5) * 10})
     assert relative(far['qdd'], wanted) < tolerance
-    near = run(program, {**inputs, 'start': wanted * (1 + 1e-9)})
+    near = run_program(program, {**inputs, 'start': wanted * (1 + 1e-9)})
     assert near['iterations'] <= far['iterations']
     assert relative(near['qdd'], wanted) < tolerance
 
@@ -89,8 +93,8 @@ def test_a_start_other_than_zero_leads_to_the_same_answer(schedule: str) -> None
 def test_nothing_to_do_takes_no_iteration() -> None:
     robot = revolute(3)
     q = np.zeros(3)
-    program = FORWARD['pcgm'](resolve(robot, pfd.Scene(gravity=None)), 'parallel')
-    found = run(program, {'q': q, 'qd': q, 'tau': q})
+    program = FORWARD_METHODS['pcgm'](resolve_plant(robot, pfd.Scene(gravity=None)), 'parallel')
+    found = run_program(program, {'q': q, 'qd': q, 'tau': q})
     np.testing.assert_array_equal(found['qdd'], q)
     assert (found['iterations'], found['converged']) == (0, 1)
 
@@ -98,8 +102,8 @@ def test_nothing_to_do_takes_no_iteration() -> None:
 def test_a_limit_that_is_too_low_is_reported() -> None:
     robot = revolute(6)
     q, qd, tau = random_state(np.random.default_rng(4), 6)
-    program = FORWARD['pcgm'](resolve(robot), 'parallel', at_most=3)
-    found = run(program, {'q': q, 'qd': qd, 'tau': tau})
+    program = FORWARD_METHODS['pcgm'](resolve_plant(robot), 'parallel', at_most=3)
+    found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})
     assert (found['iterations'], found['converged']) == (3, 0)
     assert np.isfinite(found['qdd']).all()
 
@@ -107,16 +111,16 @@ def test_a_limit_that_is_too_low_is_reported() -> None:
 def test_a_direction_without_inertia_ends_the_iteration_soundly() -> None:
     # A chain without any mass: u' H u = 0 for every u.
     robot = without_mass(revolute(3), range(3))
-    program = FORWARD['pcgm'](resolve(robot), 'parallel')
+    program = FORWARD_METHODS['pcgm'](resolve_plant(robot), 'parallel')
     q, qd, tau = random_state(np.random.default_rng(5), 3)
-    found = run(program, {'q': q, 'qd': qd, 'tau': tau})
+    found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})
     assert found['converged'] == 0
     np.testing.assert_array_equal(found['qdd'], 0.0)
 
 
 def test_nan_is_not_called_converged() -> None:
-    program = FORWARD['pcgm'](resolve(revolute(3)), 'parallel')
-    found = run(program, {'q': np.full(3, np.nan), 'qd': np.zeros(3), 'tau': np.ones(3)})
+    program = FORWARD_METHODS['pcgm'](resolve_plant(revolute(3)), 'parallel')
+    found = run_program(program, {'q': np.full(3, np.nan), 'qd': np.zeros(3), 'tau': np.ones(3)})
     assert found['converged'] == 0
 
 
@@ -128,7 +132,7 @@ def packed_sums(n: int) -> int:
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_an_iteration_takes_47_multiplications(n: int) -> None:
     # The paper counts 49 multiplications, divisions among them, and 14 L + 30 additions.
-    program = FORWARD['pcgm'](resolve(revolute(n)), 'parallel')
+    program = FORWARD_METHODS['pcgm'](resolve_plant(revolute(n)), 'parallel')
     one, two = program.count(iterations=1), program.count(iterations=2)
     L = math.ceil(math.log2(n))
     assert two.multiplications - one.multiplications == 47
@@ -137,7 +141,7 @@ def test_an_iteration_takes_47_multiplications(n: int) -> None:
 
 
 def test_six_iterations_which_do_not_converge_stay_below_the_papers_count() -> None:
-    program = FORWARD['pcgm'](resolve(revolute(6)), 'parallel')
+    program = FORWARD_METHODS['pcgm'](resolve_plant(revolute(6)), 'parallel')
     steps, given = program.count(iterations=6), program.count(section='joint rotation')
     multiplications = steps.multiplications + steps.divisions - given.multiplications
     assert (multiplications, steps.additions - given.additions) == (476, 561)
@@ -158,8 +162,8 @@ def test_in_single_precision_the_iteration_ends_at_the_rounding_of_single_precis
     exact = pfd.emulate(robot, q, qd, tau, digits=50).qdd.astype(float)
     single = pfd.emulate(robot, q, qd, tau, method=method, dtype='float32')
     # The stop of double precision, 2^29 times as small, is beyond the rounding of these numbers.
-    program = FORWARD[method](resolve(robot), 'parallel')
-    beyond = run(program, {'q': q, 'qd': qd, 'tau': tau}, 'float32')['iterations'].max()
+    program = FORWARD_METHODS[method](resolve_plant(robot), 'parallel')
+    beyond = run_program(program, {'q': q, 'qd': qd, 'tau': tau}, 'float32')['iterations'].max()
     assert single.status == 'ok'
     assert single.iterations is not None
     assert single.iterations < beyond

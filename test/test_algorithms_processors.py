@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from bridge import FORWARD_METHODS, SERIAL_METHODS, MachineSchedule, record_terms, resolve_plant
 from closed_forms import arithmetic, chain
 import numpy as np
 from oracle import Oracle, error
@@ -15,11 +16,8 @@ from tolerances import ACCELERATION
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
-from pfd_core.algorithms.programs import FORWARD, SERIAL, record_terms
-from pfd_core.machine.recorder import Schedule
-from pfd_core.model import resolve
 
-PARALLEL = [method for method in FORWARD if method not in SERIAL]
+PARALLEL = [method for method in FORWARD_METHODS if method not in SERIAL_METHODS]
 # Full blocks: joints and processors.
 FULL = [(6, 2), (6, 3), (12, 4), (8, 8)]
 
@@ -102,18 +100,20 @@ def test_a_batch_with_brakes_runs_on_blocks() -> None:
 @pytest.mark.parametrize('method', PARALLEL)
 @pytest.mark.parametrize('name', ['parallel', 'unpacked'])
 def test_one_processor_runs_the_serial_program_itself(method: str, name: str) -> None:
-    plant = resolve(chain(3))
-    one = FORWARD[method](plant, Schedule(name, 1))
-    assert one == FORWARD[method](plant, 'sequential')
+    plant = resolve_plant(chain(3))
+    one = FORWARD_METHODS[method](plant, MachineSchedule(name, 1))
+    assert one == FORWARD_METHODS[method](plant, 'sequential')
     assert one.count().routes == 0
-    assert FORWARD[method](plant, Schedule(name, 3)) == FORWARD[method](plant, name)
+    assert FORWARD_METHODS[method](plant, MachineSchedule(name, 3)) == FORWARD_METHODS[method](
+        plant, name
+    )
 
 
 def test_one_processor_reports_the_operations_of_the_serial_program() -> None:
     robot, state = problem(4, 7)
     for method in ('pcrbm', 'pcrbm_1987'):
         run = pfd.emulate(robot, *state, method=method, processors=1)
-        serial = FORWARD[method](resolve(robot), 'sequential')
+        serial = FORWARD_METHODS[method](resolve_plant(robot), 'sequential')
         assert run.steps == serial.count()
         assert run.utilisation == 1
     array = pfd.emulate(robot, *state, method='pcrbm_array', processors=2)
@@ -125,7 +125,7 @@ def test_one_processor_reports_the_operations_of_the_serial_program() -> None:
 def test_ne1_takes_q_times_its_products_and_fifteen_scans(n: int, p: int) -> None:
     # On n processors 87 and 15 L + 65: 62 additions are of each link alone, and three add gravity
     # to the acceleration of the first.
-    program = record_terms(resolve(chain(n)), Schedule('unpacked', p))
+    program = record_terms(resolve_plant(chain(n)), MachineSchedule('unpacked', p))
     q, S = n // p, scan(n, p)
     steps = program.count(section='newton_euler')
     assert arithmetic(steps) == (87 * q, 15 * S + 62 * q + 3, 0, 0)
@@ -136,10 +136,10 @@ def test_ne1_takes_q_times_its_products_and_fifteen_scans(n: int, p: int) -> Non
 
 @pytest.mark.parametrize(('n', 'p'), FULL)
 def test_the_orientation_takes_a_product_a_level(n: int, p: int) -> None:
-    program = record_terms(resolve(chain(n)), Schedule('unpacked', p))
+    program = record_terms(resolve_plant(chain(n)), MachineSchedule('unpacked', p))
     S = scan(n, p)
     assert arithmetic(program.count(section='orientation')) == (27 * S, 18 * S, 0, 0)
-    packed = record_terms(resolve(chain(n)), Schedule('parallel', p))
+    packed = record_terms(resolve_plant(chain(n)), MachineSchedule('parallel', p))
     steps = packed.count(section='orientation')
     assert steps.additions * 3 == steps.multiplications * 2 <= 2 * 27 * S
 
@@ -147,7 +147,7 @@ def test_the_orientation_takes_a_product_a_level(n: int, p: int) -> None:
 @pytest.mark.parametrize(('n', 'p'), FULL)
 def test_an_iteration_of_conjugate_gradients_has_two_totals_without_fix_up(n: int, p: int) -> None:
     # 47 products of each link, 12 scans of components and 2 sums on one processor's behalf.
-    program = FORWARD['pcgm_1987'](resolve(chain(n)), Schedule('unpacked', p))
+    program = FORWARD_METHODS['pcgm_1987'](resolve_plant(chain(n)), MachineSchedule('unpacked', p))
     names = ('step 7', 'step 8', 'steps 9 to 11', 'step 12', 'steps 14, 15')
     parts = [arithmetic(program.count(section=name)) for name in names]
     q, S, L = n // p, scan(n, p), math.ceil(math.log2(p))
@@ -158,21 +158,21 @@ def test_an_iteration_of_conjugate_gradients_has_two_totals_without_fix_up(n: in
 
 @pytest.mark.parametrize(('n', 'p'), FULL)
 def test_the_row_sweep_takes_the_rows_of_the_fullest_block(n: int, p: int) -> None:
-    program = record_terms(resolve(chain(n)), Schedule('unpacked', p))
+    program = record_terms(resolve_plant(chain(n)), MachineSchedule('unpacked', p))
     b = n // p
     assert program.count(section='row sweep').additions == 3 * (b * (n - b) + b * (b - 1) // 2)
     pairs = b * (n - b) + b * (b - 1) // 2
     assert program.count(section='moments of the row sweep').multiplications == 6 * pairs
     # Packed, no processor is idle until the pairs i < j are used up.
-    packed = record_terms(resolve(chain(n)), Schedule('parallel', p))
+    packed = record_terms(resolve_plant(chain(n)), MachineSchedule('parallel', p))
     full = math.ceil(n * (n - 1) / 2 / p)
     assert packed.count(section='moments of the row sweep').multiplications == 6 * full
 
 
 def test_more_processors_never_take_more_arithmetic() -> None:
-    plant = resolve(chain(5))
+    plant = resolve_plant(chain(5))
     for method in ('pcrbm', 'pcgm', 'pcrbm_base_origin'):
-        record = FORWARD[method]
-        counts = [record(plant, Schedule('unpacked', p)).count() for p in range(1, 6)]
+        record = FORWARD_METHODS[method]
+        counts = [record(plant, MachineSchedule('unpacked', p)).count() for p in range(1, 6)]
         steps = [sum(arithmetic(count)) for count in counts]
         assert steps == sorted(steps, reverse=True), method

@@ -8,6 +8,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
+from bridge import (
+    QUANTITY_RECORDERS,
+    Frame,
+    Plant,
+    lower_program,
+    program_operations,
+    resolve_plant,
+    rotation_z,
+    run_program,
+)
 from mpmath import mp
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +28,6 @@ from tolerances import DYNAMICS
 from zoo import Array, random_chain, random_state
 
 import pfd_core as pfd
-from pfd_core.algorithms.quantities import RECORDERS
-from pfd_core.kernels.passes.pipeline import lower, operations
-from pfd_core.machine.emulator import run
-from pfd_core.model import Frame, Plant, resolve
-from pfd_core.model.geometry import rotation_z
 
 FEW, MANY = 6, 100
 SEVERAL = [FEW, pytest.param(MANY, marks=[pytest.mark.slow, pytest.mark.long])]
@@ -72,10 +77,10 @@ def quantity(
     frame: str | None = None,
     **given: Any,
 ) -> Array:
-    program = RECORDERS[name](resolve(robot, scene), frame)
+    program = QUANTITY_RECORDERS[name](resolve_plant(robot, scene), frame)
     assert len(program.outputs) == 1
     assert program.inputs == {key: given[key].size for key in program.inputs}
-    (value,) = run(program, given).values()
+    (value,) = run_program(program, given).values()
     found: Array = value
     return found
 
@@ -189,10 +194,10 @@ def test_columns_of_the_inertia_matrix_are_torques_of_unit_accelerations_to_16_u
         scene = pfd.Scene(gravity=None, armature='model')
         q = rng.uniform(-np.pi, np.pi, robot.n)
         H = quantity('inertia_matrix', robot, scene, q=q)
-        program = RECORDERS['inverse_dynamics'](resolve(robot, scene), None)
+        program = QUANTITY_RECORDERS['inverse_dynamics'](resolve_plant(robot, scene), None)
         columns = np.eye(robot.n)
         given = {'q': 0 * columns + q, 'qd': 0 * columns, 'qdd': columns}
-        assert relative(run(program, given)['tau'].T, H) <= 16 * 2.0**-53, robot
+        assert relative(run_program(program, given)['tau'].T, H) <= 16 * 2.0**-53, robot
 
 
 def differences(
@@ -201,8 +206,8 @@ def differences(
     """Return the rate of a quantity of q and qd along given rates of both, in 50 digits."""
     with mp.workdps(50):
         ends = [
-            run(
-                RECORDERS[name](plant, None),
+            run_program(
+                QUANTITY_RECORDERS[name](plant, None),
                 {key: x + h * dx for key, x, dx in zip(('q', 'qd'), state, rate, strict=False)},
                 digits=50,
             )
@@ -216,7 +221,7 @@ def differences(
 def test_the_power_of_the_torques_is_the_rate_of_the_energy() -> None:
     for rng, robot in robots(6, seed=66):
         scene = everything(robot)
-        plant = resolve(robot, scene)
+        plant = resolve_plant(robot, scene)
         q, qd, qdd = random_state(rng, robot.n)
         k = 10 * rng.normal(size=6)
         tau = quantity('inverse_dynamics', robot, scene, q=q, qd=qd, qdd=qdd, wrench=k)
@@ -228,9 +233,11 @@ def test_the_power_of_the_torques_is_the_rate_of_the_energy() -> None:
 
 def test_gravity_torques_are_the_gradient_of_the_potential_energy() -> None:
     for rng, robot in robots(6, seed=67):
-        plant = resolve(robot, everything(robot))
+        plant = resolve_plant(robot, everything(robot))
         q = rng.uniform(-np.pi, np.pi, robot.n)
-        found = run(RECORDERS['gravity_torques'](plant, None), {'q': q})['gravity']
+        found = run_program(QUANTITY_RECORDERS['gravity_torques'](plant, None), {'q': q})[
+            'gravity'
+        ]
         gradient = [
             differences('energy', plant, (q, 0 * q), (e, 0 * q))[1] for e in np.eye(robot.n)
         ]
@@ -239,7 +246,7 @@ def test_gravity_torques_are_the_gradient_of_the_potential_energy() -> None:
 
 def test_the_velocity_is_the_rate_of_the_pose() -> None:
     for rng, robot in robots(6, seed=68):
-        plant = resolve(robot)
+        plant = resolve_plant(robot)
         q, qd, _ = random_state(rng, robot.n)
         rate = differences('tip_pose', plant, (q,), (qd,)).astype(float)
         found = quantity('tip_velocity', robot, q=q, qd=qd)
@@ -261,8 +268,10 @@ def test_the_base_link_does_not_move_and_a_wrench_on_it_needs_no_torques(name: s
     k = np.ones(6)
     equal(quantity('wrench_torques', robot, frame=base, q=q, wrench=k), np.zeros(n))
     for key in ('tip_pose', 'tip_jacobian', 'tip_velocity', 'wrench_torques'):
-        still = lower(RECORDERS[key](resolve(robot), base), 'float64').compiled
-        assert operations(still) == {}, key
+        still = lower_program(
+            QUANTITY_RECORDERS[key](resolve_plant(robot), base), 'float64'
+        ).compiled
+        assert program_operations(still) == {}, key
         assert still.inputs['q'] == n
 
 
@@ -285,14 +294,14 @@ def test_a_frame_within_the_chain_does_not_feel_the_joints_beyond() -> None:
 
 def test_a_quantity_of_the_whole_chain_has_no_frame() -> None:
     with pytest.raises(ValueError, match="frame='tool0' has no meaning"):
-        RECORDERS['energy'](resolve(pfd.load_robot('ur5')), 'tool0')
+        QUANTITY_RECORDERS['energy'](resolve_plant(pfd.load_robot('ur5')), 'tool0')
 
 
 @pytest.mark.parametrize('name', list(MOST))
 def test_quantities_take_no_more_operations_than_promised(name: str) -> None:
-    plant = resolve(pfd.load_robot(name))
-    for key, record in RECORDERS.items():
-        counts = operations(lower(record(plant, None), 'float64').compiled)
+    plant = resolve_plant(pfd.load_robot(name))
+    for key, record in QUANTITY_RECORDERS.items():
+        counts = program_operations(lower_program(record(plant, None), 'float64').compiled)
         assert sum(count for op, count in counts.items() if op != 'neg') <= MOST[name][key], key
 
 
@@ -303,7 +312,11 @@ def test_a_quantity_of_a_scene_costs_only_the_effects_that_it_reads() -> None:
     )
     for name in ('inertia_matrix', 'gravity_torques', 'energy', 'tip_pose', 'wrench_torques'):
         first, second = (
-            operations(lower(RECORDERS[name](resolve(robot, s), None), 'float64').compiled)
+            program_operations(
+                lower_program(
+                    QUANTITY_RECORDERS[name](resolve_plant(robot, s), None), 'float64'
+                ).compiled
+            )
             for s in (None, scene)
         )
         assert first == second, name

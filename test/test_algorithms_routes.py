@@ -9,12 +9,9 @@ of pairs i < j takes a broadcast of each component of link i. Packed routes are 
 
 from __future__ import annotations
 
+from bridge import FORWARD_METHODS, PCRBM_ARRAY_SECTION, resolve_plant
 from closed_forms import EVERY_SIZE, chain, levels, routes_by_section
 import pytest
-
-from pfd_core.algorithms.paper.pcrbm_array import SECTION
-from pfd_core.algorithms.programs import FORWARD
-from pfd_core.model import resolve
 
 Routes = dict[str, int]
 
@@ -61,7 +58,7 @@ def about_the_base(n: int) -> Routes:
 
 def streams(n: int) -> Routes:
     """Return the elements of H and y on their way to the array; h_11 and y_1 are on lane 0."""
-    return {f'streams of the {SECTION}': n * (n + 1) // 2 + n - 2}
+    return {f'streams of the {PCRBM_ARRAY_SECTION}': n * (n + 1) // 2 + n - 2}
 
 
 EXPECTED = {
@@ -84,7 +81,7 @@ EXPECTED = {
 @pytest.mark.parametrize('n', EVERY_SIZE)
 @pytest.mark.parametrize('method', EXPECTED)
 def test_routes_with_one_lane_per_link_have_their_closed_forms(method: str, n: int) -> None:
-    found = routes_by_section(FORWARD[method](resolve(chain(n)), 'unpacked'))
+    found = routes_by_section(FORWARD_METHODS[method](resolve_plant(chain(n)), 'unpacked'))
     assert found == {section: count for section, count in EXPECTED[method](n).items() if count}
 
 
@@ -102,6 +99,8 @@ GOLDEN = {
 
 @pytest.mark.parametrize('method', GOLDEN)
 def test_packed_routes_of_six_joints_are_our_golden_numbers(method: str) -> None:
-    plant = resolve(chain(6))
-    found = tuple(FORWARD[method](plant, s).count().routes for s in ('parallel', 'unpacked'))
+    plant = resolve_plant(chain(6))
+    found = tuple(
+        FORWARD_METHODS[method](plant, s).count().routes for s in ('parallel', 'unpacked')
+    )
     assert found == GOLDEN[method]

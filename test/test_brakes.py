@@ -7,6 +7,7 @@ from __future__ import annotations
 from functools import partial
 from itertools import product
 
+from bridge import FORWARD_METHODS, ITERATIVE_METHODS, resolve_plant, run_program
 import numpy as np
 from oracle import Oracle
 import pytest
@@ -15,9 +16,6 @@ from tolerances import ACCELERATION
 from zoo import random_chain, random_state, without_mass
 
 import pfd_core as pfd
-from pfd_core.algorithms.programs import FORWARD, ITERATIVE
-from pfd_core.machine.emulator import run
-from pfd_core.model import resolve
 
 BRAKES = pfd.Scene(brakes=True)
 # A time in which no state changes but by impulses.
@@ -77,7 +75,7 @@ def test_a_braked_joint_without_mass_does_not_accelerate(method: str, dtype: str
         np.testing.assert_array_equal(found[held], 0.0)
         assert np.isfinite(found).all()
         given = dict(zip(('q', 'qd', 'tau'), state, strict=True)) | {'free': 1.0 - held}
-        np.testing.assert_array_equal(run(kernel.program, given, dtype)['qdd'], found)
+        np.testing.assert_array_equal(run_program(kernel.program, given, dtype)['qdd'], found)
         emulated = pfd.emulate(
             robot, *state, method=method, scene=BRAKES, brakes=held, dtype=dtype
         )
@@ -107,14 +105,14 @@ def test_digits_and_refinement_take_a_braked_joint_without_mass(method: str) -> 
 def test_scaled_conjugate_gradients_take_a_braked_joint_without_mass() -> None:
     robot, held = massless_from(2), np.arange(3) >= 2
     state = random_state(np.random.default_rng(4), 3)
-    program = FORWARD['pcgm'](resolve(robot, BRAKES), 'parallel', jacobi=True)
+    program = FORWARD_METHODS['pcgm'](resolve_plant(robot, BRAKES), 'parallel', jacobi=True)
     given = dict(zip(('q', 'qd', 'tau'), state, strict=True)) | {'free': 1.0 - held}
-    found = run(program, given)['qdd']
+    found = run_program(program, given)['qdd']
     wanted = struck_out(robot, *state, held)
     assert np.abs(found - wanted).max() < ACCELERATION * 1e3 * np.abs(wanted).max()
 
 
-@pytest.mark.parametrize('method', sorted(set(pfd.METHODS) - set(ITERATIVE)))
+@pytest.mark.parametrize('method', sorted(set(pfd.METHODS) - set(ITERATIVE_METHODS)))
 def test_a_massless_joint_that_is_free_is_still_a_status(method: str) -> None:
     state = random_state(np.random.default_rng(4), 3)
     found = pfd.emulate(massless_from(1), *state, method=method, scene=BRAKES, brakes=HELD)

@@ -7,88 +7,104 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import bridge
+from bridge import (
+    HARD_CASES,
+    HARD_MECHANISMS,
+    MECHANISMS_HELD_OUT,
+    MECHANISMS_PEER,
+    MECHANISMS_STATES,
+    MOST_ROUNDINGS,
+    PROBLEM_SEED,
+    HardCase,
+    KernelSpec,
+    MechanismsResult,
+    ReportProblem,
+    centered_links,
+    certified_reference,
+    chain_robot,
+    choose_method,
+    coaxial_robot,
+    default_inverse,
+    drawing_problem,
+    drawn_mechanisms,
+    dropped_problem,
+    grouped_links,
+    kernel_answer,
+    lifted_problem,
+    measure_mechanisms,
+    mechanism_robot,
+    mechanisms_markdown,
+    method_cost,
+    method_roundings,
+    on_one_axis_problem,
+    pfd_main,
+    report_problem,
+    report_robot,
+    resolve_plant,
+    scaled_problem,
+    weighed_problem,
+    worst_error,
+)
 import numpy as np
 import pytest
 from urdf_models import exact_angles, example
 from zoo import without_mass
 
 import pfd_core as pfd
-from pfd_core.algorithms.grouped.links import centered_links, grouped_links
-from pfd_core.kernels import auto
-from pfd_core.kernels.spec import KernelSpec
-from pfd_core.model import resolve
-from pfd_core.report import mechanism_pages
-from pfd_core.report.cases.hard_cases import CASES, MECHANISMS, Case
-from pfd_core.report.cases.problems import (
-    SEED,
-    Problem,
-    drawing,
-    dropped,
-    lifted,
-    on_one_axis,
-    scaled,
-    weighed,
-)
-from pfd_core.report.cases.problems import problem as states_of
-from pfd_core.report.cases.robots import chain, coaxial, mechanism
-from pfd_core.report.cases.robots import robot as robot_called
-from pfd_core.report.measure.errors import kernel_answer, worst
-from pfd_core.report.measure.reference import reference
-from pfd_core.report.mechanism_pages import PEER, Result, drawn, markdown, measure
-from pfd_ros.cli import main as command_line
 
 # Forward dynamics of an ordinary arm of six joints errs by up to 16 units of rounding.
 LAST_DIGITS = 32 * 2.0**-53
 
 
-def error(problem: Problem, refine: int = 0) -> float:
+def error(problem: ReportProblem, refine: int = 0) -> float:
     """Return the error of the default compared with 50 digits."""
-    return worst(kernel_answer(problem, 'float64', refine), reference(problem))
+    return worst_error(kernel_answer(problem, 'float64', refine), certified_reference(problem))
 
 
 @pytest.mark.parametrize('distance', [10.0, 1e6])
 def test_a_distance_along_an_axis_to_a_parallel_joint_costs_no_digits(distance: float) -> None:
-    problem = lifted('zzyz', {0: distance})
+    problem = lifted_problem('zzyz', {0: distance})
     assert error(problem) < LAST_DIGITS
     assert error(problem, refine=1) < LAST_DIGITS
 
 
 def test_the_place_of_an_origin_along_its_axis_costs_no_digits_between_parallel_joints() -> None:
-    problem = dropped('yzzy', 2, 1e6)
+    problem = dropped_problem('yzzy', 2, 1e6)
     assert error(problem) < LAST_DIGITS
     assert error(problem, refine=1) < LAST_DIGITS
 
 
 def test_an_origin_far_along_its_axis_adds_no_operation() -> None:
-    near = auto.cost(resolve(mechanism('yzzyzy')), 'composite_body')
-    assert auto.cost(dropped('yzzyzy', 2, 1e3).plant, 'composite_body') <= near
-    assert auto.cost(lifted('zzyzyz', {0: 1e3}).plant, 'composite_body') <= auto.cost(
-        resolve(mechanism('zzyzyz')), 'composite_body'
+    near = method_cost(resolve_plant(mechanism_robot('yzzyzy')), 'composite_body')
+    assert method_cost(dropped_problem('yzzyzy', 2, 1e3).plant, 'composite_body') <= near
+    assert method_cost(lifted_problem('zzyzyz', {0: 1e3}).plant, 'composite_body') <= method_cost(
+        resolve_plant(mechanism_robot('zzyzyz')), 'composite_body'
     )
 
 
 def test_the_inertia_about_an_axis_is_exact_at_any_distance_along_it() -> None:
     # By the parallel axis theorem the distance along the axis plays no part.
-    near, far = (lifted('zz', {0: distance}).plant for distance in (0.0, 1e6))
+    near, far = (lifted_problem('zz', {0: distance}).plant for distance in (0.0, 1e6))
     one, two = (grouped_links(plant)[0][0].inertia[2, 2] for plant in (near, far))
     assert one == pytest.approx(two, rel=2.0**-52)
 
 
 def test_origins_of_parallel_joints_meet_where_that_is_nearer_to_their_neighbours() -> None:
-    links, _ = centered_links(dropped('yzzy', 2, 1e3).plant)
+    links, _ = centered_links(dropped_problem('yzzy', 2, 1e3).plant)
     assert max(float(np.abs(link.p).max()) for link in links) < 1.0
     # A true distance stays where it is.
-    links, _ = centered_links(lifted('yzzy', {1: 1e3}).plant)
+    links, _ = centered_links(lifted_problem('yzzy', {1: 1e3}).plant)
     assert [float(link.p[2]) for link in links] == [0.0, 0.0, 1e3, 0.0]
 
 
 @pytest.mark.parametrize(
     'problem',
-    [weighed('XYZXYZ', {5: 1e4}), on_one_axis('zzzzzy', 5, 1e-8)],
+    [weighed_problem('XYZXYZ', {5: 1e4}), on_one_axis_problem('zzzzzy', 5, 1e-8)],
     ids=['slides', 'turns'],
 )
-def test_the_default_keeps_the_digits_where_pivots_lose_them(problem: Problem) -> None:
-    assert auto.choose(problem.plant, 'auto', 0) == 'articulated_body'
+def test_the_default_keeps_the_digits_where_pivots_lose_them(problem: ReportProblem) -> None:
+    assert choose_method(problem.plant, 'auto', 0) == 'articulated_body'
     assert error(problem) < LAST_DIGITS
 
 
@@ -105,7 +121,7 @@ def test_the_included_arms_need_no_refinement(name: str, method: str) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot(name))
     assert (kernel.method, kernel.spec.refine) == (method, 0)
     # Grouped articulated bodies take up to 1.14 times the time of composite bodies.
-    few, used = (auto.cost(kernel.spec.plant, one) for one in ('composite_body', method))
+    few, used = (method_cost(kernel.spec.plant, one) for one in ('composite_body', method))
     assert used <= 1.15 * few
 
 
@@ -116,17 +132,17 @@ def of_derivatives(robot: pfd.Robot, **options: Any) -> tuple[str, int]:
 
 @pytest.mark.parametrize('name', ['puma560', 'ur5', 'panda', 'planar2', 'ur10'])
 def test_derivatives_of_ordinary_arms_are_by_composite_bodies(name: str) -> None:
-    assert of_derivatives(robot_called(name)) == ('composite_body', 0)
+    assert of_derivatives(report_robot(name)) == ('composite_body', 0)
 
 
 @pytest.mark.parametrize(
     ('robot', 'found'),
     [
         # The factor of H loses digits.
-        (chain(6, 'y'), ('grouped_articulated_body', 0)),
-        (coaxial(1e-12), ('grouped_articulated_body', 0)),
+        (chain_robot(6, 'y'), ('grouped_articulated_body', 0)),
+        (coaxial_robot(1e-12), ('grouped_articulated_body', 0)),
         # Rounded grouped parameters cost digits, too.
-        (robot_called('kinova'), ('composite_body', 1)),
+        (report_robot('kinova'), ('composite_body', 1)),
     ],
     ids=['rods', 'coaxial', 'kinova'],
 )
@@ -138,31 +154,31 @@ def test_derivatives_take_the_cheapest_accurate_inverse(
 
 
 def test_effects_that_are_no_inertia_do_not_change_the_inverse_of_derivatives() -> None:
-    robot = chain(3, 'y')
-    plain = auto.default_inverse(resolve(robot))
+    robot = chain_robot(3, 'y')
+    plain = default_inverse(resolve_plant(robot))
     scene = pfd.Scene(damping=[1.0] * 3, gravity=None, external_wrench=True, brakes=True)
-    assert auto.default_inverse(resolve(robot, scene)) == plain
+    assert default_inverse(resolve_plant(robot, scene)) == plain
 
 
 def test_a_named_method_and_a_simulation_are_not_refined() -> None:
-    robot = chain(6, 'y')
+    robot = chain_robot(6, 'y')
     assert pfd.compile_kernel(robot).spec.refine == 1
     assert pfd.compile_kernel(robot, method='composite_body').spec.refine == 0
     assert pfd.Simulator(robot, step_size=1e-3).method == 'composite_body'
 
 
 def test_units_of_length_and_mass_do_not_change_the_selection() -> None:
-    small = scaled(2.0**-20, 2.0**-20)
+    small = scaled_problem(2.0**-20, 2.0**-20)
     assert small.twin is not None
-    for method in auto.MOST_ROUNDINGS:
+    for method in MOST_ROUNDINGS:
         plants = small.plant, small.twin().plant
-        one, other = (auto.roundings(plant, method) for plant in plants)
+        one, other = (method_roundings(plant, method) for plant in plants)
         assert one == other
 
 
 def test_a_joint_that_only_brakes_can_hold_is_not_compared() -> None:
-    plant = resolve(without_mass(chain(3, 'yz'), [2]), pfd.Scene(brakes=True))
-    assert auto.roundings(plant, 'composite_body') == 0.0
+    plant = resolve_plant(without_mass(chain_robot(3, 'yz'), [2]), pfd.Scene(brakes=True))
+    assert method_roundings(plant, 'composite_body') == 0.0
 
 
 FAST = {'collinear_axes_1e-12', 'planar_ratio_100', 'ordinary_ur5'}
@@ -178,17 +194,17 @@ HELD_OUT = [
         marks=()
         if case.name in FAST
         else SLOW
-        if case in MECHANISMS or case.name in OFTEN
+        if case in HARD_MECHANISMS or case.name in OFTEN
         else LONG,
     )
-    for case in (*CASES, *MECHANISMS)
+    for case in (*HARD_CASES, *HARD_MECHANISMS)
 ]
 
 
 @pytest.mark.parametrize('case', HELD_OUT)
-def test_the_default_is_not_the_worse_choice_at_states_that_chose_no_limit(case: Case) -> None:
-    problem = drawn(case, mechanism_pages.HELD_OUT)
-    result = measure(case.name, problem, mechanism_pages.HELD_OUT, ['default'])
+def test_the_default_is_not_the_worse_choice_at_states_that_chose_no_limit(case: HardCase) -> None:
+    problem = drawn_mechanisms(case, MECHANISMS_HELD_OUT)
+    result = measure_mechanisms(case.name, problem, MECHANISMS_HELD_OUT, ['default'])
     assert result.worst_ratio <= 1, result
 
 
@@ -205,33 +221,37 @@ def test_the_default_is_not_the_worse_choice_at_states_that_chose_no_limit(case:
 def test_the_default_is_not_the_worse_choice_for_a_public_arm(file: str) -> None:
     robot = pfd.load_robot(exact_angles(example(file)))
     for tau in (5.0, 1.0):
-        with drawing(mechanism_pages.HELD_OUT, mechanism_pages.STATES):
-            result = measure(file, states_of(robot, qd=2.0, tau=tau), ways=['default'])
+        with drawing_problem(MECHANISMS_HELD_OUT, MECHANISMS_STATES):
+            result = measure_mechanisms(
+                file, report_problem(robot, qd=2.0, tau=tau), ways=['default']
+            )
         assert result.worst_ratio <= 1, (tau, result)
 
 
 @pytest.mark.parametrize('name', ['ur5', 'panda'])
 def test_in_free_fall_an_arm_is_at_most_four_times_as_inaccurate_as_the_peer(name: str) -> None:
     # Not two times, as elsewhere (docs/decisions/0040-a-default-that-is-not-worse.md).
-    with drawing(mechanism_pages.HELD_OUT, mechanism_pages.STATES):
-        problem = states_of(pfd.load_robot(name), qd=1.0, tau=0.0)
-    assert measure(name, problem, ways=['default']).worst_ratio <= 2
+    with drawing_problem(MECHANISMS_HELD_OUT, MECHANISMS_STATES):
+        problem = report_problem(pfd.load_robot(name), qd=1.0, tau=0.0)
+    assert measure_mechanisms(name, problem, ways=['default']).worst_ratio <= 2
 
 
 def test_the_page_of_mechanisms_counts_where_the_default_is_above_its_limit() -> None:
-    assert len(MECHANISMS) == len({one.name for one in MECHANISMS}) == 37
+    assert len(HARD_MECHANISMS) == len({one.name for one in HARD_MECHANISMS}) == 37
 
-    def result(name: str, own: float, peer: dict[str, tuple[float, ...]], seed: int) -> Result:
-        return Result(name, seed, 'composite_body', {'default': (1.0, own)} | peer)
+    def result(
+        name: str, own: float, peer: dict[str, tuple[float, ...]], seed: int
+    ) -> MechanismsResult:
+        return MechanismsResult(name, seed, 'composite_body', {'default': (1.0, own)} | peer)
 
     results = [
-        result('bad', 9.0, {PEER: (1.0, 3.0)}, SEED),
-        result('good', 6.0, {PEER: (1.0, 3.0)}, SEED),
-        result('small', 4.0, {PEER: (0.1, 0.1)}, mechanism_pages.HELD_OUT),
-        result('absent', 9.0, {}, mechanism_pages.HELD_OUT),
+        result('bad', 9.0, {MECHANISMS_PEER: (1.0, 3.0)}, PROBLEM_SEED),
+        result('good', 6.0, {MECHANISMS_PEER: (1.0, 3.0)}, PROBLEM_SEED),
+        result('small', 4.0, {MECHANISMS_PEER: (0.1, 0.1)}, MECHANISMS_HELD_OUT),
+        result('absent', 9.0, {}, MECHANISMS_HELD_OUT),
     ]
     assert [one.worst_ratio for one in results] == [1.5, 1.0, 1.0, 0.0]
-    page = markdown(results)
+    page = mechanisms_markdown(results)
     assert "larger than the peer's in 2 of 2 and 1 of 1." in page
     assert 'above the limit in 1 of 2 and 0 of 1.' in page
     assert '- bad, seed 1987: 1.50' in page
@@ -241,9 +261,9 @@ def test_the_page_of_mechanisms_counts_where_the_default_is_above_its_limit() ->
 def test_the_command_writes_the_page_of_mechanisms(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for table in ('CASES', 'MECHANISMS'):
-        monkeypatch.setattr(mechanism_pages, table, ())
-    assert command_line.main(['report', 'mechanisms', '--out', str(tmp_path)]) == 0
+    for table in ('MECHANISM_PAGES_CASES', 'MECHANISM_PAGES_MECHANISMS'):
+        monkeypatch.setattr(*bridge.target(table), ())
+    assert pfd_main(['report', 'mechanisms', '--out', str(tmp_path)]) == 0
     pages = [tmp_path / 'mechanisms.md', tmp_path / 'mechanisms.json']
     assert capsys.readouterr().out.split() == [str(page) for page in pages]
     assert all(page.is_file() for page in pages)
@@ -251,12 +271,15 @@ def test_the_command_writes_the_page_of_mechanisms(
 
 @pytest.mark.slow
 def test_the_page_of_mechanisms_in_the_documentation_is_not_stale() -> None:
-    shown = [MECHANISMS[k] for k in (5, 13, 24)]
-    results = [measure(one.name, drawn(one, SEED)) for one in shown]
+    shown = [HARD_MECHANISMS[k] for k in (5, 13, 24)]
+    results = [measure_mechanisms(one.name, drawn_mechanisms(one, PROBLEM_SEED)) for one in shown]
     page = Path(__file__).resolve().parent.parent / 'docs' / 'report' / 'mechanisms.md'
     # Errors of the peer may differ from one processor to another.
     wanted = {own(line) for line in page.read_text().splitlines()}
-    assert not {own(row) for row in markdown(results).splitlines() if row[:2] == '| '} - wanted
+    assert (
+        not {own(row) for row in mechanisms_markdown(results).splitlines() if row[:2] == '| '}
+        - wanted
+    )
 
 
 def own(row: str) -> str:

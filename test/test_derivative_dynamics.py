@@ -6,6 +6,23 @@ from __future__ import annotations
 
 from typing import Any
 
+from bridge import (
+    DERIVATIVE_MODES,
+    ITERATIVE_METHODS,
+    derivative_program,
+    directional_program,
+    eliminate_dead_code,
+    fold_program,
+    fuse_program,
+    lower_program,
+    program_operations,
+    record_forward_dynamics,
+    record_inverse_dynamics,
+    record_link_torques,
+    record_terms,
+    resolve_plant,
+    run_program,
+)
 from central_differences import differences
 import mpmath
 import numpy as np
@@ -17,20 +34,6 @@ from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state
 
 import pfd_core as pfd
-from pfd_core.algorithms.grouped.link_torques import record_link_torques
-from pfd_core.algorithms.programs import (
-    ITERATIVE,
-    record_forward_dynamics,
-    record_inverse_dynamics,
-    record_terms,
-)
-from pfd_core.kernels.passes.dead_code import eliminate_dead_code
-from pfd_core.kernels.passes.fold import fold
-from pfd_core.kernels.passes.fuse import fuse
-from pfd_core.kernels.passes.pipeline import lower, operations
-from pfd_core.machine.derivative import MODES, derivative, directional
-from pfd_core.machine.emulator import run
-from pfd_core.model import resolve
 
 EVERYTHING = pfd.Scene(external_wrench=True, damping='model', armature='model', brakes=True)
 # Central differences over 1e-16 on 50 digits: third derivatives times 1e-32 are cut off.
@@ -56,19 +59,19 @@ def arm(kind: str) -> tuple[pfd.Robot, pfd.Scene, dict[str, Array]]:
 
 def short(program: pfd.Program, output: str) -> pfd.Program:
     """Return the program of one output with equal expressions shared."""
-    return eliminate_dead_code(fold(program), [output])
+    return eliminate_dead_code(fold_program(program), [output])
 
 
 def forward(robot: pfd.Robot, scene: pfd.Scene, method: str = 'composite_body') -> pfd.Program:
-    return short(record_forward_dynamics(resolve(robot, scene), method, 'sequential'), 'qdd')
+    return short(record_forward_dynamics(resolve_plant(robot, scene), method, 'sequential'), 'qdd')
 
 
 def jacobians(
     program: pfd.Program, inputs: dict[str, Array], output: str, names: list[str], mode: str
 ) -> dict[str, Any]:
     """Return the Jacobians of an output on 50 digits, by the input's name."""
-    made = derivative(program, [output], names, mode)
-    found = run(made, {key: inputs[key] for key in program.inputs}, digits=50)
+    made = derivative_program(program, [output], names, mode)
+    found = run_program(made, {key: inputs[key] for key in program.inputs}, digits=50)
     return {name: found[f'd {output}/d {name}'] for name in names}
 
 
@@ -80,7 +83,7 @@ def assert_close(found: Any, wanted: Any, tolerance: float) -> None:
 @pytest.mark.parametrize(
     ('method', 'kind'),
     [
-        *((name, 'chain') for name in pfd.METHODS if name not in ITERATIVE),
+        *((name, 'chain') for name in pfd.METHODS if name not in ITERATIVE_METHODS),
         *((name, 'ur5') for name in ('articulated_body', *GROUPED)),
     ],
 )
@@ -91,7 +94,9 @@ def test_forward_dynamics_of_every_method_agrees_with_differences_in_both_modes(
     robot, scene, inputs = arm(kind)
     program = forward(robot, scene, method)
     names = STATE + (['wrench'] if kind == 'chain' else [])
-    tangent, adjoint = (jacobians(program, inputs, 'qdd', names, mode) for mode in MODES)
+    tangent, adjoint = (
+        jacobians(program, inputs, 'qdd', names, mode) for mode in DERIVATIVE_MODES
+    )
     for name in names:
         assert_close(tangent[name], adjoint[name], FIFTY_DIGITS)
         assert_close(tangent[name], differences(program, inputs, 'qdd', name), DIFFERENCES)
@@ -102,41 +107,43 @@ def test_forward_dynamics_of_every_method_agrees_with_differences_in_both_modes(
 @pytest.mark.parametrize('algorithm', ['on lanes', 'grouped'])
 def test_inverse_dynamics_agrees_with_differences_in_both_modes(algorithm: str, kind: str) -> None:
     robot, scene, inputs = arm(kind)
-    plant = resolve(robot, scene)
+    plant = resolve_plant(robot, scene)
     grouped = algorithm == 'grouped'
     recorded = (
         record_link_torques(plant) if grouped else record_inverse_dynamics(plant, 'sequential')
     )
     program = short(recorded, 'tau')
     names = ['q', 'qd', 'qdd'] + (['wrench'] if kind == 'chain' else [])
-    tangent, adjoint = (jacobians(program, inputs, 'tau', names, mode) for mode in MODES)
+    tangent, adjoint = (
+        jacobians(program, inputs, 'tau', names, mode) for mode in DERIVATIVE_MODES
+    )
     for name in names:
         assert_close(tangent[name], adjoint[name], FIFTY_DIGITS)
         assert_close(tangent[name], differences(program, inputs, 'tau', name), DIFFERENCES)
 
 
-@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('mode', DERIVATIVE_MODES)
 def test_a_recording_that_is_not_folded_and_a_fused_program_have_the_same_derivatives(
     mode: str,
 ) -> None:
     robot, scene, inputs = arm('chain')
-    recorded = record_forward_dynamics(resolve(robot, scene), 'composite_body', 'sequential')
+    recorded = record_forward_dynamics(resolve_plant(robot, scene), 'composite_body', 'sequential')
     wanted = jacobians(forward(robot, scene), inputs, 'qdd', STATE, mode)
-    for program in (recorded, fuse(forward(robot, scene))):
+    for program in (recorded, fuse_program(forward(robot, scene))):
         found = jacobians(program, inputs, 'qdd', STATE, mode)
         for name in STATE:
             # Folding rounds products of constants.
             assert relative(found[name], wanted[name]) < DYNAMICS
 
 
-@pytest.mark.parametrize('method', ITERATIVE)
+@pytest.mark.parametrize('method', ITERATIVE_METHODS)
 def test_a_method_that_iterates_is_refused(method: str) -> None:
     program = forward(pfd.load_robot('planar2'), pfd.Scene(), method)
     with pytest.raises(ValueError, match="operation 'loop'"):
-        derivative(program, ['qdd'], ['q'])
+        derivative_program(program, ['qdd'], ['q'])
 
 
-@pytest.mark.parametrize('mode', one_fast(MODES, 'adjoint'))
+@pytest.mark.parametrize('mode', one_fast(DERIVATIVE_MODES, 'adjoint'))
 def test_random_chains_agree_with_pinocchio(mode: str) -> None:
     small = (pair for pair in chains(30, seed=61) if pair[1].n <= 6)
     for rng, robot in every(2, small):
@@ -147,8 +154,10 @@ def test_random_chains_agree_with_pinocchio(mode: str) -> None:
         upper = np.triu(oracle.data.Minv)
         X = upper + np.triu(upper, 1).T
         wanted = {'q': oracle.data.ddq_dq, 'qd': oracle.data.ddq_dv, 'tau': X}
-        program = derivative(forward(robot, pfd.Scene(armature='model')), ['qdd'], STATE, mode)
-        found = run(program, {'q': q, 'qd': qd, 'tau': tau})
+        program = derivative_program(
+            forward(robot, pfd.Scene(armature='model')), ['qdd'], STATE, mode
+        )
+        found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})
         largest = max(np.abs(J).max() for J in wanted.values())
         for name in STATE:
             error = np.abs(found[f'd qdd/d {name}'] - wanted[name]).max() / largest
@@ -158,11 +167,11 @@ def test_random_chains_agree_with_pinocchio(mode: str) -> None:
 def test_torques_differentiated_by_accelerations_are_the_inertia_matrix() -> None:
     for kind in ('ur5', 'chain'):
         robot, scene, inputs = arm(kind)
-        plant = resolve(robot, scene)
+        plant = resolve_plant(robot, scene)
         program = short(record_inverse_dynamics(plant, 'sequential'), 'tau')
         terms = record_terms(plant, 'sequential')
-        H = run(terms, {key: inputs[key] for key in terms.inputs}, digits=50)['H']
-        for mode in MODES:
+        H = run_program(terms, {key: inputs[key] for key in terms.inputs}, digits=50)['H']
+        for mode in DERIVATIVE_MODES:
             found = jacobians(program, inputs, 'tau', ['qdd'], mode)['qdd']
             assert_close(found.astype(float), H.astype(float), 1e-14)
 
@@ -172,15 +181,17 @@ def test_accelerations_differentiated_by_torques_are_the_inverse_of_the_inertia_
     scene = pfd.Scene(damping='model', armature='model')
     q, qd, tau = random_state(np.random.default_rng(5), 5)
     inputs = {'q': q, 'qd': qd, 'tau': tau}
-    terms = record_terms(resolve(robot, scene), 'sequential')
-    H = run(terms, {'q': q, 'qd': qd}, digits=50)['H']
-    recorded = record_forward_dynamics(resolve(robot, scene), 'articulated_body', 'sequential')
+    terms = record_terms(resolve_plant(robot, scene), 'sequential')
+    H = run_program(terms, {'q': q, 'qd': qd}, digits=50)['H']
+    recorded = record_forward_dynamics(
+        resolve_plant(robot, scene), 'articulated_body', 'sequential'
+    )
     X = jacobians(recorded, inputs, 'qdd', ['tau'], 'adjoint')['tau']
     assert_close(X, X.T, 1e-14)
     assert_close((X @ H).astype(float), np.eye(5), 1e-13)
 
 
-@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('mode', DERIVATIVE_MODES)
 def test_braked_joints_have_zero_rows_and_their_torques_zero_columns(mode: str) -> None:
     robot, scene, inputs = arm('chain')
     found = jacobians(forward(robot, scene), inputs, 'qdd', STATE, mode)
@@ -191,7 +202,7 @@ def test_braked_joints_have_zero_rows_and_their_torques_zero_columns(mode: str) 
     np.testing.assert_array_equal(found['tau'][:, held].astype(float), 0.0)
 
 
-@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('mode', DERIVATIVE_MODES)
 def test_a_motor_at_its_limit_passes_nothing_on_and_the_others_all(mode: str) -> None:
     robot, _, inputs = arm('ur5')
     limits = np.array([1e3, 1e3, 1e3, 0.01, 1e3, 0.01])
@@ -204,10 +215,10 @@ def test_a_motor_at_its_limit_passes_nothing_on_and_the_others_all(mode: str) ->
     assert_close(found['tau'], wanted * (limits > 1), 1e-13)
 
 
-@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('mode', DERIVATIVE_MODES)
 @pytest.mark.parametrize('name', one_fast(['ur5', 'panda', 'puma560']))
 def test_an_arm_on_a_vertical_joint_has_an_exact_zero_column(name: str, mode: str) -> None:
-    program = derivative(forward(pfd.load_robot(name), pfd.Scene()), ['qdd'], ['q'], mode)
+    program = derivative_program(forward(pfd.load_robot(name), pfd.Scene()), ['qdd'], ['q'], mode)
     n = pfd.load_robot(name).n
     columns = program.outputs['d qdd/d q'].places
     first = [program.instructions[register] for register, _ in columns[::n]]
@@ -219,10 +230,10 @@ def test_the_hessian_of_a_weighted_acceleration_is_symmetric_and_agrees_with_dif
     kind: str,
 ) -> None:
     robot, scene, inputs = arm(kind)
-    gradient = directional(forward(robot, scene), ['qdd'], ['q', 'qd'], 'adjoint')
+    gradient = directional_program(forward(robot, scene), ['qdd'], ['q', 'qd'], 'adjoint')
     inputs['d qdd'] = np.random.default_rng(6).normal(size=robot.n)
-    hessian = derivative(gradient, ['d q', 'd qd'], ['q', 'qd'])
-    found = run(hessian, {key: inputs[key] for key in hessian.inputs}, digits=50)
+    hessian = derivative_program(gradient, ['d q', 'd qd'], ['q', 'qd'])
+    found = run_program(hessian, {key: inputs[key] for key in hessian.inputs}, digits=50)
     whole = np.block([[found[f'd d {y}/d {x}'] for x in ('q', 'qd')] for y in ('q', 'qd')])
     assert_close(whole, whole.T, FIFTY_DIGITS)
     assert np.abs(whole).max() > 0.1
@@ -248,23 +259,23 @@ def test_the_arms_take_no_more_operations_than_promised(name: str, output: str) 
     robot = pfd.load_robot(name)
     inverse = output == 'tau'
     program = (
-        short(record_link_torques(resolve(robot)), 'tau')
+        short(record_link_torques(resolve_plant(robot)), 'tau')
         if inverse
         else forward(robot, pfd.Scene())
     )
-    for mode, most in zip(MODES, MOST[name, output], strict=True):
-        made = derivative(program, [output], STATE[: 2 if inverse else 3], mode)
-        counts = operations(lower(made, 'float64').compiled)
+    for mode, most in zip(DERIVATIVE_MODES, MOST[name, output], strict=True):
+        made = derivative_program(program, [output], STATE[: 2 if inverse else 3], mode)
+        counts = program_operations(lower_program(made, 'float64').compiled)
         assert sum(counts.values()) - counts['neg'] <= most, mode
 
 
-@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('mode', DERIVATIVE_MODES)
 def test_the_lowered_program_computes_the_same_derivatives(mode: str) -> None:
     robot, scene, inputs = arm('chain')
-    made = derivative(forward(robot, scene), ['qdd'], [*STATE, 'wrench'], mode)
+    made = derivative_program(forward(robot, scene), ['qdd'], [*STATE, 'wrench'], mode)
     given = {key: inputs[key] for key in made.inputs}
-    wanted = run(made, given)
-    found = run(lower(made, 'float64').compiled, given)
+    wanted = run_program(made, given)
+    found = run_program(lower_program(made, 'float64').compiled, given)
     assert found.keys() == wanted.keys()
     for name, value in wanted.items():
         assert relative(found[name], value) < DYNAMICS
@@ -277,8 +288,8 @@ def test_doubles_have_the_digits_of_the_exact_derivative(name: str) -> None:
     inputs = {'q': q, 'qd': qd, 'tau': tau}
     program = forward(robot, pfd.Scene())
     tolerance = 1e-13 * jacobi_condition(Oracle(robot).H(q))
-    for mode in MODES:
+    for mode in DERIVATIVE_MODES:
         exact = jacobians(program, inputs, 'qdd', STATE, mode)
-        found = run(derivative(program, ['qdd'], STATE, mode), inputs)
+        found = run_program(derivative_program(program, ['qdd'], STATE, mode), inputs)
         for x in STATE:
             assert relative(found[f'd qdd/d {x}'], exact[x].astype(float)) < tolerance

@@ -10,11 +10,11 @@ from pathlib import Path
 import re
 import shlex
 
+from bridge import PFD_COMMANDS, pfd_commands_of, pfd_parser
 import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_ros.cli.main import COMMANDS, commands_of, parser
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'docs'
@@ -143,7 +143,7 @@ WITH_COMMANDS = [name for name in TEXTS if commands(name)]
 
 @pytest.mark.parametrize('name', WITH_COMMANDS)
 def test_every_command_has_arguments_that_pfd_takes(name: str) -> None:
-    known = parser(commands_of(()))
+    known = pfd_parser(pfd_commands_of(()))
     for line in commands(name):
         line = line.partition(' #')[0].partition('--ros-args')[0]
         # A synopsis has its options in brackets: each of them is taken alone.
@@ -158,7 +158,7 @@ def test_every_command_has_arguments_that_pfd_takes(name: str) -> None:
 
 def test_the_commands_of_the_guides_are_found() -> None:
     found = [words.split()[1] for name in WITH_COMMANDS for words in commands(name)]
-    assert set(found) >= set(COMMANDS) - {'recover', 'doctor'}
+    assert set(found) >= set(PFD_COMMANDS) - {'recover', 'doctor'}
 
 
 def test_the_blocks_of_the_library_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,6 +19,23 @@ import re
 from types import SimpleNamespace
 from typing import Any
 
+from bridge import (
+    EFFECT_FIELDS,
+    ITERATIVE_METHODS,
+    JOINT_VALUES,
+    MOTOR_VALUES,
+    QUANTITIES,
+    QUANTITY_RECORDERS,
+    STEP_VALUES,
+    Effect,
+    KernelSpec,
+    Recorder,
+    record_acceleration_derivatives,
+    record_derivatives,
+    record_inverse_dynamics,
+    resolve_plant,
+    run_program,
+)
 from effect_cases import everything, example, scene_with
 from exact_steps import exact
 from mpmath import mp
@@ -29,18 +46,6 @@ from tolerances import ACCELERATION, FIFTY_DIGITS
 from zoo import Array, random_chain
 
 import pfd_core as pfd
-from pfd_core.algorithms.acceleration_derivatives import (
-    record_acceleration_derivatives,
-    record_derivatives,
-)
-from pfd_core.algorithms.programs import ITERATIVE, record_inverse_dynamics
-from pfd_core.algorithms.quantities import RECORDERS
-from pfd_core.kernels.quantities import QUANTITIES
-from pfd_core.kernels.spec import KernelSpec
-from pfd_core.machine.emulator import run
-from pfd_core.machine.recorder import Recorder
-from pfd_core.model import Effect, resolve
-from pfd_core.model.effects import FIELDS, JOINTS, MOTORS, STEP
 
 DIGITS = 50
 # Half a step of central differences in 50 digits: their error is its square.
@@ -56,8 +61,8 @@ ITERATED = 1e-9
 # Inertias of links, forces of some newtons: an effect that is left out changes more than this.
 NOTICED = 1e-4
 
-INSTANT = {effect.name: effect for effect in pfd.EFFECTS if effect.acts != STEP}
-OVER_A_STEP = {effect.name: effect for effect in pfd.EFFECTS if effect.acts == STEP}
+INSTANT = {effect.name: effect for effect in pfd.EFFECTS if effect.acts != STEP_VALUES}
+OVER_A_STEP = {effect.name: effect for effect in pfd.EFFECTS if effect.acts == STEP_VALUES}
 KINDS = ('revolute', 'prismatic', 'continuous')
 N = len(KINDS)
 BRAKED = np.array([False, True, False])
@@ -88,7 +93,9 @@ def state() -> dict[str, Array]:
 
 def scene_of(name: str) -> pfd.Scene:
     """Return a scene with one effect, and gravity where it needs some."""
-    others = {'gravity': example(FIELDS['gravity'], N)} if name in ('gravity', 'payload') else {}
+    others = (
+        {'gravity': example(EFFECT_FIELDS['gravity'], N)} if name in ('gravity', 'payload') else {}
+    )
     return scene_with(*(field.name for field in INSTANT[name].fields), n=N, **others)
 
 
@@ -108,7 +115,7 @@ def test_a_name_of_no_effect_cannot_be_left_out() -> None:
 
 def of_record(effect: Effect, scene: pfd.Scene, at: dict[str, Array], energy: bool = False) -> Any:
     """Return the torques, (n,), that a record of the joints gives, or the stored energies."""
-    numbers = resolve(robot(), scene).effects
+    numbers = resolve_plant(robot(), scene).effects
     found = []
     for i in range(N):
         recorder = Recorder(1, 'sequential')
@@ -129,17 +136,17 @@ def of_record(effect: Effect, scene: pfd.Scene, at: dict[str, Array], energy: bo
             value = value + (first * qdd if effect.inertia else 0.0)
         recorder.output('y', (1,), [(value, 0)])
         given = {key: at[key][i : i + 1] for key in ('q', 'qd', 'qdd')}
-        found.append(run(recorder.program(), given, digits=DIGITS)['y'][0])
+        found.append(run_program(recorder.program(), given, digits=DIGITS)['y'][0])
     return np.array(found, dtype=object)
 
 
 def torques(name: str, at: dict[str, Array]) -> Any:
     """Return the torques of inverse dynamics, (n,): of a bare arm, and those of the record."""
     effect, scene = INSTANT[name], scene_of(name)
-    own = effect.acts == JOINTS
-    plant = resolve(robot(), scene_with(n=N) if own else scene)
+    own = effect.acts == JOINT_VALUES
+    plant = resolve_plant(robot(), scene_with(n=N) if own else scene)
     program = record_inverse_dynamics(plant, 'parallel')
-    found = run(program, {key: at[key] for key in program.inputs}, digits=DIGITS)['tau']
+    found = run_program(program, {key: at[key] for key in program.inputs}, digits=DIGITS)['tau']
     return found + of_record(effect, scene, at) if own else found
 
 
@@ -213,7 +220,9 @@ def found(quantity: str, scene: pfd.Scene) -> Array:
     answer: Array = kernel(*(at[key] for key in row.arguments), **more)
     if quantity != 'energy':
         return answer
-    program = RECORDERS['energy'](KernelSpec(robot(), scene, quantity='energy').plant, None)
+    program = QUANTITY_RECORDERS['energy'](
+        KernelSpec(robot(), scene, quantity='energy').plant, None
+    )
     np.testing.assert_allclose(answer, energy(program, at).astype(float), rtol=KERNEL)
     with mp.workdps(DIGITS):
         slopes = differences(lambda x: energy(program, x)[1], at, 'q')
@@ -221,7 +230,7 @@ def found(quantity: str, scene: pfd.Scene) -> Array:
 
 
 def energy(program: pfd.Program, at: dict[str, Array]) -> Any:
-    return run(program, {key: at[key] for key in program.inputs}, digits=DIGITS)['energy']
+    return run_program(program, {key: at[key] for key in program.inputs}, digits=DIGITS)['energy']
 
 
 @cache
@@ -259,7 +268,7 @@ WHOLE = [name for name, row in QUANTITIES.items() if not row.of_frame]
 
 def test_the_fields_of_a_scene_are_those_of_the_table_and_off_by_default_but_for_gravity() -> None:
     defaults = {field.name: field.default for field in fields(pfd.Scene)}
-    assert defaults == {key: field.off for key, field in FIELDS.items()} | {
+    assert defaults == {key: field.off for key, field in EFFECT_FIELDS.items()} | {
         'gravity': (0.0, 0.0, -9.81)
     }
 
@@ -286,7 +295,7 @@ def test_every_quantity_that_forgot_an_effect_would_be_noticed(name: str) -> Non
                 assert_equal(forgetful, wanted(quantity, name))
             forgotten.append(quantity)
     # A motor's limit has no inverse, and brakes act on accelerations alone.
-    limits = name == 'brakes' or (INSTANT[name].acts == MOTORS and not INSTANT[name].at_rest)
+    limits = name == 'brakes' or (INSTANT[name].acts == MOTOR_VALUES and not INSTANT[name].at_rest)
     least = {'forward_dynamics', 'derivatives'} | (set() if limits else {'inverse_dynamics'})
     assert least <= set(forgotten)
     if INSTANT[name].potential is not None:
@@ -327,18 +336,18 @@ def accelerations_without_effects(method: str) -> Any:
 @pytest.mark.parametrize('method', pfd.METHODS)
 def test_every_method_has_every_effect(method: str, name: str) -> None:
     effect, scene, tau = INSTANT[name], scene_of(name), fifty(state()['tau'])
-    exact = ITERATED if method in ITERATIVE else FIFTY_DIGITS
+    exact = ITERATED if method in ITERATIVE_METHODS else FIFTY_DIGITS
     with mp.workdps(DIGITS):
         qdd = emulated(method, scene, tau)
         assert_equal(qdd, exact_accelerations(name), max(exact, KERNEL))
         # A method has rounded parameters of its own, but what the effect adds has 50 digits.
         bare = accelerations_without_effects(method)
-        if effect.acts == JOINTS:
+        if effect.acts == JOINT_VALUES:
             taken = of_record(effect, scene, moved(state(), qdd=bare))
             # The pivot of a joint with a rotor has other constants in articulated bodies.
             found = emulated(method, scene, tau + taken)
             assert_equal(found, bare, KERNEL if effect.inertia else exact)
-        if effect.acts == MOTORS and not effect.at_rest:
+        if effect.acts == MOTOR_VALUES and not effect.at_rest:
             given = limited(name, tau, fifty(state()['qd']))
             assert (given != tau).any()
             assert_equal(emulated(method, scene_with(n=N), given), qdd, exact)
@@ -346,14 +355,14 @@ def test_every_method_has_every_effect(method: str, name: str) -> None:
 
 def solved(name: str, output: str) -> Callable[[dict[str, Array]], Any]:
     """Return a function for an output of the derivatives' program, in 50 digits."""
-    plant = resolve(robot(), scene_of(name))
+    plant = resolve_plant(robot(), scene_of(name))
     record = record_derivatives if output == 'qdd' else record_acceleration_derivatives
     program = record(plant)
     fixed = {'free': 1.0 - BRAKED}
 
     def answer(at: dict[str, Array]) -> Any:
         given = {key: value for key, value in (at | fixed).items() if key in program.inputs}
-        return run(program, given, digits=DIGITS)[output]
+        return run_program(program, given, digits=DIGITS)[output]
 
     return answer
 
@@ -379,7 +388,7 @@ def test_linearised_steps_have_every_effect(name: str) -> None:
 @pytest.mark.parametrize('name', INSTANT)
 def test_the_power_of_the_effect_is_what_the_energy_changes_by(name: str) -> None:
     effect, scene = INSTANT[name], scene_of(name)
-    program = RECORDERS['energy'](resolve(robot(), scene), None)
+    program = QUANTITY_RECORDERS['energy'](resolve_plant(robot(), scene), None)
     with mp.workdps(DIGITS):
         # A brake that closes on a moving joint is an impact.
         braked = np.where(BRAKED, 0.0, 1.0) if name == 'brakes' else np.ones(N)
@@ -390,13 +399,13 @@ def test_the_power_of_the_effect_is_what_the_energy_changes_by(name: str) -> Non
             for s in (TINY, -TINY)
         )
         power = at['qd'] @ limited(name, at['tau'], at['qd'])
-        if effect.acts == JOINTS and effect.potential is None and not effect.inertia:
+        if effect.acts == JOINT_VALUES and effect.potential is None and not effect.inertia:
             power -= at['qd'] @ of_record(effect, scene, at)
         if name == 'external wrench':
             without_wrench = torques(name, moved(at, wrench=fifty(np.zeros(6))))
             power -= at['qd'] @ (torques(name, at) - without_wrench)
         # Compensation and the wrench have parameters of their own, rounded to float64.
-        balance = DIFFERENCES if effect.acts == JOINTS else KERNEL
+        balance = DIFFERENCES if effect.acts == JOINT_VALUES else KERNEL
         assert_equal((up - down) / (2 * TINY), power, balance)
 
 
@@ -462,4 +471,4 @@ def test_the_guide_has_the_table_of_effects_and_the_effects_of_every_quantity() 
 
 def test_the_docstring_of_scene_describes_every_field_of_the_table() -> None:
     described = re.findall(r'^(\w+) : ', inspect.getdoc(pfd.Scene) or '', re.MULTILINE)
-    assert sorted(described) == sorted(FIELDS)
+    assert sorted(described) == sorted(EFFECT_FIELDS)

@@ -11,11 +11,11 @@ from pathlib import Path
 import subprocess
 import sys
 
+from bridge import cached_property
 from process_that_forks import WORK
 import pytest
 
 import pfd_core as pfd
-from pfd_core.forking import cached_property
 
 SCRIPT = Path(__file__).with_name('process_that_forks.py')
 PACKAGE = Path(pfd.__file__).parent

@@ -11,6 +11,11 @@ from pathlib import Path
 import re
 from typing import Any
 
+from bridge import (
+    EVERY_SCENE_FIELD,
+    QUANTITIES,
+    resolve_plant,
+)
 import numpy as np
 from oracle import Oracle, relative
 import pinocchio as pin
@@ -18,8 +23,6 @@ import pytest
 from tolerances import DYNAMICS
 
 import pfd_core as pfd
-from pfd_core.kernels.quantities import EVERYTHING, QUANTITIES
-from pfd_core.model import resolve
 
 FOLDER = Path(__file__).resolve().parent.parent / 'docs' / 'guides'
 # A block of code, and the output printed below it, if there is one.
@@ -166,7 +169,7 @@ def test_arms_of_the_guide_rest_where_friction_holds_gravity_and_the_gains() -> 
 
 def loaded(names: dict[str, Any]) -> tuple[Oracle, Oracle]:
     """Return Pinocchio's answers for the arm of a guide with its payload, and without."""
-    plant = resolve(names['robot'], names['scene'])
+    plant = resolve_plant(names['robot'], names['scene'])
     return Oracle(plant.robot, plant.armature), Oracle(names['robot'], plant.armature)
 
 
@@ -210,7 +213,7 @@ def test_the_table_of_quantities_has_all_of_them_with_their_effects() -> None:
         assert arguments == ', '.join((*row.arguments, *wrench))
         if not effects.startswith('all'):
             assert {*effects.replace('none', '').split(', ')} - {''} == set(row.effects)
-    assert set(EVERYTHING) - set(QUANTITIES['inverse_dynamics'].effects) == {'brakes'}
+    assert set(EVERY_SCENE_FIELD) - set(QUANTITIES['inverse_dynamics'].effects) == {'brakes'}
 
 
 def test_the_readmes_quantities_are_those_of_one_equation_of_motion() -> None:

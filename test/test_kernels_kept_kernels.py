@@ -14,6 +14,20 @@ import subprocess
 import sys
 from typing import Any
 
+import bridge
+from bridge import (
+    CACHE_HEAD,
+    CACHE_VARIABLE,
+    USUAL_OPTIMISATION,
+    Optimisation,
+    Target,
+    compile_ir,
+    host_target,
+    object_key,
+    outline_ir,
+    read_cache,
+    write_cache,
+)
 from cache_folders import IR, LIFETIME, ROOT, answers, contents
 import llvmlite
 import llvmlite.binding as llvm
@@ -23,23 +37,19 @@ from sampling import one_fast
 from zoo import random_chain
 
 import pfd_core as pfd
-from pfd_core.kernels import source
-from pfd_core.kernels.runtime import disk_cache as cache
-from pfd_core.kernels.runtime import jit as engine
-from pfd_core.kernels.runtime import processor
 
 CHILD = """
 import json, sys
 import numpy as np
+import bridge
 import pfd_core as pfd
-from pfd_core.kernels.runtime import jit as engine, json_cache as facts
-from pfd_core.machine.recorder import Recorder
-facts.IMPORTED = 0.0  # whoever edits the package while its tests run knows what he does
-facts.sources.cache_clear()
-emitted, emit = [], engine.emit
-engine.emit = lambda *args: emitted.append(1) or emit(*args)
-recorded, begin = [], Recorder.__init__
-Recorder.__init__ = lambda *args, **options: recorded.append(1) or begin(*args, **options)
+# Whoever edits the package while its tests run knows what he does.
+bridge.put('JSON_CACHE_IMPORTED', 0.0)
+bridge.json_cache_sources.cache_clear()
+emitted, emit = [], bridge.emit_object
+bridge.put('emit_object', lambda *args: emitted.append(1) or emit(*args))
+recorded, begin = [], bridge.Recorder_init
+bridge.put('Recorder_init', lambda *args, **given: recorded.append(1) or begin(*args, **given))
 robot = pfd.load_robot(sys.argv[1])
 kernel = pfd.compile_kernel(robot)
 rows = np.random.default_rng(1).uniform(-1, 1, (3, 9, robot.n))
@@ -51,11 +61,12 @@ print(json.dumps({
     'ir': kernel.ir,
 }))
 """
-HOST = engine.Target('x86_64-unknown-linux-gnu', 'haswell', '+avx,+avx2')
+HOST = Target('x86_64-unknown-linux-gnu', 'haswell', '+avx,+avx2')
 
 
 def start_child(robot: str) -> subprocess.Popen[str]:
-    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    path = os.pathsep.join([str(ROOT), str(ROOT / 'test')])
+    environment = {**os.environ, 'PYTHONPATH': path}
     command = [sys.executable, '-c', CHILD, robot]
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
 
@@ -75,8 +86,10 @@ def test_a_second_simulation_from_disk_records_no_program(
     first = pfd.Simulator(robot, scene).rollout(np.zeros((3, robot.n)))
     recorded: list[Any] = []
     # Entered for each program that is recorded.
-    uncollected = source.uncollected
-    monkeypatch.setattr(source, 'uncollected', lambda: recorded.append(1) or uncollected())
+    uncollected = bridge.source_uncollected
+    monkeypatch.setattr(
+        *bridge.target('source_uncollected'), lambda: recorded.append(1) or uncollected()
+    )
     again = pfd.Simulator(robot, scene).rollout(np.zeros((3, robot.n)))
     assert not recorded
     assert again.q.tobytes() == first.q.tobytes()
@@ -98,7 +111,7 @@ def test_two_processes_at_once_leave_one_sound_copy(folder: Path) -> None:
     written = contents(folder)
     # Facts, the method of the default, two modules of IR and two objects; nothing unfinished.
     assert len(written) == 6
-    assert all(cache.read(Path(name).stem) for name in written)
+    assert all(read_cache(Path(name).stem) for name in written)
     assert result(start_child('planar2'))['emitted'] == 0
 
 
@@ -114,7 +127,7 @@ SLOW = pytest.mark.slow
         pytest.param(lambda data: data + b'\0', id='one byte more', marks=SLOW),
         pytest.param(lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:], id='one bit'),
         pytest.param(
-            lambda data: data.replace(cache.HEAD, b'pfd_ros cache 0\n'),
+            lambda data: data.replace(CACHE_HEAD, b'pfd_ros cache 0\n'),
             id='another format',
             marks=SLOW,
         ),
@@ -151,12 +164,12 @@ def test_every_robot_scene_method_and_precision_is_kept_apart(
         {'robot': arm, 'dtype': 'float32'},
         {'robot': arm, 'refine': 1},
     ]
-    monkeypatch.setenv(cache.VARIABLE, '')
+    monkeypatch.setenv(CACHE_VARIABLE, '')
     wanted = [seen(pfd.compile_kernel(**choice)) for choice in choices]
     torques = seen(pfd.compile_kernel(arm, quantity='inverse_dynamics'))
     # They differ at all, so that one taken for another would show.
     assert len({*wanted, torques}) == len(choices) + 1
-    monkeypatch.setenv(cache.VARIABLE, str(folder))
+    monkeypatch.setenv(CACHE_VARIABLE, str(folder))
     for _ in range(2):
         count = len(emitted)
         assert [seen(pfd.compile_kernel(**choice)) for choice in choices] == wanted
@@ -175,10 +188,10 @@ def test_a_kernel_from_disk_still_has_its_program(folder: Path) -> None:
 def test_the_name_of_an_object_depends_on_all_that_decides_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def key(ir: str, target: engine.Target, optimisation: engine.Optimisation) -> str:
-        return engine.object_key(engine.outline(ir).digest, target, optimisation)
+    def key(ir: str, target: Target, optimisation: Optimisation) -> str:
+        return object_key(outline_ir(ir).digest, target, optimisation)
 
-    usual = engine.USUAL
+    usual = USUAL_OPTIMISATION
     names = [
         key(IR, HOST, usual),
         key(IR + '\n', HOST, usual),
@@ -196,14 +209,14 @@ def test_the_name_of_an_object_depends_on_all_that_decides_it(
     assert key(IR, HOST, usual) == names[-1]
 
 
-HERE = processor.host().triple
+HERE = host_target().triple
 FOREIGN = ('x86_64' if HERE.startswith('aarch64') else 'aarch64') + '-unknown-linux-gnu'
 
 
 def object_of(ir: str, triple: str) -> bytes:
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    return engine.emit(ir, engine.Target(triple))
+    return bridge.emit_object(ir, Target(triple))
 
 
 @pytest.mark.parametrize(
@@ -241,16 +254,16 @@ def object_of(ir: str, triple: str) -> bytes:
 def test_a_sound_file_that_holds_no_object_for_this_processor_is_compiled_again(
     folder: Path, emitted: list[str], spoil: Any
 ) -> None:
-    engine.compile_ir(IR)
+    compile_ir(IR)
     ((name, sound),) = contents(folder).items()
-    payload = cache.read(Path(name).stem)
+    payload = read_cache(Path(name).stem)
     assert payload is not None
     spoilt = spoil(payload)
-    cache.write(Path(name).stem, spoilt)
-    assert cache.read(Path(name).stem) == spoilt
+    write_cache(Path(name).stem, spoilt)
+    assert read_cache(Path(name).stem) == spoilt
     emitted.clear()
     square = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)
-    native = engine.compile_ir(IR)
+    native = compile_ir(IR)
     assert square(native.address('f'))(3.0) == 9.0
     assert emitted == [IR]
     assert contents(folder) == {name: sound}
@@ -259,13 +272,13 @@ def test_a_sound_file_that_holds_no_object_for_this_processor_is_compiled_again(
 def test_what_was_written_under_another_name_is_made_again(
     folder: Path, emitted: list[str]
 ) -> None:
-    engine.compile_ir(IR)
+    compile_ir(IR)
     (name,) = contents(folder)
-    engine.compile_ir(IR.replace('fmul', 'fadd'))
+    compile_ir(IR.replace('fmul', 'fadd'))
     (other,) = contents(folder).keys() - {name}
     (folder / other).replace(folder / name)
     emitted.clear()
-    engine.compile_ir(IR)
+    compile_ir(IR)
     assert emitted == [IR]
 
 
@@ -312,5 +325,5 @@ def test_where_nothing_can_be_written_kernels_work_after_one_warning(
     (record,) = caplog.records
     assert (record.name, record.levelname) == ('pfd_core', 'WARNING')
     assert f'cannot be kept in {str(folder)!r}' in record.message
-    assert cache.VARIABLE in record.message
+    assert CACHE_VARIABLE in record.message
     assert folder.is_file() or not contents(folder)

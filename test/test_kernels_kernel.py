@@ -10,6 +10,7 @@ import pickle
 import sys
 import threading
 
+from bridge import ITERATIVE_METHODS, run_program
 import numpy as np
 from oracle import ARMS, Oracle, assert_bits_of_the_emulator, jacobi_condition
 import pytest
@@ -18,8 +19,6 @@ from tolerances import DYNAMICS, SINGLE
 from zoo import random_chain, random_states, without_mass
 
 import pfd_core as pfd
-from pfd_core.algorithms.programs import ITERATIVE
-from pfd_core.machine.emulator import run
 
 DTYPES = ('float64', 'float32')
 # Torques of some 50 N m rounded to single precision, over a wrist of 2e-4 kg m^2 [rad/s^2].
@@ -32,7 +31,7 @@ BATCHES = (1, 2, 7, 8, 9, 16, 33)
 def test_kernel_and_emulator_give_the_same_bits(name: str, dtype: str) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot(name), dtype=dtype)
     q, qd, tau = random_states(kernel.robot.n, 33, dtype)
-    emulated = run(kernel.program, {'q': q, 'qd': qd, 'tau': tau}, dtype)['qdd']
+    emulated = run_program(kernel.program, {'q': q, 'qd': qd, 'tau': tau}, dtype)['qdd']
     np.testing.assert_array_equal(kernel(q, qd, tau), emulated)
     singles = [kernel(*rows) for rows in zip(q, qd, tau, strict=True)]
     np.testing.assert_array_equal(singles, emulated)
@@ -184,7 +183,7 @@ def test_a_prismatic_joint_is_never_wrapped() -> None:
     robot = random_chain(np.random.default_rng(4), 2, joint_types=['prismatic', 'prismatic'])
     kernel = pfd.compile_kernel(robot)
     q = np.array([3e5, -2e7])
-    emulated = run(kernel.program, {'q': q, 'qd': q, 'tau': q})['qdd']
+    emulated = run_program(kernel.program, {'q': q, 'qd': q, 'tau': q})['qdd']
     np.testing.assert_array_equal(kernel(q, q, q), emulated)
 
 
@@ -306,7 +305,7 @@ def test_inverse_dynamics_gives_the_torques_back() -> None:
         scale = np.abs(qdd).max() * 100
         np.testing.assert_allclose(found, tau, rtol=0, atol=DYNAMICS * scale)
         kernel = pfd.compile_kernel(robot, scene=scene, quantity='inverse_dynamics')
-        emulated = run(kernel.program, {'q': q, 'qd': qd, 'qdd': qdd})['tau']
+        emulated = run_program(kernel.program, {'q': q, 'qd': qd, 'qdd': qdd})['tau']
         np.testing.assert_array_equal(kernel(q, qd, qdd), emulated)
 
 
@@ -341,7 +340,7 @@ def test_a_kernel_has_its_method_operations_and_ir() -> None:
 
 @pytest.mark.sweep
 @pytest.mark.parametrize('dtype', DTYPES)
-@pytest.mark.parametrize('method', ITERATIVE)
+@pytest.mark.parametrize('method', ITERATIVE_METHODS)
 def test_an_iteration_that_does_not_converge_answers_nan(method: str, dtype: str) -> None:
     # Without mass no direction has inertia, and with torque there is no answer.
     massless = without_mass(pfd.load_robot('planar2'), range(2))
@@ -354,7 +353,7 @@ def test_an_iteration_that_does_not_converge_answers_nan(method: str, dtype: str
         pfd.Simulator(massless, method=method, dtype=dtype)
 
 
-@pytest.mark.parametrize('method', ITERATIVE)
+@pytest.mark.parametrize('method', ITERATIVE_METHODS)
 def test_an_iteration_in_single_precision_converges_where_torques_nearly_cancel(
     method: str,
 ) -> None:

@@ -6,6 +6,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import bridge
+from bridge import (
+    CHUNK,
+    FEW_JOINTS,
+    MANY_JOINTS,
+    USUAL_OPTIMISATION,
+    IrFormat,
+    Recorder,
+    body_in_parts_ir,
+    choose_method,
+    coaxial_robot,
+    method_cost,
+    resolve_plant,
+    uniform_chain_robot,
+)
 import numpy as np
 from oracle import Oracle, assert_bits_of_the_emulator, jacobi_condition, relative
 import pytest
@@ -14,21 +29,14 @@ from tolerances import ACCELERATION
 from zoo import random_chain, random_state, without_mass
 
 import pfd_core as pfd
-from pfd_core.kernels import auto
-from pfd_core.kernels.codegen import body, chunks
-from pfd_core.kernels.codegen.spelling import Format
-from pfd_core.kernels.runtime import jit, processor
-from pfd_core.machine.recorder import Recorder
-from pfd_core.model import resolve
-from pfd_core.report.cases.robots import coaxial, uniform_chain
 
 
 @pytest.fixture
 def cut(monkeypatch: pytest.MonkeyPatch) -> None:
     # Kernels on disk do not depend on where they were cut.
     monkeypatch.setenv('PFD_CACHE', '')
-    monkeypatch.setattr(body, 'LONGEST', 0)
-    monkeypatch.setattr(body, 'PART', 37)
+    monkeypatch.setattr(*bridge.target('BODY_LONGEST'), 0)
+    monkeypatch.setattr(*bridge.target('BODY_PART'), 37)
 
 
 @pytest.mark.usefixtures('cut')
@@ -50,7 +58,7 @@ def test_a_place_of_the_frame_is_used_again_once_it_has_been_read() -> None:
     for _ in range(50):
         x = x * x
     recorder.output('qdd', (1,), [(x, 0)])
-    ir = body.body_in_parts(recorder.program(), Format('float64', 1), 5)
+    ir = body_in_parts_ir(recorder.program(), IrFormat('float64', 1), 5)
     assert ir.count('define') == 11
     # A value passes from each part to the next; while it is read, another is written.
     assert 'alloca [2 x double]' in ir
@@ -65,7 +73,7 @@ def test_a_result_may_be_an_input_a_constant_or_an_early_value() -> None:
         late = late * 0.5
     values = [q[1], recorder.constant(3.0), early, late]
     recorder.output('qdd', (4,), [(value, 0) for value in values])
-    ir = body.body_in_parts(recorder.program(), Format('float64', 1), 4)
+    ir = body_in_parts_ir(recorder.program(), IrFormat('float64', 1), 4)
     final = ir[ir.index('@part5(') : ir.index('define internal void @body')]
     assert final.count('store') == 4
     # Element 0 lies at %out itself; no other part writes results.
@@ -77,11 +85,11 @@ def test_chunks_of_columns_give_the_bits_of_single_states(
     dtype: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv('PFD_CACHE', '')
-    monkeypatch.setattr(chunks, 'FEW', 0)
+    monkeypatch.setattr(*bridge.target('CHUNKS_FEW'), 0)
     rng = np.random.default_rng(62)
     scene = pfd.Scene(external_wrench=True, brakes=True)
     kernel = pfd.compile_kernel(random_chain(rng, 3), scene=scene, dtype=dtype)
-    chunk = chunks.CHUNK // np.dtype(dtype).itemsize
+    chunk = CHUNK // np.dtype(dtype).itemsize
     size = 3 * chunk + 5
     q, qd, tau = (rng.normal(size=(size, 3)).astype(dtype) for _ in range(3))
     wrench, brakes = rng.normal(size=(size, 6)).astype(dtype), rng.random((size, 3)) < 0.3
@@ -108,7 +116,7 @@ def test_a_long_chain_agrees_with_pinocchio(n: int) -> None:
     rng = np.random.default_rng(n)
     robot = random_chain(rng, n)
     kernel = pfd.compile_kernel(robot)
-    assert kernel.method == auto.MANY_JOINTS
+    assert kernel.method == MANY_JOINTS
     check(rng, kernel)
 
 
@@ -130,15 +138,20 @@ def check(rng: np.random.Generator, kernel: pfd.Kernel) -> None:
 
 @pytest.mark.slow
 def test_the_operations_of_the_method_for_long_chains_grow_linearly() -> None:
-    counts = [auto.cost(resolve(uniform_chain(n)), auto.MANY_JOINTS) for n in (16, 24, 32)]
+    counts = [
+        method_cost(resolve_plant(uniform_chain_robot(n)), MANY_JOINTS) for n in (16, 24, 32)
+    ]
     assert counts[2] - counts[1] == counts[1] - counts[0]
 
 
 def test_auto_takes_composite_bodies_for_arms_and_articulated_bodies_for_long_chains() -> None:
     for name in ('puma560', 'ur5', 'panda'):
-        plant = resolve(pfd.load_robot(name))
-        assert auto.choose(plant, 'auto', 0) == 'composite_body'
-    assert auto.choose(resolve(uniform_chain(16)), 'auto', 0) == 'grouped_articulated_body'
+        plant = resolve_plant(pfd.load_robot(name))
+        assert choose_method(plant, 'auto', 0) == 'composite_body'
+    assert (
+        choose_method(resolve_plant(uniform_chain_robot(16)), 'auto', 0)
+        == 'grouped_articulated_body'
+    )
 
 
 @pytest.mark.parametrize('inertia', [1e-4, 1e-12, 1e-18])
@@ -146,21 +159,21 @@ def test_auto_is_articulated_bodies_where_refinement_cannot_correct_a_cancelled_
     inertia: float,
 ) -> None:
     # The inertia between two joints on one axis is what is left of a diagonal of about 1.
-    plant = resolve(coaxial(inertia))
-    assert auto.choose(plant, 'auto', 0) == 'articulated_body'
+    plant = resolve_plant(coaxial_robot(inertia))
+    assert choose_method(plant, 'auto', 0) == 'articulated_body'
     expected = 'composite_body' if inertia > 1e-6 else 'grouped_articulated_body'
-    assert auto.choose(plant, 'auto', 1) == expected
-    assert auto.choose(plant, 'composite_body', 1) == 'composite_body'
+    assert choose_method(plant, 'auto', 1) == expected
+    assert choose_method(plant, 'composite_body', 1) == 'composite_body'
 
 
 def test_auto_refines_ordinary_arms_and_massless_joints_by_composite_bodies() -> None:
     everything = pfd.Scene(armature='model', external_wrench=True, brakes=True)
     for name in pfd.known_robots():
         for scene in (None, everything):
-            plant = resolve(pfd.load_robot(name), scene)
-            assert auto.choose(plant, 'auto', 1) == 'composite_body'
-    held = resolve(without_mass(uniform_chain(3), [2]), pfd.Scene(brakes=True))
-    assert auto.choose(held, 'auto', 1) == 'composite_body'
+            plant = resolve_plant(pfd.load_robot(name), scene)
+            assert choose_method(plant, 'auto', 1) == 'composite_body'
+    held = resolve_plant(without_mass(uniform_chain_robot(3), [2]), pfd.Scene(brakes=True))
+    assert choose_method(held, 'auto', 1) == 'composite_body'
 
 
 SLOW = pytest.mark.slow
@@ -171,30 +184,29 @@ LONG = (SLOW, pytest.mark.long)
 def test_auto_counts_in_between_and_takes_the_cheaper(n: int) -> None:
     rng = np.random.default_rng(62)
     for scene in (None, pfd.Scene(armature='model')):
-        plant = resolve(random_chain(rng, n), scene)
-        costs = {
-            method: auto.cost(plant, method) for method in (auto.FEW_JOINTS, auto.MANY_JOINTS)
-        }
-        assert costs[auto.choose(plant, 'auto', 0)] == min(costs.values())
+        plant = resolve_plant(random_chain(rng, n), scene)
+        costs = {method: method_cost(plant, method) for method in (FEW_JOINTS, MANY_JOINTS)}
+        assert costs[choose_method(plant, 'auto', 0)] == min(costs.values())
 
 
 def test_a_requested_method_is_used_at_any_length() -> None:
-    plant = resolve(uniform_chain(20))
-    assert auto.choose(plant, 'composite_body', 0) == 'composite_body'
+    plant = resolve_plant(uniform_chain_robot(20))
+    assert choose_method(plant, 'composite_body', 0) == 'composite_body'
     with pytest.raises(ValueError, match=r"method must be 'auto' or one of .* got 'fastest'"):
-        auto.choose(plant, 'fastest', 0)
+        choose_method(plant, 'fastest', 0)
 
 
 @pytest.mark.slow
 def test_the_code_of_a_long_ir_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PFD_CACHE', '')
     states = [random_state(np.random.default_rng(k), 7) for k in range(9)]
-    emit = jit.emit
+    emit = bridge.emit_object
     results = []
-    for length in (jit.USUAL.long_ir, 0):
-        usual = replace(jit.USUAL, long_ir=length)
+    for length in (USUAL_OPTIMISATION.long_ir, 0):
+        usual = replace(USUAL_OPTIMISATION, long_ir=length)
         monkeypatch.setattr(
-            jit, 'emit', lambda ir, target, _, usual=usual: emit(ir, target, usual)
+            *bridge.target('emit_object'),
+            lambda ir, target, _, usual=usual: emit(ir, target, usual),
         )
         kernel = pfd.compile_kernel(pfd.load_robot('panda'))
         batch = kernel(*(np.array(part) for part in zip(*states, strict=True)))
@@ -203,8 +215,11 @@ def test_the_code_of_a_long_ir_gives_the_same_bits(monkeypatch: pytest.MonkeyPat
 
 
 def test_the_length_of_an_ir_sets_the_level_of_its_code() -> None:
-    ir, target = pfd.compile_kernel(pfd.load_robot('planar2')).ir, processor.current()
-    for code, length in ((jit.USUAL.code, len(ir) + 1), (jit.USUAL.long_code, len(ir))):
-        usual = replace(jit.USUAL, long_ir=length)
-        always = replace(jit.USUAL, code=code, long_code=code)
-        assert jit.emit(ir, target, usual) == jit.emit(ir, target, always)
+    ir, target = pfd.compile_kernel(pfd.load_robot('planar2')).ir, bridge.current_target()
+    for code, length in (
+        (USUAL_OPTIMISATION.code, len(ir) + 1),
+        (USUAL_OPTIMISATION.long_code, len(ir)),
+    ):
+        usual = replace(USUAL_OPTIMISATION, long_ir=length)
+        always = replace(USUAL_OPTIMISATION, code=code, long_code=code)
+        assert bridge.emit_object(ir, target, usual) == bridge.emit_object(ir, target, always)

@@ -10,6 +10,22 @@ import shutil
 import struct
 import subprocess
 
+import bridge
+from bridge import (
+    IrFormat,
+    Target,
+    body_ir,
+    compile_ir,
+    emit_object,
+    evaluate_ir,
+    host_target,
+    ir_arguments,
+    kernel_module_ir,
+    module_ir,
+    simd_width,
+    turned_joints,
+)
+from bridge import batch_ir as batch
 import llvmlite.binding as llvm
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +34,6 @@ from sampling import one_fast
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
-from pfd_core.kernels.codegen.batch import batch
-from pfd_core.kernels.codegen.body import body
-from pfd_core.kernels.codegen.evaluate import evaluate
-from pfd_core.kernels.codegen.module import kernel_module, module
-from pfd_core.kernels.codegen.spelling import Format, arguments
-from pfd_core.kernels.runtime import jit as engine
-from pfd_core.kernels.runtime import processor
-from pfd_core.kernels.runtime.jit import Target, emit, simd_width
-from pfd_core.kernels.source import turned_joints
 
 ARM64 = Target('aarch64-unknown-linux-gnu')
 NEON = {'float64': 2, 'float32': 4}
@@ -91,11 +98,15 @@ int main(void) {
 
 def batch_ir(kernel: pfd.Kernel, width: int) -> str:
     """Return the module of a kernel for batches, without the way in from Python."""
-    form = Format(kernel.dtype, width, strided=True)
+    form = IrFormat(kernel.dtype, width, strided=True)
     program, angles = kernel.program, turned_joints(kernel.robot)
     size = len(next(iter(program.outputs.values())).places)
-    parts = [body(program, form), evaluate(program, form, angles), batch(program, form, size)]
-    return module(parts, form, angles)
+    parts = [
+        body_ir(program, form),
+        evaluate_ir(program, form, angles),
+        batch(program, form, size),
+    ]
+    return module_ir(parts, form, angles)
 
 
 def for_arm(ir: str) -> bytes:
@@ -105,7 +116,7 @@ def for_arm(ir: str) -> bytes:
         llvm.Target.from_triple(ARM64.triple)
     except RuntimeError:
         pytest.skip('this LLVM was built without 64-bit ARM')
-    return emit(ir, ARM64)
+    return emit_object(ir, ARM64)
 
 
 def states(robot: pfd.Robot, dtype: str) -> list[NDArray[np.floating]]:
@@ -136,7 +147,7 @@ def test_every_module_of_a_kernel_compiles_for_64_bit_arm(dtype: str) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=SCENE, dtype=dtype)
     angles = turned_joints(kernel.robot)
     for width in (1, NEON[dtype], 2 * NEON[dtype]):
-        ir = kernel_module(kernel.program, dtype, width, angles)
+        ir = kernel_module_ir(kernel.program, dtype, width, angles)
         assert 'llvm.x86' not in ir
         code = for_arm(ir)
         assert code[:4] == ELF
@@ -160,7 +171,7 @@ def test_arm_and_this_processor_give_the_same_bits(
     command = [COMPILER, '-O1', LINKER, 'main.c', 'kernel.o', '-o', 'main', '-lm']
     subprocess.run(command, cwd=tmp_path, check=True, timeout=LIFETIME)
     inputs = [*arrays, (1.0 - brakes).astype(dtype)]
-    assert arguments(kernel.program) == ('q', 'qd', 'tau', 'wrench', 'free')
+    assert ir_arguments(kernel.program) == ('q', 'qd', 'tau', 'wrench', 'free')
     words = [str(np.dtype(dtype).itemsize), str(STATES), str(len(inputs) + 1)]
     words += [str(array.shape[1]) for array in inputs] + [str(robot.n)]
     words += [word for array in inputs for word in hexadecimal(array)]
@@ -198,14 +209,14 @@ def test_a_processor_whose_features_llvm_cannot_detect_is_named_alone(
         raise RuntimeError('failed to get host cpu features')
 
     monkeypatch.setattr(llvm, 'get_host_cpu_features', unknown)
-    processor.host.cache_clear()
-    assert processor.host() == Target(llvm.get_process_triple(), llvm.get_host_cpu_name(), '')
-    processor.host.cache_clear()
+    host_target.cache_clear()
+    assert host_target() == Target(llvm.get_process_triple(), llvm.get_host_cpu_name(), '')
+    host_target.cache_clear()
 
 
 def test_ir_that_is_no_module_is_refused() -> None:
     with pytest.raises(RuntimeError, match='expected value token'):
-        emit('define double @f(double %x) { ret double }', processor.host())
+        emit_object('define double @f(double %x) { ret double }', host_target())
 
 
 def test_operations_that_a_processor_lacks_come_from_the_c_library(
@@ -216,9 +227,9 @@ def test_operations_that_a_processor_lacks_come_from_the_c_library(
         'define double @f(double %x, double %y, double %z) {\n'
         '  %r = call double @llvm.fma.f64(double %x, double %y, double %z)\n  ret double %r\n}'
     )
-    least = Target(processor.host().triple)
-    monkeypatch.setattr(processor, 'current', lambda: least)
-    native = engine.compile_ir(ir)
+    least = Target(host_target().triple)
+    monkeypatch.setattr(*bridge.target('current_target'), lambda: least)
+    native = compile_ir(ir)
     number = ctypes.c_double
     fma = ctypes.CFUNCTYPE(number, number, number, number)(native.address('f'))
     # The product is 1 - 2^-104, which is one as a float64.

@@ -6,12 +6,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from bridge import QUANTITIES, run_program
 import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.kernels.quantities import QUANTITIES
-from pfd_core.machine.emulator import run
 
 SCENE = pfd.Scene(
     damping=[0.1] * 6,
@@ -57,7 +56,7 @@ def test_a_kernel_has_the_bits_of_the_emulator_alone_and_in_any_batch(
     assert kernel.quantity == quantity
     assert kernel.shape == shape
     given = arguments(kernel)
-    (wanted,) = run(kernel.program, given, dtype=dtype).values()
+    (wanted,) = run_program(kernel.program, given, dtype=dtype).values()
     wanted = wanted.reshape(COUNT, *shape)
     for order in ('C', 'F'):
         rows = {name: np.array(value, order=order) for name, value in given.items()}

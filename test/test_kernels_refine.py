@@ -9,6 +9,16 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+from bridge import (
+    Plant,
+    lower_program,
+    program_operations,
+    record_forward_dynamics,
+    record_refined,
+    record_with_first_answer,
+    resolve_plant,
+    run_program,
+)
 import numpy as np
 from numpy.typing import NDArray
 import pytest
@@ -16,12 +26,6 @@ from sampling import one_fast
 from zoo import random_chain
 
 import pfd_core as pfd
-from pfd_core.algorithms.programs import record_forward_dynamics
-from pfd_core.algorithms.refinement import record_refined
-from pfd_core.kernels.passes.pipeline import lower, operations
-from pfd_core.machine.emulator import run
-from pfd_core.model import Plant, resolve
-from pfd_core.report.measure.estimates import record_with_first_answer
 
 Array = NDArray[np.float64]
 ROUNDING = {'float64': 2.0**-53, 'float32': 2.0**-24}
@@ -54,7 +58,9 @@ PAYLOAD = pfd.Payload(mass=1e6, center=(0.0, 0.0, 0.1), inertia=1e3 * np.eye(3))
 
 def reference(plant: Plant, inputs: dict[str, Array], method: str) -> Any:
     """Return qdd to 50 digits."""
-    return run(record_forward_dynamics(plant, method, 'sequential'), inputs, digits=50)['qdd']
+    return run_program(record_forward_dynamics(plant, method, 'sequential'), inputs, digits=50)[
+        'qdd'
+    ]
 
 
 def relative_error(found: Array, right: Any) -> Array:
@@ -101,7 +107,8 @@ def case(robot: pfd.Robot, scene: pfd.Scene | None, reach: float, count: int = 2
     rng = np.random.default_rng(7)
     scale = {'q': reach, 'qd': 1.0, 'tau': 1.0}
     return Case(
-        resolve(robot, scene), {k: rng.uniform(-s, s, (count, robot.n)) for k, s in scale.items()}
+        resolve_plant(robot, scene),
+        {k: rng.uniform(-s, s, (count, robot.n)) for k, s in scale.items()},
     )
 
 
@@ -128,8 +135,10 @@ HARDNESS = {
 def answers(name: str, method: str, dtype: str, steps: int) -> tuple[Array, Array]:
     """Return relative errors (B,) of a method, by 50 digits of another, and its estimates."""
     hard = HARD_CASES[name]()
-    program = lower(record_refined(hard.plant, method, steps, estimate=dtype), dtype).compiled
-    result = run(program, hard.rounded(dtype), dtype)
+    program = lower_program(
+        record_refined(hard.plant, method, steps, estimate=dtype), dtype
+    ).compiled
+    result = run_program(program, hard.rounded(dtype), dtype)
     other = 'pcrbm' if method == 'articulated_body' else 'articulated_body'
     errors = relative_error(result['qdd'], expected(name, other, dtype))
     estimates = result['error'][:, 0] if steps else np.zeros(len(errors))
@@ -212,7 +221,7 @@ def test_every_method_is_refined_in_a_scene_with_everything(method: str) -> None
     rng = np.random.default_rng(3)
     n = 4
     kinds = ['revolute', 'prismatic', 'continuous', 'revolute']
-    plant = resolve(random_chain(rng, n, joint_types=kinds), EVERYTHING)
+    plant = resolve_plant(random_chain(rng, n, joint_types=kinds), EVERYTHING)
     inputs = {k: rng.uniform(-2, 2, (3, n)) for k in ('q', 'qd', 'tau')}
     inputs |= {
         'wrench': rng.normal(size=(3, 6)),
@@ -220,7 +229,9 @@ def test_every_method_is_refined_in_a_scene_with_everything(method: str) -> None
     }
     other = 'pcrbm' if method == 'articulated_body' else 'articulated_body'
     right = reference(plant, inputs, other)
-    result = run(lower(record_refined(plant, method, 1), 'float64').compiled, inputs)
+    result = run_program(
+        lower_program(record_refined(plant, method, 1), 'float64').compiled, inputs
+    )
     errors = relative_error(result['qdd'], right)
     assert errors.max() <= LAST_DIGITS * ROUNDING['float64']
     assert (result['qdd'][1:, 1] == 0).all()
@@ -229,12 +240,15 @@ def test_every_method_is_refined_in_a_scene_with_everything(method: str) -> None
 
 @pytest.mark.slow
 def test_twenty_four_stretched_links_get_their_digits_back() -> None:
-    plant = resolve(rods(24))
+    plant = resolve_plant(rods(24))
     rng = np.random.default_rng(1)
     inputs = {k: rng.uniform(-s, s, (1, 24)) for k, s in (('q', 1e-2), ('qd', 1), ('tau', 1))}
     right = reference(plant, inputs, 'articulated_body')
     result = [
-        run(lower(record_refined(plant, 'composite_body', steps), 'float64').compiled, inputs)
+        run_program(
+            lower_program(record_refined(plant, 'composite_body', steps), 'float64').compiled,
+            inputs,
+        )
         for steps in (0, 1)
     ]
     before, after = (relative_error(r['qdd'], right)[0] for r in result)
@@ -246,14 +260,16 @@ def test_twenty_four_stretched_links_get_their_digits_back() -> None:
 @pytest.mark.slow
 def test_a_residual_link_by_link_recovers_the_digits_that_sums_about_the_base_lose() -> None:
     # The wrist is light, and its inertia a small difference of sums about the base.
-    plant = resolve(pfd.load_robot('puma560'))
+    plant = resolve_plant(pfd.load_robot('puma560'))
     rng = np.random.default_rng(5)
     inputs = {k: rng.uniform(-2, 2, (5, 6)).astype('f4').astype('f8') for k in ('q', 'qd', 'tau')}
     right = reference(plant, inputs, 'articulated_body')
     errors = []
     for steps in (0, 1):
-        program = lower(record_refined(plant, 'pcrbm_base_origin', steps), 'float32').compiled
-        found = run(program, inputs, 'float32')['qdd']
+        program = lower_program(
+            record_refined(plant, 'pcrbm_base_origin', steps), 'float32'
+        ).compiled
+        found = run_program(program, inputs, 'float32')['qdd']
         errors.append(relative_error(found, right).max())
     unit = ROUNDING['float32']
     assert errors[0] > LAST_DIGITS * unit
@@ -268,7 +284,7 @@ def test_kernel_batch_emulator_and_estimate_give_the_same_bits(name: str, dtype:
     rng = np.random.default_rng(2)
     q, qd, tau = (rng.uniform(-3, 3, (21, robot.n)).astype(dtype) for _ in range(3))
     found = kernel(q, qd, tau)
-    emulated = run(kernel.program, {'q': q, 'qd': qd, 'tau': tau}, dtype)
+    emulated = run_program(kernel.program, {'q': q, 'qd': qd, 'tau': tau}, dtype)
     np.testing.assert_array_equal(found, next(iter(emulated.values())))
     again, errors = kernel.error_estimate(q, qd, tau)
     np.testing.assert_array_equal(again, found)
@@ -310,9 +326,9 @@ def test_a_step_costs_one_recursion_and_one_solve() -> None:
         robot = pfd.load_robot(name)
         n = robot.n
         first, second, third = (
-            operations(
-                lower(
-                    record_refined(resolve(robot), 'composite_body', k), 'float64', ['qdd']
+            program_operations(
+                lower_program(
+                    record_refined(resolve_plant(robot), 'composite_body', k), 'float64', ['qdd']
                 ).compiled
             )
             for k in range(3)
@@ -343,10 +359,12 @@ def test_an_arm_at_rest_without_load_has_no_error() -> None:
 
 
 def test_a_massless_end_has_an_infinite_estimate() -> None:
-    plant = resolve(rods(3, 0.0))
+    plant = resolve_plant(rods(3, 0.0))
     inputs = {k: np.full((1, 3), 0.3) for k in ('q', 'qd', 'tau')}
     for method in METHODS:
-        result = run(lower(record_refined(plant, method, 1), 'float64').compiled, inputs)
+        result = run_program(
+            lower_program(record_refined(plant, method, 1), 'float64').compiled, inputs
+        )
         assert result['error'][0, 0] == np.inf
 
 
@@ -361,7 +379,7 @@ def test_a_kernel_without_refinement_estimates_the_error_of_its_result(
     qdd, estimates = kernel.error_estimate(*states)
     assert (qdd == kernel(*states)).all()
     right = reference(
-        resolve(robot), dict(zip(('q', 'qd', 'tau'), states, strict=True)), OTHER[method]
+        resolve_plant(robot), dict(zip(('q', 'qd', 'tau'), states, strict=True)), OTHER[method]
     )
     errors = relative_error(qdd, right)
     # Within 5 %, or a tenth of a rounding.
@@ -402,7 +420,7 @@ NO_DIGIT = 0.1
 def assert_estimates(arm: str, method: str, dtype: str, count: int) -> None:
     """Compare estimates with errors in `count` random states."""
     robot, scene = ARMS[arm]()
-    plant = resolve(robot, scene)
+    plant = resolve_plant(robot, scene)
     rng = np.random.default_rng(500)
     # Numbers of the format, so that all answers are for the same ones.
     state = {
@@ -415,7 +433,7 @@ def assert_estimates(arm: str, method: str, dtype: str, count: int) -> None:
     # for other products are fused there, and so by a multiple in its error.
     recorded = record_with_first_answer(plant, method, dtype)
     emulated = {
-        name: run(lower(recorded, dtype, [name]).compiled, state, dtype)[name]
+        name: run_program(lower_program(recorded, dtype, [name]).compiled, state, dtype)[name]
         for name in ('qdd', 'error', 'before')
     }
     np.testing.assert_array_equal(emulated['qdd'], qdd)
@@ -477,9 +495,9 @@ def assert_close_estimates(arm: str, method: str, dtype: str, count: int) -> Non
     tau = np.concatenate([tau, bias * (1.0 + share)])
     both = (np.tile(q, (2, 1)), np.tile(qd, (2, 1)), tau)
     state = dict(zip(('q', 'qd', 'tau'), (x.astype(dtype) for x in both), strict=True))
-    plant = resolve(robot)
-    program = lower(record_with_first_answer(plant, method, dtype), dtype).compiled
-    found = run(program, state, dtype)
+    plant = resolve_plant(robot)
+    program = lower_program(record_with_first_answer(plant, method, dtype), dtype).compiled
+    found = run_program(program, state, dtype)
     exact = {key: x.astype('float64') for key, x in state.items()}
     errors = relative_error(found['before'], reference(plant, exact, OTHER[method]))
     ratio = found['error'][:, 0].astype(np.float64) / errors

@@ -12,15 +12,12 @@ import itertools
 from pathlib import Path
 import struct
 
+from bridge import Recorder, run_program, sincos
 import llvmlite.binding as llvm
 import mpmath
 import numpy as np
 import pytest
 from sine_cases import LARGEST_K, angles, float32_angles, ulps, worst_ulps
-
-from pfd_core.kernels.passes.sincos import sincos
-from pfd_core.machine.emulator import run
-from pfd_core.machine.recorder import Recorder
 
 FIT = Path(__file__).resolve().parent.parent / 'benchmarks' / 'fit_sine.py'
 FORMATS = ('float64', 'float32')
@@ -217,7 +214,7 @@ def test_a_recording_gives_the_bits_of_numpy(dtype: str, schedule: str) -> None:
     results = sincos(recorder.input('x', [0, 1]), dtype)
     for name, value in zip(('sin', 'cos'), results, strict=True):
         recorder.output(name, (2,), [(value, 0), (value, 1)])
-    outputs = run(recorder.program(), {'x': x}, dtype=dtype)
+    outputs = run_program(recorder.program(), {'x': x}, dtype=dtype)
     for name, values in zip(('sin', 'cos'), sincos(x, dtype), strict=True):
         assert outputs[name].tobytes() == values.tobytes()
 

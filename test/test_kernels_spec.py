@@ -8,12 +8,19 @@ from dataclasses import FrozenInstanceError, replace
 import pickle
 from typing import Any
 
+from bridge import (
+    STEP_IN_MOTION_KIND,
+    STEP_KIND,
+    Frame,
+    KernelSpec,
+    plant_in_motion,
+    resolve_plant,
+    without_step_effects,
+)
 import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.kernels.spec import STEP, STEP_IN_MOTION, KernelSpec
-from pfd_core.model import Frame, in_motion, resolve, without_step_effects
 
 ARM = pfd.load_robot('planar2')
 FRICTION = pfd.Scene(friction=[0.1, 0.2], static_friction=[0.2, 0.3], damping=[0.1, 0.1])
@@ -63,7 +70,7 @@ def test_equal_robots_with_different_frames_have_different_specs_of_a_frame() ->
 
 
 def test_a_spec_cannot_be_changed_and_survives_pickling() -> None:
-    spec = KernelSpec(ARM, FRICTION, 'pcrbm', 'float32', 1, STEP)
+    spec = KernelSpec(ARM, FRICTION, 'pcrbm', 'float32', 1, STEP_KIND)
     with pytest.raises(FrozenInstanceError):
         spec.refine = 2  # type: ignore[misc]
     twin = pickle.loads(pickle.dumps(spec))
@@ -75,11 +82,11 @@ def test_a_spec_cannot_be_changed_and_survives_pickling() -> None:
 
 
 def test_the_effects_over_time_belong_to_the_step_that_evaluates_the_kernel() -> None:
-    plant = resolve(ARM, FRICTION)
+    plant = resolve_plant(ARM, FRICTION)
     assert KernelSpec(ARM, FRICTION).plant.digest == plant.digest
-    step = KernelSpec(ARM, FRICTION, quantity=STEP)
+    step = KernelSpec(ARM, FRICTION, quantity=STEP_KIND)
     assert step.plant.digest == without_step_effects(plant).digest
-    moving = KernelSpec(ARM, FRICTION, quantity=STEP_IN_MOTION)
-    assert moving.plant.digest == in_motion(plant).digest
+    moving = KernelSpec(ARM, FRICTION, quantity=STEP_IN_MOTION_KIND)
+    assert moving.plant.digest == plant_in_motion(plant).digest
     with pytest.raises(ValueError, match='quantity must be one of'):
-        pfd.compile_kernel(ARM, quantity=STEP)
+        pfd.compile_kernel(ARM, quantity=STEP_KIND)

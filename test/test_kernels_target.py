@@ -12,6 +12,17 @@ import re
 import subprocess
 import sys
 
+import bridge
+from bridge import (
+    USUAL_OPTIMISATION,
+    host_target,
+    kernel_module_ir,
+    missing_features,
+    named_target,
+    object_key,
+    simd_width,
+    turned_joints,
+)
 from fused_products import cancelling, everywhere, native, rounded
 import llvmlite.binding as llvm
 import numpy as np
@@ -20,9 +31,6 @@ from sampling import one_fast
 from zoo import random_state
 
 import pfd_core as pfd
-from pfd_core.kernels.codegen.module import kernel_module
-from pfd_core.kernels.runtime import jit, processor
-from pfd_core.kernels.source import turned_joints
 
 ROOT = Path(__file__).parents[1]
 # States in a vector register of float64, as the manuals of the processors say.
@@ -34,10 +42,10 @@ WIDTHS = {
     'sapphirerapids': 8,
     'znver4': 8,
 }
-X86 = processor.host().triple.startswith('x86_64')
-HERE = processor.host().cpu
+X86 = host_target().triple.startswith('x86_64')
+HERE = host_target().cpu
 on_x86 = pytest.mark.skipif(not X86, reason='the processors are of x86-64')
-RUNNABLE = [cpu for cpu in WIDTHS if X86 and not processor.missing_features(cpu)]
+RUNNABLE = [cpu for cpu in WIDTHS if X86 and not missing_features(cpu)]
 # The files whose tests run code for every processor.
 TESTED = ('test_kernels_*.py', 'test_simulation*.py', 'test_brakes.py', 'test_codegen_product.py')
 LIFETIME = 3600  # [s]
@@ -51,8 +59,8 @@ def features(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, bool]]:
     found = dict(llvm.get_host_cpu_features())
     monkeypatch.setattr(llvm, 'get_host_cpu_features', lambda: found)
     yield found
-    processor.named.cache_clear()
-    processor.host.cache_clear()
+    named_target.cache_clear()
+    host_target.cache_clear()
 
 
 def test_a_processor_that_llvm_does_not_know_is_an_error_that_names_the_variable(
@@ -67,9 +75,9 @@ def test_a_processor_that_llvm_does_not_know_is_an_error_that_names_the_variable
 def test_without_a_name_the_code_is_for_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ('', ' '):
         monkeypatch.setenv('PFD_TARGET_CPU', name)
-        assert processor.current() == processor.host()
+        assert bridge.current_target() == host_target()
     monkeypatch.delenv('PFD_TARGET_CPU')
-    assert processor.current() == processor.host()
+    assert bridge.current_target() == host_target()
 
 
 @on_x86
@@ -77,11 +85,11 @@ def test_without_a_name_the_code_is_for_this_machine(monkeypatch: pytest.MonkeyP
 def test_a_kernel_compiles_for_processors_that_this_machine_may_not_be(
     cpu: str, width: int
 ) -> None:
-    target = processor.named(cpu)
-    assert jit.simd_width('float64', target) == width
+    target = named_target(cpu)
+    assert simd_width('float64', target) == width
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
-    ir = kernel_module(kernel.program, 'float64', width, turned_joints(kernel.robot))
-    assert OBJECT.match(jit.emit(ir, target))
+    ir = kernel_module_ir(kernel.program, 'float64', width, turned_joints(kernel.robot))
+    assert OBJECT.match(bridge.emit_object(ir, target))
 
 
 @on_x86
@@ -100,25 +108,27 @@ def test_features_that_no_code_of_ours_uses_do_not_matter(features: dict[str, bo
     features.update(dict.fromkeys(features, True))
     features.update(sgx=False, mwaitx=False)
     features['amx-tile'] = False
-    assert processor.missing_features('sapphirerapids') == []
+    assert missing_features('sapphirerapids') == []
     features['avx512fp16'] = False
-    assert processor.missing_features('sapphirerapids') == ['avx512fp16']
+    assert missing_features('sapphirerapids') == ['avx512fp16']
 
 
 @on_x86
 def test_every_processor_has_its_own_objects_in_the_cache() -> None:
-    targets = [processor.host(), *map(processor.named, WIDTHS)]
-    keys = {jit.object_key('0' * 64, target, jit.USUAL) for target in targets}
+    targets = [host_target(), *map(named_target, WIDTHS)]
+    keys = {object_key('0' * 64, target, USUAL_OPTIMISATION) for target in targets}
     assert len(keys) == len(targets)
 
 
 @on_x86
 def test_code_whose_order_is_kept_leaves_the_order_of_other_code_to_llvm() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), method='composite_body')
-    ir = kernel_module(kernel.program, 'float64', 8, turned_joints(kernel.robot))
-    target = processor.named('x86-64-v4')
-    usual, kept = jit.USUAL, replace(jit.USUAL, reorder=False)
-    before, between, after = (jit.emit(ir, target, choice) for choice in (usual, kept, usual))
+    ir = kernel_module_ir(kernel.program, 'float64', 8, turned_joints(kernel.robot))
+    target = named_target('x86-64-v4')
+    usual, kept = USUAL_OPTIMISATION, replace(USUAL_OPTIMISATION, reorder=False)
+    before, between, after = (
+        bridge.emit_object(ir, target, choice) for choice in (usual, kept, usual)
+    )
     assert after == before
     # The two differ, so that one taken for the other would show.
     assert between != before
@@ -128,11 +138,13 @@ def test_code_whose_order_is_kept_leaves_the_order_of_other_code_to_llvm() -> No
 def test_without_llvmlites_lock_llvm_orders_all_code(monkeypatch: pytest.MonkeyPatch) -> None:
     # The option that keeps an order is global: it would change what other threads compile.
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), method='composite_body')
-    ir = kernel_module(kernel.program, 'float64', 8, turned_joints(kernel.robot))
-    target = processor.named('x86-64-v4')
-    monkeypatch.setattr(jit, 'LLVM_LOCK', None)
-    kept = replace(jit.USUAL, reorder=False)
-    assert jit.emit(ir, target, kept) == jit.emit(ir, target, jit.USUAL)
+    ir = kernel_module_ir(kernel.program, 'float64', 8, turned_joints(kernel.robot))
+    target = named_target('x86-64-v4')
+    monkeypatch.setattr(*bridge.target('LLVM_LOCK'), None)
+    kept = replace(USUAL_OPTIMISATION, reorder=False)
+    assert bridge.emit_object(ir, target, kept) == bridge.emit_object(
+        ir, target, USUAL_OPTIMISATION
+    )
 
 
 def results() -> dict[str, bytes]:
@@ -184,7 +196,7 @@ def test_a_multiply_add_is_rounded_once_on_a_processor_without_one(
     dtype: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv('PFD_TARGET_CPU', 'x86-64-v2')
-    assert '+fma' not in processor.current().features.split(',')
+    assert '+fma' not in bridge.current_target().features.split(',')
     function = native(dtype)
     for kind in (cancelling, everywhere):
         for a, b, c in zip(*kind(dtype, 300, np.random.default_rng(3)), strict=True):
@@ -204,7 +216,7 @@ def files(patterns: tuple[str, ...]) -> list[str]:
 def test_the_tests_of_kernels_and_simulation_pass_for_every_processor(
     cpu: str, tmp_path: Path
 ) -> None:
-    assert processor.named(cpu) != processor.host()
+    assert named_target(cpu) != host_target()
     # Its header names the processor, which -q would leave out.
     command = (sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider')
     temporary = f'--basetemp={tmp_path / "tests"}'

@@ -8,22 +8,23 @@ from concurrent.futures import ThreadPoolExecutor
 import threading
 import time
 
+import bridge
+from bridge import block_size, run_blocks, thread_count
 import numpy as np
 import pytest
 from sampling import one_fast
 from zoo import random_chain, random_states
 
 import pfd_core as pfd
-from pfd_core.kernels.runtime import threads
 
 
 @pytest.fixture(autouse=True)
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     # Blocks of single registers, so that a small batch is shared, and more threads than cores.
-    monkeypatch.setattr(threads, 'MIN_BLOCK_WORK', 1)
-    monkeypatch.setattr(threads, 'SINGLE_THREAD_WORK', 0)
-    monkeypatch.setattr(threads, 'cores', lambda: 8)
-    monkeypatch.setattr(threads, '_pool', threads._new_pool())
+    monkeypatch.setattr(*bridge.target('MIN_BLOCK_WORK'), 1)
+    monkeypatch.setattr(*bridge.target('SINGLE_THREAD_WORK'), 0)
+    monkeypatch.setattr(*bridge.target('cores'), lambda: 8)
+    monkeypatch.setattr(*bridge.target('thread_pool'), bridge.new_thread_pool())
 
 
 @pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
@@ -100,13 +101,13 @@ def test_an_absurd_number_of_threads_is_cut_to_the_cores() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
     arrays = random_states(2, 300)
     np.testing.assert_array_equal(kernel(*arrays, threads=10**400), kernel(*arrays))
-    assert threads.thread_count(np.int64(10**8)) == threads.cores()
+    assert thread_count(np.int64(10**8)) == bridge.cores()
 
 
 def test_blocks_are_whole_registers_and_enough_for_every_thread() -> None:
     for count in (1, 100, 4096, 65536):
         for number in (1, 2, 3, 16):
-            size = threads.block_size(count, number, 8, 600)
+            size = block_size(count, number, 8, 600)
             assert size % 8 == 0
             assert size < count // number + 8 or size == 8
 
@@ -114,20 +115,20 @@ def test_blocks_are_whole_registers_and_enough_for_every_thread() -> None:
 def test_a_block_is_worth_a_worker_and_answers_a_signal_in_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(threads, 'MIN_BLOCK_WORK', 500_000)
-    monkeypatch.setattr(threads, 'SINGLE_THREAD_WORK', 1_000_000)
-    assert threads.block_size(16_000, 8, 8, 500) == 16_000
-    assert threads.block_size(17_000, 8, 8, 500) == 8000
-    assert threads.block_size(1000, 8, 8, 50_000) == 80
+    monkeypatch.setattr(*bridge.target('MIN_BLOCK_WORK'), 500_000)
+    monkeypatch.setattr(*bridge.target('SINGLE_THREAD_WORK'), 1_000_000)
+    assert block_size(16_000, 8, 8, 500) == 16_000
+    assert block_size(17_000, 8, 8, 500) == 8000
+    assert block_size(1000, 8, 8, 50_000) == 80
     for number in (1, 2):
-        assert threads.block_size(10**9, number, 8, 500) == 8 * threads.MAX_BLOCK_WORK // 500
-        assert threads.block_size(10**9, number, 8, 10 * threads.MAX_BLOCK_WORK) == 8
+        assert block_size(10**9, number, 8, 500) == 8 * bridge.MAX_BLOCK_WORK // 500
+        assert block_size(10**9, number, 8, 10 * bridge.MAX_BLOCK_WORK) == 8
 
 
 def test_a_small_batch_starts_no_worker(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
-    monkeypatch.setattr(threads, 'cores', lambda: 8)
-    monkeypatch.setattr(threads, '_pool', None)
+    monkeypatch.setattr(*bridge.target('cores'), lambda: 8)
+    monkeypatch.setattr(*bridge.target('thread_pool'), None)
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
     arrays = random_states(6, 4096)
     np.testing.assert_array_equal(kernel(*arrays, threads=2), kernel(*arrays))
@@ -141,7 +142,7 @@ def test_workers_take_blocks_as_the_caller_does() -> None:
         time.sleep(0.001)
         return 1 << first
 
-    assert threads.run(work, 20, 1, 3) == (1 << 20) - 1
+    assert run_blocks(work, 20, 1, 3) == (1 << 20) - 1
     assert 2 <= len(seen) <= 3
     assert threading.get_ident() in seen
 
@@ -162,7 +163,7 @@ def test_workers_have_ended_their_blocks_when_the_caller_is_stopped() -> None:
         return 0
 
     with pytest.raises(KeyboardInterrupt):
-        threads.run(work, 1000, 1, 3)
+        run_blocks(work, 1000, 1, 3)
     assert 1 <= len(begun) < 1000
     assert sorted(begun) == sorted(ended)
 
@@ -172,7 +173,7 @@ def test_the_caller_works_alone_where_no_worker_can_be_had(
     stage: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if stage == 'ended':
-        threads._pool.shutdown()
+        bridge.thread_pool.shutdown()
     else:
 
         def refuse(self: threading.Thread) -> None:

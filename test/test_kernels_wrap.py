@@ -7,15 +7,13 @@ from __future__ import annotations
 from collections.abc import Callable
 import ctypes
 
+from bridge import WRAP_LIMIT, WRAP_TURNS, WRAP_TWO_PI, wrap_angle_ir
 import llvmlite.binding as llvm
 import mpmath
 import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.kernels.codegen import wrap
-from pfd_core.kernels.codegen.wrap import wrap_angle
-from pfd_core.kernels.passes.sincos import WRAP_LIMIT
 
 DIGITS = 1200  # of the reference: x has up to 309 before the point, the remainder 20 zeros after
 # Rounding to nearest, and 2^-70 for what the integers drop (see the module).
@@ -51,7 +49,7 @@ def remainder(x: float) -> mpmath.mpf:
 def native() -> Callable[[float], float]:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    module = llvm.parse_assembly(wrap_angle() + CALL)
+    module = llvm.parse_assembly(wrap_angle_ir() + CALL)
     module.verify()
     machine = llvm.Target.from_default_triple().create_target_machine(opt=3)
     engine = llvm.create_mcjit_compiler(module, machine)
@@ -76,8 +74,8 @@ def test_the_remainder_is_rounded_to_nearest_and_at_most_pi(
 
 def test_the_tables_hold_pi_to_their_last_bit() -> None:
     with mpmath.workdps(DIGITS):
-        assert int(mpmath.floor(mpmath.ldexp(1 / (2 * mpmath.pi), 1280))) == wrap._TURNS
-        assert int(mpmath.nint(mpmath.ldexp(2 * mpmath.pi, 125))) == wrap._TWO_PI
+        assert int(mpmath.floor(mpmath.ldexp(1 / (2 * mpmath.pi), 1280))) == WRAP_TURNS
+        assert int(mpmath.nint(mpmath.ldexp(2 * mpmath.pi, 125))) == WRAP_TWO_PI
 
 
 def test_no_float64_comes_closer_to_a_turn_than_the_error_bound_assumes() -> None:

@@ -7,13 +7,18 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
+import importlib.util
 from pathlib import Path
 import re
 import shutil
 import subprocess
 import sys
 
+import bridge
 import pytest
+
+import pfd_core
+import pfd_ros
 
 ROOT = Path(__file__).resolve().parent.parent
 # Each package or subpackage, and the others that it may import; `machine` imports no robots.
@@ -72,6 +77,67 @@ RESERVED = {
     'trimesh': {'pfd_ros.view'},
     'rclpy': {'pfd_ros.node', 'pfd_ros.testing', 'pfd_ros.demo', 'pfd_ros.view.live'},
 }
+
+# Test files that import internals, and go with the subpackage that they pin. No file joins them.
+PINNED = (
+    'test_algorithms_cholesky',
+    'test_algorithms_constraint_forces',
+    'test_algorithms_divide_and_conquer',
+    'test_algorithms_triangular_array',
+    'test_arm_state',
+    'test_demo',
+    'test_derivative_rules',
+    'test_format',
+    'test_kernels_builder',
+    'test_kernels_cpu_count',
+    'test_kernels_cpython_abi',
+    'test_kernels_disk_cache',
+    'test_kernels_golden',
+    'test_kernels_json_cache',
+    'test_kernels_keys',
+    'test_kernels_source',
+    'test_log_page',
+    'test_machine_blocks',
+    'test_model_checked_numbers',
+    'test_receiving',
+    'test_recording_disk',
+    'test_recording_races',
+    'test_speeding',
+    'test_stable_gains',
+    'test_step_timer',
+    'test_stepping',
+    'test_testing_symptoms',
+    'test_throttled_log',
+    'test_view',
+    'test_view_geometry',
+    'test_view_page',
+    'test_view_process',
+)
+# The same for the files that go first, and for the reports, which leave the package.
+LEAVING = (
+    'test_algorithms_fohra',
+    'test_algorithms_serial',
+    'test_algorithms_set_ordering',
+    'test_algorithms_variants',
+    'test_arm_stretches',
+    'test_block_writer',
+    'test_changes',
+    'test_changes_from_threads',
+    'test_codegen_chunks',
+    'test_codegen_product',
+    'test_compile_report',
+    'test_kernels_fuse',
+    'test_kernels_pipeline',
+    'test_kernels_schedule',
+    'test_paper_references',
+    'test_recording_faults',
+    'test_replay_rules',
+    'test_replay_stretches',
+    'test_resolved_settings',
+    'test_saved_states',
+    'test_split_recordings',
+    'test_view_tip_loads',
+)
 
 
 def modules() -> dict[str, Path]:
@@ -163,6 +229,101 @@ def test_pfd_ros_uses_only_the_public_names_of_pfd_core_and_its_command_the_repo
         or (member(name, 'pfd_core') == 'report' and not module.startswith('pfd_ros.cli.'))
     ]
     assert not found, '\n'.join(found)
+
+
+def internals(text: str) -> Iterator[str]:
+    """Yield each internal name that the source of a test imports or patches by its path."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if is_internal(alias.name))
+        elif isinstance(node, ast.ImportFrom):
+            names = [f'{node.module}.{alias.name}' for alias in node.names]
+            yield from (name for name in names if is_internal(name))
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith('setattr'):
+            # A path is text, which an f-string may begin.
+            (first, *_) = [*ast.walk(node.args[0]), *node.args]
+            for each in ast.walk(first):
+                if isinstance(each, ast.Constant) and is_internal(str(each.value)):
+                    yield str(each.value)
+
+
+def is_internal(name: str) -> bool:
+    """Return whether the name of a module, or of something in it, is not public."""
+    package, _, rest = name.partition('.')
+    public = {'pfd_core': pfd_core.__all__, 'pfd_ros': pfd_ros.__all__}
+    return package in public and rest != '' and rest.partition('.')[0] not in public[package]
+
+
+def checked_tests() -> list[Path]:
+    """Return the tests and their support files, but for those that pin internals."""
+    return [
+        path
+        for path in sorted(Path(__file__).parent.rglob('*.py'))
+        if path.stem not in {*PINNED, *LEAVING} and not path.stem.startswith('test_report_')
+    ]
+
+
+def test_tests_reach_internals_only_through_the_bridge() -> None:
+    found = [
+        f'{path.name}: {name}'
+        for path in checked_tests()
+        for name in internals(path.read_text(encoding='utf-8'))
+    ]
+    assert not found, '\n'.join(found)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'import pfd_core.machine.emulator as emulator',
+        'from pfd_core.machine.emulator import run',
+        'from pfd_core import machine',
+        'def test_it():\n    from pfd_ros.node import main',
+        "monkeypatch.setattr('pfd_ros.cli.replay.run', None)",
+        "monkeypatch.setattr(f'pfd_ros.view.shapes.{bound}', 1)",
+    ],
+)
+def test_the_check_finds_an_internal_name_in_a_test(text: str) -> None:
+    assert len(list(internals(text))) == 1
+
+
+def test_public_names_are_no_internals() -> None:
+    text = 'import pfd_core as pfd\nfrom pfd_core import Robot\nfrom pfd_ros import read_log'
+    assert not list(internals(text))
+
+
+def test_a_file_that_pins_internals_exists_and_does() -> None:
+    paths = {path.stem: path for path in Path(__file__).parent.rglob('test_*.py')}
+    idle = [name for name in PINNED if not any(internals(paths[name].read_text('utf-8')))]
+    assert not idle
+
+
+def taken_from_bridge(text: str) -> Iterator[str]:
+    """Yield each name that the source of a test takes from the bridge, in one of its ways."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ImportFrom) and node.module == 'bridge':
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.Attribute) and ast.unparse(node.value) == 'bridge':
+            yield node.attr
+
+
+def test_every_name_of_the_bridge_exists_and_is_used() -> None:
+    names = {**bridge.NAMES, **bridge.PATCHED}
+    assert len(names) == len(bridge.NAMES) + len(bridge.PATCHED)
+    assert set(bridge.OBJECTS) <= bridge.NAMES.keys()
+    words, taken = set(), set()
+    for path in checked_tests():
+        if path.stem != 'bridge':
+            text = path.read_text(encoding='utf-8')
+            words.update(re.findall(r'\w+', text))
+            taken.update(taken_from_bridge(text))
+    assert not sorted(names.keys() - words)
+    assert not sorted(taken - names.keys() - vars(bridge).keys())
+    has_ros = importlib.util.find_spec('rclpy') is not None
+    for name, path in names.items():
+        if has_ros or not path.startswith('pfd_ros.node.'):
+            owner, attribute = bridge.target(name)
+            assert hasattr(owner, attribute), name
 
 
 @pytest.mark.parametrize(

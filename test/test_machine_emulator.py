@@ -6,24 +6,33 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+from bridge import (
+    MACHINE_SCHEDULES,
+    OPERATION_COSTS,
+    OPERATIONS,
+    Recorder,
+    lane_cos,
+    lane_merge,
+    lane_shift,
+    lane_sin,
+    lane_sqrt,
+    lane_where,
+    run_program,
+)
 import mpmath
 import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.machine.emulator import run
-from pfd_core.machine.lanes import cos, merge, shift, sin, sqrt, where
-from pfd_core.machine.operations import COSTS, OPERATIONS
-from pfd_core.machine.recorder import SCHEDULES, Recorder
 
 
 def sample(n: int, schedule: str) -> pfd.Program:
     """Record a program that uses every operation but `call`."""
     recorder = Recorder(n, schedule)
     x = recorder.input('x', range(n))
-    y = sqrt(x * x + 1.0) / (2.0 - sin(x)) - cos(x)
-    y = merge(y - shift(y, 1), -y)
-    y = where(y, y, 3.0 * x)
+    y = lane_sqrt(x * x + 1.0) / (2.0 - lane_sin(x)) - lane_cos(x)
+    y = lane_merge(y - lane_shift(y, 1), -y)
+    y = lane_where(y, y, 3.0 * x)
     recorder.output('y', (n,), [(y, lane) for lane in range(n)])
     return recorder.program()
 
@@ -35,15 +44,15 @@ def expected(x, ns):  # type: ignore[no-untyped-def]
     return [a if a > 0 else 3 * v for a, v in zip(y, x, strict=True)]
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 def test_float64_follows_numpy_bit_for_bit(schedule: str) -> None:
     x = np.random.default_rng(1).normal(size=7)
-    np.testing.assert_array_equal(run(sample(7, schedule), {'x': x})['y'], expected(x, np))
+    np.testing.assert_array_equal(run_program(sample(7, schedule), {'x': x})['y'], expected(x, np))
 
 
 def test_float32_stays_in_float32() -> None:
     x = np.random.default_rng(2).normal(size=5).astype(np.float32)
-    y = run(sample(5, 'parallel'), {'x': x}, dtype='float32')['y']
+    y = run_program(sample(5, 'parallel'), {'x': x}, dtype='float32')['y']
     assert y.dtype == np.float32
     np.testing.assert_array_equal(y, expected(list(x), np))
 
@@ -53,12 +62,12 @@ def test_inputs_of_many_digits_keep_them() -> None:
     recorder.output('x', (1,), [(recorder.input('x', [0]), 0)])
     with mpmath.workdps(50):
         third = mpmath.mpf(1) / 3
-    assert run(recorder.program(), {'x': [third]}, digits=50)['x'][0] == third
+    assert run_program(recorder.program(), {'x': [third]}, digits=50)['x'][0] == third
 
 
 def test_digits_compute_in_mpmath() -> None:
     x = np.random.default_rng(3).normal(size=4)
-    y = run(sample(4, 'parallel'), {'x': x}, digits=50)['y']
+    y = run_program(sample(4, 'parallel'), {'x': x}, digits=50)['y']
     with mpmath.workdps(50):
         reference = expected([mpmath.mpf(v) for v in x], mpmath)
         assert max(abs(a - b) for a, b in zip(y, reference, strict=True)) < mpmath.mpf('1e-48')
@@ -68,15 +77,17 @@ def test_digits_compute_in_mpmath() -> None:
 def test_a_batch_gives_the_bits_of_its_members() -> None:
     program = sample(6, 'parallel')
     x = np.random.default_rng(4).normal(size=(3, 5, 6))
-    y = run(program, {'x': x})['y']
+    y = run_program(program, {'x': x})['y']
     assert y.shape == (3, 5, 6)
     for index in np.ndindex(3, 5):
-        np.testing.assert_array_equal(y[index], run(program, {'x': x[index]})['y'])
+        np.testing.assert_array_equal(y[index], run_program(program, {'x': x[index]})['y'])
 
 
 def test_all_schedules_give_the_same_bits_where_no_recurrence_is_involved() -> None:
     x = np.random.default_rng(5).normal(size=9)
-    first, *others = (run(sample(9, schedule), {'x': x})['y'] for schedule in SCHEDULES)
+    first, *others = (
+        run_program(sample(9, schedule), {'x': x})['y'] for schedule in MACHINE_SCHEDULES
+    )
     for other in others:
         np.testing.assert_array_equal(other, first)
 
@@ -84,9 +95,9 @@ def test_all_schedules_give_the_same_bits_where_no_recurrence_is_involved() -> N
 def test_lanes_that_are_off_cannot_make_a_nan() -> None:
     recorder = Recorder(3)
     x = recorder.input('x', [0, 1, 2])
-    y = merge(1.0 / shift(x, 1), x)  # lane 0 has nothing to divide by
+    y = lane_merge(1.0 / lane_shift(x, 1), x)  # lane 0 has nothing to divide by
     recorder.output('y', (3,), [(y, lane) for lane in range(3)])
-    y = run(recorder.program(), {'x': [4.0, 2.0, 1.0]})['y']
+    y = run_program(recorder.program(), {'x': [4.0, 2.0, 1.0]})['y']
     np.testing.assert_array_equal(y, [4.0, 0.25, 0.5])
 
 
@@ -94,16 +105,16 @@ def test_overflow_is_a_result_and_no_warning() -> None:
     recorder = Recorder(1)
     x = recorder.input('x', [0])
     recorder.output('y', (1,), [(x * x, 0)])
-    assert run(recorder.program(), {'x': [1e200]})['y'] == np.inf
+    assert run_program(recorder.program(), {'x': [1e200]})['y'] == np.inf
 
 
 def test_a_root_or_a_quotient_without_a_number_is_nan_or_infinity_in_mpmath_too() -> None:
     recorder = Recorder(1)
     x, y = recorder.input('x', [0]), recorder.input('x', [1])
-    values = sqrt(x), x / y, y / y, sqrt(y)
+    values = lane_sqrt(x), x / y, y / y, lane_sqrt(y)
     recorder.output('y', (4,), [(value, 0) for value in values])
     for digits in (None, 50):
-        found = run(recorder.program(), {'x': [-4.0, 0.0]}, digits=digits)['y']
+        found = run_program(recorder.program(), {'x': [-4.0, 0.0]}, digits=digits)['y']
         np.testing.assert_array_equal(found.astype(float), [np.nan, -np.inf, np.nan, 0.0])
 
 
@@ -112,13 +123,15 @@ def test_a_called_function_gets_rows_and_returns_one() -> None:
     x = recorder.input('x', [0, 1])
     y = recorder.call('f', x, x + 1.0)
     recorder.output('y', (2,), [(y, 0), (y, 1)])
-    y = run(recorder.program(), {'x': [1.0, 5.0]}, functions={'f': lambda a, b: a * b})['y']
+    y = run_program(recorder.program(), {'x': [1.0, 5.0]}, functions={'f': lambda a, b: a * b})[
+        'y'
+    ]
     np.testing.assert_array_equal(y, [2.0, 30.0])
 
 
 def test_the_table_and_the_columns_of_the_counts_agree() -> None:
     columns = {operation.cost for operation in OPERATIONS.values()} - {None}
-    assert columns == set(COSTS) == set(pfd.Steps.__dataclass_fields__)
+    assert columns == set(OPERATION_COSTS) == set(pfd.Steps.__dataclass_fields__)
 
 
 @pytest.mark.parametrize(
@@ -132,4 +145,4 @@ def test_the_table_and_the_columns_of_the_counts_agree() -> None:
 )
 def test_wrong_inputs_are_named(inputs, options, message: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(ValueError, match=message):
-        run(sample(4, 'parallel'), inputs, **options)
+        run_program(sample(4, 'parallel'), inputs, **options)

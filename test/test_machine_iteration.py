@@ -6,22 +6,26 @@ from __future__ import annotations
 
 import ctypes
 
+from bridge import (
+    MACHINE_SCHEDULES,
+    IrFormat,
+    Lanes,
+    Recorder,
+    batch_ir,
+    body_ir,
+    compile_ir,
+    evaluate_ir,
+    iterate,
+    lower_program,
+    module_ir,
+    on_lane,
+    pattern_total,
+    run_program,
+)
 import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.kernels.codegen.batch import batch
-from pfd_core.kernels.codegen.body import body
-from pfd_core.kernels.codegen.evaluate import evaluate
-from pfd_core.kernels.codegen.module import module
-from pfd_core.kernels.codegen.spelling import Format
-from pfd_core.kernels.passes.pipeline import lower
-from pfd_core.kernels.runtime.jit import compile_ir
-from pfd_core.machine.emulator import run
-from pfd_core.machine.iteration import iterate
-from pfd_core.machine.lanes import on
-from pfd_core.machine.patterns import total
-from pfd_core.machine.recorder import SCHEDULES, Lanes, Recorder
 
 AT_MOST = 12
 
@@ -38,9 +42,9 @@ def roots(n: int, schedule: str, at_most: int = AT_MOST) -> pfd.Program:
     def step(x: Lanes) -> tuple[tuple[Lanes, ...], Lanes]:
         following = 0.5 * (x + q / x)
         change = following - x
-        return (following,), total(change * change) - 1e-20
+        return (following,), pattern_total(change * change) - 1e-20
 
-    (x,), iterations = iterate(step, (q,), on(q, [0]), at_most)
+    (x,), iterations = iterate(step, (q,), on_lane(q, [0]), at_most)
     # What follows a loop may use what was computed before and inside it.
     y = x + 0.0 * q
     recorder.output('y', (n + 1,), [*((y, lane) for lane in range(n)), (iterations, 0)])
@@ -57,28 +61,28 @@ def newton(q: np.ndarray, at_most: int = AT_MOST) -> tuple[np.ndarray, int]:
     return x, at_most
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 def test_a_loop_ends_when_its_number_falls_to_zero(schedule: str) -> None:
     q = np.array([2.0, 9.0, 1e4, 0.5])
-    y = run(roots(4, schedule), {'q': q})['y']
+    y = run_program(roots(4, schedule), {'q': q})['y']
     x, iterations = newton(q)
     np.testing.assert_allclose(y[:4], np.sqrt(q), rtol=1e-15)
     np.testing.assert_allclose(y[:4], x, rtol=1e-15)
     assert y[4] == iterations
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 def test_a_loop_ends_at_its_limit(schedule: str) -> None:
     q = np.array([1e8])
-    y = run(roots(1, schedule, at_most=3), {'q': q})['y']
+    y = run_program(roots(1, schedule, at_most=3), {'q': q})['y']
     np.testing.assert_array_equal(y, [newton(q, 3)[0][0], 3])
 
 
 def test_a_finished_problem_keeps_its_bits_while_others_continue() -> None:
     q = np.array([[4.0], [1e6], [2.0], [1e-6], [-1.0]])
-    together = run(roots(1, 'sequential'), {'q': q})['y']
+    together = run_program(roots(1, 'sequential'), {'q': q})['y']
     for row, alone in zip(together, q, strict=True):
-        np.testing.assert_array_equal(row, run(roots(1, 'sequential'), {'q': alone})['y'])
+        np.testing.assert_array_equal(row, run_program(roots(1, 'sequential'), {'q': alone})['y'])
     assert len(set(together[:4, 1])) > 1
     # Nothing to do: not one iteration is taken over.
     np.testing.assert_array_equal(together[4], [-1.0, 0.0])
@@ -97,17 +101,17 @@ def test_counts_follow_the_iterations() -> None:
 def test_native_code_takes_the_same_iterations_and_leaves_the_same_bits(
     dtype: str, width: int
 ) -> None:
-    program = lower(roots(3, 'sequential'), dtype).compiled
-    form = Format(dtype, width, strided=True)
-    parts = [body(program, form), evaluate(program, form, ()), batch(program, form, 4)]
-    native = compile_ir(module(parts, form, ()))
+    program = lower_program(roots(3, 'sequential'), dtype).compiled
+    form = IrFormat(dtype, width, strided=True)
+    parts = [body_ir(program, form), evaluate_ir(program, form, ()), batch_ir(program, form, 4)]
+    native = compile_ir(module_ir(parts, form, ()))
     call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
     q = np.random.default_rng(1).uniform(1e-4, 1e6, (9, 3)).astype(dtype)
     q[4] = -1.0
     out = np.empty((9, 4), dtype)
     table = np.array([k for a in (q, out) for k in (a.ctypes.data, *a.strides)], np.int64)
     assert call(native.address('batch'))(9, table.ctypes.data) == 0
-    np.testing.assert_array_equal(out, run(program, {'q': q}, dtype)['y'])
+    np.testing.assert_array_equal(out, run_program(program, {'q': q}, dtype)['y'])
 
 
 def test_printing_shows_the_markers() -> None:
@@ -120,8 +124,14 @@ def test_printing_shows_the_markers() -> None:
     ('act', 'message'),
     [
         (lambda r, q: iterate(lambda x: ((x,), x), (q,), q, 0), 'at_most must be at least 1'),
-        (lambda r, q: iterate(lambda x: ((x,), x), (q,), on(q, [1]), 1), 'no value on lane 0'),
-        (lambda r, q: iterate(lambda x: ((on(x, [1]),), x), (q,), q, 1), 'row 0 .* lacks lanes'),
+        (
+            lambda r, q: iterate(lambda x: ((x,), x), (q,), on_lane(q, [1]), 1),
+            'no value on lane 0',
+        ),
+        (
+            lambda r, q: iterate(lambda x: ((on_lane(x, [1]),), x), (q,), q, 1),
+            'row 0 .* lacks lanes',
+        ),
     ],
 )
 def test_a_loop_that_cannot_run_is_refused(act, message: str) -> None:  # type: ignore[no-untyped-def]
@@ -133,7 +143,9 @@ def test_a_loop_that_cannot_run_is_refused(act, message: str) -> None:  # type: 
 def test_an_observer_sees_the_state_before_the_loop_and_after_each_iteration() -> None:
     q = np.array([[2.0, 9.0], [1.0, 1.0]])
     seen: list[np.ndarray] = []
-    result = run(roots(2, 'parallel'), {'q': q}, observe=lambda rows: seen.append(rows[0].T))
+    result = run_program(
+        roots(2, 'parallel'), {'q': q}, observe=lambda rows: seen.append(rows[0].T)
+    )
     iterations = result['y'][:, -1]
     assert len(seen) == iterations.max() + 1
     np.testing.assert_array_equal(seen[0], q)

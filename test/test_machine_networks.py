@@ -7,29 +7,36 @@ from __future__ import annotations
 from collections import Counter
 import math
 
+from bridge import (
+    FORWARD_METHODS,
+    NETWORKS,
+    Lanes,
+    NetworkError,
+    NetworkHop,
+    PriceChoices,
+    PriceWeights,
+    Recorder,
+    carry_messages,
+    iterate,
+    lane_broadcast,
+    lane_merge,
+    lane_shift,
+    lane_where,
+    network_hops,
+    network_wiring,
+    on_lane,
+    price_choices,
+    resolve_plant,
+    route_steps,
+    run_program,
+    uniform_chain_robot,
+)
 import numpy as np
 import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import shortest_path
 
 import pfd_core as pfd
-from pfd_core.algorithms.programs import FORWARD
-from pfd_core.machine.emulator import run
-from pfd_core.machine.iteration import iterate
-from pfd_core.machine.lanes import broadcast, merge, on, shift, where
-from pfd_core.machine.networks import (
-    NETWORKS,
-    Hop,
-    NetworkError,
-    carry,
-    hops,
-    route_steps,
-    wiring,
-)
-from pfd_core.machine.prices import Choices, Weights, choices
-from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model import resolve
-from pfd_core.report.cases.robots import uniform_chain
 
 LANES = (1, 2, 3, 5, 6, 8, 11, 16)
 
@@ -68,7 +75,7 @@ def links(network: str, lanes: int) -> set[tuple[int, int]]:
 
 def distances(network: str, lanes: int) -> np.ndarray:
     """Return the hops between lanes on the shortest path, by SciPy."""
-    nodes = len(wiring(network, lanes).links)
+    nodes = len(network_wiring(network, lanes).links)
     pairs = np.array(sorted(links(network, lanes)), dtype=int).reshape(-1, 2)
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (nodes, nodes))
     # Neighbouring numbers of a Gray code differ in one bit.
@@ -79,9 +86,9 @@ def distances(network: str, lanes: int) -> np.ndarray:
 @pytest.mark.parametrize('lanes', LANES)
 @pytest.mark.parametrize('network', NETWORKS)
 def test_a_network_has_the_links_of_its_definition(network: str, lanes: int) -> None:
-    found = wiring(network, lanes).links
+    found = network_wiring(network, lanes).links
     assert {(i, j) for i, row in enumerate(found) for j in row} == links(network, lanes)
-    assert len(set(wiring(network, lanes).places)) == lanes
+    assert len(set(network_wiring(network, lanes).places)) == lanes
 
 
 @pytest.mark.parametrize('network', NETWORKS)
@@ -133,9 +140,9 @@ def test_every_word_arrives_by_links_that_carry_one_word_a_step(network: str) ->
         apart = distances(network, lanes)
         for _ in range(20):
             route = [None if x < 0 else int(x) for x in rng.integers(-3, lanes, lanes)]
-            steps = list(hops(network, route))
+            steps = list(network_hops(network, route))
             words = [object() for _ in range(lanes)]
-            held = carry(network, lanes, steps, words)
+            held = carry_messages(network, lanes, steps, words)
             moved = [(s, t) for t, s in enumerate(route) if s is not None and s != t]
             assert all(held[t][s] is words[s] for s, t in moved)
             # No schedule is shorter than a path or the words on a link, here none twice the two.
@@ -152,45 +159,49 @@ def test_every_word_arrives_by_links_that_carry_one_word_a_step(network: str) ->
 @pytest.mark.parametrize(
     ('network', 'steps', 'message'),
     [
-        ('ring', [[Hop(0, 2, 0)]], 'no link from 0 to 2'),
-        ('cube', [[Hop(0, 3, 0)]], 'no link from 0 to 3'),
-        ('ring', [[Hop(0, 1, 0)], [Hop(0, 1, 0), Hop(0, 1, 0)]], 'two words on the link'),
-        ('ring', [[Hop(0, 1, 0), Hop(1, 2, 0)]], 'node 1 does not hold word 0'),
-        ('bus', [[Hop(0, 1, 0), Hop(2, 3, 2)]], 'two words in one step'),
+        ('ring', [[NetworkHop(0, 2, 0)]], 'no link from 0 to 2'),
+        ('cube', [[NetworkHop(0, 3, 0)]], 'no link from 0 to 3'),
+        (
+            'ring',
+            [[NetworkHop(0, 1, 0)], [NetworkHop(0, 1, 0), NetworkHop(0, 1, 0)]],
+            'two words on the link',
+        ),
+        ('ring', [[NetworkHop(0, 1, 0), NetworkHop(1, 2, 0)]], 'node 1 does not hold word 0'),
+        ('bus', [[NetworkHop(0, 1, 0), NetworkHop(2, 3, 2)]], 'two words in one step'),
     ],
 )
 def test_a_hop_that_the_network_cannot_do_is_an_error(
-    network: str, steps: list[list[Hop]], message: str
+    network: str, steps: list[list[NetworkHop]], message: str
 ) -> None:
     with pytest.raises(NetworkError, match=message):
-        carry(network, 6, steps, range(6))
+        carry_messages(network, 6, steps, range(6))
 
 
 def test_an_unknown_network_and_too_few_processors_are_errors() -> None:
-    program = FORWARD['pcrbm'](resolve(uniform_chain(2)), 'unpacked')
-    for count in (wiring, lambda name, _: program.count(network=name)):
+    program = FORWARD_METHODS['pcrbm'](resolve_plant(uniform_chain_robot(2)), 'unpacked')
+    for count in (network_wiring, lambda name, _: program.count(network=name)):
         with pytest.raises(ValueError, match=r"network must be one of .*'ring'.* got 'torus'"):
             count('torus', 4)
     with pytest.raises(ValueError, match="'ring' needs a processor for each of 2 lanes, got 1"):
         program.count(1, network='ring')
     state = np.zeros((3, 2))
     with pytest.raises(ValueError, match="'torus'"):
-        pfd.emulate(uniform_chain(2), *state, network='torus')
+        pfd.emulate(uniform_chain_robot(2), *state, network='torus')
 
 
 @pytest.mark.parametrize('network', NETWORKS)
 @pytest.mark.parametrize('method', ['pcrbm', 'pcgm'])
 def test_a_method_has_the_same_bits_on_every_network(method: str, network: str) -> None:
-    program = FORWARD[method](resolve(uniform_chain(5)), 'unpacked')
+    program = FORWARD_METHODS[method](resolve_plant(uniform_chain_robot(5)), 'unpacked')
     rng = np.random.default_rng(42)
     state = {name: rng.normal(size=5) for name in ('q', 'qd', 'tau')}
     np.testing.assert_array_equal(
-        run(program, state, network=network)['qdd'], run(program, state)['qdd']
+        run_program(program, state, network=network)['qdd'], run_program(program, state)['qdd']
     )
 
 
 def test_emulate_counts_the_routes_of_its_network() -> None:
-    robot = uniform_chain(6)
+    robot = uniform_chain_robot(6)
     state = np.random.default_rng(43).normal(size=(3, 6))
     crossbar, ring = (pfd.emulate(robot, *state, network=name) for name in ('crossbar', 'ring'))
     np.testing.assert_array_equal(crossbar.qdd, ring.qdd)
@@ -202,7 +213,7 @@ def test_emulate_counts_the_routes_of_its_network() -> None:
 @pytest.mark.parametrize('L', range(1, 5))
 def test_the_orientation_recurrence_takes_the_shifts_of_its_levels(L: int) -> None:
     # Nine words a level: 1 step each on PM2I, 1 and then 2 on the cube, 2^k on the ring.
-    program = FORWARD['pcrbm'](resolve(uniform_chain(2**L)), 'unpacked')
+    program = FORWARD_METHODS['pcrbm'](resolve_plant(uniform_chain_robot(2**L)), 'unpacked')
     routes = {
         network: program.count(section='orientation', network=network).routes
         for network in ('crossbar', 'pm2i', 'cube', 'ring')
@@ -217,24 +228,24 @@ def test_the_orientation_recurrence_takes_the_shifts_of_its_levels(L: int) -> No
 
 def test_the_time_of_arithmetic_is_the_weighted_sum_of_its_steps() -> None:
     steps = pfd.Steps(multiplications=2, additions=3, divisions=5, square_roots=7, routes=11)
-    assert Weights().arithmetic(steps) == 2 + 3 + 4 * 5 + 4 * 7
-    assert Weights(2.0, 0.5, 8.0, 16.0).arithmetic(steps) == 4 + 1.5 + 40 + 112
+    assert PriceWeights().arithmetic(steps) == 2 + 3 + 4 * 5 + 4 * 7
+    assert PriceWeights(2.0, 0.5, 8.0, 16.0).arithmetic(steps) == 4 + 1.5 + 40 + 112
 
 
 def test_choices_are_counted_and_cost_no_step() -> None:
     recorder = Recorder(3)
     x = recorder.input('x', range(3))
-    y = where(x, x, 1.0)  # select
-    y = merge(on(y, [0]), x)  # merge
-    y = merge(shift(y, 1), y)  # merge after a route
-    y = merge(broadcast(y, 2), y)  # all lanes are filled: nothing to merge
+    y = lane_where(x, x, 1.0)  # select
+    y = lane_merge(on_lane(y, [0]), x)  # merge
+    y = lane_merge(lane_shift(y, 1), y)  # merge after a route
+    y = lane_merge(lane_broadcast(y, 2), y)  # all lanes are filled: nothing to merge
 
     def step(value: Lanes) -> tuple[tuple[Lanes], Lanes]:
-        value = where(value, value - 1.0, value)
+        value = lane_where(value, value - 1.0, value)
         return (value,), value
 
     (y,), _ = iterate(step, (y,), y, 10)
     recorder.output('y', (1,), [(y, 0)])
     program = recorder.program()
-    assert choices(program, 4) == Choices(selects=1 + 4, merges=2, comparisons=4)
+    assert price_choices(program, 4) == PriceChoices(selects=1 + 4, merges=2, comparisons=4)
     assert program.count(iterations=4) == pfd.Steps(additions=4, routes=2)

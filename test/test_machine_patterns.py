@@ -8,27 +8,34 @@ from collections import Counter
 import math
 from typing import Any
 
+from bridge import (
+    MACHINE_SCHEDULES,
+    LaneArray,
+    Recorder,
+    lane_broadcast,
+    on_lane,
+    packed,
+    pattern_collect,
+    pattern_column_sweep,
+    pattern_gather,
+    pattern_prefix,
+    pattern_prefix_affine,
+    pattern_row_sweep,
+    pattern_suffix,
+    pattern_suffix_affine,
+    prefix_product,
+    prefix_sum,
+    run_program,
+    suffix_sum,
+    vector_array,
+    vector_cross,
+)
+from bridge import pattern_total as total
 from closed_forms import EVERY_SIZE, LENGTHS, levels
 import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.machine.emulator import run
-from pfd_core.machine.lanes import broadcast, on
-from pfd_core.machine.packing import packed, prefix_product, prefix_sum, suffix_sum
-from pfd_core.machine.patterns import (
-    collect,
-    column_sweep,
-    gather,
-    prefix,
-    prefix_affine,
-    row_sweep,
-    suffix,
-    suffix_affine,
-    total,
-)
-from pfd_core.machine.recorder import SCHEDULES, LaneArray, Recorder
-from pfd_core.machine.vectors import array, cross
 
 # Sums of up to 32 products of numbers near one, in another order than NumPy's.
 ROUNDING = {'rtol': 1e-12, 'atol': 1e-12}
@@ -37,7 +44,9 @@ ROUNDING = {'rtol': 1e-12, 'atol': 1e-12}
 def entries(recorder: Recorder, name: str, count: int) -> LaneArray:
     """Return `count` rows of an input of shape (n, count)."""
     n = recorder.lanes
-    return array([recorder.input(name, [i * count + k for i in range(n)]) for k in range(count)])
+    return vector_array(
+        [recorder.input(name, [i * count + k for i in range(n)]) for k in range(count)]
+    )
 
 
 def finish(recorder: Recorder, value: Any) -> pfd.Program:
@@ -51,18 +60,20 @@ def finish(recorder: Recorder, value: Any) -> pfd.Program:
 def matrix_product(n: int, schedule: str, downward: bool) -> pfd.Program:
     recorder = Recorder(n, schedule)
     R = entries(recorder, 'R', 9).reshape(3, 3)
-    run_ = suffix if downward else prefix
+    run_ = pattern_suffix if downward else pattern_prefix
     return finish(recorder, run_(lambda left, right: left @ right, R))
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 @pytest.mark.parametrize('downward', [False, True])
 def test_fohra_multiplies_matrices_in_order(schedule: str, downward: bool) -> None:
     rng = np.random.default_rng(2)
     for n in LENGTHS:
         R = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
-        y = run(matrix_product(n, schedule, downward), {'R': R.ravel()})['y'].reshape(n, 3, 3)
+        y = run_program(matrix_product(n, schedule, downward), {'R': R.ravel()})['y'].reshape(
+            n, 3, 3
+        )
         expected = R.copy()
         order = range(n - 2, -1, -1) if downward else range(1, n)
         for i in order:
@@ -82,7 +93,7 @@ def test_fohra_takes_one_product_a_level_and_n_minus_one_in_sequence(n: int) -> 
 def affine(n: int, schedule: str, downward: bool, matrices: bool) -> pfd.Program:
     recorder = Recorder(n, schedule)
     b = entries(recorder, 'b', 3)
-    run_ = suffix_affine if downward else prefix_affine
+    run_ = pattern_suffix_affine if downward else pattern_prefix_affine
     if matrices:
         a = entries(recorder, 'a', 9).reshape(3, 3)
         return finish(recorder, run_(a, b, lambda A, x: A @ x, lambda A, B: A @ B))
@@ -91,7 +102,7 @@ def affine(n: int, schedule: str, downward: bool, matrices: bool) -> pfd.Program
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 @pytest.mark.parametrize('downward', [False, True])
 @pytest.mark.parametrize('matrices', [False, True])
 def test_foihra_solves_the_recurrence_for_any_n(
@@ -104,7 +115,7 @@ def test_foihra_solves_the_recurrence_for_any_n(
         inputs = {'a': a.ravel(), 'b': b.ravel()}
         if n == 1:
             inputs['a'] = inputs['a'][: 9 if matrices else 1]
-        y = run(affine(n, schedule, downward, matrices), inputs)['y']
+        y = run_program(affine(n, schedule, downward, matrices), inputs)['y']
         expected = b.copy()
         order = range(n - 2, -1, -1) if downward else range(1, n)
         for i in order:
@@ -123,7 +134,7 @@ def test_foihra_of_vectors_with_scalar_coefficients_takes_4_levels_less_one(n: i
     assert steps.additions == 3 * L
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 def test_a_total_lies_on_lane_zero(schedule: str) -> None:
     for n in LENGTHS:
         recorder = Recorder(n, schedule)
@@ -131,7 +142,7 @@ def test_a_total_lies_on_lane_zero(schedule: str) -> None:
         recorder.output('y', (), [(total(x), 0)])
         program = recorder.program()
         values = np.arange(1.0, n + 1)
-        assert run(program, {'x': values})['y'] == n * (n + 1) / 2
+        assert run_program(program, {'x': values})['y'] == n * (n + 1) / 2
         assert program.count().additions == (levels(n) if schedule != 'sequential' else n - 1)
 
 
@@ -140,21 +151,21 @@ def row_swept(n: int, schedule: str) -> pfd.Program:
     x0 = entries(recorder, 'x0', 3)
     a = entries(recorder, 'a', 3)
     # a(i, j) = i a(j): different in every row, as p*_i x F_j is.
-    terms = [on(broadcast(a, i), range(i + 1, n)) for i in range(n - 1)]
-    rows = row_sweep(terms, x0)
+    terms = [on_lane(lane_broadcast(a, i), range(i + 1, n)) for i in range(n - 1)]
+    rows = pattern_row_sweep(terms, x0)
     elements = [(x, j) for i in range(n) for j in range(i, n) for x in rows[i]]
     recorder.output('y', (n * (n + 1) // 2, 3), elements)
     return recorder.program()
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 def test_the_row_sweep_adds_up_columns_from_the_diagonal(schedule: str) -> None:
     rng = np.random.default_rng(4)
     for n in LENGTHS:
         a, x0 = rng.normal(size=(2, n, 3))
         inputs = {'x0': x0.ravel(), 'a': a.ravel()}
         program = row_swept(n, schedule)
-        y = run(program, {name: inputs[name] for name in program.inputs})['y']
+        y = run_program(program, {name: inputs[name] for name in program.inputs})['y']
         expected = [x0[j] + a[i:j].sum(axis=0) for i in range(n) for j in range(i, n)]
         np.testing.assert_allclose(y, expected, **ROUNDING)
 
@@ -185,7 +196,7 @@ def column_swept(n: int, schedule: str, downward: bool, unit: bool) -> pfd.Progr
         for j in range(n)
     ]
     diagonal = None if unit else recorder.input('T', [i * (n + 1) for i in range(n)])
-    x = column_sweep(columns, recorder.input('b', range(n)), diagonal, downward)
+    x = pattern_column_sweep(columns, recorder.input('b', range(n)), diagonal, downward)
     recorder.output('x', (n,), [(x, i) for i in range(n)])
     return recorder.program()
 
@@ -193,7 +204,7 @@ def column_swept(n: int, schedule: str, downward: bool, unit: bool) -> pfd.Progr
 @pytest.mark.sweep
 @pytest.mark.parametrize('unit', [False, True])
 @pytest.mark.parametrize('downward', [False, True])
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 def test_the_column_sweep_solves_triangular_systems(
     schedule: str, downward: bool, unit: bool
 ) -> None:
@@ -203,7 +214,7 @@ def test_the_column_sweep_solves_triangular_systems(
         np.fill_diagonal(T, 1.0 if unit else rng.uniform(1, 2, n))
         program = column_swept(n, schedule, downward, unit)
         inputs = {'T': T.ravel()[: program.inputs.get('T')], 'b': b}
-        x = run(program, {name: inputs[name] for name in program.inputs})['x']
+        x = run_program(program, {name: inputs[name] for name in program.inputs})['x']
         wanted = np.linalg.solve(np.triu(T) if downward else np.tril(T), b)
         np.testing.assert_allclose(x, wanted, rtol=0, atol=SWEEP)
 
@@ -219,7 +230,7 @@ def test_the_column_sweep_takes_n_minus_one_steps_and_n_divisions(n: int, downwa
     assert alone == pfd.Steps(multiplications=n * (n - 1) // 2, additions=n * (n - 1) // 2)
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 def test_gather_takes_each_element_from_where_it_lies(schedule: str) -> None:
     rng = np.random.default_rng(2)
     for n in LENGTHS:
@@ -229,12 +240,12 @@ def test_gather_takes_each_element_from_where_it_lies(schedule: str) -> None:
             int(lane): (int(rng.integers(3)), int(rng.integers(n)))
             for lane in rng.choice(n, size=1 + n // 2, replace=False)
         }
-        found = gather({lane: (rows[r], source) for lane, (r, source) in wanted.items()})
+        found = pattern_gather({lane: (rows[r], source) for lane, (r, source) in wanted.items()})
         assert found.defined == sum(1 << lane for lane in wanted)
         recorder.output('y', (len(wanted),), [(found, lane) for lane in wanted])
         program = recorder.program()
         a = np.arange(float(program.inputs['a']))
-        y = run(program, {'a': a})['y']
+        y = run_program(program, {'a': a})['y']
         np.testing.assert_array_equal(y, [r * n + source for r, source in wanted.values()])
         sent = {(r, source) for lane, (r, source) in wanted.items() if source != lane}
         busiest = max(Counter(source for _, source in sent).values(), default=0)
@@ -244,20 +255,20 @@ def test_gather_takes_each_element_from_where_it_lies(schedule: str) -> None:
 def test_collect_is_free_and_keeps_every_lane_its_own() -> None:
     recorder = Recorder(4)
     a, b = (recorder.input(name, range(4)) for name in 'ab')
-    found = collect({0: b, 1: a, 3: on(b, [3])})
+    found = pattern_collect({0: b, 1: a, 3: on_lane(b, [3])})
     assert found.defined == 0b1011
     recorder.output('y', (3,), [(found, lane) for lane in (0, 1, 3)])
     program = recorder.program()
-    y = run(program, {'a': np.arange(4.0), 'b': np.arange(10.0, 14.0)})['y']
+    y = run_program(program, {'a': np.arange(4.0), 'b': np.arange(10.0, 14.0)})['y']
     np.testing.assert_array_equal(y, [10, 1, 13])
     assert program.count() == pfd.Steps()
 
 
 def test_gathering_nothing_is_refused() -> None:
     with pytest.raises(ValueError, match='gather: no lane is named'):
-        gather({})
+        pattern_gather({})
     with pytest.raises(ValueError, match='collect: no lane is named'):
-        collect({})
+        pattern_collect({})
 
 
 # ---- packed rows -----------------------------------------------------------------------------
@@ -265,26 +276,26 @@ def test_gathering_nothing_is_refused() -> None:
 
 def vector(recorder: Recorder, name: str) -> LaneArray:
     n = recorder.lanes
-    return array([recorder.input(name, [3 * i + k for i in range(n)]) for k in range(3)])
+    return vector_array([recorder.input(name, [3 * i + k for i in range(n)]) for k in range(3)])
 
 
 def pairs(n: int, schedule: str) -> pfd.Program:
     """Record a_i x b_j for every pair i < j, row i on the lanes j > i."""
     recorder = Recorder(n, schedule)
     a, b = vector(recorder, 'a'), vector(recorder, 'b')
-    rows = [(broadcast(a, i), on(b, range(i + 1, n))) for i in range(n - 1)]
-    products = packed(cross, rows)
+    rows = [(lane_broadcast(a, i), on_lane(b, range(i + 1, n))) for i in range(n - 1)]
+    products = packed(vector_cross, rows)
     places = [(x, j) for i in range(n - 1) for j in range(i + 1, n) for x in products[i]]
     recorder.output('y', (n * (n - 1) // 2, 3), places)
     return recorder.program()
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 def test_packed_rows_hold_the_values_of_unpacked_rows(schedule: str) -> None:
     rng = np.random.default_rng(1)
     for n in LENGTHS[1:]:
         a, b = rng.normal(size=(2, n, 3))
-        y = run(pairs(n, schedule), {'a': a.ravel(), 'b': b.ravel()})['y']
+        y = run_program(pairs(n, schedule), {'a': a.ravel(), 'b': b.ravel()})['y']
         expected = [np.cross(a[i], b[j]) for i in range(n) for j in range(i + 1, n)]
         # One product, one difference: nothing to round differently.
         np.testing.assert_array_equal(y, expected)
@@ -307,12 +318,12 @@ def sums(n: int, schedule: str, downward: bool) -> pfd.Program:
     return recorder.program()
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 @pytest.mark.parametrize('downward', [False, True])
 def test_packed_sums_are_the_sums_of_every_component(schedule: str, downward: bool) -> None:
     for n in LENGTHS:
         a = np.arange(1.0, 3 * n + 1).reshape(n, 3)
-        y = run(sums(n, schedule, downward), {'a': a.ravel()})['y']
+        y = run_program(sums(n, schedule, downward), {'a': a.ravel()})['y']
         expected = a[::-1].cumsum(axis=0)[::-1] if downward else a.cumsum(axis=0)
         np.testing.assert_array_equal(y, expected)  # whole numbers add up exactly
 
@@ -326,17 +337,17 @@ def test_packed_sums_take_the_steps_that_their_lanes_need(n: int) -> None:
     assert sums(n, 'sequential', True).count().additions == 3 * (n - 1)
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 def test_packed_products_are_the_products_in_order(schedule: str) -> None:
     rng = np.random.default_rng(2)
     for n in LENGTHS:
         recorder = Recorder(n, schedule)
         rows = [recorder.input('R', [9 * i + k for i in range(n)]) for k in range(9)]
-        product = prefix_product(array(rows).reshape(3, 3))
+        product = prefix_product(vector_array(rows).reshape(3, 3))
         recorder.output('y', (n, 9), [(x, i) for i in range(n) for x in np.ravel(product)])
         program = recorder.program()
         R = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
-        y = run(program, {'R': R.ravel()})['y'].reshape(n, 3, 3)
+        y = run_program(program, {'R': R.ravel()})['y'].reshape(n, 3, 3)
         expected = [R[0]]
         for matrix in R[1:]:
             expected.append(expected[-1] @ matrix)

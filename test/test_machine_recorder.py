@@ -4,21 +4,28 @@
 
 from __future__ import annotations
 
+from bridge import (
+    MACHINE_SCHEDULES,
+    Lanes,
+    Recorder,
+    lane_broadcast,
+    lane_merge,
+    lane_shift,
+    lane_sqrt,
+    lane_where,
+    on_lane,
+    parallel_axis,
+    rotated_symmetric,
+    run_program,
+    symmetric_times,
+    vector_array,
+    vector_cross,
+    vector_dot,
+)
 import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.machine.emulator import run
-from pfd_core.machine.lanes import broadcast, merge, on, shift, sqrt, where
-from pfd_core.machine.recorder import SCHEDULES, Lanes, Recorder
-from pfd_core.machine.vectors import (
-    array,
-    cross,
-    dot,
-    parallel_axis,
-    rotated_symmetric,
-    symmetric_times,
-)
 
 UPPER = np.triu_indices(3)
 
@@ -35,26 +42,28 @@ def recorded(n: int, schedule: str, function) -> pfd.Program:  # type: ignore[no
 def vectors(schedule: str, function, sizes: dict[str, int]) -> pfd.Program:  # type: ignore[no-untyped-def]
     """Record function over one lane, whose inputs are small vectors and whose result is one."""
     recorder = Recorder(1, schedule)
-    inputs = [array([recorder.input(k, [i]) for i in range(m)]) for k, m in sizes.items()]
+    inputs = [vector_array([recorder.input(k, [i]) for i in range(m)]) for k, m in sizes.items()]
     result = np.ravel(function(*inputs))
     recorder.output('y', result.shape, [(value, 0) for value in result])
     return recorder.program()
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 def test_lanes_without_an_operand_take_no_part(schedule: str) -> None:
     def function(recorder: Recorder, x: Lanes) -> Lanes:
-        return merge(x + shift(x, 2), x) * 2.0
+        return lane_merge(x + lane_shift(x, 2), x) * 2.0
 
     x = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
     program = recorded(5, schedule, function)
-    np.testing.assert_array_equal(run(program, {'x': x})['y'], 2 * np.array([1, 2, 5, 10, 20]))
+    np.testing.assert_array_equal(
+        run_program(program, {'x': x})['y'], 2 * np.array([1, 2, 5, 10, 20])
+    )
     assert program.count(processors=1).additions == 3
 
 
 def test_one_instruction_serves_all_lanes_in_parallel_and_one_lane_in_sequence() -> None:
     def function(recorder: Recorder, x: Lanes) -> Lanes:
-        return on(x, range(3)) * x
+        return on_lane(x, range(3)) * x
 
     assert recorded(4, 'parallel', function).count() == pfd.Steps(multiplications=1)
     assert recorded(4, 'sequential', function).count() == pfd.Steps(multiplications=3)
@@ -68,24 +77,24 @@ def test_fewer_processors_than_lanes_take_more_steps() -> None:
 
 
 def test_data_that_stays_on_its_lane_costs_no_route() -> None:
-    program = recorded(4, 'parallel', lambda recorder, x: merge(on(x * x, [1, 2]), x))
+    program = recorded(4, 'parallel', lambda recorder, x: lane_merge(on_lane(x * x, [1, 2]), x))
     assert program.count().routes == 0
-    program = recorded(4, 'parallel', lambda recorder, x: broadcast(x, 1))
+    program = recorded(4, 'parallel', lambda recorder, x: lane_broadcast(x, 1))
     assert program.count().routes == 1
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 def test_where_takes_the_first_above_zero_and_the_second_elsewhere(schedule: str) -> None:
-    program = recorded(4, schedule, lambda recorder, x: where(x, x * 10.0, -1.0))
-    y = run(program, {'x': [2.0, 0.0, -3.0, 1e-300]})['y']
+    program = recorded(4, schedule, lambda recorder, x: lane_where(x, x * 10.0, -1.0))
+    y = run_program(program, {'x': [2.0, 0.0, -3.0, 1e-300]})['y']
     np.testing.assert_array_equal(y, [20.0, -1.0, -1.0, 1e-299])
 
 
 @pytest.mark.parametrize(
     ('function', 'sizes', 'expected', 'multiplications', 'additions'),
     [
-        (cross, {'a': 3, 'b': 3}, np.cross, 6, 3),
-        (dot, {'a': 3, 'b': 3}, np.dot, 3, 2),
+        (vector_cross, {'a': 3, 'b': 3}, np.cross, 6, 3),
+        (vector_dot, {'a': 3, 'b': 3}, np.dot, 3, 2),
         (
             lambda R, v: R.reshape(3, 3) @ v,
             {'R': 9, 'v': 3},
@@ -138,7 +147,7 @@ def test_products_cost_what_they_say_and_agree_with_numpy(  # type: ignore[no-un
     assert (steps.multiplications, steps.additions) == (multiplications, additions)
     rng = np.random.default_rng(1)
     inputs = {name: rng.normal(size=size) for name, size in sizes.items()}
-    y = run(program, inputs)['y']
+    y = run_program(program, inputs)['y']
     np.testing.assert_allclose(y, np.ravel(expected(*inputs.values())), rtol=1e-14, atol=1e-15)
 
 
@@ -146,7 +155,7 @@ def test_programs_print_one_instruction_a_line() -> None:
     recorder = Recorder(3)
     x = recorder.input('x', [0, 1, 2])
     with recorder.section('squares'):
-        y = on(x, [1, 2]) * x + 0.5
+        y = on_lane(x, [1, 2]) * x + 0.5
     recorder.output('y', (2,), [(y, 1), (y, 2)])
     assert str(recorder.program()).splitlines() == [
         "%0 = input (('x' 0) ('x' 1) ('x' 2))".replace("'", ''),
@@ -173,7 +182,7 @@ def test_a_value_over_lanes_cannot_be_branched_on() -> None:
             lambda: Recorder(2).input('x', [0, 1]) + Recorder(2).input('x', [0, 1]),
             'two recordings',
         ),
-        (lambda: on(Recorder(2).input('x', [0, 1]), []) * 2.0, 'mul: no lane has a value'),
+        (lambda: on_lane(Recorder(2).input('x', [0, 1]), []) * 2.0, 'mul: no lane has a value'),
         (
             lambda: Recorder(2).apply('add', Recorder(2).constant(1.0)),
             'add takes 2 operands, got 1',
@@ -188,7 +197,7 @@ def test_misuse_is_named(act, message: str) -> None:  # type: ignore[no-untyped-
 
 def test_an_output_needs_a_value_on_its_lane() -> None:
     recorder = Recorder(2)
-    x = on(recorder.input('x', [0, 1]), [0])
+    x = on_lane(recorder.input('x', [0, 1]), [0])
     with pytest.raises(ValueError, match='output y: lane 1 has no value'):
         recorder.output('y', (2,), [(x, 0), (x, 1)])
 
@@ -199,6 +208,6 @@ def test_only_numbers_and_lanes_are_operands() -> None:
 
 
 def test_sqrt_is_counted_in_its_own_column() -> None:
-    assert recorded(3, 'parallel', lambda r, x: sqrt(x) / x).count() == pfd.Steps(
+    assert recorded(3, 'parallel', lambda r, x: lane_sqrt(x) / x).count() == pfd.Steps(
         divisions=1, square_roots=1
     )

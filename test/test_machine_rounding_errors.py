@@ -6,14 +6,20 @@ from __future__ import annotations
 
 from typing import Any
 
+from bridge import (
+    Lanes,
+    Recorder,
+    RoundingErrors,
+    lane_cos,
+    lane_sin,
+    lane_sqrt,
+    lane_where,
+    run_program,
+)
 import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.machine.emulator import run
-from pfd_core.machine.lanes import cos, sin, sqrt, where
-from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.machine.rounding_errors import RoundingErrors
 
 UNIT = {'float64': 2.0**-53, 'float32': 2.0**-24}
 # Value plus error is off by a small share of the unit of rounding: terms of the series that are
@@ -31,11 +37,11 @@ def record_everything() -> pfd.Program:
         (x - y) * third,
         x * y - y * x * third,
         (x * third) / (y + 2.0),
-        -sqrt(x * x + y),
-        where(x - y, x * third, y + third),
-        sin(angle),
-        cos(angle),
-        sin(angle) * x + cos(angle) * y,
+        -lane_sqrt(x * x + y),
+        lane_where(x - y, x * third, y + third),
+        lane_sin(angle),
+        lane_cos(angle),
+        lane_sin(angle) * x + lane_cos(angle) * y,
         1.0 * x + 0.0 * y,
     ]
     recorder.output('z', (len(results),), [(value, 0) for value in results])
@@ -68,8 +74,8 @@ def test_a_value_with_its_error_has_more_digits_than_the_number_format(
     x[0, 2] = np.pi / 2
     state: dict[str, Any] = {'x': x}
     program = record_everything()
-    found = run(with_errors(program, dtype), state, dtype)
-    exact = run(program, {'x': x.astype('float64')}, digits=50)['z']
+    found = run_program(with_errors(program, dtype), state, dtype)
+    exact = run_program(program, {'x': x.astype('float64')}, digits=50)['z']
     difference = (found['value'].astype(np.float64).astype(object) - exact).astype(np.float64)
     unit = UNIT[dtype]
     # The values alone are rounded.

@@ -6,22 +6,21 @@ from __future__ import annotations
 
 from typing import Any
 
+from bridge import SystolicArray, SystolicLink, SystolicLinkError, SystolicPorts, SystolicStep
 import numpy as np
 import pytest
 
-from pfd_core.machine.systolic import Array, Link, LinkError, Ports, Step
-
-FIRST = Link((1, 0), (1, 1))
+FIRST = SystolicLink((1, 0), (1, 1))
 
 
-def row(n: int, cell: Any) -> Array:
+def row(n: int, cell: Any) -> SystolicArray:
     """Return n cells in a row, linked from left to right, open at both ends."""
-    links = [Link((1, i), (1, i + 1)) for i in range(n + 1)]
-    return Array({(1, i): cell for i in range(1, n + 1)}, links)
+    links = [SystolicLink((1, i), (1, i + 1)) for i in range(n + 1)]
+    return SystolicArray({(1, i): cell for i in range(1, n + 1)}, links)
 
 
-def pass_on(state: Any, ports: Ports) -> Step:
-    return Step(state, {'right': ports['left']}, 'pass')
+def pass_on(state: Any, ports: SystolicPorts) -> SystolicStep:
+    return SystolicStep(state, {'right': ports['left']}, 'pass')
 
 
 def test_an_item_takes_one_cycle_to_each_neighbour() -> None:
@@ -33,12 +32,12 @@ def test_an_item_takes_one_cycle_to_each_neighbour() -> None:
 
 def test_all_latches_change_at_once_whatever_the_order_of_the_cells() -> None:
     # Each cell keeps the last item and sends the one before: a wrong order would mix cycles.
-    def delay(state: Any, ports: Ports) -> Step:
-        return Step(ports['left'], {} if state is None else {'right': state}, 'delay')
+    def delay(state: Any, ports: SystolicPorts) -> SystolicStep:
+        return SystolicStep(ports['left'], {} if state is None else {'right': state}, 'delay')
 
     items = dict(enumerate('abcdefgh', 1))
     forward = row(3, delay)
-    backward = Array(dict(reversed(forward.cells.items())), forward.links)
+    backward = SystolicArray(dict(reversed(forward.cells.items())), forward.links)
     traces = [array.run({FIRST: items}) for array in (forward, backward)]
     assert traces[0].emitted == traces[1].emitted
     assert traces[0].states == traces[1].states == {(1, 1): 'h', (1, 2): 'g', (1, 3): 'f'}
@@ -47,25 +46,25 @@ def test_all_latches_change_at_once_whatever_the_order_of_the_cells() -> None:
 
 def test_two_cells_exchange_their_values() -> None:
     def exchange(outer: str, inner: str) -> Any:
-        def cell(state: Any, ports: Ports) -> Step:
+        def cell(state: Any, ports: SystolicPorts) -> SystolicStep:
             if ports[outer] is not None:
-                return Step(ports[outer], {inner: ports[outer]}, 'send')
-            return Step(ports[inner], {}, 'take')
+                return SystolicStep(ports[outer], {inner: ports[outer]}, 'send')
+            return SystolicStep(ports[inner], {}, 'take')
 
         return cell
 
-    last = Link((1, 3), (1, 2))
-    links = [FIRST, last, Link((1, 1), (1, 2)), Link((1, 2), (1, 1))]
+    last = SystolicLink((1, 3), (1, 2))
+    links = [FIRST, last, SystolicLink((1, 1), (1, 2)), SystolicLink((1, 2), (1, 1))]
     cells = {(1, 1): exchange('left', 'right'), (1, 2): exchange('right', 'left')}
-    trace = Array(cells, links).run({FIRST: {1: 'a'}, last: {1: 'b'}})
+    trace = SystolicArray(cells, links).run({FIRST: {1: 'a'}, last: {1: 'b'}})
     assert trace.states == {(1, 1): 'b', (1, 2): 'a'}
     assert trace.cycles == 2
 
 
 def test_a_value_that_is_not_read_in_the_next_cycle_is_lost() -> None:
-    def every_other(state: Any, ports: Ports) -> Step:
+    def every_other(state: Any, ports: SystolicPorts) -> SystolicStep:
         turn = not state
-        return Step(turn, {'right': ports['left']} if turn else {})
+        return SystolicStep(turn, {'right': ports['left']} if turn else {})
 
     trace = row(1, every_other).run({FIRST: dict(enumerate('abcd', 1))})
     assert trace.leaving((1, 1), 'right') == ['a', 'c']
@@ -75,14 +74,14 @@ def test_a_row_of_cells_evaluates_polynomials_by_horner() -> None:
     coefficients = [2.0, -3.0, 0.5, 4.0]
 
     def horner(coefficient: float) -> Any:
-        def cell(state: Any, ports: Ports) -> Step:
+        def cell(state: Any, ports: SystolicPorts) -> SystolicStep:
             x, total = ports['left']
-            return Step(state, {'right': (x, total * x + coefficient)}, 'multiply and add')
+            return SystolicStep(state, {'right': (x, total * x + coefficient)}, 'multiply and add')
 
         return cell
 
     links = row(4, pass_on).links
-    array = Array({(1, i): horner(c) for i, c in enumerate(coefficients, 1)}, links)
+    array = SystolicArray({(1, i): horner(c) for i, c in enumerate(coefficients, 1)}, links)
     points = np.linspace(-2, 2, 9)
     trace = array.run({FIRST: {t: (x, 0.0) for t, x in enumerate(points, 1)}})
     found = [total for _, total in trace.leaving((1, 4), 'right')]
@@ -92,11 +91,11 @@ def test_a_row_of_cells_evaluates_polynomials_by_horner() -> None:
 
 
 def test_cells_that_only_pass_items_on_are_not_counted() -> None:
-    def silent(state: Any, ports: Ports) -> Step:
-        return Step(state, {'right': ports['left']})
+    def silent(state: Any, ports: SystolicPorts) -> SystolicStep:
+        return SystolicStep(state, {'right': ports['left']})
 
     links = row(3, silent).links
-    array = Array({(1, 1): silent, (1, 2): pass_on, (1, 3): silent}, links)
+    array = SystolicArray({(1, 1): silent, (1, 2): pass_on, (1, 3): silent}, links)
     trace = array.run({FIRST: {1: 'a'}})
     assert trace.cycles == 2
     assert trace.actions[:2] == ({}, {(1, 2): 'pass'})
@@ -110,18 +109,20 @@ def test_an_array_to_which_nothing_comes_does_nothing() -> None:
 
 
 def test_equal_links_are_one_link_with_one_latch() -> None:
-    array = Array({(1, 1): pass_on}, [FIRST, FIRST, Link((1, 1), (1, 2))])
+    array = SystolicArray({(1, 1): pass_on}, [FIRST, FIRST, SystolicLink((1, 1), (1, 2))])
     assert len(array.links) == 2
 
 
 def test_a_cell_cannot_read_where_it_has_no_link() -> None:
-    def peek(state: Any, ports: Ports) -> Step:
+    def peek(state: Any, ports: SystolicPorts) -> SystolicStep:
         assert ports.get('up') is None
         assert 'up' not in ports
-        return Step(ports['up'])
+        return SystolicStep(ports['up'])
 
-    array = Array({(1, 1): pass_on, (1, 2): peek}, row(2, pass_on).links)
-    with pytest.raises(LinkError, match=r"cell \(1, 2\) reads from 'up', but only has .*'left'"):
+    array = SystolicArray({(1, 1): pass_on, (1, 2): peek}, row(2, pass_on).links)
+    with pytest.raises(
+        SystolicLinkError, match=r"cell \(1, 2\) reads from 'up', but only has .*'left'"
+    ):
         array.run({FIRST: {1: 'a'}})
 
 
@@ -134,29 +135,35 @@ def test_a_cell_cannot_read_where_it_has_no_link() -> None:
     ],
 )
 def test_a_cell_cannot_send_where_it_has_no_link(way: str, message: str) -> None:
-    with pytest.raises(LinkError, match=message):
-        row(2, lambda state, ports: Step(state, {way: 1})).run({FIRST: {1: 'a'}})
+    with pytest.raises(SystolicLinkError, match=message):
+        row(2, lambda state, ports: SystolicStep(state, {way: 1})).run({FIRST: {1: 'a'}})
 
 
 @pytest.mark.parametrize(
     ('link', 'message'),
     [
-        (Link((1, 1), (1, 3)), r'\(1, 1\) -> \(1, 3\) does not join neighbours'),
-        (Link((1, 1), (2, 2)), r'\(1, 1\) -> \(2, 2\) does not join neighbours'),
-        (Link((1, 1), (1, 1)), r'\(1, 1\) -> \(1, 1\) does not join neighbours'),
-        (Link((5, 5), (5, 6)), r'\(5, 5\) -> \(5, 6\) touches no cell'),
+        (SystolicLink((1, 1), (1, 3)), r'\(1, 1\) -> \(1, 3\) does not join neighbours'),
+        (SystolicLink((1, 1), (2, 2)), r'\(1, 1\) -> \(2, 2\) does not join neighbours'),
+        (SystolicLink((1, 1), (1, 1)), r'\(1, 1\) -> \(1, 1\) does not join neighbours'),
+        (SystolicLink((5, 5), (5, 6)), r'\(5, 5\) -> \(5, 6\) touches no cell'),
     ],
 )
-def test_links_join_neighbours_and_touch_a_cell(link: Link, message: str) -> None:
-    with pytest.raises(LinkError, match=message):
-        Array({(1, 1): pass_on}, [FIRST, link])
+def test_links_join_neighbours_and_touch_a_cell(link: SystolicLink, message: str) -> None:
+    with pytest.raises(SystolicLinkError, match=message):
+        SystolicArray({(1, 1): pass_on}, [FIRST, link])
 
 
 @pytest.mark.parametrize(
     ('streams', 'message'),
     [
-        ({Link((0, 1), (1, 1)): {1: 'a'}}, r'stream on \(0, 1\) -> \(1, 1\): there is no such'),
-        ({Link((1, 1), (1, 2)): {1: 'a'}}, r'stream on \(1, 1\) -> \(1, 2\): there is no such'),
+        (
+            {SystolicLink((0, 1), (1, 1)): {1: 'a'}},
+            r'stream on \(0, 1\) -> \(1, 1\): there is no such',
+        ),
+        (
+            {SystolicLink((1, 1), (1, 2)): {1: 'a'}},
+            r'stream on \(1, 1\) -> \(1, 2\): there is no such',
+        ),
         ({FIRST: {0: 'a'}}, 'cycles count from 1, got 0'),
     ],
 )
@@ -166,10 +173,12 @@ def test_streams_enter_from_outside_from_cycle_1(streams: Any, message: str) -> 
 
 
 def test_an_array_that_never_rests_is_given_up() -> None:
-    links = [FIRST, Link((1, 1), (1, 2)), Link((1, 2), (1, 1))]
+    links = [FIRST, SystolicLink((1, 1), (1, 2)), SystolicLink((1, 2), (1, 1))]
 
-    def back_and_forth(state: Any, ports: Ports) -> Step:
-        return Step(state, {'left' if 'right' not in ports else 'right': 1})
+    def back_and_forth(state: Any, ports: SystolicPorts) -> SystolicStep:
+        return SystolicStep(state, {'left' if 'right' not in ports else 'right': 1})
 
     with pytest.raises(ValueError, match='still busy after 50 cycles'):
-        Array(dict.fromkeys([(1, 1), (1, 2)], back_and_forth), links).run({FIRST: {1: 1}}, 50)
+        SystolicArray(dict.fromkeys([(1, 1), (1, 2)], back_and_forth), links).run(
+            {FIRST: {1: 1}}, 50
+        )

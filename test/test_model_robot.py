@@ -8,6 +8,7 @@ import copy
 from dataclasses import FrozenInstanceError, fields, replace
 import pickle
 
+from bridge import axis_rotation, cos_sin_degrees, matrix_product, merged_body, snapped_rotation
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -15,7 +16,6 @@ from tolerances import DYNAMICS
 from zoo import random_chain, random_inertia, random_rotation, random_state, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.model.geometry import axis_rotation, cos_sin_degrees, merged, product, snapped
 
 # One square root and three products.
 ROUNDING = 4 * np.finfo(float).eps
@@ -94,7 +94,7 @@ def test_bodies_weld_as_in_pinocchio() -> None:
     rng = np.random.default_rng(3)
     for m1, m2 in ((1.0, 2.0), (0.0, 3.0), (3.0, 0.0), (1e-9, 1.0)):
         bodies = [(m, rng.normal(size=3), random_inertia(rng, m)) for m in (m1, m2)]
-        mass, center, J = merged(*bodies)
+        mass, center, J = merged_body(*bodies)
         sum_ = pin.Inertia(*bodies[0]) + pin.Inertia(*bodies[1])
         assert mass == sum_.mass
         np.testing.assert_allclose(center, sum_.lever, rtol=DYNAMICS)
@@ -335,9 +335,11 @@ def test_products_are_summed_in_one_order_on_every_machine() -> None:
             [a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j] for j in range(3)]
             for i in range(3)
         ]
-        assert product(A, B).tolist() == expected
-        assert product(A, v).tolist() == product(A, np.tile(v, (3, 1)).T)[:, 0].tolist()
-        assert product(A, B, v).tolist() == product(product(A, B), v).tolist()
+        assert matrix_product(A, B).tolist() == expected
+        assert (
+            matrix_product(A, v).tolist() == matrix_product(A, np.tile(v, (3, 1)).T)[:, 0].tolist()
+        )
+        assert matrix_product(A, B, v).tolist() == matrix_product(matrix_product(A, B), v).tolist()
 
 
 def test_right_angles_in_degrees_are_exact() -> None:
@@ -369,8 +371,8 @@ def test_any_axis_becomes_the_third_column_of_a_rotation() -> None:
 def test_snapping_leaves_a_slightly_turned_frame_alone() -> None:
     turn = np.eye(3)
     turn[0, 1], turn[1, 0] = -1e-9, 1e-9
-    np.testing.assert_array_equal(snapped(turn), turn)
+    np.testing.assert_array_equal(snapped_rotation(turn), turn)
     some = random_rotation(np.random.default_rng(0))
-    np.testing.assert_array_equal(snapped(some), some)
+    np.testing.assert_array_equal(snapped_rotation(some), some)
     right = pin.rpy.rpyToMatrix(np.pi / 2, -np.pi, np.pi / 2)
-    assert set(np.abs(snapped(right)).ravel().tolist()) == {0.0, 1.0}
+    assert set(np.abs(snapped_rotation(right)).ravel().tolist()) == {0.0, 1.0}

@@ -9,12 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 import pickle
 
+from bridge import resolve_plant
 import numpy as np
 import pytest
 from zoo import random_chain, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.model import resolve
 
 # One product with a rotation: three products and two sums.
 ROUNDING = 4 * np.finfo(float).eps
@@ -26,7 +26,7 @@ def robot() -> pfd.Robot:
 
 
 def test_the_default_is_rigid_links_and_gravity_and_nothing_else(robot: pfd.Robot) -> None:
-    plant = resolve(robot)
+    plant = resolve_plant(robot)
     assert plant.robot is robot
     assert plant.damping is None
     assert plant.armature is None
@@ -36,26 +36,28 @@ def test_the_default_is_rigid_links_and_gravity_and_nothing_else(robot: pfd.Robo
 
 
 def test_gravity_is_given_in_the_axes_of_frame_0(robot: pfd.Robot) -> None:
-    plant = resolve(robot, pfd.Scene(gravity=[1.0, -2.0, 3.0]))
+    plant = resolve_plant(robot, pfd.Scene(gravity=[1.0, -2.0, 3.0]))
     joint = to_pinocchio(robot).jointPlacements[1].rotation
     np.testing.assert_allclose(joint @ plant.gravity, [1, -2, 3], rtol=ROUNDING)
-    assert not resolve(robot, pfd.Scene(gravity=None)).gravity.any()
+    assert not resolve_plant(robot, pfd.Scene(gravity=None)).gravity.any()
 
 
 def test_gravity_of_an_upright_and_of_a_turned_base_is_exact() -> None:
-    np.testing.assert_array_equal(resolve(pfd.load_robot('puma560')).gravity, [0, 0, -9.81])
-    np.testing.assert_array_equal(resolve(pfd.load_robot('planar2')).gravity, [0, -9.81, 0])
+    np.testing.assert_array_equal(resolve_plant(pfd.load_robot('puma560')).gravity, [0, 0, -9.81])
+    np.testing.assert_array_equal(resolve_plant(pfd.load_robot('planar2')).gravity, [0, -9.81, 0])
 
 
 @pytest.mark.parametrize('key', ['damping', 'armature'])
 def test_an_effect_is_off_or_from_the_model_or_given(robot: pfd.Robot, key: str) -> None:
     np.testing.assert_array_equal(
-        getattr(resolve(robot, pfd.Scene(**{key: 'model'})), key), getattr(robot, key)
+        getattr(resolve_plant(robot, pfd.Scene(**{key: 'model'})), key), getattr(robot, key)
     )
     given = np.array([1.0, 0.0, 2.0, 3.0])
-    np.testing.assert_array_equal(getattr(resolve(robot, pfd.Scene(**{key: given})), key), given)
+    np.testing.assert_array_equal(
+        getattr(resolve_plant(robot, pfd.Scene(**{key: given})), key), given
+    )
     without = replace(robot, **{key: np.zeros(4)})
-    assert getattr(resolve(without, pfd.Scene(**{key: 'model'})), key) is None
+    assert getattr(resolve_plant(without, pfd.Scene(**{key: 'model'})), key) is None
 
 
 @pytest.mark.parametrize(
@@ -67,7 +69,7 @@ def test_friction_and_effort_limits_may_be_the_models(
     numbers = np.array([3.0, 0.5, 2.0, 1.0])
     model = replace(robot, **{of_robot: numbers})
     np.testing.assert_array_equal(
-        getattr(resolve(model, pfd.Scene(**{key: 'model'})), key), numbers
+        getattr(resolve_plant(model, pfd.Scene(**{key: 'model'})), key), numbers
     )
 
 
@@ -87,22 +89,22 @@ def test_friction_and_effort_limits_may_be_the_models(
     ids=lambda arguments: '-'.join(arguments),
 )
 def test_an_effect_of_zeros_is_off(robot: pfd.Robot, arguments: dict[str, object]) -> None:
-    bare = resolve(robot, pfd.Scene(gravity=arguments.get('gravity', (0, 0, -9.81))))
-    assert resolve(robot, pfd.Scene(**arguments)).digest == bare.digest
+    bare = resolve_plant(robot, pfd.Scene(gravity=arguments.get('gravity', (0, 0, -9.81))))
+    assert resolve_plant(robot, pfd.Scene(**arguments)).digest == bare.digest
 
 
 def test_static_friction_is_coulomb_friction_unless_it_is_given(robot: pfd.Robot) -> None:
     sliding, resting, speed = (1.0, 0.0, 2.0, 3.0), (1.5, 0.5, 2.0, 3.0), (0.1, 0.1, 0.2, 0.3)
-    plain = resolve(robot, pfd.Scene(friction=sliding))
+    plain = resolve_plant(robot, pfd.Scene(friction=sliding))
     np.testing.assert_array_equal(plain.static_friction, sliding)
     assert plain.stribeck_velocity is None
     scene = pfd.Scene(friction=sliding, static_friction=resting, stribeck_velocity=speed)
-    plant = resolve(robot, scene)
+    plant = resolve_plant(robot, scene)
     np.testing.assert_array_equal(plant.friction, sliding)
     np.testing.assert_array_equal(plant.static_friction, resting)
     np.testing.assert_array_equal(plant.stribeck_velocity, speed)
     # Friction that does not fall has no velocity at which it falls.
-    assert resolve(robot, replace(scene, static_friction=sliding)).stribeck_velocity is None
+    assert resolve_plant(robot, replace(scene, static_friction=sliding)).stribeck_velocity is None
 
 
 def test_stops_are_the_models_or_given_with_one_restitution_or_many(robot: pfd.Robot) -> None:
@@ -110,12 +112,12 @@ def test_stops_are_the_models_or_given_with_one_restitution_or_many(robot: pfd.R
     lower, upper = np.transpose(limits)
     model = replace(robot, position_lower=lower, position_upper=upper)
     for plant in (
-        resolve(model, pfd.Scene(joint_limits='model', restitution=0.5)),
-        resolve(robot, pfd.Scene(joint_limits=limits, restitution=[0.5] * 4)),
+        resolve_plant(model, pfd.Scene(joint_limits='model', restitution=0.5)),
+        resolve_plant(robot, pfd.Scene(joint_limits=limits, restitution=[0.5] * 4)),
     ):
         np.testing.assert_array_equal(plant.joint_limits, limits)
         np.testing.assert_array_equal(plant.restitution, [0.5] * 4)
-    assert not resolve(robot, pfd.Scene(joint_limits=limits)).restitution.any()
+    assert not resolve_plant(robot, pfd.Scene(joint_limits=limits)).restitution.any()
 
 
 def test_a_joint_without_cogging_has_some_period_and_one_with_it_needs_periods(
@@ -123,25 +125,26 @@ def test_a_joint_without_cogging_has_some_period_and_one_with_it_needs_periods(
 ) -> None:
     rows = [(0.5, 8.0, 0.1), (0.0, 0.0, 0.3), (-0.2, 3.0, 0.0), (0.1, 1.0, 0.0)]
     np.testing.assert_array_equal(
-        resolve(robot, pfd.Scene(cogging=rows)).cogging, [rows[0], (0.0, 1.0, 0.0), *rows[2:]]
+        resolve_plant(robot, pfd.Scene(cogging=rows)).cogging,
+        [rows[0], (0.0, 1.0, 0.0), *rows[2:]],
     )
-    assert resolve(robot, pfd.Scene(cogging=[(0.0, 8.0, 1.0)] * 4)).cogging is None
+    assert resolve_plant(robot, pfd.Scene(cogging=[(0.0, 8.0, 1.0)] * 4)).cogging is None
     with pytest.raises(ValueError, match="periods of cogging of joint 'joint4' must not be 0"):
-        resolve(robot, pfd.Scene(cogging=[*rows[:3], (0.1, 0.0, 0.0)]))
+        resolve_plant(robot, pfd.Scene(cogging=[*rows[:3], (0.1, 0.0, 0.0)]))
 
 
 @pytest.mark.parametrize('periods', [1e-300, 1e-7, 1e7, -1e100])
 def test_periods_whose_energy_or_angle_has_no_digits_are_refused(periods: float) -> None:
     scene = pfd.Scene(cogging=[(0.1, periods, 0.0), (0.0, 0.0, 0.0)])
     with pytest.raises(ValueError, match=r"cogging of joint 'shoulder' must be within 1e-06 and"):
-        resolve(pfd.load_robot('planar2'), scene)
+        resolve_plant(pfd.load_robot('planar2'), scene)
 
 
 def test_tables_of_torque_and_speed_get_the_rows_of_the_longest(robot: pfd.Robot) -> None:
     tables = [None, [(1.0, 9.0), (2.0, 0.0)], [(0.5, 4.0)], None]
     inf = np.inf
     np.testing.assert_array_equal(
-        resolve(robot, pfd.Scene(torque_speed=tables)).torque_speed,
+        resolve_plant(robot, pfd.Scene(torque_speed=tables)).torque_speed,
         [
             [(inf, inf), (inf, inf)],
             [(1, 9), (2, 0)],
@@ -159,7 +162,7 @@ def test_motors_of_the_model_fall_off_beyond_its_velocity_limits(
     )
     inf = np.inf
     np.testing.assert_array_equal(
-        resolve(model, pfd.Scene(torque_speed='model')).torque_speed,
+        resolve_plant(model, pfd.Scene(torque_speed='model')).torque_speed,
         [
             [(2, 10), (4, 0)],
             [(inf, inf), (inf, inf)],
@@ -169,26 +172,28 @@ def test_motors_of_the_model_fall_off_beyond_its_velocity_limits(
     )
     stuck = replace(model, velocity_limit=[2.0, 3.0, np.inf, 0.0])
     with pytest.raises(ValueError, match=r"velocity limits above zero, .* 'joint4' has 0\.0"):
-        resolve(stuck, pfd.Scene(torque_speed='model'))
+        resolve_plant(stuck, pfd.Scene(torque_speed='model'))
 
 
 def test_drives_compensate_the_robot_without_its_payload_or_a_model(robot: pfd.Robot) -> None:
     payload, other = pfd.Payload(1.0, (0, 0, 0.1)), pfd.Payload(2.0)
     scene = pfd.Scene(gravity=(1.0, 0.0, -9.0), payload=payload, gravity_compensation=True)
-    drives = resolve(robot, scene).gravity_compensation
+    drives = resolve_plant(robot, scene).gravity_compensation
     assert drives is not None
     assert drives.robot == robot
-    np.testing.assert_array_equal(drives.gravity, resolve(robot, scene).gravity)
+    np.testing.assert_array_equal(drives.gravity, resolve_plant(robot, scene).gravity)
     model = pfd.Scene(gravity=(0, 0, -1.6), payload=other)
-    drives = resolve(robot, replace(scene, gravity_compensation=model)).gravity_compensation
+    drives = resolve_plant(robot, replace(scene, gravity_compensation=model)).gravity_compensation
     assert drives is not None
     assert drives.robot == pfd.with_payload(robot, other)
-    np.testing.assert_array_equal(drives.gravity, resolve(robot, model).gravity)
+    np.testing.assert_array_equal(drives.gravity, resolve_plant(robot, model).gravity)
 
 
 def test_the_payload_is_welded_on(robot: pfd.Robot) -> None:
     payload = pfd.Payload(1.5, (0.1, 0, 0))
-    assert resolve(robot, pfd.Scene(payload=payload)).robot == pfd.with_payload(robot, payload)
+    assert resolve_plant(robot, pfd.Scene(payload=payload)).robot == pfd.with_payload(
+        robot, payload
+    )
 
 
 def test_scenes_can_be_compared_and_hashed(robot: pfd.Robot) -> None:
@@ -209,14 +214,14 @@ def test_scenes_can_be_compared_and_hashed(robot: pfd.Robot) -> None:
     ]
     assert len({other.digest for other in others}) == len(others)
     plants = [other for other in others if other.damping is None and other.armature is None]
-    assert len({resolve(robot, other).digest for other in plants}) == len(plants)
+    assert len({resolve_plant(robot, other).digest for other in plants}) == len(plants)
 
 
 def test_scenes_and_plants_stay_frozen_through_pickle_and_copies(robot: pfd.Robot) -> None:
     scene = pfd.Scene(
         damping='model', armature=[1, 2, 3, 4], payload=pfd.Payload(1.0, [0, 0, 0.1])
     )
-    plant = resolve(robot, scene)
+    plant = resolve_plant(robot, scene)
     for again in (pickle.loads(pickle.dumps(scene)), copy.deepcopy(scene), copy.copy(scene)):
         assert again == scene
         assert again.digest == scene.digest
@@ -231,7 +236,7 @@ def test_scenes_and_plants_stay_frozen_through_pickle_and_copies(robot: pfd.Robo
 
 def test_a_plant_with_other_numbers_is_frozen_too(robot: pfd.Robot) -> None:
     mine = np.array([1.0, 2.0, 3.0])
-    plant = replace(resolve(robot), gravity=mine)
+    plant = replace(resolve_plant(robot), gravity=mine)
     mine[0] = 5.0
     assert plant.gravity[0] == 1.0
     with pytest.raises(ValueError, match='read-only'):
@@ -239,7 +244,7 @@ def test_a_plant_with_other_numbers_is_frozen_too(robot: pfd.Robot) -> None:
 
 
 def test_a_plant_cannot_change(robot: pfd.Robot) -> None:
-    plant = resolve(robot, pfd.Scene(damping='model'))
+    plant = resolve_plant(robot, pfd.Scene(damping='model'))
     for values in (plant.gravity, plant.damping):
         with pytest.raises(ValueError, match='read-only'):
             values[0] = 1.0
@@ -310,7 +315,7 @@ def test_a_wrong_scene_is_refused(arguments: dict[str, object], message: str) ->
 
 def test_a_wrong_length_names_the_robot_and_its_joints(robot: pfd.Robot) -> None:
     with pytest.raises(ValueError, match=r"damping .* has 3 numbers, but 'random4' has 4 joints"):
-        resolve(robot, pfd.Scene(damping=(1, 2, 3)))
+        resolve_plant(robot, pfd.Scene(damping=(1, 2, 3)))
 
 
 @pytest.mark.parametrize(
@@ -336,14 +341,14 @@ def test_a_scene_that_does_not_fit_names_the_joint(
     robot: pfd.Robot, arguments: dict[str, object], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
-        resolve(robot, pfd.Scene(**arguments))
+        resolve_plant(robot, pfd.Scene(**arguments))
 
 
 def test_other_things_than_robots_and_scenes_are_refused(robot: pfd.Robot) -> None:
     with pytest.raises(ValueError, match=r"robot must be a Robot, got 'puma560'; load_robot\(\)"):
-        resolve('puma560')
+        resolve_plant('puma560')
     with pytest.raises(ValueError, match='scene must be a Scene or None'):
-        resolve(robot, {'gravity': None})
+        resolve_plant(robot, {'gravity': None})
 
 
 # ---- files -----------------------------------------------------------------------------------

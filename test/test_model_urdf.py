@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 import re
 
+from bridge import QUANTITY_RECORDERS, resolve_plant, run_program
 import numpy as np
 from oracle import relative
 import pinocchio as pin
@@ -16,9 +17,6 @@ from urdf_models import ARM, assert_same_physics, exact_angles, example, positio
 from zoo import BODY, FORK, ODD_ARM, STRAIGHT_ARM, TWO_ARMS, joint, link, urdf
 
 import pfd_core as pfd
-from pfd_core.algorithms.quantities import RECORDERS
-from pfd_core.machine.emulator import run
-from pfd_core.model import resolve
 
 
 def assert_same_frames(robot: pfd.Robot, text: str, locked: Mapping[str, float]) -> None:
@@ -30,15 +28,15 @@ def assert_same_frames(robot: pfd.Robot, text: str, locked: Mapping[str, float])
     pin.computeJointJacobians(whole, data, positions_in(whole, robot, q, locked))
     pin.updateFramePlacements(whole, data)
     base = data.oMf[whole.getFrameId(robot.base, pin.FrameType.BODY)]
-    plant = resolve(robot)
+    plant = resolve_plant(robot)
     for name in robot.frames:
         index = whole.getFrameId(name, pin.FrameType.BODY)
-        pose = run(RECORDERS['tip_pose'](plant, name), {'q': q})['pose']
+        pose = run_program(QUANTITY_RECORDERS['tip_pose'](plant, name), {'q': q})['pose']
         wanted = (base.inverse() * data.oMf[index]).homogeneous
         assert relative(pose, wanted) < DYNAMICS, name
         J = pin.getFrameJacobian(whole, data, index, pin.LOCAL_WORLD_ALIGNED)[:, v_at]
         wanted = np.concatenate([base.rotation.T @ J[:3], base.rotation.T @ J[3:]])
-        J = run(RECORDERS['tip_jacobian'](plant, name), {'q': q})['jacobian']
+        J = run_program(QUANTITY_RECORDERS['tip_jacobian'](plant, name), {'q': q})['jacobian']
         assert np.abs(J - wanted).max() < DYNAMICS * max(1.0, np.abs(wanted).max()), name
 
 

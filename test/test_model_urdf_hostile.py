@@ -359,7 +359,7 @@ REFUSALS = 'no joint moves|mimics|must not be negative in any|has no <inertial>'
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings('ignore::pfd_core.model.PhysicsWarning')
+@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
 def test_every_chain_of_the_examples_has_the_physics_of_pinocchio_or_is_refused() -> None:
     loaded, refused = 0, []
     for file in sorted(EXAMPLES.rglob('*.urdf')):

@@ -249,7 +249,7 @@ def load_or_refuse(text: str, locked: dict[str, float]) -> pfd.Robot | str:
         return str(error)
 
 
-@pytest.mark.filterwarnings('ignore::pfd_core.model.PhysicsWarning')
+@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
 @settings(max_examples=4 * settings().max_examples)
 @given(damaged_files())
 def test_a_damaged_file_is_refused_in_a_line_that_names_a_part_or_loaded_as_written(
@@ -275,7 +275,7 @@ def test_a_damaged_file_is_refused_in_a_line_that_names_a_part_or_loaded_as_writ
         assert_same_physics(robot, normal(text), locked)
 
 
-@pytest.mark.filterwarnings('ignore::pfd_core.model.PhysicsWarning')
+@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
 @pytest.mark.parametrize('refused', [False, True])
 def test_damaged_files_of_both_kinds_are_drawn(refused: bool) -> None:
     find(damaged_files(), lambda file: isinstance(load_or_refuse(*file), str) is refused)

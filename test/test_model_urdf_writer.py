@@ -7,13 +7,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from bridge import ROBOT_JOINT_FIELDS, ROBOT_LINK_FIELDS
 import numpy as np
 import pinocchio as pin
 import pytest
 from zoo import ODD_ARM, random_chain, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.model.robot import JOINT_FIELDS, LINK_FIELDS
 
 # Angles and products of a few rotations, relative to numbers of about one.
 ROUNDING = 1e-14
@@ -27,13 +27,13 @@ def robots() -> list[pfd.Robot]:
     return [*map(pfd.load_robot, pfd.known_robots()), pfd.load_robot(ODD_ARM), *made]
 
 
-@pytest.mark.filterwarnings('ignore::pfd_core.model.robot.PhysicsWarning')
+@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
 @pytest.mark.parametrize('robot', robots(), ids=lambda robot: f'{robot.name}-{robot.n}')
 def test_a_robot_written_as_urdf_is_read_as_the_same_robot(robot: pfd.Robot) -> None:
     found = pfd.load_robot(pfd.robot_to_urdf(robot), base=robot.base, tip=robot.tip)
     for key in ('name', 'joint_names', 'joint_types', 'base', 'tip'):
         assert getattr(found, key) == getattr(robot, key)
-    for key in (*LINK_FIELDS, *JOINT_FIELDS, 'base_rotation', 'base_position'):
+    for key in (*ROBOT_LINK_FIELDS, *ROBOT_JOINT_FIELDS, 'base_rotation', 'base_position'):
         # A link without mass has no centre of mass.
         present = robot.masses > 0 if key == 'centers' else ...
         wanted = getattr(robot, key)[present]
@@ -48,7 +48,7 @@ def test_a_robot_written_as_urdf_is_read_as_the_same_robot(robot: pfd.Robot) -> 
         )
 
 
-@pytest.mark.filterwarnings('ignore::pfd_core.model.robot.PhysicsWarning')
+@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
 @pytest.mark.parametrize('robot', robots(), ids=lambda robot: f'{robot.name}-{robot.n}')
 def test_pinocchio_computes_the_torques_of_the_robot_from_the_urdf(robot: pfd.Robot) -> None:
     read = pin.buildModelFromXML(pfd.robot_to_urdf(robot))

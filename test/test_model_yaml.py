@@ -11,6 +11,7 @@ import subprocess
 import sys
 import zipfile
 
+from bridge import LARGEST_MODEL_FILE, read_yaml
 import numpy as np
 from oracle import Oracle
 import pinocchio as pin
@@ -19,8 +20,6 @@ from tolerances import DYNAMICS
 from zoo import ODD_ARM, ROWS, random_state, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.model.loading import LARGEST_FILE
-from pfd_core.model.yaml_reader import read_yaml
 
 # The book prints four digits after the point.
 PRINTED = 0.5e-4 * 1.001
@@ -270,7 +269,7 @@ def test_a_path_that_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> No
         with pytest.raises(ValueError, match='it is not a regular file'):
             pfd.load_robot(str(tmp_path / name))
     with open(tmp_path / 'huge.urdf', 'wb') as file:
-        file.truncate(LARGEST_FILE + 1)
+        file.truncate(LARGEST_MODEL_FILE + 1)
     with pytest.raises(ValueError, match=r'cannot read .*huge\.urdf.: it is larger than'):
         pfd.load_robot(tmp_path / 'huge.urdf')
 

@@ -141,7 +141,7 @@ def damaged_robots(draw: st.DrawFn) -> str:
     return written(document)
 
 
-@pytest.mark.filterwarnings('ignore::pfd_core.model.PhysicsWarning')
+@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
 @given(damaged_robots())
 def test_a_damaged_robot_is_refused_in_a_short_line_or_comes_back_the_same(text: str) -> None:
     if not refusal(pfd.load_robot, text + '\n'):

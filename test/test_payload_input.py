@@ -8,12 +8,12 @@ from pathlib import Path
 import subprocess
 import sys
 
+from bridge import QUANTITIES
 import numpy as np
 import pytest
 from zoo import ODD_ARM, without_mass
 
 import pfd_core as pfd
-from pfd_core.kernels.quantities import QUANTITIES
 
 BODY = pfd.Payload(
     2.5, (0.1, -0.02, 0.05), ((0.02, 0.001, -0.002), (0.001, 0.03, 0.003), (-0.002, 0.003, 0.025))

@@ -13,11 +13,12 @@ import pickle
 import sys
 from typing import Any
 
+import bridge
+from bridge import CACHED_KERNELS, cached_kernel
 import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.kernels import functions as dynamics
 
 EVERYTHING = pfd.Scene(external_wrench=True, brakes=True, damping=[0.1, 0.2])
 WRENCH = np.arange(6) / 7
@@ -132,7 +133,7 @@ def test_a_pickled_trajectory_needs_no_compiler_to_be_opened(
 ) -> None:
     run = pfd.Simulator(pfd.load_robot('planar2')).rollout(np.zeros((3, 2)))
     data = pickle.dumps(run)
-    monkeypatch.setattr(pfd.Simulator, '_compile', lambda self: pytest.fail('compiled'))
+    monkeypatch.setattr(*bridge.target('Simulator_compile'), lambda self: pytest.fail('compiled'))
     assert pickle.loads(data).qdd.tobytes() == run.qdd.tobytes()
 
 
@@ -161,9 +162,9 @@ class _Kernel:
 
 def test_kernels_are_kept_without_a_race(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = pfd.load_robot('planar2')
-    scenes = [pfd.Scene(gravity=(0.0, 0.0, float(k))) for k in range(dynamics.CACHED_KERNELS + 8)]
-    monkeypatch.setattr(dynamics, 'KernelSpec', lambda *options: options)
-    monkeypatch.setattr(dynamics, 'compile_spec', lambda spec: _Kernel())
+    scenes = [pfd.Scene(gravity=(0.0, 0.0, float(k))) for k in range(CACHED_KERNELS + 8)]
+    monkeypatch.setattr(*bridge.target('functions_KernelSpec'), lambda *options: options)
+    monkeypatch.setattr(*bridge.target('functions_compile_spec'), lambda spec: _Kernel())
     interval = sys.getswitchinterval()
 
     def work(seed: int) -> None:
@@ -178,7 +179,7 @@ def test_kernels_are_kept_without_a_race(monkeypatch: pytest.MonkeyPatch) -> Non
                 done.result()
     finally:
         sys.setswitchinterval(interval)
-        dynamics._kernel.cache_clear()
+        cached_kernel.cache_clear()
 
 
 def test_functions_called_from_many_threads_give_the_same_bits() -> None:
@@ -191,6 +192,6 @@ def test_functions_called_from_many_threads_give_the_same_bits() -> None:
         return bytes(forward.tobytes() + inverse.tobytes())
 
     wanted = [both(k) for k in range(2)]
-    dynamics._kernel.cache_clear()
+    cached_kernel.cache_clear()
     with ThreadPoolExecutor(8) as pool:
         assert list(pool.map(both, range(64))) == wanted * 32

@@ -11,6 +11,7 @@ from itertools import pairwise
 import math
 import operator
 
+from bridge import INTEGRATOR_TABLE, IntegratedSystem, record_integrator_step, run_program
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -18,10 +19,8 @@ from sampling import one_fast
 from zoo import random_chain, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.machine.emulator import run
-from pfd_core.simulation.integrators import TABLE, System, record_step
 
-INTEGRATORS = tuple(TABLE)
+INTEGRATORS = tuple(INTEGRATOR_TABLE)
 
 # Of three joints, so strong that the implicit stages change a step in its first digits.
 DAMPING = np.array([50.0, 10.0, 200.0])
@@ -97,9 +96,9 @@ def test_native_steps_are_the_integrator_on_numpy_bit_for_bit(
         integrator=integrator,
         compensated=compensated,
     )
-    row = TABLE[integrator]
+    row = INTEGRATOR_TABLE[integrator]
     h = step_size / substeps
-    program = record_step(row, 3, h, DAMPING, compensated=compensated)
+    program = record_integrator_step(row, 3, h, DAMPING, compensated=compensated)
     exact = ExactLoss()
     advance = exact if compensated else operator.add
     undamped = pfd.compile_kernel(
@@ -116,7 +115,9 @@ def test_native_steps_are_the_integrator_on_numpy_bit_for_bit(
         f, explicit = partial(kernel, tau=tau), partial(undamped, tau=tau)
         functions = {'qdd': f, 'undamped': explicit, 'solve': solve}
         part = explicit if row.implicit else f
-        system = System(lambda q, qd, at, part=part: part(q, qd), advance, solve, DAMPING)
+        system = IntegratedSystem(
+            lambda q, qd, at, part=part: part(q, qd), advance, solve, DAMPING
+        )
         sim.step(tau)
         state = {'q': q, 'qd': qd, 'qdd': f(q, qd)}
         x = state = {name: state[name] for name in row.carried}
@@ -125,7 +126,7 @@ def test_native_steps_are_the_integrator_on_numpy_bit_for_bit(
         for _ in range(substeps):
             end = row.step(system, h, *state.values())
             state = dict(zip(state, end, strict=True))
-            x = run(program, x, functions=functions)
+            x = run_program(program, x, functions=functions)
         q, qd = state['q'], state['qd']
         np.testing.assert_array_equal(sim.q, q)
         np.testing.assert_array_equal(sim.qd, qd)
@@ -163,7 +164,9 @@ def test_the_error_falls_with_the_order_of_the_integrator(integrator: str) -> No
     ).q[-1]
     errors = [np.abs(end(substeps) - reference).max() for substeps in (2, 4, 8)]
     for coarse, fine in pairwise(errors):
-        assert math.log2(coarse / fine) == pytest.approx(TABLE[integrator].order, abs=0.2)
+        assert math.log2(coarse / fine) == pytest.approx(
+            INTEGRATOR_TABLE[integrator].order, abs=0.2
+        )
 
 
 def test_a_pendulum_swings_as_its_equation_says() -> None:

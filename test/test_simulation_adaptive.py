@@ -12,6 +12,7 @@ import math
 import pickle
 from typing import Any
 
+from bridge import EMBEDDED_PAIRS, dense_coefficients, interpolate_dense
 import mpmath
 import numpy as np
 import pinocchio as pin
@@ -20,9 +21,8 @@ from sampling import one_fast
 from zoo import random_chain, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.simulation.embedded_pairs import PAIRS, dense_coefficients, interpolate
 
-DOP853 = PAIRS['dop853']
+DOP853 = EMBEDDED_PAIRS['dop853']
 # Sums of products of up to eight coefficients, which are doubles, up to 4e2 and cancel.
 ROUNDED_COEFFICIENTS = 1e-12
 
@@ -98,7 +98,7 @@ def test_an_error_estimate_is_the_difference_to_a_method_of_its_order(
 def test_the_dense_output_meets_all_order_conditions_up_to_order_7(part: float) -> None:
     # With the unit matrix as slopes the rise is the weights.
     coefficients = dense_coefficients(DOP853, 1.0, np.eye(len(DOP853.nodes)))
-    weights = interpolate(coefficients[np.newaxis], np.array([[part]]))[0][0]
+    weights = interpolate_dense(coefficients[np.newaxis], np.array([[part]]))[0][0]
     for order in range(1, 8):
         assert max(misfits(weights, order, part)) < 10 * ROUNDED_COEFFICIENTS
 

@@ -12,6 +12,8 @@ import subprocess
 import sys
 from typing import Any
 
+import bridge
+from bridge import HARD_MOTIONS, MOTION_REFERENCES, host_target, missing_features
 from contact_oracle import Motion
 import numpy as np
 import pinocchio as pin
@@ -21,16 +23,13 @@ from test_simulation_contact_random import random_case, random_start
 from zoo import Array, random_chain, slider, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.kernels.runtime import processor
-from pfd_core.report.cases.motions import MOTIONS, REFERENCES
-from pfd_core.simulation import adaptive
 
 # The true error of a motion in units of the tolerance. Seen 3.6.
 KEPT = 10.0
 TOLERANCES = [10.0**-k for k in range(3, 14)]
 # Motions with references in extended precision, except those that damping makes stiff.
-SMOOTH = [m for m in MOTIONS if m.name in REFERENCES and 'damped' not in m.name]
-DAMPED = [m for m in MOTIONS if m.name in ('puma560_damped_0.01', 'puma560_damped_1')]
+SMOOTH = [m for m in HARD_MOTIONS if m.name in MOTION_REFERENCES and 'damped' not in m.name]
+DAMPED = [m for m in HARD_MOTIONS if m.name in ('puma560_damped_0.01', 'puma560_damped_1')]
 GRAVITY = 9.81
 # Events at closed forms: roundings of a state of order one, summed over some events.
 EXACT = 1e-13
@@ -45,7 +44,7 @@ def units(found: Array, wanted: Array, tolerance: float) -> float:
 
 @pytest.mark.parametrize('motion', one_fast([*SMOOTH, *DAMPED]), ids=lambda m: m.name)
 def test_the_true_error_of_a_smooth_motion_is_within_ten_tolerances(motion: Any) -> None:
-    wanted = np.array([float(x) for x in REFERENCES[motion.name].q])
+    wanted = np.array([float(x) for x in MOTION_REFERENCES[motion.name].q])
     torques = np.zeros(motion.robot.n)
     for rtol in TOLERANCES:
         run = pfd.integrate(
@@ -301,8 +300,8 @@ def test_the_length_of_the_pieces_does_not_change_a_bit(
 
     wanted = run()
     assert run() == wanted
-    monkeypatch.setattr(adaptive, 'FIRST_OPERATIONS', 1)
-    monkeypatch.setattr(adaptive, 'PIECE_SECONDS', 1e-9)
+    monkeypatch.setattr(*bridge.target('ADAPTIVE_FIRST_OPERATIONS'), 1)
+    monkeypatch.setattr(*bridge.target('ADAPTIVE_PIECE_SECONDS'), 1e-9)
     assert run() == wanted
 
 
@@ -341,7 +340,7 @@ def bits(cpu: str) -> str:
 @pytest.mark.parametrize('cpu', ['x86-64', 'x86-64-v2', 'x86-64-v3', 'x86-64-v4'])
 @pytest.mark.slow
 def test_a_run_has_the_same_bits_on_another_processor(cpu: str) -> None:
-    if not processor.host().triple.startswith('x86_64') or processor.missing_features(cpu):
+    if not host_target().triple.startswith('x86_64') or missing_features(cpu):
         pytest.skip(f'this machine does not run code for {cpu}')
     assert bits(cpu) == bits('')
 

@@ -9,14 +9,13 @@ import itertools
 from itertools import product
 from typing import Any
 
+import bridge
 import numpy as np
 import pytest
 from sampling import one_fast
 from zoo import random_chain, random_state, slider
 
 import pfd_core as pfd
-from pfd_core.kernels.runtime import threads
-from pfd_core.simulation import ensemble
 
 STEPS = 7
 # A law sampled every millisecond against its own steady state after twenty time constants.
@@ -213,8 +212,8 @@ def test_a_lifted_mass_comes_to_rest_where_the_law_carries_its_weight() -> None:
 def test_the_bits_do_not_depend_on_the_threads(
     count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(threads, 'MIN_BLOCK_WORK', 1)
-    monkeypatch.setattr(threads, 'SINGLE_THREAD_WORK', 0)
+    monkeypatch.setattr(*bridge.target('MIN_BLOCK_WORK'), 1)
+    monkeypatch.setattr(*bridge.target('SINGLE_THREAD_WORK'), 0)
     q, qd, taus = sequences(2, 100)
     many = pfd.Ensemble(pfd.load_robot('planar2'), 100)
     many.reset(q, qd)
@@ -341,7 +340,7 @@ def test_a_state_that_does_not_fit_is_refused() -> None:
 def test_pieces_of_a_rollout_are_short_and_write_the_states_of_the_whole() -> None:
     for steps, every, most in product(range(25), (1, 2, 3, 5, 7, 50), (1, 2, 3, 4, 7, 100)):
         end, written = 0, []
-        for first, count, interval in ensemble.pieces(steps, every, most):
+        for first, count, interval in bridge.ensemble_pieces(steps, every, most):
             assert first == end
             # Python looks for signals after each piece.
             assert 1 <= count <= most
@@ -362,10 +361,11 @@ def test_the_bits_do_not_depend_on_the_pieces(
     q, qd, taus = sequences(2, 19)
     law = pfd.StateFeedback(np.ones((2, 4)), taus / 10)
     found = []
-    pieces = ensemble.pieces
+    pieces = bridge.ensemble_pieces
     for most in (len(taus[0]), 1, 2, 3, 4, 7):
         monkeypatch.setattr(
-            ensemble, 'pieces', lambda steps, every, _, most=most: pieces(steps, every, most)
+            *bridge.target('ensemble_pieces'),
+            lambda steps, every, _, most=most: pieces(steps, every, most),
         )
         many.reset(q, qd)
         runs = many.rollout(taus, feedback=law, every=every)
@@ -382,10 +382,12 @@ def test_an_interrupted_rollout_leaves_time_and_states_together(
     many = pfd.Ensemble(pfd.load_robot('planar2'), 40)
     _, _, taus = sequences(2, 40)
     whole = many.rollout(taus)
-    pieces, run = ensemble.pieces, ensemble.run
-    monkeypatch.setattr(ensemble, 'pieces', lambda steps, every, _: pieces(steps, every, 2))
+    pieces, run = bridge.ensemble_pieces, bridge.run_blocks
+    monkeypatch.setattr(
+        *bridge.target('ensemble_pieces'), lambda steps, every, _: pieces(steps, every, 2)
+    )
     # Blocks of one vector.
-    monkeypatch.setattr(threads, 'MAX_BLOCK_WORK', 1)
+    monkeypatch.setattr(*bridge.target('MAX_BLOCK_WORK'), 1)
     runs, done = itertools.count(), []
 
     def interrupted(work: Callable[[int, int], int], *arguments: Any) -> int:
@@ -401,7 +403,7 @@ def test_an_interrupted_rollout_leaves_time_and_states_together(
 
         return run(work_or_stop, *arguments)
 
-    monkeypatch.setattr(ensemble, 'run', interrupted)
+    monkeypatch.setattr(*bridge.target('ensemble_run_blocks'), interrupted)
     many.reset()
     with pytest.raises(KeyboardInterrupt):
         many.rollout(taus)

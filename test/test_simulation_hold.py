@@ -8,6 +8,7 @@ An integrator with the controller inside its implicit solve would call every gai
 
 from __future__ import annotations
 
+from bridge import INTEGRATOR_TABLE
 import numpy as np
 from oracle import Oracle
 import pytest
@@ -15,7 +16,6 @@ from sampling import one_fast
 from zoo import WHEEL
 
 import pfd_core as pfd
-from pfd_core.simulation.integrators import TABLE
 
 # Moment of inertia of the wheel about its joint [kg m^2].
 INERTIA = 0.025
@@ -23,7 +23,7 @@ INERTIA = 0.025
 
 @pytest.mark.sweep
 @pytest.mark.parametrize('substeps', one_fast([1, 3], 3))
-@pytest.mark.parametrize('integrator', TABLE)
+@pytest.mark.parametrize('integrator', INTEGRATOR_TABLE)
 @pytest.mark.parametrize(
     ('kp', 'kd', 'radius'),
     [
@@ -61,7 +61,7 @@ def test_a_sampled_loop_is_the_closed_form_of_the_hold(
 
 @pytest.mark.slow
 @pytest.mark.parametrize('damped', [False, True])
-@pytest.mark.parametrize('integrator', TABLE)
+@pytest.mark.parametrize('integrator', INTEGRATOR_TABLE)
 def test_an_arm_is_stable_just_below_the_limit_of_its_lightest_direction(
     integrator: str, damped: bool
 ) -> None:

@@ -7,14 +7,15 @@ from __future__ import annotations
 from collections.abc import Callable
 import subprocess
 import sys
+import time
 from typing import Any
 
+import bridge
 import numpy as np
 import pytest
 from sampling import one_fast
 
 import pfd_core as pfd
-from pfd_core.simulation import simulation, simulator
 
 EVERYTHING = pfd.Scene(external_wrench=True, brakes=True)
 WRENCH = np.arange(6) / 7
@@ -80,8 +81,8 @@ def test_the_length_of_the_pieces_does_not_change_a_bit(
 
     wanted = run()
     assert wanted[4] == 250
-    monkeypatch.setattr(simulator, 'PIECE_SECONDS', piece)
-    monkeypatch.setattr(simulator, 'FIRST_OPERATIONS', 10_000)
+    monkeypatch.setattr(*bridge.target('SIMULATOR_PIECE_SECONDS'), piece)
+    monkeypatch.setattr(*bridge.target('SIMULATOR_FIRST_OPERATIONS'), 10_000)
     assert run() == wanted
 
 
@@ -97,13 +98,13 @@ def test_no_piece_takes_longer_than_was_measured_for_it(monkeypatch: pytest.Monk
             asked.append(steps)
             return native(steps, *rest)
 
-        monkeypatch.setattr(simulator.time, 'perf_counter', lambda: now[0])
+        monkeypatch.setattr(time, 'perf_counter', lambda: now[0])
         object.__setattr__(sim._native, 'run', slow)
         asked.clear()
         sim.rollout(np.zeros((5000, 2)))
         assert sum(asked) == 5000
-        assert 0 < asked[0] * sim.substeps * sim._native.work <= simulator.FIRST_OPERATIONS
-        most = simulator.PIECE_SECONDS * (1 + 1e-9)
+        assert 0 < asked[0] * sim.substeps * sim._native.work <= bridge.SIMULATOR_FIRST_OPERATIONS
+        most = bridge.SIMULATOR_PIECE_SECONDS * (1 + 1e-9)
         assert all(steps == 1 or steps * cost <= most for steps in asked[1:])
 
 
@@ -174,11 +175,12 @@ def test_a_simulation_continues_where_it_was_interrupted(seed: int) -> None:
 ENDLESS = """
 import os, signal, sys, threading
 import numpy as np
+import bridge
 import pfd_core as pfd
-from pfd_core.simulation import simulation
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
-simulation.SUBSTEPS_AT_MOST = substeps = 2**61
+substeps = 2**61
+bridge.put('SUBSTEPS_AT_MOST', substeps)
 robot = pfd.load_robot('planar2')
 for sim in (
     kind(robot, *size, scene, substeps=substeps)
@@ -202,11 +204,12 @@ print('interrupted')
 # Interrupts while the thread of a long call starts.
 EARLY = """
 import os, random, signal, sys, threading
+import bridge
 import pfd_core as pfd
-from pfd_core.simulation import simulation
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
-simulation.SUBSTEPS_AT_MOST = substeps = 2**61
+substeps = 2**61
+bridge.put('SUBSTEPS_AT_MOST', substeps)
 sim = pfd.Simulator(pfd.load_robot('planar2'), substeps=substeps)
 delays = random.Random(int(sys.argv[1]))
 before = sim.q.tobytes(), sim.qd.tobytes(), sim.time
@@ -267,7 +270,7 @@ def test_an_uninterrupted_long_step_gives_the_bits_of_short_steps(
         return [x.tobytes() for sim in (one, many) for x in (sim.q, sim.qd, sim.qdd)]
 
     wanted = run()
-    monkeypatch.setattr(simulation, 'MAX_BLOCK_WORK', 0)
+    monkeypatch.setattr(*bridge.target('SIMULATION_MAX_BLOCK_WORK'), 0)
     assert run() == wanted
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import pickle
 from typing import Any
 
+from bridge import INTEGRATOR_TABLE, IrFormat, linear_step_ir, record_integrator_step
 from exact_steps import exact
 import mpmath
 import numpy as np
@@ -20,9 +21,6 @@ from sampling import one_fast
 from zoo import random_chain
 
 import pfd_core as pfd
-from pfd_core.kernels.codegen.linear_step import linear_step
-from pfd_core.kernels.codegen.spelling import Format
-from pfd_core.simulation.integrators import TABLE, record_step
 
 # A step's Jacobian has entries up to 1 and sums of some hundred terms of a few u.
 EXACT = 1e-13
@@ -54,7 +52,7 @@ CASES: dict[str, tuple[pfd.Robot, pfd.Scene]] = {
 
 
 @pytest.mark.parametrize('substeps', [1, 2])
-@pytest.mark.parametrize('integrator', TABLE)
+@pytest.mark.parametrize('integrator', INTEGRATOR_TABLE)
 @pytest.mark.parametrize('case', CASES)
 @pytest.mark.slow
 def test_a_and_b_are_the_derivatives_of_the_step_in_fifty_digits(
@@ -138,7 +136,7 @@ FULL = pfd.Scene(
 )
 
 
-@pytest.mark.parametrize('integrator', TABLE)
+@pytest.mark.parametrize('integrator', INTEGRATOR_TABLE)
 @pytest.mark.parametrize('lag', [None, [0.01, 0.0, 0.02]])
 @pytest.mark.slow
 def test_a_and_b_of_a_full_scene_are_differences_of_the_simulation(
@@ -204,7 +202,7 @@ def test_rk4_is_linearised_as_products_of_pinocchios_derivatives() -> None:
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
-@pytest.mark.parametrize('integrator', TABLE)
+@pytest.mark.parametrize('integrator', INTEGRATOR_TABLE)
 @pytest.mark.slow
 def test_states_of_an_ensemble_are_linearised_by_the_bits_of_a_simulator(
     integrator: str, dtype: str
@@ -516,9 +514,9 @@ def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> Non
 def test_the_length_of_a_linearised_step_does_not_grow_with_the_joints() -> None:
     lengths = []
     for n in (12, 24):
-        step = record_step(TABLE['rk4'], n, H)
+        step = record_integrator_step(INTEGRATOR_TABLE['rk4'], n, H)
         dynamics = pfd.Program(1, (), dict.fromkeys(('q', 'qd', 'tau'), n), {})
-        lengths.append(len(linear_step(step, {'qdd': dynamics}, Format('float64', 1))))
+        lengths.append(len(linear_step_ir(step, {'qdd': dynamics}, IrFormat('float64', 1))))
     # Rows of the state and stages grow by n, matrices do not.
     assert lengths[1] < 2.5 * lengths[0]
 

@@ -6,12 +6,11 @@ from __future__ import annotations
 
 from copy import deepcopy
 
+from bridge import record_actuators, run_program
 import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.algorithms.chain.actuators import record_actuators
-from pfd_core.machine.emulator import run
 
 ROBOT = pfd.load_robot('planar2')
 ZEROS, INF = np.zeros(2), np.full(2, np.inf)
@@ -185,7 +184,7 @@ def test_native_code_computes_the_recorded_program() -> None:
         bound.run(tau[np.newaxis], out)
         inputs = {'q': q, 'qd': qd, 'tau': tau, 'before': before}
         inputs |= {'motors': limits.ravel(), 'targets': targets.ravel()}
-        found = run(program, inputs)['actuators']
+        found = run_program(program, inputs)['actuators']
         limited, excess, wanted, _ = np.reshape(found, (4, 2))
         assert out[0, 2].tolist() == limited.tolist()
         assert counters.peaks.tolist() == excess.tolist()

@@ -7,19 +7,20 @@ from __future__ import annotations
 import pickle
 from typing import Any
 
+from bridge import INTEGRATOR_TABLE, IntegratedSystem, Integrator
 import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.simulation import integrators
-from pfd_core.simulation.integrators import Integrator, System
 
 H = 1e-3
 PLAIN = {'compensated': False}
 TAUS = np.random.default_rng(1).normal(size=(30, 2))
 
 
-def adams_bashforth(system: System, h: float, q: Any, qd: Any, before: Any) -> tuple[Any, ...]:
+def adams_bashforth(
+    system: IntegratedSystem, h: float, q: Any, qd: Any, before: Any
+) -> tuple[Any, ...]:
     """Advance by the last two accelerations; the older one is a row of the state."""
     a = system.accelerations(q, qd, 0)
     return system.advance(q, h * qd), qd + h * (1.5 * a - 0.5 * before), a
@@ -28,7 +29,7 @@ def adams_bashforth(system: System, h: float, q: Any, qd: Any, before: Any) -> t
 @pytest.fixture(autouse=True)
 def _adams_bashforth(monkeypatch: pytest.MonkeyPatch) -> None:
     method = Integrator(adams_bashforth, ('q', 'qd', 'before'), order=1, evaluations=1)
-    monkeypatch.setitem(integrators.TABLE, 'adams_bashforth', method)
+    monkeypatch.setitem(INTEGRATOR_TABLE, 'adams_bashforth', method)
 
 
 SETTINGS: dict[str, Any] = {'step_size': H, 'substeps': 1, 'integrator': 'adams_bashforth'} | PLAIN
@@ -39,7 +40,7 @@ def expected(q: np.ndarray, qd: np.ndarray, taus: np.ndarray) -> np.ndarray:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), method='composite_body')
     before, found = np.zeros(2), []
     for tau in taus:
-        system = System(lambda q, qd, at, u=tau: kernel(q, qd, u))  # type: ignore[misc]
+        system = IntegratedSystem(lambda q, qd, at, u=tau: kernel(q, qd, u))  # type: ignore[misc]
         q, qd, before = adams_bashforth(system, H, q, qd, before)
         found.append(q)
     return np.array(found)

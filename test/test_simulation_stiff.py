@@ -8,6 +8,15 @@ from functools import partial
 import math
 from typing import Any
 
+from bridge import (
+    INTEGRATOR_TABLE,
+    SCHEDULE_LONGEST,
+    STIFF_DECAY,
+    fastest_decay,
+    inertia_matrices,
+    record_integrator_step,
+    resolve_plant,
+)
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -15,10 +24,6 @@ from sampling import one_fast
 from zoo import WHEEL, joint, link, random_chain, slider, to_pinocchio, urdf
 
 import pfd_core as pfd
-from pfd_core.kernels.passes.schedule import LONGEST
-from pfd_core.model import resolve
-from pfd_core.simulation.integrators import TABLE, record_step
-from pfd_core.simulation.stiffness import STIFF, fastest_decay, inertia_matrices
 
 START = np.array([0.1, -0.7, 0.9, 0.3, 0.2, 0.5])
 
@@ -130,17 +135,20 @@ def test_functions_of_a_long_chain_are_cut_into_parts() -> None:
     robot = random_chain(np.random.default_rng(1), n)
     scene = pfd.Scene(damping=np.full(n, 5.0), armature=np.full(n, 0.1))
     sim = pfd.Simulator(robot, scene, integrator='imex2')
-    assert sum(pfd.compile_kernel(robot, scene=scene).operations['compiled'].values()) > LONGEST
+    assert (
+        sum(pfd.compile_kernel(robot, scene=scene).operations['compiled'].values())
+        > SCHEDULE_LONGEST
+    )
     end = sim.rollout(np.zeros((20, n))).q[-1]
     reference = pfd.integrate(robot, np.zeros(n), 0.02, scene=scene).q[-1]
     np.testing.assert_allclose(end, reference, rtol=0, atol=ACCURATE)
 
 
-@pytest.mark.parametrize('name', TABLE)
+@pytest.mark.parametrize('name', INTEGRATOR_TABLE)
 def test_a_step_makes_its_evaluations_and_solves_only_with_damping(name: str) -> None:
-    integrator = TABLE[name]
+    integrator = INTEGRATOR_TABLE[name]
     for damping, solutions in ((None, 0), (np.ones(2), integrator.solutions)):
-        instructions = record_step(integrator, 2, 1e-3, damping).instructions
+        instructions = record_integrator_step(integrator, 2, 1e-3, damping).instructions
         calls = sum(instruction.op == 'call' for instruction in instructions)
         assert calls == integrator.evaluations + solutions
 
@@ -225,7 +233,7 @@ def test_a_wheel_is_stiff_from_a_damping_of_its_inertia_over_the_step(kind: str)
 
     load = pfd.load_robot(WHEEL)
     # By default two substeps of 0.5 ms each.
-    border = STIFF * INERTIA / 0.5e-3
+    border = STIFF_DECAY * INERTIA / 0.5e-3
     assert integrator(0.0) == integrator(0.99 * border) == 'rk4'
     assert integrator(1.01 * border) == 'imex2'
     assert integrator(1.01 * border, substeps=3) == 'rk4'
@@ -240,7 +248,7 @@ def test_inertias_of_many_poses_equal_pinocchio() -> None:
         armature = rng.uniform(0, 1, 5)
         model = to_pinocchio(robot)
         q = rng.normal(size=(3, 5))
-        found = inertia_matrices(resolve(robot, pfd.Scene(armature=armature)), q)
+        found = inertia_matrices(resolve_plant(robot, pfd.Scene(armature=armature)), q)
         for row, H in zip(q, found, strict=True):
             right = np.triu(pin.crba(model, model.createData(), row))
             right = right + np.triu(right, 1).T + np.diag(armature)
@@ -250,7 +258,7 @@ def test_inertias_of_many_poses_equal_pinocchio() -> None:
 @pytest.mark.parametrize('name', ['planar2', 'puma560', 'ur5', 'panda'])
 def test_the_fastest_decay_is_hardly_exceeded_in_other_poses(name: str) -> None:
     robot = pfd.load_robot(name)
-    plant = resolve(robot, pfd.Scene(damping=np.linspace(1.0, 2.0, robot.n)))
+    plant = resolve_plant(robot, pfd.Scene(damping=np.linspace(1.0, 2.0, robot.n)))
     model, fastest = to_pinocchio(robot), 0.0
     data = model.createData()
     for q in np.random.default_rng(1).uniform(-np.pi, np.pi, (500, robot.n)):
@@ -297,7 +305,7 @@ def test_a_very_strong_damping_takes_up_the_momentum(rotors: bool) -> None:
     run = sim.rollout(np.zeros((round(duration / 1e-3), 6)))
     model = to_pinocchio(robot)
     data = model.createData()
-    (H,) = inertia_matrices(resolve(robot, scene), START[np.newaxis])
+    (H,) = inertia_matrices(resolve_plant(robot, scene), START[np.newaxis])
     gravity = pin.computeGeneralizedGravity(model, data, START)
     moved = (H @ np.full(6, 2.0) - gravity * duration) / damping
     assert np.abs(moved).max() > 1e-4

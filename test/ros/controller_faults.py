@@ -22,10 +22,8 @@ import sys
 import time
 from typing import Any
 
+from bridge import ControllerProcess, LockstepArm
 import numpy as np
-
-from pfd_ros.testing.child_process import ControllerProcess
-from pfd_ros.testing.lockstep_arm import LockstepArm
 
 GOAL = np.array([0.5, -1.0, 1.0, -0.5, 0.4, 0.3])
 STIFFNESS = np.array([600.0, 600.0, 400.0, 100.0, 100.0, 100.0])
@@ -178,7 +176,7 @@ def told(text: str) -> str:
 
 
 def main() -> None:
-    from pfd_ros.testing.session import claimed_domain, initialised
+    from bridge import claimed_domain, initialised
 
     print('| fault | runs as | fails after [s] | message |\n|---|---|---|---|')
     with claimed_domain() as domain, initialised(domain):

@@ -8,14 +8,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from bridge import (
+    Arrival,
+    Driver,
+    Engine,
+    RunLog,
+    Settings,
+    Source,
+    Verdict,
+    described_robot,
+    open_run_log,
+)
 from plant_messages import efforts
-
-from pfd_ros.arm.described_robot import described_robot
-from pfd_ros.arm.driver import Driver
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict
-from pfd_ros.arm.settings import Settings
-from pfd_ros.testing.run_log import RunLog, open_log
 
 # A state of the whole arm every 50 steps, noise and delays that it has to hold.
 SETTINGS: dict[str, Any] = {
@@ -34,7 +38,7 @@ def opened_run(path: Path, **settings: Any) -> tuple[Driver, RunLog]:
     chosen = Settings(**{**SETTINGS, **settings, 'recording': str(path)})
     frames = described.recorded_frames(chosen, print)
     engine = Engine(chosen, described.robot, frames=frames)
-    log = open_log(engine)
+    log = open_run_log(engine)
     assert log is not None
     return Driver(engine, log.record_all), log
 

@@ -12,7 +12,7 @@ import time
 import tracemalloc
 from types import ModuleType
 
-from pfd_ros.node import main as node
+import bridge
 
 
 class FaultyExecutor:
@@ -70,18 +70,16 @@ def wait_and_end(args: list[str], stop: threading.Event, companion: object) -> i
 
 def without_ros(run) -> None:
     """Leave only the signals: such a process starts in a moment."""
-    stub = ModuleType('pfd_ros.node.process')
+    name = bridge.PATCHED['node_process_run'].partition(':')[0]
+    stub = ModuleType(name)
     stub.run = run
-    sys.modules['pfd_ros.node.process'] = stub
+    sys.modules[name] = stub
 
 
 def step_after(count: int) -> None:
     """Let the arm step once that many commands have come in."""
-    from pfd_ros.node.receiving import EventQueue
-    from pfd_ros.node.stepping import Stepper
-
     came, enough = itertools.count(1), threading.Event()
-    real_put, real_run = EventQueue.put, Stepper.run
+    real_put, real_run = bridge.EventQueue_put, bridge.Stepper_run
 
     def put(queue, arrival) -> None:
         real_put(queue, arrival)
@@ -92,8 +90,8 @@ def step_after(count: int) -> None:
         enough.wait()
         real_run(stepper, stopped)
 
-    EventQueue.put = put
-    Stepper.run = run
+    bridge.put('EventQueue_put', put)
+    bridge.put('Stepper_run', run)
 
 
 def trace() -> None:
@@ -101,16 +99,14 @@ def trace() -> None:
 
     Traced from the beginning, a first start would compile for a minute on a busy machine.
     """
-    from pfd_ros.node.reporting import Reporter
-
-    real_report = Reporter.report
+    real_report = bridge.Reporter_report
 
     def report(reporter, **options) -> None:
         real_report(reporter, **options)
         tracemalloc.start()
         print(f'traced {tracemalloc.get_traced_memory()[0]}', flush=True)
 
-    Reporter.report = report
+    bridge.put('Reporter_report', report)
 
 
 def put_in(fault: str) -> None:
@@ -119,98 +115,84 @@ def put_in(fault: str) -> None:
         without_ros(runs[fault.removeprefix('stub_')])
         # On a busy machine the interpreter may need longer than that to go down; a process that
         # hangs uses all of it.
-        node.GRACE_SECONDS = 30.0 if fault == 'stub_ends' else 0.1
+        bridge.put('GRACE_SECONDS', 30.0 if fault == 'stub_ends' else 0.1)
         return
     if fault == 'traced':
         trace()
         return
-    from pfd_ros.node import lifecycle, process, sim_arm
-
     if fault == 'reports_often':
-        process.REPORT_SECONDS = 0.1
+        bridge.put('REPORT_SECONDS', 0.1)
         return
     if fault.startswith('executor_'):
-        real = process.EventsExecutor
-        process.EventsExecutor = lambda: FaultyExecutor(real(), fault)
+        real = bridge.EventsExecutor
+        bridge.put('EventsExecutor', lambda: FaultyExecutor(real(), fault))
         # As many as a real one may have before the node gives up.
-        process.MOST_FAILURES = 3
+        bridge.put('MOST_FAILURES', 3)
     elif fault == 'stepping_fails':
-        from pfd_ros.node.stepping import Stepper
-
-        real_cycle = Stepper.run_cycle
+        real_cycle = bridge.Stepper_run_cycle
 
         def run_cycle(stepper) -> None:
             if stepper.engine.cycles == 200:
                 raise KeyError('{0}')
             real_cycle(stepper)
 
-        Stepper.run_cycle = run_cycle
+        bridge.put('Stepper_run_cycle', run_cycle)
     elif fault == 'stepping_hangs':
-        lifecycle.END_SECONDS = process.END_SECONDS = 1
-        from pfd_ros.arm.arm import Arm
-
-        real_advance = Arm.advance
+        bridge.put('LIFECYCLE_END_SECONDS', 1)
+        bridge.put('PROCESS_END_SECONDS', 1)
+        real_advance = bridge.Arm_advance
 
         def advance(arm, *drive):
             if arm.step == 200:
                 hang_in_c()
             return real_advance(arm, *drive)
 
-        Arm.advance = advance
+        bridge.put('Arm_advance', advance)
     elif fault == 'configuring_fails':
-        lifecycle.SimArm = lambda *_: {}['{}']
+        bridge.put('lifecycle_SimArm', lambda *_: {}['{}'])
     elif fault == 'first_start_fails':
-        real_start, starts = sim_arm.SimArm.start, itertools.count()
+        real_start, starts = bridge.SimArm_start, itertools.count()
 
         def start(arm, workers) -> None:
             if not next(starts):
                 raise RuntimeError("can't start new thread")
             real_start(arm, workers)
 
-        sim_arm.SimArm.start = start
+        bridge.put('SimArm_start', start)
     elif fault == 'first_introduction_fails':
-        from pfd_ros.node.reporting import Reporter
-
-        real_introduce, introductions = Reporter.introduce, itertools.count()
+        real_introduce, introductions = bridge.Reporter_introduce, itertools.count()
 
         def introduce(reporter) -> None:
             if not next(introductions):
                 raise RuntimeError('no introduction')
             real_introduce(reporter)
 
-        Reporter.introduce = introduce
+        bridge.put('Reporter_introduce', introduce)
     elif fault == 'first_reading_fails':
-        real_misspelt, readings = lifecycle.parameters.misspelt, itertools.count()
+        real_misspelt, readings = bridge.misspelt_parameters, itertools.count()
 
         def misspelt(node):
             if not next(readings):
                 raise RuntimeError('no parameters')
             return real_misspelt(node)
 
-        lifecycle.parameters.misspelt = misspelt
+        bridge.put('misspelt_parameters', misspelt)
     elif fault == 'reporting_fails':
-        from pfd_ros.node.reporting import Reporter
-
-        Reporter.report = lambda reporter, last=False: {}['{}']
+        bridge.put('Reporter_report', lambda reporter, last=False: {}['{}'])
     elif fault == 'requests_fail':
-        from pfd_ros.node.services import Services
-
-        Services.request = lambda *_: {}['{}']
+        bridge.put('Services_request', lambda *_: {}['{}'])
     elif fault == 'closing_hangs':
-        sim_arm.SimArm.close_recording = hang_in_python
+        bridge.put('SimArm_close_recording', hang_in_python)
     elif fault == 'closing_hangs_in_c':
-        sim_arm.SimArm.close_recording = hang_in_c
+        bridge.put('SimArm_close_recording', hang_in_c)
     elif fault == 'teardown_hangs':
-        process.END_SECONDS = 2
-        lifecycle.SimArmNode.destroy_node = hang_in_c
+        bridge.put('PROCESS_END_SECONDS', 2)
+        bridge.put('SimArmNode_destroy_node', hang_in_c)
     elif fault == 'exit_hangs':
-        process.END_SECONDS = 2
+        bridge.put('PROCESS_END_SECONDS', 2)
         threading.Thread(target=hang_in_c).start()
     elif fault == 'slow_disk':
-        from pfd_ros.recording.recorder import LogRecorder
-        from pfd_ros.recording.sink import Sink
-
-        real_init, real_flush = LogRecorder.__init__, Sink.flush
+        real_init, real_flush = bridge.LogRecorder_init, bridge.Sink_flush
         recorders = []
 
         def init(recorder, *args) -> None:
@@ -224,13 +206,12 @@ def put_in(fault: str) -> None:
                     time.sleep(0.01)
             real_flush(sink)
 
-        LogRecorder.__init__ = init
-        Sink.flush = flush
+        bridge.put('LogRecorder_init', init)
+        bridge.put('Sink_flush', flush)
     elif fault == 'recorder_failed':
-        from pfd_ros.recording.recorder import LogRecorder
-
-        LogRecorder.waiting_share = property(lambda recorder: 1.0)
-        LogRecorder.failed = property(lambda recorder: True, lambda recorder, value: None)
+        failed = property(lambda recorder: True, lambda recorder, value: None)
+        bridge.put('LogRecorder_waiting_share', property(lambda recorder: 1.0))
+        bridge.put('LogRecorder_failed', failed)
     elif fault.startswith('first_step_after_'):
         step_after(int(fault.removeprefix('first_step_after_')))
     else:
@@ -239,7 +220,7 @@ def put_in(fault: str) -> None:
 
 def main(args: list[str]) -> int:
     put_in(args[0])
-    return node.main(args[1:])
+    return bridge.node_main(args[1:])
 
 
 if __name__ == '__main__':

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import ctypes
 from dataclasses import dataclass
-from functools import reduce
 from importlib import import_module
 import multiprocessing
 import os
@@ -17,10 +16,10 @@ import subprocess
 import sys
 from typing import Any
 
+import bridge
+
 _FORKS = multiprocessing.get_context('forkserver')
-_FORKS.set_forkserver_preload(
-    ['pfd_ros.node.process', 'pfd_ros.node.log_player', 'pfd_ros.cli.replay', __name__]
-)
+_FORKS.set_forkserver_preload([*bridge.PRELOADED, __name__])
 PR_SET_PDEATHSIG = 1
 
 
@@ -37,8 +36,8 @@ class Job:
     env, cwd
         As for subprocess.Popen.
     replaced
-        What the process has in place of things of a module: 'module:name' or
-        'module:Class.name' -> a value that can be pickled.
+        Names of bridge.PATCHED -> what the process has in their place: values that can be
+        pickled.
     """
 
     module: str
@@ -93,8 +92,6 @@ def _run(job: Job) -> None:
     with job.output.open('ab') as stream:
         os.dup2(stream.fileno(), 1)
         os.dup2(stream.fileno(), 2)
-    for where, value in job.replaced.items():
-        name, _, path = where.partition(':')
-        *owners, last = path.split('.')
-        setattr(reduce(getattr, owners, import_module(name)), last, value)
+    for name, value in job.replaced.items():
+        bridge.put(name, value)
     sys.exit(import_module(job.module).main(list(job.args)))

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hostile messages for a real node, at random from a seed, for as long as one likes.
 
-    python test/ros/fuzz.py --seconds 600 --seed 1
-    python test/ros/fuzz.py --seconds 600 --seed 1 --largest 16777216
-    python test/ros/fuzz.py --seconds 600 --seed 1 --follow-clock
+    PYTHONPATH=test python test/ros/fuzz.py --seconds 600 --seed 1
+    PYTHONPATH=test python test/ros/fuzz.py --seconds 600 --seed 1 --largest 16777216
+    PYTHONPATH=test python test/ros/fuzz.py --seconds 600 --seed 1 --follow-clock
 
 Names, shapes, numbers, rates, bytes that are no message, publishers of foreign types, services in
 any order, transitions that do not exist, and parameter calls that make rclpy's own callback raise;
@@ -34,13 +34,9 @@ import tempfile
 import time
 from typing import Any
 
+from bridge import ReplaySummary, Source, Verdict, encode_clock, read_recording
 from hostile_traffic import NAMES, REJECTIONS, SMALL_BYTES, Messages, Ticks
 from ros_processes import JOINTS, Peer, Process, Processes, resident_bytes, stamp_ns
-
-from pfd_ros.arm.events import Source, Verdict
-from pfd_ros.messages.convert import encode_clock
-from pfd_ros.replay.summary import Summary
-from pfd_ros.replay.verify import read
 
 # Buffers and pools that are still being filled after the warm-up.
 PROCESS_GROWTH = 16 << 20
@@ -68,7 +64,7 @@ class Outcome:
     object_bytes: tuple[int, int]
     status: int
     log_bytes: int
-    summary: Summary
+    summary: ReplaySummary
 
 
 class Crowd:
@@ -307,7 +303,7 @@ def fuzz(
     finally:
         crowd.close()
         peer.close()
-    summary = read(processes.folder / 'arm.mcap', verify=True)
+    summary = read_recording(processes.folder / 'arm.mcap', verify=True)
     return Outcome(
         sent,
         largest,

@@ -9,12 +9,11 @@ import struct
 from typing import NamedTuple
 import zlib
 
+from bridge import MCAP_MAGIC, RECORD_BYTES
 import lz4.frame
 from mcap.opcode import Opcode
 from rewriting import GOLDEN
 import zstandard
-
-from pfd_ros.recording.format import MAGIC, RECORD_BYTES
 
 
 class Case(NamedTuple):
@@ -32,7 +31,7 @@ def text(value: str) -> bytes:
     return struct.pack('<I', len(value.encode())) + value.encode()
 
 
-HEADER = MAGIC + record(Opcode.HEADER, text('ros2') + text('test'))
+HEADER = MCAP_MAGIC + record(Opcode.HEADER, text('ros2') + text('test'))
 
 
 def chunk(compression: str, packed: bytes, size: int, crc: int = 0) -> bytes:
@@ -61,15 +60,15 @@ def attachment(size: int, rest: bytes) -> bytes:
 def spliced(added: bytes) -> bytes:
     """Return the golden recording with a record behind its header."""
     data = GOLDEN.read_bytes()
-    at = len(MAGIC) + 9 + int.from_bytes(data[9:17], 'little')
+    at = len(MCAP_MAGIC) + 9 + int.from_bytes(data[9:17], 'little')
     return data[:at] + added + data[at:]
 
 
 # The contents of whole files.
 FILES = {
     'empty': Case('not an MCAP file', lambda: b''),
-    'only_magic': Case('damaged', lambda: MAGIC),
-    'magic_twice': Case('damaged', lambda: MAGIC * 2),
+    'only_magic': Case('damaged', lambda: MCAP_MAGIC),
+    'magic_twice': Case('damaged', lambda: MCAP_MAGIC * 2),
     'text': Case('not an MCAP file', lambda: b'certainly no such file'),
     'zeros': Case('not an MCAP file', lambda: bytes(1 << 20)),
     'bytes_behind_the_end': Case('GOLDEN', lambda: GOLDEN.read_bytes() + b'x'),
@@ -81,7 +80,7 @@ HEADED = {
     'zstd_bomb_lies': Case('or more', lambda: chunk('zstd', zstd_bomb(1 << 30), 1000)),
     'lz4_bomb': Case('or more', lambda: chunk('lz4', lz4.frame.compress(bytes(1 << 28)), 1000)),
     'zstd_of_the_largest_size': Case(
-        'GOLDEN', lambda: chunk('zstd', zstd_bomb(RECORD_BYTES), RECORD_BYTES) + MAGIC
+        'GOLDEN', lambda: chunk('zstd', zstd_bomb(RECORD_BYTES), RECORD_BYTES) + MCAP_MAGIC
     ),
     'zstd_short': Case('or more', lambda: chunk('zstd', zstd_bomb(1 << 24), (1 << 24) + 1)),
     'zstd_garbage': Case('damaged', lambda: chunk('zstd', b'\xff' * 99, 10)),

@@ -11,31 +11,30 @@ from collections.abc import Callable
 import json
 from typing import Any
 
+from bridge import HEAD_RECORD
 from hostile_messages import NAMED_FILE, Case, Change
 from rewriting import CLOCK, STATES, File, Recording, Sent, Type
-
-from pfd_ros.recording.format import HEAD
 
 
 def setting(name: str, text: str) -> Change:
     """Set a setting to a JSON text."""
 
     def change(recording: Recording) -> None:
-        found = json.loads(recording.head(HEAD)['settings'])
+        found = json.loads(recording.head(HEAD_RECORD)['settings'])
         texts = {key: json.dumps(value) for key, value in found.items()} | {name: text}
         parts = (f'{json.dumps(key)}: {value}' for key, value in texts.items())
-        recording.head(HEAD)['settings'] = '{' + ', '.join(parts) + '}'
+        recording.head(HEAD_RECORD)['settings'] = '{' + ', '.join(parts) + '}'
 
     return change
 
 
 def say(key: str, text: str) -> Change:
     """Set a text of the head."""
-    return lambda r: r.head(HEAD).update({key: text})
+    return lambda r: r.head(HEAD_RECORD).update({key: text})
 
 
 def topics(change: Callable[[dict[str, str]], Any]) -> Change:
-    return lambda r: r.edit(HEAD, 'topics', change)
+    return lambda r: r.edit(HEAD_RECORD, 'topics', change)
 
 
 # --- the robot

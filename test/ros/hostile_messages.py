@@ -8,11 +8,8 @@ from collections.abc import Callable
 import json
 from typing import Any, NamedTuple
 
+from bridge import END_RECORD, HEAD_RECORD, TAKEN_COLUMNS, decode_rows, encode_rows
 from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, Recording, Sent
-
-from pfd_ros.arm.events import TAKEN_COLUMNS
-from pfd_ros.messages import convert
-from pfd_ros.recording.format import END, HEAD
 
 LARGE = 1 << 31
 # The file's own name: the rest of the line is left open.
@@ -132,19 +129,19 @@ TOTALS = {
 
 
 def end(key: str, **values: Any) -> Change:
-    return lambda r: r.edit(END, key, lambda found: found.update(values))
+    return lambda r: r.edit(END_RECORD, key, lambda found: found.update(values))
 
 
 def say(**texts: str) -> Change:
     """Set texts of the end record."""
-    return lambda r: r.head(END).update(texts)
+    return lambda r: r.head(END_RECORD).update(texts)
 
 
 def say_no_hex(recording: Recording) -> None:
     recording.recount()
-    digests = json.loads(recording.head(END)['digests'])
+    digests = json.loads(recording.head(END_RECORD)['digests'])
     digests[CLOCK] = 'é' * 64
-    recording.head(END)['digests'] = json.dumps(digests)
+    recording.head(END_RECORD)['digests'] = json.dumps(digests)
 
 
 # --- rows of commands taken
@@ -155,9 +152,9 @@ def row(index: int, value: int) -> Change:
 
     def change(recording: Recording) -> None:
         message = recording.on(TAKEN)[5]
-        rows = convert.decode_rows(message.data, len(TAKEN_COLUMNS))
+        rows = decode_rows(message.data, len(TAKEN_COLUMNS))
         rows[0][index] = value
-        message.data = convert.encode_rows(rows, TAKEN_COLUMNS)
+        message.data = encode_rows(rows, TAKEN_COLUMNS)
 
     return change
 
@@ -169,10 +166,10 @@ def rows_are(data: bytes) -> Change:
 def say_overflowed(recording: Recording) -> None:
     """Say of a command that moved the arm that it was never taken."""
     for message in recording.on(TAKEN):
-        rows = convert.decode_rows(message.data, len(TAKEN_COLUMNS))
+        rows = decode_rows(message.data, len(TAKEN_COLUMNS))
         if rows[0][3] == 0:
             rows[0][3] = 12
-            message.data = convert.encode_rows(rows, TAKEN_COLUMNS)
+            message.data = encode_rows(rows, TAKEN_COLUMNS)
             return
 
 
@@ -212,7 +209,7 @@ CASES = {
     ),
     'without_publish_clock': Case(
         'publish_clock is False',
-        lambda r: r.edit(HEAD, 'settings', lambda s: s.update(publish_clock=False)),
+        lambda r: r.edit(HEAD_RECORD, 'settings', lambda s: s.update(publish_clock=False)),
     ),
     'altered_bytes_of_no_effect': Case('not the recorded ones', alter_bytes),
     **{
@@ -224,7 +221,7 @@ CASES = {
     'end_states_counted': Case('messages joint_states', end('recorded', **{STATES: 268})),
     'end_more_dropped': Case('its end record counts', end('dropped', **{STATES: 1})),
     'end_of_other_topics': Case('messages dropped are of', end('dropped', **{'/x': 1})),
-    'end_without_totals': Case('totals of its end', lambda r: r.head(END).pop('totals')),
+    'end_without_totals': Case('totals of its end', lambda r: r.head(END_RECORD).pop('totals')),
     'end_totals_list': Case('totals of its end', say(totals='[1]')),
     'end_digests_table': Case('digests', say(digests='[]')),
     'end_digests_few': Case('digests are of', say(digests='{}')),

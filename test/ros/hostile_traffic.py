@@ -11,18 +11,23 @@ from collections.abc import Iterator
 import random
 import struct
 
+from bridge import (
+    MOST_STEPS_AHEAD,
+    Arrival,
+    CdrWriter,
+    Engine,
+    JointCommands,
+    Settings,
+    Source,
+    Validation,
+    Verdict,
+    WrenchChange,
+    decode_clock,
+    encode_clock,
+    load_arm_robot,
+)
 import numpy as np
 from ros_processes import JOINTS
-
-from pfd_ros.arm.actuator_command import Command
-from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.commands import Validation
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict, WrenchChange
-from pfd_ros.arm.pace import MOST_STEPS_AHEAD
-from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.cdr import CdrWriter
-from pfd_ros.messages.convert import decode_clock, encode_clock
 
 # Largest message for which the memory of the whole process is validated.
 SMALL_BYTES = 2048
@@ -104,7 +109,7 @@ class Messages:
         self.random = random.Random(seed)
         self._largest = largest
         settings = Settings(damping=True, external_wrench=True)
-        self._engine = Engine(settings, load_robot(settings))
+        self._engine = Engine(settings, load_arm_robot(settings))
 
     def name(self) -> str:
         chance = self.random.random()
@@ -204,7 +209,7 @@ class Messages:
 
     def _is_gentle(self, source: Source, data: bytes) -> bool:
         effect = self._validation(source, data).effect
-        if isinstance(effect, Command):
+        if isinstance(effect, JointCommands):
             given = [kind for kind in effect[1:] if kind is not None]
             return all(bool((np.abs(kind) <= SMALL).all()) for kind in given)
         return not isinstance(effect, WrenchChange) or max(map(abs, effect.wrench)) <= SMALL

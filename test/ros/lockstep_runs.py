@@ -4,15 +4,14 @@
 
 from __future__ import annotations
 
+from bridge import RunTrajectory
 import numpy as np
-
-from pfd_ros.testing.trajectory import Trajectory
 
 GOAL = np.array([0.3, -0.6, 0.9, 0.2, -0.5, 0.4])
 FIELDS = ('time', 'q', 'qd', 'tau')
 
 
-def assert_same_bits(one: Trajectory, other: Trajectory) -> None:
+def assert_same_bits(one: RunTrajectory, other: RunTrajectory) -> None:
     for name in FIELDS:
         a, b = getattr(one, name), getattr(other, name)
         assert a.shape == b.shape

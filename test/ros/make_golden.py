@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes a golden recording: a real node, and a peer that sends it good commands and bad ones.
 
-    python test/ros/make_golden.py puma560 test/data/NAME.mcap
-    python test/ros/make_golden.py ur5 test/data/NAME.mcap
+    PYTHONPATH=test python test/ros/make_golden.py puma560 test/data/NAME.mcap
+    PYTHONPATH=test python test/ros/make_golden.py ur5 test/data/NAME.mcap
 
 Every run of the tests verifies the golden recordings. They are never made anew to please a
 test: a new one is added under a new name when the format changes, and the old ones stay.
@@ -18,9 +18,8 @@ import signal
 import sys
 import tempfile
 
+from bridge import JointStateEncoder
 from ros_processes import JOINTS, Peer, Processes, call, chosen
-
-from pfd_ros.messages import convert
 
 # Slower than time, so that discovery does not fill the file with an arm at rest.
 COMMON = {
@@ -70,7 +69,7 @@ def send_commands(peer: Peer) -> None:
 
 def hostile(peer: Peer, k: int) -> None:
     """Send bad command number `k`."""
-    truncated = convert.JointStateEncoder(JOINTS).encode(0, *[[0.0] * 6] * 3)[:-5]
+    truncated = JointStateEncoder(JOINTS).encode(0, *[[0.0] * 6] * 3)[:-5]
     named = {
         0: ([], [1.0]),
         1: (JOINTS[:2], [1.0]),

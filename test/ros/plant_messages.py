@@ -7,18 +7,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from bridge import (
+    WRENCH_TYPE,
+    Arrival,
+    CdrWriter,
+    Engine,
+    InertiaMessage,
+    Request,
+    Settings,
+    Source,
+    Validation,
+    Verdict,
+    encode_changes,
+    encode_inertia,
+    encode_request,
+    load_arm_robot,
+    stamped_encoder,
+)
 import numpy as np
-
-from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.changes import encode_changes
-from pfd_ros.arm.commands import Validation
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Request, Source, Verdict
-from pfd_ros.arm.requests import encode_request
-from pfd_ros.arm.settings import Settings
-from pfd_ros.messages import cdr
-from pfd_ros.messages.convert import WRENCH
-from pfd_ros.messages.stamped import InertiaMessage, encode_inertia, stamped_encoder
 
 Message = tuple[Source, bytes]
 # Efforts act as they are commanded, and a state may overflow.
@@ -27,7 +33,7 @@ UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
 
 def made(**chosen: Any) -> Engine:
     settings = Settings(**{'robot': 'planar2', **chosen})
-    return Engine(settings, load_robot(settings))
+    return Engine(settings, load_arm_robot(settings))
 
 
 def failed(**chosen: Any) -> Engine:
@@ -66,7 +72,7 @@ def change(**values: Any) -> Message:
 
 def efforts(*values: float) -> bytes:
     """Return a command without names."""
-    writer = cdr.CdrWriter()
+    writer = CdrWriter()
     writer.uint32(0)
     writer.uint32(0)
     writer.numbers(np.array(values, float))
@@ -81,7 +87,7 @@ def joint_state(
     stamp_ns: int = 0,
 ) -> bytes:
     """Return a JointState, a command by name or a state to jump to; its arrays may be ragged."""
-    writer = cdr.CdrWriter()
+    writer = CdrWriter()
     writer.time(stamp_ns)
     writer.string('')
     writer.strings(tuple(names))
@@ -96,7 +102,7 @@ def wrench(
     torque: Sequence[float] = (0.0, 0.0, 0.0),
     stamp_ns: int = 0,
 ) -> Message:
-    return Source.WRENCH, stamped_encoder(WRENCH, frame).encode(
+    return Source.WRENCH, stamped_encoder(WRENCH_TYPE, frame).encode(
         stamp_ns, np.array([*force, *torque], float)
     )
 

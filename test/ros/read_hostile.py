@@ -22,7 +22,7 @@ import sys
 import traceback
 from typing import Any
 
-from pfd_ros.cli.main import main
+from bridge import pfd_main
 
 
 class TooLongError(BaseException):
@@ -53,7 +53,7 @@ def replay(option: str, path: str, seconds: float) -> dict[str, Any]:
             contextlib.redirect_stderr(err),
             bounded(seconds),
         ):
-            status = main(['replay', path, option])
+            status = pfd_main(['replay', path, option])
     except BaseException:
         status = -1
         err.write(traceback.format_exc())

@@ -15,11 +15,10 @@ import sys
 import threading
 import time
 
+import bridge
+from bridge import LogRecorder
 from recordings import start
 from waiting import PATIENCE, wait_until
-
-from pfd_ros.recording import recorder as recording
-from pfd_ros.recording.recorder import LogRecorder
 
 
 def produce(recorder: LogRecorder, topic: int) -> None:
@@ -53,7 +52,7 @@ def clog(path: Path) -> None:
 def main(path: Path, way: str) -> None:
     if way == 'clog':
         # It would see that the file has been replaced, by its name and by the size of the pipe.
-        recording.SYNC_SECONDS = 1e9
+        bridge.put('SYNC_SECONDS', 1e9)
         os.fstat = lambda _: path.stat()
     # Many flushes to be caught in.
     recorder, _ = start(path, flush_seconds=0.02)

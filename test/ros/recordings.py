@@ -15,40 +15,47 @@ import struct
 import threading
 from typing import Any
 
+from bridge import (
+    JOINT_STATE_TYPE,
+    RECORDING_FORMAT,
+    ROBOT_ATTACHMENT,
+    FileHead,
+    JointStateEncoder,
+    LogEntry,
+    LogRecorder,
+    RecordedLog,
+    RecordedTopic,
+    TimeBase,
+    definition_shares,
+)
 from mcap.records import Attachment
 import numpy as np
 from waiting import threads_named, wait_until
 
-from pfd_ros.messages import convert, definitions
-from pfd_ros.recording import reader as log
-from pfd_ros.recording.format import FORMAT, ROBOT
-from pfd_ros.recording.mcap_file import FileHead, TimeBase, Topic
-from pfd_ros.recording.recorder import LogRecorder
-
 # Not from `provenance`: processes that are started by the hundred need not import pfd_core.
 QOS = '- history: keep_last\n  depth: 10\n'
-STATES = Topic('/joint_states', convert.JOINT_STATE, QOS)
-COMMANDS = Topic('/joint_commands', convert.JOINT_STATE, QOS, vital=True)
+STATES = RecordedTopic('/joint_states', JOINT_STATE_TYPE, QOS)
+COMMANDS = RecordedTopic('/joint_commands', JOINT_STATE_TYPE, QOS, vital=True)
 TOPICS = (STATES, COMMANDS)
 ROLES = {'joint_states': STATES.name, 'joint_commands': COMMANDS.name}
 NAMES = ('a', 'b')
-HAS_DEFINITIONS = any((share / 'sensor_msgs').is_dir() for share in definitions.shares())
+HAS_DEFINITIONS = any((share / 'sensor_msgs').is_dir() for share in definition_shares())
 
 
 def head(base: TimeBase | None = None) -> FileHead:
-    values = {'format': FORMAT, 'topics': json.dumps(ROLES)}
-    robot = Attachment(0, 0, ROBOT, 'application/yaml', b'robot: 1')
+    values = {'format': RECORDING_FORMAT, 'topics': json.dumps(ROLES)}
+    robot = Attachment(0, 0, ROBOT_ATTACHMENT, 'application/yaml', b'robot: 1')
     return FileHead('test', values, [robot], base or TimeBase())
 
 
 def state(k: int) -> bytes:
     values = np.array([k, -k / 3])
-    return convert.JointStateEncoder(NAMES).encode(k * 1_000_000, values, values, values)
+    return JointStateEncoder(NAMES).encode(k * 1_000_000, values, values, values)
 
 
 def start(
     path: Path,
-    topics: Sequence[Topic] = TOPICS,
+    topics: Sequence[RecordedTopic] = TOPICS,
     base: TimeBase | None = None,
     **options: Any,
 ) -> tuple[LogRecorder, list[str]]:
@@ -72,8 +79,8 @@ def write(path: Path, count: int, **options: Any) -> tuple[LogRecorder, list[str
     return recorder, reports
 
 
-def read(path: Path) -> tuple[log.Log, list[log.Entry]]:
-    found = log.Log(path)
+def read(path: Path) -> tuple[RecordedLog, list[LogEntry]]:
+    found = RecordedLog(path)
     return found, list(found.entries())
 
 
@@ -85,7 +92,7 @@ def flushed(recorder: LogRecorder, count: int) -> None:
     wait_until(lambda: recorder.recorded[0] == first + count)
 
 
-def digests(entries: Sequence[log.Entry]) -> dict[str, str]:
+def digests(entries: Sequence[LogEntry]) -> dict[str, str]:
     """Return the digests that the end record of a file with these messages must have."""
     found = {}
     for role, name in ROLES.items():
@@ -99,7 +106,7 @@ def digests(entries: Sequence[log.Entry]) -> dict[str, str]:
     return found
 
 
-def counts(entries: Sequence[log.Entry]) -> list[int]:
+def counts(entries: Sequence[LogEntry]) -> list[int]:
     """Return how many messages of each topic there are."""
     return [sum(entry.role == role for entry in entries) for role in ROLES]
 

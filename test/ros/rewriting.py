@@ -13,11 +13,10 @@ from pathlib import Path
 import struct
 from typing import Any
 
+from bridge import END_RECORD, HEAD_RECORD
 from mcap.records import Attachment, Channel, DataEnd, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
-
-from pfd_ros.recording.format import END, HEAD
 
 GOLDEN = Path(__file__).resolve().parents[1] / 'data' / 'golden_2_puma560.mcap'
 STATES, CLOCK = '/joint_states', '/clock'
@@ -112,14 +111,14 @@ class Recording:
     def recount(self) -> None:
         """Make the end record that of the messages that are in the file now."""
         counts = Counter(m.topic for m in self.messages)
-        self.edit(END, 'recorded', lambda old: {topic: counts[topic] for topic in old})
+        self.edit(END_RECORD, 'recorded', lambda old: {topic: counts[topic] for topic in old})
         digests = {c.topic: digest(self.on(c.topic)) for c in self.channels}
-        self.head(END)['digests'] = json.dumps(digests)
+        self.head(END_RECORD)['digests'] = json.dumps(digests)
 
     def seal(self) -> None:
         """Compute the digests in the head and the seal of the end record from the contents."""
         for name, values in self.metadata:
-            if name == HEAD:
+            if name == HEAD_RECORD:
                 digests = {
                     'values': {
                         key: sha256(text)
@@ -134,9 +133,9 @@ class Recording:
                 }
                 values['digests'] = json.dumps(digests)
                 values['digest'] = sha256(values['digests'])
-        head = dict(self.metadata).get(HEAD, {}).get('digest', '')
+        head = dict(self.metadata).get(HEAD_RECORD, {}).get('digest', '')
         for name, values in self.metadata:
-            if name == END:
+            if name == END_RECORD:
                 values.pop('digest', None)
                 values['digest'] = sha256(
                     head, *(text for p in sorted(values.items()) for text in p)
@@ -165,7 +164,7 @@ class Recording:
             writer = Writer(stream, chunk_size, compression, **options)
             writer.start(self.profile, library)
             for name, values in self.metadata:
-                if name != END:
+                if name != END_RECORD:
                     writer.add_metadata(name, values)
             for f in self.attachments:
                 writer.add_attachment(f.created_ns, f.log_ns, f.name, f.kind, f.data)
@@ -179,7 +178,7 @@ class Recording:
                 published_ns = m.log_ns if m.published_ns is None else m.published_ns
                 writer.add_message(ids[m.topic], m.log_ns, m.data, published_ns, m.sequence)
             for name, values in self.metadata:
-                if name == END and closed:
+                if name == END_RECORD and closed:
                     writer.add_metadata(name, values)
             if closed:
                 writer.finish()

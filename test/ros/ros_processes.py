@@ -18,16 +18,16 @@ import sys
 import time
 from typing import Any
 
+from bridge import DDS_LOOPBACK, ChildProcess, domain_environment, own_domain
 from forked_process import ForkedProcess, Job
 import pytest
 from waiting import PATIENCE, wait_until
 
-from pfd_ros.testing import domains
-from pfd_ros.testing.child_process import ChildProcess
+import pfd_core as pfd
 
 ROOT = Path(__file__).resolve().parents[2]
 # Of the package under test; an installation has byte code, which a checkout may not have.
-PACKAGES = Path(domains.__file__).parents[2]
+PACKAGES = Path(pfd.__file__).parents[1]
 MILLISECOND = 1_000_000
 HAS_ROS = importlib.util.find_spec('rclpy') is not None
 NODE = ('-m', 'pfd_ros.node.main')
@@ -74,7 +74,7 @@ def resident_bytes(pid: int) -> int:
 
 def environment(domain: int) -> dict[str, str]:
     path = [os.environ.get('PYTHONPATH', ''), str(PACKAGES)]
-    return domains.environment(os.environ, domain) | {
+    return domain_environment(os.environ, domain) | {
         'ROS_PYTHON_CHECK_FIELDS': '1',
         'PYTHONPATH': os.pathsep.join(part for part in path if part),
     }
@@ -127,7 +127,7 @@ class Processes:
         self._claim = ExitStack()
         # None that another worker or run of tests has, nor that the tests just before had.
         start = APART * os.getpid() + next(_numbers)
-        self.domain = self._claim.enter_context(domains.own_domain(start=start))
+        self.domain = self._claim.enter_context(own_domain(start=start))
         self.started: list[Process] = []
 
     def python(self, *command: str) -> Process:
@@ -187,7 +187,7 @@ class Peer:
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Float64MultiArray
 
-        os.environ |= domains.LOOPBACK
+        os.environ |= DDS_LOOPBACK
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=domain)
         # Without services: each is two endpoints to discover, and to take down again.

@@ -11,25 +11,31 @@ import json
 from pathlib import Path
 from typing import Any
 
-from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, File, Recording, Sent, Type
-
-from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import (
+from bridge import (
+    END_RECORD,
+    HEAD_RECORD,
     NUMBERED_AS_STATES,
     PAYLOAD_IN_USE,
+    RECORDING_CHANNELS,
+    ROLE_OF_SOURCE,
+    WALL_TIME,
     Arrival,
+    Engine,
+    JointMessage,
+    RecordedLog,
+    Settings,
     Source,
     ValidationRow,
     Verdict,
+    decode_joint_state,
+    file_head,
+    load_arm_robot,
+    messages_of,
+    placed_blocks,
+    roles_of,
+    time_base,
 )
-from pfd_ros.arm.outputs import roles_of
-from pfd_ros.arm.settings import WALL, Settings
-from pfd_ros.messages.convert import JointMessage, decode_joint_state
-from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, END, HEAD, ROLE_OF_SOURCE
-from pfd_ros.recording.reader import Log
-from pfd_ros.replay.ordering import messages_of, placed_blocks
+from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, File, Recording, Sent, Type
 
 ROLES = {
     'joint_commands': NAMED,
@@ -43,13 +49,15 @@ START_NS = 1_700_000_000_000_000_000
 
 def rows_of(path: Path) -> list[ValidationRow]:
     """Return the validation rows of a recording, in their order."""
-    messages = (m for block in placed_blocks(Log(path)) for m in messages_of(block))
+    messages = (m for block in placed_blocks(RecordedLog(path)) for m in messages_of(block))
     return [row for message in messages for row in message.rows]
 
 
 def states_of(path: Path) -> list[JointMessage]:
     """Return the published states of a recording."""
-    return [decode_joint_state(e.data) for e in Log(path).entries() if e.role == 'joint_states']
+    return [
+        decode_joint_state(e.data) for e in RecordedLog(path).entries() if e.role == 'joint_states'
+    ]
 
 
 def simulate(
@@ -69,12 +77,12 @@ def simulate(
         Of the node; planar2 unless they say otherwise.
     """
     chosen = Settings(**{'robot': 'planar2', **settings})
-    robot = load_robot(chosen)
+    robot = load_arm_robot(chosen)
     engine = Engine(chosen, robot)
     first = engine.settings
     roles = {
         role: ROLES.get(role, f'/sim_arm/{role}')
-        for role in CHANNELS
+        for role in RECORDING_CHANNELS
         if role in ('joint_commands', 'commands', 'taken')
         or role in roles_of(chosen) - {PAYLOAD_IN_USE}
     }
@@ -92,7 +100,7 @@ def simulate(
         # Of the state before an input, or of this step.
         simulated_ns = engine.arm.stamp_ns
         times = (wall_ns, simulated_ns)
-        log_ns, published_ns = times if first.log_time == WALL else times[::-1]
+        log_ns, published_ns = times if first.log_time == WALL_TIME else times[::-1]
         made.messages.append(Sent(topic, number, log_ns, data, published_ns))
         return number
 
@@ -106,12 +114,13 @@ def simulate(
         accepted += sum(found.verdict is Verdict.ACCEPTED for _, found, _ in result.validations)
         for role, number, data in result.outputs:
             assert number == record(role, step, data)
-    base = replace(provenance.time_base(first), wall_ns=START_NS, steady_ns=0)
-    head = provenance.file_head(first, robot, roles, base, engine.arm.program)
-    made.metadata.append((HEAD, dict(head.values)))
+    base = replace(time_base(first), wall_ns=START_NS, steady_ns=0)
+    head = file_head(first, robot, roles, base, engine.arm.program)
+    made.metadata.append((HEAD_RECORD, dict(head.values)))
     made.attachments += [File(record.name, record.data) for record in head.attachments]
     made.channels += [
-        Type(topic, 'cdr', CHANNELS[role].type, 'ros2msg') for role, topic in roles.items()
+        Type(topic, 'cdr', RECORDING_CHANNELS[role].type, 'ros2msg')
+        for role, topic in roles.items()
     ]
     totals = {
         'steps': engine.arm.step,
@@ -121,6 +130,6 @@ def simulate(
     }
     zeros = dict.fromkeys(roles.values(), 0)
     told = {'totals': totals, 'recorded': zeros, 'dropped': zeros}
-    made.metadata.append((END, {name: json.dumps(value) for name, value in told.items()}))
+    made.metadata.append((END_RECORD, {name: json.dumps(value) for name, value in told.items()}))
     made.recount()
     return made

@@ -10,6 +10,24 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from bridge import (
+    Actuators,
+    Arrival,
+    Engine,
+    JointStateEncoder,
+    Request,
+    Settings,
+    Source,
+    Verdict,
+    actuator_effort_limits,
+    actuator_speed_limits,
+    encode_request,
+    read_recording,
+    record_actuators,
+    record_motor_torques,
+    resolve_plant,
+    run_program,
+)
 import numpy as np
 from plant_messages import UNLIMITED, efforts, joint_state
 import pytest
@@ -17,17 +35,6 @@ from sampling import one_fast
 from simulating import simulate, states_of
 
 import pfd_core as pfd
-from pfd_core.algorithms.chain.actuators import record_actuators
-from pfd_core.algorithms.chain.drives import record_motor_torques
-from pfd_core.machine.emulator import run as run_program
-from pfd_core.model import resolve
-from pfd_ros.arm.actuators import Actuators, effort_limits, speed_limits
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Request, Source, Verdict
-from pfd_ros.arm.requests import encode_request
-from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import JointStateEncoder
-from pfd_ros.replay.verify import read
 
 # As its file states them: 20 and 10 N m, both at 20 rad/s.
 PLANAR2 = pfd.load_robot('planar2')
@@ -124,7 +131,7 @@ def test_limits_act_as_in_a_scene_with_the_limits_of_the_model(
     limits: tuple[str, ...], robot: str
 ) -> None:
     arm = pfd.load_robot(robot)
-    program = record_motor_torques(resolve(arm, pfd.Scene(**dict.fromkeys(limits, 'model'))))
+    program = record_motor_torques(resolve_plant(arm, pfd.Scene(**dict.fromkeys(limits, 'model'))))
     settings = Settings(robot=robot, **{name: name in limits for name in UNLIMITED})
     made = Actuators(settings, arm, range(arm.n))
     rng = np.random.default_rng(5)
@@ -157,11 +164,11 @@ def test_a_joint_whose_model_states_no_limit_gets_a_wide_one(silent: float) -> N
         effort_limit=np.array([silent, 10.0]),
         velocity_limit=np.array([silent, 20.0]),
     )
-    assert effort_limits(robot).tolist() == [1000.0, 10.0]
-    assert speed_limits(robot).tolist() == [100.0, 20.0]
+    assert actuator_effort_limits(robot).tolist() == [1000.0, 10.0]
+    assert actuator_speed_limits(robot).tolist() == [100.0, 20.0]
     # 50 N m for each of 2 kg is less; a heavy arm has the weight of its links at 5 m.
     heavy = replace(robot, masses=np.array([400.0, 100.0]))
-    assert effort_limits(heavy).tolist() == [25_000.0, 10.0]
+    assert actuator_effort_limits(heavy).tolist() == [25_000.0, 10.0]
 
 
 def run(robot: str, signs: np.ndarray, cycles: int, **settings: Any) -> Engine:
@@ -208,7 +215,7 @@ def test_a_servo_gives_the_effort_of_its_law_once_per_cycle_and_its_recording_ve
         400: [targeted(['shoulder'], effort=[3.0])],
     }
     path = simulate(600, commands, **SERVO).save(tmp_path / 'a.mcap')
-    assert read(path, verify=True).complete
+    assert read_recording(path, verify=True).complete
     states = states_of(path)
     for k in range(1, 600):
         q, qd = states[k - 1].position, states[k - 1].velocity
@@ -281,7 +288,7 @@ def test_by_the_convention_of_franka_efforts_are_without_gravity(tmp_path: Path)
     commands = {2: [efforts(0.0, 0.0)], 50: [efforts(1.0, -0.3)]}
     chosen: dict[str, Any] = {'initial_positions': POSE}
     franka = simulate(100, commands, convention='franka', **chosen).save(tmp_path / 'a.mcap')
-    assert read(franka, verify=True).complete
+    assert read_recording(franka, verify=True).complete
     plain = simulate(100, commands, **chosen).save(tmp_path / 'b.mcap')
     weightless = simulate(100, commands, gravity=(0.0, 0.0, 0.0), **chosen)
     states = states_of(franka)
@@ -303,7 +310,7 @@ def test_a_recording_with_saturated_efforts_verifies_and_has_the_efforts_that_ac
     tmp_path: Path,
 ) -> None:
     path = simulate(600, COMMANDS).save(tmp_path / 'a.mcap')
-    assert read(path, verify=True).complete
+    assert read_recording(path, verify=True).complete
     states = states_of(path)
     assert states[2].effort.tolist() == [20.0, -10.0]
     told = np.array([state.effort for state in states])

@@ -15,6 +15,7 @@ from pathlib import Path
 import tempfile
 from typing import Any
 
+from bridge import Arrival, JointMessage, Source, Verdict, decode_joint_state, read_recording
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
@@ -29,9 +30,6 @@ import pytest
 from simulating import simulate, states_of
 
 import pfd_core as pfd
-from pfd_ros.arm.events import Arrival, Source, Verdict
-from pfd_ros.messages.convert import JointMessage, decode_joint_state
-from pfd_ros.replay.verify import read
 
 NAMES = ('shoulder', 'elbow')
 START = (0.3, -0.2)
@@ -257,7 +255,7 @@ class CommandedArm(RuleBasedStateMachine):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / 'a.mcap'
             simulate(self.cycles, self.events, **self.settings).save(path)
-            assert read(path, verify=True).complete
+            assert read_recording(path, verify=True).complete
             again = states_of(path)
         for one, other in zip(self.states, again, strict=True):
             assert one.stamp_ns == other.stamp_ns

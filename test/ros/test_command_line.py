@@ -9,22 +9,22 @@ from pathlib import Path
 import subprocess
 import sys
 
+import bridge
+from bridge import CLOSED_PIPE, pfd_main
 import pytest
 from rewriting import GOLDEN
 from ros_processes import Processes, environment
 from sampling import one_fast
 
 import pfd_core as pfd
-from pfd_core.report import counts_pages
-from pfd_ros.cli import main as command_line
 
 WITHOUT_ROS = (
     'import importlib.util, sys\n'
     'find = importlib.util.find_spec\n'
     "importlib.util.find_spec = lambda name, *a: None if name == 'rclpy' else find(name, *a)\n"
     "sys.modules['rclpy'] = None\n"
-    'from pfd_ros.cli.main import main\n'
-    'raise SystemExit(main(sys.argv[1:]))\n'
+    'from bridge import pfd_main\n'
+    'raise SystemExit(pfd_main(sys.argv[1:]))\n'
 )
 
 
@@ -45,9 +45,9 @@ def test_report_counts_writes_its_pages_without_ros(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # The least that the page can be made of; tests of the report measure the rest.
-    monkeypatch.setattr(counts_pages, 'MACHINES', ((6, 1), (6, 2)))
+    monkeypatch.setattr(*bridge.target('COUNTS_MACHINES'), ((6, 1), (6, 2)))
     arguments = ['report', 'counts', '--quick', '--out', str(tmp_path / 'pages')]
-    assert command_line.main(arguments) == 0
+    assert pfd_main(arguments) == 0
     told = capsys.readouterr().out.split()
     written = {Path(page).name for page in told}
     assert written >= {'counts.md', 'counts.json', 'array.svg', 'processors.md', 'processors.json'}
@@ -61,18 +61,22 @@ def test_report_paper_writes_all_its_pages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # Each page has a separate test.
-    for name in ('paper_pages.write_claims', 'array_pages.run', 'pcgm_pages.run'):
-        monkeypatch.setattr(f'pfd_core.report.{name}', lambda folder, n=name: [folder / n])
-    assert command_line.main(['report', 'paper', '--out', str(tmp_path / 'pages')]) == 0
+    for name in (
+        'report_paper_pages_write_claims',
+        'report_array_pages_run',
+        'report_pcgm_pages_run',
+    ):
+        monkeypatch.setattr(*bridge.target(name), lambda folder, n=name: [folder / n])
+    assert pfd_main(['report', 'paper', '--out', str(tmp_path / 'pages')]) == 0
     written = capsys.readouterr().out.split()
     assert {Path(page).name for page in written} == {
         *('paper.md', 'illustrated.md', 'doubling.svg', 'set-ordering.svg'),
-        *('paper_pages.write_claims', 'array_pages.run', 'pcgm_pages.run'),
+        *('report_paper_pages_write_claims', 'report_array_pages_run', 'report_pcgm_pages_run'),
     }
 
 
 def test_robots_lists_each_robot_with_its_joints(capsys: pytest.CaptureFixture[str]) -> None:
-    assert command_line.main(['robots']) == 0
+    assert pfd_main(['robots']) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == list(pfd.known_robots())
     assert any('6 joints: joint1, joint2' in line for line in lines)
@@ -81,7 +85,7 @@ def test_robots_lists_each_robot_with_its_joints(capsys: pytest.CaptureFixture[s
 def test_a_file_that_is_not_there_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert command_line.main(['replay', str(tmp_path / 'nix.mcap')]) == 1
+    assert pfd_main(['replay', str(tmp_path / 'nix.mcap')]) == 1
     assert 'nix.mcap' in capsys.readouterr().err
 
 
@@ -92,7 +96,7 @@ def test_a_command_that_makes_no_sense_has_status_2(
     args: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     try:
-        status = command_line.main(args)
+        status = pfd_main(args)
     except SystemExit as error:
         status = error.code
     assert status == 2
@@ -125,10 +129,10 @@ def test_pfd_sim_is_the_node(processes: Processes) -> None:
 @pytest.mark.parametrize(
     ('options', 'pages', 'quick'),
     [
-        ([], 'speed_pages', False),
-        (['--quick'], 'speed_pages', True),
-        (['--against-error'], 'against_error_pages', False),
-        (['--against-error', '--quick'], 'against_error_pages', True),
+        ([], 'report_speed_pages_run', False),
+        (['--quick'], 'report_speed_pages_run', True),
+        (['--against-error'], 'report_against_error_pages_run', False),
+        (['--against-error', '--quick'], 'report_against_error_pages_run', True),
     ],
 )
 def test_report_speed_hands_folder_and_quickness_to_its_pages(
@@ -137,9 +141,10 @@ def test_report_speed_hands_folder_and_quickness_to_its_pages(
     # The reports themselves have separate tests, and take minutes.
     asked: list[tuple[Path, bool]] = []
     monkeypatch.setattr(
-        f'pfd_core.report.{pages}.run', lambda folder, quick: asked.append((folder, quick)) or []
+        *bridge.target(pages),
+        lambda folder, quick: asked.append((folder, quick)) or [],
     )
-    assert command_line.main(['report', 'speed', '--out', str(tmp_path), *options]) == 0
+    assert pfd_main(['report', 'speed', '--out', str(tmp_path), *options]) == 0
     assert asked == [(tmp_path, quick)]
 
 
@@ -149,10 +154,10 @@ def test_report_speed_of_a_quantity_is_that_of_its_pages(
 ) -> None:
     asked: list[tuple[object, ...]] = []
     monkeypatch.setattr(
-        'pfd_core.report.quantity_pages.run', lambda *given: asked.append(given) or []
+        *bridge.target('report_quantity_pages_run'), lambda *given: asked.append(given) or []
     )
     command = ['report', 'speed', '--out', str(tmp_path), '--quantity', 'derivatives', *options]
-    assert command_line.main(command) == 0
+    assert pfd_main(command) == 0
     assert asked == [(tmp_path, 'derivatives', '--against-error' in options, '--quick' in options)]
 
 
@@ -161,7 +166,7 @@ def test_options_of_the_speed_report_are_for_no_other(
     option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as end:
-        command_line.main(['report', 'counts', '--out', str(tmp_path), option])
+        pfd_main(['report', 'counts', '--out', str(tmp_path), option])
     assert end.value.code == 2
     assert f'unrecognized arguments: {option}' in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
@@ -171,7 +176,7 @@ def test_report_scene_refuses_quick_before_its_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ['scene', '--robot', 'ur5', '--trajectory', 'sine', '--tolerance', '1']
-    assert command_line.main(['report', '--quick', '--out', str(tmp_path / 'pages'), *words]) == 1
+    assert pfd_main(['report', '--quick', '--out', str(tmp_path / 'pages'), *words]) == 1
     assert capsys.readouterr().err == 'pfd report: scene takes no --quick\n'
     assert not list(tmp_path.iterdir())
 
@@ -182,8 +187,8 @@ def test_ctrl_c_is_no_traceback(
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr('pfd_ros.cli.replay.run', interrupt)
-    assert command_line.main(['replay', 'a.mcap']) == 130
+    monkeypatch.setattr(*bridge.target('pfd_replay_run'), interrupt)
+    assert pfd_main(['replay', 'a.mcap']) == 130
     assert capsys.readouterr() == ('', '')
 
 
@@ -193,8 +198,8 @@ def test_an_error_of_several_lines_is_printed_in_one(
     def refuse(*_: object, **__: object) -> None:
         raise ValueError('not YAML:\n  line 1\n\x1b[2Jand ' + 'x' * 10_000)
 
-    monkeypatch.setattr('pfd_ros.cli.replay.run', refuse)
-    assert command_line.main(['replay', 'a.mcap']) == 1
+    monkeypatch.setattr(*bridge.target('pfd_replay_run'), refuse)
+    assert pfd_main(['replay', 'a.mcap']) == 1
     told = capsys.readouterr().err
     assert told.startswith(r'pfd replay: not YAML: line 1 \x1b[2Jand xxx')
     assert told.count('\n') == 1
@@ -221,7 +226,7 @@ def test_a_reader_that_ends_first_ends_a_command_quietly(words: list[str]) -> No
         )
     finally:
         os.close(writing)
-    assert (done.returncode, done.stderr) == (command_line.CLOSED_PIPE, '')
+    assert (done.returncode, done.stderr) == (CLOSED_PIPE, '')
 
 
 @pytest.mark.parametrize('name', ['é☃.mcap', os.fsdecode(b'\xff.mcap')])

@@ -7,22 +7,27 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from bridge import (
+    Arrival,
+    Engine,
+    JointMessage,
+    NoiseChannel,
+    Request,
+    Settings,
+    Source,
+    Verdict,
+    encode_changes,
+    encode_request,
+    noise_uniform,
+    read_recording,
+    timeout_text,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from plant_messages import efforts, joint_state, made
 import pytest
 from simulating import rows_of, simulate, states_of
-
-from pfd_ros.arm.changes import encode_changes
-from pfd_ros.arm.command_link import timeout_text
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Request, Source, Verdict
-from pfd_ros.arm.noise import Channel, uniform
-from pfd_ros.arm.requests import encode_request
-from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import JointMessage
-from pfd_ros.replay.verify import read
 
 NAMES = ('shoulder', 'elbow')
 NAN = float('nan')
@@ -45,7 +50,7 @@ def taus(engine: Engine, cycles: int) -> list[list[float]]:
 
 def verified(path: Path) -> list[JointMessage]:
     """Return the states of a recording that verifies."""
-    assert read(path, verify=True).complete
+    assert read_recording(path, verify=True).complete
     return states_of(path)
 
 
@@ -219,7 +224,7 @@ def test_a_share_of_the_commands_is_lost_by_the_seed() -> None:
     for k in range(1, 2001):
         assert send(engine, efforts(float(k % 9), 0.0), sequence=k) is Verdict.ACCEPTED
     assert engine.state.link.lost == sum(
-        uniform(7, Channel.COMMAND_DROP, k, 1)[0] < 0.25 for k in range(1, 2001)
+        noise_uniform(7, NoiseChannel.COMMAND_DROP, k, 1)[0] < 0.25 for k in range(1, 2001)
     )
     # Four standard deviations of a binomial distribution.
     assert abs(engine.state.link.lost - 500) < 4 * np.sqrt(2000 * 0.25 * 0.75)
@@ -240,7 +245,7 @@ def test_a_recording_with_late_and_lost_commands_verifies(tmp_path: Path) -> Non
     settings = {'delay_commands': 0.004, 'drop_commands': 0.3, 'seed': 3}
     states = verified(simulate(300, commands, **settings).save(tmp_path / 'a.mcap'))
     told = [state.effort[0] for state in states]
-    lost = [uniform(3, Channel.COMMAND_DROP, k, 1)[0] < 0.3 for k in range(1, 298)]
+    lost = [noise_uniform(3, NoiseChannel.COMMAND_DROP, k, 1)[0] < 0.3 for k in range(1, 298)]
     wanted, last = [0.0] * 6, 0.0
     for k in range(3, 297):
         last = last if lost[k - 3] else float(k % 5)

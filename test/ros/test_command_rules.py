@@ -4,14 +4,21 @@
 
 from __future__ import annotations
 
+from bridge import (
+    ActuatorCommand,
+    CommandCounts,
+    CommandGains,
+    JointCommands,
+    JointMessage,
+    Validation,
+    Verdict,
+    all_braked,
+    merge_commands,
+    validate_array,
+    validate_named,
+)
 import numpy as np
 import pytest
-
-from pfd_ros.arm.actuator_command import ActuatorCommand, Command, Gains, all_braked, merge
-from pfd_ros.arm.commands import Validation, validate_array, validate_named
-from pfd_ros.arm.events import Verdict
-from pfd_ros.messages.convert import JointMessage
-from pfd_ros.node.command_counts import CommandCounts
 
 INDEX = {'a': 0, 'b': 1, 'c': 2}
 START_NS = 5_000_000_000
@@ -28,8 +35,8 @@ def validate(*args, **other) -> Validation:
 
 
 def merged(actuation: ActuatorCommand, validation: Validation) -> ActuatorCommand:
-    assert isinstance(validation.effect, Command)
-    return merge(actuation, validation.effect)
+    assert isinstance(validation.effect, JointCommands)
+    return merge_commands(actuation, validation.effect)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +105,7 @@ def test_merging_a_command_does_not_change_the_previous_one() -> None:
     assert not before.effort.any()
 
 
-GAINS = Gains(np.array([100.0, 100.0, 0.0]), np.array([10.0, 0.0, 1.0]))
+GAINS = CommandGains(np.array([100.0, 100.0, 0.0]), np.array([10.0, 0.0, 1.0]))
 
 
 def steered(actuation: ActuatorCommand, *args, **other) -> ActuatorCommand:

@@ -9,13 +9,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+from bridge import compare_logs, pfd_main
 import numpy as np
 import pytest
 from rewriting import GOLDEN
 
 from pfd_ros import read_log
-from pfd_ros.cli.main import main
-from pfd_ros.replay.compare import compare
 
 rosbag2 = pytest.importorskip('rosbags.rosbag2')
 typesys = pytest.importorskip('rosbags.typesys')
@@ -62,7 +61,7 @@ TIMES = np.arange(0, 4, 0.008)
 
 
 def test_a_log_is_equal_to_itself(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['compare', str(GOLDEN), str(GOLDEN), '--json']) == 0
+    assert pfd_main(['compare', str(GOLDEN), str(GOLDEN), '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     assert found['within']
     assert found['lag'] == 0
@@ -78,7 +77,7 @@ def test_a_log_is_equal_to_itself(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_lag_between_the_clocks_is_found(tmp_path: Path, lag: float, start: float) -> None:
     a = read_log(write(tmp_path / 'a', sines, times=TIMES))
     later = write(tmp_path / 'b', lambda t: sines(t - lag), times=TIMES, start=start)
-    found = compare(a, read_log(later))
+    found = compare_logs(a, read_log(later))
     assert found.lag == pytest.approx(lag, abs=2e-4)
     assert found.shift == pytest.approx(start, abs=1e-6)
     positions = [item for item in found.differences if item.field == 'position']
@@ -93,7 +92,7 @@ def test_joints_are_matched_by_name_and_a_difference_has_its_place(tmp_path: Pat
 
     a = read_log(write(tmp_path / 'a', sines, times=TIMES))
     other = write(tmp_path / 'b', shifted, times=TIMES, names=('elbow', 'shoulder', 'wrist'))
-    found = compare(a, read_log(other), tolerance=1e-9, lag=0.0)
+    found = compare_logs(a, read_log(other), tolerance=1e-9, lag=0.0)
     by_joint = {(item.field, item.joint): item for item in found.differences}
     elbow, shoulder = by_joint['position', 'elbow'], by_joint['position', 'shoulder']
     assert (elbow.largest, elbow.first_at) == (0.0, None)
@@ -108,9 +107,9 @@ def test_joints_are_matched_by_name_and_a_difference_has_its_place(tmp_path: Pat
 def test_logs_of_different_rates_are_interpolated(tmp_path: Path) -> None:
     a = read_log(write(tmp_path / 'a', sines, times=TIMES))
     b = read_log(write(tmp_path / 'b', sines, times=np.arange(0, 4, 0.005)))
-    found = compare(a, b, tolerance=INTERPOLATED, fields=['position'])
+    found = compare_logs(a, b, tolerance=INTERPOLATED, fields=['position'])
     assert found.within
-    assert not compare(a, b, tolerance=1e-9, fields=['position']).within
+    assert not compare_logs(a, b, tolerance=1e-9, fields=['position']).within
 
 
 def lost_from(start: float) -> Motion:
@@ -139,7 +138,7 @@ def test_a_log_that_lacks_values_or_time_is_not_equal(
 ) -> None:
     a = read_log(write(tmp_path / 'a', sines, times=TIMES))
     b = read_log(write(tmp_path / 'b', motion, times=times))
-    found = compare(a, b, lag=0.0)
+    found = compare_logs(a, b, lag=0.0)
     assert not found.within
     if missing[0] == 'values':
         assert any(missing[1] in text for text in found.only_in_a)
@@ -151,20 +150,20 @@ def test_a_log_that_lacks_values_or_time_is_not_equal(
 def test_a_spike_between_the_samples_of_the_other_log_is_a_difference(tmp_path: Path) -> None:
     a = read_log(write(tmp_path / 'a', sines, times=TIMES))
     b = read_log(write(tmp_path / 'b', spiked, times=np.arange(0, 3.99, 0.004)))
-    found = compare(a, b, tolerance=0.1, lag=0.0, fields=['position'])
+    found = compare_logs(a, b, tolerance=0.1, lag=0.0, fields=['position'])
     assert found.differences[0].largest == pytest.approx(5.0, abs=1e-3)
 
 
 def test_a_topic_that_only_one_log_has_is_named(tmp_path: Path) -> None:
     a = read_log(GOLDEN)
     b = read_log(GOLDEN, topics=['/joint_states'])
-    assert compare(a, b).only_in_a == ('/joint_commands',)
+    assert compare_logs(a, b).only_in_a == ('/joint_commands',)
 
 
 def test_logs_of_one_clock_that_overlap_in_part_have_no_shift(tmp_path: Path) -> None:
     a = read_log(write(tmp_path / 'a', sines, times=TIMES))
     b = read_log(write(tmp_path / 'b', sines, times=TIMES[350:] + 0.0))
-    found = compare(a, b)
+    found = compare_logs(a, b)
     assert (found.shift, found.lag) == (0.0, 0.0)
 
 
@@ -172,13 +171,13 @@ def test_a_gap_in_the_messages_does_not_move_the_lag(tmp_path: Path) -> None:
     a = read_log(write(tmp_path / 'a', sines, times=TIMES))
     times = np.r_[TIMES[TIMES < 1.0], TIMES[TIMES >= 2.0]]
     b = read_log(write(tmp_path / 'b', lambda t: sines(t - 0.02), times=times))
-    assert compare(a, b).lag == pytest.approx(0.02, abs=2e-4)
+    assert compare_logs(a, b).lag == pytest.approx(0.02, abs=2e-4)
 
 
 def test_arms_at_rest_have_no_lag(tmp_path: Path) -> None:
     still = write(tmp_path / 'a', lambda t: ([1.0, 2.0], [0.0, 0.0]), times=TIMES)
     other = write(tmp_path / 'b', lambda t: ([1.0, 2.5], [0.0, 0.0]), times=TIMES)
-    found = compare(read_log(still), read_log(other))
+    found = compare_logs(read_log(still), read_log(other))
     assert found.lag == 0
     assert [item.largest for item in found.differences][:2] == [0.0, 0.5]
 
@@ -191,12 +190,12 @@ def test_the_command_prints_a_line_for_each_joint_and_draws_both_logs(
     picture = tmp_path / 'both.png'
     # The only topic of JointStates of each log, whatever its name.
     arguments = ['compare', str(a), str(b), '--lag', '0', '--plot', str(picture)]
-    assert main([*arguments, '--tolerance', '0.1', '--fields', 'position']) == 1
+    assert pfd_main([*arguments, '--tolerance', '0.1', '--fields', 'position']) == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith('lag of B 0.000 ms; 3.992 s compared')
     assert sum('first beyond 0.1 at' in line for line in lines) == len(NAMES)
     assert picture.read_bytes().startswith(b'\x89PNG')
-    assert main([*arguments[:3], '--tolerance', '9']) == 0
+    assert pfd_main([*arguments[:3], '--tolerance', '9']) == 0
 
 
 @pytest.mark.parametrize(
@@ -217,11 +216,11 @@ def test_the_command_prints_a_line_for_each_joint_and_draws_both_logs(
 def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> None:
     log = read_log(GOLDEN)
     with pytest.raises(ValueError, match=message):
-        compare(log, log, **arguments)
+        compare_logs(log, log, **arguments)
 
 
 def test_logs_without_a_common_joint_are_refused(tmp_path: Path) -> None:
     a = read_log(write(tmp_path / 'a', sines, times=TIMES))
     b = read_log(write(tmp_path / 'b', sines, times=TIMES, names=('x', 'y')))
     with pytest.raises(ValueError, match=r"joints are \['shoulder', 'elbow'\] and \['x', 'y'\]"):
-        compare(a, b)
+        compare_logs(a, b)

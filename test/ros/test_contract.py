@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from bridge import Verdict, read_recording
 import gripper_arm
 import numpy as np
 import pytest
@@ -11,8 +12,6 @@ from replicas import ControllerManager, State, TopicHardware
 from ros_processes import MILLISECOND, Process, Processes
 
 import pfd_core as pfd
-from pfd_ros.arm.events import Verdict
-from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 
@@ -74,7 +73,7 @@ def test_a_controller_manager_with_the_stock_hardware_brings_the_arm_to_its_goal
     arm.stop()
     for text in ('messages on', 'unknown', 'trigger_joint_command_threshold'):
         assert text not in arm.text()
-    verdicts = read(processes.folder / 'arm.mcap', verify=True).verdicts
+    verdicts = read_recording(processes.folder / 'arm.mcap', verify=True).verdicts
     assert set(verdicts) == {Verdict.ACCEPTED, Verdict.ALL_NAN}
 
 

@@ -7,25 +7,25 @@ from __future__ import annotations
 from dataclasses import replace
 import re
 
+from bridge import (
+    Ros2Control,
+    Ros2ControlHardware,
+    Settings,
+    Source,
+    described_robot,
+    ragged_trap,
+    read_ros2_control,
+    ros2_control_differences,
+    silence_trap,
+    with_followers,
+    with_initial_values,
+)
 import gripper_arm
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 import pytest
 
 import pfd_core as pfd
-from pfd_ros.arm.described_robot import described_robot
-from pfd_ros.arm.events import Source
-from pfd_ros.arm.ros2_control import (
-    Hardware,
-    Ros2Control,
-    differences,
-    ragged_trap,
-    read_ros2_control,
-    silence_trap,
-    with_followers,
-    with_initial_values,
-)
-from pfd_ros.arm.settings import Settings
 
 ARM = ('shoulder', 'elbow')
 STOCK = 'joint_state_topic_hardware_interface/JointStateTopicSystem'
@@ -67,13 +67,13 @@ def test_topics_threshold_initial_values_and_efforts_are_read() -> None:
             trigger_joint_command_threshold='-1',
         )
     )
-    assert found.hardware == Hardware('/left/commands', 'states', -1.0)
+    assert found.hardware == Ros2ControlHardware('/left/commands', 'states', -1.0)
     assert found.positions == {'shoulder': -0.15}
     assert found.takes_effort == {'shoulder'}
 
 
 def test_hardware_without_parameters_has_the_values_of_its_source_code() -> None:
-    expected = Hardware('/robot_joint_commands', '/robot_joint_states', 1e-5)
+    expected = Ros2ControlHardware('/robot_joint_commands', '/robot_joint_states', 1e-5)
     for plugin in (STOCK, 'topic_based_ros2_control/TopicBasedSystem'):
         assert described(block(joint('elbow'), plugin)).hardware == expected
 
@@ -128,14 +128,16 @@ def test_initial_values_are_taken_in_the_order_of_the_joints_where_none_are_give
     filled = with_initial_values(settings, ARM, found)
     assert filled.initial_positions == (0.0, 0.1)
     assert filled.locks == {'thumb': 0.0, 'finger': 0.04}
-    assert differences(filled, ARM, found) == ''
+    assert ros2_control_differences(filled, ARM, found) == ''
 
 
 def test_given_positions_override_the_description_with_a_log_line() -> None:
     found = Ros2Control(positions={'shoulder': 0.1, 'elbow': 0.2, 'finger': 0.04})
     settings = Settings(initial_positions=(0.1, 0.3), locked=('finger',), locked_positions=(0.01,))
     assert with_initial_values(settings, ARM, found) == settings
-    assert "of ['elbow', 'finger'] differ between" in differences(settings, ARM, found)
+    assert "of ['elbow', 'finger'] differ between" in ros2_control_differences(
+        settings, ARM, found
+    )
 
 
 def follower(name: str, leader: str, rule: str) -> str:

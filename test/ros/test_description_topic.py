@@ -7,18 +7,18 @@ from __future__ import annotations
 import re
 import signal
 
+from bridge import read_recording
 import gripper_arm
 import pytest
 from ros_processes import Peer, Processes, description_publisher, transition
 
 import pfd_core as pfd
-from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 
 
 def wait(peer: Peer, seconds: float = 20.0, stopped=lambda: False) -> str:
-    from pfd_ros.node.description import wait_for_description
+    from bridge import wait_for_description
 
     return wait_for_description(peer.node, seconds, stopped).text
 
@@ -122,7 +122,7 @@ def test_the_arm_takes_everything_from_the_topic_and_its_ros2_control(
     commands.publish(JointState(name=['elbow'], effort=[1.0]))
     peer.wait(lambda: states[-1].effort.tolist() == [0.0, 1.0, 0.0, 0.0])
     arm.stop()
-    summary = read(processes.folder / 'arm.mcap', verify=True)
+    summary = read_recording(processes.folder / 'arm.mcap', verify=True)
     assert summary.settings.initial_positions == gripper_arm.START
     assert summary.settings.locks == {'finger': 0.04, 'thumb': -0.04}
 
@@ -163,11 +163,9 @@ def test_remappings_and_parameters_count_before_the_ros2_control(
 
 @pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
 def test_a_robot_from_elsewhere_is_published_as_urdf(processes: Processes, peer_of) -> None:
+    from bridge import Settings, load_model, publish_description
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from std_msgs.msg import String
-
-    from pfd_ros.arm.settings import Settings
-    from pfd_ros.node.description import load_model, publish_description
 
     one, other = peer_of(processes), peer_of(processes)
     model = load_model(one.node, Settings(robot='puma560'), lambda: False)

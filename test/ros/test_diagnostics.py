@@ -6,18 +6,21 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+from bridge import (
+    CommandCounts,
+    Engine,
+    EventQueue,
+    Receiver,
+    Settings,
+    Source,
+    StepLengths,
+    Validation,
+    Verdict,
+    load_arm_robot,
+)
 import numpy as np
 import pytest
 from ros_processes import JOINTS, Processes
-
-from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.commands import Validation
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Source, Verdict
-from pfd_ros.arm.settings import Settings
-from pfd_ros.node.command_counts import CommandCounts
-from pfd_ros.node.receiving import EventQueue, Receiver
-from pfd_ros.node.step_timer import StepLengths
 
 # Relative error of accelerations of an ordinary arm in float64, far above its rounding.
 ROUNDING = 1e-13
@@ -38,7 +41,7 @@ def test_lengths_of_steps_are_those_since_the_last_look_and_the_newest_at_most()
 
 @pytest.mark.ros
 def test_the_reported_energy_excludes_gravity_compensation() -> None:
-    from pfd_ros.node.diagnostics import MassKernels
+    from bridge import MassKernels
 
     told = []
     for compensated in (False, True):
@@ -51,7 +54,7 @@ def test_the_reported_energy_excludes_gravity_compensation() -> None:
             motor_lag=(0.01, 0.01),
             external_wrench=True,
         )
-        kernels = MassKernels(Engine(settings, load_robot(settings)).arm)
+        kernels = MassKernels(Engine(settings, load_arm_robot(settings)).arm)
         told.append(kernels.energy(np.array([0.3, -0.2]), np.ones(2)).tolist())
         assert 0.0 <= kernels.error_estimate(*np.ones((3, 2)), {}) < ROUNDING
     assert told[0] == told[1]
@@ -60,12 +63,17 @@ def test_the_reported_energy_excludes_gravity_compensation() -> None:
 
 @pytest.mark.ros
 def test_messages_that_are_rejected_are_a_warning_and_no_others() -> None:
-    from pfd_ros.node.diagnostics import OK, WARN, ArmDiagnostics, MassKernels
-    from pfd_ros.node.log_session import LogSession
-    from pfd_ros.node.stepping import Stepper
+    from bridge import (
+        DIAGNOSTICS_OK,
+        DIAGNOSTICS_WARN,
+        ArmDiagnostics,
+        LogSession,
+        MassKernels,
+        Stepper,
+    )
 
     settings, counts = Settings(robot='planar2'), CommandCounts()
-    engine, session = Engine(settings, load_robot(settings)), LogSession()
+    engine, session = Engine(settings, load_arm_robot(settings)), LogSession()
     receiver = Receiver(EventQueue(), session.record, counts)
     stepper = Stepper(engine, receiver, session, {})
     diagnostics = ArmDiagnostics(stepper, SimpleNamespace(mismatched=0), MassKernels(engine.arm))
@@ -76,10 +84,10 @@ def test_messages_that_are_rejected_are_a_warning_and_no_others() -> None:
         return task.level
 
     for source in Source:
-        assert level(source, Verdict.ACCEPTED) == OK
-        assert level(source, Verdict.MALFORMED) == WARN
+        assert level(source, Verdict.ACCEPTED) == DIAGNOSTICS_OK
+        assert level(source, Verdict.MALFORMED) == DIAGNOSTICS_WARN
     # A driver sends it until a controller has claimed the joint.
-    assert level(Source.NAMED, Verdict.ALL_NAN) == OK
+    assert level(Source.NAMED, Verdict.ALL_NAN) == DIAGNOSTICS_OK
 
 
 @pytest.mark.ros

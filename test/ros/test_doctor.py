@@ -12,12 +12,20 @@ import subprocess
 import sys
 import time
 
+import bridge
+from bridge import (
+    PFD_COMMANDS,
+    doctor_cache,
+    doctor_clock,
+    doctor_compiler,
+    doctor_dds,
+    doctor_extras,
+    pfd_commands_of,
+    pfd_main,
+    pfd_parser,
+)
 import pytest
 from ros_processes import Processes, environment
-
-from pfd_core import Kernel
-from pfd_ros.cli import doctor
-from pfd_ros.cli import main as command_line
 
 METADATA = """\
 Metadata-Version: 2.1
@@ -65,7 +73,7 @@ def test_a_middleware_that_does_not_load_is_a_failure(processes: Processes) -> N
 @pytest.mark.ros
 def test_an_invalid_domain_is_named_and_no_firewall(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('ROS_DOMAIN_ID', '500')
-    (found,) = doctor.dds()
+    (found,) = doctor_dds()
     assert found.failed
     assert 'domainId is over 232' in found.text
 
@@ -75,7 +83,7 @@ def test_a_folder_that_others_can_write_is_a_failure(
 ) -> None:
     tmp_path.chmod(0o777)
     monkeypatch.setenv('PFD_CACHE', str(tmp_path))
-    (found,) = doctor.cache()
+    (found,) = doctor_cache()
     assert found.failed
     assert str(tmp_path) in found.text
 
@@ -85,13 +93,13 @@ def test_a_file_in_the_place_of_the_folder_is_a_failure(
 ) -> None:
     (tmp_path / 'file').write_text('', encoding='utf-8')
     monkeypatch.setenv('PFD_CACHE', str(tmp_path / 'file'))
-    (found,) = doctor.cache()
+    (found,) = doctor_cache()
     assert found.failed
 
 
 def test_without_a_cache_the_line_states_its_cost(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PFD_CACHE', '')
-    (found,) = doctor.cache()
+    (found,) = doctor_cache()
     assert not found.failed
     assert 'compiles its kernels again' in found.text
 
@@ -100,17 +108,19 @@ def test_without_a_cache_the_line_states_its_cost(monkeypatch: pytest.MonkeyPatc
 def test_a_timer_that_does_not_get_to_run_is_a_finding(
     monkeypatch: pytest.MonkeyPatch, times: tuple[int, ...]
 ) -> None:
-    monkeypatch.setattr(doctor, 'bare_timer', lambda period: nullcontext(array('q', times)))
+    monkeypatch.setattr(
+        *bridge.target('doctor_bare_timer'), lambda period: nullcontext(array('q', times))
+    )
     monkeypatch.setattr(time, 'sleep', lambda seconds: None)
-    (found,) = doctor.clock()
+    (found,) = doctor_clock()
     assert found.subject == 'clock'
     assert f'woke {len(times)} times in 1 s, expected 1000' in found.text
 
 
 def test_a_kernel_with_a_wrong_answer_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = Kernel.__call__
-    monkeypatch.setattr(Kernel, '__call__', lambda *given: 1.001 * right(*given))
-    (found,) = doctor.compiler()
+    right = bridge.Kernel_call
+    monkeypatch.setattr(*bridge.target('Kernel_call'), lambda *given: 1.001 * right(*given))
+    (found,) = doctor_compiler()
     assert found.failed
 
 
@@ -121,22 +131,22 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(
     folder.mkdir()
     (folder / 'METADATA').write_text(METADATA, encoding='utf-8')
     monkeypatch.syspath_prepend(str(tmp_path))
-    texts = [found.text for found in doctor.extras()]
+    texts = [found.text for found in doctor_extras()]
     assert texts[0].startswith('plots: a-package-that-nobody-has not installed; needed for ')
     assert texts[0].endswith("pip install 'pfd_ros[plots]'")
     assert texts[1] == 'test: installed'
 
 
-@pytest.mark.parametrize('name', command_line.COMMANDS)
+@pytest.mark.parametrize('name', PFD_COMMANDS)
 def test_the_help_of_a_command_has_an_example_that_its_parser_accepts(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
-        command_line.main([name, '--help'])
+        pfd_main([name, '--help'])
     assert ended.value.code == 0
     last = capsys.readouterr().out.rstrip().splitlines()[-1]
     assert last.startswith('example: pfd ')
     words = shlex.split(last.removeprefix('example: pfd '))
     words = words[: words.index('--ros-args')] if '--ros-args' in words else words
-    found = command_line.parser(command_line.commands_of(words)).parse_args(words)
+    found = pfd_parser(pfd_commands_of(words)).parse_args(words)
     assert found.command == name

@@ -10,6 +10,26 @@ import functools
 from xml.etree import ElementTree
 import zlib
 
+from bridge import (
+    MOST_ROWS,
+    ROLE_OF_SOURCE,
+    SOURCE_OF_ROLE,
+    TAKEN_COLUMNS,
+    ArmEvent,
+    ArmOutput,
+    Arrival,
+    Engine,
+    InputOverflow,
+    JointMessage,
+    RecordedLog,
+    Settings,
+    Source,
+    Verdict,
+    decode_clock,
+    decode_joint_state,
+    decode_rows,
+    load_arm_robot,
+)
 import numpy as np
 import plant_messages
 from plant_messages import UNLIMITED, asked, efforts, failed, joint_state
@@ -18,18 +38,6 @@ from rewriting import GOLDEN
 from ros_processes import example_robot
 
 import pfd_core as pfd
-from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.engine import MOST_ROWS, Engine
-from pfd_ros.arm.events import TAKEN_COLUMNS, Arrival, Event, Output, Overflow, Source, Verdict
-from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import (
-    JointMessage,
-    decode_clock,
-    decode_joint_state,
-    decode_rows,
-)
-from pfd_ros.recording.format import ROLE_OF_SOURCE, SOURCE_OF_ROLE
-from pfd_ros.recording.reader import Log
 
 STEP_NS = 1_000_000
 NAN = float('nan')
@@ -42,19 +50,19 @@ def array(*values: float) -> Arrival:
     return Arrival(Source.ARRAY, 1, efforts(*values))
 
 
-def run(engine: Engine, cycles: int, events: Sequence[Event] = ()) -> JointMessage:
+def run(engine: Engine, cycles: int, events: Sequence[ArmEvent] = ()) -> JointMessage:
     """Run some cycles, the events in the first of them, and return the last state."""
     for cycle in range(cycles):
         outputs = engine.run_cycle(events if cycle == 0 else ()).outputs
     return decode_joint_state(data_of(outputs, 'joint_states'))
 
 
-def data_of(outputs: Sequence[Output], role: str) -> bytes:
+def data_of(outputs: Sequence[ArmOutput], role: str) -> bytes:
     (found,) = (output.data for output in outputs if output.role == role)
     return found
 
 
-def rows_of(outputs: Sequence[Output]) -> list[list[int]]:
+def rows_of(outputs: Sequence[ArmOutput]) -> list[list[int]]:
     return [
         row
         for output in outputs
@@ -165,10 +173,10 @@ def test_an_arm_that_moves_cannot_pass_over_cycles() -> None:
         made(robot='planar2').skip_cycles(5)
 
 
-EVENTS: dict[int, list[Event]] = {
+EVENTS: dict[int, list[ArmEvent]] = {
     2: [array(1.0, 2.0)],
     3: [
-        Overflow(Source.ARRAY, range(2, 5)),
+        InputOverflow(Source.ARRAY, range(2, 5)),
         Arrival(Source.NAMED, 1, b'junk'),
         Arrival(Source.ARRAY, 5, efforts(3.0, NAN)),
         Arrival(Source.ARRAY, 6, efforts(-1.0, 0.5)),
@@ -233,7 +241,7 @@ def test_each_event_has_a_row_with_its_cycle_its_validation_result_and_its_check
 
 def test_messages_dropped_by_a_full_queue_are_reported_in_rows_of_bounded_size() -> None:
     count = 2 * MOST_ROWS + 5
-    result = made(robot='planar2').run_cycle([Overflow(Source.NAMED, range(7, 7 + count))])
+    result = made(robot='planar2').run_cycle([InputOverflow(Source.NAMED, range(7, 7 + count))])
     sizes = [len(rows_of([output])) for output in result.outputs[:-2]]
     assert sizes == [MOST_ROWS, MOST_ROWS, 5]
     assert [row[2] for row in rows_of(result.outputs)] == list(range(7, 7 + count))
@@ -250,11 +258,11 @@ def test_validating_a_message_does_not_apply_it() -> None:
 
 def test_an_engine_with_recorded_inputs_publishes_the_recorded_outputs() -> None:
     # By hand, with all rows known beforehand: the replay itself streams.
-    log = Log(GOLDEN)
+    log = RecordedLog(GOLDEN)
     recorded: dict[str, list[bytes]] = defaultdict(list)
     for entry in log.entries():
         recorded[entry.role].append(entry.data)
-    events: dict[int, list[Event]] = defaultdict(list)
+    events: dict[int, list[ArmEvent]] = defaultdict(list)
     for data in recorded['taken']:
         for cycle, source, sequence, *_ in decode_rows(data, len(TAKEN_COLUMNS)):
             payload = recorded[ROLE_OF_SOURCE[Source(source)]][sequence - 1]
@@ -275,7 +283,7 @@ def test_an_arm_with_a_gripper_has_the_masses_of_the_whole_file() -> None:
     urdf = example_robot('panda_description/urdf/panda.urdf')
     fingers = ('panda_finger_joint1', 'panda_finger_joint2')
     settings = Settings(robot=str(urdf), locked=fingers, locked_positions=(0.02, 0.02))
-    robot = load_robot(settings)
+    robot = load_arm_robot(settings)
     assert robot.joint_names == tuple(f'panda_joint{i}' for i in range(1, 8))
     masses = {
         link.get('name'): float(link.find('inertial/mass').get('value'))

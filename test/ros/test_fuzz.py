@@ -8,14 +8,11 @@ import contextlib
 import itertools
 import random
 
+from bridge import ClockTick, Verdict, decode_clock, validate_tick
 import fuzz
 from hostile_traffic import MILLISECOND, REJECTIONS, SMALL_BYTES, Messages, Ticks
 import pytest
 from ros_processes import Processes
-
-from pfd_ros.arm.events import ClockTick, Verdict
-from pfd_ros.arm.pace import validate_tick
-from pfd_ros.messages.convert import decode_clock
 
 SECONDS = 4.0
 

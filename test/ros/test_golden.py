@@ -10,11 +10,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bridge import Source, Verdict, read_recording
 import pytest
 from simulating import rows_of
-
-from pfd_ros.arm.events import Source, Verdict
-from pfd_ros.replay.verify import read
 
 DATA = Path(__file__).resolve().parents[1] / 'data'
 GOLDEN = sorted(DATA.glob('golden_*.mcap'))
@@ -22,7 +20,7 @@ GOLDEN = sorted(DATA.glob('golden_*.mcap'))
 
 @pytest.mark.parametrize('path', GOLDEN, ids=lambda path: path.stem)
 def test_a_recording_of_a_past_version_has_the_same_bits(path: Path) -> None:
-    summary = read(path, verify=True)
+    summary = read_recording(path, verify=True)
     assert summary.complete
     assert summary.missing == 0
     # A real run, long enough for a difference to grow.
@@ -30,7 +28,7 @@ def test_a_recording_of_a_past_version_has_the_same_bits(path: Path) -> None:
 
 
 def test_golden_recordings_have_two_arms_every_verdict_and_every_input() -> None:
-    found = [read(path) for path in GOLDEN]
+    found = [read_recording(path) for path in GOLDEN]
     assert len({summary.settings.robot for summary in found}) >= 2
     verdicts = {verdict for summary in found for verdict in summary.verdicts}
     assert {Verdict(number) for number in range(12)} <= verdicts

@@ -10,14 +10,9 @@ from pathlib import Path
 import time
 from types import SimpleNamespace
 
+from bridge import RecordedLog, Source, Validation, Verdict, decode_joint_state, read_recording
 import pytest
 from ros_processes import JOINTS, Process, Processes
-
-from pfd_ros.arm.commands import Validation
-from pfd_ros.arm.events import Source, Verdict
-from pfd_ros.messages.convert import decode_joint_state
-from pfd_ros.recording.reader import Log
-from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 
@@ -57,12 +52,9 @@ def checked(
     publishers: dict[str, list[SimpleNamespace]], seconds: Sequence[float], **options: object
 ) -> list[str]:
     """Return the lines about a graph that is checked at these times."""
+    from bridge import Endpoints, GraphCheck, ThrottledLog
     from rclpy.qos import QoSProfile
     from sensor_msgs.msg import JointState
-
-    from pfd_ros.node.endpoints import Endpoints
-    from pfd_ros.node.graph_check import GraphCheck
-    from pfd_ros.node.throttled_log import ThrottledLog
 
     end, states = (
         SimpleNamespace(topic_name=name, msg_type=JointState, qos_profile=QoSProfile(depth=1))
@@ -90,7 +82,7 @@ def test_an_arm_without_a_publisher_of_commands_logs_it_once() -> None:
 @pytest.mark.parametrize('verdict', [Verdict.ACCEPTED, Verdict.STALE])
 def test_a_command_of_a_publisher_that_is_gone_is_enough(verdict: Verdict) -> None:
     # `ros2 topic pub --once`: between two looks at the graph it came and went.
-    from pfd_ros.node.command_counts import CommandCounts
+    from bridge import CommandCounts
 
     counts = CommandCounts()
     counts.add(Source.SET_STATE, Validation(Verdict.ACCEPTED))
@@ -102,14 +94,11 @@ def test_a_command_of_a_publisher_that_is_gone_is_enough(verdict: Verdict) -> No
 def test_a_subscription_that_is_being_replaced_causes_no_log_line(
     processes: Processes, peer_of
 ) -> None:
-    from pfd_ros.arm.events import STATES
-    from pfd_ros.node.endpoints import create_endpoints
-    from pfd_ros.node.graph_check import GraphCheck
-    from pfd_ros.node.throttled_log import ThrottledLog
+    from bridge import STATES_OUTPUT, GraphCheck, ThrottledLog, create_endpoints
 
     peer, lines = peer_of(processes), []
     ends = create_endpoints(
-        peer.node, roles=(STATES,), follow_clock=False, on_message=lambda *message: None
+        peer.node, roles=(STATES_OUTPUT,), follow_clock=False, on_message=lambda *message: None
     )
     check = GraphCheck(peer.node, ends, ThrottledLog(SimpleNamespace(warning=lines.append)))
     # As the executor's thread does before it creates the best-effort one.
@@ -242,14 +231,14 @@ def test_a_best_effort_publisher_is_served_and_no_message_is_taken_twice(
     assert arm.text().count('best effort') == 2
     assert 'incompatible QoS' not in arm.text()
     arm.stop()
-    log = Log(processes.folder / 'arm.mcap')
+    log = RecordedLog(processes.folder / 'arm.mcap')
     efforts = [
         decode_joint_state(entry.data).effort[0]
         for entry in log.entries()
         if entry.role == 'joint_commands'
     ]
     assert len(set(efforts)) == len(efforts) > 2
-    assert read(processes.folder / 'arm.mcap', verify=True).complete
+    assert read_recording(processes.folder / 'arm.mcap', verify=True).complete
 
 
 def test_a_subscription_that_a_parameter_makes_reliable_stays_so(

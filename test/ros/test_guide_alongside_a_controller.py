@@ -10,6 +10,7 @@ import re
 import shlex
 from xml.etree import ElementTree
 
+from bridge import Settings, Verdict, read_recording
 import gripper_arm
 import numpy as np
 import pytest
@@ -18,10 +19,6 @@ from ros_processes import ROOT, Process, Processes, description_publisher
 from simulating import rows_of
 from waiting import PATIENCE
 import yaml
-
-from pfd_ros.arm.events import Verdict
-from pfd_ros.arm.settings import Settings
-from pfd_ros.replay.verify import read
 
 TEXT = (ROOT / 'docs' / 'guides' / 'alongside-a-controller.md').read_text(encoding='utf-8')
 ARM = ('shoulder', 'elbow')
@@ -118,7 +115,7 @@ def test_ros2_control_needs_no_remapping(processes: Processes, peer_of) -> None:
     warnings = [line for line in arm.text().splitlines() if '[WARN]' in line]
     # On a busy machine steps are late, and publishers are discovered late.
     assert not [w for w in warnings if not re.search('periods missed|no publisher of commands', w)]
-    summary = read(processes.folder / 'run.mcap', verify=True)
+    summary = read_recording(processes.folder / 'run.mcap', verify=True)
     assert summary.settings.initial_positions == (0.5, 0.0)
 
 
@@ -144,7 +141,7 @@ def test_in_lockstep_every_state_has_the_command_of_its_cycle(
     # A controller manager that has ended answers no more.
     arm.wait_for_text('s of waiting for commands in lockstep, now for the state at t = ')
     arm.stop()
-    read(processes.folder / 'arm.mcap', verify=True)
+    read_recording(processes.folder / 'arm.mcap', verify=True)
     rows = rows_of(processes.folder / 'arm.mcap')
     taken = [row.cycle for row in rows if row.verdict is Verdict.ACCEPTED]
     every = Settings(publish_rate=float(rate)).publish_every

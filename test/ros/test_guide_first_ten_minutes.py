@@ -16,7 +16,7 @@ import pytest
 from ros_processes import ROOT, Processes, environment
 from waiting import PATIENCE, wait_until
 
-from pfd_ros.recording.log_arrays import read_log
+from pfd_ros import read_log
 
 TEXT = (ROOT / 'docs' / 'guides' / 'first-ten-minutes.md').read_text(encoding='utf-8')
 # Kind and name of each block, and what is in it.

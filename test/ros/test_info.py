@@ -9,12 +9,11 @@ from pathlib import Path
 import random
 
 from bags import write_bag
+from bridge import pfd_main
 from mcap.reader import make_reader
 import pytest
 from rewriting import GOLDEN
 from simulating import simulate
-
-from pfd_ros.cli.main import main
 
 rosbag2 = pytest.importorskip('rosbags.rosbag2')
 
@@ -22,7 +21,7 @@ rosbag2 = pytest.importorskip('rosbags.rosbag2')
 def test_topics_times_and_counts_equal_the_summary_of_the_file(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert main(['info', str(GOLDEN), '--json']) == 0
+    assert pfd_main(['info', str(GOLDEN), '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     with GOLDEN.open('rb') as stream:
         summary = make_reader(stream).get_summary()
@@ -42,7 +41,7 @@ def test_topics_times_and_counts_equal_the_summary_of_the_file(
 
 
 def test_lines_name_each_topic_and_the_settings(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['info', str(GOLDEN)]) == 0
+    assert pfd_main(['info', str(GOLDEN)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert any(line.startswith('topic      /joint_states') and ' 269 ' in line for line in lines)
     assert 'replay     can be verified with `pfd replay LOG --verify`' in lines
@@ -54,7 +53,7 @@ def test_a_recording_that_was_cut_off_is_reported_as_incomplete(
 ) -> None:
     path = tmp_path / 'cut.mcap'
     path.write_bytes(GOLDEN.read_bytes()[:40_000])
-    assert main(['info', str(path)]) == 0
+    assert pfd_main(['info', str(path)]) == 0
     text = capsys.readouterr().out
     assert 'MB, cut off' in text
     assert 'the file was not closed' in text
@@ -64,11 +63,11 @@ def test_a_recording_without_states_cannot_be_replayed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = simulate(0).save(tmp_path / 'a.mcap')
-    assert main(['info', str(path)]) == 0
+    assert pfd_main(['info', str(path)]) == 0
     out = capsys.readouterr().out
     assert 'replay     not possible: the recording has no states' in out
     assert 'begin' not in out
-    assert main(['info', str(path), '--json']) == 0
+    assert pfd_main(['info', str(path), '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     assert found['run']['can_be_replayed'] is False
     assert (found['messages'], found['begin_ns'], found['end_ns']) == (0, None, None)
@@ -80,7 +79,7 @@ def test_bags_of_others_are_counted(
 ) -> None:
     kinds = ['std_msgs/msg/String', 'sensor_msgs/msg/Imu']
     write_bag(tmp_path / 'bag', kinds, random.Random(3), rosbag2.StoragePlugin[storage])
-    assert main(['info', str(tmp_path / 'bag'), '--json']) == 0
+    assert pfd_main(['info', str(tmp_path / 'bag'), '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     counted = {topic['type']: topic['messages'] for topic in found['topics'].values()}
     assert counted == dict.fromkeys(kinds, 6)
@@ -95,5 +94,5 @@ def test_a_file_that_is_no_log_is_one_line(
 ) -> None:
     path = tmp_path / 'a.mcap'
     path.write_text('nothing')
-    assert main(['info', str(path)]) == 1
+    assert pfd_main(['info', str(path)]) == 1
     assert len(capsys.readouterr().err.splitlines()) == 1

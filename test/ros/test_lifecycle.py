@@ -9,14 +9,12 @@ import signal
 import time
 from typing import Any
 
+from bridge import Verdict, read_recording
 from mcap.reader import make_reader
 import pytest
 from ros_processes import JOINTS, Peer, Processes, call, stamp_ns, transition
 from rosbags.typesys import Stores, get_typestore
 from waiting import PATIENCE
-
-from pfd_ros.arm.events import Verdict
-from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 WAITS = ('-p', 'autostart:=false')
@@ -104,7 +102,7 @@ def test_an_arm_is_configured_moved_stopped_and_configured_again(
     assert transition(peer, 'deactivate')
     assert transition(peer, 'cleanup')
     # The file is closed and stays: the next arm needs another one.
-    assert read(processes.folder / 'a.mcap', verify=True).complete
+    assert read_recording(processes.folder / 'a.mcap', verify=True).complete
     assert transitions(processes.folder / 'a.mcap') == [
         (1, 'configure', 'unconfigured', 'inactive'),
         (3, 'activate', 'inactive', 'active'),
@@ -122,7 +120,7 @@ def test_an_arm_is_configured_moved_stopped_and_configured_again(
     peer.wait(lambda: any(peer.states[-1].velocity))
     node.stop()
     for name in ('a.mcap', 'b.mcap'):
-        summary = read(processes.folder / name, verify=True)
+        summary = read_recording(processes.folder / name, verify=True)
         assert summary.complete
         assert summary.verdicts[Verdict.ACCEPTED] >= 2
 
@@ -155,7 +153,7 @@ def test_shutdown_ends_the_process_with_a_closed_file(processes: Processes, peer
     assert not transition(peer, 'configure')
     assert transition(peer, 'shutdown')
     assert node.process.wait(PATIENCE) == 0, node.text()
-    assert read(processes.folder / 'arm.mcap', verify=True).complete
+    assert read_recording(processes.folder / 'arm.mcap', verify=True).complete
 
 
 def test_a_fault_in_a_transition_is_logged_and_the_node_continues(
@@ -187,14 +185,14 @@ def test_an_arm_that_cannot_be_started_is_cleaned_up(
     peer = peer_of(processes)
     assert not transition(peer, 'configure')
     assert error in node.text()
-    assert read(processes.folder / 'a.mcap').complete
+    assert read_recording(processes.folder / 'a.mcap').complete
     assert set_text(peer, 'recording', 'b.mcap').successful
     assert transition(peer, 'configure')
     assert transition(peer, 'activate')
     peer.connect()
     assert node.end(signal.SIGINT) == 0, node.text()
     assert 'too: subscribers receive both' not in node.text()
-    assert read(processes.folder / 'b.mcap', verify=True).complete
+    assert read_recording(processes.folder / 'b.mcap', verify=True).complete
 
 
 @pytest.mark.slow
@@ -219,4 +217,4 @@ def test_a_signal_at_any_moment_of_a_transition_closes_the_file(
         peer.node.destroy_client(client)
         path = Path(processes.folder / name)
         if path.exists():
-            assert read(path, verify=False).complete
+            assert read_recording(path, verify=False).complete

@@ -8,16 +8,20 @@ import functools
 import json
 from pathlib import Path
 
+from bridge import (
+    Arrival,
+    DifferenceError,
+    Source,
+    Verdict,
+    decode_joint_state,
+    read_motion,
+    read_recording,
+)
 import numpy as np
 import plant_messages
 from plant_messages import efforts, joint_state
 import pytest
 from simulating import simulate, states_of
-
-from pfd_ros.arm.events import Arrival, Source, Verdict
-from pfd_ros.cli.recorded_motion import read_motion
-from pfd_ros.messages.convert import decode_joint_state
-from pfd_ros.replay.verify import DifferenceError, read
 
 # The wrist of a puma, welded.
 WRIST = {'locked': ('joint6', 'joint5'), 'locked_positions': (0.25, -0.5)}
@@ -104,7 +108,7 @@ def test_recordings_with_locked_joints_verify_and_have_a_motion(
 ) -> None:
     made = simulate(30, {3: [efforts(*ONE)]}, robot='puma560', publish_locked=published, **WRIST)
     path = made.save(tmp_path / 'a.mcap')
-    assert read(path, verify=True).states == 30
+    assert read_recording(path, verify=True).states == 30
     motion = read_motion(path).motion
     assert np.asarray(motion.q).shape[1] == 4
     np.testing.assert_array_equal(motion.q[-1], states_of(path)[28].position[:4])
@@ -116,7 +120,7 @@ def test_sensors_add_nothing_to_locked_joints_and_such_a_recording_verifies(
     noise = {'noise_position': 1e-3, 'noise_velocity': 1e-3, 'noise_effort': 1e-3}
     made = simulate(30, {3: [efforts(*ONE)]}, robot='puma560', **noise, **WRIST)
     path = made.save(tmp_path / 'a.mcap')
-    assert read(path, verify=True).states == 30
+    assert read_recording(path, verify=True).states == 30
     for state in states_of(path):
         assert state.position[4:].tolist() == [0.25, -0.5]
         assert state.velocity[4:].tolist() == state.effort[4:].tolist() == [0.0, 0.0]
@@ -130,8 +134,8 @@ def test_a_recording_whose_settings_publish_other_joints_is_refused(tmp_path: Pa
     (head,) = (values for name, values in made.metadata if name == 'pfd_ros')
     settings = json.loads(head['settings'])
     assert settings['publish_locked'] is False
-    assert read(made.save(tmp_path / 'a.mcap'), verify=True).states == 30
+    assert read_recording(made.save(tmp_path / 'a.mcap'), verify=True).states == 30
     settings['publish_locked'] = True
     head['settings'] = json.dumps(settings)
     with pytest.raises(DifferenceError, match='names: recorded'):
-        read(made.save(tmp_path / 'b.mcap'), verify=True)
+        read_recording(made.save(tmp_path / 'b.mcap'), verify=True)

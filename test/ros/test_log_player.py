@@ -17,6 +17,8 @@ import sys
 import time
 from typing import Any
 
+import bridge
+from bridge import Bag, decode_clock, encode_string, pfd_main, qos_text
 from forked_process import failing
 import pytest
 from rewriting import (
@@ -37,11 +39,6 @@ from sampling import one_fast
 from test_played_topics import install_definition
 from test_read_log import rosbag2
 from test_signals import wait_for_handlers
-
-from pfd_ros.cli import main as command_line
-from pfd_ros.messages.convert import decode_clock, encode_string
-from pfd_ros.messages.qos import qos_text
-from pfd_ros.recording.bags import Bag
 
 pytestmark = pytest.mark.ros
 
@@ -101,12 +98,11 @@ def class_of(kind: str) -> Any:
 
 
 def start(processes: Processes, log: Path, *options: str, **replaced: Any) -> Process:
-    """Start a player, perhaps with other methods of its schedule.
+    """Start a player, perhaps with other values of bridge.PATCHED.
 
     It waits for no subscriptions: where some are to be there, `begin` waits.
     """
-    faults = {f'pfd_ros.replay.schedule:Schedule.{name}': it for name, it in replaced.items()}
-    faults['pfd_ros.node.log_player:DISCOVERY_SECONDS'] = 0.0
+    faults = {'PLAYER_DISCOVERY_SECONDS': 0.0, **replaced}
     args = ('replay', str(log), '--publish', *options)
     return processes.forked('pfd_ros.cli.main', *args, replaced=faults)
 
@@ -360,7 +356,7 @@ def test_an_error_of_the_player_itself_is_a_traceback_and_not_called_ros(
     processes: Processes, tmp_path: Path, error: type[Exception]
 ) -> None:
     log = write_words(tmp_path / 'words.mcap', 2)
-    player = start(processes, log, next_ns=partial(failing, error))
+    player = start(processes, log, PlayerSchedule_next_ns=partial(failing, error))
     assert player.process.wait(60) == 1
     assert 'Traceback' in player.text()
     assert f'{error.__name__}: a bug' in player.text()
@@ -374,7 +370,7 @@ def test_a_callback_that_fails_ends_the_player(
 
     peer = peer_of(processes)
     log = write_words(tmp_path / 'words.mcap', 200)
-    player = start(processes, log, pause=partial(failing, KeyError))
+    player = start(processes, log, PlayerSchedule_pause=partial(failing, KeyError))
     player.wait_for_text('begin at')
     client = peer.node.create_client(SetBool, '/log_player/pause')
     peer.wait(client.service_is_ready)
@@ -575,9 +571,9 @@ def test_options_that_make_no_sense_have_status_2(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     # The handlers of signals are those of pytest.
-    monkeypatch.setattr(command_line, 'stop_on_signals', lambda: None)
+    monkeypatch.setattr(*bridge.target('pfd_stop_on_signals'), lambda: None)
     try:
-        status = command_line.main(['replay', str(GOLDEN), '--publish', *options])
+        status = pfd_main(['replay', str(GOLDEN), '--publish', *options])
     except SystemExit as error:
         status = error.code
     assert status == 2

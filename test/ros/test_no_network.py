@@ -10,11 +10,10 @@ import signal
 import subprocess
 import sys
 
+from bridge import read_recording
 import pytest
 from ros_processes import NODE, Processes, environment, in_namespaces
 from waiting import PATIENCE
-
-from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 SETTINGS = ('--ros-args', '-p', 'robot:=planar2', '-p', 'recording:=arm.mcap')
@@ -51,6 +50,6 @@ def end(started: subprocess.Popen[bytes], folder: Path) -> None:
     finally:
         started.kill()
         started.wait()
-    summary = read(path, verify=True)
+    summary = read_recording(path, verify=True)
     assert summary.complete
     assert summary.states > 100

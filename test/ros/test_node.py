@@ -6,14 +6,11 @@ from __future__ import annotations
 
 import signal
 
+from bridge import LARGEST_RECEIVED_MESSAGE, Source, Verdict, read_recording
 import numpy as np
 import pytest
 from ros_processes import JOINTS, MILLISECOND, READER, Processes, stamp_ns
 from simulating import rows_of
-
-from pfd_ros.arm.events import Source, Verdict
-from pfd_ros.node.receiving import LARGEST_MESSAGE
-from pfd_ros.replay.verify import read
 
 NAN, INF = float('nan'), float('inf')
 
@@ -99,7 +96,9 @@ def test_every_kind_of_command_is_validated_as_the_rules_say(
     assert [(row.source, row.verdict) for row in rows] == wanted
     for text in ('ragged (6 names and', 'no_effort (expected', 'joint7'):
         assert text in arm.text()
-    assert read(processes.folder / 'arm.mcap', verify=True).verdicts[Verdict.ACCEPTED] == 3
+    assert (
+        read_recording(processes.folder / 'arm.mcap', verify=True).verdicts[Verdict.ACCEPTED] == 3
+    )
 
 
 def test_a_state_that_overflows_is_logged_once_and_the_node_continues(
@@ -117,7 +116,7 @@ def test_a_state_that_overflows_is_logged_once_and_the_node_continues(
     assert arm.end(signal.SIGINT) == 1
     assert arm.text().count('simulation stopped') == 1
     assert 'the simulation failed before the end' in arm.text()
-    assert read(processes.folder / 'arm.mcap', verify=True).complete
+    assert read_recording(processes.folder / 'arm.mcap', verify=True).complete
 
 
 @pytest.mark.slow
@@ -160,14 +159,14 @@ def test_names_of_any_kind_and_number_are_counted_shown_short_and_change_nothing
     peer.command([f'joint{k}' for k in range(7, many)], [0.0] * (many - 7))
     peer.plain_command([0.0] * many)
     arm.wait_for_text(f'wrong_size ({many} numbers for 6 joints)')
-    peer.plain_command([0.0] * (LARGEST_MESSAGE // 8))
-    arm.wait_for_text(f'bytes, expected {LARGEST_MESSAGE} at most')
+    peer.plain_command([0.0] * (LARGEST_RECEIVED_MESSAGE // 8))
+    arm.wait_for_text(f'bytes, expected {LARGEST_RECEIVED_MESSAGE} at most')
     peer.command(JOINTS, [1.0] * 6)
     peer.wait(lambda: peer.states[-1].effort.tolist() == [1.0] * 6)
     arm.stop()
     assert "'{0}'" in arm.text()
     assert max(map(len, arm.text().splitlines())) < 700
-    summary = read(processes.folder / 'arm.mcap', verify=True)
+    summary = read_recording(processes.folder / 'arm.mcap', verify=True)
     assert summary.verdicts == {
         Verdict.UNKNOWN_NAMES: 6,
         Verdict.WRONG_SIZE: 1,

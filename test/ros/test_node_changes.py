@@ -7,17 +7,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from bridge import (
+    RecordedLog,
+    Settings,
+    Source,
+    decode_string,
+    load_arm_robot,
+    read_changes,
+    read_recording,
+)
 import pytest
 from ros_processes import Peer, Processes, call, chosen
 from simulating import rows_of
-
-from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.changes import read_changes
-from pfd_ros.arm.events import Source
-from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import decode_string
-from pfd_ros.recording.reader import Log
-from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 
@@ -66,7 +67,7 @@ def recorded_changes(path: Path) -> list[dict[str, Any]]:
     """Return the changes of settings that a recording holds."""
     return [
         read_changes(decode_string(entry.data))
-        for entry in Log(path).entries()
+        for entry in RecordedLog(path).entries()
         if entry.role == 'parameters'
     ]
 
@@ -118,7 +119,7 @@ def test_a_node_takes_dynamic_parameters_and_refuses_all_else_with_a_reason(
     assert 'callback' not in arm.text()
     path = processes.folder / 'arm.mcap'
     assert recorded_changes(path) == [{'real_time_factor': 0.5}]
-    summary = read(path, verify=True)
+    summary = read_recording(path, verify=True)
     assert summary.complete
     assert {row.source for row in rows_of(path)} == {Source.PARAMETERS}
 
@@ -196,7 +197,7 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     assert 'callback' not in arm.text()
     assert 'unknown_names' in arm.text()
     path = processes.folder / 'arm.mcap'
-    summary = read(path, verify=True)
+    summary = read_recording(path, verify=True)
     assert summary.complete
     assert summary.settings.joint_damping == (0.5, 0.125)
     assert summary.settings.joint_friction == (0.0, 0.25)
@@ -240,9 +241,8 @@ class Plant:
 def test_a_node_that_is_configured_again_shows_the_defaults_of_the_new_arm(
     processes: Processes,
 ) -> None:
+    from bridge import declare_joints, declare_parameters
     import rclpy
-
-    from pfd_ros.node import parameters
 
     given = ('autostart:=false', 'bias.effort.elbow:=0.5', 'friction.joint2:=0.25')
     context = rclpy.Context()
@@ -253,13 +253,13 @@ def test_a_node_that_is_configured_again_shows_the_defaults_of_the_new_arm(
     )
     node = rclpy.create_node('again', context=context, start_parameter_services=False)
     try:
-        assert not parameters.declare(node)
-        two = parameters.declare_joints(node, *arm_of(node, robot='planar2'))
+        assert not declare_parameters(node)
+        two = declare_joints(node, *arm_of(node, robot='planar2'))
         assert two.bias_effort == (0.0, 0.5)
         assert two.joint_friction == ()
         node.set_parameters([chosen('robot', 'puma560'), chosen('friction', True)])
         settings, robot = arm_of(node)
-        six = parameters.declare_joints(node, settings, robot)
+        six = declare_joints(node, settings, robot)
         assert six.bias_effort == ()
         expected = robot.friction.copy()
         expected[1] = 0.25
@@ -273,8 +273,8 @@ def test_a_node_that_is_configured_again_shows_the_defaults_of_the_new_arm(
 
 def arm_of(node: Any, **values: str) -> tuple[Settings, Any]:
     """Return the settings and the robot that the parameters of a node say, after new values."""
-    from pfd_ros.node import parameters
+    from bridge import read_parameters
 
     node.set_parameters([chosen(name, value) for name, value in values.items()])
-    settings = parameters.read(node)
-    return settings, load_robot(settings)
+    settings = read_parameters(node)
+    return settings, load_arm_robot(settings)

@@ -4,11 +4,10 @@
 
 from __future__ import annotations
 
+from bridge import read_recording
 import numpy as np
 import pytest
 from ros_processes import JOINTS, Processes
-
-from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 
@@ -49,4 +48,4 @@ def test_a_servo_holds_after_the_last_command_and_a_reflex_is_logged(
     assert not np.any(peer.states[-1].effort)
     assert not np.any(peer.states[-1].velocity)
     arm.stop()
-    assert read(processes.folder / 'arm.mcap', verify=True).complete
+    assert read_recording(processes.folder / 'arm.mcap', verify=True).complete

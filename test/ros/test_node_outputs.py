@@ -6,12 +6,16 @@ from __future__ import annotations
 
 from typing import Any
 
+from bridge import (
+    ARM_OUTPUTS,
+    FLOAT_ARRAY_TYPE,
+    JOINT_STATE_TYPE,
+    POSE_TYPE,
+    WRENCH_TYPE,
+    read_recording,
+)
 import pytest
 from ros_processes import JOINTS, Processes, stamp_ns
-
-from pfd_ros.arm.settings import OUTPUTS
-from pfd_ros.messages import convert
-from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 
@@ -25,13 +29,13 @@ def test_readers_get_every_output_and_the_recording_verifies(
     from std_msgs.msg import Float64MultiArray
 
     types = {
-        convert.JOINT_STATE: JointState,
-        convert.FLOAT_ARRAY: Float64MultiArray,
-        convert.POSE: PoseStamped,
-        convert.WRENCH: WrenchStamped,
+        JOINT_STATE_TYPE: JointState,
+        FLOAT_ARRAY_TYPE: Float64MultiArray,
+        POSE_TYPE: PoseStamped,
+        WRENCH_TYPE: WrenchStamped,
     }
     chosen = {
-        'outputs': f'[{", ".join(OUTPUTS)}]',
+        'outputs': f'[{", ".join(ARM_OUTPUTS)}]',
         'noise.position': '0.001',
         f'bias.position.{JOINTS[0]}': '0.5',
         'drop.state': '0.25',
@@ -42,8 +46,8 @@ def test_readers_get_every_output_and_the_recording_verifies(
     given = [part for name, value in chosen.items() for part in ('-p', f'{name}:={value}')]
     arm = processes.arm(*given)
     peer = peer_of(processes)
-    got: dict[str, list[Any]] = {name: [] for name in OUTPUTS}
-    for name, kind in OUTPUTS.items():
+    got: dict[str, list[Any]] = {name: [] for name in ARM_OUTPUTS}
+    for name, kind in ARM_OUTPUTS.items():
         peer.node.create_subscription(types[kind.type], f'sim_arm/{name}', got[name].append, 10)
     peer.connect()
     peer.wait(lambda: all(got.values()) and len(got['true_states']) > 40)
@@ -61,7 +65,7 @@ def test_readers_get_every_output_and_the_recording_verifies(
     measured = {stamp_ns(message) for message in peer.states}
     assert len(true & measured) < len(true)
 
-    summary = read(processes.folder / 'arm.mcap', verify=True)
+    summary = read_recording(processes.folder / 'arm.mcap', verify=True)
     assert summary.complete
     assert summary.unpublished > 0
     assert not summary.lost

@@ -7,12 +7,11 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from bridge import read_recording
 import numpy as np
 import pytest
 from ros_processes import MILLISECOND, Processes, call, example_robot, stamp_ns
 from waiting import PATIENCE
-
-from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 NODE, SIM = ('pfd_ros.node.main',), ('pfd_ros.cli.main', 'sim')
@@ -166,7 +165,7 @@ def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
     arm.wait_for_text(f'commands for locked joints have no effect: {fingers}')
     arm.wait_for_text('1 messages on /joint_commands rejected: refused (locked: ')
     arm.stop()
-    summary = read(processes.folder / 'arm.mcap', verify=True)
+    summary = read_recording(processes.folder / 'arm.mcap', verify=True)
     assert summary.settings is not None
     assert summary.settings.locks == {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}
     assert arm.text().count('for locked joints have no effect') == 1

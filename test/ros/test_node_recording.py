@@ -10,6 +10,14 @@ import resource
 import signal
 import time
 
+from bridge import (
+    MOST_RECEIVED_MESSAGES,
+    RecordedLog,
+    Verdict,
+    pfd_main,
+    read_recording,
+    read_recording_run,
+)
 from mcap.reader import make_reader
 import pytest
 from ros_processes import JOINTS, Processes, stamp_ns
@@ -17,12 +25,6 @@ from rosbags.typesys import Stores, get_typestore
 from sampling import one_fast
 from simulating import rows_of
 from waiting import PATIENCE, wait_until
-
-from pfd_ros.arm.events import Verdict
-from pfd_ros.cli import main as command_line
-from pfd_ros.node.receiving import MOST_MESSAGES
-from pfd_ros.recording.reader import Log
-from pfd_ros.replay.verify import read, read_run
 
 pytestmark = pytest.mark.ros
 
@@ -45,7 +47,7 @@ def test_a_signal_ends_the_node_cleanly_and_the_file_is_whole(
     arm = processes.arm('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0')
     wait_for_steps(processes)
     assert arm.end(*signals) == 0, arm.text()
-    summary = read(processes.folder / 'arm.mcap', verify=True)
+    summary = read_recording(processes.folder / 'arm.mcap', verify=True)
     assert summary.complete
     # An independent reader, by the index at the end of the file.
     with (processes.folder / 'arm.mcap').open('rb') as stream:
@@ -63,7 +65,7 @@ def test_a_node_with_limits_records_the_files_of_one_run(processes: Processes) -
     )
     wait_until((processes.folder / 'arm_000003.mcap').exists, arm.text, pause=0.05)
     arm.stop()
-    found = read_run(sorted(processes.folder.glob('arm_*.mcap')), verify=True)
+    found = read_recording_run(sorted(processes.folder.glob('arm_*.mcap')), verify=True)
     assert found.absent == []
     assert [part.start for part in found.parts[:3]] == [0, 500, 1000]
 
@@ -71,7 +73,9 @@ def test_a_node_with_limits_records_the_files_of_one_run(processes: Processes) -
 def wait_for_steps(processes: Processes, role: str = 'joint_states') -> None:
     """Wait until the recording holds a message of a role."""
     path = processes.folder / 'arm.mcap'
-    wait_until(lambda: any(entry.role == role for entry in Log(path).entries()), pause=0.02)
+    wait_until(
+        lambda: any(entry.role == role for entry in RecordedLog(path).entries()), pause=0.02
+    )
 
 
 @pytest.mark.parametrize('factor', one_fast(['1.0', '5.0'], '5.0'))
@@ -81,7 +85,7 @@ def test_a_node_records_its_diagnostics_and_all_topics_that_viewers_need(
     arm = processes.arm('-p', 'recording:=arm.mcap', '-p', f'real_time_factor:={factor}')
     wait_for_steps(processes, 'diagnostics')
     arm.stop()
-    assert not read(processes.folder / 'arm.mcap', verify=True).absent
+    assert not read_recording(processes.folder / 'arm.mcap', verify=True).absent
     store, found = get_typestore(Stores.ROS2_JAZZY), []
     with (processes.folder / 'arm.mcap').open('rb') as stream:
         for schema, channel, message in make_reader(stream).iter_messages(log_time_order=False):
@@ -116,7 +120,7 @@ def test_a_killed_node_leaves_a_file_that_verifies(processes: Processes, peer_of
         peer.command(JOINTS, [0.01 * k] * 6)
         peer.let_pass(10)
     assert arm.end(signal.SIGKILL) == -signal.SIGKILL
-    summary = read(processes.folder / 'arm.mcap', verify=True)
+    summary = read_recording(processes.folder / 'arm.mcap', verify=True)
     assert not summary.complete
     assert summary.states > 100
     assert summary.verdicts[Verdict.ACCEPTED] > 0
@@ -134,7 +138,7 @@ def test_a_full_disk_stops_the_recording_and_not_the_arm(processes: Processes, p
     assert arm.end(signal.SIGINT) == 1, arm.text()
     assert arm.text().count('recording stopped') == 1
     assert 'the recording is incomplete' in arm.text()
-    summary = read(processes.folder / 'arm.mcap', verify=True)
+    summary = read_recording(processes.folder / 'arm.mcap', verify=True)
     assert not summary.complete
     assert summary.states > 0
 
@@ -160,7 +164,7 @@ def test_a_flood_of_commands_drops_the_oldest_and_is_recorded(
 ) -> None:
     from rclpy.duration import Duration
 
-    count = MOST_MESSAGES + 100
+    count = MOST_RECEIVED_MESSAGES + 100
     arm = processes.faulty(
         f'first_step_after_{count}',
         *('-p', 'recording:=arm.mcap'),
@@ -195,8 +199,8 @@ def test_a_run_whose_disk_was_too_slow_for_the_recording_ends_with_status_1(
     )
     assert re.search(r'\d+ messages missing in the recording.* \(slow disk\): use a faster', line)
     path = processes.folder / 'arm.mcap'
-    assert read(path).dropped > 0
-    assert command_line.main(['replay', str(path), '--verify']) == 3
+    assert read_recording(path).dropped > 0
+    assert pfd_main(['replay', str(path), '--verify']) == 3
     assert 'equal as far as it goes' in capsys.readouterr().out
 
 

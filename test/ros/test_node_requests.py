@@ -9,13 +9,11 @@ from pathlib import Path
 import time
 from typing import Any
 
+from bridge import Source, Verdict, read_recording
 import numpy as np
 import pytest
 from ros_processes import MILLISECOND, Peer, Processes, call, stamp_ns
 from simulating import rows_of, states_of
-
-from pfd_ros.arm.events import Source, Verdict
-from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 
@@ -111,7 +109,7 @@ def test_pause_step_reset_and_jump_while_a_controller_runs(processes: Processes,
     check_clock(peer)
     arm.stop()
     path = processes.folder / 'arm.mcap'
-    summary = read(path, verify=True)
+    summary = read_recording(path, verify=True)
     assert summary.verdicts[Verdict.REFUSED] == 1
     # The peer does not get every state; the recording has them.
     assert not summary.missing
@@ -157,7 +155,7 @@ def test_lockstep_repeats_a_state_that_an_ended_controller_left_unanswered(
     peer.wait(lambda: stamp_ns(peer.states[-1]) > settled_at + 100 * MILLISECOND)
     check_clock(peer)
     arm.stop()
-    summary = read(processes.folder / 'arm.mcap', verify=True)
+    summary = read_recording(processes.folder / 'arm.mcap', verify=True)
     assert summary.verdicts[Verdict.ACCEPTED] > 100
 
 

@@ -6,19 +6,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from bridge import (
+    NOISE_BLOCK,
+    NOISE_LARGEST_SEED,
+    NoiseChannel,
+    inverse_normal,
+    noise_normal,
+    noise_uniform,
+    philox,
+)
 import mpmath
 import numpy as np
 import pytest
-
-from pfd_ros.arm.noise import (
-    BLOCK,
-    LARGEST_SEED,
-    Channel,
-    inverse_normal,
-    normal,
-    philox,
-    uniform,
-)
 
 
 # From the file kat_vectors of Random123, the authors' own implementation.
@@ -51,7 +50,7 @@ def test_a_uniform_deviate_is_the_words_of_its_counter() -> None:
     # The first published vector: seed 0, cycle 0, elements 0 and 1, channel 0.
     bits = [0xE169C58D_6627E8D5, 0x9B00DBD8_BC57AC4C]
     expected = [(word >> 11) / 2**53 for word in bits]
-    assert uniform(0, Channel.POSITION, 0, 2).tolist() == expected
+    assert noise_uniform(0, NoiseChannel.POSITION, 0, 2).tolist() == expected
 
 
 def test_the_inverse_of_the_normal_distribution_is_right_to_1e_14() -> None:
@@ -71,7 +70,7 @@ def test_normal_deviates_end_at_8_2_standard_deviations() -> None:
     assert 8.2 < ends[1] < 8.21
 
 
-def samples(draw, seed: int, channel: Channel, cycles: int = 4000, n: int = 6) -> np.ndarray:
+def samples(draw, seed: int, channel: NoiseChannel, cycles: int = 4000, n: int = 6) -> np.ndarray:
     return np.array([draw(seed, channel, cycle, n) for cycle in range(cycles)])
 
 
@@ -80,11 +79,11 @@ def test_deviates_have_their_distributions() -> None:
     # Not in every worker that collects this file: it takes 0.7 s.
     from scipy import stats
 
-    for seed in (0, 1, LARGEST_SEED):
-        flat = samples(uniform, seed, Channel.POSITION).ravel()
+    for seed in (0, 1, NOISE_LARGEST_SEED):
+        flat = samples(noise_uniform, seed, NoiseChannel.POSITION).ravel()
         assert ((flat >= 0) & (flat < 1)).all()
         assert stats.kstest(flat, 'uniform').pvalue > 1e-3
-        bell = samples(normal, seed, Channel.VELOCITY).ravel()
+        bell = samples(noise_normal, seed, NoiseChannel.VELOCITY).ravel()
         assert stats.kstest(bell, 'norm').pvalue > 1e-3
         share = (np.abs(bell) > 3).mean()
         assert abs(share - 2 * stats.norm.sf(3)) < 5 * np.sqrt(0.0027 / bell.size)
@@ -93,26 +92,28 @@ def test_deviates_have_their_distributions() -> None:
 @pytest.mark.parametrize(
     'draw',
     [
-        lambda: samples(normal, 7, Channel.VELOCITY),
-        lambda: samples(normal, 8, Channel.POSITION),
-        lambda: samples(normal, 7 + 2**32, Channel.POSITION),
-        lambda: samples(normal, 7, Channel.POSITION, 4001)[1:],
-        lambda: samples(normal, 7, Channel.POSITION, n=7)[:, 1:],
+        lambda: samples(noise_normal, 7, NoiseChannel.VELOCITY),
+        lambda: samples(noise_normal, 8, NoiseChannel.POSITION),
+        lambda: samples(noise_normal, 7 + 2**32, NoiseChannel.POSITION),
+        lambda: samples(noise_normal, 7, NoiseChannel.POSITION, 4001)[1:],
+        lambda: samples(noise_normal, 7, NoiseChannel.POSITION, n=7)[:, 1:],
     ],
     ids=['channel', 'seed', 'high-word-of-seed', 'cycle', 'element'],
 )
 def test_neighbours_are_independent(draw: Callable[[], np.ndarray]) -> None:
-    one, other = samples(normal, 7, Channel.POSITION), draw()
+    one, other = samples(noise_normal, 7, NoiseChannel.POSITION), draw()
     for a, b in ((one, other), (one**2, other**2)):
         assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 4 / np.sqrt(one.size)
 
 
 def test_an_element_depends_neither_on_the_number_of_elements_nor_on_earlier_requests() -> None:
-    cycle = 5 * BLOCK + 3
+    cycle = 5 * NOISE_BLOCK + 3
     far = 2**40 + 1
-    assert normal(3, Channel.EFFORT, cycle, 7)[:4].tolist() == (
-        normal(3, Channel.EFFORT, cycle, 4).tolist()
+    assert noise_normal(3, NoiseChannel.EFFORT, cycle, 7)[:4].tolist() == (
+        noise_normal(3, NoiseChannel.EFFORT, cycle, 4).tolist()
     )
-    assert set(normal(3, Channel.EFFORT, far, 4)).isdisjoint(normal(3, Channel.EFFORT, 1, 4))
+    assert set(noise_normal(3, NoiseChannel.EFFORT, far, 4)).isdisjoint(
+        noise_normal(3, NoiseChannel.EFFORT, 1, 4)
+    )
     with pytest.raises(ValueError, match='read-only'):
-        normal(3, Channel.EFFORT, cycle, 4)[0] = 0.0
+        noise_normal(3, NoiseChannel.EFFORT, cycle, 4)[0] = 0.0

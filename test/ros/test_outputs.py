@@ -8,6 +8,26 @@ import functools
 from pathlib import Path
 from typing import Any
 
+from bridge import (
+    ARM_OUTPUTS,
+    CLOCK_INPUT,
+    FLOAT_ARRAY_TYPE,
+    JOINT_STATE_TYPE,
+    STATES_OUTPUT,
+    ArmOutput,
+    Arrival,
+    DifferenceError,
+    Engine,
+    LogError,
+    Settings,
+    Source,
+    decode_array,
+    decode_joint_state,
+    decode_stamped,
+    load_arm_robot,
+    position_and_quaternion,
+    read_recording,
+)
 import numpy as np
 from oracle import Oracle
 import pinocchio as pin
@@ -18,17 +38,8 @@ from rewriting import Recording
 from simulating import simulate
 
 import pfd_core as pfd
-from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import CLOCK, STATES, Arrival, Output, Source
-from pfd_ros.arm.outputs import position_and_quaternion
-from pfd_ros.arm.settings import OUTPUTS, Settings
-from pfd_ros.messages import convert
-from pfd_ros.messages.stamped import decode_stamped
-from pfd_ros.recording.reader import LogError
-from pfd_ros.replay.verify import DifferenceError, read
 
-ALL = tuple(OUTPUTS)
+ALL = tuple(ARM_OUTPUTS)
 # Not that of the model.
 _FIRST = ('wrist_1_joint', 'shoulder_pan_joint', 'elbow_joint')
 ORDER = (*_FIRST, 'wrist_3_joint', 'shoulder_lift_joint', 'wrist_2_joint')
@@ -56,12 +67,12 @@ def moved(engine: Engine, steps: int = 100) -> dict[str, bytes]:
 
 def decoded(role: str, data: bytes) -> np.ndarray:
     """Return the numbers of an output."""
-    kind = OUTPUTS[role].type
-    if kind == convert.FLOAT_ARRAY:
-        array = convert.decode_array(data)
+    kind = ARM_OUTPUTS[role].type
+    if kind == FLOAT_ARRAY_TYPE:
+        array = decode_array(data)
         return array.values.reshape(array.sizes)
-    if kind == convert.JOINT_STATE:
-        return convert.decode_joint_state(data).effort
+    if kind == JOINT_STATE_TYPE:
+        return decode_joint_state(data).effort
     return decode_stamped(data, kind).values
 
 
@@ -69,7 +80,7 @@ class Expected:
     """Pinocchio's numbers for the state of an engine, in model order."""
 
     def __init__(self, engine: Engine) -> None:
-        self.robot = robot = load_robot(engine.settings)
+        self.robot = robot = load_arm_robot(engine.settings)
         self.order = list(engine.arm.order)
         self.q, self.qd, self.tau = engine.arm.q, engine.arm.qd, engine.arm.tau
         self.oracle = Oracle(robot, robot.armature)
@@ -122,7 +133,7 @@ def test_torques_come_as_joint_states_and_as_plain_arrays() -> None:
     validated(engine, wrench('tool0', [3.0, -2.0, 10.0], [0.1, 0.2, -0.3]))
     found = moved(engine)
     for name in names:
-        plain = convert.decode_array(found[f'{name}_array'])
+        plain = decode_array(found[f'{name}_array'])
         assert plain.sizes == (6,)
         assert plain.values.tolist() == decoded(name, found[name]).tolist()
         assert np.abs(plain.values).max() > 0
@@ -181,13 +192,13 @@ def test_layouts_and_headers_name_joints_axes_and_frames() -> None:
         'energy': ('item: kinetic,potential,power',),
     }
     for role, labels in layouts.items():
-        assert convert.decode_array(found[role]).labels == labels
-    stamp = convert.decode_joint_state(found[STATES]).stamp_ns
+        assert decode_array(found[role]).labels == labels
+    stamp = decode_joint_state(found[STATES_OUTPUT]).stamp_ns
     for role in ('true_states', 'external_torques', 'bias_torques', 'gravity_torques'):
-        message = convert.decode_joint_state(found[role])
+        message = decode_joint_state(found[role])
         assert (message.stamp_ns, message.frame_id, message.names) == (stamp, 'room', ORDER)
     for role, frame in (('tip_pose', 'base_link'), ('tip_wrench', 'tool0')):
-        stamped = decode_stamped(found[role], OUTPUTS[role].type)
+        stamped = decode_stamped(found[role], ARM_OUTPUTS[role].type)
         assert (stamped.stamp_ns, stamped.frame_id) == (stamp, frame)
 
 
@@ -196,7 +207,7 @@ def test_outputs_describe_the_true_state_and_not_the_measured_one() -> None:
     one, other = moved(exact), moved(measured)
     for role in ALL:
         assert one[role] == other[role], role
-    assert one['true_states'] == one[STATES]
+    assert one['true_states'] == one[STATES_OUTPUT]
 
 
 def test_true_states_have_the_welded_joints_that_joint_states_have() -> None:
@@ -205,15 +216,15 @@ def test_true_states_have_the_welded_joints_that_joint_states_have() -> None:
     for published in (True, False):
         engine = made(**welded, **locked, publish_locked=published, outputs=('true_states',))
         found = {output.role: output.data for output in engine.step()}
-        assert found['true_states'] == found[STATES]
+        assert found['true_states'] == found[STATES_OUTPUT]
 
 
 def test_outputs_come_between_state_and_tick_with_the_number_of_the_state() -> None:
     engine = made(robot='planar2', joints=(), initial_positions=(), publish_rate=200.0)
     found = [output for _ in range(20) for output in engine.step()]
-    beside = [(output.role, output.number) for output in found if output.role != CLOCK]
-    assert beside == [(role, number) for number in (1, 2, 3, 4) for role in (STATES, *ALL)]
-    assert found[-1].role == CLOCK
+    beside = [(output.role, output.number) for output in found if output.role != CLOCK_INPUT]
+    assert beside == [(role, number) for number in (1, 2, 3, 4) for role in (STATES_OUTPUT, *ALL)]
+    assert found[-1].role == CLOCK_INPUT
     again = [output.data for output in engine.present() if output.role in ALL]
     assert again == [output.data for output in found if output.role in ALL][-len(ALL) :]
 
@@ -222,7 +233,7 @@ def test_a_jump_and_a_failed_arm_have_no_acceleration_and_every_number_is_finite
     engine = made(robot='planar2', joints=(), initial_positions=(), **UNLIMITED)
     engine.take([Arrival(Source.ARRAY, 1, efforts(1e300, -1e300))])
     for _ in range(20):
-        found: list[Output] = engine.step()
+        found: list[ArmOutput] = engine.step()
     assert engine.arm.failure
     outputs = {output.role: output.data for output in found}
     assert not decoded('acceleration', outputs['acceleration']).any()
@@ -273,7 +284,9 @@ def usual() -> Recording:
 def test_a_recording_with_every_output_verifies(
     tmp_path: Path, closed: bool, sensors: dict[str, float]
 ) -> None:
-    summary = read(recorded(**sensors).save(tmp_path / 'log.mcap', closed=closed), verify=True)
+    summary = read_recording(
+        recorded(**sensors).save(tmp_path / 'log.mcap', closed=closed), verify=True
+    )
     assert summary.states + summary.unpublished == 60
     assert not summary.lost
 
@@ -301,7 +314,7 @@ def test_one_changed_bit_of_an_output_is_found_with_its_element(
     made.on(f'/sim_arm/{role}')[29].flip(-8)
     made.recount()
     with pytest.raises(DifferenceError, match=f'step 30: {role}: {place}: recorded '):
-        read(made.save(tmp_path / 'log.mcap'), verify=True)
+        read_recording(made.save(tmp_path / 'log.mcap'), verify=True)
 
 
 def test_an_output_that_is_no_such_message_is_a_difference(
@@ -312,7 +325,7 @@ def test_an_output_that_is_no_such_message_is_a_difference(
     sent.data = sent.data[:-1]
     made.recount()
     with pytest.raises(DifferenceError, match=r'tip_pose: the recorded message: .* ends at byte'):
-        read(made.save(tmp_path / 'log.mcap'), verify=True)
+        read_recording(made.save(tmp_path / 'log.mcap'), verify=True)
 
 
 def test_a_recording_needs_the_channels_of_its_outputs_and_no_others(tmp_path: Path) -> None:
@@ -320,7 +333,7 @@ def test_a_recording_needs_the_channels_of_its_outputs_and_no_others(tmp_path: P
         made = recorded()
         made.edit('pfd_ros', 'settings', lambda s, new=outputs: {**s, 'outputs': new})
         with pytest.raises(LogError, match=r'outputs is .*, its topics are'):
-            read(made.save(tmp_path / 'log.mcap'))
+            read_recording(made.save(tmp_path / 'log.mcap'))
 
 
 def test_a_recording_with_a_wrench_and_a_new_payload_verifies(tmp_path: Path) -> None:
@@ -330,7 +343,7 @@ def test_a_recording_with_a_wrench_and_a_new_payload_verifies(tmp_path: Path) ->
         40: [change(payload_mass=0.5)],
     }
     made = simulate(60, events, outputs=ALL, external_wrench=True, noise_position=0.1)
-    read(made.save(tmp_path / 'log.mcap'), verify=True)
+    read_recording(made.save(tmp_path / 'log.mcap'), verify=True)
     torques = [decoded('external_torques', m.data) for m in made.on('/sim_arm/external_torques')]
     assert [bool(each.any()) for each in torques] == [False] * 19 + [True] * 41
 
@@ -339,7 +352,7 @@ def test_lost_arrays_need_no_stamp(tmp_path: Path) -> None:
     made = recorded()
     gone = made.on('/sim_arm/acceleration')[10:30]
     made.lose(gone)
-    summary = read(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
+    summary = read_recording(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
     assert summary.lost == {'acceleration': 20}
 
 
@@ -348,11 +361,11 @@ def test_lost_outputs_are_counted(tmp_path: Path) -> None:
     poses = made.on('/sim_arm/tip_pose')
     gone = poses[20:23] + poses[-5:]
     made.lose(gone)
-    summary = read(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
+    summary = read_recording(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
     # The last one may belong to a cycle that was cut off.
     assert summary.lost == {'tip_pose': 7}
     with pytest.raises(LogError, match='21 to 23 are missing'):
-        read(made.save(tmp_path / 'log.mcap'))
+        read_recording(made.save(tmp_path / 'log.mcap'))
 
 
 def test_an_end_record_with_other_counts_of_outputs_is_refused(tmp_path: Path) -> None:
@@ -361,4 +374,4 @@ def test_an_end_record_with_other_counts_of_outputs_is_refused(tmp_path: Path) -
     made.lose(gone)
     made.recount()
     with pytest.raises(LogError, match='counts 60 states and 58 messages energy'):
-        read(made.save(tmp_path / 'log.mcap'))
+        read_recording(made.save(tmp_path / 'log.mcap'))

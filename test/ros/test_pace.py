@@ -7,15 +7,18 @@ from __future__ import annotations
 import math
 import struct
 
+from bridge import (
+    MOST_STEPS_AHEAD,
+    Arrival,
+    Engine,
+    Settings,
+    Source,
+    Verdict,
+    encode_clock,
+    load_arm_robot,
+)
 from plant_messages import UNLIMITED, asked, efforts, failed, made, verdict
 import pytest
-
-from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict
-from pfd_ros.arm.pace import MOST_STEPS_AHEAD
-from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import encode_clock
 
 MS = 1_000_000
 PUSH = Arrival(Source.ARRAY, 1, efforts(1.0, -0.5))
@@ -199,7 +202,7 @@ def test_settings_of_time_go_together(chosen, text: str) -> None:
 def test_the_time_of_day_is_resolved_before_an_arm_is_made() -> None:
     settings = Settings(start_time=-1.0)
     with pytest.raises(ValueError, match='only a node knows'):
-        Engine(settings, load_robot(settings))
+        Engine(settings, load_arm_robot(settings))
     resolved = settings.at_time_of_day(1_795_000_000.123_9)
     # A float of that size has steps of 256 ns.
     assert resolved.start_ns == 1_795_000_000_123_000_000 // 256 * 256

@@ -8,6 +8,24 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+import bridge
+from bridge import (
+    PAYLOAD_IN_USE,
+    Arrival,
+    Engine,
+    MassKernels,
+    Settings,
+    Source,
+    Verdict,
+    decode_inertia,
+    encode_inertia,
+    encode_state,
+    joint_values,
+    load_arm_robot,
+    read_motion,
+    read_recording,
+    scene_of,
+)
 import numpy as np
 import pinocchio as pin
 from plant_messages import UNLIMITED, change, efforts, made, payload, validated
@@ -16,17 +34,6 @@ from ros_processes import example_robot
 from simulating import rows_of, simulate
 
 import pfd_core as pfd
-from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import PAYLOAD_IN_USE, Arrival, Source, Verdict
-from pfd_ros.arm.scene import scene_of
-from pfd_ros.arm.setting_fields import joint_values
-from pfd_ros.arm.settings import Settings
-from pfd_ros.cli.recorded_motion import read_motion
-from pfd_ros.messages.convert import encode_state
-from pfd_ros.messages.stamped import decode_inertia, encode_inertia
-from pfd_ros.node.diagnostics import MassKernels
-from pfd_ros.replay.verify import read
 
 PUSH = Source.ARRAY, efforts(1.0, -0.5)
 TIP = 'tip_link'
@@ -194,7 +201,7 @@ def simulators(monkeypatch: pytest.MonkeyPatch) -> list[pfd.MotorSimulator]:
         found.append(real(*args, **options))
         return found[-1]
 
-    monkeypatch.setattr(pfd, 'MotorSimulator', constructed)
+    monkeypatch.setattr(*bridge.target('public_MotorSimulator'), constructed)
     return found
 
 
@@ -292,7 +299,7 @@ def test_a_recording_with_payloads_verifies(tmp_path: Path) -> None:
     }
     made = simulate(30, events, initial_positions=(0.3, -0.2), publish_rate=500.0, **BODY)
     path = made.save(tmp_path / 'a.mcap')
-    assert read(path, verify=True).complete
+    assert read_recording(path, verify=True).complete
     verdicts = [row.verdict for row in rows_of(path) if row.source is Source.PAYLOAD]
     assert [verdict.name for verdict in verdicts] == ['ACCEPTED', 'REFUSED', *['ACCEPTED'] * 2]
     told = [decode_inertia(sent.data).mass for sent in made.on('/sim_arm/payload_in_use')]
@@ -303,14 +310,14 @@ def test_a_recording_with_payloads_verifies(tmp_path: Path) -> None:
     second.data = encode_inertia(replace(decode_inertia(second.data), mass=1.25))
     made.recount()
     with pytest.raises(ValueError, match='step 2: payload_in_use: mass: recorded'):
-        read(made.save(tmp_path / 'b.mcap'), verify=True)
+        read_recording(made.save(tmp_path / 'b.mcap'), verify=True)
 
 
 def test_a_failed_arm_rejects_a_payload_with_the_reason(tmp_path: Path) -> None:
     events = {2: [efforts(1e308, 1e308)], 9: [payload(TIP, 1.0)]}
     made = simulate(20, events, **UNLIMITED)
     path = made.save(tmp_path / 'a.mcap')
-    summary = read(path, verify=True)
+    summary = read_recording(path, verify=True)
     assert summary.failure
     (row,) = (row for row in rows_of(path) if row.source is Source.PAYLOAD)
     assert row.verdict is Verdict.REFUSED
@@ -318,7 +325,7 @@ def test_a_failed_arm_rejects_a_payload_with_the_reason(tmp_path: Path) -> None:
 
 def test_numbers_for_each_joint_in_published_order_override_the_model() -> None:
     chosen = Settings(robot='planar2', joints=('elbow', 'shoulder'), joint_damping=(0.5, 0.25))
-    robot = load_robot(chosen)
+    robot = load_arm_robot(chosen)
     engine = Engine(chosen, robot)
     assert engine.arm.scene.damping == (0.25, 0.5)
     assert engine.arm.names == ('elbow', 'shoulder')
@@ -334,7 +341,7 @@ def test_the_default_of_a_number_for_each_joint_is_the_one_in_use() -> None:
     (field,) = (f for f in fields(Settings) if f.name == 'joint_damping')
     for switch in (False, True):
         settings = Settings(**chosen, damping=switch)
-        robot = load_robot(settings)
+        robot = load_arm_robot(settings)
         order = tuple(reversed(range(robot.n)))
         found = joint_values(field, settings, robot, order)
         assert found == tuple((robot.damping * switch)[::-1].tolist())
@@ -387,7 +394,7 @@ def test_friction_stops_and_motor_lag_continue_with_a_new_payload(tmp_path: Path
         'initial_positions': (0.3, -0.2),
     }
     path = simulate(80, events, **chosen).save(tmp_path / 'a.mcap')
-    assert read(path, verify=True).complete
+    assert read_recording(path, verify=True).complete
     engine = made(**chosen)
     validated(engine, (Source.ARRAY, efforts(4.0, 1.0)))
     for _ in range(40):

@@ -8,13 +8,10 @@ from pathlib import Path
 import subprocess
 import sys
 
+from bridge import DDS_LOOPBACK, ControllerProcess, claimed_domain, domain_environment_to_kill
 import pytest
 from ros_processes import Processes
 from waiting import PATIENCE, wait_until
-
-from pfd_ros.testing.child_process import ControllerProcess
-from pfd_ros.testing.domains import LOOPBACK, environment_to_kill
-from pfd_ros.testing.session import claimed_domain
 
 # Where peers shared memory, every tenth round or so died.
 ROUNDS = 60
@@ -60,8 +57,8 @@ HERE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'PATH': '/bin'}
 def test_a_process_to_kill_gets_the_profile_and_keeps_its_other_variables(
     rmw: dict[str, str],
 ) -> None:
-    assert environment_to_kill(HERE | rmw) == HERE | rmw | LOOPBACK
-    assert Path(LOOPBACK['FASTRTPS_DEFAULT_PROFILES_FILE']).is_file()
+    assert domain_environment_to_kill(HERE | rmw) == HERE | rmw | DDS_LOOPBACK
+    assert Path(DDS_LOOPBACK['FASTRTPS_DEFAULT_PROFILES_FILE']).is_file()
 
 
 @pytest.mark.parametrize(
@@ -75,7 +72,7 @@ def test_a_process_to_kill_gets_the_profile_and_keeps_its_other_variables(
     ids=str,
 )
 def test_a_profile_a_middleware_or_a_range_of_the_user_stays(chosen: dict[str, str]) -> None:
-    assert environment_to_kill(HERE | chosen) == HERE | chosen
+    assert domain_environment_to_kill(HERE | chosen) == HERE | chosen
 
 
 @pytest.mark.ros

@@ -9,6 +9,21 @@ import math
 import os
 from pathlib import Path
 
+from bridge import (
+    ARM_OUTPUTS,
+    HEAD_RECORD,
+    INPUT_NAMES,
+    Bag,
+    BagTopic,
+    PlayerWindow,
+    Qos,
+    choose_topics,
+    is_command,
+    offered_qos,
+    qos_text,
+    survey_bag,
+    window_of,
+)
 import hostile_bytes
 from hypothesis import event, given
 from hypothesis import strategies as st
@@ -16,14 +31,6 @@ import pytest
 from rewriting import GOLDEN, Recording, Sent, load, ros_topic
 from test_read_log import STORE, rosbag2
 import yaml
-
-from pfd_ros.arm.settings import OUTPUTS
-from pfd_ros.messages.qos import Qos, offered_qos, qos_text
-from pfd_ros.recording.bags import Bag, BagTopic
-from pfd_ros.recording.format import HEAD
-from pfd_ros.replay.log_order import survey
-from pfd_ros.replay.played_topics import INPUT_NAMES, choose, is_command, window_of
-from pfd_ros.replay.schedule import Window
 
 # Definitions of the installed types are needed.
 pytestmark = pytest.mark.ros
@@ -35,7 +42,7 @@ FLOATS = 'std_msgs/msg/Float64MultiArray'
 
 def read(path: Path) -> Bag:
     bag = Bag(path)
-    survey(bag)
+    survey_bag(bag)
     return bag
 
 
@@ -50,7 +57,7 @@ def write(path: Path, *rows: tuple[str, str, str, str], qos: str = '') -> Bag:
 
 def test_commands_of_a_recording_are_withheld_by_their_role() -> None:
     bag = read(GOLDEN)
-    found = choose(bag)
+    found = choose_topics(bag)
     assert sorted(found.topics) == ['/clock', '/joint_states', '/sim_arm/applied_commands']
     assert found.notes == (
         "Not publishing 2 command topics: ['/joint_commands', '/sim_arm/commands']. Name them in "
@@ -60,7 +67,7 @@ def test_commands_of_a_recording_are_withheld_by_their_role() -> None:
 
 def test_commands_of_a_recording_are_withheld_under_every_name(tmp_path: Path) -> None:
     recorded = load(GOLDEN)
-    recorded.edit(HEAD, 'topics', lambda roles: roles | {'joint_commands': '/harmless'})
+    recorded.edit(HEAD_RECORD, 'topics', lambda roles: roles | {'joint_commands': '/harmless'})
     for channel in recorded.channels:
         channel.topic = '/harmless' if channel.topic == '/joint_commands' else channel.topic
     for sent in recorded.messages:
@@ -68,20 +75,20 @@ def test_commands_of_a_recording_are_withheld_under_every_name(tmp_path: Path) -
     bag = read(recorded.save(tmp_path / 'a.mcap'))
     assert json.loads(bag.head['topics'])['joint_commands'] == '/harmless'
     assert '/harmless' in bag.topics
-    assert '/harmless' not in choose(bag).topics
+    assert '/harmless' not in choose_topics(bag).topics
 
 
 def test_a_role_of_an_output_does_not_make_a_command_harmless(tmp_path: Path) -> None:
     recorded = load(GOLDEN)
     recorded.edit(
-        HEAD,
+        HEAD_RECORD,
         'topics',
         lambda roles: (
             roles | {'joint_commands': '/joint_states', 'joint_states': '/joint_commands'}
         ),
     )
     bag = read(recorded.save(tmp_path / 'a.mcap'))
-    assert '/joint_commands' not in choose(bag).topics
+    assert '/joint_commands' not in choose_topics(bag).topics
 
 
 @pytest.mark.parametrize(
@@ -96,15 +103,15 @@ def test_a_head_cannot_state_a_role_that_publishes_joint_commands(
     tmp_path: Path, stated: dict[str, str]
 ) -> None:
     recorded = load(GOLDEN)
-    recorded.edit(HEAD, 'topics', lambda roles: roles | stated)
+    recorded.edit(HEAD_RECORD, 'topics', lambda roles: roles | stated)
     bag = read(recorded.save(tmp_path / 'a.mcap'))
     assert json.loads(bag.head['topics']).items() >= stated.items()
-    assert '/joint_commands' not in choose(bag).topics
+    assert '/joint_commands' not in choose_topics(bag).topics
 
 
-@pytest.mark.parametrize('output', sorted(OUTPUTS))
+@pytest.mark.parametrize('output', sorted(ARM_OUTPUTS))
 def test_outputs_of_the_node_are_published(output: str) -> None:
-    topic = BagTopic(f'/sim_arm/{output}', OUTPUTS[output].type, 'cdr', '')
+    topic = BagTopic(f'/sim_arm/{output}', ARM_OUTPUTS[output].type, 'cdr', '')
     assert not is_command(topic, output)
 
 
@@ -119,7 +126,7 @@ def test_the_role_of_an_output_makes_only_its_own_name_harmless() -> None:
 
 
 def test_named_commands_are_published_and_nothing_else() -> None:
-    found = choose(read(GOLDEN), ['/joint_commands'], [('/joint_commands', '/x')])
+    found = choose_topics(read(GOLDEN), ['/joint_commands'], [('/joint_commands', '/x')])
     assert [(topic.name, topic.published) for topic in found.topics.values()] == [
         ('/joint_commands', '/x')
     ]
@@ -168,9 +175,9 @@ def test_commands_of_other_logs_are_known_by_name_or_type(
 
 
 def test_every_topic_that_the_node_takes_as_an_input_is_a_command() -> None:
-    from pfd_ros.node.endpoints import SUBSCRIBED
+    from bridge import SUBSCRIBED_TOPICS
 
-    taken = {topic.rpartition('/')[2] for _, topic, _ in SUBSCRIBED.values()}
+    taken = {topic.rpartition('/')[2] for _, topic, _ in SUBSCRIBED_TOPICS.values()}
     assert taken - INPUT_NAMES == {'clock'}
 
 
@@ -187,7 +194,7 @@ def test_topics_that_cannot_be_published_are_named_and_the_others_are(tmp_path: 
         ('/module', 'antigravity/msg/Fly', 'cdr', 'int32 a'),
         ('/no_definition', STRING + 'x', 'cdr', '?'),
     )
-    found = choose(bag)
+    found = choose_topics(bag)
     assert list(found.topics) == ['/good']
     assert found.notes == (
         "not published: /event: 'std_srvs/srv/SetBool_Event' is not a message type",
@@ -217,10 +224,10 @@ def test_a_type_whose_package_cannot_be_imported_is_not_installed(
     kind = install_definition(tmp_path, monkeypatch)
     row = ('/thing', kind, 'cdr', 'string data\n')
     line = f'not published: /thing: type {kind} is not installed'
-    found = choose(write(tmp_path / 'a.mcap', row, ('/words', STRING, 'cdr', '')))
+    found = choose_topics(write(tmp_path / 'a.mcap', row, ('/words', STRING, 'cdr', '')))
     assert (list(found.topics), found.notes) == (['/words'], (line,))
     with pytest.raises(ValueError, match=f'nothing to publish: {line}'):
-        choose(write(tmp_path / 'b.mcap', row))
+        choose_topics(write(tmp_path / 'b.mcap', row))
 
 
 @pytest.mark.parametrize(
@@ -236,25 +243,25 @@ def test_wrong_topics_and_remappings_are_named(
     wanted: list[str] | None, remaps: list[tuple[str, str]], line: str
 ) -> None:
     with pytest.raises(ValueError, match=line):
-        choose(read(GOLDEN), wanted, remaps)
+        choose_topics(read(GOLDEN), wanted, remaps)
 
 
 def test_a_log_of_commands_alone_has_nothing_to_publish(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"nothing to publish: .*\['/a/commands'\]. Name them in"):
-        choose(write(tmp_path / 'a.mcap', ('/a/commands', FLOATS, 'cdr', '')))
+        choose_topics(write(tmp_path / 'a.mcap', ('/a/commands', FLOATS, 'cdr', '')))
 
 
 def test_a_topic_has_the_recorded_qos_else_the_default_of_its_name(tmp_path: Path) -> None:
     rows = [(name, STRING, 'cdr', '') for name in ('/robot_description', '/x')]
-    without = choose(write(tmp_path / 'a.mcap', *rows)).topics
+    without = choose_topics(write(tmp_path / 'a.mcap', *rows)).topics
     assert without['/robot_description'].qos == Qos(depth=1, transient_local=True)
     assert without['/x'].qos == Qos()
     text = qos_text(depth=3, reliability='best_effort', durability='transient_local')
-    recorded = choose(write(tmp_path / 'b.mcap', *rows, qos=text)).topics
+    recorded = choose_topics(write(tmp_path / 'b.mcap', *rows, qos=text)).topics
     assert {topic.qos for topic in recorded.values()} == {
         Qos(depth=3, reliable=False, transient_local=True)
     }
-    wrong = choose(write(tmp_path / 'c.mcap', *rows, qos='- 1'))
+    wrong = choose_topics(write(tmp_path / 'c.mcap', *rows, qos='- 1'))
     assert wrong.topics['/x'].qos == Qos()
     assert '/x is published with the default QoS: QoS profiles are not a list' in wrong.notes[1]
 
@@ -349,17 +356,17 @@ def test_of_a_hostile_file_nothing_is_published(name: str, tmp_path: Path) -> No
         window(path)
 
 
-def window(path: Path, start_offset: float = 0.0, duration: float = math.inf) -> Window:
+def window(path: Path, start_offset: float = 0.0, duration: float = math.inf) -> PlayerWindow:
     bag = Bag(path)
-    return window_of(bag, survey(bag), choose(bag), start_offset, duration)
+    return window_of(bag, survey_bag(bag), choose_topics(bag), start_offset, duration)
 
 
 def test_a_window_begins_at_the_offset_and_ends_with_the_log_or_the_duration() -> None:
     times = [sent.log_ns for sent in load(GOLDEN).messages]
     first, last = min(times), max(times)
-    assert window(GOLDEN) == Window(first, first, last + 1)
+    assert window(GOLDEN) == PlayerWindow(first, first, last + 1)
     second = 10**9
-    assert window(GOLDEN, 1.0, 2.5) == Window(
+    assert window(GOLDEN, 1.0, 2.5) == PlayerWindow(
         first, first + second, first + second + 2_500_000_000
     )
     assert window(GOLDEN, 4.0, 100.0).end_ns == last + 1

@@ -13,6 +13,7 @@ import sqlite3
 from typing import Any
 
 from bags import STORE, random_message, rosbag2, write_bag
+from bridge import LogError
 from damage import damaged_bytes
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
@@ -23,7 +24,6 @@ from rewriting import GOLDEN, STATES, Recording, Sent, load, ros_topic
 
 import pfd_core as pfd
 from pfd_ros import read_log
-from pfd_ros.recording.reader import LogError
 
 NUMBERS = {'float64': float, 'float32': np.float32, 'bool': bool}
 

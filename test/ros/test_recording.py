@@ -8,6 +8,16 @@ from dataclasses import replace
 import json
 from pathlib import Path
 
+from bridge import (
+    CLOCK_TYPE,
+    FLOAT_ARRAY_TYPE,
+    INTEGER_ARRAY_TYPE,
+    JOINT_STATE_TYPE,
+    LogError,
+    definition_text,
+    qos_text,
+    type_hash,
+)
 from mcap.reader import make_reader
 import pytest
 from recordings import (
@@ -22,10 +32,6 @@ from recordings import (
     write,
 )
 from rewriting import flipped
-
-from pfd_ros.messages import convert, definitions
-from pfd_ros.messages.qos import qos_text
-from pfd_ros.recording.reader import LogError
 
 ROS_TOPICS = [replace(topic, qos=qos_text(depth=10)) for topic in (STATES, COMMANDS)]
 # SHA-256 of the empty text, FIPS 180-4.
@@ -88,7 +94,7 @@ def test_a_recording_follows_the_profile_of_ros_2(tmp_path: Path) -> None:
         assert 'history: keep_last' in channel.metadata['offered_qos_profiles']
         assert channel.metadata['topic_type_hash'].startswith('RIHS01_')
     for schema in summary.schemas.values():
-        assert (schema.encoding, schema.name) == ('ros2msg', convert.JOINT_STATE)
+        assert (schema.encoding, schema.name) == ('ros2msg', JOINT_STATE_TYPE)
 
 
 def test_mcap_ros2_decodes_the_states_by_the_definitions_in_the_file(tmp_path: Path) -> None:
@@ -115,18 +121,18 @@ def test_rosbags_opens_the_file_as_a_bag(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    'name', [convert.JOINT_STATE, convert.FLOAT_ARRAY, convert.INTEGER_ARRAY, convert.CLOCK]
+    'name', [JOINT_STATE_TYPE, FLOAT_ARRAY_TYPE, INTEGER_ARRAY_TYPE, CLOCK_TYPE]
 )
 def test_the_definitions_have_the_hash_that_ros_installed(name: str) -> None:
     typesys = pytest.importorskip('rosbags.typesys')
     store = typesys.get_typestore(typesys.Stores.EMPTY)
-    store.register(typesys.get_types_from_msg(definitions.full_text(name), name))
-    assert store.hash_rihs01(name) == definitions.type_hash(name)
+    store.register(typesys.get_types_from_msg(definition_text(name), name))
+    assert store.hash_rihs01(name) == type_hash(name)
 
 
 def test_a_missing_definition_is_named_with_where_it_was_sought() -> None:
     with pytest.raises(ValueError, match=r'no definition of nix_msgs/msg/Nix.*AMENT_PREFIX_PATH'):
-        definitions.full_text('nix_msgs/msg/Nix')
+        definition_text('nix_msgs/msg/Nix')
 
 
 @pytest.mark.parametrize(
@@ -139,7 +145,7 @@ def test_a_hash_that_is_not_installed_as_it_should_be_is_left_out(
     path.parent.mkdir(parents=True)
     path.write_text(text, encoding='utf-8')
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
-    assert definitions.type_hash(convert.JOINT_STATE) == ''
+    assert type_hash(JOINT_STATE_TYPE) == ''
     # The text of the definition is found in the next folder.
     write(tmp_path / 'a.mcap', 1)
     assert len(read(tmp_path / 'a.mcap')[1]) == 1

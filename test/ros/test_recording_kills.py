@@ -17,6 +17,7 @@ import sys
 import time
 from typing import NamedTuple
 
+from bridge import Settings, read_recording_run, recover_log
 from killed_recorder import PAIR
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
@@ -26,10 +27,6 @@ import pytest
 from recordings import HAS_DEFINITIONS
 from ros_processes import environment
 from waiting import PATIENCE
-
-from pfd_ros.arm.settings import Settings
-from pfd_ros.recording.recover import recover
-from pfd_ros.replay.verify import read_run
 
 HERE = Path(__file__).resolve().parent
 STATES = ('/joint_states', '/sim_arm/dropped_states')
@@ -96,7 +93,7 @@ def check(kill: Kill, folder: Path) -> float:
     # Each file is readable as a whole once it is recovered, and what was there verifies.
     folder.mkdir()
     for path in kill.files:
-        recover(path, folder / path.name)
+        recover_log(path, folder / path.name)
         with (folder / path.name).open('rb') as stream:
             reader = make_reader(stream, validate_crcs=True)
             assert [m.sequence for *_, m in reader.iter_messages(log_time_order=False)] == [
@@ -104,7 +101,7 @@ def check(kill: Kill, folder: Path) -> float:
             ]
     if any(topic == STATES[0] for topic, _ in found):
         for files in (kill.files, sorted(folder.iterdir())):
-            summary = read_run(files, verify=True)
+            summary = read_recording_run(files, verify=True)
             assert summary.compared == sum(topic == STATES[0] for topic, _ in found)
             # The end is missing, or a file that was about to begin, and nothing before it.
             (missing,) = summary.absent

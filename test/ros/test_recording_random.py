@@ -8,6 +8,15 @@ import functools
 import json
 from pathlib import Path
 
+from bridge import (
+    END_RECORD,
+    HEAD_RECORD,
+    REPLAY_INCOMPLETE,
+    LogError,
+    RecordedLog,
+    ReplaySummary,
+    read_recording,
+)
 from damage import damaged_bytes
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
@@ -17,11 +26,6 @@ import pytest
 from read_hostile import bounded, replay
 from rewriting import ARRAY, GOLDEN, NAMED, Recording, load
 from simulating import simulate
-
-from pfd_ros.cli.replay import INCOMPLETE
-from pfd_ros.recording.format import END, HEAD
-from pfd_ros.recording.reader import Log, LogError
-from pfd_ros.replay.verify import Summary, read
 
 # Processor time after which a file that takes minutes is given up, s.
 SECONDS = 30.0
@@ -41,7 +45,7 @@ def run() -> Recording:
 
 
 def messages(path: Path) -> list[Message]:
-    return [(entry.role, entry.sequence, entry.data) for entry in Log(path).entries()]
+    return [(entry.role, entry.sequence, entry.data) for entry in RecordedLog(path).entries()]
 
 
 def by_topic(found: list[Message]) -> dict[str, list[Message]]:
@@ -55,11 +59,11 @@ def is_part(found: list[Message], whole: list[Message]) -> bool:
     return all(message in rest for message in found)
 
 
-def check(path: Path, original: list[Message]) -> Summary | None:
+def check(path: Path, original: list[Message]) -> ReplaySummary | None:
     """Verify a file that may be damaged; return its summary, or None if it is refused."""
     try:
         with bounded(SECONDS):
-            summary = read(path, verify=True)
+            summary = read_recording(path, verify=True)
     except LogError:
         return None
     found, wanted = by_topic(messages(path)), by_topic(original)
@@ -194,7 +198,7 @@ def changed_heads(draw: st.DrawFn) -> Recording:
     """Draw the beginning of a run with another value of a setting, or of a text of its head."""
     found = run().copy()
     found.messages = found.messages[:3]
-    head = found.head(HEAD)
+    head = found.head(HEAD_RECORD)
     value = draw(st.sampled_from(STRANGE_JSON) | JSON.map(json.dumps))
     name = draw(st.sampled_from(sorted(head)))
     if name == 'settings':
@@ -216,7 +220,7 @@ def test_a_changed_head_is_refused_in_a_short_line_or_changes_nothing(
     found = replay('--verify', str(damaged), SECONDS)
     event(f'status {found["status"]}')
     # The file has no end.
-    assert found['status'] in (1, INCOMPLETE), found
+    assert found['status'] in (1, REPLAY_INCOMPLETE), found
     if found['status'] == 1:
         (line,) = found['err'].splitlines()
         assert line.isprintable()
@@ -236,7 +240,7 @@ def check_cut(path: Path, data: bytes, size: int, original: list[Message]) -> bo
     if check(path, original):
         return True
     with pytest.raises(LogError, match=NOTHING_YET):
-        read(path, verify=True)
+        read_recording(path, verify=True)
     return False
 
 
@@ -245,7 +249,7 @@ def test_a_cut_in_the_last_chunk_is_no_damage(
 ) -> None:
     whole, original = small
     # Of this writer the end record lies before that chunk; behind its name come its texts.
-    start = whole.index(END.encode()) - 4
+    start = whole.index(END_RECORD.encode()) - 4
     size = start + int.from_bytes(whole[start - 8 : start], 'little') + 20
     assert check_cut(tmp_path / 'a.mcap', whole, size, original)
     assert 0 < len(messages(tmp_path / 'a.mcap')) < len(original)

@@ -10,6 +10,16 @@ from pathlib import Path
 import time
 from typing import Any
 
+from bridge import (
+    HEAD_RECORD,
+    LockstepArm,
+    LogError,
+    Settings,
+    decode_joint_state,
+    pfd_main,
+    read_motion,
+    read_recording,
+)
 from mcap.reader import make_reader
 import numpy as np
 from plant_messages import efforts
@@ -18,14 +28,6 @@ from rewriting import load
 from simulating import simulate
 
 from pfd_ros import read_log
-from pfd_ros.arm.settings import Settings
-from pfd_ros.cli.main import main
-from pfd_ros.cli.recorded_motion import read_motion
-from pfd_ros.messages.convert import decode_joint_state
-from pfd_ros.recording.format import HEAD
-from pfd_ros.recording.reader import LogError
-from pfd_ros.replay.verify import read
-from pfd_ros.testing.lockstep_arm import LockstepArm
 
 BASES = ('wall', 'simulated')
 STATES, ACCELERATION = '/joint_states', '/sim_arm/acceleration'
@@ -103,7 +105,7 @@ def test_the_arm_in_lockstep_records_simulated_time_and_stores_the_choice_of_aut
 ) -> None:
     recorded(tmp_path / 'a.mcap')
     found = load(tmp_path / 'a.mcap')
-    assert json.loads(found.head(HEAD)['settings'])['recording_time'] == 'simulated'
+    assert json.loads(found.head(HEAD_RECORD)['settings'])['recording_time'] == 'simulated'
     spans = [message.log_time for _, message in messages(tmp_path / 'a.mcap')]
     # From the start of simulated time in lockstep, one step, to a step beyond the last state.
     assert (spans[0], spans[-1]) == (1_000_000, 101_000_000)
@@ -113,7 +115,7 @@ def test_the_arm_in_lockstep_records_simulated_time_and_stores_the_choice_of_aut
 def test_either_time_base_verifies_and_gives_the_same_motion(base: str, tmp_path: Path) -> None:
     recorded(tmp_path / 'a.mcap', recording_time=base)
     begun, ended = recorded(tmp_path / 'b.mcap', recording_time='wall')
-    summary = read(tmp_path / 'a.mcap', verify=True)
+    summary = read_recording(tmp_path / 'a.mcap', verify=True)
     assert not summary.absent
     assert 0 < summary.seconds < (ended - begun) * 1e-9 + 60.0
     one, other = (read_motion(tmp_path / f'{name}.mcap').motion for name in 'ab')
@@ -131,9 +133,9 @@ def test_arrays_without_a_stamp_have_the_time_of_their_states(base: str, tmp_pat
 
 def test_info_prints_the_time_base(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recorded(tmp_path / 'a.mcap')
-    assert main(['info', str(tmp_path / 'a.mcap')]) == 0
+    assert pfd_main(['info', str(tmp_path / 'a.mcap')]) == 0
     assert 'begin      0.001000 s of simulated time\n' in capsys.readouterr().out
-    assert main(['info', str(tmp_path / 'a.mcap'), '--json']) == 0
+    assert pfd_main(['info', str(tmp_path / 'a.mcap'), '--json']) == 0
     assert json.loads(capsys.readouterr().out)['run']['log_time'] == 'simulated'
 
 
@@ -142,7 +144,7 @@ def test_two_time_bases_compare_as_equal(
 ) -> None:
     for base in BASES:
         recorded(tmp_path / f'{base}.mcap', recording_time=base)
-    assert main(['compare', *(str(tmp_path / f'{base}.mcap') for base in BASES)]) == 0
+    assert pfd_main(['compare', *(str(tmp_path / f'{base}.mcap') for base in BASES)]) == 0
     capsys.readouterr()
 
 
@@ -151,7 +153,7 @@ def test_a_jump_of_numbers_is_refused_by_simulated_time_too(tmp_path: Path) -> N
     for message in made.on(STATES)[20:]:
         message.sequence += 10**7
     with pytest.raises(LogError, match='when at most'):
-        read(made.save(tmp_path / 'a.mcap', closed=False))
+        read_recording(made.save(tmp_path / 'a.mcap', closed=False))
 
 
 def test_a_file_without_publish_times_verifies(tmp_path: Path) -> None:
@@ -160,4 +162,4 @@ def test_a_file_without_publish_times_verifies(tmp_path: Path) -> None:
     for message in made.messages:
         message.published_ns = message.log_ns
     made.recount()
-    assert not read(made.save(tmp_path / 'a.mcap'), verify=True).absent
+    assert not read_recording(made.save(tmp_path / 'a.mcap'), verify=True).absent

@@ -8,6 +8,7 @@ import io
 from pathlib import Path
 import struct
 
+from bridge import MCAP_MAGIC, LogError, pfd_main, read_recording, recover_log
 from damage import damaged_bytes
 from hypothesis import given, settings
 from mcap.exceptions import McapError
@@ -18,12 +19,6 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType
 import pytest
 from rewriting import GOLDEN, STATES, load
-
-from pfd_ros.cli.main import main
-from pfd_ros.recording.format import MAGIC
-from pfd_ros.recording.reader import LogError
-from pfd_ros.recording.recover import recover
-from pfd_ros.replay.verify import read
 
 DATA = GOLDEN.read_bytes()
 
@@ -56,12 +51,12 @@ def chunks(path: Path) -> list[tuple[int, int]]:
 
 
 def test_a_whole_file_keeps_all_of_it_and_verifies(tmp_path: Path) -> None:
-    found = recover(GOLDEN, tmp_path / 'a.mcap')
+    found = recover_log(GOLDEN, tmp_path / 'a.mcap')
     assert (found.lost_parts, found.lost) == (0, [])
     assert messages_of(tmp_path / 'a.mcap') == messages_of(GOLDEN)
     before, after = load(GOLDEN), load(tmp_path / 'a.mcap')
     assert (after.metadata, after.attachments) == (before.metadata, before.attachments)
-    summary = read(tmp_path / 'a.mcap', verify=True)
+    summary = read_recording(tmp_path / 'a.mcap', verify=True)
     assert summary.absent == []
 
 
@@ -71,14 +66,14 @@ def test_a_cut_off_file_keeps_all_messages_that_a_stream_reader_finds_and_verifi
 ) -> None:
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(DATA[: int(share * len(DATA))])
-    found = recover(cut, tmp_path / 'a.mcap')
+    found = recover_log(cut, tmp_path / 'a.mcap')
     assert found.lost_parts == 1
     kept = messages_of(tmp_path / 'a.mcap')
     assert kept == messages_of(GOLDEN)[: len(kept)]
     assert len(kept) == found.messages >= streamed(cut.read_bytes())
     if any(topic == STATES for topic, *_ in kept):
         # The end record comes right after the last message: without the index nothing is lost.
-        lacks = bool(read(tmp_path / 'a.mcap', verify=True).absent)
+        lacks = bool(read_recording(tmp_path / 'a.mcap', verify=True).absent)
         assert lacks == (len(kept) < len(messages_of(GOLDEN)))
 
 
@@ -88,7 +83,7 @@ def test_a_damaged_chunk_costs_that_chunk_alone(tmp_path: Path) -> None:
     damaged[(begin + end) // 2] ^= 0x55
     path = tmp_path / 'damaged.mcap'
     path.write_bytes(damaged)
-    found = recover(path, tmp_path / 'a.mcap')
+    found = recover_log(path, tmp_path / 'a.mcap')
     assert found.lost_parts == 1
     assert f'at byte {begin + 9}' in found.lost[0]
     kept, whole = messages_of(tmp_path / 'a.mcap'), messages_of(GOLDEN)
@@ -115,7 +110,7 @@ def test_a_damaged_chunk_of_many_costs_its_messages_and_no_topic(
     data = bytearray(path.read_bytes())
     data[begin + byte] ^= bit
     path.write_bytes(data)
-    found = recover(path, tmp_path / 'a.mcap')
+    found = recover_log(path, tmp_path / 'a.mcap')
     assert found.lost_parts == 1
     assert lost in found.lost[0]
     assert 0 < len(messages_of(GOLDEN)) - found.messages < 30
@@ -154,7 +149,7 @@ def test_a_damaged_offset_in_the_index_costs_no_message(
         damage_index_offset(damaged, chunk, xor, crc)
         path.write_bytes(damaged)
         target = tmp_path / f'{chunk}.mcap'
-        found = recover(path, target)
+        found = recover_log(path, target)
         assert messages_of(target) == whole
         assert found.messages == len(whole)
         assert not any('length is damaged' in part for part in found.lost)
@@ -168,7 +163,7 @@ def test_a_damaged_offset_is_not_used_behind_a_damaged_chunk(tmp_path: Path) -> 
     data[begin + 6] ^= 0x10
     damage_index_offset(data, 4, 0x07, crc=False)
     path.write_bytes(data)
-    found = recover(path, tmp_path / 'a.mcap')
+    found = recover_log(path, tmp_path / 'a.mcap')
     # Chunk 4 cannot be found any more; the walk continues at chunk 5.
     assert found.lost_parts == 1
     assert 0 < len(messages_of(GOLDEN)) - found.messages < 60
@@ -179,7 +174,7 @@ def test_damage_outside_the_chunks_is_not_called_whole(tmp_path: Path) -> None:
     damaged[DATA.index(b'"cpu"') + 8] ^= 0x01
     path = tmp_path / 'damaged.mcap'
     path.write_bytes(damaged)
-    found = recover(path, tmp_path / 'a.mcap')
+    found = recover_log(path, tmp_path / 'a.mcap')
     assert 'checksum of the data section' in found.lost[0]
 
 
@@ -190,8 +185,8 @@ def test_zeros_at_the_end_of_a_file_end_the_walk(tmp_path: Path) -> None:
         stream.truncate(1 << 28)
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(DATA[:40_000])
-    recover(path, tmp_path / 'a.mcap')
-    recover(cut, tmp_path / 'b.mcap')
+    recover_log(path, tmp_path / 'a.mcap')
+    recover_log(cut, tmp_path / 'b.mcap')
     # The zeros stand for the rest of a chunk that the disk never got.
     assert messages_of(tmp_path / 'a.mcap') == messages_of(tmp_path / 'b.mcap')
 
@@ -202,7 +197,7 @@ def test_messages_of_a_chunk_that_the_file_ends_within_are_kept(tmp_path: Path) 
     path = run.save(tmp_path / 'plain.mcap', compression=CompressionType.NONE)
     data = path.read_bytes()
     path.write_bytes(data[: int(0.6 * len(data))])
-    found = recover(path, tmp_path / 'a.mcap')
+    found = recover_log(path, tmp_path / 'a.mcap')
     assert streamed(path.read_bytes()) < found.messages
     kept = messages_of(tmp_path / 'a.mcap')
     assert [(topic, data) for topic, _, _, data in kept] == [
@@ -215,11 +210,11 @@ def test_the_command_prints_the_losses_and_never_overwrites(
 ) -> None:
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(DATA[:40_000])
-    assert main(['recover', str(cut)]) == 0
+    assert pfd_main(['recover', str(cut)]) == 0
     out = capsys.readouterr().out
     assert 'lost       the end, from byte' in out
     assert f'messages in {tmp_path / "cut.recovered.mcap"}; the log was incomplete' in out
-    assert main(['recover', str(cut)]) == 1
+    assert pfd_main(['recover', str(cut)]) == 1
     assert 'File exists' in capsys.readouterr().err
 
 
@@ -233,7 +228,7 @@ def test_a_file_that_is_no_mcap_is_refused_and_leaves_nothing(tmp_path: Path) ->
     path = tmp_path / 'a.mcap'
     path.write_bytes(b'x' * 1000)
     with pytest.raises(LogError, match='nothing to recover'):
-        recover(path, tmp_path / 'b.mcap')
+        recover_log(path, tmp_path / 'b.mcap')
     assert not (tmp_path / 'b.mcap').exists()
 
 
@@ -241,8 +236,8 @@ def test_a_file_that_is_no_mcap_is_refused_and_leaves_nothing(tmp_path: Path) ->
 @given(damaged=damaged_bytes(DATA))
 def test_a_damaged_file_is_recovered_into_a_readable_file(damaged: bytes, folder: Path) -> None:
     path, target = folder / 'damaged.mcap', folder / 'recovered.mcap'
-    path.write_bytes(DATA[: len(MAGIC)] + damaged[len(MAGIC) :])
+    path.write_bytes(DATA[: len(MCAP_MAGIC)] + damaged[len(MCAP_MAGIC) :])
     target.unlink(missing_ok=True)
-    recover(path, target)
+    recover_log(path, target)
     # Every chunk has a checksum, so no message is another one; channels have none.
     assert {m[3] for m in messages_of(target)} <= {m[3] for m in messages_of(GOLDEN)}

@@ -12,22 +12,26 @@ import struct
 import subprocess
 import sys
 
+from bridge import (
+    END_RECORD,
+    REPLAY_INCOMPLETE,
+    DifferenceError,
+    LogError,
+    RecordedLog,
+    Verdict,
+    decode_clock,
+    decode_joint_state,
+    pfd_main,
+    progress_on,
+    read_motion,
+    read_recording,
+    what_if,
+)
 import numpy as np
 import pytest
 from rewriting import CLOCK, GOLDEN, STATES, TAKEN, Sent, load, rewrite
 from ros_processes import environment
 from simulating import states_of
-
-from pfd_ros.arm.events import Verdict
-from pfd_ros.cli import main as command_line
-from pfd_ros.cli.recorded_motion import read_motion
-from pfd_ros.cli.replay import INCOMPLETE
-from pfd_ros.cli.terminal import progress_on
-from pfd_ros.messages.convert import decode_clock, decode_joint_state
-from pfd_ros.recording.format import END
-from pfd_ros.recording.reader import Log, LogError
-from pfd_ros.replay.verify import DifferenceError, read
-from pfd_ros.replay.what_if import what_if
 
 pytestmark = pytest.mark.ros
 
@@ -38,7 +42,7 @@ def only(topic: str, sequences: Iterable[int]) -> Callable[[str, Sent], bool]:
 
 
 def test_the_replay_of_a_run_has_the_same_bits(recorded: Path) -> None:
-    summary = read(recorded, verify=True)
+    summary = read_recording(recorded, verify=True)
     assert summary.complete
     assert summary.missing == 0
     assert summary.states == summary.steps > 200
@@ -55,7 +59,7 @@ def test_the_run_moved_after_it_was_braked(recorded: Path) -> None:
 
 
 def test_each_clock_tick_follows_the_state_of_its_time(recorded: Path) -> None:
-    entries = [e for e in Log(recorded).entries() if e.role in ('joint_states', 'clock')]
+    entries = [e for e in RecordedLog(recorded).entries() if e.role in ('joint_states', 'clock')]
     assert [e.role for e in entries] == ['joint_states', 'clock'] * (len(entries) // 2)
     for state, tick in zip(entries[::2], entries[1::2], strict=True):
         assert decode_joint_state(state.data).stamp_ns == decode_clock(tick.data) > 0
@@ -63,7 +67,9 @@ def test_each_clock_tick_follows_the_state_of_its_time(recorded: Path) -> None:
 
 def test_copying_a_recording_changes_nothing(recorded: Path, tmp_path: Path) -> None:
     rewrite(recorded, tmp_path / 'a.mcap', lambda topic, message: message)
-    assert read(tmp_path / 'a.mcap', verify=True).states == read(recorded).states
+    assert (
+        read_recording(tmp_path / 'a.mcap', verify=True).states == read_recording(recorded).states
+    )
 
 
 @pytest.mark.parametrize('field', ['position', 'velocity', 'effort'])
@@ -85,7 +91,7 @@ def test_one_flipped_bit_is_found_and_placed(
         return message.flip(start + 5 * 8)
 
     rewrite(recorded, tmp_path / 'a.mcap', change)
-    status = command_line.main(['replay', str(tmp_path / 'a.mcap'), '--verify'])
+    status = pfd_main(['replay', str(tmp_path / 'a.mcap'), '--verify'])
     printed = capsys.readouterr().err
     assert status == 1
     assert 'step 123' in printed
@@ -107,7 +113,7 @@ def test_the_sign_of_a_zero_is_a_bit_like_any_other(recorded: Path, tmp_path: Pa
 
     rewrite(recorded, tmp_path / 'a.mcap', change)
     with pytest.raises(DifferenceError, match=r'step 5: .*effort: recorded -0\.0 .*replayed 0\.0'):
-        read(tmp_path / 'a.mcap', verify=True)
+        read_recording(tmp_path / 'a.mcap', verify=True)
 
 
 def test_a_changed_command_is_found_where_it_was_taken(recorded: Path, tmp_path: Path) -> None:
@@ -115,7 +121,7 @@ def test_a_changed_command_is_found_where_it_was_taken(recorded: Path, tmp_path:
     rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: m.flip(-2) if hit(t, m) else m)
     expected = r'step \d+: message 20 of joint_commands: recorded with CRC-32 0x\w+, it has'
     with pytest.raises(DifferenceError, match=expected):
-        read(tmp_path / 'a.mcap', verify=True)
+        read_recording(tmp_path / 'a.mcap', verify=True)
 
 
 def without(recorded: Path, tmp_path: Path, topic: str, numbers: Iterable[int]) -> Path:
@@ -131,24 +137,24 @@ def test_a_lost_record_of_taken_commands_is_named(tmp_path: Path, number: int) -
     # The sixth holds a refused command: without it no state differs.
     path = without(GOLDEN, tmp_path, TAKEN, [number])
     with pytest.raises(LogError, match='lacks 1 records of commands taken before step'):
-        read(path, verify=True)
-    assert 'lacks 1 records' in read(path).obstacle
+        read_recording(path, verify=True)
+    assert 'lacks 1 records' in read_recording(path).obstacle
 
 
 def test_a_lost_last_record_of_a_command_that_moved_the_arm_is_found(tmp_path: Path) -> None:
     # Nothing follows it on its channel, so that only the states can tell.
     last = load(GOLDEN).on(TAKEN)[-1].sequence
     with pytest.raises(DifferenceError, match=r'step \d+: joint'):
-        read(without(GOLDEN, tmp_path, TAKEN, [last]), verify=True)
+        read_recording(without(GOLDEN, tmp_path, TAKEN, [last]), verify=True)
 
 
 def test_lost_states_are_counted_and_the_others_still_equal(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = without(recorded, tmp_path, STATES, range(50, 90))
-    summary = read(path, verify=True)
-    assert (summary.missing, summary.states) == (40, read(recorded).states - 40)
-    assert command_line.main(['replay', str(path)]) == 0
+    summary = read_recording(path, verify=True)
+    assert (summary.missing, summary.states) == (40, read_recording(recorded).states - 40)
+    assert pfd_main(['replay', str(path)]) == 0
     assert 'missing    40 states' in capsys.readouterr().out
 
 
@@ -159,11 +165,11 @@ def test_a_recording_that_lacks_states_for_a_slow_disk_is_no_damage_but_fails_to
     last = slow.on(STATES)[-1].sequence
     slow.keep(lambda m: m.topic != STATES or m.sequence not in (*range(50, 90), last))
     slow.recount()
-    slow.edit(END, 'dropped', lambda dropped: dropped.update({STATES: 41}))
+    slow.edit(END_RECORD, 'dropped', lambda dropped: dropped.update({STATES: 41}))
     path = slow.save(tmp_path / 'a.mcap')
-    summary = read(path, verify=True)
+    summary = read_recording(path, verify=True)
     assert (summary.missing, summary.dropped, summary.states) == (41, 41, last - 41)
-    assert command_line.main(['replay', str(path), '--verify']) == INCOMPLETE
+    assert pfd_main(['replay', str(path), '--verify']) == REPLAY_INCOMPLETE
     assert 'missing: 41 messages that were not recorded' in capsys.readouterr().out
 
 
@@ -175,11 +181,11 @@ def test_a_cut_off_recording_verifies_up_to_the_cut(
     (summary,) = struct.unpack_from('<Q', data, len(data) - 28)
     (tmp_path / 'a.mcap').write_bytes(data[: int(0.7 * summary)])
     arguments = ['replay', str(tmp_path / 'a.mcap'), '--verify']
-    assert command_line.main(arguments) == INCOMPLETE
+    assert pfd_main(arguments) == REPLAY_INCOMPLETE
     printed = capsys.readouterr().out
     assert 'cut off' in printed
     assert 'every bit equal; missing: the end of the file, which was not closed' in printed
-    assert command_line.main([*arguments, '--allow-incomplete']) == 0
+    assert pfd_main([*arguments, '--allow-incomplete']) == 0
 
 
 @pytest.mark.parametrize('changed', [False, True])
@@ -187,12 +193,12 @@ def test_a_recording_without_its_end_record_is_equal_as_far_as_it_goes_or_differ
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], changed: bool
 ) -> None:
     run = load(recorded)
-    run.metadata = [item for item in run.metadata if item[0] != END]
+    run.metadata = [item for item in run.metadata if item[0] != END_RECORD]
     if changed:
         run.on(STATES)[70].flip(-5)
-    status = command_line.main(['replay', str(run.save(tmp_path / 'a.mcap')), '--verify'])
+    status = pfd_main(['replay', str(run.save(tmp_path / 'a.mcap')), '--verify'])
     said = capsys.readouterr()
-    assert status == (1 if changed else INCOMPLETE)
+    assert status == (1 if changed else REPLAY_INCOMPLETE)
     assert ('missing: the end record of the node' in said.out) != changed
 
 
@@ -201,13 +207,13 @@ def test_half_of_the_states_cannot_be_taken_away_without_a_status(
 ) -> None:
     run = load(recorded)
     states = len(run.on(STATES))
-    run.metadata = [item for item in run.metadata if item[0] != END]
+    run.metadata = [item for item in run.metadata if item[0] != END_RECORD]
     run.keep(lambda m: m.topic not in (STATES, CLOCK) or m.sequence % 2 == 0)
-    status = command_line.main(['replay', str(run.save(tmp_path / 'a.mcap')), '--verify'])
-    assert status == INCOMPLETE
+    status = pfd_main(['replay', str(run.save(tmp_path / 'a.mcap')), '--verify'])
+    assert status == REPLAY_INCOMPLETE
     (lost,) = re.findall(r'(\d+) messages that were not recorded', capsys.readouterr().out)
     assert int(lost) >= states // 2
-    assert 0 < read(tmp_path / 'a.mcap').states < read(recorded).states
+    assert 0 < read_recording(tmp_path / 'a.mcap').states < read_recording(recorded).states
 
 
 def test_a_recording_without_states_is_read_and_not_simulated(
@@ -215,18 +221,18 @@ def test_a_recording_without_states_is_read_and_not_simulated(
 ) -> None:
     path = without(recorded, tmp_path, STATES, range(1, 1 << 20))
     with pytest.raises(LogError, match='holds no states, so there is nothing to verify'):
-        read(path, verify=True)
+        read_recording(path, verify=True)
     for simulate in (what_if, read_motion):
         with pytest.raises(LogError, match='holds no states, so there is nothing to simulate'):
             simulate(path)
-    assert read(path).states == 0
+    assert read_recording(path).states == 0
     assert not (tmp_path / f'{path.stem}_what_if.mcap').exists()
 
 
 def test_a_summary_lists_the_contents_of_the_file(
     recorded: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert command_line.main(['replay', str(recorded)]) == 0
+    assert pfd_main(['replay', str(recorded)]) == 0
     printed = capsys.readouterr().out
     assert '21 accepted, 1 rejected' in printed
     assert '1 unknown_names' in printed
@@ -236,7 +242,7 @@ def test_a_summary_lists_the_contents_of_the_file(
 
 def test_the_progress_runs_from_start_to_end(recorded: Path) -> None:
     parts: list[float] = []
-    read(recorded, progress=parts.append)
+    read_recording(recorded, progress=parts.append)
     assert parts == sorted(parts)
     assert 0 < parts[0] <= parts[-1] <= 1
 
@@ -260,8 +266,8 @@ def test_a_recording_is_verified_where_there_is_no_ros(recorded: Path, tmp_path:
     program = (
         'import sys\n'
         "for name in ('rclpy', 'sensor_msgs', 'std_msgs'): sys.modules[name] = None\n"
-        'from pfd_ros.cli.main import main\n'
-        'raise SystemExit(main(sys.argv[1:]))\n'
+        'from bridge import pfd_main\n'
+        'raise SystemExit(pfd_main(sys.argv[1:]))\n'
     )
     done = subprocess.run(
         [sys.executable, '-c', program, 'replay', str(recorded), '--verify'],

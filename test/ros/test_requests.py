@@ -8,13 +8,18 @@ from collections.abc import Sequence
 import functools
 import json
 
+from bridge import (
+    Arrival,
+    Engine,
+    JointMessage,
+    Source,
+    Verdict,
+    decode_joint_state,
+    encode_string,
+)
 import plant_messages
 from plant_messages import asked, efforts, joint_state, verdict
 import pytest
-
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict
-from pfd_ros.messages.convert import JointMessage, decode_joint_state, encode_string
 
 STEP_NS = 1_000_000
 NAN = float('nan')

@@ -6,6 +6,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bridge import (
+    ActuatorCommand,
+    Arm,
+    Settings,
+    effect_fields,
+    joint_settings,
+    load_arm_robot,
+    read_recording,
+    scene_of,
+    with_scene_text,
+)
 from effect_cases import example
 import numpy as np
 from plant_messages import efforts
@@ -14,12 +25,6 @@ from ros_processes import Processes
 from simulating import simulate
 
 import pfd_core as pfd
-from pfd_ros.arm.actuator_command import ActuatorCommand
-from pfd_ros.arm.arm import Arm, load_robot
-from pfd_ros.arm.plant_settings import effect_fields, joint_settings
-from pfd_ros.arm.scene import scene_of, with_scene_text
-from pfd_ros.arm.settings import Settings
-from pfd_ros.replay.verify import read
 
 SCENE = pfd.Scene(
     damping=(0.5, 0.2),
@@ -51,12 +56,12 @@ def test_settings_keep_the_content_of_a_scene_file(tmp_path: Path) -> None:
 
 def test_an_arm_in_a_scene_verifies_and_moves_as_the_simulator(tmp_path: Path) -> None:
     path = simulate(30, MOVE, scene=TEXT).save(tmp_path / 'a.mcap')
-    summary = read(path, verify=True)
+    summary = read_recording(path, verify=True)
     assert summary.complete
     assert summary.settings is not None
     assert summary.settings.scene == TEXT
     settings = Settings(robot='planar2', scene=TEXT)
-    arm = Arm(settings, load_robot(settings))
+    arm = Arm(settings, load_arm_robot(settings))
     scene = pfd.Scene(**{**vars(SCENE), 'brakes': True})
     wanted = pfd.Simulator(pfd.load_robot('planar2'), scene)
     for _ in range(20):
@@ -93,7 +98,7 @@ def test_the_numbers_of_each_joint_make_the_scene_of_the_table() -> None:
 def test_an_arm_reads_no_file_and_refuses_a_wrong_scene(scene: str, message: str) -> None:
     settings = Settings(robot='planar2', scene=scene)
     with pytest.raises(ValueError, match=message):
-        Arm(settings, load_robot(settings))
+        Arm(settings, load_arm_robot(settings))
 
 
 @pytest.mark.parametrize('other', [{'damping': True}, {'gravity': (0.0, 0.0, 0.0)}])
@@ -117,6 +122,6 @@ def test_the_node_reads_the_file_and_records_its_content(processes: Processes, p
     peer.plain_command([0.5] * 2)
     peer.wait(lambda: peer.states[-1].effort.tolist() == [0.5] * 2)
     arm.stop()
-    summary = read(processes.folder / 'arm.mcap', verify=True)
+    summary = read_recording(processes.folder / 'arm.mcap', verify=True)
     assert summary.settings is not None
     assert summary.settings.scene == TEXT

@@ -9,6 +9,16 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any
 
+from bridge import (
+    BagMessage,
+    KeptMessages,
+    PlayerJump,
+    PlayerSchedule,
+    PlayerSend,
+    PlayerTick,
+    PlayerWindow,
+    in_time_order,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import (
@@ -19,10 +29,6 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 import pytest
-
-from pfd_ros.recording.bags import BagMessage
-from pfd_ros.replay.log_order import Kept, in_time_order
-from pfd_ros.replay.schedule import Jump, Schedule, Send, Tick, Window
 
 # Times are multiples of UNIT, and rates powers of two: no time has to be rounded.
 UNIT = 1 << 20
@@ -43,22 +49,22 @@ def log_of(times: Sequence[int]) -> list[BagMessage]:
 
 def schedule_of(
     messages: Sequence[BagMessage], begin: int = 0, end: int | None = None, **options: Any
-) -> Schedule:
+) -> PlayerSchedule:
     first = messages[0].log_ns
     last = messages[-1].log_ns + 1 if end is None else end
-    window = Window(first, first + begin, last)
-    return Schedule(lambda: iter(messages), {MAP: DEPTH}, window, **options)
+    window = PlayerWindow(first, first + begin, last)
+    return PlayerSchedule(lambda: iter(messages), {MAP: DEPTH}, window, **options)
 
 
-def drain(schedule: Schedule, now: int) -> list[Send | Tick | Jump]:
-    found: list[Send | Tick | Jump] = []
+def drain(schedule: PlayerSchedule, now: int) -> list[PlayerSend | PlayerTick | PlayerJump]:
+    found: list[PlayerSend | PlayerTick | PlayerJump] = []
     while (event := schedule.due(now)) is not None:
         found.append(event)
     return found
 
 
-def sends(events: Sequence[Send | Tick | Jump]) -> list[BagMessage]:
-    return [event.message for event in events if isinstance(event, Send)]
+def sends(events: Sequence[PlayerSend | PlayerTick | PlayerJump]) -> list[BagMessage]:
+    return [event.message for event in events if isinstance(event, PlayerSend)]
 
 
 TIMES = st.lists(st.integers(0, 40), min_size=1, max_size=20)
@@ -87,7 +93,7 @@ def test_each_message_is_due_at_its_time_however_late_the_others_were(
         found += drain(schedule, now)
     assert sends(found) == messages
     for event in found:
-        assert isinstance(event, Send)
+        assert isinstance(event, PlayerSend)
         exact = start + Fraction(event.message.log_ns - messages[0].log_ns) / Fraction(rate)
         # Half a nanosecond, and the last bit of a float.
         assert event.due_ns is not None
@@ -104,13 +110,13 @@ def test_the_clock_ticks_at_its_period_between_the_messages_it_lies_between(
     length = messages[-1].log_ns + 1 - messages[0].log_ns
     while (when := schedule.next_ns()) is not None and not schedule.ended:
         events += drain(schedule, when)
-    ticks = [event.log_ns for event in events if isinstance(event, Tick)]
+    ticks = [event.log_ns for event in events if isinstance(event, PlayerTick)]
     step = int(period * UNIT * rate)
     assert ticks == list(range(messages[0].log_ns, messages[0].log_ns + length, step))
     times_of = [
-        event.log_ns if isinstance(event, Tick) else event.message.log_ns
+        event.log_ns if isinstance(event, PlayerTick) else event.message.log_ns
         for event in events
-        if not isinstance(event, Jump)
+        if not isinstance(event, PlayerJump)
     ]
     assert times_of == sorted(times_of)
     assert schedule.ended
@@ -121,13 +127,13 @@ def test_a_loop_reports_each_jump_back_in_time() -> None:
     schedule = schedule_of(messages, begin=UNIT, loop=True)
     assert sends(drain(schedule, 0)) == [messages[0], messages[1]]
     events = drain(schedule, 10 * UNIT)
-    assert events[:2] == [Send(messages[2], UNIT), Send(messages[3], 2 * UNIT)]
+    assert events[:2] == [PlayerSend(messages[2], UNIT), PlayerSend(messages[3], 2 * UNIT)]
     end = messages[3].log_ns + 1
     # The transient local message from before the offset comes again.
     assert events[2:] == [
-        Jump(end, UNIT, 1),
-        Send(messages[0], None),
-        Send(messages[1], 10 * UNIT),
+        PlayerJump(end, UNIT, 1),
+        PlayerSend(messages[0], None),
+        PlayerSend(messages[1], 10 * UNIT),
     ]
     assert sends(drain(schedule, 11 * UNIT)) == [messages[2]]
     assert not schedule.ended
@@ -140,10 +146,10 @@ def test_time_spent_reading_up_to_a_position_makes_no_message_late() -> None:
     schedule.seek(UNIT, 7 * UNIT)
     # The log was read for 100 units; then the position begins.
     events = drain(schedule, 101 * UNIT)
-    assert events[0] == Jump(UNIT, 7 * UNIT, None)
-    assert [event for event in events if isinstance(event, Send) and event.due_ns is not None] == [
-        Send(messages[7], 101 * UNIT)
-    ]
+    assert events[0] == PlayerJump(UNIT, 7 * UNIT, None)
+    assert [
+        event for event in events if isinstance(event, PlayerSend) and event.due_ns is not None
+    ] == [PlayerSend(messages[7], 101 * UNIT)]
     assert schedule.next_ns() == 102 * UNIT
 
 
@@ -151,16 +157,16 @@ def test_ticks_that_were_due_during_a_pause_do_not_run_back_after_it() -> None:
     schedule = schedule_of(log_of([0, 9]), tick_ns=UNIT)
     drain(schedule, 0)
     schedule.pause(2 * UNIT)
-    assert drain(schedule, 3 * UNIT) == [Tick(2 * UNIT)]
+    assert drain(schedule, 3 * UNIT) == [PlayerTick(2 * UNIT)]
     schedule.resume(6 * UNIT)
-    assert drain(schedule, 6 * UNIT) == [Tick(2 * UNIT)]
-    assert drain(schedule, 7 * UNIT) == [Tick(3 * UNIT)]
+    assert drain(schedule, 6 * UNIT) == [PlayerTick(2 * UNIT)]
+    assert drain(schedule, 7 * UNIT) == [PlayerTick(3 * UNIT)]
 
 
 def test_after_a_stall_the_clock_ticks_once() -> None:
     schedule = schedule_of(log_of([0, 9000]), tick_ns=UNIT)
     drain(schedule, 0)
-    assert drain(schedule, 4000 * UNIT + 5) == [Tick(4000 * UNIT)]
+    assert drain(schedule, 4000 * UNIT + 5) == [PlayerTick(4000 * UNIT)]
     assert schedule.next_ns() == 4001 * UNIT
 
 
@@ -169,14 +175,14 @@ def test_after_a_stall_the_clock_is_not_ahead_of_the_messages_that_are_late() ->
     schedule = schedule_of(messages, tick_ns=UNIT)
     drain(schedule, 0)
     events = drain(schedule, 50 * UNIT)
-    assert events[0] == Tick(messages[1].log_ns)
+    assert events[0] == PlayerTick(messages[1].log_ns)
     assert sends(events) == messages[1:17]
     assert len(events) == 17
     # A player that is too slow for every message still publishes each time that it reaches.
     ticks = []
     for now in range(60, 160, 10):
         taken = [schedule.due(now * UNIT), schedule.due(now * UNIT)]
-        ticks += [event.log_ns for event in taken if isinstance(event, Tick)]
+        ticks += [event.log_ns for event in taken if isinstance(event, PlayerTick)]
     assert ticks == [message.log_ns for message in messages[17:27]]
 
 
@@ -202,13 +208,13 @@ def test_a_seek_outside_of_the_log_is_refused(at: int) -> None:
 
 @pytest.mark.parametrize('seconds', [-1e-9, 3.1, 1e300, -1e300, float('inf'), float('nan')])
 def test_a_time_outside_of_the_log_is_refused(seconds: float) -> None:
-    window = Window(10**9, 2 * 10**9, 4 * 10**9 + 1)
+    window = PlayerWindow(10**9, 2 * 10**9, 4 * 10**9 + 1)
     with pytest.raises(ValueError, match='s is outside of the log, expected 0 to 3 s'):
         window.at(seconds)
 
 
 def test_a_time_of_the_log_counts_from_its_first_message() -> None:
-    window = Window(10**9, 2 * 10**9, 4 * 10**9 + 1)
+    window = PlayerWindow(10**9, 2 * 10**9, 4 * 10**9 + 1)
     assert [window.at(seconds) for seconds in (0, 0.5, 3.0)] == [10**9, 1_500_000_000, 4 * 10**9]
 
 
@@ -249,7 +255,7 @@ class Playing(RuleBasedStateMachine):
             paused=paused,
             tick_ns=None if period is None else period * UNIT,
         )
-        self.jumped: Jump | None = None
+        self.jumped: PlayerJump | None = None
         self.before: list[BagMessage] = []
         self.index = len(self.messages)
         self.go(self.begin_ns)
@@ -268,7 +274,7 @@ class Playing(RuleBasedStateMachine):
     def jump(self, log_ns: int, loop: int | None) -> None:
         self.clamp()
         since = self.position if self.jumped is None else self.jumped.from_ns
-        self.jumped = Jump(since, log_ns, loop)
+        self.jumped = PlayerJump(since, log_ns, loop)
         self.loops += loop is not None
         self.ended = False
         self.go(log_ns)
@@ -308,21 +314,21 @@ class Playing(RuleBasedStateMachine):
         assert self.ended or when is None or when > self.now
         self.check_clock(events)
         found = [
-            event.message if isinstance(event, Send) else event
+            event.message if isinstance(event, PlayerSend) else event
             for event in events
-            if not isinstance(event, Tick)
+            if not isinstance(event, PlayerTick)
         ]
         assert found == expected
         assert (self.schedule.ended, self.schedule.loops) == (self.ended, self.loops)
         if not self.ended:
             assert self.schedule.position_ns(self.now) == min(self.position, self.end)
 
-    def check_clock(self, events: Sequence[Send | Tick | Jump]) -> None:
+    def check_clock(self, events: Sequence[PlayerSend | PlayerTick | PlayerJump]) -> None:
         """Without a jump the clock never runs back, nor is it behind or ahead of a message."""
         for event in events:
-            if isinstance(event, Jump):
+            if isinstance(event, PlayerJump):
                 self.shown = event.to_ns
-            elif isinstance(event, Tick):
+            elif isinstance(event, PlayerTick):
                 assert event.log_ns >= self.shown
                 self.shown = event.log_ns
             elif event.due_ns is not None:
@@ -428,7 +434,7 @@ def test_messages_far_behind_are_sent_when_they_are_read_and_counted() -> None:
 
 
 def test_kept_messages_are_bounded_and_the_oldest_are_left_out() -> None:
-    kept = Kept({MAP: 3, STATES: 1}, most_bytes=9)
+    kept = KeptMessages({MAP: 3, STATES: 1}, most_bytes=9)
     for k, topic in enumerate([STATES, MAP, MAP, '/other', STATES, MAP, MAP]):
         kept.add(message(k, k, topic))
     # Of 4 bytes each: the last three maps and the last state would be 16.

@@ -7,6 +7,24 @@ from __future__ import annotations
 import functools
 from pathlib import Path
 
+from bridge import (
+    DROPPED_STATES,
+    STATES_OUTPUT,
+    ArmOutput,
+    Arrival,
+    DifferenceError,
+    Engine,
+    JointMessage,
+    JointStateEncoder,
+    Request,
+    Settings,
+    Source,
+    decode_joint_state,
+    encode_request,
+    quantized_values,
+    read_motion,
+    read_recording,
+)
 import numpy as np
 import plant_messages
 from plant_messages import UNLIMITED, change, efforts
@@ -14,15 +32,6 @@ import pytest
 from rewriting import STATES as STATES_TOPIC
 from rewriting import Recording
 from simulating import simulate
-
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import DROPPED_STATES, STATES, Arrival, Output, Request, Source
-from pfd_ros.arm.requests import encode_request
-from pfd_ros.arm.sensors import quantized
-from pfd_ros.arm.settings import Settings
-from pfd_ros.cli.recorded_motion import read_motion
-from pfd_ros.messages.convert import JointMessage, JointStateEncoder, decode_joint_state
-from pfd_ros.replay.verify import DifferenceError, read
 
 PUSH = Arrival(Source.ARRAY, 1, efforts(1.0, -0.5))
 RESET = Arrival(Source.REQUEST, 1, encode_request(Request('reset')))
@@ -42,14 +51,14 @@ ALL = {
 made = functools.partial(plant_messages.made, initial_positions=(0.3, -0.2))
 
 
-def outputs(engine: Engine, cycles: int, *events: Arrival) -> list[Output]:
+def outputs(engine: Engine, cycles: int, *events: Arrival) -> list[ArmOutput]:
     engine.take(events)
     return [output for _ in range(cycles) for output in engine.step()]
 
 
 def states(engine: Engine, cycles: int, *events: Arrival) -> list[JointMessage]:
     found = outputs(engine, cycles, *events)
-    return [decode_joint_state(output.data) for output in found if output.role == STATES]
+    return [decode_joint_state(output.data) for output in found if output.role == STATES_OUTPUT]
 
 
 def table(messages: list[JointMessage], kind: str) -> np.ndarray:
@@ -111,8 +120,8 @@ def test_measured_numbers_are_the_nearest_steps_of_the_encoder() -> None:
 
 def test_quantizing_is_finite_and_keeps_numbers_that_are_coarser_than_the_step() -> None:
     value = np.array([1e300, -1e300, 1.7e308, 0.26, -0.26, 0.0])
-    assert quantized(value, 1e-9)[:3].tolist() == value[:3].tolist()
-    assert quantized(value, 0.5)[3:].tolist() == [0.5, -0.5, 0.0]
+    assert quantized_values(value, 1e-9)[:3].tolist() == value[:3].tolist()
+    assert quantized_values(value, 0.5)[3:].tolist() == [0.5, -0.5, 0.0]
 
 
 def test_a_delayed_state_is_the_one_of_earlier_under_the_stamp_of_now() -> None:
@@ -147,7 +156,7 @@ def test_an_episode_after_a_reset_is_that_after_the_start_noise_and_losses_inclu
             for role, _, data in outputs(
                 engine, 1, Arrival(Source.ARRAY, 1, efforts(0.01 * k, 0))
             ):
-                if role in (STATES, DROPPED_STATES):
+                if role in (STATES_OUTPUT, DROPPED_STATES):
                     state = decode_joint_state(data)
                     found.append((role, state.position.tolist(), state.velocity.tolist()))
         return found
@@ -195,13 +204,13 @@ def test_lockstep_does_not_wait_for_an_answer_to_a_dropped_state() -> None:
     for _ in range(100):
         engine.take([PUSH])
         roles = {output.role for output in engine.step()}
-        waits.append((STATES in roles, engine.waiting))
+        waits.append((STATES_OUTPUT in roles, engine.waiting))
     assert set(waits) == {(True, True), (False, False)}
 
 
 def test_a_state_that_is_sent_again_is_the_same_message() -> None:
     engine = made(**{**ALL, 'drop_state': 0.0})
-    (published,) = (o.data for o in outputs(engine, 1, PUSH) if o.role == STATES)
+    (published,) = (o.data for o in outputs(engine, 1, PUSH) if o.role == STATES_OUTPUT)
     assert engine.present()[0].data == published
 
 
@@ -227,7 +236,7 @@ def test_a_recording_with_every_error_of_the_sensors_verifies(
     tmp_path: Path, closed: bool
 ) -> None:
     made = recorded(publish_rate=500.0)
-    summary = read(made.save(tmp_path / 'log.mcap', closed=closed), verify=True)
+    summary = read_recording(made.save(tmp_path / 'log.mcap', closed=closed), verify=True)
     assert summary.unpublished == len(made.on(DROPPED_TOPIC)) > 0
     assert summary.states == len(made.on(STATES_TOPIC))
     assert summary.states + summary.unpublished == 100
@@ -240,8 +249,8 @@ def test_a_recording_whose_last_states_are_dropped_verifies(tmp_path: Path) -> N
         made = recorded(steps, drop_state=0.5)
         if made.messages[-2].topic == DROPPED_TOPIC:
             break
-    assert read(made.save(tmp_path / 'log.mcap'), verify=True).steps == steps
-    cut = read(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
+    assert read_recording(made.save(tmp_path / 'log.mcap'), verify=True).steps == steps
+    cut = read_recording(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
     assert (cut.steps, cut.stopped_at) == (steps, None)
 
 
@@ -249,10 +258,10 @@ def test_a_lost_state_is_not_taken_for_a_dropped_one(tmp_path: Path) -> None:
     made = recorded(drop_state=0.5)
     gone = made.on(STATES_TOPIC)[50:60]
     made.lose(gone)
-    summary = read(made.save(tmp_path / 'log.mcap', closed=False), verify=True)
+    summary = read_recording(made.save(tmp_path / 'log.mcap', closed=False), verify=True)
     assert summary.lost == {'joint_states': 10}
     with pytest.raises(ValueError, match='messages joint_states: '):
-        read(made.save(tmp_path / 'closed.mcap'))
+        read_recording(made.save(tmp_path / 'closed.mcap'))
 
 
 def test_a_dropped_state_among_the_published_ones_is_a_difference(tmp_path: Path) -> None:
@@ -262,7 +271,7 @@ def test_a_dropped_state_among_the_published_ones_is_a_difference(tmp_path: Path
     made.recount()
     text = f'recorded joint_states {dropped.sequence}, replayed dropped_states and clock'
     with pytest.raises(DifferenceError, match=text):
-        read(made.save(tmp_path / 'log.mcap'), verify=True)
+        read_recording(made.save(tmp_path / 'log.mcap'), verify=True)
 
 
 def test_a_state_twice_published_and_dropped_is_refused(tmp_path: Path) -> None:
@@ -270,15 +279,15 @@ def test_a_state_twice_published_and_dropped_is_refused(tmp_path: Path) -> None:
     for message in made.on(DROPPED_TOPIC):
         message.sequence -= 1
     with pytest.raises(ValueError, match='repeated or out of order'):
-        read(made.save(tmp_path / 'log.mcap'))
+        read_recording(made.save(tmp_path / 'log.mcap'))
 
 
 def test_a_failed_arm_with_sensors_verifies_through_its_gap(tmp_path: Path) -> None:
     made = simulate(60, {5: [efforts(1e300, 0.0)]}, **{**ALL, 'drop_state': 0.0, **UNLIMITED})
-    assert read(made.save(tmp_path / 'log.mcap'), verify=True).stopped_at is not None
+    assert read_recording(made.save(tmp_path / 'log.mcap'), verify=True).stopped_at is not None
     gone = {message.sequence for message in made.on(STATES_TOPIC)[20:40]}
     made.keep(lambda m: m.topic not in (STATES_TOPIC, '/clock') or m.sequence not in gone)
-    cut = read(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
+    cut = read_recording(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
     assert cut.lost['joint_states'] == 20
 
 
@@ -289,11 +298,11 @@ def test_a_recording_with_a_failure_cleared_by_a_reset_verifies(tmp_path: Path) 
         45: [efforts(1.0, 0.5)],
     }
     made = simulate(60, inputs, **ALL, **UNLIMITED)
-    summary = read(made.save(tmp_path / 'log.mcap'), verify=True)
+    summary = read_recording(made.save(tmp_path / 'log.mcap'), verify=True)
     assert (summary.complete, summary.stopped_at, summary.steps) == (True, None, 60)
     gone = {message.sequence for message in made.on(STATES_TOPIC)[5:15]}
     made.keep(lambda m: m.topic not in (STATES_TOPIC, '/clock') or m.sequence not in gone)
-    cut = read(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
+    cut = read_recording(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
     assert cut.lost['joint_states'] == 10
 
 

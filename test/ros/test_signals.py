@@ -49,7 +49,7 @@ def test_a_third_signal_ends_a_process_that_hangs(processes: Processes, fault: s
 @pytest.mark.parametrize('reader', one_fast(['is gone', 'hangs'], 'hangs'))
 def test_a_third_signal_ends_a_process_with_an_output_that_takes_no_line(reader: str) -> None:
     code = (
-        'import time; from pfd_ros.node.main import stop_on_signals; stop_on_signals()\n'
+        'import time; from bridge import node_stop_on_signals; node_stop_on_signals()\n'
         "print('waits', flush=True); time.sleep(1e3)"
     )
     reading, writing = os.pipe()

@@ -11,13 +11,16 @@ from pathlib import Path
 import re
 from typing import Any
 
+from bridge import (
+    Settings,
+    effect_fields,
+    joint_settings,
+    parameter_name,
+    settings_from_values,
+    settings_to_json,
+)
 import pytest
 import yaml
-
-from pfd_ros.arm import settings as settings_file
-from pfd_ros.arm.plant_settings import effect_fields, joint_settings
-from pfd_ros.arm.setting_fields import parameter_name
-from pfd_ros.arm.settings import Settings
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'sim_arm.yaml'
 
@@ -42,7 +45,7 @@ def test_the_shipped_file_holds_every_setting_at_its_default() -> None:
     }
     assert set(given) == set(names)
     values = {names[name]: value for name, value in given.items()}
-    assert settings_file.from_values(values) == Settings()
+    assert settings_from_values(values) == Settings()
 
 
 def test_the_shipped_file_names_every_number_of_a_joint_with_the_units_of_the_table() -> None:
@@ -68,7 +71,7 @@ def test_settings_come_back_from_json_with_the_same_bits() -> None:
         step_size=0.0003,
         start_time=1.1,
     )
-    again = settings_file.from_values(json.loads(settings_file.to_json(awkward)))
+    again = settings_from_values(json.loads(settings_to_json(awkward)))
     assert again == awkward
     assert str(again.gravity[1]) == '-0.0'
 
@@ -115,7 +118,7 @@ def test_settings_come_back_from_json_with_the_same_bits() -> None:
 )
 def test_a_wrong_setting_is_refused_and_named(wrong: dict, text: str) -> None:
     with pytest.raises(ValueError, match=text) as refused:
-        settings_file.from_values(wrong)
+        settings_from_values(wrong)
     assert len(str(refused.value)) < 300
 
 
@@ -126,15 +129,15 @@ def test_locked_joints_are_at_zero_unless_positions_are_given() -> None:
 
 
 def test_settings_from_before_a_setting_existed_have_its_default() -> None:
-    old = json.loads(settings_file.to_json(Settings(robot='planar2', substeps=3)))
+    old = json.loads(settings_to_json(Settings(robot='planar2', substeps=3)))
     del old['locked'], old['locked_positions']
-    assert settings_file.from_values(old) == Settings(robot='planar2', substeps=3)
+    assert settings_from_values(old) == Settings(robot='planar2', substeps=3)
 
 
 @pytest.mark.parametrize('values', [1, None, 'a', []])
 def test_values_that_are_no_mapping_are_refused(values: object) -> None:
     with pytest.raises(ValueError, match='expected a JSON object'):
-        settings_file.from_values(values)
+        settings_from_values(values)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from ros_processes import Processes
 # the dynamics until the collector is switched on, and in the end the modules.
 SCRIPT = """
 import atexit, gc, sys
-from pfd_ros.cli.main import main
+from bridge import pfd_main
 collected, enable = [], gc.enable
 def enabled():
     print('collections:', collected, flush=True)
@@ -22,7 +22,7 @@ def collecting(phase, of):
         collected.append(of['generation'])
 gc.callbacks.append(collecting)
 atexit.register(lambda: print('modules:', *sorted(sys.modules)))
-raise SystemExit(main(sys.argv[1:]))
+raise SystemExit(pfd_main(sys.argv[1:]))
 """
 # What other commands and recordings need.
 UNUSED = {'mcap', 'pfd_ros.replay', 'pfd_ros.recording.reader', 'pfd_ros.recording.recorder'}

@@ -7,6 +7,18 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from bridge import (
+    ArmError,
+    ControllerError,
+    Engine,
+    LockstepArm,
+    Settings,
+    Verdict,
+    bag_of,
+    load_arm_robot,
+    offered_qos,
+    read_recording,
+)
 from lockstep_runs import FIELDS, GOAL, assert_same_bits
 import numpy as np
 from plant_messages import UNLIMITED
@@ -14,16 +26,6 @@ import pytest
 from recordings import HAS_DEFINITIONS
 
 import pfd_core as pfd
-from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Verdict
-from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.qos import offered_qos
-from pfd_ros.recording.bags import bag_of
-from pfd_ros.replay.verify import read
-from pfd_ros.testing.controller import ControllerError
-from pfd_ros.testing.engine_run import ArmError
-from pfd_ros.testing.lockstep_arm import LockstepArm
 
 # The stamp of the first state, s: zero is no time to ROS.
 START = 0.001
@@ -81,7 +83,7 @@ def test_a_recorded_run_has_the_same_bits_and_verifies(tmp_path: Path) -> None:
         each.close()
     for one, other in zip(*runs, strict=True):
         assert_same_bits(one, other)
-    summary = read(path, verify=True)
+    summary = read_recording(path, verify=True)
     assert summary.complete
     assert (summary.steps, summary.states) == (302, 302)
     assert summary.verdicts == {Verdict.ACCEPTED: 302}
@@ -125,7 +127,7 @@ def test_recorded_and_plain_runs_agree_under_all_kinds_of_settings(
     with LockstepArm('ur5', armature=True, **settings, recording=path) as recorded:
         found = recorded.run(pd, 0.2)
     assert_same_bits(found, expected)
-    assert read(path, verify=True).complete
+    assert read_recording(path, verify=True).complete
 
 
 @needs_definitions
@@ -144,7 +146,7 @@ def test_pushes_and_changes_of_settings_are_events_of_the_recording(tmp_path: Pa
         arm.close()
     for one, other in zip(*runs, strict=True):
         assert_same_bits(one, other)
-    assert read(path, verify=True).complete
+    assert read_recording(path, verify=True).complete
     with pytest.raises(ValueError, match='external_wrench'):
         ur5().push([1.0, 0.0, 0.0], [0.0, 0.0, 0.0])
     with pytest.raises(ValueError, match='step_size'):
@@ -216,7 +218,7 @@ def test_a_state_that_the_arm_refuses_is_an_error_and_changes_nothing(q, text: s
 
 def test_an_arm_that_waits_for_its_controller_does_no_step_before_a_command() -> None:
     settings = Settings(robot='planar2', lockstep=True, wait_for_controller=True)
-    engine = Engine(settings, load_robot(settings))
+    engine = Engine(settings, load_arm_robot(settings))
     assert engine.waiting
     nothing = np.zeros(2)
     # A message that is no command is no answer.

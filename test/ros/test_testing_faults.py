@@ -14,21 +14,26 @@ import threading
 import time
 from typing import Any
 
+from bridge import (
+    REJECTION_REASONS,
+    ChildProcess,
+    ComputationTime,
+    ControllerError,
+    ControllerProcess,
+    LockstepArm,
+    NoAnswerError,
+    ProcessArm,
+    RunLimits,
+    RunTrajectory,
+    Verdict,
+    checked_reasons,
+)
 from controller_faults import FAULTS, UR5, WAYS, command_of, failure_of, node_of, pd
 import numpy as np
 import pytest
 from ros_processes import ROOT
 from sampling import one_fast
 from waiting import PATIENCE
-
-from pfd_ros.arm.events import Verdict
-from pfd_ros.testing.child_process import ChildProcess, ControllerProcess
-from pfd_ros.testing.controller import ControllerError
-from pfd_ros.testing.controllers import NoAnswerError
-from pfd_ros.testing.lockstep_arm import LockstepArm
-from pfd_ros.testing.process_arm import ProcessArm
-from pfd_ros.testing.rejections import REASONS, checked_reasons
-from pfd_ros.testing.trajectory import ComputationTime, Limits, Trajectory
 
 # Short, for a callback that blocks, s.
 SHORT = 0.3
@@ -150,7 +155,9 @@ def test_a_rejected_command_that_is_allowed_by_name_fails_nothing(
 
 
 def test_reasons_have_the_names_of_validation_results_and_a_misspelt_one_is_named() -> None:
-    assert {reason.upper() for reason in REASONS} | {'ACCEPTED'} == {each.name for each in Verdict}
+    assert {reason.upper() for reason in REJECTION_REASONS} | {'ACCEPTED'} == {
+        each.name for each in Verdict
+    }
     assert checked_reasons('stale') == {'stale'}
     with pytest.raises(ValueError, match="has 'allnan': did you mean 'all_nan'"):
         checked_reasons({'allnan'})
@@ -251,7 +258,7 @@ def test_patience_is_above_zero_and_a_run_outside_of_the_main_thread_works() -> 
     with LockstepArm(**UR5) as arm:
         with pytest.raises(ValueError, match=r'patience is 0\.0, expected above zero'):
             arm.run(pd, 0.01, patience=0.0)
-        found: list[Trajectory] = []
+        found: list[RunTrajectory] = []
         thread = threading.Thread(target=lambda: found.append(arm.run(pd, 0.01)))
         thread.start()
         thread.join(PATIENCE)
@@ -318,8 +325,8 @@ def test_the_time_of_a_controller_is_reported_and_can_be_asserted() -> None:
     seconds = np.full(100, 0.0004)
     seconds[7] = 0.005
     names, zeros, bounds = ('a',), np.zeros((100, 1)), np.full(1, np.inf)
-    limits = Limits(-bounds, bounds, bounds, bounds)
-    motion = Trajectory(
+    limits = RunLimits(-bounds, bounds, bounds, bounds)
+    motion = RunTrajectory(
         np.arange(1, 101) / 1e3, zeros, zeros, zeros, names, limits, seconds, 0.001
     )
     median, p99, longest, period = motion.computation_time()

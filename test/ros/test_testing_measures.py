@@ -6,12 +6,9 @@ from __future__ import annotations
 
 import math
 
+from bridge import LockstepArm, RunLimits, RunTrajectory, overshoot, settling_time
 import numpy as np
 import pytest
-
-from pfd_ros.motion import metrics
-from pfd_ros.testing.lockstep_arm import LockstepArm
-from pfd_ros.testing.trajectory import Limits, Trajectory
 
 # A wheel of 0.5 kg m^2 about a vertical axis: gravity has no torque, so PD control makes it the
 # second-order system of the textbooks.
@@ -26,21 +23,21 @@ TARGET = 0.8
 FREQUENCY = 12.0
 
 
-def unlimited(n: int) -> Limits:
-    return Limits(*(sign * np.full(n, math.inf) for sign in (-1, 1, 1, 1)))
+def unlimited(n: int) -> RunLimits:
+    return RunLimits(*(sign * np.full(n, math.inf) for sign in (-1, 1, 1, 1)))
 
 
-def motion(time, q, tau=None, **limits) -> Trajectory:
+def motion(time, q, tau=None, **limits) -> RunTrajectory:
     """Return a trajectory of joints a, b, ... from columns."""
     q = np.asarray(q, float)
     q = q.reshape(len(q), -1)
     tau = np.zeros_like(q) if tau is None else np.asarray(tau, float).reshape(q.shape)
     names = tuple('abcdef'[: q.shape[1]])
     bounds = unlimited(q.shape[1])._replace(**{k: np.array(v) for k, v in limits.items()})
-    return Trajectory(np.asarray(time, float), q, np.zeros_like(q), tau, names, bounds)
+    return RunTrajectory(np.asarray(time, float), q, np.zeros_like(q), tau, names, bounds)
 
 
-def step_response(damping: float, seconds: float = 2.0) -> Trajectory:
+def step_response(damping: float, seconds: float = 2.0) -> RunTrajectory:
     """Return the answer of the wheel under PD to a step, at this damping ratio."""
     stiffness = INERTIA * FREQUENCY**2
     damper = 2 * damping * FREQUENCY * INERTIA
@@ -92,19 +89,19 @@ def test_a_run_is_the_exact_solution_of_the_sampled_system() -> None:
 def test_settling_counts_from_the_last_sample_outside_of_the_band() -> None:
     time = np.arange(6.0) + 10
     q = np.array([0.0, 1.0, 1.2, 1.05, 0.95, 1.0])
-    assert metrics.settling_time(time, q, 1.0, 0.1) == 3.0
-    assert metrics.settling_time(time, q, 1.0, 0.01) == 5.0
-    assert metrics.settling_time(time, q, 1.0, 2.0) == 0.0
-    assert metrics.settling_time(time, q, 9.0, 0.1) == math.inf
+    assert settling_time(time, q, 1.0, 0.1) == 3.0
+    assert settling_time(time, q, 1.0, 0.01) == 5.0
+    assert settling_time(time, q, 1.0, 2.0) == 0.0
+    assert settling_time(time, q, 9.0, 0.1) == math.inf
     q[5] = math.nan
-    assert metrics.settling_time(time, q, 1.0, 2.0) == math.inf
+    assert settling_time(time, q, 1.0, 2.0) == math.inf
 
 
 def test_overshoot_is_a_share_of_the_step_in_its_direction() -> None:
-    assert metrics.overshoot(np.array([0.0, 1.1, 1.3, 0.9]), 1.0) == pytest.approx(0.3)
-    assert metrics.overshoot(np.array([2.0, 0.8, 1.4]), 1.0) == pytest.approx(0.2)
-    assert metrics.overshoot(np.array([2.0, 1.5]), 1.0) == 0.0
-    assert math.isnan(metrics.overshoot(np.array([1.0, 1.5]), 1.0))
+    assert overshoot(np.array([0.0, 1.1, 1.3, 0.9]), 1.0) == pytest.approx(0.3)
+    assert overshoot(np.array([2.0, 0.8, 1.4]), 1.0) == pytest.approx(0.2)
+    assert overshoot(np.array([2.0, 1.5]), 1.0) == 0.0
+    assert math.isnan(overshoot(np.array([1.0, 1.5]), 1.0))
 
 
 def test_torque_rates_are_differences_over_the_time_between_samples() -> None:

@@ -12,12 +12,10 @@ import socket
 import subprocess
 import sys
 
+from bridge import DDS_PARTICIPANT_PORT, DDS_PORT_BASE, DDS_PORT_GAIN, claimed_domain, own_domain
 from plugin_sessions import session
 import pytest
 from ros_processes import ROOT
-
-from pfd_ros.testing.domains import PARTICIPANT_PORT, PORT_BASE, PORT_GAIN, own_domain
-from pfd_ros.testing.session import claimed_domain
 
 
 @pytest.fixture(scope='module')
@@ -132,7 +130,7 @@ def test_a_claimed_domain_is_passed_over_and_free_again_after_its_process(tmp_pa
         assert again == one
     # A process that is killed keeps no lock.
     code = (
-        'import os, sys, pathlib; from pfd_ros.testing.domains import own_domain\n'
+        'import os, sys, pathlib; from bridge import own_domain\n'
         f'claim = own_domain(pathlib.Path({str(tmp_path)!r})); claim.__enter__(); os._exit(1)'
     )
     subprocess.run([sys.executable, '-c', code], check=False, timeout=60, cwd=ROOT)
@@ -153,7 +151,7 @@ def test_a_domain_in_which_a_participant_runs_is_passed_over(tmp_path: Path) -> 
     with own_domain(tmp_path) as first:
         pass
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
-        participant.bind(('', PORT_BASE + PORT_GAIN * first + PARTICIPANT_PORT))
+        participant.bind(('', DDS_PORT_BASE + DDS_PORT_GAIN * first + DDS_PARTICIPANT_PORT))
         with own_domain(tmp_path) as found:
             assert found != first
 

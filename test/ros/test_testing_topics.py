@@ -12,6 +12,16 @@ import subprocess
 import sys
 from typing import Any
 
+from bridge import (
+    ControllerError,
+    LockstepArm,
+    NoAnswerError,
+    NodeProcessError,
+    ProcessArm,
+    RunTrajectory,
+    Verdict,
+    read_recording,
+)
 import gripper_arm
 from lockstep_runs import GOAL, assert_same_bits
 import numpy as np
@@ -19,15 +29,6 @@ from plant_messages import UNLIMITED
 import pytest
 from ros_processes import ROOT
 from waiting import PATIENCE, wait_until
-
-from pfd_ros.arm.events import Verdict
-from pfd_ros.replay.verify import read
-from pfd_ros.testing.controller import ControllerError
-from pfd_ros.testing.controllers import NoAnswerError
-from pfd_ros.testing.lockstep_arm import LockstepArm
-from pfd_ros.testing.node_process import NodeProcessError
-from pfd_ros.testing.process_arm import ProcessArm
-from pfd_ros.testing.trajectory import Trajectory
 
 pytestmark = pytest.mark.ros
 
@@ -77,7 +78,7 @@ def controller_of(domain: int) -> Iterator[Callable[..., Any]]:
         node.destroy_node()
 
 
-def called(*seconds: float) -> list[Trajectory]:
+def called(*seconds: float) -> list[RunTrajectory]:
     """Return the motions under the same controller as a callback."""
     with LockstepArm(**SETTINGS) as arm:
         return [arm.run(law, each) for each in seconds]
@@ -118,7 +119,7 @@ def test_a_run_over_topics_is_recorded_and_verifies(
     with LockstepArm(**SETTINGS, recording=path) as arm:
         found = arm.spin(0.1, controller_of())
     assert_same_bits(found, called(0.1)[0])
-    summary = read(path, verify=True)
+    summary = read_recording(path, verify=True)
     assert summary.complete
     assert (summary.states, summary.verdicts) == (100, {Verdict.ACCEPTED: 100})
 
@@ -236,7 +237,7 @@ def test_the_process_moves_with_the_bits_of_the_callback_and_verifies(
             arm.run(lambda t, q, qd: 1 / 0, 0.1)
     for one, other in zip(found, expected, strict=True):
         assert_same_bits(one, other)
-    assert read(path, verify=True).complete
+    assert read_recording(path, verify=True).complete
 
 
 @pytest.mark.slow
@@ -309,8 +310,7 @@ def test_a_test_runner_that_is_ended_leaves_no_node_behind(
 ) -> None:
     code = """
 import signal, time
-from pfd_ros.testing.process_arm import ProcessArm
-from pfd_ros.testing.session import claimed_domain, initialised
+from bridge import ProcessArm, claimed_domain, initialised
 # The shell may have started the tests with this signal ignored.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 with claimed_domain() as domain, initialised(domain), ProcessArm('planar2') as arm:
@@ -346,9 +346,7 @@ def test_no_segment_of_shared_memory_is_left_after_a_run(tmp_path: Path) -> None
         pytest.skip('this system has no folder for shared memory')
     code = """
 import os, sys
-from pfd_ros.testing.lockstep_arm import LockstepArm
-from pfd_ros.testing.process_arm import ProcessArm
-from pfd_ros.testing.session import claimed_domain, initialised
+from bridge import ProcessArm, claimed_domain, initialised
 # Of these processes only: others come and go.
 def mapped(pid):
     lines = open(f'/proc/{pid}/maps').read().splitlines()

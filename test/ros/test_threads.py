@@ -6,11 +6,10 @@ from __future__ import annotations
 
 import signal
 
+from bridge import read_recording
 import pytest
 from ros_processes import JOINTS, Processes
 from waiting import PATIENCE
-
-from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 
@@ -32,7 +31,7 @@ def test_a_thread_that_ends_ends_the_node_with_a_closed_file(
     arm = processes.faulty(fault, '-p', 'recording:=arm.mcap', ready=False)
     assert arm.process.wait(PATIENCE) == 1, arm.text()
     assert text in arm.text()
-    assert read(processes.folder / 'arm.mcap', verify=True).complete
+    assert read_recording(processes.folder / 'arm.mcap', verify=True).complete
 
 
 @pytest.mark.slow
@@ -41,7 +40,7 @@ def test_a_step_that_never_ends_is_logged_and_the_file_is_closed(processes: Proc
     arm.wait_for_text('hangs')
     assert arm.end(signal.SIGINT) == 1
     assert 'stepping did not end within 1 s' in arm.text()
-    assert read(processes.folder / 'arm.mcap', verify=True).complete
+    assert read_recording(processes.folder / 'arm.mcap', verify=True).complete
 
 
 def test_a_callback_that_fails_is_counted_and_the_arm_still_receives(

@@ -7,14 +7,10 @@ from __future__ import annotations
 import signal
 import time
 
+from bridge import STATES_OUTPUT, RecordedLog, Verdict, decode_joint_state, read_recording
 import numpy as np
 import pytest
 from ros_processes import MILLISECOND, Peer, Processes, stamp_ns
-
-from pfd_ros.arm.events import STATES, Verdict
-from pfd_ros.messages.convert import decode_joint_state
-from pfd_ros.recording.reader import Log
-from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 FOLLOWS = ('-p', 'time_source:=clock', '-p', 'publish_clock:=false')
@@ -80,7 +76,7 @@ def test_an_arm_follows_a_clock_forwards_only_and_logs_its_loss(
     # The number of seconds in front of it depends on when the arm looks.
     arm.wait_for_text(' s: simulation paused until it is received again')
     arm.stop()
-    summary = read(processes.folder / 'arm.mcap', verify=True)
+    summary = read_recording(processes.folder / 'arm.mcap', verify=True)
     assert summary.verdicts[Verdict.STALE] >= 1
     assert summary.verdicts[Verdict.REFUSED] >= 1
 
@@ -102,8 +98,8 @@ def test_two_arms_on_one_clock_have_the_same_stamps(processes: Processes, peer_o
     stamps = {}
     for name in ('left', 'right'):
         path = processes.folder / f'{name}.mcap'
-        read(path, verify=True)
-        entries = (entry for entry in Log(path).entries() if entry.role == STATES)
+        read_recording(path, verify=True)
+        entries = (entry for entry in RecordedLog(path).entries() if entry.role == STATES_OUTPUT)
         stamps[name] = [decode_joint_state(entry.data).stamp_ns for entry in entries]
     assert len(stamps['right']) > 200
     assert set(stamps['right']) <= set(stamps['left'])
@@ -121,7 +117,7 @@ def test_the_time_of_day_continues_across_a_restart_with_a_live_reader(
         seen = len(peer.clocks)
         peer.wait(lambda seen=seen: len(peer.clocks) > seen + 10)
         arm.stop()
-        settings = read(processes.folder / name, verify=True).settings
+        settings = read_recording(processes.folder / name, verify=True).settings
         assert before - SECOND < settings.start_ns < time.time_ns()
     ticks = [stamp_ns(tick) for tick in peer.clocks]
     assert (np.diff(ticks) > 0).all()

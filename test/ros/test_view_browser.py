@@ -6,17 +6,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bridge import (
+    ViewContent,
+    ViewPlayer,
+    export_view,
+    fill_view,
+    view_address,
+    view_content,
+    view_page,
+)
 from browser import needs_browser
 from devtools import Page, opened, red
 import numpy as np
 import pytest
 from view_models import STATE, joint_state, pushed_bag, text_message, urdf, visual, write_bag
 from waiting import wait_until
-
-from pfd_ros.view.export import export
-from pfd_ros.view.logged_arm import Content, content_of, fill
-from pfd_ros.view.player import Player
-from pfd_ros.view.server import address, page
 
 pytestmark = [pytest.mark.slow, needs_browser]
 # The arm hangs down for this time [s], and points up as long.
@@ -27,7 +31,7 @@ ARROW = 0.0005
 
 
 @pytest.fixture
-def log(tmp_path: Path) -> Content:
+def log(tmp_path: Path) -> ViewContent:
     """Return a log of a magenta pendulum."""
     magenta = '<material name="m"><color rgba="1 0 1 1"/></material>'
     box = visual('<box size="0.1 0.1 0.4"/>', '<origin xyz="0 0 -0.2"/>', magenta)
@@ -36,7 +40,7 @@ def log(tmp_path: Path) -> Content:
         for k, position in enumerate((0.0, 2.9, 2.9))
     ]
     described = ('/robot_description', 'std_msgs/msg/String', 0, text_message(urdf(box)))
-    return content_of(write_bag(tmp_path / 'bag', [described, *states]))
+    return view_content(write_bag(tmp_path / 'bag', [described, *states]))
 
 
 def arm_of(pixels: np.ndarray) -> np.ndarray:
@@ -65,11 +69,13 @@ def height(arm: np.ndarray) -> float:
     return arm.shape[0] - float(np.nonzero(arm)[0].mean())
 
 
-def test_the_arm_of_a_log_is_in_the_page_and_moves_with_time(log: Content, tmp_path: Path) -> None:
-    with page(0, 'test') as server:
-        player = Player(server.gui, log.motion, fill(server, log))
+def test_the_arm_of_a_log_is_in_the_page_and_moves_with_time(
+    log: ViewContent, tmp_path: Path
+) -> None:
+    with view_page(0, 'test') as server:
+        player = ViewPlayer(server.gui, log.motion, fill_view(server, log))
         player.advance(0.0)
-        with opened(address(server), tmp_path / 'profile') as shown:
+        with opened(view_address(server), tmp_path / 'profile') as shown:
             low = seen(shown)
             player.seek(HANGING)
             player.advance(0.0)
@@ -79,9 +85,11 @@ def test_the_arm_of_a_log_is_in_the_page_and_moves_with_time(log: Content, tmp_p
     assert height(high) > height(low) + 50
 
 
-def test_the_exported_page_plays_from_disk_without_network(log: Content, tmp_path: Path) -> None:
+def test_the_exported_page_plays_from_disk_without_network(
+    log: ViewContent, tmp_path: Path
+) -> None:
     target = tmp_path / 'arm.html'
-    export(log, None, target)
+    export_view(log, None, target)
     with opened(target.as_uri(), tmp_path / 'profile') as shown:
         # It plays by itself, from its start and again and again.
         seen(shown, seen(shown))
@@ -90,10 +98,10 @@ def test_the_exported_page_plays_from_disk_without_network(log: Content, tmp_pat
 
 @pytest.mark.long
 def test_the_arrow_of_a_force_is_in_the_page_while_it_acts(tmp_path: Path) -> None:
-    content = content_of(pushed_bag(tmp_path / 'bag'))
-    with page(0, 'test') as server:
-        show = fill(server, content)
-        with opened(address(server), tmp_path / 'profile') as shown:
+    content = view_content(pushed_bag(tmp_path / 'bag'))
+    with view_page(0, 'test') as server:
+        show = fill_view(server, content)
+        with opened(view_address(server), tmp_path / 'profile') as shown:
             for time_shown, acts in ((0.1, False), (0.3, True), (0.4, False), (0.2, True)):
                 show(content.motion.time[round(10 * time_shown)])
                 wait_until(

@@ -11,16 +11,12 @@ import threading
 from typing import Any
 import urllib.request
 
+from bridge import LinkPoses, LiveArm, MeshFolders, pfd_main
 import numpy as np
 import pytest
 from ros_processes import Processes, environment
 from view_models import STATE, STORE, joint_state, parsed, pendulum_end, urdf
 from waiting import PATIENCE
-
-from pfd_ros.cli.main import main
-from pfd_ros.view.live_arm import LiveArm
-from pfd_ros.view.mesh_files import MeshFolders
-from pfd_ros.view.poses import LinkPoses
 
 
 def encoded(*state: Any) -> bytes:
@@ -72,7 +68,7 @@ def test_a_log_and_live_exclude_each_other(
     arguments: tuple[str, ...], error: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip('rclpy')
-    assert main(['view', *arguments]) == 1
+    assert pfd_main(['view', *arguments]) == 1
     assert error in capsys.readouterr().err
 
 

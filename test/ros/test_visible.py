@@ -15,6 +15,17 @@ import re
 from typing import Any
 import xml.etree.ElementTree as ElementTree
 
+from bridge import (
+    HEAD_RECORD,
+    KNOWN_DEFINITIONS,
+    TRANSFORMS_TYPE,
+    DifferenceError,
+    LockstepArm,
+    LogError,
+    encode_string,
+    read_recording,
+    type_hash,
+)
 from gripper_arm import urdf
 from mcap.reader import make_reader
 import numpy as np
@@ -26,12 +37,6 @@ from rosbags.typesys import Stores, get_typestore
 from view_models import recorded
 
 import pfd_core as pfd
-from pfd_ros.messages import definitions
-from pfd_ros.messages.convert import TRANSFORMS, encode_string
-from pfd_ros.recording.format import HEAD
-from pfd_ros.recording.reader import LogError
-from pfd_ros.replay.verify import DifferenceError, read
-from pfd_ros.testing.lockstep_arm import LockstepArm
 
 LAYOUTS = Path(__file__).resolve().parents[2] / 'docs' / 'layouts'
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -134,7 +139,7 @@ def test_the_frames_verify_and_lead_from_the_root_to_each_link_as_in_pinocchio(
 ) -> None:
     source, settings = ROBOTS[name]
     path = recorded(tmp_path / 'a.mcap', source(), **settings)
-    assert not read(path, verify=True).absent
+    assert not read_recording(path, verify=True).absent
     found = messages(path)
     # The URDF comes first, so that a viewer has it from the start.
     assert found[0][0] == DESCRIPTION
@@ -190,7 +195,7 @@ def test_a_parameter_sets_the_rate_and_zero_records_no_frames(
     assert sum(topic == TF for topic, _, _ in found) == count
     assert sum(topic == STATIC for topic, _, _ in found) == (1 if rate else 0)
     assert found[0][0] == DESCRIPTION
-    assert not read(path, verify=True).absent
+    assert not read_recording(path, verify=True).absent
 
 
 def test_a_rate_that_divides_no_steps_is_rounded(tmp_path: Path) -> None:
@@ -198,7 +203,7 @@ def test_a_rate_that_divides_no_steps_is_rounded(tmp_path: Path) -> None:
     path = recorded(tmp_path / 'a.mcap', 'planar2', step_size=0.003)
     times = [time for topic, time, _ in messages(path) if topic == TF]
     assert set(np.diff(times).tolist()) == {7 * 3_000_000}
-    assert not read(path, verify=True).absent
+    assert not read_recording(path, verify=True).absent
 
 
 def test_an_arm_that_is_not_recorded_computes_no_frames() -> None:
@@ -207,9 +212,9 @@ def test_an_arm_that_is_not_recorded_computes_no_frames() -> None:
 
 def test_frames_in_a_recording_whose_settings_have_none_are_refused(tmp_path: Path) -> None:
     made = load(recorded(tmp_path / 'a.mcap', 'planar2'))
-    made.edit(HEAD, 'settings', lambda settings: settings.update(recording_tf_rate=0.0))
+    made.edit(HEAD_RECORD, 'settings', lambda settings: settings.update(recording_tf_rate=0.0))
     with pytest.raises(LogError, match='recording_tf_rate is 0'):
-        read(made.save(tmp_path / 'b.mcap', closed=False), verify=True)
+        read_recording(made.save(tmp_path / 'b.mcap', closed=False), verify=True)
 
 
 def test_a_robot_that_no_urdf_can_hold_is_recorded_without_frames(tmp_path: Path) -> None:
@@ -236,7 +241,7 @@ def test_altered_frames_are_found_without_the_digests(tmp_path: Path) -> None:
         made = altered(path, topic, place)
         made.save(tmp_path / f'{place}.mcap', closed=False)
         with pytest.raises(DifferenceError, match=text):
-            read(tmp_path / f'{place}.mcap', verify=True)
+            read_recording(tmp_path / f'{place}.mcap', verify=True)
 
 
 def test_an_altered_description_is_found_by_its_frames(tmp_path: Path) -> None:
@@ -245,13 +250,13 @@ def test_an_altered_description_is_found_by_its_frames(tmp_path: Path) -> None:
     message.data = message.data.replace(b'0.089159', b'0.089158')
     made.save(tmp_path / 'b.mcap', closed=False)
     with pytest.raises(DifferenceError, match='tf'):
-        read(tmp_path / 'b.mcap', verify=True)
+        read_recording(tmp_path / 'b.mcap', verify=True)
 
 
 def test_frames_without_their_description_are_reported_as_incomplete(tmp_path: Path) -> None:
     made = load(recorded(tmp_path / 'a.mcap', 'ur5'))
     made.keep(lambda message: message.topic != DESCRIPTION)
-    summary = read(made.save(tmp_path / 'b.mcap', closed=False), verify=True)
+    summary = read_recording(made.save(tmp_path / 'b.mcap', closed=False), verify=True)
     assert summary.lost == {'robot_description': 1}
     assert summary.absent
 
@@ -259,7 +264,7 @@ def test_frames_without_their_description_are_reported_as_incomplete(tmp_path: P
 def test_a_gap_in_the_frames_is_reported(tmp_path: Path) -> None:
     made = load(recorded(tmp_path / 'a.mcap', 'ur5'))
     made.lose(made.on(TF)[5:8])
-    summary = read(made.save(tmp_path / 'b.mcap', closed=False), verify=True)
+    summary = read_recording(made.save(tmp_path / 'b.mcap', closed=False), verify=True)
     assert summary.lost == {'tf': 3}
 
 
@@ -269,14 +274,14 @@ def test_a_description_that_is_no_urdf_is_one_clear_error(tmp_path: Path) -> Non
     for text in ('', 'puma560', '/etc/passwd', '<robot/>', '<robot name="x"><link name="a"/>' * 9):
         message.data = encode_string(text)
         with pytest.raises(ValueError, match=r'b\.mcap: ') as caught:
-            read(made.save(tmp_path / 'b.mcap', closed=False), verify=True)
+            read_recording(made.save(tmp_path / 'b.mcap', closed=False), verify=True)
         assert '\n' not in str(caught.value)
 
 
 def test_the_definition_of_a_transform_message_is_from_jazzy() -> None:
-    theirs, _ = STORE.generate_msgdef(TRANSFORMS, ros_version=2)
-    assert theirs.startswith(definitions.KNOWN[TRANSFORMS][0])
-    assert definitions.type_hash(TRANSFORMS) == STORE.hash_rihs01(TRANSFORMS)
+    theirs, _ = STORE.generate_msgdef(TRANSFORMS_TYPE, ros_version=2)
+    assert theirs.startswith(KNOWN_DEFINITIONS[TRANSFORMS_TYPE][0])
+    assert type_hash(TRANSFORMS_TYPE) == STORE.hash_rihs01(TRANSFORMS_TYPE)
 
 
 def test_a_finger_at_its_initial_value_and_its_mimic_joint_are_static_frames(

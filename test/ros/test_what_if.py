@@ -12,6 +12,16 @@ import re
 import sys
 from typing import Any
 
+from bridge import (
+    JointDivergence,
+    LockstepArm,
+    LogError,
+    Source,
+    TopicArrays,
+    WhatIf,
+    pfd_main,
+    what_if,
+)
 import numpy as np
 from oracle import Oracle
 import pinocchio as pin
@@ -24,13 +34,6 @@ from simulating import simulate
 
 import pfd_core as pfd
 from pfd_ros import read_log
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Source
-from pfd_ros.cli.main import main
-from pfd_ros.recording.log_arrays import TopicArrays
-from pfd_ros.recording.reader import LogError
-from pfd_ros.replay.what_if import JointDivergence, WhatIf, what_if
-from pfd_ros.testing.lockstep_arm import LockstepArm
 
 STATES, ARRAY = '/joint_states', '/sim_arm/commands'
 BIT = 2.0**-52
@@ -131,7 +134,7 @@ def test_a_run_without_a_change_has_the_bits_of_the_log(
     assert {item.largest for item in found.divergences} == {0.0}
     assert {item.first_at for item in found.divergences} == {None}
     assert not found.rejected
-    assert main(['replay', str(found.log), '--verify']) == 0
+    assert pfd_main(['replay', str(found.log), '--verify']) == 0
 
 
 @pytest.mark.ros
@@ -140,25 +143,7 @@ def test_a_run_of_the_node_without_a_change_has_its_bits(recorded: Path, tmp_pat
     assert contents(found.log) == contents(recorded)
     changed = what_if(recorded, ['payload.mass=1.5'], out=tmp_path / 'c.mcap')
     assert min(numbers(changed, 'velocity', 'largest')) > 0
-    assert main(['replay', str(changed.log), '--verify']) == 0
-
-
-def test_cycles_with_commands_alone_run_in_a_few_native_calls(
-    swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    lengths: list[int] = []
-    stretch = Engine.stretch
-
-    def counted(engine: Engine, *given: Any) -> Any:
-        rows = stretch(engine, *given)
-        lengths.append(0 if rows is None else len(rows))
-        return rows
-
-    monkeypatch.setattr(Engine, 'stretch', counted)
-    what_if(swing, ['payload.mass=0.5'], out=tmp_path / 'b.mcap')
-    # Of the new run and of the rounding run.
-    assert sum(lengths) > 2 * 0.9 * 1000
-    assert len(lengths) <= 4
+    assert pfd_main(['replay', str(changed.log), '--verify']) == 0
 
 
 def by_pinocchio(
@@ -243,7 +228,7 @@ def test_sensors_of_another_seed_change_what_is_measured_alone(tmp_path: Path) -
     assert numbers(found, 'velocity', 'largest') == [0.0, 0.0]
     new = read_log(found.log)
     assert '/sim_arm/energy' not in new
-    assert main(['replay', str(found.log), '--verify']) == 0
+    assert pfd_main(['replay', str(found.log), '--verify']) == 0
 
 
 @pytest.mark.parametrize(
@@ -262,7 +247,7 @@ def test_other_steps_take_the_commands_at_their_times(
     expected = sizes.max(axis=0)
     np.testing.assert_allclose(numbers(found, 'position', 'largest'), expected, rtol=1e-9)
     assert not found.rejected
-    assert main(['replay', str(found.log), '--verify']) == 0
+    assert pfd_main(['replay', str(found.log), '--verify']) == 0
 
 
 def test_steps_that_are_longer_end_between_recorded_states(swing: Path, tmp_path: Path) -> None:
@@ -318,7 +303,7 @@ def test_efforts_without_names_reach_the_joints_of_another_robot_by_name(
     assert contents(found.log)[STATES] == [
         (sent.sequence, sent.data) for sent in alone.messages if sent.topic == STATES
     ]
-    assert main(['replay', str(found.log), '--verify']) == 0
+    assert pfd_main(['replay', str(found.log), '--verify']) == 0
 
 
 def test_the_order_of_the_joints_permutes_efforts_without_names(
@@ -346,7 +331,7 @@ def test_a_real_robot_takes_the_place_of_another_one_with_its_joints(tmp_path: P
     found = what_if(log, [f'robot={urdf}'])
     assert (found.robot, len(found.joints)) == ('ur10', 6)
     assert min(numbers(found, 'velocity', 'largest')) > 0
-    assert main(['replay', str(found.log), '--verify']) == 0
+    assert pfd_main(['replay', str(found.log), '--verify']) == 0
 
 
 def test_a_scene_file_takes_the_place_of_all_effects(tmp_path: Path) -> None:
@@ -377,12 +362,12 @@ def test_a_run_that_overflows_says_when(
     out = tmp_path / 'b.mcap'
     words = ['damping=[1e6, 1e6]', 'integrator=rk4']
     arguments = ['replay', str(swing), '--what-if', *words, '--out', str(out)]
-    assert main([*arguments, '--json']) == 0
+    assert pfd_main([*arguments, '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     assert found['failed_at'] == pytest.approx(0.002)
     assert found['failure'] == 'the state after step 2 is not finite'
     assert found['states'] == 1
-    assert main(['replay', str(out), '--verify']) == 0
+    assert pfd_main(['replay', str(out), '--verify']) == 0
     assert 'FAILED     simulation stopped after step 1' in capsys.readouterr().out
     # The other way round: the states of the failed arm are there, and the new run continues.
     back = what_if(out, ['damping=[0, 0]'], out=tmp_path / 'c.mcap')
@@ -410,7 +395,7 @@ def test_the_command_prints_a_row_for_each_joint_and_draws_both_runs(
 ) -> None:
     out = tmp_path / 'b.mcap'
     words = ['payload.mass=0.5', 'payload.center=[0.1, 0, 0]']
-    assert main(['replay', str(swing), '--what-if', *words, '--out', str(out)]) == 0
+    assert pfd_main(['replay', str(swing), '--what-if', *words, '--out', str(out)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].endswith('planar2, payload.mass=0.5 payload.center=[0.1, 0, 0]')
     assert '1000 recorded states compared' in lines[1]
@@ -429,11 +414,11 @@ def test_without_matplotlib_there_is_a_line_and_no_picture(
 ) -> None:
     monkeypatch.setitem(sys.modules, 'matplotlib.figure', None)
     arguments = ['replay', str(swing), '--what-if', '--out']
-    assert main([*arguments, str(tmp_path / 'b.mcap')]) == 0
+    assert pfd_main([*arguments, str(tmp_path / 'b.mcap')]) == 0
     (line,) = (x for x in capsys.readouterr().out.splitlines() if x.startswith('no plot'))
     assert "a plot needs matplotlib: pip install 'pfd_ros[report]'" in line
     # Before the run, if a picture was requested.
-    assert main([*arguments, str(tmp_path / 'c.mcap'), '--plot', str(tmp_path / 'c.png')]) == 1
+    assert pfd_main([*arguments, str(tmp_path / 'c.mcap'), '--plot', str(tmp_path / 'c.png')]) == 1
     assert [path.name for path in tmp_path.iterdir()] == ['b.mcap']
 
 
@@ -441,7 +426,7 @@ def test_a_picture_of_an_unknown_format_is_refused_before_the_run(
     swing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ['replay', str(swing), '--what-if', '--out', str(tmp_path / 'b.mcap')]
-    assert main([*arguments, '--plot', str(tmp_path / 'b.xyz')]) == 1
+    assert pfd_main([*arguments, '--plot', str(tmp_path / 'b.xyz')]) == 1
     assert 'b.xyz has no suffix of a picture' in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
@@ -476,7 +461,7 @@ def test_nothing_is_overwritten(
     assert [what_if(log).log.name for _ in range(2)] == ['a_what_if.mcap', 'a_what_if_2.mcap']
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     for option, name in (('--out', 'a.mcap'), ('--plot', 'a_what_if.mcap')):
-        assert main(['replay', str(log), '--what-if', option, str(tmp_path / name)]) == 1
+        assert pfd_main(['replay', str(log), '--what-if', option, str(tmp_path / name)]) == 1
         assert 'exists and is not overwritten' in capsys.readouterr().err
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
@@ -530,7 +515,7 @@ def test_a_wrong_word_is_one_line_and_writes_nothing(
 ) -> None:
     log = tmp_path / 'a.mcap'
     log.write_bytes(swing.read_bytes())
-    assert main(['replay', str(log), '--what-if', *words]) == 1
+    assert pfd_main(['replay', str(log), '--what-if', *words]) == 1
     said = capsys.readouterr()
     assert said.out == ''
     assert len(said.err.splitlines()) == 1
@@ -543,14 +528,14 @@ def test_a_wrong_word_is_one_line_and_writes_nothing(
 def test_options_of_what_if_need_it(
     option: str, swing: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(['replay', str(swing), option, 'a']) == 2
+    assert pfd_main(['replay', str(swing), option, 'a']) == 2
     assert capsys.readouterr().err == f'pfd replay: {option} requires --what-if\n'
 
 
 def test_a_log_is_published_or_run_with_a_change(
     swing: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(['replay', str(swing), '--publish', '--what-if']) == 2
+    assert pfd_main(['replay', str(swing), '--publish', '--what-if']) == 2
     assert 'pfd replay: --publish and --what-if exclude each other' in capsys.readouterr().err
 
 

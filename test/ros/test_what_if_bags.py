@@ -9,16 +9,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bags import STORE, rosbag2
+from bridge import LogError, WhatIf, pfd_main, what_if, what_if_lines
 import numpy as np
 import pytest
 from ros_processes import example_robot
 
 import pfd_core as pfd
 from pfd_ros import read_log
-from pfd_ros.cli.main import main
-from pfd_ros.cli.what_if import lines_of
-from pfd_ros.recording.reader import LogError
-from pfd_ros.replay.what_if import WhatIf, what_if
 
 JOINT_STATE, FLOATS = 'sensor_msgs/msg/JointState', 'std_msgs/msg/Float64MultiArray'
 NAMES = ('shoulder', 'elbow')
@@ -113,7 +110,7 @@ def test_an_arm_that_is_the_recorded_one_follows_it(tmp_path: Path, start: float
     assert not found.rejected
     assert not found.skipped
     assert found.log == tmp_path / 'bag_what_if.mcap'
-    assert main(['replay', str(found.log), '--verify']) == 0
+    assert pfd_main(['replay', str(found.log), '--verify']) == 0
     # Its stamps continue the clock of the bag, as far as a float of seconds has it.
     new = read_log(found.log)['/joint_states']
     assert new.time[0] == pytest.approx(max(start, H), abs=1e-6)
@@ -141,7 +138,7 @@ def test_efforts_without_names_act_in_the_order_of_the_joints(tmp_path: Path) ->
     # Without stamps of the commands the times are the log's.
     assert largest(found) < ROUNDING
     assert found.joints == NAMES[::-1]
-    assert 'times      log times of the messages' in lines_of(found)
+    assert 'times      log times of the messages' in what_if_lines(found)
 
 
 def test_efforts_between_two_steps_act_from_the_next_one_on(tmp_path: Path) -> None:
@@ -168,7 +165,7 @@ def test_messages_are_put_in_the_order_of_their_stamps(tmp_path: Path) -> None:
     # States come late in the log.
     late = [Sent('/s', 1.02 + t, joint_state(t, position=Q0)) for t in (1.002, 1.008)]
     found = run(write(tmp_path / 'bag', [*sent, *late]), '/c')
-    assert 'times      stamps of the messages' in lines_of(found)
+    assert 'times      stamps of the messages' in what_if_lines(found)
     new = read_log(found.log)['/joint_states']
     wanted = motion(np.repeat(taus(2), 4, axis=0)).q
     np.testing.assert_allclose(new.position[1:9], wanted, atol=ROUNDING)
@@ -268,7 +265,7 @@ def test_a_bag_without_a_topic_of_commands_is_no_recording(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = own_bag(tmp_path / 'bag')
-    assert main(['replay', str(bag), '--what-if', 'robot=planar2']) == 1
+    assert pfd_main(['replay', str(bag), '--what-if', 'robot=planar2']) == 1
     line = f'pfd replay: {bag} is not a recording of this node: name a topic with --commands\n'
     assert capsys.readouterr().err == line
 
@@ -293,7 +290,7 @@ def test_efforts_of_real_arms_act_at_their_times(
     assert not found.skipped
     assert not found.only_in_log
     assert not found.only_in_arm
-    assert main(['replay', str(found.log), '--verify']) == 0
+    assert pfd_main(['replay', str(found.log), '--verify']) == 0
     # The first tenth of a second, by a simulator whose efforts this test holds.
     steps = np.arange(100)
     times = recorded.time - recorded.time[0]

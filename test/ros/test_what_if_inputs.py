@@ -7,22 +7,27 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from bridge import (
+    WRENCH_TYPE,
+    InertiaMessage,
+    Request,
+    Source,
+    encode_changes,
+    encode_clock,
+    encode_inertia,
+    encode_request,
+    pfd_main,
+    stamped_encoder,
+    what_if,
+)
 import numpy as np
 from plant_messages import efforts, joint_state
 import pytest
 from rewriting import Sent, load
 from simulating import simulate
 
-from pfd_ros.arm.changes import encode_changes
-from pfd_ros.arm.events import Request, Source
-from pfd_ros.arm.requests import encode_request
-from pfd_ros.cli.main import main
-from pfd_ros.messages.convert import WRENCH, encode_clock
-from pfd_ros.messages.stamped import InertiaMessage, encode_inertia, stamped_encoder
-from pfd_ros.replay.what_if import what_if
-
 Inputs = dict[int, list[Any]]
-PUSH = stamped_encoder(WRENCH, 'tip_link').encode(0, np.array([1.0, 2.0, 3.0, 0.0, 0.0, 1.0]))
+PUSH = stamped_encoder(WRENCH_TYPE, 'tip_link').encode(0, np.array([1.0, 2.0, 3.0, 0.0, 0.0, 1.0]))
 BODY = encode_inertia(InertiaMessage(0, 'tip_link', 1.0, (0.1, 0.0, 0.0), (0.0,) * 6))
 
 
@@ -125,4 +130,4 @@ def test_inputs_of_every_kind_act_again(case: str, tmp_path: Path) -> None:
         changed = what_if(log, words)
         assert not changed.rejected
         assert changed.states == 250
-        assert main(['replay', str(changed.log), '--verify']) == 0
+        assert pfd_main(['replay', str(changed.log), '--verify']) == 0

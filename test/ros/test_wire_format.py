@@ -13,14 +13,38 @@ import re
 import struct
 from typing import Any
 
+from bridge import (
+    CLOCK_TYPE,
+    FLOAT_ARRAY_TYPE,
+    HEADER_TYPE,
+    INERTIA_TYPE,
+    INTEGER_ARRAY_TYPE,
+    JOINT_STATE_FIELDS,
+    JOINT_STATE_TYPE,
+    POSE_TYPE,
+    STAMPED_NUMBERS,
+    WRENCH_TYPE,
+    ArrayEncoder,
+    JointStateEncoder,
+    decode_array,
+    decode_clock,
+    decode_floats,
+    decode_joint_state,
+    decode_joint_states,
+    decode_rows,
+    decode_stamped,
+    decode_string,
+    effort_encoder,
+    encode_clock,
+    encode_rows,
+    encode_string,
+    stamped_encoder,
+)
 from hypothesis import event, given
 from hypothesis import strategies as st
 import numpy as np
 from plant_messages import efforts
 import pytest
-
-from pfd_ros.messages import convert
-from pfd_ros.messages.stamped import NUMBERS, decode_stamped, effort_encoder, stamped_encoder
 
 STAMP = 12_345_678_901
 TAKEN = ('step', 'source', 'sequence', 'verdict')
@@ -70,9 +94,9 @@ def test_others_read_the_states_we_write(
     read: Reader, data: st.DataObject, stamp: int, frame_id: str, names: list[str]
 ) -> None:
     arrays = [data.draw(several(len(names))) for _ in range(3)]
-    encoder = convert.JointStateEncoder(names, frame_id)
+    encoder = JointStateEncoder(names, frame_id)
     written = encoder.encode(stamp, *arrays)
-    message = read(written, convert.JOINT_STATE)
+    message = read(written, JOINT_STATE_TYPE)
     assert (stamp_ns(message), message.header.frame_id) == (stamp, frame_id)
     assert list(message.name) == names
     for got, wanted in zip(
@@ -97,7 +121,7 @@ def test_we_read_any_joint_state_that_rclpy_writes(
     message = JointState(name=names, position=arrays[0], velocity=arrays[1], effort=arrays[2])
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
     message.header.frame_id = frame_id
-    got = convert.decode_joint_state(write(message))
+    got = decode_joint_state(write(message))
     assert (got.stamp_ns, got.frame_id, got.names) == (stamp, frame_id, tuple(names))
     for values, wanted in zip((got.position, got.velocity, got.effort), arrays, strict=True):
         assert bits(values) == bits(wanted)
@@ -112,21 +136,21 @@ def test_we_read_arrays_with_any_layout(
     message = Float64MultiArray(data=values)
     message.layout.dim = [MultiArrayDimension(label=x, size=3, stride=3) for x in labels]
     written = write(message)
-    assert bits(convert.decode_floats(written)) == bits(values)
-    got = convert.decode_array(written)
+    assert bits(decode_floats(written)) == bits(values)
+    got = decode_array(written)
     assert (got.labels, got.sizes) == (tuple(labels), (3,) * len(labels))
 
 
 # The numbers of each type below its header, as the libraries name them.
 FIELDS = {
-    convert.POSE: attrgetter(
+    POSE_TYPE: attrgetter(
         *(f'pose.position.{axis}' for axis in 'xyz'),
         *(f'pose.orientation.{axis}' for axis in 'xyzw'),
     ),
-    convert.WRENCH: attrgetter(
+    WRENCH_TYPE: attrgetter(
         *(f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in 'xyz')
     ),
-    convert.INERTIA: attrgetter(
+    INERTIA_TYPE: attrgetter(
         'inertia.m',
         *(f'inertia.com.{axis}' for axis in 'xyz'),
         *(f'inertia.i{axes}' for axes in ('xx', 'xy', 'xz', 'yy', 'yz', 'zz')),
@@ -135,12 +159,12 @@ FIELDS = {
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize('kind', NUMBERS)
+@pytest.mark.parametrize('kind', STAMPED_NUMBERS)
 @given(st.data(), STAMPS, TEXTS)
 def test_others_read_headed_numbers_as_we_write_them_and_so_do_we(
     read: Reader, kind: str, data: st.DataObject, stamp: int, frame_id: str
 ) -> None:
-    numbers = data.draw(several(len(NUMBERS[kind])))
+    numbers = data.draw(several(len(STAMPED_NUMBERS[kind])))
     written = stamped_encoder(kind, frame_id).encode(stamp, numbers)
     message = read(written, kind)
     assert (stamp_ns(message), message.header.frame_id) == (stamp, frame_id)
@@ -154,7 +178,7 @@ def test_others_read_states_of_efforts_alone(
     read: Reader, data: st.DataObject, names: list[str], frame_id: str
 ) -> None:
     efforts = data.draw(several(len(names)))
-    message = read(effort_encoder(names, frame_id).encode(STAMP, efforts), convert.JOINT_STATE)
+    message = read(effort_encoder(names, frame_id).encode(STAMP, efforts), JOINT_STATE_TYPE)
     assert (message.header.frame_id, list(message.name)) == (frame_id, names)
     assert (len(message.position), len(message.velocity)) == (0, 0)
     assert bits(message.effort) == bits(efforts)
@@ -163,63 +187,63 @@ def test_others_read_states_of_efforts_alone(
 def test_others_read_the_arrays_we_write_with_their_layout_and_so_do_we(read: Reader) -> None:
     values = np.arange(6.0).reshape(2, 3)
     layout = [('row', ('x', 'yy')), ('column', ('a', 'b', 'c'))]
-    data = convert.ArrayEncoder(layout).encode(values)
-    message = read(data, convert.FLOAT_ARRAY)
+    data = ArrayEncoder(layout).encode(values)
+    message = read(data, FLOAT_ARRAY_TYPE)
     dimensions = [(d.label, d.size, d.stride) for d in message.layout.dim]
     assert dimensions == [('row: x,yy', 2, 6), ('column: a,b,c', 3, 3)]
     assert list(message.data) == values.reshape(-1).tolist()
-    got = convert.decode_array(data)
+    got = decode_array(data)
     assert (got.labels, got.sizes) == (('row: x,yy', 'column: a,b,c'), (2, 3))
     assert got.values.tolist() == values.reshape(-1).tolist()
 
 
 @given(st.lists(st.lists(st.integers(0, 2**64 - 1), min_size=4, max_size=4), max_size=4))
 def test_others_read_the_rows_we_write_and_so_do_we(read: Reader, rows: list[list[int]]) -> None:
-    data = convert.encode_rows(rows, TAKEN)
-    message = read(data, convert.INTEGER_ARRAY)
+    data = encode_rows(rows, TAKEN)
+    message = read(data, INTEGER_ARRAY_TYPE)
     assert list(message.data) == list(itertools.chain(*rows))
     assert [d.size for d in message.layout.dim] == [len(rows), len(TAKEN)]
     assert message.layout.dim[1].label == 'step,source,sequence,verdict'
-    assert convert.decode_rows(data, len(TAKEN)) == rows
+    assert decode_rows(data, len(TAKEN)) == rows
 
 
 @given(STAMPS)
 def test_others_read_the_clock_we_write_and_so_do_we(read: Reader, stamp: int) -> None:
-    message = read(convert.encode_clock(stamp), convert.CLOCK)
+    message = read(encode_clock(stamp), CLOCK_TYPE)
     assert message.clock.sec * 10**9 + message.clock.nanosec == stamp
-    assert convert.decode_clock(convert.encode_clock(stamp)) == stamp
+    assert decode_clock(encode_clock(stamp)) == stamp
 
 
 def test_a_message_from_a_big_endian_machine_is_read() -> None:
     data = b'\x00\x00\x00\x00' + struct.pack('>II', 0, 0) + struct.pack('>I', 1)
     # Eight-byte numbers begin at a multiple of eight after the header: four bytes of padding.
     data += bytes(4) + struct.pack('>d', 2.5)
-    assert convert.decode_floats(data).tolist() == [2.5]
+    assert decode_floats(data).tolist() == [2.5]
 
 
 def test_a_message_that_ends_early_is_refused_wherever_it_ends() -> None:
     q = np.array([1.0, 2.0])
-    data = convert.JointStateEncoder(['a', 'b'], 'base').encode(STAMP, q, q, q)
+    data = JointStateEncoder(['a', 'b'], 'base').encode(STAMP, q, q, q)
     for size in range(len(data)):
         with pytest.raises(ValueError, match=r'message (ends at byte|begins with)'):
-            convert.decode_joint_state(data[:size])
+            decode_joint_state(data[:size])
 
 
 @pytest.mark.parametrize('head', [b'\x00\x03\x00\x00', b'\x00\x0b\x00\x00', b'ab'])
 def test_an_encoding_other_than_plain_cdr_is_refused(head: bytes) -> None:
     with pytest.raises(ValueError, match='expected plain CDR'):
-        convert.decode_floats(head + bytes(12))
+        decode_floats(head + bytes(12))
 
 
 def test_rows_that_do_not_fill_up_are_refused() -> None:
-    data = convert.encode_rows([[1, 2, 3]], ('a', 'b', 'c'))
+    data = encode_rows([[1, 2, 3]], ('a', 'b', 'c'))
     with pytest.raises(ValueError, match='3 numbers, expected whole rows of 4'):
-        convert.decode_rows(data, 4)
+        decode_rows(data, 4)
 
 
 def joint_state(names: bytes) -> bytes:
     """Return a JointState at time 0 in frame '' whose sequence of names is given as bytes."""
-    return convert.HEADER + bytes(8) + struct.pack('<I', 1) + bytes(4) + names
+    return HEADER_TYPE + bytes(8) + struct.pack('<I', 1) + bytes(4) + names
 
 
 @pytest.mark.parametrize(
@@ -236,38 +260,38 @@ def joint_state(names: bytes) -> bytes:
 )
 def test_a_malformed_string_or_sequence_is_refused(names: bytes, expected: str) -> None:
     with pytest.raises(ValueError, match=expected) as error:
-        convert.decode_joint_state(joint_state(names))
+        decode_joint_state(joint_state(names))
     assert type(error.value) is ValueError
 
 
 def test_an_empty_string_may_come_without_its_zero() -> None:
-    got = convert.decode_joint_state(joint_state(struct.pack('<III', 2, 0, 0) + bytes(12)))
+    got = decode_joint_state(joint_state(struct.pack('<III', 2, 0, 0) + bytes(12)))
     assert got.names == ('', '')
 
 
 # Each decoder, and a message for it.
 DECODERS: dict[str, tuple[Callable[[bytes], object], bytes]] = {
     'state': (
-        convert.decode_joint_state,
-        convert.JointStateEncoder(['a', 'bcd'], 'base').encode(STAMP, *np.ones((3, 2))),
+        decode_joint_state,
+        JointStateEncoder(['a', 'bcd'], 'base').encode(STAMP, *np.ones((3, 2))),
     ),
     'array': (
-        convert.decode_array,
-        convert.ArrayEncoder([('row', ('x', 'yy'))]).encode(np.zeros(2)),
+        decode_array,
+        ArrayEncoder([('row', ('x', 'yy'))]).encode(np.zeros(2)),
     ),
-    'floats': (convert.decode_floats, efforts(1.0, 2.0)),
+    'floats': (decode_floats, efforts(1.0, 2.0)),
     'rows': (
-        functools.partial(convert.decode_rows, width=4),
-        convert.encode_rows([[1, 2, 3, 4]], TAKEN),
+        functools.partial(decode_rows, width=4),
+        encode_rows([[1, 2, 3, 4]], TAKEN),
     ),
-    'clock': (convert.decode_clock, convert.encode_clock(STAMP)),
-    'text': (convert.decode_string, convert.encode_string('wört')),
+    'clock': (decode_clock, encode_clock(STAMP)),
+    'text': (decode_string, encode_string('wört')),
     **{
         kind: (
             functools.partial(decode_stamped, kind=kind),
-            stamped_encoder(kind, 'b').encode(STAMP, np.zeros(len(NUMBERS[kind]))),
+            stamped_encoder(kind, 'b').encode(STAMP, np.zeros(len(STAMPED_NUMBERS[kind]))),
         )
-        for kind in NUMBERS
+        for kind in STAMPED_NUMBERS
     },
 }
 
@@ -280,7 +304,7 @@ def strange_bytes(draw: st.DrawFn, whole: bytes) -> bytes:
     if change == 'invent':
         # Small numbers: nearly every other length is too large.
         body = draw(st.lists(st.sampled_from((0, 0, 0, 0, 1, 2, 4, 255)), max_size=90))
-        return draw(st.sampled_from((convert.HEADER, bytes(4), b''))) + bytes(body)
+        return draw(st.sampled_from((HEADER_TYPE, bytes(4), b''))) + bytes(body)
     for _ in range(draw(st.integers(1, 3))):
         data[draw(st.integers(0, len(data) - 1))] = draw(st.integers(0, 255))
     return bytes(data if change == 'alter' else data[: draw(st.integers(0, len(data)))])
@@ -303,24 +327,24 @@ def test_garbage_is_read_or_refused_with_a_value_error(decoder: str, data: st.Da
 def test_joint_states_read_together_are_those_read_one_by_one(
     data: st.DataObject, altered: bool
 ) -> None:
-    encoder = convert.JointStateEncoder(['a', 'b'], 'base')
+    encoder = JointStateEncoder(['a', 'b'], 'base')
     messages = [encoder.encode(k * STAMP, *np.full((3, 2), k / 3)) for k in range(3)]
     if altered:
         messages[data.draw(st.integers(0, 2))] = data.draw(strange_bytes(messages[0]))
     try:
-        found = convert.decode_joint_states(messages)
+        found = decode_joint_states(messages)
     except ValueError as error:
         with pytest.raises(ValueError, match=re.escape(str(error))):
-            convert.decode_joint_state(messages[0])
+            decode_joint_state(messages[0])
         return
     if found is None:
         event('differ')
         assert altered
         return
-    single = [convert.decode_joint_state(message) for message in messages]
+    single = [decode_joint_state(message) for message in messages]
     assert {one.names for one in single} == {found.names}
     assert [one.stamp_ns for one in single] == found.stamps_ns.tolist()
-    for name in convert.JOINT_FIELDS:
+    for name in JOINT_STATE_FIELDS:
         assert bits([getattr(one, name) for one in single]) == bits(getattr(found, name))
 
 
@@ -329,15 +353,13 @@ def test_a_time_with_a_second_or_more_of_nanoseconds_is_refused_in_every_message
     nanoseconds: int,
 ) -> None:
     messages = {
-        convert.decode_clock: convert.encode_clock(STAMP),
-        convert.decode_joint_state: convert.JointStateEncoder(['a']).encode(
-            STAMP, *np.zeros((3, 1))
-        ),
+        decode_clock: encode_clock(STAMP),
+        decode_joint_state: JointStateEncoder(['a']).encode(STAMP, *np.zeros((3, 1))),
         **{
             functools.partial(decode_stamped, kind=kind): stamped_encoder(kind, 'base').encode(
-                STAMP, np.zeros(len(NUMBERS[kind]))
+                STAMP, np.zeros(len(STAMPED_NUMBERS[kind]))
             )
-            for kind in NUMBERS
+            for kind in STAMPED_NUMBERS
         },
     }
     for decode, data in messages.items():

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bridge import Engine, Request, Source, Verdict, encode_request, read_motion, read_recording
 import numpy as np
 import pinocchio as pin
 from plant_messages import change, efforts, made, validated, wrench
@@ -14,11 +15,6 @@ from ros_processes import example_robot
 from simulating import rows_of, simulate
 
 import pfd_core as pfd
-from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Request, Source, Verdict
-from pfd_ros.arm.requests import encode_request
-from pfd_ros.cli.recorded_motion import read_motion
-from pfd_ros.replay.verify import read
 
 RESET = Source.REQUEST, encode_request(Request('reset'))
 CLEAR = Source.REQUEST, encode_request(Request('clear_wrench'))
@@ -164,7 +160,7 @@ def test_a_recording_with_wrenches_in_carried_frames_verifies(tmp_path: Path) ->
         external_wrench=True,
         external_wrench_timeout=0.01,
     ).save(tmp_path / 'a.mcap')
-    assert read(path, verify=True).complete
+    assert read_recording(path, verify=True).complete
     verdicts = [row.verdict for row in rows_of(path) if row.source is Source.WRENCH]
     assert verdicts == [Verdict.ACCEPTED, Verdict.UNKNOWN_NAMES, Verdict.ACCEPTED]
     with pytest.raises(ValueError, match='has an external wrench'):

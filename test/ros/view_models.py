@@ -11,6 +11,7 @@ import re
 from typing import Any
 
 from bags import STORE, rosbag2
+from bridge import LockstepArm, ViewContent, fill_view
 import msgspec
 import numpy as np
 import pinocchio as pin
@@ -19,8 +20,6 @@ import zstandard
 
 import pfd_core as pfd
 from pfd_ros import read_log
-from pfd_ros.testing.lockstep_arm import LockstepArm
-from pfd_ros.view.logged_arm import Content, fill
 
 UR5 = 'ur_description/urdf/ur5_robot.urdf'
 PANDA = 'panda_description/urdf/panda.urdf'
@@ -170,9 +169,9 @@ def pendulum_end(q: float) -> pin.SE3:
 class Nodes:
     """The nodes of a page that shows a log."""
 
-    def __init__(self, server: Any, content: Content) -> None:
+    def __init__(self, server: Any, content: ViewContent) -> None:
         self._scene = server.scene
-        self.show = fill(server, content)
+        self.show = fill_view(server, content)
 
     def __getitem__(self, name: str) -> Any:
         return self._scene.get_handle_by_name(name)

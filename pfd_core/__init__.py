@@ -25,8 +25,8 @@ To change or add
                             Scene(armature=...)
     an equation             algorithms.paper lists its modules with the paper's equations;
                             pcrbm_1987 and pcgm_1987 execute them as printed
-    a method                a module of algorithms, a row of algorithms.programs.FORWARD, and a
-                            name in SERIAL, ITERATIVE or EMULATED if it is one of these
+    a method                a module of algorithms and a row of algorithms.programs
+    a quantity              a module of algorithms and a row of algorithms.quantities
     an integrator           a row of simulation.integrators.TABLE; for friction and stops also a
                             Scheme in simulation.contact.schemes and a row of
                             simulation.simulation.SCHEMES
@@ -35,56 +35,57 @@ To change or add
     a column of a report    a field of the table's record in report.measure, and the Columns of its
                             page, as report.counts_pages.SYSTEMS; report lists pages and tables
 
-The names below are the public ones.
+The names below are the public ones. Each is imported from its module at its first use.
 """
 
-from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING
 
-from pfd_core.algorithms.emulation import Run, emulate
-from pfd_core.algorithms.programs import METHODS, PAYLOAD_METHODS
-from pfd_core.kernels.compile import compile_kernel
-from pfd_core.kernels.functions import forward_dynamics, inverse_dynamics
-from pfd_core.kernels.kernel import Kernel
-from pfd_core.machine.program import Program, Steps
-from pfd_core.model import (
-    EFFECTS,
-    SPIN_UP_TIME,
-    Payload,
-    PhysicsWarning,
-    Robot,
-    Scene,
-    TreeError,
-    Urdf,
-    estimated_armature,
-    known_robots,
-    load_robot,
-    load_scene,
-    lock,
-    read_urdf,
-    reflected_inertia,
-    robot_to_urdf,
-    robot_to_yaml,
-    scene_to_yaml,
-    urdf_of,
-    with_payload,
-)
-from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
-from pfd_core.simulation.ensemble import Ensemble
-from pfd_core.simulation.feedback import Feedback, StateFeedback
-from pfd_core.simulation.integrators import INTEGRATORS
-from pfd_core.simulation.linearisation import Linearization
-from pfd_core.simulation.motors import MotorSimulator, MotorState
-from pfd_core.simulation.simulator import Simulator
-from pfd_core.simulation.state import SimulationState
-from pfd_core.simulation.trajectory import Trajectory
+from pfd_core.forking import load, no_fork
 
-try:
-    __version__ = version('pfd_ros')
-except PackageNotFoundError:  # a checkout that was never installed
-    __version__ = '0.1.0'
+if TYPE_CHECKING:
+    from pfd_core.algorithms.emulation import Run, emulate
+    from pfd_core.algorithms.programs import EMULATED_METHODS, METHODS, PAYLOAD_METHODS
+    from pfd_core.kernels.compile import compile_kernel
+    from pfd_core.kernels.functions import forward_dynamics, inverse_dynamics
+    from pfd_core.kernels.kernel import Kernel
+    from pfd_core.machine.program import Program, Steps
+    from pfd_core.model import (
+        EFFECTS,
+        SPIN_UP_TIME,
+        Payload,
+        PhysicsWarning,
+        Robot,
+        Scene,
+        estimated_armature,
+        known_robots,
+        load_robot,
+        load_scene,
+        lock,
+        read_urdf,
+        reflected_inertia,
+        robot_to_yaml,
+        scene_to_yaml,
+        urdf_of,
+        with_payload,
+    )
+    from pfd_core.model.urdf_chain import TreeError
+    from pfd_core.model.urdf_reader import Urdf
+    from pfd_core.model.urdf_writer import robot_to_urdf
+    from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
+    from pfd_core.simulation.ensemble import Ensemble
+    from pfd_core.simulation.feedback import Feedback, StateFeedback
+    from pfd_core.simulation.integrators import INTEGRATORS
+    from pfd_core.simulation.linearisation import Linearization
+    from pfd_core.simulation.motors import MotorSimulator, MotorState
+    from pfd_core.simulation.simulator import Simulator
+    from pfd_core.simulation.state import SimulationState
+    from pfd_core.simulation.trajectory import Trajectory
+
+__version__: str
 
 __all__ = [
     'EFFECTS',
+    'EMULATED_METHODS',
     'INTEGRATORS',
     'METHODS',
     'PAYLOAD_METHODS',
@@ -128,3 +129,59 @@ __all__ = [
     'urdf_of',
     'with_payload',
 ]
+
+# The module of each name, which is imported at the first use of one of its names.
+_NAMES = {
+    'algorithms.emulation': 'Run emulate',
+    'algorithms.programs': 'EMULATED_METHODS METHODS PAYLOAD_METHODS',
+    'kernels.compile': 'compile_kernel',
+    'kernels.functions': 'forward_dynamics inverse_dynamics',
+    'kernels.kernel': 'Kernel',
+    'machine.program': 'Program Steps',
+    'model': (
+        'EFFECTS SPIN_UP_TIME Payload PhysicsWarning Robot Scene estimated_armature known_robots '
+        'load_robot load_scene lock read_urdf reflected_inertia robot_to_yaml scene_to_yaml '
+        'urdf_of with_payload'
+    ),
+    'model.urdf_chain': 'TreeError',
+    'model.urdf_reader': 'Urdf',
+    'model.urdf_writer': 'robot_to_urdf',
+    'simulation.adaptive': 'AdaptiveTrajectory integrate',
+    'simulation.ensemble': 'Ensemble',
+    'simulation.feedback': 'Feedback StateFeedback',
+    'simulation.integrators': 'INTEGRATORS',
+    'simulation.linearisation': 'Linearization',
+    'simulation.motors': 'MotorSimulator MotorState',
+    'simulation.simulator': 'Simulator',
+    'simulation.state': 'SimulationState',
+    'simulation.trajectory': 'Trajectory',
+}
+_MODULES = {
+    name: f'{__name__}.{module}' for module, names in _NAMES.items() for name in names.split()
+}
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+if not TYPE_CHECKING:  # a type checker would take every unknown name for one of these
+
+    def __getattr__(name):
+        if name == '__version__':
+            value = _version()
+        elif name in _MODULES:
+            value = load(_MODULES[name], name)
+        else:
+            raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+        globals()[name] = value
+        return value
+
+
+def _version() -> str:
+    with no_fork:
+        from importlib.metadata import PackageNotFoundError, version
+    try:
+        return version('pfd_ros')
+    except PackageNotFoundError:  # a checkout that was never installed
+        return '0.1.0'

@@ -7,6 +7,9 @@ A child has only the thread that forked. A lock that another thread held then is
 in the child, which hangs at its first use of the lock. So no lock of this package or of a library
 is held at a fork: values computed once need no lock (`cached_property`), and the few locks that
 are needed (`no_fork`, and locks given to `hold_at_fork`) are acquired before each fork.
+
+Python holds a lock for each module that it imports. Modules of this package are imported at their
+first use, so tables import them by `load`, and functions in a block of `with no_fork`.
 """
 
 from __future__ import annotations
@@ -14,14 +17,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 import functools
+from importlib import import_module
 import os
 import threading
+import time
 from typing import Any, TypeVar
 
 T = TypeVar('T')
 
-# For work during which the process must not be forked, such as the import of a module: Python
-# holds a lock for each module that is being imported.
+# When the first module of the package was imported. A source file that was written later may
+# differ from the running code.
+IMPORTED = time.time()
+# For work during which the process must not be forked, such as the import of a module.
 no_fork = threading.RLock()
 # Locks that are held at a fork, in the order in which a thread acquires them.
 _held: list[AbstractContextManager[Any]] = [no_fork]
@@ -30,6 +37,12 @@ _held: list[AbstractContextManager[Any]] = [no_fork]
 def hold_at_fork(lock: AbstractContextManager[Any]) -> None:
     """Acquire a lock before each fork; no thread may hold it when it acquires `no_fork`."""
     _held.append(lock)
+
+
+def load(module: str, name: str) -> Any:
+    """Return an attribute of a module, which is imported if it was not used before."""
+    with no_fork:
+        return getattr(import_module(module), name)
 
 
 def cached_property(method: Callable[[Any], T]) -> functools.cached_property[T]:

@@ -112,8 +112,8 @@ def emulate(
         Positions, velocities and torques, (..., n)
         [rad or m; rad/s or m/s; N m or N].
     method : str
-        A name in METHODS; 'pcrbm_1987' or 'pcgm_1987', the paper's procedures step by step; or
-        'constraint_forces'.
+        A name in METHODS or EMULATED_METHODS; 'pcrbm_1987' and 'pcgm_1987' are the paper's
+        procedures step by step.
     scene : Scene, optional
         Effects that are on; default: rigid links and gravity.
     wrench : array_like, optional

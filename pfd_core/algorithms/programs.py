@@ -15,42 +15,113 @@ Whole programs by name: inverse dynamics, and forward dynamics by each method (F
 
 On n lanes all METHODS, which kernels offer, take the bias from pfd_core.algorithms.beyond.omega,
 which has fewer steps than the paper's NE1. Inputs are described in
-pfd_core.algorithms.chain.interface. A new method is a row of FORWARD and, if it is serial,
-iterative or not for kernels, a name in SERIAL, ITERATIVE or EMULATED.
+pfd_core.algorithms.chain.interface. A new method is a row of the table: it names the module of
+the method, which is imported when the method is first recorded.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
-from pfd_core.algorithms.beyond.base_origin import inertia_matrix_base_origin
-from pfd_core.algorithms.beyond.constraint_forces import record_constraint_forces
-from pfd_core.algorithms.beyond.divide_and_conquer import record_divide_and_conquer
-from pfd_core.algorithms.beyond.omega import omega_torques
-from pfd_core.algorithms.chain.base_axes import chain_on_lanes
-from pfd_core.algorithms.chain.drives import commanded_torques
-from pfd_core.algorithms.chain.equations import armature, torques
-from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
-from pfd_core.algorithms.grouped.articulated_body import record_grouped_articulated_body
-from pfd_core.algorithms.grouped.composite_body import record_composite_body
-from pfd_core.algorithms.paper.newton_euler import newton_euler
-from pfd_core.algorithms.paper.pcgm import TOLERANCE, record_pcgm
-from pfd_core.algorithms.paper.pcgm_1987 import record_pcgm_1987
-from pfd_core.algorithms.paper.pcrbm import inertia_matrix, record_pcrbm
-from pfd_core.algorithms.paper.pcrbm_1987 import record_pcrbm_1987
-from pfd_core.algorithms.paper.pcrbm_array import record_pcrbm_array
-from pfd_core.algorithms.serial.articulated_body import record_articulated_body
-from pfd_core.algorithms.serial.walker_orin import (
-    record_walker_orin_1,
-    record_walker_orin_2,
-    record_walker_orin_3,
-    record_walker_orin_4,
-)
+from pfd_core.forking import load, no_fork
+from pfd_core.machine.iteration import TOLERANCE
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Schedule
 from pfd_core.model import Plant, check_instant
 from pfd_core.model.checked_numbers import choice
+
+PACKAGE = __name__.rpartition('.')[0]
+
+
+@dataclass(frozen=True)
+class Method:
+    """
+    A method of forward dynamics; a call returns its program.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    module, record : str
+        Module of pfd_core.algorithms, and its function of a plant and a schedule.
+    parts : mapping
+        Further arguments of the function, which are functions as well: name -> (module, function).
+    serial : bool
+        Whether it is for one processor; the others have a lane for each joint.
+    iterative : bool
+        Whether it has a repeated part, with the outputs `iterations` and `converged` and the
+        argument `tolerance`.
+    payload : bool
+        Whether it takes a payload as an input.
+    compiled : bool
+        Whether kernels offer it; the others are emulated and counted only.
+
+    """
+
+    name: str
+    module: str
+    record: str
+    parts: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    serial: bool = False
+    iterative: bool = False
+    payload: bool = False
+    compiled: bool = True
+
+    def __call__(self, plant: Plant, schedule: str | Schedule, **options: Any) -> Program:
+        """Record the program; `options` are further arguments of the method's function."""
+        record = load(f'{PACKAGE}.{self.module}', self.record)
+        parts = {key: load(f'{PACKAGE}.{m}', f) for key, (m, f) in self.parts.items()}
+        program: Program = record(plant, schedule, **parts | options)
+        return program
+
+
+OMEGA = {'link_torques': ('beyond.omega', 'omega_torques')}
+BASE_ORIGIN = {'matrix': ('beyond.base_origin', 'inertia_matrix_base_origin')}
+_ROWS = (
+    Method('walker_orin_1', 'serial.walker_orin', 'record_walker_orin_1', serial=True),
+    Method('walker_orin_2', 'serial.walker_orin', 'record_walker_orin_2', serial=True),
+    Method('walker_orin_3', 'serial.walker_orin', 'record_walker_orin_3', serial=True),
+    Method(
+        'walker_orin_4', 'serial.walker_orin', 'record_walker_orin_4', serial=True, iterative=True
+    ),
+    Method('articulated_body', 'serial.articulated_body', 'record_articulated_body', serial=True),
+    Method('pcrbm', 'paper.pcrbm', 'record_pcrbm', OMEGA),
+    Method('pcrbm_array', 'paper.pcrbm_array', 'record_pcrbm_array', OMEGA),
+    Method('pcgm', 'paper.pcgm', 'record_pcgm', OMEGA, iterative=True),
+    Method('pcrbm_base_origin', 'paper.pcrbm', 'record_pcrbm', OMEGA | BASE_ORIGIN),
+    Method('divide_and_conquer', 'beyond.divide_and_conquer', 'record_divide_and_conquer'),
+    # It needs links with a mass and an inertia.
+    Method(
+        'constraint_forces', 'beyond.constraint_forces', 'record_constraint_forces', compiled=False
+    ),
+    Method(
+        'composite_body',
+        'grouped.composite_body',
+        'record_composite_body',
+        serial=True,
+        payload=True,
+    ),
+    Method(
+        'grouped_articulated_body',
+        'grouped.articulated_body',
+        'record_grouped_articulated_body',
+        serial=True,
+        payload=True,
+    ),
+    # For comparison with the paper.
+    Method('pcrbm_1987', 'paper.pcrbm_1987', 'record_pcrbm_1987', compiled=False),
+    Method('pcgm_1987', 'paper.pcgm_1987', 'record_pcgm_1987', compiled=False),
+)
+FORWARD = {method.name: method for method in _ROWS}
+METHODS = tuple(method.name for method in _ROWS if method.compiled)
+EMULATED_METHODS = tuple(method.name for method in _ROWS if not method.compiled)
+SERIAL = tuple(method.name for method in _ROWS if method.serial)
+PAYLOAD_METHODS = tuple(method.name for method in _ROWS if method.payload)
+ITERATIVE = tuple(method.name for method in _ROWS if method.iterative)
+# Iterative methods stop when their residual has fallen to the rounding of the number format.
+TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
 
 
 def record_inverse_dynamics(plant: Plant, schedule: str | Schedule) -> Program:
@@ -59,6 +130,13 @@ def record_inverse_dynamics(plant: Plant, schedule: str | Schedule) -> Program:
 
     Brakes and motor limits are ignored.
     """
+    with no_fork:
+        from pfd_core.algorithms.chain.base_axes import chain_on_lanes
+        from pfd_core.algorithms.chain.drives import commanded_torques
+        from pfd_core.algorithms.chain.equations import torques
+        from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
+        from pfd_core.algorithms.paper.newton_euler import newton_euler
+
     check_instant(plant)
     _check_payload(plant, 'inverse_dynamics')
     recorder, chain, at = chain_on_lanes(plant, schedule)
@@ -70,6 +148,13 @@ def record_inverse_dynamics(plant: Plant, schedule: str | Schedule) -> Program:
 
 def record_terms(plant: Plant, schedule: str | Schedule) -> Program:
     """Return the program of H, (n, n), and of the bias, (n,), from q and qd."""
+    with no_fork:
+        from pfd_core.algorithms.chain.base_axes import chain_on_lanes
+        from pfd_core.algorithms.chain.equations import armature, torques
+        from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
+        from pfd_core.algorithms.paper.newton_euler import newton_euler
+        from pfd_core.algorithms.paper.pcrbm import inertia_matrix
+
     check_instant(plant)
     _check_payload(plant, 'terms')
     recorder, chain, at = chain_on_lanes(plant, schedule)
@@ -79,47 +164,6 @@ def record_terms(plant: Plant, schedule: str | Schedule) -> Program:
     elements = [(rows[min(i, j)], max(i, j)) for i in range(n) for j in range(n)]
     recorder.output('H', (n, n), elements)
     return program_with_outputs(recorder, bias=bias)
-
-
-FORWARD: dict[str, Callable[..., Program]] = {
-    'walker_orin_1': record_walker_orin_1,
-    'walker_orin_2': record_walker_orin_2,
-    'walker_orin_3': record_walker_orin_3,
-    'walker_orin_4': record_walker_orin_4,
-    'articulated_body': record_articulated_body,
-    'pcrbm': partial(record_pcrbm, link_torques=omega_torques),
-    'pcrbm_array': partial(record_pcrbm_array, link_torques=omega_torques),
-    'pcgm': partial(record_pcgm, link_torques=omega_torques),
-    'pcrbm_base_origin': partial(
-        record_pcrbm, link_torques=omega_torques, matrix=inertia_matrix_base_origin
-    ),
-    'divide_and_conquer': record_divide_and_conquer,
-    'constraint_forces': record_constraint_forces,
-    'composite_body': record_composite_body,
-    'grouped_articulated_body': record_grouped_articulated_body,
-    'pcrbm_1987': record_pcrbm_1987,
-    'pcgm_1987': record_pcgm_1987,
-}
-# Emulated and counted, not compiled: for comparison with the paper, and a method that needs links
-# with a mass and an inertia.
-EMULATED = ('pcrbm_1987', 'pcgm_1987', 'constraint_forces')
-METHODS = tuple(method for method in FORWARD if method not in EMULATED)
-# Methods for one processor; the others have a lane for each joint.
-SERIAL = (
-    'walker_orin_1',
-    'walker_orin_2',
-    'walker_orin_3',
-    'walker_orin_4',
-    'articulated_body',
-    'composite_body',
-    'grouped_articulated_body',
-)
-# Methods that take a payload as an input.
-PAYLOAD_METHODS = ('composite_body', 'grouped_articulated_body')
-# Methods with a repeated part, whose outputs are also `iterations` and `converged`.
-ITERATIVE = ('walker_orin_4', 'pcgm')
-# They stop when their residual has fallen to the rounding of the number format.
-TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
 
 
 def record_forward_dynamics(
@@ -136,15 +180,16 @@ def record_forward_dynamics(
     check_instant(plant)
     choice('method', method, FORWARD)
     _check_payload(plant, method)
-    if isinstance(schedule, Schedule) and method in SERIAL:
+    row = FORWARD[method]
+    if isinstance(schedule, Schedule) and row.serial:
         if schedule.processors not in (None, 1):
             raise ValueError(
                 f'processors must be 1 for the serial method {method!r}, got {schedule.processors}'
             )
         schedule = schedule.name
-    if tolerance is None or method not in ITERATIVE:
-        return FORWARD[method](plant, schedule)
-    return FORWARD[method](plant, schedule, tolerance=tolerance)
+    if tolerance is None or not row.iterative:
+        return row(plant, schedule)
+    return row(plant, schedule, tolerance=tolerance)
 
 
 def _check_payload(plant: Plant, method: str) -> None:

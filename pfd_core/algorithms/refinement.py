@@ -42,14 +42,12 @@ from operator import attrgetter
 from pfd_core.algorithms.chain.drives import motor_torques
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.algorithms.chain.joint_torques import plus_joint_torques
-from pfd_core.algorithms.chain.link_axes import chain_on, known
 from pfd_core.algorithms.grouped.link_torques import record_link_torques
 from pfd_core.algorithms.programs import record_forward_dynamics
-from pfd_core.algorithms.serial.luh_walker_paul import newton_euler
+from pfd_core.forking import no_fork
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.machine.rounding_errors import RoundingErrors
 from pfd_core.model import Plant, has_drives, without_torques
 
 
@@ -160,6 +158,9 @@ def _exact_residual(
     recorder: Recorder, plant: Plant, qdd: Sequence[Lanes], dtype: str
 ) -> list[Lanes]:
     """Return the torques that an answer misses, accurate to the last digits of a number format."""
+    with no_fork:
+        from pfd_core.machine.rounding_errors import RoundingErrors
+
     errors = RoundingErrors(recorder, dtype)
     (missing,) = errors.record(_record_residual(plant), {'qdd': qdd}).values()
     return [x.value if x.error is None else x.value + x.error for x in missing]
@@ -167,6 +168,10 @@ def _exact_residual(
 
 def _record_residual(plant: Plant) -> Program:
     """Return the sequential program of tau of the motors - ID(q, qd, qdd)."""
+    with no_fork:
+        from pfd_core.algorithms.chain.link_axes import chain_on, known
+        from pfd_core.algorithms.serial.luh_walker_paul import newton_euler
+
     recorder = Recorder(1, 'sequential')
     n = plant.robot.n
     tau, qd, qdd = (input_list(recorder, name, n) for name in ('tau', 'qd', 'qdd'))

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.algorithms.grouped.payload_input import payload_inputs
+from pfd_core.forking import no_fork
 from pfd_core.model import Payload, Robot, Scene, scene_inputs
 from pfd_core.model.checked_numbers import real_array
+from pfd_core.model.scene_checks import INPUT
 
 # Inputs that a scene needs, by name in a call and in a program.
 SCENE_INPUTS = ('wrench', 'free', 'payload')
@@ -68,7 +69,11 @@ def checked(
         )
         raise ValueError(f'the kernel takes {", ".join(own)}, got {got or "none of them"}')
     given |= scene_inputs(scene, robot.n, dtype, wrench, brakes)
-    given |= payload_inputs(robot, scene, dtype, payload)
+    if payload is not None or scene.payload == INPUT:
+        with no_fork:
+            from pfd_core.algorithms.grouped.payload_input import payload_inputs
+
+        given |= payload_inputs(robot, scene, dtype, payload)
     return {
         name: real_array(name, given[name], dtype, (..., size), finite=False)
         for name, size in sizes.items()

@@ -37,18 +37,14 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from numpy.random import PCG64
 
-from pfd_core.algorithms.acceleration_derivatives import record_derivatives
-from pfd_core.algorithms.grouped.composite_body import record_inertia_matrix
-from pfd_core.algorithms.grouped.link_torques import record_link_torques
-from pfd_core.algorithms.programs import METHODS, record_forward_dynamics
-from pfd_core.algorithms.refinement import record_refined
+from pfd_core.algorithms.programs import EMULATED_METHODS, METHODS, record_forward_dynamics
+from pfd_core.algorithms.quantities import RECORDERS
+from pfd_core.forking import no_fork
 from pfd_core.kernels.passes.dead_code import eliminate_dead_code
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.kernels.runtime.json_cache import get_or_compute
-from pfd_core.machine.emulator import run
 from pfd_core.model import Plant, without_step_effects, without_torques
 from pfd_core.model.checked_numbers import Array, integer
 from pfd_core.model.error_text import quote
@@ -80,6 +76,11 @@ TORQUES = 2.0**-6
 def choose(plant: Plant, method: str, refine: int) -> str:
     """Return the method to record for a name in METHODS or 'auto'; ValueError for other names."""
     integer('refine', refine, 0, REFINE_AT_MOST)
+    if isinstance(method, str) and method in EMULATED_METHODS:
+        raise ValueError(
+            f'method must be compiled, got {method!r}, which is emulated and counted only: use '
+            f"pfd_core.emulate(method={method!r}), or 'auto' or one of {METHODS}"
+        )
     if not isinstance(method, str) or method not in ('auto', *METHODS):
         raise ValueError(f"method must be 'auto' or one of {METHODS}, got {quote(method)}")
     if method != 'auto':
@@ -151,6 +152,10 @@ def inverse_roundings(plant: Plant, methods: Iterable[str]) -> Iterator[tuple[st
 
     As `roundings`, at the same positions, with errors in the Frobenius norm.
     """
+    with no_fork:
+        from pfd_core.algorithms.acceleration_derivatives import record_derivatives
+        from pfd_core.machine.emulator import run
+
     bare = _bodies(plant)
     q, *_, signs = _uniform(plant.robot.n)
     q = np.pi * q
@@ -195,6 +200,9 @@ def _left_to_auto(method: str, refine: int) -> bool:
 
 def _uniform(n: int) -> Array:
     """Return five rows of STATES numbers for n joints, uniform within [-1, 1)."""
+    with no_fork:
+        from numpy.random import PCG64
+
     shape = (5, STATES, n)
     bits = PCG64(0).random_raw(math.prod(shape)).reshape(shape)
     # From the upper 53 bits.
@@ -231,6 +239,11 @@ def roundings(plant: Plant, method: str) -> float:
     It is the same on every machine: NumPy guarantees the bits of its generator, sines are
     expanded, and no sum has an unknown order.
     """
+    with no_fork:
+        from pfd_core.algorithms.grouped.link_torques import record_link_torques
+        from pfd_core.algorithms.refinement import record_refined
+        from pfd_core.machine.emulator import run
+
     bare = replace(
         without_torques(without_step_effects(plant)),
         gravity=plant.gravity,
@@ -280,10 +293,14 @@ def _loss(plant: Plant) -> float:
     can hold, loses nothing. The order of the operations is fixed, without BLAS, so that
     the outcome is the same on every machine.
     """
+    with no_fork:
+        from pfd_core.machine.emulator import run
+
     n = plant.robot.n
     q = np.pi * np.sin(np.outer(np.arange(POSES), np.arange(1, n + 1)))
     # A payload is unknown where it is an input.
-    H = run(record_inertia_matrix(replace(plant, payload_input=False)), {'q': q})['H']
+    bare = replace(plant, payload_input=False)
+    H = run(RECORDERS['inertia_matrix'](bare, None), {'q': q})['H']
     rest = H.copy()
     largest = 1.0
     for i in range(n - 1, -1, -1):

@@ -22,8 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.algorithms.grouped.payload_input import payload_inputs
-from pfd_core.forking import cached_property
+from pfd_core.forking import cached_property, no_fork
 from pfd_core.kernels.arguments import (
     as_rows,
     check_result,
@@ -87,6 +86,11 @@ class Kernel:
         # Arguments that a call leaves out, of qd, the third one and the wrench.
         self._absent = (len(state) < 2, len(state) < 3, 'wrench' not in self._names)
         self._takes_payload = 'payload' in self._names
+        if self._takes_payload:
+            with no_fork:
+                from pfd_core.algorithms.grouped.payload_input import payload_inputs
+
+            self._payload_inputs = partial(payload_inputs, self.robot, self.scene, self.dtype)
         self._code = Entries(source, spec.dtype, turned_joints(spec.robot))
         self._single_entry = self._code.single_entry
 
@@ -235,7 +239,7 @@ class Kernel:
         return self._make_error_alone()
 
     def _numbers_of(self, payload: Payload | None) -> tuple[NDArray[Any], ...]:
-        return tuple(payload_inputs(self.robot, self.scene, self.dtype, payload).values())
+        return tuple(self._payload_inputs(payload).values())
 
     def _one_thread_suffices(self, q: ArrayLike, threads: int) -> bool:
         """Return whether states are too few for two threads; ValueError for a wrong number."""

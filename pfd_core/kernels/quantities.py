@@ -1,87 +1,21 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Quantities that a kernel can compute: their arguments, and the effects of a scene that they have.
+Quantities that a kernel can compute: options of a call of compile_kernel, and reduced scenes.
 
-A quantity is a row of QUANTITIES, and its algorithm one of pfd_core.algorithms. A scene is reduced
-to the effects of a quantity, so that kernels which do not differ are compiled once. Which effects
-those are follows from the records in pfd_core.model.effects.
+The table is pfd_core.algorithms.quantities.QUANTITIES. A scene is reduced to the effects of a
+quantity, so that kernels which do not differ are compiled once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
-from pfd_core.model import EFFECTS, Effect, Scene, given_scene
+from pfd_core.algorithms.quantities import QUANTITIES, Quantity
+from pfd_core.model import Scene, given_scene
 from pfd_core.model.checked_numbers import integer
-from pfd_core.model.effects import BRAKES, LINKS
 from pfd_core.model.error_text import quote
-
-
-def _fields(depends: Callable[[Effect], bool]) -> tuple[str, ...]:
-    """Return the fields of Scene of the effects that a quantity depends on."""
-    return tuple(field.name for effect in EFFECTS if depends(effect) for field in effect.fields)
-
-
-EVERYTHING = _fields(lambda effect: True)
-# Torques do not depend on which joints are braked.
-UNBRAKED = _fields(lambda effect: effect.acts != BRAKES)
-BODIES = _fields(lambda effect: effect.inertia)
-AT_REST = _fields(lambda effect: effect.at_rest)
-BIAS = _fields(
-    lambda effect: (
-        effect.at_rest or effect.viscosity or effect.torque is not None or effect.acts == LINKS
-    )
-)
-ENERGY = _fields(lambda effect: effect.at_rest or effect.inertia)
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """
-    A quantity of a kernel.
-
-    Attributes
-    ----------
-    arguments : tuple of str
-        Arguments of a call by position; a wrench is one by name.
-    effects : tuple of str
-        Fields of Scene that it depends on.
-    method : str
-        Its method; empty if there is a choice, and steps of refinement.
-    of_frame : bool
-        Whether it refers to a frame.
-    wrench : bool
-        Whether a wrench is an argument in every scene.
-
-    """
-
-    arguments: tuple[str, ...]
-    effects: tuple[str, ...]
-    method: str = ''
-    of_frame: bool = False
-    wrench: bool = False
-
-
-QUANTITIES = {
-    'forward_dynamics': Quantity(('q', 'qd', 'tau'), EVERYTHING),
-    'derivatives': Quantity(('q', 'qd', 'tau'), EVERYTHING),
-    'inverse_dynamics': Quantity(
-        ('q', 'qd', 'qdd'),
-        UNBRAKED,
-        'newton_euler',
-    ),
-    'inertia_matrix': Quantity(('q',), BODIES, 'composite_body'),
-    'bias_torques': Quantity(('q', 'qd'), BIAS, 'newton_euler'),
-    'gravity_torques': Quantity(('q',), AT_REST, 'first_moments'),
-    'energy': Quantity(('q', 'qd'), ENERGY, 'link_velocities'),
-    'wrench_torques': Quantity(('q',), (), 'kinematics', of_frame=True, wrench=True),
-    'tip_pose': Quantity(('q',), (), 'kinematics', of_frame=True),
-    'tip_jacobian': Quantity(('q',), (), 'kinematics', of_frame=True),
-    'tip_velocity': Quantity(('q', 'qd'), (), 'kinematics', of_frame=True),
-}
 
 
 def quantity_named(name: str) -> Quantity:

@@ -19,20 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.algorithms.acceleration_derivatives import record_derivatives
-from pfd_core.algorithms.chain.drives import record_motor_torques
-from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.programs import TOLERANCES
-from pfd_core.algorithms.quantities import RECORDERS
-from pfd_core.algorithms.refinement import record_refined
+from pfd_core.algorithms.quantities import QUANTITIES, RECORDERS
 from pfd_core.forking import cached_property, no_fork
 from pfd_core.kernels.auto import default_inverse
-from pfd_core.kernels.codegen.module import kernel_module, product_module
 from pfd_core.kernels.codegen.spelling import arguments
 from pfd_core.kernels.passes.pipeline import Stages, joined, lower, operations
-from pfd_core.kernels.passes.product import multiplied
 from pfd_core.kernels.passes.schedule import LONGEST, ORDERED, can_be_ordered
-from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.kernels.runtime.jit import (
     USUAL,
     Native,
@@ -142,6 +135,9 @@ class KernelSource:
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the module of a kernel, of one state or a batch (pfd_core.kernels.codegen)."""
+        with no_fork:
+            from pfd_core.kernels.codegen.module import kernel_module
+
         return kernel_module(self.program, dtype, width, angles)
 
     def _get_or_compute(
@@ -178,6 +174,9 @@ class ProductSource(KernelSource):
 
     @cached_property
     def _stages(self) -> Stages:
+        with no_fork:
+            from pfd_core.kernels.passes.product import multiplied
+
         return Stages(**{k: multiplied(p) for k, p in vars(self._factor_stages).items()})
 
     @property
@@ -189,6 +188,9 @@ class ProductSource(KernelSource):
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the module of a kernel, which computes the factors and multiplies them."""
+        with no_fork:
+            from pfd_core.kernels.codegen.module import product_module
+
         return product_module(self.factors, dtype, width, angles)
 
 
@@ -209,6 +211,10 @@ def forward(
     method, refine, dtype = spec.method, spec.refine, spec.dtype
 
     def lowered() -> Stages:
+        with no_fork:
+            from pfd_core.algorithms.convergence import with_nan_unless_converged
+            from pfd_core.algorithms.refinement import record_refined
+
         estimate = dtype if 'error' in names else None
         recorded = record_refined(plant, method, refine, TOLERANCES[dtype], estimate)
         return lower(with_nan_unless_converged(recorded, plant), dtype, names)
@@ -242,6 +248,9 @@ def derivatives(spec: KernelSpec, plant: Plant | None = None) -> ProductSource:
     inverse = default_inverse(spec.plant) if of_step else (spec.method, spec.refine)
 
     def lowered() -> Stages:
+        with no_fork:
+            from pfd_core.algorithms.acceleration_derivatives import record_derivatives
+
         recorded = record_derivatives(plant, spec.method, spec.refine, spec.dtype, inverse)
         return lower(recorded, spec.dtype, longest=ORDERED)
 
@@ -266,9 +275,14 @@ def check_stack(name: str, numbers: int) -> None:
 
 def motors(plant: Plant, dtype: str) -> KernelSource:
     """Return the source of the torques of motors under commanded ones."""
-    return KernelSource(
-        lambda: lower(record_motor_torques(plant), dtype), ('motors', plant.digest, dtype)
-    )
+
+    def lowered() -> Stages:
+        with no_fork:
+            from pfd_core.algorithms.chain.drives import record_motor_torques
+
+        return lower(record_motor_torques(plant), dtype)
+
+    return KernelSource(lowered, ('motors', plant.digest, dtype))
 
 
 def turned_joints(robot: Robot) -> tuple[int, ...]:

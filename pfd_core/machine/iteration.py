@@ -14,6 +14,10 @@ from collections.abc import Callable, Sequence
 
 from pfd_core.machine.recorder import Lanes, Recorder
 
+# At this relative residual an iteration in double precision stops: the recursive residual has
+# fallen to rounding. It would continue to fall where the true one has stopped.
+TOLERANCE = 1e-15
+
 
 def iterate(
     step: Callable[..., tuple[tuple[Lanes, ...], Lanes]],

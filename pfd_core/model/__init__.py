@@ -26,6 +26,8 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     error_text          foreign values as error messages quote them
     frozen_arrays       read-only arrays in frozen dataclasses
 
+URDF and xacro are read by modules that `loading` imports at the first such file.
+
 A new effect of a joint is a record in `effects` and a field of Scene; all else follows from it. An
 effect of the motors is a record there as well, and its torque belongs in
 pfd_core.algorithms.chain.drives.
@@ -53,9 +55,6 @@ from pfd_core.model.robot_changes import Payload, lock, with_payload
 from pfd_core.model.rotors import SPIN_UP_TIME, estimated_armature, reflected_inertia
 from pfd_core.model.scene import Scene, scene_to_yaml
 from pfd_core.model.scene_inputs import scene_inputs
-from pfd_core.model.urdf_chain import TreeError
-from pfd_core.model.urdf_reader import Urdf
-from pfd_core.model.urdf_writer import robot_to_urdf
 from pfd_core.model.yaml_robot import robot_to_yaml
 
 __all__ = [
@@ -68,8 +67,6 @@ __all__ = [
     'Plant',
     'Robot',
     'Scene',
-    'TreeError',
-    'Urdf',
     'check_instant',
     'check_joint_inertia',
     'estimated_armature',
@@ -83,7 +80,6 @@ __all__ = [
     'read_urdf',
     'reflected_inertia',
     'resolve',
-    'robot_to_urdf',
     'robot_to_yaml',
     'scene_inputs',
     'scene_to_yaml',

@@ -16,18 +16,17 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pfd_core.forking import no_fork
 from pfd_core.model.error_text import quote
 from pfd_core.model.robot import Robot
 from pfd_core.model.robot_changes import lock
 from pfd_core.model.scene import Scene, scene_from_yaml
-from pfd_core.model.urdf_reader import Urdf, parse_urdf
-from pfd_core.model.urdf_robot import RIGHT_ANGLE_SLACK, robot_from_urdf
-from pfd_core.model.urdf_writer import robot_to_urdf
-from pfd_core.model.xacro_files import expanded
 from pfd_core.model.yaml_robot import robot_from_yaml
 
 if TYPE_CHECKING:
     from importlib.abc import Traversable
+
+    from pfd_core.model.urdf_reader import Urdf
 
 PACKAGE = files('pfd_core')
 # Installed, also in a zip file, the configuration lies in the package; in a checkout, next to it.
@@ -37,6 +36,9 @@ FOLDERS: tuple[Traversable, ...] = (
 )
 # The largest URDF in circulation has 1 MB.
 LARGEST_FILE = 16 * 2**20
+# Writers of URDF print pi/2 as 1.570796325 or longer: so many digits mean a right angle, and only
+# an exact one gives zeros, which a kernel drops. 1.5708 is taken as written.
+RIGHT_ANGLE_SLACK = 1e-8
 URDF, XACRO, YAML = ('.urdf', '.xml'), '.xacro', ('.yaml', '.yml')
 
 
@@ -91,13 +93,15 @@ def load_robot(
     for role, name in (('base', base), ('tip', tip)):
         if name is not None and not isinstance(name, str):
             raise ValueError(f'{role} must be the name of a link or None, got {quote(name)}')
-    urdf: Urdf | None
-    if isinstance(source, Urdf):
-        urdf, text, origin = source, '', ''
-    else:
+    if isinstance(source, (str, PathLike)):
         text, origin, is_urdf = _read(source)
-        urdf = parse_urdf(text, origin) if is_urdf else None
+        urdf = _parsed(text, origin) if is_urdf else None
+    else:
+        urdf = _checked(source)
     if urdf is not None:
+        with no_fork:
+            from pfd_core.model.urdf_robot import robot_from_urdf
+
         return robot_from_urdf(urdf, base=base, tip=tip, locked=locked, right_angle=right_angle)
     robot = robot_from_yaml(text, origin)
     for role, asked, has in (('base', base, robot.base), ('tip', tip, robot.tip)):
@@ -130,7 +134,7 @@ def read_urdf(source: str | PathLike[str]) -> Urdf | None:
 
     """
     text, origin, is_urdf = _read(source)
-    return parse_urdf(text, origin) if is_urdf else None
+    return _parsed(text, origin) if is_urdf else None
 
 
 def urdf_of(source: str | PathLike[str]) -> str:
@@ -149,7 +153,12 @@ def urdf_of(source: str | PathLike[str]) -> str:
 
     """
     text, origin, is_urdf = _read(source)
-    return text if is_urdf else robot_to_urdf(robot_from_yaml(text, origin))
+    if is_urdf:
+        return text
+    with no_fork:
+        from pfd_core.model.urdf_writer import robot_to_urdf
+
+    return robot_to_urdf(robot_from_yaml(text, origin))
 
 
 def load_scene(source: str | PathLike[str]) -> Scene:
@@ -189,7 +198,7 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
             known = _robot_files()[source]
             return known.read_text('utf-8'), str(known), False
     if not _is_path(source):
-        raise ValueError(f'source must be a name, a path or a string, got {quote(source)}')
+        raise _unreadable(source)
     path = Path(source)
     if path.suffix not in (*URDF, XACRO, *YAML) and len(path.parts) == 1 and not _is_there(path):
         raise ValueError(
@@ -197,6 +206,27 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
             'the path of a .urdf, .xacro or .yaml file'
         )
     return _file(path)
+
+
+def _parsed(text: str, origin: str) -> Urdf:
+    with no_fork:
+        from pfd_core.model.urdf_reader import parse_urdf
+
+    return parse_urdf(text, origin)
+
+
+def _checked(source: object) -> Urdf:
+    """Return a source that is no text and no path; ValueError if it is no Urdf."""
+    with no_fork:
+        from pfd_core.model.urdf_reader import Urdf
+
+    if not isinstance(source, Urdf):
+        raise _unreadable(source)
+    return source
+
+
+def _unreadable(source: object) -> ValueError:
+    return ValueError(f'source must be a name, a path or a string, got {quote(source)}')
 
 
 def _is_path(source: object) -> bool:
@@ -220,6 +250,9 @@ def _file(path: Path) -> tuple[str, str, bool]:
         raise ValueError(f'{label} must end in {", ".join((*URDF, XACRO, *YAML))}')
     text = _text(path)
     if path.suffix == XACRO:
+        with no_fork:
+            from pfd_core.model.xacro_files import expanded
+
         return expanded(path), str(path), True
     return text, str(path), path.suffix in URDF
 

@@ -37,19 +37,16 @@ from pfd_core.model.robot_changes import check_locked_position, locked_positions
 from pfd_core.model.urdf_chain import Chain, find_chain
 from pfd_core.model.urdf_reader import Inertial, Joint, Origin, Urdf
 
-# Writers of URDF print pi/2 as 1.570796325 or longer: so many digits mean a right angle, and only
-# an exact one gives zeros, which a kernel drops. 1.5708 is taken as written.
-RIGHT_ANGLE_SLACK = 1e-8
 NO_BODY: Body = (0.0, np.zeros(3), np.zeros((3, 3)))
 
 
 def robot_from_urdf(
     urdf: Urdf,
     *,
-    base: str | None = None,
-    tip: str | None = None,
-    locked: Mapping[str, float] | None = None,
-    right_angle: float = RIGHT_ANGLE_SLACK,
+    base: str | None,
+    tip: str | None,
+    locked: Mapping[str, float] | None,
+    right_angle: float,
 ) -> Robot:
     """
     Return the chain between two links of a URDF.
@@ -58,9 +55,9 @@ def robot_from_urdf(
     ----------
     urdf : Urdf
         The URDF.
-    base, tip : str, optional
+    base, tip : str or None
         First and last link of the chain, as for `load_robot`.
-    locked : mapping, optional
+    locked : mapping or None
         Name of a joint -> position [rad, m] at which it is welded.
     right_angle : float
         Angles within this distance of a multiple of 90 degrees become exact [rad].

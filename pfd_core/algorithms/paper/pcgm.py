@@ -63,7 +63,7 @@ from pfd_core.algorithms.paper.newton_euler import (
     torques_of,
 )
 from pfd_core.algorithms.paper.pcrbm import composite_forces
-from pfd_core.machine.iteration import iterate
+from pfd_core.machine.iteration import TOLERANCE, iterate
 from pfd_core.machine.lanes import broadcast, merge, on, where
 from pfd_core.machine.packing import prefix_sum, suffix_sum
 from pfd_core.machine.patterns import prefix, total
@@ -72,8 +72,6 @@ from pfd_core.machine.recorder import Lanes, Recorder, Schedule
 from pfd_core.machine.vectors import array, cross, symmetric_times
 from pfd_core.model import Plant
 
-# The stop of a run in double precision: the recursive residual has fallen to rounding.
-TOLERANCE = 1e-15
 # Walks through directions that rounding has made dependent take a multiple of n; the hardest
 # chains of up to 30 joints need 6 n.
 ITERATIONS_PER_JOINT, ITERATIONS_AT_LEAST = 12, 20

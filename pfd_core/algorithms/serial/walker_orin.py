@@ -56,14 +56,12 @@ from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
 from pfd_core.algorithms.chain.link_axes import Chain, chain_in_link_axes, known, released
 from pfd_core.algorithms.serial.composite_links import Triangle, composite_bodies
 from pfd_core.algorithms.serial.luh_walker_paul import newton_euler
-from pfd_core.machine.iteration import iterate
+from pfd_core.machine.iteration import TOLERANCE, iterate
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes
 from pfd_core.model import Plant
 
-# The recursive residual continues to fall where the true one has stopped, at the rounding of H.
-TOLERANCE = 1e-15
 # With rounding the directions lose their orthogonality, and n iterations are not enough: skew
 # chains of 32 joints take 90, with masses from 1 to 1e4 140, in float32 ten times as many.
 ITERATIONS_PER_JOINT = 20

@@ -9,6 +9,8 @@ Whole modules of LLVM IR: the functions of a kernel or of a simulation, and thei
     rollout_module     the simulation of one arm
     ensemble_module    the simulations of many arms, one per SIMD lane
     adaptive_module    one arm with adaptive steps
+
+What only one kind of module has is imported when such a module is first written.
 """
 
 from __future__ import annotations
@@ -16,30 +18,20 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 import math
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
-from pfd_core.kernels.codegen.adaptive import AdaptivePair, adaptive
-from pfd_core.kernels.codegen.arms import arms, ensemble
+from pfd_core.forking import no_fork
 from pfd_core.kernels.codegen.body import body
-from pfd_core.kernels.codegen.chunks import batch_of
-from pfd_core.kernels.codegen.copies import copies
-from pfd_core.kernels.codegen.cycles import cycles
 from pfd_core.kernels.codegen.evaluate import evaluate, wrap_row
-from pfd_core.kernels.codegen.law import whole_state
-from pfd_core.kernels.codegen.linear_step import (
-    ANGLE_LIMIT,
-    linear_step,
-    linearisation,
-    state_rows,
-)
-from pfd_core.kernels.codegen.product import factors_body, jacobian, product, vector_widths
 from pfd_core.kernels.codegen.python_entry import batch_entry_ir, entry_ir
-from pfd_core.kernels.codegen.rollout import accelerations, rollout
-from pfd_core.kernels.codegen.segments import Contact
 from pfd_core.kernels.codegen.spelling import Format
-from pfd_core.kernels.codegen.step import brake, extra_arguments, further_rows, step
 from pfd_core.kernels.codegen.wrap import wrap_angle
 from pfd_core.kernels.passes.sincos import WRAP_LIMIT
 from pfd_core.machine.program import Program
+
+if TYPE_CHECKING:
+    from pfd_core.kernels.codegen.adaptive import AdaptivePair
+    from pfd_core.kernels.codegen.segments import Contact
 
 INTRINSICS = {'sqrt': 1, 'fabs': 1, 'fma': 3}  # and their operands
 
@@ -68,6 +60,9 @@ def kernel_module(program: Program, dtype: str, width: int, angles: Sequence[int
 
 def product_module(program: Program, dtype: str, width: int, angles: Sequence[int]) -> str:
     """Return the module of a kernel whose result is the product of its program's outputs."""
+    with no_fork:
+        from pfd_core.kernels.codegen.product import product, vector_widths
+
     form, n = Format(dtype, width, strided=width > 1), program.inputs['q']
     functions = product(program, form, angles)
     entries = _entries(program, form, (n, 3 * n))
@@ -89,6 +84,15 @@ def linear_module(
     `dynamics` are programs of factors, of the derivatives of the functions that the step calls;
     `periodic` states whether the angles enter only by sine and cosine.
     """
+    with no_fork:
+        from pfd_core.kernels.codegen.linear_step import (
+            ANGLE_LIMIT,
+            linear_step,
+            linearisation,
+            state_rows,
+        )
+        from pfd_core.kernels.codegen.product import factors_body, jacobian, vector_widths
+
     inner, form = Format(dtype, width), Format(dtype, width, strided=width > 1)
     limit = ANGLE_LIMIT if periodic else WRAP_LIMIT
     functions = [wrap_row(inner, limit)] if angles else []
@@ -111,6 +115,9 @@ def _entries(program: Program, form: Format, shape: Sequence[int]) -> list[str]:
     size = math.prod(shape)
     if form.width == 1:
         return [entry_ir(program, form.dtype, shape)]
+    with no_fork:
+        from pfd_core.kernels.codegen.chunks import batch_of
+
     return [batch_of(program, form, size), batch_entry_ir(program, form.dtype, size)]
 
 
@@ -130,6 +137,10 @@ def rollout_module(
     names in the step. With `contact` the step and the accelerations are of that, and the
     programs have only its inputs. With `actuators`, a lowered program, it has @cycles.
     """
+    with no_fork:
+        from pfd_core.kernels.codegen.cycles import cycles
+        from pfd_core.kernels.codegen.rollout import accelerations, rollout
+
     form = Format(dtype, 1)
     loops = [rollout(step_program, dynamics, form), accelerations(dynamics, form)]
     if actuators is not None:
@@ -150,6 +161,11 @@ def ensemble_module(
     contact: Contact | None = None,
 ) -> str:
     """Return the module of many arms, `width` of them in a register; as rollout_module."""
+    with no_fork:
+        from pfd_core.kernels.codegen.arms import arms, ensemble
+        from pfd_core.kernels.codegen.copies import copies
+        from pfd_core.kernels.codegen.law import whole_state
+
     form = Format(dtype, width)
     loops = [
         whole_state(dynamics.inputs['q'], form),
@@ -169,6 +185,9 @@ def adaptive_module(
     `contact` has the lowered programs of the steps and, in scenes with events, of events; `extra`
     are the inputs of the dynamics besides the state.
     """
+    with no_fork:
+        from pfd_core.kernels.codegen.adaptive import adaptive
+
     form = Format(dtype, 1)
     functions = contact.parts(extra, form, angles)
     return module([*functions, *adaptive(pair, contact, extra, form)], form, angles)
@@ -183,6 +202,9 @@ def _simulation(
     others: Mapping[str, Program],
     contact: Contact | None,
 ) -> str:
+    with no_fork:
+        from pfd_core.kernels.codegen.step import brake, extra_arguments, further_rows, step
+
     if contact is not None:
         further, extra = further_rows(step_program), extra_arguments(dynamics)
         functions = contact.functions(further, extra, form, angles)

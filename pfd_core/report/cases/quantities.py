@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.algorithms.quantities import QUANTITIES as KERNEL_QUANTITIES
 from pfd_core.kernels.functions import inverse_dynamics
-from pfd_core.kernels.quantities import QUANTITIES as KERNEL_QUANTITIES
 from pfd_core.model import Robot
 from pfd_core.report.cases.problems import SEED
 from pfd_core.report.cases.robots import Array, single

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 import gc
+import math
 import os
 from pathlib import Path
 import sys
@@ -150,7 +151,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a cache folder of the test's own, which is in use and does not exist yet."""
     where = tmp_path / 'cache'
     monkeypatch.setenv(CACHE_VARIABLE, str(where))
-    monkeypatch.setattr(*bridge.target('JSON_CACHE_IMPORTED'), 0.0)
+    monkeypatch.setattr(*bridge.target('JSON_CACHE_IMPORTED'), math.inf)
     json_cache_sources.cache_clear()
     cache_warned.clear()
     cache_written.clear()

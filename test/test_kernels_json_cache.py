@@ -57,12 +57,27 @@ def test_the_source_is_read_when_the_package_is_imported() -> None:
     assert done.returncode == 0
 
 
-def test_source_written_while_it_was_imported_is_not_trusted(
-    package: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize('after', [-0.5, 1e4])
+def test_source_written_when_or_after_the_package_was_imported_is_not_trusted(
+    package: Path, after: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(facts, 'IMPORTED', 1e9)
-    os.utime(package, (1e9 - 0.5, 1e9 - 0.5))
+    os.utime(package, (1e9 + after, 1e9 + after))
     assert [remembered(k) for k in (1, 2)] == [1, 2]
+
+
+def test_nothing_is_kept_of_source_that_was_edited_before_a_later_import(
+    package: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def kept(key: str, value: int) -> int:
+        return facts.get_or_compute((key,), lambda: value, lambda found: type(found) is int)
+
+    assert [kept('before', k) for k in (1, 2)] == [1, 1]
+    package.write_text('x = 2\n')
+    assert [kept('edited', k) for k in (1, 2)] == [1, 1]
+    monkeypatch.setitem(sys.modules, 'pfd_core.imported_later', package)  # type: ignore[misc]
+    assert [kept('imported', k) for k in (1, 2)] == [1, 2]
+    assert kept('before', 2) == 1
 
 
 @pytest.mark.parametrize('when', [-1e9, 0.0, 4e9], ids=['before 1970', '1970', 'in the future'])

@@ -138,13 +138,14 @@ def compile_outlined(
     """Return native code of a module; its IR is written only if its object is not on disk."""
     start = time.perf_counter()
     target = processor.current()
-    name = object_key(known.digest, target, optimisation)
-    entry = disk.read(name)
+    entry = disk.read(object_key(known.digest, target, optimisation))
     library = None if entry is None else _load_entry(entry, known.functions, target)
     if library is None:
+        # Not the known outline, in case the source that writes the IR was edited meanwhile.
+        known = outline(text := ir())
         COMPILE_LOG.info('compiling %s', ', '.join(known.functions))
-        code = emit(ir(), target, optimisation)
-        disk.write(name, code)
+        code = emit(text, target, optimisation)
+        disk.write(object_key(known.digest, target, optimisation), code)
         library = _load(code, known.functions, target)
     return Native(time.perf_counter() - start, library, known.digest)
 

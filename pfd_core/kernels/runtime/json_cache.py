@@ -1,6 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""JSON values on disk, valid for this source of the package: computed once for each key."""
+"""
+JSON values on disk, valid for this source of the package: computed once for each key.
+
+Modules of the package are imported at their first use, and source files may be edited while a
+process runs. Nothing is kept of a process whose running code may differ from the source that it
+reads here.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +24,16 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from pfd_core.forking import IMPORTED
 from pfd_core.kernels.codegen.python_entry import HEADER
 from pfd_core.kernels.runtime.disk_cache import LOG, digest, folder, read, write
 
 if TYPE_CHECKING:
     from importlib.abc import Traversable
 
-PACKAGE: Traversable = files(__name__.partition('.')[0])
-# A source file that changed while this package was imported may differ from the running code.
-IMPORTED = time.time()
-IMPORTING = 1.0  # [s]
+NAME = __name__.partition('.')[0]
+PACKAGE: Traversable = files(NAME)
+IMPORTING = 1.0  # the longest time from an edit of a source file to the import of the package [s]
 
 T = TypeVar('T')
 
@@ -38,14 +44,25 @@ def sources() -> str | None:
     Return the digest of the source files of this package as it was imported, or None.
 
     None is for a package without source files, and for files so new that they may have been
-    written while they were imported. Times in the future are ignored.
+    written after the package was imported. Times in the future are ignored.
     """
+    return _digest()
+
+
+@cache
+def _are_sources(source: str, modules: int) -> bool:
+    """Return whether a digest is that of the files, now that so many modules are imported."""
+    return _digest() == source
+
+
+def _digest() -> str | None:
     try:
         found = sorted(_sources(PACKAGE, getattr(sys.modules[__name__].__loader__, 'archive', '')))
     except Exception:  # loaders of packages raise exceptions of many kinds
         return None
     times = [changed for _, _, changed in found]
-    if not found or any(IMPORTED - IMPORTING < changed <= IMPORTED for changed in times):
+    now = time.time()
+    if not found or any(IMPORTED - IMPORTING < changed <= now for changed in times):
         return None
     return digest(*chain.from_iterable((name, text) for name, text, _ in found))
 
@@ -93,9 +110,11 @@ def get_or_compute(
                 return value
         LOG.info('the cache entry of %r is not valid: it is computed again', key)
     computed = json.dumps(compute()).encode()
-    write(name, computed)
+    # A module that was imported only now may be of a later edit.
+    if _are_sources(source, sum(module.startswith(NAME) for module in list(sys.modules))):
+        write(name, computed)
     return json.loads(computed)  # type: ignore[no-any-return]
 
 
-# At import, because source files may be edited while this process runs.
+# At once, because source files may be edited while this process runs.
 sources()

@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
-from bridge import ITERATIVE_METHODS, SERIAL_METHODS
+from typing import Any
+
+from bridge import FORWARD_METHODS, ITERATIVE_METHODS, SERIAL_METHODS
 import numpy as np
 from oracle import Oracle, assert_bits_of_the_emulator
 import pytest
@@ -118,3 +120,34 @@ def test_bad_arguments_are_named(options, message: str) -> None:  # type: ignore
     given = {'q': np.zeros(2), 'qd': np.zeros(2), 'tau': np.zeros(2), **options}
     with pytest.raises(ValueError, match=message):
         pfd.emulate(pfd.load_robot('planar2'), **given)
+
+
+def test_every_method_is_compiled_or_only_emulated() -> None:
+    assert sorted([*pfd.METHODS, *pfd.EMULATED_METHODS]) == sorted(FORWARD_METHODS)
+
+
+@pytest.mark.parametrize('method', pfd.EMULATED_METHODS)
+def test_a_method_that_is_only_emulated_is_refused_by_kernels_with_the_function_that_has_it(
+    method: str,
+) -> None:
+    robot = random_chain(np.random.default_rng(1), 3, joint_types=STRUCTURE)
+    zeros = np.zeros((3, 3))
+    wanted = pfd.forward_dynamics(robot, *zeros)
+    np.testing.assert_allclose(pfd.emulate(robot, *zeros, method=method).qdd, wanted, rtol=1e-9)
+    message = rf"got '{method}'.*pfd.emulate\(method='{method}'\)"
+    for refused in (pfd.compile_kernel, pfd.Simulator):
+        with pytest.raises(ValueError, match=message):
+            refused(robot, method=method)
+    with pytest.raises(ValueError, match=message):
+        pfd.forward_dynamics(robot, *zeros, method=method)
+
+
+@pytest.mark.parametrize('method', ['aba', '', None, 3, ['pcrbm']])
+def test_an_unknown_method_is_refused_with_the_names_of_all(method: Any) -> None:
+    robot = pfd.load_robot('planar2')
+    zeros = np.zeros((3, 2))
+    with pytest.raises(ValueError, match=', '.join(map(repr, FORWARD_METHODS))):
+        pfd.emulate(robot, *zeros, method=method)
+    for refused in (pfd.compile_kernel, pfd.Simulator):
+        with pytest.raises(ValueError, match=', '.join(map(repr, pfd.METHODS))):
+            refused(robot, method=method)

@@ -204,11 +204,12 @@ def test_an_arm_with_an_unknown_load_sags_by_the_torque_of_the_load() -> None:
 
 
 def test_the_table_of_quantities_has_all_of_them_with_their_effects() -> None:
-    rows = re.findall(r'^\| `(\w+)` \| (.*?) \| .* \| (.*?) \|$', text('model-quantities'), re.M)
-    table = {name: (arguments, effects) for name, arguments, effects in rows}
+    rows = re.findall(r'^\| `(\w+)` \| (.*?) \| (.*) \| (.*?) \|$', text('model-quantities'), re.M)
+    table = {name: row for name, *row in rows}
     assert {*table, 'forward_dynamics'} == set(QUANTITIES)
-    for name, (arguments, effects) in table.items():
+    for name, (arguments, result, effects) in table.items():
         row = QUANTITIES[name]
+        assert result.endswith(f', {str(row.shape).replace(chr(39), "")}')
         wrench = ('wrench=',) * row.wrench
         assert arguments == ', '.join((*row.arguments, *wrench))
         if not effects.startswith('all'):

@@ -8,16 +8,19 @@ import ast
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
 import importlib.util
+import json
+import os
 from pathlib import Path
 import re
 import shutil
 import subprocess
 import sys
+from typing import Any
 
 import bridge
 import pytest
 
-import pfd_core
+import pfd_core as pfd
 import pfd_ros
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -250,7 +253,7 @@ def internals(text: str) -> Iterator[str]:
 def is_internal(name: str) -> bool:
     """Return whether the name of a module, or of something in it, is not public."""
     package, _, rest = name.partition('.')
-    public = {'pfd_core': pfd_core.__all__, 'pfd_ros': pfd_ros.__all__}
+    public = {'pfd_core': pfd.__all__, 'pfd_ros': pfd_ros.__all__}
     return package in public and rest != '' and rest.partition('.')[0] not in public[package]
 
 
@@ -352,6 +355,81 @@ def test_the_check_finds_a_circle(tmp_path: Path) -> None:
     found['pfd_core.two'].write_text('import pfd_core.one')
     with pytest.raises(ValueError, match='cycle'):
         circle(found)
+
+
+# Modules and lines of pfd_core that a process imports to compile a kernel of a UR5, at most; no
+# times, which depend on the machine. With the program and the code on disk: the model, the tables
+# of names, and what loads and calls native code. With an empty cache also the default method, the
+# measurement that chooses it, the passes and the writer of LLVM IR. No other method and no
+# simulation.
+MOST_COLD, MOST_WARM = (85, 16_000), (60, 12_000)
+COMPILING = """
+import json, sys
+import pfd_core as pfd
+first = [name for name in sys.modules if name.startswith(('pfd_core', 'numpy', 'llvmlite'))]
+pfd.compile_kernel(pfd.load_robot('ur5'))
+files = [module.__file__ for name, module in sys.modules.items() if name.startswith('pfd_core')]
+lines = sum(len(open(file, encoding='utf-8').readlines()) for file in files)
+print(json.dumps([sorted(first), len(files), lines]))
+"""
+# The first uses of public names by many threads at once.
+THREADS = """
+import json, sys
+from concurrent.futures import ThreadPoolExecutor
+import pfd_core as pfd
+sys.setswitchinterval(1e-6)
+names = [name for name in dir(pfd) if not name.startswith('_')] * 50
+with ThreadPoolExecutor(16) as pool:
+    found = pool.map(lambda name: getattr(pfd, name), names)
+print(json.dumps(all(x is getattr(pfd, name) for name, x in zip(names, found, strict=True))))
+"""
+
+
+def printed(script: str, **environment: str) -> Any:
+    """Return the JSON that a script prints in a fresh process."""
+    done = subprocess.run(
+        [sys.executable, '-c', script],
+        cwd=ROOT,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+    )
+    return json.loads(done.stdout)
+
+
+def test_a_process_imports_the_modules_that_its_kernel_needs(tmp_path: Path) -> None:
+    cold, warm = (printed(COMPILING, PFD_CACHE=str(tmp_path / 'cache')) for _ in range(2))
+    for (first, *sizes), most in ((cold, MOST_COLD), (warm, MOST_WARM)):
+        assert first == ['pfd_core', 'pfd_core.forking']
+        assert all(size <= bound for size, bound in zip(sizes, most, strict=True)), sizes
+    assert warm[1] < cold[1], 'the kernel was not read from the cache'
+
+
+def test_every_public_name_is_listed_and_resolves() -> None:
+    assert len(set(pfd.__all__)) == len(pfd.__all__)
+    assert set(pfd.__all__) <= set(dir(pfd))
+    star: dict[str, Any] = {}
+    exec('from pfd_core import *', star)
+    for name in pfd.__all__:
+        assert star[name] is getattr(pfd, name)
+    with pytest.raises(AttributeError, match="module 'pfd_core' has no attribute 'Robots'"):
+        _ = pfd.Robots  # type: ignore[attr-defined]
+
+
+def test_type_checkers_see_the_module_that_each_public_name_is_loaded_from() -> None:
+    found = {
+        name.rpartition('.')[2]: name.rpartition('.')[0]
+        for name in imported_by(ROOT / 'pfd_core' / '__init__.py')
+        if member(name, 'pfd_core') in PFD_CORE.keys() - {'forking'}
+    }
+    assert found == pfd._MODULES
+    assert {*found, '__version__'} == set(pfd.__all__)
+
+
+def test_many_threads_may_use_public_names_first() -> None:
+    assert printed(THREADS) is True
 
 
 FORMATTED = ('pfd_core', 'pfd_ros', 'test', 'benchmarks', 'launch', 'setup.py')

@@ -79,7 +79,7 @@ def choose(plant: Plant, method: str, refine: int) -> str:
     if isinstance(method, str) and method in EMULATED_METHODS:
         raise ValueError(
             f'method must be compiled, got {method!r}, which is emulated and counted only: use '
-            f"pfd_core.emulate(method={method!r}), or 'auto' or one of {METHODS}"
+            f"pfd.emulate(method={method!r}), or 'auto' or one of {METHODS}"
         )
     if not isinstance(method, str) or method not in ('auto', *METHODS):
         raise ValueError(f"method must be 'auto' or one of {METHODS}, got {quote(method)}")

@@ -13,8 +13,8 @@ Subpackages, in the order in which they may import one another:
 
 Modules that take any of them:
 
-    programs      whole programs by name: METHODS, inverse dynamics, H and bias
-    quantities    H, bias, energy, tip and the like for kernels, each one program: RECORDERS
+    programs      the table of methods, by name; inverse dynamics, H and bias on n lanes
+    quantities    the table of quantities of kernels: H, bias, energy, tip and the like
     emulation     pfd.emulate: a method on the emulated machine, with steps, utilisation, status
     refinement    a method with steps of iterative refinement, and its error estimate
     convergence   whether an iterative method has converged, by the equations of motion
@@ -24,6 +24,6 @@ Modules that take any of them:
 A new effect of a joint is a record in pfd_core.model.effects, and nothing in here changes. An
 effect of the motors has its torques in chain.drives as well, an effect of the links or of gravity
 in each Newton-Euler recursion (paper.newton_euler, beyond.omega, serial.luh_walker_paul,
-grouped.newton_euler). A new method is a file, a row of programs.FORWARD, and a name in
-programs.SERIAL, ITERATIVE or EMULATED if it is one of these.
+grouped.newton_euler). A new method is a file and a row of `programs`, a new quantity a program
+and a row of `quantities`. Modules that the tables name are imported at their first use.
 """

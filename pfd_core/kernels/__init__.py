@@ -8,7 +8,7 @@ Subpackages and modules in the order of data flow; each imports only from those 
     passes/        program -> short equal program, with sine and cosine written out
     codegen/       program -> LLVM IR
     runtime/       IR -> native code in this process; cache on disk, threads, Python's C API
-    quantities     results of kernels: their arguments, and the effects of a scene that they have
+    quantities     options of a quantity, and a scene reduced to the effects that it depends on
     auto           the method that 'auto' selects
     spec           KernelSpec: robot, scene, method, number format, refinement and quantity
     source         spec -> lowered program, recorded only if needed; whether matrices fit the stack
@@ -22,6 +22,6 @@ Subpackages and modules in the order of data flow; each imports only from those 
     linear_steps   compile_linear_step: the derivatives of a step of a simulation
 
 A new pass is a module of passes and a line of pipeline.lower; a new function in native code a
-module of codegen and a line of codegen.module; a new quantity a program and a row of RECORDERS in
-pfd_core.algorithms.quantities and a row of kernels.quantities.QUANTITIES.
+module of codegen and a line of codegen.module; a new quantity a program and a row of
+pfd_core.algorithms.quantities.
 """

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from benchmarks.cases.problems import SEED
 from benchmarks.cases.robots import Array, single
+from pfd_core.algorithms.quantities import QUANTITIES as KERNEL_QUANTITIES
 from pfd_core.kernels.functions import inverse_dynamics
-from pfd_core.kernels.quantities import QUANTITIES as KERNEL_QUANTITIES
 from pfd_core.model import Robot
 
 FORWARD = 'forward_dynamics'

@@ -12,9 +12,7 @@
     compare   pfd compare: differences of two logs
     view      pfd view: the arm of a log or of a running node in 3D, in a browser
     recover   pfd recover: a whole file from one that was cut off or damaged
-    report    pfd report: the pages of pfd_core.report
-    log_page  pfd report log: the HTML page of a log
-    recorded_motion  for `pfd report scene`: the efforts and brakes of every step, and the states
+    report    pfd report: the HTML page of a log, advice on a scene
     robots    pfd robots
     urdf      pfd urdf: the URDF of a robot
     doctor    pfd doctor: installed packages, tests of them, speed of this machine

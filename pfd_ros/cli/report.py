@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd report`: tables and plots, measured on this machine; and the page of a log."""
+"""`pfd report`: the HTML page of a log, and advice on a scene."""
 
 from __future__ import annotations
 
@@ -8,155 +8,153 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 import sys
+from typing import NoReturn
 
 import pfd_core as pfd
-from pfd_core.report import pages
-from pfd_core.report.cases.quantities import QUANTITIES
-from pfd_core.report.measure.progress import reported
-from pfd_ros.cli import log_page
-from pfd_ros.cli.terminal import ended_by_signals, progress_on
+from pfd_ros.advice import advise, full_scene, read_motion, sine
+from pfd_ros.advice.motions import SETTINGS
+from pfd_ros.advice.text import lines, warnings
+from pfd_ros.cli.terminal import add_logs, print_lines, progress_on
+from pfd_ros.page.html import write_page
+from pfd_ros.page.reading import read_contents
 from pfd_ros.text import one_line
 
+HELP = 'the HTML page of a log, or advice on the effects that a simulated motion needs'
+EXAMPLE = 'pfd report log run.mcap'
 LOG = 'one HTML page of a log: what went wrong first, and its curves; opens without network'
-HELP = (
-    'make tables and plots, measured on this machine, or the page of a log; '
-    'without a name every page, within half an hour'
-)
-EXAMPLE = 'pfd report --quick'
+SCENE = 'which effects of a scene a motion needs within a tolerance, and what each of them costs'
+SINE = 'sine'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the kinds of report, and the arguments of each."""
-    _add_common_arguments(parser)
-    kinds = parser.add_subparsers(dest='what', metavar='WHAT')
-    shown = {name: (page.title, page.command) for name, page in pages.kinds().items()}
-    for name, (text, example) in {**shown, 'log': (LOG, 'log run.mcap --out run.html')}.items():
-        kind = kinds.add_parser(
-            name, help=text, description=text, epilog=f'example: pfd report {example}'
-        )
-        if name == 'log':
-            log_page.add_arguments(kind)
-            continue
-        if name == 'scene':
-            _add_scene_arguments(kind)
-        _add_common_arguments(kind, quick=name != 'scene')
-        if name == 'speed':
-            kind.add_argument(
-                '--against-error',
-                action='store_true',
-                help='time against error of every method, integrator and peer',
-            )
-            kind.add_argument(
-                '--quantity',
-                choices=sorted(QUANTITIES),
-                metavar='NAME',
-                help='one quantity and forward dynamics, for more robots: %(choices)s',
-            )
+    """Declare the two reports, and the arguments of each."""
 
+    def refuse(message: str) -> NoReturn:
+        hint = 'pages of measurements: python -m benchmarks, in a checkout'
+        parser.exit(2, one_line(f'{parser.prog}: {message}; {hint}') + '\n')
 
-def _add_common_arguments(parser: argparse.ArgumentParser, quick: bool = True) -> None:
-    """Add the options that are allowed before and after the name of a page."""
-    # A default of the page's parser would replace a value given before the name.
-    parser.add_argument(
+    # argparse would print the usage as well.
+    parser.error = refuse  # type: ignore[method-assign]
+    kinds = parser.add_subparsers(dest='what', metavar='WHAT', required=True)
+    example = 'example: pfd report log run.mcap --out run.html'
+    log = kinds.add_parser('log', help=LOG, description=LOG, epilog=example)
+    add_logs(log, 'MCAP or .db3 file, rosbag2 folder; or all files of one run, or their folder')
+    log.add_argument(
         '--out',
         type=Path,
-        default=argparse.SUPPRESS,
-        help=f'folder for the pages; default ./{pages.FOLDER}, quickly ./{pages.QUICK_FOLDER}',
-        metavar='DIR',
+        metavar='FILE',
+        help='the page, never over an existing file; default ./NAME.html for NAME.mcap',
     )
-    if quick:
-        parser.add_argument(
-            '--quick',
-            action='store_true',
-            default=argparse.SUPPRESS,
-            help='few rounds, cases and states, to see that it works; the pages say so',
-        )
-
-
-def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
+    log.add_argument(
+        '--robot',
+        help='the robot of a log that holds none, for its limits: a name that `pfd robots` lists, '
+        'or a file',
+    )
+    example = 'example: pfd report scene --robot puma560 --trajectory sine --tolerance 1e-3'
+    scene = kinds.add_parser('scene', help=SCENE, description=SCENE, epilog=example)
+    scene.add_argument(
         '--robot', help='a robot that `pfd robots` lists, or a file; default: the robot of the log'
     )
-    parser.add_argument(
+    scene.add_argument(
         '--trajectory',
         required=True,
-        metavar='LOG.mcap|NAME',
-        help='a recording, or the name of a motion: swing, sine, steps',
+        metavar=f'LOG.mcap|{SINE}',
+        help=f'a recording; or {SINE}: each joint follows a sine',
     )
-    parser.add_argument(
+    scene.add_argument(
         '--tolerance',
         required=True,
         type=float,
         help='largest error of a joint position, rad or m',
     )
-    parser.add_argument(
+    scene.add_argument(
         '--scene',
         type=Path,
         metavar='FILE',
         help='the full scene; default: all effects in the model and the settings of the log',
     )
-    parser.add_argument(
+    scene.add_argument(
         '--window', type=float, default=0.1, help='length of an open-loop window, s; default 0.1'
+    )
+    scene.add_argument(
+        '--out',
+        type=Path,
+        default=Path('scene.yaml'),
+        metavar='FILE',
+        help='the smallest scene found, never over an existing file; default ./scene.yaml',
     )
 
 
 def run(given: argparse.Namespace) -> int:
-    """Measure, or read a log; write the pages and print their paths."""
-    quick = getattr(given, 'quick', False)
-    if quick and given.what in ('log', 'scene'):
-        raise ValueError(f'{given.what} takes no --quick')
-    if given.what == 'log':
-        return log_page.run(given)
-    # Also SIGTERM and SIGHUP end the processes and compilers that measure.
-    with ended_by_signals(), reported():
-        return _measure(given, quick)
+    """Read the log, or simulate the scenes; print the result and the path of the file.
+
+    Raises
+    ------
+    ValueError
+        If the log, the robot or an argument is not one of those described above.
+    OSError
+        If the file exists, or a file cannot be read or written.
+    """
+    return _run_log(given) if given.what == 'log' else _run_scene(given)
 
 
-def _measure(given: argparse.Namespace, quick: bool) -> int:
-    folder = getattr(given, 'out', None) or (pages.QUICK_FOLDER if quick else pages.FOLDER)
-    if given.what is None:
-        return _run_all(folder, quick)
-    if given.what == 'speed' and given.quantity:
-        from pfd_core.report import quantity_pages
+def _new(path: Path) -> Path:
+    if path.exists():
+        raise FileExistsError(f'{path} exists and is not overwritten; choose another --out')
+    return path
 
-        found = quantity_pages.run(folder, given.quantity, given.against_error, quick)
-    elif given.what == 'scene':
-        found = _run_scene(given, folder)
+
+def _run_log(given: argparse.Namespace) -> int:
+    name = given.logs[0].absolute().name.removesuffix('.mcap')
+    path = _new(given.out or Path(f'{name}.html'))
+    robot = None if given.robot is None else pfd.load_robot(given.robot)
+    contents = read_contents(given.logs, robot=robot, progress=progress_on(sys.stderr))
+    write_page(contents, path)
+    first = contents.first
+    if first is None:
+        print('nothing went wrong')
     else:
-        command = given.what + ' --against-error' * getattr(given, 'against_error', False)
-        found = pages.page_of(command).make(folder, quick)
-    print('\n'.join(str(page) for page in found))
+        joint = f'{first.joint}: ' if first.joint else ''
+        print(one_line(f'first: t = {first.time:.3f} s, {first.kind}: {joint}{first.text}'))
+    print_lines(f'note: {note}' for note in contents.notes)
+    print(path)
     return 0
 
 
-def _run_all(folder: Path, quick: bool) -> int:
-    """Make every page; status 1 if one could not be made."""
-    failed = False
-    for found in pages.make_all(folder, quick):
-        failed |= isinstance(found, str)
-        print(found if isinstance(found, Path) else one_line(found), flush=True)
-    return int(failed)
-
-
-def _run_scene(given: argparse.Namespace, folder: Path) -> list[Path]:
-    from pfd_core.report import scene_pages
-    from pfd_core.report.cases.excitations import excitation_named
-    from pfd_core.report.measure.scene_effects import full_scene
-    from pfd_ros.cli.recorded_motion import read_motion
-
+def _run_scene(given: argparse.Namespace) -> int:
+    path, progress = _new(given.out), progress_on(sys.stderr)
     scene = None if given.scene is None else pfd.load_scene(given.scene)
-    path, name, tolerance = Path(given.trajectory), given.trajectory, given.tolerance
-    if path.suffix != '.mcap' and not path.is_file():
-        excitation_named(name)
-        if given.robot is None:
-            raise ValueError(f'the trajectory {name!r} needs a --robot')
-        robot = pfd.load_robot(given.robot)
-        return scene_pages.run_excited(robot, name, tolerance, folder, scene, given.window)
     refused: dict[str, str] = {}
-    robot, recorded, motion = read_motion(path, given.robot, progress_on(sys.stderr))
-    if scene is None:
-        scene, refused = full_scene(robot, recorded, motion.settings)
+    if given.trajectory == SINE:
+        if given.robot is None:
+            raise ValueError(f'--trajectory {SINE} needs a --robot')
+        robot = pfd.load_robot(given.robot)
+        if scene is None:
+            scene, refused = full_scene(robot, pfd.Scene(), SETTINGS)
+        motion = sine(robot, scene)
     else:
-        # The brakes of a recording are an input, whatever the scene.
-        scene = replace(scene, brakes=True)
-    return scene_pages.run(robot, scene, motion, tolerance, folder, given.window, refused)
+        if not Path(given.trajectory).exists():
+            raise ValueError(
+                f'--trajectory must be a recording (LOG.mcap) or {SINE}, got {given.trajectory!r}'
+            )
+        robot, recorded, motion = read_motion(given.trajectory, given.robot, progress)
+        if scene is None:
+            scene, refused = full_scene(robot, recorded, motion.settings)
+        else:
+            # The brakes of a recording are an input, whatever the scene.
+            scene = replace(scene, brakes=True)
+    advice = advise(robot, scene, motion, given.tolerance, given.window, progress)
+    step = motion.settings['step_size']
+    head = [
+        f'{robot.name}, {motion.name}: {len(motion.taus)} steps of {step:g} s',
+        f'tolerance {given.tolerance:g} rad or m, in {advice.windows} windows of '
+        f'{given.window:g} s',
+    ]
+    print_lines([*head, '', *lines(advice)])
+    print_lines(f'not simulated: {name}: {reason}' for name, reason in refused.items())
+    comments = ['smallest scene found of', *head, *warnings(advice)]
+    with path.open('x', encoding='utf-8') as file:
+        file.writelines(f'# {one_line(text)}\n' for text in comments)
+        file.write(pfd.scene_to_yaml(advice.scene))
+    print(path)
+    return 0

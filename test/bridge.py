@@ -472,7 +472,7 @@ NAMES = {
     'pfd_commands_of': 'pfd_ros.cli.main:commands_of',
     'pfd_main': 'pfd_ros.cli.main:main',
     'pfd_parser': 'pfd_ros.cli.main:parser',
-    'read_motion': 'pfd_ros.cli.recorded_motion:read_motion',
+    'read_motion': 'pfd_ros.advice:read_motion',
     'REPLAY_INCOMPLETE': 'pfd_ros.cli.replay:INCOMPLETE',
     'progress_on': 'pfd_ros.cli.terminal:progress_on',
     'what_if_lines': 'pfd_ros.cli.what_if:lines_of',

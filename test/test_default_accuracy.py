@@ -7,7 +7,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import bridge
 from bridge import (
     HARD_CASES,
     HARD_MECHANISMS,
@@ -38,7 +37,6 @@ from bridge import (
     method_cost,
     method_roundings,
     on_one_axis_problem,
-    pfd_main,
     report_problem,
     report_robot,
     resolve_plant,
@@ -259,13 +257,13 @@ def test_the_page_of_mechanisms_counts_where_the_default_is_above_its_limit() ->
 
 
 def test_the_command_writes_the_page_of_mechanisms(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for table in ('MECHANISM_PAGES_CASES', 'MECHANISM_PAGES_MECHANISMS'):
-        monkeypatch.setattr(*bridge.target(table), ())
-    assert pfd_main(['report', 'mechanisms', '--out', str(tmp_path)]) == 0
+    for table in ('CASES', 'MECHANISMS'):
+        monkeypatch.setattr(mechanism_pages, table, ())
+    found = page_of('mechanisms').make(tmp_path)
     pages = [tmp_path / 'mechanisms.md', tmp_path / 'mechanisms.json']
-    assert capsys.readouterr().out.split() == [str(page) for page in pages]
+    assert found == pages
     assert all(page.is_file() for page in pages)
 
 

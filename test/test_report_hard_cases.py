@@ -46,8 +46,8 @@ from pfd_core.report.measure.reference import (
     reference,
     wide_reference,
 )
+from pfd_core.report.pages import page_of
 from pfd_core.report.render.numbers import order
-from pfd_ros.cli import main as command_line
 
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 BY_NAME = {case.name: case for case in CASES}
@@ -321,16 +321,16 @@ def test_a_peer_is_absent_if_it_answers_no_case_and_else_has_refused() -> None:
 
 
 def test_the_command_writes_the_page_and_its_data(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ('rows', 'runs', 'steady_runs', 'formulation', 'holds'):
         monkeypatch.setattr(hard_case_pages, name, tuple)
     monkeypatch.setattr(hard_case_pages, 'CASES', ())
     # Without processes, whose start takes seconds.
     monkeypatch.setattr(hard_case_pages, 'each', lambda measure, items, *_: map(measure, items))
-    assert command_line.main(['report', 'hard-cases', '--out', str(tmp_path)]) == 0
+    found = page_of('hard-cases').make(tmp_path)
     pages = [tmp_path / 'hard-cases.md', tmp_path / 'hard-cases.json']
-    assert capsys.readouterr().out.split() == [str(page) for page in pages]
+    assert found == pages
     assert all(page.is_file() for page in pages)
 
 

@@ -13,7 +13,6 @@ from pfd_core.report import (
     counts_pages,
     hard_case_pages,
     mechanism_pages,
-    scene_pages,
 )
 from pfd_core.report.hard_case_pages import Survey
 from pfd_core.report.measure import estimates, motion_errors
@@ -21,8 +20,7 @@ from pfd_core.report.measure.array_runs import ArrayRun
 from pfd_core.report.measure.convergence import Convergence
 from pfd_core.report.measure.counts import Row
 from pfd_core.report.measure.errors import Result
-from pfd_core.report.measure.scene_needs import Needs
-from pfd_core.report.render.records import read, record_of
+from pfd_core.report.render.records import record_of
 
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 
@@ -53,11 +51,6 @@ def test_the_page_of_the_hard_cases_is_that_of_its_numbers() -> None:
 def test_the_page_of_the_mechanisms_is_that_of_its_numbers() -> None:
     results = record_of(list[mechanism_pages.Result], data('mechanisms'))
     assert mechanism_pages.markdown(results) == page('mechanisms')
-
-
-def test_the_page_of_a_scene_is_that_of_its_numbers() -> None:
-    shown = '\n![Error of every scene against its operations](scene.png)\n'
-    assert scene_pages.markdown(read(Needs, PAGES / 'scene.json')) + shown == page('scene')
 
 
 def test_the_page_of_the_array_is_that_of_its_numbers() -> None:

@@ -33,7 +33,6 @@ page is a template, texts/NAME.md.
     derivative_pages      `pfd report derivatives`: derivatives.md, .json, .png and .svg
     distribution_pages    `pfd report distributions`: distributions.md, .json, .png and .svg
     mechanism_pages       `pfd report mechanisms`: mechanisms.md and .json
-    scene_pages           `pfd report scene`: scene.md, .json, .yaml, .png and .svg
     headlines             sentences of pages and README.md: our time and the fastest peer's
     blocks                generated blocks of README.md and the guides, from the data of pages
     time_tables           tables of ways over robots and of quantities, for all pages of speed

@@ -97,14 +97,6 @@ PAGES: Sequence[Page] = (
         also=('claims', 'illustrated', 'array', 'pcgm'),
     ),
     Page(
-        'scene',
-        'scene --robot puma560 --trajectory sine --tolerance 1e-3',
-        'cost and error of each effect of a scene, and the smallest scene within a tolerance',
-        'scene_pages',
-        'example',
-        clocks=True,
-    ),
-    Page(
         'hard-cases',
         'hard-cases',
         'errors of ill-conditioned forward dynamics and motions',

@@ -40,39 +40,16 @@ def without_ros(tmp_path: Path, *args: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.slow
-def test_report_counts_writes_its_pages_without_ros(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize('words', [['counts'], ['counts', '--quick'], ['nothing'], []])
+def test_a_report_that_is_no_longer_in_the_product_is_one_line_with_the_other_command(
+    words: list[str], tmp_path: Path
 ) -> None:
-    # The least that the page can be made of; tests of the report measure the rest.
-    monkeypatch.setattr(*bridge.target('COUNTS_MACHINES'), ((6, 1), (6, 2)))
-    arguments = ['report', 'counts', '--quick', '--out', str(tmp_path / 'pages')]
-    assert pfd_main(arguments) == 0
-    told = capsys.readouterr().out.split()
-    written = {Path(page).name for page in told}
-    assert written >= {'counts.md', 'counts.json', 'array.svg', 'processors.md', 'processors.json'}
-    assert all(Path(page).stat().st_size for page in told)
-    done = without_ros(tmp_path, 'report', 'nothing')
+    done = without_ros(tmp_path, 'report', *words)
     assert done.returncode == 2
-    assert 'choose from' in done.stderr
-
-
-def test_report_paper_writes_all_its_pages(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    # Each page has a separate test.
-    for name in (
-        'report_paper_pages_write_claims',
-        'report_array_pages_run',
-        'report_pcgm_pages_run',
-    ):
-        monkeypatch.setattr(*bridge.target(name), lambda folder, n=name: [folder / n])
-    assert pfd_main(['report', 'paper', '--out', str(tmp_path / 'pages')]) == 0
-    written = capsys.readouterr().out.split()
-    assert {Path(page).name for page in written} == {
-        *('paper.md', 'illustrated.md', 'doubling.svg', 'set-ordering.svg'),
-        *('report_paper_pages_write_claims', 'report_array_pages_run', 'report_pcgm_pages_run'),
-    }
+    assert done.stdout == ''
+    assert done.stderr.startswith('pfd report: ')
+    assert 'python -m benchmarks' in done.stderr
+    assert done.stderr.count('\n') == 1
 
 
 def test_robots_lists_each_robot_with_its_joints(capsys: pytest.CaptureFixture[str]) -> None:
@@ -124,61 +101,6 @@ def test_pfd_sim_is_the_node(processes: Processes) -> None:
     )
     arm.wait_for_text('planar2: each of the 2 joints is braked until its first command')
     arm.stop()
-
-
-@pytest.mark.parametrize(
-    ('options', 'pages', 'quick'),
-    [
-        ([], 'report_speed_pages_run', False),
-        (['--quick'], 'report_speed_pages_run', True),
-        (['--against-error'], 'report_against_error_pages_run', False),
-        (['--against-error', '--quick'], 'report_against_error_pages_run', True),
-    ],
-)
-def test_report_speed_hands_folder_and_quickness_to_its_pages(
-    options: list[str], pages: str, quick: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # The reports themselves have separate tests, and take minutes.
-    asked: list[tuple[Path, bool]] = []
-    monkeypatch.setattr(
-        *bridge.target(pages),
-        lambda folder, quick: asked.append((folder, quick)) or [],
-    )
-    assert pfd_main(['report', 'speed', '--out', str(tmp_path), *options]) == 0
-    assert asked == [(tmp_path, quick)]
-
-
-@pytest.mark.parametrize('options', [[], ['--quick'], ['--against-error', '--quick']])
-def test_report_speed_of_a_quantity_is_that_of_its_pages(
-    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[tuple[object, ...]] = []
-    monkeypatch.setattr(
-        *bridge.target('report_quantity_pages_run'), lambda *given: asked.append(given) or []
-    )
-    command = ['report', 'speed', '--out', str(tmp_path), '--quantity', 'derivatives', *options]
-    assert pfd_main(command) == 0
-    assert asked == [(tmp_path, 'derivatives', '--against-error' in options, '--quick' in options)]
-
-
-@pytest.mark.parametrize('option', ['--against-error', '--quantity'])
-def test_options_of_the_speed_report_are_for_no_other(
-    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as end:
-        pfd_main(['report', 'counts', '--out', str(tmp_path), option])
-    assert end.value.code == 2
-    assert f'unrecognized arguments: {option}' in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
-def test_report_scene_refuses_quick_before_its_name(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ['scene', '--robot', 'ur5', '--trajectory', 'sine', '--tolerance', '1']
-    assert pfd_main(['report', '--quick', '--out', str(tmp_path / 'pages'), *words]) == 1
-    assert capsys.readouterr().err == 'pfd report: scene takes no --quick\n'
-    assert not list(tmp_path.iterdir())
 
 
 def test_ctrl_c_is_no_traceback(

@@ -68,14 +68,6 @@ def fault_page(fault: Path) -> Path:
     return out
 
 
-def test_the_file_of_the_page_may_be_named_before_the_kind_of_report(
-    fault: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / 'page.html'
-    assert main(['report', '--out', str(out), 'log', str(fault)]) == 0
-    assert out.read_text().startswith('<!DOCTYPE html>')
-
-
 def write_states(path: Path, topic: str, names: list[str], times_ns: list[int]) -> None:
     """Write a bag of another program, whose joints turn."""
     encoder = JointStateEncoder(names)

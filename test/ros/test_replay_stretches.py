@@ -13,9 +13,9 @@ import pytest
 from rewriting import ARRAY, CLOCK, STATES, Recording, load
 from simulating import simulate
 
+from pfd_ros.advice import read_motion
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
-from pfd_ros.cli.recorded_motion import read_motion
 from pfd_ros.messages.stamped import effort_encoder
 from pfd_ros.replay.verify import DifferenceError, read
 from pfd_ros.testing.lockstep_arm import LockstepArm
@@ -163,11 +163,11 @@ def test_a_reflex_within_a_stretch_is_replayed_in_its_cycle(
     }
     path = simulate(260 * every, commands, reflex_effort_rate=2000.0).save(tmp_path / 'a.mcap')
     assert read(path, verify=True).verdicts[Verdict.REFUSED] == 59
-    braked = read_motion(path).motion.held
+    braked = read_motion(path).motion.braked
     assert np.flatnonzero(braked.all(axis=1))[0] + 1 == first_braked
     single_cycles(monkeypatch)
     assert read(path, verify=True).verdicts[Verdict.REFUSED] == 59
-    assert read_motion(path).motion.held.tobytes() == braked.tobytes()
+    assert read_motion(path).motion.braked.tobytes() == braked.tobytes()
 
 
 def test_the_motion_of_a_run_equals_single_cycles(

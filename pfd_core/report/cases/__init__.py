@@ -9,7 +9,6 @@ Cases: robots, states, motions and quantities that are measured, and claims they
     motions       free motions of arms (Motion), stored references, bounds of runs (Check)
     exact_motions  motions of one wheel with a closed form: friction, stops, motors (EXACT)
     controlled_arm  an arm under a controller in discrete time (ControlledArm), stored
-    excitations   motions driven by torques (DrivenMotion); named ones (EXCITATIONS)
     quantities    the table of quantities other than forward dynamics (QUANTITIES), and states
     paper         claims of the paper: formulas and values of Table 1 (TABLE); index of where its
                   equations and procedures are implemented and tested (EQUATIONS, PROCEDURES)

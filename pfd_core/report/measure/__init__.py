@@ -27,7 +27,6 @@ Times:
     port_limit          a kernel's own mix of operations in a loop: the limit of the processor
     register_traffic    the loads and stores of a program on a given number of registers
     first_results       time to a robot's first result, compiled or from disk
-    installation        whether compiler and cache work, and times of this machine (`pfd doctor`)
     surroundings        processor, load, versions and date of a measurement
     speed               the survey of forward dynamics: robots, works, contenders, findings
     quantity_rows       times and errors of the quantities other than forward dynamics
@@ -60,12 +59,4 @@ Time and error of a controlled arm:
 
     controlled_motion   integrators, formats, libraries and smaller scenes against a reference of
                         one motion; advice by tolerance (ControlledRow, Advice)
-
-Errors of smaller scenes:
-
-    scene_effects       the effects that are on, and the full scene of a robot
-    scene_errors        trajectories in smaller scenes against the full one (SceneRow)
-    scene_margins       how far a motion exercises each effect; errors that every scene has
-    scene_search        the smallest scene within a tolerance; the best scene of every cost
-    scene_needs         cost, time and error of each effect, and the answer (EffectRow, Needs)
 """

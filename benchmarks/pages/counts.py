@@ -210,9 +210,7 @@ def text(data: dict[str, Any]) -> str:
         **{kind: _over_n(rows, _and_claimed(data['claims'], kind)) for kind in KINDS[:2]},
         routes=_over_n(rows, lambda x: _two_of(x, 'routes'), lambda x: x['units'] > 1),
         speed_up=_over_n(rows, _two(speed_up, 'best', '.2f'), lambda x: x['best'] is not None),
-        processors='\n'.join(
-            _on_processors(data, x) for x in data['serial'] if x['n'] in PROCESSORS
-        ),
+        processors='\n'.join(_processors(data, x) for x in data['serial'] if x['n'] in PROCESSORS),
         cycle=f'{pcgm.CYCLE * 1e3:g}',
         compared=order(COMPARED_AT),
         tolerances=', '.join(map(order, pcgm.TOLERANCES)),

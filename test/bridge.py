@@ -205,7 +205,6 @@ NAMES = {
     'fastest_decay': 'pfd_core.simulation.stiffness:fastest_decay',
     'inertia_matrices': 'pfd_core.simulation.stiffness:inertia_matrices',
     # pfd_core.report: cases, references and pages
-    'DrivenMotion': 'pfd_core.report.cases.excitations:DrivenMotion',
     'HARD_CASES': 'pfd_core.report.cases.hard_cases:CASES',
     'HardCase': 'pfd_core.report.cases.hard_cases:Case',
     'HARD_MECHANISMS': 'pfd_core.report.cases.hard_cases:MECHANISMS',

@@ -256,17 +256,6 @@ def test_the_page_of_mechanisms_counts_where_the_default_is_above_its_limit() ->
     assert '| bad | composite_body | 1, 9 | - | - | - | 1, 3 | 1.50 |' in page
 
 
-def test_the_command_writes_the_page_of_mechanisms(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for table in ('CASES', 'MECHANISMS'):
-        monkeypatch.setattr(mechanism_pages, table, ())
-    found = page_of('mechanisms').make(tmp_path)
-    pages = [tmp_path / 'mechanisms.md', tmp_path / 'mechanisms.json']
-    assert found == pages
-    assert all(page.is_file() for page in pages)
-
-
 @pytest.mark.slow
 def test_the_page_of_mechanisms_in_the_documentation_is_not_stale() -> None:
     shown = [HARD_MECHANISMS[k] for k in (5, 13, 24)]

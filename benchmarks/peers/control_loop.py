@@ -1,21 +1,19 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Other libraries as simulators of an arm under a controller, the loop and the controller in C.
+Simulators of an arm under a controller: ours, and other libraries with the loop in C.
 
-data/control_loop.c is compiled once for each number of joints. Each library advances the arm by
-one period with constant torques:
-
+    ours        an Ensemble of one or more arms with Feedback: controller, steps and loop in one
+                native call. The adaptive integrator is called by Python once a period
     CasADi      the classical Runge-Kutta method, velocity Verlet and semi-implicit Euler in C
                 around C that CasADi generates
     Pinocchio   the classical Runge-Kutta method in C++ around pinocchio::aba
     MuJoCo      mj_step
 
-CasADi and Pinocchio have no dry friction: it is a ramp F v / width between -F and F. MuJoCo's
-frictionloss is a soft constraint with a time constant and an impedance (solreffriction,
-solimpfriction). A `Softness` sets the ramp or the constraint.
-
-`case` is a ControlledArm of benchmarks.cases.controlled_arm.
+Around other libraries data/control_loop.c has the controller and the loop; it is compiled once for
+each number of joints. CasADi and Pinocchio have no dry friction: it is a ramp F v / width between
+-F and F. MuJoCo's frictionloss is a soft constraint with a time constant and an impedance
+(solreffriction, solimpfriction). A `Softness` sets the ramp or the constraint.
 """
 
 from __future__ import annotations
@@ -29,19 +27,24 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cases.controlled_arm import ControlledArm
 from benchmarks.cases.robots import Array
-from benchmarks.peers.casadi import COMPOSITE, Casadi
+from benchmarks.peers.casadi import Casadi
 from benchmarks.peers.mujoco import Mujoco
 from benchmarks.peers.native import C, address, built, effort_limits, torques_if_any
-from benchmarks.peers.pinocchio_cpp import NAME as PINOCCHIO_CPP
-from benchmarks.peers.pinocchio_cpp import PinocchioCpp
+from benchmarks.peers.pinocchio import PinocchioCpp
 from benchmarks.table import stored_text
+from pfd_core.model import Scene
+from pfd_core.simulation.adaptive import integrate
+from pfd_core.simulation.ensemble import Ensemble
+from pfd_core.simulation.feedback import Feedback
 
-MUJOCO = ('MuJoCo Euler', 'MuJoCo implicitfast', 'MuJoCo RK4')
-CASADI = 'CasADi RK4'
 # Integrators around CasADi's C: functions of data/casadi.c.
-IN_CASADI = {CASADI: 'rollout', 'CasADi Verlet': 'verlet', 'CasADi Euler': 'euler'}
-PINOCCHIO = f'{PINOCCHIO_CPP} RK4'
+IN_CASADI = {'CasADi RK4': 'rollout', 'CasADi Verlet': 'verlet', 'CasADi Euler': 'euler'}
+PINOCCHIO = 'Pinocchio C++ RK4'
+MUJOCO = ('MuJoCo Euler', 'MuJoCo implicitfast', 'MuJoCo RK4')
+# Absolute tolerance of our adaptive integrator over the relative one.
+ABSOLUTE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -73,16 +76,128 @@ class Softness:
 
 @dataclass(frozen=True)
 class Answer:
-    """End of a run: status, position and velocity (n,)."""
+    """End of a run: 'ok' or the reason of its failure, and the positions, (n,)."""
 
     status: str
     q: Array
-    qd: Array
 
 
 Run = Callable[[], Answer]
-# Run of a way, with substeps in each period or a tolerance.
-Simulate = Callable[[str, float, Softness], Run]
+# The run of a way in a number of substeps a period.
+Simulate = Callable[[str, int, Softness], Run]
+
+
+def fixed(
+    case: ControlledArm,
+    scene: Scene,
+    substeps: int,
+    integrator: str,
+    dtype: str,
+    method: str = 'auto',
+    *,
+    arms: int = 1,
+) -> Run:
+    """Return a run of an Ensemble of equal arms; ValueError for an unknown setting."""
+    arm = Ensemble(
+        case.robot,
+        arms,
+        scene,
+        step_size=case.period,
+        substeps=substeps,
+        integrator=integrator,
+        dtype=dtype,
+        method=method,
+    )
+    law = Feedback(case.kp, case.kd, case.q, case.qd)
+    start = np.tile(case.start, (arms, 1))
+    rest = np.zeros_like(start)
+
+    def run() -> Answer:
+        arm.reset(start, rest)
+        # Only the last state is kept.
+        status = arm.rollout(case.taus, feedback=law, every=case.periods).status
+        return _answer(arm.q[0]) if status == 'ok' else _failed(status, arm.q[0])
+
+    return run
+
+
+def adaptive(case: ControlledArm, tolerance: float, **settings: Any) -> Run:
+    """Return a run of `integrate` with further settings, called once a period."""
+    settings = {'rtol': tolerance, 'atol': tolerance * ABSOLUTE, 'dense': False} | settings
+
+    def run() -> Answer:
+        q, qd = case.start, np.zeros(case.robot.n)
+        for k in range(case.periods):
+            tau = case.torques(k, q, qd)
+            found = integrate(
+                case.robot, tau, case.period, scene=case.scene, q=q, qd=qd, **settings
+            )
+            if found.status != 'ok':
+                return _failed(found.status, q)
+            q, qd = found.q[-1], found.qd[-1]
+        return _answer(q)
+
+    return run
+
+
+def casadi_arm(case: ControlledArm) -> Simulate:
+    """Return CasADi's C of articulated bodies with rotors, and integrators of IN_CASADI in C."""
+    peer = Casadi(case.plant)
+
+    def simulate(way: str, substeps: int, softness: Softness) -> Run:
+        effects = address(torques_if_any(case.plant, softness.width))
+        return _around(case, getattr(peer.library, IN_CASADI[way]), effects, substeps)
+
+    return simulate
+
+
+def pinocchio_arm(case: ControlledArm) -> Simulate:
+    """Return Pinocchio's C++ with Runge-Kutta steps."""
+
+    def simulate(way: str, substeps: int, softness: Softness) -> Run:
+        peer = PinocchioCpp(case.plant, softness.width)
+        return _around(case, peer.library.rollout, peer.arm, substeps)
+
+    return simulate
+
+
+def mujoco_arm(case: ControlledArm) -> Simulate:
+    """Return MuJoCo's model of the arm with frictionloss, and mj_step called from C."""
+    peer, plant = Mujoco(case.robot), case.plant
+    mj = peer.mj
+    (path,) = Path(mj.__file__).parent.glob('libmujoco.*')
+    step = ctypes.cast(ctypes.CDLL(str(path)).mj_step, ctypes.c_void_p)
+
+    def simulate(way: str, substeps: int, softness: Softness) -> Run:
+        h = case.period / substeps
+        model = peer.model_of(plant, way, h)
+        if plant.friction is not None:
+            model.opt.disableflags &= ~int(mj.mjtDisableBit.mjDSBL_CONSTRAINT)
+            model.dof_frictionloss[:] = plant.friction
+            # MuJoCo 4.0.0 has wrong accelerations with a sparse Jacobian of constraints.
+            model.opt.jacobian = mj.mjtJacobian.mjJAC_DENSE
+        if softness.time_constant:
+            model.dof_solref[:, 0] = softness.time_constant * h
+        if softness.impedance:
+            model.dof_solimp[:, :2] = softness.impedance
+        data = mj.MjData(model)
+        arrays = data.qpos, data.qvel, data.qfrc_applied, effort_limits(plant)
+        addresses = model._address, data._address, *(x.ctypes.data for x in arrays)
+        arm = (ctypes.c_void_p * 7)(step, *addresses)
+        advance = _around(case, _library(case.robot.n).mujoco, arm, substeps)
+
+        # The arrays whose addresses C holds live as long as this function.
+        def run(held: object = arrays) -> Answer:
+            mj.mj_resetData(model, data)
+            data.qpos[:] = case.start
+            end = advance()
+            # After a warning about a number that is too large MuJoCo restarts from its initial
+            # state; any other warning makes its answer invalid, too.
+            return Answer('MuJoCo warning', end.q) if data.warning.number.any() else end
+
+        return run
+
+    return simulate
 
 
 @cache
@@ -92,7 +207,8 @@ def _library(n: int) -> ctypes.CDLL:
         return ctypes.CDLL(str(path))
 
 
-def _run(case: Any, advance: Any, arm: Any, substeps: int) -> Run:
+def _around(case: ControlledArm, advance: Any, arm: Any, substeps: int) -> Run:
+    """Return a run of data/control_loop.c around a library's function."""
     q, qd = np.empty((2, case.robot.n))
     law = np.concatenate([case.kp, case.kd])
     reference = np.ascontiguousarray(np.hstack([case.taus, case.q, case.qd]))
@@ -107,70 +223,15 @@ def _run(case: Any, advance: Any, arm: Any, substeps: int) -> Run:
     def run() -> Answer:
         q[:], qd[:] = case.start, 0.0
         control(advance, arm, *given)
-        return answer(q, qd)
+        return _answer(q, qd)
 
     return run
 
 
-def casadi_arm(case: Any) -> Simulate:
-    """Return CasADi's C of composite bodies with rotors, and integrators of IN_CASADI in C."""
-    peer = Casadi(case.plant, method=COMPOSITE)
-
-    def simulate(way: str, substeps: float, softness: Softness) -> Run:
-        effects = address(torques_if_any(case.plant, softness.width))
-        return _run(case, getattr(peer.library, IN_CASADI[way]), effects, int(substeps))
-
-    return simulate
-
-
-def pinocchio_arm(case: Any) -> Simulate:
-    """Return Pinocchio's C++ with Runge-Kutta steps."""
-
-    def simulate(way: str, substeps: float, softness: Softness) -> Run:
-        peer = PinocchioCpp(case.plant, softness.width)
-        return _run(case, peer.library.rollout, peer.arm, int(substeps))
-
-    return simulate
-
-
-def mujoco_arm(case: Any) -> Simulate:
-    """Return MuJoCo's model of the arm with frictionloss, and mj_step called from C."""
-    peer, plant = Mujoco(case.robot), case.plant
-    mj = peer.mj
-    (path,) = Path(mj.__file__).parent.glob('libmujoco.*')
-    step = ctypes.cast(ctypes.CDLL(str(path)).mj_step, ctypes.c_void_p)
-
-    def simulate(way: str, substeps: float, softness: Softness) -> Run:
-        h = case.period / substeps
-        model = peer.model_of(plant, way, h)
-        if plant.friction is not None:
-            model.opt.disableflags &= ~int(mj.mjtDisableBit.mjDSBL_CONSTRAINT)
-            model.dof_frictionloss[:] = plant.friction
-        if softness.time_constant:
-            model.dof_solref[:, 0] = softness.time_constant * h
-        if softness.impedance:
-            model.dof_solimp[:, :2] = softness.impedance
-        data = mj.MjData(model)
-        arrays = data.qpos, data.qvel, data.qfrc_applied, effort_limits(plant)
-        addresses = model._address, data._address, *(x.ctypes.data for x in arrays)
-        arm = (ctypes.c_void_p * 7)(step, *addresses)
-        advance = _run(case, _library(case.robot.n).mujoco, arm, int(substeps))
-
-        # The arrays whose addresses C holds live as long as this function.
-        def run(held: object = arrays) -> Answer:
-            mj.mj_resetData(model, data)
-            data.qpos[:] = case.start
-            end = advance()
-            # After a warning about a number that is too large MuJoCo restarts from its initial
-            # state; any other warning makes its answer invalid, too.
-            return Answer('MuJoCo warning', end.q, end.qd) if data.warning.number.any() else end
-
-        return run
-
-    return simulate
-
-
-def answer(q: Array, qd: Array) -> Answer:
+def _answer(*state: Array) -> Answer:
     """Return the end of a run that may have overflown."""
-    status = 'ok' if np.isfinite([q, qd]).all() else 'not finite'
-    return Answer(status, q.copy(), qd.copy())
+    return Answer('ok' if np.isfinite(state).all() else 'not finite', state[0].copy())
+
+
+def _failed(status: str, q: Array) -> Answer:
+    return Answer(status.replace('_', ' '), q.copy())

@@ -234,7 +234,7 @@ def _measured(
 
 def _fixed_rows(case: ControlledArm, plan: Plan) -> list[tuple[dict[str, Any], int]]:
     """Return the rows of our runs in fixed steps, with their substeps."""
-    wanted = [
+    wanted: list[tuple[tuple[str, ...], str, str, int, int]] = [
         ((), integrator, dtype, substeps, arms)
         for arms, numbers in ((1, plan.substeps), (plan.arms, plan.ensemble_substeps))
         for integrator, dtype in plan.fixed

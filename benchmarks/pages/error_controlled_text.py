@@ -155,7 +155,8 @@ def _digits(error: float | None) -> str:
 
 def _floor(data: Mapping[str, Any]) -> float:
     """Return the smallest error that the reference resolves [rad]."""
-    return max(data['reference']['self_difference'], data['reference']['from_fixed'])
+    facts = data['reference']
+    return max(float(facts['self_difference']), float(facts['from_fixed']))
 
 
 def _columns(floor: float) -> Columns:

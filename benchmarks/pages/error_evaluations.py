@@ -50,6 +50,7 @@ PEERS: Mapping[str, tuple[Callable[[Robot], Peer], str, str]] = {
     'Pinocchio': (pinocchio.Pinocchio, GREEN, 'PX'),
     'Pinocchio C++': (pinocchio_cpp.PinocchioCpp, PINOCCHIO, 'xsD+'),
     'CasADi C': (casadi.Casadi, CASADI, '*p'),
+    'CasADi C composite': (partial(casadi.Casadi, method=casadi.COMPOSITE), CASADI, 'HP'),
     'CasADi C, vectors': (vector_casadi.VectorCasadi, '#8C510A', 'h'),
     'MuJoCo': (mujoco.Mujoco, MUJOCO, 'v'),
 }
@@ -156,8 +157,9 @@ def _ways(
     for library, (make, _, _) in PEERS.items():
         try:
             peer = make(robot)
+            reasons = dict[str, str]()
             works = _works(states, batch, count)
-            found = [valid_sides(peer.sides(work), reasons := {}) for work in works]
+            found = [valid_sides(peer.sides(work), reasons) for work in works]
         except LeftOutError as reason:
             missing.append(f'{library}: {reason}')
             continue

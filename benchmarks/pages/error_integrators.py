@@ -6,7 +6,7 @@ Work-precision of integrators: time and evaluations of free motions over their e
     rk4, velocity_verlet, imex2      a Simulator in steps of h, in native code
     dop853                           pfd_core.integrate at a tolerance
     MuJoCo Euler, implicit, ...      mj_step in steps of h; contacts and constraints are off
-    CasADi RK4, Pinocchio C++ RK4    classical Runge-Kutta around articulated bodies, native code
+    CasADi RK4, Pinocchio C++ RK4    classical Runge-Kutta around composite and articulated bodies
 
 Errors are taken at SAMPLES times of a motion:
 
@@ -32,9 +32,9 @@ import numpy as np
 
 from benchmarks.cases.motions import FREE, Motion
 from benchmarks.cases.robots import Array
-from benchmarks.peers.casadi import Casadi
+from benchmarks.peers.casadi import COMPOSITE, Casadi
 from benchmarks.peers.mujoco import INTEGRATORS, Mujoco
-from benchmarks.peers.pinocchio import PinocchioCpp
+from benchmarks.peers.pinocchio_cpp import PinocchioCpp
 from benchmarks.peers.work import LeftOutError, Side
 from benchmarks.plots import CASADI, FLOAT64, GREY, MUJOCO, PINOCCHIO, SKY, logarithmic
 from benchmarks.run import show_progress
@@ -53,7 +53,7 @@ ADAPTIVE = 'dop853'
 ABSOLUTE = 1e-3
 # Native code of other libraries, with four evaluations in a step.
 NATIVE: Mapping[str, Callable[[Any], Casadi | PinocchioCpp]] = {
-    'CasADi RK4': Casadi,
+    'CasADi RK4': partial(Casadi, method=COMPOSITE),
     'Pinocchio C++ RK4': PinocchioCpp,
 }
 # Ways with colour, marker and line in the plot.
@@ -210,7 +210,7 @@ def _runs(
 
 
 def _substeps(motion: Motion, step: float) -> int:
-    return round(motion.duration / SAMPLES / step)
+    return int(round(motion.duration / SAMPLES / step))
 
 
 def _fixed(motion: Motion, way: str, step: float) -> Run:

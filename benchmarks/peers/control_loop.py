@@ -29,10 +29,10 @@ import numpy as np
 
 from benchmarks.cases.controlled_arm import ControlledArm
 from benchmarks.cases.robots import Array
-from benchmarks.peers.casadi import Casadi
+from benchmarks.peers.casadi import COMPOSITE, Casadi
 from benchmarks.peers.mujoco import Mujoco
 from benchmarks.peers.native import C, address, built, effort_limits, torques_if_any
-from benchmarks.peers.pinocchio import PinocchioCpp
+from benchmarks.peers.pinocchio_cpp import PinocchioCpp
 from benchmarks.table import stored_text
 from pfd_core.model import Scene
 from pfd_core.simulation.adaptive import integrate
@@ -141,8 +141,8 @@ def adaptive(case: ControlledArm, tolerance: float, **settings: Any) -> Run:
 
 
 def casadi_arm(case: ControlledArm) -> Simulate:
-    """Return CasADi's C of articulated bodies with rotors, and integrators of IN_CASADI in C."""
-    peer = Casadi(case.plant)
+    """Return CasADi's C of composite bodies with rotors, and integrators of IN_CASADI in C."""
+    peer = Casadi(case.plant, method=COMPOSITE)
 
     def simulate(way: str, substeps: int, softness: Softness) -> Run:
         effects = address(torques_if_any(case.plant, softness.width))

@@ -210,7 +210,7 @@ def _runs(
 
 
 def _substeps(motion: Motion, step: float) -> int:
-    return int(round(motion.duration / SAMPLES / step))
+    return round(motion.duration / SAMPLES / step)
 
 
 def _fixed(motion: Motion, way: str, step: float) -> Run:

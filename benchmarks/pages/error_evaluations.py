@@ -79,7 +79,7 @@ class Plan:
 
 QUICK = Plan(
     cases=('ordinary_planar2', 'collinear_axes_1e-12'),
-    batch=64,
+    batch=128,
     pace=Pace(chunk=1e-4, turns=3, fewest=2),
 )
 
@@ -113,9 +113,9 @@ def measure(quick: bool) -> dict[str, Any]:
         for batch in (1, plan.batch):
             show_progress(f'{case.name}: {batch} states in a call')
             ways = list(_ways(problem, known, condition, batch, missing))
-            sides = [side for _, side in ways]
+            sides = [side for _, side, _ in ways]
             found = interleave(sides, batch, plan.pace)
-            for (row, _), times in zip(ways, found, strict=True):
+            for (row, _, _), times in zip(ways, found, strict=True):
                 points.append({'case': case.name, 'batch': batch} | row | vars(times))
     return {'cases': rows, 'points': points, 'missing': list(dict.fromkeys(missing))}
 
@@ -130,8 +130,8 @@ def _compile(given: tuple[Case, tuple[str, int]]) -> None:
 
 def _ways(
     problem: Problem, known: Reference, condition: Array, batch: int, missing: list[str]
-) -> Iterator[tuple[dict[str, Any], Side]]:
-    """Yield rows without times, and what to time."""
+) -> Iterator[tuple[dict[str, Any], Side, object]]:
+    """Yield rows without times, what to time, and the owner of its native memory."""
     robot, count = problem.plant.robot, len(condition)
     states = [np.ascontiguousarray(x) for x in problem.states.values()]
 
@@ -153,7 +153,7 @@ def _ways(
         run = _bound(kernel, [np.resize(x, (batch, robot.n)) for x in states])
         reference = (dtype, refine) == ('float64', 0)
         side = Side(OURS, run, partial(np.asarray, answers), reference=reference)
-        yield row(OURS, 'pfd', answers, dtype, refine), side
+        yield row(OURS, 'pfd', answers, dtype, refine), side, kernel
     for library, (make, _, _) in PEERS.items():
         try:
             peer = make(robot)
@@ -178,7 +178,7 @@ def _ways(
             if len(answers) == count:
                 refine = int('refined' in side.way)
                 timed = replace(side, reference=False)
-                yield row(side.way, library, answers, 'float64', refine), timed
+                yield row(side.way, library, answers, 'float64', refine), timed, peer
 
 
 def _works(states: Sequence[Array], batch: int, count: int) -> list[Work]:

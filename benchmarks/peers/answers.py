@@ -1,0 +1,140 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Answers at the states of a problem: by our kernels and by Pinocchio.
+
+Ours are programs on the emulator, which give the bits of a kernel. Sine and cosine are written out
+in elementary operations, so that they are the same on every machine. A and B are of
+`Simulator.linearize`, one step of rk4, in native code.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.cases.problems import Problem, scene_of
+from benchmarks.cases.quantities import STATE, linear_rk4
+from benchmarks.cases.robots import Array
+from benchmarks.peers.pinocchio import Pinocchio, acceleration_and_derivatives
+from pfd_core.algorithms.acceleration_derivatives import record_derivatives
+from pfd_core.algorithms.convergence import with_nan_unless_converged
+from pfd_core.algorithms.programs import TOLERANCES
+from pfd_core.algorithms.refinement import record_refined
+from pfd_core.kernels.auto import choose, default, default_of_derivatives
+from pfd_core.kernels.passes.pipeline import lower
+from pfd_core.kernels.passes.schedule import ORDERED
+from pfd_core.machine.emulator import run
+from pfd_core.machine.fused import fused
+from pfd_core.machine.program import Output, Program
+from pfd_core.model import Plant
+from pfd_core.simulation.simulator import Simulator
+
+PEER = 'Pinocchio'
+
+
+def kernel_answer(problem: Problem, dtype: str, refine: int, method: str = 'auto') -> NDArray[Any]:
+    """Return qdd (S, n), with the bits of the kernel."""
+    method, refine = default(problem.plant, method, refine)
+    recorded = record_refined(problem.plant, method, refine, TOLERANCES[dtype], None)
+    # As in a kernel: an answer that has not converged is NaN.
+    recorded = with_nan_unless_converged(recorded, problem.plant)
+    qdd: NDArray[Any] = _run(lower(recorded, dtype, ['qdd']).compiled, problem, dtype)['qdd']
+    return qdd
+
+
+def first_answer(
+    problem: Problem, dtype: str, method: str = 'auto'
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """
+    Return the answer (S, n) that a refined kernel corrects, and its estimated error (S,).
+
+    The estimate is max |delta| / max |qdd|, as of `Kernel.error_estimate`.
+    """
+    recorded = record_with_first_answer(problem.plant, choose(problem.plant, method, 1), dtype)
+    found = _run(lower(recorded, dtype, ['error', 'before']).compiled, problem, dtype)
+    return found['before'], found['error'][:, 0].astype(np.float64)
+
+
+def record_with_first_answer(plant: Plant, method: str, dtype: str = 'float64') -> Program:
+    """Return the refined program with one more output: `before`, the answer that it corrects."""
+    program = record_refined(plant, method, 1, TOLERANCES[dtype], dtype)
+    corrected = [program.instructions[register] for register, _ in program.outputs['qdd'].places]
+    before = Output((plant.robot.n,), tuple((c.args[0], 0) for c in corrected))
+    return replace(program, outputs={**program.outputs, 'before': before})
+
+
+def _run(program: Program, problem: Problem, dtype: str) -> dict[str, Any]:
+    # A lost answer divides by zero and overflows: its error is infinite.
+    with np.errstate(all='ignore'):
+        return run(program, problem.states, dtype)
+
+
+def kernel_jacobians(
+    problem: Problem, dtype: str, refine: int, h: float | None
+) -> tuple[NDArray[Any], NDArray[Any] | None]:
+    """Return d qdd / d (q, qd, tau), (S, n, 3n), and [A B] of a step of h seconds, if any."""
+    plant = problem.plant
+    recorded = record_derivatives(plant, *default_of_derivatives(plant, 'auto', refine), dtype)
+    factors = _run(lower(recorded, dtype, longest=ORDERED).compiled, problem, dtype)
+    with np.errstate(all='ignore'):
+        J = _multiplied(factors)
+    if h is None:
+        return J, None
+    settings: dict[str, Any] = {'step_size': h, 'substeps': 1, 'dtype': dtype}
+    simulator = Simulator(plant.robot, scene_of(plant), integrator='rk4', **settings)
+    rows = zip(*problem.states.values(), strict=True)
+    states = (dict(zip(problem.states, row, strict=True)) for row in rows)
+    return J, np.array([np.hstack(simulator.linearize(**x)) for x in states]).astype(np.float64)
+
+
+def _multiplied(factors: dict[str, Any]) -> NDArray[Any]:
+    """Return d qdd / d (q, qd, tau) from X, D and T, with the roundings of native code."""
+    X, D = factors['X'], factors['D']
+    n = X.shape[-1]
+    total = X[..., :1] * D[..., :1, :]
+    for k in range(1, n):
+        total = fused(*np.broadcast_arrays(X[..., k : k + 1], D[..., k : k + 1, :], total))
+    by_tau = X * factors['T'][..., None, :] if 'T' in factors else X
+    return np.concatenate([-total, by_tau], axis=-1)
+
+
+def peer_answer(problem: Problem) -> Array | None:
+    """Return qdd (S, n) by pinocchio.aba; None where it does not take the problem."""
+    peer = _peer(problem)
+    if peer is None:
+        return None
+    aba = peer.answers(problem.plant)['Pinocchio aba']
+    return np.array([np.array(aba(*row)) for row in _rows(problem)])
+
+
+def peer_jacobians(problem: Problem, h: float) -> tuple[Array, Array] | None:
+    """Return d qdd / d (q, qd, tau) and [A B] of a step by computeABADerivatives, or None."""
+    peer = _peer(problem)
+    if peer is None:
+        return None
+    evaluate = acceleration_and_derivatives(peer)
+    rows = _rows(problem)
+    with np.errstate(all='ignore'):
+        J = np.array([evaluate(*row)[1].copy() for row in rows])
+        return J, np.array([linear_rk4(evaluate, *row, h) for row in rows])
+
+
+def _peer(problem: Problem) -> Pinocchio | None:
+    """Return Pinocchio's model of a plant; None with a wrench, or if it refuses the robot."""
+    if 'wrench' in problem.states:
+        return None
+    try:
+        peer = Pinocchio(problem.plant.robot)
+        peer.answers(problem.plant)
+    except (ValueError, RuntimeError):
+        return None
+    return peer
+
+
+def _rows(problem: Problem) -> list[tuple[Array, ...]]:
+    states = (problem.states[name] for name in STATE)
+    return [tuple(np.array(x) for x in row) for row in zip(*states, strict=True)]

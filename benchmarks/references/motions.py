@@ -1,0 +1,234 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+References of motions: stored ends in extended precision, and whole motions in float64.
+
+`python -m benchmarks.references.motions [NAME ...]` computes the ends of hard motions and writes
+them into data/motion_references.yaml. A macro step of H seconds is taken with 1, 2, ..., k
+substeps by a method of low order, and the k ends are extrapolated to substeps of no length
+(Hairer, Norsett, Wanner, Solving Ordinary Differential Equations, II.9 and IV.9):
+
+    midpoint   modified midpoint in 2 j substeps, k = 12 in 34 digits: order 24
+    implicit   (M + h D) (v' - v) = h (tau - bias - D v), q' = q + h v', in j substeps, k = 20 in
+               50 digits: order 20 for strong damping D
+
+`reference` returns a motion by `integrate` at its tightest tolerance, refined, which is begun anew
+at each of SAMPLES times, so that no state is interpolated. Its self-difference is the largest
+difference in q from a second reference by another method with steps of at most LONGEST seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+import sys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+import yaml
+
+from benchmarks.cases.motions import ENDS, HARD, Motion
+from benchmarks.cases.robots import Array
+from benchmarks.table import HERE, stored_text, write_text
+from pfd_core.algorithms.grouped.energy import record_energy
+from pfd_core.algorithms.programs import record_forward_dynamics, record_terms
+from pfd_core.machine.emulator import run
+from pfd_core.model import Plant, without_viscosity
+from pfd_core.simulation.step_control import SMALLEST_RTOL
+
+Numbers = NDArray[Any]
+# State (2, n) at the end of a macro step from state, length and number of substeps.
+Substeps = Callable[[Numbers, Any, int], Numbers]
+# Columns and digits of a scheme, and digits that are stored.
+SCHEMES = {'midpoint': (12, 34), 'implicit': (20, 50)}
+STORED = 25
+# Macro steps of the second computation, as a part of the first one's.
+FEWER = 0.75
+SAMPLES = 20
+LONGEST = 2e-3
+
+
+@dataclass(frozen=True)
+class Reference:
+    """States (SAMPLES, n), energies (SAMPLES,) [J], their scale, and the self-difference [rad]."""
+
+    q: Array
+    qd: Array
+    energy: Array
+    largest_kinetic: float
+    self_difference: float
+
+    def errors(self, motion: Motion, q: Array, qd: Array) -> tuple[float, float]:
+        """
+        Return trajectory error and energy error of states at the same times.
+
+        The first is the largest error of q [rad or m], the second the largest error of the energy
+        over the largest kinetic energy. Without damping the exact energy does not change.
+        """
+        kinetic, potential = energy(motion.plant, q, qd)
+        drift = np.abs(kinetic + potential - self.energy).max() / self.largest_kinetic
+        return float(np.abs(q - self.q).max()), float(drift)
+
+
+def interval(motion: Motion) -> float:
+    """Return the seconds between two times at which errors are taken."""
+    return motion.duration / SAMPLES
+
+
+def reference(motion: Motion) -> Reference:
+    """Return the reference of a motion at SAMPLES times; ArithmeticError if it stops before."""
+    q, qd = _states(motion, 'articulated_body', motion.duration)
+    other, _ = _states(motion, 'composite_body', LONGEST)
+    kinetic, potential = energy(motion.plant, q, qd)
+    return Reference(
+        q, qd, kinetic + potential, float(kinetic.max()), float(np.abs(q - other).max())
+    )
+
+
+def _states(motion: Motion, method: str, longest: float) -> tuple[Array, Array]:
+    """Return q and qd, (SAMPLES, n) each, at the tightest tolerance."""
+    states = [(np.array(motion.q), np.array(motion.qd))]
+    for _ in range(SAMPLES):
+        q, qd = states[-1]
+        step = motion.integrated(
+            interval(motion),
+            q=q,
+            qd=qd,
+            rtol=SMALLEST_RTOL,
+            atol=SMALLEST_RTOL,
+            method=method,
+            refine=1,
+            dense=False,
+            max_step=longest,
+        )
+        if step.status != 'ok':
+            raise ArithmeticError(f'{motion.name} has no reference: {step.status}')
+        states.append((step.q[-1], step.qd[-1]))
+    found = np.array(states[1:])
+    return found[:, 0], found[:, 1]
+
+
+def energy(plant: Plant, q: Array, qd: Array) -> tuple[Array, Array]:
+    """Return kinetic and potential energy [J] of states, (S,) each from q and qd (S, n)."""
+    found = run(record_energy(plant), {'q': q, 'qd': qd})['energy']
+    return found[:, 0], found[:, 1]
+
+
+def computed(motion: Motion) -> dict[str, Any]:
+    """Return the end of a motion as ENDS stores it."""
+    fine, coarse = (end(motion, steps)[0] for steps in (motion.steps, int(FEWER * motion.steps)))
+    import mpmath
+
+    return {
+        'self_difference': float(f'{float(max(abs(fine - coarse))):.1e}'),
+        'q': [mpmath.nstr(angle, STORED, strip_zeros=False) for angle in fine],
+    }
+
+
+def end(motion: Motion, steps: int, columns: int | None = None) -> Numbers:
+    """
+    Return q and qd, (2, n) of mpmath.mpf, at the end of a motion without torques.
+
+    Parameters
+    ----------
+    motion : Motion
+        Robot, scene, state at the start, duration, halvings and scheme.
+    steps : int
+        Macro steps, the first of which is halved.
+    columns : int, optional
+        Sequences of substeps k; default: of the scheme.
+
+    """
+    import mpmath
+
+    most, digits = SCHEMES[motion.scheme]
+    power = 2 if motion.scheme == 'midpoint' else 1
+    counts = [power * j for j in range(1, (columns or most) + 1)]
+    with mpmath.workdps(digits):
+        scheme = {'midpoint': _midpoint, 'implicit': _implicit}[motion.scheme]
+        substeps = scheme(motion.plant, digits)
+        state = np.vectorize(mpmath.mpf, otypes=[object])([motion.q, motion.qd])
+        for length in macro_steps(motion, steps):
+            H = mpmath.mpf(length.numerator) / length.denominator
+            state = _extrapolated([substeps(state, H, count) for count in counts], counts, power)
+    return state
+
+
+def macro_steps(motion: Motion, steps: int) -> list[Fraction]:
+    """Return the lengths [s] of a number of macro steps and the halvings of the first."""
+    length = Fraction(motion.duration) / steps
+    halved = [length / 2**k for k in range(motion.halvings, 0, -1)]
+    return [*(halved[:1] + halved or [length]), *[length] * (steps - 1)]
+
+
+def _extrapolated(ends: Sequence[Numbers], counts: Sequence[int], power: int) -> Numbers:
+    """Return the limit of substeps of no length, for errors in powers of (1 / count)^power."""
+    import mpmath
+
+    row: list[Numbers] = []
+    for j, found in enumerate(ends):
+        following = [found]
+        for k in range(1, j + 1):
+            ratio = mpmath.mpf(counts[j] ** power) / counts[j - k] ** power
+            following.append(following[k - 1] + (following[k - 1] - row[k - 1]) / (ratio - 1))
+        row = following
+    return row[-1]
+
+
+def _midpoint(plant: Plant, digits: int) -> Substeps:
+    program = record_forward_dynamics(plant, 'articulated_body', 'sequential')
+    torques = np.zeros(plant.robot.n)
+
+    def slope(state: Numbers) -> Numbers:
+        given = {'q': state[0], 'qd': state[1], 'tau': torques}
+        return np.array([state[1], run(program, given, digits=digits)['qdd']])
+
+    def substeps(state: Numbers, H: Any, count: int) -> Numbers:
+        h = H / count
+        before, at = state, state + h * slope(state)
+        for _ in range(count - 1):
+            before, at = at, before + 2 * h * slope(at)
+        return at
+
+    return substeps
+
+
+def _implicit(plant: Plant, digits: int) -> Substeps:
+    import mpmath
+
+    if plant.viscosity is None:
+        raise ValueError('an implicit reference is for a scene with damping')
+    damping = plant.viscosity.astype(object)
+    program = record_terms(without_viscosity(plant), 'sequential')
+
+    def substeps(state: Numbers, H: Any, count: int) -> Numbers:
+        h, (q, qd) = H / count, state
+        for _ in range(count):
+            terms = run(program, {'q': q, 'qd': qd}, digits=digits)
+            matrix = terms['H'] + np.diag(h * damping)
+            force = -terms['bias'] - damping * qd
+            change = mpmath.lu_solve(mpmath.matrix(matrix.tolist()), mpmath.matrix(force.tolist()))
+            qd = qd + h * np.array(list(change))
+            q = q + h * qd
+        return np.array([q, qd])
+
+    return substeps
+
+
+def main(names: Sequence[str]) -> None:
+    """Compute the ends of the named motions, or of all; the others are kept."""
+    found = dict(ENDS)
+    for motion in HARD:
+        if not names or motion.name in names:
+            found[motion.name] = computed(motion)
+            print(motion.name, found[motion.name]['self_difference'], flush=True)
+    head = stored_text('motion_references.yaml').partition('\n\n')[0]
+    rows = {motion.name: found[motion.name] for motion in HARD if motion.name in found}
+    text = yaml.safe_dump(rows, sort_keys=False)
+    write_text(HERE / 'data', 'motion_references.yaml', f'{head}\n\n{text}')
+
+
+if __name__ == '__main__':
+    main(sys.argv[1:])

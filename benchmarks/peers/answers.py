@@ -120,7 +120,7 @@ def peer_jacobians(problem: Problem, h: float) -> tuple[Array, Array] | None:
     rows = _rows(problem)
     with np.errstate(all='ignore'):
         J = np.array([evaluate(*row)[1].copy() for row in rows])
-        return J, np.array([linear_rk4(evaluate, *row, h) for row in rows])
+        return J, np.array([linear_rk4(evaluate, q, qd, tau, h) for q, qd, tau in rows])
 
 
 def _peer(problem: Problem) -> Pinocchio | None:
@@ -135,6 +135,6 @@ def _peer(problem: Problem) -> Pinocchio | None:
     return peer
 
 
-def _rows(problem: Problem) -> list[tuple[Array, ...]]:
-    states = (problem.states[name] for name in STATE)
-    return [tuple(np.array(x) for x in row) for row in zip(*states, strict=True)]
+def _rows(problem: Problem) -> list[tuple[Array, Array, Array]]:
+    q, qd, tau = (np.array(problem.states[name]) for name in STATE)
+    return list(zip(q, qd, tau, strict=True))

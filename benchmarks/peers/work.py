@@ -20,7 +20,7 @@ from benchmarks.cases.robots import Array
 STEP_SIZE = 1e-5
 
 
-class LeftOutError(Exception):
+class LeftOutError(ImportError):
     """A peer cannot be measured here; the message has the reason."""
 
 

@@ -149,7 +149,7 @@ def end(motion: Motion, steps: int, columns: int | None = None) -> Numbers:
     with mpmath.workdps(digits):
         scheme = {'midpoint': _midpoint, 'implicit': _implicit}[motion.scheme]
         substeps = scheme(motion.plant, digits)
-        state = np.vectorize(mpmath.mpf, otypes=[object])([motion.q, motion.qd])
+        state: Numbers = np.vectorize(mpmath.mpf, otypes=[object])([motion.q, motion.qd])
         for length in macro_steps(motion, steps):
             H = mpmath.mpf(length.numerator) / length.denominator
             state = _extrapolated([substeps(state, H, count) for count in counts], counts, power)
@@ -181,7 +181,7 @@ def _midpoint(plant: Plant, digits: int) -> Substeps:
     program = record_forward_dynamics(plant, 'articulated_body', 'sequential')
     torques = np.zeros(plant.robot.n)
 
-    def slope(state: Numbers) -> Numbers:
+    def slope(state: Numbers) -> Any:
         given = {'q': state[0], 'qd': state[1], 'tau': torques}
         return np.array([state[1], run(program, given, digits=digits)['qdd']])
 
@@ -190,7 +190,8 @@ def _midpoint(plant: Plant, digits: int) -> Substeps:
         before, at = state, state + h * slope(state)
         for _ in range(count - 1):
             before, at = at, before + 2 * h * slope(at)
-        return at
+        end: Numbers = at
+        return end
 
     return substeps
 

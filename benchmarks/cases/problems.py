@@ -8,11 +8,10 @@ The numbers of problems are rounded to float32, so that one reference serves bot
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -38,25 +37,14 @@ _DRAWN: ContextVar[tuple[int, int] | None] = ContextVar('drawn', default=None)
 @dataclass(frozen=True)
 class Problem:
     """
-    A plant and states of it.
+    A robot in a scene, and states: q, qd and tau, (S, n) each.
 
-    Attributes
-    ----------
-    plant : Plant
-        Robot and scene.
-    states : dict
-        q, qd and tau, (S, n) each.
-    at_hold : bool
-        Whether tau holds the arm, so that the error is relative to qdd at tau = 0.
-    twin : callable, optional
-        Returns a problem with the same bits of qdd.
-
+    If tau holds the arm (`at_hold`), errors are relative to qdd at tau = 0.
     """
 
     plant: Plant
     states: dict[str, Array]
     at_hold: bool = False
-    twin: Callable[[], Problem] | None = None
 
 
 @contextmanager
@@ -81,15 +69,11 @@ def problem(
     """Return seeded states: each of q [rad], qd, tau is uniform within +- its bound, or given."""
     seed, states = _DRAWN.get() or (SEED, states)
     rng = np.random.default_rng(seed)
-    drawn = {
-        name: reach * rng.uniform(-1.0, 1.0, (states, robot.n))
-        for name, reach in (('q', 1.0 if isinstance(q, np.ndarray) else q), ('qd', qd))
-    }
-    drawn['tau'] = tau * rng.uniform(-1.0, 1.0, (states, robot.n))
+    reach = {'q': 1.0 if isinstance(q, np.ndarray) else q, 'qd': qd, 'tau': tau}
+    drawn = {name: x * rng.uniform(-1.0, 1.0, (states, robot.n)) for name, x in reach.items()}
     if isinstance(q, np.ndarray):
         drawn['q'] = np.tile(q, (states, 1))
-    rounded = {name: single(value) for name, value in drawn.items()}
-    return Problem(resolve(robot, scene), rounded)
+    return Problem(resolve(robot, scene), {name: single(x) for name, x in drawn.items()})
 
 
 def seeded_states(n: int, count: int) -> dict[str, Array]:
@@ -166,21 +150,16 @@ def one_link(index: int, mass: float) -> Problem:
 
 
 def far(distance: float) -> Problem:
-    """Return a chain with its base at a distance [m]; its twin is at the origin."""
-
-    def at(x: float) -> Problem:
-        return problem(replace(chain(6, 'yz'), base_position=np.array([x, 0.0, 0.0])))
-
-    return replace(at(distance), twin=partial(at, 0.0))
+    """Return a chain with its base at a distance [m]: the bits are the same at any."""
+    return problem(replace(chain(6, 'yz'), base_position=np.array([distance, 0.0, 0.0])))
 
 
 def scaled(length: float, mass: float) -> Problem:
     """Return a chain in other units of length and mass, powers of two: the bits are the same."""
-    plain = problem(chain(6, 'yz'), scene=Scene(gravity=(0.0, 0.0, -9.8125)))
     scene = Scene(gravity=(0.0, 0.0, -9.8125 * length))
-    states = plain.states | {'tau': plain.states['tau'] * mass * length**2}
-    plant = resolve(rescaled(plain.plant.robot, length, mass), scene)
-    return Problem(plant, states, twin=lambda: plain)
+    scaled_up = problem(rescaled(chain(6, 'yz'), length, mass), scene=scene)
+    states = scaled_up.states | {'tau': scaled_up.states['tau'] * mass * length**2}
+    return replace(scaled_up, states=states)
 
 
 def collinear(inertia: float, load: float = 0.0) -> Problem:

@@ -3,47 +3,28 @@
 """
 Errors of derivatives of accelerations and of linearised steps: the page derivatives.md.
 
-    errors          five matrices (references.derivatives) at the hard cases, against 50 digits
-    boxes, checks   errors over thousands of states of arms, against longdouble
+    errors     five matrices (references.derivatives) at the hard cases, against 50 digits
+    left_out   chains of more than LONGEST joints
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 import math
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from benchmarks.boxes import (
-    ARMS,
-    CHECKED,
-    DEFAULT,
-    PEER,
-    REFINED,
-    WAYS,
-    blocks,
-    box,
-    box_lines,
-    draw_boxes,
-    drawn,
-)
+from benchmarks.boxes import DEFAULT, PEER, REFINED, WAYS
 from benchmarks.cases.hard_cases import CASES, ROUNDING, Case
 from benchmarks.cases.problems import Problem
-from benchmarks.cases.quantities import LINEAR_STEP, STATE
 from benchmarks.peers.answers import kernel_jacobians, peer_jacobians
 from benchmarks.plots import FLOAT32, save
-from benchmarks.references.accelerations import differences, kappa_j, reference
+from benchmarks.references.accelerations import kappa_j, reference
 from benchmarks.references.derivatives import errors, jacobians, named, step_length
 from benchmarks.run import each
 from benchmarks.table import bullets, lines_of, page, short
-from pfd_core.kernels.compile import compile_kernel
-from pfd_core.simulation.linearisation import LinearStep
-from pfd_core.simulation.simulator import Simulator
 
 Row = dict[str, Any]
 Tables = dict[str, list[Row]]
@@ -61,40 +42,24 @@ TITLES = {
 SINGLE = 'float32'
 # The default is worse where an error exceeds so many times the peer's, and so many roundings.
 WORSE, FLOOR = 2.0, 4.0
-# Quantities of the box plots, with their number of states.
-BOXES = {'derivatives': 10_000, 'linear steps': 1000}
 # Smaller errors are drawn here [u].
 LEAST = 1e-2
 
 
 def measure(quick: bool = False) -> Tables:
     """Return the rows of all tables, measured on all processors."""
-    arms = ('planar2',) if quick else ARMS
-    jobs: list[Callable[[], Tables]] = [
-        *(partial(case_rows, case) for case in (_quick() if quick else CASES)),
-        *(partial(box_rows, name, 100 if quick else 1) for name in arms),
-    ]
-    tables: Tables = {}
-    for found in each(_measured, jobs, 'derivatives'):
-        for name, rows in found.items():
-            tables.setdefault(name, []).extend(rows)
-    return tables
+    sizes = {case.name: case.make().plant.robot.n for case in CASES}
+    wanted = [case for case in CASES if sizes[case.name] <= LONGEST]
+    if quick:
+        wanted = [case for case in wanted if case.name in QUICK]
+    rows = [row for rows in each(case_rows, wanted, 'derivatives') for row in rows]
+    left_out = [{'case': name} for name, n in sizes.items() if n > LONGEST]
+    return {'errors': rows, 'left_out': left_out}
 
 
-def _quick() -> list[Case]:
-    return [case for case in CASES if case.name in QUICK]
-
-
-def _measured(job: Callable[[], Tables]) -> Tables:
-    return job()
-
-
-def case_rows(case: Case) -> Tables:
-    """Return the errors of each matrix at the first state of a case; none of a long chain."""
+def case_rows(case: Case) -> list[Row]:
+    """Return the errors of each matrix at the first state of a case."""
     whole = case.make()
-    n = whole.plant.robot.n
-    if n > LONGEST:
-        return {'left_out': [{'case': case.name, 'n': n}]}
     states = {name: x[:1] for name, x in whole.states.items()}
     problem = Problem(whole.plant, states, whole.at_hold)
     h = step_length(reference(problem), states)
@@ -105,52 +70,18 @@ def case_rows(case: Case) -> Tables:
         SINGLE: kernel_jacobians(problem, 'float32', 0, h),
         PEER: peer_jacobians(problem, h),
     }
-    row = {'case': case.name, 'n': n, 'step': h, 'kappa_j': kappa_j(problem).max()}
-    return {
-        'errors': [
-            row | {'way': way, 'matrix': name, 'error': errors(x, exact[name]).max()}
-            for way, matrices in found.items()
-            if matrices is not None
-            for name, x in named(matrices, h).items()
-        ]
+    row = {
+        'case': case.name,
+        'n': problem.plant.robot.n,
+        'step': h,
+        'kappa_j': kappa_j(problem).max(),
     }
-
-
-def box_rows(name: str, fewer: int) -> Tables:
-    """Return the distributions of an arm's errors, and the check of their reference."""
-    rows, checks = [], []
-    for k, (quantity, states) in enumerate(BOXES.items()):
-        many = drawn(name, states // fewer)
-        exact = np.concatenate([_exact(block, k) for block in blocks(many)])
-        found = {way: _ours(many, k, refine) for way, refine in ((DEFAULT, 0), (REFINED, 1))}
-        peer = peer_jacobians(many, LINEAR_STEP)
-        if peer is not None:
-            found[PEER] = peer[k]
-        for way, answer in found.items():
-            off = differences(answer.reshape(len(exact), -1), exact) / U
-            rows.append(box(off, arm=name, quantity=quantity, way=way, dtype='float64'))
-        some = drawn(name, CHECKED)
-        off = differences(_exact(some, k), _exact(some, k, wide=False)).max() / U
-        checks.append({'arm': name, 'quantity': quantity, 'distance': off})
-    return {'boxes': rows, 'checks': checks}
-
-
-def _exact(some: Problem, k: int, wide: bool = True) -> NDArray[Any]:
-    h = LINEAR_STEP if k else None
-    found = jacobians(some.plant, some.states, h, wide)[k]
-    assert found is not None
-    return found.reshape(len(found), -1)
-
-
-def _ours(many: Problem, k: int, refine: int) -> NDArray[Any]:
-    state = [many.states[key] for key in STATE]
-    robot = many.plant.robot
-    if not k:
-        return np.asarray(compile_kernel(robot, quantity='derivatives', refine=refine)(*state))
-    settings: dict[str, Any] = {'step_size': LINEAR_STEP, 'substeps': 1, 'refine': refine}
-    kernel = LinearStep(Simulator(robot, integrator='rk4', **settings)).kernel
-    # The last column is the state at the end.
-    return np.asarray(kernel(*state))[..., : 3 * robot.n]
+    return [
+        row | {'way': way, 'matrix': name, 'error': errors(x, exact[name]).max()}
+        for way, matrices in found.items()
+        if matrices is not None
+        for name, x in named(matrices, h).items()
+    ]
 
 
 def text(data: Mapping[str, Any]) -> str:
@@ -161,7 +92,7 @@ def text(data: Mapping[str, Any]) -> str:
         command='python -m benchmarks derivatives',
         count=len({row['case'] for row in data['errors']}),
         longest=LONGEST,
-        excluded=', '.join(row['case'] for row in data.get('left_out', ())) or 'none',
+        excluded=', '.join(row['case'] for row in data['left_out']),
         outcome=bullets((_outcome(data, matrix) for matrix in TITLES), ''),
         compared=len(pairs),
         larger=sum(own > peer for _, own, peer in pairs),
@@ -169,14 +100,6 @@ def text(data: Mapping[str, Any]) -> str:
         peer_worse=sum(peer > max(WORSE * own, FLOOR) for _, own, peer in pairs),
         factor=WORSE,
         floor=FLOOR,
-        arms=len({row['arm'] for row in data['boxes']}),
-        states=' and '.join(
-            f'{max(row["states"] for row in data["boxes"] if row["quantity"] == key)} for {key}'
-            for key in BOXES
-        ),
-        checked=CHECKED,
-        distance=short(max(row['distance'] for row in data['checks'])),
-        **{f'boxes_{k}': box_lines(_some(data, key)) for k, key in enumerate(BOXES)},
         **{name: _table(data, name) for name in TITLES},
     )
 
@@ -193,10 +116,6 @@ def summary(data: Mapping[str, Any]) -> str:
         f'{len(list(_worse(pairs)))} by more than {WORSE:g} times and above {FLOOR:g} units, and '
         f'{sum(a < b / WORSE for _, a, b in pairs)} are less than half as large.'
     )
-
-
-def _some(data: Mapping[str, Any], quantity: str) -> list[Row]:
-    return [row for row in data['boxes'] if row['quantity'] == quantity]
 
 
 def _units(row: Row) -> float:
@@ -253,14 +172,11 @@ def _table(data: Mapping[str, Any], matrix: str) -> list[str]:
 
 
 def plots(data: Mapping[str, Any], folder: Path) -> list[Path]:
-    """Draw the errors at the hard cases, and the box plots of ordinary arms."""
-    return [
-        *save(partial(_draw_cases, data), folder, 'derivatives', (13, 14), ('png',)),
-        *save(partial(_draw_arms, data), folder, 'derivatives-arms', (11, 7.5), ('png',)),
-    ]
+    """Draw a panel for each matrix: errors over the cases."""
+    return save(partial(_draw, data), folder, 'derivatives', (13, 14), ('png',))
 
 
-def _draw_cases(data: Mapping[str, Any], figure: Any) -> None:
+def _draw(data: Mapping[str, Any], figure: Any) -> None:
     panels = figure.subplots(len(TITLES), 1, sharex=True)
     markers = {
         way: (colour, mark) for (way, colour), mark in zip(WAYS.items(), 'o.x', strict=True)
@@ -280,8 +196,3 @@ def _draw_cases(data: Mapping[str, Any], figure: Any) -> None:
     panels[0].legend(fontsize=9, ncols=4, loc='upper right')
     panels[-1].tick_params(axis='x', rotation=90, labelsize=8)
     figure.suptitle('Derivatives and linearised steps at the hard cases. Lower is better.')
-
-
-def _draw_arms(data: Mapping[str, Any], figure: Any) -> None:
-    for axes, key in zip(figure.subplots(2, 1), BOXES, strict=True):
-        draw_boxes(axes, _some(data, key), f'Error of {key}, largest entry')

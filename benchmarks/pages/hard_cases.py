@@ -52,11 +52,12 @@ from benchmarks.references.accelerations import (
     predicted,
     reference,
 )
-from benchmarks.references.motions import energy
 from benchmarks.run import each
 from benchmarks.table import Columns, bullets, order, page, percent, short, table, yes
+from pfd_core.algorithms.grouped.energy import record_energy
 from pfd_core.kernels.auto import default
 from pfd_core.kernels.compile import compile_kernel
+from pfd_core.machine.emulator import run
 from pfd_core.simulation.embedded_pairs import PAIRS
 from pfd_core.simulation.simulator import Simulator
 
@@ -262,7 +263,8 @@ def _error(motion: Motion, check: Check, q: NDArray[Any], qd: NDArray[Any]) -> f
     if check.quantity == 'angle':
         return float(np.abs(q[-1] - np.array(ENDS[motion.name]['q'], float)).max())
     every = max(1, len(q) // ENERGY_SAMPLES)
-    kinetic, potential = energy(motion.plant, q[::every], qd[::every])
+    states = {'q': q[::every], 'qd': qd[::every]}
+    kinetic, potential = run(record_energy(motion.plant), states)['energy'].T
     total = kinetic + potential
     return float(np.abs(total - total[0]).max() / kinetic.max())
 

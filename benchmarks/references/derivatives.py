@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from benchmarks.cases.quantities import STATE, linear_rk4
 from benchmarks.cases.robots import Array
-from benchmarks.references.accelerations import WIDE, Reference
+from benchmarks.references.accelerations import Reference
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.machine.derivative import derivative
 from pfd_core.machine.emulator import run
@@ -50,10 +50,8 @@ def step_length(known: Reference, states: Mapping[str, Array]) -> float:
     return float(2.0 ** np.floor(np.log2(min(MOVES, by_speed, by_acceleration))))
 
 
-def jacobians(
-    plant: Plant, states: Mapping[str, NDArray[Any]], h: float | None, wide: bool = False
-) -> Jacobians:
-    """Return the derivatives, and [A B] of a step of h seconds; in longdouble if `wide`."""
+def jacobians(plant: Plant, states: Mapping[str, NDArray[Any]], h: float | None) -> Jacobians:
+    """Return the derivatives of states, and [A B] of a step of h seconds, if any."""
     import mpmath
 
     forward = record_forward_dynamics(plant, 'articulated_body', 'sequential')
@@ -62,15 +60,15 @@ def jacobians(
 
     def evaluate(*state: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         given = others | dict(zip(STATE, state, strict=True))
-        result = run(program, given, *((WIDE,) if wide else ('float64', DIGITS)))
+        result = run(program, given, digits=DIGITS)
         J = np.concatenate([result[f'd qdd/d {x}'] for x in STATE], axis=-1)
-        return result['qdd'], J if wide else _without_roundings(J)
+        return result['qdd'], _without_roundings(J)
 
     with mpmath.workdps(DIGITS):
-        number, kind = (np.longdouble, WIDE) if wide else (mpmath.mpf, 'object')
-        q, qd, tau = (np.vectorize(number, otypes=[kind])(states[key]) for key in STATE)
+        number = np.vectorize(mpmath.mpf, otypes=[object])
+        q, qd, tau = (number(states[key]) for key in STATE)
         _, J = evaluate(q, qd, tau)
-        return J, None if h is None else linear_rk4(evaluate, q, qd, tau, number(h))
+        return J, None if h is None else linear_rk4(evaluate, q, qd, tau, mpmath.mpf(h))
 
 
 def _without_roundings(J: NDArray[Any]) -> NDArray[Any]:

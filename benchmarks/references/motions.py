@@ -1,26 +1,20 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-References of motions: stored ends in extended precision, and whole motions in float64.
+Ends of hard motions in extended precision: `python -m benchmarks.references.motions [NAME ...]`.
 
-`python -m benchmarks.references.motions [NAME ...]` computes the ends of hard motions and writes
-them into data/motion_references.yaml. A macro step of H seconds is taken with 1, 2, ..., k
-substeps by a method of low order, and the k ends are extrapolated to substeps of no length
+They are written into data/motion_references.yaml. A macro step of H seconds is taken with 1, 2,
+..., k substeps by a method of low order, and the k ends are extrapolated to substeps of no length
 (Hairer, Norsett, Wanner, Solving Ordinary Differential Equations, II.9 and IV.9):
 
     midpoint   modified midpoint in 2 j substeps, k = 12 in 34 digits: order 24
     implicit   (M + h D) (v' - v) = h (tau - bias - D v), q' = q + h v', in j substeps, k = 20 in
                50 digits: order 20 for strong damping D
-
-`reference` returns a motion by `integrate` at its tightest tolerance, refined, which is begun anew
-at each of SAMPLES times, so that no state is interpolated. Its self-difference is the largest
-difference in q from a second reference by another method with steps of at most LONGEST seconds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 import sys
 from typing import Any
@@ -30,13 +24,10 @@ from numpy.typing import NDArray
 import yaml
 
 from benchmarks.cases.motions import ENDS, HARD, Motion
-from benchmarks.cases.robots import Array
 from benchmarks.table import HERE, stored_text, write_text
-from pfd_core.algorithms.grouped.energy import record_energy
 from pfd_core.algorithms.programs import record_forward_dynamics, record_terms
 from pfd_core.machine.emulator import run
 from pfd_core.model import Plant, without_viscosity
-from pfd_core.simulation.step_control import SMALLEST_RTOL
 
 Numbers = NDArray[Any]
 # State (2, n) at the end of a macro step from state, length and number of substeps.
@@ -46,81 +37,13 @@ SCHEMES = {'midpoint': (12, 34), 'implicit': (20, 50)}
 STORED = 25
 # Macro steps of the second computation, as a part of the first one's.
 FEWER = 0.75
-SAMPLES = 20
-LONGEST = 2e-3
-
-
-@dataclass(frozen=True)
-class Reference:
-    """States (SAMPLES, n), energies (SAMPLES,) [J], their scale, and the self-difference [rad]."""
-
-    q: Array
-    qd: Array
-    energy: Array
-    largest_kinetic: float
-    self_difference: float
-
-    def errors(self, motion: Motion, q: Array, qd: Array) -> tuple[float, float]:
-        """
-        Return trajectory error and energy error of states at the same times.
-
-        The first is the largest error of q [rad or m], the second the largest error of the energy
-        over the largest kinetic energy. Without damping the exact energy does not change.
-        """
-        kinetic, potential = energy(motion.plant, q, qd)
-        drift = np.abs(kinetic + potential - self.energy).max() / self.largest_kinetic
-        return float(np.abs(q - self.q).max()), float(drift)
-
-
-def interval(motion: Motion) -> float:
-    """Return the seconds between two times at which errors are taken."""
-    return motion.duration / SAMPLES
-
-
-def reference(motion: Motion) -> Reference:
-    """Return the reference of a motion at SAMPLES times; ArithmeticError if it stops before."""
-    q, qd = _states(motion, 'articulated_body', motion.duration)
-    other, _ = _states(motion, 'composite_body', LONGEST)
-    kinetic, potential = energy(motion.plant, q, qd)
-    return Reference(
-        q, qd, kinetic + potential, float(kinetic.max()), float(np.abs(q - other).max())
-    )
-
-
-def _states(motion: Motion, method: str, longest: float) -> tuple[Array, Array]:
-    """Return q and qd, (SAMPLES, n) each, at the tightest tolerance."""
-    states = [(np.array(motion.q), np.array(motion.qd))]
-    for _ in range(SAMPLES):
-        q, qd = states[-1]
-        step = motion.integrated(
-            interval(motion),
-            q=q,
-            qd=qd,
-            rtol=SMALLEST_RTOL,
-            atol=SMALLEST_RTOL,
-            method=method,
-            refine=1,
-            dense=False,
-            max_step=longest,
-        )
-        if step.status != 'ok':
-            raise ArithmeticError(f'{motion.name} has no reference: {step.status}')
-        states.append((step.q[-1], step.qd[-1]))
-    found = np.array(states[1:])
-    return found[:, 0], found[:, 1]
-
-
-def energy(plant: Plant, q: Array, qd: Array) -> tuple[Array, Array]:
-    """Return kinetic and potential energy [J] of states, (S,) each from q and qd (S, n)."""
-    found = run(record_energy(plant), {'q': q, 'qd': qd})['energy']
-    return found[:, 0], found[:, 1]
 
 
 def computed(motion: Motion) -> dict[str, Any]:
     """Return the end of a motion as ENDS stores it."""
-    fine, coarse = (end(motion, steps)[0] for steps in (motion.steps, int(FEWER * motion.steps)))
     import mpmath
 
+    fine, coarse = (end(motion, steps)[0] for steps in (motion.steps, int(FEWER * motion.steps)))
     return {
         'self_difference': float(f'{float(max(abs(fine - coarse))):.1e}'),
         'q': [mpmath.nstr(angle, STORED, strip_zeros=False) for angle in fine],

@@ -19,7 +19,7 @@ import sys
 import time
 from typing import Any
 
-from benchmarks.run import reported, show_line
+from benchmarks.run import show_line
 from benchmarks.table import json_text, lines_of, write_text
 
 FOLDER, QUICK_FOLDER = Path('docs/report'), Path('benchmarks_quick')
@@ -175,8 +175,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     folder = given.out or (QUICK_FOLDER if given.quick else FOLDER)
-    with reported():
-        failures = list(_attempts(sorted(named, key=lambda page: not page.clocks), folder, given))
+    failures = list(_attempts(sorted(named, key=lambda page: not page.clocks), folder, given))
     if not given.names:
         write_text(folder, INDEX, index_text())
     for line in failures:

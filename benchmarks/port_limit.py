@@ -1,109 +1,151 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The limits of a batch: `python benchmarks/port_limit.py [OPTION ...] [ROBOT ...]`.
+Arithmetic limit: the least time in which this processor can execute a batch kernel's operations.
 
-Times of one state in nanoseconds, in Fortran order; all take turns in one process on one thread:
+It is measured by a loop that holds the kernel's own mix of operations (`kernel.operations`,
+'compiled'), one copy of the mix for each vector register of states, in the kernel's number format
+and vector width. The operations act on accumulators in registers, in turn, so that few of them
+wait for each other, and the kinds of operations are spread evenly. So the loop is limited by the
+throughput of the processor's ports that execute them, and by the supply of instructions.
 
-    loop      the operations of the kernel, independent of each other, in registers
-    memory    the same with the fewest loads and stores that the kernel needs
-    kernel    the batch
-    direct    the batch without a head and copies of columns (pfd_core.kernels.codegen.chunks)
-    LLVM      the batch with its operations in the order of LLVM's scheduler
+    share of the limit = time of the loop / time of the kernel
 
-It also prints the times of both loops over the time of the batch. ROBOT is a name of the reports
-(ur5, chain12, dense6, ...) or a robot's file. The arrays lie where NumPy allocates them, or with
-`--places 16,32,48,64` so many bytes after the beginning of a page: q, qd, tau and the result.
+A kernel does more than the loop: it loads states and stores results, checks that inputs are finite
+and angles in range, waits for operands, and moves values that do not fit into the registers.
+
+All numbers are read from memory when the loop begins and all accumulators are written when it
+ends. No flag lets LLVM reassociate: it can neither drop, merge nor fold an operation.
 """
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Mapping
+import ctypes
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core import compile_kernel
-from pfd_core.kernels.codegen.module import kernel_module
-from pfd_core.kernels.runtime.jit import Optimisation, compile_outlined, outline, simd_width
-from pfd_core.kernels.runtime.threads import BATCH, address
-from pfd_core.kernels.source import turned_joints
-from pfd_core.report.cases.robots import robot
-from pfd_core.report.contenders.work import Side
-from pfd_core.report.measure.port_limit import Loop
-from pfd_core.report.measure.timing import Pace, interleave
+from benchmarks.peers.work import LeftOutError, Side, Work, named
+from benchmarks.timing import Pace, Times, interleave
+from pfd_core.algorithms.programs import ITERATIVE
+from pfd_core.kernels.codegen.builder import Function, Variable
+from pfd_core.kernels.codegen.module import module
+from pfd_core.kernels.codegen.spelling import Format
+from pfd_core.kernels.kernel import Kernel
+from pfd_core.kernels.passes.schedule import LONGEST
+from pfd_core.kernels.quantities import QUANTITIES
+from pfd_core.kernels.runtime.jit import compile_ir, simd_width
+from pfd_core.kernels.runtime.processor import current
 
-PAGE = 4096
-ROBOTS = ('ur5', 'panda', 'puma560', 'dense6')
-STATES = 4096
-PACE = Pace(turns=60, budget=30.0)
-
-
-def array(states: int, elements: int, dtype: str, place: int | None) -> NDArray[np.floating]:
-    """Return an array in Fortran order, `place` bytes after the beginning of a page."""
-    if place is None:
-        return np.zeros((states, elements), dtype, order='F')
-    item = np.dtype(dtype).itemsize
-    raw = np.zeros(states * elements + 2 * PAGE // item, dtype)
-    start = (-raw.ctypes.data % PAGE + place) // item
-    columns = raw[start : start + states * elements]
-    found: NDArray[np.floating] = columns.reshape(elements, states).T
-    return found
-
-
-def four_places(text: str) -> list[int]:
-    """Return the bytes after a page at which q, qd, tau and the results begin."""
-    places = [int(place) for place in text.split(',')]
-    if len(places) != 4 or any(place % 8 or place < 0 for place in places):
-        raise argparse.ArgumentTypeError('expected four multiples of 8')
-    return places
+# Operands that all operations share: one number near one, and one near zero.
+SHARED = ('one', 'small')
+# Numbers lie this close to one, and small ones to zero: nothing overflows in millions of turns.
+NEAR = 2.0**-16
+# Registers that the compiler needs besides, and accumulators that are enough for four operations a
+# cycle that take four cycles each. With AVX-512 the loop of a UR5 took 17.3 ns a state with 6
+# accumulators, and 15.9 ns with 16 to 28.
+SCRATCH, ENOUGH = 4, 16
+# Operations by name that the loop can hold; an accumulator is the first operand of each.
+OPERANDS = {
+    'add': ('small',),
+    'sub': ('small',),
+    'mul': ('one',),
+    'div': ('one',),
+    'fma': ('small', 'one'),
+    'sqrt': (),
+}
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or '').split('\n', 2)[1])
-    parser.add_argument('robots', nargs='*', default=ROBOTS, metavar='ROBOT')
-    parser.add_argument('--dtype', choices=('float64', 'float32'), default='float64')
-    parser.add_argument('--method', default='composite_body')
-    parser.add_argument('--states', type=int, default=STATES)
-    parser.add_argument('--places', type=four_places, metavar='Q,QD,TAU,OUT')
-    given = parser.parse_args()
-    states, places = given.states, given.places or [None] * 4
-    print(
-        'robot       loop  memory  kernel  direct    LLVM  loop/kernel  memory/kernel  '
-        'loop/direct  loop/LLVM'
-    )
-    for name in given.robots:
-        kernel = compile_kernel(robot(name), method=given.method, dtype=given.dtype)
-        rng = np.random.default_rng(0)
-        rows = [array(states, kernel.robot.n, given.dtype, place) for place in places]
-        for row in rows:
-            row[:] = rng.uniform(-1, 1, row.shape)
-        table = np.array([(address(row), *row.strides) for row in rows])
-        width = simd_width(given.dtype)
-        ir = kernel_module(kernel.program, given.dtype, width, turned_joints(kernel.robot))
-        own, other = (
-            compile_outlined(outline(ir), partial(str, ir), Optimisation(reorder=reorder))
-            for reorder in (False, True)
-        )
-        loops = [Loop(kernel, states, memory) for memory in (False, True)]
-        calls = [(own, 'batch'), (own, 'rows'), (other, 'batch')]
-        runs = [
-            *(loop.run for loop in loops),
-            *(partial(BATCH(code.address(f)), states, address(table)) for code, f in calls),
-        ]
-        sides = [Side('', run, partial(np.asarray, rows[-1])) for run in runs]
-        loop, memory, chosen, plain, reordered = (
-            1e9 * times.minimum for times in interleave(sides, states, PACE)
-        )
-        print(
-            f'{kernel.robot.name:9.9s} {loop:6.1f} {memory:7.1f} {chosen:7.1f} {plain:7.1f} '
-            f'{reordered:7.1f} {loop / chosen:12.2f} {memory / chosen:14.2f} '
-            f'{loop / plain:12.2f} {loop / reordered:10.2f}',
-            flush=True,
-        )
-    return 0
+def accumulators() -> int:
+    """Return how many accumulators this processor has registers for, with the shared operands."""
+    target = current()
+    few = target.triple.startswith('x86_64') and target.vector_bits < 512
+    return min(ENOUGH, (16 if few else 32) - len(SHARED) - SCRATCH)
 
 
-if __name__ == '__main__':
-    raise SystemExit(main())
+def mix(operations: Mapping[str, int]) -> list[str]:
+    """Return the names of operations, each as often as it is counted, spread evenly."""
+    places = [
+        ((k + 0.5) / count, name) for name, count in operations.items() for k in range(count)
+    ]
+    return [name for _, name in sorted(places)]
+
+
+def loop_ir(operations: Mapping[str, int], form: Format, chains: int) -> str:
+    """
+    Return `void @port_limit(i64 count, ptr numbers, ptr results)`: the mix, `count` times.
+
+    A change of sign is part of a multiply-add, as it is in a kernel. `numbers` holds the shared
+    vectors and the first values of the accumulators, `chains` many, which `results` receives.
+    """
+    counts = {name: count for name, count in operations.items() if name != 'neg'}
+    signs = operations.get('neg', 0)
+    if signs > counts.get('fma', 0):
+        raise LeftOutError(f'{signs} changes of sign are more than its multiply-adds')
+    unknown = counts.keys() - {*OPERANDS, 'select'}
+    if unknown:
+        raise LeftOutError(f'no loop for operations {sorted(unknown)}')
+    ir = Function('define void @port_limit(i64 %count, ptr %numbers, ptr %results)')
+    places = [ir.element(form.type, '%numbers', k) for k in range(len(SHARED) + chains)]
+    one, small, *values = [ir.load(form.type, place, form.bytes) for place in places]
+    shared = {'one': one, 'small': small}
+    totals = [Variable(form.type, value) for value in values]
+    with ir.loop('%count', *totals):
+        for k, op in enumerate(mix(counts)):
+            total = totals[k % chains]
+            first = total.value
+            if op == 'fma' and signs:
+                first = form.operation(ir, 'neg', [first])
+                signs -= 1
+            others = [first, one] if op == 'select' else [shared[x] for x in OPERANDS[op]]
+            total.value = form.operation(ir, op, [first, *others])
+    for k, total in enumerate(totals):
+        ir.store(form.type, total, ir.element(form.type, '%results', k), form.bytes)
+    ir.ret()
+    return str(ir)
+
+
+class Loop:
+    """The native loop of a kernel's mix, run once for each vector register of some states."""
+
+    def __init__(self, kernel: Kernel, states: int) -> None:
+        if kernel.quantity not in QUANTITIES:
+            raise LeftOutError('its operations are in called functions')
+        if kernel.method in ITERATIVE:
+            raise LeftOutError('it iterates: how often its operations run depends on the state')
+        if sum(kernel.operations['compiled'].values()) > LONGEST:
+            raise LeftOutError(f'a loop of more than {LONGEST} operations waits for instructions')
+        width, chains = simd_width(kernel.dtype), accumulators()
+        form = Format(kernel.dtype, width)
+        ir = loop_ir(kernel.operations['compiled'], form, chains)
+        self._native = compile_ir(module([ir], form, ()))
+        self._numbers = numbers(kernel.dtype, width, chains)
+        self.results = np.zeros_like(self._numbers[len(SHARED) :])
+        kind = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
+        run = kind(self._native.address('port_limit'))
+        arrays = [array.ctypes.data for array in (self._numbers, self.results)]
+        self.run = partial(run, -(-states // width), *arrays)
+
+
+def numbers(dtype: str, width: int, chains: int) -> NDArray[np.floating]:
+    """Return the shared operands and the first accumulators, (2 + chains, width)."""
+    count = len(SHARED) + chains
+    values = NEAR * np.random.default_rng(1).uniform(1, 2, (count, width))
+    values[:1] += 1
+    values[len(SHARED) :] += 1
+    return values.astype(dtype)
+
+
+def limit_of(kernel: Kernel, work: Work, pace: Pace) -> Times:
+    """Return the times of the loop per state of a batch, with the share of the limit as `times`."""
+    loop = Loop(kernel, work.units)
+    given = named(kernel.quantity, work, np.asfortranarray, kernel.dtype)
+    out = kernel(**given)
+    sides = [
+        Side('kernel', partial(kernel, **given, out=out), lambda: out),
+        Side('loop', loop.run, partial(np.asarray, loop.results), reference=True),
+    ]
+    own, limit = interleave(sides, work.units, pace)
+    return Times(limit.minimum, limit.median, own.times)

@@ -214,7 +214,9 @@ def _differences(sides: Sequence[Side]) -> list[float | None]:
         return [None] * len(sides)
     common = (reference.wanted or reference.result)()
     return [
-        largest_difference(side.result(), np.array(side.wanted() if side.wanted else common, float))
+        largest_difference(
+            side.result(), np.array(side.wanted() if side.wanted else common, float)
+        )
         for side in sides
     ]
 

@@ -48,7 +48,7 @@ class Mujoco(Peer):
     """
     MuJoCo's smooth dynamics of one robot: contacts and constraints are switched off.
 
-    The ways are mj_forward, mj_step, and for a batch mujoco.rollout over one step.
+    The ways are mj_forward, mj_step, and for a batch the forward of mujoco.batch (3.17 or newer).
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -132,43 +132,17 @@ class Mujoco(Peer):
         )
 
     def _batches(self, work: Work) -> Iterator[Side]:
-        """One step of Euler over one second: the change of the velocity is the acceleration."""
-        rollout, mj = installed('mujoco.rollout'), self.mj
-        model, n = copy(self.model), self.model.nv
-        model.opt.timestep, model.opt.integrator = 1.0, mj.mjtIntegrator.mjINT_EULER
-        initial = np.zeros((work.units, 1 + 2 * n))
-        initial[:, 1 : 1 + n], initial[:, 1 + n :] = work.q, work.qd
-        state = np.empty((work.units, 1, 1 + 2 * n))
-        run = partial(
-            rollout.rollout,
-            [model] * work.units,
-            [mj.MjData(model)],
-            initial,
-            work.tau[:, None, :],
-            control_spec=int(mj.mjtState.mjSTATE_QFRC_APPLIED),
-            nstep=1,
-            state=state,
-            sensordata=np.empty((work.units, 1, 0)),
-            skip_checks=True,
-        )
-        yield Side(
-            'mujoco.rollout',
-            run,
-            lambda: state[:, 0, 1 + n :] - work.qd,
-            contents=LOOP,
-            failure=partial(self._warned_in_a_step, model, work),
-        )
+        batch = installed('mujoco.batch').Batch(self.model, work.units, nthread=1)
+        for name, values in zip(('qpos', 'qvel', 'qfrc_applied'), work.arrays, strict=True):
+            batch.bind(name)[:] = values
+        qacc = batch.bind('qacc')
 
-    def _warned_in_a_step(self, model: Any, work: Work) -> str:
-        """Return the warnings of a batch: mujoco.rollout keeps only the last ones."""
-        data = self.mj.MjData(model)
-        for state in np.unique(np.hstack(work.arrays), axis=0).reshape(-1, 3, model.nv):
-            self.mj.mj_resetData(model, data)
-            self._set(data, Work('call', *state))
-            self.mj.mj_step(model, data)
-            if data.warning.number.any():
-                break
-        return self.warned(data)
+        def warned() -> str:
+            # Simulation, kind, and its last information and its number.
+            return self._names(batch.warning[..., 1].sum(axis=0))
+
+        result = partial(np.array, qacc)
+        yield Side('mujoco.batch, forward', batch.forward, result, contents=LOOP, failure=warned)
 
     def warned(self, data: Any) -> str:
         """
@@ -177,7 +151,10 @@ class Mujoco(Peer):
         After a warning about a bad number in a step MuJoCo continues from its initial state: its
         result is then invalid.
         """
+        return self._names(data.warning.number)
+
+    def _names(self, counts: Any) -> str:
         kinds = self.mj.mjtWarning
-        counts = enumerate(data.warning.number[: int(kinds.mjNWARNING)])
-        names = [kinds(k).name.removeprefix('mjWARN_') for k, count in counts if count]
+        found = enumerate(counts[: int(kinds.mjNWARNING)])
+        names = [kinds(k).name.removeprefix('mjWARN_') for k, count in found if count]
         return f'MuJoCo warned of {", ".join(names)}' if names else ''

@@ -93,3 +93,14 @@ class VectorCasadi(Peer):
             run = partial(native, ctypes.c_longlong(work.units), *map(address, (*given, out)))
             result = partial(np.array, out, copy=False)
             yield Side(f'{self.name}, {order} order', run, result, contents=self.contents)
+
+
+def sine_error(peer: VectorCasadi, count: int = 1 << 17) -> float:
+    """Return the largest error of sine and cosine up to LARGEST_ANGLE, in ulp of the result."""
+    angles = np.random.default_rng(1).uniform(-1, 1, count) * np.geomspace(1, LARGEST_ANGLE, count)
+    wide = angles.astype(np.longdouble)
+    errors = (
+        np.abs(found - exact) / np.spacing(np.abs(exact.astype(np.float64)))
+        for found, exact in zip(peer.sines(angles), (np.sin(wide), np.cos(wide)), strict=True)
+    )
+    return float(max(error.max() for error in errors))

@@ -513,16 +513,6 @@ PATCHED = {
     'SIMULATOR_FIRST_OPERATIONS': 'pfd_core.simulation.simulator:FIRST_OPERATIONS',
     'SIMULATOR_PIECE_SECONDS': 'pfd_core.simulation.simulator:PIECE_SECONDS',
     'Simulator_compile': 'pfd_core.simulation.simulator:Simulator._compile',
-    # pfd_core.report: cases, references and pages
-    'report_against_error_pages_run': 'pfd_core.report.against_error_pages:run',
-    'report_array_pages_run': 'pfd_core.report.array_pages:run',
-    'COUNTS_MACHINES': 'pfd_core.report.counts_pages:MACHINES',
-    'MECHANISM_PAGES_CASES': 'pfd_core.report.mechanism_pages:CASES',
-    'MECHANISM_PAGES_MECHANISMS': 'pfd_core.report.mechanism_pages:MECHANISMS',
-    'report_paper_pages_write_claims': 'pfd_core.report.paper_pages:write_claims',
-    'report_pcgm_pages_run': 'pfd_core.report.pcgm_pages:run',
-    'report_quantity_pages_run': 'pfd_core.report.quantity_pages:run',
-    'report_speed_pages_run': 'pfd_core.report.speed_pages:run',
     # pfd_ros.arm: settings, events, engine, and the rules for commands
     'Arm_advance': 'pfd_ros.arm.arm:Arm.advance',
     # pfd_ros.recording: the MCAP file of a run

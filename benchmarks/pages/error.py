@@ -36,19 +36,11 @@ def text(data: Mapping[str, Any]) -> str:
     """Return the page."""
     return page(
         'error',
-        summary=summary(data),
         machine=described(data['machine']),
         controlled=error_controlled_text.text(data['controlled']),
         integrators=error_integrators.text(data['integrators']),
         evaluations=error_evaluations.text(data['evaluations']),
     )
-
-
-def summary(data: Mapping[str, Any]) -> str:
-    """Return the paragraph below the picture, here and in README."""
-    machine = data['machine']
-    processor = f'{"virtual " * bool(machine["virtual"])}{machine["processor"]}'
-    return error_controlled_text.summary(data['controlled'], processor)
 
 
 def plots(data: Mapping[str, Any], folder: Path) -> list[Path]:

@@ -96,36 +96,16 @@ CONTENTS: Mapping[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Plan:
-    """
-    Plan of a comparison.
+    """Our integrators, steps in a period, sizes, tolerances, and what other libraries run with."""
 
-    Attributes
-    ----------
-    fixed : tuple of (str, str)
-        Integrators in fixed steps with their number formats.
-    substeps, ensemble_substeps : tuple of int
-        Steps in a period of the controller, of one arm and of an ensemble.
-    arms : int
-        Arms of an ensemble.
-    tolerances : tuple of float
-        Relative tolerances of our adaptive integrator.
-    most_left_out : int
-        The most effects of LEAVES that a scene lacks.
-    ramps, solvers : tuple of Softness
-        What libraries without dry friction, and MuJoCo, run with.
-    pace : Pace
-        Durations and repetitions.
-
-    """
-
-    fixed: tuple[tuple[str, str], ...] = FIXED
-    substeps: tuple[int, ...] = (1, 2, 5, 10, 20)
-    ensemble_substeps: tuple[int, ...] = (1, 2, 5)
+    fixed: Sequence[tuple[str, str]] = FIXED
+    substeps: Sequence[int] = (1, 2, 5, 10, 20)
+    ensemble_substeps: Sequence[int] = (1, 2, 5)
     arms: int = 256
-    tolerances: tuple[float, ...] = (1e-3, 1e-9)
+    tolerances: Sequence[float] = (1e-3, 1e-9)
     most_left_out: int = len(LEAVES)
-    ramps: tuple[Softness, ...] = RAMPS
-    solvers: tuple[Softness, ...] = SOLVERS
+    ramps: Sequence[Softness] = RAMPS
+    solvers: Sequence[Softness] = SOLVERS
     pace: Pace = field(default_factory=lambda: Pace(budget=30.0, turns=40, fewest=2))
 
 

@@ -90,34 +90,6 @@ def text(data: Mapping[str, Any]) -> str:
     )
 
 
-def summary(data: Mapping[str, Any], processor: str) -> str:
-    """Return the paragraph of README below its picture."""
-    rows = data['runs']
-    whole = [row for row in rows if not row['left_out'] and row['minimum'] is not None]
-
-    def longest(way: str) -> Row:
-        own = [row for row in whole if row['way'] == way and row['arms'] == 1]
-        return max(own, key=lambda row: float(row['step']))
-
-    first, quick = longest('pfd rk4 float64'), longest('pfd velocity_verlet float64')
-    alone = scene_errors(rows)
-    costs = {name: _digits(alone[name,]['error']) for name in LEAVES}
-    return page(
-        'error-summary',
-        step=setting(first),
-        time=_milliseconds(first),
-        error=order(first['error']),
-        quick_time=_milliseconds(quick),
-        quick_error=order(quick['error']),
-        others=_others([row for row in whole if not is_ours(row)]),
-        limits=costs['effort limits'],
-        friction=costs['friction'],
-        rotors=costs['armature'],
-        bare=_bare(rows, first['step']),
-        processor=processor,
-    )
-
-
 def results_row(data: Mapping[str, Any], tolerance: float) -> dict[str, Any]:
     """
     Return the fastest runs of one arm within a tolerance [rad], with a margin of two.
@@ -235,27 +207,15 @@ def _advice_table(rows: Sequence[Row]) -> list[str]:
     return lines_of(titles, [row for row, after in pairs if row[1:] != after])
 
 
-def _others(peers: Sequence[Row]) -> str:
-    if not peers:
-        return 'No other library was measured.'
-    nearest = min(peers, key=lambda row: float(row['error']))
-    quick = min(peers, key=lambda row: float(row['minimum']))
-    return (
-        f'The fastest run of another library, {quick["way"]} in steps of {setting(quick)}, takes '
-        f'{_milliseconds(quick)} ms, with {order(quick["error"])} rad; the most accurate, '
-        f'{nearest["way"]} in steps of {setting(nearest)}, takes {_milliseconds(nearest)} ms, '
-        f'with {order(nearest["error"])} rad.'
-    )
-
-
-def _bare(rows: Sequence[Row], step: float) -> str:
-    """Return a sentence on our runs without rotors in a step, or ''."""
+def without_rotors(rows: Sequence[Row]) -> str:
+    """Return a sentence on our runs without rotors in steps of one period, or ''."""
     own = [
         row
         for row in rows
         if is_ours(row) and row['way'].endswith('float64')
-        if row['left_out'] == ['armature'] and (row['arms'], row['step']) == (1, step)
+        if row['left_out'] == ['armature'] and row['arms'] == 1
     ]
+    own = [row for row in own if row['step'] == own[0]['step']]
     lost = [row['way'].split()[1] for row in own if row['status'] != 'ok']
     sound = [row for row in own if row['status'] == 'ok']
     if not lost:

@@ -228,7 +228,6 @@ NAMES = {
     'worst_error': 'pfd_core.report.measure.errors:worst',
     'record_with_first_answer': 'pfd_core.report.measure.estimates:record_with_first_answer',
     'certified_reference': 'pfd_core.report.measure.reference:reference',
-    'TimingPace': 'pfd_core.report.measure.timing:Pace',
     'MECHANISMS_HELD_OUT': 'pfd_core.report.mechanism_pages:HELD_OUT',
     'MECHANISMS_PEER': 'pfd_core.report.mechanism_pages:PEER',
     'MechanismsResult': 'pfd_core.report.mechanism_pages:Result',
@@ -460,6 +459,15 @@ NAMES = {
     'LinkPoses': 'pfd_ros.view.poses:LinkPoses',
     'view_address': 'pfd_ros.view.server:address',
     'view_page': 'pfd_ros.view.server:page',
+    # pfd_ros.advice: advice on a scene
+    'Advice': 'pfd_ros.advice:Advice',
+    'AdviceRow': 'pfd_ros.advice:Row',
+    'Motion': 'pfd_ros.advice:Motion',
+    'SINE_SETTINGS': 'pfd_ros.advice.motions:SETTINGS',
+    'advise': 'pfd_ros.advice:advise',
+    'full_scene': 'pfd_ros.advice:full_scene',
+    'read_motion': 'pfd_ros.advice:read_motion',
+    'sine_motion': 'pfd_ros.advice:sine',
     # pfd_ros.cli: the command pfd
     'doctor_cache': 'pfd_ros.cli.doctor:cache',
     'doctor_clock': 'pfd_ros.cli.doctor:clock',
@@ -471,7 +479,6 @@ NAMES = {
     'pfd_commands_of': 'pfd_ros.cli.main:commands_of',
     'pfd_main': 'pfd_ros.cli.main:main',
     'pfd_parser': 'pfd_ros.cli.main:parser',
-    'read_motion': 'pfd_ros.advice:read_motion',
     'REPLAY_INCOMPLETE': 'pfd_ros.cli.replay:INCOMPLETE',
     'progress_on': 'pfd_ros.cli.terminal:progress_on',
     'what_if_lines': 'pfd_ros.cli.what_if:lines_of',
@@ -544,6 +551,8 @@ PATCHED = {
     'SimArm_start': 'pfd_ros.node.sim_arm:SimArm.start',
     'Stepper_run': 'pfd_ros.node.stepping:Stepper.run',
     'Stepper_run_cycle': 'pfd_ros.node.stepping:Stepper.run_cycle',
+    # pfd_ros.advice: advice on a scene
+    'MOTION_MOST_STEPS': 'pfd_ros.advice.motions:MOST_STEPS',
     # pfd_ros.cli: the command pfd
     'doctor_bare_timer': 'pfd_ros.cli.doctor:bare_timer',
     'pfd_stop_on_signals': 'pfd_ros.cli.main:stop_on_signals',

@@ -9,6 +9,18 @@ import math
 from pathlib import Path
 from typing import Any
 
+import bridge
+from bridge import (
+    SINE_SETTINGS,
+    Advice,
+    AdviceRow,
+    Motion,
+    advise,
+    full_scene,
+    pfd_main,
+    read_motion,
+    sine_motion,
+)
 from effect_cases import everything
 import numpy as np
 from plant_messages import UNLIMITED, efforts
@@ -18,8 +30,6 @@ from simulating import simulate, states_of
 from zoo import joint, link, urdf
 
 import pfd_core as pfd
-from pfd_ros.advice import Advice, Motion, Row, advise, full_scene, motions, read_motion, sine
-from pfd_ros.cli import main as command_line
 
 # Rounding of some hundred steps of a motion of about a radian, and of differences of it; and the
 # error of RK4 with steps of 0.5 ms on exp(-d t / I), d / I up to 10: (h d / I)^4 and less.
@@ -59,7 +69,7 @@ def driven(
     return Motion('made up', robot.joint_names, settings, taus, still, q, qd_rows)
 
 
-def row_of(advice: Advice, name: str) -> Row:
+def row_of(advice: Advice, name: str) -> AdviceRow:
     (found,) = (row for row in advice.rows if row.name == name)
     return found
 
@@ -231,7 +241,7 @@ def test_the_scene_is_within_the_tolerance_and_loses_it_without_another_effect(
     tolerance: float,
 ) -> None:
     arm, scene = pfd.load_robot('planar2'), pfd.Scene(damping=(0.5, 0.01), armature=(0.1, 0.01))
-    motion = sine(arm, scene)
+    motion = sine_motion(arm, scene)
     advice = advise(arm, scene, motion, tolerance)
     assert advice.error <= tolerance
     error = error_of(arm, scene, advice.scene, motion, 100)
@@ -301,8 +311,8 @@ def test_a_full_scene_that_overflows_is_refused() -> None:
 @pytest.mark.slow
 def test_sines_move_every_joint_within_its_limits(arm: str) -> None:
     robot = pfd.load_robot(arm)
-    scene, _ = full_scene(robot, pfd.Scene(), motions.SETTINGS)
-    motion = sine(robot, scene)
+    scene, _ = full_scene(robot, pfd.Scene(), SINE_SETTINGS)
+    motion = sine_motion(robot, scene)
     assert (np.abs(motion.taus) <= robot.effort_limit).all()
     assert (motion.q >= robot.position_lower).all()
     assert (motion.q <= robot.position_upper).all()
@@ -316,7 +326,7 @@ def test_sines_move_every_joint_within_its_limits(arm: str) -> None:
 
 def test_limits_of_zero_are_none() -> None:
     unknown = replace(DISC, velocity_limit=np.zeros(1), effort_limit=np.zeros(1))
-    assert np.ptp(sine(unknown, pfd.Scene()).q) > 0.9
+    assert np.ptp(sine_motion(unknown, pfd.Scene()).q) > 0.9
 
 
 def test_the_torques_and_brakes_of_a_recording_are_those_of_every_step(tmp_path: Path) -> None:
@@ -371,7 +381,7 @@ def test_a_long_recording_is_shortened_and_says_so(
 ) -> None:
     path = simulate(STEPS, MOVE).save(tmp_path / 'a.mcap')
     whole = read_motion(path).motion
-    monkeypatch.setattr(motions, 'MOST_STEPS', steps)
+    monkeypatch.setattr(*bridge.target('MOTION_MOST_STEPS'), steps)
     motion = read_motion(path).motion
     for name in ('taus', 'braked', 'q', 'qd'):
         np.testing.assert_array_equal(getattr(motion, name), getattr(whole, name)[:steps])
@@ -390,7 +400,7 @@ def test_the_robot_of_a_recording_is_taken_with_its_locked_joints(tmp_path: Path
 
 def report(folder: Path, *args: object) -> int:
     words = ['report', 'scene', '--out', folder / 'small.yaml', *args]
-    return command_line.main([str(word) for word in words])
+    return pfd_main([str(word) for word in words])
 
 
 def test_the_command_writes_the_scene_that_a_recording_needs(
@@ -478,6 +488,6 @@ def test_trajectory_and_tolerance_are_needed(
     words = {'--trajectory': 'sine', '--tolerance': '1', '--robot': 'ur5'}
     del words[missing]
     with pytest.raises(SystemExit) as stopped:
-        command_line.main(['report', 'scene', *(x for pair in words.items() for x in pair)])
+        pfd_main(['report', 'scene', *(x for pair in words.items() for x in pair)])
     assert stopped.value.code == 2
     assert missing in capsys.readouterr().err

@@ -39,8 +39,8 @@ def warnings(advice: Advice) -> list[str]:
     if not advice.unseen:
         return []
     return [
-        f'not tested: {", ".join(advice.unseen)}; the motion is the same without: '
-        'test a motion that needs them, or keep them'
+        f'not tested: {", ".join(advice.unseen)}; the motion is the same without. '
+        'Test with a motion that needs them, or keep them'
     ]
 
 

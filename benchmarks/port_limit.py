@@ -139,7 +139,7 @@ def numbers(dtype: str, width: int, chains: int) -> NDArray[np.floating]:
 
 
 def limit_of(kernel: Kernel, work: Work, pace: Pace) -> Times:
-    """Return the times of the loop per state of a batch, with the share of the limit as `times`."""
+    """Return the times of the loop per state, with the share of the limit as `times`."""
     loop = Loop(kernel, work.units)
     given = named(kernel.quantity, work, np.asfortranarray, kernel.dtype)
     out = kernel(**given)

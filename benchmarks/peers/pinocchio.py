@@ -136,6 +136,9 @@ class Pinocchio(Peer):
                 wanted=partial(self.one_by_one, work),
                 contents=LOOP,
             )
+        aba, result = partial(self.pin.aba, self.model, self.data), partial(self.one_by_one, work)
+        run = partial(one_by_one, aba, list(zip(*work.arrays, strict=True)))
+        yield Side('Python loop over pinocchio.aba', run, result, contents=PYTHON_LOOP)
 
 
 def _copied(run: Callable[[], Array]) -> Array:

@@ -44,7 +44,7 @@ COMPILERS = {
 }
 # Largest angle [rad] and error of sine and cosine [units in the last place], which a test holds.
 LARGEST_ANGLE, ULPS = 1e5, 2.0
-NUMBERS = f'float64; polynomials, {ULPS:g} ulp, |q| <= {LARGEST_ANGLE:g} rad'
+NUMBERS = f'float64; polynomials, {ULPS:g} ulp, up to {LARGEST_ANGLE:g} rad'
 # Statements of CasADi's function, and what each becomes.
 BODY = re.compile(r'static int casadi_f0\(.*?\)\s*\{(.*?)return 0;', re.DOTALL)
 STATEMENTS = (

@@ -25,19 +25,20 @@ import numpy as np
 
 from benchmarks.cases.iterations import errors_of_iterates
 from benchmarks.cases.paper import (
-    AS_PRINTED,
+    EDITIONS,
     KINDS,
     TABLE,
     VERDICTS,
     claimed,
     counted_verdicts,
     published_serial,
+    row,
     value,
 )
 from benchmarks.cases.problems import SEED, seeded_states
 from benchmarks.cases.robots import Array, uniform_chain
 from benchmarks.pages.array import RUNS, doubling, times
-from benchmarks.pages.counts import counted_parts, row, speed_up
+from benchmarks.pages.counts import arithmetic_of, counted_parts
 from benchmarks.table import Columns, Row, page, stored_table, table
 from benchmarks.timing import differences
 from pfd_core.algorithms.emulation import arithmetic
@@ -69,16 +70,21 @@ def measure(quick: bool) -> dict[str, Any]:
     return {
         'claims': [verdict(**claim) for claim in stored_table('claims')[some]],
         'errata': [
-            {**erratum, 'effect': EFFECTS[erratum['effect'][0]](*erratum['effect'][1:])}
+            {**erratum, 'effect': called(erratum['effect'])}
             for erratum in stored_table('errata')[some]
         ],
         **stored_table('equations'),
     }
 
 
+def called(named: list[Any]) -> Any:
+    """Return the result of a function of this module, given by its name and its arguments."""
+    return globals()[named[0]](*named[1:])
+
+
 def verdict(check: list[Any], wrong_matrix: bool = False, **claim: str) -> dict[str, Any]:
     """Return a sentence with its verdict, one of VERDICTS, and the evidence."""
-    holds, evidence = CHECKS[check[0]](*check[1:])
+    holds, evidence = called(check)
     true, of_a_wrong_matrix, false, undecided = VERDICTS
     kinds = {True: of_a_wrong_matrix if wrong_matrix else true, False: false, None: undecided}
     return {'note': '', **claim, 'verdict': kinds[holds], 'evidence': evidence}
@@ -121,7 +127,7 @@ def of_part(system: str, item: str) -> FOUND:
 
 def of_total(system: str) -> FOUND:
     printed = [TABLE[system][kind]['printed'] for kind in KINDS[:2]]
-    formula, counts = claimed(system, N), row(system, N, AS_PRINTED)
+    formula, counts = claimed(system, N), row(system, N, EDITIONS[0])
     found = [counts[kind] for kind in KINDS[:2]]
     return found == printed, (
         f'{printed[0]} and {printed[1]} printed, {formula[0]} and {formula[1]} by the '
@@ -167,7 +173,7 @@ def price_of_an_iteration() -> FOUND:
 
 
 def roots_of_the_array() -> FOUND:
-    found = row('pcrbm_array', N, AS_PRINTED)['square_roots']
+    found = row('pcrbm_array', N, EDITIONS[0])['square_roots']
     return found == 1, f'{found} at n = {N}: each circular cell takes its root in another cycle'
 
 
@@ -316,10 +322,9 @@ def articulated_recurrence() -> FOUND:
     )
 
 
-def speed_up_implied() -> FOUND:
-    printed = sum(TABLE['pcrbm'][kind]['printed'] for kind in KINDS[:2])
-    wanted = published_serial(N) / printed
-    found = speed_up(row('pcrbm', N, AS_PRINTED), 'published')
+def speed_up() -> FOUND:
+    wanted = published_serial(N) / sum(TABLE['pcrbm'][kind]['printed'] for kind in KINDS[:2])
+    found = published_serial(N) / arithmetic_of(row('pcrbm', N, EDITIONS[0]))
     return found >= wanted, f'{wanted:.2f} printed, {found:.2f} executed as printed, no routes'
 
 
@@ -334,18 +339,6 @@ def formula(system: str, multiplications: int, additions: int) -> FOUND:
         f'by the formula of Table 1: multiplications {float(found[0]):g}, '
         f'additions {float(found[1]):g}'
     )
-
-
-CHECKS: dict[str, Callable[..., FOUND]] = {
-    check.__name__: check
-    for check in (
-        *(of_part, of_total, fohra_on_a_puma, newton_euler_levels, levels, price_of_an_iteration),
-        *(roots_of_the_array, row_sweep, products, number_of_products, orderings, one_root),
-        *(column_sweeps, array, logarithmic_array, quadratic_factorisation, linear_array),
-        *(less_than_n_iterations, n_iterations, pcrbm_before_pcgm, orders_of_the_introduction),
-        *(serial_before_iterative, articulated_recurrence, speed_up_implied, processors, formula),
-    )
-}
 
 
 # ---- effects of misprints ----
@@ -481,15 +474,6 @@ def instead(printed: str, system: str, kind: str) -> str:
     """Return the value of a printed formula and of the right one, of Table 1, at n = 6."""
     right = TABLE[system][kind]['formula']
     return f'{value(printed, 6)} instead of {value(right, 6)} at n = 6'
-
-
-EFFECTS: dict[str, Callable[..., str]] = {
-    effect.__name__: effect
-    for effect in (
-        *(pcrbm_error, pcgm_error, gravity_error, recurrence_error, array_status, loop_cost),
-        *(levels_cost, unchanged, ordering_cost, by_formula, instead),
-    )
-}
 
 
 # ---- the page ----

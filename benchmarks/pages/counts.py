@@ -65,7 +65,7 @@ def measure(quick: bool) -> dict[str, Any]:
     reached = each(pcgm.reached_by, studied, 'iterations of PCGM', int)
     return {
         'counts': counts,
-        'serial': [_best_serial(counts, n) for n in sizes],
+        'serial': [best_serial(counts, n) for n in sizes],
         'claims': [
             {'system': x, 'title': paper.title_of(x), 'operation': kind}
             | {key: paper.TABLE[x][kind].get(key) for key in CLAIM}
@@ -90,7 +90,7 @@ def _row(key: Key) -> dict[str, Any]:
     return paper.row(*key)
 
 
-def _best_serial(counts: Iterable[Row], n: int) -> dict[str, Any]:
+def best_serial(counts: Iterable[Row], n: int) -> dict[str, Any]:
     """Return the direct method with least arithmetic on one processor, and that of Table 1."""
     direct = [x for x in counts if x['n'] == n and x['iterations'] is None]
     # Without the edition as printed, which does not give qdd.

@@ -1,0 +1,165 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The triangular array by closed forms, recursive doubling and set ordering, as pictures show."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from benchmarks.cases.paper import claimed, row, value
+from benchmarks.cases.robots import uniform_chain
+from benchmarks.pages import array as page
+import pfd_core as pfd
+from pfd_core.algorithms.paper.array_solver import pipeline
+from pfd_core.algorithms.paper.set_ordering import record_literal_cholesky, set_ordering
+
+STORE, MULTIPLY, DIVIDE, ROOT = 'store', 'multiply and subtract', 'divide', 'square root'
+SVG = '{http://www.w3.org/2000/svg}'
+
+
+@pytest.fixture(scope='module')
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ElementTree.Element]:
+    folder = tmp_path_factory.mktemp('pictures')
+    paths = page.plots(page.measure(quick=True), folder)
+    return {path.stem: ElementTree.fromstring(path.read_text()) for path in paths}
+
+
+def words(picture: ElementTree.Element) -> list[str]:
+    return [one.text or '' for one in picture.iter(f'{SVG}text')]
+
+
+@pytest.mark.parametrize('n', [1, 2, 3, 4, 7])
+def test_every_time_is_as_claimed_but_the_end_of_the_papers_input(n: int) -> None:
+    # The paper has all input stored after 2 n - 1 cycles; P_nn stores h_nn in cycle 3 n - 2.
+    wrong = [x for x in page.times([n]) if x['measured'] != x['claimed']]
+    assert [x['event'] for x in wrong] == ['all input from below is stored'] * (n > 1)
+    assert all(x['measured'] == 3 * n - 2 for x in wrong)
+
+
+@pytest.mark.parametrize('n', [2, 6])
+def test_matrices_follow_one_another_every_n_cycles_and_not_sooner(n: int) -> None:
+    H = 2 * np.eye(n)
+    cycles = [pipeline([H] * k)[0].trace.cycles for k in (1, 2, 5)]
+    assert cycles == [3 * n - 2, 4 * n - 2, 7 * n - 2]
+    with pytest.raises(ValueError, match=f'interval must be at least {n} cycles'):
+        pipeline([H] * 2, interval=n - 1)
+
+
+@pytest.mark.parametrize('n', [1, 2, 6])
+def test_utilisation_has_its_closed_forms(n: int) -> None:
+    # An element (k, m) is in i = 1..k cells: n(n+1)(n+2)/6 in all; as printed each of n(n+1)/2
+    # cells stores h_ki first, and h_kk comes with the flag as the last item of its row.
+    found = {x['event']: x['utilisation'] for x in page.times([n]) if x['utilisation']}
+    cells, work = n * (n + 1) / 2, n * (n + 1) * (n + 2) / 6
+    printed = (work + cells) / cells / (3 * n - 1)
+    assert found['factorisation'] == pytest.approx(work / cells / (3 * n - 2))
+    assert found['factorisation, a wrong matrix'] == pytest.approx(printed)
+    several = 5 * work / cells / (3 * n - 2 + 4 * n)
+    assert found['5 matrices, a new one every n cycles'] == pytest.approx(several)
+
+
+@pytest.mark.parametrize('n', [1, 2, 6])
+def test_a_cell_acts_once_for_each_element_of_its_row(n: int) -> None:
+    # P_ki meets the elements h_kk .. h_nk of row k; as printed it stores h_ki first.
+    for name, stored in (('corrected', 0), ('as printed', 1)):
+        acting = Counter(place for cycle in page.RUNS[name](n).actions for place in cycle)
+        assert acting == {
+            (k, i): n - k + 1 + stored for k in range(1, n + 1) for i in range(1, k + 1)
+        }
+
+
+@pytest.mark.parametrize('n', [1, 2, 4, 5])
+def test_the_labels_of_the_picture_are_what_the_cells_do(n: int) -> None:
+    literal = list(page.actions('as printed', n, lambda *at: page.literal_label(n, *at)))
+    places: dict[str, list[tuple[int, int]]] = {}
+    for x in literal:
+        k, i = x['row'], x['column']
+        if x['action'] == STORE:
+            assert x['label'] == f'{k}{i}'
+        else:
+            places.setdefault(x['label'], []).append((k, i))
+            assert (x['action'] == ROOT) == (x['label'] == f'{k}{k}' and k == i)
+    # The element h_mk passes the cells of row k from left to right.
+    for m in range(1, n + 1):
+        for k in range(1, m + 1):
+            assert places[f'{m}{k}'] == [(k, i) for i in range(1, k + 1)]
+    on_diagonal = {MULTIPLY: False, DIVIDE: True, ROOT: True}
+    for x in page.actions('corrected', n, page.corrected_label):
+        k, i, m = x['row'], x['column'], int(x['label'][0])
+        assert k <= m <= n
+        assert on_diagonal[x['action']] == (k == i)
+        assert (x['action'] == ROOT) == (m == k == i)
+
+
+@pytest.mark.parametrize('n', [2, 3])
+def test_emulate_and_a_row_count_the_same_steps_of_the_array(n: int) -> None:
+    run = pfd.emulate(uniform_chain(n), *[[0.1] * n] * 3, method='pcrbm_array')
+    steps, counts = run.steps - run.program.count(section='joint rotation'), row('pcrbm_array', n)
+    assert counts['multiplications'] == steps.multiplications + steps.divisions
+    assert (counts['additions'], counts['square_roots']) == (steps.additions, steps.square_roots)
+    assert run.cycles == 5 * n - 2
+
+
+@pytest.mark.parametrize('n', range(2, 13))
+def test_table_1_counts_a_cycle_as_a_multiplication_and_an_addition(n: int) -> None:
+    for own, with_array, without in zip(
+        ('P6 + h', 'P2'), claimed('pcrbm_array', n), claimed('pcrbm', n), strict=True
+    ):
+        assert with_array == without - value(own, n) + 3 * n - 1
+
+
+@pytest.mark.parametrize('n', [2, 3, 6, 8, 9])
+def test_a_level_doubles_what_a_lane_holds(n: int) -> None:
+    rows = list(page.doubling(n))
+    assert len(rows) == n * (1 + (n - 1).bit_length())
+    for x in rows:
+        # Lane i holds its element and the 2^k - 1 before it, as far as there are any.
+        level, lane = x['level'], x['lane']
+        assert (x['first'], x['last']) == (max(1, lane + 1 - 2**level), lane)
+        source = lane - 2 ** (level - 1) if level else 0
+        assert x['source'] == (source if source > 0 else None)
+
+
+@pytest.mark.parametrize('n', [2, 4, 6])
+def test_the_program_does_the_additions_of_set_ordering(n: int) -> None:
+    program = record_literal_cholesky(n, 'parallel')
+    added = [
+        one.active.bit_count()
+        for one in program.instructions
+        if one.op == 'add' and one.section == 'set ordering'
+    ]
+    assert added == [len(state.picked) for state in set_ordering(n)[1:]]
+
+
+def test_pictures_have_every_cell_in_every_cycle(pictures: dict[str, Any]) -> None:
+    n, cycles = page.SOLVED, 5 * page.SOLVED - 2
+    picture = pictures['array']
+    assert len([word for word in words(picture) if word.startswith('cycle ')]) == cycles
+    assert len(list(picture.iter(f'{SVG}circle'))) == n * cycles
+    shapes = [*picture.iter(f'{SVG}circle'), *picture.iter(f'{SVG}rect')]
+    cells = [shape for shape in shapes if shape.get('stroke') == '#999999']
+    assert len(cells) == n * (n + 1) // 2 * cycles
+    acting = [shape for shape in cells if shape.get('fill') != 'none']
+    assert len(acting) == n * (n + 1) * (n + 2) // 6 + n * (n + 1)
+
+
+def test_pictures_show_streams_doubling_and_appendix_c(pictures: dict[str, Any]) -> None:
+    designs = words(pictures['array-designs'])
+    assert Counter(word for word in designs if word[0] == 'P') == {
+        f'P{k}{i}': 2 for k in range(1, 5) for i in range(1, k + 1)
+    }
+    # The first item of a stream is the next to its cell; flags from below, as printed only.
+    assert {'h11 h41 h31 h21', 'h41 h31 h21 h11*'} < set(designs)
+    assert designs.count('*') == 4
+    doubled = words(pictures['doubling'])
+    assert doubled.count('R1') == 4  # on lane 1 from the start
+    assert {f'R1 .. R{last}' for last in range(2, 7)} < set(doubled)
+    # Appendix C, step 6: the last two sets.
+    sets = words(pictures['set-ordering'])
+    assert {'a_44^(3)', 'a_44^(2,0)', 'a_44^(3,0)', 'a_22^(1,0)', 'a_32^(1,0)'} < set(sets)
+    assert sum(word.endswith(' adds') for word in sets) == 4 + 4 + 2

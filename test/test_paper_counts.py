@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from sampling import one_fast
 
-from benchmarks.cases.iterations import convergence
+from benchmarks.pages.iterations import convergence
 from benchmarks.cases.paper import (
     KINDS,
     PROCEDURES,

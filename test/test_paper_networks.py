@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from sampling import one_fast
 
-from benchmarks.cases import iterations as pcgm
+from benchmarks.pages import iterations as pcgm
 from benchmarks.cases.paper import EDITIONS, PROCEDURES, Recording, program_of, steps_of
 from benchmarks.pages.counts import pcgm_costs
 from benchmarks.pages.networks import (

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cases.iterations import errors_of_iterates
+from benchmarks.pages.iterations import errors_of_iterates
 from benchmarks.cases.paper import (
     EDITIONS,
     KINDS,

@@ -19,7 +19,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from benchmarks.cases import iterations as pcgm
+from benchmarks.pages import iterations as pcgm
 from benchmarks.cases import paper
 from benchmarks.cases.paper import BEST_KNOWN, CORRECTED, EDITIONS, KINDS, PRINTED_AT, value
 from benchmarks.cases.robots import uniform_chain

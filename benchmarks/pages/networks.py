@@ -20,7 +20,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from benchmarks.cases.iterations import CHAINS, convergence
+from benchmarks.pages.iterations import CHAINS, convergence
 from benchmarks.cases.paper import (
     AS_PRINTED,
     BEST_KNOWN,

@@ -18,27 +18,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 import re
 from typing import Any
 
 import numpy as np
 
-from benchmarks.pages.iterations import errors_of_iterates
-from benchmarks.cases.paper import (
-    EDITIONS,
-    KINDS,
-    TABLE,
-    VERDICTS,
-    claimed,
-    counted_verdicts,
-    published_serial,
-    row,
-    value,
-)
+from benchmarks.cases import paper
+from benchmarks.cases.paper import TABLE, value
 from benchmarks.cases.problems import SEED, seeded_states
 from benchmarks.cases.robots import Array, uniform_chain
 from benchmarks.pages.array import RUNS, doubling, times
 from benchmarks.pages.counts import arithmetic_of, counted_parts
+from benchmarks.pages.iterations import errors_of_iterates
 from benchmarks.table import Columns, Row, page, stored_table, table
 from benchmarks.timing import differences
 from pfd_core.algorithms.emulation import arithmetic
@@ -61,14 +53,13 @@ STATES = 20
 FEW = 3  # states in 50 digits
 ROUNDING = 1e-12
 WITHIN = 1e-6  # an error of an iterate that is convergence
-FOUND = tuple[bool | None, str]
 
 
 def measure(quick: bool) -> dict[str, Any]:
     """Check every sentence and run every misprint; quick is the first three of each."""
     some = slice(3 if quick else None)
     return {
-        'claims': [verdict(**claim) for claim in stored_table('claims')[some]],
+        'claims': [verdict(**claim) for claim in stored_table('claims')['claims'][some]],
         'errata': [
             {**erratum, 'effect': called(erratum['effect'])}
             for erratum in stored_table('errata')[some]
@@ -84,13 +75,17 @@ def called(named: list[Any]) -> Any:
 
 def verdict(check: list[Any], wrong_matrix: bool = False, **claim: str) -> dict[str, Any]:
     """Return a sentence with its verdict, one of VERDICTS, and the evidence."""
-    holds, evidence = called(check)
-    true, of_a_wrong_matrix, false, undecided = VERDICTS
+    holds, *values = called(check)
+    evidence = stored_table('claims')['evidence'][check[0]].format(*values)
+    true, of_a_wrong_matrix, false, undecided = paper.VERDICTS
     kinds = {True: of_a_wrong_matrix if wrong_matrix else true, False: false, None: undecided}
     return {'note': '', **claim, 'verdict': kinds[holds], 'evidence': evidence}
 
 
-# ---- checks of sentences ----
+# ---- checks of sentences: whether each holds, None if that is not decided, and the values ----
+
+# Whether a sentence holds, and the values of its evidence.
+Found = tuple[Any, ...]
 
 
 def _pair(steps: Steps) -> tuple[int, int]:
@@ -103,242 +98,178 @@ def _parts() -> dict[tuple[str, str], Row]:
     return {(x['system'], x['item']): x for x in counted_parts(N)}
 
 
-def _printed() -> Program:
-    return record_pcrbm_1987(
-        resolve(uniform_chain(N)), 'parallel', misprints=pcrbm_1987.AS_PRINTED
-    )
+def _pcrbm_1987(*misprints: str) -> Program:
+    return record_pcrbm_1987(resolve(uniform_chain(N)), 'parallel', misprints=misprints)
 
 
-def _corrected() -> Program:
-    return record_pcrbm_1987(resolve(uniform_chain(N)), 'parallel')
-
-
-def of_part(system: str, item: str) -> FOUND:
+def of_part(system: str, item: str) -> Found:
     x = _parts()[system, item]
-    claims, found, corrected = (
-        tuple(x[prefix + kind] for kind in KINDS[:2])
-        for prefix in ('claimed_', 'as_printed_', 'corrected_')
+    claims, printed, corrected = (
+        tuple(x[f'{prefix}_{kind}'] for kind in paper.KINDS[:2])
+        for prefix in ('claimed', 'as_printed', 'corrected')
     )
-    words = f'n = {N}: {found[0]} and {found[1]} executed, {claims[0]} and {claims[1]} claimed'
-    if corrected != found:
-        words += f'; corrected {corrected[0]} and {corrected[1]}'
-    return found == claims, words
+    other = '' if corrected == printed else '; corrected {} and {}'.format(*corrected)
+    return printed == claims, *printed, *claims, other
 
 
-def of_total(system: str) -> FOUND:
-    printed = [TABLE[system][kind]['printed'] for kind in KINDS[:2]]
-    formula, counts = claimed(system, N), row(system, N, EDITIONS[0])
-    found = [counts[kind] for kind in KINDS[:2]]
-    return found == printed, (
-        f'{printed[0]} and {printed[1]} printed, {formula[0]} and {formula[1]} by the '
-        f'formula, {found[0]} and {found[1]} executed as printed'
-    )
+def of_total(system: str) -> Found:
+    kinds, counts = paper.KINDS[:2], paper.row(system, N, paper.AS_PRINTED)
+    printed, found = [TABLE[system][x]['printed'] for x in kinds], [counts[x] for x in kinds]
+    return found == printed, *printed, *paper.claimed(system, N), *found
 
 
-def fohra_on_a_puma() -> FOUND:
+def fohra_on_a_puma() -> Found:
     wanted = int(value('27 L - 19', N)), int(value('18 L - 14', N))
     puma, other = (
         _pair(record_fohra(structure_of(robot)).count())
         for robot in (load_robot('puma560'), uniform_chain(N))
     )
-    return puma == wanted, (
-        f'PUMA 560: {puma[0]} and {puma[1]} executed, {wanted[0]} and {wanted[1]} claimed; '
-        f'skew axes: {other[0]} and {other[1]}'
-    )
+    return puma == wanted, *puma, *wanted, *other
 
 
-def newton_euler_levels() -> FOUND:
+def newton_euler_levels() -> Found:
     programs = (record_inverse_dynamics(resolve(uniform_chain(n)), 'unpacked') for n in (4, 8, 16))
     four, eight, sixteen = (np.array(_pair(program.count())) for program in programs)
-    more = eight - four
-    return bool((more == sixteen - eight).all()), (
-        f'each doubling of n from 4 to 16 adds {more[0]} multiplications and {more[1]} '
-        'additions, FOHRA included'
-    )
+    return bool((eight - four == sixteen - eight).all()), *(eight - four)
 
 
-def levels() -> FOUND:
-    found = {n: max(x['level'] for x in doubling(n)) for n in (2, 3, 4, 6, 8, 16)}
-    words = ', '.join(f'{count} at n = {n}' for n, count in found.items())
-    return all(count == value('L', n) for n, count in found.items()), f'levels: {words}'
+def levels() -> Found:
+    sizes = (2, 3, 4, 6, 8, 16)
+    found = [max(x['level'] for x in doubling(n)) for n in sizes]
+    return found == [value('L', n) for n in sizes], *found
 
 
-def price_of_an_iteration() -> FOUND:
+def price_of_an_iteration() -> Found:
     programs = [record_pcgm_1987(resolve(uniform_chain(n)), 'unpacked') for n in (4, 8, 16)]
     counts = [_pair(one.count(iterations=2) - one.count(iterations=1)) for one in programs]
-    (m, a), (m2, a2), (m3, a3) = counts
-    return m == m2 == m3 and a2 - a == a3 - a2, (
-        f'{m}, {m2} and {m3} multiplications, {a}, {a2} and {a3} additions at n = 4, 8 and 16'
-    )
+    m, a = zip(*counts, strict=True)
+    return len(set(m)) == 1 and a[1] - a[0] == a[2] - a[1], *m, *a
 
 
-def roots_of_the_array() -> FOUND:
-    found = row('pcrbm_array', N, EDITIONS[0])['square_roots']
-    return found == 1, f'{found} at n = {N}: each circular cell takes its root in another cycle'
+def roots_of_the_array() -> Found:
+    found = paper.row('pcrbm_array', N, paper.AS_PRINTED)['square_roots']
+    return found == 1, found
 
 
-def row_sweep() -> FOUND:
+def row_sweep() -> Found:
     found = _parts()['pcrbm', '(c)']['as_printed_additions']
-    return found == 3 * (N - 1), f'{found} additions of three components at n = {N}'
+    return found == 3 * (N - 1), found
 
 
-def products() -> FOUND:
-    found = _printed().count(section='set ordering').multiplications
-    corrected = _corrected().count(section='factorisation').multiplications
-    return found == int(value('P6', N)), (
-        f'n = {N}: {found} for equations (11) and (12), whose matrix is wrong; {corrected} for '
-        "L L' column by column"
-    )
+def products() -> Found:
+    printed = _pcrbm_1987(*pcrbm_1987.AS_PRINTED).count(section='set ordering').multiplications
+    corrected = _pcrbm_1987().count(section='factorisation').multiplications
+    return printed == value('P6', N), printed, corrected
 
 
-def number_of_products() -> FOUND:
+def number_of_products() -> Found:
     found = sum(set_ordering(N)[0].additions.values())
-    return found == (N**3 - N) // 6, f'{found} at n = {N}, one for each addition of set ordering'
+    return found == (N**3 - N) // 6, found
 
 
-def orderings() -> FOUND:
+def orderings() -> Found:
     taken, claims = len(set_ordering(N)) - 1, (N * (N - 1) // 2, int(value('P2', N)))
-    return taken in claims, (
-        f'n = {N}: {taken} additions executed, {claims[0]} claimed in the text and {claims[1]} '
-        'in item (b)'
-    )
+    return taken in claims, taken, *claims
 
 
-def one_root() -> FOUND:
+def one_root() -> Found:
     ours = FORWARD['pcrbm'](resolve(uniform_chain(N)), 'parallel')
-    counts = [program.count().square_roots for program in (_printed(), _corrected(), ours)]
-    return counts[0] == 1, (
-        f'{counts[0]} for equations (11) and (12), whose matrix is wrong; {counts[1]}, one after '
-        f"another, for L L'; {counts[2]} for L D L'"
-    )
+    programs = _pcrbm_1987(*pcrbm_1987.AS_PRINTED), _pcrbm_1987(), ours
+    found = [program.count().square_roots for program in programs]
+    return found[0] == 1, *found
 
 
-def column_sweeps() -> FOUND:
-    found, claims = _pair(_corrected().count(section='column sweeps')), (4 * N - 2, 2 * N - 2)
-    return found == claims, (
-        f'both triangles, n = {N}: {found[0]} and {found[1]} executed, {claims[0]} and '
-        f'{claims[1]} claimed'
-    )
+def column_sweeps() -> Found:
+    found, claims = _pair(_pcrbm_1987().count(section='column sweeps')), (4 * N - 2, 2 * N - 2)
+    return found == claims, *found, *claims
 
 
-def array(event: str) -> FOUND:
+def array(event: str) -> Found:
     runs = [x for x in times((2, 3, 4, 6, 8)) if x['event'] == event]
     same, last = all(x['measured'] == x['claimed'] for x in runs), runs[-1]
-    words = f'{last["measured"]} cycles at n = {last["n"]}'
-    return same, words + ('' if same else f', not {last["claimed"]}')
+    return same, last['measured'], '' if same else f', not {last["claimed"]}'
 
 
-def logarithmic_array() -> FOUND:
-    cycles = {n: RUNS['solve'](n).cycles for n in (4, 8, 16)}
-    words = ', '.join(f'{count} cycles at n = {n}' for n, count in cycles.items())
-    return cycles[16] - cycles[8] == cycles[8] - cycles[4], (
-        f'a solve takes {words}: 5 n - 2; the row sweep takes n - 1 steps'
-    )
+def _solves() -> list[int]:
+    return [RUNS['solve'](n).cycles for n in (4, 8, 16)]
 
 
-def quadratic_factorisation() -> FOUND:
+def logarithmic_array() -> Found:
+    cycles = _solves()
+    return cycles[2] - cycles[1] == cycles[1] - cycles[0], *cycles
+
+
+def linear_array() -> Found:
+    cycles = _solves()
+    return cycles[2] - cycles[1] == 2 * (cycles[1] - cycles[0]), *cycles
+
+
+def quadratic_factorisation() -> Found:
     steps = [len(set_ordering(n)) - 1 for n in (8, 16, 32)]
-    ratios = steps[1] / steps[0], steps[2] / steps[1]
-    return all(3.5 < ratio < 4.5 for ratio in ratios), (
-        f'the factorisation takes {steps[0]}, {steps[1]} and {steps[2]} multiplications at n = '
-        '8, 16 and 32; all other parts grow with n or log2 n'
-    )
+    return all(3.5 < after / before < 4.5 for before, after in pairwise(steps)), *steps
 
 
-def linear_array() -> FOUND:
-    cycles = [RUNS['solve'](n).cycles for n in (4, 8, 16)]
-    return cycles[2] - cycles[1] == 2 * (cycles[1] - cycles[0]), (
-        f'a whole solve takes {cycles[0]}, {cycles[1]} and {cycles[2]} cycles at n = 4, 8 and 16'
-    )
-
-
-def less_than_n_iterations() -> FOUND:
+def less_than_n_iterations() -> Found:
     errors = errors_of_iterates(N, 'plain', seeded_states(N, STATES))
     earlier = float(np.mean(errors[N - 1] <= WITHIN))
-    return earlier == 1.0, (
-        f'n = {N}: {earlier:.0%} of {STATES} states are within 1e-06 after {N - 1} iterations, '
-        f'all after {int(np.max(np.sum(errors > WITHIN, axis=0)))}'
-    )
+    return earlier == 1.0, earlier, STATES, int(np.max(np.sum(errors > WITHIN, axis=0)))
 
 
-def n_iterations() -> FOUND:
-    n = 12
-    after = errors_of_iterates(n, 'plain', seeded_states(n, STATES))[n]
-    return bool((after <= WITHIN).all()), (
-        f'n = {n}: the error after {n} iterations is {np.median(after):.0e} in the median and '
-        f'{after.max():.0e} at worst of {STATES} states; see counts.md'
-    )
+def n_iterations() -> Found:
+    after = errors_of_iterates(12, 'plain', seeded_states(12, STATES))[12]
+    return bool((after <= WITHIN).all()), np.median(after), after.max(), STATES
 
 
-def pcrbm_before_pcgm() -> FOUND:
-    last = [
-        max(n for n in range(2, 1000) if claimed('pcrbm', n)[k] < claimed('pcgm', n)[k])
-        for k in (0, 1)
-    ]
-    executed = []
-    for n in (2, 6, 12):
-        # The rotations of the joints are the same in both.
+def pcrbm_before_pcgm() -> Found:
+    def executed(n: int) -> bool:
         plant = resolve(uniform_chain(n))
         own = record_pcrbm_1987(plant, 'parallel', misprints=pcrbm_1987.AS_PRINTED)
         other = record_pcgm_1987(plant, 'parallel', misprints=pcgm_1987.MISPRINTS)
-        executed.append(arithmetic(own.count()) < arithmetic(other.count(iterations=n)))
-    return all(executed), (
-        'as printed and executed, fewer steps at n = 2, 6, 12; by the formulas up to '
-        f'n = {last[0]} in multiplications and {last[1]} in additions'
-    )
+        # The rotations of the joints are the same in both.
+        return arithmetic(own.count()) < arithmetic(other.count(iterations=n))
+
+    claims = {n: (paper.claimed('pcrbm', n), paper.claimed('pcgm', n)) for n in range(2, 1000)}
+    last = (max(n for n, (own, other) in claims.items() if own[k] < other[k]) for k in (0, 1))
+    return all(map(executed, (2, 6, 12))), *last
 
 
-def orders_of_the_introduction() -> FOUND:
-    on_n, on_more = (int(value(formula, N)) for formula in ('P6', '7 n + 9 h'))
+def orders_of_the_introduction() -> Found:
+    on_n, on_more = value('P6', N), value('7 n + 9 h', N)
     last = max(n for n in range(2, 1000) if value('P6', n) < value('7 n + 9 h', n))
-    return on_more < on_n, (
-        f'{on_n} and {on_more} at n = {N}; the second is less from n = {last + 1} on'
-    )
+    return on_more < on_n, on_n, on_more, last + 1
 
 
-def serial_before_iterative() -> FOUND:
-    sizes = range(2, 13)
-    won = {
-        k: sum(
-            sum(claimed(f'walker_orin_{k}', n)) < sum(claimed('walker_orin_4', n)) for n in sizes
-        )
-        for k in (1, 2, 3)
-    }
-    words = ', '.join(
-        f'method {k} ' + ('always' if count == len(sizes) else f'at {count} of {len(sizes)}')
-        for k, count in won.items()
-    )
-    return set(won.values()) == {len(sizes)}, (f'by the formulas of Table 1, n = 2 to 12: {words}')
+def serial_before_iterative() -> Found:
+    totals = [
+        [sum(paper.claimed(f'walker_orin_{k}', n)) for n in range(2, 13)] for k in (1, 2, 3, 4)
+    ]
+    won = [sum(a < b for a, b in zip(own, totals[3], strict=True)) for own in totals[:3]]
+    words = ['always' if count == 11 else f'at {count} of 11' for count in won]
+    return won == [11] * 3, *words
 
 
-def articulated_recurrence() -> FOUND:
+def articulated_recurrence() -> Found:
     record = FORWARD['divide_and_conquer']
     programs = (record(resolve(uniform_chain(n)), 'unpacked') for n in (4, 8, 16))
-    four, eight, sixteen = (program.count().multiplications for program in programs)
-    return None, (
-        'another algorithm for the same accelerations, divide and conquer, has '
-        f'{eight - four} multiplications more at n = 8 than at 4, and '
-        f'{sixteen - eight} more at 16 than at 8'
-    )
+    counts = [program.count().multiplications for program in programs]
+    return None, counts[1] - counts[0], counts[2] - counts[1]
 
 
-def speed_up() -> FOUND:
-    wanted = published_serial(N) / sum(TABLE['pcrbm'][kind]['printed'] for kind in KINDS[:2])
-    found = published_serial(N) / arithmetic_of(row('pcrbm', N, EDITIONS[0]))
-    return found >= wanted, f'{wanted:.2f} printed, {found:.2f} executed as printed, no routes'
+def speed_up() -> Found:
+    printed = sum(TABLE['pcrbm'][kind]['printed'] for kind in paper.KINDS[:2])
+    executed = arithmetic_of(paper.row('pcrbm', N, paper.AS_PRINTED))
+    wanted, found = (paper.published_serial(N) / steps for steps in (printed, executed))
+    return found >= wanted, wanted, found
 
 
-def processors() -> FOUND:
-    cells, units = N * (N + 1) // 2, row('pcrbm_array', N)['units']
-    return cells == units, f'n = {N}: {cells} cells and {N} processors, {units} in all'
+def processors() -> Found:
+    cells, units = N * (N + 1) // 2, paper.row('pcrbm_array', N)['units']
+    return cells == units, cells, units
 
 
-def formula(system: str, multiplications: int, additions: int) -> FOUND:
-    found = claimed(system, N)
-    return found == (multiplications, additions), (
-        f'by the formula of Table 1: multiplications {float(found[0]):g}, '
-        f'additions {float(found[1]):g}'
-    )
+def formula(system: str, *printed: int) -> Found:
+    found = paper.claimed(system, N)
+    return found == printed, *map(float, found)
 
 
 # ---- effects of misprints ----
@@ -513,7 +444,7 @@ def text(data: dict[str, Any]) -> str:
     return page(
         'claims',
         sentences=len(data['claims']),
-        counted=counted_verdicts(x['verdict'] for x in data['claims']),
+        counted=paper.counted_verdicts(x['verdict'] for x in data['claims']),
         claims=table(CLAIMS, data['claims']),
         equations=table(INDEX, data['equations']),
         procedures=table(INDEX, data['procedures']),

@@ -19,10 +19,10 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from benchmarks.pages import iterations as pcgm
 from benchmarks.cases import paper
 from benchmarks.cases.paper import BEST_KNOWN, CORRECTED, EDITIONS, KINDS, PRINTED_AT, value
 from benchmarks.cases.robots import uniform_chain
+from benchmarks.pages import iterations as pcgm
 from benchmarks.plots import BLACK, BLUE, GREEN, GREY, ORANGE, over_joints, save
 from benchmarks.run import each
 from benchmarks.table import Columns, Row, grid, order, page, stored_table, table

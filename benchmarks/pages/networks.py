@@ -20,7 +20,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-from benchmarks.pages.iterations import CHAINS, convergence
 from benchmarks.cases.paper import (
     AS_PRINTED,
     BEST_KNOWN,
@@ -35,6 +34,7 @@ from benchmarks.cases.paper import (
     without_rotations,
 )
 from benchmarks.cases.robots import uniform_chain
+from benchmarks.pages.iterations import CHAINS, convergence
 from benchmarks.plots import (
     BLACK,
     BLUE,

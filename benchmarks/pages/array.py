@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.cases.paper import value
 from benchmarks.plots import arrow, box, circle, svg, words
-from benchmarks.table import Row, grid, page, stored_table, table, write_text
+from benchmarks.table import Row, grid, page, stored_text, table, write_text
 from pfd_core.algorithms.paper.array_solver import factor, pipeline, solve
 from pfd_core.algorithms.paper.literal_array import STORE, literal_array
 from pfd_core.algorithms.paper.set_ordering import set_ordering
@@ -94,14 +94,6 @@ def measure(quick: bool) -> dict[str, Any]:
             *actions(CORRECTED, FIGURE, corrected_label),
             *actions('solve', SOLVED, lambda place, cycle: ''),
         ],
-        'streams': list(_streams(FIGURE)),
-        'rules': [
-            {'design': design, 'name': kind['name'], 'circular': kind['circular']}
-            | {side: kind['ports'].get(side) for side in ('left', 'right', 'down', 'up')}
-            | {'rules': kind['rules']}
-            for design, kinds in stored_table('array_cells').items()
-            for kind in kinds
-        ],
         'doubling': list(doubling(LANES)),
         'sets': list(_sets(SETS)),
     }
@@ -146,19 +138,6 @@ def corrected_label(place: Place, cycle: int) -> str:
     """Return the subscript of the element that a cell of the corrected design works on."""
     k, i = place
     return f'{cycle - k - i + 2}{k}'
-
-
-def _streams(n: int) -> Iterator[dict[str, Any]]:
-    """Yield the items that enter a row from the left or a column from below, in their order."""
-    for k in range(1, n + 1):
-        column = [f'h{m}{k}' for m in range(k, n + 1)]
-        later, first = column[1:], column[0]
-        for design, side, items, cycle in (
-            (PRINTED, 'left', [*later, first], 2 * k),
-            (PRINTED, 'below', [*column, '*'], 3 * k - 2),
-            (CORRECTED, 'left', [f'{first}*', *later], 2 * k - 1),
-        ):
-            yield {'design': design, 'side': side, 'index': k, 'items': items, 'cycle': cycle}
 
 
 def doubling(n: int) -> Iterator[dict[str, Any]]:
@@ -287,7 +266,7 @@ def _steps(rows: Sequence[Row]) -> Iterator[str]:
 # ---- pictures, row 1 of an array at the bottom, as in Figure 1 ----
 
 MARGIN = 20
-SIDE_COLOUR, PALE = '#666666', '#bbbbbb'
+PALE = '#bbbbbb'
 # Colour of each action, from a palette for colour-blind readers.
 ACTIONS = {
     'square root': '#0072b2',
@@ -300,14 +279,14 @@ WORKERS = ('#f6d9b8', '#cfe6f5', '#cdeee2', '#f0d4e4')
 
 
 def plots(data: dict[str, Any], folder: Path) -> list[Path]:
-    """Draw both designs, their cycles, those of a whole solve, doubling and set ordering."""
+    """Draw cycles of both designs and of a whole solve, doubling, set ordering; copy designs."""
     by_run: dict[str, list[Row]] = {}
     for x in data['actions']:
         by_run.setdefault(x['run'], []).append(x)
     (cycles,) = (x['cycles'] for x in data['lengths'] if x['run'] == 'solve')
     both = {f'{TITLES[x]}, {by_run[x][-1]["cycle"]} cycles': by_run[x] for x in TITLES}
     pictures = {
-        'array-designs': _designs(data['streams'], data['rules']),
+        'array-designs': stored_text('array-designs.svg'),
         'array-cycles': _cycles(
             both, f'Triangular array, n = {FIGURE}: the element in each cell, cycle by cycle'
         ),
@@ -357,70 +336,6 @@ def _cycles(runs: Mapping[str, Sequence[Row]], title: str) -> str:
                     body.append(words(at[0], at[1] + 3.5, one['label'], 10, 'middle', 'white'))
         top += -(-cycles // per_row) * (side + line) + 18
     return svg(2 * MARGIN + max(per_row * side, 170 * len(names)), top, title, body)
-
-
-STEP, RADIUS, LEFT, TOP, WIDTH = 64, 17, 170, 90, 520  # of the drawing of a design
-
-
-def _designs(streams: Sequence[Row], rules: Sequence[Row]) -> str:
-    """Draw both designs side by side, with their streams and the rules of their cells."""
-    n = max(x['index'] for x in streams)
-    foot = TOP + n * STEP + 13 * (n + 1) + 10
-    body = [words(20, 24, f'Triangular array for Cholesky, n = {n}', 14)]
-    for design, left in ((PRINTED, LEFT), (CORRECTED, LEFT + WIDTH)):
-        body.append(words(left - 150, 48, TITLES[design], 13))
-        own = [x for x in streams if x['design'] == design]
-        below = any(x['side'] == 'below' for x in own)
-        for k, i in cells(n):
-            x, y = left + (i - 1) * STEP, TOP + (n - k) * STEP
-            body += [_cell(k, i, x, y, RADIUS), words(x, y + 4, f'P{k}{i}', anchor='middle')]
-            body.append(arrow(x + RADIUS, y, x + (36 if i == k else STEP - RADIUS), y))
-            if k < n or below:
-                body.append(arrow(x, y - RADIUS, x, y - STEP + RADIUS + (0 if k < n else 18)))
-        for one in own:
-            body += _stream(one, left, TOP + (n - one['index']) * STEP)
-        y = foot
-        for kind in (x for x in rules if x['design'] == design):
-            body += _rules(kind, left - 60, y)
-            y += 16 * (len(kind['rules']) + 8)
-    height = max(
-        sum(16 * (len(x['rules']) + 8) for x in rules if x['design'] == d) for d in TITLES
-    )
-    return svg(2 * WIDTH, foot + height + 60, f'Triangular array for Cholesky, n = {n}', body)
-
-
-def _stream(one: Row, left: float, y: float) -> Iterator[str]:
-    """Draw the items that enter a row or a column, the first one next to its cell."""
-    start = f'from cycle {one["cycle"]}'
-    if one['side'] == 'left':
-        yield arrow(left - 40, y, left - RADIUS, y)
-        yield words(left - 44, y + 4, ' '.join(reversed(one['items'])), 10, 'end')
-        yield words(left - 44, y + 16, start, 8, 'end', SIDE_COLOUR)
-        return
-    x, y = left + (one['index'] - 1) * STEP, y + RADIUS
-    yield arrow(x, y + 20, x, y)
-    for line, item in enumerate(one['items']):
-        yield words(x, y + 31 + 12 * line, item, 10, 'middle')
-    yield words(x, y + 31 + 12 * len(one['items']), start, 8, 'middle', SIDE_COLOUR)
-
-
-def _rules(kind: Row, left: float, top: float) -> Iterator[str]:
-    """Draw a cell with its ports, and its rules below."""
-    x, y, size = left, top + 60, 1.3 * RADIUS
-    yield words(left - 90, top + 4, kind['name'], 12)
-    yield _cell(1, 1 if kind['circular'] else 2, x, y, size)
-    ends = {
-        'left': ((x - 50, y, x - size, y), (x - 54, y + 4, 'end')),
-        'right': ((x + size, y, x + 50, y), (x + 54, y + 4, 'start')),
-        'down': ((x, y + size + 22, x, y + size), (x + 6, y + size + 20, 'start')),
-        'up': ((x, y - size, x, y - size - 20), (x + 6, y - size - 12, 'start')),
-    }
-    for side, (line, (at_x, at_y, anchor)) in ends.items():
-        if kind[side]:
-            yield arrow(*line)
-            yield words(at_x, at_y, kind[side], 10, anchor)
-    for k, rule in enumerate(kind['rules']):
-        yield words(left - 90, y + size + 40 + 16 * k, rule)
 
 
 def _levels(rows: Sequence[Row]) -> str:

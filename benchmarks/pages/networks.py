@@ -13,26 +13,15 @@ root four times as long. The triangular array has separate links, which are not 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from functools import partial
 import math
 from pathlib import Path
 from typing import Any
 
-from benchmarks.cases.paper import (
-    AS_PRINTED,
-    BEST_KNOWN,
-    CORRECTED,
-    EDITIONS,
-    PRINTED_AT,
-    PROCEDURES,
-    Recording,
-    program_of,
-    steps_of,
-    title_of,
-    without_rotations,
-)
+from benchmarks.cases import paper
+from benchmarks.cases.paper import AS_PRINTED, BEST_KNOWN, CORRECTED, PRINTED_AT, Recording
 from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages.iterations import CHAINS, convergence
 from benchmarks.plots import (
@@ -125,7 +114,7 @@ def recorded(item: tuple[str, int, int | None]) -> list[dict[str, Any]]:
     if system == ONE:
         ways = [Recording(method, n, BEST_KNOWN, 'sequential') for method in SYSTEMS[ONE]]
         return [min((_row(ONE, way, '') for way in ways), key=lambda row: row['arithmetic'])]
-    editions = [(system, edition) for edition in EDITIONS[:2] if system in PROCEDURES]
+    editions = [(system, edition) for edition in paper.EDITIONS[:2] if system in paper.PROCEDURES]
     counts = (n, median) if system in ITERATIVE else (None,)
     return [
         _row(system, Recording(method, n, edition, schedule), packing, count, k == 1)
@@ -144,15 +133,14 @@ def _row(
     converged: bool = False,
 ) -> dict[str, Any]:
     """Return a recording: steps, time of its arithmetic, and steps of routes by network."""
-    whole, count = program_of(one), iterations or 1
-    program = without_rotations(whole)
-    on = {network: steps_of(one, program, count, network) for network in NETWORKS}
+    program, count = paper.program_of(one), iterations or 1
+    on = {network: paper.steps_of(one, program, count, network) for network in NETWORKS}
     steps = on['crossbar']
     return {
         'system': system,
         'edition': one.edition,
         'method': one.method,
-        'title': title_of(one.method, one.edition),
+        'title': paper.title_of(one.method, one.edition),
         'n': one.n,
         'iterations': iterations,
         'converged': converged,
@@ -163,7 +151,7 @@ def _row(
         'square_roots': steps.square_roots,
         'arithmetic': WEIGHTS.arithmetic(steps),
         **{network: steps.routes for network, steps in on.items()},
-        **asdict(choices(whole, count)),
+        **asdict(choices(program, count)),
     }
 
 
@@ -257,7 +245,28 @@ def text(data: dict[str, Any]) -> str:
     shown = [n for n in SHOWN if n in sizes]
     at = [row for row in rows if row['n'] == PRINTED_AT]
     pcrbm = of_system(at, 'pcrbm', PRINTED_AT)
-    priced = [(network, price) for network in NETWORKS for price in FEW_PRICES]
+    priced = [(f'{NETWORKS[x]}, {price:g}', x, price) for x in NETWORKS for price in FEW_PRICES]
+    ours = [(x, method) for x in SYSTEMS if x != ONE for method in SYSTEMS[x]]
+
+    def by_network(cell: Callable[..., object], keys: Iterable[tuple[str, Any]]) -> Cells:
+        """Return cells of a key by title and network."""
+        return {
+            (title, NETWORKS[network]): cell(key, network)
+            for title, key in keys
+            for network in NETWORKS
+        }
+
+    def packing(key: tuple[str, str], network: str) -> str:
+        own = [[x for x in of_system(rows, key[0], n) if x['method'] == key[1]] for n in shown]
+        return ' / '.join(_price(packing_pays_below(some, network)) for some in own)
+
+    def parallel(system: str, network: str) -> str:
+        return ' / '.join(_pays(rows, system, n, network) for n in shown)
+
+    def chosen(price: float, network: str) -> str:
+        one = best(pcrbm, network, price)
+        return f'{time(one, network, price):g} {_chosen(one)}'
+
     return page(
         'networks',
         n=PRINTED_AT,
@@ -270,47 +279,27 @@ def text(data: dict[str, Any]) -> str:
         lines=grid(_lines(at), 'recording'),
         best_known=grid(
             {
-                (title, f'{price:g}'): f'{time(one, network, price):g} {_chosen(one)}'
+                (title, f'{price:g}'): chosen(price, network)
                 for network, title in NETWORKS.items()
                 for price in PRICES
-                for one in [best(pcrbm, network, price)]
             },
             'network, t_r/t_m =',
         ),
-        packing=grid(
-            {
-                (title_of(method), title): ' / '.join(
-                    _price(packing_pays_below(_of_method(rows, system, method, n), network))
-                    for n in shown
-                )
-                for system in list(SYSTEMS)[1:]
-                for method in SYSTEMS[system]
-                for network, title in NETWORKS.items()
-            },
-            'method',
-        ),
+        packing=grid(by_network(packing, ((paper.title_of(x[1]), x) for x in ours)), 'method'),
         parallel=grid(
-            {
-                (SHORT[system], title): ' / '.join(_pays(rows, system, n, network) for n in shown)
-                for system in list(SYSTEMS)[1:]
-                for network, title in NETWORKS.items()
-            },
-            'system',
+            by_network(parallel, ((SHORT[x], x) for x in SYSTEMS if x != ONE)), 'system'
         ),
         fastest=grid(
-            {
-                (f'{NETWORKS[network]}, {price:g}', n): _fastest(rows, n, network, price)
-                for network, price in priced
-                for n in sizes
-            },
+            {(key, n): _fastest(rows, n, *at_price) for key, *at_price in priced for n in sizes},
             'network, t_r/t_m',
         ),
         crossovers=grid(
             {
-                (f'{NETWORKS[network]}, {price:g}', f'{SHORT[other]} before {SHORT[one]}'): (
-                    crossover(rows, one, other, network, price) or '-'
+                (key, f'{SHORT[other]} before {SHORT[one]}'): crossover(
+                    rows, one, other, *at_price
                 )
-                for network, price in priced
+                or '-'
+                for key, *at_price in priced
                 for one, other in CONTESTS
             },
             'network, t_r/t_m',
@@ -347,7 +336,7 @@ def _at_one_price(rows: Sequence[Row]) -> Cells:
     """Return the times of PCRBM's editions for t_r = t_m by edition and network."""
     cells: Cells = {}
     for network, title in NETWORKS.items():
-        for edition in EDITIONS[:2]:
+        for edition in paper.EDITIONS[:2]:
             for row in of_system(rows, 'pcrbm', PRINTED_AT, edition):
                 cells[f'{edition}, {row["packing"]}', title] = f'{time(row, network, 1.0):g}'
         chosen = best(of_system(rows, 'pcrbm', PRINTED_AT), network, 1.0)
@@ -364,10 +353,6 @@ def _lines(rows: Iterable[Row]) -> Cells:
             (_recording(row), f'{title} t_r'): row[network] for network, title in NETWORKS.items()
         }
     return cells
-
-
-def _of_method(rows: Iterable[Row], system: str, method: str, n: int) -> list[Row]:
-    return [row for row in of_system(rows, system, n) if row['method'] == method]
 
 
 def _pays(rows: Sequence[Row], system: str, n: int, network: str) -> str:

@@ -1,0 +1,557 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Digests of programs, of results and of simulations, and the findings of logs: what a rewrite keeps.
+
+    python test/digests.py   writes test/data/digests.json and test/data/findings/*.json
+
+test_digests.py compares with the files. They are written anew only for an intended change of
+bits, which the commit names.
+
+A program is compared node by node, in a form that is free of numbering: the digest of a node is
+made of its operation, its constant or input, and the digests of its operands, in any order where
+the operation is commutative. The digest of a program is made of the nodes of its outputs. So it
+depends neither on the order of instructions nor on their sections or modules. The rows of a loop
+are told apart as in the minimisation of automata: rows with equal first values and equal formulas
+are the same row.
+
+All bits are the same on every processor and in every version of Python and NumPy. The robots that
+are made here therefore come from Python's own arithmetic, and no digest is of LLVM IR.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+import hashlib
+import json
+from pathlib import Path
+import random
+import struct
+from typing import Any
+
+import numpy as np
+
+import pfd_core as pfd
+from pfd_core.kernels.quantities import QUANTITIES
+from pfd_core.kernels.source import source_of
+from pfd_core.kernels.spec import KernelSpec
+from pfd_core.machine.program import Program
+from pfd_ros import read_log
+from pfd_ros.page.reading import read_contents
+from pfd_ros.replay.verify import read
+
+DATA = Path(__file__).resolve().parent / 'data'
+DIGESTS = DATA / 'digests.json'
+FINDINGS = DATA / 'findings'
+FORMATS = ('float64', 'float32')
+# A batch of one full register and a tail, in every format and on every processor.
+STATES = 19
+Array = np.ndarray[Any, Any]
+
+# Robots.
+
+
+def _turn(x: float, y: float, z: float, w: float) -> list[list[float]]:
+    """Return the rotation of a quaternion, whose length must be 1."""
+    return [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+
+
+def _skew_turn(draw: random.Random) -> list[list[float]]:
+    q = [draw.uniform(-1.0, 1.0) for _ in range(4)]
+    length = (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]) ** 0.5
+    return _turn(*(x / length for x in q))
+
+
+def _square_turn(draw: random.Random) -> list[list[float]]:
+    """Return a rotation of zeros and ones, mostly between axes that are not parallel."""
+    return draw.choice(
+        [
+            [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]],
+            [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]],
+            [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]],
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        ]
+    )
+
+
+def _inertia(draw: random.Random, mass: float) -> list[list[float]]:
+    """Return the inertia of a box in any attitude."""
+    sides = [draw.uniform(0.05, 0.4) ** 2 for _ in range(3)]
+    moments = [mass / 12 * (sum(sides) - side) for side in sides]
+    R = _skew_turn(draw)
+    J = [[0.0] * 3 for _ in range(3)]
+    for i in range(3):
+        for j in range(i, 3):
+            J[i][j] = J[j][i] = sum(R[i][k] * moments[k] * R[j][k] for k in range(3))
+    return J
+
+
+def chain(name: str, kinds: str, square: bool = False) -> pfd.Robot:
+    """
+    Return a chain with a joint for each letter: revolute, continuous or prismatic.
+
+    Its axes are at right angles and along each other where `square`, and skew otherwise, with full
+    inertias. Its name seeds its numbers.
+    """
+    draw = random.Random(name)
+    types = {'r': 'revolute', 'c': 'continuous', 'p': 'prismatic'}
+    n = len(kinds)
+
+    def row(low: float, high: float, size: int = 3) -> list[float]:
+        return [draw.uniform(low, high) for _ in range(size)]
+
+    turn = _square_turn if square else _skew_turn
+    masses = row(0.5, 5.0, n)
+    bound = [np.inf if kind == 'c' else draw.uniform(0.5, 3.0) for kind in kinds]
+    return pfd.Robot(
+        name=name,
+        joint_names=tuple(f'joint{i + 1}' for i in range(n)),
+        joint_types=tuple(types[kind] for kind in kinds),
+        rotations=np.array([turn(draw) for _ in kinds]),
+        translations=np.array([[0.4, 0.0, 0.0] if square else row(-0.4, 0.4) for _ in kinds]),
+        masses=np.array(masses),
+        centers=np.array([row(-0.2, 0.2) for _ in kinds]),
+        inertias=np.array([_inertia(draw, mass) for mass in masses]),
+        base_rotation=np.array(turn(draw)),
+        base_position=np.array(row(-0.5, 0.5)),
+        armature=np.array(row(0.01, 0.5, n)),
+        position_lower=-np.array(bound),
+        position_upper=np.array(bound),
+        velocity_limit=np.array(row(1.0, 4.0, n)),
+        effort_limit=np.array(row(10.0, 200.0, n)),
+        damping=np.array(row(0.1, 2.0, n)),
+        friction=np.array(row(0.1, 2.0, n)),
+    )
+
+
+# The double pendulum is planar2.
+ROBOTS: Mapping[str, Callable[[], pfd.Robot]] = {
+    **{name: lambda name=name: pfd.load_robot(name) for name in ('puma560', 'ur5', 'panda')},
+    'planar2': lambda: pfd.load_robot('planar2'),
+    'pendulum': lambda: chain('pendulum', 'r'),
+    'slider': lambda: chain('slider', 'p'),
+    'gantry3': lambda: chain('gantry3', 'ppp', square=True),
+    'mixed5': lambda: chain('mixed5', 'rpcrp'),
+    'dense6': lambda: chain('dense6', 'rcrrrr'),
+    'square8': lambda: chain('square8', 'rrrprrcr', square=True),
+}
+PAYLOAD = pfd.Payload(1.5, (0.02, -0.05, 0.1), np.diag([0.02, 0.03, 0.04]))
+
+
+def _over(n: int, start: float, step: float) -> list[float]:
+    return [start + step * i for i in range(n)]
+
+
+def loads(n: int) -> pfd.Scene:
+    """Return a scene with everything that acts on links, and with brakes."""
+    return pfd.Scene(
+        gravity=(0.3, -0.2, -9.6),
+        damping=_over(n, 0.25, 0.125),
+        armature=_over(n, 0.5, -0.0625),
+        payload=PAYLOAD,
+        external_wrench=True,
+        brakes=True,
+    )
+
+
+def motors(n: int) -> pfd.Scene:
+    """Return a scene with motors that compensate gravity and have limits, and with springs."""
+    return pfd.Scene(
+        effort_limits=_over(n, 30.0, -2.0),
+        torque_speed=[[(0.2 + 0.1 * i, 25.0 + i), (4.0 + i, 1.0)] for i in range(n)],
+        gravity_compensation=pfd.Scene(gravity=(0.0, 0.1, -9.7)),
+        stiffness=_over(n, 5.0, 1.5),
+        rest_position=_over(n, -0.5, 0.25),
+        cogging=[(0.5, 6.0 + i, 0.25 * i) for i in range(n)],
+    )
+
+
+def contact(n: int) -> pfd.Scene:
+    """Return a scene with friction, stops and their restitution."""
+    return pfd.Scene(
+        damping=_over(n, 0.5, 0.125),
+        friction=_over(n, 3.0, -0.375),
+        static_friction=_over(n, 4.0, -0.375),
+        stribeck_velocity=_over(n, 0.125, 0.0625),
+        joint_limits=[(-0.5 - 0.125 * i, 0.375 + 0.125 * i) for i in range(n)],
+        restitution=0.5,
+    )
+
+
+def plain(n: int) -> pfd.Scene:
+    """Return rigid links and gravity."""
+    return pfd.Scene()
+
+
+# A robot and its scene.
+CASES: Mapping[str, tuple[str, Callable[[int], pfd.Scene]]] = {
+    **{name: (name, plain) for name in ROBOTS},
+    'ur5 with loads': ('ur5', loads),
+    'mixed5 with loads': ('mixed5', loads),
+    'mixed5 with motors': ('mixed5', motors),
+    'mixed5 with a payload as an input': ('mixed5', lambda n: pfd.Scene(payload='input')),
+}
+# What a kernel computes: a method of forward dynamics, or another quantity.
+REFINED = ('composite_body', 'grouped_articulated_body', 'articulated_body')
+OTHERS = tuple(name for name in QUANTITIES if name != 'forward_dynamics')
+
+
+@cache
+def robot_of(case: str) -> pfd.Robot:
+    """Return the robot of a case."""
+    return ROBOTS[CASES[case][0]]()
+
+
+def options(case: str) -> dict[str, dict[str, Any]]:
+    """Return the options of each kernel of a case, by the name under which it is stored."""
+    methods = pfd.PAYLOAD_METHODS if case.endswith('an input') else pfd.METHODS
+    found: dict[str, dict[str, Any]] = {name: {'method': name} for name in methods}
+    found |= {f'{m} refined': {'method': m, 'refine': 1} for m in REFINED if m in methods}
+    others = ('derivatives', 'inverse_dynamics') if case.endswith('an input') else OTHERS
+    found |= {name: {'quantity': name} for name in others}
+    # By name, so that the choice of a method is not part of this digest.
+    found['derivatives'] |= {'method': 'composite_body'}
+    return found
+
+
+def spec_of(case: str, dtype: str = 'float64', **how: Any) -> KernelSpec:
+    """Return the spec of a kernel of a case."""
+    robot = robot_of(case)
+    return KernelSpec(robot, CASES[case][1](robot.n), dtype=dtype, **how)
+
+
+# Programs.
+
+
+def _digest(*parts: str) -> str:
+    return hashlib.blake2b('\0'.join(parts).encode(), digest_size=8).hexdigest()
+
+
+def _number(value: float) -> str:
+    # There is one zero (pfd_core.kernels.passes.fold).
+    return struct.pack('>d', value + 0.0).hex()
+
+
+def _nodes(program: Program, rows: Mapping[tuple[int, int], str]) -> list[str]:
+    """Return the digest of each register, given digests of the rows of loops."""
+    nodes: list[str] = []
+    for op, args, data, *_ in program.instructions:
+        operands = [nodes[a] for a in args]
+        if op == 'input':
+            ((name, element),) = data
+            operands = [name, str(element)]
+        elif op == 'constant':
+            operands = [_number(float(data[0]))]
+        elif op in ('add', 'mul'):
+            operands.sort()
+        elif op == 'fma':
+            operands = [*sorted(operands[:2]), operands[2]]
+        elif op == 'state':
+            operands = [rows[args[0], data]]
+        elif op == 'loop':
+            # Its rows stand in `state`; here is what it goes on by.
+            operands = [str(data), *operands[-2:]]
+        elif op == 'end':
+            operands = [operands[0], operands[-1]]
+        elif op == 'result':
+            end = program.instructions[args[0]]
+            row = 'count' if data < 0 else nodes[end.args[1 + data]]
+            operands = [*operands, row]
+        nodes.append(_digest(op, *operands))
+    return nodes
+
+
+def canonical(program: Program) -> list[str]:
+    """Return the digest of each register of a sequential program; see the module."""
+    ends = {one.args[0]: one for one in program.instructions if one.op == 'end'}
+    # The first values of each row, before and in the first iteration.
+    rows: dict[tuple[int, int], str] = {
+        (loop, row): '' for loop, end in ends.items() for row in range(len(end.args) - 2)
+    }
+    nodes = _nodes(program, rows)
+    first = {(loop, row): nodes[program.instructions[loop].args[row]] for loop, row in rows}
+    different = 0
+    while len(set(rows.values())) > different:
+        different = len(set(rows.values()))
+        rows = {
+            (loop, row): _digest('row', first[loop, row], nodes[ends[loop].args[1 + row]])
+            for loop, row in rows
+        }
+        nodes = _nodes(program, rows)
+    return nodes
+
+
+def program_digest(program: Program) -> str:
+    """Return the number of different operations of a program, and its digest."""
+    nodes = canonical(program)
+    inputs = [f'{name}[{count}]' for name, count in sorted(program.inputs.items())]
+    outputs = [
+        f'{output.shape} {" ".join(nodes[register] for register, _ in output.places)}'
+        for output in program.outputs.values()
+    ]
+    kept = ('input', 'constant', 'loop', 'state', 'end', 'result')
+    instructions = zip(program.instructions, nodes, strict=True)
+    operations = {node for instruction, node in instructions if instruction.op not in kept}
+    return f'{len(operations)} operations {_digest(*inputs, *sorted(outputs))}'
+
+
+def programs(case: str, dtype: str, names: Sequence[str] = ()) -> dict[str, dict[str, str]]:
+    """Return the digests of all programs of a case, by kernel and stage, in one format."""
+    found = {}
+    for name, how in options(case).items():
+        if names and name not in names:
+            continue
+        spec = spec_of(case, dtype, **how)
+        stages = source_of(spec)._stages
+        found[name] = {
+            'folded': program_digest(stages.folded),
+            'compiled': program_digest(stages.compiled),
+        }
+    return found
+
+
+def choices(case: str) -> dict[str, str]:
+    """Return the method that `auto` chooses for each quantity with a choice."""
+    found = {}
+    for quantity in ('forward_dynamics', 'derivatives', 'step'):
+        spec = spec_of(case, quantity=quantity)
+        found[quantity] = spec.method + (f', refined {spec.refine}' if spec.refine else '')
+    refined = spec_of(case, refine=1)
+    found['forward_dynamics refined'] = refined.method
+    return found
+
+
+# Results.
+
+
+def bits(*arrays: Any) -> str:
+    """Return the shapes, number formats and digest of some arrays; all NaN are one."""
+    told = []
+    for given in arrays:
+        array = np.array(given, order='C')
+        if array.dtype.kind == 'f':
+            array = np.where(np.isnan(array), np.nan, array + 0.0)
+        told.append(f'{array.dtype.str}{array.shape}{array.tobytes().hex()}')
+    return _digest(*told)
+
+
+def drawn(name: str, low: float, high: float, *shape: int) -> Array:
+    """Return random numbers between two others, the same ones for the same name."""
+    draw = random.Random(name)
+    numbers = [draw.uniform(low, high) for _ in range(int(np.prod(shape)))]
+    return np.array(numbers).reshape(shape)
+
+
+def arguments(case: str, kernel: pfd.Kernel) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Return arguments of a kernel for a batch of STATES, and those that a batch shares."""
+    n = robot_of(case).n
+    ranges = {'q': 3.0, 'qd': 2.0, 'qdd': 5.0, 'tau': 20.0}
+    inputs = kernel.program.inputs
+    found = {name: drawn(name, -most, most, STATES, n) for name, most in ranges.items()}
+    each = {'tau' if k == 'qdd' else k: x for k, x in found.items() if k in inputs}
+    if 'wrench' in inputs:
+        each['wrench'] = drawn('wrench', -10.0, 10.0, STATES, 6)
+    each = {name: x.astype(kernel.dtype) for name, x in each.items()}
+    if kernel.scene.brakes:
+        each['brakes'] = drawn('brakes', 0.0, 1.0, STATES, n) > 0.8
+    return each, {'payload': PAYLOAD} if 'payload' in inputs else {}
+
+
+def result(case: str, name: str, dtype: str) -> str:
+    """Return the digest of what a kernel computes for a batch, and for its first state alone."""
+    robot = robot_of(case)
+    scene = CASES[case][1](robot.n)
+    how = {} if name == 'default' else options(case)[name]
+    kernel = pfd.compile_kernel(robot, scene=scene, dtype=dtype, **how)
+    each, shared = arguments(case, kernel)
+    batch = kernel(**each, **shared)
+    single = kernel(**{key: x[0] for key, x in each.items()}, **shared)
+    assert np.isfinite(batch).all(), f'{case}: {name} is not finite'
+    return bits(batch, single)
+
+
+def results(case: str, dtype: str) -> dict[str, str]:
+    """Return the digests of the results of all kernels of a case in one format."""
+    return {name: result(case, name, dtype) for name in ('default', *options(case))}
+
+
+# Simulations.
+
+STEPS = 200
+
+
+def _start(n: int, *arms: int) -> tuple[Array, Array]:
+    return drawn('start', -0.25, 0.25, *arms, n), drawn('speed', -1.0, 1.0, *arms, n)
+
+
+def _rollout(case: str, scene: Callable[[int], pfd.Scene], **settings: Any) -> str:
+    """Return the digest of a rollout of one arm."""
+    robot = robot_of(case)
+    simulator = pfd.Simulator(robot, scene(robot.n), **settings)
+    simulator.reset(*_start(robot.n))
+    run = simulator.rollout(drawn('taus', -4.0, 4.0, STEPS, robot.n))
+    assert run.status == 'ok'
+    return bits(run.time, run.q, run.qd, run.qdd)
+
+
+def _ensemble(case: str, scene: Callable[[int], pfd.Scene], **settings: Any) -> str:
+    """Return the digest of a rollout of 13 arms with feedback."""
+    robot = robot_of(case)
+    n, arms = robot.n, 13
+    many = pfd.Ensemble(robot, arms, scene(n), **settings)
+    many.reset(*_start(n, arms))
+    law = pfd.Feedback(np.full(n, 2.0), np.full(n, 0.125), drawn('goal', -0.5, 0.5, n))
+    run = many.rollout(drawn('taus', -4.0, 4.0, arms, STEPS, n), feedback=law)
+    assert run.status == 'ok'
+    return bits(run.time, run.q, run.qd, run.qdd)
+
+
+def _linearize(case: str, scene: Callable[[int], pfd.Scene], **settings: Any) -> str:
+    """Return the digest of A, B and the statuses of a step."""
+    robot = robot_of(case)
+    simulator = pfd.Simulator(robot, scene(robot.n), **settings)
+    step = simulator.linearize(*_start(robot.n), drawn('tau', -4.0, 4.0, robot.n))
+    return bits(step.A, step.B, step.status.astype('S'))
+
+
+def _adaptive(case: str, scene: Callable[[int], pfd.Scene], **settings: Any) -> str:
+    """Return the digest of the times and states of an adaptive run."""
+    robot = robot_of(case)
+    q, qd = _start(robot.n)
+    tau = drawn('tau', -4.0, 4.0, robot.n)
+    run = pfd.integrate(robot, tau, 0.5, q=q, qd=qd, scene=scene(robot.n), **settings)
+    assert run.status == 'ok'
+    return bits(run.time, run.q, run.qd)
+
+
+def _lagging(n: int) -> pfd.Scene:
+    return replace(contact(n), motor_lag=_over(n, 0.01, 0.005))
+
+
+SIMULATIONS: Mapping[str, Callable[[], str]] = {
+    'rk4, ur5': lambda: _rollout('ur5', plain, integrator='rk4'),
+    'rk4, ur5, float32': lambda: _rollout('ur5', plain, integrator='rk4', dtype='float32'),
+    'velocity_verlet, panda': lambda: _rollout('panda', plain, integrator='velocity_verlet'),
+    'imex2, puma560': lambda: _rollout('puma560', plain, integrator='imex2', substeps=2),
+    'rk4, mixed5 with friction and stops': lambda: _rollout('mixed5', contact, integrator='rk4'),
+    'velocity_verlet, mixed5 with friction and stops': lambda: _rollout(
+        'mixed5', contact, integrator='velocity_verlet'
+    ),
+    'imex2, mixed5 with friction and stops': lambda: _rollout(
+        'mixed5', contact, integrator='imex2'
+    ),
+    'rk4, planar2 with friction, stops and lag': lambda: _rollout('planar2', _lagging),
+    'ensemble, ur5': lambda: _ensemble('ur5', plain, integrator='rk4'),
+    'ensemble, planar2 with friction and stops': lambda: _ensemble(
+        'planar2', contact, integrator='imex2'
+    ),
+    'linearize, ur5': lambda: _linearize('ur5', plain, integrator='rk4'),
+    'linearize, planar2 with friction and stops': lambda: _linearize(
+        'planar2', contact, integrator='imex2'
+    ),
+    'adaptive, ur5': lambda: _adaptive('ur5', plain),
+    'adaptive, planar2 with friction and stops': lambda: _adaptive('planar2', contact),
+}
+
+
+# Recordings.
+
+GOLDEN = ('golden_2_puma560', 'golden_2_ur5')
+LOGS = (*GOLDEN, 'faulty', 'demo', 'rejected')
+
+
+def golden(name: str) -> str:
+    """Simulate a golden recording again to the same bytes; return the digest of its states."""
+    path = DATA / f'{name}.mcap'
+    summary = read(path, verify=True)
+    assert summary.complete
+    states = read_log(path, topics=['/joint_states'])['/joint_states']
+    assert len(states) == summary.states
+    names = np.array(states.names, 'S')
+    return bits(names, states.stamp_ns, states.position, states.velocity, states.effort)
+
+
+def findings(name: str) -> dict[str, Any]:
+    """Return what the page of a log finds and draws, without sentences."""
+    contents = read_contents(DATA / f'{name}.mcap')
+    first = contents.first
+    return {
+        'first': first and [first.kind, first.joint, round(first.time, 6)],
+        'findings': [
+            {
+                'kind': found.kind,
+                'severity': found.severity,
+                'joint': found.joint,
+                'count': found.count,
+                'times': [[round(x, 6) for x in span] for span in found.spans[:5]],
+            }
+            for found in contents.findings
+        ],
+        'plots': [
+            {
+                'title': plot.title,
+                'topic': plot.source if plot.source.startswith('/') else None,
+                'labels': list(plot.labels),
+                'samples': plot.curve.samples,
+            }
+            for plot in contents.plots
+        ],
+        'checks': {'made': len(contents.checked), 'impossible': len(contents.unchecked)},
+        'notes': len(contents.notes),
+        'span': [round(x, 6) for x in contents.span],
+    }
+
+
+# The files.
+
+
+def stored() -> dict[str, Any]:
+    """Return the contents of digests.json."""
+    found: dict[str, Any] = json.loads(DIGESTS.read_text(encoding='utf-8'))
+    return found
+
+
+def stored_findings(name: str) -> Any:
+    """Return the stored findings of a log."""
+    return json.loads((FINDINGS / f'{name}.json').read_text(encoding='utf-8'))
+
+
+def measure() -> dict[str, Any]:
+    """Return what digests.json holds, computed now."""
+    return {
+        'auto': {case: choices(case) for case in CASES},
+        'programs': {case: {dtype: programs(case, dtype) for dtype in FORMATS} for case in CASES},
+        'results': {case: {dtype: results(case, dtype) for dtype in FORMATS} for case in CASES},
+        'simulations': {name: simulation() for name, simulation in SIMULATIONS.items()},
+        'golden': {name: golden(name) for name in GOLDEN},
+    }
+
+
+def _lines(value: Any, indent: int = 0) -> str:
+    """Return JSON in which the innermost tables of short texts stand on a line each."""
+    if not isinstance(value, dict) or not any(isinstance(item, dict) for item in value.values()):
+        text = json.dumps(value)
+        if len(text) < 120 or not isinstance(value, dict):
+            return text
+    inner = ' ' * (indent + 1)
+    rows = (f'{inner}{json.dumps(k)}: {_lines(item, indent + 1)}' for k, item in value.items())
+    return '{\n' + ',\n'.join(rows) + '\n' + ' ' * indent + '}'
+
+
+def main() -> None:
+    """Write both files."""
+    DIGESTS.write_text(_lines(measure()) + '\n', encoding='utf-8')
+    FINDINGS.mkdir(exist_ok=True)
+    for name in LOGS:
+        text = json.dumps(findings(name), indent=1)
+        (FINDINGS / f'{name}.json').write_text(text + '\n', encoding='utf-8')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,151 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Programs, results, simulations and findings are those stored in test/data (test/digests.py)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import digests
+from digests import CASES, FORMATS, GOLDEN, LOGS, SIMULATIONS, options
+import pytest
+
+import pfd_core as pfd
+from pfd_core.machine.program import Instruction, Output
+
+STORED = digests.stored()
+# Kernels whose results are compared in a fast run: the default of each case, and all of one.
+MANY = 'mixed5'
+FEW = {'ur5': ('default', 'composite_body'), MANY: ('default', 'derivatives', 'pcgm')}
+LONG = pytest.mark.long
+
+
+def different(now: Mapping[str, Any], then: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what differs, by name: now, and then."""
+    names = {**then, **now}
+    return {k: (now.get(k), then.get(k)) for k in names if now.get(k) != then.get(k)}
+
+
+def kernels() -> list[Any]:
+    """Return a parameter for each kernel and format; few of them are in a fast run."""
+    found = []
+    for case in CASES:
+        for dtype in FORMATS:
+            for name in ('default', *options(case)):
+                if dtype == 'float64':
+                    fast = name == 'default' or case == MANY
+                else:
+                    fast = name in FEW.get(case, ())
+                # It takes 4 s to compile.
+                fast &= name != 'divide_and_conquer'
+                marks = () if fast else LONG
+                found.append(pytest.param(case, dtype, name, marks=marks))
+    return found
+
+
+def program(*instructions: Instruction, outputs: tuple[int, ...]) -> pfd.Program:
+    """Return a program of two inputs x and y."""
+    x, y = (Instruction('input', data=(('x', k),)) for k in range(2))
+    places = tuple((register, 0) for register in outputs)
+    result = {'result': Output((len(outputs),), places)}
+    return pfd.Program(1, (x, y, *instructions), {'x': 2}, result)
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_auto_chooses_the_stored_methods(case: str) -> None:
+    assert different(digests.choices(case), STORED['auto'][case]) == {}
+
+
+@pytest.mark.parametrize('dtype', ['float64', pytest.param('float32', marks=LONG)])
+@pytest.mark.parametrize('case', CASES)
+def test_each_program_is_the_stored_one_node_by_node(case: str, dtype: str) -> None:
+    now = digests.programs(case, dtype)
+    assert now.keys() == options(case).keys()
+    assert different(now, STORED['programs'][case][dtype]) == {}
+
+
+@pytest.mark.parametrize(('case', 'dtype', 'name'), kernels())
+def test_a_kernel_has_the_stored_bits(case: str, dtype: str, name: str) -> None:
+    assert digests.result(case, name, dtype) == STORED['results'][case][dtype][name]
+
+
+@pytest.mark.parametrize('name', SIMULATIONS)
+def test_a_simulation_has_the_stored_bits(name: str) -> None:
+    assert SIMULATIONS[name]() == STORED['simulations'][name]
+
+
+@pytest.mark.parametrize('name', GOLDEN)
+def test_a_golden_run_simulated_again_has_the_stored_states(name: str) -> None:
+    assert digests.golden(name) == STORED['golden'][name]
+
+
+@pytest.mark.parametrize('name', LOGS)
+def test_the_page_of_a_log_has_the_stored_findings(name: str) -> None:
+    assert different(digests.findings(name), digests.stored_findings(name)) == {}
+
+
+def test_the_logs_have_findings_of_all_kinds() -> None:
+    found = [one for name in LOGS for one in digests.stored_findings(name)['findings']]
+    assert {one['severity'] for one in found} == {'bad', 'warning', 'note'}
+    kinds = {'gap', 'event', 'rejected input', 'reflex', 'watchdog'}
+    assert {one['kind'] for one in found} == kinds | {
+        f'{name} limit' for name in ('position', 'velocity', 'effort')
+    }
+
+
+def test_digests_are_stored_of_every_robot_method_quantity_and_format() -> None:
+    assert len({robot for robot, _ in CASES.values()}) == 10
+    for table in ('programs', 'results'):
+        assert STORED[table].keys() == CASES.keys()
+        for case, formats in STORED[table].items():
+            assert formats.keys() == set(FORMATS)
+            for stored in formats.values():
+                assert stored.keys() - {'default'} == options(case).keys()
+    assert set(options('ur5')) >= {*pfd.METHODS, 'derivatives', 'energy', 'tip_jacobian'}
+
+
+def test_the_digest_of_a_program_ignores_order_and_numbers_of_instructions() -> None:
+    product, root = Instruction('mul', (0, 1)), Instruction('sqrt', (1,), section='other')
+    one = program(product, root, Instruction('add', (2, 3)), outputs=(4,))
+    other = program(root, product._replace(args=(1, 0)), Instruction('add', (2, 3)), outputs=(4,))
+    assert digests.program_digest(one) == digests.program_digest(other)
+
+
+@pytest.mark.parametrize(
+    'changed',
+    [
+        pytest.param(('sub', (2, 0), (1, 3)), id='operands of a subtraction'),
+        pytest.param(('add', (0, 1), (2, 3)), id='order of additions'),
+    ],
+)
+def test_the_digest_of_a_program_is_of_its_roundings(changed: tuple[Any, ...]) -> None:
+    op, *args = changed
+    constant = Instruction('constant', data=(0.1,))
+    first = program(constant, Instruction(op, (0, 2)), Instruction(op, (3, 1)), outputs=(4,))
+    second = program(constant, *(Instruction(op, pair) for pair in args), outputs=(4,))
+    assert digests.program_digest(first) != digests.program_digest(second)
+
+
+def test_the_digest_of_a_loop_ignores_the_order_of_its_rows() -> None:
+    def loop(a: int, b: int, factor: float = 0.5) -> pfd.Program:
+        """Return x -> x factor, y -> x + y while x > 0, with the rows in the given order."""
+        at = {a: 0, b: 1}
+        half = Instruction('constant', data=(factor,))
+        states = [Instruction('state', (4,), row) for row in (0, 1)]
+        x, y = 5 + a, 5 + b
+        following = {a: 7, b: 8}
+        return program(
+            half,
+            Instruction('constant', data=(0.0,)),
+            Instruction('loop', (at[0], at[1], 0, 3), 10),
+            *states,
+            Instruction('mul', (x, 2)),
+            Instruction('add', (x, y)),
+            Instruction('end', (4, following[0], following[1], 7)),
+            Instruction('result', (9,), b),
+            outputs=(10,),
+        )
+
+    assert digests.program_digest(loop(0, 1)) == digests.program_digest(loop(1, 0))
+    assert digests.program_digest(loop(0, 1)) != digests.program_digest(loop(0, 1, 0.25))

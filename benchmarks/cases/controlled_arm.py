@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-An arm under a controller in discrete time, stored in data/controlled_arm.yaml.
+An arm under a controller in discrete time, and free arms (data/controlled_arm.yaml).
 
 At the beginning of period k the controller reads the state and sets, for the whole period,
 
@@ -9,11 +9,12 @@ At the beginning of period k the controller reads the state and sets, for the wh
 
 a PD law about a reference with torques fed forward: inverse dynamics of the reference, with rotors
 and damping, without friction and limits. The motors bound tau by their effort limits.
+A free arm has no gains and no torques; its periods are the intervals of FREE_PERIOD seconds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +27,8 @@ from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
 
 # Effects that the controller does not know.
 UNKNOWN = ('friction', 'effort limits')
+# Of free arms: seconds of a period, and their number.
+FREE_PERIOD, FREE_PERIODS = 0.1, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +42,8 @@ class ControlledArm:
         The arm, with damping, armature, friction and effort limits.
     period : float
         Time between two torques [s].
-    start : ndarray
-        (n,), position at rest at the beginning [rad].
+    start, velocity : ndarray
+        (n,), state at the beginning [rad, rad/s].
     kp, kd : ndarray
         (n,), gains [N m/rad] and [N m s/rad].
     taus, q, qd : ndarray
@@ -52,6 +55,7 @@ class ControlledArm:
     scene: Scene
     period: float
     start: Array
+    velocity: Array
     kp: Array
     kd: Array
     taus: Array
@@ -78,10 +82,26 @@ class ControlledArm:
         tau: Array = self.taus[k] + self.kp * (self.q[k] - q) + self.kd * (self.qd[k] - qd)
         return tau
 
+
 def stored_arm() -> ControlledArm:
-    """Return the arm of data/controlled_arm.yaml."""
-    row: dict[str, Any] = stored_table('controlled_arm')
+    """Return the stored arm under a controller."""
+    row: dict[str, Any] = stored_table('controlled_arm')['controlled']
     return controlled_arm(load_robot(row.pop('arm')), Scene(**row.pop('scene')), **row)
+
+
+def free_arms() -> Mapping[str, tuple[str, ControlledArm]]:
+    """Return the stored free motions: name -> what distinguishes it, and the arm."""
+    found = {}
+    for name, row in stored_table('controlled_arm')['free'].items():
+        robot = load_robot(row['arm'])
+        zero = np.zeros(robot.n)
+        start, velocity = zero + row['start'], zero + row['velocity']
+        still = np.zeros((FREE_PERIODS, robot.n))
+        arm = ControlledArm(
+            robot, Scene(**row['scene']), FREE_PERIOD, start, velocity, zero, zero, *[still] * 3
+        )
+        found[name] = row['cause'], arm
+    return found
 
 
 def controlled_arm(
@@ -111,5 +131,14 @@ def controlled_arm(
     q, qd, qdd = first + path * y, path * yd, path * ydd
     known = compile_kernel(robot, scene=scene.without(UNKNOWN), quantity='inverse_dynamics')
     return ControlledArm(
-        robot, scene, period, first, np.array(kp), np.array(kd), known(q, qd, qdd), q, qd
+        robot,
+        scene,
+        period,
+        first,
+        0 * first,
+        np.array(kp),
+        np.array(kd),
+        known(q, qd, qdd),
+        q,
+        qd,
     )

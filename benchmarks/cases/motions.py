@@ -3,12 +3,11 @@
 """
 Free motions of arms, without torques, and the bounds of their runs.
 
-    FREE     motions on which integrators are compared
     HARD     motions that are hard to integrate
     ENDS     stored ends of HARD in 25 digits (benchmarks.references.motions computes them)
     CHECKS   runs of HARD with their bounds
 
-FREE and HARD are data/motions.yaml, ENDS is data/motion_references.yaml.
+HARD is data/motions.yaml, ENDS is data/motion_references.yaml.
 """
 
 from __future__ import annotations
@@ -111,7 +110,6 @@ def _motion(
     return Motion(name, cause, chosen, Scene(**effects), q, qd, duration, **reference)
 
 
-FREE = tuple(_stored('free'))
 HARD = tuple(_stored('hard'))
 # Name of a motion of HARD -> angles [rad] as text, `q`, and `self_difference` [rad], the largest
 # distance of an angle from a second computation with longer macro steps.

@@ -13,7 +13,6 @@ from benchmarks.pages import (
     error_controlled,
     error_controlled_text,
     error_evaluations,
-    error_integrators,
 )
 from benchmarks.plots import save
 from benchmarks.table import page
@@ -26,30 +25,35 @@ def measure(quick: bool) -> dict[str, Any]:
     """Return the machine, and what each section measures."""
     return {
         'machine': surroundings(),
-        'controlled': error_controlled.measure(quick),
-        'integrators': error_integrators.measure(quick),
+        'motions': error_controlled.measure(quick),
         'evaluations': error_evaluations.measure(quick),
     }
 
 
 def text(data: Mapping[str, Any]) -> str:
     """Return the page."""
+    controlled, free = _split(data)
     return page(
         'error',
         machine=described(data['machine']),
-        controlled=error_controlled_text.text(data['controlled']),
-        integrators=error_integrators.text(data['integrators']),
+        controlled=error_controlled_text.text(controlled),
+        integrators=error_controlled_text.text_of_free(free),
         evaluations=error_evaluations.text(data['evaluations']),
     )
 
 
 def plots(data: Mapping[str, Any], folder: Path) -> list[Path]:
     """Write the picture of each section."""
-    controlled = partial(error_controlled_text.draw, data['controlled'])
-    integrators = partial(error_integrators.draw, data['integrators'])
-    evaluations = partial(error_evaluations.draw, data['evaluations'])
-    return [
-        *save(controlled, folder, 'error', SIZE, ['png']),
-        *save(integrators, folder, 'error-integrators', WIDE, ['png']),
-        *save(evaluations, folder, 'error-evaluations', WIDE, ['png']),
-    ]
+    controlled, free = _split(data)
+    drawn = (
+        ('error', SIZE, partial(error_controlled_text.draw, controlled)),
+        ('error-integrators', WIDE, partial(error_controlled_text.draw_free, free)),
+        ('error-evaluations', WIDE, partial(error_evaluations.draw, data['evaluations'])),
+    )
+    return [file for name, size, draw in drawn for file in save(draw, folder, name, size, ['png'])]
+
+
+def _split(data: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """Return the measurements of the arm under a controller, and of the free motions."""
+    free = dict(data['motions'])
+    return free.pop(error_controlled.CONTROLLED), free

@@ -1,7 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Time and error of an arm under a controller: integrators, formats, libraries and smaller scenes.
+Time and error of an arm under a controller, and of free motions.
+
+Integrators, number formats, other libraries, and for the controlled arm smaller scenes.
 
     error   largest |q - reference| of a joint at the end of the motion [rad or m]
     time    processor time of the thread for each simulated second: controller, steps and loop. The
@@ -27,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cases.controlled_arm import ControlledArm, stored_arm
+from benchmarks.cases.controlled_arm import ControlledArm, free_arms, stored_arm
 from benchmarks.cases.robots import Array
 from benchmarks.peers.control_loop import (
     IN_CASADI,
@@ -50,6 +52,9 @@ from pfd_core.simulation.step_control import SMALLEST_RTOL
 
 # A turn of a joint [rad].
 LOST = 2 * np.pi
+# Longest step of the second computation of a reference [s].
+LONGEST = 2e-3
+CONTROLLED = 'controlled'
 # A run that takes longer is a long one [s].
 LONG = 0.1
 # Our integrators in fixed steps that resolve friction, with the number formats.
@@ -122,15 +127,36 @@ QUICK = Plan(
 )
 
 
+FREE = Plan(
+    substeps=(10, 20, 50, 100, 200, 500, 1000),
+    ensemble_substeps=(),
+    tolerances=tuple(10.0**-k for k in range(3, 13)),
+    most_left_out=0,
+    ramps=(Softness(1.0),),
+    solvers=SOLVERS[:1],
+    pace=Pace(budget=16.0, turns=20, fewest=3),
+)
+QUICK_FREE = replace(
+    FREE, fixed=QUICK.fixed, substeps=(10, 100), tolerances=(1e-3, 1e-8), pace=QUICK.pace
+)
+
+
 def measure(quick: bool) -> dict[str, Any]:
+    """Return the measurement of the arm under a controller, and of each free motion by name."""
+    measured = {CONTROLLED: _measure(stored_arm(), QUICK if quick else Plan())}
+    for name, (cause, arm) in free_arms().items():
+        measured[name] = {'cause': cause} | _measure(arm, QUICK_FREE if quick else FREE)
+    return measured
+
+
+def _measure(case: ControlledArm, plan: Plan) -> dict[str, Any]:
     """
     Return the reference's differences, runs, roundings, settings of peers and what is missing.
 
     A run is {way, step [s], tolerance, left_out (effects), arms, softness, status, error and
     middle (of worst and median joint) [rad], minimum and median [s a simulated second]}.
     """
-    case, plan = stored_arm(), QUICK if quick else Plan()
-    show_progress('reference of the controlled arm')
+    show_progress(f'reference of a {case.robot.name}')
     wanted, facts = _reference(case, plan.substeps[-1])
     for _ in each(partial(_compile, case), _fixed_rows(case, plan), 'compiling simulations'):
         pass
@@ -144,11 +170,12 @@ def measure(quick: bool) -> dict[str, Any]:
         sides = [Side(row['way'], run, lambda: wanted) for row, run, _ in own]
         found = interleave(sides, 1, plan.pace, time.thread_time)
         for (row, _, _), times in zip(own, found, strict=True):
-            unit = case.periods * case.period * row['arms']
+            unit = case.duration * row['arms']
             row |= {'minimum': times.minimum / unit, 'median': times.median / unit}
     roundings = [_rounding(case, plan, dtype) for dtype in ('float64', 'float32')]
     return {
-        'reference': facts | {'periods': case.periods, 'rate': 1 / case.period},
+        'reference': facts
+        | {'periods': case.periods, 'rate': 1 / case.period, 'seconds': case.duration},
         'runs': sorted((row for row, _, _ in measured), key=_place),
         'roundings': roundings,
         'ramps': [ramp.width for ramp in plan.ramps],
@@ -170,11 +197,11 @@ def _reference(case: ControlledArm, substeps: int) -> tuple[Array, dict[str, Any
         tightest = {'rtol': SMALLEST_RTOL, 'atol': SMALLEST_RTOL, 'refine': 1}
         found = adaptive(case, SMALLEST_RTOL, method=method, max_step=max_step, **tightest)()
         if found.status != 'ok':
-            raise ArithmeticError(f'the controlled arm has no reference: {found.status}')
+            raise ArithmeticError(f'the {case.robot.name} has no reference: {found.status}')
         return found.q
 
     wanted = at_best('articulated_body', np.inf)
-    other = at_best('composite_body', case.period / 5)
+    other = at_best('composite_body', min(case.period / 5, LONGEST))
     fine = fixed(case, case.scene, substeps, 'rk4', 'float64')().q
     off, from_fixed = (float(np.abs(x - wanted).max()) for x in (other, fine))
     return wanted, {'self_difference': off, 'from_fixed': from_fixed, 'substeps': substeps}

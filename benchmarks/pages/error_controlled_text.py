@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Text and picture of an arm under a controller, and its sentences of README, from the rows."""
+"""Text and pictures of an arm under a controller and of free motions, from the rows."""
 
 from __future__ import annotations
 
@@ -32,6 +32,7 @@ STYLES: Mapping[str, tuple[str, str, str]] = {
     'CasADi Euler': (CASADI, 'd', ':'),
     PINOCCHIO: (BLACK, 'D', '-'),
     'MuJoCo Euler': (MUJOCO, '<', ':'),
+    'MuJoCo implicit': (MUJOCO, 'v', '-.'),
     'MuJoCo implicitfast': (MUJOCO, '>', '--'),
     'MuJoCo RK4': (MUJOCO, 'X', '-'),
 }
@@ -90,6 +91,26 @@ def text(data: Mapping[str, Any]) -> str:
     )
 
 
+def text_of_free(data: Mapping[str, Any]) -> str:
+    """Return the section of the free motions, name -> measurement."""
+    sections = []
+    for name, found in data.items():
+        facts = found['reference']
+        lines = [
+            f'### {name}',
+            '',
+            f'{found["cause"]}; {facts["seconds"]:g} s. With another algorithm and shorter steps '
+            f'the reference changes by {order(facts["self_difference"])} rad; it differs by '
+            f'{order(facts["from_fixed"])} rad from rk4 in the shortest steps.',
+            '',
+            *table(_columns(_floor(found), free=True), found['runs']),
+            '',
+            bullets(found['missing'], ''),
+        ]
+        sections.append('\n'.join(lines).rstrip())
+    return page('error-integrators', motions='\n\n'.join(sections))
+
+
 def results_row(data: Mapping[str, Any], tolerance: float) -> dict[str, Any]:
     """
     Return the fastest runs of one arm within a tolerance [rad], with a margin of two.
@@ -131,7 +152,7 @@ def _floor(data: Mapping[str, Any]) -> float:
     return max(float(facts['self_difference']), float(facts['from_fixed']))
 
 
-def _columns(floor: float) -> Columns:
+def _columns(floor: float, free: bool = False) -> Columns:
     """Return the columns of all runs; errors below the floor are not resolved."""
 
     def resolved(error: float) -> str:
@@ -147,15 +168,13 @@ def _columns(floor: float) -> Columns:
             return '-'
         return f'{resolved(row["error"])} / {resolved(row["middle"])}'
 
-    return {
-        'library, integrator, format': 'way',
-        'step or tolerance': setting,
+    first: Columns = {'library, integrator, format': 'way', 'step or tolerance': setting}
+    scene: Columns = {
         'scene': _without,
         'arms': 'arms',
         'friction': lambda row: row['softness'] or '-',
-        'time': times,
-        'error': errors,
     }
+    return {**first, **({} if free else scene), 'time': times, 'error': errors}
 
 
 def scene_errors(rows: Iterable[Row]) -> dict[tuple[str, ...], Row]:
@@ -251,6 +270,33 @@ def draw(data: Mapping[str, Any], figure: Any) -> None:
     logarithmic(axes)
     top.set_xscale('log')
     top.minorticks_off()
+    _draw_runs(axes, data, floor)
+    axes.axhline(1e3, color=GREY, linewidth=0.9, linestyle='-.')
+    axes.text(
+        0.005, 1e3 * 1.08, 'real time', fontsize=8.5, color=GREY, va='bottom',
+        transform=axes.get_yaxis_transform(),
+    )  # fmt: skip
+    axes.set_xlim(LEFT * floor, 2.0)
+    axes.set_xlabel('error of the worst joint after one second [rad]      (left is better)')
+    axes.set_ylabel('time of one simulated second on one thread [ms]\n(down is better)')
+    figure.legend(loc='outside lower center', ncols=4, fontsize=8, frameon=False)
+
+
+def draw_free(data: Mapping[str, Any], figure: Any) -> None:
+    """Draw time over error of each free motion, name -> measurement."""
+    panels = figure.subplots(1, len(data), squeeze=False, sharey=True)[0]
+    for axes, (name, found) in zip(panels, data.items(), strict=True):
+        logarithmic(axes)
+        _draw_runs(axes, found, _floor(found))
+        axes.set_title(f'{name}, {found["reference"]["seconds"]:g} s', fontsize=10)
+        axes.set_xlabel('error of the worst joint at the end [rad]')
+    panels[0].set_ylabel('time of one simulated second on one thread [ms]')
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc='outside lower center', ncols=5, fontsize=8, frameon=False)
+
+
+def _draw_runs(axes: Any, data: Mapping[str, Any], floor: float) -> None:
+    """Draw time over error of every way with all effects; open where of many arms."""
     whole = [row for row in data['runs'] if not row['left_out'] and row['minimum'] is not None]
     many = max((row['arms'] for row in whole), default=1)
     for way, (colour, marker, line) in STYLES.items():
@@ -263,19 +309,10 @@ def draw(data: Mapping[str, Any], figure: Any) -> None:
                 markersize=9 if marker == '*' else 6, label=way if arms == 1 else None,
                 markerfacecolor=colour if arms == 1 else 'white',
             )  # fmt: skip
-        if way == LAST_OF_OURS:
+        if way == LAST_OF_OURS and many > 1:
             # At this place of the legend, whose columns then have one library each.
             label = f'open: each of {many} equal arms'
             axes.plot([], [], 'ko', markerfacecolor='white', label=label)
-    axes.axhline(1e3, color=GREY, linewidth=0.9, linestyle='-.')
-    axes.text(
-        0.005, 1e3 * 1.08, 'real time', fontsize=8.5, color=GREY, va='bottom',
-        transform=axes.get_yaxis_transform(),
-    )  # fmt: skip
-    axes.set_xlim(LEFT * floor, 2.0)
-    axes.set_xlabel('error of the worst joint after one second [rad]      (left is better)')
-    axes.set_ylabel('time of one simulated second on one thread [ms]\n(down is better)')
-    figure.legend(loc='outside lower center', ncols=4, fontsize=8, frameon=False)
 
 
 def _bars(data: Mapping[str, Any], floor: float) -> list[tuple[str, str, float, float]]:

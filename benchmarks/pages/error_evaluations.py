@@ -38,7 +38,7 @@ from benchmarks.plots import (
 )
 from benchmarks.references.accelerations import Reference, errors, kappa_s, reference
 from benchmarks.run import each, show_progress
-from benchmarks.table import Cells, bullets, grid, lines_of, order, page, short
+from benchmarks.table import Cells, bullets, grid, order, page, short
 from benchmarks.timing import Pace, interleave
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.model import Robot
@@ -200,52 +200,36 @@ def _bound(kernel: Any, states: Sequence[NDArray[Any]]) -> Callable[[], object]:
 
 def text(data: Mapping[str, Any]) -> str:
     """Return the section of the page."""
-    most = max(point['batch'] for point in data['points'])
-    cells: Cells = {}
-    for case in data['cases']:
-        name = case['name']
-        cells[name, 'kappa_s'] = f'{case["kappa_s"]:.1e}'
-        for point in data['points']:
-            if (point['case'], point['batch']) == (name, most):
-                cells[name, _title(point)] = _time_and_error(point)
-    sections = []
-    for case in data['cases']:
-        own = [point for point in data['points'] if point['case'] == case['name']]
-        facts = (
-            f'{case["cause"]}. n = {case["n"]}, {case["states"]} state'
-            f'{"s" * (case["states"] > 1)}, kappa_s {case["kappa_s"]:.1e}.'
-        )
-        sections.append('\n'.join([f'### {case["name"]}', '', facts, '', *_table(own)]))
+    sizes = sorted({point['batch'] for point in data['points']})
+    one, many = (_grid(data, size) for size in (1, sizes[-1]))
     return page(
         'error-evaluations',
-        many=most,
-        summary=grid(cells, 'case'),
-        cases='\n\n'.join(sections),
+        many=sizes[-1],
+        batch=many,
+        call=one,
+        causes=bullets((f'{case["name"]}: {case["cause"]}' for case in data['cases']), ''),
         missing=bullets(data['missing'], 'Nothing.'),
     )
+
+
+def _grid(data: Mapping[str, Any], size: int) -> list[str]:
+    """Return a row for each case, a column for each way: time, error and units of kappa_s u."""
+    cells: Cells = {}
+    for case in data['cases']:
+        name = f'{case["name"]}, n = {case["n"]}'
+        cells[name, 'kappa_s'] = f'{case["kappa_s"]:.1e}'
+        for point in data['points']:
+            if (point['case'], point['batch']) == (case['name'], size):
+                units = '' if point['in_units'] is None else f' ({short(point["in_units"])})'
+                time = short(point['minimum'] * 1e9)
+                cells[name, _title(point)] = f'{time}, {order(point["error"])}{units}'
+    return grid(cells, 'case')
 
 
 def _title(point: Mapping[str, Any]) -> str:
     if point['library'] != 'pfd':
         return str(point['way'])
     return f'pfd {point["dtype"]}{", refined" * point["refine"]}'
-
-
-def _time_and_error(point: Mapping[str, Any]) -> str:
-    return f'{short(point["minimum"] * 1e9)}, {order(point["error"])}'
-
-
-def _table(points: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a row for each way: least / median time [ns], and error, in units of kappa_s u."""
-    lines = []
-    for point in points:
-        size = point['batch']
-        units = '' if point['in_units'] is None else f' ({short(point["in_units"])})'
-        times = f'{short(point["minimum"] * 1e9)} / {short(point["median"] * 1e9)}'
-        lines.append([size, _title(point), times, order(point['error']) + units])
-    return lines_of(
-        ['states in a call', 'way', 'time of a state [ns]', 'error (kappa_s u)'], lines
-    )
 
 
 def draw(data: Mapping[str, Any], figure: Any) -> None:

@@ -42,7 +42,7 @@ from pfd_core.simulation.feedback import Feedback
 # Integrators around CasADi's C: functions of data/casadi.c.
 IN_CASADI = {'CasADi RK4': 'rollout', 'CasADi Verlet': 'verlet', 'CasADi Euler': 'euler'}
 PINOCCHIO = 'Pinocchio C++ RK4'
-MUJOCO = ('MuJoCo Euler', 'MuJoCo implicitfast', 'MuJoCo RK4')
+MUJOCO = ('MuJoCo Euler', 'MuJoCo implicit', 'MuJoCo implicitfast', 'MuJoCo RK4')
 # Absolute tolerance of our adaptive integrator over the relative one.
 ABSOLUTE = 1e-3
 
@@ -110,10 +110,10 @@ def fixed(
     )
     law = Feedback(case.kp, case.kd, case.q, case.qd)
     start = np.tile(case.start, (arms, 1))
-    rest = np.zeros_like(start)
+    velocity = np.tile(case.velocity, (arms, 1))
 
     def run() -> Answer:
-        arm.reset(start, rest)
+        arm.reset(start, velocity)
         # Only the last state is kept.
         status = arm.rollout(case.taus, feedback=law, every=case.periods).status
         return _answer(arm.q[0]) if status == 'ok' else _failed(status, arm.q[0])
@@ -126,7 +126,7 @@ def adaptive(case: ControlledArm, tolerance: float, **settings: Any) -> Run:
     settings = {'rtol': tolerance, 'atol': tolerance * ABSOLUTE, 'dense': False} | settings
 
     def run() -> Answer:
-        q, qd = case.start, np.zeros(case.robot.n)
+        q, qd = case.start, case.velocity
         for k in range(case.periods):
             tau = case.torques(k, q, qd)
             found = integrate(
@@ -189,7 +189,7 @@ def mujoco_arm(case: ControlledArm) -> Simulate:
         # The arrays whose addresses C holds live as long as this function.
         def run(held: object = arrays) -> Answer:
             mj.mj_resetData(model, data)
-            data.qpos[:] = case.start
+            data.qpos[:], data.qvel[:] = case.start, case.velocity
             end = advance()
             # After a warning about a number that is too large MuJoCo restarts from its initial
             # state; any other warning makes its answer invalid, too.
@@ -221,7 +221,7 @@ def _around(case: ControlledArm, advance: Any, arm: Any, substeps: int) -> Run:
     control = _library(case.robot.n).control
 
     def run() -> Answer:
-        q[:], qd[:] = case.start, 0.0
+        q[:], qd[:] = case.start, case.velocity
         control(advance, arm, *given)
         return _answer(q, qd)
 

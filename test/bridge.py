@@ -555,7 +555,6 @@ PATCHED = {
     'MOTION_MOST_STEPS': 'pfd_ros.advice.motions:MOST_STEPS',
     # pfd_ros.cli: the command pfd
     'doctor_bare_timer': 'pfd_ros.cli.doctor:bare_timer',
-    'pfd_stop_on_signals': 'pfd_ros.cli.main:stop_on_signals',
     'pfd_replay_run': 'pfd_ros.cli.replay:run',
 }
 
@@ -565,6 +564,7 @@ PATCHED = {
 # are functions of arrays and plain values, named tuples, constants and errors.
 OBJECTS = (
     'Actuators',
+    'Advice',
     'Arm',
     'ArmDiagnostics',
     'ArrayEncoder',
@@ -601,6 +601,7 @@ OBJECTS = (
     'LogSession',
     'MassKernels',
     'MeshFolders',
+    'Motion',
     'open_run_log',
     'Plant',
     'PlayerSchedule',

@@ -13,7 +13,6 @@ import sys
 import threading
 import time
 
-import bridge
 import numpy as np
 
 import pfd_core as pfd
@@ -26,7 +25,8 @@ LIFETIME = 60.0
 def compute(count: int, kernel: pfd.Kernel | None = None) -> None:
     """Compute with some threads, and see that the bits are those of one."""
     kernel = kernel or pfd.compile_kernel(pfd.load_robot('planar2'))
-    x = np.linspace(-1, 1, 4000).reshape(2000, 2)
+    # So many states that their work is shared among threads.
+    x = np.linspace(-1, 1, 400_000).reshape(200_000, 2)
     np.testing.assert_array_equal(kernel(x, x, x, threads=count), kernel(x, x, x))
 
 
@@ -126,7 +126,4 @@ WAYS: dict[str, Callable[[int], None]] = {
 STATUSES = {'by SystemExit': STATUS, 'by SIGINT': -signal.SIGINT}
 
 if __name__ == '__main__':
-    # A small batch is worth a worker.
-    bridge.put('MIN_BLOCK_WORK', 1)
-    bridge.put('SINGLE_THREAD_WORK', 0)
     WAYS[sys.argv[1]](int(sys.argv[2]))

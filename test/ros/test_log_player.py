@@ -17,8 +17,7 @@ import sys
 import time
 from typing import Any
 
-import bridge
-from bridge import Bag, decode_clock, encode_string, pfd_main, qos_text
+from bridge import Bag, decode_clock, encode_string, qos_text
 from forked_process import failing
 import pytest
 from rewriting import (
@@ -565,19 +564,11 @@ def test_a_log_that_cannot_be_published_is_one_line_and_status_1(
     ],
 )
 def test_options_that_make_no_sense_have_status_2(
-    options: tuple[str, ...],
-    line: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    processes: Processes, options: tuple[str, ...], line: str
 ) -> None:
-    # The handlers of signals are those of pytest.
-    monkeypatch.setattr(*bridge.target('pfd_stop_on_signals'), lambda: None)
-    try:
-        status = pfd_main(['replay', str(GOLDEN), '--publish', *options])
-    except SystemExit as error:
-        status = error.code
-    assert status == 2
-    assert line in capsys.readouterr().err
+    player = start(processes, GOLDEN, *options)
+    assert player.process.wait(60) == 2
+    assert line in player.text()
 
 
 @pytest.mark.parametrize('name', ['panda_exciting_trajectory', 'ur10_exciting_trajectory'])

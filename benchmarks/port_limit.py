@@ -30,12 +30,12 @@ from numpy.typing import NDArray
 from benchmarks.peers.work import LeftOutError, Side, Work, named
 from benchmarks.timing import Pace, Times, interleave
 from pfd_core.algorithms.programs import ITERATIVE
+from pfd_core.algorithms.quantities import QUANTITIES
 from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.module import module
 from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.passes.schedule import LONGEST
-from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.kernels.runtime.jit import compile_ir, simd_width
 from pfd_core.kernels.runtime.processor import current
 

@@ -1,12 +1,90 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fill the blocks of README.md and the guides from docs/report: `python benchmarks/readme.py`."""
+"""
+Fill the blocks of README.md and the guides from docs/report: `python -m benchmarks.readme`.
+
+A block lies between `<!-- NAME -->` and `<!-- /NAME -->`; links in it are from the project's root.
+To add a block: a row of BLOCKS, and its two marks in a file of FILES.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+import re
+import sys
+from typing import Any
 
-from pfd_core.report import blocks
+from benchmarks.__main__ import EXPECTED, FOLDER, page_named, stored
+from benchmarks.pages import counts, derivatives, error, hard_cases, speed
+from benchmarks.table import table
+
+ROOT = Path(__file__).resolve().parents[1]
+FILES = ('README.md', 'docs/guides/speed-and-accuracy.md')
+MARKED = re.compile(r'(<!-- ([\w-]+) -->\n).*?(<!-- /\2 -->)', re.DOTALL)
+# Of the table of results: a page, and the function of its data that returns rows with the keys of
+# RESULT, as text. The next row is of the page error.
+ROWS: Sequence[tuple[str, Callable[[Any], list[dict[str, str]]]]] = (
+    ('speed', speed.results_rows),
+)
+RESULT = {
+    '': 'what',
+    'pfd': 'ours',
+    'fastest peer': 'peer',
+    'its time': 'theirs',
+    'its time over ours': 'speed-up',
+}
+
+
+def _results(*found: Any) -> str:
+    rows = (rows_of(data) for (_, rows_of), data in zip(ROWS, found, strict=True))
+    return '\n'.join(table(RESULT, [row for some in rows for row in some])) + '\n'
+
+
+# Name of a block: pages, and the function of their data that returns its text.
+BLOCKS: Mapping[str, tuple[Sequence[str], Callable[..., str]]] = {
+    'results': ([name for name, _ in ROWS], _results),
+    'speed-headline': (['speed'], speed.headline),
+    'speed-table': (['speed'], speed.guide_table),
+    'speed-notes': (['speed'], speed.guide_notes),
+    'controlled-arm': (['error'], error.summary),
+    'hard-cases': (['hard-cases'], hard_cases.summary),
+    'derivatives': (['derivatives'], derivatives.summary),
+    'paper': (['counts', 'claims'], counts.summary),
+}
+
+
+def block(name: str, folder: Path = ROOT / FOLDER) -> str:
+    """Return the text of a block from the JSON of its pages; ValueError for an unknown block."""
+    if name not in BLOCKS:
+        raise ValueError(f'unknown block {name!r}; the blocks are {", ".join(BLOCKS)}')
+    pages, write = BLOCKS[name]
+    return write(*(stored(page_named(x), folder / f'{x}.json')['data'] for x in pages))
+
+
+def filled(name: str) -> str:
+    """Return a file of FILES with its blocks filled."""
+
+    def replaced(match: re.Match[str]) -> str:
+        text = block(match[2])
+        links = text.replace('](docs/', '](../') if name.startswith('docs/') else text
+        return f'{match[1]}{links}{match[3]}'
+
+    return MARKED.sub(replaced, (ROOT / name).read_text(encoding='utf-8'))
+
+
+def main() -> int:
+    """Fill the blocks of all files; a file whose blocks lack data stays as it is."""
+    status = 0
+    for name in FILES:
+        try:
+            (ROOT / name).write_text(filled(name), encoding='utf-8')
+            print(name)
+        except EXPECTED as error_of_block:
+            print(f'{name} was not filled: {error_of_block}', file=sys.stderr)
+            status = 1
+    return status
+
 
 if __name__ == '__main__':
-    print('\n'.join(map(str, blocks.fill(Path(__file__).resolve().parent.parent))))
+    sys.exit(main())

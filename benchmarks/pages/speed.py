@@ -69,7 +69,7 @@ OF_QUANTITY: dict[str, Callable[[Robot, str], Peer]] = {
 
 
 class Plan(NamedTuple):
-    """Robots, batches, steps of a rollout, pace; robots of first results and of quantities."""
+    """Robots, batches, steps of a rollout, pace, robots of first results and of quantities."""
 
     robots: Sequence[str]
     sizes: Sequence[int]
@@ -77,11 +77,14 @@ class Plan(NamedTuple):
     pace: Pace
     firsts: Sequence[str]
     quantities: Sequence[str]
+    makers: Mapping[str, Callable[[Robot], Peer]]
 
 
 SIZES = (1, 64, 512, 4096, 65536)
-FULL = Plan((*ARMS, *CHAINS), SIZES, 1000, Pace(budget=3.0), ARMS[:2], ARMS[:2])
-QUICK = Plan(('ur5',), SIZES[:2], 10, Pace(chunk=1e-4, turns=3), (), ('planar2',))
+FULL = Plan((*ARMS, *CHAINS), SIZES, 1000, Pace(budget=3.0), ARMS[:2], ARMS[:2], MAKERS)
+# Without the peers that take long to compile.
+FAST = {name: make for name, make in MAKERS.items() if name not in (CPP, 'frax')}
+QUICK = Plan(('ur5',), SIZES[:2], 10, Pace(chunk=1e-4, turns=3), (), ('planar2',), FAST)
 
 
 def measure(quick: bool) -> dict[str, Any]:
@@ -93,7 +96,7 @@ def measure(quick: bool) -> dict[str, Any]:
         arm, reasons = robot(name), dict[str, str]()
         works = list(_works(arm, plan))
         first = data['first'] if name in plan.firsts else None
-        peers = list(_made(arm, works, reasons, first))
+        peers = list(_made(arm, plan.makers, works, reasons, first))
         _add(data, arm, FORWARD, works, peers, plan.pace, reasons)
         vectors = (peer for peer in peers if isinstance(peer, VectorCasadi))
         if 'sines' not in data:
@@ -129,10 +132,14 @@ def _works(arm: Robot, plan: Plan) -> Iterator[Work]:
 
 
 def _made(
-    arm: Robot, works: list[Work], reasons: dict[str, str], first: list[Row] | None
+    arm: Robot,
+    makers: Mapping[str, Callable[[Robot], Peer]],
+    works: list[Work],
+    reasons: dict[str, str],
+    first: list[Row] | None,
 ) -> Iterator[Peer]:
     """Yield the peers of a robot; exclusions, and times to a first result, are added."""
-    for name, make in MAKERS.items():
+    for name, make in makers.items():
         show_progress(f'{arm.name}: making {name}')
         try:
             if first is None:

@@ -354,11 +354,11 @@ class Casadi(Peer):
         self.kept: list[object] = []
 
     def rollout(
-        self, step: float, q: Array, qd: Array, taus: Array, substeps: int = 1
+        self, step: float, q: Array, qd: Array, taus: Array, substeps: int = 1, width: float = 0.0
     ) -> partial[None]:
         """Return a call that moves q and qd, (n,), in place, as PinocchioCpp.rollout does."""
         steps = (ctypes.c_longlong(len(taus)), ctypes.c_longlong(substeps), ctypes.c_double(step))
-        effects, *arrays = map(address, (torques_if_any(self.plant), q, qd, taus))
+        effects, *arrays = map(address, (torques_if_any(self.plant, width), q, qd, taus))
         return partial(self.library.rollout, effects, *steps, *arrays)
 
     def _calls(self, work: Work) -> Iterator[Side]:

@@ -28,6 +28,8 @@ Evaluation = Callable[[Array, Array, Array], Array]
 Differentiation = Callable[[Array, Array, Array], tuple[Array, Array]]
 
 THREADS = (1, 2)
+# States of the largest batch in a loop in Python.
+MOST_IN_PYTHON = 4096
 CODE = 'C++ for any robot, as in the wheel'
 SINGLE = Contents(CODE, 'Python')
 SEVERAL = Contents(CODE, 'Python, four calls')
@@ -136,9 +138,11 @@ class Pinocchio(Peer):
                 wanted=partial(self.one_by_one, work),
                 contents=LOOP,
             )
-        aba, result = partial(self.pin.aba, self.model, self.data), partial(self.one_by_one, work)
-        run = partial(one_by_one, aba, list(zip(*work.arrays, strict=True)))
-        yield Side('Python loop over pinocchio.aba', run, result, contents=PYTHON_LOOP)
+        if work.units <= MOST_IN_PYTHON:
+            aba = partial(self.pin.aba, self.model, self.data)
+            run = partial(one_by_one, aba, list(zip(*work.arrays, strict=True)))
+            result = partial(self.one_by_one, work)
+            yield Side('Python loop over pinocchio.aba', run, result, contents=PYTHON_LOOP)
 
 
 def _copied(run: Callable[[], Array]) -> Array:

@@ -1,0 +1,349 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page speed: peers do the same work, sides take turns, the page tells gains and losses."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+import ctypes
+from dataclasses import replace
+from functools import partial
+from importlib.util import find_spec
+import json
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks import port_limit, timing
+from benchmarks.cases.quantities import random_states
+from benchmarks.cases.robots import mechanism, robot
+from benchmarks.pages import speed
+from benchmarks.peers import casadi, native, ours, pinocchio
+from benchmarks.peers.dynibo import Dynibo
+from benchmarks.peers.mujoco import Mujoco
+from benchmarks.peers.pinocchio import Pinocchio
+from benchmarks.peers.pinocchio_cpp import PinocchioCpp
+from benchmarks.peers.vector_casadi import ULPS, VectorCasadi, sine_error
+from benchmarks.peers.work import LeftOutError, Peer, Side, Work, valid_sides, work_of
+from benchmarks.port_limit import Loop, loop_ir
+from benchmarks.table import json_text
+from benchmarks.timing import Pace, largest_difference
+import pfd_core as pfd
+from pfd_core.kernels.codegen.spelling import Format
+from pfd_core.model import resolve
+
+COMPILERS = [name for name in ('gcc', 'clang') if shutil.which(name)]
+COMPILED = pytest.mark.skipif(not COMPILERS, reason='needs a C compiler')
+# Of results that are rounded in another order, on arms that lose few digits.
+CLOSE = 1e-10
+PEERS: dict[str, Callable[[pfd.Robot], Peer]] = {
+    'Pinocchio': Pinocchio,
+    'MuJoCo': Mujoco,
+    'composite_body': partial(ours.make, 'composite_body', 'float64'),
+    'articulated bodies': casadi.Casadi,
+    'composite bodies': partial(casadi.Casadi, method=casadi.COMPOSITE),
+    'vectors': partial(VectorCasadi, compiler=(COMPILERS or ['gcc'])[0]),
+}
+
+
+def works(arm: pfd.Robot, states: int) -> list[Work]:
+    known = random_states(arm, states)
+    q, qd, tau = (known[name] for name in ('q', 'qd', 'tau'))
+    call, rollout = Work('call', q[0], qd[0], tau[0]), Work('rollout', q[0], qd[0], tau[0], 5)
+    return [call, rollout, Work('batch', q, qd, tau)]
+
+
+def wanted(arm: pfd.Robot, work: Work) -> np.ndarray:
+    side = Pinocchio(arm).side(work)
+    side.run()
+    return np.array((side.wanted or side.result)(), float)
+
+
+def made(make: Callable[[pfd.Robot], Peer], arm: pfd.Robot) -> Peer:
+    try:
+        return make(arm)
+    except LeftOutError as reason:
+        pytest.skip(str(reason))
+
+
+@pytest.mark.parametrize('axes', ['zyXy', 'zZ'])
+@pytest.mark.parametrize('name', PEERS)
+def test_peers_give_pinocchios_results_also_of_slides(name: str, axes: str) -> None:
+    arm = mechanism(axes)
+    peer, ways = made(PEERS[name], arm), 0
+    # Not a multiple of the lanes.
+    for work in works(arm, 13):
+        for side in peer.sides(work):
+            side.run()
+            assert largest_difference(side.result(), wanted(arm, work)) < CLOSE, side.way
+            ways += 1
+    assert ways >= 2
+
+
+@COMPILED
+@pytest.mark.long
+def test_pinocchio_in_cpp_gives_pinocchios_results() -> None:
+    arm = mechanism('zyXy')
+    peer = PinocchioCpp(arm)
+    for work in works(arm, 13):
+        for side in peer.sides(work):
+            side.run()
+            assert largest_difference(side.result(), wanted(arm, work)) < CLOSE, side.way
+
+
+@COMPILED
+@pytest.mark.long
+def test_casadi_and_pinocchio_in_cpp_simulate_one_arm_with_limits_and_friction() -> None:
+    scene = pfd.Scene(
+        damping=[1.0] * 6, armature='model', friction=[2.0] * 6, effort_limits='model'
+    )
+    plant, width, h = resolve(robot('ur5'), scene), 1e-2, 2.5e-4
+    rng = np.random.default_rng(4)
+    start, taus = rng.uniform(-1, 1, (2, 6)), rng.uniform(-200, 200, (20, 6))
+    ends = []
+    peers = [casadi.Casadi(plant, method=method) for method in casadi.METHODS]
+    for advance in (
+        PinocchioCpp(plant, width).rollout,
+        *(partial(peer.rollout, width=width) for peer in peers),
+    ):
+        q, qd = start.copy()
+        advance(h, q, qd, taus, substeps=4)()
+        ends.append(np.array([q, qd]))
+    assert np.abs(ends[0] - start).max() > 1e-3
+    np.testing.assert_allclose(ends[1:], ends[:1] * 2, rtol=0, atol=1e-11)
+
+
+@COMPILED
+@pytest.mark.parametrize('compiler', COMPILERS)
+def test_the_vector_sine_keeps_its_stated_error(compiler: str) -> None:
+    assert sine_error(VectorCasadi(robot('planar2'), compiler)) < ULPS
+
+
+@COMPILED
+@pytest.mark.parametrize('states', [1, 8, 15])
+def test_vectors_of_states_work_in_both_orders_for_any_number_of_states(states: int) -> None:
+    arm = robot('ur5')
+    _, _, batch = works(arm, states)
+    for side in VectorCasadi(arm, COMPILERS[0]).sides(batch):
+        side.run()
+        assert side.result().shape == (states, 6)
+        assert largest_difference(side.result(), wanted(arm, batch)) < CLOSE
+
+
+def test_dynibo_has_the_same_arm_at_its_own_gravity() -> None:
+    arm = robot('ur5')
+    call = works(arm, 1)[0]
+    side = made(Dynibo, arm).side(call)
+    side.run()
+    assert side.wanted is not None
+    assert largest_difference(side.result(), side.wanted()) < CLOSE
+    assert largest_difference(side.result(), wanted(arm, call)) > 1e-5
+
+
+# JAX warns in every process that is forked later: not in this one.
+WITH_FRAX = """
+from benchmarks.peers.frax import Frax
+from benchmarks.timing import largest_difference
+from test_benchmarks_speed import robot, wanted, works
+arm = robot('ur5')
+for work in works(arm, 3)[::2]:
+    side = Frax(arm).side(work)
+    side.run()
+    print(largest_difference(side.result(), wanted(arm, work)))
+"""
+
+
+@pytest.mark.slow
+def test_frax_has_the_same_arm() -> None:
+    if find_spec('frax') is None:
+        pytest.skip('needs frax')
+    here = Path(__file__).resolve().parent
+    path = os.pathsep.join([str(here), str(here.parent), *sys.path])
+    command, environment = [sys.executable, '-c', WITH_FRAX], {**os.environ, 'PYTHONPATH': path}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert [float(line) < CLOSE for line in done.stdout.split()] == [True, True]
+
+
+@pytest.mark.parametrize('quantity', pinocchio.FUNCTIONS)
+def test_quantities_of_ours_and_of_casadi_are_pinocchios(quantity: str) -> None:
+    arm = mechanism('zyXy')
+    for kind in ('call', 'batch'):
+        work = work_of(kind, quantity, random_states(arm, 3))
+        known = pinocchio.PinocchioQuantity(arm, quantity).side(work)
+        known.run()
+        peers: list[Peer] = [ours.make_quantity(quantity, 'float64', 0, arm)]
+        if quantity in casadi.ALGORITHMS and COMPILERS:
+            peers.append(casadi.Casadi(arm, quantity))
+        for side in (side for peer in peers for side in peer.sides(work)):
+            side.run()
+            assert largest_difference(side.result(), known.result()) < CLOSE, side.way
+
+
+def test_a_run_of_which_mujoco_warns_is_excluded() -> None:
+    _, _, batch = works(robot('ur5'), 3)
+    reasons: dict[str, str] = {}
+    lost = replace(batch, q=1e12 * batch.q)
+    assert not valid_sides(made(Mujoco, robot('ur5')).sides(lost), reasons)
+    assert all('BADQPOS' in reason for reason in reasons.values())
+    assert reasons
+
+
+def test_without_a_compiler_peers_in_c_are_left_out_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(native.shutil, 'which', lambda name: None)
+    for make in (casadi.Casadi, VectorCasadi):
+        with pytest.raises(LeftOutError, match='no C compiler'):
+            make(robot('planar2'))
+
+
+@COMPILED
+def test_a_source_is_compiled_once_for_each_content_option_and_version_of_headers(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv(speed.VARIABLE, str(tmp_path))
+    source = 'int answer(void) { return 42; }'
+    with native.built(native.C, source, headers='1') as first:
+        assert ctypes.CDLL(str(first)).answer() == 42
+
+    def refuse(command: list[str]) -> None:
+        raise LeftOutError(f'compiled again: {command}')
+
+    monkeypatch.setattr(native, '_compile', refuse)
+    with native.built(native.C, source, headers='1') as again:
+        assert ctypes.CDLL(str(again)).answer() == 42
+    for code, options, headers in (
+        (f'{source}\n', [], '1'),
+        (source, ['-DOTHER'], '1'),
+        (source, [], '2'),
+    ):
+        other = native.built(native.C, code, *options, headers=headers)
+        with pytest.raises(LeftOutError, match='compiled again'), other:
+            pass
+
+
+class Clock:
+    """Seconds that pass only when a side works."""
+
+    def __init__(self) -> None:
+        self.now, self.slow = 0.0, 1.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def side(self, seconds: float, reference: bool = False) -> Side:
+        def run() -> None:
+            self.now += seconds * self.slow
+
+        return Side('', run, lambda: np.ones(2), reference)
+
+
+def test_times_are_per_unit_and_ratios_are_of_neighbouring_turns() -> None:
+    clock = Clock()
+    sides = [clock.side(8.0, reference=True), clock.side(0.5)]
+    pace = Pace(chunk=16.0, turns=5, budget=1e9)
+    peer, own = timing.interleave(sides, 4, pace, clock)
+    assert (peer.minimum, peer.median, peer.times) == (2.0, 2.0, 1.0)
+    assert (own.minimum, own.median, own.times) == (0.125, 0.125, 16.0)
+
+
+def test_a_machine_that_slows_down_changes_the_median_but_not_the_ratio() -> None:
+    clock = Clock()
+    slow = iter([1.0] * 4 + [8.0] * 4)
+    sides = [clock.side(4.0, reference=True), clock.side(1.0)]
+    sides = [
+        replace(s, run=lambda s=s: (setattr(clock, 'slow', next(slow)), s.run())) for s in sides
+    ]
+    peer, own = timing.interleave(sides, 1, Pace(chunk=1e-9, turns=3, budget=1e9), clock)
+    assert (own.minimum, own.median, peer.median, own.times) == (1.0, 8.0, 32.0, 4.0)
+
+
+@pytest.mark.parametrize(('seconds', 'turns'), [(1.0, 10), (3.0, 4), (50.0, 2)])
+def test_a_long_work_has_fewer_turns_but_never_less_than_the_fewest(
+    seconds: float, turns: int
+) -> None:
+    clock = Clock()
+    pace = Pace(chunk=1e-9, turns=10, fewest=2, budget=12.0)
+    timing.interleave([clock.side(seconds, reference=True)], 1, pace, clock)
+    # Once to see how long it takes.
+    assert clock.now == (turns + 1) * seconds
+
+
+WRITTEN = {'fadd': 'add', 'fsub': 'sub', 'fmul': 'mul', 'fdiv': 'div', 'fneg': 'neg', 'fma': 'fma'}
+
+
+@pytest.mark.parametrize('name', ['ur5', 'planar2'])
+def test_the_loop_of_the_limit_holds_exactly_the_operations_of_the_kernel(name: str) -> None:
+    counts = pfd.compile_kernel(robot(name), method='composite_body').operations['compiled']
+    found = re.findall(r'= (fadd|fsub|fmul|fdiv|fneg) |= call .*llvm\.(fma)', loop_ir_of(counts))
+    assert Counter(WRITTEN[a or b] for a, b in found) == Counter(counts)
+
+
+def loop_ir_of(counts: dict[str, int]) -> str:
+    return loop_ir(counts, Format('float64', 4), 16)
+
+
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+def test_the_loop_of_the_limit_keeps_all_numbers_near_one(dtype: str) -> None:
+    kernel = pfd.compile_kernel(robot('planar2'), method='composite_body', dtype=dtype)
+    loop = Loop(kernel, 1000)
+    loop.run()
+    assert np.abs(loop.results - 1).max() < 0.1
+    # All accumulators have worked.
+    first = port_limit.numbers(dtype, loop.results.shape[1], len(loop.results))[2:]
+    assert (loop.results != first).all()
+
+
+@pytest.mark.parametrize('counts', [{'neg': 2, 'fma': 1}, {'route': 1}])
+def test_operations_without_a_place_in_the_loop_are_refused(counts: dict[str, int]) -> None:
+    with pytest.raises(LeftOutError):
+        loop_ir_of(counts)
+
+
+def row(way: str, ns: float, work: str = speed.MANY, code: str = 'C++ for any robot') -> Any:
+    head = {'robot': 'ur5', 'n': 6, 'work': work, 'way': way, 'quantity': speed.FORWARD}
+    times = {'minimum': ns * 1e-9, 'median': ns * 1e-9, 'times': None, 'difference': 1e-15}
+    return head | times | {'code': code, 'call': '', 'loop': '', 'numbers': ''}
+
+
+def page_data() -> dict[str, Any]:
+    rows = []
+    for work, own in ((speed.MANY, 20.0), (speed.FEW, 45.0)):
+        rows += [row('Pinocchio C++ aba', 2000.0, work), row('aba, 2 threads', 1.0, work)]
+        rows.append(row('CasADi C on vectors, gcc, F order', 30.0, work, 'C for this robot'))
+        rows.append(row('composite_body float64, F order', own, work, ours.CODE))
+    for way, ns in (('kernel(q, qd, tau)', 900.0), ('bound', 100.0)):
+        rows.append(row(f'composite_body float64: {way}', ns, 'call', ours.CODE))
+    rows.append(row('pinocchio.aba', 2000.0, 'call'))
+    data = {'machine': timing.surroundings(), 'rows': rows, 'limits': [], 'first': [], 'sines': []}
+    found: dict[str, Any] = json.loads(json_text(data | {'excluded': ['frax on ur5: absent']}))
+    return found
+
+
+def test_gains_and_losses_are_against_the_fastest_peer_on_one_thread() -> None:
+    many, few, call = speed.results_rows(page_data())
+    assert (many['ours'], many['theirs'], many['speed-up']) == ('20 ns', '30 ns', '1.5')
+    assert (few['ours'], few['theirs'], few['speed-up']) == ('45 ns', '30 ns', '0.667')
+    assert (call['ours'], call['peer']) == ('100 ns', 'pinocchio.aba')
+
+
+def test_a_page_without_peers_says_what_to_install() -> None:
+    data = page_data()
+    data['rows'] = [one for one in data['rows'] if one['code'] == ours.CODE]
+    assert "pip install '.[peers]'" in speed.text(data)
+    assert speed.headline(data) == ''
+
+
+def test_the_page_has_a_cell_for_every_row_and_names_what_is_excluded() -> None:
+    data = page_data()
+    text = speed.text(data)
+    assert all(one['way'] in text for one in data['rows'])
+    assert '- frax on ur5: absent' in text

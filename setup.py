@@ -10,7 +10,7 @@ ROBOTS = glob('config/robots/*')
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 REPORT = ['matplotlib', 'mpmath']
 # Peers of benchmarks other than Pinocchio, Eigen's headers for its C++, and public arms.
-PEERS = ['casadi', 'mujoco', 'cmeel-eigen', 'example-robot-data']
+PEERS = ['casadi', 'mujoco>=3.17', 'dynibo', 'cmeel-eigen', 'example-robot-data']
 # Completion of `pfd` in shells, as ros2 and colcon have it.
 COMPLETION = ['argcomplete']
 # The 3D view: its page, and meshes of URDFs (COLLADA through pycollada).

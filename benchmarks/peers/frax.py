@@ -25,6 +25,8 @@ from pfd_core.model import Robot
 from pfd_core.model.urdf_writer import robot_to_urdf
 
 LONGEST = 12
+# Not in the extra `peers`: there is no jaxlib 0.4.30 for Python 3.13.
+INSTALL = 'pip install frax jax==0.4.30 jaxlib==0.4.30 (Python 3.10 to 3.12)'
 # frax reads no URDF whose base has no mass, which does not act.
 BASE = (
     '<link name="{}"><inertial><mass value="1"/>'
@@ -49,7 +51,7 @@ class Frax(Peer):
         with warnings.catch_warnings(), TemporaryDirectory(prefix='pfd_frax_') as folder:
             # Of settings for its own processes.
             warnings.simplefilter('ignore')
-            frax, self.jax = installed('frax'), installed('jax')
+            frax, self.jax = installed('frax', INSTALL), installed('jax', INSTALL)
             path = Path(folder) / 'arm.urdf'
             urdf, base = robot_to_urdf(robot), BASE.format(robot.base)
             path.write_text(urdf.replace(f'<link name="{robot.base}" />', base), encoding='utf-8')

@@ -48,14 +48,12 @@ class Contents:
     numbers: str = 'float64; C library, 1 ulp, any angle'
 
 
-def installed(name: str) -> Any:
-    """Return a module, or raise LeftOutError with the extra that installs it."""
+def installed(name: str, how: str = "pip install '.[peers]'") -> Any:
+    """Return a module, or raise LeftOutError with what installs it."""
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise LeftOutError(
-            f'{name} cannot be imported ({error}): install the extra `peers`'
-        ) from error
+        raise LeftOutError(f'{name} cannot be imported ({error}): {how}') from error
 
 
 @dataclass(frozen=True)

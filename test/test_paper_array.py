@@ -8,6 +8,7 @@ from collections import Counter
 from typing import Any
 from xml.etree import ElementTree
 
+from bridge import array_pipeline, record_literal_cholesky, set_ordering
 import numpy as np
 import pytest
 
@@ -15,8 +16,6 @@ from benchmarks.cases.paper import claimed, row, value
 from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages import array as page
 import pfd_core as pfd
-from pfd_core.algorithms.paper.array_solver import pipeline
-from pfd_core.algorithms.paper.set_ordering import record_literal_cholesky, set_ordering
 
 STORE, MULTIPLY, DIVIDE, ROOT = 'store', 'multiply and subtract', 'divide', 'square root'
 SVG = '{http://www.w3.org/2000/svg}'
@@ -44,10 +43,10 @@ def test_every_time_is_as_claimed_but_the_end_of_the_papers_input(n: int) -> Non
 @pytest.mark.parametrize('n', [2, 6])
 def test_matrices_follow_one_another_every_n_cycles_and_not_sooner(n: int) -> None:
     H = 2 * np.eye(n)
-    cycles = [pipeline([H] * k)[0].trace.cycles for k in (1, 2, 5)]
+    cycles = [array_pipeline([H] * k)[0].trace.cycles for k in (1, 2, 5)]
     assert cycles == [3 * n - 2, 4 * n - 2, 7 * n - 2]
     with pytest.raises(ValueError, match=f'interval must be at least {n} cycles'):
-        pipeline([H] * 2, interval=n - 1)
+        array_pipeline([H] * 2, interval=n - 1)
 
 
 @pytest.mark.parametrize('n', [1, 2, 6])

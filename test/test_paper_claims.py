@@ -13,6 +13,16 @@ from pathlib import Path
 import re
 from typing import Any
 
+from bridge import (
+    FORWARD_METHODS,
+    PCGM_MISPRINTS,
+    PCGM_STEP_16,
+    PCRBM_MISPRINTS,
+    PCRBM_STEP_6,
+    array_solve,
+    record_inverse_dynamics,
+    resolve_plant,
+)
 import pytest
 
 from benchmarks.cases.paper import TABLE, VERDICTS, claimed, row, value
@@ -20,10 +30,6 @@ from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages import claims as page
 from benchmarks.table import stored_table
 import pfd_core as pfd
-from pfd_core.algorithms.paper import pcgm_1987, pcrbm_1987
-from pfd_core.algorithms.paper.array_solver import solve
-from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics
-from pfd_core.model import resolve
 
 ROOT = Path(__file__).resolve().parent.parent
 STORED = ROOT / 'docs' / 'report' / 'claims.json'
@@ -204,7 +210,8 @@ def test_the_introduction_compares_a_factorisation_with_a_whole_method() -> None
 def test_a_doubling_of_the_joints_adds_the_same_steps_to_newton_euler(n: int) -> None:
     # By hand: a level of FOHRA 27 and 18, five sums of vectors 15.
     one, two = (
-        record_inverse_dynamics(resolve(uniform_chain(k)), 'unpacked').count() for k in (n, 2 * n)
+        record_inverse_dynamics(resolve_plant(uniform_chain(k)), 'unpacked').count()
+        for k in (n, 2 * n)
     )
     more = two - one
     assert (more.multiplications, more.additions, more.divisions) == (27, 33, 0)
@@ -212,7 +219,10 @@ def test_a_doubling_of_the_joints_adds_the_same_steps_to_newton_euler(n: int) ->
 
 @pytest.mark.parametrize('n', [2, 3, 6])
 def test_one_square_root_is_enough_only_for_the_wrong_matrix(n: int) -> None:
-    found = [row('pcrbm', n, edition)['square_roots'] for edition in ('as printed', 'corrected', 'best known')]
+    found = [
+        row('pcrbm', n, edition)['square_roots']
+        for edition in ('as printed', 'corrected', 'best known')
+    ]
     assert found == [1, n, 0]
     state = [[0.1] * n] * 3
     for method, roots in (('pcrbm_1987', n), ('pcrbm', 0)):
@@ -231,16 +241,16 @@ def test_column_sweeps_take_what_the_paper_counts(n: int) -> None:
 def test_the_array_takes_a_time_in_proportion_to_n() -> None:
     def cycles(n: int) -> int:
         H = [[2.0 if i == j else 0.0 for j in range(n)] for i in range(n)]
-        return solve(H, [1.0] * n).trace.cycles
+        return array_solve(H, [1.0] * n).trace.cycles
 
     assert [cycles(n) for n in (2, 4, 8, 16)] == [8, 18, 38, 78]
 
 
 @pytest.mark.parametrize('n', [2, 6, 24])
 def test_pcrbm_takes_fewer_steps_than_pcgm_far_beyond_twelve_joints(n: int) -> None:
-    plant = resolve(uniform_chain(n))
-    direct = FORWARD['pcrbm_1987'](plant, 'parallel').count()
-    iterative = FORWARD['pcgm_1987'](plant, 'parallel').count(iterations=n)
+    plant = resolve_plant(uniform_chain(n))
+    direct = FORWARD_METHODS['pcrbm_1987'](plant, 'parallel').count()
+    iterative = FORWARD_METHODS['pcgm_1987'](plant, 'parallel').count(iterations=n)
     assert direct.additions < iterative.additions
     own, other = (steps.multiplications + steps.divisions for steps in (direct, iterative))
     assert own < other
@@ -255,10 +265,10 @@ def test_pcrbm_takes_fewer_steps_than_pcgm_far_beyond_twelve_joints(n: int) -> N
 
 
 def test_every_misprint_that_can_be_executed_is_an_erratum() -> None:
-    known = {*pcrbm_1987.MISPRINTS, *pcgm_1987.MISPRINTS}
+    known = {*PCRBM_MISPRINTS, *PCGM_MISPRINTS}
     names = {name for x in ERRATA for name in x['effect'][1:] if name in known}
     # Step 16 changes no result: its cost is counted.
-    assert names == known - {pcgm_1987.STEP_16}
+    assert names == known - {PCGM_STEP_16}
     assert any(x['place'] == 'section 3, step 16' for x in ERRATA)
 
 
@@ -270,7 +280,7 @@ def numbers(effect: str) -> list[float]:
 
 
 def test_a_misprint_of_sliding_joints_leaves_a_rotating_arm_alone() -> None:
-    rotating, sliding = numbers(page.pcrbm_error(pcrbm_1987.STEP_6))
+    rotating, sliding = numbers(page.pcrbm_error(PCRBM_STEP_6))
     assert rotating == 0 < 0.01 < sliding
     assert numbers(page.pcrbm_error()) == [0, 0]
 

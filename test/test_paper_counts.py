@@ -9,11 +9,11 @@ from itertools import pairwise
 import math
 from typing import Any
 
+from bridge import ITERATIVE_METHODS, SERIAL_METHODS, array_streams, literal_array
 import numpy as np
 import pytest
 from sampling import one_fast
 
-from benchmarks.pages.iterations import convergence
 from benchmarks.cases.paper import (
     KINDS,
     PROCEDURES,
@@ -30,15 +30,13 @@ from benchmarks.cases.paper import (
 from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages import counts as page
 from benchmarks.pages.counts import arithmetic_of, counted_parts, efficiency, speed_up
+from benchmarks.pages.iterations import convergence
 import pfd_core as pfd
-from pfd_core.algorithms.paper.literal_array import literal_array
-from pfd_core.algorithms.paper.pcrbm_array import streams
-from pfd_core.algorithms.programs import ITERATIVE, SERIAL
 
 SIZES = page.SIZES
 EDITIONS = ('as printed', 'corrected', 'best known')
 AS_PRINTED, CORRECTED, BEST_KNOWN = EDITIONS
-DIRECT = tuple(method for method in pfd.METHODS if method not in ITERATIVE)
+DIRECT = tuple(method for method in pfd.METHODS if method not in ITERATIVE_METHODS)
 Row = dict[str, Any]
 
 
@@ -262,17 +260,19 @@ def test_a_cycle_in_which_a_cell_divides_is_a_division(n: int) -> None:
 
 @pytest.mark.parametrize('n', [2, 3, 6, 9])
 def test_the_streams_bring_each_element_of_H_to_its_row_once(n: int) -> None:
-    brought = [(k, m) for sources in streams(n, n) for k, m in enumerate(sources) if m is not None]
+    brought = [
+        (k, m) for sources in array_streams(n, n) for k, m in enumerate(sources) if m is not None
+    ]
     assert sorted(brought) == [(k, m) for k in range(n) for m in range(k + 1, n)]
-    assert sum(1 for _ in streams(n, n)) == 2 * n - 3
+    assert sum(1 for _ in array_streams(n, n)) == 2 * n - 3
     # Lanes of three links: an element moves if its row and column are on different lanes.
     lanes = math.ceil(n / 3)
     moved = [(k // 3, m // 3) for k in range(n) for m in range(k + 1, n) if k // 3 != m // 3]
-    routes = list(streams(n, lanes))
+    routes = list(array_streams(n, lanes))
     found = [(k, m) for route in routes for k, m in enumerate(route) if m is not None]
     assert sorted(found) == sorted(moved)
     assert all(len({*route} - {None}) == lanes - route.count(None) for route in routes)
-    assert not list(streams(n, 1))
+    assert not list(array_streams(n, 1))
 
 
 # ---- speed-ups ----
@@ -290,7 +290,7 @@ def check_ratios(counts: Row, least: Row) -> None:
     assert counts['own'] <= counts['work']
     if direct and counts['edition'] != AS_PRINTED:
         assert counts['own'] >= least['best']
-        if counts['system'] in SERIAL:
+        if counts['system'] in SERIAL_METHODS:
             assert speed_up(counts, 'own') == 1
 
 
@@ -309,7 +309,7 @@ def test_no_efficiency_is_above_one(n: int) -> None:
 @pytest.mark.parametrize('n', one_fast([2, 3, 5], 3))
 def test_no_efficiency_is_above_one_at_any_number_of_processors(n: int) -> None:
     for method in DIRECT:
-        if method not in SERIAL and method != 'divide_and_conquer':
+        if method not in SERIAL_METHODS and method != 'divide_and_conquer':
             for p in range(1, n + 1):
                 check_ratios(row(method, n, processors=p), best_serial(n))
 
@@ -324,11 +324,11 @@ def test_one_processor_is_as_fast_as_the_serial_recording_and_moves_nothing(meth
 
 @pytest.mark.parametrize('n', one_fast([2, 6, 10], 6))
 def test_no_method_for_n_lanes_beats_thebest_serial_one_on_one_processor(n: int) -> None:
-    titles = {counted(x, n)['title'] for x in SERIAL}
+    titles = {counted(x, n)['title'] for x in SERIAL_METHODS}
     assert best_serial(n)['title'] in titles
     for method in DIRECT:
         for edition in editions_of(method)[-2:]:
-            if method not in SERIAL:
+            if method not in SERIAL_METHODS:
                 assert counted(method, n, edition)['own'] > best_serial(n)['best']
 
 
@@ -341,7 +341,7 @@ def test_the_papers_own_speed_up_is_taken_over_its_published_serial_count() -> N
 # ---- conjugate gradients ----
 
 
-@pytest.mark.parametrize('method', ITERATIVE)
+@pytest.mark.parametrize('method', ITERATIVE_METHODS)
 @pytest.mark.parametrize('name', one_fast(['uniform6', 'puma560', 'ur5']))
 def test_six_iterations_do_not_converge_on_six_joints(method: str, name: str) -> None:
     robot = uniform_chain(6) if name == 'uniform6' else pfd.load_robot(name)

@@ -10,12 +10,13 @@ import math
 from pathlib import Path
 from typing import Any
 
+from bridge import default_pcgm_limit
 import numpy as np
 import pytest
 from sampling import one_fast
 
-from benchmarks.pages import iterations as pcgm
 from benchmarks.cases.paper import EDITIONS, PROCEDURES, Recording, program_of, steps_of
+from benchmarks.pages import iterations as pcgm
 from benchmarks.pages.counts import pcgm_costs
 from benchmarks.pages.networks import (
     NETWORKS,
@@ -37,7 +38,6 @@ from benchmarks.pages.networks import (
     time,
 )
 import pfd_core as pfd
-from pfd_core.algorithms.paper.pcgm import default_limit
 
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 AS_PRINTED, CORRECTED, BEST_KNOWN = EDITIONS
@@ -203,7 +203,7 @@ def test_the_first_iterate_of_a_cold_start_is_off_by_all_and_the_last_is_the_ans
     states = {'q': 3 * unit[0], 'qd': unit[1], 'tau': unit[2]}
     cold, warm = (pcgm.errors_of_iterates(3, name, states) for name in ('plain', 'warm'))
     np.testing.assert_array_equal(cold[0], 1.0)
-    assert len(cold) <= default_limit(3) + 1
+    assert len(cold) <= default_pcgm_limit(3) + 1
     for errors in (cold, warm):
         # Ten units of rounding of a solution by H, times its condition; seen up to 1e-14.
         assert errors[-1].max() < 1e-13

@@ -3,8 +3,8 @@
 """
 Simulators of an arm under a controller: ours, and other libraries with the loop in C.
 
-    ours        an Ensemble of one or more arms with Feedback: controller, steps and loop in one
-                native call. The adaptive integrator is called by Python once a period
+    ours        an Ensemble of arms with Feedback, or a Simulator of a free arm: controller, steps
+                and loop in one native call. Python calls the adaptive integrator once a period
     CasADi      the classical Runge-Kutta method, velocity Verlet and semi-implicit Euler in C
                 around C that CasADi generates
     Pinocchio   the classical Runge-Kutta method in C++ around pinocchio::aba
@@ -38,6 +38,7 @@ from pfd_core.model import Scene
 from pfd_core.simulation.adaptive import integrate
 from pfd_core.simulation.ensemble import Ensemble
 from pfd_core.simulation.feedback import Feedback
+from pfd_core.simulation.simulator import Simulator
 
 # Integrators around CasADi's C: functions of data/casadi.c.
 IN_CASADI = {'CasADi RK4': 'rollout', 'CasADi Verlet': 'verlet', 'CasADi Euler': 'euler'}
@@ -97,20 +98,30 @@ def fixed(
     *,
     arms: int = 1,
 ) -> Run:
-    """Return a run of an Ensemble of equal arms; ValueError for an unknown setting."""
-    arm = Ensemble(
-        case.robot,
-        arms,
-        scene,
-        step_size=case.period,
-        substeps=substeps,
-        integrator=integrator,
-        dtype=dtype,
-        method=method,
-    )
+    """
+    Return a run of an Ensemble of equal arms, or of a Simulator for one free arm.
+
+    ValueError for an unknown setting.
+    """
+    settings: dict[str, Any] = {
+        'step_size': case.period,
+        'substeps': substeps,
+        'integrator': integrator,
+        'dtype': dtype,
+        'method': method,
+    }
+    if arms == 1 and not (case.kp.any() or case.kd.any()):
+        one = Simulator(case.robot, scene, **settings)
+
+        def run_one() -> Answer:
+            one.reset(case.start, case.velocity)
+            status = one.rollout(case.taus).status
+            return _answer(one.q) if status == 'ok' else _failed(status, one.q)
+
+        return run_one
+    arm = Ensemble(case.robot, arms, scene, **settings)
     law = Feedback(case.kp, case.kd, case.q, case.qd)
-    start = np.tile(case.start, (arms, 1))
-    velocity = np.tile(case.velocity, (arms, 1))
+    start, velocity = (np.tile(x, (arms, 1)) for x in (case.start, case.velocity))
 
     def run() -> Answer:
         arm.reset(start, velocity)

@@ -23,9 +23,10 @@ ROOT = Path(__file__).resolve().parents[1]
 FILES = ('README.md', 'docs/guides/speed-and-accuracy.md')
 MARKED = re.compile(r'(<!-- ([\w-]+) -->\n).*?(<!-- /\2 -->)', re.DOTALL)
 # Of the table of results: a page, and the function of its data that returns rows with the keys of
-# RESULT, as text. The next row is of the page error.
+# RESULT, as text.
 ROWS: Sequence[tuple[str, Callable[[Any], list[dict[str, str]]]]] = (
     ('speed', speed.results_rows),
+    ('error', error.results_rows),
 )
 RESULT = {
     '': 'what',
@@ -47,8 +48,8 @@ BLOCKS: Mapping[str, tuple[Sequence[str], Callable[..., str]]] = {
     'speed-headline': (['speed'], speed.headline),
     'speed-table': (['speed'], speed.guide_table),
     'speed-notes': (['speed'], speed.guide_notes),
-    'controlled-arm': (['error'], error.summary),
-    'hard-cases': (['hard-cases'], hard_cases.summary),
+    'losses': (['error'], error.losses),
+    'accuracy': (['hard-cases'], hard_cases.summary),
     'derivatives': (['derivatives'], derivatives.summary),
     'paper': (['counts', 'claims'], counts.summary),
 }

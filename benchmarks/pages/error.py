@@ -15,7 +15,7 @@ from benchmarks.pages import (
     error_evaluations,
 )
 from benchmarks.plots import save
-from benchmarks.table import page
+from benchmarks.table import page, paragraph
 from benchmarks.timing import described, surroundings
 
 SIZE, WIDE = (10.0, 7.0), (14.0, 7.6)
@@ -40,6 +40,17 @@ def text(data: Mapping[str, Any]) -> str:
         integrators=error_controlled_text.text_of_free(free),
         evaluations=error_evaluations.text(data['evaluations']),
     )
+
+
+def results_rows(data: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Return the row of README.md."""
+    return error_controlled_text.results_rows(_split(data)[0])
+
+
+def losses(data: Mapping[str, Any]) -> str:
+    """Return the sentence of README.md on arms without rotors, or an empty line."""
+    controlled, _ = _split(data)
+    return paragraph(error_controlled_text.without_rotors(controlled['runs'])) + '\n'
 
 
 def plots(data: Mapping[str, Any], folder: Path) -> list[Path]:

@@ -110,19 +110,29 @@ def text_of_free(data: Mapping[str, Any]) -> str:
     return page('error-integrators', motions='\n\n'.join(sections))
 
 
-def results_row(data: Mapping[str, Any], tolerance: float) -> dict[str, Any]:
+def results_rows(data: Mapping[str, Any], tolerance: float = 1e-3) -> list[dict[str, str]]:
     """
-    Return the fastest runs of one arm within a tolerance [rad], with a margin of two.
+    Return the row of README.md: what, ours, peer, theirs and speed-up, as text; [] without a peer.
 
-    Keys: ours and peer (text), ours_seconds and peer_seconds; None where no run is.
+    The fastest runs of one arm with all effects within a tolerance [rad], with a margin of two.
     """
     whole = [row for row in data['runs'] if not row['left_out']]
     ours, _, peer = (_fastest(whole, tolerance, fits) for fits in _KINDS)
-    found: dict[str, Any] = {}
-    for name, row in (('ours', ours), ('peer', peer)):
-        found[name] = row and f'{_kind(row)}, {setting(row)}, error {order(row["error"])} rad'
-        found[f'{name}_seconds'] = row and row['minimum']
-    return found
+    if ours is None or peer is None:
+        return []
+
+    def cell(row: Row) -> str:
+        return f'{_milliseconds(row)} ms, error {order(row["error"])} rad'
+
+    return [
+        {
+            'what': f'a second of a UR5 under a controller, error below {tolerance:g} rad',
+            'ours': f'{cell(ours)} ({_kind(ours)})',
+            'peer': f'{peer["way"]}, steps of {setting(peer)}',
+            'theirs': cell(peer),
+            'speed-up': short(peer['minimum'] / ours['minimum']),
+        }
+    ]
 
 
 def _milliseconds(row: Row) -> str:

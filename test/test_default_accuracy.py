@@ -4,104 +4,100 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from bridge import (
-    HARD_CASES,
-    HARD_MECHANISMS,
-    MECHANISMS_HELD_OUT,
-    MECHANISMS_PEER,
-    MECHANISMS_STATES,
     MOST_ROUNDINGS,
-    PROBLEM_SEED,
-    HardCase,
     KernelSpec,
-    MechanismsResult,
-    ReportProblem,
     centered_links,
-    certified_reference,
-    chain_robot,
     choose_method,
-    coaxial_robot,
     default_inverse,
-    drawing_problem,
-    drawn_mechanisms,
-    dropped_problem,
     grouped_links,
-    kernel_answer,
-    lifted_problem,
-    measure_mechanisms,
-    mechanism_robot,
-    mechanisms_markdown,
     method_cost,
     method_roundings,
-    on_one_axis_problem,
-    report_problem,
-    report_robot,
     resolve_plant,
-    scaled_problem,
-    weighed_problem,
-    worst_error,
 )
 import numpy as np
 import pytest
 from urdf_models import exact_angles, example
 from zoo import without_mass
 
+from benchmarks.cases.hard_cases import CASES, MECHANISMS, Case
+from benchmarks.cases.problems import (
+    Problem,
+    drawing,
+    dropped,
+    lifted,
+    on_one_axis,
+    scaled,
+    weighed,
+)
+from benchmarks.cases.problems import problem as states_of
+from benchmarks.cases.robots import chain, coaxial, mechanism
+from benchmarks.cases.robots import robot as robot_called
+from benchmarks.pages.hard_cases import (
+    COMPARED,
+    MANY,
+    PEER,
+    compared,
+    held_out,
+    over_limit,
+)
+from benchmarks.peers.answers import kernel_answer
+from benchmarks.references.accelerations import errors, reference
 import pfd_core as pfd
 
 # Forward dynamics of an ordinary arm of six joints errs by up to 16 units of rounding.
 LAST_DIGITS = 32 * 2.0**-53
 
 
-def error(problem: ReportProblem, refine: int = 0) -> float:
+def error(problem: Problem, refine: int = 0) -> float:
     """Return the error of the default compared with 50 digits."""
-    return worst_error(kernel_answer(problem, 'float64', refine), certified_reference(problem))
+    return float(errors(kernel_answer(problem, 'float64', refine), reference(problem)).max())
 
 
 @pytest.mark.parametrize('distance', [10.0, 1e6])
 def test_a_distance_along_an_axis_to_a_parallel_joint_costs_no_digits(distance: float) -> None:
-    problem = lifted_problem('zzyz', {0: distance})
+    problem = lifted('zzyz', {0: distance})
     assert error(problem) < LAST_DIGITS
     assert error(problem, refine=1) < LAST_DIGITS
 
 
 def test_the_place_of_an_origin_along_its_axis_costs_no_digits_between_parallel_joints() -> None:
-    problem = dropped_problem('yzzy', 2, 1e6)
+    problem = dropped('yzzy', 2, 1e6)
     assert error(problem) < LAST_DIGITS
     assert error(problem, refine=1) < LAST_DIGITS
 
 
 def test_an_origin_far_along_its_axis_adds_no_operation() -> None:
-    near = method_cost(resolve_plant(mechanism_robot('yzzyzy')), 'composite_body')
-    assert method_cost(dropped_problem('yzzyzy', 2, 1e3).plant, 'composite_body') <= near
-    assert method_cost(lifted_problem('zzyzyz', {0: 1e3}).plant, 'composite_body') <= method_cost(
-        resolve_plant(mechanism_robot('zzyzyz')), 'composite_body'
+    near = method_cost(resolve_plant(mechanism('yzzyzy')), 'composite_body')
+    assert method_cost(dropped('yzzyzy', 2, 1e3).plant, 'composite_body') <= near
+    assert method_cost(lifted('zzyzyz', {0: 1e3}).plant, 'composite_body') <= method_cost(
+        resolve_plant(mechanism('zzyzyz')), 'composite_body'
     )
 
 
 def test_the_inertia_about_an_axis_is_exact_at_any_distance_along_it() -> None:
     # By the parallel axis theorem the distance along the axis plays no part.
-    near, far = (lifted_problem('zz', {0: distance}).plant for distance in (0.0, 1e6))
+    near, far = (lifted('zz', {0: distance}).plant for distance in (0.0, 1e6))
     one, two = (grouped_links(plant)[0][0].inertia[2, 2] for plant in (near, far))
     assert one == pytest.approx(two, rel=2.0**-52)
 
 
 def test_origins_of_parallel_joints_meet_where_that_is_nearer_to_their_neighbours() -> None:
-    links, _ = centered_links(dropped_problem('yzzy', 2, 1e3).plant)
+    links, _ = centered_links(dropped('yzzy', 2, 1e3).plant)
     assert max(float(np.abs(link.p).max()) for link in links) < 1.0
     # A true distance stays where it is.
-    links, _ = centered_links(lifted_problem('yzzy', {1: 1e3}).plant)
+    links, _ = centered_links(lifted('yzzy', {1: 1e3}).plant)
     assert [float(link.p[2]) for link in links] == [0.0, 0.0, 1e3, 0.0]
 
 
 @pytest.mark.parametrize(
     'problem',
-    [weighed_problem('XYZXYZ', {5: 1e4}), on_one_axis_problem('zzzzzy', 5, 1e-8)],
+    [weighed('XYZXYZ', {5: 1e4}), on_one_axis('zzzzzy', 5, 1e-8)],
     ids=['slides', 'turns'],
 )
-def test_the_default_keeps_the_digits_where_pivots_lose_them(problem: ReportProblem) -> None:
+def test_the_default_keeps_the_digits_where_pivots_lose_them(problem: Problem) -> None:
     assert choose_method(problem.plant, 'auto', 0) == 'articulated_body'
     assert error(problem) < LAST_DIGITS
 
@@ -130,17 +126,17 @@ def of_derivatives(robot: pfd.Robot, **options: Any) -> tuple[str, int]:
 
 @pytest.mark.parametrize('name', ['puma560', 'ur5', 'panda', 'planar2', 'ur10'])
 def test_derivatives_of_ordinary_arms_are_by_composite_bodies(name: str) -> None:
-    assert of_derivatives(report_robot(name)) == ('composite_body', 0)
+    assert of_derivatives(robot_called(name)) == ('composite_body', 0)
 
 
 @pytest.mark.parametrize(
     ('robot', 'found'),
     [
         # The factor of H loses digits.
-        (chain_robot(6, 'y'), ('grouped_articulated_body', 0)),
-        (coaxial_robot(1e-12), ('grouped_articulated_body', 0)),
+        (chain(6, 'y'), ('grouped_articulated_body', 0)),
+        (coaxial(1e-12), ('grouped_articulated_body', 0)),
         # Rounded grouped parameters cost digits, too.
-        (report_robot('kinova'), ('composite_body', 1)),
+        (robot_called('kinova'), ('composite_body', 1)),
     ],
     ids=['rods', 'coaxial', 'kinova'],
 )
@@ -152,30 +148,27 @@ def test_derivatives_take_the_cheapest_accurate_inverse(
 
 
 def test_effects_that_are_no_inertia_do_not_change_the_inverse_of_derivatives() -> None:
-    robot = chain_robot(3, 'y')
+    robot = chain(3, 'y')
     plain = default_inverse(resolve_plant(robot))
     scene = pfd.Scene(damping=[1.0] * 3, gravity=None, external_wrench=True, brakes=True)
     assert default_inverse(resolve_plant(robot, scene)) == plain
 
 
 def test_a_named_method_and_a_simulation_are_not_refined() -> None:
-    robot = chain_robot(6, 'y')
+    robot = chain(6, 'y')
     assert pfd.compile_kernel(robot).spec.refine == 1
     assert pfd.compile_kernel(robot, method='composite_body').spec.refine == 0
     assert pfd.Simulator(robot, step_size=1e-3).method == 'composite_body'
 
 
 def test_units_of_length_and_mass_do_not_change_the_selection() -> None:
-    small = scaled_problem(2.0**-20, 2.0**-20)
-    assert small.twin is not None
+    small, plain = (scaled(unit, unit).plant for unit in (2.0**-20, 1.0))
     for method in MOST_ROUNDINGS:
-        plants = small.plant, small.twin().plant
-        one, other = (method_roundings(plant, method) for plant in plants)
-        assert one == other
+        assert method_roundings(small, method) == method_roundings(plain, method)
 
 
 def test_a_joint_that_only_brakes_can_hold_is_not_compared() -> None:
-    plant = resolve_plant(without_mass(chain_robot(3, 'yz'), [2]), pfd.Scene(brakes=True))
+    plant = resolve_plant(without_mass(chain(3, 'yz'), [2]), pfd.Scene(brakes=True))
     assert method_roundings(plant, 'composite_body') == 0.0
 
 
@@ -192,18 +185,18 @@ HELD_OUT = [
         marks=()
         if case.name in FAST
         else SLOW
-        if case in HARD_MECHANISMS or case.name in OFTEN
+        if case in MECHANISMS or case.name in OFTEN
         else LONG,
     )
-    for case in (*HARD_CASES, *HARD_MECHANISMS)
+    for case in (*CASES, *MECHANISMS)
 ]
 
 
 @pytest.mark.parametrize('case', HELD_OUT)
-def test_the_default_is_not_the_worse_choice_at_states_that_chose_no_limit(case: HardCase) -> None:
-    problem = drawn_mechanisms(case, MECHANISMS_HELD_OUT)
-    result = measure_mechanisms(case.name, problem, MECHANISMS_HELD_OUT, ['default'])
-    assert result.worst_ratio <= 1, result
+def test_the_default_is_not_the_worse_choice_at_states_that_chose_no_limit(case: Case) -> None:
+    row = compared(case.name, held_out(case), ['default'])
+    assert (PEER in row) == ('wrench' not in case.name)
+    assert over_limit(row) <= 1, row
 
 
 @pytest.mark.parametrize(
@@ -219,56 +212,26 @@ def test_the_default_is_not_the_worse_choice_at_states_that_chose_no_limit(case:
 def test_the_default_is_not_the_worse_choice_for_a_public_arm(file: str) -> None:
     robot = pfd.load_robot(exact_angles(example(file)))
     for tau in (5.0, 1.0):
-        with drawing_problem(MECHANISMS_HELD_OUT, MECHANISMS_STATES):
-            result = measure_mechanisms(
-                file, report_problem(robot, qd=2.0, tau=tau), ways=['default']
-            )
-        assert result.worst_ratio <= 1, (tau, result)
+        with drawing(COMPARED, MANY):
+            row = compared(file, states_of(robot, qd=2.0, tau=tau), ['default'])
+        assert PEER in row
+        assert over_limit(row) <= 1, (tau, row)
 
 
 @pytest.mark.parametrize('name', ['ur5', 'panda'])
 def test_in_free_fall_an_arm_is_at_most_four_times_as_inaccurate_as_the_peer(name: str) -> None:
     # Not two times, as elsewhere (docs/decisions/0040-a-default-that-is-not-worse.md).
-    with drawing_problem(MECHANISMS_HELD_OUT, MECHANISMS_STATES):
-        problem = report_problem(pfd.load_robot(name), qd=1.0, tau=0.0)
-    assert measure_mechanisms(name, problem, ways=['default']).worst_ratio <= 2
+    with drawing(COMPARED, MANY):
+        problem = states_of(pfd.load_robot(name), qd=1.0, tau=0.0)
+    assert 0 < over_limit(compared(name, problem, ['default'])) <= 2
 
 
-def test_the_page_of_mechanisms_counts_where_the_default_is_above_its_limit() -> None:
-    assert len(HARD_MECHANISMS) == len({one.name for one in HARD_MECHANISMS}) == 37
-
-    def result(
-        name: str, own: float, peer: dict[str, tuple[float, ...]], seed: int
-    ) -> MechanismsResult:
-        return MechanismsResult(name, seed, 'composite_body', {'default': (1.0, own)} | peer)
-
-    results = [
-        result('bad', 9.0, {MECHANISMS_PEER: (1.0, 3.0)}, PROBLEM_SEED),
-        result('good', 6.0, {MECHANISMS_PEER: (1.0, 3.0)}, PROBLEM_SEED),
-        result('small', 4.0, {MECHANISMS_PEER: (0.1, 0.1)}, MECHANISMS_HELD_OUT),
-        result('absent', 9.0, {}, MECHANISMS_HELD_OUT),
-    ]
-    assert [one.worst_ratio for one in results] == [1.5, 1.0, 1.0, 0.0]
-    page = mechanisms_markdown(results)
-    assert "larger than the peer's in 2 of 2 and 1 of 1." in page
-    assert 'above the limit in 1 of 2 and 0 of 1.' in page
-    assert '- bad, seed 1987: 1.50' in page
-    assert '| bad | composite_body | 1, 9 | - | - | - | 1, 3 | 1.50 |' in page
-
-
-@pytest.mark.slow
-def test_the_page_of_mechanisms_in_the_documentation_is_not_stale() -> None:
-    shown = [HARD_MECHANISMS[k] for k in (5, 13, 24)]
-    results = [measure_mechanisms(one.name, drawn_mechanisms(one, PROBLEM_SEED)) for one in shown]
-    page = Path(__file__).resolve().parent.parent / 'docs' / 'report' / 'mechanisms.md'
-    # Errors of the peer may differ from one processor to another.
-    wanted = {own(line) for line in page.read_text().splitlines()}
-    assert (
-        not {own(row) for row in mechanisms_markdown(results).splitlines() if row[:2] == '| '}
-        - wanted
-    )
-
-
-def own(row: str) -> str:
-    """Return a row of the table without the peer's columns."""
-    return row.rsplit(' | ', 2)[0]
+def test_a_row_is_over_its_limit_above_twice_the_peer_s_error_and_four_roundings() -> None:
+    assert len(MECHANISMS) == len({one.name for one in MECHANISMS}) == 37
+    for own, peer, share in (
+        (9.0, [1.0, 3.0], 1.5),
+        (6.0, [1.0, 3.0], 1.0),
+        (4.0, [0.1] * 2, 1.0),
+    ):
+        assert over_limit({'default': [1.0, own], PEER: peer}) == share
+    assert over_limit({'default': [1.0, 9.0]}) == 0.0

@@ -11,6 +11,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+from bridge import (
+    record_forward_dynamics,
+    record_inverse_dynamics,
+    resolve_plant,
+    run_program,
+)
 import mpmath
 import numpy as np
 from numpy.typing import NDArray
@@ -40,11 +46,8 @@ from benchmarks.references.accelerations import (
 )
 from benchmarks.references.motions import end
 import pfd_core as pfd
-from pfd_core.algorithms.programs import record_forward_dynamics, record_inverse_dynamics
-from pfd_core.machine.emulator import run
-from pfd_core.model import resolve
 
-PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
+PAGES = Path(__file__).resolve_plant().parent.parent / 'docs' / 'report'
 BY_NAME = {case.name: case for case in CASES}
 MOTIONS = {motion.name: motion for motion in HARD}
 LONG = [pytest.mark.slow, pytest.mark.long]
@@ -110,10 +113,13 @@ def test_an_error_estimate_is_within_a_factor_of_three_of_a_large_error(name: st
 def test_two_evaluations_in_other_frames_and_the_missed_torque_certify(name: str) -> None:
     problem, known = solved(name)
     plant, states = problem.plant, problem.states
-    other = run(record_forward_dynamics(plant, 'pcrbm', 'parallel'), states, digits=DIGITS)['qdd']
+    other = run_program(
+        record_forward_dynamics(plant, 'pcrbm', 'parallel'), states, digits=DIGITS
+    )['qdd']
     torques = record_inverse_dynamics(plant, 'parallel')
     needed, bias = (
-        run(torques, states | {'qdd': x}, digits=DIGITS)['tau'] for x in (known.qdd, 0 * known.qdd)
+        run_program(torques, states | {'qdd': x}, digits=DIGITS)['tau']
+        for x in (known.qdd, 0 * known.qdd)
     )
     with mpmath.workdps(DIGITS):
         largest = np.abs(states['tau']).max(axis=-1) + np.abs(bias).max(axis=-1)
@@ -195,7 +201,7 @@ def test_the_condition_after_jacobi_scaling_is_that_of_pinocchio_s_matrix() -> N
 
 def test_a_pendulum_in_closed_form_has_its_structured_condition_number() -> None:
     # J qdd = tau without gravity: relative changes of tau and J add, whatever the state is.
-    plant = resolve(flywheel(1.0), pfd.Scene(gravity=None))
+    plant = resolve_plant(flywheel(1.0), pfd.Scene(gravity=None))
     states = {k: np.full((1, 1), x) for k, x in (('q', 0.3), ('qd', 2.0), ('tau', 5.0))}
     problem = Problem(plant, states)
     assert kappa_s(problem, reference(problem)) == pytest.approx(2.0, rel=1e-6)
@@ -265,10 +271,10 @@ def test_public_arms_are_found_or_named(monkeypatch: pytest.MonkeyPatch) -> None
 def test_an_arm_with_other_effects_has_no_scene_of_its_plant() -> None:
     planar = pfd.load_robot('planar2')
     scene = pfd.Scene(gravity=(1.0, 2.0, 3.0), armature=(0.5, 0.25), external_wrench=True)
-    plant = resolve(planar, scene)
-    assert resolve(planar, scene_of(plant)).digest == plant.digest
+    plant = resolve_plant(planar, scene)
+    assert resolve_plant(planar, scene_of(plant)).digest == plant.digest
     with pytest.raises(ValueError, match='effects other than'):
-        scene_of(resolve(planar, pfd.Scene(damping=(1.0, 1.0))))
+        scene_of(resolve_plant(planar, pfd.Scene(damping=(1.0, 1.0))))
 
 
 @pytest.mark.parametrize('name', ['wrench_on_ur5', 'heavy_tip_1e8_planar_n6'])
@@ -288,13 +294,13 @@ def test_exact_derivatives_are_central_differences_of_accelerations(name: str) -
             for key in program.inputs
             if key not in given
         }
-        ahead, behind = np.split(run(program, given, digits=digits)['qdd'], 2)
+        ahead, behind = np.split(run_program(program, given, digits=digits)['qdd'], 2)
         slope = ((ahead - behind) / (2 * change)).T
         assert np.abs(slope - J[0]).max() < CERTIFICATE * np.abs(J).max()
 
 
 def test_the_step_of_a_wheel_is_its_closed_form() -> None:
-    plant = resolve(flywheel(0.5), pfd.Scene(gravity=None))
+    plant = resolve_plant(flywheel(0.5), pfd.Scene(gravity=None))
     states = {key: np.array([[x]]) for key, x in (('q', 0.5), ('qd', 2.0), ('tau', 3.0))}
     h = 2.0**-7
     found = derivatives.named(derivatives.jacobians(plant, states, h), h)

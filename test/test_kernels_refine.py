@@ -15,7 +15,6 @@ from bridge import (
     program_operations,
     record_forward_dynamics,
     record_refined,
-    record_with_first_answer,
     resolve_plant,
     run_program,
 )
@@ -25,6 +24,7 @@ import pytest
 from sampling import one_fast
 from zoo import random_chain
 
+from benchmarks.peers.answers import record_with_first_answer
 import pfd_core as pfd
 
 Array = NDArray[np.float64]

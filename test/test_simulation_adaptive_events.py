@@ -13,7 +13,7 @@ import sys
 from typing import Any
 
 import bridge
-from bridge import HARD_MOTIONS, MOTION_REFERENCES, host_target, missing_features
+from bridge import host_target, missing_features
 from contact_oracle import Motion
 import numpy as np
 import pinocchio as pin
@@ -22,14 +22,15 @@ from sampling import one_fast
 from test_simulation_contact_random import random_case, random_start
 from zoo import Array, random_chain, slider, to_pinocchio
 
+from benchmarks.cases.motions import ENDS, HARD
 import pfd_core as pfd
 
 # The true error of a motion in units of the tolerance. Seen 3.6.
 KEPT = 10.0
 TOLERANCES = [10.0**-k for k in range(3, 14)]
 # Motions with references in extended precision, except those that damping makes stiff.
-SMOOTH = [m for m in HARD_MOTIONS if m.name in MOTION_REFERENCES and 'damped' not in m.name]
-DAMPED = [m for m in HARD_MOTIONS if m.name in ('puma560_damped_0.01', 'puma560_damped_1')]
+SMOOTH = [m for m in HARD if m.name in ENDS and 'damped' not in m.name]
+DAMPED = [m for m in HARD if m.name in ('puma560_damped_0.01', 'puma560_damped_1')]
 GRAVITY = 9.81
 # Events at closed forms: roundings of a state of order one, summed over some events.
 EXACT = 1e-13
@@ -44,7 +45,7 @@ def units(found: Array, wanted: Array, tolerance: float) -> float:
 
 @pytest.mark.parametrize('motion', one_fast([*SMOOTH, *DAMPED]), ids=lambda m: m.name)
 def test_the_true_error_of_a_smooth_motion_is_within_ten_tolerances(motion: Any) -> None:
-    wanted = np.array([float(x) for x in MOTION_REFERENCES[motion.name].q])
+    wanted = np.array([float(x) for x in ENDS[motion.name]['q']])
     torques = np.zeros(motion.robot.n)
     for rtol in TOLERANCES:
         run = pfd.integrate(

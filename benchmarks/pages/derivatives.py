@@ -24,7 +24,7 @@ from benchmarks.plots import FLOAT32, save
 from benchmarks.references.accelerations import kappa_j, reference
 from benchmarks.references.derivatives import errors, jacobians, named, step_length
 from benchmarks.run import each
-from benchmarks.table import bullets, lines_of, page, short
+from benchmarks.table import bullets, lines_of, page, paragraph, short
 
 Row = dict[str, Any]
 Tables = dict[str, list[Row]]
@@ -105,10 +105,10 @@ def text(data: Mapping[str, Any]) -> str:
 
 
 def summary(data: Mapping[str, Any]) -> str:
-    """Return the outcome as a sentence, for README."""
+    """Return the outcome as a sentence, for README.md."""
     pairs = list(_pairs(data))
     own, peer = median(a for _, a, _ in pairs), median(b for _, _, b in pairs)
-    return (
+    sentence = (
         '[Derivatives and linearised steps](docs/report/derivatives.md) at '
         f'{len({row["case"] for row in data["errors"]})} hard cases against 50 digits: the median '
         f'error is {short(own)} units of rounding, {short(peer)} by `computeABADerivatives`; of '
@@ -116,6 +116,7 @@ def summary(data: Mapping[str, Any]) -> str:
         f'{len(list(_worse(pairs)))} by more than {WORSE:g} times and above {FLOOR:g} units, and '
         f'{sum(a < b / WORSE for _, a, b in pairs)} are less than half as large.'
     )
+    return paragraph(sentence) + '\n'
 
 
 def _units(row: Row) -> float:

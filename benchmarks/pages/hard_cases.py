@@ -53,7 +53,7 @@ from benchmarks.references.accelerations import (
     reference,
 )
 from benchmarks.run import each
-from benchmarks.table import Columns, bullets, order, page, percent, short, table, yes
+from benchmarks.table import Columns, bullets, order, page, paragraph, percent, short, table, yes
 from pfd_core.algorithms.grouped.energy import record_energy
 from pfd_core.kernels.auto import default
 from pfd_core.kernels.compile import compile_kernel
@@ -315,11 +315,11 @@ def text(data: Mapping[str, Any]) -> str:
 
 
 def summary(data: Mapping[str, Any]) -> str:
-    """Return the outcome as a sentence, for README."""
+    """Return the outcome as a sentence, for README.md."""
     own, held = _ours(data, 'own'), _ours(data, 'held out')
     shares = [row['share'] for row in own if row['share'] is not None]
     states = max(row['states'] for row in data['boxes'])
-    return (
+    sentence = (
         f'[Errors](docs/report/hard-cases.md) at {len(data["cases"])} ill-conditioned and '
         f'ordinary cases against 50 digits, in float64 and float32, with and without '
         f'`refine=1`: {_met(own)} are within {FACTOR:g} times the error that analysis predicts, '
@@ -328,6 +328,7 @@ def summary(data: Mapping[str, Any]) -> str:
         f'{sum(row["share"] is None for row in (*own, *held))} further errors have no bound; over '
         f'{states} states each, `pinocchio.aba` has {more_accurate(data["boxes"])}.'
     )
+    return paragraph(sentence) + '\n'
 
 
 def _ours(data: Mapping[str, Any], states: str) -> list[Row]:

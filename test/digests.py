@@ -31,16 +31,11 @@ import random
 import struct
 from typing import Any
 
+from bridge import QUANTITIES, KernelSpec, kernel_source, read_contents, read_recording
 import numpy as np
 
 import pfd_core as pfd
-from pfd_core.kernels.quantities import QUANTITIES
-from pfd_core.kernels.source import source_of
-from pfd_core.kernels.spec import KernelSpec
-from pfd_core.machine.program import Program
 from pfd_ros import read_log
-from pfd_ros.page.reading import read_contents
-from pfd_ros.replay.verify import read
 
 DATA = Path(__file__).resolve().parent / 'data'
 DIGESTS = DATA / 'digests.json'
@@ -220,7 +215,7 @@ def options(case: str) -> dict[str, dict[str, Any]]:
     return found
 
 
-def spec_of(case: str, dtype: str = 'float64', **how: Any) -> KernelSpec:
+def spec_of(case: str, dtype: str = 'float64', **how: Any) -> Any:
     """Return the spec of a kernel of a case."""
     robot = robot_of(case)
     return KernelSpec(robot, CASES[case][1](robot.n), dtype=dtype, **how)
@@ -234,11 +229,11 @@ def _digest(*parts: str) -> str:
 
 
 def _number(value: float) -> str:
-    # There is one zero (pfd_core.kernels.passes.fold).
+    # Programs have one zero: no pass keeps its sign.
     return struct.pack('>d', value + 0.0).hex()
 
 
-def _nodes(program: Program, rows: Mapping[tuple[int, int], str]) -> list[str]:
+def _nodes(program: pfd.Program, rows: Mapping[tuple[int, int], str]) -> list[str]:
     """Return the digest of each register, given digests of the rows of loops."""
     nodes: list[str] = []
     for op, args, data, *_ in program.instructions:
@@ -267,7 +262,7 @@ def _nodes(program: Program, rows: Mapping[tuple[int, int], str]) -> list[str]:
     return nodes
 
 
-def canonical(program: Program) -> list[str]:
+def canonical(program: pfd.Program) -> list[str]:
     """Return the digest of each register of a sequential program; see the module."""
     ends = {one.args[0]: one for one in program.instructions if one.op == 'end'}
     # The first values of each row, before and in the first iteration.
@@ -287,7 +282,7 @@ def canonical(program: Program) -> list[str]:
     return nodes
 
 
-def program_digest(program: Program) -> str:
+def program_digest(program: pfd.Program) -> str:
     """Return the number of different operations of a program, and its digest."""
     nodes = canonical(program)
     inputs = [f'{name}[{count}]' for name, count in sorted(program.inputs.items())]
@@ -308,7 +303,7 @@ def programs(case: str, dtype: str, names: Sequence[str] = ()) -> dict[str, dict
         if names and name not in names:
             continue
         spec = spec_of(case, dtype, **how)
-        stages = source_of(spec)._stages
+        stages = kernel_source(spec)._stages
         found[name] = {
             'folded': program_digest(stages.folded),
             'compiled': program_digest(stages.compiled),
@@ -469,7 +464,7 @@ LOGS = (*GOLDEN, 'faulty', 'demo', 'rejected')
 def golden(name: str) -> str:
     """Simulate a golden recording again to the same bytes; return the digest of its states."""
     path = DATA / f'{name}.mcap'
-    summary = read(path, verify=True)
+    summary = read_recording(path, verify=True)
     assert summary.complete
     states = read_log(path, topics=['/joint_states'])['/joint_states']
     assert len(states) == summary.states

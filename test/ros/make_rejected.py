@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes the recording `rejected.mcap`: bad, late and missing commands, limits and a reflex.
 
-    python test/ros/make_rejected.py test/data/NAME.mcap
+    PYTHONPATH=test python test/ros/make_rejected.py test/data/NAME.mcap
 
 Its findings are stored (test/digests.py). It is not made anew to please a test.
 """
@@ -12,12 +12,10 @@ from __future__ import annotations
 from pathlib import Path
 import sys
 
+from bridge import JointStateEncoder, Source, encode_floats, encode_state
 import numpy as np
 from rewriting import Recording
 from simulating import simulate
-
-from pfd_ros.arm.events import Source
-from pfd_ros.messages.convert import JointStateEncoder, encode_floats, encode_state
 
 NAMES = ('shoulder', 'elbow')
 NAN, INFINITY = float('nan'), float('inf')

@@ -76,13 +76,10 @@ TORQUES = 2.0**-6
 def choose(plant: Plant, method: str, refine: int) -> str:
     """Return the method to record for a name in METHODS or 'auto'; ValueError for other names."""
     integer('refine', refine, 0, REFINE_AT_MOST)
-    if isinstance(method, str) and method in EMULATED_METHODS:
-        raise ValueError(
-            f'method must be compiled, got {method!r}, which is emulated and counted only: use '
-            f"pfd.emulate(method={method!r}), or 'auto' or one of {METHODS}"
-        )
     if not isinstance(method, str) or method not in ('auto', *METHODS):
-        raise ValueError(f"method must be 'auto' or one of {METHODS}, got {quote(method)}")
+        emulated = isinstance(method, str) and method in EMULATED_METHODS
+        more = f', which is only emulated: use pfd.emulate(method={method!r})' if emulated else ''
+        raise ValueError(f"method must be 'auto' or one of {METHODS}, got {quote(method)}{more}")
     if method != 'auto':
         return method
     n = plant.robot.n

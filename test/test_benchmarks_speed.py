@@ -19,6 +19,7 @@ import subprocess
 import sys
 from typing import Any
 
+from bridge import IrFormat, resolve_plant
 import numpy as np
 import pytest
 
@@ -37,8 +38,6 @@ from benchmarks.port_limit import Loop, loop_ir
 from benchmarks.table import json_text
 from benchmarks.timing import Pace, largest_difference
 import pfd_core as pfd
-from pfd_core.kernels.codegen.spelling import Format
-from pfd_core.model import resolve
 
 COMPILERS = [name for name in ('gcc', 'clang') if shutil.which(name)]
 COMPILED = pytest.mark.skipif(not COMPILERS, reason='needs a C compiler')
@@ -105,7 +104,7 @@ def test_casadi_and_pinocchio_in_cpp_simulate_one_arm_with_limits_and_friction()
     scene = pfd.Scene(
         damping=[1.0] * 6, armature='model', friction=[2.0] * 6, effort_limits='model'
     )
-    plant, width, h = resolve(robot('ur5'), scene), 1e-2, 2.5e-4
+    plant, width, h = resolve_plant(robot('ur5'), scene), 1e-2, 2.5e-4
     rng = np.random.default_rng(4)
     start, taus = rng.uniform(-1, 1, (2, 6)), rng.uniform(-200, 200, (20, 6))
     ends = []
@@ -288,7 +287,7 @@ def test_the_loop_of_the_limit_holds_exactly_the_operations_of_the_kernel(name: 
 
 
 def loop_ir_of(counts: dict[str, int]) -> str:
-    return loop_ir(counts, Format('float64', 4), 16)
+    return loop_ir(counts, IrFormat('float64', 4), 16)
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])

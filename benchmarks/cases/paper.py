@@ -167,13 +167,13 @@ def steps_of(
     if one.method != 'pcrbm_array':
         return steps
     if one.edition == BEST_KNOWN:
-        cycles, on_cells = solve_steps(one.n), (STREAMS, SECTION)
+        cycles, on_cells = solve_steps(one.n), [STREAMS, SECTION]
     else:
         # The array factors, and n processors substitute. Its actions depend on n alone.
         trace = (literal_array if one.edition == AS_PRINTED else factor)(np.eye(one.n)).trace
         dividing, subtracting = trace.cycles_with(DIVIDE), trace.cycles_with(MULTIPLY)
         cycles = Steps(trace.cycles - dividing, subtracting, dividing, square_roots=one.n)
-        on_cells = FACTORISATION
+        on_cells = list(FACTORISATION)
     feeding = stream_steps(one.n, program.lanes, network)
     return steps - in_sections(program, on_cells, network) + cycles + feeding
 

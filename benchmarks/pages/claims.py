@@ -269,7 +269,7 @@ def processors() -> Found:
 
 def formula(system: str, *printed: int) -> Found:
     found = paper.claimed(system, N)
-    return found == printed, *map(float, found)
+    return list(found) == list(printed), *map(float, found)
 
 
 # ---- effects of misprints ----

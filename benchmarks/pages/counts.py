@@ -102,8 +102,11 @@ def best_serial(counts: Iterable[Row], n: int) -> dict[str, Any]:
 
 def counted_parts(n: int) -> Iterator[dict[str, Any]]:
     """Yield the parts of sections 2.5 and 3, each counted by its sections of the recordings."""
-    kinds = (('as_printed_', EDITIONS[0], 'parallel'), ('unpacked_', EDITIONS[0], 'unpacked'))
-    kinds += (('corrected_', CORRECTED, 'parallel'),)
+    kinds = (
+        ('as_printed_', EDITIONS[0], 'parallel'),
+        ('unpacked_', EDITIONS[0], 'unpacked'),
+        ('corrected_', CORRECTED, 'parallel'),
+    )
     for system, parts in stored_table('paper_parts').items():
         recorded = [
             (prefix, paper.program_of(paper.Recording(system, n, edition, schedule)))
@@ -228,7 +231,7 @@ def _over_n(
 
 
 def _title(x: Row) -> str:
-    return x['title'] + (', n iterations' if x['iterations'] else '')
+    return str(x['title']) + (', n iterations' if x['iterations'] else '')
 
 
 def _two(ratio: Callable[..., float], over: str, form: str) -> Cell:
@@ -308,7 +311,7 @@ def _compared(claim: Row, rows: Iterable[Row], converged: Iterable[Row]) -> Row:
     system, kind = claim['system'], claim['operation']
     own = [x for x in rows if x['system'] == system]
     formula, remarks = value(claim['formula'], PRINTED_AT), [claim['remark']]
-    cells = {'value': _number(formula), 'sum': '-'}
+    cells: dict[str, object] = {'value': _number(formula), 'sum': '-'}
     if claim['parts']:
         cells['sum'] = _number(value(claim['parts'], PRINTED_AT))
     # Of several numbers of iterations the first, which is n.
@@ -609,6 +612,7 @@ def _draw_processors(data: Mapping[str, Any], figure: Any) -> None:
             axes.minorticks_off()
             axes.grid(alpha=0.25)
             axes.set_xlabel('processors p')
+            title = 'speed-up' if ratio is speed_up else 'efficiency'
             words = 'the same' if over == 'own' else 'the best serial'
-            axes.set_title(f'n = {n}: {ratio.__name__} over {words} algorithm', fontsize=10)
+            axes.set_title(f'n = {n}: {title} over {words} algorithm', fontsize=10)
     panels[0, 0].legend(fontsize=7, title='with routes dashed', title_fontsize=7)

@@ -290,16 +290,15 @@ def text(data: dict[str, Any]) -> str:
             by_network(parallel, ((SHORT[x], x) for x in SYSTEMS if x != ONE)), 'system'
         ),
         fastest=grid(
-            {(key, n): _fastest(rows, n, *at_price) for key, *at_price in priced for n in sizes},
+            {(key, n): _fastest(rows, n, x, price) for key, x, price in priced for n in sizes},
             'network, t_r/t_m',
         ),
         crossovers=grid(
             {
-                (key, f'{SHORT[other]} before {SHORT[one]}'): crossover(
-                    rows, one, other, *at_price
+                (key, f'{SHORT[other]} before {SHORT[one]}'): (
+                    crossover(rows, one, other, x, price) or '-'
                 )
-                or '-'
-                for key, *at_price in priced
+                for key, x, price in priced
                 for one, other in CONTESTS
             },
             'network, t_r/t_m',

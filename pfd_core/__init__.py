@@ -32,8 +32,6 @@ To change or add
                             simulation.simulation.SCHEMES
     sine and cosine         kernels.passes.sincos
     threads of batches      kernels.runtime.threads: thread_count, block_size
-    a column of a report    a field of the table's record in report.measure, and the Columns of its
-                            page, as report.counts_pages.SYSTEMS; report lists pages and tables
 
 The names below are the public ones. Each is imported from its module at its first use.
 """

@@ -115,6 +115,8 @@ NAMES = {
     'grouped_links': 'pfd_core.algorithms.grouped.links:grouped_links',
     'array_pipeline': 'pfd_core.algorithms.paper.array_solver:pipeline',
     'array_solve': 'pfd_core.algorithms.paper.array_solver:solve',
+    'fohra_structure': 'pfd_core.algorithms.paper.fohra_first_level:structure_of',
+    'record_fohra': 'pfd_core.algorithms.paper.fohra_first_level:record_fohra',
     'literal_array': 'pfd_core.algorithms.paper.literal_array:literal_array',
     'default_pcgm_limit': 'pfd_core.algorithms.paper.pcgm:default_limit',
     'PCGM_MISPRINTS': 'pfd_core.algorithms.paper.pcgm_1987:MISPRINTS',

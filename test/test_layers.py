@@ -136,7 +136,6 @@ LEAVING = (
     'test_kernels_fuse',
     'test_kernels_pipeline',
     'test_kernels_schedule',
-    'test_paper_references',
     'test_recording_faults',
     'test_replay_rules',
     'test_replay_stretches',

@@ -5,10 +5,18 @@
 from __future__ import annotations
 
 from collections import Counter
+import math
 from typing import Any
 from xml.etree import ElementTree
 
-from bridge import array_pipeline, record_literal_cholesky, set_ordering
+from bridge import (
+    MACHINE_SCHEDULES,
+    array_pipeline,
+    record_literal_cholesky,
+    run_program,
+    set_ordering,
+)
+from closed_forms import EVERY_SIZE
 import numpy as np
 import pytest
 
@@ -122,6 +130,93 @@ def test_a_level_doubles_what_a_lane_holds(n: int) -> None:
         assert (x['first'], x['last']) == (max(1, lane + 1 - 2**level), lane)
         source = lane - 2 ** (level - 1) if level else 0
         assert x['source'] == (source if source > 0 else None)
+
+
+# ---- set ordering, equations (11) and (12) ----
+
+# The sets as Appendix C prints them after Steps 1, 2, 4 and 6, with its misprints corrected.
+APPENDIX_C = (
+    """
+    S_44 = {a_44^(3), a_44^(2), a_44^(1), a_44^(0)}
+    S_43 = {a_43^(2), a_43^(1), a_43^(0)}
+    S_33 = {a_33^(2), a_33^(1), a_33^(0)}
+    S_42 = {a_42^(1), a_42^(0)}
+    S_32 = {a_32^(1), a_32^(0)}
+    S_22 = {a_22^(1), a_22^(0)}
+    """,
+    """
+    S_44 = {a_44^(3), a_44^(2), a_44^(1,0)}
+    S_43 = {a_43^(2), a_43^(1,0)}
+    S_33 = {a_33^(2), a_33^(1,0)}
+    S_32 = {a_32^(1), a_32^(0)}
+    S_22 = {a_22^(1), a_22^(0)}
+    S_42 = {a_42^(1,0)}
+    """,
+    """
+    S_44 = {a_44^(3), a_44^(2,0)}
+    S_22 = {a_22^(1), a_22^(0)}
+    S_43 = {a_43^(2,0)}
+    S_33 = {a_33^(2,0)}
+    S_32 = {a_32^(1,0)}
+    """,
+    """
+    S_44 = {a_44^(3,0)}
+    S_22 = {a_22^(1,0)}
+    """,
+)
+
+
+def test_appendix_c_comes_out_set_by_set() -> None:
+    states = set_ordering(4)
+    assert len(states) == len(APPENDIX_C)
+    for state, text in zip(states, APPENDIX_C, strict=True):
+        assert str(state).split() == text.split()
+
+
+@pytest.mark.parametrize('n', EVERY_SIZE)
+def test_the_procedure_takes_a_third_of_the_additions_that_the_paper_prints(n: int) -> None:
+    states = set_ordering(n)
+    taken = len(states) - 1
+    assert taken == math.ceil((n * n - 1) / 6)
+    assert taken <= n * (n - 1) // 2  # what section 2.4 says of the procedure
+    assert sum(len(state.picked) for state in states) == (n**3 - n) // 6
+    assert states[-1].N == 0
+    assert all(terms[0].last == i - 1 for (_, i), terms in states[-1].sets.items())
+
+
+@pytest.mark.parametrize('n', EVERY_SIZE)
+def test_the_literal_factorisation_takes_the_steps_of_its_parts(n: int) -> None:
+    # The paper: ceil((n^2-1)/6), ceil((n^2-1)/2), ceil((n-1)/2) and one.
+    steps = record_literal_cholesky(n, 'parallel').count()
+    level = math.ceil((n * n - 1) / 6)
+    assert (steps.multiplications, steps.additions) == (level, level)
+    assert (steps.divisions, steps.square_roots) == (math.ceil((n - 1) / 2), 1)
+
+
+def printed(H: np.ndarray) -> np.ndarray:
+    """Return equations (11) and (12), element by element, as they are printed."""
+    n = len(H)
+    L = np.zeros((n, n))
+    with np.errstate(invalid='ignore'):
+        for k in range(n):
+            for i in range(k + 1):
+                lhat = H[k, i]
+                for j in range(i):
+                    lhat = lhat - H[i, j] * H[k, j]
+                L[k, i] = np.sqrt(lhat) if i == k else lhat / H[i, i]
+    return L
+
+
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
+@pytest.mark.parametrize('n', [1, 2, 3, 4, 7, 12])
+def test_the_program_is_equations_11_and_12(n: int, schedule: str) -> None:
+    A = np.random.default_rng(n).normal(size=(n, n))
+    H = A @ A.T + 0.1 * np.eye(n)
+    result = run_program(record_literal_cholesky(n, schedule), {'H': H.ravel()})
+    np.testing.assert_array_equal(result['L'], printed(H))
+    below = np.array([H[k, k] - H[k, :k] @ H[k, :k] for k in range(n)])
+    # Of sums of up to 11 products of the order of n^2, in another order.
+    np.testing.assert_allclose(result['radicands'], below, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize('n', [2, 4, 6])

@@ -9,7 +9,17 @@ from itertools import pairwise
 import math
 from typing import Any
 
-from bridge import ITERATIVE_METHODS, SERIAL_METHODS, array_streams, literal_array
+from bridge import (
+    ITERATIVE_METHODS,
+    SERIAL_METHODS,
+    array_streams,
+    fohra_structure,
+    literal_array,
+    record_fohra,
+    record_inverse_dynamics,
+    resolve_plant,
+)
+from closed_forms import arithmetic, chain, levels, rounds
 import numpy as np
 import pytest
 from sampling import one_fast
@@ -218,6 +228,32 @@ def test_divide_and_conquer_grows_with_the_logarithm_alone() -> None:
     counts = [program_of(Recording('divide_and_conquer', n)).count() for n in (8, 16, 32, 64)]
     growth = [b.multiplications - a.multiplications for a, b in pairwise(counts)]
     assert growth[0] == growth[1] == growth[2] > 0
+
+
+@pytest.mark.parametrize('name', ['puma560', 'ur5'])
+def test_a_puma_takes_27_l_minus_19_multiplications_and_18_l_minus_14_additions(name: str) -> None:
+    robot = pfd.load_robot(name)
+    L = levels(robot.n)
+    counts = record_fohra(fohra_structure(robot)).count()
+    # By hand, twists 0 and 90 degrees: four elements are sums of two products, four others free.
+    assert (counts.multiplications, counts.additions) == (27 * L - 19, 18 * L - 14)
+    assert counts.routes == 9 * L
+
+
+@pytest.mark.parametrize('n', [2, 3, 6, 9])
+def test_other_twists_save_six_products_of_the_first_level(n: int) -> None:
+    # R_i has one zero, below the cosine: three products by it from the left, three from the right.
+    counts = record_fohra(fohra_structure(uniform_chain(n))).count()
+    assert (counts.multiplications, counts.additions) == (27 * levels(n) - 6, 18 * levels(n) - 6)
+
+
+@pytest.mark.parametrize('n', range(2, 10))
+def test_ne_as_a_whole_is_pose_and_ne1(n: int) -> None:
+    # Joint rotations, orientations, link vectors and inertias in base axes, then NE1 with qdd.
+    steps = record_inverse_dynamics(resolve_plant(chain(n)), 'parallel').count()
+    L, products = levels(n), rounds(n)
+    assert arithmetic(steps) == (3 * products + 165, 2 * products + 15 * L + 116, 0, 0)
+    assert steps.sines == 2
 
 
 # ---- the array ----

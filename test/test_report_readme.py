@@ -33,7 +33,8 @@ def test_the_blocks_of_a_file_are_those_of_the_data(name: str) -> None:
 
 def test_each_block_is_in_a_file() -> None:
     found = {match[2] for text in texts().values() for match in blocks.MARKED.finditer(text)}
-    assert found == blocks.BLOCKS.keys()
+    # The block of the paper is of benchmarks.pages.counts.
+    assert found - {'paper'} == blocks.BLOCKS.keys()
 
 
 def test_each_number_of_the_readme_is_in_a_generated_block() -> None:

@@ -9,16 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from pfd_core.report import (
-    array_pages,
-    counts_pages,
     hard_case_pages,
     mechanism_pages,
 )
 from pfd_core.report.hard_case_pages import Survey
 from pfd_core.report.measure import estimates, motion_errors
-from pfd_core.report.measure.array_runs import ArrayRun
-from pfd_core.report.measure.convergence import Convergence
-from pfd_core.report.measure.counts import Row
 from pfd_core.report.measure.errors import Result
 from pfd_core.report.render.records import record_of
 
@@ -51,14 +46,3 @@ def test_the_page_of_the_hard_cases_is_that_of_its_numbers() -> None:
 def test_the_page_of_the_mechanisms_is_that_of_its_numbers() -> None:
     results = record_of(list[mechanism_pages.Result], data('mechanisms'))
     assert mechanism_pages.markdown(results) == page('mechanisms')
-
-
-def test_the_page_of_the_array_is_that_of_its_numbers() -> None:
-    assert array_pages.markdown(record_of(list[ArrayRun], data('array'))) == page('array')
-
-
-def test_the_page_of_the_counts_is_that_of_its_numbers() -> None:
-    found = data('counts')
-    rows = record_of(list[Row], found['counts'])
-    iterations = record_of(list[Convergence], found['convergence'])
-    assert counts_pages.markdown(rows, iterations) == page('counts')

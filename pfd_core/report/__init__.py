@@ -7,7 +7,7 @@ Subpackages in the order of data flow; `render` knows none of the others:
 
     cases        robots, states, motions and quantities that are measured
     contenders   this library, Pinocchio, MuJoCo and CasADi as programs that do the same work
-    measure      steps, times and errors, as rows
+    measure      times and errors, as rows
     render       tables, plots and JSON
 
 `pages` is the table of the pages, from which the commands, `pfd report` without a name, and the
@@ -15,14 +15,6 @@ index derive. The other modules have the tables, columns and plots of the pages.
 page is a template, texts/NAME.md.
 
     pages                 the table PAGES; `pfd report`: all pages and index.md
-    counts_pages          `pfd report counts`: counts.md, .json, .png and array.svg
-    network_pages         `pfd report counts`: networks.md, .json and plots
-    processor_pages       `pfd report counts`: processors.md, .json and .png
-    paper_pages           `pfd report paper`: paper.md, the index of the paper's pages; claims.md
-                          and .json; errata.md of `pfd report counts`
-    illustrated_pages     `pfd report paper`: illustrated.md, doubling.svg, set-ordering.svg
-    array_pages           `pfd report paper`: array.md, .json, array-designs.svg, array-cycles.svg
-    pcgm_pages            `pfd report paper`: pcgm.md, .json and .png
     speed_pages           `pfd report speed`: speed.md, .json and .png
     quantity_pages        `pfd report speed --quantity NAME`: speed-NAME and, with --against-error,
                           speed-against-error-NAME

@@ -20,14 +20,12 @@ from typing import Any
 
 from pfd_core.report import (
     controlled_arm_pages,
-    counts_pages,
     derivative_pages,
     distribution_pages,
     hard_case_pages,
     headlines,
 )
 from pfd_core.report.measure import controlled_motion, derivative_errors, errors, speed
-from pfd_core.report.measure.counts import Row
 from pfd_core.report.render.records import read, record_of
 
 REPORT = Path('docs/report')
@@ -39,11 +37,6 @@ def _records(kind: Any, path: Path, key: str | None, null: float = math.nan) -> 
     """Return the records in a list of JSON, or in the list under a key."""
     data = json.loads(path.read_text(encoding='utf-8'))
     return record_of(list[kind], data if key is None else data[key], null)
-
-
-def _paper(folder: Path) -> str:
-    verdicts = [one['verdict'] for one in json.loads((folder / 'claims.json').read_text('utf-8'))]
-    return counts_pages.summary(_records(Row, folder / 'counts.json', 'counts'), verdicts)
 
 
 def _of_speed(write: Callable[[speed.Findings], str]) -> Callable[[Path], str]:
@@ -58,7 +51,6 @@ BLOCKS: Mapping[str, Callable[[Path], str]] = {
     'speed-headline': _of_speed(headlines.headline),
     'speed-table': _of_speed(headlines.guide_table),
     'speed-notes': _of_speed(headlines.guide_notes),
-    'paper': _paper,
     'hard-cases': lambda folder: hard_case_pages.summary(
         _records(errors.Result, folder / 'hard-cases.json', 'cases')
     ),

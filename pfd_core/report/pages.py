@@ -83,20 +83,6 @@ class Page:
 
 PAGES: Sequence[Page] = (
     Page(
-        'counts',
-        'counts',
-        'steps of every method compared with the paper, its errata, networks, fewer processors',
-        'counts_pages',
-        also=('errata', 'processors', 'networks'),
-    ),
-    Page(
-        'paper',
-        'paper',
-        'the paper executed: its claims, PCGM to convergence, the array',
-        'paper_pages',
-        also=('claims', 'illustrated', 'array', 'pcgm'),
-    ),
-    Page(
         'hard-cases',
         'hard-cases',
         'errors of ill-conditioned forward dynamics and motions',

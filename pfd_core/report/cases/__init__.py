@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Cases: robots, states, motions and quantities that are measured, and claims they are compared with.
+Cases: robots, states, motions and quantities that are measured.
 
     robots        chains of rods, mechanisms, arms by name; how peers describe a chain
     problems      a robot in a scene and seeded states (Problem), and makers that tables name
@@ -10,7 +10,5 @@ Cases: robots, states, motions and quantities that are measured, and claims they
     exact_motions  motions of one wheel with a closed form: friction, stops, motors (EXACT)
     controlled_arm  an arm under a controller in discrete time (ControlledArm), stored
     quantities    the table of quantities other than forward dynamics (QUANTITIES), and states
-    paper         claims of the paper: formulas and values of Table 1 (TABLE); index of where its
-                  equations and procedures are implemented and tested (EQUATIONS, PROCEDURES)
     stored        the files in pfd_core.report.data, which hold the tables
 """

@@ -1,24 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Measurements: steps, times and errors, each as rows of a table.
+Measurements: times and errors, each as rows of a table.
 
 Tools:
 
     progress            what is being measured and for how long, on a terminal or in a log
     processes           runs measurements whose numbers do not depend on the load on all processors
-
-Steps:
-
-    counts              steps of every method measured on recorded programs, compared with the
-                        paper, also on fewer processors than joints (Row)
-    network_times       time of every recording on every network (Recorded)
-    convergence         iterations of the iterative methods to converge, and errors after n of them
-    claims              sentences of the paper, each checked (Claim, Verdict)
-    doubling            recursive doubling executed: moves between lanes, contents of lanes
-    array_runs          cycles and utilisation of the triangular array, claimed and measured
-    pcgm_iterations     iterations of PCGM to an error of qdd, and their cost (Study)
-    errata              misprints of the paper as a table, each executed (Erratum)
 
 Times:
 

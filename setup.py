@@ -36,7 +36,6 @@ setup(
     package_data={
         'pfd_core.config': ['*.yaml', 'robots/*'],
         'pfd_core': ['py.typed'],
-        'pfd_core.report': ['data/*', 'texts/*.md'],
         'pfd_ros.page': ['assets/*'],
         'pfd_ros.testing': ['*.xml'],
     },

@@ -33,7 +33,6 @@ PFD_CORE = {
     'algorithms': {'forking', 'model', 'machine'},
     'kernels': {'forking', 'model', 'machine', 'algorithms'},
     'simulation': {'forking', 'model', 'machine', 'algorithms', 'kernels'},
-    'report': {'forking', 'model', 'machine', 'algorithms', 'kernels', 'simulation'},
 }
 ALGORITHMS = {
     'chain': set(),
@@ -62,24 +61,18 @@ PFD_ROS = {
     },
 }
 SIMULATION: dict[str, set[str]] = {'contact': set()}
-REPORT: dict[str, set[str]] = {
-    'cases': set(),
-    'contenders': {'cases'},
-    'measure': {'cases', 'contenders'},
-    'render': set(),
-}
 ORDERS = {
     'pfd_core': PFD_CORE,
     'pfd_core.algorithms': ALGORITHMS,
     'pfd_core.kernels': KERNELS,
     'pfd_core.simulation': SIMULATION,
-    'pfd_core.report': REPORT,
     'pfd_ros': PFD_ROS,
 }
 # Outside packages that only some may know.
 RESERVED = {
     'llvmlite': {'pfd_core.kernels'},
-    'pinocchio': {'pfd_core.report.contenders'},
+    'pinocchio': set(),
+    'benchmarks': set(),
     'viser': {'pfd_ros.view'},
     'trimesh': {'pfd_ros.view'},
     'rclpy': {'pfd_ros.node', 'pfd_ros.testing', 'pfd_ros.demo', 'pfd_ros.view.live'},
@@ -120,7 +113,7 @@ PINNED = (
     'test_view_page',
     'test_view_process',
 )
-# The same for the files that go first, and for the reports, which leave the package.
+# The same for the files that go first.
 LEAVING = (
     'test_algorithms_fohra',
     'test_algorithms_serial',
@@ -269,7 +262,7 @@ def checked_tests() -> list[Path]:
     return [
         path
         for path in sorted(Path(__file__).parent.rglob('*.py'))
-        if path.stem not in {*PINNED, *LEAVING} and not path.stem.startswith('test_report_')
+        if path.stem not in {*PINNED, *LEAVING}
     ]
 
 

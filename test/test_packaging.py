@@ -17,9 +17,6 @@ import zipfile
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-DATA = sorted((ROOT / 'pfd_core/report').glob('data/*')) + sorted(
-    (ROOT / 'pfd_core/report').glob('texts/*')
-)
 TIMEOUT = 240.0
 COLCON = shutil.which(
     'colcon', path=os.pathsep.join([str(Path(sys.executable).parent), os.environ['PATH']])
@@ -76,7 +73,6 @@ def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
         'pfd_core/py.typed',
         'pfd_core/config/robots/puma560.yaml',
         'pfd_core/config/sim_arm.yaml',
-        *(f'pfd_core/report/{path.parent.name}/{path.name}' for path in DATA),
         'pfd_ros/node/main.py',
         'pfd_ros/testing/loopback.xml',
         *(f'pfd_ros/page/assets/{path.name}' for path in (ROOT / 'pfd_ros/page/assets').iterdir()),
@@ -86,25 +82,6 @@ def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
         'share/ament_index/resource_index/packages/pfd_ros',
     ):
         assert any(name.endswith(part) for name in files), part
-
-
-def test_the_reports_load_their_tables_and_texts_from_a_zip_file(
-    copy: Path, tmp_path: Path
-) -> None:
-    archive = tmp_path / 'site.zip'
-    with zipfile.ZipFile(archive, 'w') as file:
-        for name, text in installed(copy).items():
-            if '/pfd_core/' in name:
-                file.writestr(name[name.rindex('/pfd_core/') + 1 :], text)
-    script = (
-        'from pfd_core.report import cases, time_tables\n'
-        'from pfd_core.report.cases import hard_cases, motions, paper, robots\n'
-        'assert ".zip" in cases.__file__\n'
-        'print(*map(bool, (hard_cases.CASES, motions.MOTIONS, motions.REFERENCES, paper.TABLE,'
-        'robots.robot("so100"), time_tables.NOTES)))'
-    )
-    found = run([sys.executable, '-c', script], tmp_path, PYTHONPATH=str(archive))
-    assert set(found.split()) == {'True'}
 
 
 @pytest.mark.slow

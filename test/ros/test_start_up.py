@@ -26,7 +26,7 @@ raise SystemExit(pfd_main(sys.argv[1:]))
 """
 # What other commands and recordings need.
 UNUSED = {'mcap', 'pfd_ros.replay', 'pfd_ros.recording.reader', 'pfd_ros.recording.recorder'}
-UNUSED |= {'pfd_core.report.cases.quantities', 'pfd_ros.demo', 'pinocchio'}
+UNUSED |= {'pfd_ros.demo', 'pinocchio'}
 
 
 @pytest.mark.ros

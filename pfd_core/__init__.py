@@ -12,7 +12,6 @@ Subpackages in the order of data flow; each imports only from those above it.
     kernels       a program as native code for one robot and scene: one state or a batch
     simulation    time: integrators, Simulator for one arm, Ensemble for many,
                   integrate for adaptive steps offline
-    report        tables and plots: steps counted, speed and error measured
 
 To change or add
 

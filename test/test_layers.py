@@ -178,7 +178,7 @@ def violations(found: dict[str, Path]) -> Iterator[str]:
                     yield f'{module} imports {name}'
             outside = name.partition('.')[0]
             subpackages = RESERVED.get(outside)
-            if subpackages and not any(
+            if subpackages is not None and not any(
                 f'{module}.'.startswith(f'{subpackage}.') for subpackage in subpackages
             ):
                 yield f'{module} imports {name}'

@@ -41,9 +41,8 @@ COMPARED_AT = 1e-6  # the error at which costs of PCGM are compared
 def measure(quick: bool) -> dict[str, Any]:
     """Count every system, and iterations; quick is six joints only."""
     sizes = (PRINTED_AT,) if quick else SIZES
-    robots = [uniform_chain(n) for n in pcgm.CHAINS if n in sizes]
-    robots += [] if quick else map(load_robot, pcgm.ARMS)
-    tried = [(method, robot) for robot in robots for method in ITERATIVE]
+    robots = (*map(uniform_chain, pcgm.CHAINS), *map(load_robot, pcgm.ARMS))
+    tried = [(method, robot) for robot in robots if robot.n in sizes for method in ITERATIVE]
     converged = list(each(_convergence, tried, 'counting iterations', lambda one: one[1].n))
     keys: list[Key] = [
         (method, n, edition, None, k)

@@ -17,7 +17,7 @@ from typing import Any
 
 from benchmarks.__main__ import EXPECTED, FOLDER, page_named, stored
 from benchmarks.pages import counts, derivatives, error, hard_cases, speed
-from benchmarks.table import table
+from benchmarks.table import paragraph, table
 
 ROOT = Path(__file__).resolve().parents[1]
 FILES = ('README.md', 'docs/guides/speed-and-accuracy.md')
@@ -45,7 +45,6 @@ def _results(*found: Any) -> str:
 # Name of a block: pages, and the function of their data that returns its text.
 BLOCKS: Mapping[str, tuple[Sequence[str], Callable[..., str]]] = {
     'results': ([name for name, _ in ROWS], _results),
-    'speed-headline': (['speed'], speed.headline),
     'speed-table': (['speed'], speed.guide_table),
     'speed-notes': (['speed'], speed.guide_notes),
     'losses': (['error'], error.losses),
@@ -60,7 +59,8 @@ def block(name: str, folder: Path = ROOT / FOLDER) -> str:
     if name not in BLOCKS:
         raise ValueError(f'unknown block {name!r}; the blocks are {", ".join(BLOCKS)}')
     pages, write = BLOCKS[name]
-    return write(*(stored(page_named(x), folder / f'{x}.json')['data'] for x in pages))
+    text = write(*(stored(page_named(x), folder / f'{x}.json')['data'] for x in pages))
+    return text if text.endswith('\n') else f'{paragraph(text)}\n'
 
 
 def filled(name: str) -> str:

@@ -23,7 +23,7 @@ from bridge import IrFormat, resolve_plant
 import numpy as np
 import pytest
 
-from benchmarks import port_limit, timing
+from benchmarks import port_limit, readme, timing
 from benchmarks.cases.quantities import random_states
 from benchmarks.cases.robots import mechanism, robot
 from benchmarks.pages import speed
@@ -346,3 +346,17 @@ def test_the_page_has_a_cell_for_every_row_and_names_what_is_excluded() -> None:
     text = speed.text(data)
     assert all(one['way'] in text for one in data['rows'])
     assert '- frax on ur5: absent' in text
+
+
+@pytest.mark.parametrize('name', readme.FILES)
+def test_the_blocks_of_a_file_are_what_the_stored_data_gives(name: str) -> None:
+    text = (readme.ROOT / name).read_text(encoding='utf-8')
+    assert readme.MARKED.search(text)
+    assert readme.filled(name) == text, 'run python -m benchmarks.readme'
+
+
+def test_each_block_has_a_place() -> None:
+    texts = ((readme.ROOT / name).read_text(encoding='utf-8') for name in readme.FILES)
+    assert {match[2] for text in texts for match in readme.MARKED.finditer(text)} == {
+        *readme.BLOCKS
+    }

@@ -7,9 +7,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 import ctypes
-import importlib.util
 import itertools
-from pathlib import Path
 import struct
 
 from bridge import Recorder, run_program, sincos
@@ -19,7 +17,6 @@ import numpy as np
 import pytest
 from sine_cases import LARGEST_K, angles, float32_angles, ulps, worst_ulps
 
-FIT = Path(__file__).resolve().parent.parent / 'benchmarks' / 'fit_sine.py'
 FORMATS = ('float64', 'float32')
 # What the module promises, in units in the last place: the worst case of each rounding added
 # up (float64), the largest over all arguments (float32).
@@ -222,18 +219,3 @@ def test_a_recording_gives_the_bits_of_numpy(dtype: str, schedule: str) -> None:
 def test_another_number_format_is_refused_and_named() -> None:
     with pytest.raises(ValueError, match=r"dtype must be one of \('float64', 'float32'\).*int32"):
         sincos(np.arange(3, dtype='int32'), 'int32')
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('dtype', ['float32', pytest.param('float64', marks=pytest.mark.long)])
-def test_the_constants_are_those_that_the_fit_prints(dtype: str) -> None:
-    spec = importlib.util.spec_from_file_location('fit_sine', FIT)
-    assert spec is not None
-    assert spec.loader is not None
-    fit = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(fit)
-    wanted = fit.constants(dtype)
-    used = {operand for line in Trace(dtype).lines for operand in line.split() if '0x' in operand}
-    trace = Trace(dtype)
-    numbers = [wanted['two_over_pi'], *wanted['parts'], *wanted['sine'], *wanted['cosine']]
-    assert {trace.operand(n) for n in numbers} <= {operand.rstrip(',') for operand in used}

@@ -1,3 +1,3 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Inputs: robots, problems and motions; no measurement."""
+"""Inputs: robots, problems, motions, and the systems of the paper with their steps; no clocks."""

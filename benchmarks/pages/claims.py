@@ -378,33 +378,29 @@ def loop_cost() -> str:
 
 
 def levels_cost() -> str:
-    """Return the levels of the recurrence at n = 8, as printed and right."""
     return f'none; {value("L", 9)} levels instead of {value("L", 8)} at n = 8'
 
 
 def unchanged() -> str:
-    """Return the effect of a misprint that changes no result."""
     return 'none'
 
 
 def ordering_cost() -> str:
-    """Return the additions that set ordering takes, and the paper's two counts."""
-    taken = len(set_ordering(6)) - 1
-    return f'none on L; {taken} additions at n = 6, where the paper has 15 and {value("P2", 6)}'
+    taken = len(set_ordering(N)) - 1
+    return f'none on L; {taken} additions at n = 6, where the paper has 15 and {value("P2", N)}'
 
 
 def by_formula(system: str, *kinds: str) -> str:
-    """Return printed values of Table 1 and the values of their formulas."""
+    """Return values of formulas in Table 1 and the printed values."""
     claims = (TABLE[system][kind] for kind in kinds)
     return '; '.join(
-        f'{float(value(x["formula"], 6)):g} by the formula, {x["printed"]} printed' for x in claims
+        f'{float(value(x["formula"], N)):g} by the formula, {x["printed"]} printed' for x in claims
     )
 
 
 def instead(printed: str, system: str, kind: str) -> str:
-    """Return the value of a printed formula and of the right one, of Table 1, at n = 6."""
-    right = TABLE[system][kind]['formula']
-    return f'{value(printed, 6)} instead of {value(right, 6)} at n = 6'
+    """Return the value of a printed formula and of the right one, of Table 1."""
+    return f'{value(printed, N)} instead of {value(TABLE[system][kind]["formula"], N)} at n = 6'
 
 
 # ---- the page ----

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -155,10 +154,12 @@ def efficiency(x: Row, over: str, routed: bool = False) -> float:
 
 def with_baselines(data: Mapping[str, Any], name: str = 'counts') -> list[dict[str, Any]]:
     """Return rows with `best` and `published`, the arithmetic of one processor; not of PCGM."""
-    known = {x['n']: {key: x[key] for key in ('best', 'published')} for x in data['serial']}
+    known = {x['n']: x for x in data['serial']}
     # Iterations depend on the state.
-    none = {'best': None, 'published': None}
-    return [x | (none if x['iterations'] else known[x['n']]) for x in data[name]]
+    return [
+        x | {key: None if x['iterations'] else known[x['n']][key] for key in ('best', 'published')}
+        for x in data[name]
+    ]
 
 
 def _printed(claims: Iterable[Row]) -> int:
@@ -210,8 +211,11 @@ def text(data: dict[str, Any]) -> str:
         parts=table(PARTS, data['parts']),
         convergence=table(CONVERGENCE, data['convergence']),
         **{kind: _over_n(rows, _and_claimed(data['claims'], kind)) for kind in KINDS[:2]},
-        routes=_over_n(rows, lambda x: _two_of(x, 'routes'), lambda x: x['units'] > 1),
-        speed_up=_over_n(rows, _two(speed_up, 'best', '.2f'), lambda x: x['best'] is not None),
+        routes=_over_n(
+            [x for x in rows if x['units'] > 1],
+            lambda x: f'{x["routes"]} / {x["unpacked_routes"]}',
+        ),
+        speed_up=_over_n([x for x in rows if x['best']], _two(speed_up, 'best', '.2f')),
         processors='\n'.join(_processors(data, x) for x in data['serial'] if x['n'] in PROCESSORS),
         cycle=f'{pcgm.CYCLE * 1e3:g}',
         compared=order(COMPARED_AT),
@@ -223,10 +227,8 @@ def text(data: dict[str, Any]) -> str:
     )
 
 
-def _over_n(
-    rows: Iterable[Row], cell: Cell, shown: Callable[[Row], bool] = lambda x: True
-) -> list[str]:
-    return grid({(_title(x), x['n']): cell(x) for x in rows if shown(x)}, 'system')
+def _over_n(rows: Iterable[Row], cell: Cell) -> list[str]:
+    return grid({(_title(x), x['n']): cell(x) for x in rows}, 'system')
 
 
 def _title(x: Row) -> str:
@@ -237,10 +239,6 @@ def _two(ratio: Callable[..., float], over: str, form: str) -> Cell:
     """Return a column: a ratio by arithmetic alone / with routes."""
     both = f'{{:{form}}} / {{:{form}}}'
     return lambda x: '-' if x[over] is None else both.format(ratio(x, over), ratio(x, over, True))
-
-
-def _two_of(x: Row, kind: str) -> str:
-    return f'{x[kind]} / {x[f"unpacked_{kind}"]}'
 
 
 def _and_claimed(claims: Iterable[Row], kind: str) -> Cell:
@@ -517,17 +515,9 @@ PRICES: Columns = {
 
 
 def plots(data: dict[str, Any], folder: Path) -> list[Path]:
-    """Draw steps over n, iterations of PCGM over n, and speed-ups over processors."""
-    drawings = (
-        ('counts', _draw_steps, (12, 6.5)),
-        ('pcgm', _draw_pcgm, (12, 5)),
-        ('processors', _draw_processors, (12, 13)),
-    )
-    return [
-        path
-        for name, draw, size in drawings
-        for path in save(partial(draw, data), folder, name, size, ['png'])
-    ]
+    """Draw steps over n, and iterations of PCGM over n."""
+    steps = save(partial(_draw_steps, data), folder, 'counts', (12, 6.5), ['png'])
+    return [*steps, *save(partial(_draw_pcgm, data), folder, 'pcgm', (12, 5), ['png'])]
 
 
 def _draw_steps(data: Mapping[str, Any], figure: Any) -> None:
@@ -580,38 +570,3 @@ def _draw_pcgm(data: Mapping[str, Any], figure: Any) -> None:
     for axes in (left, right):
         over_joints(axes, [2**k for k in range(1, 7)])
         axes.legend(fontsize=8)
-
-
-def _draw_processors(data: Mapping[str, Any], figure: Any) -> None:
-    """Draw speed-ups and efficiencies over p, best known, a column of panels for each n."""
-    rows = with_baselines(data, 'processors')
-    # The cells of the array are processors that no p has.
-    rows = [x for x in rows if x['edition'] == BEST_KNOWN and x['units'] == x['processors']]
-    systems, sizes = (list(dict.fromkeys(x[key] for x in rows)) for key in ('system', 'n'))
-    panels = figure.subplots(4, len(sizes), squeeze=False)
-    for line, (ratio, over) in zip(
-        panels, product((speed_up, efficiency), ('own', 'best')), strict=True
-    ):
-        for n, axes in zip(sizes, line, strict=True):
-            p = sorted({x['processors'] for x in rows if x['n'] == n})
-            for k, system in enumerate(systems):
-                own = [x for x in rows if (x['system'], x['n']) == (system, n) and x[over]]
-                for routed, style in ((False, '-'), (True, '--')) if own else ():
-                    label = None if routed else own[0]['title']
-                    values = [ratio(x, over, routed) for x in own]
-                    axes.plot(p, values, style, color=f'C{k}', marker='.', label=label)
-            axes.set_xscale('log')
-            if ratio is speed_up:
-                axes.set_yscale('log')
-                axes.plot(p, p, color='black', lw=0.8, label='efficiency 100 %')
-                axes.set_yticks([0.1, 0.5, *p], ['0.1', '0.5', *map(str, p)])
-            else:
-                axes.set_ylim(0, 1.02)
-            axes.set_xticks(p, list(map(str, p)))
-            axes.minorticks_off()
-            axes.grid(alpha=0.25)
-            axes.set_xlabel('processors p')
-            title = 'speed-up' if ratio is speed_up else 'efficiency'
-            words = 'the same' if over == 'own' else 'the best serial'
-            axes.set_title(f'n = {n}: {title} over {words} algorithm', fontsize=10)
-    panels[0, 0].legend(fontsize=7, title='with routes dashed', title_fontsize=7)

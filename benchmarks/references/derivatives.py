@@ -81,13 +81,17 @@ def _without_roundings(J: NDArray[Any]) -> NDArray[Any]:
 
 def named(found: Jacobians, h: float) -> Matrices:
     """Return the matrices by name; velocities of [A B] are multiplied by h, a power of two."""
+    import mpmath
+
     J, AB = found
     matrices = dict(zip(DERIVATIVES, np.split(J, 3, axis=-1), strict=True))
     if AB is not None:
         n = J.shape[-2]
         AB = AB.copy()
-        AB[..., n:, :] *= h
-        AB[..., n : 2 * n] /= h
+        # mpmath numbers are rounded to the digits that are set.
+        with mpmath.workdps(DIGITS):
+            AB[..., n:, :] *= h
+            AB[..., n : 2 * n] /= h
         matrices |= dict(zip(STEPS, np.split(AB, [2 * n], axis=-1), strict=True))
     return matrices
 

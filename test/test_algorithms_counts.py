@@ -409,3 +409,46 @@ def test_a_wrench_brings_the_last_frame_back(method: str, more: tuple[int, int])
             bare.multiplications + more[0],
             bare.additions + more[1],
         )
+
+
+# ---- beyond the paper ------------------------------------------------------------------------
+
+
+def steps_of(method: str, plant: Any, section: str) -> tuple[int, int, int, int]:
+    return arithmetic(FORWARD_METHODS[method](plant, 'parallel').count(section=section))
+
+
+@pytest.mark.parametrize('n', SIZES)
+def test_omega_takes_66_multiplications_and_15_levels_and_62_additions(n: int) -> None:
+    # newton_euler: 87 and 15 L + 65; the paper prints 84 and 15 L + 63.
+    found = steps_of('pcrbm_base_origin', resolve_plant(chain(n)), 'omega')
+    single = n == 1
+    assert found == (66 - 6 * single, 15 * levels(n) + 62 - 3 * single, 0, 0)
+
+
+@pytest.mark.parametrize('n', SIZES[1:])
+def test_sliding_joints_and_a_wrench_add_six_additions_to_omega(n: int) -> None:
+    for plant in (
+        resolve_plant(chain(n, prismatic=True)),
+        resolve_plant(chain(n), pfd.Scene(external_wrench=True)),
+    ):
+        assert steps_of('pcrbm', plant, 'omega') == (66, 15 * levels(n) + 68, 0, 0)
+
+
+@pytest.mark.parametrize('n', SIZES)
+def test_h_about_the_base_origin_takes_half_a_row_for_each_joint(n: int) -> None:
+    plant, L, K = resolve_plant(chain(n)), levels(n), n // 2 + 1
+    for section, wanted in (
+        ('base origin', (15, 3 * L + 15, 0, 0)),
+        ('composite bodies', (24, 10 * L + 18, 0, 0)),
+        ('elements of H', (6 * K, 5 * K, 0, 0)),
+    ):
+        assert steps_of('pcrbm_base_origin', plant, section) == wanted
+
+
+def test_six_joints_about_the_base_origin_take_fewer_steps_than_the_paper_prints() -> None:
+    plant = resolve_plant(chain(6))
+    steps = FORWARD_METHODS['pcrbm_base_origin'](plant, 'parallel').count()
+    assert steps.multiplications < 334
+    assert steps.additions < 328
+    assert steps.square_roots == 0

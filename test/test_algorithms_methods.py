@@ -221,3 +221,38 @@ def test_fifty_digits_agree_also_where_parameters_are_grouped_or_iterations_end(
     for schedule in MACHINE_SCHEDULES if method not in SERIAL_METHODS else ('sequential',):
         program = FORWARD_METHODS[method](plant, schedule, **stop)
         assert error(run_program(program, given, digits=50)['qdd'], wanted) < FIFTY_DIGITS
+
+
+def sound(method: str, found: dict[str, Array]) -> bool:
+    """Return whether a result is reported as usable."""
+    if method in ITERATIVE_METHODS:
+        return bool(found['converged'][0] == 1)
+    return bool((found['pivots'] > 0).all() and np.isfinite(found['qdd']).all())
+
+
+@pytest.mark.parametrize('method', pfd.METHODS)
+def test_an_inertia_that_is_not_positive_definite_and_nan_are_reported(method: str) -> None:
+    robot = random_chain(np.random.default_rng(31), 3, 0.0)
+    given = dict(zip(('q', 'qd', 'tau'), random_state(np.random.default_rng(32), 3), strict=True))
+    empty = without_mass(random_chain(np.random.default_rng(26), 3, 0.0), (2,))
+    program, other = (record(method, resolve_plant(r), 'sequential') for r in (robot, empty))
+    assert sound(method, run_program(program, given))
+    assert not sound(method, run_program(other, given))
+    for name, value in (('q', np.nan), ('qd', np.inf), ('tau', np.nan)):
+        wrong = given[name].copy()
+        wrong[1] = value
+        assert not sound(method, run_program(program, given | {name: wrong}))
+
+
+@pytest.mark.parametrize('n', [2, 6])
+def test_conjugate_gradients_take_at_most_n_iterations_when_nothing_is_rounded(n: int) -> None:
+    # The factor by which the residual falls, and the error left at condition numbers below 1e4.
+    residual, solution = 1e-40, 1e-36
+    robot, given = right_angled(n)
+    plant = resolve_plant(robot, WRENCH)
+    program = FORWARD_METHODS['walker_orin_4'](plant, 'sequential', tolerance=residual)
+    found = run_program(program, given, digits=50)
+    wanted = run_program(record('pcrbm', plant, 'sequential'), given, digits=50)['qdd']
+    assert error(found['qdd'], wanted) < solution
+    assert 1 <= found['iterations'][0] <= n
+    assert found['converged'][0] == 1

@@ -122,6 +122,25 @@ def test_rows_within_wider_rows_are_read_and_written_and_nothing_else(n: int, dt
     assert np.isnan(np.delete(wide[3], np.s_[1 : n + 1], axis=1)).all()
 
 
+@pytest.mark.parametrize('shift', [0, 2])
+def test_columns_that_evict_each_other_from_the_cache_have_the_bits_of_single_states(
+    shift: int,
+) -> None:
+    # Columns of all arrays are two pages apart, and begin on lines or between them.
+    kernel = pfd.compile_kernel(random_chain(np.random.default_rng(71), 4))
+    rng = np.random.default_rng(72)
+    columns = [np.zeros((1024, 5), order='F')[shift : 1019 + shift, :4] for _ in range(4)]
+    for array in columns[:3]:
+        array[:] = rng.normal(size=array.shape)
+    *given, out = columns
+    assert kernel(*given, out=out) is out
+    for k in (0, 1, 500, 1017, 1018):
+        np.testing.assert_array_equal(out[k], kernel(*(array[k] for array in given)))
+    given[1][777, 2] = np.inf
+    with pytest.raises(ValueError, match=r'qd must be finite, got inf at index \[777, 2\]'):
+        kernel(*given, out=out)
+
+
 def test_an_empty_batch_gives_an_empty_answer() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
     assert kernel(*[np.empty((0, 2))] * 3).shape == (0, 2)
@@ -177,6 +196,17 @@ def test_angles_far_beyond_the_range_of_the_sine_are_brought_back() -> None:
         wanted = oracle.qdd(angle, qd[k], tau[k])
         assert np.abs(found[k] - wanted).max() < 1e-10 * np.abs(wanted).max()
         np.testing.assert_array_equal(kernel(q[k], qd[k], tau[k]), found[k])
+
+
+def test_derivatives_at_angles_far_beyond_the_range_of_the_sine_are_those_at_the_angle() -> None:
+    robot = pfd.load_robot('panda')
+    kernel = pfd.compile_kernel(robot, quantity='derivatives')
+    q, qd, tau = random_states(7, 20)
+    far = q + 2e6 * np.arange(20)[:, np.newaxis]
+    found = kernel(far, qd, tau)
+    wanted = kernel(np.arctan2(np.sin(far), np.cos(far)), qd, tau)
+    assert np.abs(found - wanted).max() < 1e-10 * np.abs(wanted).max()
+    np.testing.assert_array_equal(kernel(far[7], qd[7], tau[7]), found[7])
 
 
 def test_a_prismatic_joint_is_never_wrapped() -> None:

@@ -115,20 +115,11 @@ PINNED = (
 )
 # The same for the files that go first.
 LEAVING = (
-    'test_algorithms_fohra',
-    'test_algorithms_serial',
-    'test_algorithms_set_ordering',
-    'test_algorithms_variants',
     'test_arm_stretches',
     'test_block_writer',
     'test_changes',
     'test_changes_from_threads',
-    'test_codegen_chunks',
-    'test_codegen_product',
     'test_compile_report',
-    'test_kernels_fuse',
-    'test_kernels_pipeline',
-    'test_kernels_schedule',
     'test_recording_faults',
     'test_replay_rules',
     'test_replay_stretches',

@@ -113,21 +113,6 @@ PINNED = (
     'test_view_page',
     'test_view_process',
 )
-# The same for the files that go first.
-LEAVING = (
-    'test_arm_stretches',
-    'test_block_writer',
-    'test_changes',
-    'test_changes_from_threads',
-    'test_compile_report',
-    'test_recording_faults',
-    'test_replay_rules',
-    'test_replay_stretches',
-    'test_resolved_settings',
-    'test_saved_states',
-    'test_split_recordings',
-    'test_view_tip_loads',
-)
 
 
 def modules() -> dict[str, Path]:
@@ -251,9 +236,7 @@ def is_internal(name: str) -> bool:
 def checked_tests() -> list[Path]:
     """Return the tests and their support files, but for those that pin internals."""
     return [
-        path
-        for path in sorted(Path(__file__).parent.rglob('*.py'))
-        if path.stem not in {*PINNED, *LEAVING}
+        path for path in sorted(Path(__file__).parent.rglob('*.py')) if path.stem not in PINNED
     ]
 
 

@@ -14,6 +14,7 @@ from bridge import (
     INTEGER_ARRAY_TYPE,
     JOINT_STATE_TYPE,
     LogError,
+    TimeBase,
     definition_text,
     qos_text,
     type_hash,
@@ -183,3 +184,34 @@ def test_a_damaged_file_is_refused_with_the_place(place, expected: str, tmp_path
     (tmp_path / 'a.mcap').write_bytes(flipped(data, place(len(data))))
     with pytest.raises(LogError, match=expected):
         read(tmp_path / 'a.mcap')
+
+
+@pytest.mark.parametrize(
+    'base',
+    [
+        TimeBase(wall_ns=-(10**30)),
+        TimeBase(wall_ns=10**30),
+        TimeBase(wall_ns=(1 << 63) - 1001),
+        TimeBase(steady_ns=10**30),
+        TimeBase(steady_ns=-(10**30)),
+    ],
+    ids=['far before', 'far ahead', 'at the end', 'steady ahead', 'steady behind'],
+)
+def test_the_times_in_the_file_are_valid_and_in_order_whatever_the_clock(
+    base: TimeBase, tmp_path: Path
+) -> None:
+    write(tmp_path / 'a.mcap', 100, base=base)
+    times = [entry.log_ns for entry in read(tmp_path / 'a.mcap')[1]]
+    assert len(times) == 100
+    assert times == sorted(times)
+    assert 0 <= times[0] <= times[-1] < 1 << 63
+
+
+def test_a_message_longer_than_readers_take_is_dropped_and_counted(tmp_path: Path) -> None:
+    most = 1 << 24
+    recorder, _ = start(tmp_path / 'a.mcap')
+    recorder.record(1, 1, bytes(most))
+    recorder.record(1, 2, bytes(most + 1))
+    recorder.close()
+    assert (recorder.recorded, recorder.dropped) == ([0, 1], [0, 1])
+    assert [len(entry.data) for entry in read(tmp_path / 'a.mcap')[1]] == [most]

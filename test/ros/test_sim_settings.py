@@ -13,13 +13,21 @@ from typing import Any
 
 from bridge import (
     Settings,
+    Source,
+    Verdict,
     effect_fields,
+    encode_string,
     joint_settings,
     parameter_name,
+    read_recording,
     settings_from_values,
     settings_to_json,
 )
+import numpy as np
+from plant_messages import change, efforts, made, validated
 import pytest
+from rewriting import STATES
+from simulating import rows_of, simulate
 import yaml
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'sim_arm.yaml'
@@ -152,3 +160,91 @@ def test_a_rate_is_a_whole_number_of_steps(step_size: float, rate: float, every:
 def test_times_are_whole_nanoseconds() -> None:
     chosen = Settings(step_size=0.0001, start_time=0.3)
     assert (chosen.step_ns, chosen.start_ns) == (100_000, 300_000_000)
+
+
+# ---- changes while the arm runs ----
+
+
+def test_a_dynamic_setting_changes_and_all_others_stay() -> None:
+    engine = made(substeps=3)
+    before = engine.settings
+    assert validated(engine, change(real_time_factor=0.5)).verdict is Verdict.ACCEPTED
+    assert engine.settings == Settings(**{**vars(before), 'real_time_factor': 0.5})
+
+
+@pytest.mark.parametrize(
+    ('text', 'verdict', 'reason'),
+    [
+        ('{"real_time_factor": 1001.0}', Verdict.REFUSED, 'real_time_factor is 1001.0, expected'),
+        ('{"real_time_factor": NaN}', Verdict.REFUSED, 'real_time_factor holds nan'),
+        ('{"real_time_factor": true}', Verdict.MALFORMED, 'real_time_factor is True'),
+        ('{"step_size": 0.002}', Verdict.MALFORMED, "['step_size'] cannot change while the arm"),
+        ('{"real_time_factor": 1.0, "robot": "ur5"}', Verdict.MALFORMED, "['robot'] cannot"),
+        ('{"bias_effort": [1.0]}', Verdict.REFUSED, 'bias.effort holds 1 numbers'),
+        ('[1]', Verdict.MALFORMED, 'expected a table'),
+        ('', Verdict.MALFORMED, 'Expecting value'),
+        ('[' * 2000, Verdict.MALFORMED, 'nested too deeply'),
+        (json.dumps({'x' * 9000: 1}), Verdict.MALFORMED, '(9000 characters)'),
+        ('{"real_time_factor": 1' + '0' * 400 + '}', Verdict.MALFORMED, 'too large for a float'),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_a_wrong_change_is_refused_whole_with_its_reason(
+    text: str, verdict: Verdict, reason: str
+) -> None:
+    engine = made()
+    before = engine.settings
+    found = validated(engine, (Source.PARAMETERS, encode_string(text)))
+    assert found.verdict is verdict
+    assert reason in found.detail
+    assert len(found.detail) < 600
+    assert found.detail.isprintable()
+    assert engine.settings is before
+
+
+def test_a_recording_with_changes_of_settings_and_sensors_verifies(tmp_path: Path) -> None:
+    events = {
+        2: [efforts(1.0, 2.0), change(real_time_factor=3.0)],
+        4: [change(real_time_factor=-1.0), change(step_size=0.1)],
+        5: [change(noise_position=0.01, bias_effort=[0.0, 3.0])],
+        9: [change(noise_position=0.0, bias_effort=[])],
+    }
+    run, exact = simulate(20, events), simulate(20, {2: events[2]})
+    path = run.save(tmp_path / 'a.mcap')
+    summary = read_recording(path, verify=True)
+    assert summary.complete
+    assert summary.settings.real_time_factor == 1.0
+    verdicts = [row.verdict for row in rows_of(path) if row.source is Source.PARAMETERS]
+    taken = Verdict.ACCEPTED
+    assert verdicts == [taken, Verdict.REFUSED, Verdict.MALFORMED, taken, taken]
+    pairs = zip(run.on(STATES), exact.on(STATES), strict=True)
+    noisy = [k for k, (one, other) in enumerate(pairs, start=1) if one.data != other.data]
+    assert noisy == list(range(5, 9))
+
+
+# ---- what `auto` stands for ----
+
+# h lambda is 1.1 for the model's damping, without rotors: 'auto' is imex2, and rk4 is stable.
+STIFF: dict[str, Any] = {'robot': 'puma560', 'damping': True, 'step_size': 0.0004}
+
+
+@pytest.mark.parametrize(
+    ('settings', 'integrator', 'sums'),
+    [
+        ({'robot': 'planar2'}, 'rk4', 'compensated'),
+        ({'robot': 'puma560'}, 'rk4', 'plain'),
+        (STIFF, 'imex2', 'plain'),
+        (STIFF | {'integrator': 'velocity_verlet'}, 'velocity_verlet', 'plain'),
+        ({'robot': 'planar2', 'position_sums': 'plain'}, 'rk4', 'plain'),
+    ],
+)
+def test_a_recording_stores_the_choices_of_auto(
+    settings: dict[str, Any], integrator: str, sums: str, tmp_path: Path
+) -> None:
+    joints = 6 if settings['robot'] == 'puma560' else 2
+    run = simulate(60, {3: [efforts(*np.linspace(3.0, -1.0, joints))]}, **settings)
+    summary = read_recording(run.save(tmp_path / 'a.mcap'), verify=True)
+    assert summary.complete
+    stored = summary.settings
+    assert (stored.integrator, stored.position_sums) == (integrator, sums)
+    assert stored.method != 'auto'

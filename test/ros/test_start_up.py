@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from ros_processes import Processes
 
@@ -42,3 +44,16 @@ def test_a_start_collects_garbage_once_and_imports_nothing_of_other_commands(
     modules = text.partition('modules: ')[2].split()
     assert 'pfd_ros.node.process' in modules
     assert not UNUSED & set(modules)
+
+
+@pytest.mark.ros
+def test_a_first_start_logs_that_it_compiles_and_a_warm_start_does_not(
+    processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('PFD_CACHE', str(tmp_path / 'cache'))
+    for compiles in (True, False):
+        node = processes.arm('-p', 'robot:=planar2')
+        node.wait_for_text('until its first command')
+        node.stop()
+        assert ("Compiling native code for 'planar2' (first start" in node.text()) == compiles
+        assert ("Compiled native code for 'planar2' in " in node.text()) == compiles

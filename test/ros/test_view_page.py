@@ -4,17 +4,20 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 import re
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from ros_processes import example_robot
 from view_models import (
     STATE,
     UR5,
     Exported,
+    Nodes,
     joint_state,
     parsed,
     pendulum_end,
@@ -26,6 +29,7 @@ from view_models import (
 )
 
 from pfd_ros.cli.main import main
+from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.view.loads import AT_LIMIT, UNKNOWN, Loads, load_colour
 from pfd_ros.view.logged_arm import Content, content_of, fill, offset_of, tip_path
 
@@ -149,3 +153,104 @@ def test_an_export_replaces_no_file_and_leaves_none_behind(
     monkeypatch.setattr('pfd_ros.view.export.fill', interrupted)
     assert main(['view', str(ur5_log), '--export', str(tmp_path / 'b.html')]) == 130
     assert not (tmp_path / 'b.html').exists()
+
+
+# ---- wrench and payload ----
+
+# The page has float32 vertices.
+SINGLE = 1e-6
+# Two pushes of the UR5 in frames that its last link carries, and the payloads under which.
+PUSHES = {
+    'tool0': ((12.0, -7.0, 20.0), (0.8, -1.5, 0.6)),
+    'wrist_3_link': ((-30.0, 5.0, 1.0), (0.0, 0.0, -2.0)),
+}
+FIRST = (1.0, (0.0, 0.05, 0.02), (0.0,) * 6)
+SECOND = (2.5, (0.1, -0.02, 0.05), (0.02, 0.001, -0.002, 0.03, 0.003, 0.025))
+PART = 0.1  # s of each of the four parts of that run: neither, the pushes, neither
+
+
+@pytest.fixture(scope='module')
+def pushed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Record a UR5 that is pushed twice, and whose payload changes and goes."""
+    path = tmp_path_factory.mktemp('view') / 'pushed.mcap'
+    mass, center, _ = FIRST
+    settings = {'external_wrench': True, 'payload_mass': mass, 'payload_center': center}
+    settings['publish_rate'] = 100.0
+
+    def swing(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        return np.linspace(3.0, -2.0, 6) * np.cos(9.0 * t) - 0.3 * qd
+
+    with LockstepArm(example_robot(UR5), recording=path, **settings) as arm:
+        arm.run(swing, PART)
+        arm.push(*PUSHES['tool0'], 'tool0')
+        arm.run(swing, PART)
+        arm.push(*PUSHES['wrist_3_link'], 'wrist_3_link')
+        mass, center, inertia = SECOND
+        arm.set(payload_mass=mass, payload_center=center, payload_inertia=inertia)
+        arm.run(swing, PART)
+        arm.push((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        arm.set(payload_mass=0.0)
+        arm.run(swing, PART)
+    return path
+
+
+def visible(nodes: Nodes) -> list[str]:
+    names = ('/wrench/force', '/wrench/torque', '/payload')
+    return [name for name in names if nodes[name].visible]
+
+
+def check_wrench(nodes: Nodes, frame: pin.SE3, wrench: Any, scale: Any) -> None:
+    force, torque = map(np.array, wrench)
+    head, shaft = nodes.points('/wrench/force/head'), nodes.points('/wrench/force/shaft')
+    along = frame.rotation @ force / scale.force
+    reaching = (head - frame.translation) @ along / np.linalg.norm(along)
+    tip = head[np.argmax(reaching)]
+    np.testing.assert_allclose(tip, frame.translation + along, atol=SINGLE)
+    # The shaft begins at the point of application.
+    begin = (shaft - frame.translation) @ along / np.linalg.norm(along)
+    np.testing.assert_allclose(shaft[begin < SINGLE].mean(axis=0), frame.translation, atol=SINGLE)
+    about = frame.rotation @ torque
+    turn = nodes.points('/wrench/torque/turn') - frame.translation
+    axis = about / np.linalg.norm(about)
+    radius = np.linalg.norm(torque) / scale.torque
+    distances = np.linalg.norm(np.cross(turn, axis), axis=1)
+    assert np.abs(turn @ axis).max() < 0.15 * radius
+    assert np.median(distances) == pytest.approx(radius, rel=0.05)
+    # From its begin to its head it turns as the right hand's fingers do.
+    assert np.sum(np.cross(turn[:-1], turn[1:]) @ axis) > 0
+
+
+def test_arrows_and_payload_of_a_recording_are_at_the_poses_of_pinocchio(
+    pushed: Path, empty: Any
+) -> None:
+    content = content_of(pushed)
+    assert content.lines == ()
+    nodes, count = Nodes(empty, content), len(content.motion.time)
+    pose = ur5_poses(pushed)
+    for part, frame in ((1, 'tool0'), (2, 'wrist_3_link')):
+        for place in (part * count // 4 + 1, (2 * part + 1) * count // 8, (part + 1) * count // 4):
+            nodes.show(content.motion.time[place - 1])
+            at = partial(pose, place - 1)
+            assert visible(nodes) == ['/wrench/force', '/wrench/torque', '/payload']
+            check_wrench(nodes, at(frame), PUSHES[frame], content.scale)
+            centre = at('wrist_3_link').act(np.array((FIRST, SECOND)[part - 1][1]))
+            for name in ('/payload/body', '/payload/centre'):
+                points = nodes.points(name)
+                middle = (points.min(axis=0) + points.max(axis=0)) / 2
+                np.testing.assert_allclose(points.mean(axis=0), centre, atol=10 * SINGLE)
+                np.testing.assert_allclose(middle, centre, atol=0.1 * np.ptp(points))
+
+
+def test_arrows_are_hidden_without_a_wrench_and_the_payload_without_a_mass(
+    pushed: Path, empty: Any
+) -> None:
+    content = content_of(pushed)
+    nodes, states = Nodes(empty, content), content.motion.time
+    shown = []
+    for time in states:
+        nodes.show(time)
+        shown.append(visible(nodes))
+    quarter = round(PART / (states[1] - states[0]))
+    assert len(states) == 4 * quarter
+    both = ['/wrench/force', '/wrench/torque', '/payload']
+    assert shown == quarter * [['/payload']] + 2 * quarter * [both] + quarter * [[]]

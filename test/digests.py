@@ -26,6 +26,7 @@ from dataclasses import replace
 from functools import cache
 import hashlib
 import json
+import math
 from pathlib import Path
 import random
 import struct
@@ -59,7 +60,7 @@ def _turn(x: float, y: float, z: float, w: float) -> list[list[float]]:
 
 def _skew_turn(draw: random.Random) -> list[list[float]]:
     q = [draw.uniform(-1.0, 1.0) for _ in range(4)]
-    length = (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]) ** 0.5
+    length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return _turn(*(x / length for x in q))
 
 
@@ -77,13 +78,15 @@ def _square_turn(draw: random.Random) -> list[list[float]]:
 
 def _inertia(draw: random.Random, mass: float) -> list[list[float]]:
     """Return the inertia of a box in any attitude."""
-    sides = [draw.uniform(0.05, 0.4) ** 2 for _ in range(3)]
-    moments = [mass / 12 * (sum(sides) - side) for side in sides]
+    # No `sum` and no power: their roundings depend on the version of Python and of libm.
+    a, b, c = (side * side for side in (draw.uniform(0.05, 0.4) for _ in range(3)))
+    x, y, z = (mass / 12 * moment for moment in (b + c, a + c, a + b))
     R = _skew_turn(draw)
     J = [[0.0] * 3 for _ in range(3)]
     for i in range(3):
         for j in range(i, 3):
-            J[i][j] = J[j][i] = sum(R[i][k] * moments[k] * R[j][k] for k in range(3))
+            J[i][j] = R[i][0] * x * R[j][0] + R[i][1] * y * R[j][1] + R[i][2] * z * R[j][2]
+            J[j][i] = J[i][j]
     return J
 
 
@@ -457,16 +460,17 @@ SIMULATIONS: Mapping[str, Callable[[], str]] = {
 
 # Recordings.
 
-GOLDEN = ('golden_2_puma560', 'golden_2_ur5')
-LOGS = (*GOLDEN, 'faulty', 'demo', 'rejected')
+LOGS = ('golden_2_puma560', 'golden_2_ur5', 'faulty', 'demo', 'rejected')
 
 
-def golden(name: str) -> str:
-    """Simulate a golden recording again to the same bytes; return the digest of its states."""
+def replayed(name: str) -> str:
+    """Simulate a recording again to the same bytes; return the digest of its states."""
     path = DATA / f'{name}.mcap'
     summary = read_recording(path, verify=True)
     assert summary.complete
-    states = read_log(path, topics=['/joint_states'])['/joint_states']
+    log = read_log(path)
+    (topic,) = (topic for topic in log.topics if topic.endswith('/joint_states'))
+    states = log[topic]
     assert len(states) == summary.states
     names = np.array(states.names, 'S')
     return bits(names, states.stamp_ns, states.position, states.velocity, states.effort)
@@ -524,7 +528,7 @@ def measure() -> dict[str, Any]:
         'programs': {case: {dtype: programs(case, dtype) for dtype in FORMATS} for case in CASES},
         'results': {case: {dtype: results(case, dtype) for dtype in FORMATS} for case in CASES},
         'simulations': {name: simulation() for name, simulation in SIMULATIONS.items()},
-        'golden': {name: golden(name) for name in GOLDEN},
+        'replayed': {name: replayed(name) for name in LOGS},
     }
 
 

@@ -445,7 +445,6 @@ NAMES = {
     'view_page': 'pfd_ros.view.server:page',
     # pfd_ros.advice: advice on a scene
     'Advice': 'pfd_ros.advice:Advice',
-    'AdviceRow': 'pfd_ros.advice:Row',
     'Motion': 'pfd_ros.advice:Motion',
     'SINE_SETTINGS': 'pfd_ros.advice.motions:SETTINGS',
     'advise': 'pfd_ros.advice:advise',

@@ -1,12 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Advice on a scene.
+"""Advice on a scene: which effects a motion needs within a tolerance, and their costs.
 
-It says which effects a motion needs within a tolerance, and what each of them costs:
-
-    motions   motions to simulate again: of a recording, or sines
-    scene     the table of effects, and the search for a smaller scene
-    text      advice as lines of text
+motions   motions to simulate again: of a recording, or sines
+scene     the table of effects, and the search for a smaller scene
 """
 
 from pfd_ros.advice.motions import Motion, read_motion, sine

@@ -9,7 +9,8 @@ state, and recorded states may have errors of sensors.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,11 +19,11 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot, simulator_settings
-from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import TAKEN
+from pfd_ros.recording.format import SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Log, LogError, damage_named
-from pfd_ros.replay.ordering import PlacedMessage, placed_blocks
-from pfd_ros.replay.playback import Playback, Stretch
+from pfd_ros.replay.ordering import Inbox, messages_of, placed_blocks
 from pfd_ros.replay.verify import simulable
 from pfd_ros.text import cut, listed
 
@@ -48,8 +49,6 @@ class Motion:
     ----------
     name
         What it is, for a reader.
-    joints
-        Names of the joints, model order.
     settings
         step_size, substeps, integrator and method, as Simulator takes them.
     taus
@@ -61,20 +60,11 @@ class Motion:
     """
 
     name: str
-    joints: tuple[str, ...]
     settings: Mapping[str, Any]
     taus: NDArray[Any]
     braked: NDArray[Any]
     q: NDArray[Any]
     qd: NDArray[Any]
-
-    def check(self, robot: pfd.Robot) -> None:
-        """Raise ValueError unless a robot has the joints of this motion."""
-        if self.joints != robot.joint_names:
-            raise ValueError(
-                f'{self.name}: it has the joints {listed(self.joints)}, but '
-                f'{cut(robot.name)!r} has {listed(robot.joint_names)}'
-            )
 
 
 def sine(robot: pfd.Robot, scene: pfd.Scene) -> Motion:
@@ -96,7 +86,7 @@ def sine(robot: pfd.Robot, scene: pfd.Scene) -> Motion:
     instant = scene.without({effect.name for effect in pfd.EFFECTS if effect.acts == 'step'})
     inverse = pfd.compile_kernel(robot, scene=instant, quantity='inverse_dynamics')
     wrench = np.zeros(6) if scene.external_wrench else None
-    limited = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
+    limited = np.isfinite([robot.position_lower, robot.position_upper]).all(axis=0)
     lower = np.where(limited, robot.position_lower, 0.0)
     upper = np.where(limited, robot.position_upper, 0.0)
     # URDFs often write zero for an unknown limit.
@@ -105,21 +95,21 @@ def sine(robot: pfd.Robot, scene: pfd.Scene) -> Motion:
     )
     amplitude = np.minimum(AMPLITUDE, VELOCITY_SHARE * fastest / (2 * np.pi))
     amplitude = np.where(limited, np.minimum(amplitude, RANGE_SHARE * (upper - lower)), amplitude)
-    count = round(SECONDS / simulator.step_size)
     w = 2 * np.pi * np.linspace(0.4, 1.0, robot.n)
-    phase = simulator.step_size * np.arange(count)[:, np.newaxis] * w
+    phase = (
+        simulator.step_size * np.arange(round(SECONDS / simulator.step_size))[:, np.newaxis] * w
+    )
     y = (lower + upper) / 2 + amplitude * np.sin(phase)
     yd, ydd = amplitude * w * np.cos(phase), -amplitude * w**2 * np.sin(phase)
-    taus, q, qd = np.empty((3, count, robot.n))
+    taus, q, qd = np.empty((3, *y.shape))
     simulator.reset(y[0], yd[0])
-    for k in range(count):
+    for k in range(len(y)):
         q[k], qd[k] = simulator.q, simulator.qd
         qdd = ydd[k] + BANDWIDTH**2 * (y[k] - q[k]) + 2 * BANDWIDTH * (yd[k] - qd[k])
         taus[k] = np.clip(inverse(q[k], qd[k], qdd, wrench), -strongest, strongest)
         simulator.step(taus[k], wrench)
     name = 'sine: the joints follow sines of 0.4 to 1 Hz'
-    braked = np.zeros(taus.shape, bool)
-    return Motion(name, robot.joint_names, SETTINGS, taus, braked, q, qd)
+    return Motion(name, SETTINGS, taus, np.zeros(taus.shape, bool), q, qd)
 
 
 class RecordedMotion(NamedTuple):
@@ -155,89 +145,60 @@ def read_motion(
     OSError
         If it cannot be read.
     """
-    path = Path(path)
-    log = Log(path)
-    with damage_named(path):
+    log, inbox = Log(Path(path)), Inbox()
+    states: list[NDArray[Any]] = []
+    brakes: list[NDArray[Any]] = []
+    with damage_named(log.path):
         (found,), recorded = simulable([log], progress)
         settings, simulated = found.summary.settings, found.summary.simulated
         steps = min(simulated, MOST_STEPS)
         engine = Engine(settings, recorded, rows=False)
+        scene = engine.arm.scene
         if engine.state.wrench is not None:
             raise ValueError(
                 'its arm has an external wrench, so its torques do not determine the motion'
             )
-        start = np.stack([engine.arm.start, *np.zeros((2, recorded.n))])
-        reading = _Reading(Driver(engine), steps=steps, scene=engine.arm.scene, rows=[start])
-        for block in placed_blocks(log):
-            reading.follow(block)
-            if engine.cycles >= steps:
-                break
-        reading.flush()
-        reading.run_to(steps)
-    rows, braked = np.array(reading.rows[: steps + 1]), np.array(reading.braked[:steps])
+
+        def run_to(cycle: int) -> None:
+            while engine.cycles < cycle:
+                q, qd = engine.arm.q, engine.arm.qd
+                engine.advance()
+                states.append(np.stack([q, qd, engine.state.tau]))
+                brakes.append(engine.state.braked)
+
+        for message in chain.from_iterable(map(messages_of, placed_blocks(log))):
+            if message.role in SOURCE_OF_ROLE:
+                inbox.put(message)
+            elif message.role == TAKEN:
+                if message.cycle > steps:
+                    break
+                run_to(message.cycle - 1)
+                engine.take(inbox.take(message))
+                if engine.state.jumps:
+                    raise ValueError(
+                        f'its arm is set to another state before step {message.cycle}: '
+                        'not a continuous motion'
+                    )
+                if engine.arm.scene is not scene:
+                    raise ValueError(
+                        f'its payload or gravity compensation changes before step '
+                        f'{message.cycle}: not a motion of one scene'
+                    )
+        run_to(steps)
+    braked = np.array(brakes)
     if braked.all():
         raise LogError(
             f'{path} holds no torques: no command was accepted in its {steps} steps, and brakes '
             'hold every joint'
         )
-    motion = Motion(
-        f'{f"the first {steps} steps of " if steps < simulated else ""}the recording {path.name}',
-        recorded.joint_names,
-        simulator_settings(settings),
-        taus=rows[1:, 2],
-        braked=braked,
-        q=rows[:-1, 0],
-        qd=rows[:-1, 1],
-    )
     robot = recorded if robot_source is None else load_robot(settings, robot_source)
-    motion.check(robot)
-    return RecordedMotion(robot, reading.scene, motion)
-
-
-@dataclass
-class _Reading(Playback):
-    """The first `steps` steps of a recording; its scene must not change.
-
-    `rows` has q, qd and tau, (3, n) in model order, at the start and after each step; `braked` has
-    the brakes in each step, (n,).
-    """
-
-    steps: int = field(kw_only=True)
-    scene: pfd.Scene = field(kw_only=True)
-    rows: list[NDArray[Any]] = field(kw_only=True)
-    braked: list[NDArray[Any]] = field(default_factory=list)
-
-    def take_now(self, message: PlacedMessage) -> None:
-        if message.cycle <= self.steps:
-            self.run_to(message.cycle - 1)
-            self.driver.take(self.inbox.take(message))
-
-    def output_now(self, message: PlacedMessage) -> None:
-        self.run_to(message.cycle)
-
-    def aside(self, message: PlacedMessage) -> None:
-        pass
-
-    def stretched(self, stretch: Stretch) -> bool:
-        if self.driver.engine.arm.scene is not self.scene:
-            return False
-        self.rows += [*stretch.rows]
-        self.braked += [np.zeros(stretch.rows.shape[2], bool)] * len(stretch.rows)
-        return True
-
-    def run_to(self, cycle: int) -> None:
-        engine = self.driver.engine
-        while engine.cycles < min(cycle, self.steps) and not engine.arm.failure:
-            if engine.state.jumps:
-                raise ValueError(
-                    f'its arm is set to another state before step {engine.cycles + 1}: '
-                    'not a continuous motion'
-                )
-            if engine.arm.scene is not self.scene:
-                raise ValueError(
-                    f'its payload or gravity compensation changes before step '
-                    f'{engine.cycles + 1}: not a motion of one scene'
-                )
-            self.driver.step()
-            self.rows.append(np.stack([engine.arm.q, engine.arm.qd, engine.state.tau]))
-            self.braked.append(engine.state.braked)
+    if robot.joint_names != recorded.joint_names:
+        raise ValueError(
+            f'{path}: it has the joints {listed(recorded.joint_names)}, but {cut(robot.name)!r} '
+            f'has {listed(robot.joint_names)}'
+        )
+    q, qd, taus = np.array(states).transpose(1, 0, 2)
+    part = f'the first {steps} steps of ' if steps < simulated else ''
+    name = f'{part}the recording {log.path.name}'
+    motion = Motion(name, simulator_settings(settings), taus, braked, q, qd)
+    return RecordedMotion(robot, scene, motion)

@@ -15,9 +15,9 @@ the tolerance. It may miss a smaller scene in which the errors of effects cancel
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 import math
 from numbers import Real
@@ -31,67 +31,36 @@ from pfd_ros.advice.motions import Motion
 
 # Length of a window [s].
 WINDOW = 0.1
-# Differences of positions [rad or m] are rounding up to this, and up to so many times the
-# difference between two methods with nothing in common but the model.
-ROUNDING, ROUNDINGS = 1e-12, 10
-METHODS = ('composite_body', 'articulated_body')
-# The integrator's error is the difference from steps so many times as short.
-FINER = 4
+# An error up to this [rad or m] is rounding; no encoder resolves it.
+ROUNDING = 1e-9
+FULL, SMALLEST = 'full scene', 'smallest found'
 
 
 class Row(NamedTuple):
-    """An effect of the full scene, and the motion without it.
+    """A scene compared with the full one.
 
-    `error` is the largest difference of a joint position from the full scene [rad or m], at a
-    joint and a time [s]: infinite if the simulation overflows, or the arm cannot be simulated
-    without the effect. `operations` are those that the effect adds to a step, as compiled, without
-    events. `kept` is whether the smallest scene found has it. `note` says how near the motion
-    comes to a limit that it does not reach, or why a simulation is impossible, or is ''.
+    `error` is the largest difference of a joint position [rad or m], infinite if the simulation
+    overflows or is impossible. `where` is its joint and time, or why the arm cannot be simulated,
+    or '' without an error. `operations` are those of a step, as compiled, without events.
     """
 
-    name: str
     error: float
-    joint: str
-    time: float
+    where: str
     operations: int
-    kept: bool
-    note: str
 
 
-@dataclass(frozen=True)
-class Advice:
+class Advice(NamedTuple):
     """The smallest scene found for a motion, and what it rests on.
 
-    Attributes
-    ----------
-    scene
-        The smallest scene found.
-    rows
-        The effects of the full scene.
-    unseen
-        Effects that are left out although the motion does not test them: it is the same without.
-    error
-        Largest difference of a joint position in `scene` from the full scene [rad or m].
-    operations
-        Operations of a step in the full scene and in `scene`.
-    floors
-        Errors that every scene has: the same difference for the full scene by its cause,
-        'integrator' (with steps a quarter as long) and 'rounding' (with another method).
-    departure
-        Largest difference of a position in the full scene, at the end of a window, from the
-        motion's own [rad or m].
-    windows
-        Number of windows.
+    `rows` has the row of the full scene (FULL), of the full scene without an effect by the name of
+    the effect, and of the smallest scene found (SMALLEST). `kept` are the effects in `scene`, and
+    `unseen` those left out although the motion does not test them: it is the same without.
     """
 
     scene: pfd.Scene
-    rows: tuple[Row, ...]
+    rows: Mapping[str, Row]
+    kept: tuple[str, ...]
     unseen: tuple[str, ...]
-    error: float
-    operations: tuple[int, int]
-    floors: Mapping[str, float]
-    departure: float
-    windows: int
 
 
 def full_scene(
@@ -124,18 +93,14 @@ def advise(
     window: float = WINDOW,
     progress: Callable[[float], None] | None = None,
 ) -> Advice:
-    """Find a small scene in which a motion stays close to the full scene.
+    """Find a small scene in which a motion of a robot stays close to the full scene.
 
     Parameters
     ----------
-    robot
-        The arm.
     scene
         The full scene.
-    motion
-        The torques, and states to start from.
     tolerance
-        Largest difference allowed of a joint position from the full scene [rad or m].
+        Largest error allowed [rad or m].
     window
         Seconds after which every scene starts again from the full one.
     progress
@@ -144,178 +109,100 @@ def advise(
     Raises
     ------
     ValueError
-        If tolerance or window is not above zero, the robot has other joints than the motion, or
-        the full scene cannot be simulated.
+        If tolerance or window is not above zero, or the full scene cannot be simulated.
     """
     for name, value in (('tolerance', tolerance), ('window', window)):
         if not isinstance(value, Real) or not 0 < value < math.inf:
             raise ValueError(f'{name} must be a number above zero, got {value!r}')
-    motion.check(robot)
-    full = _run_full(robot, scene, motion, window)
-    on = [effect.name for effect in pfd.EFFECTS if scene.without({effect.name}) != scene]
-    trials: dict[pfd.Scene, _Trial] = {}
-
-    def trial(candidate: pfd.Scene) -> _Trial:
-        if candidate not in trials:
-            trials[candidate] = _try(full, candidate)
-            if progress is not None:
-                # The search tries at most so many scenes.
-                progress(min(1.0, len(trials) / (1 + len(on) * (len(on) + 1) // 2)))
-        return trials[candidate]
-
-    whole = trial(scene)
-    smallest = _smallest_found(scene, on, trial, tolerance)
-    small = trial(smallest)
-    other = next(name for name in METHODS if name != full.starts[0].method)
-    found = {
-        'integrator': _try(full, scene, substeps=FINER * full.starts[0].substeps),
-        'rounding': _try(full, scene, method=other),
-    }
-    floors = {cause: one.error for cause, one in found.items() if not one.refused}
-    lost = max(ROUNDING, ROUNDINGS * floors.get('rounding', 0.0))
-    rows, unseen = [], []
-    for name in on:
-        one, kept = trial(scene.without({name})), smallest.without({name}) != smallest
-        note = one.refused
-        if one.digest == whole.digest:
-            note = 'does not act on this robot in the full scene'
-        elif one.error <= lost:
-            note = _nearness(full, name)
-            unseen += [] if kept else [name]
-        added = whole.operations - one.operations
-        rows.append(Row(name, one.error, one.joint, one.time, added, kept, note))
-    return Advice(
-        smallest,
-        tuple(rows),
-        tuple(unseen),
-        small.error,
-        (whole.operations, small.operations),
-        floors,
-        full.departure,
-        len(full.windows),
-    )
-
-
-class _Trial(NamedTuple):
-    """A scene: its cost, its error, the digest of its code, or why it cannot be simulated."""
-
-    operations: int
-    error: float
-    joint: str
-    time: float
-    digest: str
-    refused: str
-
-
-def _smallest_found(
-    scene: pfd.Scene,
-    on: Sequence[str],
-    trial: Callable[[pfd.Scene], _Trial],
-    tolerance: float,
-) -> pfd.Scene:
-    """Remove effects greedily while the error stays within the tolerance."""
-
-    def fits(smaller: pfd.Scene) -> bool:
-        found = trial(smaller)
-        return found.error <= tolerance and found.operations <= trial(scene).operations
-
-    def price(smaller: pfd.Scene) -> tuple[float, float]:
-        found = trial(smaller)
-        saved = trial(scene).operations - found.operations
-        return (found.error / saved if saved else math.inf), found.error
-
-    while True:
-        candidates = [scene.without({name}) for name in on]
-        fitting = [smaller for smaller in candidates if smaller != scene and fits(smaller)]
-        if not fitting:
-            return scene
-        scene = min(fitting, key=price)
-
-
-class _Full(NamedTuple):
-    """The motion in the full scene: its simulation at the start of each window, and q (K, n)."""
-
-    robot: pfd.Robot
-    scene: pfd.Scene
-    motion: Motion
-    settings: Mapping[str, Any]
-    windows: list[tuple[int, int]]
-    starts: list[pfd.Simulator]
-    q: NDArray[Any]
-    departure: float
-
-
-def _run_full(robot: pfd.Robot, scene: pfd.Scene, motion: Motion, seconds: float) -> _Full:
     simulator = pfd.Simulator(robot, scene, **motion.settings)
     # The integrator that 'auto' selects in the full scene, so that all scenes have the same.
     settings = {**motion.settings, 'integrator': simulator.integrator}
-    steps, length = len(motion.taus), max(1, round(seconds / simulator.step_size))
-    windows = [(first, min(first + length, steps)) for first in range(0, steps, length)]
-    starts, q, departure = [], np.empty_like(motion.taus), 0.0
-    for first, end in windows:
-        state = motion.q[first], motion.qd[first]
-        departure = max(departure, float(np.abs(simulator.q - state[0]).max()) if first else 0.0)
-        # A simulation that is at this state goes on with the rest of its state, too.
-        if not np.array_equal((simulator.q, simulator.qd), state):
-            simulator.reset(*state)
-        starts.append(copy(simulator))
-        q[first:end] = _roll(simulator, motion, first, end)
-        if simulator.status != 'ok':
-            raise ValueError(
-                f'{motion.name}: the simulation of the full scene overflows by step {end}, so '
-                'that no smaller scene can be compared with it'
-            )
-    return _Full(robot, scene, motion, settings, windows, starts, q, departure)
+    length = max(1, round(window / simulator.step_size))
+    starts: dict[int, pfd.Simulator] = {}
+    truth = _positions(simulator, motion, length, starts)
+    if not np.isfinite(truth).all():
+        raise ValueError(
+            f'{motion.name}: the simulation of the full scene overflows, so that no smaller scene '
+            'can be compared with it'
+        )
+    rows = {scene: Row(0.0, '', simulator.operations)}
+    names = [effect.name for effect in pfd.EFFECTS if scene.without({effect.name}) != scene]
+
+    def row(smaller: pfd.Scene) -> Row:
+        if smaller not in rows:
+            try:
+                simulator = pfd.Simulator(robot, smaller, **settings)
+            except ValueError as error:  # such as a massless link without the armature
+                rows[smaller] = Row(math.inf, str(error), rows[scene].operations)
+            else:
+                off = np.abs(_positions(simulator, motion, length, starts) - truth)
+                off[np.isnan(off)] = math.inf
+                k, joint = np.unravel_index(np.argmax(off), off.shape)
+                where = f'{robot.joint_names[joint]}, {(k + 1) * simulator.step_size:.3f} s'
+                error = float(off[k, joint])
+                rows[smaller] = Row(error, where if error else '', simulator.operations)
+            if progress is not None:
+                # The search tries at most so many scenes.
+                progress(min(1.0, len(rows) / (1 + len(names) * (len(names) + 1) // 2)))
+        return rows[smaller]
+
+    alone = {name: row(scene.without({name})) for name in names}
+    small = scene
+    while True:
+        smaller = [small.without({name}) for name in names]
+        prices = {
+            one: row(one).error / max(1, saved)
+            for one in smaller
+            if one != small
+            and row(one).error <= tolerance
+            and (saved := row(small).operations - row(one).operations) >= 0
+        }
+        if not prices:
+            break
+        small = min(prices, key=prices.__getitem__)
+    kept = tuple(name for name in names if small.without({name}) != small)
+    unseen = tuple(name for name in names if name not in kept and alone[name].error <= ROUNDING)
+    return Advice(small, {**alone, FULL: rows[scene], SMALLEST: rows[small]}, kept, unseen)
 
 
-def _roll(simulator: pfd.Simulator, motion: Motion, first: int, end: int) -> NDArray[Any]:
-    """Return the positions after steps [first, end) of a motion, from the simulator's state."""
-    wrench = np.zeros(6) if simulator.scene.external_wrench else None
-    if not simulator.scene.brakes:
-        return simulator.rollout(motion.taus[first:end], wrench).q
+def _positions(
+    simulator: pfd.Simulator, motion: Motion, length: int, starts: dict[int, pfd.Simulator]
+) -> NDArray[Any]:
+    """Return the positions (K, n) after the steps of a motion, in windows of `length` steps.
+
+    A window starts from its simulator of `starts`, or from the state of the motion, which is put
+    there.
+    """
+    q, wrench = (
+        np.empty_like(motion.taus),
+        np.zeros(6) if simulator.scene.external_wrench else None,
+    )
     # A rollout has the same brakes throughout.
-    braked = motion.braked[first:end]
-    changes = first + 1 + np.flatnonzero((braked[1:] != braked[:-1]).any(axis=1))
-    runs = [
-        simulator.rollout(motion.taus[a:b], wrench, brakes=motion.braked[a]).q
-        for a, b in pairwise([first, *changes.tolist(), end])
-    ]
-    return np.concatenate(runs)
+    changes = 1 + np.flatnonzero((motion.braked[1:] != motion.braked[:-1]).any(axis=1))
+    cuts = {*range(0, len(q), length), *changes.tolist(), len(q)}
+    for first, end in pairwise(sorted(cuts)):
+        if first in starts:
+            simulator.take_state(starts[first])
+        elif first % length == 0:
+            state = motion.q[first], motion.qd[first]
+            # A simulation that is at this state continues with the rest of its state, too.
+            if not np.array_equal((simulator.q, simulator.qd), state):
+                simulator.reset(*state)
+            starts[first] = copy(simulator)
+        brakes = motion.braked[first] if simulator.scene.brakes else None
+        q[first:end] = simulator.rollout(motion.taus[first:end], wrench, brakes=brakes).q
+    return q
 
 
-def _try(full: _Full, scene: pfd.Scene, **changed: Any) -> _Trial:
-    """Simulate the windows of the full run in a scene, perhaps with changed settings."""
-    try:
-        simulator = pfd.Simulator(full.robot, scene, **{**full.settings, **changed})
-    except ValueError as error:  # such as a massless link without the armature that moved it
-        return _Trial(full.starts[0].operations, math.inf, '', math.nan, '', str(error))
-    off = np.empty_like(full.q)
-    for (first, end), start in zip(full.windows, full.starts, strict=True):
-        simulator.take_state(start)
-        q = _roll(simulator, full.motion, first, end)
-        off[first:end] = np.abs(q - full.q[first:end])
-    off[~np.isfinite(off)] = math.inf
-    step, joint = np.unravel_index(np.argmax(off), off.shape)
-    largest = float(off[step, joint])
-    name = full.robot.joint_names[joint] if largest else ''
-    time = float((step + 1) * simulator.step_size) if largest else math.nan
-    return _Trial(simulator.operations, largest, name, time, simulator.code_digest, '')
-
-
-def _nearness(full: _Full, name: str) -> str:
-    """Return how near the motion comes to the stops or to the effort limits; or ''."""
-    robot, scene = full.robot, full.scene
-    if name == 'joint stops':
-        stops = np.stack([robot.position_lower, robot.position_upper], axis=1)
-        stops = stops if scene.joint_limits == 'model' else np.asarray(scene.joint_limits)
-        distance = np.minimum(full.q - stops[:, 0], stops[:, 1] - full.q).min(axis=0)
-        k = int(np.argmin(distance))
-        return f'{robot.joint_names[k]} comes within {distance[k]:.2g} of a stop'
-    # Gravity compensation and a lag change the torques that the limits act on.
-    if name == 'effort limits' and not scene.gravity_compensation and scene.motor_lag is None:
-        model = scene.effort_limits == 'model'
-        limits = robot.effort_limit if model else np.asarray(scene.effort_limits)
-        share = np.abs(full.motion.taus).max(axis=0) / limits
-        k = int(np.argmax(share))
-        return f'{robot.joint_names[k]} comes to {100 * share[k]:.3g} % of its limit'
-    return ''
+def lines(advice: Advice) -> Iterator[str]:
+    """Yield the table of effects as text, and the effects that the motion does not test."""
+    full = advice.rows[FULL].operations
+    yield f'{"without":20} {"error":>8}  {"operations":>10}  kept  largest error at'
+    for name, row in advice.rows.items():
+        count, kept = f'{full - row.operations:+}', 'yes' if name in advice.kept else 'no'
+        if name in (FULL, SMALLEST):
+            count, kept = str(row.operations), ''
+        yield f'{name:20} {row.error:8.1e}  {count:>10}  {kept:4}  {row.where}'.rstrip()
+    if advice.unseen:
+        yield f'not tested: {", ".join(advice.unseen)}; the motion is the same without'
+        yield 'test with a motion that needs them, or keep them'

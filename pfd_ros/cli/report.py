@@ -13,7 +13,7 @@ from typing import NoReturn
 import pfd_core as pfd
 from pfd_ros.advice import advise, full_scene, read_motion, sine
 from pfd_ros.advice.motions import SETTINGS
-from pfd_ros.advice.text import lines, warnings
+from pfd_ros.advice.scene import lines
 from pfd_ros.cli.terminal import add_logs, print_lines, progress_on
 from pfd_ros.page.html import write_page
 from pfd_ros.page.reading import read_contents
@@ -145,16 +145,16 @@ def _run_scene(given: argparse.Namespace) -> int:
             scene = replace(scene, brakes=True)
     advice = advise(robot, scene, motion, given.tolerance, given.window, progress)
     step = motion.settings['step_size']
-    head = [
+    text = [
         f'{robot.name}, {motion.name}: {len(motion.taus)} steps of {step:g} s',
-        f'tolerance {given.tolerance:g} rad or m, in {advice.windows} windows of '
-        f'{given.window:g} s',
+        f'tolerance {given.tolerance:g} rad or m, in windows of {given.window:g} s',
+        '',
+        *lines(advice),
+        *(f'not simulated: {name}: {reason}' for name, reason in refused.items()),
     ]
-    print_lines([*head, '', *lines(advice)])
-    print_lines(f'not simulated: {name}: {reason}' for name, reason in refused.items())
-    comments = ['smallest scene found of', *head, *warnings(advice)]
+    print_lines(text)
     with path.open('x', encoding='utf-8') as file:
-        file.writelines(f'# {one_line(text)}\n' for text in comments)
+        file.writelines(f'# {one_line(line)}\n' for line in ('smallest scene found of', *text))
         file.write(pfd.scene_to_yaml(advice.scene))
     print(path)
     return 0

@@ -292,7 +292,7 @@ def _cpuinfo(key: str) -> str:
 def _compiler() -> str:
     path = shutil.which('cc')
     if path is None:
-        return 'absent'
+        return 'no C compiler'
     done = subprocess.run([path, '--version'], capture_output=True, text=True, check=False)
     return (done.stdout.splitlines() or ['unknown'])[0]
 

@@ -31,7 +31,7 @@ from benchmarks.peers.pinocchio import Pinocchio, PinocchioQuantity
 from benchmarks.peers.pinocchio_cpp import NAME as CPP
 from benchmarks.peers.pinocchio_cpp import PinocchioCpp, compiled_library
 from benchmarks.peers.vector_casadi import COMPILERS, LARGEST_ANGLE, VectorCasadi, sine_error
-from benchmarks.peers.work import LeftOutError, Peer, Work, valid_sides, work_of
+from benchmarks.peers.work import LeftOutError, Peer, Side, Work, valid_sides, work_of
 from benchmarks.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, logarithmic, save
 from benchmarks.port_limit import limit_of
 from benchmarks.run import show_progress
@@ -194,7 +194,7 @@ def _add(
     rows: list[Row] = []
     for work in works:
         show_progress(f'{arm.name}: {quantity}, {work.title}')
-        sides = valid_sides((side for peer in peers for side in peer.sides(work)), reasons)
+        sides = valid_sides(_sides(peers, work, reasons), reasons)
         rows += [row | {'quantity': quantity} for row in take_turns(arm.name, work, sides, pace)]
     data['rows'] += rows
     batch = min(works, key=lambda work: abs(work.units - MIDDLE_BATCH))
@@ -207,6 +207,14 @@ def _add(
                 data['limits'].append(head | vars(limit_of(peer.kernel, batch, pace)))
             except LeftOutError as reason:
                 reasons[f'arithmetic limit of {peer.name}'] = str(reason)
+
+
+def _sides(peers: Sequence[Peer], work: Work, reasons: dict[str, str]) -> Iterator[Side]:
+    for peer in peers:
+        try:
+            yield from peer.sides(work)
+        except LeftOutError as reason:
+            reasons[f'{type(peer).__name__}, {work.title}'] = str(reason)
 
 
 def fastest(rows: Iterable[Row]) -> Row | None:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from benchmarks.cases.robots import Array
 from benchmarks.peers.casadi import ARTICULATED, COMPOSITE, LONGEST, function_of, source_of
 from benchmarks.peers.native import OPTIMISED, Language, address, built
-from benchmarks.peers.work import Contents, Peer, Side, Work
+from benchmarks.peers.work import Contents, LeftOutError, Peer, Side, Work
 from benchmarks.table import stored_text
 from pfd_core.model import Robot
 
@@ -42,6 +42,8 @@ COMPILERS = {
     'gcc': Language('C', 'gcc', '.c', (*FAST, '-fschedule-insns', '-fsched-pressure')),
     'clang': Language('C', 'clang', '.c', (*FAST, '-fapprox-func')),
 }
+# Most joints by compiler, which takes minutes beyond.
+MOST = {'gcc': LONGEST, 'clang': 30}
 # Largest angle [rad] and error of sine and cosine [units in the last place], which a test holds.
 LARGEST_ANGLE, ULPS = 1e5, 2.0
 NUMBERS = f'float64; polynomials, {ULPS:g} ulp, up to {LARGEST_ANGLE:g} rad'
@@ -73,6 +75,8 @@ class VectorCasadi(Peer):
     """CasADi's C on vectors of eight states, by one compiler of COMPILERS; batches only."""
 
     def __init__(self, robot: Robot, compiler: str = 'gcc') -> None:
+        if robot.n > MOST[compiler]:
+            raise LeftOutError(f'not measured beyond {MOST[compiler]} joints: slow to compile')
         self.name = f'CasADi C on vectors, {compiler}'
         with built(COMPILERS[compiler], vector_source(robot)) as path:
             self.library = ctypes.CDLL(str(path))

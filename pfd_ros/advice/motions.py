@@ -31,12 +31,7 @@ from pfd_ros.text import cut, listed
 MOST_STEPS = 100_000
 # Of sines: arguments of the simulator, length [s], bandwidth of the controller [rad/s], and the
 # largest amplitude [rad or m], share of a joint's range and share of its velocity limit.
-SETTINGS: Mapping[str, Any] = {
-    'step_size': 1e-3,
-    'substeps': 2,
-    'integrator': 'auto',
-    'method': 'auto',
-}
+SETTINGS: Mapping[str, Any] = {'step_size': 1e-3, 'substeps': 2}
 SECONDS, BANDWIDTH = 4.0, 10.0
 AMPLITUDE, RANGE_SHARE, VELOCITY_SHARE = 0.5, 0.25, 0.5
 
@@ -90,9 +85,8 @@ def sine(robot: pfd.Robot, scene: pfd.Scene) -> Motion:
     lower = np.where(limited, robot.position_lower, 0.0)
     upper = np.where(limited, robot.position_upper, 0.0)
     # URDFs often write zero for an unknown limit.
-    fastest, strongest = (
-        np.where(limit > 0, limit, np.inf) for limit in (robot.velocity_limit, robot.effort_limit)
-    )
+    fastest = np.where(robot.velocity_limit > 0, robot.velocity_limit, np.inf)
+    strongest = np.where(robot.effort_limit > 0, robot.effort_limit, np.inf)
     amplitude = np.minimum(AMPLITUDE, VELOCITY_SHARE * fastest / (2 * np.pi))
     amplitude = np.where(limited, np.minimum(amplitude, RANGE_SHARE * (upper - lower)), amplitude)
     w = 2 * np.pi * np.linspace(0.4, 1.0, robot.n)
@@ -155,9 +149,7 @@ def read_motion(
         engine = Engine(settings, recorded, rows=False)
         scene = engine.arm.scene
         if engine.state.wrench is not None:
-            raise ValueError(
-                'its arm has an external wrench, so its torques do not determine the motion'
-            )
+            raise ValueError('its arm has an external wrench: torques alone do not determine it')
 
         def run_to(cycle: int) -> None:
             while engine.cycles < cycle:
@@ -174,16 +166,10 @@ def read_motion(
                     break
                 run_to(message.cycle - 1)
                 engine.take(inbox.take(message))
-                if engine.state.jumps:
-                    raise ValueError(
-                        f'its arm is set to another state before step {message.cycle}: '
-                        'not a continuous motion'
-                    )
-                if engine.arm.scene is not scene:
-                    raise ValueError(
-                        f'its payload or gravity compensation changes before step '
-                        f'{message.cycle}: not a motion of one scene'
-                    )
+                jumped = bool(engine.state.jumps)
+                if jumped or engine.arm.scene is not scene:
+                    what = 'state is set' if jumped else 'payload or gravity compensation changes'
+                    raise ValueError(f'its {what} before step {message.cycle}: not one motion')
         run_to(steps)
     braked = np.array(brakes)
     if braked.all():

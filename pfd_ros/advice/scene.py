@@ -170,13 +170,11 @@ def _positions(
 ) -> NDArray[Any]:
     """Return the positions (K, n) after the steps of a motion, in windows of `length` steps.
 
-    A window starts from its simulator of `starts`, or from the state of the motion, which is put
-    there.
+    A window starts from its simulator in `starts`; without one from the state of the motion, and
+    the simulator is put there.
     """
-    q, wrench = (
-        np.empty_like(motion.taus),
-        np.zeros(6) if simulator.scene.external_wrench else None,
-    )
+    q = np.empty_like(motion.taus)
+    wrench = np.zeros(6) if simulator.scene.external_wrench else None
     # A rollout has the same brakes throughout.
     changes = 1 + np.flatnonzero((motion.braked[1:] != motion.braked[:-1]).any(axis=1))
     cuts = {*range(0, len(q), length), *changes.tolist(), len(q)}

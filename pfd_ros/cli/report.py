@@ -148,7 +148,6 @@ def _run_scene(given: argparse.Namespace) -> int:
     text = [
         f'{robot.name}, {motion.name}: {len(motion.taus)} steps of {step:g} s',
         f'tolerance {given.tolerance:g} rad or m, in windows of {given.window:g} s',
-        '',
         *lines(advice),
         *(f'not simulated: {name}: {reason}' for name, reason in refused.items()),
     ]

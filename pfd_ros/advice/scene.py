@@ -132,8 +132,8 @@ def advise(
         if smaller not in rows:
             try:
                 simulator = pfd.Simulator(robot, smaller, **settings)
-            except ValueError as error:  # such as a massless link without the armature
-                rows[smaller] = Row(math.inf, str(error), rows[scene].operations)
+            except ValueError as why:  # such as a massless link without the armature
+                rows[smaller] = Row(math.inf, str(why), rows[scene].operations)
             else:
                 off = np.abs(_positions(simulator, motion, length, starts) - truth)
                 off[np.isnan(off)] = math.inf

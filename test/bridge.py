@@ -446,6 +446,7 @@ NAMES = {
     # pfd_ros.advice: advice on a scene
     'Advice': 'pfd_ros.advice:Advice',
     'Motion': 'pfd_ros.advice:Motion',
+    'SMALLEST_SCENE': 'pfd_ros.advice.scene:SMALLEST',
     'SINE_SETTINGS': 'pfd_ros.advice.motions:SETTINGS',
     'advise': 'pfd_ros.advice:advise',
     'full_scene': 'pfd_ros.advice:full_scene',

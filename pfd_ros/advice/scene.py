@@ -34,6 +34,8 @@ WINDOW = 0.1
 # An error up to this [rad or m] is rounding; no encoder resolves it.
 ROUNDING = 1e-9
 FULL, SMALLEST = 'full scene', 'smallest found'
+# Of an effect without which the program is the same.
+INERT = 'does not act on this robot'
 
 
 class Row(NamedTuple):
@@ -41,7 +43,7 @@ class Row(NamedTuple):
 
     `error` is the largest difference of a joint position [rad or m], infinite if the simulation
     overflows or is impossible. `where` is its joint and time, or why the arm cannot be simulated,
-    or '' without an error. `operations` are those of a step, as compiled, without events.
+    or INERT, or '' without an error. `operations` are those of a compiled step without events.
     """
 
     error: float
@@ -114,33 +116,36 @@ def advise(
     for name, value in (('tolerance', tolerance), ('window', window)):
         if not isinstance(value, Real) or not 0 < value < math.inf:
             raise ValueError(f'{name} must be a number above zero, got {value!r}')
-    simulator = pfd.Simulator(robot, scene, **motion.settings)
+    whole = pfd.Simulator(robot, scene, **motion.settings)
     # The integrator that 'auto' selects in the full scene, so that all scenes have the same.
-    settings = {**motion.settings, 'integrator': simulator.integrator}
-    length = max(1, round(window / simulator.step_size))
+    settings = {**motion.settings, 'integrator': whole.integrator}
+    length = max(1, round(window / whole.step_size))
     starts: dict[int, pfd.Simulator] = {}
-    truth = _positions(simulator, motion, length, starts)
+    truth = _positions(whole, motion, length, starts)
     if not np.isfinite(truth).all():
         raise ValueError(
             f'{motion.name}: the simulation of the full scene overflows, so that no smaller scene '
             'can be compared with it'
         )
-    rows = {scene: Row(0.0, '', simulator.operations)}
+    rows = {scene: Row(0.0, '', whole.operations)}
     names = [effect.name for effect in pfd.EFFECTS if scene.without({effect.name}) != scene]
+
+    def compared(smaller: pfd.Scene) -> Row:
+        try:
+            simulator = pfd.Simulator(robot, smaller, **settings)
+        except ValueError as error:  # such as a massless link without the armature
+            return Row(math.inf, str(error), whole.operations)
+        if simulator.code_digest == whole.code_digest:
+            return Row(0.0, INERT, whole.operations)
+        off = np.abs(_positions(simulator, motion, length, starts) - truth)
+        off[np.isnan(off)] = math.inf
+        k, joint = np.unravel_index(np.argmax(off), off.shape)
+        where = f'{robot.joint_names[joint]}, {(k + 1) * simulator.step_size:.3f} s'
+        return Row(float(off[k, joint]), where if off.any() else '', simulator.operations)
 
     def row(smaller: pfd.Scene) -> Row:
         if smaller not in rows:
-            try:
-                simulator = pfd.Simulator(robot, smaller, **settings)
-            except ValueError as why:  # such as a massless link without the armature
-                rows[smaller] = Row(math.inf, str(why), rows[scene].operations)
-            else:
-                off = np.abs(_positions(simulator, motion, length, starts) - truth)
-                off[np.isnan(off)] = math.inf
-                k, joint = np.unravel_index(np.argmax(off), off.shape)
-                where = f'{robot.joint_names[joint]}, {(k + 1) * simulator.step_size:.3f} s'
-                error = float(off[k, joint])
-                rows[smaller] = Row(error, where if error else '', simulator.operations)
+            rows[smaller] = compared(smaller)
             if progress is not None:
                 # The search tries at most so many scenes.
                 progress(min(1.0, len(rows) / (1 + len(names) * (len(names) + 1) // 2)))
@@ -161,7 +166,11 @@ def advise(
             break
         small = min(prices, key=prices.__getitem__)
     kept = tuple(name for name in names if small.without({name}) != small)
-    unseen = tuple(name for name in names if name not in kept and alone[name].error <= ROUNDING)
+    unseen = tuple(
+        name
+        for name, one in alone.items()
+        if name not in kept and one.error <= ROUNDING and one.where != INERT
+    )
     return Advice(small, {**alone, FULL: rows[scene], SMALLEST: rows[small]}, kept, unseen)
 
 

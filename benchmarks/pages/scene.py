@@ -14,18 +14,18 @@ import numpy as np
 
 from benchmarks.peers.work import Side
 from benchmarks.run import show_progress
-from benchmarks.table import Columns, Row, page, paragraph, short, table, yes
+from benchmarks.table import Columns, page, paragraph, short, table, yes
 from benchmarks.timing import Pace, described, interleave, surroundings
 import pfd_core as pfd
 from pfd_ros.advice import Motion, advise, full_scene, sine
 from pfd_ros.advice.motions import SETTINGS
+from pfd_ros.advice.scene import FULL, SMALLEST
 
 TOLERANCE, WINDOW = 1e-3, 0.1
 # Scenes differ by few percent of a step's time.
 PACE, QUICK_PACE = Pace(turns=100, budget=8.0), Pace(turns=2, budget=0.1)
-# Steps by which a step is timed.
-TIMED_STEPS = 1000
-FULL, SMALLEST = 'full scene', 'smallest found'
+# Steps by which a step is timed, and steps of a window.
+TIMED_STEPS, LENGTH = 1000, round(WINDOW / SETTINGS['step_size'])
 
 
 def measure(quick: bool) -> dict[str, Any]:
@@ -36,10 +36,21 @@ def measure(quick: bool) -> dict[str, Any]:
     scene, refused = full_scene(robot, pfd.Scene(), SETTINGS)
     motion = sine(robot, scene)
     advice = advise(robot, scene, motion, TOLERANCE, WINDOW)
-    scenes = {FULL: scene, SMALLEST: advice.scene}
-    scenes |= {row.name: scene.without({row.name}) for row in advice.rows}
+    sides, rows = [], []
+    for name, row in advice.rows.items():
+        whole = name in (FULL, SMALLEST)
+        one = {FULL: scene, SMALLEST: advice.scene}[name] if whole else scene.without({name})
+        kept = None if whole else name in advice.kept
+        rows.append({'name': name, **row._asdict(), 'kept': kept})
+        if np.isfinite(row.error):
+            sides.append(_side(name, pfd.Simulator(robot, one, **SETTINGS), motion))
     show_progress('timing')
-    times = _times(robot, scenes, motion, QUICK_PACE if quick else PACE)
+    times = {
+        side.way: {'least': 1e9 * own.minimum, 'median': 1e9 * own.median, 'times': own.times}
+        for side, own in zip(
+            sides, interleave(sides, TIMED_STEPS, QUICK_PACE if quick else PACE), strict=True
+        )
+    }
     show_progress('')
     return {
         'machine': [{'machine': described(machine)}],
@@ -48,106 +59,58 @@ def measure(quick: bool) -> dict[str, Any]:
                 'robot': robot.name,
                 'motion': motion.name,
                 'steps': len(motion.taus),
-                'step_size': motion.settings['step_size'],
+                'step_size': SETTINGS['step_size'],
                 'tolerance': TOLERANCE,
                 'window': WINDOW,
-                'windows': advice.windows,
                 'unseen': list(advice.unseen),
                 'yaml': pfd.scene_to_yaml(advice.scene),
             }
         ],
-        'effects': [row._asdict() | times.get(row.name, {}) for row in advice.rows],
-        'scenes': [
-            {'name': name, 'error': error, 'operations': operations} | times[name]
-            for name, error, operations in zip(
-                (FULL, SMALLEST), (0.0, advice.error), advice.operations, strict=True
-            )
-        ],
-        'floors': [{'cause': cause, 'error': error} for cause, error in advice.floors.items()],
+        'scenes': [row | times.get(row['name'], {}) for row in rows],
         'refused': [{'name': name, 'reason': reason} for name, reason in refused.items()],
     }
 
 
-def _times(
-    robot: pfd.Robot, scenes: dict[str, pfd.Scene], motion: Motion, pace: Pace
-) -> dict[str, dict[str, float | None]]:
+def _side(name: str, simulator: pfd.Simulator, motion: Motion) -> Side:
     """
-    Return least and median time of a step [ns] in scenes, and the full scene's over theirs.
+    Return the first windows of a motion, each from the motion's state.
 
-    They take turns in the first windows of the motion, each from the motion's state: over longer
-    times the arms would come to states at which a step takes another time. Scenes that cannot be
-    simulated are left out.
+    Over longer times the arms would come to states at which a step takes another time.
     """
-    length = round(WINDOW / motion.settings['step_size'])
-    windows = [slice(first, first + length) for first in range(0, TIMED_STEPS, length)]
 
-    def side(name: str, simulator: pfd.Simulator) -> Side:
-        def run() -> None:
-            for window in windows:
-                simulator.reset(motion.q[window.start], motion.qd[window.start])
-                simulator.rollout(motion.taus[window])
+    def run() -> None:
+        for first in range(0, TIMED_STEPS, LENGTH):
+            simulator.reset(motion.q[first], motion.qd[first])
+            simulator.rollout(motion.taus[first : first + LENGTH])
 
-        return Side(name, run, lambda: np.ones(1), reference=name == FULL)
-
-    sides = []
-    for name, scene in scenes.items():
-        try:
-            sides.append(side(name, pfd.Simulator(robot, scene, **motion.settings)))
-        except ValueError:
-            continue
-    return {
-        one.way: {'least': 1e9 * own.minimum, 'median': 1e9 * own.median, 'times': own.times}
-        for one, own in zip(sides, interleave(sides, TIMED_STEPS, pace), strict=True)
-    }
+    return Side(name, run, lambda: np.ones(1), reference=name == FULL)
 
 
-def _error(row: Row) -> str:
-    return 'not finite' if row['error'] is None else f'{row["error"]:.1e}' if row['error'] else '0'
-
-
-COMMON: Columns = {
-    'largest error': _error,
+COLUMNS: Columns = {
+    'scene': lambda row: f'{"" if row["kept"] is None else "without "}{row["name"]}',
+    'largest error': lambda row: 'infinite' if row['error'] is None else f'{row["error"]:.1e}',
+    'at': lambda row: row['where'] or '-',
     'operations': 'operations',
     'step [ns]': lambda row: (
         f'{row["least"]:.0f} / {row["median"]:.0f}' if 'least' in row else '-'
     ),
     'full scene, times as long': lambda row: short(row['times']) if row.get('times') else '-',
-}
-EFFECTS: Columns = {
-    'without': 'name',
-    **COMMON,
-    'joint': lambda row: row['joint'] or '-',
-    'at [s]': lambda row: '-' if row['time'] is None else f'{row["time"]:.3f}',
     'kept': lambda row: yes(row['kept']),
-    'in this motion': lambda row: row['note'] or '-',
 }
-FLOORS: Columns = {'cause': 'cause', 'largest error': _error}
 
 
 def text(data: dict[str, Any]) -> str:
     """Return the page as Markdown."""
     (example,), (machine,) = data['example'], data['machine']
-    kept, gone = (
-        ', '.join(row['name'] for row in data['effects'] if row['kept'] is kept) or 'nothing'
-        for kept in (True, False)
-    )
     unseen = ', '.join(example['unseen'])
-    refused = (f'{row["name"]} ({row["reason"]})' for row in data['refused'])
+    refused = '; '.join(f'{row["name"]} ({row["reason"]})' for row in data['refused'])
     return page(
         'scene',
         **{key: value for key, value in example.items() if key not in ('unseen', 'yaml')},
         machine=paragraph(f'{machine["machine"]}.'),
-        kept=kept,
-        gone=gone,
-        unseen=paragraph(
-            f'The motion does not test {unseen}: it is the same without. Test with a motion that '
-            'needs them, or keep them.'
-        )
-        if unseen
-        else None,
-        refused=paragraph(f'Not simulated: {"; ".join(refused)}.') if data['refused'] else None,
-        effects=table(EFFECTS, data['effects']),
-        scenes=table({'scene': 'name', **COMMON}, data['scenes']),
-        floors=table(FLOORS, data['floors']),
+        kept=', '.join(row['name'] for row in data['scenes'] if row['kept']) or 'nothing',
+        unseen=paragraph(f'Left out, but not tested by the motion: {unseen}.') if unseen else None,
+        refused=paragraph(f'Not simulated: {refused}.') if refused else None,
+        scenes=table(COLUMNS, data['scenes']),
         yaml='\n'.join(f'    {line}' for line in example['yaml'].splitlines()),
     )

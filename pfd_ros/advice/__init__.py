@@ -1,6 +1,8 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Advice on a scene: which effects a motion needs within a tolerance, and their costs.
+"""Advice on a scene.
+
+It says which effects a motion needs within a tolerance, and what each of them costs:
 
 motions   motions to simulate again: of a recording, or sines
 scene     the table of effects, and the search for a smaller scene

@@ -145,6 +145,7 @@ def test_of_two_limits_that_replace_each_other_one_is_kept() -> None:
     advice = advise(DISC, scene, motion, 1e-6)
     limits = ('effort limits', 'torque-speed tables')
     assert [advice.rows[name].error for name in limits] == [0.0, 0.0]
+    assert sorted(advice.kept + advice.unseen) == [*limits]
     assert len(advice.kept) == 1
     assert error_of(DISC, scene, advice.scene, motion) <= 1e-6
 
@@ -164,6 +165,24 @@ def test_a_scene_that_cannot_be_simulated_is_never_the_answer() -> None:
         assert advice.kept == ('armature',)
         assert advice.rows['armature'].error == math.inf
         assert 'axis' in advice.rows['armature'].where
+
+
+def test_an_effect_is_kept_if_a_step_costs_more_without_it() -> None:
+    # The inertia of disc and rotor is 1 kg m^2, by which nothing is divided.
+    scene = pfd.Scene(armature=(1.0 - INERTIA,))
+    advice = advise(DISC, scene, driven(scene, PUSH), 1.0)
+    assert advice.rows['armature'].operations > advice.rows[SMALLEST_SCENE].operations
+    assert advice.kept == ('armature',)
+
+
+def test_all_scenes_have_the_integrator_of_the_full_scene() -> None:
+    arm, scene = pfd.load_robot('planar2'), pfd.Scene(damping=(50.0, 50.0), armature=(0.1, 0.01))
+    automatic = {**SETTINGS, 'integrator': 'auto'}
+    motion = replace(driven(scene, np.ones((100, 2)), robot=arm), settings=automatic)
+    smaller = scene.without({'damping'})
+    assert len({pfd.Simulator(arm, one).integrator for one in (scene, smaller)}) == 2
+    found = advise(arm, scene, motion, 1.0).rows['damping'].error
+    assert found == pytest.approx(error_of(arm, scene, smaller, motion), rel=ROUNDING)
 
 
 def test_a_full_scene_that_overflows_is_refused() -> None:
@@ -280,11 +299,11 @@ def test_a_long_recording_is_shortened_and_says_so(
 ) -> None:
     path = simulate(STEPS, MOVE).save(tmp_path / 'a.mcap')
     whole = read_motion(path).motion
-    monkeypatch.setattr(*bridge.target('MOTION_MOST_STEPS'), 100)
+    monkeypatch.setattr(*bridge.target('MOTION_MOST_STEPS'), 40)
     motion = read_motion(path).motion
     for name in ('taus', 'braked', 'q', 'qd'):
-        np.testing.assert_array_equal(getattr(motion, name), getattr(whole, name)[:100])
-    assert '100 steps' in motion.name
+        np.testing.assert_array_equal(getattr(motion, name), getattr(whole, name)[:40])
+    assert '40 steps' in motion.name
 
 
 def test_the_robot_of_a_recording_is_taken_with_its_locked_joints(tmp_path: Path) -> None:

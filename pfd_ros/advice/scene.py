@@ -35,7 +35,7 @@ WINDOW = 0.1
 ROUNDING = 1e-9
 FULL, SMALLEST = 'full scene', 'smallest found'
 # Of an effect without which the program is the same.
-INERT = 'does not act on this robot'
+INERT = 'does not act in the full scene'
 
 
 class Row(NamedTuple):

@@ -4,8 +4,8 @@
 
 It says which effects a motion needs within a tolerance, and what each of them costs:
 
-motions   motions to simulate again: of a recording, or sines
-scene     the table of effects, and the search for a smaller scene
+    motions   motions to simulate again: of a recording, or sines
+    scene     the table of effects, and the search for a smaller scene
 """
 
 from pfd_ros.advice.motions import Motion, read_motion, sine

@@ -39,7 +39,9 @@ RESULT = {
 
 def _results(*found: Any) -> str:
     rows = (rows_of(data) for (_, rows_of), data in zip(ROWS, found, strict=True))
-    return '\n'.join(table(RESULT, [row for some in rows for row in some])) + '\n'
+    lines = table(RESULT, [row for some in rows for row in some])
+    sentences = (f'{block(name)}' for name in ('losses', 'accuracy', 'derivatives', 'paper'))
+    return '\n'.join(['\n'.join(lines) + '\n', *sentences])
 
 
 # Name of a block: pages, and the function of their data that returns its text.

@@ -26,11 +26,8 @@ from benchmarks.cases.hard_cases import CASES, MECHANISMS, Case
 from benchmarks.cases.problems import (
     Problem,
     drawing,
-    dropped,
-    lifted,
-    on_one_axis,
+    links,
     scaled,
-    weighed,
 )
 from benchmarks.cases.problems import problem as states_of
 from benchmarks.cases.robots import chain, coaxial, mechanism
@@ -51,6 +48,20 @@ import pfd_core as pfd
 LAST_DIGITS = 32 * 2.0**-53
 
 
+# Five turns on one axis, with small links between.
+COAXIAL = links(
+    'zzzzzy',
+    masses=dict.fromkeys(range(4), 0.0),
+    lengths=dict.fromkeys(range(4), 0.0),
+    inertias=dict.fromkeys(range(4), 1e-8),
+)
+
+
+def dropped(axes: str, index: int, distance: float) -> Problem:
+    """Return a mechanism in which the origin of one frame lies far along its joint's axis [m]."""
+    return links(axes, drops={index - 1: distance}, lifts={index: distance})
+
+
 def error(problem: Problem, refine: int = 0) -> float:
     """Return the error of the default compared with 50 digits."""
     return float(errors(kernel_answer(problem, 'float64', refine), reference(problem)).max())
@@ -58,7 +69,7 @@ def error(problem: Problem, refine: int = 0) -> float:
 
 @pytest.mark.parametrize('distance', [10.0, 1e6])
 def test_a_distance_along_an_axis_to_a_parallel_joint_costs_no_digits(distance: float) -> None:
-    problem = lifted('zzyz', {0: distance})
+    problem = links('zzyz', lifts={0: distance})
     assert error(problem) < LAST_DIGITS
     assert error(problem, refine=1) < LAST_DIGITS
 
@@ -72,14 +83,14 @@ def test_the_place_of_an_origin_along_its_axis_costs_no_digits_between_parallel_
 def test_an_origin_far_along_its_axis_adds_no_operation() -> None:
     near = method_cost(resolve_plant(mechanism('yzzyzy')), 'composite_body')
     assert method_cost(dropped('yzzyzy', 2, 1e3).plant, 'composite_body') <= near
-    assert method_cost(lifted('zzyzyz', {0: 1e3}).plant, 'composite_body') <= method_cost(
+    assert method_cost(links('zzyzyz', lifts={0: 1e3}).plant, 'composite_body') <= method_cost(
         resolve_plant(mechanism('zzyzyz')), 'composite_body'
     )
 
 
 def test_the_inertia_about_an_axis_is_exact_at_any_distance_along_it() -> None:
     # By the parallel axis theorem the distance along the axis plays no part.
-    near, far = (lifted('zz', {0: distance}).plant for distance in (0.0, 1e6))
+    near, far = (links('zz', lifts={0: distance}).plant for distance in (0.0, 1e6))
     one, two = (grouped_links(plant)[0][0].inertia[2, 2] for plant in (near, far))
     assert one == pytest.approx(two, rel=2.0**-52)
 
@@ -88,13 +99,13 @@ def test_origins_of_parallel_joints_meet_where_that_is_nearer_to_their_neighbour
     links, _ = centered_links(dropped('yzzy', 2, 1e3).plant)
     assert max(float(np.abs(link.p).max()) for link in links) < 1.0
     # A true distance stays where it is.
-    links, _ = centered_links(lifted('yzzy', {1: 1e3}).plant)
+    links, _ = centered_links(links('yzzy', lifts={1: 1e3}).plant)
     assert [float(link.p[2]) for link in links] == [0.0, 0.0, 1e3, 0.0]
 
 
 @pytest.mark.parametrize(
     'problem',
-    [weighed('XYZXYZ', {5: 1e4}), on_one_axis('zzzzzy', 5, 1e-8)],
+    [links('XYZXYZ', masses={5: 1e4}), COAXIAL],
     ids=['slides', 'turns'],
 )
 def test_the_default_keeps_the_digits_where_pivots_lose_them(problem: Problem) -> None:

@@ -98,9 +98,21 @@ def scene_of(plant: Plant) -> Scene:
     raise ValueError('the plant has effects other than gravity, rotors and a wrench')
 
 
-def rods(n: int, axes: str, q: float = np.pi, qd: float = 1.0, states: int = 1) -> Problem:
-    """Return a chain at states within these bounds [rad, rad/s]."""
-    return problem(chain(n, axes), q=q, qd=qd, states=states)
+def rods(
+    n: int,
+    axes: str,
+    masses: Mapping[int, float] | None = None,
+    q: float = np.pi,
+    qd: float = 1.0,
+    states: int = 1,
+) -> Problem:
+    """Return a chain, perhaps with other masses [kg], at states within bounds [rad, rad/s]."""
+    return problem(chain(n, axes, masses=masses), q=q, qd=qd, states=states)
+
+
+def links(axes: str, **parts: Mapping[int, float]) -> Problem:
+    """Return a mechanism whose parts have other numbers, as in `mechanism`."""
+    return problem(mechanism(axes, **parts))
 
 
 def folded(n: int) -> Problem:
@@ -137,16 +149,6 @@ def payload() -> Problem:
 def wrist(q5: float) -> Problem:
     """Return puma560 with a wrist that is nearly straight; q5 in rad."""
     return problem(load_robot('puma560'), q=np.array([0.3, -0.5, 0.7, 1.1, q5, -0.4]))
-
-
-def heavy_tip(n: int, axes: str) -> Problem:
-    """Return a chain whose last link weighs 1e8 kg."""
-    return problem(chain(n, axes, masses={n - 1: 1e8}))
-
-
-def one_link(index: int, mass: float) -> Problem:
-    """Return a chain of six in which one link has another mass [kg]."""
-    return problem(chain(6, 'yz', masses={index: mass}))
 
 
 def far(distance: float) -> Problem:
@@ -188,43 +190,6 @@ def static_hold() -> Problem:
     program = record_inverse_dynamics(moving.plant, 'parallel')
     tau = run(program, state | {'qdd': np.zeros_like(state['q'])})['tau']
     return Problem(moving.plant, state | {'tau': single(tau)}, at_hold=True)
-
-
-def lifted(axes: str, lifts: Mapping[int, float]) -> Problem:
-    """Return a mechanism with distances along joints' own axes to the next joints [m]."""
-    return problem(mechanism(axes, lifts=lifts))
-
-
-def dropped(axes: str, index: int, distance: float) -> Problem:
-    """Return a mechanism in which the origin of one frame lies far along its joint's axis [m]."""
-    return problem(mechanism(axes, drops={index - 1: distance}, lifts={index: distance}))
-
-
-def slides(axes: str) -> Problem:
-    """Return a mechanism of equal rods with prismatic joints."""
-    return problem(mechanism(axes))
-
-
-def weighed(axes: str, masses: Mapping[int, float]) -> Problem:
-    """Return a mechanism in which some links have other masses [kg]."""
-    return problem(mechanism(axes, masses=masses))
-
-
-def graded(axes: str, ratio: float) -> Problem:
-    """Return a mechanism whose links are each heavier than the one before by a ratio."""
-    return weighed(axes, {k: ratio**k for k in range(len(axes))})
-
-
-def on_one_axis(axes: str, count: int, inertia: float, mass: float = 0.0) -> Problem:
-    """Return a mechanism whose first `count` joints share an axis, with small links between."""
-    between = range(count - 1)
-    robot = mechanism(
-        axes,
-        masses=dict.fromkeys(between, mass),
-        lengths=dict.fromkeys(between, 0.0),
-        inertias=dict.fromkeys(between, inertia),
-    )
-    return problem(robot)
 
 
 def extended(axes: str, reach: float) -> Problem:

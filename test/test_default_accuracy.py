@@ -96,11 +96,11 @@ def test_the_inertia_about_an_axis_is_exact_at_any_distance_along_it() -> None:
 
 
 def test_origins_of_parallel_joints_meet_where_that_is_nearer_to_their_neighbours() -> None:
-    links, _ = centered_links(dropped('yzzy', 2, 1e3).plant)
-    assert max(float(np.abs(link.p).max()) for link in links) < 1.0
+    near, _ = centered_links(dropped('yzzy', 2, 1e3).plant)
+    assert max(float(np.abs(link.p).max()) for link in near) < 1.0
     # A true distance stays where it is.
-    links, _ = centered_links(links('yzzy', lifts={1: 1e3}).plant)
-    assert [float(link.p[2]) for link in links] == [0.0, 0.0, 1e3, 0.0]
+    far, _ = centered_links(links('yzzy', lifts={1: 1e3}).plant)
+    assert [float(link.p[2]) for link in far] == [0.0, 0.0, 1e3, 0.0]
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ from benchmarks.boxes import (
     more_accurate,
 )
 from benchmarks.cases.hard_cases import CASES, MECHANISMS, ROUNDING, Case
-from benchmarks.cases.motions import CHECKS, ENDS, HARD, Check, Motion
+from benchmarks.cases.motions import CHECKS, ENDS, HARD, Motion
 from benchmarks.cases.problems import Problem, drawing
 from benchmarks.cases.quantities import STATE
 from benchmarks.peers.answers import first_answer, kernel_answer, peer_answer
@@ -74,8 +74,8 @@ MANY, SOME, LONG = 40, 4, 40
 # The limit of the default is TWICE the peer's error, and at least FLOOR roundings
 # (docs/decisions/0040-a-default-that-is-not-worse.md).
 TWICE, FLOOR = 2.0, 4.0
-# Requested method and steps of refinement of a column of `compared`.
-KERNELS = {DEFAULT: ('auto', 0), REFINED: ('auto', 1), 'composite_body': ('composite_body', 0)}
+# Steps of refinement of a column.
+KERNELS = {DEFAULT: 0, REFINED: 1}
 # An error estimate is compared where the error is above SHOWN roundings; target: factor WITHIN.
 SHOWN, WITHIN = 1e-13 / U, 3.0
 # Absolute tolerance of an adaptive run, as a part of the relative one.
@@ -187,14 +187,14 @@ def compared_rows(case: Case) -> Tables:
     return {'compared': [compared(case.name, held_out(case))]}
 
 
-def compared(name: str, problem: Problem, ways: Sequence[str] = ()) -> Row:
+def compared(name: str, problem: Problem, ways: Sequence[str] = tuple(KERNELS)) -> Row:
     """Return median and 90 % quantile of the errors [u] of our kernels and of the peer."""
-    known, n = reference(problem), problem.plant.robot.n
+    known = reference(problem)
     method, steps = default(problem.plant, 'auto', 0)
     row: Row = {'case': name, 'method': method + ', refined' * steps}
     answers: dict[Any, Any] = {}
-    for way in ways or [way for way in KERNELS if n <= FEW or way != 'composite_body']:
-        kernel = default(problem.plant, *KERNELS[way])
+    for way in ways:
+        kernel = default(problem.plant, 'auto', KERNELS[way])
         if kernel not in answers:
             answers[kernel] = kernel_answer(problem, 'float64', kernel[1], kernel[0])
         row[way] = _two(answers[kernel], known)
@@ -220,7 +220,7 @@ def box_rows(name: str, states: int) -> Tables:
     state = [many.states[key] for key in STATE]
     found = {}
     for dtype in ROUNDING:
-        for way, refine in ((DEFAULT, 0), (REFINED, 1)):
+        for way, refine in KERNELS.items():
             kernel = compile_kernel(many.plant.robot, dtype=dtype, refine=refine)
             found[way, dtype] = np.asarray(kernel(*(np.asarray(x, dtype) for x in state)))
     peer = peer_answer(many)
@@ -238,35 +238,32 @@ def motion_rows(motion: Motion) -> Tables:
     """Return a hard motion and its runs."""
     row = {'motion': motion.name, 'cause': motion.cause, 'duration': motion.duration}
     row |= {'self_difference': ENDS[motion.name]['self_difference']}
-    runs = [run_row(motion, check) for check in CHECKS if check.motion == motion.name]
+    runs = [run_row(motion, check) for check in CHECKS if check['motion'] == motion.name]
     return {'motions': [row], 'runs': runs}
 
 
-def run_row(motion: Motion, check: Check) -> Row:
+def run_row(motion: Motion, check: Row) -> Row:
     """Return the error of a check's run; infinite if a state is not finite."""
-    duration = motion.duration if check.duration is None else check.duration
-    settings: Row = {'integrator': check.integrator}
-    if check.integrator in PAIRS:
-        settings |= {'rtol': check.step, 'atol': ABSOLUTE * check.step, 'refine': 1}
-        found: Any = motion.integrated(duration, **settings, dense=False)
+    duration, step = check['duration'], check['step']
+    settings: Row = {'integrator': check['integrator']}
+    if check['integrator'] in PAIRS:
+        settings |= {'rtol': step, 'atol': ABSOLUTE * step, 'refine': 1, 'dense': False}
+        found: Any = motion.integrated(duration, **settings)
     else:
-        settings |= {'step_size': check.step, 'substeps': 1, 'dtype': check.dtype}
+        settings |= {'step_size': step, 'substeps': 1, 'dtype': check['dtype']}
         sim = Simulator(motion.robot, motion.scene, **settings)
         sim.reset(q=motion.q, qd=motion.qd)
-        steps = round(duration / check.step)
-        found = sim.rollout(np.zeros((steps, motion.robot.n), dtype=check.dtype))
-    error = _error(motion, check, found.q, found.qd) if found.status == 'ok' else np.inf
-    return vars(check) | {'duration': duration, 'error': error}
-
-
-def _error(motion: Motion, check: Check, q: NDArray[Any], qd: NDArray[Any]) -> float:
-    if check.quantity == 'angle':
-        return float(np.abs(q[-1] - np.array(ENDS[motion.name]['q'], float)).max())
-    every = max(1, len(q) // ENERGY_SAMPLES)
-    states = {'q': q[::every], 'qd': qd[::every]}
-    kinetic, potential = run(record_energy(motion.plant), states)['energy'].T
-    total = kinetic + potential
-    return float(np.abs(total - total[0]).max() / kinetic.max())
+        found = sim.rollout(np.zeros((round(duration / step), motion.robot.n), check['dtype']))
+    error = np.inf
+    if found.status == 'ok' and check['quantity'] == 'angle':
+        error = np.abs(found.q[-1] - np.array(ENDS[motion.name]['q'], float)).max()
+    elif found.status == 'ok':
+        every = max(1, len(found.q) // ENERGY_SAMPLES)
+        states = {'q': found.q[::every], 'qd': found.qd[::every]}
+        kinetic, potential = run(record_energy(motion.plant), states)['energy'].T
+        total = kinetic + potential
+        error = np.abs(total - total[0]).max() / kinetic.max()
+    return check | {'error': float(error)}
 
 
 def text(data: Mapping[str, Any]) -> str:
@@ -296,7 +293,6 @@ def text(data: Mapping[str, Any]) -> str:
         compared_count=len(known),
         larger=sum(any(a > b for a, b in zip(x[DEFAULT], x[PEER], strict=True)) for x in known),
         above=sum(over_limit(row) > 1 for row in known),
-        better=bullets(_better(data['compared']), '- none'),
         twice=TWICE,
         floor=FLOOR,
         many=MANY,
@@ -396,15 +392,6 @@ def _case_columns(data: Mapping[str, Any]) -> Columns:
         'method of auto': lambda one: found[one['case'], 'pfd', 'float64', 0]['method'],
         'cause': 'cause',
     }
-
-
-def _better(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield where composite bodies have less than half of the default's error, above FLOOR."""
-    for row in rows:
-        pairs = zip(row[DEFAULT], row.get('composite_body', ()), strict=False)
-        ratio = min((a / max(b, 1.0) if a > FLOOR else 0.0 for a, b in pairs), default=0.0)
-        if ratio > TWICE:
-            yield f'{row["case"]}: {short(ratio)} times less'
 
 
 def _pair(way: str) -> Callable[[Any], object]:

@@ -18,9 +18,9 @@ number formats. Rotations of the arms in config/robots are as published.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, PackagePath, files
+from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 from typing import Any
 
@@ -81,27 +81,16 @@ def robot(name: str) -> Robot:
 def public_file(name: str) -> Path:
     """Return the file of an arm of PUBLIC; ValueError if the package is not installed."""
     # The package has no module: its files lie next to Pinocchio's.
-    found = next(
-        (
-            Path(str(file.locate())).resolve()
-            for file in _files('example-robot-data')
-            if str(file).endswith(PUBLIC[name])
-        ),
-        None,
-    )
-    if found is None:
+    try:
+        found = [x for x in files('example-robot-data') or () if str(x).endswith(PUBLIC[name])]
+    except PackageNotFoundError:
+        found = []
+    if not found:
         raise ValueError(
             f'the arm {name} is in example-robot-data, which is not installed: '
             "pip install 'pfd_ros[peers]'"
         )
-    return found
-
-
-def _files(package: str) -> Sequence[PackagePath]:
-    try:
-        return files(package) or ()
-    except PackageNotFoundError:
-        return ()
+    return Path(str(found[0].locate())).resolve()
 
 
 def _right_angles(n: int) -> Robot:
@@ -159,21 +148,7 @@ def _joint_names(n: int) -> tuple[str, ...]:
 def chain(
     n: int, axes: str, *, masses: Mapping[int, float] | None = None, lengths: Array | None = None
 ) -> Robot:
-    """
-    Return n rods of 0.25 m and 1 kg.
-
-    Parameters
-    ----------
-    n : int
-        Joints.
-    axes : {'y', 'yz'}
-        Parallel, or every second one turned by a right angle.
-    masses : mapping, optional
-        Index of a link to its mass [kg], where it is not 1.
-    lengths : ndarray, optional
-        (n,) [m].
-
-    """
+    """Return n rods of 0.25 m, or `lengths` (n,), and 1 kg, or `masses` by index of a link."""
     length = np.full(n, LENGTH) if lengths is None else lengths
     mass = np.ones(n)
     for index, value in (masses or {}).items():
@@ -245,19 +220,11 @@ def mechanism(
     """
     Return rods of 0.3 m and 1 kg on joints along axes of the world.
 
-    Parameters
-    ----------
-    axes : str
-        A letter for each joint: 'x', 'y', 'z' for a turn, 'X', 'Y', 'Z' for a slide.
-    lifts, lengths, masses : mapping, optional
-        Index of a link to its lift (else 0), its length (else 0.3) [m], its mass (else 1) [kg]. A
-        lift is a distance along a joint's own axis to the next joint: a massless stick, behind
-        which the rod starts.
-    drops : mapping, optional
-        Index of a link to the distance by which its frame lies behind, along the next axis [m].
-    inertias : mapping, optional
-        Index of a link to its moments of inertia [kg m^2], where it is not a rod.
-
+    `axes` has a letter for each joint: 'x', 'y', 'z' for a turn, 'X', 'Y', 'Z' for a slide. The
+    other arguments are numbers by index of a link, where they are not the rod's. A lift [m] is a
+    distance along a joint's own axis to the next joint: a massless stick, behind which the rod
+    starts. A drop [m] is the distance by which a link's frame lies behind, along the next axis.
+    Inertias are the three equal moments [kg m^2].
     """
     n = len(axes)
     frames = [_FRAMES[letter] for letter in axes.lower()]

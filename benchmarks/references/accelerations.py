@@ -179,19 +179,7 @@ def _neighbour(rng: np.random.Generator, plant: Plant) -> Plant:
 
 
 def predicted(dtype: str, kappa_s: Array, kappa_j: Array, first: Array | None = None) -> Array:
-    """
-    Return the predicted relative error of each state, (S,).
-
-    Parameters
-    ----------
-    dtype : {'float64', 'float32'}
-        Number format.
-    kappa_s, kappa_j : ndarray
-        (S,).
-    first : ndarray, optional
-        (S,), error of the first answer, for a refined kernel.
-
-    """
+    """Return the predicted error of each state, (S,); `first`: of a refined kernel's answer."""
     u = ROUNDING[dtype]
     factor = SPREAD * kappa_j * u
     rest = factor if first is None else np.minimum(factor, first) * first

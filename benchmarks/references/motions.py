@@ -51,19 +51,7 @@ def computed(motion: Motion) -> dict[str, Any]:
 
 
 def end(motion: Motion, steps: int, columns: int | None = None) -> Numbers:
-    """
-    Return q and qd, (2, n) of mpmath.mpf, at the end of a motion without torques.
-
-    Parameters
-    ----------
-    motion : Motion
-        Robot, scene, state at the start, duration, halvings and scheme.
-    steps : int
-        Macro steps, the first of which is halved.
-    columns : int, optional
-        Sequences of substeps k; default: of the scheme.
-
-    """
+    """Return q and qd, (2, n) of mpmath.mpf, at the end of a motion without torques."""
     import mpmath
 
     most, digits = SCHEMES[motion.scheme]

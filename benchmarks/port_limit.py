@@ -4,10 +4,10 @@
 Arithmetic limit: the least time in which this processor can execute a batch kernel's operations.
 
 It is measured by a loop that holds the kernel's own mix of operations (`kernel.operations`,
-'compiled'), one copy of the mix for each vector register of states, in the kernel's number format
-and vector width. The operations act on accumulators in registers, in turn, so that few of them
-wait for each other, and the kinds of operations are spread evenly. So the loop is limited by the
-throughput of the processor's ports that execute them, and by the supply of instructions.
+'compiled'), one copy of the mix for each vector register of states. The operations act on
+accumulators in registers, in turn, so that few of them wait for each other, and the kinds of
+operations are spread evenly. So the loop is limited by the throughput of the processor's ports
+that execute them, and by the supply of instructions.
 
     share of the limit = time of the loop / time of the kernel
 
@@ -20,17 +20,16 @@ ends. No flag lets LLVM reassociate: it can neither drop, merge nor fold an oper
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import ctypes
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.peers.work import LeftOutError, Side, Work, named
+from benchmarks.peers.ours import arguments
+from benchmarks.peers.work import LeftOutError, Side, Work
 from benchmarks.timing import Pace, Times, interleave
-from pfd_core.algorithms.programs import ITERATIVE
-from pfd_core.algorithms.quantities import QUANTITIES
 from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.module import module
 from pfd_core.kernels.codegen.spelling import Format
@@ -39,15 +38,8 @@ from pfd_core.kernels.passes.schedule import LONGEST
 from pfd_core.kernels.runtime.jit import compile_ir, simd_width
 from pfd_core.kernels.runtime.processor import current
 
-# Operands that all operations share: one number near one, and one near zero.
-SHARED = ('one', 'small')
-# Numbers lie this close to one, and small ones to zero: nothing overflows in millions of turns.
-NEAR = 2.0**-16
-# Registers that the compiler needs besides, and accumulators that are enough for four operations a
-# cycle that take four cycles each. With AVX-512 the loop of a UR5 took 17.3 ns a state with 6
-# accumulators, and 15.9 ns with 16 to 28.
-SCRATCH, ENOUGH = 4, 16
-# Operations by name that the loop can hold; an accumulator is the first operand of each.
+# Operations that the loop can hold; an accumulator is the first operand of each. The others are
+# one number near one, and one near zero.
 OPERANDS = {
     'add': ('small',),
     'sub': ('small',),
@@ -56,96 +48,80 @@ OPERANDS = {
     'fma': ('small', 'one'),
     'sqrt': (),
 }
+# Numbers lie this close to one, and small ones to zero: nothing overflows in millions of turns.
+NEAR = 2.0**-16
 
 
 def accumulators() -> int:
-    """Return how many accumulators this processor has registers for, with the shared operands."""
+    """Return how many accumulators leave registers for two operands and the compiler's own."""
     target = current()
-    few = target.triple.startswith('x86_64') and target.vector_bits < 512
-    return min(ENOUGH, (16 if few else 32) - len(SHARED) - SCRATCH)
-
-
-def mix(operations: Mapping[str, int]) -> list[str]:
-    """Return the names of operations, each as often as it is counted, spread evenly."""
-    places = [
-        ((k + 0.5) / count, name) for name, count in operations.items() for k in range(count)
-    ]
-    return [name for _, name in sorted(places)]
+    # Four operations a cycle that take four cycles each need 16. With AVX-512 the loop of a UR5
+    # took 17.3 ns a state with 6 accumulators, and 15.9 ns with 16 to 28.
+    return 10 if target.triple.startswith('x86_64') and target.vector_bits < 512 else 16
 
 
 def loop_ir(operations: Mapping[str, int], form: Format, chains: int) -> str:
     """
     Return `void @port_limit(i64 count, ptr numbers, ptr results)`: the mix, `count` times.
 
-    A change of sign is part of a multiply-add, as it is in a kernel. `numbers` holds the shared
-    vectors and the first values of the accumulators, `chains` many, which `results` receives.
+    A change of sign is part of a multiply-add, as it is in a kernel. `numbers` holds the two
+    operands and the first values of the accumulators, `chains` many, which `results` receives.
     """
     counts = {name: count for name, count in operations.items() if name != 'neg'}
     signs = operations.get('neg', 0)
-    if signs > counts.get('fma', 0):
-        raise LeftOutError(f'{signs} changes of sign are more than its multiply-adds')
-    unknown = counts.keys() - {*OPERANDS, 'select'}
-    if unknown:
-        raise LeftOutError(f'no loop for operations {sorted(unknown)}')
+    unknown = counts.keys() - OPERANDS.keys()
+    if unknown or signs > counts.get('fma', 0):
+        raise LeftOutError(f'no loop for operations {sorted(unknown) or "neg"}')
     ir = Function('define void @port_limit(i64 %count, ptr %numbers, ptr %results)')
-    places = [ir.element(form.type, '%numbers', k) for k in range(len(SHARED) + chains)]
+    places = [ir.element(form.type, '%numbers', k) for k in range(2 + chains)]
     one, small, *values = [ir.load(form.type, place, form.bytes) for place in places]
     shared = {'one': one, 'small': small}
     totals = [Variable(form.type, value) for value in values]
+    spread = sorted(((k + 0.5) / count, op) for op, count in counts.items() for k in range(count))
     with ir.loop('%count', *totals):
-        for k, op in enumerate(mix(counts)):
+        for k, (_, op) in enumerate(spread):
             total = totals[k % chains]
             first = total.value
             if op == 'fma' and signs:
                 first = form.operation(ir, 'neg', [first])
                 signs -= 1
-            others = [first, one] if op == 'select' else [shared[x] for x in OPERANDS[op]]
-            total.value = form.operation(ir, op, [first, *others])
+            total.value = form.operation(ir, op, [first, *(shared[x] for x in OPERANDS[op])])
     for k, total in enumerate(totals):
         ir.store(form.type, total, ir.element(form.type, '%results', k), form.bytes)
     ir.ret()
     return str(ir)
 
 
-class Loop:
-    """The native loop of a kernel's mix, run once for each vector register of some states."""
+def loop(kernel: Kernel, states: int) -> tuple[Callable[[], object], NDArray[np.floating]]:
+    """Return a run of the loop for some states, and its accumulators, (chains, width)."""
+    counts, width, chains = kernel.operations['compiled'], simd_width(kernel.dtype), accumulators()
+    if sum(counts.values()) > LONGEST:
+        raise LeftOutError(f'a loop of more than {LONGEST} operations waits for instructions')
+    form = Format(kernel.dtype, width)
+    native = compile_ir(module([loop_ir(counts, form, chains)], form, ()))
+    values = 1 + NEAR * np.random.default_rng(1).uniform(1, 2, (2 + chains, width))
+    values[1] -= 1
+    numbers = values.astype(kernel.dtype)
+    results = numbers[2:].copy()
+    kind = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
+    run = kind(native.address('port_limit'))
+    given = -(-states // width), numbers.ctypes.data_as(ctypes.c_void_p)
 
-    def __init__(self, kernel: Kernel, states: int) -> None:
-        if kernel.quantity not in QUANTITIES:
-            raise LeftOutError('its operations are in called functions')
-        if kernel.method in ITERATIVE:
-            raise LeftOutError('it iterates: how often its operations run depends on the state')
-        if sum(kernel.operations['compiled'].values()) > LONGEST:
-            raise LeftOutError(f'a loop of more than {LONGEST} operations waits for instructions')
-        width, chains = simd_width(kernel.dtype), accumulators()
-        form = Format(kernel.dtype, width)
-        ir = loop_ir(kernel.operations['compiled'], form, chains)
-        self._native = compile_ir(module([ir], form, ()))
-        self._numbers = numbers(kernel.dtype, width, chains)
-        self.results = np.zeros_like(self._numbers[len(SHARED) :])
-        kind = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
-        run = kind(self._native.address('port_limit'))
-        arrays = [array.ctypes.data for array in (self._numbers, self.results)]
-        self.run = partial(run, -(-states // width), *arrays)
+    # `native` and the arrays live as long as this function.
+    def turn(held: object = native) -> None:
+        run(*given, results.ctypes.data)
 
-
-def numbers(dtype: str, width: int, chains: int) -> NDArray[np.floating]:
-    """Return the shared operands and the first accumulators, (2 + chains, width)."""
-    count = len(SHARED) + chains
-    values = NEAR * np.random.default_rng(1).uniform(1, 2, (count, width))
-    values[:1] += 1
-    values[len(SHARED) :] += 1
-    return values.astype(dtype)
+    return turn, results
 
 
 def limit_of(kernel: Kernel, work: Work, pace: Pace) -> Times:
     """Return the times of the loop per state, with the share of the limit as `times`."""
-    loop = Loop(kernel, work.units)
-    given = named(kernel.quantity, work, np.asfortranarray, kernel.dtype)
+    turn, results = loop(kernel, work.units)
+    given = arguments(kernel, work, 'F')
     out = kernel(**given)
     sides = [
         Side('kernel', partial(kernel, **given, out=out), lambda: out),
-        Side('loop', loop.run, partial(np.asarray, loop.results), reference=True),
+        Side('loop', turn, lambda: results, reference=True),
     ]
     own, limit = interleave(sides, work.units, pace)
     return Times(limit.minimum, limit.median, own.times)

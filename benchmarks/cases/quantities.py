@@ -1,9 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Quantities other than forward dynamics (QUANTITIES), their arguments and states.
-
-`linear_step` is the linearised step of a simulation, [A B], by classical Runge-Kutta.
+Quantities whose times are compared, their arguments and states.
 
 All numbers of states are rounded to float32, so that one reference serves both number formats.
 """
@@ -11,7 +9,6 @@ All numbers of states are rounded to float32, so that one reference serves both 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,63 +16,21 @@ from numpy.typing import NDArray
 
 from benchmarks.cases.problems import SEED
 from benchmarks.cases.robots import Array, single
-from pfd_core.algorithms.quantities import QUANTITIES as KERNEL_QUANTITIES
 from pfd_core.kernels.functions import inverse_dynamics
 from pfd_core.model import Robot
 
 FORWARD = 'forward_dynamics'
 STATE = ('q', 'qd', 'tau')
-# Seconds of a linearised step: 2^-7, so that halves of it are exact.
-LINEAR_STEP = 2.0**-7
-
-Evaluation = Callable[[NDArray[Any], NDArray[Any], NDArray[Any]], tuple[Any, Any]]
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """
-    A quantity of the report.
-
-    Attributes
-    ----------
-    title : str
-        The result in words, for a page.
-    most : int
-        The most joints for which it is measured.
-    call : str
-        The function that computes it, for a page; empty for a quantity of compile_kernel.
-
-    """
-
-    title: str
-    most: int = 30
-    call: str = ''
-
-
+# Quantity to the names of its arguments.
 QUANTITIES = {
-    'inverse_dynamics': Quantity('torques of an acceleration'),
-    'inertia_matrix': Quantity('inertia matrix'),
-    'bias_torques': Quantity('torques at zero acceleration'),
-    'gravity_torques': Quantity('torques at rest'),
-    'tip_pose': Quantity("pose of the tip in the base link's frame"),
-    'tip_jacobian': Quantity('Jacobian of the tip in axes of the base link'),
-    'derivatives': Quantity('d qdd / d(q, qd, tau)'),
-    'linear_step': Quantity(
-        'A and B of a step of classical Runge-Kutta', most=12, call='`Simulator.linearize`'
-    ),
+    FORWARD: STATE,
+    'inverse_dynamics': ('q', 'qd', 'qdd'),
+    'inertia_matrix': ('q',),
+    'bias_torques': ('q', 'qd'),
+    'derivatives': STATE,
 }
 
-
-def argument_names(quantity: str) -> tuple[str, ...]:
-    """Return the names of a quantity's arguments, as `random_states` names them."""
-    kernel = KERNEL_QUANTITIES.get(quantity)
-    return STATE if kernel is None else kernel.arguments
-
-
-def solves(quantity: str) -> bool:
-    """Return whether a quantity contains forward dynamics, which may be refined."""
-    kernel = KERNEL_QUANTITIES.get(quantity)
-    return kernel is None or not kernel.method
+Evaluation = Callable[[NDArray[Any], NDArray[Any], NDArray[Any]], tuple[Any, Any]]
 
 
 def random_states(robot: Robot, count: int) -> dict[str, Array]:

@@ -115,8 +115,6 @@ Arm *make(int n, const int *prismatic, const double *rotations, const double *tr
     return arm;
 }
 
-void release(Arm *arm) { delete arm; }
-
 void aba(Arm *arm, long long count, const double *q, const double *qd, const double *tau,
          double *qdd) {
     each(*arm, count, q, qd, tau, qdd,

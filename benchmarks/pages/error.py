@@ -16,7 +16,7 @@ from benchmarks.pages import (
 )
 from benchmarks.plots import save
 from benchmarks.table import page, paragraph
-from benchmarks.timing import described, surroundings
+from benchmarks.timing import surroundings
 
 SIZE, WIDE = (10.0, 7.0), (14.0, 7.6)
 
@@ -35,7 +35,7 @@ def text(data: Mapping[str, Any]) -> str:
     controlled, free = _split(data)
     return page(
         'error',
-        machine=described(data['machine']),
+        machine=data['machine']['description'],
         controlled=error_controlled_text.text(controlled),
         integrators=error_controlled_text.text_of_free(free),
         evaluations=error_evaluations.text(data['evaluations']),

@@ -159,7 +159,7 @@ def _ways(
             peer = make(robot)
             reasons = dict[str, str]()
             works = _works(states, batch, count)
-            found = [valid_sides(peer.sides(work), reasons) for work in works]
+            found = [valid_sides([peer], work, reasons) for work in works]
         except LeftOutError as reason:
             missing.append(f'{library}: {reason}')
             continue
@@ -168,7 +168,7 @@ def _ways(
             continue
         missing += [f'{way} at {robot.name}: {reason}' for way, reason in reasons.items()]
         for side in found[0]:
-            if side.contents.loop == 'Python' or side.way.endswith('threads'):
+            if side.way.startswith(pinocchio.LOOP) or side.way.endswith('threads'):
                 continue
             same = [s for sides in found for s in sides if s.way == side.way]
             if batch == 1:
@@ -185,8 +185,8 @@ def _works(states: Sequence[Array], batch: int, count: int) -> list[Work]:
     """Return the works that answer all states: one batch, or a call for each state."""
     if batch > 1:
         q, qd, tau = (np.resize(x, (batch, x.shape[1])) for x in states)
-        return [Work('batch', q, qd, tau)]
-    return [Work('call', *(x[k].copy() for x in states)) for k in range(count)]
+        return [Work('batch', (q, qd, tau))]
+    return [Work('call', tuple(x[k].copy() for x in states)) for k in range(count)]
 
 
 def _bound(kernel: Any, states: Sequence[NDArray[Any]]) -> Callable[[], object]:

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.peers.work import Side
 from benchmarks.run import show_progress
 from benchmarks.table import Columns, page, paragraph, short, table, yes
-from benchmarks.timing import Pace, described, interleave, surroundings
+from benchmarks.timing import Pace, interleave, surroundings
 import pfd_core as pfd
 from pfd_ros.advice import Motion, advise, full_scene, sine
 from pfd_ros.advice.motions import SETTINGS
@@ -53,7 +53,7 @@ def measure(quick: bool) -> dict[str, Any]:
     }
     show_progress('')
     return {
-        'machine': [{'machine': described(machine)}],
+        'machine': [{'machine': machine['description']}],
         'example': [
             {
                 'robot': robot.name,

@@ -10,48 +10,48 @@ accelerations of the order of one, so that differences between the results are n
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from functools import partial
-from itertools import chain
+from itertools import product
 from math import inf
 import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 import time
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
-from benchmarks.cases.quantities import FORWARD, LINEAR_STEP, QUANTITIES, random_states
+import numpy as np
+
+from benchmarks.cases.quantities import FORWARD, QUANTITIES, random_states
 from benchmarks.cases.robots import robot
 from benchmarks.peers import ours
-from benchmarks.peers.casadi import METHODS, Casadi
-from benchmarks.peers.dynibo import Dynibo
-from benchmarks.peers.frax import Frax
+from benchmarks.peers.casadi import COMPOSITE, METHODS, Casadi
 from benchmarks.peers.mujoco import Mujoco
-from benchmarks.peers.pinocchio import Pinocchio, PinocchioQuantity
+from benchmarks.peers.others import Dynibo, Frax
+from benchmarks.peers.ours import Ours
+from benchmarks.peers.pinocchio import Pinocchio
 from benchmarks.peers.pinocchio_cpp import NAME as CPP
-from benchmarks.peers.pinocchio_cpp import PinocchioCpp, compiled_library
+from benchmarks.peers.pinocchio_cpp import PinocchioCpp
 from benchmarks.peers.vector_casadi import COMPILERS, LARGEST_ANGLE, VectorCasadi, sine_error
-from benchmarks.peers.work import LeftOutError, Peer, Side, Work, valid_sides, work_of
+from benchmarks.peers.work import LeftOutError, Peer, Work, valid_sides, work_of
 from benchmarks.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, logarithmic, save
 from benchmarks.port_limit import limit_of
 from benchmarks.run import show_progress
 from benchmarks.table import Cells, bullets, grid, lines_of, order, page, short
-from benchmarks.timing import MIDDLE_BATCH, Pace, described, surroundings, take_turns
+from benchmarks.timing import Pace, differences, interleave, surroundings
 from pfd_core.kernels.runtime.disk_cache import VARIABLE
 from pfd_core.model import Robot
 
 Row = Mapping[str, Any]
-ARMS = ('ur5', 'panda', 'puma560', 'dense6')
-CHAINS = tuple(f'chain{n}' for n in (6, 12, 30, 60, 100))
+Makers = Mapping[str, Callable[[Robot], Peer]]
+# Arms of the tables of README.md and the guide.
+ROBOT, OTHER_ROBOT = 'ur5', 'panda'
 OUR_METHODS = ('composite_body', 'grouped_articulated_body')
 # The most numbers of an argument: more only measures the memory.
 MOST_NUMBERS = 500_000
-OURS: dict[str, Callable[[Robot], Peer]] = {
-    f'{method} {dtype}': partial(ours.make, method, dtype)
-    for method in OUR_METHODS
-    for dtype in ('float64', 'float32')
-}
-MAKERS: dict[str, Callable[[Robot], Peer]] = {
+# States of a batch that fits into the caches, and takes long compared with its call overhead.
+MIDDLE_BATCH = 4096
+MAKERS: Makers = {
     'Pinocchio': Pinocchio,
     CPP: PinocchioCpp,
     'MuJoCo': Mujoco,
@@ -59,162 +59,130 @@ MAKERS: dict[str, Callable[[Robot], Peer]] = {
     'frax': Frax,
     **{f'CasADi C {method}': partial(Casadi, method=method) for method in METHODS},
     **{f'CasADi C on vectors, {x}': partial(VectorCasadi, compiler=x) for x in COMPILERS},
-    **OURS,
-}
-OF_QUANTITY: dict[str, Callable[[Robot, str], Peer]] = {
-    'Pinocchio': PinocchioQuantity,
-    'CasADi C': Casadi,
-    'pfd float64': lambda arm, quantity: ours.make_quantity(quantity, 'float64', 0, arm),
+    **{
+        f'{method} {dtype}': partial(Ours, method=method, dtype=dtype)
+        for method, dtype in product(OUR_METHODS, ('float64', 'float32'))
+    },
 }
 
 
 class Plan(NamedTuple):
-    """Robots, batches, steps of a rollout, pace, robots of first results and of quantities."""
+    """Robots, batches, steps of a rollout, pace, robots of other quantities, and peers."""
 
     robots: Sequence[str]
     sizes: Sequence[int]
     steps: int
     pace: Pace
-    firsts: Sequence[str]
-    quantities: Sequence[str]
-    makers: Mapping[str, Callable[[Robot], Peer]]
+    others: Sequence[str]
+    makers: Makers
 
 
-SIZES = (1, 64, 512, 4096, 65536)
-FULL = Plan((*ARMS, *CHAINS), SIZES, 1000, Pace(budget=3.0), ARMS[:2], ARMS[:2], MAKERS)
+CHAINS = tuple(f'chain{n}' for n in (6, 12, 30, 60, 100))
+ARMS = (ROBOT, OTHER_ROBOT, 'puma560', 'dense6', *CHAINS)
+FULL = Plan(ARMS, (1, 64, 512, MIDDLE_BATCH, 65536), 1000, Pace(budget=3.0), ARMS[:2], MAKERS)
 # Without the peers that take long to compile.
 FAST = {name: make for name, make in MAKERS.items() if name not in (CPP, 'frax')}
-QUICK = Plan(('ur5',), SIZES[:2], 10, Pace(chunk=1e-4, turns=3), (), ('planar2',), FAST)
+QUICK = Plan((ROBOT,), (1, 64), 10, Pace(chunk=1e-4, turns=3), ('planar2',), FAST)
 
 
 def measure(quick: bool) -> dict[str, Any]:
     """Return times, limits, first results and exclusions; progress goes to stderr."""
     plan = QUICK if quick else FULL
-    data: dict[str, Any] = {'machine': surroundings(), 'rows': [], 'limits': [], 'first': []}
-    excluded: dict[tuple[str, str], list[str]] = {}
+    data: dict[str, Any] = {'machine': surroundings(), 'rows': [], 'limits': [], 'excluded': []}
+    data |= {'first': _first_results(robot(plan.others[0])), 'sines': []}
     for name in plan.robots:
-        arm, reasons = robot(name), dict[str, str]()
-        works = list(_works(arm, plan))
-        first = data['first'] if name in plan.firsts else None
-        peers = list(_made(arm, plan.makers, works, reasons, first))
-        _add(data, arm, FORWARD, works, peers, plan.pace, reasons)
-        vectors = (peer for peer in peers if isinstance(peer, VectorCasadi))
-        if 'sines' not in data:
-            data['sines'] = [{'way': one.name, 'ulp': sine_error(one)} for one in vectors]
-        for reason in reasons.items():
-            excluded.setdefault(reason, []).append(name)
-    for name, quantity in ((x, y) for x in plan.quantities for y in QUANTITIES):
-        arm, reasons, peers = robot(name), {}, []
-        for peer, make in OF_QUANTITY.items():
-            show_progress(f'{name}: making {quantity} of {peer}')
-            try:
-                peers.append(make(arm, quantity))
-            except LeftOutError as reason:
-                reasons[peer] = str(reason)
-        states = random_states(arm, plan.sizes[-2] if len(plan.sizes) > 2 else plan.sizes[-1])
-        works = [work_of(kind, quantity, states) for kind in ('call', 'batch')]
-        _add(data, arm, quantity, works, peers, plan.pace, reasons)
-        for way, why in reasons.items():
-            excluded.setdefault((f'{way}, {quantity}', why), []).append(name)
+        arm = robot(name)
+        sizes = [size for size in plan.sizes if size * arm.n <= MOST_NUMBERS]
+        kinds = [('call', 1), ('rollout', plan.steps), *(('batch', size) for size in sizes)]
+        _measure(data, arm, FORWARD, kinds, plan.makers, plan.pace)
+    for name, quantity in product(plan.others, QUANTITIES):
+        makers: Makers = {
+            'Pinocchio': partial(Pinocchio, quantity=quantity),
+            'CasADi C': partial(Casadi, quantity=quantity),
+            'pfd': partial(Ours, method='auto', dtype='float64', quantity=quantity),
+        }
+        kinds = [('call', 1), ('batch', min(MIDDLE_BATCH, plan.sizes[-1]))]
+        if quantity != FORWARD:
+            _measure(data, robot(name), quantity, kinds, makers, plan.pace)
     show_progress('')
-    places = ((way, ', '.join(on), why) for (way, why), on in excluded.items())
-    return data | {'excluded': [f'{way} on {on}: {why}' for way, on, why in places]}
+    return data
 
 
-def _works(arm: Robot, plan: Plan) -> Iterator[Work]:
-    sizes = [size for size in plan.sizes if size * arm.n <= MOST_NUMBERS]
-    states = random_states(arm, max(sizes))
-    q, qd, tau = (states[name] for name in ('q', 'qd', 'tau'))
-    yield Work('call', q[0], qd[0], tau[0])
-    yield Work('rollout', q[0], qd[0], tau[0], plan.steps)
-    for size in sizes:
-        yield Work('batch', q[:size], qd[:size], tau[:size])
-
-
-def _made(
-    arm: Robot,
-    makers: Mapping[str, Callable[[Robot], Peer]],
-    works: list[Work],
-    reasons: dict[str, str],
-    first: list[Row] | None,
-) -> Iterator[Peer]:
-    """Yield the peers of a robot; exclusions, and times to a first result, are added."""
+def _first_results(arm: Robot) -> list[Row]:
+    """Return the seconds from a robot in memory to its first result, compiled and from disk."""
+    makers: Makers = {
+        'this library': partial(Ours, method='auto', dtype='float64'),
+        'CasADi C': partial(Casadi, method=COMPOSITE),
+    }
+    rows, work = list[Row](), work_of(FORWARD, random_states(arm, 1), 'call')
     for name, make in makers.items():
-        show_progress(f'{arm.name}: making {name}')
-        try:
-            if first is None:
-                yield make(arm)
-                continue
-            if make is PinocchioCpp:
-                # For any robot, so that a first result does not contain it.
-                compiled_library()
-            with _empty_cache():
-                peer, cold = _first_result(arm, make, works)
-                warm = _first_result(arm, make, works)[1] if name in OURS else None
-        except LeftOutError as reason:
-            reasons[name] = str(reason)
-        else:
-            first.append({'robot': arm.name, 'way': name, 'cold': cold, 'disk': warm})
-            yield peer
+        show_progress(f'{arm.name}: first result of {name}')
+        with TemporaryDirectory() as folder, patch.dict(os.environ, {VARIABLE: folder}):
+            for code in ('compiled', 'from disk'):
+                start = time.perf_counter()
+                try:
+                    side = next(make(arm).sides(work))
+                    side.run()
+                except LeftOutError:
+                    continue
+                seconds = time.perf_counter() - start
+                rows.append({'robot': arm.name, 'way': name, 'code': code, 'seconds': seconds})
+    return rows
 
 
-def _first_result(
-    arm: Robot, make: Callable[[Robot], Peer], works: list[Work]
-) -> tuple[Peer, float]:
-    start = time.perf_counter()
-    peer = make(arm)
-    next(chain.from_iterable(map(peer.sides, works))).run()
-    return peer, time.perf_counter() - start
-
-
-@contextmanager
-def _empty_cache() -> Iterator[None]:
-    """Keep compiled code in an empty folder, which is removed when the block ends."""
-    before = os.environ.get(VARIABLE)
-    with TemporaryDirectory(prefix='pfd_speed_') as folder:
-        os.environ[VARIABLE] = folder
-        try:
-            yield
-        finally:
-            os.environ.pop(VARIABLE)
-            if before is not None:
-                os.environ[VARIABLE] = before
-
-
-def _add(
+def _measure(
     data: dict[str, Any],
     arm: Robot,
     quantity: str,
-    works: Sequence[Work],
-    peers: Sequence[Peer],
+    kinds: Sequence[tuple[str, int]],
+    makers: Makers,
     pace: Pace,
-    reasons: dict[str, str],
 ) -> None:
-    """Add rows of all works, and the arithmetic limit of our fastest kernel in float64."""
-    rows: list[Row] = []
-    for work in works:
+    """
+    Add rows of all works, and the arithmetic limit of our fastest kernel in float64.
+
+    A row has minimum and median [s a state or step], times (the reference's time over this way's,
+    median over the turns) and difference (largest max|difference| / max|wanted| of a state).
+    """
+    reasons, peers = dict[str, str](), list[Peer]()
+    for name, make in makers.items():
+        show_progress(f'{arm.name}: making {quantity} of {name}')
+        try:
+            peers.append(make(arm))
+        except LeftOutError as reason:
+            reasons[name] = str(reason)
+    vectors = [peer for peer in peers if isinstance(peer, VectorCasadi)]
+    data['sines'] = data['sines'] or [{'way': x.name, 'ulp': sine_error(x)} for x in vectors]
+    known = next((peer for peer in peers if isinstance(peer, Pinocchio)), None)
+    states = random_states(arm, max(size for kind, size in kinds if kind == 'batch'))
+    batches: dict[int, tuple[Work, list[Row]]] = {}
+    for kind, size in kinds:
+        work = work_of(quantity, states, kind, size)
         show_progress(f'{arm.name}: {quantity}, {work.title}')
-        sides = valid_sides(_sides(peers, work, reasons), reasons)
-        rows += [row | {'quantity': quantity} for row in take_turns(arm.name, work, sides, pace)]
-    data['rows'] += rows
-    batch = min(works, key=lambda work: abs(work.units - MIDDLE_BATCH))
-    best = fastest(row for row in rows if _is_ours(row, batch.title, 'float64, F order'))
-    for peer in peers:
-        if isinstance(peer, ours.Ours) and best and best['way'] == f'{peer.name}, F order':
-            head = {'robot': arm.name, 'quantity': quantity, 'way': peer.name}
+        wanted = None if known is None else known.wanted(work)
+        sides, rows = valid_sides(peers, work, reasons), list[Row]()
+        for side, own in zip(sides, interleave(sides, work.units, pace), strict=True):
+            off = None if wanted is None else float(np.max(differences(side.result(), wanted)))
+            head = {'robot': arm.name, 'n': arm.n, 'quantity': quantity, 'work': work.title}
+            head |= {'way': side.way, 'contents': side.contents}
+            rows.append(head | vars(own) | {'difference': off})
+        data['rows'] += rows
+        if kind == 'batch':
+            batches[abs(size - MIDDLE_BATCH)] = work, rows
+    work, rows = batches[min(batches)]
+    best = fastest(row for row in rows if _is_ours(row, work.title, 'float64, F order'))
+    for peer in (peer for peer in peers if isinstance(peer, Ours)):
+        if best is not None and best['way'] == f'{peer.name}, F order':
             show_progress(f'{arm.name}: {quantity}, arithmetic limit')
             try:
-                data['limits'].append(head | vars(limit_of(peer.kernel, batch, pace)))
+                limit = {'robot': arm.name, 'quantity': quantity, 'way': peer.name}
+                data['limits'].append(limit | vars(limit_of(peer.kernel, work, pace)))
             except LeftOutError as reason:
                 reasons[f'arithmetic limit of {peer.name}'] = str(reason)
-
-
-def _sides(peers: Sequence[Peer], work: Work, reasons: dict[str, str]) -> Iterator[Side]:
-    for peer in peers:
-        try:
-            yield from peer.sides(work)
-        except LeftOutError as reason:
-            reasons[f'{type(peer).__name__}, {work.title}'] = str(reason)
+    data['excluded'] += [
+        {'way': f'{way}, {quantity}', 'robot': arm.name, 'why': why}
+        for way, why in reasons.items()
+    ]
 
 
 def fastest(rows: Iterable[Row]) -> Row | None:
@@ -223,13 +191,14 @@ def fastest(rows: Iterable[Row]) -> Row | None:
 
 
 def _is_ours(row: Row, work: str, ending: str) -> bool:
-    own = row['code'] == ours.CODE and row['work'] == work
+    own = row['contents'].startswith(ours.CODE) and row['work'] == work
     return own and str(row['way']).endswith(ending)
 
 
 def _is_peer(row: Row) -> bool:
     """Return whether a row is of a peer at the same work: on one thread, without refinement."""
-    return row['code'] != ours.CODE and not row['way'].endswith((' 2 threads', ' refined'))
+    own = row['contents'].startswith(ours.CODE)
+    return not own and not row['way'].endswith((' 2 threads', ' refined'))
 
 
 # From here on the page: all from the rows.
@@ -247,7 +216,6 @@ COMPARED = {
     f'{MANY}, C order': (MANY, 'float64, C order'),
 }
 # Rows of README.md and of the guide, of the arm ROBOT: title, quantity, work, end of our way.
-ROBOT, OTHER_ROBOT = 'ur5', 'panda'
 RESULTS = (
     (f'a state in a {MANY}', FORWARD, MANY, 'float64, F order'),
     (f'a state in a {FEW}', FORWARD, FEW, 'float64, F order'),
@@ -259,24 +227,11 @@ GUIDE = (
     (f'derivatives of qdd, a {MANY}', 'derivatives', MANY, 'float64, F order'),
     ('derivatives of qdd, one bound call', 'derivatives', 'call', 'float64: bound'),
 )
-# From Pinocchio to ours: title, and beginnings and end of the ways of which the fastest counts.
-STEPS = (
-    ('Pinocchio from Python [ns]', ('Python loop',), ''),
-    ('without calls from Python', (CPP,), ''),
-    ('code for one robot', ('CasADi C composite', 'CasADi C articulated'), 'loop in C'),
-    ('vectors of states', ('CasADi C on vectors',), ''),
-    ('our kernel', OUR_METHODS, 'float64, F order'),
-)
 # Lines of the picture: label, beginnings and ends of the ways, colour and marker.
+IN_64, IN_32 = ('float64, F order', 'float64: bound'), ('float32, F order', 'float32: bound')
 LINES = (
-    ('this library, float64', OUR_METHODS, ('float64, F order', 'float64: bound'), BLUE, 'o'),
-    (
-        'this library, float32',
-        OUR_METHODS,
-        ('float32, F order', 'float32: bound'),
-        VERMILLION,
-        '^',
-    ),
+    ('this library, float64', OUR_METHODS, IN_64, BLUE, 'o'),
+    ('this library, float32', OUR_METHODS, IN_32, VERMILLION, '^'),
     ("CasADi's C on vectors of 8 states", ('CasADi C on vectors',), ('F order',), GREEN, 'D'),
     ("CasADi's C", ('CasADi C comp', 'CasADi C art'), ('C', 'buffer()'), PURPLE, '*'),
     ('Pinocchio in C++', (CPP,), ('',), ORANGE, 's'),
@@ -289,25 +244,28 @@ LINES = (
 def text(data: dict[str, Any]) -> str:
     """Return the page."""
     rows = [row for row in data['rows'] if row['quantity'] == FORWARD]
+    machine = data['machine']['description']
     if not any(map(_is_peer, rows)):
-        return page('speed-alone', machine=described(data['machine']))
-    first = [[x['robot'], x['way'], _ms(x['cold']), _ms(x['disk'])] for x in data['first']]
+        return page('speed-alone', machine=machine)
+    first = [[x['robot'], x['way'], x['code'], short(x['seconds'] * 1e3)] for x in data['first']]
     sines = '; '.join(f'{row["way"]} {row["ulp"]:.1f}' for row in data['sines'])
+    excluded: dict[tuple[str, str], list[str]] = {}
+    for row in data['excluded']:
+        excluded.setdefault((row['way'], row['why']), []).append(row['robot'])
+    left_out = (f'{way} on {", ".join(on)}: {why}' for (way, why), on in excluded.items())
     return page(
         'speed',
-        machine=described(data['machine']),
-        step=LINEAR_STEP * 1e3,
+        machine=machine,
         sines=sines or 'not measured',
         angle=f'{LARGEST_ANGLE:g}',
         headline=headline(data) or None,
         strongest=_strongest(rows, data['limits']),
-        factors=_factors(rows),
         works='\n\n'.join(_by_work(rows)),
-        first=lines_of(['robot', 'way', 'compiled [ms]', 'from disk [ms]'], first),
+        first=lines_of(['robot', 'way', 'code', 'time [ms]'], first),
         quantities=_quantities(data),
         contents=_contents(data['rows']),
         differences=_differences(rows),
-        excluded=bullets(data['excluded'], 'Nothing.'),
+        excluded=bullets(left_out, 'Nothing.'),
     )
 
 
@@ -327,17 +285,14 @@ def compared(
     The names of our ways end with `ending`; in C order peers take C order, too. None where a row
     is missing.
     """
-    same = [
-        row
-        for row in rows
-        if (row['robot'], row['quantity'], row['work']) == (arm, quantity, work)
-    ]
+    place = arm, quantity, work
+    same = [row for row in rows if (row['robot'], row['quantity'], row['work']) == place]
     peers = [row for row in same if _is_peer(row)]
     if ending.endswith('C order'):
         peers = [row for row in peers if not row['way'].endswith('F order')]
     own = fastest(row for row in same if _is_ours(row, work, ending))
     strongest = fastest(peers)
-    general = fastest(row for row in peers if 'any robot' in row['code'])
+    general = fastest(row for row in peers if 'any robot' in row['contents'])
     if own is None or strongest is None or general is None:
         return None
     return own, strongest, general
@@ -349,10 +304,6 @@ def _named(row: Row) -> str:
 
 def _ns(row: Row) -> str:
     return f'{short(row["minimum"] * 1e9)} ns'
-
-
-def _ms(seconds: float | None) -> str:
-    return '-' if seconds is None else short(seconds * 1e3)
 
 
 def _ratio(own: Row, peer: Row) -> str:
@@ -367,11 +318,10 @@ def _relation(own: Row, peer: Row) -> str:
 
 def headline(data: dict[str, Any]) -> str:
     """Return the sentences on the arm ROBOT; '' where a row is missing."""
-    rows, machine = data['rows'], data['machine']
-    call = compared(rows, ROBOT, FORWARD, *COMPARED['one call, `kernel(q, qd, tau)`'])
-    found = [compared(rows, ROBOT, *place) for _, *place in RESULTS]
-    values = {'processor': f'{"virtual " * bool(machine.get("virtual"))}{machine["processor"]}'}
-    for key, ways in zip(('many', 'few', 'one', 'plain'), (*found, call), strict=True):
+    plain = ('', FORWARD, *COMPARED['one call, `kernel(q, qd, tau)`'])
+    values = {'processor': data['machine']['processor']}
+    for key, (_, *place) in zip(('many', 'few', 'one', 'plain'), (*RESULTS, plain), strict=True):
+        ways = compared(data['rows'], ROBOT, *place)
         if ways is None:
             return ''
         values |= {key: _ns(ways[0]), f'{key}_peer': _relation(*ways[:2])}
@@ -433,23 +383,6 @@ def _strongest(rows: Sequence[Row], limits: Sequence[Row]) -> list[str]:
     return grid(cells, 'robot')
 
 
-def _factors(rows: Sequence[Row]) -> list[str] | None:
-    """Return a table of the factor over Pinocchio in steps; None without the ways."""
-    lines = []
-    for arm in dict.fromkeys(row['robot'] for row in rows):
-        own = [row for row in rows if row['robot'] == arm and row['work'] == MANY]
-        found = (
-            fastest(x for x in own if x['way'].startswith(begin) and x['way'].endswith(end))
-            for _, begin, end in STEPS
-        )
-        ways = [row for row in found if row is not None]
-        if len(ways) == len(STEPS):
-            pairs = [*zip(ways[1:], ways, strict=False), (ways[-1], ways[0])]
-            factors = (short(speed_up(fast, slow)) for fast, slow in pairs)
-            lines.append([arm, short(ways[0]['minimum'] * 1e9), *factors])
-    return lines_of(['robot', *(title for title, *_ in STEPS), 'all'], lines) if lines else None
-
-
 def _by_work(rows: Sequence[Row]) -> Iterator[str]:
     """Yield a table of all ways over the robots, work by work."""
     for work in dict.fromkeys(row['work'] for row in rows):
@@ -461,54 +394,41 @@ def _by_work(rows: Sequence[Row]) -> Iterator[str]:
         yield '\n'.join([f'## {work.capitalize()} [ns]\n', *grid(cells)])
 
 
-def _quantities(data: dict[str, Any]) -> str:
-    """Return, robot by robot, our times of each quantity, and the speed-up over the peers."""
-    rows = [row for row in data['rows'] if row['quantity'] != FORWARD]
-    parts: list[str] = []
-    for arm in dict.fromkeys(row['robot'] for row in rows):
-        cells = Cells()
-        for quantity in QUANTITIES:
-            same = [row for row in rows if (row['robot'], row['quantity']) == (arm, quantity)]
-            for work in dict.fromkeys(row['work'] for row in same):
-                ending = 'float64: bound' if work == 'call' else 'float64, F order'
-                own = fastest(row for row in same if _is_ours(row, work, ending))
-                if own is None:
-                    continue
-                cells[quantity, f'{work} [ns]'] = short(own['minimum'] * 1e9)
-                for name, word in {'Pinocchio': 'pinocchio', 'CasADi C': 'CasADi'}.items():
-                    ways = (row for row in same if row['work'] == work and word in row['way'])
-                    peer = fastest(ways)
-                    ratio = '-' if peer is None else short(speed_up(own, peer))
-                    cells[quantity, f'{work}, times as fast as {name}'] = ratio
-            share = _shares(data['limits'], quantity).get(arm)
-            cells[quantity, 'share of the limit'] = '-' if share is None else f'{share:.2f}'
-        parts += [f'### {arm}\n', *grid(cells, 'quantity'), '']
-    return '\n'.join(parts)
+def _quantities(data: dict[str, Any]) -> list[str]:
+    """Return our times of each other quantity, and the speed-up over the peers."""
+    rows, cells = [row for row in data['rows'] if row['quantity'] != FORWARD], Cells()
+    for arm, quantity, work in dict.fromkeys((x['robot'], x['quantity'], x['work']) for x in rows):
+        ending = 'float64: bound' if work == 'call' else 'float64, F order'
+        found, place = compared(rows, arm, quantity, work, ending), f'{arm}, {quantity}'
+        if found is not None:
+            own, peer, general = found
+            cells[place, f'{work} [ns]'] = short(own['minimum'] * 1e9)
+            cells[place, f'{work}, times as fast as the fastest peer'] = _ratio(own, peer)
+            cells[place, f'{work}, the fastest for any robot'] = _ratio(own, general)
+        share = _shares(data['limits'], quantity).get(arm)
+        cells[place, 'share of the limit'] = '-' if share is None else f'{share:.2f}'
+    return grid(cells, 'quantity')
 
 
 def _contents(rows: Sequence[Row]) -> list[str]:
-    known: dict[tuple[str, ...], dict[str, None]] = {}
+    known: dict[tuple[str, str], dict[str, None]] = {}
     for row in rows:
-        place = (row['code'], row['call'], row['loop'] or '-', row['numbers'])
-        known.setdefault((row['work'].split()[0], *place), {})[_named(row)] = None
-    titles = ['work', 'code of one state', 'call', 'loop', 'numbers, sine and cosine', 'ways']
-    return lines_of(titles, ([*place, '; '.join(ways)] for place, ways in known.items()))
+        known.setdefault((row['work'].split()[0], row['contents']), {})[_named(row)] = None
+    lines = ([*place, '; '.join(ways)] for place, ways in known.items())
+    return lines_of(['work', 'code of one state; call and loop; numbers', 'ways'], lines)
 
 
 def _differences(rows: Sequence[Row]) -> list[str]:
-    """Return the largest difference of each program and robot, rollouts apart."""
-    found: dict[tuple[str, object], float] = {}
+    """Return the largest difference of each program and robot, rollouts last."""
+    found: dict[tuple[bool, str, str], float] = {}
     for row in rows:
         if row['difference'] is not None:
-            work = 'rollout' if row['work'] == 'rollout' else 'accelerations'
-            place = f'{work}: {row["way"].split(":")[0].split(",")[0]}', row['robot']
+            way = row['way'].split(':')[0].split(',')[0]
+            place = row['work'] == 'rollout', way, row['robot']
             found[place] = max(found.get(place, 0.0), row['difference'])
-    cells: Cells = {place: order(value) for place, value in sorted(found.items(), key=_rollout)}
-    return grid(cells)
-
-
-def _rollout(item: tuple[tuple[str, object], float]) -> bool:
-    return item[0][0].startswith('rollout')
+    places = sorted(found, key=lambda place: place[0])
+    titles = {False: 'accelerations', True: 'rollout'}
+    return grid({(f'{titles[x[0]]}: {x[1]}', x[2]): order(found[x]) for x in places})
 
 
 def plots(data: dict[str, Any], folder: Path) -> list[Path]:

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.cases.problems import Problem, scene_of
-from benchmarks.cases.quantities import STATE, linear_rk4
+from benchmarks.cases.quantities import FORWARD, STATE, linear_rk4
 from benchmarks.cases.robots import Array
-from benchmarks.peers.pinocchio import Pinocchio, acceleration_and_derivatives
+from benchmarks.peers.pinocchio import Pinocchio
 from pfd_core.algorithms.acceleration_derivatives import record_derivatives
 from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.programs import TOLERANCES
@@ -104,35 +104,29 @@ def _multiplied(factors: dict[str, Any]) -> NDArray[Any]:
 
 def peer_answer(problem: Problem) -> Array | None:
     """Return qdd (S, n) by pinocchio.aba; None where it does not take the problem."""
-    peer = _peer(problem)
-    if peer is None:
-        return None
-    aba = peer.answers(problem.plant)['Pinocchio aba']
-    return np.array([np.array(aba(*row)) for row in _rows(problem)])
+    peer = _peer(problem, FORWARD)
+    return None if peer is None else np.array([peer.result(*row) for row in _rows(problem)])
 
 
 def peer_jacobians(problem: Problem, h: float) -> tuple[Array, Array] | None:
     """Return d qdd / d (q, qd, tau) and [A B] of a step by computeABADerivatives, or None."""
-    peer = _peer(problem)
+    peer = _peer(problem, 'derivatives')
     if peer is None:
         return None
-    evaluate = acceleration_and_derivatives(peer)
-    rows = _rows(problem)
+    evaluate, rows = peer.acceleration_and_derivatives, _rows(problem)
     with np.errstate(all='ignore'):
-        J = np.array([evaluate(*row)[1].copy() for row in rows])
+        J = np.array([evaluate(*row)[1] for row in rows])
         return J, np.array([linear_rk4(evaluate, q, qd, tau, h) for q, qd, tau in rows])
 
 
-def _peer(problem: Problem) -> Pinocchio | None:
+def _peer(problem: Problem, quantity: str) -> Pinocchio | None:
     """Return Pinocchio's model of a plant; None with a wrench, or if it refuses the robot."""
     if 'wrench' in problem.states:
         return None
     try:
-        peer = Pinocchio(problem.plant.robot)
-        peer.answers(problem.plant)
+        return Pinocchio(problem.plant, quantity)
     except (ValueError, RuntimeError):
         return None
-    return peer
 
 
 def _rows(problem: Problem) -> list[tuple[Array, Array, Array]]:

@@ -8,15 +8,14 @@ Textbook algorithms written with CasADi, and the C that it generates, compiled, 
                        vectors, with recursive Newton-Euler and L D L^T: fewer operations for the
                        arms of the pages
     inverse dynamics   recursive Newton-Euler in 3-D vectors, in the axes of the links
-    bias, gravity      inverse dynamics at zero acceleration, and at rest
+    bias torques       inverse dynamics at zero acceleration
     inertia matrix     composite bodies
-    pose, Jacobian     products of transforms; axes and lever arms of the joints
     derivatives        -H^-1 times CasADi's Jacobian of inverse dynamics, at the accelerations of
                        composite bodies
 
 CasADi knows which elements are zero, shares common sub-expressions and writes C, which the
 machine's compiler translates for its processor: the usual way to generate such code today. Loops
-over states and steps are in data/casadi.c. Dense matrices lie in columns.
+over states and steps are in data/casadi.c.
 """
 
 from __future__ import annotations
@@ -29,20 +28,20 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cases.quantities import FORWARD, argument_names
+from benchmarks.cases.quantities import FORWARD, QUANTITIES
 from benchmarks.cases.robots import Array, joint_frames
-from benchmarks.peers.native import C, address, built, torques_if_any
+from benchmarks.peers.native import OPTIMISED, address, built, joint_torques
 from benchmarks.peers.work import (
-    Contents,
+    SINE,
     LeftOutError,
-    Peer,
     Side,
     Work,
     installed,
+    plant_of,
     simulation_side,
 )
 from benchmarks.table import stored_text
-from pfd_core.model import Plant, Robot, resolve
+from pfd_core.model import Plant, Robot
 
 
 class _Casadi:
@@ -59,9 +58,7 @@ MOST_INSTRUCTIONS = 30_000
 # Most joints of composite bodies: beyond 12, articulated bodies soon take fewer operations.
 LONGEST = 12
 ARTICULATED, COMPOSITE = 'articulated bodies', 'composite bodies'
-CODE = f'C for this robot, {C}'
-BUFFER = Contents(CODE, "CasADi's buffer(), arguments set before")
-LOOP = Contents(CODE, 'ctypes, once', 'C')
+CODE = f'C for this robot, cc {" ".join(OPTIMISED)}'
 
 
 @dataclass(frozen=True)
@@ -242,36 +239,6 @@ def _bias_torques(robot: Robot, q: Any, qd: Any) -> Any:
     return _inverse_dynamics(robot, q, qd, casadi.SX(robot.n, 1))
 
 
-def _gravity_torques(robot: Robot, q: Any) -> Any:
-    return _bias_torques(robot, q, casadi.SX(robot.n, 1))
-
-
-def _poses(robot: Robot, q: Any) -> list[tuple[Any, Any]]:
-    """Return rotation and origin of each joint's frame and of the tip, in the base link's."""
-    R, p, poses = casadi.SX.eye(3), casadi.SX(3, 1), []
-    for link in _links(robot, q):
-        R, p = R @ link.frame @ link.turn, p + R @ link.origin
-        poses.append((R, p))
-    for turn, shift in (robot.rotations[-1], robot.translations[-1]), robot.frame().placement:
-        R, p = R @ _exact(turn), p + R @ _exact(shift)
-    return [*poses, (R, p)]
-
-
-def _tip_pose(robot: Robot, q: Any) -> Any:
-    R, p = _poses(robot, q)[-1]
-    return casadi.vertcat(casadi.horzcat(R, p), casadi.SX([[0, 0, 0, 1]]))
-
-
-def _tip_jacobian(robot: Robot, q: Any) -> Any:
-    *poses, (_, tip) = _poses(robot, q)
-    columns = []
-    for kind, (R, p) in zip(robot.joint_types, poses, strict=True):
-        axis, turns = R[:, 2], kind != 'prismatic'
-        parts = (casadi.cross(axis, tip - p), axis) if turns else (axis, casadi.SX(3, 1))
-        columns.append(casadi.vertcat(*parts))
-    return casadi.horzcat(*columns)
-
-
 def _derivatives(robot: Robot, q: Any, qd: Any, tau: Any) -> Any:
     n, qdd = robot.n, casadi.SX.sym('qdd', robot.n)
     torques = _inverse_dynamics(robot, q, qd, qdd)
@@ -290,9 +257,6 @@ ALGORITHMS: dict[str, Callable[..., Any]] = {
     'inverse_dynamics': _inverse_dynamics,
     'inertia_matrix': _inertia_matrix,
     'bias_torques': _bias_torques,
-    'gravity_torques': _gravity_torques,
-    'tip_pose': _tip_pose,
-    'tip_jacobian': _tip_jacobian,
     'derivatives': _derivatives,
 }
 
@@ -300,15 +264,15 @@ ALGORITHMS: dict[str, Callable[..., Any]] = {
 def function_of(
     robot: Robot, quantity: str = FORWARD, method: str = ARTICULATED, armature: Array | None = None
 ) -> Any:
-    """Return a quantity as casadi.Function `arm`; LeftOutError for one that is too large."""
+    """Return a quantity as casadi.Function `arm`, row by row; LeftOutError if it is too large."""
     installed('casadi')
-    if quantity != FORWARD and quantity not in ALGORITHMS:
-        raise LeftOutError('not implemented with CasADi here')
     if quantity == FORWARD and method == COMPOSITE and robot.n > LONGEST:
         raise LeftOutError(f'beyond {LONGEST} joints {ARTICULATED} are measured')
     algorithm = ALGORITHMS.get(quantity) or partial(METHODS[method], armature=armature)
-    given = [casadi.SX.sym(name, robot.n) for name in argument_names(quantity)]
-    arm = casadi.Function('arm', given, [casadi.cse(casadi.densify(algorithm(robot, *given)))])
+    given = [casadi.SX.sym(name, robot.n) for name in QUANTITIES[quantity]]
+    # CasADi's matrices lie in columns.
+    rows = casadi.densify(algorithm(robot, *given)).T
+    arm = casadi.Function('arm', given, [casadi.cse(rows)])
     count = arm.n_instructions()
     if count > MOST_INSTRUCTIONS:
         raise LeftOutError(f'its C has {count} instructions and takes minutes to compile')
@@ -322,7 +286,7 @@ def source_of(arm: Any) -> str:
     return str(generator.dump())
 
 
-class Casadi(Peer):
+class Casadi:
     """
     CasADi's C of one quantity of a robot, or of forward dynamics of a plant, compiled and loaded.
 
@@ -339,52 +303,49 @@ class Casadi(Peer):
     def __init__(
         self, robot: Robot | Plant, quantity: str = FORWARD, method: str = ARTICULATED
     ) -> None:
-        plant = self.plant = robot if isinstance(robot, Plant) else resolve(robot, None)
+        plant = self.plant = plant_of(robot)
         arm = function_of(plant.robot, quantity, method, plant.armature)
-        self.quantity, self.shape = quantity, arm.size_out(0)
+        self.size = arm.numel_out(0)
         self.name = f'CasADi C{f" {method}" * (quantity == FORWARD)}'
-        sizes = {'N': plant.robot.n, 'ARGUMENTS': arm.n_in(), 'ELEMENTS': arm.numel_out(0)}
+        sizes = {'N': plant.robot.n, 'ARGUMENTS': arm.n_in(), 'ELEMENTS': self.size}
         sizes |= {'SZ_ARG': arm.sz_arg(), 'SZ_RES': arm.sz_res()}
         sizes |= {'SZ_IW': arm.sz_iw() + 1, 'SZ_W': arm.sz_w() + 1}
         defines = [f'#define {name} {size}' for name, size in sizes.items()]
         defines += ['#define FORWARD'] * (quantity == FORWARD)
-        with built(C, '\n'.join([source_of(arm), *defines, stored_text('casadi.c')])) as path:
-            self.library, self.external = ctypes.CDLL(str(path)), casadi.external('arm', str(path))
-        # Arrays whose addresses native code holds.
-        self.kept: list[object] = []
+        source = '\n'.join([source_of(arm), *defines, stored_text('casadi.c')])
+        with built('cc', '.c', source) as path:
+            self.library, self.external = ctypes.CDLL(path), casadi.external('arm', path)
 
     def rollout(
         self, step: float, q: Array, qd: Array, taus: Array, substeps: int = 1, width: float = 0.0
     ) -> partial[None]:
         """Return a call that moves q and qd, (n,), in place, as PinocchioCpp.rollout does."""
         steps = (ctypes.c_longlong(len(taus)), ctypes.c_longlong(substeps), ctypes.c_double(step))
-        effects, *arrays = map(address, (torques_if_any(self.plant, width), q, qd, taus))
+        effects, *arrays = map(address, (joint_torques(self.plant, width), q, qd, taus))
         return partial(self.library.rollout, effects, *steps, *arrays)
 
-    def _calls(self, work: Work) -> Iterator[Side]:
-        given = [np.array(x) for x in work.arguments(self.quantity)]
-        out, result = self._results(1)
-        buffer, evaluate = self.external.buffer()
-        for k, x in enumerate(given):
-            buffer.set_arg(k, x.data)
-        buffer.set_res(0, out.data)
-        self.kept.append((given, buffer))
-        yield Side(f'{self.name}, buffer()', evaluate, lambda: result().ravel(), contents=BUFFER)
-
-    def _batches(self, work: Work) -> Iterator[Side]:
-        given = [np.ascontiguousarray(x) for x in work.arguments(self.quantity)]
-        out, result = self._results(work.units)
+    def sides(self, work: Work) -> Iterator[Side]:
+        """Yield the way of a work."""
+        once = f'{CODE}; called by ctypes once, loop in C; {SINE}'
+        if work.kind == 'rollout':
+            yield simulation_side(f'{self.name}, RK4 in C', work, self.rollout, once)
+            return
+        given = [np.array(x, order='C') for x in work.arrays]
+        if work.kind == 'call':
+            out, (buffer, run) = np.empty(self.size), self.external.buffer()
+            for k, x in enumerate(given):
+                buffer.set_arg(k, x.data)
+            buffer.set_res(0, out.data)
+            contents = f"{CODE}; called by CasADi's buffer(), arguments set before; {SINE}"
+            # The side keeps what native code reads and writes.
+            result = partial(_first, out, given, buffer)
+            yield Side(f'{self.name}, buffer()', run, result, contents)
+            return
+        out = np.empty((work.units, self.size))
         at = (ctypes.c_void_p * len(given))(*(x.ctypes.data for x in given))
-        self.kept.append((given, at))
-        run = partial(self.library.batch, ctypes.c_longlong(work.units), at, address(out))
-        yield Side(f'{self.name}, loop in C', run, result, contents=LOOP)
+        loop = partial(self.library.batch, ctypes.c_longlong(work.units), at, address(out))
+        yield Side(f'{self.name}, loop in C', loop, partial(_first, out, given), once)
 
-    def _rollouts(self, work: Work) -> Iterator[Side]:
-        yield simulation_side(f'{self.name}, RK4 in C', work, self.rollout, LOOP)
 
-    def _results(self, states: int) -> tuple[Array, Callable[[], Array]]:
-        """Return an array for results, and a function that returns them as (states, size)."""
-        rows, columns = self.shape
-        out = np.empty((states, columns, rows))
-        self.kept.append(out)
-        return out, lambda: out.transpose(0, 2, 1).reshape(states, -1)
+def _first(out: Array, *kept: object) -> Array:
+    return out

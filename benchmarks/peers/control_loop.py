@@ -31,7 +31,7 @@ from benchmarks.cases.controlled_arm import ControlledArm
 from benchmarks.cases.robots import Array
 from benchmarks.peers.casadi import COMPOSITE, Casadi
 from benchmarks.peers.mujoco import Mujoco
-from benchmarks.peers.native import C, address, built, effort_limits, torques_if_any
+from benchmarks.peers.native import address, built, effort_limits, joint_torques
 from benchmarks.peers.pinocchio_cpp import PinocchioCpp
 from benchmarks.table import stored_text
 from pfd_core.model import Scene
@@ -156,7 +156,7 @@ def casadi_arm(case: ControlledArm) -> Simulate:
     peer = Casadi(case.plant, method=COMPOSITE)
 
     def simulate(way: str, substeps: int, softness: Softness) -> Run:
-        effects = address(torques_if_any(case.plant, softness.width))
+        effects = address(joint_torques(case.plant, softness.width))
         return _around(case, getattr(peer.library, IN_CASADI[way]), effects, substeps)
 
     return simulate
@@ -174,14 +174,13 @@ def pinocchio_arm(case: ControlledArm) -> Simulate:
 
 def mujoco_arm(case: ControlledArm) -> Simulate:
     """Return MuJoCo's model of the arm with frictionloss, and mj_step called from C."""
-    peer, plant = Mujoco(case.robot), case.plant
-    mj = peer.mj
+    plant, mj = case.plant, Mujoco(case.robot).mj
     (path,) = Path(mj.__file__).parent.glob('libmujoco.*')
     step = ctypes.cast(ctypes.CDLL(str(path)).mj_step, ctypes.c_void_p)
 
     def simulate(way: str, substeps: int, softness: Softness) -> Run:
         h = case.period / substeps
-        model = peer.model_of(plant, way, h)
+        model = Mujoco(plant, way.split()[-1], h).model
         if plant.friction is not None:
             model.opt.disableflags &= ~int(mj.mjtDisableBit.mjDSBL_CONSTRAINT)
             model.dof_frictionloss[:] = plant.friction
@@ -214,8 +213,8 @@ def mujoco_arm(case: ControlledArm) -> Simulate:
 @cache
 def _library(n: int) -> ctypes.CDLL:
     """Return data/control_loop.c for n joints, compiled; LeftOutError without a compiler."""
-    with built(C, f'#define N {n}\n{stored_text("control_loop.c")}') as path:
-        return ctypes.CDLL(str(path))
+    with built('cc', '.c', f'#define N {n}\n{stored_text("control_loop.c")}') as path:
+        return ctypes.CDLL(path)
 
 
 def _around(case: ControlledArm, advance: Any, arm: Any, substeps: int) -> Run:

@@ -5,123 +5,100 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cases.quantities import FORWARD, LINEAR_STEP, QUANTITIES
-from benchmarks.peers.work import STEP_SIZE, Contents, LeftOutError, Peer, Side, Work, named
+from benchmarks.cases.quantities import FORWARD, STATE
+from benchmarks.peers.work import STEP_SIZE, LeftOutError, Side, Work
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.model import Robot
-from pfd_core.simulation.linearisation import LinearStep
 from pfd_core.simulation.simulator import Simulator
 
-# Method to the largest number of joints that is measured, and the reason for the limit.
-GROWTH = 'its straight-line code takes long to compile'
-METHODS = {
-    'composite_body': (30, GROWTH),
-    'grouped_articulated_body': (200, GROWTH),
-    'articulated_body': (12, 'grouped_articulated_body is the same in fewer operations'),
-    'pcrbm': (12, GROWTH),
-}
+# Most joints that are measured.
+MOST = {'composite_body': 30}
 THREADS = 2
 # Smallest batch that is measured with a second thread.
 SHARED_FROM = 4096
 CODE = 'native code for this robot and processor'
-NUMBERS = 'own sine and cosine, 1.5 ulp, any angle'
-CHECKED = Contents(CODE, 'Python, arguments checked')
-BOUND = Contents(CODE, 'Python, arguments checked before')
-BATCH = Contents(CODE, 'Python, once', 'native, a vector of states at a time')
-ROLLOUT = Contents(CODE, 'Python, once', 'native')
-LINEARISED = Contents(CODE, "Python's work on the step included")
 
 
-@dataclass(frozen=True)
-class Ours(Peer):
-    """The kernel of one quantity of a robot, in one number format; `linearizer` linearises."""
+class Ours:
+    """
+    The kernel of one quantity of a robot, in one number format.
 
-    kernel: Kernel
-    name: str
-    quantity: str = FORWARD
-    linearizer: Simulator | None = None
+    The ways are a call with arguments checked, with `out=`, and bound before; a rollout of the
+    simulator; and batches in Fortran and C order. LeftOutError beyond MOST joints.
+    """
 
-    def _side(self, way: str, run: Any, result: Any, contents: Contents) -> Side:
-        numbers = f'{self.kernel.dtype}; {NUMBERS}'
-        return Side(way, run, result, contents=replace(contents, numbers=numbers))
+    def __init__(self, robot: Robot, method: str, dtype: str, quantity: str = FORWARD) -> None:
+        most = MOST.get(method, robot.n)
+        if robot.n > most:
+            raise LeftOutError(f'not measured beyond {most} joints: it takes long to compile')
+        self.kernel = compile_kernel(robot, method=method, dtype=dtype, quantity=quantity)
+        self.name = f'{"pfd" if method == "auto" else method} {dtype}'
+        self.numbers = f'{dtype}, own sine and cosine: 1.5 ulp, any angle'
+
+    def sides(self, work: Work) -> Iterator[Side]:
+        """Yield the ways of a work."""
+        ways = {'call': self._calls, 'batch': self._batches, 'rollout': self._rollouts}
+        return ways[work.kind](work)
 
     def _calls(self, work: Work) -> Iterator[Side]:
-        given = named(self.quantity, work, np.ascontiguousarray, self.kernel.dtype)
-        forward, double = self.quantity == FORWARD, self.kernel.dtype == 'float64'
-        if self.linearizer is not None:
-            linearize = partial(self.linearizer.linearize, **given)
-            way = f'{self.name}: simulator.linearize(q, qd, tau)'
-            yield self._side(way, linearize, lambda: np.hstack(linearize()).ravel(), LINEARISED)
+        given = arguments(self.kernel, work)
         call = partial(self.kernel, *given.values())
         out, target = call(), call()
+        checked = f'{CODE}; called from Python, arguments checked; {self.numbers}'
+        bound = f'{CODE}; called from Python, arguments checked before; {self.numbers}'
         # Python's share of a call does not depend on the number format.
-        if forward and double:
-            yield self._side(f'{self.name}: kernel(q, qd, tau)', call, call, CHECKED)
-        if double or not forward:
-            run, result = partial(call, out=out), partial(self._entries, out)
-            yield self._side(f'{self.name}: kernel(..., out=)', run, result, CHECKED)
-        bound = self.kernel.bind(**given, out=target)
-        yield self._side(f'{self.name}: bound', bound, partial(self._entries, target), BOUND)
+        if self.kernel.dtype == 'float64':
+            plain, into = f'{self.name}: kernel(q, qd, tau)', f'{self.name}: kernel(..., out=)'
+            yield Side(plain, call, lambda: call().ravel(), checked)
+            yield Side(into, partial(call, out=out), out.ravel, checked)
+        run = self.kernel.bind(**given, out=target)
+        yield Side(f'{self.name}: bound', run, target.ravel, bound)
 
     def _batches(self, work: Work) -> Iterator[Side]:
-        shared = work.units >= SHARED_FROM and self.kernel.dtype == 'float64'
-        for order, laid in (('F', np.asfortranarray), ('C', np.ascontiguousarray)):
-            given = named(self.quantity, work, laid, self.kernel.dtype)
+        contents = f'{CODE}, a vector of states at a time; called once from Python; {self.numbers}'
+        for order in 'FC':
+            given = arguments(self.kernel, work, order)
             out = self.kernel(**given)
-            run, result = partial(self.kernel, **given, out=out), partial(self._entries, out)
-            yield self._side(f'{self.name}, {order} order', run, result, BATCH)
-            if order == 'F' and self.quantity == FORWARD and shared:
-                name = f'{self.name}, {order} order, {THREADS} threads'
-                yield self._side(name, partial(run, threads=THREADS), result, BATCH)
+            run, result = partial(self.kernel, **given, out=out), partial(_rows, out)
+            name = f'{self.name}, {order} order'
+            yield Side(name, run, result, contents)
+            if order == 'F' and work.units >= SHARED_FROM and self.kernel.dtype == 'float64':
+                shared = partial(run, threads=THREADS)
+                yield Side(f'{name}, {THREADS} threads', shared, result, contents)
 
     def _rollouts(self, work: Work) -> Iterator[Side]:
-        method, dtype = self.kernel.method, self.kernel.dtype
-        simulator = _runge_kutta(self.kernel.robot, STEP_SIZE, method=method, dtype=dtype)
-        taus = np.tile(work.tau, (work.steps, 1)).astype(dtype)
+        kernel, (q, qd, tau) = self.kernel, work.arrays
+        simulator = Simulator(
+            kernel.robot,
+            step_size=STEP_SIZE,
+            substeps=1,
+            integrator='rk4',
+            method=kernel.method,
+            dtype=kernel.dtype,
+        )
+        taus = np.tile(tau, (work.steps, 1)).astype(kernel.dtype)
 
         def run() -> None:
-            simulator.reset(work.q, work.qd)
+            simulator.reset(q, qd)
             simulator.rollout(taus)
 
-        yield self._side(self.name, run, lambda: simulator.q, ROLLOUT)
-
-    def _entries(self, out: NDArray[Any]) -> NDArray[Any]:
-        """Return the entries of a quantity from a result of its kernel, (size,) or (B, size)."""
-        if self.quantity == 'linear_step':
-            # The last column is the state at the end.
-            out = out[..., : 3 * self.kernel.robot.n]
-        single = out.ndim == len(self.kernel.shape)
-        return out.reshape(-1) if single else out.reshape(len(out), -1)
+        contents = f'{CODE}; called once from Python, loop in native code; {self.numbers}'
+        yield Side(self.name, run, lambda: simulator.q, contents)
 
 
-def make(method: str, dtype: str, robot: Robot) -> Ours:
-    """Compile a method for a robot; LeftOutError beyond the method's limit of joints."""
-    largest, reason = METHODS[method]
-    if robot.n > largest:
-        raise LeftOutError(f'not measured beyond {largest} joints: {reason}')
-    return Ours(compile_kernel(robot, method=method, dtype=dtype), f'{method} {dtype}')
+def arguments(kernel: Kernel, work: Work, order: Any = 'C') -> dict[str, Any]:
+    """Return the arguments of a work for a kernel, copied in its number format and an order."""
+    given = (np.array(x, kernel.dtype, order=order) for x in work.arrays)
+    return dict(zip(STATE, given, strict=False))
 
 
-def make_quantity(quantity: str, dtype: str, refine: int, robot: Robot) -> Ours:
-    """Compile the kernel of a quantity; LeftOutError beyond its limit of joints."""
-    most = QUANTITIES[quantity].most
-    if robot.n > most:
-        raise LeftOutError(f'not measured beyond {most} joints')
-    name = f'pfd {dtype}{" refined" * (refine > 0)}'
-    if quantity != 'linear_step':
-        kernel = compile_kernel(robot, quantity=quantity, dtype=dtype, refine=refine)
-        return Ours(kernel, name, quantity)
-    simulator = _runge_kutta(robot, LINEAR_STEP, dtype=dtype, refine=refine)
-    return Ours(LinearStep(simulator).kernel, name, quantity, simulator)
-
-
-def _runge_kutta(robot: Robot, step: float, **settings: Any) -> Simulator:
-    return Simulator(robot, step_size=step, substeps=1, integrator='rk4', **settings)
+def _rows(out: NDArray[Any]) -> NDArray[Any]:
+    """Return the results of a batch, (B, size)."""
+    return out.reshape(len(out), -1)

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from benchmarks.cases.robots import Array
 from benchmarks.peers.casadi import ARTICULATED, COMPOSITE, LONGEST, function_of, source_of
-from benchmarks.peers.native import OPTIMISED, Language, address, built
-from benchmarks.peers.work import Contents, LeftOutError, Peer, Side, Work
+from benchmarks.peers.native import OPTIMISED, address, built
+from benchmarks.peers.work import LeftOutError, Side, Work
 from benchmarks.table import stored_text
 from pfd_core.model import Robot
 
@@ -39,14 +39,14 @@ FAST = (
     '-ffp-contract=fast',
 )
 COMPILERS = {
-    'gcc': Language('C', 'gcc', '.c', (*FAST, '-fschedule-insns', '-fsched-pressure')),
-    'clang': Language('C', 'clang', '.c', (*FAST, '-fapprox-func')),
+    'gcc': (*FAST, '-fschedule-insns', '-fsched-pressure'),
+    'clang': (*FAST, '-fapprox-func'),
 }
 # Most joints by compiler, which takes minutes beyond.
 MOST = {'gcc': LONGEST, 'clang': 30}
 # Largest angle [rad] and error of sine and cosine [units in the last place], which a test holds.
 LARGEST_ANGLE, ULPS = 1e5, 2.0
-NUMBERS = f'float64; polynomials, {ULPS:g} ulp, up to {LARGEST_ANGLE:g} rad'
+NUMBERS = f'float64, sine and cosine by polynomials: {ULPS:g} ulp, up to {LARGEST_ANGLE:g} rad'
 # Statements of CasADi's function, and what each becomes.
 BODY = re.compile(r'static int casadi_f0\(.*?\)\s*\{(.*?)return 0;', re.DOTALL)
 STATEMENTS = (
@@ -71,17 +71,19 @@ def vector_source(robot: Robot) -> str:
     return f'enum {{ N = {robot.n} }};\n{ARGUMENTS}{code}'
 
 
-class VectorCasadi(Peer):
+class VectorCasadi:
     """CasADi's C on vectors of eight states, by one compiler of COMPILERS; batches only."""
 
     def __init__(self, robot: Robot, compiler: str = 'gcc') -> None:
         if robot.n > MOST[compiler]:
             raise LeftOutError(f'not measured beyond {MOST[compiler]} joints: slow to compile')
         self.name = f'CasADi C on vectors, {compiler}'
-        with built(COMPILERS[compiler], vector_source(robot)) as path:
-            self.library = ctypes.CDLL(str(path))
-        code = f'C for this robot, {compiler} {" ".join(OPTIMISED)} and parts of -ffast-math'
-        self.contents = Contents(code, 'ctypes, once', 'C, eight states at a time', NUMBERS)
+        with built(compiler, '.c', vector_source(robot), *COMPILERS[compiler]) as path:
+            self.library = ctypes.CDLL(path)
+        self.contents = (
+            f'C for this robot, {compiler} {" ".join(OPTIMISED)} and parts of -ffast-math; called '
+            f'by ctypes once, loop in C, eight states at a time; {NUMBERS}'
+        )
 
     def sines(self, angles: Array) -> tuple[Array, Array]:
         """Return sine and cosine of angles, (8k,)."""
@@ -89,14 +91,15 @@ class VectorCasadi(Peer):
         self.library.sines(ctypes.c_longlong(len(angles)), *map(address, (angles, sine, cosine)))
         return sine, cosine
 
-    def _batches(self, work: Work) -> Iterator[Side]:
-        for order, laid in (('F', np.asfortranarray), ('C', np.ascontiguousarray)):
+    def sides(self, work: Work) -> Iterator[Side]:
+        """Yield the ways of a batch, in Fortran and in C order."""
+        orders = ('F', np.asfortranarray, 'columns'), ('C', np.ascontiguousarray, 'rows')
+        for order, laid, function in orders if work.kind == 'batch' else ():
             given = [laid(x) for x in work.arrays]
             out: NDArray[np.float64] = np.empty_like(given[0])
-            native = self.library.columns if order == 'F' else self.library.rows
+            native = getattr(self.library, function)
             run = partial(native, ctypes.c_longlong(work.units), *map(address, (*given, out)))
-            result = partial(np.array, out, copy=False)
-            yield Side(f'{self.name}, {order} order', run, result, contents=self.contents)
+            yield Side(f'{self.name}, {order} order', run, partial(np.asarray, out), self.contents)
 
 
 def sine_error(peer: VectorCasadi, count: int = 1 << 17) -> float:

@@ -22,9 +22,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import ctypes
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,8 +60,7 @@ ARTICULATED, COMPOSITE = 'articulated bodies', 'composite bodies'
 CODE = f'C for this robot, cc {" ".join(OPTIMISED)}'
 
 
-@dataclass(frozen=True)
-class _Link:
+class _Link(NamedTuple):
     """
     A link as CasADi's expressions, in the frame that turns with its joint.
 
@@ -90,20 +88,16 @@ class _Link:
 def _links(robot: Robot, q: Any) -> list[_Link]:
     found = []
     for i, (R, p, center, J) in enumerate(joint_frames(robot)):
-        turns, frame, origin, turn = (
-            robot.joint_types[i] != 'prismatic',
-            _exact(R),
-            _exact(p),
-            None,
-        )
+        turns, turn, origin = robot.joint_types[i] != 'prismatic', casadi.SX.eye(3), _exact(p)
         if turns:
-            c, s, zero = casadi.cos(q[i]), casadi.sin(q[i]), casadi.SX(1, 1)
-            rows = (c, -s, zero), (s, c, zero), (zero, zero, casadi.SX(1))
-            turn = casadi.vertcat(*(casadi.horzcat(*row) for row in rows))
+            turn[:2, :2] = casadi.vertcat(
+                casadi.horzcat(casadi.cos(q[i]), -casadi.sin(q[i])),
+                casadi.horzcat(casadi.sin(q[i]), casadi.cos(q[i])),
+            )
         else:
-            origin, turn = origin + _exact(R[:, 2]) * q[i], casadi.SX.eye(3)
-        mass = float(robot.masses[i])
-        found.append(_Link(turns, frame, turn, origin, mass, _exact(center), _exact(J)))
+            origin = origin + _exact(R[:, 2]) * q[i]
+        body = float(robot.masses[i]), _exact(center), _exact(J)
+        found.append(_Link(turns, _exact(R), turn, origin, *body))
     return found
 
 
@@ -170,22 +164,16 @@ def _composite_body(
     robot: Robot, q: Any, qd: Any, tau: Any, *, armature: Array | None = None
 ) -> Any:
     """Return the accelerations, (n,) of casadi.SX, by composite bodies and L D L^T."""
-    n, H = robot.n, _inertia_matrix(robot, q)
+    H = _inertia_matrix(robot, q)
     if armature is not None:
         H = H + casadi.diag(_exact(armature))
-    x = [tau[i] - b for i, b in enumerate(casadi.vertsplit(_bias_torques(robot, q, qd)))]
-    L, D, inverse = casadi.SX(n, n), list[Any](), list[Any]()
-    for j in range(n):
-        D.append(H[j, j] - sum(L[j, k] ** 2 * D[k] for k in range(j)))
-        inverse.append(1 / D[j])
-        for i in range(j + 1, n):
-            L[i, j] = (H[i, j] - sum(L[i, k] * L[j, k] * D[k] for k in range(j))) * inverse[j]
-    for i in range(n):
-        x[i] = x[i] - sum(L[i, k] * x[k] for k in range(i))
-    x = [own * part for own, part in zip(x, inverse, strict=True)]
-    for i in reversed(range(n)):
-        x[i] = x[i] - sum(L[k, i] * x[k] for k in range(i + 1, n))
-    return casadi.vertcat(*x)
+    return _solved(H, tau - _bias_torques(robot, q, qd))
+
+
+def _solved(H: Any, right: Any) -> Any:
+    """Return H^-1 right by L D L^T, without exchanges of rows."""
+    factors = casadi.ldl(casadi.densify(H), False)
+    return casadi.ldl_solve(casadi.densify(right), *factors)
 
 
 def _articulated_body(
@@ -244,9 +232,7 @@ def _derivatives(robot: Robot, q: Any, qd: Any, tau: Any) -> Any:
     torques = _inverse_dynamics(robot, q, qd, qdd)
     D = casadi.jacobian(torques, casadi.vertcat(q, qd))
     D = casadi.substitute(D, qdd, casadi.cse(_composite_body(robot, q, qd, tau)))
-    factors = casadi.ldl(casadi.densify(_inertia_matrix(robot, q)), False)
-    rows = casadi.horzcat(-D, casadi.SX.eye(n))
-    return casadi.ldl_solve(casadi.densify(rows), *factors)
+    return _solved(_inertia_matrix(robot, q), casadi.horzcat(-D, casadi.SX.eye(n)))
 
 
 METHODS: dict[str, Callable[..., Any]] = {

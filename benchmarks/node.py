@@ -11,12 +11,11 @@ cases take turns, each after one that is not timed: compare ratios.
 
     simulator     Simulator.step and the positions and velocities, nothing else
     callback      the whole arm: engine, validation, checks of the answer, rows of the motion
-    echo          over topics in one process: states of zeros for commands, no arm at all
-    node          over topics in one process: the arm and the same node
+    node          over topics in one process: the arm and a node of rclpy with the controller
 
 Start: processor time of a process until the node hands its first state to ROS; discovery by a
 subscriber comes on top. First starts have an empty cache of native code, warm starts the cache of
-the start before. They take turns with a bare node of rclpy that publishes one JointState.
+the start before.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ GOAL = np.array([0.3, -0.6, 0.9, 0.2, -0.5, 0.4])
 # Control steps of one round.
 STEPS = 200
 SETTINGS: dict[str, Any] = {'robot': 'ur5', 'armature': True, 'substeps': 2}
-KINDS = ('bare', 'first', 'warm')
+KINDS = ('first', 'warm')
 PATIENCE = 120.0  # s
 
 
@@ -64,37 +63,6 @@ def controller(namespace: str) -> Any:
 
     node.create_subscription(JointState, 'joint_states', on_state, 10)
     return node
-
-
-def echo_loop() -> Callable[[], None]:
-    """Return a loop that sends the same state for each command, as the middleware allows."""
-    from rclpy.node import Node
-    from sensor_msgs.msg import JointState
-    from std_msgs.msg import Float64MultiArray
-
-    from pfd_ros.testing.session import executor_with
-
-    end, node = Node('echo', namespace='echo'), controller('echo')
-    states = end.create_publisher(JointState, 'joint_states', 10)
-    zeros, left = np.zeros(6), [0]
-    names = [f'joint{i}' for i in range(6)]
-    state = JointState(name=names, position=zeros, velocity=zeros, effort=zeros)
-
-    def on_command(_: Any) -> None:
-        left[0] -= 1
-        if left[0]:
-            states.publish(state)
-
-    end.create_subscription(Float64MultiArray, 'sim_arm/commands', on_command, 10)
-
-    def run() -> None:
-        left[0] = STEPS
-        executor = executor_with([end, node])
-        states.publish(state)
-        while left[0]:
-            executor.spin_once(1.0)
-
-    return run
 
 
 def loops(stack: ExitStack) -> dict[str, Callable[[], None]]:
@@ -128,7 +96,7 @@ def loops(stack: ExitStack) -> dict[str, Callable[[], None]]:
         named.reset()
         named.spin(STEPS * named.period, node)
 
-    return found | {'echo': echo_loop(), 'node': spin}
+    return found | {'node': spin}
 
 
 def lockstep(seconds: float) -> None:
@@ -143,32 +111,13 @@ def lockstep(seconds: float) -> None:
                 before = time.perf_counter()
                 run()
                 times[name].append((time.perf_counter() - before) / STEPS)
-    print(f'{"":10} best [1/s]  median [1/s]  of the bare loop')
+    print(f'{"":10} best [1/s]  median [1/s]  over simulator')
     for name, found in times.items():
-        bare = 'echo' if name in ('echo', 'node') else 'simulator'
-        share = f'{min(times[bare]) / min(found):.2f} of {bare}'
-        print(f'{name:10} {1 / min(found):10.0f}  {1 / np.median(found):12.0f}  {share}')
+        share = min(times['simulator']) / min(found)
+        print(f'{name:10} {1 / min(found):10.0f}  {1 / np.median(found):12.0f}  {share:.2f}')
 
 
-def end(imported: float) -> None:
-    """Print the processor time until the end of imports, and until now; end this process."""
-    print(json.dumps({'imports': imported, 'cpu': time.process_time()}), flush=True)
-    os.kill(os.getpid(), signal.SIGTERM)
-
-
-def bare_process() -> None:
-    """Publish one message by rclpy alone."""
-    import rclpy
-    from rclpy.node import Node
-    from sensor_msgs.msg import JointState
-
-    imported = time.process_time()
-    rclpy.init()
-    Node('bare').create_publisher(JointState, 'joint_states', 10).publish(JointState())
-    end(imported)
-
-
-def node_process() -> None:
+def process() -> None:
     """Run `pfd sim` until its first state."""
     from pfd_ros.cli import main as command
     from pfd_ros.node import main as node
@@ -187,7 +136,8 @@ def node_process() -> None:
         def publish(stepper: Any, outputs: Any) -> None:
             put_out(stepper, outputs)
             if outputs:
-                end(imported)
+                print(json.dumps([imported, time.process_time()]), flush=True)
+                os.kill(os.getpid(), signal.SIGTERM)
 
         setattr(Stepper, '_put_out', publish)  # noqa: B010
         return run(*args)
@@ -197,7 +147,7 @@ def node_process() -> None:
 
 
 def start(rounds: int) -> None:
-    found: dict[str, list[dict[str, float]]] = {kind: [] for kind in KINDS}
+    found: dict[str, list[list[float]]] = {kind: [] for kind in KINDS}
     for _ in range(rounds):
         with TemporaryDirectory() as folder:
             for kind in KINDS:
@@ -209,21 +159,21 @@ def start(rounds: int) -> None:
                     check=False,
                     timeout=PATIENCE,
                 )
-                lines = [line for line in done.stdout.splitlines() if line.startswith('{')]
+                lines = [line for line in done.stdout.splitlines() if line.startswith('[')]
                 if not lines:
                     raise RuntimeError(f'no first state of {kind}: {done.stdout}{done.stderr}')
                 found[kind].append(json.loads(lines[0]))
     print('start    processor: least, median   imports')
     for kind, runs in found.items():
-        times = [run['cpu'] for run in runs]
-        share = statistics.median(run['imports'] / run['cpu'] for run in runs)
+        times = [cpu for _, cpu in runs]
+        share = statistics.median(imports / cpu for imports, cpu in runs)
         print(f'{kind:6} {min(times):14.2f} s {statistics.median(times):9.2f} s {share:8.0%}')
 
 
 def main(arguments: list[str]) -> None:
     name, *number = arguments or ['']
     if name in KINDS:
-        bare_process() if name == 'bare' else node_process()
+        process()
     elif name == 'lockstep':
         lockstep(*map(float, number or ['20']))
     elif name == 'start':

@@ -23,20 +23,22 @@ from bridge import IrFormat, resolve_plant
 import numpy as np
 import pytest
 
-from benchmarks import port_limit, readme, timing
-from benchmarks.cases.quantities import random_states
+from benchmarks import readme, timing
+from benchmarks.cases.quantities import FORWARD, QUANTITIES, random_states
 from benchmarks.cases.robots import mechanism, robot
 from benchmarks.pages import speed
-from benchmarks.peers import casadi, native, ours, pinocchio
-from benchmarks.peers.dynibo import Dynibo
+from benchmarks.peers import native, ours
+from benchmarks.peers.casadi import COMPOSITE, METHODS, Casadi
 from benchmarks.peers.mujoco import Mujoco
+from benchmarks.peers.others import Dynibo
+from benchmarks.peers.ours import Ours
 from benchmarks.peers.pinocchio import Pinocchio
 from benchmarks.peers.pinocchio_cpp import PinocchioCpp
 from benchmarks.peers.vector_casadi import ULPS, VectorCasadi, sine_error
 from benchmarks.peers.work import LeftOutError, Peer, Side, Work, valid_sides, work_of
-from benchmarks.port_limit import Loop, loop_ir
+from benchmarks.port_limit import loop, loop_ir
 from benchmarks.table import json_text
-from benchmarks.timing import Pace, largest_difference
+from benchmarks.timing import Pace, differences
 import pfd_core as pfd
 
 COMPILERS = [name for name in ('gcc', 'clang') if shutil.which(name)]
@@ -46,24 +48,17 @@ CLOSE = 1e-10
 PEERS: dict[str, Callable[[pfd.Robot], Peer]] = {
     'Pinocchio': Pinocchio,
     'MuJoCo': Mujoco,
-    'composite_body': partial(ours.make, 'composite_body', 'float64'),
-    'articulated bodies': casadi.Casadi,
-    'composite bodies': partial(casadi.Casadi, method=casadi.COMPOSITE),
+    'composite_body': partial(Ours, method='composite_body', dtype='float64'),
+    'articulated bodies': Casadi,
+    'composite bodies': partial(Casadi, method=COMPOSITE),
     'vectors': partial(VectorCasadi, compiler=(COMPILERS or ['gcc'])[0]),
+    'Pinocchio C++': PinocchioCpp,
 }
 
 
-def works(arm: pfd.Robot, states: int) -> list[Work]:
-    known = random_states(arm, states)
-    q, qd, tau = (known[name] for name in ('q', 'qd', 'tau'))
-    call, rollout = Work('call', q[0], qd[0], tau[0]), Work('rollout', q[0], qd[0], tau[0], 5)
-    return [call, rollout, Work('batch', q, qd, tau)]
-
-
-def wanted(arm: pfd.Robot, work: Work) -> np.ndarray:
-    side = Pinocchio(arm).side(work)
-    side.run()
-    return np.array((side.wanted or side.result)(), float)
+def works(arm: pfd.Robot, states: int, quantity: str = FORWARD) -> list[Work]:
+    known, kinds = random_states(arm, states), {'call': 1, 'rollout': 5, 'batch': states}
+    return [work_of(quantity, known, *kind) for kind in kinds.items()]
 
 
 def made(make: Callable[[pfd.Robot], Peer], arm: pfd.Robot) -> Peer:
@@ -73,29 +68,36 @@ def made(make: Callable[[pfd.Robot], Peer], arm: pfd.Robot) -> Peer:
         pytest.skip(str(reason))
 
 
+def checked(peer: Peer, known: Pinocchio, works: list[Work]) -> int:
+    """Compare the results of all ways with Pinocchio's, and return their number."""
+    ways = 0
+    for work in works:
+        for side in peer.sides(work):
+            side.run()
+            assert differences(side.result(), known.wanted(work)).max() < CLOSE, side.way
+            ways += 1
+    return ways
+
+
 @pytest.mark.parametrize('axes', ['zyXy', 'zZ'])
-@pytest.mark.parametrize('name', PEERS)
+@pytest.mark.parametrize(
+    'name',
+    [pytest.param(x, marks=[pytest.mark.long] if x == 'Pinocchio C++' else []) for x in PEERS],
+)
 def test_peers_give_pinocchios_results_also_of_slides(name: str, axes: str) -> None:
     arm = mechanism(axes)
-    peer, ways = made(PEERS[name], arm), 0
     # Not a multiple of the lanes.
-    for work in works(arm, 13):
-        for side in peer.sides(work):
-            side.run()
-            assert largest_difference(side.result(), wanted(arm, work)) < CLOSE, side.way
-            ways += 1
-    assert ways >= 2
+    assert checked(made(PEERS[name], arm), Pinocchio(arm), works(arm, 13)) >= 2
 
 
-@COMPILED
-@pytest.mark.long
-def test_pinocchio_in_cpp_gives_pinocchios_results() -> None:
+@pytest.mark.parametrize('quantity', [name for name in QUANTITIES if name != FORWARD])
+def test_quantities_of_ours_and_of_casadi_are_pinocchios(quantity: str) -> None:
     arm = mechanism('zyXy')
-    peer = PinocchioCpp(arm)
-    for work in works(arm, 13):
-        for side in peer.sides(work):
-            side.run()
-            assert largest_difference(side.result(), wanted(arm, work)) < CLOSE, side.way
+    call, _, batch = works(arm, 3, quantity)
+    known = Pinocchio(arm, quantity)
+    peers: list[Peer] = [known, Ours(arm, 'auto', 'float64', quantity)]
+    peers += [Casadi(arm, quantity)] if COMPILERS else []
+    assert all(checked(peer, known, [call, batch]) >= 2 for peer in peers)
 
 
 @COMPILED
@@ -108,7 +110,7 @@ def test_casadi_and_pinocchio_in_cpp_simulate_one_arm_with_limits_and_friction()
     rng = np.random.default_rng(4)
     start, taus = rng.uniform(-1, 1, (2, 6)), rng.uniform(-200, 200, (20, 6))
     ends = []
-    peers = [casadi.Casadi(plant, method=method) for method in casadi.METHODS]
+    peers = [Casadi(plant, method=method) for method in METHODS]
     for advance in (
         PinocchioCpp(plant, width).rollout,
         *(partial(peer.rollout, width=width) for peer in peers),
@@ -122,41 +124,27 @@ def test_casadi_and_pinocchio_in_cpp_simulate_one_arm_with_limits_and_friction()
 
 @COMPILED
 @pytest.mark.parametrize('compiler', COMPILERS)
-def test_the_vector_sine_keeps_its_stated_error(compiler: str) -> None:
-    assert sine_error(VectorCasadi(robot('planar2'), compiler)) < ULPS
-
-
-@COMPILED
-@pytest.mark.parametrize('states', [1, 8, 15])
-def test_vectors_of_states_work_in_both_orders_for_any_number_of_states(states: int) -> None:
+def test_vectors_of_any_number_of_states_are_right_and_their_sine_keeps_its_error(
+    compiler: str,
+) -> None:
     arm = robot('ur5')
-    _, _, batch = works(arm, states)
-    for side in VectorCasadi(arm, COMPILERS[0]).sides(batch):
-        side.run()
-        assert side.result().shape == (states, 6)
-        assert largest_difference(side.result(), wanted(arm, batch)) < CLOSE
+    peer = VectorCasadi(arm, compiler)
+    for states in (1, 8, 15):
+        assert checked(peer, Pinocchio(arm), works(arm, states)) == 2
+    assert sine_error(peer) < ULPS
 
 
-def test_dynibo_has_the_same_arm_at_its_own_gravity() -> None:
+def test_dynibo_gives_the_same_accelerations_for_the_scaled_arm() -> None:
     arm = robot('ur5')
-    call = works(arm, 1)[0]
-    side = made(Dynibo, arm).side(call)
-    side.run()
-    assert side.wanted is not None
-    assert largest_difference(side.result(), side.wanted()) < CLOSE
-    assert largest_difference(side.result(), wanted(arm, call)) > 1e-5
+    assert checked(made(Dynibo, arm), Pinocchio(arm), works(arm, 1)) == 1
 
 
 # JAX warns in every process that is forked later: not in this one.
 WITH_FRAX = """
-from benchmarks.peers.frax import Frax
-from benchmarks.timing import largest_difference
-from test_benchmarks_speed import robot, wanted, works
+from benchmarks.peers.others import Frax
+from test_benchmarks_speed import Pinocchio, checked, robot, works
 arm = robot('ur5')
-for work in works(arm, 3)[::2]:
-    side = Frax(arm).side(work)
-    side.run()
-    print(largest_difference(side.result(), wanted(arm, work)))
+print(checked(Frax(arm), Pinocchio(arm), works(arm, 3)))
 """
 
 
@@ -168,63 +156,44 @@ def test_frax_has_the_same_arm() -> None:
     path = os.pathsep.join([str(here), str(here.parent), *sys.path])
     command, environment = [sys.executable, '-c', WITH_FRAX], {**os.environ, 'PYTHONPATH': path}
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    assert [float(line) < CLOSE for line in done.stdout.split()] == [True, True]
-
-
-@pytest.mark.parametrize('quantity', pinocchio.FUNCTIONS)
-def test_quantities_of_ours_and_of_casadi_are_pinocchios(quantity: str) -> None:
-    arm = mechanism('zyXy')
-    for kind in ('call', 'batch'):
-        work = work_of(kind, quantity, random_states(arm, 3))
-        known = pinocchio.PinocchioQuantity(arm, quantity).side(work)
-        known.run()
-        peers: list[Peer] = [ours.make_quantity(quantity, 'float64', 0, arm)]
-        if quantity in casadi.ALGORITHMS and COMPILERS:
-            peers.append(casadi.Casadi(arm, quantity))
-        for side in (side for peer in peers for side in peer.sides(work)):
-            side.run()
-            assert largest_difference(side.result(), known.result()) < CLOSE, side.way
+    assert done.stdout == '2\n'
 
 
 def test_a_run_of_which_mujoco_warns_is_excluded() -> None:
-    _, _, batch = works(robot('ur5'), 3)
-    reasons: dict[str, str] = {}
-    lost = replace(batch, q=1e12 * batch.q)
-    assert not valid_sides(made(Mujoco, robot('ur5')).sides(lost), reasons)
-    assert all('BADQPOS' in reason for reason in reasons.values())
-    assert reasons
+    arm, reasons = robot('ur5'), dict[str, str]()
+    # A single forward checks nothing.
+    for work in works(arm, 3)[1:]:
+        lost = replace(work, arrays=(1e12 * work.arrays[0], *work.arrays[1:]))
+        assert not valid_sides([made(Mujoco, arm)], lost, reasons)
+    assert ['BADQPOS' in reason for reason in reasons.values()] == [True, True]
 
 
 def test_without_a_compiler_peers_in_c_are_left_out_with_the_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(native.shutil, 'which', lambda name: None)
-    for make in (casadi.Casadi, VectorCasadi):
-        with pytest.raises(LeftOutError, match='no C compiler'):
+    for make in (Casadi, VectorCasadi):
+        with pytest.raises(LeftOutError, match='no compiler'):
             make(robot('planar2'))
 
 
 @COMPILED
-def test_a_source_is_compiled_once_for_each_content_option_and_version_of_headers(
+def test_a_source_is_compiled_once_for_each_content_and_option(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv(speed.VARIABLE, str(tmp_path))
     source = 'int answer(void) { return 42; }'
-    with native.built(native.C, source, headers='1') as first:
-        assert ctypes.CDLL(str(first)).answer() == 42
+    with native.built('cc', '.c', source) as first:
+        assert ctypes.CDLL(first).answer() == 42
 
     def refuse(command: list[str]) -> None:
         raise LeftOutError(f'compiled again: {command}')
 
     monkeypatch.setattr(native, '_compile', refuse)
-    with native.built(native.C, source, headers='1') as again:
-        assert ctypes.CDLL(str(again)).answer() == 42
-    for code, options, headers in (
-        (f'{source}\n', [], '1'),
-        (source, ['-DOTHER'], '1'),
-        (source, [], '2'),
-    ):
-        other = native.built(native.C, code, *options, headers=headers)
+    with native.built('cc', '.c', source) as again:
+        assert ctypes.CDLL(again).answer() == 42
+    for code, options in ((f'{source}\n', []), (source, ['-DOTHER'])):
+        other = native.built('cc', '.c', code, *options)
         with pytest.raises(LeftOutError, match='compiled again'), other:
             pass
 
@@ -242,7 +211,7 @@ class Clock:
         def run() -> None:
             self.now += seconds * self.slow
 
-        return Side('', run, lambda: np.ones(2), reference)
+        return Side('', run, lambda: np.ones(2), reference=reference)
 
 
 def test_times_are_per_unit_and_ratios_are_of_neighbouring_turns() -> None:
@@ -265,52 +234,43 @@ def test_a_machine_that_slows_down_changes_the_median_but_not_the_ratio() -> Non
     assert (own.minimum, own.median, peer.median, own.times) == (1.0, 8.0, 32.0, 4.0)
 
 
-@pytest.mark.parametrize(('seconds', 'turns'), [(1.0, 10), (3.0, 4), (50.0, 2)])
-def test_a_long_work_has_fewer_turns_but_never_less_than_the_fewest(
-    seconds: float, turns: int
-) -> None:
-    clock = Clock()
-    pace = Pace(chunk=1e-9, turns=10, fewest=2, budget=12.0)
-    timing.interleave([clock.side(seconds, reference=True)], 1, pace, clock)
-    # Once to see how long it takes.
-    assert clock.now == (turns + 1) * seconds
+def test_a_long_work_has_fewer_turns_but_never_less_than_the_fewest() -> None:
+    for seconds, turns in ((1.0, 10), (3.0, 4), (50.0, 2)):
+        clock = Clock()
+        pace = Pace(chunk=1e-9, turns=10, fewest=2, budget=12.0)
+        timing.interleave([clock.side(seconds, reference=True)], 1, pace, clock)
+        # Once to see how long it takes.
+        assert clock.now == (turns + 1) * seconds
 
 
 WRITTEN = {'fadd': 'add', 'fsub': 'sub', 'fmul': 'mul', 'fdiv': 'div', 'fneg': 'neg', 'fma': 'fma'}
 
 
-@pytest.mark.parametrize('name', ['ur5', 'planar2'])
-def test_the_loop_of_the_limit_holds_exactly_the_operations_of_the_kernel(name: str) -> None:
-    counts = pfd.compile_kernel(robot(name), method='composite_body').operations['compiled']
-    found = re.findall(r'= (fadd|fsub|fmul|fdiv|fneg) |= call .*llvm\.(fma)', loop_ir_of(counts))
-    assert Counter(WRITTEN[a or b] for a, b in found) == Counter(counts)
-
-
-def loop_ir_of(counts: dict[str, int]) -> str:
-    return loop_ir(counts, IrFormat('float64', 4), 16)
-
-
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
-def test_the_loop_of_the_limit_keeps_all_numbers_near_one(dtype: str) -> None:
+def test_the_loop_of_the_limit_has_the_operations_of_the_kernel_near_one(dtype: str) -> None:
     kernel = pfd.compile_kernel(robot('planar2'), method='composite_body', dtype=dtype)
-    loop = Loop(kernel, 1000)
-    loop.run()
-    assert np.abs(loop.results - 1).max() < 0.1
+    counts = kernel.operations['compiled']
+    ir = loop_ir(counts, IrFormat(dtype, 4), 16)
+    found = re.findall(r'= (fadd|fsub|fmul|fdiv|fneg) |= call .*llvm\.(fma)', ir)
+    assert Counter(WRITTEN[a or b] for a, b in found) == Counter(counts)
+    turn, results = loop(kernel, 1000)
+    first = results.copy()
+    turn()
+    assert np.abs(results - 1).max() < 0.1
     # All accumulators have worked.
-    first = port_limit.numbers(dtype, loop.results.shape[1], len(loop.results))[2:]
-    assert (loop.results != first).all()
+    assert (results != first).all()
 
 
 @pytest.mark.parametrize('counts', [{'neg': 2, 'fma': 1}, {'route': 1}])
 def test_operations_without_a_place_in_the_loop_are_refused(counts: dict[str, int]) -> None:
     with pytest.raises(LeftOutError):
-        loop_ir_of(counts)
+        loop_ir(counts, IrFormat('float64', 4), 16)
 
 
-def row(way: str, ns: float, work: str = speed.MANY, code: str = 'C++ for any robot') -> Any:
-    head = {'robot': 'ur5', 'n': 6, 'work': work, 'way': way, 'quantity': speed.FORWARD}
+def row(way: str, ns: float, work: str = speed.MANY, contents: str = 'C++ for any robot') -> Any:
+    head = {'robot': 'ur5', 'n': 6, 'work': work, 'way': way, 'quantity': FORWARD}
     times = {'minimum': ns * 1e-9, 'median': ns * 1e-9, 'times': None, 'difference': 1e-15}
-    return head | times | {'code': code, 'call': '', 'loop': '', 'numbers': ''}
+    return head | times | {'contents': contents}
 
 
 def page_data() -> dict[str, Any]:
@@ -323,7 +283,8 @@ def page_data() -> dict[str, Any]:
         rows.append(row(f'composite_body float64: {way}', ns, 'call', ours.CODE))
     rows.append(row('pinocchio.aba', 2000.0, 'call'))
     data = {'machine': timing.surroundings(), 'rows': rows, 'limits': [], 'first': [], 'sines': []}
-    found: dict[str, Any] = json.loads(json_text(data | {'excluded': ['frax on ur5: absent']}))
+    excluded = [{'way': 'frax', 'robot': arm, 'why': 'absent'} for arm in ('ur5', 'panda')]
+    found: dict[str, Any] = json.loads(json_text(data | {'excluded': excluded}))
     return found
 
 
@@ -336,7 +297,7 @@ def test_gains_and_losses_are_against_the_fastest_peer_on_one_thread() -> None:
 
 def test_a_page_without_peers_says_what_to_install() -> None:
     data = page_data()
-    data['rows'] = [one for one in data['rows'] if one['code'] == ours.CODE]
+    data['rows'] = [one for one in data['rows'] if one['contents'] == ours.CODE]
     assert "pip install '.[peers]'" in speed.text(data)
     assert speed.headline(data) == ''
 
@@ -345,7 +306,7 @@ def test_the_page_has_a_cell_for_every_row_and_names_what_is_excluded() -> None:
     data = page_data()
     text = speed.text(data)
     assert all(one['way'] in text for one in data['rows'])
-    assert '- frax on ur5: absent' in text
+    assert '- frax on ur5, panda: absent' in text
 
 
 @pytest.mark.parametrize('name', readme.FILES)

@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.cases.quantities import FORWARD, QUANTITIES, random_states
 from benchmarks.cases.robots import robot
 from benchmarks.peers import ours
-from benchmarks.peers.casadi import COMPOSITE, METHODS, Casadi
+from benchmarks.peers.casadi import METHODS, Casadi
 from benchmarks.peers.mujoco import Mujoco
 from benchmarks.peers.others import Dynibo, Frax
 from benchmarks.peers.ours import Ours
@@ -39,6 +39,7 @@ from benchmarks.port_limit import limit_of
 from benchmarks.run import show_progress
 from benchmarks.table import Cells, bullets, grid, lines_of, order, page, short
 from benchmarks.timing import Pace, differences, interleave, surroundings
+from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.runtime.disk_cache import VARIABLE
 from pfd_core.model import Robot
 
@@ -110,23 +111,13 @@ def measure(quick: bool) -> dict[str, Any]:
 
 def _first_results(arm: Robot) -> list[Row]:
     """Return the seconds from a robot in memory to its first result, compiled and from disk."""
-    makers: Makers = {
-        'this library': partial(Ours, method='auto', dtype='float64'),
-        'CasADi C': partial(Casadi, method=COMPOSITE),
-    }
-    rows, work = list[Row](), work_of(FORWARD, random_states(arm, 1), 'call')
-    for name, make in makers.items():
-        show_progress(f'{arm.name}: first result of {name}')
-        with TemporaryDirectory() as folder, patch.dict(os.environ, {VARIABLE: folder}):
-            for code in ('compiled', 'from disk'):
-                start = time.perf_counter()
-                try:
-                    side = next(make(arm).sides(work))
-                    side.run()
-                except LeftOutError:
-                    continue
-                seconds = time.perf_counter() - start
-                rows.append({'robot': arm.name, 'way': name, 'code': code, 'seconds': seconds})
+    rows, (q, qd, tau) = list[Row](), work_of(FORWARD, random_states(arm, 1), 'call').arrays
+    with TemporaryDirectory() as folder, patch.dict(os.environ, {VARIABLE: folder}):
+        for code in ('compiled', 'from disk'):
+            start = time.perf_counter()
+            compile_kernel(arm)(q, qd, tau)
+            seconds = time.perf_counter() - start
+            rows.append({'robot': arm.name, 'code': code, 'seconds': seconds})
     return rows
 
 
@@ -247,7 +238,7 @@ def text(data: dict[str, Any]) -> str:
     machine = data['machine']['description']
     if not any(map(_is_peer, rows)):
         return page('speed-alone', machine=machine)
-    first = [[x['robot'], x['way'], x['code'], short(x['seconds'] * 1e3)] for x in data['first']]
+    first = [[x['robot'], x['code'], short(x['seconds'] * 1e3)] for x in data['first']]
     sines = '; '.join(f'{row["way"]} {row["ulp"]:.1f}' for row in data['sines'])
     excluded: dict[tuple[str, str], list[str]] = {}
     for row in data['excluded']:
@@ -261,7 +252,7 @@ def text(data: dict[str, Any]) -> str:
         headline=headline(data) or None,
         strongest=_strongest(rows, data['limits']),
         works='\n\n'.join(_by_work(rows)),
-        first=lines_of(['robot', 'way', 'code', 'time [ms]'], first),
+        first=lines_of(['robot', 'code', 'time [ms]'], first),
         quantities=_quantities(data),
         contents=_contents(data['rows']),
         differences=_differences(rows),

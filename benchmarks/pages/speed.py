@@ -162,8 +162,8 @@ def _measure(
             batches[abs(size - MIDDLE_BATCH)] = work, rows
     work, rows = batches[min(batches)]
     best = fastest(row for row in rows if _is_ours(row, work.title, 'float64, F order'))
-    for peer in (peer for peer in peers if isinstance(peer, Ours)):
-        if best is not None and best['way'] == f'{peer.name}, F order':
+    for peer in peers:
+        if isinstance(peer, Ours) and best and best['way'] == f'{peer.name}, F order':
             show_progress(f'{arm.name}: {quantity}, arithmetic limit')
             try:
                 limit = {'robot': arm.name, 'quantity': quantity, 'way': peer.name}
@@ -410,16 +410,14 @@ def _contents(rows: Sequence[Row]) -> list[str]:
 
 
 def _differences(rows: Sequence[Row]) -> list[str]:
-    """Return the largest difference of each program and robot, rollouts last."""
-    found: dict[tuple[bool, str, str], float] = {}
-    for row in rows:
+    """Return the largest difference of each way over all robots, rollouts apart."""
+    cells: Cells = {}
+    for row in sorted(rows, key=lambda row: -(row['difference'] or 0.0)):
         if row['difference'] is not None:
-            way = row['way'].split(':')[0].split(',')[0]
-            place = row['work'] == 'rollout', way, row['robot']
-            found[place] = max(found.get(place, 0.0), row['difference'])
-    places = sorted(found, key=lambda place: place[0])
-    titles = {False: 'accelerations', True: 'rollout'}
-    return grid({(f'{titles[x[0]]}: {x[1]}', x[2]): order(found[x]) for x in places})
+            column = 'rollout' if row['work'] == 'rollout' else 'accelerations'
+            place = row['way'].split(':')[0].split(',')[0], column
+            cells.setdefault(place, f'{order(row["difference"])} ({row["robot"]})')
+    return grid(cells, 'way')
 
 
 def plots(data: dict[str, Any], folder: Path) -> list[Path]:

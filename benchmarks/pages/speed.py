@@ -52,6 +52,8 @@ OUR_METHODS = ('composite_body', 'grouped_articulated_body')
 MOST_NUMBERS = 500_000
 # States of a batch that fits into the caches, and takes long compared with its call overhead.
 MIDDLE_BATCH = 4096
+# Ends of ways that do more than the others.
+NOT_COMPARED = (' 2 threads', ' refined')
 MAKERS: Makers = {
     'Pinocchio': Pinocchio,
     CPP: PinocchioCpp,
@@ -189,7 +191,7 @@ def _is_ours(row: Row, work: str, ending: str) -> bool:
 def _is_peer(row: Row) -> bool:
     """Return whether a row is of a peer at the same work: on one thread, without refinement."""
     own = row['contents'].startswith(ours.CODE)
-    return not own and not row['way'].endswith((' 2 threads', ' refined'))
+    return not own and not row['way'].endswith(NOT_COMPARED)
 
 
 # From here on the page: all from the rows.
@@ -427,6 +429,7 @@ def plots(data: dict[str, Any], folder: Path) -> list[Path]:
 
 
 def _draw(rows: Sequence[Row], figure: Any) -> None:
+    rows = [row for row in rows if not row['way'].endswith(NOT_COMPARED)]
     chains = [row for row in rows if row['robot'].startswith('chain')]
     batches = [x for x in rows if x['robot'] == ROBOT and x['work'].startswith('batch')]
     panels = (

@@ -39,20 +39,24 @@ RESULT = {
 
 def _results(*found: Any) -> str:
     rows = (rows_of(data) for (_, rows_of), data in zip(ROWS, found, strict=True))
-    lines = table(RESULT, [row for some in rows for row in some])
-    sentences = (f'{block(name)}' for name in ('losses', 'accuracy', 'derivatives', 'paper'))
-    return '\n'.join(['\n'.join(lines) + '\n', *sentences])
+    return '\n'.join(table(RESULT, [row for some in rows for row in some])) + '\n'
 
 
-# Name of a block: pages, and the function of their data that returns its text.
-BLOCKS: Mapping[str, tuple[Sequence[str], Callable[..., str]]] = {
-    'results': ([name for name, _ in ROWS], _results),
-    'speed-table': (['speed'], speed.guide_table),
-    'speed-notes': (['speed'], speed.guide_notes),
-    'losses': (['error'], error.losses),
-    'accuracy': (['hard-cases'], hard_cases.summary),
-    'derivatives': (['derivatives'], derivatives.summary),
-    'paper': (['counts', 'claims'], counts.summary),
+# Pages, and the function of their data that returns text.
+Part = tuple[Sequence[str], Callable[..., str]]
+DERIVATIVES: Part = (['derivatives'], derivatives.summary)
+# Name of a block: its parts, with an empty line between two.
+BLOCKS: Mapping[str, Sequence[Part]] = {
+    'results': (
+        ([name for name, _ in ROWS], _results),
+        (['error'], error.losses),
+        (['hard-cases'], hard_cases.summary),
+        DERIVATIVES,
+        (['counts', 'claims'], counts.summary),
+    ),
+    'speed-table': ((['speed'], speed.guide_table),),
+    'speed-notes': ((['speed'], speed.guide_notes),),
+    'derivatives': (DERIVATIVES,),
 }
 
 
@@ -60,9 +64,11 @@ def block(name: str, folder: Path = ROOT / FOLDER) -> str:
     """Return the text of a block from the JSON of its pages; ValueError for an unknown block."""
     if name not in BLOCKS:
         raise ValueError(f'unknown block {name!r}; the blocks are {", ".join(BLOCKS)}')
-    pages, write = BLOCKS[name]
-    text = write(*(stored(page_named(x), folder / f'{x}.json')['data'] for x in pages))
-    return text if text.endswith('\n') else f'{paragraph(text)}\n'
+    texts = []
+    for pages, write in BLOCKS[name]:
+        text = write(*(stored(page_named(x), folder / f'{x}.json')['data'] for x in pages))
+        texts.append(text if text.endswith('\n') else f'{paragraph(text)}\n')
+    return '\n'.join(texts)
 
 
 def filled(name: str) -> str:

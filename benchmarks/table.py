@@ -111,11 +111,6 @@ def short(value: float) -> str:
     return f'{value:.0f}' if value >= 99.5 else f'{value:.3g}'
 
 
-def percent(part: float) -> str:
-    """Return a part in percent, with two digits below ten."""
-    return f'{100 * part:.2g} %' if part < 0.1 else f'{part:.0%}'.replace('%', ' %')
-
-
 def yes(value: bool | None) -> str:
     """Return 'yes' or 'no', '-' for None."""
     return '-' if value is None else ('yes' if value else 'no')

@@ -19,6 +19,7 @@ from benchmarks.__main__ import EXPECTED, FOLDER, page_named, stored
 from benchmarks.pages import counts, derivatives, error, hard_cases, speed
 from benchmarks.table import paragraph, table
 
+WIDTH = 119
 ROOT = Path(__file__).resolve().parents[1]
 FILES = ('README.md', 'docs/guides/speed-and-accuracy.md')
 MARKED = re.compile(r'(<!-- ([\w-]+) -->\n).*?(<!-- /\2 -->)', re.DOTALL)
@@ -49,7 +50,10 @@ DERIVATIVES: Part = (['derivatives'], derivatives.summary)
 BLOCKS: Mapping[str, Sequence[Part]] = {
     'results': (
         ([name for name, _ in ROWS], _results),
-        (['error'], error.losses),
+        (
+            ['speed', 'error'],
+            lambda found, other: speed.for_any_robot(found) + ' ' + error.losses(other),
+        ),
         (['hard-cases'], hard_cases.summary),
         DERIVATIVES,
         (['counts', 'claims'], counts.summary),
@@ -67,7 +71,8 @@ def block(name: str, folder: Path = ROOT / FOLDER) -> str:
     texts = []
     for pages, write in BLOCKS[name]:
         text = write(*(stored(page_named(x), folder / f'{x}.json')['data'] for x in pages))
-        texts.append(text if text.endswith('\n') else f'{paragraph(text)}\n')
+        # Sentences have the width of the files.
+        texts.append(text if text.startswith('|') else f'{paragraph(text, WIDTH)}\n')
     return '\n'.join(texts)
 
 

@@ -61,9 +61,9 @@ def page(name: str, /, **values: Any) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def paragraph(text: str) -> str:
-    """Return text in lines of a page's width."""
-    return fill(text, WIDTH, break_on_hyphens=False, break_long_words=False)
+def paragraph(text: str, width: int = WIDTH) -> str:
+    """Return text in lines of a width, by default a page's."""
+    return fill(text, width, break_on_hyphens=False, break_long_words=False)
 
 
 def table(columns: Columns, rows: Iterable[Row]) -> list[str]:

@@ -103,10 +103,10 @@ NAMES = {
     'ROBOT_LINK_FIELDS': 'pfd_core.model.robot:LINK_FIELDS',
     'read_yaml': 'pfd_core.model.yaml_reader:read_yaml',
     # pfd_core.algorithms: the recorders of programs
-    'record_acceleration_derivatives': (
-        'pfd_core.algorithms.acceleration_derivatives:record_acceleration_derivatives'
-    ),
     'record_derivatives': 'pfd_core.algorithms.acceleration_derivatives:record_derivatives',
+    'fused_product': 'pfd_core.algorithms.inverse_inertia:fused_product',
+    'inline_program': 'pfd_core.algorithms.refinement:inline',
+    'lane_array': 'pfd_core.machine.vectors:array',
     'record_actuators': 'pfd_core.algorithms.chain.actuators:record_actuators',
     'cut_off': 'pfd_core.algorithms.chain.drives:cut_off',
     'record_motor_torques': 'pfd_core.algorithms.chain.drives:record_motor_torques',

@@ -15,7 +15,6 @@ from bridge import (
     derivative_program,
     lower_program,
     program_operations,
-    record_acceleration_derivatives,
     record_derivatives,
     record_forward_dynamics,
     report_robot,
@@ -23,6 +22,7 @@ from bridge import (
     run_program,
 )
 from central_differences import differences as central
+from derivative_programs import record_acceleration_derivatives
 import numpy as np
 from oracle import ARMS, Oracle, chains, every, relative
 import pinocchio as pin

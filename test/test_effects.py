@@ -30,12 +30,12 @@ from bridge import (
     Effect,
     KernelSpec,
     Recorder,
-    record_acceleration_derivatives,
     record_derivatives,
     record_inverse_dynamics,
     resolve_plant,
     run_program,
 )
+from derivative_programs import record_acceleration_derivatives
 from effect_cases import everything, example, scene_with
 from exact_steps import exact
 from mpmath import mp

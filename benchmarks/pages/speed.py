@@ -209,6 +209,16 @@ COMPARED = {
     f'{MANY}, C order': (MANY, 'float64, C order'),
 }
 # Rows of README.md and of the guide, of the arm ROBOT: title, quantity, work, end of our way.
+# Rows of README.md: a work, and how our way of it ends, one or two of them.
+README = (
+    (f'a state in a {MANY}', (MANY, 'float64, F order')),
+    (f'a state in a {FEW}', (FEW, 'float64, F order')),
+    (
+        'one call, arrays bound before / `kernel(q, qd, tau)`',
+        ('call', 'float64: bound'),
+        COMPARED['one call, `kernel(q, qd, tau)`'],
+    ),
+)
 RESULTS = (
     (f'a state in a {MANY}', FORWARD, MANY, 'float64, F order'),
     (f'a state in a {FEW}', FORWARD, FEW, 'float64, F order'),
@@ -326,14 +336,32 @@ def headline(data: dict[str, Any]) -> str:
 def results_rows(data: dict[str, Any]) -> list[dict[str, str]]:
     """Return the rows of README.md: what, ours, peer, theirs and our speed-up, as text."""
     rows = []
-    for title, *place in RESULTS:
-        found = compared(data['rows'], ROBOT, *place)
-        if found is not None:
-            own, peer, _ = found
-            row = {'what': f'forward dynamics of a UR5, {title}', 'ours': _ns(own)}
-            row |= {'peer': _named(peer), 'theirs': _ns(peer)}
-            rows.append(row | {'speed-up': short(speed_up(own, peer))})
+    for title, *places in README:
+        found = [compared(data['rows'], ROBOT, FORWARD, *place) for place in places]
+        pairs = [ways[:2] for ways in found if ways is not None]
+        if len(pairs) == len(places):
+            columns = {
+                'ours': (_ns(own) for own, _ in pairs),
+                'peer': dict.fromkeys(_named(peer) for _, peer in pairs),
+                'theirs': dict.fromkeys(_ns(peer) for _, peer in pairs),
+                'speed-up': (short(speed_up(*pair)) for pair in pairs),
+            }
+            cells = {key: ' / '.join(texts) for key, texts in columns.items()}
+            rows.append({'what': f'forward dynamics of a UR5, {title}'} | cells)
     return rows
+
+
+def for_any_robot(data: dict[str, Any]) -> str:
+    """Return a sentence of README.md on the peers that take any robot; '' without them."""
+    title, *place = RESULTS[0]
+    found = compared(data['rows'], ROBOT, *place)
+    if found is None:
+        return ''
+    own, _, general = found
+    return (
+        f'{_named(general)}, the fastest peer that takes any robot without compilation for it, '
+        f'takes {_ns(general)} for {title}, {short(speed_up(own, general))} times ours.'
+    )
 
 
 def guide_table(data: dict[str, Any]) -> str:

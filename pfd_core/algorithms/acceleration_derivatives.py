@@ -43,7 +43,7 @@ from pfd_core.algorithms.grouped.torque_derivatives import (
     by_velocities,
     minus_bias,
 )
-from pfd_core.algorithms.inverse_inertia import fused_product, inverse_inertia
+from pfd_core.algorithms.inverse_inertia import inverse_inertia
 from pfd_core.algorithms.programs import TOLERANCES
 from pfd_core.algorithms.refinement import inline, record_refined
 from pfd_core.machine.derivative import derivative
@@ -123,27 +123,6 @@ def record_derivatives(
         by_tau = motors['d tau/d tau'][:: n + 1]
         if by_tau != [recorder.constant(1.0)] * n:
             recorder.output('T', (n,), [(value, 0) for value in by_tau])
-    return recorder.program()
-
-
-def record_acceleration_derivatives(plant: Plant, method: str = OWN_METHOD) -> Program:
-    """
-    Return the program of `derivatives`, d qdd / d(q, qd, tau), (n, 3 n), from q, qd and tau.
-
-    Parameters and errors are as for record_derivatives, whose factors are multiplied here: sums
-    in the order of the joints, each product after the first fused with the sum so far.
-    """
-    n = plant.robot.n
-    recorder = Recorder(1, 'sequential')
-    parts = inline(recorder, record_derivatives(plant, method), {})
-    X, D = array(parts['X']).reshape(n, n), array(parts['D']).reshape(n, 2 * n)
-    with recorder.section('product'):
-        by_tau = X * array(parts['T']) if 'T' in parts else X
-        rows = [
-            [*(-fused_product(row, column) for column in D.T), *scaled]
-            for row, scaled in zip(X, by_tau, strict=True)
-        ]
-    recorder.output('derivatives', (n, 3 * n), [(value, 0) for row in rows for value in row])
     return recorder.program()
 
 

@@ -16,9 +16,6 @@ from benchmarks.table import json_text
 
 ROOT = Path(__file__).resolve().parent.parent
 REPORT = ROOT / 'docs' / 'report'
-# Pages that were not measured since the first edition; each leaves when its JSON is stored.
-NOT_YET = {'speed', 'error', 'scene'}
-STORED = [page for page in PAGES if page.name not in NOT_YET]
 # A quick run of these takes less than five seconds.
 FAST = ('array',)
 # Pages without clocks and without optional packages.
@@ -29,18 +26,11 @@ def name_of(page: Page) -> str:
     return page.name
 
 
-@pytest.mark.parametrize('page', STORED, ids=name_of)
+@pytest.mark.parametrize('page', PAGES, ids=name_of)
 def test_a_page_in_docs_is_the_one_of_its_json(page: Page) -> None:
     content = stored(page, REPORT / f'{page.name}.json')
     assert content['quick'] is False
     assert rendered(page, content) == (REPORT / f'{page.name}.md').read_text(encoding='utf-8')
-
-
-def test_a_page_that_is_not_yet_in_docs_is_one_of_the_table() -> None:
-    assert {page.name for page in PAGES} > NOT_YET
-    for name in NOT_YET:
-        path = REPORT / f'{name}.json'
-        assert not path.exists() or 'version' not in json.loads(path.read_text(encoding='utf-8'))
 
 
 @pytest.mark.parametrize(
@@ -59,7 +49,7 @@ def test_rows_of_a_quick_run_are_shown_and_are_those_in_docs(name: str) -> None:
             assert row in known[table], table
 
 
-@pytest.mark.parametrize('page', [x for x in STORED if hasattr(x.module, 'plots')], ids=name_of)
+@pytest.mark.parametrize('page', [x for x in PAGES if hasattr(x.module, 'plots')], ids=name_of)
 def test_pictures_are_drawn_from_the_json_alone(page: Page, tmp_path: Path) -> None:
     if page.name != 'array':
         pytest.importorskip('matplotlib')

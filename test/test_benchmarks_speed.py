@@ -277,7 +277,8 @@ def test_gains_and_losses_are_against_the_fastest_peer_on_one_thread() -> None:
     many, few, call = speed.results_rows(page_data())
     assert (many['ours'], many['theirs'], many['speed-up']) == ('20 ns', '30 ns', '1.5')
     assert (few['ours'], few['theirs'], few['speed-up']) == ('45 ns', '30 ns', '0.667')
-    assert (call['ours'], call['peer']) == ('100 ns', 'pinocchio.aba')
+    assert (call['ours'], call['peer']) == ('100 ns / 900 ns', 'pinocchio.aba')
+    assert (call['theirs'], call['speed-up']) == ('2000 ns', '20 / 2.22')
 
 
 def test_a_page_without_peers_says_what_to_install() -> None:

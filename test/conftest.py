@@ -34,7 +34,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 # recording makes hundreds of thousands of objects that live on.
 COLLECTED = (50_000, 20, 50)
 # Of the parameters of a test marked `slow`, one in so many is not `long`.
-SAMPLED = 3
+SAMPLED = 6
 
 # Time limits depend on the machine; so does the health check for slow examples.
 settings.register_profile(

@@ -115,7 +115,7 @@ def robot() -> pfd.Robot:
     return random_chain(np.random.default_rng(1), 2, joint_types=('revolute', 'prismatic'))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_kernels_with_equal_keys_have_equal_ir(irs: dict[tuple[str, ...], set[str]]) -> None:
     arm = robot()
     places = [{'b': Frame(link, np.eye(3), np.arange(3.0))} for link in (1, 2)]
@@ -138,7 +138,7 @@ def test_kernels_with_equal_keys_have_equal_ir(irs: dict[tuple[str, ...], set[st
     check(irs, builds())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_simulations_and_linearised_steps_with_equal_keys_have_equal_ir(
     irs: dict[tuple[str, ...], set[str]],
 ) -> None:

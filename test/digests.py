@@ -253,7 +253,7 @@ def _nodes(program: pfd.Program, rows: Mapping[tuple[int, int], str]) -> list[st
         elif op == 'state':
             operands = [rows[args[0], data]]
         elif op == 'loop':
-            # Its rows stand in `state`; here is what it goes on by.
+            # Its rows are in `state`; this is its condition to continue.
             operands = [str(data), *operands[-2:]]
         elif op == 'end':
             operands = [operands[0], operands[-1]]

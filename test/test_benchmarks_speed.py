@@ -125,7 +125,8 @@ def test_vectors_of_any_number_of_states_are_right_and_their_sine_keeps_its_erro
     compiler: str,
 ) -> None:
     arm = robot('ur5')
-    peer = VectorCasadi(arm, compiler)
+    peer = made(partial(VectorCasadi, compiler=compiler), arm)
+    assert isinstance(peer, VectorCasadi)
     for states in (1, 8, 15):
         assert checked(peer, Pinocchio(arm), works(arm, states)) == 2
     assert sine_error(peer) < ULPS

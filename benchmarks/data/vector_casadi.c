@@ -16,7 +16,11 @@ typedef int32_t Integers __attribute__((vector_size(32)));
 
 // x = k pi/2 + r by two multiply-adds, and Cephes' polynomials for |r| <= pi/4. Truncation after
 // adding 2^16 + 0.5 gives 2^16 more than the nearest integer k, which for |x| <= 1e5 is positive:
-// `k >> 63` is zero, and keeps a compiler from merging the two parts of pi/2.
+// `k >> 63` is zero, and keeps a compiler from merging the two parts of pi/2. Without fused
+// multiply-adds the product of k and pi/2 is rounded, and no digit of a large angle is left.
+#if !defined(__FMA__) && !defined(__ARM_FEATURE_FMA)
+#error sine and cosine of vectors need a processor with fused multiply-add
+#endif
 INLINE void sine_cosine(Vector x, Vector *sine, Vector *cosine) {
     Integers nearest = __builtin_convertvector(x * 0.63661977236758134 + 65536.5, Integers);
     Vector whole = __builtin_convertvector(nearest - 65536, Vector);

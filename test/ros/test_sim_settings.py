@@ -222,7 +222,7 @@ def test_a_recording_with_changes_of_settings_and_sensors_verifies(tmp_path: Pat
     assert noisy == list(range(5, 9))
 
 
-# ---- what `auto` stands for ----
+# ---- what `auto` selects ----
 
 # h lambda is 1.1 for the model's damping, without rotors: 'auto' is imex2, and rk4 is stable.
 STIFF: dict[str, Any] = {'robot': 'puma560', 'damping': True, 'step_size': 0.0004}

@@ -11,7 +11,7 @@ Rows of the policy that other files state:
     finite torque that overflows       simulation: an_overflow_is_a_status_and_the_finite_steps...
     wrong length                       simulation: bad_calls_are_named_and_change_nothing
                                        kernels_kernel: bad_arguments_are_named
-    no numbers at all                  model_checked_numbers: values_other_than_real_numbers_are...
+    no numbers at all                  a_value_that_is_no_real_number_is... (below)
     last link without <inertial>       model_urdf: a_robot_that_is_no_chain... [weightless]
     middle link without <inertial>     model_urdf_hostile: a_massless_link_within_the_chain_is...
     negative mass                      model_urdf: a_robot_that_is_no_chain... [negative mass]
@@ -107,6 +107,37 @@ def test_a_number_that_is_not_finite_is_refused_with_joint_and_index_and_the_sta
     with pytest.raises(ValueError, match=rf"^{name} must be .*at index {index}, joint 'elbow_j"):
         NOT_FINITE[name](sim, bad)
     assert (sim.q.tobytes(), sim.qd.tobytes(), sim.time, sim.status) == before
+
+
+class Degrees(np.ndarray):
+    """An array with units, as packages of units have them."""
+
+    unit = 'deg'
+
+
+NOT_REAL: dict[str, tuple[Any, str]] = {
+    'complex': ([1j] * 6, 'complex128'),
+    'bools': (np.ones(6, bool), 'bool'),
+    'a bool among numbers': ([0.0] * 5 + [True], 'bool True'),
+    'texts': (['1'] * 6, '<U1'),
+    'None among numbers': ([0.0] * 5 + [None], 'None'),
+    'a huge integer': ([10**400] * 6, 'fit float64'),
+    'masked nowhere': (np.ma.masked_array(np.zeros(6)), 'masked array'),
+    'units': ([np.zeros(6).view(Degrees)], "units .'deg'"),
+    'dates': (np.zeros(6, 'M8[s]'), r'datetime64\[s\]'),
+    'durations': (np.zeros(6, 'm8[s]'), r'timedelta64\[s\]'),
+    'ragged rows': ([[1.0], [2.0, 3.0]], 'inhomogeneous'),
+    'many': ([[0.0, 'x' * 10_000]] * 100, 'array of numbers'),
+}
+
+
+@pytest.mark.parametrize('case', NOT_REAL)
+def test_a_value_that_is_no_real_number_is_refused_by_name_in_a_short_line(case: str) -> None:
+    value, message = NOT_REAL[case]
+    sim = pfd.Simulator(pfd.load_robot('ur5'))
+    with pytest.raises(ValueError, match=rf'^tau must .*{message}') as caught:
+        sim.step(value)
+    assert len(str(caught.value)) < 400
 
 
 def test_of_an_ensemble_the_arm_is_named_too() -> None:

@@ -98,7 +98,6 @@ PINNED = (
     'test_kernels_source',
     'test_log_page',
     'test_machine_blocks',
-    'test_model_checked_numbers',
     'test_receiving',
     'test_recording_disk',
     'test_recording_races',

@@ -30,7 +30,7 @@ from pfd_core.machine.iteration import TOLERANCE
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Schedule
 from pfd_core.model import Plant, check_instant
-from pfd_core.model.checked_numbers import choice
+from pfd_core.model.values import choice
 
 PACKAGE = __name__.rpartition('.')[0]
 

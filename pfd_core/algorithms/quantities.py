@@ -39,7 +39,7 @@ from pfd_core.forking import load
 from pfd_core.machine.program import Program
 from pfd_core.model import EFFECTS, Effect, Plant, check_instant
 from pfd_core.model.effects import BRAKES, LINKS
-from pfd_core.model.error_text import quote
+from pfd_core.model.values import quote
 
 PACKAGE = __name__.rpartition('.')[0]
 

@@ -46,8 +46,7 @@ from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.kernels.runtime.json_cache import get_or_compute
 from pfd_core.model import Plant, without_step_effects, without_torques
-from pfd_core.model.checked_numbers import Array, integer
-from pfd_core.model.error_text import quote
+from pfd_core.model.values import Array, integer, quote
 
 FEW_JOINTS, MANY_JOINTS = 'composite_body', 'grouped_articulated_body'
 # Steps of refinement; the second one hardly finds a digit to correct, and each adds its code.

@@ -37,7 +37,7 @@ from pfd_core.kernels.source import KernelSource, turned_joints
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
 from pfd_core.model import Payload
-from pfd_core.model.checked_numbers import check_finite, common_shape
+from pfd_core.model.values import check_finite, common_shape
 
 # The default, which a call finds without a comparison.
 ONE_THREAD = 1

@@ -14,8 +14,7 @@ from typing import Any
 
 from pfd_core.algorithms.quantities import QUANTITIES, Quantity
 from pfd_core.model import Scene, given_scene
-from pfd_core.model.checked_numbers import integer
-from pfd_core.model.error_text import quote
+from pfd_core.model.values import integer, quote
 
 
 def quantity_named(name: str) -> Quantity:

@@ -37,7 +37,7 @@ from pfd_core.model import (
     without_torques,
     without_viscosity,
 )
-from pfd_core.model.checked_numbers import Array
+from pfd_core.model.values import Array
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,7 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     scene_checks        the fields of a scene as users give them, checked
     plant               Plant: a scene and a robot as numbers; resolve, which makes it of both
     scene_inputs        the inputs that a scene adds at run time
-    checked_numbers     the one reader of numbers that users give
-    error_text          foreign values as error messages quote them
-    frozen_arrays       read-only arrays in frozen dataclasses
+    values              numbers, names and arrays, checked, and as errors quote them
 
 URDF and xacro are read by modules that `loading` imports at the first such file.
 

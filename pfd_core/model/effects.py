@@ -33,8 +33,6 @@ from typing import Any
 import numpy as np
 
 from pfd_core.machine.lanes import cos, sin
-from pfd_core.model.checked_numbers import LARGEST, real_array
-from pfd_core.model.error_text import quote, quote_all
 from pfd_core.model.geometry import Array
 from pfd_core.model.robot import Robot
 from pfd_core.model.rotors import estimated_armature
@@ -45,9 +43,9 @@ from pfd_core.model.scene_checks import (
     payload,
     per_joint,
     restitution,
-    switch,
     torque_speed,
 )
+from pfd_core.model.values import LARGEST, quote, quote_all, real_array, switch
 
 # Where an effect acts: on the links (in each Newton-Euler recursion), on the joint side of the
 # motors, on the motors (pfd_core.algorithms.chain.drives), by brakes, or over a step of time

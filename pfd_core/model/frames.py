@@ -12,10 +12,8 @@ from types import MappingProxyType
 import numpy as np
 
 from pfd_core.forking import cached_property
-from pfd_core.model.checked_numbers import LARGEST, integer, real_array
-from pfd_core.model.error_text import quote
-from pfd_core.model.frozen_arrays import FrozenArrays, frozen
 from pfd_core.model.geometry import Array, Placement, check_rotation
+from pfd_core.model.values import LARGEST, FrozenArrays, frozen, integer, quote, real_array
 
 
 @dataclass(frozen=True, eq=False)

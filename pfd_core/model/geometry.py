@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.model.error_text import quote
+from pfd_core.model.values import quote
 
 Array = NDArray[Any]
 Placement = tuple[Array, Array]  # axes, (3, 3), and origin, (3,) [m], of a frame in another

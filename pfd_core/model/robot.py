@@ -25,10 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.forking import cached_property
-from pfd_core.model.checked_numbers import LARGEST, real_array
-from pfd_core.model.error_text import quote, quote_all
 from pfd_core.model.frames import Frame, with_ends
-from pfd_core.model.frozen_arrays import FrozenArrays, frozen
 from pfd_core.model.geometry import (
     INERTIA_TOLERANCE,
     TRIANGLE_TOLERANCE,
@@ -37,6 +34,7 @@ from pfd_core.model.geometry import (
     check_rotation,
     product,
 )
+from pfd_core.model.values import LARGEST, FrozenArrays, frozen, quote, quote_all, real_array
 
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
 # Fields with one element, of this shape, for each link, and with one number for each joint.

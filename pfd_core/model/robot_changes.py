@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.checked_numbers import LARGEST, real_array, real_number
-from pfd_core.model.error_text import quote, quote_all
 from pfd_core.model.frames import Frame
 from pfd_core.model.geometry import (
     Body,
@@ -27,6 +25,7 @@ from pfd_core.model.geometry import (
     snapped,
 )
 from pfd_core.model.robot import JOINT_FIELDS, LINK_FIELDS, Robot, check_robot
+from pfd_core.model.values import LARGEST, quote, quote_all, real_array, real_number
 
 
 @dataclass(frozen=True)

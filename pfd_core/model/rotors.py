@@ -12,9 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.checked_numbers import LARGEST, Array, real_array
-from pfd_core.model.error_text import quote
 from pfd_core.model.robot import Robot, check_robot
+from pfd_core.model.values import LARGEST, Array, quote, real_array
 
 # Time in which a motor at full effort accelerates its rotor alone to the velocity limit, s.
 SPIN_UP_TIME = 0.035

@@ -18,10 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pfd_core.model.checked_numbers import LARGEST, Array, real_array, real_number
-from pfd_core.model.error_text import quote
 from pfd_core.model.robot import Robot
 from pfd_core.model.robot_changes import Payload
+from pfd_core.model.values import LARGEST, Array, quote, real_array, real_number
 
 MODEL = 'model'
 ESTIMATED = 'estimated'
@@ -47,13 +46,6 @@ class Rule(NamedTuple):
         assert self.model is not None
         numbers: Array = getattr(robot, self.model)
         return numbers
-
-
-def switch(key: str, value: Any) -> bool:
-    """Return a field as True or False."""
-    if not isinstance(value, (bool, np.bool_)):
-        raise ValueError(f'{key} must be True or False, got {quote(value)}')
-    return bool(value)
 
 
 def payload(key: str, value: Any) -> Payload | str | None:

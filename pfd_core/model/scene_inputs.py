@@ -11,9 +11,8 @@ import numpy as np
 from numpy.ma import MaskedArray
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.model.checked_numbers import fit_shape, real_array
-from pfd_core.model.error_text import quote
 from pfd_core.model.scene import Scene
+from pfd_core.model.values import fit_shape, quote, real_array
 
 
 def scene_inputs(

@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from pfd_core.model.error_text import MOST_NAMES, quote, quote_all
 from pfd_core.model.robot import JOINT_TYPES
 from pfd_core.model.urdf_reader import NOT_A_CHAIN, Joint, Urdf
+from pfd_core.model.values import MOST_NAMES, quote, quote_all
 
 
 class TreeError(ValueError):

@@ -20,11 +20,10 @@ import sys
 from typing import Any
 import xml.etree.ElementTree as ElementTree
 
-from pfd_core.model.checked_numbers import BLANKS, number_from_text
-from pfd_core.model.error_text import quote, quote_all
 from pfd_core.model.robot import JOINT_TYPES
 from pfd_core.model.robot_changes import locked_positions
 from pfd_core.model.rotors import reflected_inertia
+from pfd_core.model.values import BLANKS, number_from_text, quote, quote_all
 
 NOT_A_CHAIN = ('floating', 'planar')
 # A limit of this size means no limit: pfd_core.model.urdf_writer has no other number for it.

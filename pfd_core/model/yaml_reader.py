@@ -21,7 +21,7 @@ from typing import Any
 
 import yaml
 
-from pfd_core.model.error_text import quote
+from pfd_core.model.values import quote
 
 # Four hundred joints are stored in 26 000 nodes and 330 kB; PyYAML reads 20 000 nodes a second.
 MOST_NODES = 30_000

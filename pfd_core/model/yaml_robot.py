@@ -35,8 +35,6 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.model.checked_numbers import number_from_text, real_number
-from pfd_core.model.error_text import quote
 from pfd_core.model.frames import Frame
 from pfd_core.model.geometry import (
     Array,
@@ -49,7 +47,7 @@ from pfd_core.model.geometry import (
     welded_frames,
 )
 from pfd_core.model.robot import JOINT_FIELDS, LIMIT_FIELDS, Robot, check_robot
-from pfd_core.model.scene_checks import switch
+from pfd_core.model.values import number_from_text, quote, real_number, switch
 from pfd_core.model.yaml_reader import read_yaml, table, yaml_text
 
 ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.model.checked_numbers import Array
+from pfd_core.model.values import Array
 
 # Coefficients of a row by column; zero where a column is missing.
 Row = Mapping[int, float]

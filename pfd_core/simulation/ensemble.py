@@ -31,14 +31,14 @@ from pfd_core.kernels.simulations import NativeEnsemble, compile_ensemble
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene, given_scene
-from pfd_core.model.checked_numbers import (
+from pfd_core.model.scene_checks import INPUT
+from pfd_core.model.values import (
     LARGEST_INTEGER,
     Array,
     fit_shape,
     integer,
     real_array,
 )
-from pfd_core.model.scene_checks import INPUT
 from pfd_core.simulation.feedback import Law, law_arrays
 from pfd_core.simulation.integrators import TABLE
 from pfd_core.simulation.rows import UnfinishedStep

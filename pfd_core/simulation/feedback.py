@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.kernels.codegen.law import GAINS, JOINTS, MATRIX, NONE, REFERENCES, WHOLE
-from pfd_core.model.checked_numbers import Array, real_array
+from pfd_core.model.values import Array, real_array
 
 
 @dataclass(frozen=True)

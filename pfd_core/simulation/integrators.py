@@ -23,7 +23,7 @@ from typing import Any
 
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
-from pfd_core.model.checked_numbers import Array
+from pfd_core.model.values import Array
 from pfd_core.simulation.rows import CompensatedSum, LaggedTorque, UnfinishedStep
 
 State = tuple[Any, ...]

@@ -25,8 +25,7 @@ from pfd_core.algorithms.chain.actuators import MOTOR_ROWS, TARGET_ROWS
 from pfd_core.kernels.codegen.cycles import COUNTS, HEAD
 from pfd_core.kernels.simulations import compile_rollout
 from pfd_core.model import Payload
-from pfd_core.model.checked_numbers import Array, real_array
-from pfd_core.model.error_text import quote
+from pfd_core.model.values import Array, quote, real_array
 from pfd_core.simulation.simulator import Simulator
 from pfd_core.simulation.state import SimulationState
 

@@ -22,7 +22,7 @@ import numpy as np
 from pfd_core.kernels.codegen.step import MOTOR_TORQUE
 from pfd_core.machine.lanes import where
 from pfd_core.machine.recorder import Recorder
-from pfd_core.model.checked_numbers import Array
+from pfd_core.model.values import Array
 
 # For constants with the same bits on every machine, unlike exp of NumPy and C.
 EXACT = Context(prec=40)

@@ -27,17 +27,18 @@ from pfd_core.model import (
     resolve,
     scene_inputs,
 )
-from pfd_core.model.checked_numbers import (
+from pfd_core.model.scene_checks import INPUT
+from pfd_core.model.values import (
     DTYPES,
     Array,
     check_finite,
     choice,
     integer,
+    quote,
     real_array,
     real_number,
+    switch,
 )
-from pfd_core.model.error_text import quote
-from pfd_core.model.scene_checks import INPUT, switch
 from pfd_core.simulation.contact.events import MOST_SEGMENTS
 from pfd_core.simulation.contact.modes import PIVOTS
 from pfd_core.simulation.contact.programs import contact_programs, has_contact

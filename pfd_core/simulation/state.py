@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.model.checked_numbers import Array
+from pfd_core.model.values import Array
 
 
 class SimulationState:

@@ -22,7 +22,7 @@ from pfd_core.algorithms.chain.joint_torques import record_joint_torques
 from pfd_core.machine.derivative import directional
 from pfd_core.machine.emulator import run
 from pfd_core.model import EFFECTS, Plant, Robot, without_viscosity
-from pfd_core.model.checked_numbers import Array, choice
+from pfd_core.model.values import Array, choice
 from pfd_core.simulation.integrators import TABLE
 
 # h lambda from which on 'auto' selects the implicit integrator.

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pfd_core.forking import cached_property
-from pfd_core.model.checked_numbers import Array
+from pfd_core.model.values import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,9 +38,9 @@ from pfd_core.algorithms.grouped.links import (
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array
 from pfd_core.model import Payload, Plant, Robot, Scene
-from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import merged, product
 from pfd_core.model.scene_checks import INPUT
+from pfd_core.model.values import quote
 
 NAME = 'payload'
 # Numbers of a body: mass, first moment or centre of mass, six elements of the inertia.

@@ -47,7 +47,7 @@ from pfd_core.machine.patterns import total
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Schedule
 from pfd_core.model import Plant
-from pfd_core.model.checked_numbers import choice
+from pfd_core.model.values import choice
 
 # Parts that can run as printed: name, and the error.
 STEP_4, STEP_7, STEP_16 = 'step 4', 'step 7', 'step 16'

@@ -61,7 +61,7 @@ from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, Schedule
 from pfd_core.machine.vectors import array, cross, dot, parallel_axis, symmetric_matrix
 from pfd_core.model import Plant
-from pfd_core.model.checked_numbers import choice
+from pfd_core.model.values import choice
 
 # Parts that can run as printed: name, and the error.
 CHOLESKY, STEP_6 = AS_PRINTED = ('equations (11), (12)', 'step 6')

@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from pfd_core.forking import cached_property
 from pfd_core.kernels.runtime.cpu_count import available
 from pfd_core.kernels.runtime.jit import Native
-from pfd_core.model.checked_numbers import integer
+from pfd_core.model.values import integer
 
 T = TypeVar('T')
 

@@ -24,7 +24,7 @@ from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
-from pfd_core.model.checked_numbers import Array
+from pfd_core.model.values import Array
 
 
 def record_lag(plant: Plant, h: float, middle: float, at_middle: Array, at_end: Array) -> Program:

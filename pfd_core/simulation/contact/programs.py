@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant
-from pfd_core.model.checked_numbers import Array
+from pfd_core.model.values import Array
 from pfd_core.simulation.contact.dense_events import dense_event_programs
 from pfd_core.simulation.contact.events import (
     record_commit,

@@ -1,18 +1,17 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The one reader of numbers that users give: real numbers and integers, or a ValueError.
+Values that users give, checked: numbers, integers, names; and arrays that stay as they are.
 
-    real_array          real numbers as an array of a format and a shape
-    real_number         one of them as a float
-    number_from_text    one of them from decimal digits
-    integer             an integer within bounds
-    choice              one of some names
-    check_finite        refuses NaN, infinities and numbers above a bound
-    fit_shape           an array of a shape, or broadcast to it
-    common_shape        the batch shape of several arrays
+Every error names the argument, states what is expected and quotes the value.
 
-Every error names the argument, states the expectation and quotes the value.
+    real_array, real_number     real numbers as an array of a format and a shape, or as a float
+    number_from_text            a number from decimal digits
+    integer, switch, choice     an integer within bounds, True or False, one of some names
+    check_finite, fit_shape     the two conditions on an array that callers also check alone
+    common_shape                the batch shape of several arrays
+    quote, quote_all            values and names in errors: on one line, and cut
+    frozen, FrozenArrays        read-only arrays, and frozen dataclasses that hold them
 """
 
 from __future__ import annotations
@@ -22,13 +21,13 @@ import math
 import numbers
 import operator
 import re
+import reprlib
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.ma import MaskedArray
 from numpy.typing import ArrayLike, NDArray
-
-from pfd_core.model.error_text import quote
 
 Array = NDArray[Any]
 # Lengths of the dimensions; a str names one of any length, and a leading ... means a batch.
@@ -40,8 +39,6 @@ LARGEST = 1e100
 LARGEST_INTEGER = 2**63 - 1
 DTYPES = ('float64', 'float32')
 _NATIVE = {name: np.dtype(name) for name in DTYPES}
-# Kinds of NumPy's types whose values are real numbers: integers with and without sign, floats.
-_REAL_KINDS = frozenset('iuf')
 # Elements of a list that NumPy converts without losing a mask, units or a bool.
 _PLAIN = frozenset({float, int, np.float64})
 # Python takes less time than NumPy for the joints of one arm.
@@ -52,6 +49,38 @@ _NUMBER = re.compile(r'[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?')
 _INFINITY = re.compile(r'[+-]?\.?inf(?:inity)?', re.IGNORECASE)
 # XML's and YAML's blanks; str.split() would take some thirty more.
 BLANKS = ' \t\r\n'
+
+# An error lists this many names before it says how many more there are.
+MOST_NAMES = 12
+# repr() of a longer integer takes long, and beyond 4300 digits Python refuses it.
+_PRINTED_BITS = 256
+
+
+class _Repr(reprlib.Repr):
+    def repr_int(self, x: int, level: int) -> str:
+        long = x.bit_length() > _PRINTED_BITS
+        return f'an integer of {x.bit_length()} bits' if long else repr(x)
+
+
+_REPR = _Repr()
+_REPR.maxstring = _REPR.maxother = 100
+_REPR.maxlevel = 3
+_REPR.maxdict = _REPR.maxlist = _REPR.maxtuple = 6
+
+
+def quote(value: object) -> str:
+    """Return the repr of a value on one line, cut to a few hundred characters."""
+    if isinstance(value, str) and len(value) > _REPR.maxstring:
+        # Cut first: repr() of a name of a megabyte is not needed to show its ends.
+        value = value[: _REPR.maxstring] + value[-_REPR.maxstring :]
+    return ' '.join(_REPR.repr(value).split('\n'))
+
+
+def quote_all(names: Iterable[object]) -> str:
+    """Return the first MOST_NAMES names, separated by commas, and the number of the others."""
+    items = list(names)
+    more = f' and {len(items) - MOST_NAMES} more' if len(items) > MOST_NAMES else ''
+    return ', '.join(map(quote, items[:MOST_NAMES])) + more
 
 
 def real_array(
@@ -77,28 +106,23 @@ def real_array(
     dtype : {'float64', 'float32'}
         Number format of the result.
     shape : tuple, optional
-        Shape of the result, see `fit_shape`; default: any.
-    broadcast : bool
-        Whether the numbers are broadcast to the shape.
-    finite : bool
-        Whether NaN and infinities are refused.
-    largest : float
-        Largest absolute value, where numbers must be finite.
+        Shape of the result, or to which it is `broadcast`, see `fit_shape`; default: any.
+    finite, largest : bool, float
+        Whether NaN, infinities and numbers of a larger absolute value are refused.
     joints : sequence of str
-        Names of the joints along the last dimension, for errors; default: no joints.
+        Names of the joints along the last dimension, for errors.
 
     Raises
     ------
     ValueError
         If an element is complex, a bool, a string, a date, None, masked or has units; if it is
-        NaN, infinite, larger than `largest` or than the format; if the shape is another.
+        too large for the format; if a number or the shape is refused.
 
     """
     if type(value) is np.ndarray and value.dtype is _NATIVE[dtype]:
         array = value
     else:
-        wanted = 'a number' if shape == () else 'an array of numbers'
-        array = _converted(name, value, dtype, wanted)
+        array = _converted(name, value, dtype, shape == ())
     if finite:
         check_finite(name, array, largest, joints)
     return array if shape is None else fit_shape(name, array, shape, broadcast)
@@ -113,22 +137,10 @@ def real_number(name: str, value: Any, *, finite: bool = True, largest: float = 
 
 def number_from_text(name: str, text: str, *, infinite: bool = False) -> float:
     """
-    Return the number in a string.
+    Return the number in a string of decimal digits with a sign, a point and an exponent.
 
-    Parameters
-    ----------
-    name : str
-        Name of the number, for errors.
-    text : str
-        Decimal digits with a sign, a point and an exponent, and blanks around them.
-    infinite : bool
-        Whether "inf", signed or not, is a number too, and numbers above LARGEST.
-
-    Raises
-    ------
-    ValueError
-        If it is anything else, too large, or so small that a double is 0.
-
+    ValueError for anything else, for a number above LARGEST and for one so small that a double
+    is 0. If `infinite`, "inf", signed or not, and numbers above LARGEST are taken as well.
     """
     stripped = text.strip(BLANKS)
     if infinite and _INFINITY.fullmatch(stripped):
@@ -155,6 +167,13 @@ def integer(name: str, value: object, least: int, most: float = LARGEST_INTEGER)
     return found
 
 
+def switch(name: str, value: Any) -> bool:
+    """Return True or False, NumPy's too; ValueError for anything else."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise ValueError(f'{name} must be True or False, got {quote(value)}')
+    return bool(value)
+
+
 def choice(name: str, value: object, choices: Iterable[str]) -> str:
     """Return one of some names; ValueError for any other value, also one of another type."""
     names = tuple(choices)
@@ -168,9 +187,8 @@ def check_finite(
 ) -> None:
     """Raise ValueError for a number not finite or above `largest`; names index and joint."""
     bounded = largest < math.inf
-    few = array.size <= _FEW and not bounded
     # The terms of a finite sum are finite.
-    if few and math.isfinite(sum(array.ravel().tolist())):
+    if array.size <= _FEW and not bounded and math.isfinite(sum(array.ravel().tolist())):
         return
     right = np.abs(array) <= largest if bounded else np.isfinite(array)
     if right.all():
@@ -216,8 +234,8 @@ def fit_shape(name: str, array: Array, shape: Shape, broadcast: bool = False) ->
     raise ValueError(f'{name} must have shape {text}, got {array.shape}')
 
 
-def common_shape(arrays: Mapping[str, NDArray[Any]]) -> tuple[int, ...]:
-    """Return the batch shape that arrays are broadcast to; ValueError if there is none."""
+def common_shape(arrays: Mapping[str, Array]) -> tuple[int, ...]:
+    """Return the batch shape to which arrays are broadcast; ValueError if there is none."""
     own = {value.shape[:-1] for value in arrays.values()}
     if len(own) == 1:
         return own.pop()
@@ -228,23 +246,22 @@ def common_shape(arrays: Mapping[str, NDArray[Any]]) -> tuple[int, ...]:
         raise ValueError(f'the arguments must agree in their batch, got {shapes}') from error
 
 
-def _converted(name: str, value: ArrayLike, dtype: str, wanted: str) -> Array:
+def _converted(name: str, value: ArrayLike, dtype: str, scalar: bool) -> Array:
     """Return real numbers as an array of a format; ValueError for anything else."""
+    wanted = 'a number' if scalar else 'an array of numbers'
     try:
         lost = _lost_by_conversion(value)
         array = np.zeros(()) if lost else np.asarray(value)
     except (TypeError, ValueError, RuntimeError) as error:  # ragged rows, endless lists
         raise ValueError(f'{name} must be {wanted}, got {quote(value)}: {error}') from error
     kind = array.dtype.kind
-    if kind not in _REAL_KINDS and not (kind == 'O' and all(map(_is_real, array.ravel()))):
+    if kind not in 'iuf' and not (kind == 'O' and all(map(_is_real, array.ravel()))):
         lost = quote(value) if array.ndim == 0 or kind == 'O' else str(array.dtype)
     if lost:
         raise ValueError(f'{name} must be {wanted}, got {lost}')
-    if array.dtype is _NATIVE[dtype]:
-        return array
     try:
         with np.errstate(over='raise'):
-            return array.astype(dtype)
+            return array.astype(dtype, copy=False)
     except (OverflowError, FloatingPointError) as error:
         raise ValueError(f'{name} must fit {dtype}, got {quote(value)}') from error
 
@@ -265,3 +282,33 @@ def _lost_by_conversion(value: object) -> str:
 
 def _is_real(value: object) -> bool:
     return isinstance(value, numbers.Real) and not isinstance(value, (bool, np.timedelta64))
+
+
+def frozen(values: ArrayLike) -> NDArray[np.float64]:
+    """Return a read-only copy of numbers, with +0.0 for -0.0: equal robots have equal bits."""
+    # Adding 0.0 copies, and turns -0.0 into 0.0.
+    copy: NDArray[np.float64] = np.asarray(values, dtype=np.float64) + 0.0
+    copy.setflags(write=False)
+    return copy
+
+
+class FrozenArrays:
+    """Base of a frozen dataclass whose arrays and mappings stay read-only when it is copied."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields; a read-only view of a dict cannot be pickled itself."""
+        views = {k: dict(v) for k, v in vars(self).items() if isinstance(v, MappingProxyType)}
+        return vars(self) | views
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """Take the fields over; NumPy restores pickled arrays as writable ones."""
+        for key, value in state.items():
+            if type(value) is dict:
+                kept: Any = MappingProxyType({k: _refrozen(item) for k, item in value.items()})
+            else:
+                kept = _refrozen(value)
+            object.__setattr__(self, key, kept)
+
+
+def _refrozen(value: Any) -> Any:
+    return frozen(value) if isinstance(value, np.ndarray) else value

@@ -86,7 +86,7 @@ NAMES = {
     'MOTOR_VALUES': 'pfd_core.model.effects:MOTORS',
     'EFFECT_NEEDS': 'pfd_core.model.effects:NEEDS',
     'STEP_VALUES': 'pfd_core.model.effects:STEP',
-    'Frame': 'pfd_core.model.frames:Frame',
+    'Frame': 'pfd_core.model.robot:Frame',
     'axis_rotation': 'pfd_core.model.geometry:axis_rotation',
     'cos_sin_degrees': 'pfd_core.model.geometry:cos_sin_degrees',
     'merged_body': 'pfd_core.model.geometry:merged',

@@ -14,9 +14,8 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     xacro_files         .xacro files -> URDF string, by the package xacro
     geometry            rotations, frames and rigid bodies as arrays with exact zeros and ones;
                         conditions on a rotation and an inertia, with their tolerances
-    frames              Frame: a frame fixed to a link; the frames of a robot by name
-    robot               Robot: the chain in the frames of Lee and Chang, checked once
-    robot_changes       Payload, and robots with a payload or with locked joints
+    robot               Robot: the chain in the frames of Lee and Chang, checked once; its frames;
+                        Payload, and robots with a payload or with locked joints
     effects             the table of effects: fields with units and checks, torques, energies
     scene               Scene: which effects are on; scenes as YAML
     scene_checks        the fields of a scene as users give them, checked
@@ -32,7 +31,6 @@ pfd_core.algorithms.chain.drives.
 """
 
 from pfd_core.model.effects import EFFECTS, Effect
-from pfd_core.model.frames import Frame
 from pfd_core.model.loading import known_robots, load_robot, load_scene, read_urdf, urdf_of
 from pfd_core.model.plant import (
     Plant,
@@ -48,8 +46,7 @@ from pfd_core.model.plant import (
     without_torques,
     without_viscosity,
 )
-from pfd_core.model.robot import PhysicsWarning, Robot
-from pfd_core.model.robot_changes import Payload, lock, with_payload
+from pfd_core.model.robot import Frame, Payload, PhysicsWarning, Robot, lock, with_payload
 from pfd_core.model.rotors import SPIN_UP_TIME, estimated_armature, reflected_inertia
 from pfd_core.model.scene import Scene, scene_to_yaml
 from pfd_core.model.scene_inputs import scene_inputs

@@ -33,7 +33,6 @@ from typing import Any
 import numpy as np
 
 from pfd_core.machine.lanes import cos, sin
-from pfd_core.model.geometry import Array
 from pfd_core.model.robot import Robot
 from pfd_core.model.rotors import estimated_armature
 from pfd_core.model.scene_checks import (
@@ -45,7 +44,7 @@ from pfd_core.model.scene_checks import (
     restitution,
     torque_speed,
 )
-from pfd_core.model.values import LARGEST, quote, quote_all, real_array, switch
+from pfd_core.model.values import LARGEST, Array, quote, quote_all, real_array, switch
 
 # Where an effect acts: on the links (in each Newton-Euler recursion), on the joint side of the
 # motors, on the motors (pfd_core.algorithms.chain.drives), by brakes, or over a step of time

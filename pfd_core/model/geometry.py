@@ -3,8 +3,8 @@
 """
 Rotations and rigid bodies as plain arrays, with zeros and ones that stay exact, and their checks.
 
-A kernel folds a factor of exactly 0 or 1 away, so a twist of 90 degrees must not become
-6e-17: angles that are multiples of 90 degrees give exact matrices here.
+A kernel folds a factor of exactly 0 or 1 away, so a twist of 90 degrees must not become 6e-17:
+angles that are multiples of 90 degrees give exact matrices here.
 """
 
 from __future__ import annotations
@@ -13,11 +13,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pfd_core.model.values import quote
+from pfd_core.model.values import Array, quote
 
-Array = NDArray[Any]
 Placement = tuple[Array, Array]  # axes, (3, 3), and origin, (3,) [m], of a frame in another
 Body = tuple[float, Array, Array]  # mass [kg], its centre, (3,) [m], inertia about it, (3, 3)
 
@@ -26,30 +25,18 @@ Body = tuple[float, Array, Array]  # mass [kg], its centre, (3,) [m], inertia ab
 RIGHT_ANGLE_TOLERANCE = 8 * np.finfo(float).eps
 # A snapped rotation must be as orthonormal as rounding leaves any rotation.
 ORTHONORMAL_TOLERANCE = 16 * np.finfo(float).eps
-
 # A rotation with 16 digits, or a product of a few, is orthonormal to some 1e-15; a rotation with
 # 6 digits only to 1e-6, and would stretch every link.
 ROTATION_TOLERANCE = 1e-12
 # Rotating an inertia rounds at 1e-16 of its largest element, several times over; so does moving
-# it to the centre of mass, at 1e-16 of the mass times the square of the way.
+# it to the centre of mass, at 1e-16 of the mass times the square of the distance.
 INERTIA_TOLERANCE = 1e-12
 # A flat body reaches the bound of the triangle rule; 1e-9 is far above its rounding and below the
 # last published digit.
 TRIANGLE_TOLERANCE = 1e-9
-
 # A multiple of pi/2 is off by its own rounding: for two whole turns by 1e-15.
 MOST_QUARTERS = 8
-
-_QUARTERS = {0: (1.0, 0.0), 1: (0.0, 1.0), 2: (-1.0, 0.0), 3: (0.0, -1.0)}
-# The third column is the axis; every matrix is a right-handed signed permutation.
-_ALIGNED: dict[tuple[float, ...], list[list[float]]] = {
-    (0.0, 0.0, 1.0): [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-    (0.0, 0.0, -1.0): [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
-    (1.0, 0.0, 0.0): [[0, 0, 1], [1, 0, 0], [0, 1, 0]],
-    (-1.0, 0.0, 0.0): [[0, 0, -1], [-1, 0, 0], [0, 1, 0]],
-    (0.0, 1.0, 0.0): [[0, 1, 0], [0, 0, 1], [1, 0, 0]],
-    (0.0, -1.0, 0.0): [[0, -1, 0], [0, 0, -1], [1, 0, 0]],
-}
+_QUARTERS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))  # cosine, sine
 
 
 def product(first: Array, *others: Array) -> Array:
@@ -145,14 +132,17 @@ def axis_rotation(axis: ArrayLike) -> Array:
     v = np.asarray(axis, dtype=float)
     v = v / np.abs(v).max()
     v = v / np.sqrt((v * v).sum()) + 0.0
-    aligned = _ALIGNED.get(tuple(v.tolist()))
-    if aligned is not None:
-        return np.array(aligned, dtype=float)
-    if v[2] < 0:
+    x, y, z = v.tolist()
+    if z < 0:
         # From -z instead, after half a turn about x: the formula below divides by 1 + z.
         half_turn = np.diag([1.0, -1.0, -1.0])
         return product(half_turn, axis_rotation(product(half_turn, v))) + 0.0
-    x, y, z = v
+    if y == z == 0:
+        return np.array([[0, 0, x], [x, 0, 0], [0, 1, 0]])
+    if x == z == 0:
+        return np.array([[0, y, 0], [0, 0, y], [1, 0, 0]])
+    if x == y == 0:
+        return np.eye(3)
     k = 1.0 / (1.0 + z)
     return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, z]])
 
@@ -162,33 +152,26 @@ def symmetric(xx: float, yy: float, zz: float, xy: float, yz: float, xz: float) 
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], dtype=float)
 
 
-def steiner(mass: float, offset: Array) -> Array:
-    """Return the inertia, (3, 3), of a mass at an offset, (3,), by the parallel axis theorem."""
-    x, y, z = offset * offset
-    inertia: Array = mass * ((x + y + z) * np.eye(3) - np.outer(offset, offset))
-    return inertia
-
-
 def merged(first: Body, second: Body) -> Body:
     """Return two bodies, given in one frame and welded together, as one."""
     (m1, c1, J1), (m2, c2, J2) = first, second
     mass = m1 + m2
-    if m2 == 0:
-        return mass, c1, J1 + J2
-    if m1 == 0:
-        return mass, c2, J1 + J2
+    if m1 == 0 or m2 == 0:
+        return mass, c1 if m2 == 0 else c2, J1 + J2
     # The two centres lie on one line with the common one, so that a reduced mass describes them.
     center = (m1 * c1 + m2 * c2) / mass
-    return mass, center, J1 + J2 + steiner(m1 * m2 / mass, c2 - c1)
+    offset = c2 - c1
+    x, y, z = offset * offset
+    apart = m1 * m2 / mass * ((x + y + z) * np.eye(3) - np.outer(offset, offset))
+    return mass, center, J1 + J2 + apart
 
 
 def welded_frames(placements: list[Placement], bodies: list[Body]) -> dict[str, Any]:
     """
     Bring a chain from the frames of its joints to the frames of Lee and Chang.
 
-    Joint i turns about, or slides along, z of a separate frame, which is at
-    `placements[i-1]` in the frame of joint i-1; frame 0 is the first joint's. Link i moves
-    with the frame of joint i; frame i of the paper is the frame of joint i+1 at rest on link i.
+    Joint i turns about, or slides along, z of a separate frame, with which link i moves; frame i
+    of the paper is the frame of joint i+1 at rest on link i, frame 0 that of the first joint.
 
     Parameters
     ----------
@@ -203,17 +186,17 @@ def welded_frames(placements: list[Placement], bodies: list[Body]) -> dict[str, 
         The fields of `Robot` for frames, masses, centres and inertias.
 
     """
-    kept: dict[str, list[Array]] = {
-        key: [] for key in ('rotations', 'translations', 'centers', 'inertias')
-    }
-    for (A, a), (_, center, J) in zip(placements[1:], bodies, strict=True):
-        kept['rotations'].append(A)
-        kept['translations'].append(a)
-        kept['centers'].append(product(A.T, center - a))
-        kept['inertias'].append(product(A.T, J, A))
+    ends = placements[1:]
     return {
-        **{key: np.array(values) for key, values in kept.items()},
+        'rotations': np.array([A for A, _ in ends]),
+        'translations': np.array([a for _, a in ends]),
         'masses': np.array([mass for mass, _, _ in bodies]),
+        'centers': np.array(
+            [product(A.T, c - a) for (A, a), (_, c, _) in zip(ends, bodies, strict=True)]
+        ),
+        'inertias': np.array(
+            [product(A.T, J, A) for (A, _), (_, _, J) in zip(ends, bodies, strict=True)]
+        ),
         'base_rotation': placements[0][0],
         'base_position': placements[0][1],
     }

@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pfd_core.forking import no_fork
-from pfd_core.model.robot import Robot
-from pfd_core.model.robot_changes import lock
+from pfd_core.model.robot import Robot, lock
 from pfd_core.model.scene import Scene, scene_from_yaml
 from pfd_core.model.values import quote
 from pfd_core.model.yaml_robot import robot_from_yaml

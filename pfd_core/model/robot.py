@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A serial chain in the frames of Lee and Chang (1987), checked once.
+A serial chain in the frames of Lee and Chang (1987), checked once; payloads and locked joints.
 
 Frame 0 is fixed to the base link, frame i to link i. The axis of joint i is z of frame i-1;
 the origin of frame i lies on the axis of joint i+1, and its z axis is that axis. Frame n is
@@ -16,25 +16,43 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 import hashlib
+import math
+from types import MappingProxyType
+from typing import Any
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.forking import cached_property
-from pfd_core.model.frames import Frame, with_ends
 from pfd_core.model.geometry import (
     INERTIA_TOLERANCE,
     TRIANGLE_TOLERANCE,
-    Array,
+    Body,
+    Placement,
+    chained,
     check_inertia,
     check_rotation,
+    inverse,
+    merged,
     product,
+    rotation_z,
+    snapped,
 )
-from pfd_core.model.values import LARGEST, FrozenArrays, frozen, quote, quote_all, real_array
+from pfd_core.model.values import (
+    LARGEST,
+    Array,
+    FrozenArrays,
+    frozen,
+    integer,
+    quote,
+    quote_all,
+    real_array,
+    real_number,
+)
 
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
 # Fields with one element, of this shape, for each link, and with one number for each joint.
@@ -54,12 +72,66 @@ LIMIT_FIELDS = {
 }
 JOINT_FIELDS = (*LIMIT_FIELDS.values(), 'damping', 'friction', 'armature')
 _NOT_NEGATIVE = ('masses', *JOINT_FIELDS[2:])
+# Fields that change no motion: robots that differ in these alone are equal.
+_REMARKS = ('source', 'accepted', 'snapped_joints', 'frames')
 # Defaults for all joints.
 _zero, _infinity, _minus_infinity = (partial(np.full, (), x) for x in (0.0, np.inf, -np.inf))
 
 
 class PhysicsWarning(UserWarning):
     """Warning of numbers that no rigid body can have, but that can be computed with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame(FrozenArrays):
+    """
+    A frame fixed to a link of a robot.
+
+    Two frames are equal when their numbers are (their `digest`).
+
+    Attributes
+    ----------
+    link : int
+        1 to n, counted from the base; 0 for the base link.
+    rotation, translation : ndarray
+        (3, 3) and (3,) [m]: its axes and origin in frame `link` of the robot; for 0 not in frame
+        0, but in the frame of the base link.
+
+    Raises
+    ------
+    ValueError
+        If the link is no index, the rotation none or a number not finite.
+
+    """
+
+    link: int
+    rotation: Array
+    translation: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'link', integer('link of a frame', self.link, 0))
+        for key, shape in (('rotation', (3, 3)), ('translation', (3,))):
+            label = f'{key} of a frame on link {self.link}'
+            numbers = real_array(label, getattr(self, key), shape=shape, largest=LARGEST)
+            object.__setattr__(self, key, frozen(numbers))
+        check_rotation(f'rotation of a frame on link {self.link}', self.rotation)
+
+    @property
+    def placement(self) -> Placement:
+        """Rotation and translation."""
+        return self.rotation, self.translation
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all numbers, as 64 hexadecimal digits."""
+        numbers = np.concatenate([[self.link], self.rotation.ravel(), self.translation])
+        return hashlib.sha256(numbers.astype('<f8').tobytes()).hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Frame) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,12 +214,18 @@ class Robot(FrozenArrays):
     def __post_init__(self) -> None:
         for key in ('joint_names', 'joint_types', 'accepted', 'snapped_joints'):
             object.__setattr__(self, key, _names(key, getattr(self, key)))
-        _check_joints(self)
-        for key, shape in _shapes(self.n).items():
+        _check_names(self)
+        shapes = {key: (self.n, *shape) for key, shape in LINK_FIELDS.items()}
+        shapes |= {'base_rotation': (3, 3), 'base_position': (3,)}
+        shapes |= dict.fromkeys(JOINT_FIELDS, (self.n,))
+        for key, shape in shapes.items():
             object.__setattr__(self, key, _array(self, key, shape))
-        _check_numbers(self)
-        frames = with_ends(self.name, self.frames, self.base, self.tip, self.n)
-        object.__setattr__(self, 'frames', frames)
+        for key in shapes:
+            _check_numbers(self, key)
+        crossed = self.position_lower > self.position_upper
+        _refuse(self, 'position_lower', crossed, 'must not exceed position_upper')
+        _check_bodies(self)
+        object.__setattr__(self, 'frames', _with_ends(self))
         # Symmetrize to the bit.
         J = self.inertias
         object.__setattr__(self, 'inertias', frozen((J + J.transpose(0, 2, 1)) / 2))
@@ -177,13 +255,11 @@ class Robot(FrozenArrays):
     def digest(self) -> str:
         """SHA-256 of all numbers and names except frames, as 64 hexadecimal digits."""
         state = hashlib.sha256()
-        for item in fields(self):
-            if item.name in ('source', 'accepted', 'snapped_joints', 'frames'):
-                continue
-            value = getattr(self, item.name)
-            text = value.astype('<f8').tobytes() if isinstance(value, np.ndarray) else repr(value)
-            state.update(f'{item.name}='.encode())
-            state.update(text if isinstance(text, bytes) else text.encode())
+        for key in (item.name for item in fields(self) if item.name not in _REMARKS):
+            value = getattr(self, key)
+            exact = isinstance(value, np.ndarray)
+            text = value.astype('<f8').tobytes() if exact else repr(value).encode()
+            state.update(f'{key}='.encode() + text)
         return state.hexdigest()
 
     def __eq__(self, other: object) -> bool:
@@ -205,7 +281,7 @@ def check_robot(robot: object) -> None:
 
 
 def link_label(robot: Robot, index: int) -> str:
-    """Return the name of link index + 1 in error messages."""
+    """Return the name of link index + 1 in errors."""
     joint = quote(robot.joint_names[index])
     return f'link {index + 1} of {quote(robot.name)} (moved by joint {joint})'
 
@@ -221,12 +297,7 @@ def own_inertia(robot: Robot, index: int) -> float:
     return float(turned[2, 2] + robot.masses[index] * (x * x + y * y))
 
 
-def _shapes(n: int) -> dict[str, tuple[int, ...]]:
-    return {
-        **{key: (n, *shape) for key, shape in LINK_FIELDS.items()},
-        **dict.fromkeys(JOINT_FIELDS, (n,)),
-        **{'base_rotation': (3, 3), 'base_position': (3,)},
-    }
+# The checks of a robot.
 
 
 def _names(key: str, value: Iterable[str]) -> tuple[str, ...]:
@@ -237,6 +308,32 @@ def _names(key: str, value: Iterable[str]) -> tuple[str, ...]:
     if names is None or not all(isinstance(name, str) for name in names):
         raise ValueError(f'{key} must be a tuple of strings, got {quote(value)}')
     return names
+
+
+def _check_names(robot: Robot) -> None:
+    if not isinstance(robot.name, str) or not robot.name:
+        raise ValueError(f'a robot needs a name, got {quote(robot.name)}')
+    label = quote(robot.name)
+    if robot.n == 0:
+        raise ValueError(f'{label} has no moving joint: joint_names is empty')
+    if len(robot.joint_types) != robot.n:
+        raise ValueError(
+            f'{label}: joint_types must have {robot.n} entries, '
+            f'one for each of joint_names, got {len(robot.joint_types)}'
+        )
+    for key in ('base', 'tip', 'source'):
+        if not isinstance(getattr(robot, key), str):
+            raise ValueError(f'{key} must be a string, got {quote(getattr(robot, key))}')
+    for name, count in Counter(robot.joint_names).items():
+        if not name:
+            raise ValueError(f"{label}: every joint needs a name, got ''")
+        if count > 1:
+            raise ValueError(f'{label}: joint name {quote(name)} occurs more than once')
+    for name, kind in zip(robot.joint_names, robot.joint_types, strict=True):
+        if kind not in JOINT_TYPES:
+            raise ValueError(
+                f'joint {quote(name)}: type must be one of {JOINT_TYPES}, got {quote(kind)}'
+            )
 
 
 def _array(robot: Robot, key: str, shape: tuple[int, ...]) -> Array:
@@ -252,62 +349,26 @@ def _array(robot: Robot, key: str, shape: tuple[int, ...]) -> Array:
     return frozen(array)
 
 
-def _check_joints(robot: Robot) -> None:
-    if not isinstance(robot.name, str) or not robot.name:
-        raise ValueError(f'a robot needs a name, got {quote(robot.name)}')
-    if robot.n == 0:
-        raise ValueError(f'{quote(robot.name)} has no moving joint: joint_names is empty')
-    if len(robot.joint_types) != robot.n:
-        raise ValueError(
-            f'{quote(robot.name)}: joint_types must have {robot.n} entries, '
-            f'one for each of joint_names, got {len(robot.joint_types)}'
-        )
-    for key in ('base', 'tip', 'source'):
-        if not isinstance(getattr(robot, key), str):
-            raise ValueError(f'{key} must be a string, got {quote(getattr(robot, key))}')
-    many = [name for name, count in Counter(robot.joint_names).items() if count > 1]
-    if many:
-        raise ValueError(f'{quote(robot.name)}: joint name {quote(many[0])} occurs more than once')
-    for name, kind in zip(robot.joint_names, robot.joint_types, strict=True):
-        if not name:
-            raise ValueError(f"{quote(robot.name)}: every joint needs a name, got ''")
-        if kind not in JOINT_TYPES:
-            raise ValueError(
-                f'joint {quote(name)}: type must be one of {JOINT_TYPES}, got {quote(kind)}'
-            )
-
-
-def _check_numbers(robot: Robot) -> None:
-    for key in _shapes(robot.n):
-        array = getattr(robot, key)
-        if key in LIMIT_FIELDS.values():
-            _refuse(robot, key, np.isnan(array), 'must be a number')
-        else:
-            rule = f'must be finite and at most {LARGEST:g} in size'
-            _refuse(robot, key, ~(np.abs(array) <= LARGEST), rule)
-    for key in _NOT_NEGATIVE:
-        _refuse(robot, key, getattr(robot, key) < 0, 'must not be negative')
-    crossed = robot.position_lower > robot.position_upper
-    _refuse(robot, 'position_lower', crossed, 'must not exceed position_upper')
-    check_rotation(f'base_rotation of {quote(robot.name)}', robot.base_rotation)
-    moments = _moments(robot)
-    for i in range(robot.n):
-        check_rotation(f'rotation of joint {quote(robot.joint_names[i])}', robot.rotations[i])
-        check_inertia(f'inertia of {link_label(robot, i)}', robot.inertias[i], moments[i])
+def _check_numbers(robot: Robot, key: str) -> None:
+    array = getattr(robot, key)
+    if key in LIMIT_FIELDS.values():
+        _refuse(robot, key, np.isnan(array), 'must be a number')
+    else:
+        rule = f'must be finite and at most {LARGEST:g} in size'
+        _refuse(robot, key, ~(np.abs(array) <= LARGEST), rule)
+    if key in _NOT_NEGATIVE:
+        _refuse(robot, key, array < 0, 'must not be negative')
 
 
 def _refuse(robot: Robot, key: str, wrong: NDArray[np.bool_], rule: str) -> None:
     """Raise an error that names the first joint where a rule is broken."""
     if not wrong.any():
         return
-    index = int(np.argwhere(wrong)[0][0])
-    value = getattr(robot, key)
-    if key.startswith('base_'):
-        raise ValueError(f'{quote(robot.name)}: {key} {rule}, got {quote(value.tolist())}')
-    raise ValueError(
-        f'{quote(robot.name)}: {key} of joint {quote(robot.joint_names[index])} {rule}, '
-        f'got {quote(value[index].tolist())}'
-    )
+    value, index = getattr(robot, key), int(np.argwhere(wrong)[0][0])
+    joint = ''
+    if not key.startswith('base_'):
+        value, joint = value[index], f' of joint {quote(robot.joint_names[index])}'
+    raise ValueError(f'{quote(robot.name)}: {key}{joint} {rule}, got {quote(value.tolist())}')
 
 
 def _moments(robot: Robot) -> Array:
@@ -317,11 +378,17 @@ def _moments(robot: Robot) -> Array:
     return moments
 
 
+def _check_bodies(robot: Robot) -> None:
+    check_rotation(f'base_rotation of {quote(robot.name)}', robot.base_rotation)
+    for i, moment in enumerate(_moments(robot).tolist()):
+        check_rotation(f'rotation of joint {quote(robot.joint_names[i])}', robot.rotations[i])
+        check_inertia(f'inertia of {link_label(robot, i)}', robot.inertias[i], moment)
+
+
 def _warn_of_impossible_bodies(robot: Robot) -> None:
-    moments = _moments(robot)
-    for i in range(robot.n):
+    for i, moment in enumerate(_moments(robot).tolist()):
         x, y, z = np.linalg.eigvalsh(robot.inertias[i]).tolist()
-        most = (x + y) * (1 + TRIANGLE_TOLERANCE) + INERTIA_TOLERANCE * moments[i]
+        most = (x + y) * (1 + TRIANGLE_TOLERANCE) + INERTIA_TOLERANCE * moment
         if z > most and robot.joint_names[i] not in robot.accepted:
             warnings.warn(
                 f'{link_label(robot, i)}: principal moments {x:.4g}, {y:.4g}, {z:.4g} kg m^2 '
@@ -330,3 +397,183 @@ def _warn_of_impossible_bodies(robot: Robot) -> None:
                 PhysicsWarning,
                 stacklevel=4,
             )
+
+
+def _with_ends(robot: Robot) -> Mapping[str, Frame]:
+    """Return the frames including base link and tip; of two with one name the tip counts."""
+    frames, n = robot.frames, robot.n
+    if not isinstance(frames, Mapping):
+        raise ValueError(
+            f'{quote(robot.name)}: frames must map names to Frame, got {quote(frames)}'
+        )
+    for name, frame in frames.items():
+        if not isinstance(name, str) or not isinstance(frame, Frame) or frame.link > n:
+            raise ValueError(
+                f'{quote(robot.name)}: frames[{quote(name)}] must be a Frame on a link from 0 to '
+                f'{n}, got {quote(frame)}'
+            )
+    ends = {
+        robot.base: Frame(0, np.eye(3), np.zeros(3)),
+        robot.tip: Frame(n, np.eye(3), np.zeros(3)),
+    }
+    # The base comes first, and a tip that is no other link's last.
+    return MappingProxyType({robot.base: ends[robot.base], **frames, **ends})
+
+
+# Robots made from a robot: with a payload, or with locked joints.
+
+
+@dataclass(frozen=True)
+class Payload:
+    """
+    A body fixed rigidly to the last link.
+
+    Attributes
+    ----------
+    mass : float
+        Mass [kg].
+    center : array_like
+        Centre of mass, (3,) [m], from the origin of the tip's frame, in its axes.
+    inertia : array_like
+        (3, 3) [kg m^2], about the centre of mass, in the axes of the tip's frame.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite, the mass is negative or no body can have the inertia.
+
+    """
+
+    mass: float
+    center: ArrayLike = (0.0, 0.0, 0.0)
+    inertia: ArrayLike = ((0.0, 0.0, 0.0),) * 3
+
+    def __post_init__(self) -> None:
+        # Tuples, so that a payload and the scene that holds it can be compared and hashed.
+        mass = real_number('payload mass', self.mass, largest=LARGEST)
+        center = real_array('payload center', self.center, shape=(3,), largest=LARGEST) + 0.0
+        inertia = real_array('payload inertia', self.inertia, shape=(3, 3), largest=LARGEST) + 0.0
+        if mass < 0:
+            raise ValueError(f'payload mass must not be negative, got {mass} kg')
+        check_inertia('payload inertia', inertia, mass * float((center * center).sum()))
+        object.__setattr__(self, 'mass', mass)
+        object.__setattr__(self, 'center', tuple(center.tolist()))
+        object.__setattr__(self, 'inertia', tuple(map(tuple, inertia.tolist())))
+
+
+def with_payload(robot: Robot, payload: Payload) -> Robot:
+    """Return the robot with a payload welded to its last link."""
+    check_robot(robot)
+    if not isinstance(payload, Payload):
+        raise ValueError(f'payload must be a Payload, got {quote(payload)}')
+    body = (payload.mass, np.asarray(payload.center), np.asarray(payload.inertia))
+    changed = {key: getattr(robot, key).copy() for key in ('masses', 'centers', 'inertias')}
+    _set_body(changed, robot.n - 1, merged(_body(robot, robot.n - 1), body))
+    return replace(robot, **changed)
+
+
+def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
+    """
+    Return the robot with some joints fixed and the links on either side of them welded.
+
+    Parameters
+    ----------
+    robot : Robot
+        The chain.
+    positions : mapping
+        Name of each joint to lock -> its position [rad, m].
+
+    Raises
+    ------
+    ValueError
+        If a joint is unknown, a position is not a finite number or beyond the limits of its
+        joint, or no joint would move.
+
+    """
+    check_robot(robot)
+    at = locked_positions(positions)
+    for name, position in at.items():
+        if name not in robot.joint_names:
+            raise ValueError(
+                f'cannot lock {quote(name)}: {quote(robot.name)} has no such joint, only '
+                f'{quote_all(robot.joint_names)}'
+            )
+        i = robot.joint_names.index(name)
+        limits = robot.position_lower[i], robot.position_upper[i]
+        check_locked_position(name, position, *map(float, limits))
+    if len(at) == robot.n:
+        raise ValueError(
+            f'cannot lock all {robot.n} joints of {quote(robot.name)}; leave at least one free'
+        )
+    for name, position in at.items():
+        robot = _lock_one(robot, robot.joint_names.index(name), position)
+    return robot
+
+
+def locked_positions(positions: Mapping[str, float]) -> dict[str, float]:
+    """Return the positions [rad, m] of locked joints as floats, by the name of the joint."""
+    if not isinstance(positions, Mapping):
+        raise ValueError(f'locked must map names of joints to positions, got {quote(positions)}')
+    return {
+        name: real_number(f'position at which joint {quote(name)} is locked', x, largest=LARGEST)
+        for name, x in positions.items()
+    }
+
+
+def check_locked_position(name: str, position: float, lower: float, upper: float) -> None:
+    """Raise ValueError for a position [rad, m] at which a joint cannot be locked."""
+    if not lower <= position <= upper:
+        raise ValueError(
+            f'cannot lock joint {quote(name)} at {position}: its limits are {lower} and {upper}'
+        )
+
+
+def _lock_one(robot: Robot, index: int, position: float) -> Robot:
+    """Return the robot with one joint fixed; frame i takes the place of frame i-1."""
+    R, p = robot.rotations[index], robot.translations[index]
+    if robot.joint_types[index] == 'prismatic':
+        p = p + position * np.array([0.0, 0.0, 1.0])
+    else:
+        turn = snapped(rotation_z(math.cos(position), math.sin(position)))
+        R, p = product(turn, R), product(turn, p)
+    changed: dict[str, Any] = {key: getattr(robot, key).copy() for key in LINK_FIELDS}
+    if index == 0:
+        # The link is welded to the base, which does not move: its mass plays no part.
+        changed['base_rotation'] = product(robot.base_rotation, R)
+        changed['base_position'] = robot.base_position + product(robot.base_rotation, p)
+        weld = changed['base_rotation'], changed['base_position']
+    else:
+        weld = inverse((R, p))
+        mass, center, J = _body(robot, index - 1)
+        inner = (mass, product(R.T, center - p), product(R.T, J, R))
+        _set_body(changed, index, merged(inner, _body(robot, index)))
+        A, a = robot.rotations[index - 1], robot.translations[index - 1]
+        changed['rotations'][index] = product(A, R)
+        changed['translations'][index] = a + product(A, p)
+    for key in LINK_FIELDS:
+        changed[key] = np.delete(changed[key], max(index - 1, 0), axis=0)
+    for key in JOINT_FIELDS:
+        changed[key] = np.delete(getattr(robot, key), index, axis=0)
+    for key in ('joint_names', 'joint_types'):
+        entries = getattr(robot, key)
+        changed[key] = entries[:index] + entries[index + 1 :]
+    if index > 0 and robot.joint_names[index] in robot.accepted:
+        changed['accepted'] = (*robot.accepted, robot.joint_names[index - 1])
+    # Frames of link 1 come to the base link, or, beyond the first joint, frames of the link before
+    # the joint to frame i.
+    changed['frames'] = {
+        name: Frame(
+            frame.link - (frame.link > index),
+            *(chained(weld, frame.placement) if frame.link == max(index, 1) else frame.placement),
+        )
+        for name, frame in robot.frames.items()
+    }
+    return replace(robot, **changed)
+
+
+def _body(robot: Robot, index: int) -> Body:
+    return float(robot.masses[index]), robot.centers[index], robot.inertias[index]
+
+
+def _set_body(arrays: dict[str, Any], index: int, body: Body) -> None:
+    arrays['masses'][index], arrays['centers'][index], arrays['inertias'][index] = body

@@ -18,8 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pfd_core.model.robot import Robot
-from pfd_core.model.robot_changes import Payload
+from pfd_core.model.robot import Payload, Robot
 from pfd_core.model.values import LARGEST, Array, quote, real_array, real_number
 
 MODEL = 'model'

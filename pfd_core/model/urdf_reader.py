@@ -20,8 +20,7 @@ import sys
 from typing import Any
 import xml.etree.ElementTree as ElementTree
 
-from pfd_core.model.robot import JOINT_TYPES
-from pfd_core.model.robot_changes import locked_positions
+from pfd_core.model.robot import JOINT_TYPES, locked_positions
 from pfd_core.model.rotors import reflected_inertia
 from pfd_core.model.values import BLANKS, number_from_text, quote, quote_all
 

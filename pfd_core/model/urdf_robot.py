@@ -12,9 +12,7 @@ import warnings
 
 import numpy as np
 
-from pfd_core.model.frames import Frame
 from pfd_core.model.geometry import (
-    Array,
     Body,
     Placement,
     axis_rotation,
@@ -30,11 +28,17 @@ from pfd_core.model.geometry import (
     welded_frames,
     without_residue,
 )
-from pfd_core.model.robot import LIMIT_FIELDS, PhysicsWarning, Robot
-from pfd_core.model.robot_changes import check_locked_position, locked_positions
+from pfd_core.model.robot import (
+    LIMIT_FIELDS,
+    Frame,
+    PhysicsWarning,
+    Robot,
+    check_locked_position,
+    locked_positions,
+)
 from pfd_core.model.urdf_chain import Chain, find_chain
 from pfd_core.model.urdf_reader import Inertial, Joint, Origin, Urdf
-from pfd_core.model.values import LARGEST, quote, real_number
+from pfd_core.model.values import LARGEST, Array, quote, real_number
 
 NO_BODY: Body = (0.0, np.zeros(3), np.zeros((3, 3)))
 

@@ -17,10 +17,10 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
-from pfd_core.model.geometry import Array, Placement, chained, product
+from pfd_core.model.geometry import Placement, chained, product
 from pfd_core.model.robot import LIMIT_FIELDS, Robot, check_robot
 from pfd_core.model.urdf_reader import INERTIA_KEYS, LARGEST_LIMIT, parse_urdf
-from pfd_core.model.values import quote
+from pfd_core.model.values import Array, quote
 from pfd_core.model.yaml_robot import ELEMENTS
 
 # Cosine of a pitch below which roll and yaw are one angle: of it rounding leaves no digit more.

@@ -35,9 +35,7 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.model.frames import Frame
 from pfd_core.model.geometry import (
-    Array,
     Placement,
     cos_sin_degrees,
     product,
@@ -46,8 +44,8 @@ from pfd_core.model.geometry import (
     symmetric,
     welded_frames,
 )
-from pfd_core.model.robot import JOINT_FIELDS, LIMIT_FIELDS, Robot, check_robot
-from pfd_core.model.values import number_from_text, quote, real_number, switch
+from pfd_core.model.robot import JOINT_FIELDS, LIMIT_FIELDS, Frame, Robot, check_robot
+from pfd_core.model.values import Array, number_from_text, quote, real_number, switch
 from pfd_core.model.yaml_reader import read_yaml, table, yaml_text
 
 ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}

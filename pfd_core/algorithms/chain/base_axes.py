@@ -34,7 +34,8 @@ from pfd_core.machine.packing import prefix_product
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, Schedule
 from pfd_core.machine.vectors import UPPER, array, rotated_symmetric
 from pfd_core.model import Plant, Robot
-from pfd_core.model.geometry import Array, product
+from pfd_core.model.geometry import product
+from pfd_core.model.values import Array
 
 # Products over lanes of matrices, (3, 3).
 Recurrence = Callable[[LaneArray], LaneArray]

@@ -37,7 +37,7 @@ from pfd_core.machine.lanes import absolute, merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant, has_drives
-from pfd_core.model.geometry import Array
+from pfd_core.model.values import Array
 
 
 def record_motor_torques(plant: Plant) -> Program:

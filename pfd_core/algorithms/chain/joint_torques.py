@@ -30,7 +30,7 @@ from pfd_core.algorithms.chain.interface import input_list, input_row, program_w
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import EFFECTS, Effect, Plant
-from pfd_core.model.geometry import Array
+from pfd_core.model.values import Array
 
 
 def plus_joint_torques(

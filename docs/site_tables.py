@@ -193,7 +193,7 @@ def _effects() -> str:
             cell(field.text),
             cell(field.unit),
             cell(field.sliding_unit),
-            'yes' if field.rule is not None and field.rule.model is not None else '',
+            'yes' if field.model else '',
         )
         for effect in pfd.EFFECTS
         for field in effect.fields

@@ -23,20 +23,20 @@ OTHERS: dict[str, Any] = {
 
 
 def example(field: EffectField, n: int, seed: int = 1) -> Any:
-    """Return a value of a field for n joints; every number of a rule differs from the others."""
+    """Return a value of a field for n joints; every number differs from the others."""
     if field.name == 'torque_speed':
         return [[(0.2 + 0.1 * i, 6.0 + i), (4.0 + i, 1.0)] for i in range(n)]
-    if field.rule is None:
+    if field.kind != 'per joint':
         return OTHERS[field.name]
     rng = np.random.default_rng([seed, *field.name.encode()])
-    columns = len(field.rule.columns) or 1
+    columns = len(field.columns) or 1
     numbers = 0.5 + rng.uniform(0.0, 1.0, (n, columns))
-    if field.rule.least < 0:
+    if field.least < 0:
         # Limits between which a joint lies, or positions of either sign.
         numbers[:, 0] = -numbers[:, 0]
     if field.name == 'static_friction':
         numbers += 1.5
-    return numbers if field.rule.columns else numbers[:, 0]
+    return numbers if field.columns else numbers[:, 0]
 
 
 def scene_with(*names: str, n: int, **others: Any) -> pfd.Scene:

@@ -293,7 +293,10 @@ def test_a_plant_cannot_change(robot: pfd.Robot) -> None:
         ({'effort_limits': [1, np.nan]}, 'effort_limits must be .* or infinite'),
         ({'effort_limits': [1e200]}, 'effort_limits must be at most 1e[+]100'),
         ({'effort_limits': [-1]}, 'effort_limits must not be negative'),
-        ({'cogging': 5}, 'cogging must be None or an amplitude, periods a turn and a phase'),
+        (
+            {'cogging': 5},
+            r'cogging must be None or one row \(amplitude, periods, phase\) per joint',
+        ),
         ({'cogging': [(1.0, 2.0)] * 4}, r'cogging must have shape \(n, 3\)'),
         ({'torque_speed': 5}, "torque_speed must be None, 'model' or one table a joint"),
         ({'torque_speed': [None, [1, 2]]}, 'torque_speed of joint 2 must have shape'),

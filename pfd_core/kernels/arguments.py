@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.forking import no_fork
 from pfd_core.model import Payload, Robot, Scene, scene_inputs
-from pfd_core.model.scene_checks import INPUT
+from pfd_core.model.effects import INPUT
 from pfd_core.model.values import real_array
 
 # Inputs that a scene needs, by name in a call and in a program.

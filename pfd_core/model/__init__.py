@@ -18,7 +18,6 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
                         Payload, and robots with a payload or with locked joints
     effects             the table of effects: fields with units and checks, torques, energies
     scene               Scene: which effects are on; scenes as YAML
-    scene_checks        the fields of a scene as users give them, checked
     plant               Plant: a scene and a robot as numbers; resolve, which makes it of both
     scene_inputs        the inputs that a scene adds at run time
     values              numbers, names and arrays, checked, and as errors quote them

@@ -33,23 +33,30 @@ from typing import Any
 import numpy as np
 
 from pfd_core.machine.lanes import cos, sin
-from pfd_core.model.robot import Robot
+from pfd_core.model.robot import Payload, Robot
 from pfd_core.model.rotors import estimated_armature
-from pfd_core.model.scene_checks import (
-    ESTIMATED,
-    MODEL,
-    Rule,
-    payload,
-    per_joint,
-    restitution,
-    torque_speed,
+from pfd_core.model.values import (
+    LARGEST,
+    Array,
+    quote,
+    quote_all,
+    real_array,
+    switch,
 )
-from pfd_core.model.values import LARGEST, Array, quote, quote_all, real_array, switch
 
 # Where an effect acts: on the links (in each Newton-Euler recursion), on the joint side of the
 # motors, on the motors (pfd_core.algorithms.chain.drives), by brakes, or over a step of time
 # (pfd_core.simulation).
 LINKS, JOINTS, MOTORS, BRAKES, STEP = 'links', 'joints', 'motors', 'brakes', 'step'
+# Two effects of the joints that a plant may keep alone: their numbers multiply qdd, and qd.
+INERTIA, VISCOSITY = 'inertia', 'viscosity'
+# Words for numbers in place of numbers: the robot's own, an estimate, and values at run time.
+MODEL, ESTIMATED, INPUT = 'model', 'estimated', 'input'
+# What a field of Scene holds: one number, or one row of numbers, a joint; acceleration of free
+# fall; True or False; one number for all joints or one a joint, from 0 to 1; a table a joint; a
+# Payload; and the gravity that the drives compensate, which Scene checks.
+PER_JOINT, VECTOR, SWITCH, SHARE = 'per joint', 'vector', 'switch', 'share'
+TABLES, PAYLOAD, COMPENSATION = 'tables', 'payload', 'compensation'
 # Multiple of its velocity limit at which a motor of the model drives its joint along no more. Up
 # to the limit it gives its full effort; docs/decisions/0032-one-table-of-effects.md.
 NO_EFFORT = 2.0
@@ -59,46 +66,37 @@ Numbers = Mapping[str, Array | None]  # by field of Scene
 
 @dataclass(frozen=True)
 class Field:
-    """
-    A field of Scene.
-
-    Attributes
-    ----------
-    name : str
-        Its name in Scene, in scene files and of the parameter of the node.
-    text : str
-        What it holds, in a few words.
-    unit, sliding_unit : str
-        Units for joints that turn and for joints that slide; empty without one. Those of columns
-        are separated by commas.
-    rule : Rule or None
-        What it may hold, if it has one number or one row a joint.
-    check : callable or None
-        From its name and the value that a user gives to the value that Scene keeps; by default the
-        function of the rule. None without a rule: Scene checks it.
-    numbers : callable or None
-        From a robot and the value in Scene to an array; by default from the rule.
-    off : Any
-        The value without the effect.
-    most : float
-        Largest number that a parameter of the node may have.
-
-    """
+    """A field of Scene, and of the parameters of the node."""
 
     name: str
-    text: str
+    text: str  # what it holds, in a few words
+    # Units for joints that turn and that slide, '' without one; of columns separated by commas.
     unit: str = ''
     sliding_unit: str = ''
-    rule: Rule | None = None
-    check: Callable[[str, Any], Any] | None = None
-    numbers: Callable[[Robot, Any], Array | None] | None = None
-    off: Any = None
-    most: float = 1e6
+    kind: str = PER_JOINT
+    model: str | tuple[str, ...] = ()  # field of Robot for "model", or one for each column
+    estimated: bool = False  # whether "estimated" means numbers from the robot's limits
+    columns: tuple[str, ...] = ()  # names of the numbers of a row; () for one number a joint
+    least: float = 0.0
+    above: bool = False  # whether the least number is excluded
+    infinite: bool = False  # whether infinity is allowed, for a joint without a limit
+    off: Any = None  # the value without the effect
+    most: float = 1e6  # largest number that a parameter of the node may have
 
     @property
     def has_numbers(self) -> bool:
         """Whether a plant has the numbers of the field, one or more for each joint."""
-        return self.rule is not None or self.numbers is not None
+        return self.kind in (PER_JOINT, SHARE, TABLES)
+
+    @property
+    def from_model(self) -> bool:
+        """Whether the model of a robot may state one number or row a joint."""
+        return self.kind == PER_JOINT and bool(self.model)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The words that may take the place of numbers."""
+        return (MODEL,) * bool(self.model) + (ESTIMATED,) * self.estimated
 
     def units(self, column: int = 0) -> str:
         """Return the units of a number: for joints that turn, and for joints that slide."""
@@ -106,20 +104,26 @@ class Field:
         return ' or '.join(dict.fromkeys(both))
 
     def checked(self, value: Any) -> Any:
-        """Return the value of a user as Scene keeps it; ValueError names the field."""
-        if self.rule is not None:
-            return per_joint(self.name, value, self.rule)
-        return value if self.check is None else self.check(self.name, value)
+        """Return a user's value as None, a word, bool, float or tuples; ValueError names it."""
+        return _CHECKS[self.kind](self, value)
+
+    def of_model(self, robot: Robot) -> Array:
+        """Return the numbers of a robot's model, (n,) or (n, columns)."""
+        if isinstance(self.model, str):
+            numbers: Array = getattr(robot, self.model)
+            return numbers
+        return np.stack([getattr(robot, name) for name in self.model], axis=1)
 
     def resolved(self, robot: Robot, value: Any) -> Array | None:
         """Return the value in a scene as numbers for a robot; None without the effect."""
         if value is None or not self.has_numbers:
             return None
-        if self.numbers is not None:
-            return self.numbers(robot, value)
-        assert self.rule is not None
+        if self.kind == TABLES:
+            return _table_rows(robot, _model_tables(robot) if value == MODEL else value)
         if isinstance(value, str):
-            return estimated_armature(robot) if value == ESTIMATED else self.rule.of_model(robot)
+            return estimated_armature(robot) if value == ESTIMATED else self.of_model(robot)
+        if isinstance(value, float):
+            return np.full(robot.n, value)
         check_count(robot, self.name, value)
         return np.asarray(value, dtype=np.float64)
 
@@ -131,23 +135,20 @@ class Effect:
 
     Attributes
     ----------
-    name : str
-        Name in tables and on pages.
-    fields : tuple of Field
-        Its fields in Scene: first the field that switches it on, then fields that refine it.
+    name, field : str
+        Name in tables and on pages, and the field of Scene that switches the effect on.
+    refined_by : tuple of str
+        Further fields of Scene.
     acts : str
         LINKS, JOINTS, MOTORS, BRAKES or STEP.
-    at_rest : bool
-        Whether it exerts a torque at zero velocity, as a function of q.
-    inertia : bool
-        Whether the inertia matrix depends on it. On the joints the number of its first field
-        multiplies qdd.
+    at_rest, inertia : bool
+        Whether it exerts a torque at zero velocity, as a function of q; whether the inertia matrix
+        depends on it. On the joints the number of `field` multiplies qdd then.
     viscosity : bool
-        Whether the number of its first field multiplies qd; integrators may take it implicitly.
-    torque : callable or None
-        (c, q, qd) -> the resisting torque [N m or N].
-    potential : callable or None
-        (c, q) -> the energy that it stores [J], if it is conservative.
+        Whether the number of `field` multiplies qd; integrators may take it implicitly.
+    torque, potential : callable or None
+        (c, q, qd) -> the resisting torque [N m or N]; (c, q) -> the energy that it stores [J], if
+        it is conservative.
     needs : str
         Name of the effect without which it means nothing.
     completed : callable or None
@@ -158,8 +159,9 @@ class Effect:
     """
 
     name: str
-    fields: tuple[Field, ...]
+    field: str
     acts: str = JOINTS
+    refined_by: tuple[str, ...] = ()
     at_rest: bool = False
     inertia: bool = False
     viscosity: bool = False
@@ -169,29 +171,28 @@ class Effect:
     completed: Callable[[Robot, Numbers], Numbers] | None = None
 
     @property
+    def fields(self) -> tuple[Field, ...]:
+        """Its fields in Scene: first the field that switches it on, then fields that refine it."""
+        return tuple(FIELDS[name] for name in (self.field, *self.refined_by))
+
+    @property
+    def kind(self) -> str:
+        """Where it acts, or INERTIA or VISCOSITY for such an effect of the joints."""
+        if self.acts == JOINTS and self.inertia:
+            return INERTIA
+        return VISCOSITY if self.viscosity else self.acts
+
+    @property
     def of_joints(self) -> bool:
         """Whether it acts on the joint side of the motors, at an instant or over a step."""
         return self.acts in (JOINTS, STEP)
-
-    @property
-    def from_model(self) -> bool:
-        """Whether the model of a robot may state the effect."""
-        rule = self.fields[0].rule
-        return rule is not None and rule.model is not None
-
-    @property
-    def field(self) -> str:
-        """Name of the field of Scene that switches the effect on."""
-        return self.fields[0].name
 
     def plant_numbers(self, robot: Robot, values: Numbers) -> Numbers:
         """Return the numbers of the effect by field, {} if it is off."""
         if self.completed is not None:
             return self.completed(robot, values)
-        own = values[self.field]
-        rule = self.fields[0].rule
-        off = not _limited(own) if rule is not None and rule.infinite else not _acts(own)
-        return {} if off else {field.name: values[field.name] for field in self.fields}
+        acts = _limited if FIELDS[self.field].infinite else _acts
+        return {f.name: values[f.name] for f in self.fields} if acts(values[self.field]) else {}
 
 
 def check_count(robot: Robot, key: str, rows: Any, noun: str = 'numbers') -> None:
@@ -204,6 +205,101 @@ def check_count(robot: Robot, key: str, rows: Any, noun: str = 'numbers') -> Non
         )
 
 
+# The checks of a field, by its kind.
+
+
+def _vector(field: Field, value: Any) -> Any:
+    if value is None:
+        return None
+    return tuple((real_array(field.name, value, shape=(3,), largest=LARGEST) + 0.0).tolist())
+
+
+def _payload(field: Field, value: Any) -> Any:
+    if value is None or isinstance(value, Payload) or (isinstance(value, str) and value == INPUT):
+        return value
+    raise ValueError(f'{field.name} must be a Payload, {INPUT!r} or None, got {quote(value)}')
+
+
+def _is_list(value: Any) -> bool:
+    """Return whether a value has a length; not so a string or a type of NumPy."""
+    try:
+        return not isinstance(value, (str, np.dtype)) and len(value) >= 0
+    except TypeError:
+        return False
+
+
+def _per_joint(field: Field, value: Any) -> Any:
+    key, columns = field.name, field.columns
+    if value is None or (isinstance(value, str) and value in field.words):
+        return value
+    if not _is_list(value):
+        words = ''.join(f', {word!r}' for word in field.words)
+        row = f'one row ({", ".join(columns)})' if columns else 'one number'
+        raise ValueError(f'{key} must be None{words} or {row} per joint, got {quote(value)}')
+    shape = ('n', len(columns)) if columns else (len(value),)
+    largest = math.inf if field.infinite else LARGEST
+    array = real_array(key, value, shape=shape, finite=not field.infinite, largest=largest) + 0.0
+    if not (np.isinf(array) | (np.abs(array) <= LARGEST)).all():
+        raise ValueError(
+            f'{key} must be at most {LARGEST:g} in size, or infinite, got {quote(array.tolist())}'
+        )
+    if field.above and (array <= field.least).any():
+        raise ValueError(f'{key} must be above {field.least:g}, got {quote(array.tolist())}')
+    if (array < field.least).any():
+        raise ValueError(f'{key} must not be negative, got {quote(array.tolist())}')
+    return tuple(map(tuple, array.tolist())) if columns else tuple(array.tolist())
+
+
+def _share(field: Field, value: Any) -> Any:
+    single = not _is_list(value)
+    array = real_array(field.name, value, shape=() if single else (len(value),)) + 0.0
+    if (array < 0).any() or (array > 1).any():
+        raise ValueError(f'{field.name} must be from 0 to 1, got {quote(array.tolist())}')
+    return float(array) if single else tuple(array.tolist())
+
+
+def _tables(field: Field, value: Any) -> Any:
+    if value is None or (isinstance(value, str) and value in field.words):
+        return value
+    if not _is_list(value):
+        raise ValueError(
+            f'{field.name} must be None, {MODEL!r} or one table a joint with rows (speed, torque),'
+            f' got {quote(value)}'
+        )
+    return tuple(_table(f'{field.name} of joint {i + 1}', rows) for i, rows in enumerate(value))
+
+
+def _table(label: str, rows: Any) -> tuple[tuple[float, ...], ...] | None:
+    """Return the table of one joint, whose speeds rise and whose torques do not."""
+    if rows is None:
+        return None
+    array = real_array(label, rows, shape=('k', 2), largest=LARGEST) + 0.0
+    speeds, torques = array.T
+    if not len(array):
+        raise ValueError(f'{label} must have at least one row, or be None')
+    if (array < 0).any():
+        raise ValueError(f'{label} must not be negative, got {quote(array.tolist())}')
+    if (np.diff(speeds) <= 0).any():
+        raise ValueError(f'speeds of {label} must rise, got {quote(speeds.tolist())}')
+    if (np.diff(torques) > 0).any():
+        raise ValueError(f'torques of {label} must not rise, got {quote(torques.tolist())}')
+    return tuple(map(tuple, array.tolist()))
+
+
+_CHECKS: Mapping[str, Callable[[Field, Any], Any]] = {
+    PER_JOINT: _per_joint,
+    VECTOR: _vector,
+    SWITCH: lambda field, value: switch(field.name, value),
+    SHARE: _share,
+    TABLES: _tables,
+    PAYLOAD: _payload,
+    COMPENSATION: lambda field, value: value,
+}
+
+
+# Numbers of the effects for a robot.
+
+
 def _acts(values: Array | None) -> bool:
     """Return whether a number is not zero; of rows the first number decides."""
     return values is not None and bool((values if values.ndim == 1 else values[:, 0]).any())
@@ -211,9 +307,6 @@ def _acts(values: Array | None) -> bool:
 
 def _limited(values: Array | None) -> bool:
     return values is not None and bool(np.isfinite(values).any())
-
-
-# Friction and stops, which pfd_core.simulation.contact simulates.
 
 
 def _friction(robot: Robot, values: Numbers) -> Numbers:
@@ -228,12 +321,8 @@ def _friction(robot: Robot, values: Numbers) -> Numbers:
                 f'static_friction of joint {quote(name)} must be at least its friction {low}, '
                 f'got {high}'
             )
-    falling = (resting > sliding).any()
-    return {
-        'friction': sliding,
-        'static_friction': resting,
-        'stribeck_velocity': values['stribeck_velocity'] if falling else None,
-    }
+    speed = values['stribeck_velocity'] if (resting > sliding).any() else None
+    return {'friction': sliding, 'static_friction': resting, 'stribeck_velocity': speed}
 
 
 def _stops(robot: Robot, values: Numbers) -> Numbers:
@@ -250,29 +339,6 @@ def _stops(robot: Robot, values: Numbers) -> Numbers:
     if not _limited(limits):
         return {}
     return {'joint_limits': limits, 'restitution': values['restitution']}
-
-
-def _restitution(robot: Robot, value: Any) -> Array:
-    if isinstance(value, float):
-        return np.full(robot.n, value)
-    check_count(robot, 'restitution', value)
-    return np.asarray(value, dtype=np.float64)
-
-
-# Springs.
-
-
-def _stretch(c: Any, q: Any) -> Any:
-    return q if c.rest_position is None else q - c.rest_position
-
-
-def _spring_torque(c: Any, q: Any, qd: Any) -> Any:
-    return c.stiffness * _stretch(c, q)
-
-
-def _spring_energy(c: Any, q: Any) -> Any:
-    stretch = _stretch(c, q)
-    return (0.5 * c.stiffness * stretch) * stretch
 
 
 # Cogging: the torque a sin(k q + phase) of magnets or gears that settle k times a turn.
@@ -293,26 +359,11 @@ def _cogging(robot: Robot, values: Numbers) -> Numbers:
                 f'{MOST_PERIODS:g} a turn, got {periods:g}'
             )
     # A joint without cogging has some period, by which its energy is divided.
-    idle = rows[:, :1] == 0
-    return {'cogging': np.where(idle, (0.0, 1.0, 0.0), rows)}
+    return {'cogging': np.where(rows[:, :1] == 0, (0.0, 1.0, 0.0), rows)}
 
 
-def _cogging_torque(c: Any, q: Any, qd: Any) -> Any:
-    amplitude, periods, phase = c.cogging
-    return amplitude * sin(periods * q + phase)
-
-
-def _cogging_energy(c: Any, q: Any) -> Any:
-    amplitude, periods, phase = c.cogging
-    return -amplitude / periods * cos(periods * q + phase)
-
-
-# Limits of the motors.
-
-
-def _torque_speed(robot: Robot, value: Any) -> Array | None:
+def _table_rows(robot: Robot, tables: Any) -> Array | None:
     """Return the tables of all joints with the rows of the longest, (n, k, 2)."""
-    tables: Any = _model_tables(robot) if isinstance(value, str) else value
     check_count(robot, 'torque_speed', tables, 'tables')
     longest = max(len(table or ()) for table in tables)
     if not longest:
@@ -331,7 +382,7 @@ def _model_tables(robot: Robot) -> list[list[tuple[float, float]] | None]:
     for name, speed, torque in zip(
         robot.joint_names, robot.velocity_limit.tolist(), robot.effort_limit.tolist(), strict=True
     ):
-        limited = np.isfinite([speed, torque]).all()
+        limited = math.isfinite(speed) and math.isfinite(torque)
         if limited and not speed < NO_EFFORT * speed:
             raise ValueError(
                 f'torque_speed {MODEL!r} needs velocity limits above zero, joint {quote(name)} '
@@ -341,236 +392,166 @@ def _model_tables(robot: Robot) -> list[list[tuple[float, float]] | None]:
     return tables
 
 
-# A table of zeros is a limit, too: it is never off.
-def _as_given(robot: Robot, values: Numbers) -> Numbers:
+def _torque_speed(robot: Robot, values: Numbers) -> Numbers:
     return {'torque_speed': values['torque_speed']}
 
 
-def _gravity(key: str, value: Any) -> tuple[float, ...] | None:
-    if value is None:
-        return None
-    gravity = real_array(key, value, shape=(3,), largest=LARGEST)
-    return tuple((gravity + 0.0).tolist())
+# Torques and energies.
 
 
+def _stretch(c: Any, q: Any) -> Any:
+    return q if c.rest_position is None else q - c.rest_position
+
+
+def _spring_torque(c: Any, q: Any, qd: Any) -> Any:
+    return c.stiffness * _stretch(c, q)
+
+
+def _spring_energy(c: Any, q: Any) -> Any:
+    stretch = _stretch(c, q)
+    return (0.5 * c.stiffness * stretch) * stretch
+
+
+def _cogging_torque(c: Any, q: Any, qd: Any) -> Any:
+    amplitude, periods, phase = c.cogging
+    return amplitude * sin(periods * q + phase)
+
+
+def _cogging_energy(c: Any, q: Any) -> Any:
+    amplitude, periods, phase = c.cogging
+    return -amplitude / periods * cos(periods * q + phase)
+
+
+# What users give: field of Scene -> its record.
+FIELDS: Mapping[str, Field] = {
+    field.name: field
+    for field in (
+        Field('gravity', 'Acceleration of free fall, base frame', 'm/s^2', kind=VECTOR),
+        Field('damping', 'Viscous damping of the joint', 'N m s/rad', 'N s/m', model='damping'),
+        Field(
+            'armature',
+            'Rotor inertia of the joint times the square of its gear ratio',
+            'kg m^2',
+            'kg',
+            model='armature',
+            estimated=True,
+        ),
+        Field('payload', 'A body held by the last link', kind=PAYLOAD),
+        Field('external_wrench', 'Wrench on the last link as an input', kind=SWITCH, off=False),
+        Field('brakes', 'Joints that can be braked at run time', kind=SWITCH, off=False),
+        Field('friction', 'Coulomb friction of the joint', 'N m', 'N', model='friction'),
+        Field('static_friction', 'Friction that a resting joint can hold', 'N m', 'N'),
+        Field(
+            'stribeck_velocity',
+            'Velocity at which static friction has fallen half-way to Coulomb friction',
+            'rad/s',
+            'm/s',
+            above=True,
+        ),
+        Field(
+            'joint_limits',
+            'Stops at the position limits of the joint',
+            'rad',
+            'm',
+            model=('position_lower', 'position_upper'),
+            columns=('lower', 'upper'),
+            least=-math.inf,
+            infinite=True,
+        ),
+        Field(
+            'restitution',
+            'Share of its velocity that a joint keeps when it bounces off its stop',
+            kind=SHARE,
+            off=0.0,
+            most=1.0,
+        ),
+        Field('stiffness', 'Stiffness of the spring of the joint', 'N m/rad', 'N/m'),
+        Field(
+            'rest_position',
+            'Position at which the spring of the joint is slack',
+            'rad',
+            'm',
+            least=-math.inf,
+        ),
+        Field(
+            'cogging',
+            'Torque of the joint that goes through some periods a turn',
+            'N m, 1/turn, rad',
+            'N, 1/(2 pi m), rad',
+            columns=('amplitude', 'periods', 'phase'),
+            least=-math.inf,
+        ),
+        Field(
+            'effort_limits',
+            'Largest torque of the motor',
+            'N m',
+            'N',
+            model='effort_limit',
+            infinite=True,
+        ),
+        Field(
+            'torque_speed',
+            'Largest driving torque of the motor by speed',
+            'rad/s, N m',
+            'm/s, N',
+            kind=TABLES,
+            model=('velocity_limit', 'effort_limit'),
+        ),
+        Field(
+            'gravity_compensation',
+            'Gravity torques of a model that the drives add',
+            kind=COMPENSATION,
+            off=False,
+        ),
+        Field(
+            'motor_lag',
+            'Time constant with which the motor of the joint follows its effort',
+            's',
+            's',
+            most=10.0,
+        ),
+    )
+}
+# Their physics.
 EFFECTS: tuple[Effect, ...] = (
-    Effect(
-        'gravity',
-        (Field('gravity', 'Acceleration of free fall, base frame', 'm/s^2', check=_gravity),),
-        acts=LINKS,
-        at_rest=True,
-    ),
-    Effect(
-        'damping',
-        (
-            Field(
-                'damping',
-                'Viscous damping of the joint',
-                'N m s/rad',
-                'N s/m',
-                Rule('damping'),
-            ),
-        ),
-        viscosity=True,
-    ),
-    Effect(
-        'armature',
-        (
-            Field(
-                'armature',
-                'Rotor inertia of the joint times the square of its gear ratio',
-                'kg m^2',
-                'kg',
-                Rule('armature', estimated=True),
-            ),
-        ),
-        inertia=True,
-    ),
-    Effect(
-        'payload',
-        (Field('payload', 'A body held by the last link', check=payload),),
-        acts=LINKS,
-        at_rest=True,
-        inertia=True,
-    ),
-    Effect(
-        'external wrench',
-        (
-            Field(
-                'external_wrench', 'Wrench on the last link as an input', check=switch, off=False
-            ),
-        ),
-        acts=LINKS,
-    ),
-    Effect(
-        'brakes',
-        (Field('brakes', 'Joints that can be braked at run time', check=switch, off=False),),
-        acts=BRAKES,
-    ),
-    Effect(
-        'friction',
-        (
-            Field(
-                'friction',
-                'Coulomb friction of the joint',
-                'N m',
-                'N',
-                Rule('friction'),
-            ),
-        ),
-        acts=STEP,
-        completed=_friction,
-    ),
-    Effect(
-        'static friction',
-        (Field('static_friction', 'Friction that a resting joint can hold', 'N m', 'N', Rule()),),
-        acts=STEP,
-        needs='friction',
-    ),
-    Effect(
-        'Stribeck velocity',
-        (
-            Field(
-                'stribeck_velocity',
-                'Velocity at which static friction has fallen half-way to Coulomb friction',
-                'rad/s',
-                'm/s',
-                Rule(above=True),
-            ),
-        ),
-        acts=STEP,
-        needs='static friction',
-    ),
-    Effect(
-        'joint stops',
-        (
-            Field(
-                'joint_limits',
-                'Stops at the position limits of the joint',
-                'rad',
-                'm',
-                Rule(
-                    ('position_lower', 'position_upper'),
-                    least=-math.inf,
-                    infinite=True,
-                    columns=('lower', 'upper'),
-                    row='a lower and an upper limit a joint',
-                ),
-            ),
-        ),
-        acts=STEP,
-        completed=_stops,
-    ),
-    Effect(
-        'restitution',
-        (
-            Field(
-                'restitution',
-                'Share of its velocity that a joint keeps when it bounces off its stop',
-                check=restitution,
-                numbers=_restitution,
-                off=0.0,
-                most=1.0,
-            ),
-        ),
-        acts=STEP,
-        needs='joint stops',
-    ),
+    Effect('gravity', 'gravity', LINKS, at_rest=True),
+    Effect('damping', 'damping', viscosity=True),
+    Effect('armature', 'armature', inertia=True),
+    Effect('payload', 'payload', LINKS, at_rest=True, inertia=True),
+    Effect('external wrench', 'external_wrench', LINKS),
+    Effect('brakes', 'brakes', BRAKES),
+    Effect('friction', 'friction', STEP, completed=_friction),
+    Effect('static friction', 'static_friction', STEP, needs='friction'),
+    Effect('Stribeck velocity', 'stribeck_velocity', STEP, needs='static friction'),
+    Effect('joint stops', 'joint_limits', STEP, completed=_stops),
+    Effect('restitution', 'restitution', STEP, needs='joint stops'),
     Effect(
         'springs',
-        (
-            Field('stiffness', 'Stiffness of the spring of the joint', 'N m/rad', 'N/m', Rule()),
-            Field(
-                'rest_position',
-                'Position at which the spring of the joint is slack',
-                'rad',
-                'm',
-                Rule(least=-math.inf),
-            ),
-        ),
+        'stiffness',
+        refined_by=('rest_position',),
         at_rest=True,
         torque=_spring_torque,
         potential=_spring_energy,
     ),
     Effect(
         'cogging',
-        (
-            Field(
-                'cogging',
-                'Torque of the joint that goes through some periods a turn',
-                'N m, 1/turn, rad',
-                'N, 1/(2 pi m), rad',
-                Rule(
-                    least=-math.inf,
-                    columns=('amplitude', 'periods', 'phase'),
-                    row='an amplitude, periods a turn and a phase a joint',
-                ),
-            ),
-        ),
+        'cogging',
         at_rest=True,
         torque=_cogging_torque,
         potential=_cogging_energy,
         completed=_cogging,
     ),
-    Effect(
-        'effort limits',
-        (
-            Field(
-                'effort_limits',
-                'Largest torque of the motor',
-                'N m',
-                'N',
-                Rule('effort_limit', infinite=True),
-            ),
-        ),
-        acts=MOTORS,
-    ),
-    Effect(
-        'torque-speed tables',
-        (
-            Field(
-                'torque_speed',
-                'Largest driving torque of the motor by speed',
-                'rad/s, N m',
-                'm/s, N',
-                check=torque_speed,
-                numbers=_torque_speed,
-            ),
-        ),
-        acts=MOTORS,
-        completed=_as_given,
-    ),
-    Effect(
-        'gravity compensation',
-        (
-            Field(
-                'gravity_compensation', 'Gravity torques of a model that the drives add', off=False
-            ),
-        ),
-        acts=MOTORS,
-        at_rest=True,
-    ),
-    Effect(
-        'motor lag',
-        (
-            Field(
-                'motor_lag',
-                'Time constant with which the motor of the joint follows its effort',
-                's',
-                's',
-                Rule(),
-                most=10.0,
-            ),
-        ),
-        acts=STEP,
-    ),
+    Effect('effort limits', 'effort_limits', MOTORS),
+    # A table of zeros is a limit, too: it is never off.
+    Effect('torque-speed tables', 'torque_speed', MOTORS, completed=_torque_speed),
+    Effect('gravity compensation', 'gravity_compensation', MOTORS, at_rest=True),
+    Effect('motor lag', 'motor_lag', STEP),
 )
-# Field of Scene -> its record.
-FIELDS: Mapping[str, Field] = {field.name: field for effect in EFFECTS for field in effect.fields}
-# Name -> the effect.
+# Field of Scene, and name -> the effect.
+EFFECT_OF: Mapping[str, Effect] = {f.name: effect for effect in EFFECTS for f in effect.fields}
 NAMED: Mapping[str, Effect] = {effect.name: effect for effect in EFFECTS}
 # Field of Scene -> the field without which it means nothing.
 NEEDS: Mapping[str, str] = {
-    **{field.name: effect.field for effect in EFFECTS for field in effect.fields[1:]},
+    **{name: effect.field for effect in EFFECTS for name in effect.refined_by},
     **{effect.field: NAMED[effect.needs].field for effect in EFFECTS if effect.needs},
 }

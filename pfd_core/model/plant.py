@@ -27,11 +27,10 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.model.effects import EFFECTS, FIELDS, JOINTS, MOTORS, STEP
+from pfd_core.model.effects import EFFECTS, FIELDS, INPUT, JOINTS, MOTORS, STEP
 from pfd_core.model.geometry import product
 from pfd_core.model.robot import Payload, Robot, check_robot, link_label, own_inertia, with_payload
 from pfd_core.model.scene import Scene
-from pfd_core.model.scene_checks import INPUT
 from pfd_core.model.values import Array, FrozenArrays, frozen, quote, quote_all
 
 # Fields of Scene whose effects act over a step of time.

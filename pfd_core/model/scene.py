@@ -22,9 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.effects import EFFECTS, FIELDS, NAMED, NEEDS
+from pfd_core.model.effects import EFFECTS, ESTIMATED, FIELDS, INPUT, MODEL, NAMED, NEEDS
 from pfd_core.model.robot import Payload
-from pfd_core.model.scene_checks import ESTIMATED, INPUT, MODEL
 from pfd_core.model.values import choice, number_from_text, quote
 from pfd_core.model.yaml_reader import read_yaml, table, yaml_text
 

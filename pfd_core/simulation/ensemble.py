@@ -31,7 +31,7 @@ from pfd_core.kernels.simulations import NativeEnsemble, compile_ensemble
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene, given_scene
-from pfd_core.model.scene_checks import INPUT
+from pfd_core.model.effects import INPUT
 from pfd_core.model.values import (
     LARGEST_INTEGER,
     Array,

@@ -27,7 +27,7 @@ from pfd_core.algorithms.grouped.payload_input import KEPT, payload_inputs, payl
 from pfd_core.forking import cached_property
 from pfd_core.kernels.simulations import Rollout, compile_rollout
 from pfd_core.model import Payload, Robot, Scene, check_joint_inertia, resolve
-from pfd_core.model.scene_checks import INPUT
+from pfd_core.model.effects import INPUT
 from pfd_core.model.values import Array, quote, real_array
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.state import SimulationState

@@ -75,7 +75,7 @@ def full_scene(
     """
     refused = {}
     for effect in pfd.EFFECTS:
-        if effect.from_model and getattr(scene, effect.field) == effect.fields[0].off:
+        if effect.fields[0].from_model and getattr(scene, effect.field) == effect.fields[0].off:
             more: dict[str, Any] = {effect.field: 'model'}
             try:
                 larger = replace(scene, **more)

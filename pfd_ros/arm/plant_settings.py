@@ -20,6 +20,8 @@ LARGEST_MASS, LARGEST_CENTER, LARGEST_INERTIA = 1e5, 1e3, 1e6
 TRIANGLE_TOLERANCE = 1e-9
 # Words for the numbers of a robot, as of Scene.
 MODEL, ESTIMATED = 'model', 'estimated'
+# Kind of a field with one number, or one row of numbers, a joint.
+PER_JOINT = 'per joint'
 T = TypeVar('T')
 # Fields that other values need other native code for.
 PAYLOAD = ('payload_mass', 'payload_center', 'payload_inertia')
@@ -71,29 +73,29 @@ def joint_settings(field: Any) -> dict[str, str]:
 
     A field with columns has one setting for each; limits, which may be infinite, have none.
     """
-    if field.rule is None or field.rule.infinite:
+    if field.kind != PER_JOINT or field.infinite:
         return {}
-    name = f'joint_{field.name}' if field.rule.model else field.name
-    if not field.rule.columns:
+    name = f'joint_{field.name}' if field.model else field.name
+    if not field.columns:
         return {name: field.name}
-    return {f'{name}_{column}': f'{field.name}.{column}' for column in field.rule.columns}
+    return {f'{name}_{column}': f'{field.name}.{column}' for column in field.columns}
 
 
 def _effect_settings() -> Iterator[tuple[str, str, Any]]:
     """Yield name, annotation and field of each setting of the effects of the joints."""
     for field in effect_fields():
-        if field.rule is None:
+        if field.kind != PER_JOINT:
             yield field.name, 'float', setting(field.off, field.text, 0.0, field.most)
             continue
-        if field.rule.model:
+        if field.model:
             text = f'{field.text}, as the model states it'
             values: tuple[bool | str, ...] = ()
-            if field.rule.estimated:
+            if field.estimated:
                 text += '; estimated: from effort and velocity limits where it states none'
                 values = (False, True, ESTIMATED)
             kind = 'bool | str' if values else 'bool'
             yield field.name, kind, setting(False, text, values=values)
-        least = max(field.rule.least, -field.most)
+        least = max(field.least, -field.most)
         for k, (name, parameter) in enumerate(joint_settings(field).items()):
             column = parameter.removeprefix(f'{field.name}.')
             text = field.text if column == parameter else f'{field.text}: {column}'
@@ -107,7 +109,7 @@ def _effect_settings() -> Iterator[tuple[str, str, Any]]:
                     field.most,
                     name=parameter,
                     per_joint=True,
-                    joint_default=_of_model(field) if field.rule.model else None,
+                    joint_default=_of_model(field) if field.model else None,
                 ),
             )
 
@@ -144,7 +146,7 @@ def given_effects(settings: Any, order: Sequence[int]) -> dict[str, Any]:
     """
     effects: dict[str, Any] = {}
     for field in effect_fields():
-        if field.rule is None or field.rule.model:
+        if field.kind != PER_JOINT or field.model:
             value = getattr(settings, field.name)
             effects[field.name] = (value or None) if value is not True else MODEL
         columns = [getattr(settings, name) for name in joint_settings(field)]
@@ -152,7 +154,7 @@ def given_effects(settings: Any, order: Sequence[int]) -> dict[str, Any]:
             values = np.zeros((len(order), len(columns)))
             for column, numbers in enumerate(columns):
                 values[list(order), column] = numbers or 0.0
-            given = values if field.rule and field.rule.columns else values[:, 0]
+            given = values if field.columns else values[:, 0]
             effects[field.name] = given if given.any() else None
     return {name: value for name, value in effects.items() if value is not None}
 

@@ -193,12 +193,12 @@ def _entities(node: Node) -> Iterator[tuple[str, Any]]:
 
 def _warn_about(settings: Settings, robot: pfd.Robot, log: ThrottledLog) -> None:
     for field in effect_fields():
-        if field.rule is None or not field.rule.model:
+        if not field.from_model:
             continue
         switch, name = getattr(settings, field.name), field.name
         if switch == ESTIMATED:
             log.info(estimate_text(robot))
-        if switch is True and not field.rule.of_model(robot).any():
-            cure = f'; try {name}:={ESTIMATED}' if field.rule.estimated else ''
+        if switch is True and not field.of_model(robot).any():
+            cure = f'; try {name}:={ESTIMATED}' if field.estimated else ''
             text = f'{name} is true, but the model of {cut(robot.name)!r} has none{cure}'
             log.once(name, text)

@@ -18,7 +18,7 @@ from typing import Any
 import pfd_core as pfd
 from pfd_ros.arm.arm import joint_order
 from pfd_ros.arm.described_robot import DescribedRobot, described_robot
-from pfd_ros.arm.plant_settings import effect_fields, joint_settings
+from pfd_ros.arm.plant_settings import PER_JOINT, effect_fields, joint_settings
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.setting_fields import joint_values, parameter_name, typed
 from pfd_ros.arm.settings import Settings
@@ -218,7 +218,7 @@ def _urdf_of(found: DescribedRobot) -> str:
 def _with_scene(settings: Settings, changes: Changes) -> Settings:
     """Return settings in which a scene and the effects that change do not conflict."""
     # The settings that a scene file replaces.
-    switches = (f.name for f in effect_fields() if f.rule is None or f.rule.model)
+    switches = (f.name for f in effect_fields() if f.kind != PER_JOINT or f.model)
     effects = {'gravity', *switches}.union(*(joint_settings(f) for f in effect_fields()))
     given = {name: v for name, v in changes.values.items() if name in effects}
     if 'scene' in changes.values:

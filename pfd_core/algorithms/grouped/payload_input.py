@@ -38,8 +38,8 @@ from pfd_core.algorithms.grouped.links import (
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array
 from pfd_core.model import Payload, Plant, Robot, Scene
+from pfd_core.model.effects import INPUT
 from pfd_core.model.geometry import merged, product
-from pfd_core.model.scene_checks import INPUT
 from pfd_core.model.values import quote
 
 NAME = 'payload'

@@ -46,7 +46,7 @@ def roots(n: int, schedule: str, at_most: int = AT_MOST) -> pfd.Program:
 
     (x,), iterations = iterate(step, (q,), on_lane(q, [0]), at_most)
     # What follows a loop may use what was computed before and inside it.
-    y = x + 0.0 * q
+    y = x + recorder.constant(0.0) * q
     recorder.output('y', (n + 1,), [*((y, lane) for lane in range(n)), (iterations, 0)])
     return recorder.program()
 

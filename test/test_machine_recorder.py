@@ -211,3 +211,22 @@ def test_sqrt_is_counted_in_its_own_column() -> None:
     assert recorded(3, 'parallel', lambda r, x: lane_sqrt(x) / x).count() == pfd.Steps(
         divisions=1, square_roots=1
     )
+
+
+def test_zeros_and_ones_are_known_while_recording() -> None:
+    recorder = Recorder(1)
+    x = recorder.input('x', [0])
+    assert all(value is x for value in (x + 0, 0.0 + x, x - 0.0, 1 * x, x * 1.0))
+    assert [0.0 * x, x * 0, 0.0 / x] == [0.0] * 3
+    recorder.output('y', (4,), [(value, 0) for value in (-1.0 * x, 0.0 - x, x * 0.0, x)])
+    assert recorder.program().count() == pfd.Steps()
+    np.testing.assert_array_equal(
+        run_program(recorder.program(), {'x': [2.0]})['y'], [-2, -2, 0, 2]
+    )
+
+
+def test_a_constant_is_not_known_while_recording() -> None:
+    recorder = Recorder(1)
+    x, zero = recorder.input('x', [0]), recorder.constant(0.0)
+    recorder.output('y', (2,), [(x + zero, 0), (zero * x, 0)])
+    assert recorder.program().count() == pfd.Steps(additions=1, multiplications=1)

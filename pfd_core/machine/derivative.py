@@ -92,8 +92,8 @@ def derivative(
         for x in inputs:
             size = program.inputs[x]
             values = [rows[r].get((x, k), 0.0) for r, _ in elements for k in range(size)]
-            extension.output(f'd {y}/d {x}', (*shape, size), values)
-    return extension.program(outputs)
+            extension.output(f'd {y}/d {x}', (*shape, size), [(v, 0) for v in values])
+    return extension.extended(outputs)
 
 
 def directional(
@@ -129,7 +129,7 @@ def directional(
     extension = Extension(program)
     if mode == 'tangent':
         seeds = {
-            r: {GIVEN: extension.input(f'd {x}', k, program.inputs[x])}
+            r: {GIVEN: extension.further_input(f'd {x}', k, program.inputs[x])}
             for r, (x, k) in _read(program)
             if x in inputs
         }
@@ -137,18 +137,19 @@ def directional(
         for y in outputs:
             shape, elements = program.outputs[y]
             values = [tangents.get(r, {}).get(GIVEN, 0.0) for r, _ in elements]
-            extension.output(f'd {y}', shape, values)
-        return extension.program(outputs)
+            extension.output(f'd {y}', shape, [(v, 0) for v in values])
+        return extension.extended(outputs)
     weights: dict[int, Any] = {}
     for y in outputs:
         elements = program.outputs[y].places
         for k, (r, _) in enumerate(elements):
-            weights[r] = weights.get(r, 0.0) + extension.input(f'd {y}', k, len(elements))
+            weights[r] = weights.get(r, 0.0) + extension.further_input(f'd {y}', k, len(elements))
     adjoints = _adjoints(extension, active, weights)
     for x in inputs:
         size = program.inputs[x]
-        extension.output(f'd {x}', (size,), [adjoints.get((x, k), 0.0) for k in range(size)])
-    return extension.program(outputs)
+        values = [(adjoints.get((x, k), 0.0), 0) for k in range(size)]
+        extension.output(f'd {x}', (size,), values)
+    return extension.extended(outputs)
 
 
 def _tangents(
@@ -161,7 +162,7 @@ def _tangents(
     for register in active:
         if register in seeds or register in products:
             continue
-        op, args, _, _, extension.section = extension.old.instructions[register]
+        op, args, _, _, section = extension.old.instructions[register]
         terms = [(1.0, a) for a in args]
         if register in sums:
             op, terms = 'fma', sums[register][1]
@@ -170,10 +171,11 @@ def _tangents(
         z, *operands = (sign * extension.values[r] for sign, r in ((1.0, register), *terms))
         known = [(sign, tangents.get(r, {})) for sign, r in terms[row.conditions :]]
         found = {}
-        for direction in dict.fromkeys(d for _, operand in known for d in operand):
-            each = (sign * operand.get(direction, 0.0) for sign, operand in known)
-            if (value := row.tangent(z, *operands, *each)) != 0.0:
-                found[direction] = value
+        with extension.section(section):
+            for direction in dict.fromkeys(d for _, operand in known for d in operand):
+                each = (sign * operand.get(direction, 0.0) for sign, operand in known)
+                if (value := row.tangent(z, *operands, *each)) != 0.0:
+                    found[direction] = value
         tangents[register] = found
     return tangents
 
@@ -212,18 +214,19 @@ def _adjoints(
     adjoints |= {register: g for register, g in weights.items() if register in adjoints}
     elements: dict[Element, Any] = {}
     for register in reversed(active):
-        op, args, data, _, extension.section = extension.old.instructions[register]
+        op, args, data, _, section = extension.old.instructions[register]
         g = adjoints[register]
         if g == 0.0:
             continue
-        if op == 'input':
-            elements[data[0]] = elements.get(data[0], 0.0) + g
-            continue
-        row = OPERATIONS[op]
-        z, *operands = (extension.values[r] for r in (register, *args))
-        for a, share in zip(args[row.conditions :], row.adjoint, strict=True):
-            if a in adjoints:
-                adjoints[a] = adjoints[a] + share(z, *operands, g)
+        with extension.section(section):
+            if op == 'input':
+                elements[data[0]] = elements.get(data[0], 0.0) + g
+                continue
+            row = OPERATIONS[op]
+            z, *operands = (extension.values[r] for r in (register, *args))
+            for a, share in zip(args[row.conditions :], row.adjoint, strict=True):
+                if a in adjoints:
+                    adjoints[a] = adjoints[a] + share(z, *operands, g)
     return elements
 
 

@@ -12,7 +12,7 @@ replaces these two by the other rows before it is compiled (pfd_core.kernels.pas
 
 Rules of derivatives are formulas on values with `+ - *`: z is the result of the operation, a, b
 and c its operands, da, db and dc their tangents, g the adjoint of z. A tangent that is known to be
-zero is the number 0.0; z.apply records any other operation (pfd_core.machine.extension). Equal
+zero is the number 0.0; z.apply records any other operation (pfd_core.machine.recorder). Equal
 expressions are recorded once: all tangents of a quotient share 1 / b. Source: Griewank and
 Walther, Evaluating Derivatives, 2nd ed. 2008, chapters 2 and 3.
 """

@@ -8,6 +8,11 @@ vector or a matrix is a NumPy object array of `Lanes`, so that `R @ v` is NumPy'
 costs as many steps as it has products and sums. Python's `for` and `if` run while recording; the
 truth of a `Lanes` value is not known then, and asking for it raises TypeError.
 
+A Python number is known while recording. Sums and products of a `Lanes` value with the numbers 0,
+1 and -1 are known too and record nothing, or a change of sign: `0.0 * x` is the number 0.0. A
+structural zero of an algorithm is therefore written as the number 0.0. A `constant` is not known:
+a robot whose numbers happen to be zero has the program of any other robot.
+
 A lane takes part in an operation when all its operands have a value there; pfd_core.machine.lanes
 has the functions that move, empty and fill lanes.
 
@@ -128,11 +133,24 @@ class Lanes:
     def __neg__(self) -> Lanes:
         return self.recorder.apply('neg', self)
 
+    def apply(self, op: str, *operands: object) -> Lanes:
+        """Record any operation of the table on values and numbers."""
+        return self.recorder.apply(op, *map(self.recorder.lift, operands))
+
     def _binary(self, op: str, left: object, right: object) -> Any:
-        if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
+        other = right if left is self else left
+        if isinstance(other, np.ndarray):
             return NotImplemented  # NumPy then does it element by element
-        recorder = self.recorder
-        return recorder.apply(op, recorder.lift(left), recorder.lift(right))
+        if other == 0.0:
+            if op == 'add' or (op == 'sub' and other is right):
+                return self
+            if op == 'sub':
+                return -self
+            if op == 'mul' or other is left:
+                return 0.0
+        elif op == 'mul' and other in (1.0, -1.0):
+            return self if other == 1.0 else -self
+        return self.apply(op, left, right)
 
 
 class Recorder:
@@ -393,11 +411,12 @@ class Recorder:
         return self.write('route', (new, old), sources, kept | _mask(chosen))
 
     def output(
-        self, name: str, shape: tuple[int, ...], elements: Iterable[tuple[Lanes, int]]
+        self, name: str, shape: tuple[int, ...], elements: Iterable[tuple[Lanes | float, int]]
     ) -> None:
-        """Declare a result: for each element, in C order, a value over lanes and the lane."""
+        """Declare a result: for each element, in C order, a value or number, and the lane."""
         places = []
-        for value, lane in elements:
+        for element, lane in elements:
+            value = self.lift(element)
             if not value.defined >> lane & 1:
                 raise ValueError(f'output {name}: lane {lane} has no value')
             places.append((value.registers[lane % self.block], self.owner(lane)))

@@ -34,9 +34,8 @@ from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.module import module
 from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.kernel import Kernel
+from pfd_core.kernels.native import compile_ir, current, simd_width
 from pfd_core.kernels.passes.schedule import LONGEST
-from pfd_core.kernels.runtime.jit import compile_ir, simd_width
-from pfd_core.kernels.runtime.processor import current
 
 # Operations that the loop can hold; an accumulator is the first operand of each. The others are
 # one number near one, and one near zero.
@@ -98,13 +97,13 @@ def loop(kernel: Kernel, states: int) -> tuple[Callable[[], object], NDArray[np.
     if sum(counts.values()) > LONGEST:
         raise LeftOutError(f'a loop of more than {LONGEST} operations waits for instructions')
     form = Format(kernel.dtype, width)
-    native = compile_ir(module([loop_ir(counts, form, chains)], form, ()))
+    native = compile_ir(module([loop_ir(counts, form, chains)], form, ()), ['port_limit'])
     values = 1 + NEAR * np.random.default_rng(1).uniform(1, 2, (2 + chains, width))
     values[1] -= 1
     numbers = values.astype(kernel.dtype)
     results = numbers[2:].copy()
     kind = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
-    run = kind(native.address('port_limit'))
+    run = kind(native['port_limit'])
     given = -(-states // width), numbers.ctypes.data_as(ctypes.c_void_p)
 
     # `native` and the arrays live as long as this function.

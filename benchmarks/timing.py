@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.work import Side
-from pfd_core.kernels.runtime.jit import simd_width
+from pfd_core.kernels.native import simd_width
 
 # Packages whose versions a page states.
 PACKAGES = ('numpy', 'llvmlite', 'pin', 'mujoco', 'casadi', 'frax', 'jax', 'dynibo')

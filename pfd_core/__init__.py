@@ -30,7 +30,7 @@ To change or add
                             Scheme in simulation.contact.schemes and a row of
                             simulation.simulation.SCHEMES
     sine and cosine         kernels.passes.sincos
-    threads of batches      kernels.runtime.threads: thread_count, block_size
+    threads of batches      kernels.threads: thread_count, block_size
 
 The names below are the public ones. Each is imported from its module at its first use.
 """

@@ -13,7 +13,6 @@ import pfd_core as pfd
 
 ROOT = Path(__file__).resolve().parent.parent
 LIFETIME = 120  # [s] of a child; far above what it takes
-IR = 'define double @f(double %x) {\n  %y = fmul double %x, %x\n  ret double %y\n}'
 
 
 def contents(folder: Path) -> dict[str, bytes]:

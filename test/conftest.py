@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 import gc
-import math
 import os
 from pathlib import Path
 import sys
@@ -15,15 +14,7 @@ import tempfile
 from typing import Any
 
 import bridge
-from bridge import (
-    CACHE_VARIABLE,
-    TARGET_VARIABLE,
-    cache_warned,
-    cache_written,
-    cores,
-    host_target,
-    json_cache_sources,
-)
+from bridge import CACHE_VARIABLE, TARGET_VARIABLE, cores, host_target
 from hypothesis import HealthCheck, settings
 import pytest
 
@@ -58,7 +49,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         '--target-cpu',
         metavar='NAME',
-        help=f'compile for another processor, such as x86-64-v3; sets {TARGET_VARIABLE}',
+        help=f'compile for another level of x86-64, such as x86-64-v3; sets {TARGET_VARIABLE}',
     )
 
 
@@ -151,10 +142,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a cache folder of the test's own, which is in use and does not exist yet."""
     where = tmp_path / 'cache'
     monkeypatch.setenv(CACHE_VARIABLE, str(where))
-    monkeypatch.setattr(*bridge.target('JSON_CACHE_IMPORTED'), math.inf)
-    json_cache_sources.cache_clear()
-    cache_warned.clear()
-    cache_written.clear()
     return where
 
 

@@ -57,8 +57,8 @@ def native(dtype: str) -> ctypes._FuncPointer:
         f'define {t} @f({t} %a, {t} %b, {t} %c) {{\n'
         f'%r = call {t} @llvm.fma.{suffix}({t} %a, {t} %b, {t} %c)\nret {t} %r }}'
     )
-    code = compile_ir(ir)
+    code = compile_ir(ir, ['f'])
     number = {'double': ctypes.c_double, 'float': ctypes.c_float}[t]
-    function = ctypes.CFUNCTYPE(number, number, number, number)(code.address('f'))
+    function = ctypes.CFUNCTYPE(number, number, number, number)(code['f'])
     function.code = code
     return function

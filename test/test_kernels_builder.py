@@ -10,15 +10,15 @@ import ctypes
 import pytest
 
 from pfd_core.kernels.codegen.builder import Function, Variable
-from pfd_core.kernels.runtime.jit import Native, compile_ir
+from pfd_core.kernels.native import Native, compile_ir
 
 KEEP: list[Native] = []
 
 
 def native(ir: Function) -> Callable[[int], int]:
     """Return the function `i64 @f(i64 %x)`."""
-    KEEP.append(compile_ir(str(ir)))
-    return ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)(KEEP[-1].address('f'))
+    KEEP.append(compile_ir(str(ir), ['f']))
+    return ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)(KEEP[-1]['f'])
 
 
 def test_a_loop_carries_its_variables_from_pass_to_pass() -> None:

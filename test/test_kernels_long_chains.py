@@ -197,13 +197,13 @@ def test_a_requested_method_is_used_at_any_length() -> None:
 
 
 @pytest.mark.slow
-def test_the_code_of_a_long_ir_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_code_of_a_long_program_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PFD_CACHE', '')
     states = [random_state(np.random.default_rng(k), 7) for k in range(9)]
     emit = bridge.emit_object
     results = []
-    for length in (USUAL_OPTIMISATION.long_ir, 0):
-        usual = replace(USUAL_OPTIMISATION, long_ir=length)
+    for long in (False, True):
+        usual = replace(USUAL_OPTIMISATION, long=long)
         monkeypatch.setattr(
             *bridge.target('emit_object'),
             lambda ir, target, _, usual=usual: emit(ir, target, usual),
@@ -212,14 +212,3 @@ def test_the_code_of_a_long_ir_gives_the_same_bits(monkeypatch: pytest.MonkeyPat
         batch = kernel(*(np.array(part) for part in zip(*states, strict=True)))
         results.append([batch.tobytes(), *(kernel(*state).tobytes() for state in states)])
     assert results[0] == results[1]
-
-
-def test_the_length_of_an_ir_sets_the_level_of_its_code() -> None:
-    ir, target = pfd.compile_kernel(pfd.load_robot('planar2')).ir, bridge.current_target()
-    for code, length in (
-        (USUAL_OPTIMISATION.code, len(ir) + 1),
-        (USUAL_OPTIMISATION.long_code, len(ir)),
-    ):
-        usual = replace(USUAL_OPTIMISATION, long_ir=length)
-        always = replace(USUAL_OPTIMISATION, code=code, long_code=code)
-        assert bridge.emit_object(ir, target, usual) == bridge.emit_object(ir, target, always)

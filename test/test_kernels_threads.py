@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+import os
+from pathlib import Path
 import threading
 import time
 
@@ -119,7 +121,7 @@ def test_a_block_is_worth_a_worker_and_answers_a_signal_in_time(
     monkeypatch.setattr(*bridge.target('SINGLE_THREAD_WORK'), 1_000_000)
     assert block_size(16_000, 8, 8, 500) == 16_000
     assert block_size(17_000, 8, 8, 500) == 8000
-    assert block_size(1000, 8, 8, 50_000) == 80
+    assert block_size(1000, 8, 8, 50_000) == 128
     for number in (1, 2):
         assert block_size(10**9, number, 8, 500) == 8 * bridge.MAX_BLOCK_WORK // 500
         assert block_size(10**9, number, 8, 10 * bridge.MAX_BLOCK_WORK) == 8
@@ -203,3 +205,30 @@ def test_a_kernel_may_be_deleted_as_soon_as_it_has_answered() -> None:
     for _ in range(50):
         found = pfd.compile_kernel(robot)(q, qd, tau, threads=4)
         np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    ('files', 'expected'),
+    [
+        ({}, 8),
+        ({'/proc/self/cgroup': '0::/', '/sys/fs/cgroup/cpu.max': 'max 100000'}, 8),
+        ({'/proc/self/cgroup': '0::/\n', '/sys/fs/cgroup/cpu.max': '150000 100000\n'}, 2),
+        ({'/proc/self/cgroup': '0::/', '/sys/fs/cgroup/cpu.max': '1000 100000'}, 1),
+        ({'/proc/self/cgroup': '0::/', '/sys/fs/cgroup/cpu.max': 'no number'}, 8),
+        ({'/proc/self/cgroup': '1:cpu:/\n0::/a/b\n', '/sys/fs/cgroup/a/cpu.max': '3 1'}, 3),
+        ({'/proc/self/cgroup': '0::/../out', '/sys/fs/cgroup/cpu.max': '400000 100000'}, 4),
+    ],
+)
+def test_the_smallest_quota_of_all_cgroups_and_the_affinity_bound_the_cores(
+    files: dict[str, str], expected: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read_text(path: Path) -> str:
+        try:
+            return files[os.path.normpath(path)]
+        except KeyError:
+            raise FileNotFoundError from None
+
+    monkeypatch.undo()
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: set(range(8)), raising=False)
+    monkeypatch.setattr(Path, 'read_text', read_text)
+    assert bridge.cores.__wrapped__() == expected

@@ -13,7 +13,7 @@ import sys
 from typing import Any
 
 import bridge
-from bridge import host_target, missing_features
+from bridge import TARGET_LEVELS, host_target, missing_features
 from contact_oracle import Motion
 import numpy as np
 import pinocchio as pin
@@ -338,7 +338,7 @@ def bits(cpu: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize('cpu', ['x86-64', 'x86-64-v2', 'x86-64-v3', 'x86-64-v4'])
+@pytest.mark.parametrize('cpu', TARGET_LEVELS)
 @pytest.mark.slow
 def test_a_run_has_the_same_bits_on_another_processor(cpu: str) -> None:
     if not host_target().triple.startswith('x86_64') or missing_features(cpu):

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable
 import subprocess
 import sys
-import time
 from typing import Any
 
 import bridge
@@ -86,28 +85,6 @@ def test_the_length_of_the_pieces_does_not_change_a_bit(
     assert run() == wanted
 
 
-def test_no_piece_takes_longer_than_was_measured_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    # A clock that goes by as many seconds as steps are requested.
-    sim = pfd.Simulator(pfd.load_robot('planar2'))
-    native, now, asked = sim._native.run, [0.0], []
-
-    for cost in (1e-6, 1e-4, 1e-3, 10.0):
-
-        def slow(steps: int, *rest: Any, cost: float = cost) -> int:
-            now[0] += cost * steps
-            asked.append(steps)
-            return native(steps, *rest)
-
-        monkeypatch.setattr(time, 'perf_counter', lambda: now[0])
-        object.__setattr__(sim._native, 'run', slow)
-        asked.clear()
-        sim.rollout(np.zeros((5000, 2)))
-        assert sum(asked) == 5000
-        assert 0 < asked[0] * sim.substeps * sim._native.work <= bridge.SIMULATOR_FIRST_OPERATIONS
-        most = bridge.SIMULATOR_PIECE_SECONDS * (1 + 1e-9)
-        assert all(steps == 1 or steps * cost <= most for steps in asked[1:])
-
-
 INTERRUPTED = """
 import os, random, signal, sys, threading
 import numpy as np
@@ -170,108 +147,6 @@ def interrupt(seed: int, times: int) -> None:
 @pytest.mark.parametrize('seed', one_fast(range(2)))
 def test_a_simulation_continues_where_it_was_interrupted(seed: int) -> None:
     interrupt(seed, 3)
-
-
-ENDLESS = """
-import os, signal, sys, threading
-import numpy as np
-import bridge
-import pfd_core as pfd
-
-signal.signal(signal.SIGINT, signal.default_int_handler)
-substeps = 2**61
-bridge.put('SUBSTEPS_AT_MOST', substeps)
-robot = pfd.load_robot('planar2')
-for sim in (
-    kind(robot, *size, scene, substeps=substeps)
-    for scene in (pfd.Scene(), pfd.Scene(friction=[0.1, 0.1]))
-    for kind, *size in ((pfd.Simulator,), (pfd.Ensemble, 100))
-):
-    before = sim.q.tobytes(), sim.qd.tobytes(), sim.time
-    for call in (
-        lambda: sim.step([1.0, 1.0]) if sim.batch == () else sim.rollout(steps=3, threads=2),
-        lambda: sim.rollout(np.ones((3, 2))),
-    ):
-        try:
-            threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
-            call()
-            sys.exit('it was not interrupted')
-        except KeyboardInterrupt:
-            pass
-        assert before == (sim.q.tobytes(), sim.qd.tobytes(), sim.time)
-print('interrupted')
-"""
-# Interrupts while the thread of a long call starts.
-EARLY = """
-import os, random, signal, sys, threading
-import bridge
-import pfd_core as pfd
-
-signal.signal(signal.SIGINT, signal.default_int_handler)
-substeps = 2**61
-bridge.put('SUBSTEPS_AT_MOST', substeps)
-sim = pfd.Simulator(pfd.load_robot('planar2'), substeps=substeps)
-delays = random.Random(int(sys.argv[1]))
-before = sim.q.tobytes(), sim.qd.tobytes(), sim.time
-for _ in range(int(sys.argv[2])):
-    try:
-        delay = delays.uniform(0.0, 6e-4)
-        threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT)).start()
-        sim.step([1.0, 1.0])
-        sys.exit('it was not interrupted')
-    except KeyboardInterrupt:
-        pass
-    for one in threading.enumerate():
-        if one.name == 'pfd' and one.is_alive():
-            one.join()  # it has ended, or is about to
-    assert before == (sim.q.tobytes(), sim.qd.tobytes(), sim.time)
-print('interrupted')
-"""
-# Seconds in which Python starts and code is compiled, however busy the machine.
-PATIENCE = 120
-
-
-def test_a_step_of_endless_substeps_is_interrupted_and_leaves_the_state_before_it() -> None:
-    done = subprocess.run(
-        [sys.executable, '-c', ENDLESS],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-    assert done.stdout == 'interrupted\n', done.stderr
-
-
-@pytest.mark.parametrize('seed', one_fast(range(3)))
-def test_an_interrupt_while_a_long_step_starts_ends_it_and_its_thread(seed: int) -> None:
-    done = subprocess.run(
-        [sys.executable, '-c', EARLY, str(seed), '200'],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-    assert done.stdout == 'interrupted\n', done.stderr
-
-
-@pytest.mark.parametrize('integrator', ['rk4', 'velocity_verlet'])
-def test_an_uninterrupted_long_step_gives_the_bits_of_short_steps(
-    integrator: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    robot = pfd.load_robot('planar2')
-    taus = np.random.default_rng(3).normal(size=(20, 2))
-
-    def run() -> list[bytes]:
-        one = pfd.Simulator(robot, integrator=integrator)
-        many = pfd.Ensemble(robot, 5, integrator=integrator)
-        one.step(taus[0])
-        one.rollout(taus)
-        many.rollout(taus, threads=2)
-        return [x.tobytes() for sim in (one, many) for x in (sim.q, sim.qd, sim.qdd)]
-
-    wanted = run()
-    monkeypatch.setattr(*bridge.target('SIMULATION_MAX_BLOCK_WORK'), 0)
-    assert run() == wanted
 
 
 @pytest.mark.slow

@@ -39,8 +39,8 @@ from benchmarks.port_limit import limit_of
 from benchmarks.run import show_progress
 from benchmarks.table import Cells, bullets, grid, lines_of, order, page, short
 from benchmarks.timing import Pace, differences, interleave, surroundings
+from pfd_core.kernels.cache import VARIABLE
 from pfd_core.kernels.compile import compile_kernel
-from pfd_core.kernels.runtime.disk_cache import VARIABLE
 from pfd_core.model import Robot
 
 Row = Mapping[str, Any]

@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.cases.robots import Array
 from benchmarks.peers.work import LeftOutError
-from pfd_core.kernels.runtime import disk_cache, processor
+from pfd_core.kernels import cache, native
 from pfd_core.model import Plant
 
 OPTIMISED = ('-O3', '-march=native')
@@ -54,15 +54,15 @@ def built(compiler: str, suffix: str, source: str, *options: str) -> Iterator[st
     path = Path(found).resolve()
     command = [found, *OPTIMISED, '-shared', '-fPIC', *options]
     state = path.stat()
-    identity = str(path), str(state.st_size), str(state.st_mtime_ns), *astuple(processor.host())
-    known = disk_cache.digest(source, *command, *identity)
+    identity = str(path), str(state.st_size), str(state.st_mtime_ns), *astuple(native.host())
+    known = cache.digest(source, *command, *identity)
     with TemporaryDirectory(prefix='pfd_speed_') as folder:
         code, library = Path(folder) / f'arm{suffix}', Path(folder) / 'arm.so'
-        kept = disk_cache.read(known)
+        kept = cache.read(known)
         if kept is None:
             code.write_text(source, encoding='utf-8')
             _compile([*command, str(code), '-o', str(library), '-lm'])
-            disk_cache.write(known, library.read_bytes())
+            cache.write(known, library.read_bytes())
         else:
             library.write_bytes(kept)
         yield str(library)

@@ -7,7 +7,10 @@ Subpackages and modules in the order of data flow; each imports only from those 
 
     passes/        program -> short equal program, with sine and cosine written out
     codegen/       program -> LLVM IR
-    runtime/       IR -> native code in this process; cache on disk, threads, Python's C API
+    cache          results on disk, under a digest of everything that determines them
+    native         IR -> native code in this process, for its processor or PFD_TARGET_CPU
+    threads        a batch or an ensemble in equal parts on several threads
+    runtime/       native code as functions of Python
     quantities     options of a quantity, and a scene reduced to the effects that it depends on
     auto           the method that 'auto' selects
     spec           KernelSpec: robot, scene, method, number format, refinement and quantity

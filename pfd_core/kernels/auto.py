@@ -32,21 +32,24 @@ differences in a fixed order, so every machine makes the same choice.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 import math
+from typing import TypeVar
 
 import numpy as np
 
 from pfd_core.algorithms.programs import EMULATED_METHODS, METHODS, record_forward_dynamics
 from pfd_core.algorithms.quantities import RECORDERS
 from pfd_core.forking import no_fork
+from pfd_core.kernels.cache import kept
 from pfd_core.kernels.passes.dead_code import eliminate_dead_code
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.passes.sincos import expand_sines
-from pfd_core.kernels.runtime.json_cache import get_or_compute
 from pfd_core.model import Plant, without_step_effects, without_torques
 from pfd_core.model.values import Array, integer, quote
+
+T = TypeVar('T')
 
 FEW_JOINTS, MANY_JOINTS = 'composite_body', 'grouped_articulated_body'
 # Steps of refinement; the second one hardly finds a digit to correct, and each adds its code.
@@ -72,6 +75,13 @@ STATES, SHARE, CHANGE = 256, 0.9, 2.0**-26
 TORQUES = 2.0**-6
 
 
+def _kept(key: tuple[str, ...], compute: Callable[[], T]) -> T:
+    def found(head: dict[str, T], _: bytes) -> T:
+        return head['found']
+
+    return kept(key, lambda: ({'found': compute()}, b''), found)
+
+
 def choose(plant: Plant, method: str, refine: int) -> str:
     """Return the method to record for a name in METHODS or 'auto'; ValueError for other names."""
     integer('refine', refine, 0, REFINE_AT_MOST)
@@ -84,25 +94,20 @@ def choose(plant: Plant, method: str, refine: int) -> str:
     n = plant.robot.n
     if n >= LONG:
         return MANY_JOINTS
-    loss = get_or_compute(
-        ('pivot loss', plant.digest), lambda: _loss(plant), lambda x: isinstance(x, float)
-    )
+    loss = _kept(('pivot loss', plant.digest), lambda: _loss(plant))
     if loss > (LARGEST_LOSS_REFINED if refine else LARGEST_LOSS):
         # ACCURATE takes no payload as an input.
         return MANY_JOINTS if refine or plant.payload_input else ACCURATE
     if n <= SHORT:
         return FEW_JOINTS
-    choices = (FEW_JOINTS, MANY_JOINTS)
-    return get_or_compute(('auto', plant.digest), lambda: _cheapest(plant), choices.__contains__)
+    return _kept(('auto', plant.digest), lambda: _cheapest(plant))
 
 
 def default(plant: Plant, method: str, refine: int) -> tuple[str, int]:
     """Return the method and the steps of refinement of a kernel of forward dynamics."""
     if not _left_to_auto(method, refine):
         return choose(plant, method, refine), refine
-    plain = get_or_compute(
-        ('accurate', plant.digest), lambda: _accurate(plant), {'', *MOST_ROUNDINGS}.__contains__
-    )
+    plain = _kept(('accurate', plant.digest), lambda: _accurate(plant))
     return (plain, 0) if plain else (choose(plant, 'auto', 1), 1)
 
 
@@ -116,11 +121,7 @@ def default_of_derivatives(plant: Plant, method: str, refine: int) -> tuple[str,
 def default_inverse(plant: Plant) -> tuple[str, int]:
     """Return the method and the steps of refinement that derivatives have by default."""
     bodies = _bodies(plant)
-    plain = get_or_compute(
-        ('accurate inverse', bodies.digest),
-        lambda: _accurate_inverse(bodies),
-        {'', *MOST_INVERSE}.__contains__,
-    )
+    plain = _kept(('accurate inverse', bodies.digest), lambda: _accurate_inverse(bodies))
     return (plain, 0) if plain else (choose(bodies, 'auto', 1), 1)
 
 

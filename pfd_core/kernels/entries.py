@@ -9,8 +9,8 @@ from functools import partial
 from typing import Any
 
 from pfd_core.forking import cached_property
+from pfd_core.kernels.native import Native, simd_width
 from pfd_core.kernels.runtime.cpython_abi import python_function, refuse
-from pfd_core.kernels.runtime.jit import Native, simd_width
 from pfd_core.kernels.source import KernelSource
 
 
@@ -61,7 +61,8 @@ class Entries:
         return self._source.module(self._dtype, width, self._angles)
 
     def _compile(self, width: int) -> Native:
-        return self._source.compile(f'kernel {width}', partial(self.ir, width))
+        functions = ['entry', 'bound' if width == 1 else 'batch']
+        return self._source.compile(f'kernel {width}', functions, partial(self.ir, width))
 
     def _entry(self, native: Native) -> Callable[..., Any]:
         # An entry takes arrays in the order of a call, in which brakes have no position.

@@ -32,9 +32,9 @@ from pfd_core.kernels.arguments import (
     state_arguments,
 )
 from pfd_core.kernels.entries import Entries
-from pfd_core.kernels.runtime.threads import BatchWork, block_size, run, thread_count
 from pfd_core.kernels.source import KernelSource, turned_joints
 from pfd_core.kernels.spec import KernelSpec
+from pfd_core.kernels.threads import BatchWork, block_size, run, thread_count
 from pfd_core.machine.program import Program
 from pfd_core.model import Payload
 from pfd_core.model.values import check_finite, common_shape
@@ -76,9 +76,11 @@ class Kernel:
         self.spec = spec
         # Of the spec, for a call finds them sooner here.
         self.robot, self.scene, self.dtype = spec.robot, spec.scene, spec.dtype
+        self._source = source
+        # Before its shape and operations, which are kept with the code.
+        self._code = Entries(source, spec.dtype, turned_joints(spec.robot))
         self.shape = source.shape
         self.operations = source.operations
-        self._source = source
         self._recreate = recreate
         self._make_error_alone = error_alone
         self._names = tuple(source.inputs)
@@ -91,7 +93,6 @@ class Kernel:
                 from pfd_core.algorithms.grouped.payload_input import payload_inputs
 
             self._payload_inputs = partial(payload_inputs, self.robot, self.scene, self.dtype)
-        self._code = Entries(source, spec.dtype, turned_joints(spec.robot))
         self._single_entry = self._code.single_entry
 
     def __reduce__(self) -> tuple[Callable[[], Kernel], tuple[()]]:

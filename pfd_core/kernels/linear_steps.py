@@ -10,6 +10,7 @@ stage of the integrator; native code combines them by the chain rule (codegen.li
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from operator import attrgetter
 
@@ -17,9 +18,9 @@ from pfd_core.algorithms.chain.joint_torques import record_joint_torques
 from pfd_core.kernels.codegen.linear_step import called, carried_rows, state_rows
 from pfd_core.kernels.codegen.module import linear_module
 from pfd_core.kernels.kernel import Kernel
-from pfd_core.kernels.runtime.jit import Optimisation, with_pipeline
+from pfd_core.kernels.native import Optimisation
 from pfd_core.kernels.simulations import plants
-from pfd_core.kernels.source import KernelSource, ProductSource, check_stack, derivatives
+from pfd_core.kernels.source import Facts, KernelSource, ProductSource, check_stack, derivatives
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
 from pfd_core.model import without_viscosity
@@ -40,12 +41,12 @@ class LinearSource(KernelSource):
         self.key = ('linear step', str(step), str(substeps))
         for source in sources.values():
             self.key += source.key
-        n, rows = step.lanes, state_rows(step)
-        self.inputs = {
-            name: size for source in sources.values() for name, size in source.inputs.items()
-        }
-        self.shape = (n * len(rows), n * (len(rows) + 1) + 1)
-        (self.operations, *_) = (source.operations for source in sources.values())
+
+    def _facts(self) -> Facts:
+        n, rows, sources = self._step.lanes, state_rows(self._step), self._sources.values()
+        inputs = {name: size for source in sources for name, size in source.inputs.items()}
+        operations, *_ = (source.operations for source in sources)
+        return Facts(inputs, [n * len(rows), n * (len(rows) + 1) + 1], operations, False)
 
     @property
     def work(self) -> int:
@@ -56,7 +57,8 @@ class LinearSource(KernelSource):
     @property
     def optimisation(self) -> Optimisation:
         """The effort for the longest function, with LLVM's pipeline for products of matrices."""
-        return with_pipeline(max(self._sources.values(), key=attrgetter('work')).optimisation)
+        longest = max(self._sources.values(), key=attrgetter('work')).optimisation
+        return replace(longest, pipeline=not longest.long)
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the LLVM IR of the kernel."""

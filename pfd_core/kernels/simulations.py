@@ -10,7 +10,7 @@ Simulations in native code: an integrator's step around @evaluate, over all step
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import ctypes
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,8 +24,8 @@ from pfd_core.kernels.codegen.module import adaptive_module, ensemble_module, ro
 from pfd_core.kernels.codegen.rollout import written
 from pfd_core.kernels.codegen.segments import Contact
 from pfd_core.kernels.codegen.step import extra_arguments, further_rows, torque_row
+from pfd_core.kernels.native import Native, simd_width
 from pfd_core.kernels.passes.pipeline import lower, operations
-from pfd_core.kernels.runtime.jit import Native, simd_width, with_pipeline
 from pfd_core.kernels.source import KernelSource, forward, motors, quantity_source, turned_joints
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
@@ -102,7 +102,8 @@ def compile_rollout(
         )
 
     name = 'rollout with motors' if motors else 'rollout'
-    native = sources.compile(f'{name}{sources.key} {step_program}', ir)
+    functions = ['rollout', 'accelerations', *(['cycles'] if motors else [])]
+    native = sources.compile(f'{name}{sources.key} {step_program}', functions, ir)
     integer = ctypes.c_int64
     inputs: list[Any] = [ctypes.c_void_p] * len(sources.inputs)
     rows, out = further_rows(step_program), written(step_program)
@@ -153,7 +154,7 @@ def compile_ensemble(
             *sources.further(),
         )
 
-    native = sources.compile(f'ensemble {width}{sources.key} {step_program}', ir)
+    native = sources.compile(f'ensemble {width}{sources.key} {step_program}', ['ensemble'], ir)
     kinds = [ctypes.c_void_p if kind.startswith('ptr') else ctypes.c_int64 for kind in PARAMETERS]
     run = ctypes.CFUNCTYPE(None, *kinds)(native.address('ensemble'))
     rows = further_rows(step_program)
@@ -196,7 +197,7 @@ def compile_adaptive(spec: KernelSpec, pair: AdaptivePair, contact: Contact) -> 
         assert lowered is not None
         return adaptive_module(pair, lowered, inputs, spec.dtype, turned_joints(spec.robot))
 
-    native = sources.compile(f'adaptive {pair}{sources.key}', ir)
+    native = sources.compile(f'adaptive {pair}{sources.key}', ['begin', 'adaptive'], ir)
     arrays, integer = carried(contact, inputs), ctypes.c_int64
     # The law is an object of Python, or a null pointer.
     state: list[Any] = [ctypes.c_void_p] * (4 + len(arrays))
@@ -250,12 +251,12 @@ class _Sources:
         """A program with the inputs of the simulation."""
         return Program(1, (), dict(self.inputs), {}) if self.contact else self.main.program
 
-    def compile(self, module: str, ir: Callable[[], str]) -> Native:
+    def compile(self, module: str, functions: Sequence[str], ir: Callable[[], str]) -> Native:
         """Return native code as KernelSource.compile; steps cut at events have many branches."""
         optimisation = self.main.optimisation
         if self.contact is not None:
-            optimisation = with_pipeline(optimisation)
-        return self.main.compile(module, ir, optimisation)
+            optimisation = replace(optimisation, pipeline=not optimisation.long)
+        return self.main.compile(module, functions, ir, optimisation)
 
     def further(self) -> tuple[dict[str, Program], Contact | None]:
         """Return the other programs, and dry friction and stops with lowered programs."""

@@ -3,19 +3,19 @@
 """
 Sources of kernels: a robot, a scene and a method as a lowered program, recorded only if needed.
 
-Recording and lowering take longer than loading compiled code from disk. The facts that a kernel
-needs about its program and about its modules is therefore cached on disk, too.
+Recording and lowering take longer than loading compiled code from disk. What a kernel needs to
+know about its program is therefore kept on disk with its code.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
-from functools import cache
+from dataclasses import replace
 import gc
 import math
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,18 +23,11 @@ from pfd_core.algorithms.programs import TOLERANCES
 from pfd_core.algorithms.quantities import QUANTITIES, RECORDERS
 from pfd_core.forking import cached_property, no_fork
 from pfd_core.kernels.auto import default_inverse
+from pfd_core.kernels.cache import kept
 from pfd_core.kernels.codegen.spelling import arguments
+from pfd_core.kernels.native import Native, Optimisation, compile_kept
 from pfd_core.kernels.passes.pipeline import Stages, joined, lower, operations
 from pfd_core.kernels.passes.schedule import LONGEST, ORDERED, can_be_ordered
-from pfd_core.kernels.runtime.jit import (
-    USUAL,
-    Native,
-    Optimisation,
-    Outline,
-    compile_outlined,
-    outline,
-)
-from pfd_core.kernels.runtime.json_cache import T, get_or_compute
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot
@@ -42,6 +35,15 @@ from pfd_core.model import Plant, Robot
 # The widest register, and half of the stack that a thread has on Linux.
 REGISTER_BYTES = 64
 STACK_BYTES = 4 << 20
+
+
+class Facts(NamedTuple):
+    """What a kernel needs to know about its program, kept with its code."""
+
+    inputs: dict[str, int]  # elements of each input, in the order in which a kernel takes them
+    shape: list[int]  # of the output
+    operations: dict[str, dict[str, int]]  # by name, of each stage
+    ordered: bool  # whether native code is to keep the order of its operations
 
 
 class KernelSource:
@@ -56,29 +58,35 @@ class KernelSource:
         Everything that determines the program, except the source of this package (a plant's
         digest, a method, a number format); without it nothing is kept on disk.
 
-    Attributes
-    ----------
-    inputs : dict
-        Elements of each input, in the order in which a kernel takes them.
-    key : tuple of str
-        As given.
-    shape : tuple of int
-        Shape of the output.
-    operations : dict
-        Operations by name, of each stage.
-    ordered : bool
-        Whether native code is to keep the order of its operations.
-
     """
 
     def __init__(self, lowered: Callable[[], Stages], key: tuple[str, ...] = ()) -> None:
         self._lowered = lowered
         self.key = key
-        facts = self._get_or_compute('facts', self._facts, _are_facts)
-        self.inputs: dict[str, int] = facts['inputs']
-        self.shape: tuple[int, ...] = tuple(facts['shape'])
-        self.operations: dict[str, dict[str, int]] = facts['operations']
-        self.ordered: bool = facts['ordered']
+
+    @cached_property
+    def facts(self) -> Facts:
+        """The facts about its program, from disk where there is no code that has them."""
+        return kept(
+            (*self.key, 'facts') if self.key else (),
+            lambda: (self._facts()._asdict(), b''),
+            lambda head, _: Facts(**head),
+        )
+
+    @property
+    def inputs(self) -> dict[str, int]:
+        """Elements of each input, in the order in which a kernel takes them."""
+        return self.facts.inputs
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the output."""
+        return tuple(self.facts.shape)
+
+    @property
+    def operations(self) -> dict[str, dict[str, int]]:
+        """Operations by name, of each stage."""
+        return self.facts.operations
 
     @property
     def elements(self) -> int:
@@ -106,7 +114,12 @@ class KernelSource:
         return sum(self.operations['compiled'].values())
 
     def compile(
-        self, module: str, ir: Callable[[], str], optimisation: Optimisation | None = None
+        self,
+        module: str,
+        functions: Sequence[str],
+        ir: Callable[[], str],
+        optimisation: Optimisation | None = None,
+        symbols: Mapping[str, int] = MappingProxyType({}),
     ) -> Native:
         """
         Return native code of the program.
@@ -116,22 +129,32 @@ class KernelSource:
         module : str
             Everything that determines the IR except the program, such as the name of a kind of
             module.
+        functions : sequence of str
+            The functions whose addresses are needed.
         ir : callable
             Writes the module of LLVM IR; called only if its object is not on disk.
         optimisation : Optimisation, optional
             The effort of the compiler; default: the property `optimisation`.
+        symbols : mapping of str to int
+            Addresses that the module refers to, as for pfd_core.kernels.native.compile_kept.
 
         """
-        once = cache(ir)
-        known = self._get_or_compute(module, lambda: asdict(outline(once())), _is_outline)
-        return compile_outlined(Outline(**known), once, optimisation or self.optimisation)
+        own = vars(self)
+
+        def source() -> tuple[str, Optimisation, dict[str, Any]]:
+            if 'facts' not in own:
+                own['facts'] = self._facts()
+            return ir(), optimisation or self.optimisation, self.facts._asdict()
+
+        key = (*self.key, module) if self.key else ()
+        native = compile_kept(key, source, functions, symbols, Facts)
+        own.setdefault('facts', native.facts)
+        return native
 
     @property
     def optimisation(self) -> Optimisation:
         """The effort of the compiler."""
-        # The passes find nothing to do in a long program, and take their time.
-        passes = USUAL.passes if self.work <= LONGEST else ()
-        return Optimisation(passes=passes, reorder=not self.ordered)
+        return Optimisation(long=self.work > LONGEST, reorder=not self.facts.ordered)
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the module of a kernel, of one state or a batch (pfd_core.kernels.codegen)."""
@@ -140,19 +163,14 @@ class KernelSource:
 
         return kernel_module(self.program, dtype, width, angles)
 
-    def _get_or_compute(
-        self, name: str, compute: Callable[[], T], valid: Callable[[Any], bool]
-    ) -> T:
-        return get_or_compute((*self.key, name), compute, valid) if self.key else compute()
-
-    def _facts(self) -> dict[str, Any]:
+    def _facts(self) -> Facts:
         (output,) = self.program.outputs.values()
-        return {
-            'inputs': {name: self.program.inputs[name] for name in arguments(self.program)},
-            'shape': list(output.shape),
-            'operations': {name: operations(p) for name, p in vars(self._stages).items()},
-            'ordered': can_be_ordered(self.program, LONGEST),
-        }
+        return Facts(
+            {name: self.program.inputs[name] for name in arguments(self.program)},
+            list(output.shape),
+            {name: operations(p) for name, p in vars(self._stages).items()},
+            can_be_ordered(self.program, LONGEST),
+        )
 
 
 class ProductSource(KernelSource):
@@ -182,9 +200,7 @@ class ProductSource(KernelSource):
     @property
     def optimisation(self) -> Optimisation:
         """The effort of the compiler."""
-        # Level 2 of the code generator doubles the time to compile the parts of a long program,
-        # which are no faster then.
-        return Optimisation(passes=(), code=1) if self.work > LONGEST else USUAL
+        return Optimisation(long=self.work > LONGEST)
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the module of a kernel, which computes the factors and multiplies them."""
@@ -288,40 +304,6 @@ def motors(plant: Plant, dtype: str) -> KernelSource:
 def turned_joints(robot: Robot) -> tuple[int, ...]:
     """Return the joints whose position is an angle."""
     return tuple(np.flatnonzero(robot.turning).tolist())
-
-
-def _are_facts(value: Any) -> bool:
-    """Return whether a JSON value can be the facts that KernelSource keeps of its program."""
-    return (
-        isinstance(value, dict)
-        and value.keys() == {'inputs', 'shape', 'operations', 'ordered'}
-        and isinstance(value['ordered'], bool)
-        and _are_counts(value['inputs'])
-        and isinstance(value['shape'], list)
-        and _are_counts(dict(enumerate(value['shape'])))
-        and isinstance(value['operations'], dict)
-        and value['operations'].keys() == Stages.__annotations__.keys()
-        and all(_are_counts(stage) for stage in value['operations'].values())
-    )
-
-
-def _are_counts(value: Any) -> bool:
-    return (
-        isinstance(value, dict)
-        and bool(value)
-        and all(type(count) is int and count > 0 for count in value.values())
-    )
-
-
-def _is_outline(value: Any) -> bool:
-    """Return whether a JSON value can be an Outline."""
-    return (
-        isinstance(value, dict)
-        and value.keys() == {'digest', 'functions'}
-        and isinstance(value['digest'], str)
-        and isinstance(value['functions'], list)
-        and all(isinstance(name, str) for name in value['functions'])
-    )
 
 
 @contextmanager

@@ -33,9 +33,9 @@ from pfd_core.kernels.codegen.segments import Contact
 from pfd_core.kernels.codegen.step import REPORT
 from pfd_core.kernels.functions import CACHED_KERNELS
 from pfd_core.kernels.runtime.cpython_abi import supported
-from pfd_core.kernels.runtime.threads import address
 from pfd_core.kernels.simulations import AdaptiveSteps, compile_adaptive
 from pfd_core.kernels.spec import STEP, KernelSpec
+from pfd_core.kernels.threads import address
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.effects import INPUT
 from pfd_core.model.values import Array, choice, integer, real_array, real_number, switch

@@ -26,9 +26,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.kernels.codegen.arms import SLOTS
 from pfd_core.kernels.codegen.step import REPORT
-from pfd_core.kernels.runtime.threads import MAX_BLOCK_WORK, block_size, run, thread_count
 from pfd_core.kernels.simulations import NativeEnsemble, compile_ensemble
 from pfd_core.kernels.spec import KernelSpec
+from pfd_core.kernels.threads import MAX_BLOCK_WORK, block_size, run, thread_count
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene, given_scene
 from pfd_core.model.effects import INPUT
@@ -204,16 +204,9 @@ class Ensemble(Simulation):
         table = np.array([_table_row(arrays.get(name)) for name in names], np.int64)
         finite = np.zeros(self.size, np.int64)
         block = block_size(self.size, threads, self._native.width, self._step_work * steps)
-
-        def advance(count: int) -> None:
-            settings = (self.size - 1, steps, count, every, law)
-            work = partial(_run_block, self._native, settings, table, finite, arrays)
-            run(work, self.size, block, threads)
-
-        if self._long:
-            self._interruptibly(advance)
-        else:
-            advance(self._count_at)
+        settings = (self.size - 1, steps, self._count_at, every, law)
+        work = partial(_run_block, self._native, settings, table, finite, arrays)
+        run(work, self.size, block, threads)
         following.steps += steps
         if (finite < steps).any():
             following.status = self._why_not_finite(following)

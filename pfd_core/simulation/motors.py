@@ -227,20 +227,9 @@ class Cycles:
         """Do as `run`, on arrays given by their addresses, without checks."""
         block, state = self._block, self.state
         block[self._efforts], block[self._out] = efforts, out
-        if self._simulator._long:
-            finite = self._simulator._interruptibly(partial(self._run_long, steps))
-        else:
-            finite = self._native(steps, self._at)
+        finite: int = self._native(steps, self._at)
         state.steps += finite
         if finite < steps and not self._motors.jumped:
             state.steps += 1
             state.status = self._simulator._why_not_finite(state)
         return finite
-
-    def _run_long(self, steps: int, count_at: int) -> int:
-        place = HEAD.index('substeps')
-        before, self._block[place] = self._block[place], count_at
-        try:
-            return self._native(steps, self._at)
-        finally:
-            self._block[place] = before

@@ -8,7 +8,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from copy import deepcopy
 from ctypes import addressof, c_int64
-from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -16,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from pfd_core.forking import cached_property
 from pfd_core.kernels.codegen.segments import Contact
-from pfd_core.kernels.runtime.threads import MAX_BLOCK_WORK, run_until_stopped
 from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.model import (
     Plant,
@@ -65,7 +63,6 @@ FULL_TURN = (
     float.fromhex('0x1.4442d00000000p-22'),
     float.fromhex('0x1.8469898cc5170p-46'),
 )
-T = TypeVar('T')
 Self = TypeVar('Self', bound='Simulation')
 
 
@@ -128,23 +125,11 @@ class Simulation(ABC):
         self._native = self._compile()
         self._count = c_int64(self.substeps)
         self._count_at = addressof(self._count)
-        self._long = self._step_work > MAX_BLOCK_WORK
 
     @property
     @abstractmethod
     def _step_work(self) -> int:
         """Operations of one step, on vector registers in an ensemble; at least 1."""
-
-    def _interruptibly(self, call: Callable[[int], T]) -> T:
-        """
-        Return the result of native code with long steps, given the address of `substeps`.
-
-        It runs in a thread, so that a KeyboardInterrupt ends a step between two substeps.
-        """
-        count = c_int64(self.substeps)
-        stop = partial(setattr, count, 'value', 0)
-        # The call refers to the number, too, which it reads to its end.
-        return run_until_stopped(lambda: call(addressof(count)), stop)
 
     def _compile(self) -> Any:
         integrator, h = TABLE[self.integrator], self.step_size / self.substeps
@@ -188,7 +173,7 @@ class Simulation(ABC):
         return Contact(programs, scheme.stages, h, implicit * h, pivots, MOST_SEGMENTS)
 
     def __getstate__(self) -> dict[str, Any]:
-        own = ('_native', '_count', '_count_at', '_long')
+        own = ('_native', '_count', '_count_at')
         return {name: value for name, value in self.__dict__.items() if name not in own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

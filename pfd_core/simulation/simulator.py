@@ -277,11 +277,7 @@ class Simulator(Simulation):
         It takes the addresses of its state, of the torques, of inputs and further rows, and of the
         states that it writes, and returns the number of leading steps with a finite state.
         """
-        run = self._native.run
-        if self._long:
-            finite = self._interruptibly(lambda count: run(steps, count, *addresses))
-        else:
-            finite = run(steps, self._count_at, *addresses)
+        finite = self._native.run(steps, self._count_at, *addresses)
         following.steps += steps
         if finite < steps:
             following.status = self._why_not_finite(following)

@@ -25,7 +25,8 @@ from typing import NamedTuple
 import numpy as np
 
 import pfd_core as pfd
-from pfd_core.kernels.runtime import cpu_count, disk_cache, processor
+from pfd_core.kernels import cache as disk_cache
+from pfd_core.kernels import native, threads
 from pfd_ros.demo.bare_timer import bare_timer
 from pfd_ros.text import one_line
 
@@ -77,8 +78,8 @@ def installation() -> Iterator[Finding]:
     """Yield the versions of the package, of Python and of the system, and the processors."""
     yield Finding('pfd', f'{pfd.__version__} in {Path(pfd.__file__).resolve().parents[1]}')
     yield Finding('python', f'{platform.python_version()} on {platform.platform()}')
-    count = cpu_count.available()
-    yield Finding('processor', f'{processor.current().cpu}, {count} available to this process')
+    count = threads.cores()
+    yield Finding('processor', f'{native.current().cpu}, {count} available to this process')
 
 
 def extras() -> Iterator[Finding]:

@@ -32,7 +32,7 @@ from pfd_core.kernels.codegen.python_entry import (
     TYPE,
     WRITEABLE,
 )
-from pfd_core.kernels.runtime.jit import Native, add_symbol
+from pfd_core.kernels.native import Native, add_symbol
 
 METH_FASTCALL = 0x80
 # Functions of Python's C API, by their names in modules of LLVM IR (with the prefix pfd.).

@@ -1,0 +1,216 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Results on disk, each under a digest of everything that determines it.
+
+    <folder>/<SHA-256>.pfd        SHA-256 of name and contents, JSON, a zero byte, other bytes
+
+The folder is `pfd_ros` in the user's cache folder (XDG_CACHE_HOME, or ~/.cache). The environment
+variable PFD_CACHE names another one (`~` is expanded, a relative path begins at the current
+folder), or, if empty, disables the cache. Native code from disk is run, so the folder must belong
+to the user (or root) and must not be writable by others. A file is moved there whole, so that
+several processes may write at once. Above LIMIT bytes the least recently used files are removed.
+
+The cache never decides a result: a file that cannot be used is as good as none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import cache
+import hashlib
+import json
+import logging
+import os
+from pathlib import Path
+import sys
+import time
+from typing import Any, TypeVar
+
+import numpy as np
+
+from pfd_core.forking import IMPORTED
+
+VARIABLE = 'PFD_CACHE'
+LIMIT = 512 * 2**20
+SUFFIX = '.pfd'
+CHECKSUM = hashlib.sha256().digest_size
+PACKAGE = Path(__file__).parents[1]
+
+LOG = logging.getLogger('pfd_core')
+T = TypeVar('T')
+
+
+def kept(
+    key: Sequence[str],
+    make: Callable[[], tuple[dict[str, Any], bytes]],
+    use: Callable[[dict[str, Any], bytes], T],
+) -> T:
+    """
+    Return `use(*make())`, with what was made for the same key before if that can be used.
+
+    Parameters
+    ----------
+    key : sequence of str
+        Everything that determines what `make` returns, except the source of this package and the
+        versions of Python and NumPy; empty for a result that is not kept.
+    make : callable
+        Returns a JSON object and bytes.
+    use : callable
+        Returns the result. An exception that it raises for a kept entry makes that a miss.
+
+    """
+    source = SOURCE if key and folder() else None
+    if source is None:
+        return use(*make())
+    # Compiled code depends on how Python lays out its objects.
+    python = sys.version, str(object.__basicsize__), np.__version__
+    name = digest(source, *python, *key)
+    entry = read(name)
+    if entry is not None:
+        try:
+            text, _, payload = entry.partition(b'\0')
+            return use(json.loads(text), payload)
+        except Exception as error:
+            LOG.info('the cache entry %s cannot be used (%r): it is made again', name, error)
+    head, payload = make()
+    text = json.dumps(head).encode()
+    # Modules are imported at their first use: one of them may be of a later edit.
+    if _source() == source:
+        write(name, text + b'\0' + payload)
+    return use(json.loads(text), payload)
+
+
+def digest(*parts: str) -> str:
+    """Return the SHA-256 of some strings, separated from each other, in hexadecimal."""
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+def folder() -> Path | None:
+    """Return the folder of the cache, which need not exist, or None if the cache is off."""
+    given = os.environ.get(VARIABLE)
+    if given is not None and not given.strip():
+        return None
+    try:
+        if given is not None:
+            return Path(given).expanduser().absolute()
+        base = Path(os.environ.get('XDG_CACHE_HOME', ''))
+        # A relative XDG_CACHE_HOME is to be ignored (XDG base directory specification).
+        return (base if base.is_absolute() else Path.home() / '.cache').absolute() / 'pfd_ros'
+    except (RuntimeError, OSError) as error:  # no home folder, or a deleted current folder
+        _warn(
+            f'compiled kernels are not kept, because there is no cache folder ({error}): set '
+            f'{VARIABLE} to a folder of your own, or to nothing'
+        )
+        return None
+
+
+def read(name: str) -> bytes | None:
+    """Return the bytes written under a name (64 hexadecimal digits), or None."""
+    where = folder()
+    if where is None:
+        return None
+    path = where / f'{name}{SUFFIX}'
+    try:
+        # A file of another kind may block its reader.
+        if not path.is_file() or path.stat().st_size > LIMIT or not _ours(where):
+            return None
+        data = path.read_bytes()
+        os.utime(path)  # marks the file as recently used
+    except OSError as error:
+        LOG.info('%r cannot be read (%s)', str(path), error)
+        return None
+    if data[:CHECKSUM] != _checksum(name, data[CHECKSUM:]):
+        LOG.info('%r is damaged', str(path))
+        return None
+    return data[CHECKSUM:]
+
+
+def write(name: str, payload: bytes) -> None:
+    """Write some bytes under a name; warn if that is impossible."""
+    where = folder()
+    if where is None:
+        return
+    unfinished = where / f'{os.urandom(8).hex()}.unfinished{SUFFIX}'
+    try:
+        where.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not _ours(where):
+            return
+        try:
+            with open(os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), 'wb') as f:
+                f.write(_checksum(name, payload) + payload)
+            os.replace(unfinished, where / f'{name}{SUFFIX}')
+        finally:
+            unfinished.unlink(missing_ok=True)
+        _evict(where)
+    except OSError as error:
+        _warn(
+            f'compiled kernels cannot be kept in {str(where)!r} ({error.strerror}), so each '
+            f'process compiles its own: set {VARIABLE} to a folder that can be written, or to '
+            'nothing'
+        )
+
+
+def _checksum(name: str, payload: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + payload).digest()
+
+
+def _ours(where: Path) -> bool:
+    """Return whether only the user and root can have put native code into a folder."""
+    if sys.platform == 'win32':
+        return True
+    state = where.stat()
+    if state.st_uid in (0, os.geteuid()) and not state.st_mode & 0o022:
+        return True
+    _warn(
+        f'the cache folder {str(where)!r} is not used, because others could put code there: make '
+        f'it your own and take group and others the right to write (chmod go-w), or set '
+        f'{VARIABLE} to a folder of your own, or to nothing'
+    )
+    return False
+
+
+def _evict(where: Path) -> None:
+    """Remove the least recently used files, once a folder holds more than the limit."""
+    files = []
+    for path in where.glob(f'*{SUFFIX}'):
+        with suppress(FileNotFoundError):  # another process may have removed it
+            state = path.stat()
+            files.append((state.st_mtime_ns, state.st_size, path))
+    total = sum(size for _, size, _ in files)
+    # Down to less than the limit, so that files need not be removed again at once.
+    least = LIMIT * 3 // 4 if total > LIMIT else total
+    for _, size, path in sorted(files):
+        if total > least:
+            path.unlink(missing_ok=True)
+            total -= size
+
+
+@cache
+def _warn(text: str) -> None:
+    """Log a warning, once."""
+    LOG.warning('%s', text)
+
+
+def _source() -> str | None:
+    """
+    Return the digest of the source files of this package, or None.
+
+    None is for a package without source files, and for files so new that they may have been
+    written after the package was imported. Times in the future come from a wrong clock.
+    """
+    try:
+        found = [
+            (str(path.relative_to(PACKAGE)), path.read_text('utf-8'), path.stat().st_mtime)
+            for path in sorted(PACKAGE.rglob('*.py'))
+        ]
+    except OSError:
+        return None
+    if not found or any(IMPORTED < changed <= time.time() for _, _, changed in found):
+        return None
+    return digest(*(part for name, text, _ in found for part in (name, text)))
+
+
+# At once, because source files may be edited while this process runs.
+SOURCE = _source()

@@ -1,0 +1,352 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+LLVM IR to native code in this process.
+
+The code is for the processor of this machine, or for the level of x86-64 that the environment
+variable PFD_TARGET_CPU names, which is read at each compilation. Results have the same bits on
+every processor: no option lets LLVM change one, and without a fused multiply-add it calls `fma`
+of the C library, which C99 requires to round once.
+
+    native = compile_ir(ir, ['f'])      native['f'] is the address of a function
+    code = emit(ir, target)             an object file, for any processor
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from functools import cache
+import logging
+import os
+import time
+from types import MappingProxyType
+from typing import Any
+
+import llvmlite
+import llvmlite.binding as llvm
+
+from pfd_core.forking import hold_at_fork
+from pfd_core.kernels.cache import digest, kept
+
+# A record for each module that the compiler is run on.
+COMPILE_LOG = logging.getLogger('pfd_core.compile')
+VARIABLE = 'PFD_TARGET_CPU'
+# What each level has besides the level before it, in LLVM's words.
+_V2 = ('cx16', 'popcnt', 'sahf', 'sse3', 'sse4.1', 'sse4.2', 'ssse3')
+_V3 = (*_V2, 'avx', 'avx2', 'bmi', 'bmi2', 'f16c', 'fma', 'lzcnt', 'movbe')
+_V4 = (*_V3, 'avx512bw', 'avx512cd', 'avx512dq', 'avx512f', 'avx512vl')
+LEVELS = {'x86-64-v2': _V2, 'x86-64-v3': _V3, 'x86-64-v4': _V4}
+# IR passes that are worth their time around straight-line code, which is as short as it gets.
+PASSES = (
+    'always_inliner',
+    'sroa',
+    'instruction_combine',
+    'simplify_cfg',
+    'global_dead_code_eliminate',
+)
+# Bytes of an object that depend on its target alone, by its first four bytes: ELF (up
+# to e_machine) and Mach-O (up to filetype). COFF begins with the machine.
+HEADER_BYTES = {b'\x7fELF': 20, b'\xcf\xfa\xed\xfe': 16}
+COFF_MACHINE = 2
+# Addresses in this process that every module may refer to, by their names.
+_symbols: dict[str, int] = {}
+# Held by llvmlite during each call of LLVM, reentrant; None if an llvmlite has no such lock.
+LLVM_LOCK = getattr(llvm.ffi.lib, '_lock', None)
+# The newest LLVM that is known to have the option: LLVM ends the process at an unknown one.
+NEWEST_WITH_SCHEDULER_OPTION = 22
+
+
+@dataclass(frozen=True)
+class Target:
+    """A processor to compile for, as LLVM describes it."""
+
+    triple: str  # architecture, vendor and system
+    cpu: str = ''  # name of the processor
+    features: str = ''  # its extensions
+
+    @property
+    def vector_bits(self) -> int:
+        """Bits in one vector register: AVX-512, AVX, or NEON and SSE2."""
+        on = set(self.features.split(','))
+        return 512 if '+avx512f' in on else 256 if '+avx' in on else 128
+
+
+@dataclass(frozen=True)
+class Optimisation:
+    """How hard LLVM tries; the bits of a result do not depend on it."""
+
+    # For a long program, in which LLVM finds little to do and takes its time. Thirty joints: half
+    # the time to compile, and code within 5 % of the usual speed.
+    long: bool = False
+    # LLVM's pipeline of level 1 instead of PASSES: code with many branches or loops is 4 to 7 %
+    # faster then, and straight-line code takes twice the time to compile.
+    pipeline: bool = False
+    # Whether LLVM may reorder operations; for code that is not ordered already
+    # (pfd_core.kernels.passes.schedule). With 16 vector registers LLVM always reorders.
+    reorder: bool = True
+
+
+USUAL = Optimisation()
+
+
+@dataclass(frozen=True)
+class Native:
+    """Native code of a module, which is freed with its last owner."""
+
+    library: Any
+    digest: str  # SHA-256 of its IR
+    facts: Any  # kept with it, see compile_kept
+    seconds: float  # time to compile or to load it
+
+    def __getitem__(self, name: str) -> int:
+        """Return the address of a function."""
+        return int(self.library[name])
+
+    address = __getitem__
+
+
+def current() -> Target:
+    """
+    Return the processor to compile for.
+
+    Raises
+    ------
+    ValueError
+        If PFD_TARGET_CPU is neither empty nor a level of x86-64 that this machine has.
+
+    """
+    level = os.environ.get(VARIABLE, '').strip()
+    if not level:
+        return host()
+    if level not in LEVELS:
+        raise ValueError(
+            f'{VARIABLE} must be empty, for this machine, or one of {", ".join(LEVELS)}, '
+            f'got {level!r}'
+        )
+    if missing := missing_features(level):
+        raise ValueError(
+            f'{VARIABLE} must name a processor whose code runs on this machine '
+            f'({host().cpu}), got {level!r}, which needs {", ".join(missing)}'
+        )
+    return level_target(level)
+
+
+def missing_features(level: str) -> list[str]:
+    """Return what a level of x86-64 has and this machine lacks."""
+    here = _features_of_machine()
+    return [name for name in LEVELS[level] if not here.get(name)]
+
+
+@cache
+def host() -> Target:
+    """Return the processor of this machine."""
+    return Target(
+        llvm.get_process_triple(), llvm.get_host_cpu_name(), _flat(_features_of_machine())
+    )
+
+
+def level_target(level: str) -> Target:
+    """Return a level of x86-64, which this machine need not have."""
+    return Target(llvm.get_process_triple(), level, _flat(dict.fromkeys(LEVELS[level], True)))
+
+
+def add_symbol(name: str, address: int) -> None:
+    """Let every module refer to an address of this process by name."""
+    _symbols[name] = address
+
+
+def simd_width(dtype: str, target: Target | None = None) -> int:
+    """Return how many numbers one vector register holds; by default, of the current target."""
+    bits = (current() if target is None else target).vector_bits
+    return bits // (64 if dtype == 'float64' else 32)
+
+
+def compile_ir(
+    ir: str,
+    functions: Sequence[str],
+    symbols: Mapping[str, int] = MappingProxyType({}),
+    optimisation: Optimisation = USUAL,
+) -> Native:
+    """Return native code of a module of LLVM IR; arguments as for compile_kept."""
+    key = 'IR', ir, repr(optimisation)
+    return compile_kept(key, lambda: (ir, optimisation, {}), functions, symbols)
+
+
+def compile_kept(
+    key: Sequence[str],
+    source: Callable[[], tuple[str, Optimisation, dict[str, Any]]],
+    functions: Sequence[str],
+    symbols: Mapping[str, int] = MappingProxyType({}),
+    facts: Callable[..., Any] = dict,
+) -> Native:
+    """
+    Return native code of a module, from disk if it was compiled before.
+
+    Parameters
+    ----------
+    key : sequence of str
+        Everything that determines what `source` returns, as for pfd_core.kernels.cache.kept.
+    source : callable
+        Returns the IR, how hard to try, and a JSON object that is kept with the code.
+    functions : sequence of str
+        The functions whose addresses are needed.
+    symbols : mapping of str to int
+        Addresses in this process that the module refers to, by their names. What they point to
+        must outlive the code.
+    facts : callable
+        Returns the `facts` of the code; its arguments are the members of the JSON object.
+
+    """
+    target, seconds = current(), 0.0
+
+    def make() -> tuple[dict[str, Any], bytes]:
+        nonlocal seconds
+        ir, optimisation, own = source()
+        COMPILE_LOG.info('compiling %s', ', '.join(functions))
+        start = time.perf_counter()
+        code = emit(ir, target, optimisation)
+        seconds = time.perf_counter() - start
+        return {'digest': digest(ir), 'facts': own}, code
+
+    def use(head: dict[str, Any], code: bytes) -> Native:
+        start = time.perf_counter()
+        library = _link(code, target, functions, symbols)
+        taken = seconds + time.perf_counter() - start
+        return Native(library, head['digest'], facts(**head['facts']), taken)
+
+    versions = llvmlite.__version__, str(llvm.llvm_version_info)
+    return kept((*key, *versions, repr(target)) if key else (), make, use)
+
+
+def emit(ir: str, target: Target | None = None, optimisation: Optimisation = USUAL) -> bytes:
+    """
+    Return the object file of a module of LLVM IR.
+
+    The target, by default the current one, need not be this machine's. RuntimeError if the IR is
+    not a valid module, or this LLVM cannot compile for the target.
+    """
+    target = target or current()
+    machine = _machine(target, 1 if optimisation.long else 2)
+    module = llvm.parse_assembly(ir)
+    module.triple = target.triple
+    module.data_layout = str(machine.target_data)
+    module.verify()
+    _optimise(module, machine, optimisation)
+    with nullcontext() if optimisation.reorder or target.vector_bits < 512 else _order_kept():
+        return bytes(machine.emit_object(module))
+
+
+def _link(
+    code: bytes, target: Target, functions: Sequence[str], symbols: Mapping[str, int]
+) -> Any:
+    """Return the library of an object file, which owns its code and finds its functions."""
+    # LLVM also links objects for other processors.
+    if not code.startswith(_object_header(target)):
+        raise RuntimeError(f'expected an object for {target.triple}')
+    # JITLink places code, constants and table next to each other. Each module has its own linker,
+    # because a common one would not free everything.
+    linker = llvm.create_lljit_compiler(_machine(target), use_jit_link=True)
+    builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
+    for name, address in {**_symbols, **symbols}.items():
+        builder.import_symbol(name, address)
+    for name in functions:
+        builder.export_symbol(name)
+    return builder.link(linker, 'kernel')
+
+
+def _features_of_machine() -> dict[str, bool]:
+    """Return the features that LLVM knows, and whether this machine has them."""
+    try:
+        return dict(llvm.get_host_cpu_features())
+    except RuntimeError:  # LLVM cannot query every processor; the name is enough then
+        return {}
+
+
+def _flat(features: dict[str, bool]) -> str:
+    """Return features as LLVM reads them; registers of 512 bits are used where there are any."""
+    if features.get('avx512f'):
+        features = features | {'prefer-256-bit': False}
+    return ','.join(f'{"+" if on else "-"}{name}' for name, on in sorted(features.items()))
+
+
+@cache
+def _initialise(triple: str) -> None:
+    """Load LLVM's code generator for a target."""
+    if triple == llvm.get_process_triple():
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+    else:
+        llvm.initialize_all_targets()
+        llvm.initialize_all_asmprinters()
+
+
+def _machine(target: Target, level: int = 2) -> Any:
+    _initialise(target.triple)
+    # Constants are next to the code, in reach of an instruction; only symbols of the process
+    # are reached through a table.
+    return llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu=target.cpu, features=target.features, opt=level, reloc='pic', codemodel='small'
+    )
+
+
+@cache
+def _object_header(target: Target) -> bytes:
+    """Return the first bytes of every object for a target: its format and processor."""
+    empty = bytes(_machine(target).emit_object(llvm.parse_assembly('')))
+    return empty[: HEADER_BYTES.get(empty[:4], COFF_MACHINE)]
+
+
+def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
+    options = llvm.create_pipeline_tuning_options(speed_level=int(optimisation.pipeline))
+    # No scalars or loops become vectors.
+    options.slp_vectorization = options.loop_vectorization = False
+    builder = llvm.create_pass_builder(machine, options)
+    if optimisation.pipeline:
+        passes = builder.getModulePassManager()
+    else:
+        names = ('sroa',) if optimisation.long else PASSES
+        if 'always_inliner' in names:
+            _inline_internal(module)
+        passes = llvm.create_new_module_pass_manager()
+        for name in names:
+            getattr(passes, f'add_{name}_pass')()
+    passes.run(module, builder)
+    # llvmlite 0.50 frees no pass manager: the empty method of ObjectRef hides its own.
+    hidden = getattr(super(llvm.ffi.ObjectRef, passes), '_dispose', None)
+    if hidden is not None:
+        hidden()
+        passes.detach()
+
+
+def _inline_internal(module: Any) -> None:
+    """Mark functions for `always_inliner`: those of this module alone that allow it."""
+    for function in module.functions:
+        words = {word for attribute in function.attributes for word in attribute.split()}
+        if function.linkage == llvm.Linkage.internal and b'noinline' not in words:
+            function.add_function_attribute('alwaysinline')
+
+
+@contextmanager
+def _order_kept() -> Iterator[None]:
+    """
+    Switch off LLVM's scheduler of machine instructions.
+
+    The option is global: the lock keeps other users of llvmlite, such as Numba, from compiling
+    meanwhile. Without the lock, or with an LLVM that may not have the option, the scheduler stays
+    on: code is then slower by some percent and computes the same bits.
+    """
+    if LLVM_LOCK is None or llvm.llvm_version_info[0] > NEWEST_WITH_SCHEDULER_OPTION:
+        yield
+        return
+    with LLVM_LOCK:
+        llvm.set_option('pfd_core', '-enable-misched=false')
+        try:
+            yield
+        finally:
+            llvm.set_option('pfd_core', '-enable-misched=true')
+
+
+# A process forks between two calls of LLVM, never during one.
+hold_at_fork(LLVM_LOCK or nullcontext())

@@ -113,6 +113,7 @@ def batch_ir(kernel: pfd.Kernel, width: int) -> str:
 def for_arm(ir: str) -> bytes:
     """Return an object for 64-bit ARM."""
     llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
     try:
         llvm.Target.from_triple(ARM64.triple)
     except RuntimeError:

@@ -33,6 +33,7 @@ import numpy as np
 from pfd_core.forking import IMPORTED
 
 VARIABLE = 'PFD_CACHE'
+REMEDY = f'set {VARIABLE} to a folder of your own, or to nothing'
 LIMIT = 512 * 2**20
 SUFFIX = '.pfd'
 CHECKSUM = hashlib.sha256().digest_size
@@ -70,16 +71,16 @@ def kept(
     entry = read(name)
     if entry is not None:
         try:
-            text, _, payload = entry.partition(b'\0')
-            return use(json.loads(text), payload)
+            head, _, payload = entry.partition(b'\0')
+            return use(json.loads(head), payload)
         except Exception as error:
             LOG.info('the cache entry %s cannot be used (%r): it is made again', name, error)
-    head, payload = make()
-    text = json.dumps(head).encode()
+    made, payload = make()
+    head = json.dumps(made).encode()
     # Modules are imported at their first use: one of them may be of a later edit.
     if _source() == source:
-        write(name, text + b'\0' + payload)
-    return use(json.loads(text), payload)
+        write(name, head + b'\0' + payload)
+    return use(json.loads(head), payload)
 
 
 def digest(*parts: str) -> str:
@@ -99,10 +100,7 @@ def folder() -> Path | None:
         # A relative XDG_CACHE_HOME is to be ignored (XDG base directory specification).
         return (base if base.is_absolute() else Path.home() / '.cache').absolute() / 'pfd_ros'
     except (RuntimeError, OSError) as error:  # no home folder, or a deleted current folder
-        _warn(
-            f'compiled kernels are not kept, because there is no cache folder ({error}): set '
-            f'{VARIABLE} to a folder of your own, or to nothing'
-        )
+        _warn(f'compiled kernels are not kept, as there is no cache folder ({error}): {REMEDY}')
         return None
 
 
@@ -147,8 +145,7 @@ def write(name: str, payload: bytes) -> None:
     except OSError as error:
         _warn(
             f'compiled kernels cannot be kept in {str(where)!r} ({error.strerror}), so each '
-            f'process compiles its own: set {VARIABLE} to a folder that can be written, or to '
-            'nothing'
+            f'process compiles its own: {REMEDY}'
         )
 
 
@@ -165,8 +162,7 @@ def _ours(where: Path) -> bool:
         return True
     _warn(
         f'the cache folder {str(where)!r} is not used, because others could put code there: make '
-        f'it your own and take group and others the right to write (chmod go-w), or set '
-        f'{VARIABLE} to a folder of your own, or to nothing'
+        f'it your own and take group and others the right to write (chmod go-w), or {REMEDY}'
     )
     return False
 
@@ -175,16 +171,17 @@ def _evict(where: Path) -> None:
     """Remove the least recently used files, once a folder holds more than the limit."""
     files = []
     for path in where.glob(f'*{SUFFIX}'):
-        with suppress(FileNotFoundError):  # another process may have removed it
+        with suppress(OSError):  # another process may have removed it
             state = path.stat()
             files.append((state.st_mtime_ns, state.st_size, path))
     total = sum(size for _, size, _ in files)
     # Down to less than the limit, so that files need not be removed again at once.
     least = LIMIT * 3 // 4 if total > LIMIT else total
     for _, size, path in sorted(files):
-        if total > least:
-            path.unlink(missing_ok=True)
-            total -= size
+        with suppress(OSError):
+            if total > least:
+                path.unlink()
+                total -= size
 
 
 @cache

@@ -3,13 +3,13 @@
 """
 LLVM IR to native code in this process.
 
+    native = compile_ir(ir, ['f'])      native['f'] is the address of a function
+    code = emit(ir, target)             an object file, for any processor
+
 The code is for the processor of this machine, or for the level of x86-64 that the environment
 variable PFD_TARGET_CPU names, which is read at each compilation. Results have the same bits on
 every processor: no option lets LLVM change one, and without a fused multiply-add it calls `fma`
 of the C library, which C99 requires to round once.
-
-    native = compile_ir(ir, ['f'])      native['f'] is the address of a function
-    code = emit(ir, target)             an object file, for any processor
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from pfd_core.kernels.cache import digest, kept
 # A record for each module that the compiler is run on.
 COMPILE_LOG = logging.getLogger('pfd_core.compile')
 VARIABLE = 'PFD_TARGET_CPU'
-# What each level has besides the level before it, in LLVM's words.
 _V2 = ('cx16', 'popcnt', 'sahf', 'sse3', 'sse4.1', 'sse4.2', 'ssse3')
 _V3 = (*_V2, 'avx', 'avx2', 'bmi', 'bmi2', 'f16c', 'fma', 'lzcnt', 'movbe')
 _V4 = (*_V3, 'avx512bw', 'avx512cd', 'avx512dq', 'avx512f', 'avx512vl')
+# The features that a machine needs, by LLVM's names.
 LEVELS = {'x86-64-v2': _V2, 'x86-64-v3': _V3, 'x86-64-v4': _V4}
 # IR passes that are worth their time around straight-line code, which is as short as it gets.
 PASSES = (
@@ -46,16 +46,12 @@ PASSES = (
     'simplify_cfg',
     'global_dead_code_eliminate',
 )
-# Bytes of an object that depend on its target alone, by its first four bytes: ELF (up
-# to e_machine) and Mach-O (up to filetype). COFF begins with the machine.
-HEADER_BYTES = {b'\x7fELF': 20, b'\xcf\xfa\xed\xfe': 16}
-COFF_MACHINE = 2
-# Addresses in this process that every module may refer to, by their names.
-_symbols: dict[str, int] = {}
 # Held by llvmlite during each call of LLVM, reentrant; None if an llvmlite has no such lock.
 LLVM_LOCK = getattr(llvm.ffi.lib, '_lock', None)
 # The newest LLVM that is known to have the option: LLVM ends the process at an unknown one.
 NEWEST_WITH_SCHEDULER_OPTION = 22
+# Addresses in this process that every module may refer to, by their names.
+_symbols: dict[str, int] = {}
 
 
 @dataclass(frozen=True)
@@ -108,15 +104,7 @@ class Native:
 
 
 def current() -> Target:
-    """
-    Return the processor to compile for.
-
-    Raises
-    ------
-    ValueError
-        If PFD_TARGET_CPU is neither empty nor a level of x86-64 that this machine has.
-
-    """
+    """Return the processor to compile for; ValueError for an unknown or unfit PFD_TARGET_CPU."""
     level = os.environ.get(VARIABLE, '').strip()
     if not level:
         return host()
@@ -133,34 +121,32 @@ def current() -> Target:
     return level_target(level)
 
 
+@cache
+def host() -> Target:
+    """Return the processor of this machine."""
+    return _target(llvm.get_host_cpu_name(), _features_of_machine())
+
+
+def level_target(level: str) -> Target:
+    """Return a level of x86-64, which this machine need not have."""
+    return _target(level, dict.fromkeys(LEVELS[level], True))
+
+
 def missing_features(level: str) -> list[str]:
     """Return what a level of x86-64 has and this machine lacks."""
     here = _features_of_machine()
     return [name for name in LEVELS[level] if not here.get(name)]
 
 
-@cache
-def host() -> Target:
-    """Return the processor of this machine."""
-    return Target(
-        llvm.get_process_triple(), llvm.get_host_cpu_name(), _flat(_features_of_machine())
-    )
-
-
-def level_target(level: str) -> Target:
-    """Return a level of x86-64, which this machine need not have."""
-    return Target(llvm.get_process_triple(), level, _flat(dict.fromkeys(LEVELS[level], True)))
+def simd_width(dtype: str, target: Target | None = None) -> int:
+    """Return how many numbers one vector register holds; by default, of the current target."""
+    bits = (current() if target is None else target).vector_bits
+    return bits // (64 if dtype == 'float64' else 32)
 
 
 def add_symbol(name: str, address: int) -> None:
     """Let every module refer to an address of this process by name."""
     _symbols[name] = address
-
-
-def simd_width(dtype: str, target: Target | None = None) -> int:
-    """Return how many numbers one vector register holds; by default, of the current target."""
-    bits = (current() if target is None else target).vector_bits
-    return bits // (64 if dtype == 'float64' else 32)
 
 
 def compile_ir(
@@ -212,7 +198,18 @@ def compile_kept(
 
     def use(head: dict[str, Any], code: bytes) -> Native:
         start = time.perf_counter()
-        library = _link(code, target, functions, symbols)
+        # LLVM also links objects for other processors.
+        if _header(code) != _header(_empty_object(target)):
+            raise ValueError(f'expected an object for {target.triple}')
+        # JITLink places code, constants and table next to each other. Each module has its own
+        # linker, because a common one would not free everything.
+        linker = llvm.create_lljit_compiler(_machine(target), use_jit_link=True)
+        builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
+        for name, address in {**_symbols, **symbols}.items():
+            builder.import_symbol(name, address)
+        for name in functions:
+            builder.export_symbol(name)
+        library = builder.link(linker, 'kernel')
         taken = seconds + time.perf_counter() - start
         return Native(library, head['digest'], facts(**head['facts']), taken)
 
@@ -238,24 +235,6 @@ def emit(ir: str, target: Target | None = None, optimisation: Optimisation = USU
         return bytes(machine.emit_object(module))
 
 
-def _link(
-    code: bytes, target: Target, functions: Sequence[str], symbols: Mapping[str, int]
-) -> Any:
-    """Return the library of an object file, which owns its code and finds its functions."""
-    # LLVM also links objects for other processors.
-    if not code.startswith(_object_header(target)):
-        raise RuntimeError(f'expected an object for {target.triple}')
-    # JITLink places code, constants and table next to each other. Each module has its own linker,
-    # because a common one would not free everything.
-    linker = llvm.create_lljit_compiler(_machine(target), use_jit_link=True)
-    builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
-    for name, address in {**_symbols, **symbols}.items():
-        builder.import_symbol(name, address)
-    for name in functions:
-        builder.export_symbol(name)
-    return builder.link(linker, 'kernel')
-
-
 def _features_of_machine() -> dict[str, bool]:
     """Return the features that LLVM knows, and whether this machine has them."""
     try:
@@ -264,26 +243,15 @@ def _features_of_machine() -> dict[str, bool]:
         return {}
 
 
-def _flat(features: dict[str, bool]) -> str:
-    """Return features as LLVM reads them; registers of 512 bits are used where there are any."""
+def _target(cpu: str, features: dict[str, bool]) -> Target:
+    """Return a processor of this machine's kind, whose widest registers are used."""
     if features.get('avx512f'):
         features = features | {'prefer-256-bit': False}
-    return ','.join(f'{"+" if on else "-"}{name}' for name, on in sorted(features.items()))
-
-
-@cache
-def _initialise(triple: str) -> None:
-    """Load LLVM's code generator for a target."""
-    if triple == llvm.get_process_triple():
-        llvm.initialize_native_target()
-        llvm.initialize_native_asmprinter()
-    else:
-        llvm.initialize_all_targets()
-        llvm.initialize_all_asmprinters()
+    flat = ','.join(f'{"+" if on else "-"}{name}' for name, on in sorted(features.items()))
+    return Target(llvm.get_process_triple(), cpu, flat)
 
 
 def _machine(target: Target, level: int = 2) -> Any:
-    _initialise(target.triple)
     # Constants are next to the code, in reach of an instruction; only symbols of the process
     # are reached through a table.
     return llvm.Target.from_triple(target.triple).create_target_machine(
@@ -292,10 +260,14 @@ def _machine(target: Target, level: int = 2) -> Any:
 
 
 @cache
-def _object_header(target: Target) -> bytes:
-    """Return the first bytes of every object for a target: its format and processor."""
-    empty = bytes(_machine(target).emit_object(llvm.parse_assembly('')))
-    return empty[: HEADER_BYTES.get(empty[:4], COFF_MACHINE)]
+def _empty_object(target: Target) -> bytes:
+    return bytes(_machine(target).emit_object(llvm.parse_assembly('')))
+
+
+def _header(code: bytes) -> bytes:
+    """Return the first bytes of an object, which are the same in each one for a processor."""
+    # ELF up to e_machine, Mach-O up to filetype; COFF begins with the machine.
+    return code[: {b'\x7fELF': 20, b'\xcf\xfa\xed\xfe': 16}.get(code[:4], 2)]
 
 
 def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
@@ -306,26 +278,20 @@ def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
     if optimisation.pipeline:
         passes = builder.getModulePassManager()
     else:
-        names = ('sroa',) if optimisation.long else PASSES
-        if 'always_inliner' in names:
-            _inline_internal(module)
         passes = llvm.create_new_module_pass_manager()
-        for name in names:
+        for name in ['sroa'] if optimisation.long else PASSES:
             getattr(passes, f'add_{name}_pass')()
+        # `always_inliner` inlines what is only called here; LLVM would weigh costs.
+        for function in module.functions:
+            words = b' '.join(function.attributes).split()
+            if function.linkage == llvm.Linkage.internal and b'noinline' not in words:
+                function.add_function_attribute('alwaysinline')
     passes.run(module, builder)
     # llvmlite 0.50 frees no pass manager: the empty method of ObjectRef hides its own.
     hidden = getattr(super(llvm.ffi.ObjectRef, passes), '_dispose', None)
     if hidden is not None:
         hidden()
         passes.detach()
-
-
-def _inline_internal(module: Any) -> None:
-    """Mark functions for `always_inliner`: those of this module alone that allow it."""
-    for function in module.functions:
-        words = {word for attribute in function.attributes for word in attribute.split()}
-        if function.linkage == llvm.Linkage.internal and b'noinline' not in words:
-            function.add_function_attribute('alwaysinline')
 
 
 @contextmanager
@@ -348,5 +314,7 @@ def _order_kept() -> Iterator[None]:
             llvm.set_option('pfd_core', '-enable-misched=true')
 
 
+llvm.initialize_native_target()
+llvm.initialize_native_asmprinter()
 # A process forks between two calls of LLVM, never during one.
 hold_at_fork(LLVM_LOCK or nullcontext())

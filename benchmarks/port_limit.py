@@ -35,7 +35,7 @@ from pfd_core.kernels.codegen.module import module
 from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.native import compile_ir, current, simd_width
-from pfd_core.kernels.passes.schedule import LONGEST
+from pfd_core.kernels.schedule import LONGEST
 
 # Operations that the loop can hold; an accumulator is the first operand of each. The others are
 # one number near one, and one near zero.

@@ -29,7 +29,7 @@ To change or add
     an integrator           a row of simulation.integrators.TABLE; for friction and stops also a
                             Scheme in simulation.contact.schemes and a row of
                             simulation.simulation.SCHEMES
-    sine and cosine         kernels.passes.sincos
+    sine and cosine         kernels.sines
     threads of batches      kernels.threads: thread_count, block_size
 
 The names below are the public ones. Each is imported from its module at its first use.

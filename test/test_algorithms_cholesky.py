@@ -18,7 +18,7 @@ from zoo import Array
 import pfd_core as pfd
 from pfd_core.algorithms.paper.cholesky import Factors, factorise, one_square_root, solve
 from pfd_core.algorithms.paper.elimination_order import ORDERS, Stage, stages
-from pfd_core.kernels.passes.pipeline import lower
+from pfd_core.kernels.lower import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES, Lanes, Recorder
 

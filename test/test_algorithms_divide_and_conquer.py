@@ -24,7 +24,7 @@ from pfd_core.algorithms.beyond.divide_and_conquer import (
     solve_pivoted,
 )
 from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics
-from pfd_core.kernels.passes.pipeline import lower
+from pfd_core.kernels.lower import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES, Recorder
 from pfd_core.machine.vectors import array

@@ -37,7 +37,7 @@ from pfd_core.algorithms.paper.triangular_array import (
     triangle,
 )
 from pfd_core.algorithms.programs import FORWARD
-from pfd_core.kernels.passes.pipeline import lower
+from pfd_core.kernels.lower import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.systolic import LinkError, Ports, Step
 from pfd_core.model import resolve

@@ -15,9 +15,8 @@ import pytest
 from tolerances import FIFTY_DIGITS
 
 import pfd_core as pfd
-from pfd_core.kernels.passes.fold import fold
-from pfd_core.kernels.passes.fuse import fuse
-from pfd_core.kernels.passes.pipeline import lower, operations
+from pfd_core.kernels.lower import lower, operations
+from pfd_core.kernels.simplify import fold, fuse
 from pfd_core.machine.derivative import MODES, derivative, directional
 from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import iterate

@@ -42,9 +42,12 @@ ALGORITHMS = {
     'beyond': {'chain', 'paper'},
 }
 KERNELS = {
-    'passes': set(),
-    'codegen': {'passes'},
-    'runtime': {'passes', 'codegen', 'native', 'threads'},
+    'simplify': set(),
+    'sines': set(),
+    'schedule': {'simplify'},
+    'lower': {'simplify', 'sines', 'schedule'},
+    'codegen': {'simplify', 'sines', 'schedule', 'lower'},
+    'runtime': {'codegen', 'native', 'threads'},
 }
 PFD_ROS = {
     'text': set(),
@@ -306,7 +309,7 @@ def test_every_name_of_the_bridge_exists_and_is_used() -> None:
     [
         ('pfd_core.machine.wrong', 'from pfd_core.kernels import kernel'),
         ('pfd_core.algorithms.paper.wrong', 'from pfd_core.algorithms.beyond.omega import bias'),
-        ('pfd_core.kernels.passes.wrong', 'from pfd_core.kernels import source'),
+        ('pfd_core.kernels.lower', 'from pfd_core.kernels import source'),
         ('pfd_core.kernels.codegen.wrong', 'from pfd_core.kernels.runtime import cpython_abi'),
         ('pfd_core.model.wrong', 'import llvmlite.binding'),
         ('pfd_ros.arm.wrong', 'from rclpy.node import Node'),

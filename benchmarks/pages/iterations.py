@@ -28,7 +28,7 @@ from benchmarks.cases.robots import Array, uniform_chain
 from benchmarks.timing import differences
 from pfd_core.algorithms.paper.pcgm import default_limit, record_pcgm
 from pfd_core.algorithms.programs import FORWARD
-from pfd_core.kernels.passes.sincos import expand_sines
+from pfd_core.kernels.sines import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, resolve

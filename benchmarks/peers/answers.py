@@ -25,8 +25,7 @@ from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.programs import TOLERANCES
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.auto import choose, default, default_of_derivatives
-from pfd_core.kernels.passes.pipeline import lower
-from pfd_core.kernels.passes.schedule import ORDERED
+from pfd_core.kernels.lower import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.fused import fused
 from pfd_core.machine.program import Output, Program
@@ -79,7 +78,7 @@ def kernel_jacobians(
     """Return d qdd / d (q, qd, tau), (S, n, 3n), and [A B] of a step of h seconds, if any."""
     plant = problem.plant
     recorded = record_derivatives(plant, *default_of_derivatives(plant, 'auto', refine), dtype)
-    factors = _run(lower(recorded, dtype, longest=ORDERED).compiled, problem, dtype)
+    factors = _run(lower(recorded, dtype).compiled, problem, dtype)
     with np.errstate(all='ignore'):
         J = _multiplied(factors)
     if h is None:

@@ -5,7 +5,10 @@ Kernels: the recording of an algorithm becomes native code for one robot and sce
 
 Subpackages and modules in the order of data flow; each imports only from those above it.
 
-    passes/        program -> short equal program, with sine and cosine written out
+    simplify       program -> equal program with fewer operations: folding, dead code, fusing
+    sines          sine and cosine written out in operations; angles beyond their range
+    schedule       order of operations
+    lower          recorded program -> program of a kernel, by all of these
     codegen/       program -> LLVM IR
     cache          results on disk, under a digest of everything that determines them
     native         IR -> native code in this process, for its processor or PFD_TARGET_CPU
@@ -24,7 +27,7 @@ Subpackages and modules in the order of data flow; each imports only from those 
                    native code
     linear_steps   compile_linear_step: the derivatives of a step of a simulation
 
-A new pass is a module of passes and a line of pipeline.lower; a new function in native code a
+A new pass is a function of simplify and a line of lower; a new function in native code a
 module of codegen and a line of codegen.module; a new quantity a program and a row of
 pfd_core.algorithms.quantities.
 """

@@ -43,9 +43,9 @@ from pfd_core.algorithms.programs import EMULATED_METHODS, METHODS, record_forwa
 from pfd_core.algorithms.quantities import RECORDERS
 from pfd_core.forking import no_fork
 from pfd_core.kernels.cache import kept
-from pfd_core.kernels.passes.dead_code import eliminate_dead_code
-from pfd_core.kernels.passes.pipeline import lower, operations
-from pfd_core.kernels.passes.sincos import expand_sines
+from pfd_core.kernels.lower import lower, operations
+from pfd_core.kernels.simplify import eliminate_dead_code
+from pfd_core.kernels.sines import expand_sines
 from pfd_core.model import Plant, without_step_effects, without_torques
 from pfd_core.model.values import Array, integer, quote
 

@@ -80,7 +80,7 @@ class Optimisation:
     # faster then, and straight-line code takes twice the time to compile.
     pipeline: bool = False
     # Whether LLVM may reorder operations; for code that is not ordered already
-    # (pfd_core.kernels.passes.schedule). With 16 vector registers LLVM always reorders.
+    # (pfd_core.kernels.schedule). With 16 vector registers LLVM always reorders.
     reorder: bool = True
 
 

@@ -24,8 +24,8 @@ from pfd_core.kernels.codegen.module import adaptive_module, ensemble_module, ro
 from pfd_core.kernels.codegen.rollout import written
 from pfd_core.kernels.codegen.segments import Contact
 from pfd_core.kernels.codegen.step import extra_arguments, further_rows, torque_row
+from pfd_core.kernels.lower import lower, operations
 from pfd_core.kernels.native import Native, simd_width
-from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.source import KernelSource, forward, motors, quantity_source, turned_joints
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program

@@ -25,9 +25,9 @@ from pfd_core.forking import cached_property, no_fork
 from pfd_core.kernels.auto import default_inverse
 from pfd_core.kernels.cache import kept
 from pfd_core.kernels.codegen.spelling import arguments
+from pfd_core.kernels.lower import Stages, joined, lower, multiplied, operations
 from pfd_core.kernels.native import Native, Optimisation, compile_kept
-from pfd_core.kernels.passes.pipeline import Stages, joined, lower, operations
-from pfd_core.kernels.passes.schedule import LONGEST, ORDERED, can_be_ordered
+from pfd_core.kernels.schedule import LONGEST, can_be_ordered
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot
@@ -169,13 +169,13 @@ class KernelSource:
             {name: self.program.inputs[name] for name in arguments(self.program)},
             list(output.shape),
             {name: operations(p) for name, p in vars(self._stages).items()},
-            can_be_ordered(self.program, LONGEST),
+            can_be_ordered(self.program),
         )
 
 
 class ProductSource(KernelSource):
     """
-    A lowered program whose outputs are factors of the result (pfd_core.kernels.passes.product).
+    A lowered program whose outputs are factors of the result (pfd_core.kernels.lower.multiplied).
 
     Its `program`, `elements` and `operations` describe the result, with the operations of the
     product one by one. Native code uses `factors` and multiplies in loops.
@@ -192,9 +192,6 @@ class ProductSource(KernelSource):
 
     @cached_property
     def _stages(self) -> Stages:
-        with no_fork:
-            from pfd_core.kernels.passes.product import multiplied
-
         return Stages(**{k: multiplied(p) for k, p in vars(self._factor_stages).items()})
 
     @property
@@ -268,7 +265,7 @@ def derivatives(spec: KernelSpec, plant: Plant | None = None) -> ProductSource:
             from pfd_core.algorithms.acceleration_derivatives import record_derivatives
 
         recorded = record_derivatives(plant, spec.method, spec.refine, spec.dtype, inverse)
-        return lower(recorded, spec.dtype, longest=ORDERED)
+        return lower(recorded, spec.dtype)
 
     n = plant.robot.n
     # The factors, and a copy of the result.

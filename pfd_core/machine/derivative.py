@@ -19,8 +19,8 @@ like any other: it can be differentiated again, which gives second derivatives.
 
 Differentiate a program before its sines are written out in other operations: these round to the
 nearest integer by adding and subtracting a large number, which looks like the identity to the
-rules (pfd_core.kernels.passes.sincos). Adjoints of a program whose equal expressions are shared
-already (pfd_core.kernels.passes.fold) are shorter: the adjoint of an expression that is recorded
+rules (pfd_core.kernels.sines). Adjoints of a program whose equal expressions are shared
+already (pfd_core.kernels.simplify) are shorter: the adjoint of an expression that is recorded
 twice goes back twice.
 
 A quotient and a square root have no derivative at zero, which gives infinity or NaN. An entry that

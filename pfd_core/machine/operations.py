@@ -8,7 +8,7 @@ A program consists of these operations. The emulator reads the column `meaning`,
 new row here and nowhere else.
 
 Every meaning is a correctly rounded IEEE 754 operation, except `sin` and `cos`: a kernel
-replaces these two by the other rows before it is compiled (pfd_core.kernels.passes.sincos).
+replaces these two by the other rows before it is compiled (pfd_core.kernels.sines).
 
 Rules of derivatives are formulas on values with `+ - *`: z is the result of the operation, a, b
 and c its operands, da, db and dc their tangents, g the adjoint of z. A tangent that is known to be
@@ -160,7 +160,7 @@ OPERATIONS = {
             adjoint=(lambda z, a, g: -g,),
         ),
         # One rounding of a b + c. No step counts it: kernels put it in the place of an addition
-        # and a multiplication (pfd_core.kernels.passes.fuse).
+        # and a multiplication (pfd_core.kernels.simplify).
         Operation(
             'fma',
             3,

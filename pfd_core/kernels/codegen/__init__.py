@@ -5,7 +5,6 @@ Code generation: program -> LLVM IR. Each module writes the functions it is name
 
     builder          one function: fresh names, loops, branches
     spelling         number formats, types, constants, single operations, arrays
-    wrap             @wrap_angle: an angle beyond the range of the sine, by exact integers
     body             @body: the program from its inputs to its output, cut if it is long
     evaluate         @evaluate: @body, with angles wrapped first
     matrices         loops over matrices in memory

@@ -29,7 +29,7 @@ from contextlib import ExitStack
 
 from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.spelling import Array, Format, arguments
-from pfd_core.kernels.passes.schedule import LONGEST, LOOPED
+from pfd_core.kernels.schedule import LONGEST, LOOPED
 from pfd_core.machine.program import Program
 
 # Operations of a part.

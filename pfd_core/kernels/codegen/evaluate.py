@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.spelling import SUFFIX, Array, Format, arguments
-from pfd_core.kernels.passes.sincos import WRAP_LIMIT
+from pfd_core.kernels.sines import WRAP_LIMIT
 from pfd_core.machine.program import Program
 
 

@@ -25,8 +25,7 @@ from pfd_core.kernels.codegen.body import body
 from pfd_core.kernels.codegen.evaluate import evaluate, wrap_row
 from pfd_core.kernels.codegen.python_entry import batch_entry_ir, entry_ir
 from pfd_core.kernels.codegen.spelling import Format
-from pfd_core.kernels.codegen.wrap import wrap_angle
-from pfd_core.kernels.passes.sincos import WRAP_LIMIT
+from pfd_core.kernels.sines import WRAP_LIMIT, wrap_angle
 from pfd_core.machine.program import Program
 
 if TYPE_CHECKING:

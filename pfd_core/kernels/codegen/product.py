@@ -9,7 +9,7 @@ LLVM IR of @evaluate and @jacobian of a program whose result is a product of its
 operations as straight-line code would be most of the program of a long chain. Each element is a
 sum over k in ascending order, begun with the first product; each further term is one fused
 multiply-add onto the sum so far, and the sign comes last. Therefore the same operations written
-one by one give the same bits (pfd_core.kernels.passes.product).
+one by one give the same bits (pfd_core.kernels.lower.multiplied).
 
 The loops go over tiles of rows and columns, so that a number read from memory takes part in
 several multiply-adds. In a batch, an element of a matrix is a register of `width` states. For one
@@ -27,7 +27,7 @@ from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.evaluate import wrap_row, wrapped_inputs
 from pfd_core.kernels.codegen.matrices import ROW_BYTES, Piece, pieces, spread
 from pfd_core.kernels.codegen.spelling import Array, Format, arguments
-from pfd_core.kernels.passes.pipeline import joined
+from pfd_core.kernels.lower import joined
 from pfd_core.machine.program import Program
 
 # Rows of a tile, and its registers in a row: of a batch, and of one state.

@@ -1,35 +1,28 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Sine and cosine in the machine's operations.
+Sine and cosine in the machine's operations, and angles beyond their range.
 
-The algorithm uses `+ - *` and floats; it runs on NumPy arrays and on lane values that are being
-recorded. Every operation in it is rounded correctly and the order is fixed, so
-it gives the same bits on every machine, in the emulator and in a kernel. The table of
-operations counts sine and cosine as one step each; `expand_sines` inserts this algorithm instead.
+    sincos          sine and cosine of |x| up to WRAP_LIMIT, in `+ - *` and floats: on NumPy
+                    arrays, and on lane values that are being recorded
+    expand_sines    a program with every sine and cosine written out
+    wrap_angle      LLVM IR that brings a larger angle into [-pi, pi]
+
+Every operation is rounded correctly and the order is fixed, so the bits are the same on every
+machine, in the emulator and in a kernel. The table of operations counts sine and cosine as one
+step each.
 
 Method: x = k pi/2 + r with the nearest integer k, where pi/2 is cut into parts so short that k
 times a part is exact (Cody and Waite, Software Manual for the Elementary Functions, 1980), a
 minimax polynomial for each of sin r and cos r, and the sum of angles r and k pi/2, in which one
-product is zero and the other exact. @wrap_angle of
-pfd_core.kernels.codegen.wrap brings larger arguments into reach.
+product is zero and the other exact.
 
 Error, for |x| <= WRAP_LIMIT, in units in the last place of the result: at most 1.36 in float64
 (the worst case of every rounding, added up; the largest seen in 5e7 arguments is 1.33) and at
 most 1.40 in float32 (the largest of all its arguments). Where the result comes from the sine's
-polynomial it is below 1.1. No result exceeds one in magnitude, and the sine of -0 is -0.
-
-Operations for sine and cosine together:
-
-    =======  ===  =======  ===
-    dtype    mul  add/sub  all
-    =======  ===  =======  ===
-    float64   24       30   54
-    float32   21       30   51
-    =======  ===  =======  ===
-
-A kernel fuses additions and multiplications of these (pfd_core.kernels.passes.fuse), which leaves
-36 operations and signs. The errors are then at most 1.42 in float32 (the largest of all its
+polynomial it is below 1.1. No result exceeds one in magnitude, and the sine of -0 is -0. Both take
+24 multiplications and 30 additions in float64, 21 and 30 in float32. A kernel fuses these, which
+leaves 36 operations and signs. The errors are then at most 1.42 in float32 (the largest of all its
 arguments) and have been seen up to 1.34 in float64 (4e7 arguments; no bound was added up for the
 fused form); the rest holds as well. `sincos` guarantees 1.5 for all of these.
 
@@ -213,3 +206,109 @@ def expand_sines(program: Program, dtype: str) -> Program:
         recorder.output(name, shape, [(values[register], lane) for register, lane in places])
     expanded = recorder.program()
     return Program(program.lanes, expanded.instructions, program.inputs, expanded.outputs)
+
+
+# Bits after the binary point: of 1 / 2 pi, of the fraction of a turn, and of 2 pi.
+TABLE_BITS = 1280  # at least 971, the largest e, and 256
+TURN_BITS = 256
+TWO_PI_BITS = 125  # 2 pi is then a 128-bit integer
+# Binary digits of a significand, and the offset of the exponent when it is an integer.
+DIGITS = 53
+OFFSET = 1075
+
+
+def _pi(bits: int) -> int:
+    """Return pi 2^bits, at most 1 off, after Machin: pi = 16 atan 1/5 - 4 atan 1/239."""
+    guard = 32
+    total = 0
+    for factor, d in ((16, 5), (-4, 239)):
+        power = (factor << (bits + guard)) // d
+        n = 1
+        while power not in (0, -1):
+            total += power // n if n % 4 == 1 else -(power // n)
+            power //= d * d
+            n += 2
+    return total >> guard
+
+
+TURNS = (1 << (2 * TABLE_BITS + 64)) // _pi(TABLE_BITS + 65)  # 2^1280 / 2 pi
+TWO_PI = (_pi(TWO_PI_BITS + 32) >> 30) + 1 >> 1  # to nearest
+
+
+def wrap_angle(limit: float = WRAP_LIMIT) -> str:
+    """
+    Return the LLVM IR of `double @wrap_angle(double)`: an angle modulo 2 pi, in [-pi, pi].
+
+    Angles up to `limit` in magnitude stay as they are. Larger ones are rare, and reduced with
+    exact integers instead of floating point (Payne and Hanek, Radian reduction for trigonometric
+    functions, SIGNUM Newsletter 18, 1983). With x = m 2^e, multiples of one in x / 2 pi drop out
+    before anything is multiplied, so 256 bits of 2^e / 2 pi below the binary point are enough for
+    every e; m times them, modulo one, is the fraction of a turn that remains.
+
+    Error: the result is the remainder rounded to nearest, except where the remainder lies within
+    2^-70 of its last place of the middle between two neighbours; that is, at most 0.5 + 2^-70
+    units in the last place. The fraction of a turn is off by less than 2^-203; that is little
+    because no double in reach comes closer to a multiple of 2 pi than 2^-62 turns, which the
+    tests prove.
+
+    The IR declares @llvm.ctlz.i256; a module must not declare it again.
+    """
+    return f"""
+declare i256 @llvm.ctlz.i256(i256, i1 immarg)
+
+define internal double @wrap_angle(double %x) noinline cold {{
+entry:
+  %bits = bitcast double %x to i64
+  %magnitude = and i64 %bits, {2**63 - 1}
+  %size = bitcast i64 %magnitude to double
+  %near = fcmp ole double %size, {limit:e}
+  br i1 %near, label %identity, label %far
+identity:
+  ret double %x
+far:
+  %biased = lshr i64 %magnitude, {DIGITS - 1}
+  %nonfinite = icmp eq i64 %biased, 2047
+  br i1 %nonfinite, label %invalid, label %reduce
+invalid:
+  ret double 0x7FF8000000000000
+reduce:
+  ; |x| = m 2^(biased - {OFFSET}); the fraction of a turn is m times a window of 1 / 2 pi
+  %fraction = and i64 %bits, {2**52 - 1}
+  %m64 = or i64 %fraction, {2**52}
+  %m = zext i64 %m64 to i{TURN_BITS}
+  %down64 = sub i64 {TABLE_BITS - TURN_BITS + OFFSET}, %biased
+  %down = zext i64 %down64 to i{TABLE_BITS}
+  %shifted = lshr i{TABLE_BITS} {TURNS}, %down
+  %window = trunc i{TABLE_BITS} %shifted to i{TURN_BITS}
+  %signed = mul i256 %window, %m
+  %negative = icmp slt i256 %signed, 0
+  %opposite = sub i256 0, %signed
+  %turns = select i1 %negative, i256 %opposite, i256 %signed
+  ; the upper half of the fraction, without leading zeros, times 2 pi
+  %zeros = call i256 @llvm.ctlz.i256(i256 %turns, i1 false)
+  %normal = shl i256 %turns, %zeros
+  %upper = lshr i256 %normal, 128
+  %product = mul i256 %upper, {TWO_PI}
+  %more = call i256 @llvm.ctlz.i256(i256 %product, i1 false)
+  %full = shl i256 %product, %more
+  ; rounded to nearest, and scaled by the exponent
+  %leading = lshr i256 %full, {255 - DIGITS}
+  %leading64 = trunc i256 %leading to i64
+  %above = add i64 %leading64, 1
+  %rounded = lshr i64 %above, 1
+  %number = uitofp i64 %rounded to double
+  %lost = add i256 %zeros, %more
+  %lost64 = trunc i256 %lost to i64
+  %exponent = sub i64 {1023 + (256 - DIGITS) - TWO_PI_BITS - 128}, %lost64
+  %scale64 = shl i64 %exponent, {DIGITS - 1}
+  %scale = bitcast i64 %scale64 to double
+  %angle = fmul double %number, %scale
+  %angle64 = bitcast double %angle to i64
+  %sign = and i64 %bits, {-(2**63)}
+  %flip = select i1 %negative, i64 {-(2**63)}, i64 0
+  %signs = xor i64 %sign, %flip
+  %result64 = xor i64 %angle64, %signs
+  %result = bitcast i64 %result64 to double
+  ret double %result
+}}
+"""

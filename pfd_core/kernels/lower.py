@@ -1,0 +1,122 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Lowering: a sequential recording becomes the short equal program of a kernel.
+
+The steps of an algorithm are counted on the recorded program, before all this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+from pfd_core.kernels.schedule import schedule
+from pfd_core.kernels.simplify import UNFOLDED, eliminate_dead_code, fold, fuse
+from pfd_core.kernels.sines import expand_sines
+from pfd_core.machine.program import Instruction, Output, Program
+
+
+@dataclass(frozen=True)
+class Stages:
+    """
+    A program on its way to a kernel.
+
+    Attributes
+    ----------
+    recorded : Program
+        The sequential recording of the algorithm.
+    folded : Program
+        The recording partially evaluated for one robot and scene; a sine is still one operation.
+    compiled : Program
+        The program of the native code: sines written out, additions fused with the
+        products they add, operations in their final order.
+
+    """
+
+    recorded: Program
+    folded: Program
+    compiled: Program
+
+
+def lower(
+    recorded: Program, dtype: str, outputs: Collection[str] | None = None, fma: bool = True
+) -> Stages:
+    """
+    Simplify a recording, write out its sines and order its operations.
+
+    Parameters
+    ----------
+    recorded : Program
+        A sequential recording.
+    dtype : {'float64', 'float32'}
+        Number format the kernel computes in.
+    outputs : collection of str, optional
+        The outputs to keep; default all.
+    fma : bool
+        Whether additions take in multiplications, with one rounding for both.
+
+    Raises
+    ------
+    ValueError
+        If the program is a parallel one, or has none of the outputs.
+
+    """
+    if recorded.lanes != 1:
+        raise ValueError(f'recorded must be a sequential program, got {recorded.lanes} lanes')
+    folded = eliminate_dead_code(fold(recorded), outputs)
+    program = eliminate_dead_code(fold(expand_sines(folded, dtype)))
+    if fma:
+        program = eliminate_dead_code(fuse(program))
+    return Stages(recorded, folded, schedule(program))
+
+
+def operations(program: Program) -> dict[str, int]:
+    """Return the number of each operation in a program, without inputs and constants."""
+    counts: dict[str, int] = {}
+    for instruction in program.instructions:
+        if instruction.op not in ('constant', *UNFOLDED):
+            counts[instruction.op] = counts.get(instruction.op, 0) + 1
+    return counts
+
+
+def joined(program: Program) -> Program:
+    """Return a program whose outputs are one, in which they follow each other."""
+    if len(program.outputs) == 1:
+        return program
+    name = next(iter(program.outputs))
+    places = tuple(place for output in program.outputs.values() for place in output.places)
+    return replace(program, outputs={name: Output((len(places),), places)})
+
+
+def multiplied(program: Program) -> Program:
+    """
+    Return a program with the output `derivatives`, (n, 3n), in the place of its factors.
+
+    The factors are X (n, n), D (n, 2n) and, if there are motors, the diagonal T (n,):
+
+        derivatives = [-X D, X T]
+
+    Native code computes the product by a loop, with the same bits. Nothing is folded: the loop
+    does not know which factors are zero.
+    """
+    instructions = list(program.instructions)
+
+    def write(op: str, *args: int) -> int:
+        instructions.append(Instruction(op, args, section='product'))
+        return len(instructions) - 1
+
+    n = program.inputs['q']
+    found = {k: [r for r, _ in output.places] for k, output in program.outputs.items()}
+    D, T = found['D'], found.get('T')
+    elements: list[int] = []
+    for i in range(n):
+        row = found['X'][i * n : (i + 1) * n]
+        for j in range(2 * n):
+            total = write('mul', row[0], D[j])
+            for k in range(1, n):
+                total = write('fma', row[k], D[2 * n * k + j], total)
+            elements.append(write('neg', total))
+        elements += row if T is None else [write('mul', row[k], T[k]) for k in range(n)]
+    derivatives = Output((n, 3 * n), tuple((register, 0) for register in elements))
+    return Program(1, tuple(instructions), program.inputs, {'derivatives': derivatives})

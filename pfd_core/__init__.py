@@ -19,7 +19,7 @@ To change or add
                             on motors also needs its torque in algorithms.chain.drives; dry
                             friction its law in simulation.contact.modes (record_effort,
                             record_modes) and, for joints in motion, in chain.drives (_friction)
-    rotor inertia           config/robots/*.yaml, read by model.yaml_robot (_drive); of a URDF by
+    rotor inertia           config/robots/*.yaml, read by model.yaml_files (_losses); of a URDF by
                             model.urdf_reader (_armature); estimated by model.rotors; acts with
                             Scene(armature=...)
     an equation             algorithms.paper lists its modules with the paper's equations;

@@ -101,7 +101,7 @@ NAMES = {
     'without_step_effects': 'pfd_core.model.plant:without_step_effects',
     'ROBOT_JOINT_FIELDS': 'pfd_core.model.robot:JOINT_FIELDS',
     'ROBOT_LINK_FIELDS': 'pfd_core.model.robot:LINK_FIELDS',
-    'read_yaml': 'pfd_core.model.yaml_reader:read_yaml',
+    'read_yaml': 'pfd_core.model.yaml_files:read_yaml',
     # pfd_core.algorithms: the recorders of programs
     'record_derivatives': 'pfd_core.algorithms.acceleration_derivatives:record_derivatives',
     'fused_product': 'pfd_core.algorithms.inverse_inertia:fused_product',

@@ -294,19 +294,27 @@ def nested(levels: int) -> str:
     return '\n'.join([*lines, f'joints: *l{levels - 1}'])
 
 
+def merged_often(levels: int) -> str:
+    """Return YAML tables, each of which merges the one before nine times."""
+    lines = ['robot: x', 'l0: &l0 {a: 1, b: 1}']
+    lines += [f'l{i}: &l{i} {{<<: [{", ".join([f"*l{i - 1}"] * 9)}]}}' for i in range(1, levels)]
+    return '\n'.join([*lines, f'joints: *l{levels - 1}'])
+
+
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        (nested(20), 'more than 30000 nodes, aliases expanded in line'),
-        ('joints: ' + '[' * 1000 + ']' * 1000 + '\n', 'nested more than 20 deep'),
-        ('joints:\n' + '- ' * 1000 + '1\n', 'nested more than 20 deep'),
-        ('joints: ' + '{a: ' * 1000 + '}' * 1000 + '\n', 'nested more than 20 deep'),
-        ('joints: &a [*a]\n', 'a node contains itself'),
+        (nested(20), 'more than 30000 nodes, aliases expanded'),
+        ('joints: ' + '[' * 1000 + ']' * 1000 + '\n', 'is nested too deep'),
+        ('joints:\n' + '- ' * 1000 + '1\n', 'is nested too deep'),
+        ('joints: ' + '{a: ' * 1000 + '}' * 1000 + '\n', 'is nested too deep'),
+        ('joints: &a [*a]\n', 'recursive node'),
         ('joints: [' + '1, ' * 30_000 + ']\n', 'more than 30000 nodes'),
         ('#' * 1_000_000 + '\n', 'has 1000001 characters'),
-        ('joints: !!python/name:os.system x\n', "tag 'tag:yaml.org,2002:python/name:os.system'"),
-        ('joints: !!int 3\n', 'is not used here'),
-        ('joints: 1\n? [a]\n: b\n', 'a key is not a string'),
+        ('robot: x\njoints: !!python/name:os.system x\n', "joints of 'x' must be a list, got 'x'"),
+        ('joints: 1\n? [a]\n: b\n', 'unhashable key'),
+        ('joints: {<<: 3}\n', "<< takes tables, got '3'"),
+        (merged_often(20), 'more than 30000 nodes, aliases expanded'),
         ('joints: 1\njoints: 2\n', "key 'joints' occurs more than once in line 1"),
         ('joints: \x07\n', 'is not YAML'),
         ('joints: 1\n---\njoints: 2\n', 'is not YAML: but found another document'),

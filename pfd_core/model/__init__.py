@@ -4,8 +4,8 @@
 Models: a robot is a serial chain, and a scene is the set of effects that act on it.
 
     loading             load_robot: a robot by name, from a file or a string; load_scene
-    yaml_reader         YAML text -> dict, list and str, bounded; tables with known keys
-    yaml_robot          robots as YAML, with rotors: tables from papers, and robots stored exactly
+    yaml_files          YAML text -> dict, list and str, bounded; robots as YAML: tables from
+                        papers, and robots stored exactly
     rotors              rotors behind gears: their inertia at the joint
     urdf_reader         URDF string -> Urdf, the one record for all readers; rotors
     urdf_chain          which joints of a URDF move, and which links each of them carries
@@ -49,7 +49,7 @@ from pfd_core.model.robot import Frame, Payload, PhysicsWarning, Robot, lock, wi
 from pfd_core.model.rotors import SPIN_UP_TIME, estimated_armature, reflected_inertia
 from pfd_core.model.scene import Scene, scene_to_yaml
 from pfd_core.model.scene_inputs import scene_inputs
-from pfd_core.model.yaml_robot import robot_to_yaml
+from pfd_core.model.yaml_files import robot_to_yaml
 
 __all__ = [
     'EFFECTS',

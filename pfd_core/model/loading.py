@@ -20,7 +20,7 @@ from pfd_core.forking import no_fork
 from pfd_core.model.robot import Robot, lock
 from pfd_core.model.scene import Scene, scene_from_yaml
 from pfd_core.model.values import quote
-from pfd_core.model.yaml_robot import robot_from_yaml
+from pfd_core.model.yaml_files import robot_from_yaml
 
 if TYPE_CHECKING:
     from importlib.abc import Traversable

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from pfd_core.model.effects import EFFECTS, ESTIMATED, FIELDS, INPUT, MODEL, NAMED, NEEDS
 from pfd_core.model.robot import Payload
 from pfd_core.model.values import choice, number_from_text, quote
-from pfd_core.model.yaml_reader import read_yaml, table, yaml_text
+from pfd_core.model.yaml_files import read_yaml, table, yaml_text
 
 WORDS: dict[str, Any] = {
     'null': None,

@@ -21,7 +21,7 @@ from pfd_core.model.geometry import Placement, chained, product
 from pfd_core.model.robot import LIMIT_FIELDS, Robot, check_robot
 from pfd_core.model.urdf_reader import INERTIA_KEYS, LARGEST_LIMIT, parse_urdf
 from pfd_core.model.values import Array, quote
-from pfd_core.model.yaml_robot import ELEMENTS
+from pfd_core.model.yaml_files import ELEMENTS
 
 # Cosine of a pitch below which roll and yaw are one angle: of it rounding leaves no digit more.
 GIMBAL_LOCK = 1e-12

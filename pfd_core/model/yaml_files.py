@@ -1,10 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Robots as YAML: tables copied from papers, and robots stored to the last bit.
+YAML: any document as strings, bounded in size, and robots, from tables in papers to the last bit.
 
-A file holds `robot` (its name), `joints` (a list), and optionally `source`, `base`, `tip` and
-`frames`. Each joint has `name`, `type` and `mass` [kg]; `center` [m] and `inertia` [kg m^2],
+YAML 1.1 reads `no` as false, 1:30 as 90 and 1_0 as 10, and takes the last of two equal keys. Here
+every scalar stays a string, which is converted where it is used, and two equal keys are an error.
+
+A robot's file holds `robot` (its name), `joints` (a list), and optionally `source`, `base`, `tip`
+and `frames`. Each joint has `name`, `type` and `mass` [kg]; `center` [m] and `inertia` [kg m^2],
 about the centre of mass, with the elements `xx yy zz xy yz xz`, are zero by default. Its placement
 is one of
 
@@ -29,11 +32,14 @@ in that frame of `Robot`, or fixed to the base link, 0, and placed in its frame.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
+from functools import lru_cache
 import math
 from typing import Any
 
 import numpy as np
+import yaml
 
 from pfd_core.model.geometry import (
     Placement,
@@ -46,14 +52,100 @@ from pfd_core.model.geometry import (
 )
 from pfd_core.model.robot import JOINT_FIELDS, LIMIT_FIELDS, Frame, Robot, check_robot
 from pfd_core.model.values import Array, number_from_text, quote, real_number, switch
-from pfd_core.model.yaml_reader import read_yaml, table, yaml_text
+
+# Four hundred joints are stored in 26 000 nodes and 330 kB; PyYAML reads 20 000 nodes a second.
+MOST_NODES = 30_000
+MOST_CHARACTERS = 1_000_000
 
 ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}
 UNLIMITED = dict.fromkeys(LIMIT_FIELDS, math.inf) | {'lower': -math.inf}
+LOSSES = ('damping', 'friction', 'armature')
 PLACED_BY = ('dh', 'modified_dh', 'frame')
 ROW = ('a', 'd', 'alpha_deg', 'theta_deg')
 FRAME = ('rotation', 'translation')
-OPTIONAL = ('source', 'base', 'tip', 'frames')
+OPTIONAL = ('center', 'inertia', 'limits', *LOSSES, 'rotor', *PLACED_BY)
+
+
+def read_yaml(text: str, source: str) -> Any:
+    """
+    Return the document of a YAML text, made of dict, list and str.
+
+    Anchors, aliases and merge keys may be used. ValueError, which names the `source`, if it is no
+    YAML, has two equal keys or is too large with its aliases expanded.
+    """
+    if len(text) > MOST_CHARACTERS:
+        raise ValueError(
+            f'{quote(source)} has {len(text)} characters; a YAML file may have {MOST_CHARACTERS}'
+        )
+    try:
+        return _expanded(_parsed(text), [MOST_NODES])
+    except yaml.YAMLError as error:
+        problem = getattr(error, 'problem', None) or getattr(error, 'reason', None) or 'unreadable'
+        mark = getattr(error, 'problem_mark', None)
+        line = '' if mark is None else f' in line {mark.line + 1}'
+        raise ValueError(f'{quote(source)} is not YAML: {quote(problem)[1:-1]}{line}') from error
+    except RecursionError as error:
+        raise ValueError(f'{quote(source)} is nested too deep') from error
+
+
+class _Loader(yaml.BaseLoader):  # type: ignore[misc]
+    """Makes strings, lists and tables, whatever a scalar looks like and a tag says."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        """Return a table; YAMLError for two equal keys."""
+        found = super().construct_mapping(node, deep)
+        if len(found) < len(node.value):
+            (twice, _), *_ = Counter(key.value for key, _ in node.value).most_common(1)
+            problem = f'key {quote(twice)} occurs more than once'
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
+        return found
+
+
+@lru_cache(maxsize=8)
+def _parsed(text: str) -> Any:
+    """Parse a document, the robot of many arms only once: that takes longer than all else."""
+    return _Loader(text).get_single_data()
+
+
+def _expanded(value: Any, left: list[int]) -> Any:
+    """Return a copy without aliases and merge keys, of as many nodes as are left at most."""
+    left[0] -= 1
+    if left[0] < 0:
+        raise yaml.MarkedYAMLError(problem=f'more than {MOST_NODES} nodes, aliases expanded')
+    if isinstance(value, list):
+        return [_expanded(item, left) for item in value]
+    if not isinstance(value, dict):
+        return value
+    found = {key: _expanded(item, left) for key, item in value.items() if key != '<<'}
+    others = value.get('<<', [])
+    for other in others if isinstance(others, list) else [others]:
+        if not isinstance(other, dict):
+            raise yaml.MarkedYAMLError(problem=f'<< takes tables, got {quote(other)}')
+        found = _expanded(other, left) | found
+    return found
+
+
+def table(
+    label: str, value: Any, required: tuple[str, ...], optional: tuple[str, ...]
+) -> Mapping[str, Any]:
+    """Return a mapping; ValueError unless it has the required keys and no unknown one."""
+    known = ', '.join(required + optional)
+    if not isinstance(value, Mapping):
+        raise ValueError(f'{label} must be a mapping with {known}')
+    for key in required:
+        if key not in value:
+            raise ValueError(f'{label} has no {key!r}; it must have {", ".join(required)}')
+    for key in value:
+        if key not in required + optional:
+            raise ValueError(f'{label} has an unknown key {quote(key)}; known keys are {known}')
+    return value
+
+
+def yaml_text(document: Mapping[str, Any]) -> str:
+    """Return a document as YAML, of whose numbers `read_yaml` gives the same floats."""
+    # PyYAML writes the shortest digits that read back as the same float.
+    text: str = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=99)
+    return text
 
 
 def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
@@ -69,16 +161,13 @@ def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
         joint = {
             'name': name,
             'type': robot.joint_types[i],
-            'frame': {
-                'rotation': robot.rotations[i].tolist(),
-                'translation': robot.translations[i].tolist(),
-            },
+            'frame': {key: getattr(robot, f'{key}s')[i].tolist() for key in FRAME},
             'mass': float(robot.masses[i]),
             'center': robot.centers[i].tolist(),
             'inertia': {key: float(robot.inertias[i][at]) for key, at in ELEMENTS.items()},
             'limits': {k: float(getattr(robot, at)[i]) for k, at in LIMIT_FIELDS.items()},
         }
-        joint |= {k: float(getattr(robot, k)[i]) for k in ('damping', 'friction', 'armature')}
+        joint |= {key: float(getattr(robot, key)[i]) for key in LOSSES}
         if name in robot.accepted:
             joint['accept_unphysical_inertia'] = True
         joints.append(joint)
@@ -87,49 +176,40 @@ def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
         'rotation': robot.base_rotation.tolist(),
         'translation': robot.base_position.tolist(),
     }
-    document = {'robot': robot.name, 'source': robot.source, 'base': base, 'tip': robot.tip}
-    further = {
-        name: {'link': frame.link} | {key: getattr(frame, key).tolist() for key in FRAME}
-        for name, frame in robot.frames.items()
-    }
-    return yaml_text(document | {'joints': joints} | ({'frames': further} if frames else {}))
+    document: dict[str, Any] = {'robot': robot.name, 'source': robot.source}
+    document |= {'base': base, 'tip': robot.tip, 'joints': joints}
+    if frames:
+        document['frames'] = {
+            name: {'link': frame.link} | {key: getattr(frame, key).tolist() for key in FRAME}
+            for name, frame in robot.frames.items()
+        }
+    return yaml_text(document)
 
 
 def robot_from_yaml(text: str, source: str) -> Robot:
     """
-    Return the robot that a YAML text describes.
+    Return the robot that a YAML text describes, in the format of this module.
 
-    Parameters
-    ----------
-    text : str
-        The text, in the format of this module.
-    source : str
-        Origin of the text: the robot's `source` if the text has none.
-
-    Raises
-    ------
-    ValueError
-        If the text is no YAML, or a key is missing, unknown or has a wrong value, which is named.
-
+    `source` is the origin of the text, and the robot's if the text states none. ValueError, which
+    names it, for a text that is no YAML and a key that is missing, unknown or has a wrong value.
     """
-    document = read_yaml(text, source)
-    document = table(quote(source), document, ('robot', 'joints'), OPTIONAL)
-    name = document['robot']
-    rows = document['joints']
+    optional = ('source', 'base', 'tip', 'frames')
+    document = table(quote(source), read_yaml(text, source), ('robot', 'joints'), optional)
+    name, rows = document['robot'], document['joints']
     if not isinstance(rows, list):
         raise ValueError(f'joints of {quote(name)} must be a list, got {quote(rows)}')
     joints = [_joint(i, row) for i, row in enumerate(rows)]
     fields: dict[str, Any] = {key: np.array([j[key] for j in joints]) for key in JOINT_FIELDS}
-    base, base_rotation, base_position = _end('base', document.get('base', 'base'))
+    ends = {role: _end(role, document.get(role, role)) for role in ('base', 'tip')}
     return Robot(
         name=name,
         joint_names=tuple(j['name'] for j in joints),
         joint_types=tuple(j['type'] for j in joints),
-        base=base,
-        tip=_end('tip', document.get('tip', 'tip'))[0],
+        base=ends['base'][0],
+        tip=ends['tip'][0],
         source=document.get('source', source),
         accepted=tuple(j['name'] for j in joints if j['accepted']),
-        **_frames(name, joints, (base_rotation, base_position), document.get('tip', 'tip')),
+        **_frames(name, joints, ends['base'][1], ends['tip'][1]),
         **fields,
         frames=_further_frames(document.get('frames', {})),
     )
@@ -148,51 +228,53 @@ def _further_frames(value: Any) -> dict[str, Frame]:
     return found
 
 
-def _frames(name: str, joints: list[dict[str, Any]], base: Placement, tip: Any) -> dict[str, Any]:
+def _frames(
+    name: str, joints: list[dict[str, Any]], base: Placement | None, tip: Placement | None
+) -> dict[str, Any]:
     """Return the fields of `Robot` for frames, masses, centres and inertias."""
     ways = {j['placed_by'] for j in joints}
     if len(ways) > 1:
         raise ValueError(
             f'joints of {quote(name)} must all be placed the same way, got {sorted(ways)}'
         )
+    R0, p0 = base or (np.eye(3), np.zeros(3))
+    frames, bodies = [j['frame'] for j in joints], [j['body'] for j in joints]
     if ways == {'modified_dh'}:
-        _, tip_rotation, tip_position = _end('tip', tip)
-        frames = [j['frame'] for j in joints]
         R, p = frames[0]
-        first = (product(base[0], R), base[1] + product(base[0], p))
-        placements = [first, *frames[1:], (tip_rotation, tip_position)]
-        return welded_frames(placements, [j['body'] for j in joints])
-    if isinstance(tip, Mapping) and set(tip) != {'link'}:
+        first = (product(R0, R), p0 + product(R0, p))
+        return welded_frames([first, *frames[1:], tip or (np.eye(3), np.zeros(3))], bodies)
+    if tip is not None:
         raise ValueError(
             f'tip of {quote(name)} must be the name of a link: its position is given by the '
             f"last joint's {next(iter(ways), 'frame')}"
         )
     return {
-        'rotations': np.array([j['frame'][0] for j in joints]),
-        'translations': np.array([j['frame'][1] for j in joints]),
-        'masses': np.array([j['body'][0] for j in joints]),
-        'centers': np.array([j['body'][1] for j in joints]),
-        'inertias': np.array([j['body'][2] for j in joints]),
-        'base_rotation': base[0],
-        'base_position': base[1],
+        'rotations': np.array([R for R, _ in frames]),
+        'translations': np.array([p for _, p in frames]),
+        'masses': np.array([mass for mass, _, _ in bodies]),
+        'centers': np.array([center for _, center, _ in bodies]),
+        'inertias': np.array([J for _, _, J in bodies]),
+        'base_rotation': R0,
+        'base_position': p0,
     }
 
 
 def _joint(index: int, row: Any) -> dict[str, Any]:
     name = row.get('name', f'number {index + 1}') if isinstance(row, Mapping) else index + 1
     label = f'joint {quote(name)}'
-    optional = ('center', 'inertia', 'limits', 'damping', 'friction', 'armature', 'rotor')
-    row = table(
-        label, row, ('name', 'type', 'mass'), (*optional, *PLACED_BY, 'accept_unphysical_inertia')
-    )
+    keys = ('name', 'type', 'mass')
+    row = table(label, row, keys, (*OPTIONAL, 'accept_unphysical_inertia'))
     ways = [key for key in PLACED_BY if key in row]
     if len(ways) != 1:
         raise ValueError(f'{label} must have exactly one of {", ".join(PLACED_BY)}, got {ways}')
-    if 'rotor' in row and 'armature' in row:
-        raise ValueError(f'{label} has both rotor and armature; give one of them')
     limits = table(f'limits of {label}', row.get('limits', {}), (), tuple(LIMIT_FIELDS))
     inertia = table(f'inertia of {label}', row.get('inertia', {}), (), tuple(ELEMENTS))
     elements = [_number(f'inertia {k} of {label}', inertia.get(k, 0.0)) for k in ELEMENTS]
+    accepted = row.get('accept_unphysical_inertia', 'false')
+    if accepted not in ('true', 'True', 'false', 'False'):
+        raise ValueError(
+            f'accept_unphysical_inertia of {label} must be true or false, got {quote(accepted)}'
+        )
     return {
         'name': row['name'],
         'type': row['type'],
@@ -203,12 +285,12 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
             _numbers(f'center of {label}', row.get('center', [0, 0, 0]), (3,)),
             symmetric(*elements),
         ),
-        'accepted': _truth(label, row),
+        'accepted': accepted in ('true', 'True'),
         **{
             LIMIT_FIELDS[k]: _number(f'limit {k} of {label}', value, infinite=True)
             for k, value in (UNLIMITED | dict(limits)).items()
         },
-        **_drive(label, row),
+        **_losses(label, row),
     }
 
 
@@ -226,12 +308,13 @@ def _placed(label: str, way: str, value: Any) -> Placement:
     return product(twist, turn), along_x + product(twist, along_z)
 
 
-def _drive(label: str, row: Mapping[str, Any]) -> dict[str, float]:
+def _losses(label: str, row: Mapping[str, Any]) -> dict[str, float]:
     """Return damping, friction and armature at the joint, including the rotor."""
-    keys = ('damping', 'friction', 'armature')
-    own = {k: _number(f'{k} of {label}', row.get(k, 0.0)) for k in keys}
+    own = {k: _number(f'{k} of {label}', row.get(k, 0.0)) for k in LOSSES}
     if 'rotor' not in row:
         return own
+    if 'armature' in row:
+        raise ValueError(f'{label} has both rotor and armature; give one of them')
     motor = f'rotor of {label}'
     given = table(motor, row['rotor'], ('inertia', 'gear_ratio'), ('damping', 'friction'))
     rotor = {key: _number(f'{key} of {motor}', value) for key, value in given.items()}
@@ -243,12 +326,12 @@ def _drive(label: str, row: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
-def _end(role: str, value: Any) -> tuple[str, Array, Array]:
-    """Return the name of an end link, and the axes and origin of the chain's frame in it."""
+def _end(role: str, value: Any) -> tuple[str, Placement | None]:
+    """Return the name of an end link, and the placement of the chain's frame in it, if given."""
     if isinstance(value, str):
-        return value, np.eye(3), np.zeros(3)
+        return value, None
     end = table(role, value, ('link',), FRAME)
-    return (end['link'], *_placement(role, end))
+    return end['link'], _placement(role, end) if len(end) > 1 else None
 
 
 def _placement(label: str, frame: Mapping[str, Any]) -> Placement:
@@ -258,15 +341,6 @@ def _placement(label: str, frame: Mapping[str, Any]) -> Placement:
         _numbers(f'rotation in {label}', rotation, (3, 3)),
         _numbers(f'translation in {label}', translation, (3,)),
     )
-
-
-def _truth(label: str, row: Mapping[str, Any]) -> bool:
-    value = row.get('accept_unphysical_inertia', 'false')
-    if value not in ('true', 'True', 'false', 'False'):
-        raise ValueError(
-            f'accept_unphysical_inertia of {label} must be true or false, got {quote(value)}'
-        )
-    return value in ('true', 'True')
 
 
 def _number(label: str, value: Any, *, infinite: bool = False) -> float:

@@ -19,7 +19,6 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     effects             the table of effects: fields with units and checks, torques, energies
     scene               Scene: which effects are on; scenes as YAML
     plant               Plant: a scene and a robot as numbers; resolve, which makes it of both
-    scene_inputs        the inputs that a scene adds at run time
     values              numbers, names and arrays, checked, and as errors quote them
 
 URDF and xacro are read by modules that `loading` imports at the first such file.
@@ -35,7 +34,6 @@ from pfd_core.model.plant import (
     Plant,
     check_instant,
     check_joint_inertia,
-    given_scene,
     has_drives,
     in_motion,
     resolve,
@@ -47,8 +45,7 @@ from pfd_core.model.plant import (
 )
 from pfd_core.model.robot import Frame, Payload, PhysicsWarning, Robot, lock, with_payload
 from pfd_core.model.rotors import SPIN_UP_TIME, estimated_armature, reflected_inertia
-from pfd_core.model.scene import Scene, scene_to_yaml
-from pfd_core.model.scene_inputs import scene_inputs
+from pfd_core.model.scene import Scene, given_scene, scene_inputs, scene_to_yaml
 from pfd_core.model.yaml_files import robot_to_yaml
 
 __all__ = [

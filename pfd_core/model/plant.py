@@ -30,7 +30,7 @@ import numpy as np
 from pfd_core.model.effects import EFFECTS, FIELDS, INPUT, JOINTS, MOTORS, STEP
 from pfd_core.model.geometry import product
 from pfd_core.model.robot import Payload, Robot, check_robot, link_label, own_inertia, with_payload
-from pfd_core.model.scene import Scene
+from pfd_core.model.scene import Scene, given_scene
 from pfd_core.model.values import Array, FrozenArrays, frozen, quote, quote_all
 
 # Fields of Scene whose effects act over a step of time.
@@ -125,15 +125,6 @@ class Plant(FrozenArrays):
             text = value.astype('<f8').tobytes() if exact else repr(value).encode()
             state.update(f'{name}='.encode() + text)
         return state.hexdigest()
-
-
-def given_scene(scene: Scene | None) -> Scene:
-    """Return a scene, the default one for None; ValueError for anything else."""
-    if scene is None:
-        return Scene()
-    if not isinstance(scene, Scene):
-        raise ValueError(f'scene must be a Scene or None, got {quote(scene)}')
-    return scene
 
 
 def resolve(robot: Robot, scene: Scene | None = None) -> Plant:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Scene: the effects that act on a robot, each checked by itself.
+Scene: the effects that act on a robot, each checked by itself; scenes as YAML.
 
 A scene fits any robot with as many joints as its arrays have; `pfd_core.model.plant.resolve`
 combines both into a Plant. The default is rigid links and gravity, nothing else.
@@ -14,19 +14,29 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 import hashlib
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.ma import MaskedArray
 from numpy.typing import ArrayLike
 
 from pfd_core.model.effects import EFFECTS, ESTIMATED, FIELDS, INPUT, MODEL, NAMED, NEEDS
 from pfd_core.model.robot import Payload
-from pfd_core.model.values import choice, number_from_text, quote
+from pfd_core.model.values import (
+    Array,
+    choice,
+    fit_shape,
+    number_from_text,
+    quote,
+    real_array,
+)
 from pfd_core.model.yaml_files import read_yaml, table, yaml_text
 
+# Words of a scene file that are no numbers.
 WORDS: dict[str, Any] = {
     'null': None,
     'true': True,
@@ -127,8 +137,7 @@ class Scene:
     def __post_init__(self) -> None:
         for key, field in FIELDS.items():
             object.__setattr__(self, key, field.checked(getattr(self, key)))
-        compensation = _compensation(self.gravity_compensation)
-        object.__setattr__(self, 'gravity_compensation', compensation)
+        object.__setattr__(self, 'gravity_compensation', _compensation(self.gravity_compensation))
         for key, needed in NEEDS.items():
             if getattr(self, key) != FIELDS[key].off and getattr(self, needed) is None:
                 raise ValueError(f'{key} was given without {needed}: give the scene both')
@@ -143,11 +152,7 @@ class Scene:
         """
         Return the scene without the named effects, and without effects that need them.
 
-        Raises
-        ------
-        ValueError
-            If a name is not an effect.
-
+        ValueError for a name that is not an effect's.
         """
         if not isinstance(names, (set, frozenset, tuple, list)):
             raise ValueError(f'names must be a set of names of effects, got {quote(names)}')
@@ -168,11 +173,13 @@ class Scene:
         Path(path).write_text(scene_to_yaml(self), encoding='utf-8')
 
 
-def scene_to_yaml(scene: Scene) -> str:
-    """Return a scene as YAML: its gravity, and the fields that differ from their defaults."""
+def given_scene(scene: Scene | None) -> Scene:
+    """Return a scene, the default one for None; ValueError for anything else."""
+    if scene is None:
+        return Scene()
     if not isinstance(scene, Scene):
-        raise ValueError(f'scene must be a Scene, got {quote(scene)}')
-    return yaml_text(_document(scene))
+        raise ValueError(f'scene must be a Scene or None, got {quote(scene)}')
+    return scene
 
 
 def _with_needed(name: str) -> set[str]:
@@ -183,64 +190,51 @@ def _with_needed(name: str) -> set[str]:
 
 def _compensation(value: Any) -> bool | Scene:
     """Return True, False, or the scene of a model, which has gravity and a payload only."""
+    name = 'gravity_compensation'
     if not isinstance(value, Scene):
         if not isinstance(value, (bool, np.bool_)):
-            raise ValueError(
-                f'gravity_compensation must be True, False or a Scene, got {quote(value)}'
-            )
+            raise ValueError(f'{name} must be True, False or a Scene, got {quote(value)}')
         return bool(value)
-    others = [
-        item.name
-        for item in fields(value)
-        if item.name not in ('gravity', 'payload') and getattr(value, item.name) != item.default
-    ]
-    if others:
-        raise ValueError(
-            'the scene of gravity_compensation may have gravity and a payload, nothing else: '
-            f'it has {others[0]}'
-        )
+    for item in fields(value):
+        if item.name not in ('gravity', 'payload') and getattr(value, item.name) != item.default:
+            raise ValueError(
+                f'the scene of {name} may have gravity and a payload, nothing else: it has '
+                f'{item.name}'
+            )
     if value.payload == INPUT:
         raise ValueError(
-            'the scene of gravity_compensation must have a Payload or None as payload, '
-            f'got {INPUT!r}'
+            f'the scene of {name} must have a Payload or None as payload, got {INPUT!r}'
         )
     return value
 
 
-def _document(part: Any) -> dict[str, Any]:
-    """Return the fields of a scene or a payload as dict, list, float, bool, str and None."""
-    found = {item.name: (getattr(part, item.name), item.default) for item in fields(part)}
-    return {
-        key: _plain(value)
-        for key, (value, default) in found.items()
-        if value != default or key == 'gravity'
-    }
+# Scenes as YAML.
+
+
+def scene_to_yaml(scene: Scene) -> str:
+    """Return a scene as YAML: its gravity, and the fields that differ from their defaults."""
+    if not isinstance(scene, Scene):
+        raise ValueError(f'scene must be a Scene, got {quote(scene)}')
+    return yaml_text(_plain(scene))
 
 
 def _plain(value: Any) -> Any:
+    """Return a value of a scene as dict, list, float, bool, str and None."""
     if isinstance(value, tuple):
         return [_plain(item) for item in value]
-    return _document(value) if isinstance(value, (Scene, Payload)) else value
+    if not isinstance(value, (Scene, Payload)):
+        return value
+    given = {item.name: (getattr(value, item.name), item.default) for item in fields(value)}
+    return {k: _plain(x) for k, (x, default) in given.items() if x != default or k == 'gravity'}
 
 
 def scene_from_yaml(text: str, source: str) -> Scene:
     """
-    Return the scene of a YAML string.
+    Return the scene of a YAML string; ValueError, which names the `source`, if it has none.
 
-    Parameters
-    ----------
-    text : str
-        A table of the fields of Scene. `null` is None, `true` and `false` are truth values,
-        `model` is the robot's own, all else numbers and lists of numbers; `payload` is `input` or
-        a table of the fields of Payload, and `gravity_compensation` may be a table of a scene.
-    source : str
-        Origin of the YAML, for errors.
-
-    Raises
-    ------
-    ValueError
-        If it is not YAML, a key is unknown or duplicate, or Scene rejects a value.
-
+    The string is a table of the fields of Scene: `null` is None, `true` and `false` are truth
+    values, `model` is the robot's own, all else numbers and lists of numbers; `payload` is `input`
+    or a table of the fields of Payload, and `gravity_compensation` may be a table of a scene.
     """
     document = read_yaml(text, source)
     try:
@@ -269,3 +263,69 @@ def _value(key: str, item: Any) -> Any:
     if not isinstance(item, str):
         raise ValueError(f'{key} must be a number, a list or a word, got a table')
     return WORDS[item] if item in WORDS else number_from_text(key, item, infinite=True)
+
+
+# Inputs that a scene adds at run time.
+
+
+def scene_inputs(
+    scene: Scene,
+    n: int,
+    dtype: str,
+    wrench: ArrayLike | None,
+    brakes: ArrayLike | None,
+    batch: tuple[int, ...] | None = None,
+) -> dict[str, Array]:
+    """
+    Return the inputs that a scene adds to positions, velocities and torques, checked.
+
+    They are `wrench`, (..., 6), a force [N] and a moment [N m] on the last link, which must be
+    given if the scene has one, and `free`, (..., n), 1 for joints that move and 0 for braked ones;
+    each only if the scene has it. ValueError for one that the scene lacks or of another type or
+    shape. A `batch` has the leading dimensions to which they are broadcast.
+    """
+    inputs = {}
+    if scene.external_wrench and wrench is not None:
+        inputs['wrench'] = _in_batch('wrench', real_array('wrench', wrench, dtype), 6, batch)
+    elif scene.external_wrench:
+        raise ValueError('the scene has external_wrench=True, so the call needs wrench=')
+    elif wrench is not None:
+        raise ValueError(
+            'wrench was given, but the scene has external_wrench=False: '
+            'use Scene(external_wrench=True)'
+        )
+    if scene.brakes and brakes is not None:
+        inputs['free'] = (~_in_batch('brakes', _braked(brakes), n, batch)).astype(dtype)
+    elif scene.brakes:
+        inputs['free'] = _all_free((*(batch or ()), n), dtype)
+    elif brakes is not None:
+        raise ValueError('brakes were given, but the scene has none: use Scene(brakes=True)')
+    return inputs
+
+
+def _in_batch(name: str, array: Array, size: int, batch: tuple[int, ...] | None) -> Array:
+    """Return an array with the leading dimensions `batch`, or as given without any."""
+    if batch is not None and array.shape == (*batch, size):
+        return array
+    if batch is None or array.shape[-1:] != (size,):
+        return fit_shape(name, array, (..., size))
+    return fit_shape(name, array, (*batch, size), broadcast=True)
+
+
+@lru_cache(maxsize=16)
+def _all_free(shape: tuple[int, ...], dtype: str) -> Array:
+    """Return the input of joints that all move; read-only."""
+    free = np.ones(shape, dtype)
+    free.flags.writeable = False
+    return free
+
+
+def _braked(value: ArrayLike) -> Array:
+    """Return an array of bool; ValueError for numbers, as 1 could mean a joint that moves."""
+    try:
+        array = np.asarray(None if isinstance(value, MaskedArray) else value)
+    except (TypeError, ValueError, RuntimeError):
+        array = np.asarray(None)
+    if array.dtype != bool:
+        raise ValueError(f'brakes must be an array of bool, True for braked, got {quote(value)}')
+    return array

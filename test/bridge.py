@@ -97,8 +97,6 @@ NAMES = {
     'Plant': 'pfd_core.model.plant:Plant',
     'plant_in_motion': 'pfd_core.model.plant:in_motion',
     'resolve_plant': 'pfd_core.model.plant:resolve',
-    'without_drives': 'pfd_core.model.plant:without_drives',
-    'without_step_effects': 'pfd_core.model.plant:without_step_effects',
     'ROBOT_JOINT_FIELDS': 'pfd_core.model.robot:JOINT_FIELDS',
     'ROBOT_LINK_FIELDS': 'pfd_core.model.robot:LINK_FIELDS',
     'read_yaml': 'pfd_core.model.yaml_files:read_yaml',

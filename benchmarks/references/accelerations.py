@@ -44,7 +44,7 @@ from benchmarks.cases.problems import SEED, Problem
 from benchmarks.cases.robots import Array
 from pfd_core.algorithms.programs import record_forward_dynamics, record_terms
 from pfd_core.machine.emulator import run
-from pfd_core.model import Plant, with_inertia
+from pfd_core.model import Plant
 
 DIGITS = 50
 WIDE = 'longdouble'
@@ -175,7 +175,9 @@ def _neighbour(rng: np.random.Generator, plant: Plant) -> Plant:
         robot = replace(robot, **numbers)
     gravity = _changed(rng, plant.gravity)
     plant = replace(plant, robot=robot, gravity=gravity)
-    return plant if plant.inertia is None else with_inertia(plant, _changed(rng, plant.inertia))
+    if plant.inertia is None:
+        return plant
+    return replace(plant, effects={**plant.effects, 'armature': _changed(rng, plant.inertia)})
 
 
 def predicted(dtype: str, kappa_s: Array, kappa_j: Array, first: Array | None = None) -> Array:

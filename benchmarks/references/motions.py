@@ -27,7 +27,8 @@ from benchmarks.cases.motions import ENDS, HARD, Motion
 from benchmarks.table import HERE, stored_text, write_text
 from pfd_core.algorithms.programs import record_forward_dynamics, record_terms
 from pfd_core.machine.emulator import run
-from pfd_core.model import Plant, without_viscosity
+from pfd_core.model import Plant
+from pfd_core.model.effects import INERTIA, JOINTS, LINKS, MOTORS
 
 Numbers = NDArray[Any]
 # State (2, n) at the end of a macro step from state, length and number of substeps.
@@ -113,7 +114,7 @@ def _implicit(plant: Plant, digits: int) -> Substeps:
     if plant.viscosity is None:
         raise ValueError('an implicit reference is for a scene with damping')
     damping = plant.viscosity.astype(object)
-    program = record_terms(without_viscosity(plant), 'sequential')
+    program = record_terms(plant.only(LINKS, INERTIA, JOINTS, MOTORS), 'sequential')
 
     def substeps(state: Numbers, H: Any, count: int) -> Numbers:
         h, (q, qd) = H / count, state

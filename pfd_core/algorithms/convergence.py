@@ -32,7 +32,8 @@ from pfd_core.algorithms.refinement import inline
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model import Plant, has_drives, without_torques
+from pfd_core.model import Plant, has_drives
+from pfd_core.model.effects import INERTIA
 
 # Largest correction of a converged answer, as a share of the accelerations. Ordinary states of the
 # included arms need 1e-5 in single precision. With a payload of 1e6 kg, 0.005 accepts errors of up
@@ -46,7 +47,7 @@ def record_small_correction(plant: Plant) -> Program:
 
     Inputs are the inputs of forward dynamics, and qdd, (n,).
     """
-    solve = record_forward_dynamics(without_torques(plant), 'composite_body', 'sequential')
+    solve = record_forward_dynamics(plant.only(INERTIA), 'composite_body', 'sequential')
     recorder = Recorder(1, 'sequential')
     n = plant.robot.n
     tau, qdd = input_list(recorder, 'tau', n), input_list(recorder, 'qdd', n)

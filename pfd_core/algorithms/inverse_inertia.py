@@ -31,7 +31,8 @@ from pfd_core.algorithms.grouped.link_torques import record_link_torques
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.algorithms.refinement import inline
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model import Plant, without_torques
+from pfd_core.model import Plant
+from pfd_core.model.effects import INERTIA
 
 # Methods that solve for single columns; the others share the factor of composite bodies.
 BY_COLUMNS = ('articulated_body', 'grouped_articulated_body')
@@ -59,7 +60,7 @@ def inverse_inertia(
     """
     n = plant.robot.n
     zero, one = recorder.constant(0.0), recorder.constant(1.0)
-    still = replace(without_torques(plant), external_wrench=False)
+    still = replace(plant.only(INERTIA), external_wrench=False)
     at_rest = {'qd': [zero] * n}
     units = [[one if i == j else zero for i in range(n)] for j in range(n)]
     if method in BY_COLUMNS:

@@ -48,7 +48,8 @@ from pfd_core.forking import no_fork
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model import Plant, has_drives, without_torques
+from pfd_core.model import Plant, has_drives
+from pfd_core.model.effects import INERTIA
 
 
 def record_refined(
@@ -86,7 +87,7 @@ def record_refined(
     method_program = record_forward_dynamics(plant, method, 'sequential', tolerance)
     if steps == 0 and estimate is None:
         return method_program
-    solve = record_forward_dynamics(without_torques(plant), method, 'sequential', tolerance)
+    solve = record_forward_dynamics(plant.only(INERTIA), method, 'sequential', tolerance)
     torques = record_link_torques(plant)
     recorder = Recorder(1, 'sequential')
     n = plant.robot.n

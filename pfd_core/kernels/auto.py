@@ -46,7 +46,8 @@ from pfd_core.kernels.cache import kept
 from pfd_core.kernels.lower import lower, operations
 from pfd_core.kernels.simplify import eliminate_dead_code
 from pfd_core.kernels.sines import expand_sines
-from pfd_core.model import Plant, without_step_effects, without_torques
+from pfd_core.model import Plant
+from pfd_core.model.effects import INERTIA
 from pfd_core.model.values import Array, integer, quote
 
 T = TypeVar('T')
@@ -128,7 +129,7 @@ def default_inverse(plant: Plant) -> tuple[str, int]:
 def _bodies(plant: Plant) -> Plant:
     """Return a plant with the effects that H depends on."""
     return replace(
-        without_torques(without_step_effects(plant)),
+        plant.only(INERTIA),
         external_wrench=False,
         brakes=False,
         payload_input=False,
@@ -242,7 +243,7 @@ def roundings(plant: Plant, method: str) -> float:
         from pfd_core.machine.emulator import run
 
     bare = replace(
-        without_torques(without_step_effects(plant)),
+        plant.only(INERTIA),
         gravity=plant.gravity,
         external_wrench=False,
         brakes=False,

@@ -23,7 +23,7 @@ from pfd_core.kernels.simulations import plants
 from pfd_core.kernels.source import Facts, KernelSource, ProductSource, check_stack, derivatives
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
-from pfd_core.model import without_viscosity
+from pfd_core.model.effects import JOINTS
 
 
 class LinearSource(KernelSource):
@@ -83,7 +83,7 @@ def compile_linear_step(spec: KernelSpec, step: Program, substeps: int, implicit
     sources = {name: derivatives(spec, functions[name]) for name in called(step)}
     recreate = partial(compile_linear_step, spec, step, substeps, implicit)
     # Torques of springs and cogging change from turn to turn.
-    periodic = 'q' not in record_joint_torques(without_viscosity(spec.plant)).inputs
+    periodic = 'q' not in record_joint_torques(spec.plant.only(JOINTS)).inputs
     return Kernel(spec, LinearSource(step, substeps, sources, periodic), recreate)
 
 

@@ -29,14 +29,8 @@ from pfd_core.kernels.native import Native, simd_width
 from pfd_core.kernels.source import KernelSource, forward, motors, quantity_source, turned_joints
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
-from pfd_core.model import (
-    Plant,
-    has_drives,
-    with_inertia,
-    without_drives,
-    without_torques,
-    without_viscosity,
-)
+from pfd_core.model import Plant, has_drives
+from pfd_core.model.effects import INERTIA, JOINTS, LINKS, MOTORS, VISCOSITY
 from pfd_core.model.values import Array
 
 
@@ -309,7 +303,7 @@ def _sources(spec: KernelSpec, implicit: float, contact: Contact | None) -> _Sou
 
 def impulses(spec: KernelSpec, plant: Plant) -> dict[str, KernelSource]:
     """Return the sources of `momentum`, H qdd, and `inertial`, H^-1 tau of the free joints."""
-    still = _at_rest(without_drives(plant))
+    still = _at_rest(plant)
     return {
         'momentum': quantity_source(replace(still, brakes=False), 'inverse_dynamics', spec.dtype),
         'inertial': forward(spec, replace(still, brakes=True)),
@@ -320,8 +314,8 @@ def plants(plant: Plant, implicit: float) -> Iterator[tuple[str, Plant]]:
     """Yield the plants of the functions that a step may call, by name; `implicit` as above."""
     yield 'qdd', plant
     if implicit and plant.viscosity is not None:
-        yield 'undamped', without_viscosity(plant)
-        yield 'solve', with_inertia(_at_rest(plant), _heavier(plant, implicit))
+        yield 'undamped', plant.only(LINKS, INERTIA, JOINTS, MOTORS)
+        yield 'solve', _at_rest(plant, _heavier(plant, implicit))
 
 
 def _contact_sources(spec: KernelSpec, contact: Contact) -> _Sources:
@@ -331,9 +325,9 @@ def _contact_sources(spec: KernelSpec, contact: Contact) -> _Sources:
     heavier = None
     if contact.implicit and plant.viscosity is not None:
         heavier = _heavier(plant, contact.implicit)
-        plant = without_viscosity(plant)
+        plant = plant.only(LINKS, INERTIA, JOINTS, MOTORS)
     others = {'_motor': motors(plant, dtype)} if has_drives(plant) else {}
-    plant = without_drives(plant)
+    plant = plant.only(LINKS, INERTIA, VISCOSITY, JOINTS)
     held = replace(plant, brakes=True)
     main = forward(spec, held)
     others |= {'_braked': main, '_inverse': quantity_source(plant, 'inverse_dynamics', dtype)}
@@ -341,7 +335,7 @@ def _contact_sources(spec: KernelSpec, contact: Contact) -> _Sources:
         found = impulses(spec, plant)
         others |= {f'_{name}': source for name, source in found.items()}
     if heavier is not None:
-        others['_stiff'] = forward(spec, with_inertia(_at_rest(held), heavier))
+        others['_stiff'] = forward(spec, _at_rest(held, heavier))
     inputs = {k: size for k, size in main.inputs.items() if k != 'free' or brakes}
     settings = f' {" ".join(inputs)} {contact.key}'
     return _Sources(main, settings, others, inputs, dtype, contact)
@@ -354,6 +348,7 @@ def _heavier(plant: Plant, time: float) -> Array:
     return added if plant.inertia is None else plant.inertia + added
 
 
-def _at_rest(plant: Plant) -> Plant:
-    """Return a plant on which no torque acts but inertia: H qdd = tau at rest."""
-    return replace(without_torques(plant), external_wrench=False)
+def _at_rest(plant: Plant, inertia: Array | None = None) -> Plant:
+    """Return a plant on which no torque acts but inertia, of the joints given or its own."""
+    still = replace(plant.only(INERTIA), external_wrench=False)
+    return still if inertia is None else replace(still, effects={'armature': inertia})

@@ -10,14 +10,14 @@ from typing import Any
 
 from pfd_core.kernels.auto import choose, default, default_of_derivatives
 from pfd_core.kernels.quantities import check_options, quantity_named, reduced
-from pfd_core.model import Plant, Robot, Scene, in_motion, resolve, without_step_effects
+from pfd_core.model import INSTANT, Plant, Robot, Scene, in_motion, resolve
 from pfd_core.model.values import DTYPES, choice
 
 # Forward dynamics at an instant of a step of a simulation, whose effects over time are the step's
 # own: of all joints, and of joints in motion or braked.
 STEP, STEP_IN_MOTION = 'step', 'step_in_motion'
 PLANTS: Mapping[str, Callable[[Plant], Plant]] = {
-    STEP: without_step_effects,
+    STEP: lambda plant: plant.only(*INSTANT),
     STEP_IN_MOTION: in_motion,
 }
 

@@ -18,7 +18,8 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
                         Payload, and robots with a payload or with locked joints
     effects             the table of effects: fields with units and checks, torques, energies
     scene               Scene: which effects are on; scenes as YAML
-    plant               Plant: a scene and a robot as numbers; resolve, which makes it of both
+    plant               Plant: a scene and a robot as numbers; resolve, which makes it of both;
+                        plant.only, the plant with some kinds of effects
     values              numbers, names and arrays, checked, and as errors quote them
 
 URDF and xacro are read by modules that `loading` imports at the first such file.
@@ -31,17 +32,13 @@ pfd_core.algorithms.chain.drives.
 from pfd_core.model.effects import EFFECTS, Effect
 from pfd_core.model.loading import known_robots, load_robot, load_scene, read_urdf, urdf_of
 from pfd_core.model.plant import (
+    INSTANT,
     Plant,
     check_instant,
     check_joint_inertia,
     has_drives,
     in_motion,
     resolve,
-    with_inertia,
-    without_drives,
-    without_step_effects,
-    without_torques,
-    without_viscosity,
 )
 from pfd_core.model.robot import Frame, Payload, PhysicsWarning, Robot, lock, with_payload
 from pfd_core.model.rotors import SPIN_UP_TIME, estimated_armature, reflected_inertia
@@ -50,6 +47,7 @@ from pfd_core.model.yaml_files import robot_to_yaml
 
 __all__ = [
     'EFFECTS',
+    'INSTANT',
     'SPIN_UP_TIME',
     'Effect',
     'Frame',
@@ -75,10 +73,5 @@ __all__ = [
     'scene_inputs',
     'scene_to_yaml',
     'urdf_of',
-    'with_inertia',
     'with_payload',
-    'without_drives',
-    'without_step_effects',
-    'without_torques',
-    'without_viscosity',
 ]

@@ -3,23 +3,13 @@
 """
 Plant: a scene and a robot as numbers, which an algorithm records as a program.
 
-    resolve                the plant of a robot and a scene
-    check_joint_inertia    refuses a last joint that nothing resists
-    check_instant          refuses effects that a program of one instant cannot have
-    without_step_effects   a plant without those
-    in_motion              the same, with the friction of joints that stay in motion
-    without_drives         a plant whose input tau is the torque of its motors
-    without_torques        a plant whose only torques are inertia's and the wrench's
-    without_viscosity      a plant whose joints take no torque in proportion to their velocity
-    with_inertia           a plant with another inertia of its joints
-
 Most effects are torques at an instant, in pfd_core.algorithms.chain (drives, joint_torques). Dry
 friction, stops and the lag of motors act over a step of time, in pfd_core.simulation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 import hashlib
 from types import MappingProxyType
@@ -27,24 +17,32 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.model.effects import EFFECTS, FIELDS, INPUT, JOINTS, MOTORS, STEP
+from pfd_core.model.effects import (
+    EFFECT_OF,
+    EFFECTS,
+    FIELDS,
+    INERTIA,
+    INPUT,
+    JOINTS,
+    LINKS,
+    MOTORS,
+    STEP,
+    VISCOSITY,
+)
 from pfd_core.model.geometry import product
-from pfd_core.model.robot import Payload, Robot, check_robot, link_label, own_inertia, with_payload
+from pfd_core.model.robot import (
+    Payload,
+    Robot,
+    check_robot,
+    link_label,
+    own_inertia,
+    with_payload,
+)
 from pfd_core.model.scene import Scene, given_scene
 from pfd_core.model.values import Array, FrozenArrays, frozen, quote, quote_all
 
-# Fields of Scene whose effects act over a step of time.
-STEP_EFFECTS = tuple(
-    item.name for effect in EFFECTS if effect.acts == STEP for item in effect.fields
-)
-# Fields of Plant by which a motor gives another torque than the commanded one.
-DRIVES = (
-    *(item.name for effect in EFFECTS if effect.acts == MOTORS for item in effect.fields),
-    'sliding_friction',
-)
-# Fields of Scene that are an inertia of the joints, and a torque for each unit of velocity.
-INERTIAS = tuple(effect.field for effect in EFFECTS if effect.acts == JOINTS and effect.inertia)
-VISCOSITIES = tuple(effect.field for effect in EFFECTS if effect.viscosity)
+# The kinds of effects at an instant.
+INSTANT = (LINKS, INERTIA, VISCOSITY, JOINTS, MOTORS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +67,9 @@ class Plant(FrozenArrays):
     effects : mapping
         Field of Scene -> numbers of an effect that is on, (n,) or (n, columns), in the units of
         its record in `pfd_core.model.effects`. Static friction is there with friction, and
-        restitution with joint limits. Each field is an attribute as well,
-        `plant.damping`, and None where the effect is off. `torque_speed`, (n, k, 2), has rows
-        (speed, torque). Rows beyond a joint's table have infinite speeds; a joint without a
-        table has infinite torques.
+        restitution with joint limits. Each field is an attribute as well, `plant.damping`, and
+        None where the effect is off. `torque_speed`, (n, k, 2), has rows (speed, torque). Rows
+        beyond a joint's table have infinite speeds; a joint without a table has infinite torques.
 
     """
 
@@ -101,16 +98,31 @@ class Plant(FrozenArrays):
     @property
     def inertia(self) -> Array | None:
         """Inertia of the joints themselves, (n,) [kg m^2, kg], which H has on its diagonal."""
-        return self._sum(INERTIAS)
+        return self._sum(INERTIA)
 
     @property
     def viscosity(self) -> Array | None:
         """Torque of the joints for each unit of velocity, (n,) [N m s/rad, N s/m]."""
-        return self._sum(VISCOSITIES)
+        return self._sum(VISCOSITY)
 
-    def _sum(self, fields: Iterable[str]) -> Array | None:
-        found = [self.effects[name] for name in fields if name in self.effects]
+    def _sum(self, kind: str) -> Array | None:
+        found = [array for name, array in self.effects.items() if EFFECT_OF[name].kind == kind]
         return sum(found[1:], found[0]) if found else None
+
+    def only(self, *kinds: str) -> Plant:
+        """
+        Return the plant with effects of these kinds alone.
+
+        LINKS is gravity; MOTORS includes gravity compensation and the sliding friction of joints
+        in motion. The inputs stay: a wrench, a payload and brakes.
+        """
+        kept = {name: x for name, x in self.effects.items() if EFFECT_OF[name].kind in kinds}
+        off: dict[str, Any] = {}
+        if LINKS not in kinds:
+            off['gravity'] = np.zeros(3)
+        if MOTORS not in kinds:
+            off |= {'gravity_compensation': None, 'sliding_friction': None}
+        return replace(self, **off, effects=kept)
 
     @property
     def digest(self) -> str:
@@ -129,30 +141,18 @@ class Plant(FrozenArrays):
 
 def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
     """
-    Return a scene as numbers for a robot.
+    Return a scene as numbers for a robot; gravity alone without a scene.
 
     An effect that is off, or whose numbers are all zero, or infinite for a limit, has no numbers.
-
-    Parameters
-    ----------
-    robot : Robot
-        The chain.
-    scene : Scene, optional
-        Which effects are on; gravity alone if not given.
-
-    Raises
-    ------
-    ValueError
-        If the scene has numbers for another number of joints, a static friction below the Coulomb
-        friction, or stops between which a joint cannot move.
-
+    ValueError if the scene has numbers for another number of joints, a static friction below the
+    Coulomb friction, or stops between which a joint cannot move.
     """
     check_robot(robot)
     scene = given_scene(scene)
-    values = {key: field.resolved(robot, getattr(scene, key)) for key, field in FIELDS.items()}
+    values = {key: item.resolved(robot, getattr(scene, key)) for key, item in FIELDS.items()}
     effects: dict[str, Array] = {}
     for effect in EFFECTS:
-        if not effect.needs and effect.fields[0].has_numbers:
+        if not effect.needs and FIELDS[effect.field].has_numbers:
             found = effect.plant_numbers(robot, values)
             effects |= {key: array for key, array in found.items() if array is not None}
     gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
@@ -171,7 +171,7 @@ def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
 def _without_compensated_gravity(plant: Plant) -> Plant:
     """Return a plant without gravity if its drives take exactly that away, without limits."""
     model = plant.gravity_compensation
-    if model is None or any(e.acts == MOTORS and e.field in plant.effects for e in EFFECTS):
+    if model is None or any(EFFECT_OF[name].acts == MOTORS for name in plant.effects):
         return plant
     if plant.payload_input or model.robot != plant.robot or (model.gravity != plant.gravity).any():
         return plant
@@ -183,53 +183,15 @@ def _compensation(robot: Robot, scene: Scene) -> Plant | None:
     model = scene.gravity_compensation
     if model is False:
         return None
-    if not isinstance(model, Scene):
-        model = Scene(gravity=scene.gravity)
-    plant = resolve(robot, model)
+    plant = resolve(robot, model if isinstance(model, Scene) else Scene(gravity=scene.gravity))
     return plant if plant.gravity.any() else None
-
-
-def without_step_effects(plant: Plant) -> Plant:
-    """Return a plant without dry friction, stops and lag: the accelerations at an instant."""
-    return _without(plant, STEP_EFFECTS)
 
 
 def has_drives(plant: Plant) -> bool:
     """Return whether motors give other torques than the commanded ones."""
-    return any(getattr(plant, key) is not None for key in DRIVES)
-
-
-def without_drives(plant: Plant) -> Plant:
-    """Return a plant whose input tau is the torque of its motors."""
-    return _without(plant, DRIVES)
-
-
-def without_torques(plant: Plant) -> Plant:
-    """Return a plant whose only torques are inertia's and the wrench's: H qdd = tau at rest."""
-    torques = [
-        item.name
-        for effect in EFFECTS
-        if effect.acts == JOINTS and not effect.inertia
-        for item in effect.fields
-    ]
-    return replace(_without(plant, (*torques, *DRIVES)), gravity=np.zeros(3))
-
-
-def without_viscosity(plant: Plant) -> Plant:
-    """Return a plant whose joints take no torque in proportion to their velocity."""
-    return _without(plant, VISCOSITIES)
-
-
-def with_inertia(plant: Plant, inertia: Array) -> Plant:
-    """Return a plant with another inertia of the joints, (n,) [kg m^2, kg]."""
-    return replace(plant, effects={**_without(plant, INERTIAS).effects, INERTIAS[0]: inertia})
-
-
-def _without(plant: Plant, names: Collection[str]) -> Plant:
-    own = {item.name for item in fields(plant)}
-    off: dict[str, Any] = {name: None for name in names if name in own}
-    kept = {key: values for key, values in plant.effects.items() if key not in names}
-    return replace(plant, **off, effects=kept)
+    if plant.gravity_compensation is not None or plant.sliding_friction is not None:
+        return True
+    return any(EFFECT_OF[name].acts == MOTORS for name in plant.effects)
 
 
 def in_motion(plant: Plant) -> Plant:
@@ -238,20 +200,20 @@ def in_motion(plant: Plant) -> Plant:
 
     Dry friction is a torque that depends on the velocity then, and stops are out of reach.
     """
-    smooth = without_step_effects(plant)
+    smooth = replace(plant.only(*INSTANT), brakes=True)
     if plant.friction is None or plant.static_friction is None:
-        return replace(smooth, brakes=True)
+        return smooth
     # Without a Stribeck velocity, friction falls to the sliding value at once.
     static, velocity = plant.friction, np.ones_like(plant.friction)
     if plant.stribeck_velocity is not None:
         static, velocity = plant.static_friction, plant.stribeck_velocity
     friction = np.stack([plant.friction, static, velocity], axis=1)
-    return replace(smooth, brakes=True, sliding_friction=friction)
+    return replace(smooth, sliding_friction=friction)
 
 
 def check_instant(plant: Plant) -> None:
     """Raise ValueError for effects that act over a step of time, not at an instant."""
-    over = [key for key in STEP_EFFECTS if getattr(plant, key) is not None]
+    over = [key for key in FIELDS if key in plant.effects and EFFECT_OF[key].acts == STEP]
     if over:
         raise ValueError(
             f'{quote_all(over)} of the scene act over a step of time, not at an instant: '

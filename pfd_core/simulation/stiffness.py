@@ -21,7 +21,8 @@ import numpy as np
 from pfd_core.algorithms.chain.joint_torques import record_joint_torques
 from pfd_core.machine.derivative import directional
 from pfd_core.machine.emulator import run
-from pfd_core.model import EFFECTS, Plant, Robot, without_viscosity
+from pfd_core.model import EFFECTS, Plant, Robot
+from pfd_core.model.effects import JOINTS
 from pfd_core.model.values import Array, choice
 from pfd_core.simulation.integrators import TABLE
 
@@ -104,7 +105,7 @@ def steepest_slopes(plant: Plant) -> Array | None:
 
     None if no torque of the joints depends on the position.
     """
-    program = record_joint_torques(without_viscosity(plant))
+    program = record_joint_torques(plant.only(JOINTS))
     if 'q' not in program.inputs:
         return None
     lower, upper = _ranges(plant.robot)

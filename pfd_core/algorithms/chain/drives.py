@@ -45,7 +45,7 @@ def record_motor_torques(plant: Plant) -> Program:
     Return the program of the motor torques tau, (n,), from q, qd and the commanded tau.
 
     A step with dry friction, which acts on the joint side of the motors, adds its torques to these
-    and passes both to `without_drives(plant)`.
+    and passes both to the plant without effects of its motors.
     """
     recorder = Recorder(1, 'sequential')
     qd, tau = (input_list(recorder, name, plant.robot.n) for name in ('qd', 'tau'))

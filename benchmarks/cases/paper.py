@@ -6,20 +6,11 @@ Lee and Chang (1987): the counts that it claims, and the steps of every system, 
 Formulas are in n with L = ceil(log2 n), h = ceil((n-1)/2), P6 = ceil((n^2-1)/6) and
 P2 = ceil((n^2-1)/2), as printed. TABLE, of data/paper.yaml, has the claims of Table 1 with the
 values printed for n = 6; `parts` is the sum of the counts that the paper derives for parts of a
-method: items (a) to (f) of section 2.5 for PCRBM, (d) and (e) of section 3 for PCGM. The available
-copy is a scan. Of the multiplications of PCRBM in Table 1 it shows P6, 10 h and 4 n; 31 L + 170 is
-from the formula of section 2.5, which prints 2 n instead of 4 n.
+method. The available copy is a scan. Of the multiplications of PCRBM in Table 1 it shows P6, 10 h
+and 4 n; 31 L + 170 is from the formula of section 2.5, which prints 2 n instead of 4 n.
 
-A system of the paper has three editions. *As printed*: its procedure step by step, misprints
-included, as far as it can be executed. *Corrected*: changed only where a right result needs it.
-*Best known*: our own, with packing and other formulas. Serial methods have only the last edition,
-since the paper quotes their totals.
-
-Programs are recorded for chains of equal links (`uniform_chain`). On p processors, fewer than
-joints, each has a block of ceil(n / p) links: the program is recorded for them, not derived from
-the count on n. The rotations of the joints are not counted, as in the paper. A cycle of the
-triangular array is one multiplication, one addition where some cell subtracts, and one root where
-some cell takes one.
+Texts/counts.md defines the editions of a system. Programs are recorded for chains of equal links,
+on p processors for blocks of ceil(n / p) links: they are not derived from the count on n.
 """
 
 from __future__ import annotations
@@ -27,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 import re
 from typing import Any, NamedTuple
 
@@ -98,10 +90,9 @@ def value(formula: str, n: int) -> Fraction:
     return total
 
 
-def claimed(system: str, n: int) -> tuple[Fraction, Fraction]:
+def claimed(system: str, n: int) -> tuple[Fraction, ...]:
     """Return multiplications and additions of a system by its formulas in Table 1."""
-    multiplications, additions = (value(TABLE[system][kind]['formula'], n) for kind in KINDS[:2])
-    return multiplications, additions
+    return tuple(value(TABLE[system][kind]['formula'], n) for kind in KINDS[:2])
 
 
 def published_serial(n: int) -> float:
@@ -205,27 +196,25 @@ def row(
     of the same algorithm on one processor: its sequential recording or the program itself,
     whichever is less. So n processors are at most n times as fast.
     """
-    times = (iterations or n) if method in ITERATIVE else 1
-    # Of a serial method all schedules are the same.
-    schedules = ('parallel',) if method in SERIAL else ('parallel', 'unpacked', 'sequential')
-    ways = [Recording(method, n, edition, schedule, processors) for schedule in schedules]
-    ways[2:] = (way._replace(processors=None) for way in ways[2:])
-    programs = [program_of(way) for way in ways]
-    steps = [
-        steps_of(way, program, times) for way, program in zip(ways[:2], programs, strict=False)
-    ]
-    works = [arithmetic(program.count(1, iterations=times)) for program in programs]
+    times = (iterations or n) if method in ITERATIVE else None
     lanes = processors or (1 if method in SERIAL else n)
+    # Of a serial method all schedules are the same.
+    schedules = ('parallel',) if method in SERIAL else ('parallel', 'unpacked')
+    ways = [Recording(method, n, edition, schedule, processors) for schedule in schedules]
+    programs = [program_of(way) for way in ways]
+    steps = list(map(partial(steps_of, iterations=times or 1), ways, programs))
+    serial = program_of(Recording(method, n, edition, 'sequential'))
+    work, alone = (arithmetic(x.count(1, iterations=times or 1)) for x in (programs[0], serial))
     return {
         'system': method,
         'title': title_of(method, edition),
         'edition': edition,
         'n': n,
-        'iterations': times if method in ITERATIVE else None,
+        'iterations': times,
         'processors': lanes,
         'units': processors_of(method, n, lanes),
         **flat('', steps[0]),
         **flat('unpacked_', steps[-1]),
-        'work': works[0],
-        'own': min(works[0], works[-1]),
+        'work': work,
+        'own': min(work, alone),
     }

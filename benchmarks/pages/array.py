@@ -9,7 +9,6 @@ Utilisation is the share of the cells' cycles in which they computed or stored s
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cases.paper import value
-from benchmarks.plots import arrow, box, circle, svg, words
+from benchmarks.plots import box, circle, svg, words
 from benchmarks.table import Row, grid, page, stored_text, table, write_text
 from pfd_core.algorithms.paper.array_solver import factor, pipeline, solve
 from pfd_core.algorithms.paper.literal_array import STORE, literal_array
@@ -32,7 +31,6 @@ SIZES = (2, 3, 4, 6, 8, 12, 16)
 FIGURE, SOLVED = 4, 6
 LANES, SETS = 6, 4  # of recursive doubling, and of Appendix C
 PRINTED, CORRECTED = 'as printed', 'corrected'
-TITLES = {PRINTED: 'As printed: equations (29) to (31)', CORRECTED: "Corrected: H = L L'"}
 RUNS: dict[str, Callable[[int], Trace]] = {
     PRINTED: lambda n: literal_array(np.eye(n)).trace,
     CORRECTED: lambda n: factor(np.eye(n)).trace,
@@ -40,55 +38,23 @@ RUNS: dict[str, Callable[[int], Trace]] = {
     'solve': lambda n: solve(np.eye(n), np.ones(n)).trace,
     'pipeline': lambda n: pipeline([np.eye(n)] * 5)[0].trace,
 }
-
-
-def cells(n: int) -> Iterator[Place]:
-    """Yield the rows and columns of the cells of an array."""
-    return ((k, i) for k in range(1, n + 1) for i in range(1, k + 1))
-
-
-def last_cycle(trace: Trace, place: Place | None = None, action: str | None = None) -> int:
-    """Return the last cycle with an action in a place; None is any place or action."""
-    return max(
-        cycle
-        for cycle, acting in enumerate(trace.actions, 1)
-        for cell, done in acting.items()
-        if place in (None, cell) and action in (None, done)
-    )
-
-
-# Design, event, who claims its cycle, formula, and run; of an event before the end, its cycle.
+# Design, event, cycles, and run; of an event before the end, column and action (None: any).
 EVENTS = (
-    (PRINTED, 'h_n1 is stored in P_n1', 'the paper', '2 n - 1', PRINTED),
-    (PRINTED, 'all input from below is stored', 'the paper', '2 n - 1', PRINTED),
-    (PRINTED, 'h_nn and the flag meet in P_n1', 'the paper', '2 n', PRINTED),
-    (PRINTED, 'factorisation, a wrong matrix', 'the paper', '3 n - 1', PRINTED),
-    (CORRECTED, 'factorisation', 'here', '3 n - 2', CORRECTED),
-    (CORRECTED, 'with forward substitution', 'here', '3 n - 1', 'forward'),
-    (CORRECTED, 'with both substitutions', 'here', '5 n - 2', 'solve'),
-    (CORRECTED, '5 matrices, a new one every n cycles', 'here', '3 n - 2 + 4 n', 'pipeline'),
+    (PRINTED, 'h_n1 is stored in P_n1', '2 n - 1', PRINTED, ('P_n1', STORE)),
+    (PRINTED, 'all input from below is stored', '2 n - 1', PRINTED, (None, STORE)),
+    (PRINTED, 'h_nn and the flag meet in P_n1', '2 n', PRINTED, ('P_n1', None)),
+    (PRINTED, 'factorisation, a wrong matrix', '3 n - 1', PRINTED, None),
+    (CORRECTED, 'factorisation', '3 n - 2', CORRECTED, None),
+    (CORRECTED, 'with forward substitution', '3 n - 1', 'forward', None),
+    (CORRECTED, 'with both substitutions', '5 n - 2', 'solve', None),
+    (CORRECTED, '5 matrices, a new one every n cycles', '3 n - 2 + 4 n', 'pipeline', None),
 )
-BEFORE_THE_END: dict[str, Callable[[int, Trace], int]] = {
-    'h_n1 is stored in P_n1': lambda n, trace: last_cycle(trace, (n, 1), STORE),
-    'all input from below is stored': lambda n, trace: last_cycle(trace, action=STORE),
-    'h_nn and the flag meet in P_n1': lambda n, trace: last_cycle(trace, (n, 1)),
-}
 
 
 def measure(quick: bool) -> dict[str, Any]:
     """Run the arrays, recursive doubling and set ordering; quick is few sizes."""
-    traces = {name: RUNS[name](SOLVED) for name in (PRINTED, CORRECTED, 'solve')}
-    busy = {
-        name: Counter(place for acting in trace.actions for place in acting)
-        for name, trace in traces.items()
-    }
     return {
         'times': list(times(SIZES[:3] if quick else SIZES)),
-        'lengths': [{'run': name, 'cycles': trace.cycles} for name, trace in traces.items()],
-        'cells': [
-            {'row': k, 'column': i} | {name: count[k, i] for name, count in busy.items()}
-            for k, i in cells(SOLVED)
-        ],
         'actions': [
             *actions(PRINTED, FIGURE, lambda *at: literal_label(FIGURE, *at)),
             *actions(CORRECTED, FIGURE, corrected_label),
@@ -102,18 +68,25 @@ def measure(quick: bool) -> dict[str, Any]:
 def times(sizes: Iterable[int]) -> Iterator[dict[str, Any]]:
     """Yield every event at every n: cycles claimed and measured, utilisation at the end."""
     for n in sizes:
-        for design, event, by, formula, name in EVENTS:
-            trace, cycle = RUNS[name](n), BEFORE_THE_END.get(event)
-            yield {
-                'design': design,
-                'event': event,
-                'by': by,
-                'formula': formula,
-                'n': n,
-                'claimed': int(value(formula, n)),
-                'measured': cycle(n, trace) if cycle else trace.cycles,
-                'utilisation': None if cycle else trace.utilisation,
-            }
+        for design, event, formula, name, before_the_end in EVENTS:
+            trace = RUNS[name](n)
+            row = {'design': design, 'event': event, 'formula': formula, 'n': n}
+            row['claimed'] = int(value(formula, n))
+            if before_the_end:
+                row['measured'] = _last_cycle(trace, n, *before_the_end)
+            else:
+                row |= {'measured': trace.cycles, 'utilisation': trace.utilisation}
+            yield row
+
+
+def _last_cycle(trace: Trace, n: int, cell: str | None, action: str | None) -> int:
+    """Return the last cycle with an action, in P_n1 or any cell; None is any action."""
+    return max(
+        cycle
+        for cycle, acting in enumerate(trace.actions, 1)
+        for place, done in acting.items()
+        if (cell is None or place == (n, 1)) and action in (None, done)
+    )
 
 
 def actions(name: str, n: int, label: Callable[[Place, int], str]) -> Iterator[dict[str, Any]]:
@@ -145,36 +118,26 @@ def doubling(n: int) -> Iterator[dict[str, Any]]:
     Yield each lane at each level of recursive doubling, as the emulator executes it.
 
     The recurrence x_i = x_(i-1) + a_i runs with a_i = 2^i: the binary digits of a lane's sum show
-    which a_i it contains, from `first` to `last`. `source` is the lane that the level's route
-    reads. Level 0 has the elements. Lanes and elements are counted from 1.
+    which a_i it contains, from `first` to `last`. Lanes and elements are counted from 1.
     """
     recorder = Recorder(n)
-    sums: list[Lanes] = []
+    levels: list[Lanes] = []
 
-    def add(left: Lanes, right: Lanes) -> Lanes:
-        sums.append(left + right)
-        return sums[-1]
+    def add(left: Lanes, right: Lanes) -> Any:
+        levels.append(right)
+        return left + right
 
-    a = recorder.input('a', range(n))
-    prefix(add, a)
-    # In a level a lane without a sum keeps its row.
-    kept = [(a, lane) for lane in range(n)]
-    for level, row in enumerate(sums):
-        kept = [(row, lane) if row.defined >> lane & 1 else kept[lane] for lane in range(n)]
-        recorder.output(f'level {level}', (n,), kept)
-    program = recorder.program()
-    found = run(program, {'a': 2.0 ** np.arange(n)})
-    routes = (one.data for one in program.instructions if one.op == 'route')
-    moves = [x for x in routes if any(s is not None and s != k for k, s in enumerate(x))]
-    for level, sources in enumerate([[None] * n, *moves]):
-        held = 2.0 ** np.arange(n) if level == 0 else found[f'level {level - 1}']
-        for lane, (number, source) in enumerate(zip(held, sources, strict=True), 1):
+    levels.append(prefix(add, recorder.input('a', range(n))))
+    for level, row in enumerate(levels):
+        recorder.output(str(level), (n,), [(row, lane) for lane in range(n)])
+    found = run(recorder.program(), {'a': 2.0 ** np.arange(n)})
+    for level in range(len(levels)):
+        for lane, number in enumerate(found[str(level)], 1):
             digits = f'{int(number):b}'
             first, last = len(digits) - digits.rindex('1'), len(digits)
             if digits.count('1') != last - first + 1:
                 raise ValueError(f'a lane must hold consecutive elements, got {digits}')
-            at = {'level': level, 'lane': lane, 'first': first, 'last': last}
-            yield at | {'source': None if source is None else source + 1}
+            yield {'level': level, 'lane': lane, 'first': first, 'last': last}
 
 
 def _sets(n: int) -> Iterator[dict[str, Any]]:
@@ -196,77 +159,60 @@ def _sets(n: int) -> Iterator[dict[str, Any]]:
 
 def text(data: dict[str, Any]) -> str:
     """Return the page."""
-    rows, runs = data['times'], [x['run'] for x in data['lengths']]
-    busy = {
-        (x['row'], x['column']): ' / '.join(str(x[run]) for run in runs) for x in data['cells']
-    }
-    numbers = range(1, SOLVED + 1)
+    rows = data['times']
     return page(
         'array',
         claims=table(
             {
                 'design': 'design',
                 'event': 'event',
-                'claimed by': 'by',
+                'claimed by': lambda x: 'the paper' if x['design'] == PRINTED else 'here',
                 'cycles': 'formula',
-                'measured': lambda x: _verdict([y for y in rows if _title(y) == _title(x)]),
+                'measured': lambda x: _compared([y for y in rows if y['event'] == x['event']]),
             },
             [x for x in rows if x['n'] == rows[0]['n']],
         ),
-        cycles=grid({(_title(x), x['n']): x['measured'] for x in rows}, 'cycles measured, n ='),
-        utilisation=grid(
-            {
-                (_title(x), x['n']): f'{x["utilisation"]:.0%}'
-                for x in rows
-                if x['utilisation'] is not None
-            },
-            'utilisation of the cells, n =',
-        ),
-        size=SOLVED,
-        lengths=' / '.join(str(x['cycles']) for x in data['lengths']),
-        cells=grid(
-            {
-                (str(k), f'column {i}'): busy.get((k, i), '')
-                for k in numbers[::-1]
-                for i in numbers
-            },
-            'row',
+        cycles=grid(
+            {(f'{x["design"]}: {x["event"]}', x['n']): _cycles(x) for x in rows}, 'cycles, n ='
         ),
         lanes=LANES,
-        sets=SETS,
         levels=max(x['level'] for x in data['doubling']),
-        steps=list(_steps(data['sets'])),
+        doubling=grid(
+            {(x['level'], f'lane {x["lane"]}'): _held(x) for x in data['doubling']}, 'level'
+        ),
+        sets=SETS,
+        ordering=grid(
+            {(x['set'], f'before iteration {x["iteration"]}'): _terms(x) for x in data['sets']},
+            'set',
+        ),
     )
 
 
-def _title(x: Row) -> str:
-    return f'{x["design"]}: {x["event"]}'
-
-
-def _verdict(rows: Sequence[Row]) -> str:
+def _compared(rows: Sequence[Row]) -> str:
     """Return whether all sizes take the cycles claimed, or the largest size that does not."""
     wrong = [x for x in rows if x['measured'] != x['claimed']]
     if not wrong:
         return f'as claimed, n = {rows[0]["n"]} to {rows[-1]["n"]}'
-    one = wrong[-1]
-    return f'wrong: {one["measured"]} instead of {one["claimed"]} at n = {one["n"]}'
+    return 'wrong: {measured} instead of {claimed} at n = {n}'.format(**wrong[-1])
 
 
-def _steps(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield what each processor makes in each iteration."""
-    last = {(x['iteration'], x['set']): x['terms'][-1] for x in rows}
-    for k in range(1, max(x['iteration'] for x in rows)):
-        added = sorted(
-            (x['worker'], x['set']) for x in rows if x['iteration'] == k and x['worker']
-        )
-        made = (f'P{worker} makes {last[k + 1, name]}' for worker, name in added)
-        yield f'- Iteration {k}: ' + '; '.join(made)
+def _cycles(x: Row) -> str:
+    return f'{x["measured"]} ({x["utilisation"]:.0%})' if 'utilisation' in x else x['measured']
+
+
+def _held(x: Row) -> str:
+    held = ' .. '.join(dict.fromkeys((f'R_{x["first"]}', f'R_{x["last"]}')))
+    return f'**{held}**' if x['first'] == 1 else held
+
+
+def _terms(x: Row) -> str:
+    return ', '.join(x['terms']) + (f' (P{x["worker"]})' if x['worker'] else '')
 
 
 # ---- pictures, row 1 of an array at the bottom, as in Figure 1 ----
 
-MARGIN = 20
-PALE = '#bbbbbb'
+MARGIN, LINE = 20, 20
+TITLES = {PRINTED: 'As printed: equations (29) to (31)', CORRECTED: "Corrected: H = L L'"}
 # Colour of each action, from a palette for colour-blind readers.
 ACTIONS = {
     'square root': '#0072b2',
@@ -274,120 +220,58 @@ ACTIONS = {
     'multiply and subtract': '#d55e00',
     'store': '#009e73',
 }
-DONE, DOING, IDLE = '#cfe6f5', '#ffffff', '#eeeeee'
-WORKERS = ('#f6d9b8', '#cfe6f5', '#cdeee2', '#f0d4e4')
 
 
 def plots(data: dict[str, Any], folder: Path) -> list[Path]:
-    """Draw cycles of both designs and of a whole solve, doubling, set ordering; copy designs."""
-    by_run: dict[str, list[Row]] = {}
-    for x in data['actions']:
-        by_run.setdefault(x['run'], []).append(x)
-    (cycles,) = (x['cycles'] for x in data['lengths'] if x['run'] == 'solve')
-    both = {f'{TITLES[x]}, {by_run[x][-1]["cycle"]} cycles': by_run[x] for x in TITLES}
+    """Draw cycles of both designs and of a whole solve; copy the picture of the designs."""
+    rows = {name: [x for x in data['actions'] if x['run'] == name] for name in (*TITLES, 'solve')}
+    cycles = {name: own[-1]['cycle'] for name, own in rows.items()}
+    both = {f'{title}, {cycles[name]} cycles': rows[name] for name, title in TITLES.items()}
+    whole = f'factorisation and both substitutions, {cycles["solve"]} cycles'
     pictures = {
         'array-designs': stored_text('array-designs.svg'),
-        'array-cycles': _cycles(
-            both, f'Triangular array, n = {FIGURE}: the element in each cell, cycle by cycle'
+        'array-cycles': _picture(
+            f'Triangular array, n = {FIGURE}: the element in each cell, cycle by cycle',
+            both,
+            22,
+            6,
         ),
-        'array': _cycles(
-            {'': by_run['solve']},
-            f'Triangular array, n = {SOLVED}: factorisation and both substitutions, '
-            f'{cycles} cycles',
-        ),
-        'doubling': _levels(data['doubling']),
-        'set-ordering': _frames(data['sets']),
+        'array': _picture(f'Triangular array, n = {SOLVED}: {whole}', {'': rows['solve']}, 14, 7),
     }
     return [write_text(folder, f'{name}.svg', picture) for name, picture in pictures.items()]
 
 
-def _cell(k: int, i: int, x: float, y: float, radius: float, *style: str) -> str:
-    """Return a cell: a circle on the diagonal, otherwise a square."""
-    return circle(x, y, radius, *style) if i == k else box(x, y, 2 * radius, 2 * radius, *style)
-
-
-def _cycles(runs: Mapping[str, Sequence[Row]], title: str) -> str:
+def _picture(title: str, runs: Mapping[str, Sequence[Row]], size: int, per_row: int) -> str:
     """Draw runs one below the other, a small array for every cycle; idle cells are outlines."""
     n = max(x['row'] for rows in runs.values() for x in rows)
-    labelled = any(x['label'] for rows in runs.values() for x in rows)
-    size, per_row, line = (22, 6, 20) if labelled else (14, 7, 20)
     side = n * size + 18
     body = [words(MARGIN, MARGIN + 4, title, 14)]
-    names = list(dict.fromkeys(x['action'] for rows in runs.values() for x in rows))
-    for k, name in enumerate(names):
+    used = dict.fromkeys(x['action'] for rows in runs.values() for x in rows)
+    for k, name in enumerate(used):
         x = MARGIN + 170 * k
         body += [box(x + 5, 36, 10, 10, ACTIONS[name]), words(x + 15, 40, name)]
-    top = MARGIN + 2.0 * line
+    top = MARGIN + 2.0 * LINE
     for heading, rows in runs.items():
         if heading:
             body.append(words(MARGIN, top + 14, heading, 12))
-            top += line
+            top += LINE
         acting = {(x['cycle'], x['row'], x['column']): x for x in rows}
         cycles = rows[-1]['cycle']
         for t in range(cycles):
-            left, y = MARGIN + t % per_row * side, top + t // per_row * (side + line)
+            left, y = MARGIN + t % per_row * side, top + t // per_row * (side + LINE)
             body.append(words(left, y + 12, f'cycle {t + 1}'))
-            for k, i in cells(n):
-                one = acting.get((t + 1, k, i))
-                at = left + (i - 0.5) * size, y + line + (n - k + 0.5) * size
-                fill = ACTIONS[one['action']] if one else 'none'
-                body.append(_cell(k, i, *at, size / 2 - 1, fill, '#999999'))
-                if one and one['label']:
-                    body.append(words(at[0], at[1] + 3.5, one['label'], 10, 'middle', 'white'))
-        top += -(-cycles // per_row) * (side + line) + 18
-    return svg(2 * MARGIN + max(per_row * side, 170 * len(names)), top, title, body)
+            for k in range(1, n + 1):
+                for i in range(1, k + 1):
+                    at = left + (i - 0.5) * size, y + LINE + (n - k + 0.5) * size
+                    body += _cell(acting.get((t + 1, k, i)), k == i, *at, size - 2)
+        top += -(-cycles // per_row) * (side + LINE) + 18
+    return svg(2 * MARGIN + max(per_row * side, 170 * len(used)), top, title, body)
 
 
-def _levels(rows: Sequence[Row]) -> str:
-    """Draw the lanes of recursive doubling, a row for each level, with arrows for routes."""
-    n, step, height = max(x['lane'] for x in rows), 96, 84
-    title = f'Recursive doubling, n = {n}: R_1 R_2 .. R_i on lane i'
-    body = [words(MARGIN, MARGIN + 4, title, 14)]
-    for x in rows:
-        at, y = MARGIN + (x['lane'] - 0.5) * step, MARGIN + 57 + x['level'] * height
-        if x['lane'] == 1:
-            k = x['level']
-            heading = f'level {k}: lane i gets from lane i - {2 ** (k - 1)}' if k else 'R_i given'
-            body.append(words(MARGIN + n * step + 16, y + 4, heading))
-        if x['level'] == 0:
-            body.append(words(at, MARGIN + 32, f'lane {x["lane"]}', anchor='middle'))
-        else:
-            body.append(arrow(at, y - height + 13, at, y - 13, PALE))
-        if x['source']:
-            source = MARGIN + (x['source'] - 0.5) * step
-            body.append(arrow(source + 12, y - height + 13, at - 12, y - 13))
-        held = ' .. '.join(dict.fromkeys((f'R{x["first"]}', f'R{x["last"]}')))
-        body.append(box(at, y, step - 16, 26, DONE if x['first'] == 1 else DOING))
-        body.append(words(at, y + 4, held, anchor='middle'))
-    bottom = MARGIN + 44 + (rows[-1]['level'] + 1) * height
-    return svg(MARGIN + n * step + 260, bottom, title, body)
-
-
-def _frames(rows: Sequence[Row]) -> str:
-    """Draw the sets before each iteration; a processor adds the coloured terms."""
-    last, width, step, line = rows[-1]['iteration'], 350, 62, 26
-    height = (len(rows) // last + 1) * line + 30
-    title = f'Appendix C: set ordering, n = {SETS}, {last - 1} parallel additions'
-    body = [words(MARGIN, MARGIN + 4, title, 14)]
-    for k in range(last):
-        left, top = MARGIN + k % 2 * width, MARGIN + 20 + k // 2 * height
-        own = [x for x in rows if x['iteration'] == k + 1]
-        count = sum(x['worker'] is not None for x in own)
-        heading = f'Iteration {k + 1}: {count} additions' if count else 'Result'
-        body.append(words(left, top + 14, heading, 12))
-        for place, x in enumerate(own):
-            y, terms = top + 34 + place * line, x['terms']
-            body.append(words(left, y + 5, x['set']))
-            for t, term in enumerate(terms):
-                at, fill = left + 63 + t * step, IDLE if len(terms) == 1 else DOING
-                if x['worker'] and t >= len(terms) - 2:
-                    fill = WORKERS[x['worker'] - 1]
-                body += [
-                    box(at, y, step - 4, line - 6, fill),
-                    words(at, y + 4, term, 10, 'middle'),
-                ]
-            if x['worker']:
-                at = left + 38 + len(terms) * step
-                body.append(words(at, y + 4, f'P{x["worker"]} adds', 10))
-    rows_of_frames = -(-last // 2)
-    return svg(2 * MARGIN + 2 * width, MARGIN + 20 + rows_of_frames * height, title, body)
+def _cell(acting: Row | None, diagonal: bool, x: float, y: float, size: float) -> Iterator[str]:
+    """Yield a cell: a circle on the diagonal, otherwise a square."""
+    fill = ACTIONS[acting['action']] if acting else 'none'
+    shape = circle(x, y, size / 2, fill, '#999999')
+    yield shape if diagonal else box(x, y, size, size, fill, '#999999')
+    if acting and acting['label']:
+        yield words(x, y + 3.5, acting['label'], 10, 'middle', 'white')

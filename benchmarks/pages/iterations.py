@@ -4,10 +4,9 @@
 Iterations of conjugate gradients: to rounding, and to an error of qdd from cold and warm starts.
 
 The paper counts n iterations, which exact arithmetic needs at most. In double precision a state
-has converged when its recursive residual has fallen to the first one times TOLERANCE of
-pfd_core.algorithms.paper.pcgm, which is rounding. The residual does not measure the error of an
-iterate, max|x - qdd| / max|qdd| with qdd by PCRBM: every iterate is observed while the emulator
-runs the counted program. Sine and cosine are expanded into the other operations, so that
+has converged when its recursive residual has fallen to rounding. The residual does not measure the
+error of an iterate, max|x - qdd| / max|qdd| with qdd by PCRBM: every iterate is observed while the
+emulator runs the counted program. Sine and cosine are expanded into the other operations, so that
 iterations and errors are the same on every machine.
 
     plain       the paper's: x_0 = 0, no preconditioner
@@ -52,28 +51,30 @@ def _answer(program: Program, states: dict[str, Array], **how: Any) -> dict[str,
     return run(expand_sines(program, 'float64'), states, **how)
 
 
+def _middle(values: Array) -> Array:
+    """Return the median, for an even number the lower of the two in the middle."""
+    return np.asarray(np.sort(values)[(len(values) - 1) // 2])
+
+
 def convergence(method: str, robot: Robot, states: int = STATES) -> dict[str, Any]:
     """Return iterations to rounding over many states; RuntimeError if one does not converge."""
-    plant, n = resolve(robot), robot.n
-    given = seeded_states(n, states)
+    plant, given = resolve(robot), seeded_states(robot.n, states)
     wanted = _answer(FORWARD['pcrbm'](plant, 'parallel'), given)['qdd']
     whole = _answer(FORWARD[method](plant, 'parallel'), given)
     if not (whole['converged'] > 0).all():
         raise RuntimeError(f'{method} did not converge in some state of {robot.name}')
-    short = _answer(FORWARD[method](plant, 'parallel', at_most=n), given)['qdd']
-    after_n = np.sort(differences(short, wanted))
-    iterations = np.sort(whole['iterations'].ravel()).astype(int)
-    middle = (states - 1) // 2
+    short = _answer(FORWARD[method](plant, 'parallel', at_most=robot.n), given)['qdd']
+    after_n, iterations = differences(short, wanted), whole['iterations'].ravel()
     return {
         'system': method,
         'robot': robot.name,
-        'n': n,
+        'n': robot.n,
         'states': states,
-        'least': int(iterations[0]),
-        'median': int(iterations[middle]),
-        'most': int(iterations[-1]),
-        'error_after_n': after_n[middle],
-        'worst_after_n': after_n[-1],
+        'least': int(iterations.min()),
+        'median': int(_middle(iterations)),
+        'most': int(iterations.max()),
+        'error_after_n': _middle(after_n),
+        'worst_after_n': after_n.max(),
         'worst_converged': differences(whole['qdd'], wanted).max(),
     }
 
@@ -89,20 +90,19 @@ def errors_of_iterates(n: int, variant: str, states: dict[str, Array]) -> Array:
     inputs = dict(states)
     if VARIANTS[variant][1]:
         before = {'q': -CYCLE * states['qd'], 'qd': -CYCLE * wanted, 'tau': 0.0}
-        inputs['start'] = _answer(direct, {key: states[key] + before[key] for key in before})[
-            'qdd'
-        ]
+        earlier = {key: states[key] + change for key, change in before.items()}
+        inputs['start'] = _answer(direct, earlier)['qdd']
     errors: list[Array] = []
 
     def observe(rows: list[Any]) -> None:
         # Rows are (lanes, states), x first.
         errors.append(differences(np.broadcast_to(rows[0], wanted.T.shape).T, wanted))
 
-    _answer(pcgm_variant(n, variant), inputs, observe=observe)
+    _answer(_variant(n, variant), inputs, observe=observe)
     return np.array(errors)
 
 
-def pcgm_variant(n: int, variant: str) -> Program:
+def _variant(n: int, variant: str) -> Program:
     """Return PCGM with one lane per link, as in the paper."""
     scaled, warm = VARIANTS[variant]
     return record_pcgm(resolve(uniform_chain(n)), 'unpacked', start=warm, jacobi=scaled)
@@ -115,43 +115,37 @@ def reached_by(n: int) -> list[dict[str, Any]]:
     `missed` states do not reach it, and count with the largest number of iterations. The cost of
     `in_n`, `in_median` and `in_worst` iterations is [multiplications, additions, square roots].
     """
-    states, middle = seeded_states(n, FEWER_STATES), (FEWER_STATES - 1) // 2
-    rows = []
+    states, rows = seeded_states(n, FEWER_STATES), []
     for variant in VARIANTS:
         errors, cost = errors_of_iterates(n, variant, states), price(n, variant)
-        after_n = np.sort(errors[min(n, len(errors) - 1)])
+        after_n = errors[min(n, len(errors) - 1)]
         for tolerance in TOLERANCES:
             inside = errors <= tolerance
             missed = ~inside.any(axis=0)
-            first = np.sort(np.where(missed, default_limit(n), inside.argmax(axis=0)))
-            counts = {'n': n, 'median': int(first[middle]), 'worst': int(first[-1])}
-            rows.append(
-                {
-                    **counts,
-                    'variant': variant,
-                    'tolerance': tolerance,
-                    'missed': missed.sum(),
-                    'within_n': np.mean(inside[: n + 1].any(axis=0)),
-                    'error_after_n': after_n[middle],
-                    'worst_after_n': after_n[-1],
-                    **{
-                        f'in_{name}': [cost[f'first_{x}'] + k * cost[f'each_{x}'] for x in KINDS]
-                        for name, k in counts.items()
-                    },
-                }
-            )
+            first = np.where(missed, default_limit(n), inside.argmax(axis=0))
+            counts = {'n': n, 'median': int(_middle(first)), 'worst': int(first.max())}
+            row = {
+                'variant': variant,
+                'tolerance': tolerance,
+                'missed': missed.sum(),
+                'within_n': np.mean(inside[: n + 1].any(axis=0)),
+                'error_after_n': _middle(after_n),
+                'worst_after_n': after_n.max(),
+            }
+            for name, k in counts.items():
+                row[f'in_{name}'] = [cost[f'first_{x}'] + k * cost[f'each_{x}'] for x in KINDS]
+            rows.append(counts | row)
     return rows
 
 
-def price(n: int, variant: str) -> dict[str, Any]:
+def price(n: int, variant: str) -> dict[str, int]:
     """Return the steps of a variant: `pcgm_1987`, and what the variant adds to it."""
     program = program_of(Recording('pcgm', n, CORRECTED, 'unpacked'))
-    once, twice = (program.count(iterations=k) for k in (1, 2))
-    if variant != 'plain':
-        # The same sections in both, so that the rotations of the joints cancel.
-        plain, changed = (pcgm_variant(n, name) for name in ('plain', variant))
-        once += changed.count(iterations=1) - plain.count(iterations=1)
-        twice += changed.count(iterations=2) - plain.count(iterations=2)
-    repeated = twice - once
-    first = flat('first_', once - repeated)
-    return {'n': n, 'variant': variant, **first, **flat('each_', repeated)}
+    # The same sections in both, so that the rotations of the joints cancel.
+    plain, changed = (_variant(n, name) for name in ('plain', variant))
+    once, twice = (
+        program.count(iterations=k) + changed.count(iterations=k) - plain.count(iterations=k)
+        for k in (1, 2)
+    )
+    each = twice - once
+    return flat('first_', once - each) | flat('each_', each)

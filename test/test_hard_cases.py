@@ -27,10 +27,15 @@ from zoo import flywheel, to_pinocchio
 
 from benchmarks.cases.hard_cases import CASES, MECHANISMS, ROUNDING
 from benchmarks.cases.motions import CHECKS, ENDS, HARD, Motion
-from benchmarks.cases.problems import Problem, arm, far, rods, scaled, scene_of
+from benchmarks.cases.problems import Problem, arm, rods, scaled, scene_of
 from benchmarks.cases.robots import PUBLIC, chain, robot
-from benchmarks.pages.hard_cases import SHOWN, WITHIN, box_rows, kernel_rows, run_row
-from benchmarks.peers.answers import kernel_answer, kernel_jacobians, peer_jacobians
+from benchmarks.pages.hard_cases import box_rows, kernel_rows, run_row
+from benchmarks.peers.answers import (
+    first_answer,
+    kernel_answer,
+    kernel_jacobians,
+    peer_jacobians,
+)
 from benchmarks.references import derivatives
 from benchmarks.references.accelerations import (
     DIGITS,
@@ -45,6 +50,7 @@ from benchmarks.references.accelerations import (
     reference,
 )
 from benchmarks.references.motions import end
+from benchmarks.timing import differences
 import pfd_core as pfd
 
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
@@ -100,10 +106,15 @@ def test_errors_are_within_five_times_what_analysis_predicts(name: str) -> None:
 
 @some_cases
 def test_an_error_estimate_is_within_a_factor_of_three_of_a_large_error(name: str) -> None:
-    for row in rows(name):
-        before, lost = row.get('before', 0.0), 0.1
-        if SHOWN * ROUNDING[row['dtype']] < before < lost:
-            assert 1 / WITHIN < row['estimate'] < WITHIN, row
+    problem, known = solved(name)
+    for dtype, u in ROUNDING.items():
+        before, estimates = first_answer(problem, dtype)
+        with np.errstate(all='ignore'):
+            found = np.nan_to_num(differences(before, known.qdd).astype(float), nan=np.inf)
+        k = int(np.argmax(found))
+        # Of an error above 900 u that leaves a digit.
+        if 900 * u < found[k] < 0.1:
+            assert 1 / 3 < estimates[k] / found[k] < 3, (dtype, found[k])
 
 
 @some_cases
@@ -142,7 +153,7 @@ def test_every_bound_on_the_page_is_met_but_two_at_held_out_states() -> None:
 @pytest.mark.parametrize(
     ('problem', 'twin'),
     [
-        (far(1000.0), far(0.0)),
+        (rods(6, 'yz', base=1000.0), rods(6, 'yz')),
         (scaled(2.0**-20, 2.0**-20), scaled(1.0, 1.0)),
         (scaled(2.0**10, 2.0**30), scaled(1.0, 1.0)),
     ],
@@ -244,7 +255,7 @@ def test_a_box_has_rising_quantiles_and_ends_at_the_largest_error() -> None:
     tables = box_rows('planar2', 600)
     assert len(tables['boxes']) == 5
     for row in tables['boxes']:
-        shares = [row[key] for key in ('p1', 'p25', 'p50', 'p75', 'p99', 'largest')]
+        shares = [row[key] for key in ('p1', 'p50', 'p99', 'largest')]
         assert shares[0] > 0
         assert shares == sorted(shares)
         assert row['states'] == 600

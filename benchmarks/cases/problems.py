@@ -8,26 +8,19 @@ The numbers of problems are rounded to float32, so that one reference serves bot
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from benchmarks.cases.robots import (
-    Array,
-    chain,
-    coaxial,
-    mechanism,
-    rescaled,
-    single,
-    tiny_tip,
-)
+from benchmarks.cases.robots import Array, bead_on, chain, mechanism, rescaled, single
 from benchmarks.cases.robots import robot as robot_named
 from pfd_core.algorithms.programs import record_inverse_dynamics
 from pfd_core.machine.emulator import run
-from pfd_core.model import Payload, Plant, Robot, Scene, load_robot, resolve, with_payload
+from pfd_core.model import Payload, Plant, Robot, Scene, resolve, with_payload
 
 SEED = 1987
 # Seed and number of states for all makers, instead of the values in the tables.
@@ -61,18 +54,16 @@ def problem(
     robot: Robot,
     *,
     scene: Scene | None = None,
-    q: float | Array = np.pi,
+    q: float | Sequence[float] = np.pi,
     qd: float = 1.0,
     tau: float = 1.0,
     states: int = 1,
 ) -> Problem:
     """Return seeded states: each of q [rad], qd, tau is uniform within +- its bound, or given."""
     seed, states = _DRAWN.get() or (SEED, states)
-    rng = np.random.default_rng(seed)
-    reach = {'q': 1.0 if isinstance(q, np.ndarray) else q, 'qd': qd, 'tau': tau}
-    drawn = {name: x * rng.uniform(-1.0, 1.0, (states, robot.n)) for name, x in reach.items()}
-    if isinstance(q, np.ndarray):
-        drawn['q'] = np.tile(q, (states, 1))
+    unit = np.random.default_rng(seed).uniform(-1.0, 1.0, (3, states, robot.n))
+    given = np.tile(q, (states, 1)) if isinstance(q, Sequence) else q * unit[0]
+    drawn = {'q': given, 'qd': qd * unit[1], 'tau': tau * unit[2]}
     return Problem(resolve(robot, scene), {name: single(x) for name, x in drawn.items()})
 
 
@@ -102,58 +93,65 @@ def rods(
     n: int,
     axes: str,
     masses: Mapping[int, float] | None = None,
-    q: float = np.pi,
-    qd: float = 1.0,
-    states: int = 1,
+    *,
+    lengths: Sequence[float] | None = None,
+    base: float = 0.0,
+    bead: tuple[int, float] | None = None,
+    load: float = 0.0,
+    armature: Sequence[float] | None = None,
+    **drawn: Any,
 ) -> Problem:
-    """Return a chain, perhaps with other masses [kg], at states within bounds [rad, rad/s]."""
-    return problem(chain(n, axes, masses=masses), q=q, qd=qd, states=states)
+    """
+    Return a chain with some numbers changed, at states as in `problem`.
+
+    `base` is its distance from the origin [m], `bead` a link that is one, and its inertia
+    [kg m^2], `load` a point at the tip [kg] and `armature` rotor inertias [kg m^2].
+    """
+    robot = chain(n, axes, masses=masses, lengths=lengths)
+    if base:
+        robot = replace(robot, base_position=np.array([base, 0.0, 0.0]))
+    if bead:
+        robot = bead_on(robot, *bead)
+    if load:
+        robot = with_payload(robot, Payload(load))
+    scene = Scene(armature=tuple(armature)) if armature else None
+    return problem(robot, scene=scene, **drawn)
 
 
-def links(axes: str, **parts: Mapping[int, float]) -> Problem:
-    """Return a mechanism whose parts have other numbers, as in `mechanism`."""
-    return problem(mechanism(axes, **parts))
+def links(axes: str, reach: float = 1.0, **parts: Mapping[int, float]) -> Problem:
+    """Return a mechanism of such parts, with slides up to `reach` [m] times pi out."""
+    drawn = problem(mechanism(axes, **parts))
+    scale = np.array([reach if letter.isupper() else 1.0 for letter in axes])
+    return replace(drawn, states=drawn.states | {'q': single(drawn.states['q'] * scale)})
 
 
-def folded(n: int) -> Problem:
-    """Return a chain in which every link lies on the one before."""
-    return problem(chain(n, 'y'), q=np.array([0.0] + [np.pi] * (n - 1)))
+def arm(
+    name: str,
+    states: int = 1,
+    *,
+    load: tuple[float, ...] | None = None,
+    wrench: float = 0.0,
+    qd: float = 2.0,
+    tau: float = 5.0,
+    **drawn: Any,
+) -> Problem:
+    """
+    Return an arm at states as in `problem`.
 
-
-def tiny(inertia: float) -> Problem:
-    """Return a chain with a bead of an inertia [kg m^2] at its tip."""
-    return problem(tiny_tip(inertia))
-
-
-def arm(name: str, states: int) -> Problem:
-    """Return an arm at ordinary states."""
-    return problem(robot_named(name), qd=2.0, tau=5.0, states=states)
-
-
-def pushed(name: str, force: float, states: int) -> Problem:
-    """Return an arm with a wrench on its last link, up to `force` [N] and as much moment [N m]."""
-    drawn = problem(
-        robot_named(name), scene=Scene(external_wrench=True), qd=2.0, tau=5.0, states=states
-    )
-    rng = np.random.default_rng([SEED, len(drawn.states['q'])])
-    wrench = single(force * rng.uniform(-1.0, 1.0, (len(drawn.states['q']), 6)))
-    return replace(drawn, states=drawn.states | {'wrench': wrench})
-
-
-def payload() -> Problem:
-    """Return panda with a load a million times heavier than its links."""
-    load = Payload(1e6, (0.0, 0.0, 0.125), 1e3 * np.eye(3))
-    return problem(load_robot('panda'), scene=Scene(payload=load))
-
-
-def wrist(q5: float) -> Problem:
-    """Return puma560 with a wrist that is nearly straight; q5 in rad."""
-    return problem(load_robot('puma560'), q=np.array([0.3, -0.5, 0.7, 1.1, q5, -0.4]))
-
-
-def far(distance: float) -> Problem:
-    """Return a chain with its base at a distance [m]: the bits are the same at any."""
-    return problem(replace(chain(6, 'yz'), base_position=np.array([distance, 0.0, 0.0])))
+    `load` has mass [kg], distance of its centre from the last frame along z [m] and three equal
+    moments of inertia [kg m^2]. A wrench acts on the last link: up to `wrench` [N] and [N m].
+    """
+    robot = robot_named(name)
+    if load:
+        mass, distance, inertia = (*load, 0.0)[:3]
+        robot = with_payload(robot, Payload(mass, (0.0, 0.0, distance), inertia * np.eye(3)))
+    scene = Scene(external_wrench=bool(wrench))
+    found = problem(robot, scene=scene, qd=qd, tau=tau, states=states, **drawn)
+    if not wrench:
+        return found
+    count = len(found.states['q'])
+    unit = np.random.default_rng([SEED, count]).uniform(-1.0, 1.0, (count, 6))
+    return replace(found, states=found.states | {'wrench': single(wrench * unit)})
 
 
 def scaled(length: float, mass: float) -> Problem:
@@ -164,41 +162,10 @@ def scaled(length: float, mass: float) -> Problem:
     return replace(scaled_up, states=states)
 
 
-def collinear(inertia: float, load: float = 0.0) -> Problem:
-    """Return two coaxial joints with an inertia [kg m^2] between them and a point load [kg]."""
-    robot = coaxial(inertia)
-    if load:
-        robot = with_payload(robot, Payload(load))
-    return problem(robot)
-
-
-def mixed() -> Problem:
-    """Return a chain of rods of 1 m and 1 kg, and of 1 mm and 1 mg."""
-    lengths = np.where(np.arange(6) % 2, 2.0**-10, 1.0)
-    return problem(chain(6, 'yz', lengths=lengths, masses={1: 1e-6, 3: 1e-6, 5: 1e-6}))
-
-
-def rotors() -> Problem:
-    """Return a chain with rotor inertias of 1e6 kg m^2 at every second joint."""
-    return problem(chain(6, 'yz'), scene=Scene(armature=(1e6, 0.0, 1e6, 0.0, 1e6, 0.0)))
-
-
 def static_hold() -> Problem:
     """Return a chain in equilibrium under its torques, apart from rounding to float32."""
-    moving = problem(chain(12, 'yz'), qd=0.0)
+    moving = rods(12, 'yz', qd=0.0)
     state = {'q': moving.states['q'], 'qd': moving.states['qd']}
     program = record_inverse_dynamics(moving.plant, 'parallel')
     tau = run(program, state | {'qdd': np.zeros_like(state['q'])})['tau']
     return Problem(moving.plant, state | {'tau': single(tau)}, at_hold=True)
-
-
-def extended(axes: str, reach: float) -> Problem:
-    """Return a mechanism whose slides are up to a distance [m] out; turns stay within pi."""
-    drawn = problem(mechanism(axes))
-    scale = np.array([reach if letter.isupper() else 1.0 for letter in axes])
-    return Problem(drawn.plant, drawn.states | {'q': single(drawn.states['q'] * scale)})
-
-
-def loaded(name: str, mass: float, distance: float) -> Problem:
-    """Return an arm of config/robots with a point load [kg] on a tool of a length [m]."""
-    return problem(with_payload(load_robot(name), Payload(mass, (0.0, 0.0, distance))))

@@ -18,14 +18,14 @@ number formats. Rotations of the arms in config/robots are as published.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from benchmarks.table import stored_text
 from pfd_core.model import Robot, load_robot
@@ -45,8 +45,14 @@ PUBLIC = {
 }
 # Right angles of these files that are made exact have errors of up to so much [rad].
 TRUNCATED = 1e-6
+_UPRIGHT = np.eye(3)
 # z of these axes is horizontal, and x too.
 _LYING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+# Of rods of mechanisms. Not a round number: squares of round numbers add up without rounding,
+# which hides errors.
+_ROD = float(np.float32(0.3))
+# Frames whose z is an axis of the world: signed permutations, which round nothing.
+_FRAMES = {'x': np.roll(_UPRIGHT, 1, axis=0), 'y': _LYING.T, 'z': _UPRIGHT}
 
 
 def single(values: NDArray[Any]) -> Array:
@@ -97,7 +103,7 @@ def _right_angles(n: int) -> Robot:
     """Return n rods, each joint's axis at right angles to the one before, as in most arms."""
     twist = np.array([[[1.0, 0, 0], [0, 0, -s], [0, s, 0]] for s in (1.0, -1.0)])
     turns, J = twist[np.arange(n) % 2], np.diag([0.001, 0.006, 0.006])
-    return _equal(f'chain{n}', turns, [0.25, 0, 0.0], [-0.125, 0, 0], J)
+    return _robot(f'chain{n}', 'revolute', turns, [0.25, 0, 0.0], [-0.125, 0, 0], J)
 
 
 def _dense(n: int) -> Robot:
@@ -105,10 +111,11 @@ def _dense(n: int) -> Robot:
     turns = np.array([_skew(0.7 + 0.1 * i, 1.1 - 0.05 * i) for i in range(n)])
     axes = _skew(0.4, 0.3) @ _skew(0.2, 0.5)
     J = axes @ np.diag([0.001, 0.006, 0.006]) @ axes.T
-    return _equal(f'dense{n}', turns, [0.22, 0.05, 0.1], [-0.11, -0.03, 0.02], (J + J.T) / 2)
+    reach, center = [0.22, 0.05, 0.1], [-0.11, -0.03, 0.02]
+    return _robot(f'dense{n}', 'revolute', turns, reach, center, (J + J.T) / 2)
 
 
-def _skew(a: float, b: float) -> NDArray[Any]:
+def _skew(a: float, b: float) -> Array:
     """Return a rotation about z by a after one about x by b, without a zero once multiplied."""
     ca, sa, cb, sb = np.cos(a), np.sin(a), np.cos(b), np.sin(b)
     Rz = np.array([[ca, -sa, 0], [sa, ca, 0], [0, 0, 1]])
@@ -120,66 +127,79 @@ def _skew(a: float, b: float) -> NDArray[Any]:
 def uniform_chain(n: int) -> Robot:
     """Return n equal rods with skew axes: as written, a count does not depend on the numbers."""
     c, s = np.cos(1.0), np.sin(1.0)
-    twist = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-    turns, J = np.tile(twist, (n, 1, 1)), np.diag([0.001, 0.005, 0.005])
-    return _equal(f'uniform{n}', turns, [0.25, 0.0, 0.1], [-0.125, 0.02, 0.01], J)
+    turns = np.tile([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]], (n, 1, 1))
+    reach, center, J = [0.25, 0.0, 0.1], [-0.125, 0.02, 0.01], np.diag([0.001, 0.005, 0.005])
+    return _robot(f'uniform{n}', 'revolute', turns, reach, center, J)
 
 
-def _equal(
-    name: str, rotations: Array, reach: list[float], center: list[float], inertia: Array
+def _robot(
+    name: str,
+    types: str | Sequence[str],
+    rotations: Array,
+    translations: ArrayLike,
+    centers: ArrayLike,
+    inertias: ArrayLike,
+    masses: ArrayLike = 1.0,
+    base_rotation: ArrayLike = _UPRIGHT,
 ) -> Robot:
+    """Return a robot; what all joints or links have in common may be given once."""
     n = len(rotations)
+
+    def each(values: ArrayLike, *shape: int) -> Array:
+        return np.array(np.broadcast_to(values, (n, *shape)))
+
     return Robot(
         name=name,
-        joint_names=_joint_names(n),
-        joint_types=('revolute',) * n,
+        joint_names=tuple(f'joint{k + 1}' for k in range(n)),
+        joint_types=(types,) * n if isinstance(types, str) else tuple(types),
         rotations=rotations,
-        translations=np.tile(reach, (n, 1)),
-        masses=np.ones(n),
-        centers=np.tile(center, (n, 1)),
-        inertias=np.tile(inertia, (n, 1, 1)),
+        translations=each(translations, 3),
+        masses=each(masses),
+        centers=each(centers, 3),
+        inertias=each(inertias, 3, 3),
+        base_rotation=np.array(base_rotation),
     )
 
 
-def _joint_names(n: int) -> tuple[str, ...]:
-    return tuple(f'joint{k + 1}' for k in range(n))
+def _by_link(n: int, given: Mapping[int, float] | None, otherwise: float) -> Array:
+    """Return numbers (n,) of links, given by index where they are not the usual ones."""
+    values = np.full(n, otherwise)
+    for index, value in (given or {}).items():
+        values[index] = value
+    return values
+
+
+def _moments(length: Array) -> Array:
+    """Return moments of inertia, (n, 3), of rods of 1 kg along x."""
+    across = length**2 / 12 + RADIUS**2 / 4
+    return np.stack([np.full(len(length), RADIUS**2 / 2), across, across], axis=-1)
 
 
 def chain(
-    n: int, axes: str, *, masses: Mapping[int, float] | None = None, lengths: Array | None = None
+    n: int,
+    axes: str,
+    *,
+    masses: Mapping[int, float] | None = None,
+    lengths: Sequence[float] | None = None,
 ) -> Robot:
     """Return n rods of 0.25 m, or `lengths` (n,), and 1 kg, or `masses` by index of a link."""
-    length = np.full(n, LENGTH) if lengths is None else lengths
-    mass = np.ones(n)
-    for index, value in (masses or {}).items():
-        mass[index] = value
+    length = np.full(n, LENGTH) if lengths is None else np.array(lengths)
+    mass = _by_link(n, masses, 1.0)
     along = np.stack([length, 0 * length, 0 * length], axis=-1)
-    moments = np.stack([np.full(n, RADIUS**2 / 2), *[length**2 / 12 + RADIUS**2 / 4] * 2], -1)
+    inertias = single(mass[:, None, None] * _moments(length)[:, None, :] * np.eye(3))
     turns = [_LYING if k % 2 == 0 else _LYING.T for k in range(n)]
-    return Robot(
-        name=f'chain{n}_{axes}',
-        joint_names=_joint_names(n),
-        joint_types=('continuous',) * n,
-        rotations=np.array(turns if axes == 'yz' else [np.eye(3)] * n),
-        translations=along,
-        masses=single(mass),
-        centers=-along / 2,
-        inertias=single(mass[:, None, None] * moments[:, None, :] * np.eye(3)),
-        base_rotation=_LYING,
-    )
-
-
-def tiny_tip(inertia: float) -> Robot:
-    """Return six rods, the last one a bead of 1 g on its own axis with this inertia [kg m^2]."""
-    return _bead(chain(6, 'yz', masses={5: 1e-3}), -1, inertia)
+    rotations = np.array(turns if axes == 'yz' else [_UPRIGHT] * n)
+    name, types, mass = f'chain{n}_{axes}', 'continuous', single(mass)
+    return _robot(name, types, rotations, along, -along / 2, inertias, mass, _LYING)
 
 
 def coaxial(inertia: float) -> Robot:
     """Return two joints on one axis, a massless link of this inertia between, and two rods."""
-    return _bead(chain(3, 'y', masses={0: 0.0}), 0, inertia)
+    return bead_on(chain(3, 'y', masses={0: 0.0}), 0, inertia)
 
 
-def _bead(robot: Robot, index: int, inertia: float) -> Robot:
+def bead_on(robot: Robot, index: int, inertia: float) -> Robot:
+    """Return a robot with a link that has no extent, and an inertia [kg m^2] about each axis."""
     changed = {key: getattr(robot, key).copy() for key in ('translations', 'centers', 'inertias')}
     changed['translations'][index] = changed['centers'][index] = 0.0
     changed['inertias'][index] = single(inertia * np.eye(3))
@@ -195,17 +215,6 @@ def rescaled(robot: Robot, length: float, mass: float) -> Robot:
         masses=robot.masses * mass,
         inertias=robot.inertias * (mass * length**2),
     )
-
-
-# Of rods of mechanisms. Not a round number: squares of round numbers add up without rounding,
-# which hides errors.
-_ROD = float(np.float32(0.3))
-# Frames whose z is an axis of the world: signed permutations, which round nothing.
-_FRAMES: dict[str, Array] = {
-    'x': np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
-    'y': _LYING.T,
-    'z': np.eye(3),
-}
 
 
 def mechanism(
@@ -227,35 +236,23 @@ def mechanism(
     Inertias are the three equal moments [kg m^2].
     """
     n = len(axes)
-    frames = [_FRAMES[letter] for letter in axes.lower()]
-    frames.append(frames[-1])
-    bodies = []
-    for k in range(n):
-        here, beyond = frames[k], frames[k + 1]
-        length, mass = (lengths or {}).get(k, _ROD), (masses or {}).get(k, 1.0)
-        rod = np.array([length, 0.0, 0.0])
-        across = length**2 / 12 + RADIUS**2 / 4
-        moments = mass * np.array([RADIUS**2 / 2, across, across])
-        if inertias and k in inertias:
-            moments = np.full(3, inertias[k])
-        drop = (drops or {}).get(k, 0.0) * beyond[:, 2]
-        lift = np.array([0.0, 0.0, (lifts or {}).get(k, 0.0)])
-        bodies.append(
-            {
-                'rotations': here.T @ beyond,
-                'translations': here.T @ (rod - drop) + lift,
-                'masses': np.array(mass),
-                'centers': beyond.T @ (drop - rod / 2),
-                'inertias': beyond.T @ np.diag(single(moments)) @ beyond,
-            }
-        )
-    arrays: dict[str, Any] = {
-        key: single(np.array([body[key] for body in bodies])) for key in bodies[0]
-    }
-    return Robot(
-        name=f'mechanism_{axes}',
-        joint_names=_joint_names(n),
-        joint_types=tuple('continuous' if a.islower() else 'prismatic' for a in axes),
-        base_rotation=frames[0],
-        **arrays,
+    frames = np.array([_FRAMES[letter] for letter in axes.lower() + axes[-1].lower()])
+    here, beyond = frames[:-1].transpose(0, 2, 1), frames[1:]
+    mass, length = _by_link(n, masses, 1.0), _by_link(n, lengths, _ROD)
+    moments = mass[:, None] * _moments(length)
+    for index, moment in (inertias or {}).items():
+        moments[index] = moment
+    rod = length[:, None] * [1.0, 0.0, 0.0]
+    drop = _by_link(n, drops, 0.0)[:, None] * beyond[:, :, 2]
+    lift = _by_link(n, lifts, 0.0)[:, None] * [0.0, 0.0, 1.0]
+    back = beyond.transpose(0, 2, 1)
+    return _robot(
+        f'mechanism_{axes}',
+        ['continuous' if letter.islower() else 'prismatic' for letter in axes],
+        here @ beyond,
+        single((here @ (rod - drop)[..., None])[..., 0] + lift),
+        single((back @ (drop - rod / 2)[..., None])[..., 0]),
+        back @ (single(moments)[:, :, None] * np.eye(3)) @ beyond,
+        single(mass),
+        frames[0],
     )

@@ -32,7 +32,8 @@ from pfd_core.machine.program import Output, Program
 from pfd_core.model import Plant
 from pfd_core.simulation.simulator import Simulator
 
-PEER = 'Pinocchio'
+# Names of the ways on pages.
+DEFAULT, REFINED, PEER = 'default', 'refine=1', 'Pinocchio'
 
 
 def kernel_answer(problem: Problem, dtype: str, refine: int, method: str = 'auto') -> NDArray[Any]:
@@ -45,15 +46,13 @@ def kernel_answer(problem: Problem, dtype: str, refine: int, method: str = 'auto
     return qdd
 
 
-def first_answer(
-    problem: Problem, dtype: str, method: str = 'auto'
-) -> tuple[NDArray[Any], NDArray[Any]]:
+def first_answer(problem: Problem, dtype: str) -> tuple[NDArray[Any], NDArray[Any]]:
     """
     Return the answer (S, n) that a refined kernel corrects, and its estimated error (S,).
 
     The estimate is max |delta| / max |qdd|, as of `Kernel.error_estimate`.
     """
-    recorded = record_with_first_answer(problem.plant, choose(problem.plant, method, 1), dtype)
+    recorded = record_with_first_answer(problem.plant, choose(problem.plant, 'auto', 1), dtype)
     found = _run(lower(recorded, dtype, ['error', 'before']).compiled, problem, dtype)
     return found['before'], found['error'][:, 0].astype(np.float64)
 
@@ -93,9 +92,8 @@ def kernel_jacobians(
 def _multiplied(factors: dict[str, Any]) -> NDArray[Any]:
     """Return d qdd / d (q, qd, tau) from X, D and T, with the roundings of native code."""
     X, D = factors['X'], factors['D']
-    n = X.shape[-1]
     total = X[..., :1] * D[..., :1, :]
-    for k in range(1, n):
+    for k in range(1, X.shape[-1]):
         total = fused(*np.broadcast_arrays(X[..., k : k + 1], D[..., k : k + 1, :], total))
     by_tau = X * factors['T'][..., None, :] if 'T' in factors else X
     return np.concatenate([-total, by_tau], axis=-1)
@@ -115,7 +113,7 @@ def peer_jacobians(problem: Problem, h: float) -> tuple[Array, Array] | None:
     evaluate, rows = peer.acceleration_and_derivatives, _rows(problem)
     with np.errstate(all='ignore'):
         J = np.array([evaluate(*row)[1] for row in rows])
-        return J, np.array([linear_rk4(evaluate, q, qd, tau, h) for q, qd, tau in rows])
+        return J, np.array([linear_rk4(evaluate, *row, h) for row in rows])
 
 
 def _peer(problem: Problem, quantity: str) -> Pinocchio | None:

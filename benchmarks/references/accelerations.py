@@ -116,15 +116,6 @@ def errors(found: NDArray[Any], known: Reference) -> Array:
         return np.where(sound, (norm(difference) / known.scale).astype(np.float64), np.inf)
 
 
-def differences(found: NDArray[Any], exact: NDArray[Any]) -> Array:
-    """Return max |found - exact| / max |exact| of each state, (S,); infinity if not finite."""
-    sound = np.isfinite(found).all(axis=-1)
-    answer = np.where(sound[:, None], found, 0.0).astype(np.float64).astype(exact.dtype)
-    with _digits():
-        off = np.abs(answer - exact).max(axis=-1) / np.abs(exact).max(axis=-1)
-    return np.where(sound, off.astype(np.float64), np.inf)
-
-
 def kappa_j(problem: Problem) -> Array:
     """Return the condition number of H after Jacobi scaling, (S,)."""
     program = record_terms(problem.plant, 'parallel')

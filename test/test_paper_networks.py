@@ -28,7 +28,6 @@ from benchmarks.pages.networks import (
     NETWORKS,
     ONE,
     PACKED,
-    PRICES,
     SIZES,
     SYSTEMS,
     UNPACKED,
@@ -47,6 +46,7 @@ import pfd_core as pfd
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 AS_PRINTED, CORRECTED, BEST_KNOWN = EDITIONS
 Row = dict[str, Any]
+PRICES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # of a route, in multiplications
 
 
 @cache

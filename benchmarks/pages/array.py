@@ -9,15 +9,13 @@ Utilisation is the share of the cells' cycles in which they computed or stored s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
 from benchmarks.cases.paper import value
-from benchmarks.plots import box, circle, svg, words
-from benchmarks.table import Row, grid, page, stored_text, table, write_text
+from benchmarks.table import Row, grid, page
 from pfd_core.algorithms.paper.array_solver import factor, pipeline, solve
 from pfd_core.algorithms.paper.literal_array import STORE, literal_array
 from pfd_core.algorithms.paper.set_ordering import set_ordering
@@ -27,9 +25,8 @@ from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.machine.systolic import Place, Trace
 
 SIZES = (2, 3, 4, 6, 8, 12, 16)
-# Sizes of the pictures of both designs, as Figure 1, and of a whole solve, as the arms'.
-FIGURE, SOLVED = 4, 6
-LANES, SETS = 6, 4  # of recursive doubling, and of Appendix C
+# Rows of the array as in Figure 1, lanes of recursive doubling, and rows as in Appendix C.
+FIGURE, LANES, SETS = 4, 6, 4
 PRINTED, CORRECTED = 'as printed', 'corrected'
 RUNS: dict[str, Callable[[int], Trace]] = {
     PRINTED: lambda n: literal_array(np.eye(n)).trace,
@@ -58,7 +55,6 @@ def measure(quick: bool) -> dict[str, Any]:
         'actions': [
             *actions(PRINTED, FIGURE, lambda *at: literal_label(FIGURE, *at)),
             *actions(CORRECTED, FIGURE, corrected_label),
-            *actions('solve', SOLVED, lambda place, cycle: ''),
         ],
         'doubling': list(doubling(LANES)),
         'sets': list(_sets(SETS)),
@@ -159,22 +155,13 @@ def _sets(n: int) -> Iterator[dict[str, Any]]:
 
 def text(data: dict[str, Any]) -> str:
     """Return the page."""
-    rows = data['times']
+    title = '{design}: {event}, {formula}'
     return page(
         'array',
-        claims=table(
-            {
-                'design': 'design',
-                'event': 'event',
-                'claimed by': lambda x: 'the paper' if x['design'] == PRINTED else 'here',
-                'cycles': 'formula',
-                'measured': lambda x: _compared([y for y in rows if y['event'] == x['event']]),
-            },
-            [x for x in rows if x['n'] == rows[0]['n']],
-        ),
-        cycles=grid(
-            {(f'{x["design"]}: {x["event"]}', x['n']): _cycles(x) for x in rows}, 'cycles, n ='
-        ),
+        cycles=grid({(title.format(**x), x['n']): _cycles(x) for x in data['times']}, 'n ='),
+        figure=FIGURE,
+        printed=_acting(data['actions'], PRINTED),
+        corrected=_acting(data['actions'], CORRECTED),
         lanes=LANES,
         levels=max(x['level'] for x in data['doubling']),
         doubling=grid(
@@ -188,16 +175,23 @@ def text(data: dict[str, Any]) -> str:
     )
 
 
-def _compared(rows: Sequence[Row]) -> str:
-    """Return whether all sizes take the cycles claimed, or the largest size that does not."""
-    wrong = [x for x in rows if x['measured'] != x['claimed']]
-    if not wrong:
-        return f'as claimed, n = {rows[0]["n"]} to {rows[-1]["n"]}'
-    return 'wrong: {measured} instead of {claimed} at n = {n}'.format(**wrong[-1])
-
-
 def _cycles(x: Row) -> str:
-    return f'{x["measured"]} ({x["utilisation"]:.0%})' if 'utilisation' in x else x['measured']
+    claimed = '' if x['measured'] == x['claimed'] else f', not {x["claimed"]}'
+    utilisation = f' ({x["utilisation"]:.0%})' if 'utilisation' in x else ''
+    return f'{x["measured"]}{claimed}{utilisation}'
+
+
+def _acting(rows: Iterable[Row], design: str) -> list[str]:
+    """Return what each cell does in each cycle; it rests where a place is empty."""
+    own = [x for x in rows if x['run'] == design]
+    known = {
+        (x['row'], x['column'], x['cycle']): f'{x["action"].split()[-1]} {x["label"]}' for x in own
+    }
+    cycles = range(1, max(x['cycle'] for x in own) + 1)
+    cells = ((k, i) for k in range(1, FIGURE + 1) for i in range(1, k + 1))
+    return grid(
+        {(f'P_{k}{i}', t): known.get((k, i, t), '') for k, i in cells for t in cycles}, 'cycle'
+    )
 
 
 def _held(x: Row) -> str:
@@ -207,71 +201,3 @@ def _held(x: Row) -> str:
 
 def _terms(x: Row) -> str:
     return ', '.join(x['terms']) + (f' (P{x["worker"]})' if x['worker'] else '')
-
-
-# ---- pictures, row 1 of an array at the bottom, as in Figure 1 ----
-
-MARGIN, LINE = 20, 20
-TITLES = {PRINTED: 'As printed: equations (29) to (31)', CORRECTED: "Corrected: H = L L'"}
-# Colour of each action, from a palette for colour-blind readers.
-ACTIONS = {
-    'square root': '#0072b2',
-    'divide': '#e69f00',
-    'multiply and subtract': '#d55e00',
-    'store': '#009e73',
-}
-
-
-def plots(data: dict[str, Any], folder: Path) -> list[Path]:
-    """Draw cycles of both designs and of a whole solve; copy the picture of the designs."""
-    rows = {name: [x for x in data['actions'] if x['run'] == name] for name in (*TITLES, 'solve')}
-    cycles = {name: own[-1]['cycle'] for name, own in rows.items()}
-    both = {f'{title}, {cycles[name]} cycles': rows[name] for name, title in TITLES.items()}
-    whole = f'factorisation and both substitutions, {cycles["solve"]} cycles'
-    pictures = {
-        'array-designs': stored_text('array-designs.svg'),
-        'array-cycles': _picture(
-            f'Triangular array, n = {FIGURE}: the element in each cell, cycle by cycle',
-            both,
-            22,
-            6,
-        ),
-        'array': _picture(f'Triangular array, n = {SOLVED}: {whole}', {'': rows['solve']}, 14, 7),
-    }
-    return [write_text(folder, f'{name}.svg', picture) for name, picture in pictures.items()]
-
-
-def _picture(title: str, runs: Mapping[str, Sequence[Row]], size: int, per_row: int) -> str:
-    """Draw runs one below the other, a small array for every cycle; idle cells are outlines."""
-    n = max(x['row'] for rows in runs.values() for x in rows)
-    side = n * size + 18
-    body = [words(MARGIN, MARGIN + 4, title, 14)]
-    used = dict.fromkeys(x['action'] for rows in runs.values() for x in rows)
-    for k, name in enumerate(used):
-        x = MARGIN + 170 * k
-        body += [box(x + 5, 36, 10, 10, ACTIONS[name]), words(x + 15, 40, name)]
-    top = MARGIN + 2.0 * LINE
-    for heading, rows in runs.items():
-        if heading:
-            body.append(words(MARGIN, top + 14, heading, 12))
-            top += LINE
-        acting = {(x['cycle'], x['row'], x['column']): x for x in rows}
-        cycles = rows[-1]['cycle']
-        for t in range(cycles):
-            left, y = MARGIN + t % per_row * side, top + t // per_row * (side + LINE)
-            body.append(words(left, y + 12, f'cycle {t + 1}'))
-            for k in range(1, n + 1):
-                for i in range(1, k + 1):
-                    at = left + (i - 0.5) * size, y + LINE + (n - k + 0.5) * size
-                    body += _cell(acting.get((t + 1, k, i)), k == i, *at, size - 2)
-        top += -(-cycles // per_row) * (side + LINE) + 18
-    return svg(2 * MARGIN + max(per_row * side, 170 * len(used)), top, title, body)
-
-
-def _cell(acting: Row | None, diagonal: bool, x: float, y: float, size: float) -> Iterator[str]:
-    """Yield a cell: a circle on the diagonal, otherwise a square."""
-    fill = ACTIONS[acting['action']] if acting else 'none'
-    shape = circle(x, y, size / 2, fill, '#999999')
-    yield shape if diagonal else box(x, y, size, size, fill, '#999999')
-    if acting and acting['label']:
-        yield words(x, y + 3.5, acting['label'], 10, 'middle', 'white')

@@ -12,7 +12,7 @@ separate links, which are not on the network.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 import math
 from typing import Any
 
@@ -26,9 +26,8 @@ from pfd_core.algorithms.programs import ITERATIVE, METHODS, SERIAL
 from pfd_core.machine.prices import Weights
 
 SIZES = (2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 64)
-# Sizes of the tables that show few; prices t_r/t_m, and those over n.
-SHOWN = (6, 12, 32, 64)
-PRICES, FEW_PRICES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0), (0.0, 0.25, 1.0, 4.0)
+# Sizes of the tables that show few; prices t_r/t_m over n.
+SHOWN, PRICES = (6, 12, 32, 64), (0.0, 0.25, 1.0, 4.0)
 WEIGHTS = Weights()
 NETWORKS = {
     'crossbar': 'crossbar',
@@ -52,7 +51,7 @@ SYSTEMS = {
 NAMES = ('one processor', 'PCRBM', 'array', 'PCGM', 'divide and conquer', 'constraint forces')
 SHORT = dict(zip(SYSTEMS, NAMES, strict=True))
 PACKED, UNPACKED = 'packed', 'one lane per link'
-SCHEDULES = {PACKED: 'parallel', UNPACKED: 'unpacked'}
+SCHEDULES = {'parallel': PACKED, 'unpacked': UNPACKED, 'sequential': ''}
 
 
 def measure(quick: bool) -> dict[str, Any]:
@@ -77,25 +76,21 @@ def recorded(item: tuple[str, int, int | None]) -> list[dict[str, Any]]:
     """
     system, n, median = item
     if system == ONE:
-        ways = [Recording(method, n, BEST_KNOWN, 'sequential') for method in SYSTEMS[ONE]]
-        return [min((_row(ONE, way, '') for way in ways), key=lambda row: row['arithmetic'])]
-    editions = [(system, edition) for edition in paper.EDITIONS[:2] if system in paper.PROCEDURES]
-    counts = (n, median) if system in ITERATIVE else (None,)
-    return [
-        _row(system, Recording(method, n, edition, schedule), packing, count, k == 1)
-        for method, edition in [*editions, *((method, BEST_KNOWN) for method in SYSTEMS[system])]
-        for packing, schedule in SCHEDULES.items()
-        for k, count in enumerate(counts)
-        if k == 0 or (edition == BEST_KNOWN and count)
-    ]
+        ways = [Recording(method, n, schedule='sequential') for method in SYSTEMS[ONE]]
+        return [min((_row(ONE, way) for way in ways), key=lambda row: row['arithmetic'])]
+    printed = [(system, edition) for edition in paper.EDITIONS[:2] if system in paper.PROCEDURES]
+    rows = []
+    for method, edition in (*printed, *((x, BEST_KNOWN) for x in SYSTEMS[system])):
+        for schedule in ('parallel', 'unpacked'):
+            one = Recording(method, n, edition, schedule)
+            rows.append(_row(system, one, n if system in ITERATIVE else None))
+            if median and system in ITERATIVE and edition == BEST_KNOWN:
+                rows.append(_row(system, one, median, converged=True))
+    return rows
 
 
 def _row(
-    system: str,
-    one: Recording,
-    packing: str,
-    iterations: int | None = None,
-    converged: bool = False,
+    system: str, one: Recording, iterations: int | None = None, converged: bool = False
 ) -> dict[str, Any]:
     """Return a recording: the time of its arithmetic, and its steps of routes by network."""
     program, count = paper.program_of(one), iterations or 1
@@ -108,7 +103,7 @@ def _row(
         'n': one.n,
         'iterations': iterations,
         'converged': converged,
-        'packing': packing,
+        'packing': SCHEDULES[one.schedule],
         'arithmetic': WEIGHTS.arithmetic(on['crossbar']),
         **{network: steps.routes for network, steps in on.items()},
     }
@@ -186,57 +181,51 @@ def text(data: dict[str, Any]) -> str:
     rows = data['recordings']
     sizes = sorted({row['n'] for row in rows})
     shown = [n for n in SHOWN if n in sizes]
-    at = [row for row in rows if row['n'] == PRINTED_AT]
-    pcrbm = of_system(at, 'pcrbm', PRINTED_AT)
-    ours = [(x, method) for x in SYSTEMS if x != ONE for method in SYSTEMS[x]]
 
-    def by_network(
-        cell: Callable[[Any, str], object], titles: Iterable[tuple[str, Any]], corner: str
+    def packing(method: str, network: str, n: int) -> float:
+        own = (row for system in SYSTEMS for row in of_system(rows, system, n))
+        return packing_pays_below([row for row in own if row['method'] == method], network)
+
+    def parallel(system: str, network: str, n: int) -> float | None:
+        own, (serial,) = of_system(rows, system, n), of_system(rows, ONE, n)
+        return parallel_pays_below(own, network, serial) if answers(own) else None
+
+    def below(
+        price: Callable[[str, str, int], float | None], titles: Mapping[str, str]
     ) -> list[str]:
-        """Return a table of a cell of each title's key on each network."""
-        networks = NETWORKS.items()
-        keys = list(titles)
+        """Return a table of the largest prices of each key, over `shown`, by its title."""
         return grid(
-            {(x, name): cell(key, one) for x, key in keys for one, name in networks}, corner
+            {
+                (title, name): ' / '.join(_price(price(key, network, n)) for n in shown)
+                for key, title in titles.items()
+                for network, name in NETWORKS.items()
+            },
+            'system',
         )
 
-    def over_sizes(cell: Callable[[int], float | None]) -> str:
-        return ' / '.join(map(_price, map(cell, shown)))
-
-    def packing(key: tuple[str, str], network: str) -> str:
-        def price(n: int) -> float:
-            own = [x for x in of_system(rows, key[0], n) if x['method'] == key[1]]
-            return packing_pays_below(own, network)
-
-        return over_sizes(price)
-
-    def parallel(system: str, network: str) -> str:
-        def price(n: int) -> float | None:
-            own, (serial,) = of_system(rows, system, n), of_system(rows, ONE, n)
-            return parallel_pays_below(own, network, serial) if answers(own) else None
-
-        return over_sizes(price)
-
-    def chosen(price: float, network: str) -> str:
-        one = best(pcrbm, network, price)
-        origin = 'base origin, ' if one['method'] == 'pcrbm_base_origin' else ''
-        return f'{time(one, network, price):g} {origin}{one["packing"]}'
-
+    methods = [method for system in SYSTEMS if system != ONE for method in SYSTEMS[system]]
     return page(
         'networks',
         n=PRINTED_AT,
         division=f'{WEIGHTS.division:g}',
         root=f'{WEIGHTS.square_root:g}',
-        sizes=_listed(shown),
-        lines=grid(dict(_lines(at)), 'recording'),
-        best_known=by_network(chosen, ((f'{x:g}', x) for x in PRICES), 't_r/t_m'),
-        packing=by_network(packing, ((paper.title_of(x[1]), x) for x in ours), 'method'),
-        parallel=by_network(parallel, ((SHORT[x], x) for x in SYSTEMS if x != ONE), 'system'),
+        sizes=', '.join(map(str, shown)),
+        lines=grid(
+            {
+                (_recording(row), name): f'{row[key]:g}'
+                for row in rows
+                if row['n'] == PRINTED_AT
+                for key, name in {'arithmetic': 'arithmetic', **NETWORKS}.items()
+            },
+            'recording',
+        ),
+        packing=below(packing, {method: paper.title_of(method) for method in methods}),
+        parallel=below(parallel, {x: title for x, title in SHORT.items() if x != ONE}),
         fastest=grid(
             {
                 (f'{title}, {price:g}', n): _fastest(rows, n, network, price)
                 for network, title in NETWORKS.items()
-                for price in FEW_PRICES
+                for price in PRICES
                 for n in sizes
             },
             'network, t_r/t_m',
@@ -244,19 +233,10 @@ def text(data: dict[str, Any]) -> str:
     )
 
 
-def _listed(values: Iterable[float]) -> str:
-    *first, last = (f'{value:g}' for value in values)
-    return f'{", ".join(first)} and {last}' if first else last
-
-
-def _lines(rows: Iterable[Row]) -> Iterator[tuple[tuple[str, object], object]]:
-    """Yield cells: arithmetic and steps of routes of each recording."""
-    for row in rows:
-        note = 'median to convergence' if row['converged'] else 'not converged'
-        iterations = f', {row["iterations"]} iterations ({note})' if row['iterations'] else ''
-        title = f'{row["title"]}{iterations}, {row["packing"] or SHORT[ONE]}'
-        yield (title, 'arithmetic'), f'{row["arithmetic"]:g}'
-        yield from (((title, f'{name} t_r'), row[one]) for one, name in NETWORKS.items())
+def _recording(row: Row) -> str:
+    note = 'median to convergence' if row['converged'] else 'not converged'
+    iterations = f', {row["iterations"]} iterations ({note})' if row['iterations'] else ''
+    return f'{row["title"]}{iterations}, {row["packing"] or SHORT[ONE]}'
 
 
 def _price(value: float | None) -> str:

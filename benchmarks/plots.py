@@ -8,7 +8,7 @@ Colours by Okabe and Ito, which colour-blind readers can distinguish; markers di
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -17,14 +17,7 @@ BLACK, ORANGE, SKY, GREEN = '#000000', '#E69F00', '#56B4E9', '#009E73'
 BLUE, VERMILLION, PURPLE, GREY = '#0072B2', '#D55E00', '#CC79A7', '#7F7F7F'
 # Of this library by number format, and of other libraries: the same on all pages.
 FLOAT64, FLOAT32 = BLUE, VERMILLION
-PINOCCHIO, MUJOCO, CASADI, OTHER = BLACK, GREY, PURPLE, '#8C510A'
-# Colour and marker of our kernels by number format and steps of refinement.
-KERNELS = {
-    ('float64', 0): (SKY, 'o'),
-    ('float64', 1): (BLUE, 'o'),
-    ('float32', 0): (ORANGE, '^'),
-    ('float32', 1): (VERMILLION, '^'),
-}
+PINOCCHIO, MUJOCO, CASADI = BLACK, GREY, PURPLE
 
 
 def save(
@@ -64,19 +57,36 @@ def logarithmic(axes: Any) -> None:
     axes.grid(alpha=0.25)
 
 
+def panels(
+    content: Sequence[tuple[dict[str, Any], Sequence[tuple[Any, dict[str, Any]]]]],
+    figure: Any,
+    *,
+    columns: int,
+) -> Any:
+    """
+    Draw panels of lines side by side on logarithmic axes, with one legend below; return the axes.
+
+    A panel is what `axes.set` takes, and its lines: points (x, y), and a style as of a line of
+    Matplotlib.
+    """
+    found = figure.subplots(1, len(content), squeeze=False)[0]
+    for axes, (settings, lines) in zip(found, content, strict=True):
+        logarithmic(axes)
+        axes.set(**settings)
+        for points, style in lines:
+            axes.plot([x for x, _ in points], [y for _, y in points], **style)
+    handles, labels = found[0].get_legend_handles_labels()
+    place = {'loc': 'outside lower center', 'fontsize': 9, 'frameon': False}
+    figure.legend(handles, labels, ncols=columns, columnspacing=1.2, **place)
+    return found
+
+
 def over_joints(axes: Any, ticks: list[int]) -> None:
     """Label the logarithmic axis of the number of joints."""
     axes.set_xticks(ticks, [str(tick) for tick in ticks])
     axes.minorticks_off()
     axes.set_xlabel('joints n')
     axes.grid(which='both', alpha=0.25)
-
-
-def mark(colour: str, marker: str, label: str, **style: Any) -> Any:
-    """Return an entry of a legend; `style` as of a line of Matplotlib."""
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], color=colour, marker=marker, linestyle='', label=label, **style)
 
 
 # ---- elements of pictures in SVG: plain text, the same bytes everywhere ----

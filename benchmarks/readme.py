@@ -23,12 +23,7 @@ WIDTH = 119
 ROOT = Path(__file__).resolve().parents[1]
 FILES = ('README.md', 'docs/guides/speed-and-accuracy.md')
 MARKED = re.compile(r'(<!-- ([\w-]+) -->\n).*?(<!-- /\2 -->)', re.DOTALL)
-# Of the table of results: a page, and the function of its data that returns rows with the keys of
-# RESULT, as text.
-ROWS: Sequence[tuple[str, Callable[[Any], list[dict[str, str]]]]] = (
-    ('speed', speed.results_rows),
-    ('error', error.results_rows),
-)
+# The table of results: titles, and keys of the rows of speed and error.
 RESULT = {
     '': 'what',
     'pfd': 'ours',
@@ -38,9 +33,14 @@ RESULT = {
 }
 
 
-def _results(*found: Any) -> str:
-    rows = (rows_of(data) for (_, rows_of), data in zip(ROWS, found, strict=True))
-    return '\n'.join(table(RESULT, [row for some in rows for row in some])) + '\n'
+def _table(fast: Any, controlled: Any) -> str:
+    rows = speed.results_rows(fast) + error.results_rows(controlled)
+    return '\n'.join(table(RESULT, rows)) + '\n'
+
+
+def _sentences(fast: Any, controlled: Any) -> str:
+    found = error.without_rotors(controlled[error.CONTROLLED]['runs'])
+    return f'{speed.for_any_robot(fast)} {found}'
 
 
 # Pages, and the function of their data that returns text.
@@ -49,37 +49,34 @@ DERIVATIVES: Part = (['derivatives'], derivatives.summary)
 # Name of a block: its parts, with an empty line between two.
 BLOCKS: Mapping[str, Sequence[Part]] = {
     'results': (
-        ([name for name, _ in ROWS], _results),
-        (
-            ['speed', 'error'],
-            lambda found, other: speed.for_any_robot(found) + ' ' + error.losses(other),
-        ),
+        (['speed', 'error'], _table),
+        (['speed', 'error'], _sentences),
         (['hard-cases'], hard_cases.summary),
         DERIVATIVES,
         (['counts', 'claims'], counts.summary),
     ),
     'speed-table': ((['speed'], speed.guide_table),),
-    'speed-notes': ((['speed'], speed.guide_notes),),
     'derivatives': (DERIVATIVES,),
 }
 
 
-def block(name: str, folder: Path = ROOT / FOLDER) -> str:
-    """Return the text of a block from the JSON of its pages; ValueError for an unknown block."""
-    if name not in BLOCKS:
-        raise ValueError(f'unknown block {name!r}; the blocks are {", ".join(BLOCKS)}')
+def block(name: str) -> str:
+    """Return the text of a block from the JSON of its pages."""
     texts = []
     for pages, write in BLOCKS[name]:
-        text = write(*(stored(page_named(x), folder / f'{x}.json')['data'] for x in pages))
+        files = ((page_named(x), ROOT / FOLDER / f'{x}.json') for x in pages)
+        text = write(*(stored(*file)['data'] for file in files))
         # Sentences have the width of the files.
         texts.append(text if text.startswith('|') else f'{paragraph(text, WIDTH)}\n')
     return '\n'.join(texts)
 
 
 def filled(name: str) -> str:
-    """Return a file of FILES with its blocks filled."""
+    """Return a file of FILES with its blocks filled; ValueError for an unknown block."""
 
     def replaced(match: re.Match[str]) -> str:
+        if match[2] not in BLOCKS:
+            raise ValueError(f'unknown block {match[2]!r}; the blocks are {", ".join(BLOCKS)}')
         text = block(match[2])
         links = text.replace('](docs/', '](../') if name.startswith('docs/') else text
         return f'{match[1]}{links}{match[3]}'

@@ -4,39 +4,35 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 import ctypes
-from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 import json
 import os
 from pathlib import Path
-import re
 import shutil
 import subprocess
 import sys
 from typing import Any
 
-from bridge import IrFormat, resolve_plant
 import numpy as np
 import pytest
 
 from benchmarks import readme, timing
+from benchmarks.cases.controlled_arm import stored_arm
 from benchmarks.cases.quantities import FORWARD, QUANTITIES, random_states
 from benchmarks.cases.robots import mechanism, robot
 from benchmarks.pages import speed
-from benchmarks.peers import native, ours
-from benchmarks.peers.casadi import COMPOSITE, METHODS, Casadi
-from benchmarks.peers.mujoco import Mujoco
-from benchmarks.peers.others import Dynibo
-from benchmarks.peers.ours import Ours
+from benchmarks.peers import control_loop, native
+from benchmarks.peers.casadi import LONGEST, casadi_c
+from benchmarks.peers.mujoco import mujoco
+from benchmarks.peers.others import dynibo
+from benchmarks.peers.ours import CODE, ours
 from benchmarks.peers.pinocchio import Pinocchio
-from benchmarks.peers.pinocchio_cpp import PinocchioCpp
-from benchmarks.peers.vector_casadi import ULPS, VectorCasadi, sine_error
-from benchmarks.peers.work import LeftOutError, Peer, Side, Work, valid_sides, work_of
-from benchmarks.port_limit import loop, loop_ir
+from benchmarks.peers.pinocchio_cpp import pinocchio_cpp
+from benchmarks.peers.vector_casadi import LARGEST_ANGLE, ULPS, vector_casadi, vector_library
+from benchmarks.peers.work import Arguments, LeftOutError, Peer, Side, valid_sides
 from benchmarks.table import json_text
 from benchmarks.timing import Pace, differences
 import pfd_core as pfd
@@ -47,18 +43,19 @@ COMPILED = pytest.mark.skipif(not COMPILERS, reason='needs a C compiler')
 CLOSE = 1e-10
 PEERS: dict[str, Callable[[pfd.Robot], Peer]] = {
     'Pinocchio': Pinocchio,
-    'MuJoCo': Mujoco,
-    'composite_body': partial(Ours, method='composite_body', dtype='float64'),
-    'articulated bodies': Casadi,
-    'composite bodies': partial(Casadi, method=COMPOSITE),
-    'vectors': partial(VectorCasadi, compiler=(COMPILERS or ['gcc'])[0]),
-    'Pinocchio C++': PinocchioCpp,
+    'MuJoCo': mujoco,
+    'composite_body': partial(ours, method='composite_body'),
+    'CasADi C': casadi_c,
+    'vectors': partial(vector_casadi, compiler=(COMPILERS or ['gcc'])[0]),
+    'Pinocchio C++': pinocchio_cpp,
 }
 
 
-def works(arm: pfd.Robot, states: int, quantity: str = FORWARD) -> list[Work]:
-    known, kinds = random_states(arm, states), {'call': 1, 'rollout': 5, 'batch': states}
-    return [work_of(quantity, known, *kind) for kind in kinds.items()]
+def works(arm: pfd.Robot, states: int, quantity: str = FORWARD) -> list[Arguments]:
+    """Return a call and a batch."""
+    known = random_states(arm, states)
+    arrays = [known[name] for name in QUANTITIES[quantity]]
+    return [[x[0] for x in arrays], arrays]
 
 
 def made(make: Callable[[pfd.Robot], Peer], arm: pfd.Robot) -> Peer:
@@ -68,13 +65,13 @@ def made(make: Callable[[pfd.Robot], Peer], arm: pfd.Robot) -> Peer:
         pytest.skip(str(reason))
 
 
-def checked(peer: Peer, known: Pinocchio, works: list[Work]) -> int:
+def checked(peer: Peer, known: Pinocchio, works: list[Arguments]) -> int:
     """Compare the results of all ways with Pinocchio's, and return their number."""
     ways = 0
     for work in works:
-        for side in peer.sides(work):
+        for side in peer(work):
             side.run()
-            assert differences(side.result(), known.wanted(work)).max() < CLOSE, side.way
+            assert differences(side.result(), known.results(work)).max() < CLOSE, side.way
             ways += 1
     return ways
 
@@ -90,59 +87,73 @@ def test_peers_give_pinocchios_results_also_of_slides(name: str, axes: str) -> N
     assert checked(made(PEERS[name], arm), Pinocchio(arm), works(arm, 13)) >= 2
 
 
+@COMPILED
+def test_articulated_bodies_of_casadi_are_pinocchios() -> None:
+    arm = robot(f'chain{LONGEST + 1}')
+    assert checked(made(casadi_c, arm), Pinocchio(arm), works(arm, 3)) == 2
+
+
 @pytest.mark.parametrize('quantity', [name for name in QUANTITIES if name != FORWARD])
 def test_quantities_of_ours_and_of_casadi_are_pinocchios(quantity: str) -> None:
     arm = mechanism('zyXy')
-    call, _, batch = works(arm, 3, quantity)
+    given = works(arm, 3, quantity)
     known = Pinocchio(arm, quantity)
-    peers: list[Peer] = [known, Ours(arm, 'auto', 'float64', quantity)]
-    peers += [Casadi(arm, quantity)] if COMPILERS else []
-    assert all(checked(peer, known, [call, batch]) >= 2 for peer in peers)
+    peers: list[Peer] = [known, ours(arm, quantity)]
+    peers += [casadi_c(arm, quantity)] if COMPILERS else []
+    assert all(checked(peer, known, given) >= 2 for peer in peers)
 
 
 @COMPILED
 @pytest.mark.long
 def test_casadi_and_pinocchio_in_cpp_simulate_one_arm_with_limits_and_friction() -> None:
-    scene = pfd.Scene(
-        damping=[1.0] * 6, armature='model', friction=[2.0] * 6, effort_limits='model'
-    )
-    plant, width = resolve_plant(robot('ur5'), scene), 1e-2
-    rng = np.random.default_rng(4)
-    start, taus = rng.uniform(-1, 1, (2, 6)), rng.uniform(-200, 200, (20, 6))
-    casadis = (partial(Casadi(plant, method=x).rollout, width=width) for x in METHODS)
-    ends = []
-    for advance in (PinocchioCpp(plant, width).rollout, *casadis):
-        q, qd = start.copy()
-        advance(2.5e-4, q, qd, taus, substeps=4)()
-        ends.append(np.array([q, qd]))
-    assert np.abs(ends[0] - start).max() > 1e-3
-    np.testing.assert_allclose(ends[1:], ends[:1] * 2, rtol=0, atol=1e-11)
+    case = stored_arm()
+    ends = [
+        run()
+        for make in (control_loop.casadi_runs, control_loop.pinocchio_runs)
+        for way, _, run in make(case, [1e-2])(2)
+        if way.endswith('RK4')
+    ]
+    assert [end.status for end in ends] == ['ok', 'ok']
+    assert np.abs(ends[0].q - case.start).max() > 1e-3
+    np.testing.assert_allclose(ends[0].q, ends[1].q, rtol=0, atol=1e-11)
 
 
 @COMPILED
 @pytest.mark.parametrize('compiler', COMPILERS)
-def test_vectors_of_any_number_of_states_are_right_and_their_sine_keeps_its_error(
-    compiler: str,
-) -> None:
+def test_vectors_of_any_number_of_states_are_right(compiler: str) -> None:
     arm = robot('ur5')
-    peer = made(partial(VectorCasadi, compiler=compiler), arm)
-    assert isinstance(peer, VectorCasadi)
+    peer = made(partial(vector_casadi, compiler=compiler), arm)
     for states in (1, 8, 15):
         assert checked(peer, Pinocchio(arm), works(arm, states)) == 2
-    assert sine_error(peer) < ULPS
+
+
+@COMPILED
+@pytest.mark.parametrize('compiler', COMPILERS)
+def test_sine_and_cosine_of_vectors_keep_their_error(compiler: str) -> None:
+    try:
+        library = vector_library(robot('ur5'), compiler)
+    except LeftOutError as reason:
+        pytest.skip(str(reason))
+    count = 1 << 17
+    angles = np.random.default_rng(1).uniform(-1, 1, count) * np.geomspace(1, LARGEST_ANGLE, count)
+    found = np.empty((2, count))
+    library.sines(ctypes.c_longlong(count), *map(native.address, (angles, *found)))
+    wide = angles.astype(np.longdouble)
+    exact = np.array([np.sin(wide), np.cos(wide)])
+    assert (np.abs(found - exact) / np.spacing(np.abs(exact.astype(float)))).max() < ULPS
 
 
 def test_dynibo_gives_the_same_accelerations_for_the_scaled_arm() -> None:
     arm = robot('ur5')
-    assert checked(made(Dynibo, arm), Pinocchio(arm), works(arm, 1)) == 1
+    assert checked(made(dynibo, arm), Pinocchio(arm), works(arm, 1)) == 1
 
 
 # JAX warns in every process that is forked later: not in this one.
 WITH_FRAX = """
-from benchmarks.peers.others import Frax
+from benchmarks.peers.others import frax
 from test_benchmarks_speed import Pinocchio, checked, robot, works
 arm = robot('ur5')
-print(checked(Frax(arm), Pinocchio(arm), works(arm, 3)))
+print(checked(frax(arm), Pinocchio(arm), works(arm, 3)))
 """
 
 
@@ -160,17 +171,16 @@ def test_frax_has_the_same_arm() -> None:
 def test_a_run_of_which_mujoco_warns_is_excluded() -> None:
     arm, reasons = robot('ur5'), dict[str, str]()
     # A single forward checks nothing.
-    for work in works(arm, 3)[1:]:
-        lost = replace(work, arrays=(1e12 * work.arrays[0], *work.arrays[1:]))
-        assert not valid_sides([made(Mujoco, arm)], lost, reasons)
-    assert ['BADQPOS' in reason for reason in reasons.values()] == [True, True]
+    q, qd, tau = works(arm, 3)[1]
+    assert not valid_sides({'MuJoCo': made(mujoco, arm)}, (1e12 * q, qd, tau), reasons)
+    assert 'BADQPOS' in reasons['MuJoCo, batch of 3']
 
 
 def test_without_a_compiler_peers_in_c_are_left_out_with_the_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(native.shutil, 'which', lambda name: None)
-    for make in (Casadi, VectorCasadi):
+    for make in (casadi_c, vector_casadi):
         with pytest.raises(LeftOutError, match='no compiler'):
             make(robot('planar2'))
 
@@ -205,17 +215,17 @@ class Clock:
     def __call__(self) -> float:
         return self.now
 
-    def side(self, seconds: float, reference: bool = False) -> Side:
+    def side(self, seconds: float) -> Side:
         def run() -> None:
             self.now += seconds * next(self.slow, 1.0)
 
-        return Side('', run, lambda: np.ones(2), reference=reference)
+        return Side('', run, lambda: np.ones(2))
 
 
 def test_times_are_per_unit_and_a_machine_that_slows_down_does_not_change_their_ratio() -> None:
     clock = Clock([1.0] * 4 + [8.0] * 4)
-    sides = [clock.side(8.0, reference=True), clock.side(2.0)]
-    peer, own = timing.interleave(sides, 2, Pace(chunk=1e-9, turns=3, budget=1e9), clock)
+    sides = [clock.side(8.0), clock.side(2.0)]
+    peer, own = timing.take_turns(sides, 2, Pace(chunk=1e-9, turns=3, budget=1e9), clock)
     assert (peer.minimum, peer.median, peer.times) == (4.0, 32.0, 1.0)
     assert (own.minimum, own.median, own.times) == (1.0, 8.0, 4.0)
 
@@ -224,38 +234,14 @@ def test_a_long_work_has_fewer_turns_but_never_less_than_the_fewest() -> None:
     for seconds, turns in ((1.0, 10), (3.0, 4), (50.0, 2)):
         clock = Clock([])
         pace = Pace(chunk=1e-9, turns=10, fewest=2, budget=12.0)
-        timing.interleave([clock.side(seconds, reference=True)], 1, pace, clock)
+        timing.take_turns([clock.side(seconds)], 1, pace, clock)
         # Once to see how long it takes.
         assert clock.now == (turns + 1) * seconds
 
 
-WRITTEN = {'fadd': 'add', 'fsub': 'sub', 'fmul': 'mul', 'fdiv': 'div', 'fneg': 'neg', 'fma': 'fma'}
-
-
-@pytest.mark.parametrize('dtype', ['float64', 'float32'])
-def test_the_loop_of_the_limit_has_the_operations_of_the_kernel_near_one(dtype: str) -> None:
-    kernel = pfd.compile_kernel(robot('planar2'), method='composite_body', dtype=dtype)
-    counts = kernel.operations['compiled']
-    ir = loop_ir(counts, IrFormat(dtype, 4), 16)
-    found = re.findall(r'= (fadd|fsub|fmul|fdiv|fneg) |= call .*llvm\.(fma)', ir)
-    assert Counter(WRITTEN[a or b] for a, b in found) == Counter(counts)
-    turn, results = loop(kernel, 1000)
-    first = results.copy()
-    turn()
-    assert np.abs(results - 1).max() < 0.1
-    # All accumulators have worked.
-    assert (results != first).all()
-
-
-@pytest.mark.parametrize('counts', [{'neg': 2, 'fma': 1}, {'route': 1}])
-def test_operations_without_a_place_in_the_loop_are_refused(counts: dict[str, int]) -> None:
-    with pytest.raises(LeftOutError):
-        loop_ir(counts, IrFormat('float64', 4), 16)
-
-
 def row(way: str, ns: float, work: str = speed.MANY, contents: str = 'C++ for any robot') -> Any:
     head = {'robot': 'ur5', 'n': 6, 'work': work, 'way': way, 'quantity': FORWARD}
-    times = {'minimum': ns * 1e-9, 'median': ns * 1e-9, 'times': None, 'difference': 1e-15}
+    times = {'minimum': ns * 1e-9, 'median': ns * 1e-9, 'times': 1 / ns, 'difference': 1e-15}
     return head | times | {'contents': contents}
 
 
@@ -264,11 +250,11 @@ def page_data() -> dict[str, Any]:
     for work, own in ((speed.MANY, 20.0), (speed.FEW, 45.0)):
         rows += [row('Pinocchio C++ aba', 2000.0, work), row('aba, 2 threads', 1.0, work)]
         rows.append(row('CasADi C on vectors, gcc, F order', 30.0, work, 'C for this robot'))
-        rows.append(row('composite_body float64, F order', own, work, ours.CODE))
+        rows.append(row('composite_body float64, F order', own, work, CODE))
     for way, ns in (('kernel(q, qd, tau)', 900.0), ('bound', 100.0)):
-        rows.append(row(f'composite_body float64: {way}', ns, 'call', ours.CODE))
+        rows.append(row(f'composite_body float64: {way}', ns, 'call', CODE))
     rows.append(row('pinocchio.aba', 2000.0, 'call'))
-    data = {'machine': timing.surroundings(), 'rows': rows, 'limits': [], 'first': [], 'sines': []}
+    data = {'machine': timing.surroundings(), 'rows': rows, 'first': []}
     excluded = [{'way': 'frax', 'robot': arm, 'why': 'absent'} for arm in ('ur5', 'panda')]
     found: dict[str, Any] = json.loads(json_text(data | {'excluded': excluded}))
     return found
@@ -284,9 +270,9 @@ def test_gains_and_losses_are_against_the_fastest_peer_on_one_thread() -> None:
 
 def test_a_page_without_peers_says_what_to_install() -> None:
     data = page_data()
-    data['rows'] = [one for one in data['rows'] if one['contents'] == ours.CODE]
+    data['rows'] = [one for one in data['rows'] if one['contents'] == CODE]
     assert "pip install '.[peers]'" in speed.text(data)
-    assert speed.headline(data) == ''
+    assert speed.for_any_robot(data) == ''
 
 
 def test_the_page_has_a_cell_for_every_row_and_names_what_is_excluded() -> None:

@@ -15,7 +15,7 @@ void batch(long long count, const double **in, double *out) {
     }
 }
 
-#ifdef FORWARD
+#ifdef INTEGRATORS
 // Accelerations under the torques tau. `effects` is null, or limit, damping, friction and width:
 // tau is bounded by limit, and friction is -F v / width, bounded by F.
 static void at(const double *effects, const double *q, const double *qd, const double *tau,

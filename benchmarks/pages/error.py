@@ -1,70 +1,459 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Speed against error: an arm under a controller, integrators, and single evaluations."""
+"""
+Speed against error: an arm under a controller, integrators of free motions, single evaluations.
+
+    error   largest |q - reference| of a joint at the end of the motion [rad or m]
+    time    processor time of the thread for each simulated second: controller, steps and loop. The
+            time of an ensemble is divided by its arms. On an idle core it equals the wall time
+
+The reference is the adaptive integrator with events of friction, restarted in each period, at its
+tightest tolerance, refined. Two differences show its error: from itself with another algorithm of
+forward dynamics and shorter steps, and from rk4 in short steps, which has other code for the
+events.
+
+Libraries without dry friction run with several ramps or constraints; the run with the smallest
+error counts. A run has failed if it is not finite, MuJoCo warns, or a joint is off by a turn.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
-from typing import Any
+import time
+from typing import Any, NamedTuple
 
-from benchmarks.pages import (
-    error_controlled,
-    error_controlled_text,
-    error_evaluations,
+import numpy as np
+
+from benchmarks.cases.controlled_arm import ControlledArm, free_arms, stored_arm
+from benchmarks.cases.robots import Array
+from benchmarks.pages import error_evaluations
+from benchmarks.peers.control_loop import (
+    CONSTRAINTS,
+    PINOCCHIO,
+    RAMPS,
+    Run,
+    adaptive,
+    casadi_runs,
+    fixed,
+    mujoco_runs,
+    pinocchio_runs,
 )
-from benchmarks.plots import save
-from benchmarks.table import page, paragraph
-from benchmarks.timing import surroundings
+from benchmarks.peers.work import LeftOutError, Side
+from benchmarks.plots import CASADI, FLOAT32, FLOAT64, GREY, MUJOCO, ORANGE, panels, save
+from benchmarks.plots import PINOCCHIO as BLACK
+from benchmarks.run import show_progress
+from benchmarks.table import Columns, Row, bullets, lines_of, order, page, short, table
+from benchmarks.timing import Pace, surroundings, take_turns
+from pfd_core.simulation.step_control import SMALLEST_RTOL
 
-SIZE, WIDE = (10.0, 7.0), (14.0, 7.6)
+# A turn of a joint [rad].
+LOST = 2 * np.pi
+# Longest step of the second computation of a reference [s], and rk4's steps a period.
+LONGEST, SHORT_STEPS = 2e-3, 20
+CONTROLLED = 'controlled'
+# A run that takes longer is a long one [s].
+LONG = 0.1
+INTEGRATORS = ('rk4', 'velocity_verlet', 'imex2')
+ADAPTIVE = 'pfd dop853 float64'
+# Effects that scenes lack, and their names on the page. The steps of the fine integrator have
+# errors far below the error of such a scene, also for light joints with strong damping.
+LEAVES = {'effort limits': 'motor limits', 'friction': 'dry friction', 'armature': 'rotors'}
+FINE, FINE_STEPS = 'imex2', 10
+
+
+class Plan(NamedTuple):
+    """Our integrators and formats, steps in a period, and what other libraries run with."""
+
+    fixed: Sequence[tuple[str, str]]
+    substeps: Sequence[int]
+    tolerances: Sequence[float]
+    ramps: Sequence[float]
+    constraints: Sequence[tuple[float, float]]
+    pace: Pace
+    ensemble_substeps: Sequence[int] = ()
+    arms: int = 256
+
+    def quick(self) -> Plan:
+        """Return a plan to see that everything works."""
+        return self._replace(
+            fixed=self.fixed[::2][:2],
+            substeps=self.substeps[:2],
+            tolerances=self.tolerances[:1],
+            ramps=self.ramps[:2],
+            constraints=self.constraints[:1],
+            ensemble_substeps=self.ensemble_substeps[:1],
+            arms=16,
+            pace=Pace(chunk=1e-4, turns=2, fewest=2),
+        )
+
+
+ALL = tuple(product(INTEGRATORS, ('float64', 'float32')))
+FEW, MANY = (1, 2, 5), (1, 2, 5, 10, 20)
+PLAN = Plan(ALL, MANY, (1e-3, 1e-9), RAMPS, CONSTRAINTS, Pace(budget=30.0, fewest=2), FEW)
+STEPS, TENTHS = (10, 20, 50, 100, 200, 500, 1000), tuple(10.0**-k for k in range(3, 13))
+FREE = Plan(ALL, STEPS, TENTHS, (1.0,), CONSTRAINTS[:1], Pace(budget=16.0, turns=20))
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """Return the machine, and what each section measures."""
+    """Return the machine, the controlled arm, free motions by name, and evaluations."""
+    plans = (PLAN.quick(), FREE.quick()) if quick else (PLAN, FREE)
     return {
         'machine': surroundings(),
-        'motions': error_controlled.measure(quick),
+        CONTROLLED: _measure(stored_arm(), plans[0]),
+        'free': {
+            name: {'cause': cause} | _measure(arm, plans[1])
+            for name, (cause, arm) in free_arms().items()
+        },
         'evaluations': error_evaluations.measure(quick),
     }
 
 
+def _measure(case: ControlledArm, plan: Plan) -> dict[str, Any]:
+    """
+    Return the reference's differences, seconds, runs and what is missing.
+
+    A run is {way, step [s], tolerance, left_out (effects), arms, softness, status, error and
+    middle (of worst and median joint) [rad], minimum and median [s a simulated second]}.
+    """
+    show_progress(f'reference of a {case.robot.name}')
+    wanted, differences = _reference(case)
+    missing: list[str] = []
+    measured = [_best(row, runs, wanted) for row, runs in _candidates(case, plan, missing)]
+    show_progress(f'{len(measured)} runs take turns')
+    # Long runs take turns among themselves: they would leave the others few turns.
+    for long in (False, True):
+        own = [one for one in measured if one[0]['status'] == 'ok' and (one[2] > LONG) == long]
+        sides = [Side(row['way'], run, lambda: wanted) for row, run, _ in own]
+        for (row, _, _), times in zip(
+            own, take_turns(sides, 1, plan.pace, time.thread_time), strict=True
+        ):
+            unit = case.duration * row['arms']
+            row |= {'minimum': times.minimum / unit, 'median': times.median / unit}
+    return {
+        'reference': differences,
+        'seconds': case.duration,
+        'runs': sorted(
+            (row for row, _, _ in measured), key=lambda x: list(STYLES).index(x['way'])
+        ),
+        'missing': missing,
+    }
+
+
+def _reference(case: ControlledArm) -> tuple[Array, dict[str, float]]:
+    """Return the positions at the end, (n,), and their differences from other computations."""
+
+    def at_best(method: str, max_step: float) -> Array:
+        tightest = {'rtol': SMALLEST_RTOL, 'atol': SMALLEST_RTOL, 'refine': 1}
+        found = adaptive(case, SMALLEST_RTOL, method=method, max_step=max_step, **tightest)()
+        if found.status != 'ok':
+            raise ArithmeticError(f'the {case.robot.name} has no reference: {found.status}')
+        return found.q
+
+    wanted = at_best('articulated_body', np.inf)
+    others = {'self_difference': at_best('composite_body', min(case.period / 5, LONGEST))}
+    if case.plant.friction is not None:
+        others['from_fixed'] = fixed(case, SHORT_STEPS, 'rk4')().q
+    return wanted, {name: float(np.abs(q - wanted).max()) for name, q in others.items()}
+
+
+def _candidates(
+    case: ControlledArm, plan: Plan, missing: list[str]
+) -> Iterator[tuple[dict[str, Any], Sequence[tuple[str, Run]]]]:
+    """Yield rows without numbers, each with its runs: how friction is approximated, and a run."""
+
+    def row(way: str, substeps: int = 0, arms: int = 1, tolerance: float = 0.0) -> dict[str, Any]:
+        step = {'step': case.period / substeps if substeps else None}
+        return {'way': way, **step, 'tolerance': tolerance or None, 'left_out': [], 'arms': arms}
+
+    for integrator, dtype in plan.fixed:
+        sizes = [(1, x) for x in plan.substeps] + [(plan.arms, x) for x in plan.ensemble_substeps]
+        for arms, substeps in sizes:
+            run = fixed(case, substeps, integrator, dtype, arms=arms)
+            yield row(f'pfd {integrator} {dtype}', substeps, arms), [('', run)]
+    without = [('armature', integrator, 1) for integrator in INTEGRATORS]
+    without += [(effect, FINE, FINE_STEPS) for effect in LEAVES]
+    for effect, integrator, substeps in without if case.kp.any() else ():
+        run = fixed(case, substeps, integrator, scene=case.scene.without([effect]))
+        yield {**row(f'pfd {integrator} float64', substeps), 'left_out': [effect]}, [('', run)]
+    for tolerance in plan.tolerances:
+        yield row(ADAPTIVE, tolerance=tolerance), [('', adaptive(case, tolerance))]
+    others = {
+        'CasADi': partial(casadi_runs, case, plan.ramps),
+        'Pinocchio': partial(pinocchio_runs, case, plan.ramps),
+        'MuJoCo': partial(mujoco_runs, case, plan.constraints),
+    }
+    for library, make in others.items():
+        try:
+            runs = make()
+        except LeftOutError as reason:
+            missing.append(f'{library}: {reason}')
+            continue
+        for substeps in plan.substeps:
+            found = dict[str, list[tuple[str, Run]]]()
+            for way, label, run in runs(substeps):
+                found.setdefault(way, []).append((label, run))
+            yield from ((row(way, substeps), some) for way, some in found.items())
+
+
+def _best(
+    row: dict[str, Any], runs: Sequence[tuple[str, Run]], wanted: Array
+) -> tuple[dict[str, Any], Run, float]:
+    """Return the row of the run with the smallest error, the run, and its seconds once."""
+    show_progress(f'{row["way"]}, {setting(row)}')
+    found = []
+    for softness, run in runs:
+        began = time.thread_time()
+        answer = run()
+        seconds = time.thread_time() - began
+        off = np.abs(answer.q - wanted)
+        sound = answer.status == 'ok' and bool(off.max() <= LOST)
+        numbers = {
+            'softness': softness,
+            'status': 'lost' if answer.status == 'ok' and not sound else answer.status,
+            'error': float(off.max()) if sound else None,
+            'middle': float(np.median(off)) if sound else None,
+            'minimum': None,
+            'median': None,
+        }
+        found.append((row | numbers, run, seconds))
+    return min(found, key=lambda one: np.inf if one[0]['error'] is None else one[0]['error'])
+
+
+# From here on the page: all from the rows.
+
+TOLERANCES = tuple(10.0**-k for k in (1, 2, 3, 4, 5, 6, 8, 10, 12))
+# Another motion has another error: advice has a margin.
+MARGIN = 2.0
+# Errors [rad] of the row of README.md: coarse and fine for a controller's test.
+COARSE_AND_FINE = (1e-3, 1e-5)
+# Way: colour, marker and line in the plots.
+STYLES: Mapping[str, tuple[str, str, str]] = {
+    'pfd rk4 float64': (FLOAT64, 'o', '-'),
+    'pfd velocity_verlet float64': (FLOAT64, '>', '-.'),
+    'pfd imex2 float64': (FLOAT64, 's', '--'),
+    'pfd rk4 float32': (FLOAT32, '^', '-'),
+    'pfd velocity_verlet float32': (FLOAT32, '<', '-.'),
+    'pfd imex2 float32': (FLOAT32, 'v', '--'),
+    'CasADi RK4': (CASADI, 'P', '-'),
+    'CasADi Verlet': (CASADI, 'X', '-.'),
+    'CasADi Euler': (CASADI, 'd', ':'),
+    ADAPTIVE: (FLOAT64, '*', ''),
+    PINOCCHIO: (BLACK, 'D', '-'),
+    'MuJoCo RK4': (MUJOCO, 'X', '-'),
+    'MuJoCo Euler': (MUJOCO, '<', ':'),
+    'MuJoCo implicit': (MUJOCO, 'v', '-.'),
+    'MuJoCo implicitfast': (MUJOCO, '>', '--'),
+}
+# Rows of one arm of ours, of many, and of other libraries.
+KINDS: Sequence[Callable[[Row], bool]] = (
+    lambda row: row['way'].startswith('pfd') and row['arms'] == 1,
+    lambda row: row['way'].startswith('pfd') and row['arms'] > 1,
+    lambda row: not row['way'].startswith('pfd'),
+)
+
+
+def setting(row: Row) -> str:
+    """Return the step or the tolerance of a row as text."""
+    if row['step'] is None:
+        return f'tolerance {row["tolerance"]:.0e}'
+    return f'{row["step"] * 1e3:g} ms'
+
+
 def text(data: Mapping[str, Any]) -> str:
     """Return the page."""
-    controlled, free = _split(data)
+    controlled = data[CONTROLLED]
+    whole = [row for row in controlled['runs'] if not row['left_out']]
+    motions = []
+    for name, found in data['free'].items():
+        change = order(found['reference']['self_difference'])
+        motions += [
+            f'### {name}\n',
+            f'{found["cause"]}; {found["seconds"]:g} s. With another algorithm and shorter steps '
+            f'the reference changes by {change} rad.\n',
+            *table(_columns(found, ('arms', 'friction')), found['runs']),
+            '',
+        ]
+    effects: Columns = {
+        'scene': lambda row: f'without {LEAVES[row["left_out"][0]]}',
+        'worst joint [rad]': lambda row: f'{row["error"]:.1e}',
+        'median joint [rad]': lambda row: f'{row["middle"]:.1e}',
+    }
     return page(
         'error',
-        machine=data['machine']['description'],
-        controlled=error_controlled_text.text(controlled),
-        integrators=error_controlled_text.text_of_free(free),
+        machine=data['machine'],
+        advice=_advice(whole),
+        **{key: order(value) for key, value in controlled['reference'].items()},
+        floor=order(_floor(controlled)),
+        scenes=table(effects, _without(controlled)),
+        rotors=without_rotors(controlled['runs']),
+        runs=table(_columns(controlled), whole),
+        missing=bullets(controlled['missing'], 'Nothing.'),
+        motions=motions,
         evaluations=error_evaluations.text(data['evaluations']),
     )
 
 
+def _floor(data: Mapping[str, Any]) -> float:
+    """Return the smallest error that the reference resolves [rad]."""
+    return float(max(data['reference'].values()))
+
+
+def _without(data: Mapping[str, Any]) -> list[Row]:
+    """Return the row in short steps of each scene that lacks an effect."""
+    rows = [row for row in data['runs'] if row['left_out']]
+    least = min((row['step'] for row in rows), default=0.0)
+    return [row for row in rows if row['step'] == least and row['error'] is not None]
+
+
+def _milliseconds(row: Row) -> str:
+    return short(row['minimum'] * 1e3)
+
+
+def _columns(data: Mapping[str, Any], left_out: Sequence[str] = ()) -> Columns:
+    """Return the columns of all runs; errors below the floor are not resolved."""
+    floor = _floor(data)
+
+    def resolved(error: float) -> str:
+        return f'< {order(floor)}' if error < floor else f'{error:.1e}'
+
+    def times(row: Row) -> str:
+        if row['minimum'] is None:
+            return str(row['status'])
+        return f'{_milliseconds(row)} / {short(row["median"] * 1e3)}'
+
+    def errors(row: Row) -> str:
+        return ' / '.join(resolved(row[x]) for x in ('error', 'middle') if row[x] is not None)
+
+    columns: Columns = {
+        'library, integrator, format': 'way',
+        'step or tolerance': setting,
+        'arms': 'arms',
+        'friction': lambda row: row['softness'] or '-',
+        'time': times,
+        'error': errors,
+    }
+    return {title: cell for title, cell in columns.items() if title not in left_out}
+
+
+def _fastest(rows: Sequence[Row], tolerance: float) -> list[Row | None]:
+    """Return the fastest row of each kind within a tolerance, with MARGIN."""
+    timed = [row for row in rows if row['minimum'] is not None]
+    sound = [row for row in timed if row['error'] * MARGIN <= tolerance]
+    return [
+        min(filter(fits, sound), key=lambda row: float(row['minimum']), default=None)
+        for fits in KINDS
+    ]
+
+
+def _advice(rows: Sequence[Row]) -> list[str]:
+    """Return the fastest run of each kind for each tolerance."""
+    lines = dict[tuple[str, ...], float]()
+    for tolerance in TOLERANCES:
+        cells = tuple(
+            f'{_milliseconds(row)} ({row["way"].removeprefix("pfd ")}, {setting(row)})'
+            if row
+            else 'none'
+            for row in _fastest(rows, tolerance)
+        )
+        # Advice for a smaller error also holds for a larger one.
+        lines[cells] = tolerance
+    titles = ['error allowed [rad]', 'one arm [ms]', 'each of many arms [ms]']
+    titles.append('fastest other library, one arm [ms]')
+    return lines_of(titles, ([f'{tolerance:g}', *cells] for cells, tolerance in lines.items()))
+
+
 def results_rows(data: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Return the row of README.md."""
-    return error_controlled_text.results_rows(_split(data)[0])
+    """
+    Return the row of README.md: what, ours, peer, theirs and speed-up, as text; [] without peers.
+
+    The fastest runs of one arm with all effects within each tolerance, with a margin of two.
+    """
+    whole = [row for row in data[CONTROLLED]['runs'] if not row['left_out']]
+    found = [_fastest(whole, tolerance) for tolerance in COARSE_AND_FINE]
+    pairs = [(own, peer) for own, _, peer in found if own and peer]
+    if len(pairs) < len(found):
+        return []
+    columns = {
+        'ours': (f'{_milliseconds(own)} ms' for own, _ in pairs),
+        'peer': (peer['way'] for _, peer in pairs),
+        'theirs': (f'{_milliseconds(peer)} ms' for _, peer in pairs),
+        'speed-up': (short(peer['minimum'] / own['minimum']) for own, peer in pairs),
+    }
+    within = ' / '.join(f'{tolerance:g}' for tolerance in COARSE_AND_FINE)
+    row = {'what': f'a second of a UR5 under a controller, to {within} rad'}
+    return [row | {key: ' / '.join(cells) for key, cells in columns.items()}]
 
 
-def losses(data: Mapping[str, Any]) -> str:
-    """Return the sentence of README.md on arms without rotors, or an empty line."""
-    controlled, _ = _split(data)
-    return paragraph(error_controlled_text.without_rotors(controlled['runs'])) + '\n'
+def without_rotors(rows: Sequence[Row]) -> str:
+    """Return a sentence of README.md on our runs without rotors in steps of one period."""
+    own = [row for row in rows if row['left_out'] == ['armature']]
+    longest = max(row['step'] for row in own)
+    own = [row for row in own if row['step'] == longest]
+    names = {row['way']: row['way'].split()[1] for row in own}
+    lost = ' and '.join(names[row['way']] for row in own if row['status'] != 'ok')
+    does = ', '.join(
+        f'{names[row["way"]]} does, in {_milliseconds(row)} ms'
+        for row in own
+        if row['status'] == 'ok'
+    )
+    return (
+        f'Without rotor inertia, which most URDFs lack, {lost or "none"} do not finish in steps '
+        f'of {setting(own[0])}; {does or "none does"}.'
+    )
 
 
 def plots(data: Mapping[str, Any], folder: Path) -> list[Path]:
-    """Write the picture of each section."""
-    controlled, free = _split(data)
+    """Write time over error of the arm under a controller, and of free motions."""
     drawn = (
-        ('error', SIZE, partial(error_controlled_text.draw, controlled)),
-        ('error-integrators', WIDE, partial(error_controlled_text.draw_free, free)),
-        ('error-evaluations', WIDE, partial(error_evaluations.draw, data['evaluations'])),
+        ('error', (10.0, 6.0), partial(_draw, data[CONTROLLED])),
+        ('error-integrators', (14.0, 7.6), partial(_draw_free, data['free'])),
     )
     return [file for name, size, draw in drawn for file in save(draw, folder, name, size, ['png'])]
 
 
-def _split(data: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """Return the measurements of the arm under a controller, and of the free motions."""
-    free = dict(data['motions'])
-    return free.pop(error_controlled.CONTROLLED), free
+def _draw(data: Mapping[str, Any], figure: Any) -> None:
+    """Draw the arm under a controller, with the errors of scenes that lack an effect."""
+    labels = {
+        'title': 'A geared UR5 with friction and motor limits under a 1 kHz controller',
+        'xlabel': 'error of the worst joint after one second [rad]      (left is better)',
+        'ylabel': 'time of one simulated second on one thread [ms]\n(down is better)',
+    }
+    (axes,) = panels([(labels, _lines(data))], figure, columns=5)
+    axes.set_ylim(top=1e4)
+    for k, row in enumerate(sorted(_without(data), key=lambda row: float(row['middle']))):
+        axes.axvspan(row['middle'], row['error'], color=ORANGE, alpha=0.2, linewidth=0)
+        name = f'error without {LEAVES[row["left_out"][0]]}'
+        axes.text(row['middle'], 6e3 / 1.6**k, name, ha='right', va='center', fontsize=8.5)
+    axes.axhline(1e3, color=GREY, linewidth=0.9, linestyle='-.')
+    place = {'transform': axes.get_yaxis_transform(), 'fontsize': 8.5, 'color': GREY}
+    axes.text(0.005, 1.08e3, 'real time', va='bottom', **place)
+    many = max(row['arms'] for row in data['runs'])
+    axes.text(0.005, 0.02, f'open: each of {many} equal arms', transform=axes.transAxes)
+
+
+def _draw_free(data: Mapping[str, Any], figure: Any) -> None:
+    content = []
+    for name, found in data.items():
+        title = f'{name}, {found["seconds"]:g} s'
+        labels = {'title': title, 'xlabel': 'error of the worst joint at the end [rad]'}
+        labels['ylabel'] = 'time of one simulated second on one thread [ms]'
+        content.append((labels, _lines(found)))
+    panels(content, figure, columns=5)
+
+
+def _lines(data: Mapping[str, Any]) -> list[tuple[Any, dict[str, Any]]]:
+    """Return the lines of all ways with all effects; open where of many arms."""
+    whole = [row for row in data['runs'] if not row['left_out'] and row['minimum'] is not None]
+    floor, lines = _floor(data), []
+    for way, (colour, marker, line) in STYLES.items():
+        for arms in sorted({row['arms'] for row in whole if row['way'] == way}):
+            own = [row for row in whole if (row['way'], row['arms']) == (way, arms)]
+            points = [(max(row['error'], floor), row['minimum'] * 1e3) for row in own]
+            style = {'marker': marker, 'linestyle': line, 'color': colour, 'linewidth': 1.1}
+            style |= {'markersize': 9 if marker == '*' else 6}
+            style |= {'label': way} if arms == 1 else {'markerfacecolor': 'white'}
+            lines.append((points, style))
+    return lines

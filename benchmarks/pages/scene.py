@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.peers.work import Side
 from benchmarks.run import show_progress
 from benchmarks.table import Columns, page, paragraph, short, table, yes
-from benchmarks.timing import Pace, interleave, surroundings
+from benchmarks.timing import Pace, surroundings, take_turns
 import pfd_core as pfd
 from pfd_ros.advice import Motion, advise, full_scene, sine
 from pfd_ros.advice.motions import SETTINGS
@@ -33,40 +33,41 @@ def measure(quick: bool) -> dict[str, Any]:
     robot = pfd.load_robot('planar2' if quick else 'puma560')
     machine = surroundings()
     show_progress('simulating scenes')
-    scene, refused = full_scene(robot, pfd.Scene(), SETTINGS)
-    motion = sine(robot, scene)
-    advice = advise(robot, scene, motion, TOLERANCE, WINDOW)
-    sides, rows = [], []
-    for name, row in advice.rows.items():
-        whole = name in (FULL, SMALLEST)
-        one = {FULL: scene, SMALLEST: advice.scene}[name] if whole else scene.without({name})
-        kept = None if whole else name in advice.kept
-        rows.append({'name': name, **row._asdict(), 'kept': kept})
-        if np.isfinite(row.error):
-            sides.append(_side(name, pfd.Simulator(robot, one, **SETTINGS), motion))
+    whole, refused = full_scene(robot, pfd.Scene(), SETTINGS)
+    motion = sine(robot, whole)
+    advice = advise(robot, whole, motion, TOLERANCE, WINDOW)
+    effects = [name for name in advice.rows if name not in (FULL, SMALLEST)]
+    # The first is the reference of the times.
+    scenes = {FULL: whole, **{name: whole.without({name}) for name in effects}}
+    scenes[SMALLEST] = advice.scene
+    finite = [name for name in scenes if np.isfinite(advice.rows[name].error)]
+    sides = [
+        _side(name, pfd.Simulator(robot, scenes[name], **SETTINGS), motion) for name in finite
+    ]
     show_progress('timing')
-    times = {
-        side.way: {'least': 1e9 * own.minimum, 'median': 1e9 * own.median, 'times': own.times}
-        for side, own in zip(
-            sides, interleave(sides, TIMED_STEPS, QUICK_PACE if quick else PACE), strict=True
-        )
-    }
+    times = take_turns(sides, TIMED_STEPS, QUICK_PACE if quick else PACE)
     show_progress('')
+    known = {
+        name: {'least': 1e9 * own.minimum, 'median': 1e9 * own.median, 'times': own.times}
+        for name, own in zip(finite, times, strict=True)
+    }
+    rows = [
+        {
+            'name': name,
+            **row._asdict(),
+            'kept': name in advice.kept if name in effects else None,
+            **known.get(name, {}),
+        }
+        for name, row in advice.rows.items()
+    ]
     return {
-        'machine': [{'machine': machine['description']}],
-        'example': [
-            {
-                'robot': robot.name,
-                'motion': motion.name,
-                'steps': len(motion.taus),
-                'step_size': SETTINGS['step_size'],
-                'tolerance': TOLERANCE,
-                'window': WINDOW,
-                'unseen': list(advice.unseen),
-                'yaml': pfd.scene_to_yaml(advice.scene),
-            }
-        ],
-        'scenes': [row | times.get(row['name'], {}) for row in rows],
+        'machine': machine,
+        'robot': robot.name,
+        'motion': motion.name,
+        'steps': len(motion.taus),
+        'unseen': list(advice.unseen),
+        'yaml': pfd.scene_to_yaml(advice.scene),
+        'scenes': rows,
         'refused': [{'name': name, 'reason': reason} for name, reason in refused.items()],
     }
 
@@ -83,7 +84,7 @@ def _side(name: str, simulator: pfd.Simulator, motion: Motion) -> Side:
             simulator.reset(motion.q[first], motion.qd[first])
             simulator.rollout(motion.taus[first : first + LENGTH])
 
-    return Side(name, run, lambda: np.ones(1), reference=name == FULL)
+    return Side(name, run, lambda: simulator.q)
 
 
 COLUMNS: Columns = {
@@ -101,16 +102,18 @@ COLUMNS: Columns = {
 
 def text(data: dict[str, Any]) -> str:
     """Return the page as Markdown."""
-    (example,), (machine,) = data['example'], data['machine']
-    unseen = ', '.join(example['unseen'])
+    unseen = ', '.join(data['unseen'])
     refused = '; '.join(f'{row["name"]} ({row["reason"]})' for row in data['refused'])
     return page(
         'scene',
-        **{key: value for key, value in example.items() if key not in ('unseen', 'yaml')},
-        machine=paragraph(f'{machine["machine"]}.'),
+        **{key: data[key] for key in ('robot', 'motion', 'steps')},
+        tolerance=TOLERANCE,
+        window=WINDOW,
+        step_size=SETTINGS['step_size'],
+        machine=paragraph(f'{data["machine"]}.'),
         kept=', '.join(row['name'] for row in data['scenes'] if row['kept']) or 'nothing',
         unseen=paragraph(f'Left out, but not tested by the motion: {unseen}.') if unseen else None,
         refused=paragraph(f'Not simulated: {refused}.') if refused else None,
         scenes=table(COLUMNS, data['scenes']),
-        yaml='\n'.join(f'    {line}' for line in example['yaml'].splitlines()),
+        yaml='\n'.join(f'    {line}' for line in data['yaml'].splitlines()),
     )

@@ -20,37 +20,25 @@ over states and steps are in data/casadi.c.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import suppress
 import ctypes
 from functools import partial
+import importlib
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from benchmarks.cases.quantities import FORWARD, QUANTITIES
 from benchmarks.cases.robots import Array, joint_frames
-from benchmarks.peers.native import OPTIMISED, address, built, joint_torques
-from benchmarks.peers.work import (
-    SINE,
-    LeftOutError,
-    Side,
-    Work,
-    installed,
-    plant_of,
-    simulation_side,
-)
+from benchmarks.peers.native import OPTIMISED, address, built
+from benchmarks.peers.work import SINE, Arguments, LeftOutError, Peer, Side, installed, is_batch
 from benchmarks.table import stored_text
-from pfd_core.model import Plant, Robot
+from pfd_core.model import Robot
 
-
-class _Casadi:
-    """The module casadi, which is imported when it is first used."""
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(installed('casadi'), name)
-
-
-casadi: Any = _Casadi()
+casadi: Any = None
+with suppress(ImportError):
+    casadi = importlib.import_module('casadi')
 GRAVITY = 9.81
 # gcc takes half a minute for this many instructions of CasADi; more than in proportion beyond.
 MOST_INSTRUCTIONS = 30_000
@@ -160,13 +148,10 @@ def _inertia_matrix(robot: Robot, q: Any) -> Any:
     return H
 
 
-def _composite_body(
-    robot: Robot, q: Any, qd: Any, tau: Any, *, armature: Array | None = None
-) -> Any:
+def _composite_body(robot: Robot, q: Any, qd: Any, tau: Any, armature: Array | None = None) -> Any:
     """Return the accelerations, (n,) of casadi.SX, by composite bodies and L D L^T."""
-    H = _inertia_matrix(robot, q)
-    if armature is not None:
-        H = H + casadi.diag(_exact(armature))
+    rotors = np.zeros(robot.n) if armature is None else armature
+    H = _inertia_matrix(robot, q) + casadi.diag(_exact(rotors))
     return _solved(H, tau - _bias_torques(robot, q, qd))
 
 
@@ -176,9 +161,7 @@ def _solved(H: Any, right: Any) -> Any:
     return casadi.ldl_solve(casadi.densify(right), *factors)
 
 
-def _articulated_body(
-    robot: Robot, q: Any, qd: Any, tau: Any, *, armature: Array | None = None
-) -> Any:
+def _articulated_body(robot: Robot, q: Any, qd: Any, tau: Any) -> Any:
     """Return the accelerations, (n,) of casadi.SX, by articulated bodies; gravity along -z."""
     SX, n = casadi.SX, robot.n
     X, S, inertia = (list[Any]() for _ in range(3))
@@ -200,7 +183,7 @@ def _articulated_body(
     U, D, u = [SX()] * n, [SX()] * n, [SX()] * n
     for i in reversed(range(n)):
         U[i] = inertia[i] @ S[i]
-        D[i] = S[i].T @ U[i] + (0.0 if armature is None else float(armature[i]))
+        D[i] = S[i].T @ U[i]
         u[i] = tau[i] - S[i].T @ bias[i]
         if i > 0:
             Ia = inertia[i] - (U[i] / D[i]) @ U[i].T
@@ -235,11 +218,7 @@ def _derivatives(robot: Robot, q: Any, qd: Any, tau: Any) -> Any:
     return _solved(_inertia_matrix(robot, q), casadi.horzcat(-D, casadi.SX.eye(n)))
 
 
-METHODS: dict[str, Callable[..., Any]] = {
-    ARTICULATED: _articulated_body,
-    COMPOSITE: _composite_body,
-}
-ALGORITHMS: dict[str, Callable[..., Any]] = {
+ALGORITHMS = {
     'inverse_dynamics': _inverse_dynamics,
     'inertia_matrix': _inertia_matrix,
     'bias_torques': _bias_torques,
@@ -247,14 +226,21 @@ ALGORITHMS: dict[str, Callable[..., Any]] = {
 }
 
 
-def function_of(
-    robot: Robot, quantity: str = FORWARD, method: str = ARTICULATED, armature: Array | None = None
-) -> Any:
-    """Return a quantity as casadi.Function `arm`, row by row; LeftOutError if it is too large."""
+def method_of(robot: Robot) -> str:
+    """Return the method of forward dynamics that takes fewer operations."""
+    return COMPOSITE if robot.n <= LONGEST else ARTICULATED
+
+
+def function_of(robot: Robot, quantity: str = FORWARD, armature: Array | None = None) -> Any:
+    """
+    Return a quantity as casadi.Function `arm`, row by row; LeftOutError if it is too large.
+
+    Rotor inertias `armature`, (n,), are of forward dynamics by composite bodies.
+    """
     installed('casadi')
-    if quantity == FORWARD and method == COMPOSITE and robot.n > LONGEST:
-        raise LeftOutError(f'beyond {LONGEST} joints {ARTICULATED} are measured')
-    algorithm = ALGORITHMS.get(quantity) or partial(METHODS[method], armature=armature)
+    algorithm: Any = ALGORITHMS.get(quantity, _articulated_body)
+    if quantity == FORWARD and method_of(robot) == COMPOSITE:
+        algorithm = partial(_composite_body, armature=armature)
     given = [casadi.SX.sym(name, robot.n) for name in QUANTITIES[quantity]]
     # CasADi's matrices lie in columns.
     rows = casadi.densify(algorithm(robot, *given)).T
@@ -272,65 +258,42 @@ def source_of(arm: Any) -> str:
     return str(generator.dump())
 
 
-class Casadi:
-    """
-    CasADi's C of one quantity of a robot, or of forward dynamics of a plant, compiled and loaded.
+def compiled(arm: Any, integrators: bool = False) -> tuple[ctypes.CDLL, Any]:
+    """Return data/casadi.c around a function, compiled, and the function as CasADi loads it."""
+    sizes = {'N': arm.numel_in(0), 'ARGUMENTS': arm.n_in(), 'ELEMENTS': arm.numel_out(0)}
+    sizes |= {'SZ_ARG': arm.sz_arg(), 'SZ_RES': arm.sz_res()}
+    sizes |= {'SZ_IW': arm.sz_iw() + 1, 'SZ_W': arm.sz_w() + 1}
+    defines = [f'#define {name} {size}' for name, size in sizes.items()]
+    defines += ['#define INTEGRATORS'] * integrators
+    source = '\n'.join([source_of(arm), *defines, stored_text('casadi.c')])
+    with built('cc', '.c', source) as path:
+        return ctypes.CDLL(path), casadi.external('arm', path)
 
-    The ways are CasADi's own buffer() for one state, and loops in C.
 
-    Attributes
-    ----------
-    library : ctypes.CDLL
-        data/casadi.c around CasADi's function. `library.rollout`, of forward dynamics, is the
-        native function of a simulation.
+def casadi_c(robot: Robot, quantity: str = FORWARD) -> Peer:
+    """Return a quantity as a peer: CasADi's own buffer() for one state, and a loop in C."""
+    arm = function_of(robot, quantity)
+    size, (library, external) = arm.numel_out(0), compiled(arm)
+    name = f'CasADi C {method_of(robot)}' if quantity == FORWARD else 'CasADi C'
 
-    """
-
-    def __init__(
-        self, robot: Robot | Plant, quantity: str = FORWARD, method: str = ARTICULATED
-    ) -> None:
-        plant = self.plant = plant_of(robot)
-        arm = function_of(plant.robot, quantity, method, plant.armature)
-        self.size = arm.numel_out(0)
-        self.name = f'CasADi C{f" {method}" * (quantity == FORWARD)}'
-        sizes = {'N': plant.robot.n, 'ARGUMENTS': arm.n_in(), 'ELEMENTS': self.size}
-        sizes |= {'SZ_ARG': arm.sz_arg(), 'SZ_RES': arm.sz_res()}
-        sizes |= {'SZ_IW': arm.sz_iw() + 1, 'SZ_W': arm.sz_w() + 1}
-        defines = [f'#define {name} {size}' for name, size in sizes.items()]
-        defines += ['#define FORWARD'] * (quantity == FORWARD)
-        source = '\n'.join([source_of(arm), *defines, stored_text('casadi.c')])
-        with built('cc', '.c', source) as path:
-            self.library, self.external = ctypes.CDLL(path), casadi.external('arm', path)
-
-    def rollout(
-        self, step: float, q: Array, qd: Array, taus: Array, substeps: int = 1, width: float = 0.0
-    ) -> partial[None]:
-        """Return a call that moves q and qd, (n,), in place, as PinocchioCpp.rollout does."""
-        steps = (ctypes.c_longlong(len(taus)), ctypes.c_longlong(substeps), ctypes.c_double(step))
-        effects, *arrays = map(address, (joint_torques(self.plant, width), q, qd, taus))
-        return partial(self.library.rollout, effects, *steps, *arrays)
-
-    def sides(self, work: Work) -> Iterator[Side]:
-        """Yield the way of a work."""
-        once = f'{CODE}; called by ctypes once, loop in C; {SINE}'
-        if work.kind == 'rollout':
-            yield simulation_side(f'{self.name}, RK4 in C', work, self.rollout, once)
-            return
-        given = [np.array(x, order='C') for x in work.arrays]
-        if work.kind == 'call':
-            out, (buffer, run) = np.empty(self.size), self.external.buffer()
-            for k, x in enumerate(given):
+    def sides(given: Arguments) -> Iterator[Side]:
+        # The result of a side keeps what native code reads and writes.
+        arrays = [np.array(x, order='C') for x in given]
+        if not is_batch(given):
+            out, (buffer, run) = np.empty(size), external.buffer()
+            for k, x in enumerate(arrays):
                 buffer.set_arg(k, x.data)
             buffer.set_res(0, out.data)
             contents = f"{CODE}; called by CasADi's buffer(), arguments set before; {SINE}"
-            # The side keeps what native code reads and writes.
-            result = partial(_first, out, given, buffer)
-            yield Side(f'{self.name}, buffer()', run, result, contents)
+            yield Side(f'{name}, buffer()', run, partial(_first, out, arrays, buffer), contents)
             return
-        out = np.empty((work.units, self.size))
-        at = (ctypes.c_void_p * len(given))(*(x.ctypes.data for x in given))
-        loop = partial(self.library.batch, ctypes.c_longlong(work.units), at, address(out))
-        yield Side(f'{self.name}, loop in C', loop, partial(_first, out, given), once)
+        out = np.empty((len(arrays[0]), size))
+        at = (ctypes.c_void_p * len(arrays))(*(x.ctypes.data for x in arrays))
+        loop = partial(library.batch, ctypes.c_longlong(len(out)), at, address(out))
+        contents = f'{CODE}; called by ctypes once, loop in C; {SINE}'
+        yield Side(f'{name}, loop in C', loop, partial(_first, out, arrays), contents)
+
+    return sides
 
 
 def _first(out: Array, *kept: object) -> Array:

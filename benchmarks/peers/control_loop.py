@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Simulators of an arm under a controller: ours, and other libraries with the loop in C.
+Simulations of an arm under a controller: ours, and other libraries with the loop in C.
 
     ours        an Ensemble of arms with Feedback, or a Simulator of a free arm: controller, steps
                 and loop in one native call. Python calls the adaptive integrator once a period
@@ -13,26 +13,25 @@ Simulators of an arm under a controller: ours, and other libraries with the loop
 Around other libraries data/control_loop.c has the controller and the loop; it is compiled once for
 each number of joints. CasADi and Pinocchio have no dry friction: it is a ramp F v / width between
 -F and F. MuJoCo's frictionloss is a soft constraint with a time constant and an impedance
-(solreffriction, solimpfriction). A `Softness` sets the ramp or the constraint.
+(solreffriction, solimpfriction). Each library runs with several widths or constraints.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 import ctypes
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from benchmarks.cases.controlled_arm import ControlledArm
 from benchmarks.cases.robots import Array
-from benchmarks.peers.casadi import COMPOSITE, Casadi
-from benchmarks.peers.mujoco import Mujoco
+from benchmarks.peers import casadi, pinocchio_cpp
+from benchmarks.peers.mujoco import model_of
 from benchmarks.peers.native import address, built, effort_limits, joint_torques
-from benchmarks.peers.pinocchio_cpp import PinocchioCpp
+from benchmarks.peers.work import installed
 from benchmarks.table import stored_text
 from pfd_core.model import Scene
 from pfd_core.simulation.adaptive import integrate
@@ -44,39 +43,15 @@ from pfd_core.simulation.simulator import Simulator
 IN_CASADI = {'CasADi RK4': 'rollout', 'CasADi Verlet': 'verlet', 'CasADi Euler': 'euler'}
 PINOCCHIO = 'Pinocchio C++ RK4'
 MUJOCO = ('MuJoCo Euler', 'MuJoCo implicit', 'MuJoCo implicitfast', 'MuJoCo RK4')
+# Widths of ramps [rad/s], and MuJoCo's constraints: time constant in steps (0 for its default of
+# 0.02 s) and impedance (0 for its default).
+RAMPS = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
+CONSTRAINTS = ((0.0, 0.0), (0.0, 0.9999), (2.0, 0.0), (2.0, 0.9999))
 # Absolute tolerance of our adaptive integrator over the relative one.
 ABSOLUTE = 1e-3
 
 
-@dataclass(frozen=True)
-class Softness:
-    """
-    How a library without dry friction approximates it.
-
-    Attributes
-    ----------
-    width : float
-        Velocity of the ramp [rad/s].
-    time_constant : float
-        MuJoCo's solreffriction, in steps; 0 for its default of 0.02 s.
-    impedance : float
-        MuJoCo's solimpfriction, least and largest; 0 for its default.
-
-    """
-
-    width: float = 0.0
-    time_constant: float = 0.0
-    impedance: float = 0.0
-
-    def __str__(self) -> str:
-        if self.width:
-            return f'ramp of {self.width:g} rad/s'
-        time = f'{self.time_constant:g} steps' if self.time_constant else '0.02 s'
-        return f'time constant {time}, impedance {self.impedance or "default"}'
-
-
-@dataclass(frozen=True)
-class Answer:
+class Answer(NamedTuple):
     """End of a run: 'ok' or the reason of its failure, and the positions, (n,)."""
 
     status: str
@@ -84,50 +59,37 @@ class Answer:
 
 
 Run = Callable[[], Answer]
-# The run of a way in a number of substeps a period.
-Simulate = Callable[[str, int, Softness], Run]
+# Way, approximation of friction, and run, in a number of steps a period.
+Runs = Callable[[int], Iterator[tuple[str, str, Run]]]
 
 
 def fixed(
     case: ControlledArm,
-    scene: Scene,
     substeps: int,
     integrator: str,
-    dtype: str,
-    method: str = 'auto',
+    dtype: str = 'float64',
     *,
     arms: int = 1,
+    scene: Scene | None = None,
 ) -> Run:
-    """
-    Return a run of an Ensemble of equal arms, or of a Simulator for one free arm.
-
-    ValueError for an unknown setting.
-    """
-    settings: dict[str, Any] = {
-        'step_size': case.period,
-        'substeps': substeps,
-        'integrator': integrator,
-        'dtype': dtype,
-        'method': method,
-    }
-    if arms == 1 and not (case.kp.any() or case.kd.any()):
-        one = Simulator(case.robot, scene, **settings)
-
-        def run_one() -> Answer:
-            one.reset(case.start, case.velocity)
-            status = one.rollout(case.taus).status
-            return _answer(one.q) if status == 'ok' else _failed(status, one.q)
-
-        return run_one
-    arm = Ensemble(case.robot, arms, scene, **settings)
-    law = Feedback(case.kp, case.kd, case.q, case.qd)
-    start, velocity = (np.tile(x, (arms, 1)) for x in (case.start, case.velocity))
+    """Return a run of an Ensemble of equal arms, or of a Simulator for one free arm."""
+    settings: dict[str, Any] = {'step_size': case.period, 'substeps': substeps, 'dtype': dtype}
+    settings |= {'integrator': integrator, 'scene': scene or case.scene}
+    start, velocity, how = case.start, case.velocity, dict[str, Any]()
+    one: Any
+    if case.kp.any() or arms > 1:
+        one = Ensemble(case.robot, arms, **settings)
+        start, velocity = (np.tile(x, (arms, 1)) for x in (start, velocity))
+        # Only the last state is kept.
+        how['every'] = case.periods
+        how['feedback'] = Feedback(case.kp, case.kd, case.q, case.qd)
+    else:
+        one = Simulator(case.robot, **settings)
 
     def run() -> Answer:
-        arm.reset(start, velocity)
-        # Only the last state is kept.
-        status = arm.rollout(case.taus, feedback=law, every=case.periods).status
-        return _answer(arm.q[0]) if status == 'ok' else _failed(status, arm.q[0])
+        one.reset(start, velocity)
+        status = one.rollout(case.taus, **how).status
+        return _answer(one.q.reshape(-1, case.robot.n)[0], status)
 
     return run
 
@@ -139,62 +101,65 @@ def adaptive(case: ControlledArm, tolerance: float, **settings: Any) -> Run:
     def run() -> Answer:
         q, qd = case.start, case.velocity
         for k in range(case.periods):
-            tau = case.torques(k, q, qd)
-            found = integrate(
-                case.robot, tau, case.period, scene=case.scene, q=q, qd=qd, **settings
-            )
+            how = settings | {'scene': case.scene, 'q': q, 'qd': qd}
+            found = integrate(case.robot, case.torques(k, q, qd), case.period, **how)
             if found.status != 'ok':
-                return _failed(found.status, q)
+                return _answer(q, found.status)
             q, qd = found.q[-1], found.qd[-1]
         return _answer(q)
 
     return run
 
 
-def casadi_arm(case: ControlledArm) -> Simulate:
-    """Return CasADi's C of composite bodies with rotors, and integrators of IN_CASADI in C."""
-    peer = Casadi(case.plant, method=COMPOSITE)
+def casadi_runs(case: ControlledArm, ramps: Sequence[float]) -> Runs:
+    """Return the runs of CasADi's C of composite bodies with rotors."""
+    plant = case.plant
+    function = casadi.function_of(case.robot, armature=plant.armature)
+    library, _ = casadi.compiled(function, integrators=True)
 
-    def simulate(way: str, substeps: int, softness: Softness) -> Run:
-        effects = address(joint_torques(case.plant, softness.width))
-        return _around(case, getattr(peer.library, IN_CASADI[way]), effects, substeps)
+    def runs(substeps: int) -> Iterator[tuple[str, str, Run]]:
+        for way, name in IN_CASADI.items():
+            for width in ramps:
+                effects, step = address(joint_torques(plant, width)), getattr(library, name)
+                yield way, _ramp(width), _around(case, step, effects, substeps)
 
-    return simulate
-
-
-def pinocchio_arm(case: ControlledArm) -> Simulate:
-    """Return Pinocchio's C++ with Runge-Kutta steps."""
-
-    def simulate(way: str, substeps: int, softness: Softness) -> Run:
-        peer = PinocchioCpp(case.plant, softness.width)
-        return _around(case, peer.library.rollout, peer.arm, substeps)
-
-    return simulate
+    return runs
 
 
-def mujoco_arm(case: ControlledArm) -> Simulate:
-    """Return MuJoCo's model of the arm with frictionloss, and mj_step called from C."""
-    plant, mj = case.plant, Mujoco(case.robot).mj
+def pinocchio_runs(case: ControlledArm, ramps: Sequence[float]) -> Runs:
+    """Return the runs of Pinocchio's C++."""
+    made = [(width, *pinocchio_cpp.model(case.plant, width)) for width in ramps]
+
+    def runs(substeps: int) -> Iterator[tuple[str, str, Run]]:
+        for width, library, arm in made:
+            yield PINOCCHIO, _ramp(width), _around(case, library.rollout, arm, substeps)
+
+    return runs
+
+
+def mujoco_runs(case: ControlledArm, constraints: Sequence[tuple[float, float]]) -> Runs:
+    """Return the runs of MuJoCo's model of the arm with frictionloss; C calls mj_step."""
+    plant, mj = case.plant, installed('mujoco')
     (path,) = Path(mj.__file__).parent.glob('libmujoco.*')
     step = ctypes.cast(ctypes.CDLL(str(path)).mj_step, ctypes.c_void_p)
+    library = _library(case.robot.n)
 
-    def simulate(way: str, substeps: int, softness: Softness) -> Run:
+    def made(way: str, substeps: int, constant: float, impedance: float) -> Run:
         h = case.period / substeps
-        model = Mujoco(plant, way.split()[-1], h).model
+        model = model_of(plant, way.split()[-1], h)
         if plant.friction is not None:
             model.opt.disableflags &= ~int(mj.mjtDisableBit.mjDSBL_CONSTRAINT)
             model.dof_frictionloss[:] = plant.friction
             # MuJoCo 4.0.0 has wrong accelerations with a sparse Jacobian of constraints.
             model.opt.jacobian = mj.mjtJacobian.mjJAC_DENSE
-        if softness.time_constant:
-            model.dof_solref[:, 0] = softness.time_constant * h
-        if softness.impedance:
-            model.dof_solimp[:, :2] = softness.impedance
+        if constant:
+            model.dof_solref[:, 0] = constant * h
+        if impedance:
+            model.dof_solimp[:, :2] = impedance
         data = mj.MjData(model)
         arrays = data.qpos, data.qvel, data.qfrc_applied, effort_limits(plant)
         addresses = model._address, data._address, *(x.ctypes.data for x in arrays)
-        arm = (ctypes.c_void_p * 7)(step, *addresses)
-        advance = _around(case, _library(case.robot.n).mujoco, arm, substeps)
+        advance = _around(case, library.mujoco, (ctypes.c_void_p * 7)(step, *addresses), substeps)
 
         # The arrays whose addresses C holds live as long as this function.
         def run(held: object = arrays) -> Answer:
@@ -207,7 +172,18 @@ def mujoco_arm(case: ControlledArm) -> Simulate:
 
         return run
 
-    return simulate
+    def runs(substeps: int) -> Iterator[tuple[str, str, Run]]:
+        for way in MUJOCO:
+            for constant, impedance in constraints:
+                time = f'{constant:g} steps' if constant else '0.02 s'
+                label = f'time constant {time}, impedance {impedance or "default"}'
+                yield way, label, made(way, substeps, constant, impedance)
+
+    return runs
+
+
+def _ramp(width: float) -> str:
+    return f'ramp of {width:g} rad/s'
 
 
 @cache
@@ -233,15 +209,13 @@ def _around(case: ControlledArm, advance: Any, arm: Any, substeps: int) -> Run:
     def run() -> Answer:
         q[:], qd[:] = case.start, case.velocity
         control(advance, arm, *given)
-        return _answer(q, qd)
+        return _answer(q)
 
     return run
 
 
-def _answer(*state: Array) -> Answer:
+def _answer(q: Array, status: str = 'ok') -> Answer:
     """Return the end of a run that may have overflown."""
-    return Answer('ok' if np.isfinite(state).all() else 'not finite', state[0].copy())
-
-
-def _failed(status: str, q: Array) -> Answer:
+    if status == 'ok' and not np.isfinite(q).all():
+        status = 'not finite'
     return Answer(status.replace('_', ' '), q.copy())

@@ -31,22 +31,10 @@ OPTIMISED = ('-O3', '-march=native')
 @contextmanager
 def built(compiler: str, suffix: str, source: str, *options: str) -> Iterator[str]:
     """
-    Compile a source to a shared library, or take it from the disk cache, until the end of a block.
+    Compile a source ('.c' or '.cpp') to a shared library, which exists until the block ends.
 
-    The cache knows a library by source, options, and path, size and time of the compiler. A loaded
-    library needs no file. LeftOutError without the compiler, or with its first error.
-
-    Parameters
-    ----------
-    compiler : str
-        Command of the compiler, such as 'cc'.
-    suffix : str
-        Of the source file: '.c' or '.cpp'.
-    source : str
-        The source.
-    *options : str
-        Further options.
-
+    A loaded library needs no file. The disk cache keeps libraries by source, options, and path,
+    size and time of the compiler. LeftOutError without the compiler, or with its first error.
     """
     found = shutil.which(compiler)
     if found is None:

@@ -26,7 +26,16 @@ import warnings
 import numpy as np
 
 from benchmarks.cases.robots import Array
-from benchmarks.peers.work import SINE, LeftOutError, Side, Work, installed, plant_of
+from benchmarks.peers.work import (
+    SINE,
+    Arguments,
+    LeftOutError,
+    Peer,
+    Side,
+    installed,
+    is_batch,
+    plant_of,
+)
 from pfd_core.model import Robot
 from pfd_core.model.urdf_writer import robot_to_urdf
 
@@ -42,38 +51,32 @@ SETTINGS = {'JAX_ENABLE_X64': '1', 'XLA_FLAGS': '--xla_cpu_multi_thread_eigen=fa
 DYNIBO_GRAVITY = 9.80665
 
 
-class Frax:
-    """frax's forward dynamics of one robot: jitted, and mapped over a batch."""
+def frax(robot: Robot) -> Peer:
+    """Return frax's forward dynamics of one robot: jitted, and mapped over a batch."""
+    if robot.n > LONGEST:
+        raise LeftOutError(f'not measured beyond {LONGEST} joints: XLA takes long to compile')
+    if 'jax' not in sys.modules:
+        # JAX reads them when it is imported.
+        os.environ.update(SETTINGS)
+    with warnings.catch_warnings(), TemporaryDirectory(prefix='pfd_frax_') as folder:
+        # Of settings for its own processes.
+        warnings.simplefilter('ignore')
+        module, jax = installed('frax', INSTALL), installed('jax', INSTALL)
+        path = Path(folder) / 'arm.urdf'
+        urdf, base = robot_to_urdf(robot), BASE.format(robot.base)
+        path.write_text(urdf.replace(f'<link name="{robot.base}" />', base), encoding='utf-8')
+        arm = module.Robot(str(path))
 
-    def __init__(self, robot: Robot) -> None:
-        if robot.n > LONGEST:
-            raise LeftOutError(f'not measured beyond {LONGEST} joints: XLA takes long to compile')
-        if 'jax' not in sys.modules:
-            # JAX reads them when it is imported.
-            os.environ.update(SETTINGS)
-        with warnings.catch_warnings(), TemporaryDirectory(prefix='pfd_frax_') as folder:
-            # Of settings for its own processes.
-            warnings.simplefilter('ignore')
-            frax, self.jax = installed('frax', INSTALL), installed('jax', INSTALL)
-            path = Path(folder) / 'arm.urdf'
-            urdf, base = robot_to_urdf(robot), BASE.format(robot.base)
-            path.write_text(urdf.replace(f'<link name="{robot.base}" />', base), encoding='utf-8')
-            self.robot = frax.Robot(str(path))
+    def forward(q: Any, qd: Any, tau: Any) -> Any:
+        return arm.forward_dynamics(q, qd, tau, None)
 
-    def sides(self, work: Work) -> Iterator[Side]:
-        """Yield the way of a call or a batch."""
-        if work.kind == 'rollout':
-            return
-
-        def forward(q: Any, qd: Any, tau: Any) -> Any:
-            return self.robot.forward_dynamics(q, qd, tau, None)
-
-        batch = work.kind == 'batch'
-        compiled = self.jax.jit(self.jax.vmap(forward) if batch else forward)
-        given = [self.jax.numpy.asarray(x) for x in work.arrays]
+    def sides(given: Arguments) -> Iterator[Side]:
+        batch = is_batch(given)
+        compiled = jax.jit(jax.vmap(forward) if batch else forward)
+        values = [jax.numpy.asarray(x) for x in given]
 
         def run() -> Array:
-            found: Array = compiled(*given).block_until_ready()
+            found: Array = compiled(*values).block_until_ready()
             return found
 
         contents = (
@@ -83,32 +86,33 @@ class Frax:
         way = f'frax, jit{" and vmap" * batch}'
         yield Side(way, run, lambda: np.asarray(run()), contents)
 
+    return sides
 
-class Dynibo:
-    """dynibo's forward dynamics of one robot; calls only."""
 
-    def __init__(self, robot: Robot) -> None:
-        dynibo = installed('dynibo')
-        if 'prismatic' in robot.joint_types:
-            raise LeftOutError('an arm that slides cannot be scaled to the gravity of dynibo')
-        scale = self.scale = DYNIBO_GRAVITY / np.linalg.norm(plant_of(robot).gravity)
-        scaled = replace(
-            robot,
-            base_position=scale * robot.base_position,
-            translations=scale * robot.translations,
-            centers=scale * robot.centers,
-            inertias=scale**2 * robot.inertias,
-        )
-        with TemporaryDirectory(prefix='pfd_dynibo_') as folder:
-            path = Path(folder) / 'arm.urdf'
-            path.write_text(robot_to_urdf(scaled), encoding='utf-8')
-            self.arm = dynibo.Robot.from_urdf(str(path))
+def dynibo(robot: Robot) -> Peer:
+    """Return dynibo's forward dynamics of one robot; calls only."""
+    module = installed('dynibo')
+    if 'prismatic' in robot.joint_types:
+        raise LeftOutError('an arm that slides cannot be scaled to the gravity of dynibo')
+    scale = DYNIBO_GRAVITY / np.linalg.norm(plant_of(robot).gravity)
+    scaled = replace(
+        robot,
+        base_position=scale * robot.base_position,
+        translations=scale * robot.translations,
+        centers=scale * robot.centers,
+        inertias=scale**2 * robot.inertias,
+    )
+    with TemporaryDirectory(prefix='pfd_dynibo_') as folder:
+        path = Path(folder) / 'arm.urdf'
+        path.write_text(robot_to_urdf(scaled), encoding='utf-8')
+        arm = module.Robot.from_urdf(str(path))
 
-    def sides(self, work: Work) -> Iterator[Side]:
-        """Yield the way of a call."""
-        if work.kind == 'call':
-            q, qd, tau = work.arrays
+    def sides(given: Arguments) -> Iterator[Side]:
+        if not is_batch(given):
+            q, qd, tau = given
             out = np.empty_like(q)
-            run = partial(self.arm.forward_dynamics, q, qd, self.scale**2 * tau, out=out)
+            run = partial(arm.forward_dynamics, q, qd, scale**2 * tau, out=out)
             contents = f'Rust for any robot, as in the wheel; called from Python, out=; {SINE}'
-            yield Side('dynibo, out=', run, lambda: out, contents)
+            yield Side('dynibo, out=', run, partial(np.asarray, out), contents)
+
+    return sides

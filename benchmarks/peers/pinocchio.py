@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.cases.quantities import FORWARD
 from benchmarks.cases.robots import Array, joint_frames
-from benchmarks.peers.work import SINE, STEP_SIZE, Side, Work, installed, plant_of
+from benchmarks.peers.work import SINE, Arguments, Side, installed, is_batch, plant_of
 from pfd_core.model import Plant, Robot
 
 THREADS = (1, 2)
@@ -36,11 +36,7 @@ LOOP = 'Python loop'
 
 
 class Pinocchio:
-    """
-    Pinocchio's function of one quantity of a robot, or of a plant with its gravity and rotors.
-
-    The ways are a call, a Python loop over it, and a function for batches where there is one.
-    """
+    """Pinocchio's function of one quantity of a robot, or of a plant with gravity and rotors."""
 
     def __init__(self, robot: Robot | Plant, quantity: str = FORWARD) -> None:
         pin, plant = installed('pinocchio'), plant_of(robot)
@@ -70,49 +66,30 @@ class Pinocchio:
             found = np.hstack([*found[:2], _symmetric(found[2])])
         return np.array(found).ravel()
 
-    def wanted(self, work: Work) -> Array:
-        """Return the result of a work, state by state: the reference of all peers."""
-        if work.kind == 'batch':
-            return np.array([self.result(*state) for state in zip(*work.arrays, strict=True)])
-        return self._rollout(work) if work.kind == 'rollout' else self.result(*work.arrays)
+    def results(self, given: Arguments) -> Array:
+        """Return the quantity state by state, (size,) or (B, size): the reference of all peers."""
+        if is_batch(given):
+            return np.array([self.result(*state) for state in zip(*given, strict=True)])
+        return self.result(*given)
 
     def acceleration_and_derivatives(self, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
         """Return qdd, (n,), and d qdd / d (q, qd, tau), (n, 3n), of the quantity derivatives."""
         J = self.result(q, qd, tau).reshape(len(q), -1)
         return np.array(self.data.ddq), J
 
-    def _rollout(self, work: Work) -> Array:
-        (x, v, tau), aba, h = work.arrays, self.evaluate, STEP_SIZE
-        for _ in range(work.steps):
-            a1 = aba(x, v, tau).copy()
-            v2 = v + h / 2 * a1
-            a2 = aba(x + h / 2 * v, v2, tau).copy()
-            v3 = v + h / 2 * a2
-            a3 = aba(x + h / 2 * v2, v3, tau).copy()
-            v4 = v + h * a3
-            a4 = aba(x + h * v3, v4, tau)
-            x = x + h / 6 * (v + 2 * v2 + 2 * v3 + v4)
-            v = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-        return x
-
-    def sides(self, work: Work) -> Iterator[Side]:
-        """Yield the ways of a work; the first is the reference."""
-        wanted, given = partial(self.wanted, work), work.arrays
-        if work.kind == 'call':
+    def __call__(self, given: Arguments) -> Iterator[Side]:
+        """Yield the ways: a call, or a loop over it, and the function for batches."""
+        wanted = partial(self.results, given)
+        if not is_batch(given):
             contents = f'{CODE}; called from Python; {SINE}'
-            yield Side(self.name, partial(self.evaluate, *given), wanted, contents, True)
+            yield Side(self.name, partial(self.evaluate, *given), wanted, contents)
             if self.quantity == FORWARD:
                 world = partial(self.evaluate, *given, self.pin.Convention.WORLD)
                 yield Side(f'{self.name} WORLD', world, lambda: np.array(world()), contents)
             return
-        way = f'{LOOP} over {self.name}'
-        if work.kind == 'rollout':
-            contents = f'{CODE}; four calls from Python a step, sums in NumPy; {SINE}'
-            yield Side(way, wanted, wanted, contents, True)
-            return
         if self.in_parallel:
-            yield from self._parallel_sides(work, getattr(self.pin, self.in_parallel))
-        if work.units <= MOST_IN_PYTHON:
+            yield from self._parallel(given, getattr(self.pin, self.in_parallel))
+        if len(given[0]) <= MOST_IN_PYTHON:
             rows = list(zip(*given, strict=True))
 
             def run() -> None:
@@ -120,19 +97,18 @@ class Pinocchio:
                     self.evaluate(*row)
 
             contents = f'{CODE}; called from Python for each state; {SINE}'
-            yield Side(way, run, wanted, contents, not self.in_parallel)
+            yield Side(f'{LOOP} over {self.name}', run, wanted, contents)
 
-    def _parallel_sides(self, work: Work, function: Callable[..., object]) -> Iterator[Side]:
-        columns = [np.asfortranarray(x.T) for x in work.arrays]
+    def _parallel(self, given: Arguments, function: Callable[..., object]) -> Iterator[Side]:
+        columns = [np.asfortranarray(x.T) for x in given]
         # One state cannot be shared out.
-        for threads in THREADS if work.units > 1 else THREADS[:1]:
+        for threads in THREADS if len(given[0]) > 1 else THREADS[:1]:
             out, pool = np.empty_like(columns[0]), self.pin.ModelPool(self.model, threads)
             yield Side(
                 f'pinocchio.{self.in_parallel}, {threads} thread{"s" * (threads > 1)}',
                 partial(function, threads, pool, *columns, out),
                 partial(np.transpose, out),
                 f'{CODE}; called once from Python, loop in C++; {SINE}',
-                threads == 1,
             )
 
 

@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cases.robots import Array, joint_frames
+from benchmarks.cases.robots import joint_frames
 from benchmarks.peers.native import OPTIMISED, address, built, joint_torques
-from benchmarks.peers.work import SINE, Side, Work, installed, plant_of, simulation_side
+from benchmarks.peers.work import SINE, Arguments, Peer, Side, installed, is_batch, plant_of
 from benchmarks.table import stored_text
 from pfd_core.model import Plant, Robot
 
@@ -44,61 +44,43 @@ FUNCTIONS = {
 }
 
 
-class PinocchioCpp:
+def model(robot: Robot | Plant, width: float = 0.0) -> tuple[ctypes.CDLL, ctypes.c_void_p]:
     """
-    Pinocchio's C++ for one robot, or for a plant: gravity, rotors, damping, friction and limits.
+    Return data/pinocchio.cpp, compiled, and a model and its data, which live until the end.
 
-    Attributes
-    ----------
-    library : ctypes.CDLL
-        data/pinocchio.cpp, compiled. `library.rollout` is the native function of a simulation,
-        whose first argument is `arm`.
-    arm : ctypes.c_void_p
-        The model and its data, which live until the end of the process.
-
+    The model has gravity, rotors, damping, friction and limits; friction rises to its full torque
+    at a velocity of `width` [rad/s].
     """
+    plant = plant_of(robot)
+    arm = plant.robot
+    frames = (np.array(x) for x in zip(*joint_frames(arm), strict=True))
+    rotations, origins, centers, inertias = frames
+    kinds = np.array([kind == 'prismatic' for kind in arm.joint_types], np.int32)
+    # In the axes of the world, in which joint_frames are.
+    gravity = arm.base_rotation @ plant.gravity
+    numbers = [rotations, origins, arm.masses, centers, inertias, gravity]
+    optional = [plant.inertia, joint_torques(plant, width)]
+    given = [None if x is None else np.ascontiguousarray(x) for x in (*numbers, *optional)]
+    library = _library()
+    made = library.make(arm.n, address(kinds), *map(address, given))
+    return library, ctypes.c_void_p(made)
 
-    def __init__(self, robot: Robot | Plant, width: float = 0.0) -> None:
-        """Make the model; friction rises to its full torque at a velocity of `width` [rad/s]."""
-        plant = plant_of(robot)
-        arm = plant.robot
-        frames = (np.array(x) for x in zip(*joint_frames(arm), strict=True))
-        rotations, origins, centers, inertias = frames
-        kinds = np.array([kind == 'prismatic' for kind in arm.joint_types], np.int32)
-        # In the axes of the world, in which joint_frames are.
-        gravity = arm.base_rotation @ plant.gravity
-        numbers = [rotations, origins, arm.masses, centers, inertias, gravity]
-        optional = [plant.inertia, joint_torques(plant, width)]
-        given = [None if x is None else np.ascontiguousarray(x) for x in (*numbers, *optional)]
-        self.library = _library()
-        self.arm = ctypes.c_void_p(self.library.make(arm.n, address(kinds), *map(address, given)))
 
-    def rollout(
-        self, step: float, q: Array, qd: Array, taus: Array, substeps: int = 1
-    ) -> partial[None]:
-        """
-        Return a call that moves q and qd, (n,), in place by the classical Runge-Kutta method.
+def pinocchio_cpp(robot: Robot) -> Peer:
+    """Return forward dynamics of a robot, with a way for each function."""
+    library, arm = model(robot)
 
-        Torques, a row of taus (K, n), are constant over `substeps` steps of `step` seconds. All
-        arrays are contiguous float64.
-        """
-        steps = (ctypes.c_longlong(len(taus)), ctypes.c_longlong(substeps), ctypes.c_double(step))
-        return partial(self.library.rollout, self.arm, *steps, *map(address, (q, qd, taus)))
-
-    def sides(self, work: Work) -> Iterator[Side]:
-        """Yield a way for each function; limits, damping and friction act in a rollout only."""
-        once = '' if work.kind == 'call' else ' once, loop in C++'
-        contents = f'{CODE}; called by ctypes{once}; {SINE}'
-        if work.kind == 'rollout':
-            yield simulation_side(FUNCTIONS['aba'], work, self.rollout, contents)
-            return
-        given = [np.ascontiguousarray(x) for x in work.arrays]
+    def sides(given: Arguments) -> Iterator[Side]:
+        once = ' once, loop in C++' if is_batch(given) else ''
+        arrays = [np.ascontiguousarray(x) for x in given]
         for function, name in FUNCTIONS.items():
-            out = np.empty_like(given[0])
-            native = getattr(self.library, function)
-            count = ctypes.c_longlong(work.units)
-            run = partial(native, self.arm, count, *map(address, (*given, out)))
+            out = np.empty_like(arrays[0])
+            count = ctypes.c_longlong(len(out) if is_batch(given) else 1)
+            run = partial(getattr(library, function), arm, count, *map(address, (*arrays, out)))
+            contents = f'{CODE}; called by ctypes{once}; {SINE}'
             yield Side(name, run, partial(np.asarray, out), contents)
+
+    return sides
 
 
 @cache

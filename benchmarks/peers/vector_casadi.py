@@ -21,10 +21,9 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cases.robots import Array
-from benchmarks.peers.casadi import ARTICULATED, COMPOSITE, LONGEST, function_of, source_of
+from benchmarks.peers.casadi import LONGEST, function_of, source_of
 from benchmarks.peers.native import OPTIMISED, address, built
-from benchmarks.peers.work import LeftOutError, Side, Work
+from benchmarks.peers.work import Arguments, LeftOutError, Peer, Side, is_batch
 from benchmarks.table import stored_text
 from pfd_core.model import Robot
 
@@ -61,8 +60,7 @@ ARGUMENTS = '#define A0 q\n#define A1 qd\n#define A2 tau\n'
 
 def vector_source(robot: Robot) -> str:
     """Return the C of forward dynamics of eight states at a time."""
-    method = COMPOSITE if robot.n <= LONGEST else ARTICULATED
-    found = BODY.search(source_of(function_of(robot, method=method)))
+    found = BODY.search(source_of(function_of(robot)))
     assert found is not None
     body = found[1]
     for pattern, text in STATEMENTS:
@@ -71,43 +69,30 @@ def vector_source(robot: Robot) -> str:
     return f'enum {{ N = {robot.n} }};\n{ARGUMENTS}{code}'
 
 
-class VectorCasadi:
-    """CasADi's C on vectors of eight states, by one compiler of COMPILERS; batches only."""
-
-    def __init__(self, robot: Robot, compiler: str = 'gcc') -> None:
-        if robot.n > MOST[compiler]:
-            raise LeftOutError(f'not measured beyond {MOST[compiler]} joints: slow to compile')
-        self.name = f'CasADi C on vectors, {compiler}'
-        with built(compiler, '.c', vector_source(robot), *COMPILERS[compiler]) as path:
-            self.library = ctypes.CDLL(path)
-        self.contents = (
-            f'C for this robot, {compiler} {" ".join(OPTIMISED)} and parts of -ffast-math; called '
-            f'by ctypes once, loop in C, eight states at a time; {NUMBERS}'
-        )
-
-    def sines(self, angles: Array) -> tuple[Array, Array]:
-        """Return sine and cosine of angles, (8k,)."""
-        sine, cosine = np.empty_like(angles), np.empty_like(angles)
-        self.library.sines(ctypes.c_longlong(len(angles)), *map(address, (angles, sine, cosine)))
-        return sine, cosine
-
-    def sides(self, work: Work) -> Iterator[Side]:
-        """Yield the ways of a batch, in Fortran and in C order."""
-        orders = ('F', np.asfortranarray, 'columns'), ('C', np.ascontiguousarray, 'rows')
-        for order, laid, function in orders if work.kind == 'batch' else ():
-            given = [laid(x) for x in work.arrays]
-            out: NDArray[np.float64] = np.empty_like(given[0])
-            native = getattr(self.library, function)
-            run = partial(native, ctypes.c_longlong(work.units), *map(address, (*given, out)))
-            yield Side(f'{self.name}, {order} order', run, partial(np.asarray, out), self.contents)
+def vector_library(robot: Robot, compiler: str) -> ctypes.CDLL:
+    """Return the C compiled by one of COMPILERS: `columns`, `rows`, and `sines` for its test."""
+    if robot.n > MOST[compiler]:
+        raise LeftOutError(f'not measured beyond {MOST[compiler]} joints: slow to compile')
+    with built(compiler, '.c', vector_source(robot), *COMPILERS[compiler]) as path:
+        return ctypes.CDLL(path)
 
 
-def sine_error(peer: VectorCasadi, count: int = 1 << 17) -> float:
-    """Return the largest error of sine and cosine up to LARGEST_ANGLE, in ulp of the result."""
-    angles = np.random.default_rng(1).uniform(-1, 1, count) * np.geomspace(1, LARGEST_ANGLE, count)
-    wide = angles.astype(np.longdouble)
-    errors = (
-        np.abs(found - exact) / np.spacing(np.abs(exact.astype(np.float64)))
-        for found, exact in zip(peer.sines(angles), (np.sin(wide), np.cos(wide)), strict=True)
+def vector_casadi(robot: Robot, compiler: str = 'gcc') -> Peer:
+    """Return the peer of one compiler: a batch in Fortran and in C order."""
+    library = vector_library(robot, compiler)
+    contents = (
+        f'C for this robot, {compiler} {" ".join(OPTIMISED)} and parts of -ffast-math; called '
+        f'by ctypes once, loop in C, eight states at a time; {NUMBERS}'
     )
-    return float(max(error.max() for error in errors))
+
+    def sides(given: Arguments) -> Iterator[Side]:
+        orders = ('F', np.asfortranarray, 'columns'), ('C', np.ascontiguousarray, 'rows')
+        for order, laid, function in orders if is_batch(given) else ():
+            arrays = [laid(x) for x in given]
+            out: NDArray[np.float64] = np.empty_like(arrays[0])
+            native, count = getattr(library, function), ctypes.c_longlong(len(out))
+            run = partial(native, count, *map(address, (*arrays, out)))
+            way = f'CasADi C on vectors, {compiler}, {order} order'
+            yield Side(way, run, partial(np.asarray, out), contents)
+
+    return sides

@@ -10,14 +10,12 @@ measured rows, NAME.md and pictures are derived from it; `--from-json` only deri
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from importlib import import_module
 import json
 from pathlib import Path
 import sys
-import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from benchmarks.run import show_line
 from benchmarks.table import json_text, lines_of, write_text
@@ -33,19 +31,8 @@ QUICK = (
 EXPECTED = (ValueError, OSError, ImportError, ArithmeticError, RuntimeError)
 
 
-@dataclass(frozen=True)
-class Page:
-    """
-    A page: the module benchmarks.pages.`module` measures and shows it.
-
-    Attributes
-    ----------
-    name, title : str
-        Name of its files NAME.json and NAME.md, and its content in the index.
-    clocks : bool
-        Whether it measures times, which other work on the machine would change.
-
-    """
+class Page(NamedTuple):
+    """Name of its files and module, content in the index, and whether it measures times."""
 
     name: str
     title: str
@@ -57,6 +44,7 @@ class Page:
         return import_module(f'benchmarks.pages.{self.name.replace("-", "_")}')
 
 
+# Pages with clocks first.
 PAGES: Sequence[Page] = (
     Page('speed', 'times of forward dynamics and other quantities compared with peers', True),
     Page('error', 'time against error: integrators, and an arm under a controller', True),
@@ -68,26 +56,20 @@ PAGES: Sequence[Page] = (
     Page('array', 'the triangular array, recursive doubling and set ordering in pictures'),
     Page('networks', 'time of every method on networks between processors'),
 )
-INDEX = 'index.md'
 
 
 def page_named(name: str) -> Page:
     """Return the page of a name; ValueError for an unknown name."""
-    for page in PAGES:
-        if page.name == name:
-            return page
-    known = ', '.join(page.name for page in PAGES)
-    raise ValueError(f'unknown page {name!r}; the pages are {known}')
+    pages = {page.name: page for page in PAGES}
+    if name not in pages:
+        raise ValueError(f'unknown page {name!r}; the pages are {", ".join(pages)}')
+    return pages[name]
 
 
 def measured(page: Page, quick: bool) -> dict[str, Any]:
     """Return what NAME.json holds: the rows that a measurement yields now."""
-    return {
-        'version': VERSION,
-        'page': page.name,
-        'quick': quick,
-        'data': page.module.measure(quick),
-    }
+    data = page.module.measure(quick)
+    return {'version': VERSION, 'page': page.name, 'quick': quick, 'data': data}
 
 
 def stored(page: Page, path: Path) -> dict[str, Any]:
@@ -138,7 +120,8 @@ def index_text() -> str:
     return '# Generated pages\n\n`python -m benchmarks` makes all.\n\n' + '\n'.join(lines) + '\n'
 
 
-def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; the status is 0 only if every page was made."""
     parser = argparse.ArgumentParser(
         prog='python -m benchmarks',
         description='Measure and write the pages of docs/report.',
@@ -147,37 +130,25 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('names', nargs='*', metavar='NAME', help='pages; without, all')
     parser.add_argument('--quick', action='store_true', help='few rounds, to see that it works')
     parser.add_argument('--from-json', action='store_true', help='write pages from stored JSON')
-    parser.add_argument(
-        '--out', type=Path, help=f'folder (default {FOLDER}, quick {QUICK_FOLDER})'
-    )
-    return parser.parse_args(argv)
-
-
-def _attempts(pages: Sequence[Page], folder: Path, given: argparse.Namespace) -> Iterator[str]:
-    """Make pages, print their files, and yield one line about each page that was not made."""
-    for k, page in enumerate(pages):
-        show_line(f'{k + 1} of {len(pages)}: {page.name}, {page.title}')
-        began = time.monotonic()
-        try:
-            for path in make(page, folder, given.quick, given.from_json):
-                print(path, flush=True)
-        except EXPECTED as error:
-            yield f'{page.name} was not made: {error}'
-        show_line(f'   {time.monotonic() - began:.0f} s')
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; the status is 0 only if every page was made."""
-    given = _arguments(argv)
+    where = f'folder (default {FOLDER}, quick {QUICK_FOLDER})'
+    parser.add_argument('--out', type=Path, help=where)
+    given = parser.parse_args(argv)
     try:
-        named = [page_named(name) for name in given.names] or PAGES
+        pages = [page_named(name) for name in given.names] or PAGES
     except ValueError as error:
         print(error, file=sys.stderr)
         return 2
     folder = given.out or (QUICK_FOLDER if given.quick else FOLDER)
-    failures = list(_attempts(sorted(named, key=lambda page: not page.clocks), folder, given))
+    failures = []
+    for k, page in enumerate(sorted(pages, key=PAGES.index)):
+        show_line(f'{k + 1} of {len(pages)}: {page.name}, {page.title}')
+        try:
+            for path in make(page, folder, given.quick, given.from_json):
+                print(path, flush=True)
+        except EXPECTED as error:
+            failures.append(f'{page.name} was not made: {error}')
     if not given.names:
-        write_text(folder, INDEX, index_text())
+        write_text(folder, 'index.md', index_text())
     for line in failures:
         print(line, file=sys.stderr)
     return 1 if failures else 0

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print control steps per second in lockstep, or the time until the node's first state.
+Print control steps per second in lockstep, or the time until simulated time starts.
 
     python benchmarks/node.py lockstep [seconds]
     python benchmarks/node.py start [rounds]
@@ -13,18 +13,16 @@ cases take turns, each after one that is not timed: compare ratios.
     callback      the whole arm: engine, validation, checks of the answer, rows of the motion
     node          over topics in one process: the arm and a node of rclpy with the controller
 
-Start: processor time of a process until the node hands its first state to ROS; discovery by a
-subscriber comes on top. First starts have an empty cache of native code, warm starts the cache of
-the start before.
+Start: processor time of `pfd sim`; discovery by a subscriber comes on top. First starts have an
+empty cache of native code, warm starts the cache of the start before.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
-import json
 import os
-import signal
+from pathlib import Path
 import statistics
 import subprocess
 import sys
@@ -35,12 +33,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import pfd_core as pfd
+from pfd_ros.testing.lockstep_arm import LockstepArm
+
 GOAL = np.array([0.3, -0.6, 0.9, 0.2, -0.5, 0.4])
 # Control steps of one round.
 STEPS = 200
 SETTINGS: dict[str, Any] = {'robot': 'ur5', 'armature': True, 'substeps': 2}
-KINDS = ('first', 'warm')
-PATIENCE = 120.0  # s
+SIM = 'from pfd_ros.cli.main import main; raise SystemExit(main(["sim", "--robot", "ur5"]))'
+STARTED = 'simulated time starts'
 
 
 def pd(q: NDArray[Any], qd: NDArray[Any]) -> NDArray[Any]:
@@ -67,9 +68,6 @@ def controller(namespace: str) -> Any:
 
 def loops(stack: ExitStack) -> dict[str, Callable[[], None]]:
     """Return a round of each case; without ROS only the first two."""
-    import pfd_core as pfd
-    from pfd_ros.testing.lockstep_arm import LockstepArm
-
     arm = stack.enter_context(LockstepArm(**SETTINGS))
     bare = pfd.Simulator(arm.robot, pfd.Scene(armature='model'), substeps=2)
 
@@ -117,64 +115,35 @@ def lockstep(seconds: float) -> None:
         print(f'{name:10} {1 / min(found):10.0f}  {1 / np.median(found):12.0f}  {share:.2f}')
 
 
-def process() -> None:
-    """Run `pfd sim` until its first state."""
-    from pfd_ros.cli import main as command
-    from pfd_ros.node import main as node
-
-    run: Any = node.main
-
-    def main(*args: Any) -> Any:
-        import gc
-
-        gc.disable()  # as `main` does before these imports
-        from pfd_ros.node import process  # noqa: F401
-        from pfd_ros.node.stepping import Stepper
-
-        imported, put_out = time.process_time(), Stepper._put_out
-
-        def publish(stepper: Any, outputs: Any) -> None:
-            put_out(stepper, outputs)
-            if outputs:
-                print(json.dumps([imported, time.process_time()]), flush=True)
-                os.kill(os.getpid(), signal.SIGTERM)
-
-        setattr(Stepper, '_put_out', publish)  # noqa: B010
-        return run(*args)
-
-    setattr(node, 'main', main)  # noqa: B010
-    raise SystemExit(command.main(['sim', '--robot', 'ur5']))
+def started(cache: str) -> float:
+    """Return the processor time of a process until it logs that simulated time starts [s]."""
+    how: dict[str, Any] = {'stdout': subprocess.PIPE, 'stderr': subprocess.STDOUT, 'text': True}
+    with subprocess.Popen(
+        [sys.executable, '-c', SIM], env=os.environ | {'PFD_CACHE': cache}, **how
+    ) as process:
+        for line in process.stdout or ():
+            if STARTED in line:
+                # Behind the name in brackets, fields 14 and 15: ticks of user and system.
+                fields = Path(f'/proc/{process.pid}/stat').read_text().rpartition(')')[2].split()
+                process.terminate()
+                return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+    raise RuntimeError(f'no line with {STARTED!r}')
 
 
 def start(rounds: int) -> None:
-    found: dict[str, list[list[float]]] = {kind: [] for kind in KINDS}
+    found: dict[str, list[float]] = {'first': [], 'warm': []}
     for _ in range(rounds):
         with TemporaryDirectory() as folder:
-            for kind in KINDS:
-                done = subprocess.run(
-                    [sys.executable, __file__, kind],
-                    env=os.environ | {'PFD_CACHE': folder},
-                    capture_output=True,
-                    text=True,
-                    check=False,
-                    timeout=PATIENCE,
-                )
-                lines = [line for line in done.stdout.splitlines() if line.startswith('[')]
-                if not lines:
-                    raise RuntimeError(f'no first state of {kind}: {done.stdout}{done.stderr}')
-                found[kind].append(json.loads(lines[0]))
-    print('start    processor: least, median   imports')
-    for kind, runs in found.items():
-        times = [cpu for _, cpu in runs]
-        share = statistics.median(imports / cpu for imports, cpu in runs)
-        print(f'{kind:6} {min(times):14.2f} s {statistics.median(times):9.2f} s {share:8.0%}')
+            for times in found.values():
+                times.append(started(folder))
+    print('start    processor: least, median')
+    for kind, times in found.items():
+        print(f'{kind:6} {min(times):14.2f} s {statistics.median(times):9.2f} s')
 
 
 def main(arguments: list[str]) -> None:
     name, *number = arguments or ['']
-    if name in KINDS:
-        process()
-    elif name == 'lockstep':
+    if name == 'lockstep':
         lockstep(*map(float, number or ['20']))
     elif name == 'start':
         start(*map(int, number or ['5']))

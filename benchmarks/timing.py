@@ -38,18 +38,10 @@ LONG = 0.05
 
 class Pace(NamedTuple):
     """
-    Durations and repetitions of a measurement.
+    Seconds of a turn, turns of each side, and the budget of a work [s], at least `fewest` turns.
 
-    Attributes
-    ----------
-    chunk : float
-        Seconds of one turn: long compared with the clock's resolution, short compared with changes
-        of the machine's speed.
-    turns, fewest : int
-        Turns of each side; fewer where they would exceed the budget, never fewer than `fewest`.
-    budget : float
-        The most seconds for all turns of one work.
-
+    A turn is long compared with the clock's resolution, and short compared with changes of the
+    machine's speed.
     """
 
     chunk: float = 3e-3
@@ -60,15 +52,9 @@ class Pace(NamedTuple):
 
 class Times(NamedTuple):
     """
-    Times of one side.
+    Least and median seconds of a side for each unit of work, and its speed.
 
-    Attributes
-    ----------
-    minimum, median : float
-        Seconds for each unit of work.
-    times : float
-        Median over the turns of the first side's time over the time of this side.
-
+    `times` is the median over the turns of the first side's time over the time of this side.
     """
 
     minimum: float

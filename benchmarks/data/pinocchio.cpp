@@ -1,7 +1,7 @@
 // Copyright 2026 The pfd_ros authors
 // SPDX-License-Identifier: Apache-2.0
 //
-// Pinocchio's C++ with the loops around it (peers/pinocchio_cpp.py). All matrices are row by
+// Pinocchio's C++ with the loops around it (peers/pinocchio.py). All matrices are row by
 // row; arrays of states are (count, n) row by row.
 
 #include <memory>

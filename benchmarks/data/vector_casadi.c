@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Eight states at a time: CasADi's C of one state with `double` replaced by a vector type of the
-// compiler (peers/vector_casadi.py), which inserts its statements as the body of `arm` below.
+// compiler (peers/casadi.py), which inserts its statements as the body of `arm` below.
 
 #include <stdint.h>
 #include <string.h>

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.cases.controlled_arm import ControlledArm, free_arms, stored_arm
+from benchmarks.cases.motions import ControlledArm, free_arms, stored_arm
 from benchmarks.cases.robots import Array
 from benchmarks.pages import error_evaluations
 from benchmarks.peers.control_loop import (
@@ -45,7 +45,7 @@ from benchmarks.peers.work import LeftOutError, Side
 from benchmarks.plots import CASADI, FLOAT32, FLOAT64, GREY, MUJOCO, ORANGE, panels, save
 from benchmarks.plots import PINOCCHIO as BLACK
 from benchmarks.run import show_progress
-from benchmarks.table import Columns, Row, bullets, lines_of, order, page, short, table
+from benchmarks.table import Cells, Row, bullets, grid, lines_of, order, page, short
 from benchmarks.timing import Pace, surroundings, take_turns
 from pfd_core.simulation.step_control import SMALLEST_RTOL
 
@@ -73,38 +73,30 @@ class Plan(NamedTuple):
     ramps: Sequence[float]
     constraints: Sequence[tuple[float, float]]
     pace: Pace
-    ensemble_substeps: Sequence[int] = ()
     arms: int = 256
-
-    def quick(self) -> Plan:
-        """Return a plan to see that everything works."""
-        return self._replace(
-            fixed=self.fixed[::2][:2],
-            substeps=self.substeps[:2],
-            tolerances=self.tolerances[:1],
-            ramps=self.ramps[:2],
-            constraints=self.constraints[:1],
-            ensemble_substeps=self.ensemble_substeps[:1],
-            arms=16,
-            pace=Pace(chunk=1e-4, turns=2, fewest=2),
-        )
+    ensemble_substeps: Sequence[int] = ()
 
 
 ALL = tuple(product(INTEGRATORS, ('float64', 'float32')))
 FEW, MANY = (1, 2, 5), (1, 2, 5, 10, 20)
-PLAN = Plan(ALL, MANY, (1e-3, 1e-9), RAMPS, CONSTRAINTS, Pace(budget=30.0, fewest=2), FEW)
+PACE, FREE_PACE = Pace(budget=30.0, fewest=2), Pace(budget=16.0, turns=20)
+PLAN = Plan(ALL, MANY, (1e-3, 1e-9), RAMPS, CONSTRAINTS, PACE, ensemble_substeps=FEW)
 STEPS, TENTHS = (10, 20, 50, 100, 200, 500, 1000), tuple(10.0**-k for k in range(3, 13))
-FREE = Plan(ALL, STEPS, TENTHS, (1.0,), CONSTRAINTS[:1], Pace(budget=16.0, turns=20))
+FREE = Plan(ALL, STEPS, TENTHS, (1.0,), CONSTRAINTS[:1], FREE_PACE)
+QUICK_PACE = Pace(chunk=1e-4, turns=2, fewest=2)
+QUICK = Plan(ALL[:3:2], (1, 5), (1e-3,), RAMPS[2:4], CONSTRAINTS[:1], QUICK_PACE, 16, (1,))
+QUICK_FREE = FREE._replace(
+    fixed=QUICK.fixed, substeps=(10, 100), tolerances=(1e-3,), pace=QUICK_PACE
+)
 
 
 def measure(quick: bool) -> dict[str, Any]:
     """Return the machine, the controlled arm, free motions by name, and evaluations."""
-    plans = (PLAN.quick(), FREE.quick()) if quick else (PLAN, FREE)
     return {
         'machine': surroundings(),
-        CONTROLLED: _measure(stored_arm(), plans[0]),
+        CONTROLLED: _measure(stored_arm(), QUICK if quick else PLAN),
         'free': {
-            name: {'cause': cause} | _measure(arm, plans[1])
+            name: {'cause': cause} | _measure(arm, QUICK_FREE if quick else FREE)
             for name, (cause, arm) in free_arms().items()
         },
         'evaluations': error_evaluations.measure(quick),
@@ -121,23 +113,26 @@ def _measure(case: ControlledArm, plan: Plan) -> dict[str, Any]:
     show_progress(f'reference of a {case.robot.name}')
     wanted, differences = _reference(case)
     missing: list[str] = []
-    measured = [_best(row, runs, wanted) for row, runs in _candidates(case, plan, missing)]
-    show_progress(f'{len(measured)} runs take turns')
+    best = dict[tuple[str, ...], tuple[dict[str, Any], Run, float]]()
+    for row, run in _candidates(case, plan, missing):
+        show_progress(f'{row["way"]}, {setting(row)} {row["softness"]}')
+        one = _tried(row, run, wanted)
+        key = tuple(str(row[x]) for x in ('way', 'step', 'tolerance', 'left_out', 'arms'))
+        best[key] = min(best.get(key, one), one, key=_error)
+    show_progress(f'{len(best)} runs take turns')
     # Long runs take turns among themselves: they would leave the others few turns.
     for long in (False, True):
-        own = [one for one in measured if one[0]['status'] == 'ok' and (one[2] > LONG) == long]
+        own = [x for x in best.values() if x[0]['status'] == 'ok' and (x[2] > LONG) == long]
         sides = [Side(row['way'], run, lambda: wanted) for row, run, _ in own]
-        for (row, _, _), times in zip(
-            own, take_turns(sides, 1, plan.pace, time.thread_time), strict=True
-        ):
+        found = take_turns(sides, 1, plan.pace, time.thread_time)
+        for (row, _, _), times in zip(own, found, strict=True):
             unit = case.duration * row['arms']
             row |= {'minimum': times.minimum / unit, 'median': times.median / unit}
+    rows, order_of = (row for row, _, _ in best.values()), list(STYLES).index
     return {
         'reference': differences,
         'seconds': case.duration,
-        'runs': sorted(
-            (row for row, _, _ in measured), key=lambda x: list(STYLES).index(x['way'])
-        ),
+        'runs': sorted(rows, key=lambda row: order_of(row['way'])),
         'missing': missing,
     }
 
@@ -161,25 +156,25 @@ def _reference(case: ControlledArm) -> tuple[Array, dict[str, float]]:
 
 def _candidates(
     case: ControlledArm, plan: Plan, missing: list[str]
-) -> Iterator[tuple[dict[str, Any], Sequence[tuple[str, Run]]]]:
-    """Yield rows without numbers, each with its runs: how friction is approximated, and a run."""
+) -> Iterator[tuple[dict[str, Any], Run]]:
+    """Yield rows without numbers, each with its run."""
 
-    def row(way: str, substeps: int = 0, arms: int = 1, tolerance: float = 0.0) -> dict[str, Any]:
-        step = {'step': case.period / substeps if substeps else None}
-        return {'way': way, **step, 'tolerance': tolerance or None, 'left_out': [], 'arms': arms}
+    def row(way: str, substeps: int = 0, **known: Any) -> dict[str, Any]:
+        step = {'step': case.period / substeps if substeps else None, 'tolerance': None}
+        return {'way': way, **step, 'left_out': [], 'arms': 1, 'softness': '', **known}
 
     for integrator, dtype in plan.fixed:
         sizes = [(1, x) for x in plan.substeps] + [(plan.arms, x) for x in plan.ensemble_substeps]
         for arms, substeps in sizes:
             run = fixed(case, substeps, integrator, dtype, arms=arms)
-            yield row(f'pfd {integrator} {dtype}', substeps, arms), [('', run)]
+            yield row(f'pfd {integrator} {dtype}', substeps, arms=arms), run
     without = [('armature', integrator, 1) for integrator in INTEGRATORS]
     without += [(effect, FINE, FINE_STEPS) for effect in LEAVES]
     for effect, integrator, substeps in without if case.kp.any() else ():
         run = fixed(case, substeps, integrator, scene=case.scene.without([effect]))
-        yield {**row(f'pfd {integrator} float64', substeps), 'left_out': [effect]}, [('', run)]
+        yield row(f'pfd {integrator} float64', substeps, left_out=[effect]), run
     for tolerance in plan.tolerances:
-        yield row(ADAPTIVE, tolerance=tolerance), [('', adaptive(case, tolerance))]
+        yield row(ADAPTIVE, tolerance=tolerance), adaptive(case, tolerance)
     others = {
         'CasADi': partial(casadi_runs, case, plan.ramps),
         'Pinocchio': partial(pinocchio_runs, case, plan.ramps),
@@ -192,34 +187,26 @@ def _candidates(
             missing.append(f'{library}: {reason}')
             continue
         for substeps in plan.substeps:
-            found = dict[str, list[tuple[str, Run]]]()
-            for way, label, run in runs(substeps):
-                found.setdefault(way, []).append((label, run))
-            yield from ((row(way, substeps), some) for way, some in found.items())
+            for way, softness, run in runs(substeps):
+                yield row(way, substeps, softness=softness), run
 
 
-def _best(
-    row: dict[str, Any], runs: Sequence[tuple[str, Run]], wanted: Array
-) -> tuple[dict[str, Any], Run, float]:
-    """Return the row of the run with the smallest error, the run, and its seconds once."""
-    show_progress(f'{row["way"]}, {setting(row)}')
-    found = []
-    for softness, run in runs:
-        began = time.thread_time()
-        answer = run()
-        seconds = time.thread_time() - began
-        off = np.abs(answer.q - wanted)
-        sound = answer.status == 'ok' and bool(off.max() <= LOST)
-        numbers = {
-            'softness': softness,
-            'status': 'lost' if answer.status == 'ok' and not sound else answer.status,
-            'error': float(off.max()) if sound else None,
-            'middle': float(np.median(off)) if sound else None,
-            'minimum': None,
-            'median': None,
-        }
-        found.append((row | numbers, run, seconds))
-    return min(found, key=lambda one: np.inf if one[0]['error'] is None else one[0]['error'])
+def _error(one: tuple[Row, Run, float]) -> float:
+    return np.inf if one[0]['error'] is None else float(one[0]['error'])
+
+
+def _tried(row: dict[str, Any], run: Run, wanted: Array) -> tuple[dict[str, Any], Run, float]:
+    """Return the row with the error of a run, the run, and its seconds."""
+    began = time.thread_time()
+    status, q = run()
+    seconds = time.thread_time() - began
+    off = np.abs(q - wanted)
+    if status == 'ok' and off.max() > LOST:
+        status = 'lost'
+    known: dict[str, Any] = dict.fromkeys(('error', 'middle', 'minimum', 'median'))
+    if status == 'ok':
+        known |= {'error': float(off.max()), 'middle': float(np.median(off))}
+    return row | {'status': status} | known, run, seconds
 
 
 # From here on the page: all from the rows.
@@ -264,32 +251,22 @@ def setting(row: Row) -> str:
 
 def text(data: Mapping[str, Any]) -> str:
     """Return the page."""
-    controlled = data[CONTROLLED]
-    whole = [row for row in controlled['runs'] if not row['left_out']]
-    motions = []
+    controlled, motions = data[CONTROLLED], []
     for name, found in data['free'].items():
         change = order(found['reference']['self_difference'])
         motions += [
             f'### {name}\n',
             f'{found["cause"]}; {found["seconds"]:g} s. With another algorithm and shorter steps '
             f'the reference changes by {change} rad.\n',
-            *table(_columns(found, ('arms', 'friction')), found['runs']),
-            '',
+            *_runs(found),
         ]
-    effects: Columns = {
-        'scene': lambda row: f'without {LEAVES[row["left_out"][0]]}',
-        'worst joint [rad]': lambda row: f'{row["error"]:.1e}',
-        'median joint [rad]': lambda row: f'{row["middle"]:.1e}',
-    }
     return page(
         'error',
         machine=data['machine'],
-        advice=_advice(whole),
+        advice=_advice(controlled['runs']),
         **{key: order(value) for key, value in controlled['reference'].items()},
-        floor=order(_floor(controlled)),
-        scenes=table(effects, _without(controlled)),
         rotors=without_rotors(controlled['runs']),
-        runs=table(_columns(controlled), whole),
+        runs=_runs(controlled),
         missing=bullets(controlled['missing'], 'Nothing.'),
         motions=motions,
         evaluations=error_evaluations.text(data['evaluations']),
@@ -312,36 +289,22 @@ def _milliseconds(row: Row) -> str:
     return short(row['minimum'] * 1e3)
 
 
-def _columns(data: Mapping[str, Any], left_out: Sequence[str] = ()) -> Columns:
-    """Return the columns of all runs; errors below the floor are not resolved."""
-    floor = _floor(data)
-
-    def resolved(error: float) -> str:
-        return f'< {order(floor)}' if error < floor else f'{error:.1e}'
-
-    def times(row: Row) -> str:
-        if row['minimum'] is None:
-            return str(row['status'])
-        return f'{_milliseconds(row)} / {short(row["median"] * 1e3)}'
-
-    def errors(row: Row) -> str:
-        return ' / '.join(resolved(row[x]) for x in ('error', 'middle') if row[x] is not None)
-
-    columns: Columns = {
-        'library, integrator, format': 'way',
-        'step or tolerance': setting,
-        'arms': 'arms',
-        'friction': lambda row: row['softness'] or '-',
-        'time': times,
-        'error': errors,
-    }
-    return {title: cell for title, cell in columns.items() if title not in left_out}
+def _runs(data: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the lines of two tables, of steps and of tolerances, with all effects."""
+    for kind in ('step', 'tolerance'):
+        cells = Cells()
+        for row in (x for x in data['runs'] if x[kind] is not None and not x['left_out']):
+            many = f', each of {row["arms"]}' if row['arms'] > 1 else ''
+            found = row['status'] if row['minimum'] is None else None
+            cell = found or f'{_milliseconds(row)} ms, {max(row["error"], _floor(data)):.1e}'
+            cells[row['way'] + many, setting(row)] = cell
+        yield from (*grid(cells, 'way'), '')
 
 
 def _fastest(rows: Sequence[Row], tolerance: float) -> list[Row | None]:
-    """Return the fastest row of each kind within a tolerance, with MARGIN."""
-    timed = [row for row in rows if row['minimum'] is not None]
-    sound = [row for row in timed if row['error'] * MARGIN <= tolerance]
+    """Return the fastest row of each kind with all effects, within a tolerance, with MARGIN."""
+    whole = [row for row in rows if row['minimum'] is not None and not row['left_out']]
+    sound = [row for row in whole if row['error'] * MARGIN <= tolerance]
     return [
         min(filter(fits, sound), key=lambda row: float(row['minimum']), default=None)
         for fits in KINDS
@@ -369,10 +332,9 @@ def results_rows(data: Mapping[str, Any]) -> list[dict[str, str]]:
     """
     Return the row of README.md: what, ours, peer, theirs and speed-up, as text; [] without peers.
 
-    The fastest runs of one arm with all effects within each tolerance, with a margin of two.
+    The fastest runs of one arm within each tolerance.
     """
-    whole = [row for row in data[CONTROLLED]['runs'] if not row['left_out']]
-    found = [_fastest(whole, tolerance) for tolerance in COARSE_AND_FINE]
+    found = [_fastest(data[CONTROLLED]['runs'], tolerance) for tolerance in COARSE_AND_FINE]
     pairs = [(own, peer) for own, _, peer in found if own and peer]
     if len(pairs) < len(found):
         return []
@@ -389,29 +351,36 @@ def results_rows(data: Mapping[str, Any]) -> list[dict[str, str]]:
 
 def without_rotors(rows: Sequence[Row]) -> str:
     """Return a sentence of README.md on our runs without rotors in steps of one period."""
-    own = [row for row in rows if row['left_out'] == ['armature']]
-    longest = max(row['step'] for row in own)
-    own = [row for row in own if row['step'] == longest]
-    names = {row['way']: row['way'].split()[1] for row in own}
-    lost = ' and '.join(names[row['way']] for row in own if row['status'] != 'ok')
-    does = ', '.join(
-        f'{names[row["way"]]} does, in {_milliseconds(row)} ms'
-        for row in own
-        if row['status'] == 'ok'
-    )
+    without = [row for row in rows if row['left_out'] == ['armature']]
+    longest = max(row['step'] for row in without)
+    own = {row['way'].split()[1]: row for row in without if row['step'] == longest}
+    lost = ' and '.join(name for name, row in own.items() if row['minimum'] is None)
+    done = {name: _milliseconds(row) for name, row in own.items() if row['minimum'] is not None}
+    does = ', '.join(f'{name} does, in {time} ms' for name, time in done.items())
     return (
         f'Without rotor inertia, which most URDFs lack, {lost or "none"} do not finish in steps '
-        f'of {setting(own[0])}; {does or "none does"}.'
+        f'of {longest * 1e3:g} ms; {does or "none does"}.'
     )
 
 
 def plots(data: Mapping[str, Any], folder: Path) -> list[Path]:
     """Write time over error of the arm under a controller, and of free motions."""
-    drawn = (
-        ('error', (10.0, 6.0), partial(_draw, data[CONTROLLED])),
-        ('error-integrators', (14.0, 7.6), partial(_draw_free, data['free'])),
-    )
-    return [file for name, size, draw in drawn for file in save(draw, folder, name, size, ['png'])]
+    free = [
+        (
+            {
+                'title': f'{name}, {found["seconds"]:g} s',
+                'xlabel': 'error of the worst joint at the end [rad]',
+                'ylabel': 'time of one simulated second on one thread [ms]',
+            },
+            _lines(found),
+        )
+        for name, found in data['free'].items()
+    ]
+    drawn = partial(_draw, data[CONTROLLED]), partial(panels, free, columns=5)
+    return [
+        *save(drawn[0], folder, 'error', (10.0, 6.0), ['png']),
+        *save(drawn[1], folder, 'error-integrators', (14.0, 7.6), ['png']),
+    ]
 
 
 def _draw(data: Mapping[str, Any], figure: Any) -> None:
@@ -432,16 +401,6 @@ def _draw(data: Mapping[str, Any], figure: Any) -> None:
     axes.text(0.005, 1.08e3, 'real time', va='bottom', **place)
     many = max(row['arms'] for row in data['runs'])
     axes.text(0.005, 0.02, f'open: each of {many} equal arms', transform=axes.transAxes)
-
-
-def _draw_free(data: Mapping[str, Any], figure: Any) -> None:
-    content = []
-    for name, found in data.items():
-        title = f'{name}, {found["seconds"]:g} s'
-        labels = {'title': title, 'xlabel': 'error of the worst joint at the end [rad]'}
-        labels['ylabel'] = 'time of one simulated second on one thread [ms]'
-        content.append((labels, _lines(found)))
-    panels(content, figure, columns=5)
 
 
 def _lines(data: Mapping[str, Any]) -> list[tuple[Any, dict[str, Any]]]:

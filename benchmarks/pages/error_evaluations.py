@@ -19,7 +19,6 @@ import numpy as np
 from benchmarks.cases.hard_cases import CASES
 from benchmarks.pages import speed
 from benchmarks.peers.ours import ours
-from benchmarks.peers.pinocchio import LOOP
 from benchmarks.peers.work import LeftOutError, Peer, valid_sides
 from benchmarks.references.accelerations import errors, reference
 from benchmarks.run import show_progress
@@ -32,7 +31,6 @@ MEASURED = (
     'ordinary_panda',
     'payload_1e6',
     'heavy_tip_1e8_n12',
-    'near_stretched_40',
     'collinear_axes_1e-12',
 )
 BATCH, PACE = 4096, Pace(chunk=1e-3, turns=100, fewest=10, budget=8.0)
@@ -46,25 +44,21 @@ OURS = {
 def measure(quick: bool) -> dict[str, Any]:
     """Return points: case, way, minimum [s a state] and largest error; and what is missing."""
     names, batch, pace = QUICK if quick else (MEASURED, BATCH, PACE)
-    others = speed.FAST if quick else speed.PEERS
-    makers: dict[str, Any] = {x: m for x, m in others.items() if m.__class__ is not partial}
-    makers |= {x: m for x, m in others.items() if 'vectors' in x}
+    makers: speed.Makers = {**OURS, **(speed.FAST if quick else speed.OTHERS)}
     points, reasons = list[dict[str, Any]](), dict[str, str]()
     for case in (case for name in names for case in CASES if case.name == name):
         show_progress(f'{case.name}: reference')
         problem = case.make()
         known, robot, states = reference(problem), problem.plant.robot, problem.states.values()
         peers, count = dict[str, Peer](), len(problem.states['q'])
-        for name, make in (OURS | makers).items():
+        for name, make in makers.items():
             try:
                 peers[name] = make(robot)
             except LeftOutError as reason:
                 reasons[name] = str(reason)
         given = [np.resize(x, (batch, robot.n)) for x in states]
         sides = [
-            side
-            for side in valid_sides(peers, given, reasons)
-            if not side.way.startswith(LOOP) and not side.way.endswith(('C order', 'threads'))
+            side for side in valid_sides(peers, given, reasons) if not side.way.endswith('C order')
         ]
         show_progress(f'{case.name}: {len(sides)} ways')
         for side, times in zip(sides, take_turns(sides, batch, pace), strict=True):

@@ -16,26 +16,22 @@ import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 import time
-from typing import Any, NamedTuple
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 
 from benchmarks.cases.quantities import FORWARD, QUANTITIES, STATE, random_states
 from benchmarks.cases.robots import robot
-from benchmarks.peers.casadi import casadi_c
-from benchmarks.peers.mujoco import mujoco
-from benchmarks.peers.others import dynibo, frax
+from benchmarks.peers.casadi import COMPILERS, LARGEST_ANGLE, casadi_c, vector_casadi
+from benchmarks.peers.others import dynibo, frax, mujoco
 from benchmarks.peers.ours import CODE, ours
-from benchmarks.peers.pinocchio import Pinocchio
-from benchmarks.peers.pinocchio_cpp import NAME as CPP
-from benchmarks.peers.pinocchio_cpp import pinocchio_cpp
-from benchmarks.peers.vector_casadi import COMPILERS, LARGEST_ANGLE, vector_casadi
+from benchmarks.peers.pinocchio import CPP, Pinocchio, pinocchio_cpp
 from benchmarks.peers.work import LeftOutError, Peer, title_of, valid_sides
 from benchmarks.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, panels, save
 from benchmarks.run import show_progress
-from benchmarks.table import Cells, bullets, grid, lines_of, order, page, short
-from benchmarks.timing import Pace, differences, surroundings, take_turns
+from benchmarks.table import Cells, bullets, grid, lines_of, page, short
+from benchmarks.timing import Pace, surroundings, take_turns
 from pfd_core.kernels.cache import VARIABLE
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.model import Robot
@@ -44,14 +40,13 @@ Row = Mapping[str, Any]
 Makers = Mapping[str, Callable[[Robot], Peer]]
 # Arms of the tables of README.md and the guide.
 ROBOT, OTHER_ROBOT = 'ur5', 'panda'
-OUR_METHODS = ('composite_body', 'grouped_articulated_body')
-# The most numbers of an argument: more only measures the memory.
-MOST_NUMBERS = 500_000
+ARMS = (ROBOT, OTHER_ROBOT, 'puma560', 'dense6', 'chain6', 'chain12')
 # States of a batch that fits into the caches, and takes long compared with its call overhead.
 MIDDLE_BATCH = 4096
-# Ends of ways that do more than the others.
-NOT_COMPARED = (' 2 threads', ' refined')
-PEERS: Makers = {
+SIZES = (1, 64, 512, MIDDLE_BATCH, 65536)
+# End of a way that does more than the others.
+NOT_COMPARED = ' refined'
+OTHERS: Makers = {
     'Pinocchio': Pinocchio,
     CPP: pinocchio_cpp,
     'MuJoCo': mujoco,
@@ -59,49 +54,33 @@ PEERS: Makers = {
     'frax': frax,
     'CasADi C': casadi_c,
     **{f'CasADi C on vectors, {x}': partial(vector_casadi, compiler=x) for x in COMPILERS},
-    **{
-        f'{method} {dtype}': partial(ours, method=method, dtype=dtype)
-        for method, dtype in product(OUR_METHODS, ('float64', 'float32'))
-    },
 }
-
-
-class Plan(NamedTuple):
-    """Robots, batches, pace, robots of other quantities, and peers."""
-
-    robots: Sequence[str]
-    sizes: Sequence[int]
-    pace: Pace
-    others: Sequence[str]
-    makers: Makers
-
-
-CHAINS = tuple(f'chain{n}' for n in (6, 12, 30, 60, 100))
-ARMS = (ROBOT, OTHER_ROBOT, 'puma560', 'dense6', *CHAINS)
-FULL = Plan(ARMS, (1, 64, 512, MIDDLE_BATCH, 65536), Pace(budget=3.0), ARMS[:2], PEERS)
 # Without the peers that take long to compile.
-FAST = {name: make for name, make in PEERS.items() if name not in (CPP, 'frax')}
-QUICK = Plan((ROBOT,), (1, 64), Pace(chunk=1e-4, turns=3), ('planar2',), FAST)
+FAST = {name: make for name, make in OTHERS.items() if name not in (CPP, 'frax')}
+OUR_METHODS = ('composite_body', 'grouped_articulated_body')
+OURS = {
+    f'{method} {dtype}': partial(ours, method=method, dtype=dtype)
+    for method, dtype in product(OUR_METHODS, ('float64', 'float32'))
+}
 
 
 def measure(quick: bool) -> dict[str, Any]:
     """Return times, first results and exclusions; progress goes to stderr."""
-    plan = QUICK if quick else FULL
+    pace = Pace(chunk=1e-4, turns=3) if quick else Pace(budget=3.0)
+    sizes, others = (SIZES[:2], FAST) if quick else (SIZES, OTHERS)
     data: dict[str, Any] = {'machine': surroundings(), 'rows': [], 'excluded': []}
-    data['first'] = _first_results(robot(plan.others[0]))
-    for name in plan.robots:
-        arm = robot(name)
-        sizes = [size for size in plan.sizes if size * arm.n <= MOST_NUMBERS]
-        _measure(data, arm, FORWARD, plan.makers, sizes, plan.pace)
-    for name, quantity in product(plan.others, QUANTITIES):
+    data['first'] = _first_results(robot(ROBOT))
+    for name in ARMS[:1] if quick else ARMS:
+        _measure(data, robot(name), FORWARD, {**others, **OURS}, sizes, pace)
+    for name, quantity in product(ARMS[:1] if quick else ARMS[:2], QUANTITIES):
         makers: Makers = {
             'Pinocchio': partial(Pinocchio, quantity=quantity),
             'CasADi C': partial(casadi_c, quantity=quantity),
             'pfd': partial(ours, quantity=quantity),
         }
         if quantity != FORWARD:
-            size = min(MIDDLE_BATCH, plan.sizes[-1])
-            _measure(data, robot(name), quantity, makers, [size], plan.pace)
+            size = min(MIDDLE_BATCH, sizes[-1])
+            _measure(data, robot(name), quantity, makers, [size], pace)
     show_progress('')
     return data
 
@@ -129,8 +108,8 @@ def _measure(
     """
     Add the rows of one call and of batches.
 
-    A row has minimum and median [s a state], times (the first way's time over this way's, median
-    over the turns) and difference (largest max|difference| / max|wanted| of a state).
+    A row has minimum and median [s a state], and times: the first way's time over this way's,
+    median over the turns.
     """
     reasons, peers = dict[str, str](), dict[str, Peer]()
     for name, make in makers.items():
@@ -139,18 +118,16 @@ def _measure(
             peers[name] = make(arm)
         except LeftOutError as reason:
             reasons[name] = str(reason)
-    known, states = peers.get('Pinocchio'), random_states(arm, max(sizes))
+    states = random_states(arm, max(sizes))
     for size in (0, *sizes):
         arrays = (states[name] for name in QUANTITIES[quantity])
         given = [x[:size] if size else x[0] for x in arrays]
         show_progress(f'{arm.name}: {quantity}, {title_of(given)}')
-        wanted = known.results(given) if isinstance(known, Pinocchio) else None
         sides = valid_sides(peers, given, reasons)
-        head = {'robot': arm.name, 'n': arm.n, 'quantity': quantity, 'work': title_of(given)}
+        head = {'robot': arm.name, 'quantity': quantity, 'work': title_of(given)}
         for side, times in zip(sides, take_turns(sides, size or 1, pace), strict=True):
-            off = None if wanted is None else float(np.max(differences(side.result(), wanted)))
             own = {'way': side.way, 'contents': side.contents, **times._asdict()}
-            data['rows'].append(head | own | {'difference': off})
+            data['rows'].append(head | own)
     data['excluded'] += [
         {'way': f'{way}, {quantity}', 'robot': arm.name, 'why': why}
         for way, why in reasons.items()
@@ -187,17 +164,16 @@ GUIDE = {
     f'Panda, derivatives of qdd, a {MANY}': (OTHER_ROBOT, 'derivatives', MANY),
     'Panda, derivatives of qdd, one bound call': (OTHER_ROBOT, 'derivatives', BOUND),
 }
-# Lines of the picture: label, beginnings and ends of the ways, colour and marker.
-IN_64, IN_32 = ('float64, F order', 'float64: bound'), ('float32, F order', 'float32: bound')
+# Lines of the picture: label, beginnings and end of the ways, colour and marker.
 LINES = (
-    ('this library, float64', OUR_METHODS, IN_64, BLUE, 'o'),
-    ('this library, float32', OUR_METHODS, IN_32, VERMILLION, '^'),
-    ("CasADi's C on vectors of 8 states", ('CasADi C on vectors',), ('F order',), GREEN, 'D'),
-    ("CasADi's C", ('CasADi C comp', 'CasADi C art'), ('C', 'buffer()'), PURPLE, '*'),
-    ('Pinocchio in C++', (CPP,), ('',), ORANGE, 's'),
-    ('Pinocchio from Python', ('pinocchio',), ('',), 'black', 's'),
-    ('MuJoCo', ('mujoco',), ('',), GREY, 'v'),
-    ('frax', ('frax',), ('',), SKY, 'P'),
+    ('this library, float64', OUR_METHODS, 'float64, F order', BLUE, 'o'),
+    ('this library, float32', OUR_METHODS, 'float32, F order', VERMILLION, '^'),
+    ("CasADi's C on vectors of 8 states", ('CasADi C on vectors',), 'F order', GREEN, 'D'),
+    ("CasADi's C", ('CasADi C comp',), 'loop in C', PURPLE, '*'),
+    ('Pinocchio in C++', (CPP,), '', ORANGE, 's'),
+    ('Pinocchio from Python', ('pinocchio',), '', 'black', 's'),
+    ('MuJoCo', ('mujoco',), '', GREY, 'v'),
+    ('frax', ('frax',), '', SKY, 'P'),
 )
 
 
@@ -213,12 +189,10 @@ def text(data: dict[str, Any]) -> str:
         'speed',
         machine=data['machine'],
         angle=f'{LARGEST_ANGLE:g}',
-        strongest=_strongest(rows),
+        strongest=_strongest(data['rows']),
         works='\n\n'.join(_by_work(rows)),
         first=lines_of(['robot', 'code', 'time [ms]'], first),
-        quantities=_quantities([row for row in data['rows'] if row['quantity'] != FORWARD]),
         contents=_contents(data['rows']),
-        differences=_differences(rows),
         excluded=bullets(left_out, 'Nothing.'),
     )
 
@@ -313,15 +287,17 @@ def guide_table(data: dict[str, Any]) -> str:
 
 
 def _strongest(rows: Sequence[Row]) -> list[str]:
-    """Return a table of our fastest ways over the fastest peer, robot by robot."""
-    cells = Cells()
-    for arm, work in product(dict.fromkeys(row['robot'] for row in rows), COMPARED):
-        found = compared(rows, arm, FORWARD, work)
-        if found is not None:
-            cells[arm, work] = _ratio(*found[:2])
+    """Return our fastest ways and the fastest peer, for each robot and quantity."""
     if all(map(_is_ours, rows)):
         return ["No peer could be measured: `pip install '.[peers]'`, and gcc, clang or g++."]
-    return grid(cells, 'robot')
+    cells = Cells()
+    places = dict.fromkeys((row['robot'], row['quantity']) for row in rows)
+    for (arm, quantity), work in product(places, COMPARED):
+        found = compared(rows, arm, quantity, work)
+        if found is not None:
+            title = f'{arm}, {quantity}'.removesuffix(f', {FORWARD}').replace('_', ' ')
+            cells[title, work] = f'{_ns(found[0])}, {_ratio(*found[:2])}'
+    return grid(cells, 'robot, quantity')
 
 
 def _by_work(rows: Sequence[Row]) -> Iterator[str]:
@@ -334,20 +310,6 @@ def _by_work(rows: Sequence[Row]) -> Iterator[str]:
         yield '\n'.join([f'## {work.capitalize()} [ns]\n', *grid(cells)])
 
 
-def _quantities(rows: Sequence[Row]) -> list[str]:
-    """Return our times of each other quantity, and the speed-up over the peers."""
-    cells = Cells()
-    for arm, quantity in dict.fromkeys((row['robot'], row['quantity']) for row in rows):
-        for work in (BOUND, MANY):
-            found, place = compared(rows, arm, quantity, work), f'{arm}, {quantity}'
-            if found is not None:
-                own, peer, general = found
-                cells[place, f'{work} [ns]'] = short(own['minimum'] * 1e9)
-                cells[place, f'{work}, times as fast as the fastest peer'] = _ratio(own, peer)
-                cells[place, f'{work}, the fastest for any robot'] = _ratio(own, general)
-    return grid(cells, 'quantity')
-
-
 def _contents(rows: Sequence[Row]) -> list[str]:
     known: dict[tuple[str, str], dict[str, None]] = {}
     for row in rows:
@@ -356,44 +318,25 @@ def _contents(rows: Sequence[Row]) -> list[str]:
     return lines_of(['work', 'code of one state; call and loop; numbers', 'ways'], lines)
 
 
-def _differences(rows: Sequence[Row]) -> list[str]:
-    """Return the largest difference of each way over all robots."""
-    largest: dict[str, str] = {}
-    for row in sorted(rows, key=lambda row: -(row['difference'] or 0.0)):
-        if row['difference'] is not None:
-            way = row['way'].split(':')[0].split(',')[0]
-            largest.setdefault(way, f'{order(row["difference"])} ({row["robot"]})')
-    return lines_of(['way', 'accelerations'], largest.items())
-
-
 def plots(data: dict[str, Any], folder: Path) -> list[Path]:
-    """Draw the least time of a state over n, and over the size of a batch."""
-    rows = [
-        row
-        for row in data['rows']
-        if row['quantity'] == FORWARD and not row['way'].endswith(NOT_COMPARED)
-    ]
-    chains = [row for row in rows if row['robot'].startswith('chain')]
-    batches = [x for x in rows if x['robot'] == ROBOT and x['work'].startswith('batch')]
-    found = (
-        ('chains of n joints: one call', 'n', [x for x in chains if x['work'] == 'call']),
-        (f'chains of n joints: {MANY}', 'n', [x for x in chains if x['work'] == MANY]),
-        ('UR5: batches', 'states of a batch', batches),
-    )
-    drawn = [_panel(*panel) for panel in found]
-    return save(partial(panels, drawn, columns=4), folder, 'speed', (15, 5.8), ['png'])
+    """Draw the least time of a state over the size of a batch."""
+    titles = {ROBOT: 'UR5', 'chain12': 'chain of 12 joints'}
+    drawn = []
+    for arm, title in titles.items():
+        rows = [row for row in data['rows'] if (row['robot'], row['quantity']) == (arm, FORWARD)]
+        settings = {'title': title, 'xlabel': 'states of a batch', 'xticks': SIZES}
+        settings |= {'xticklabels': SIZES, 'ylabel': 'least time of a state [ns]'}
+        drawn.append((settings, [_line(rows, *line) for line in LINES]))
+    return save(partial(panels, drawn, columns=4), folder, 'speed', (11, 5.8), ['png'])
 
 
-def _panel(title: str, label: str, rows: Sequence[Row]) -> tuple[dict[str, Any], list[Any]]:
-    lines, ticks = [], set[int]()
-    for name, begin, ends, colour, marker in LINES:
-        least: dict[int, float] = {}
-        for row in rows:
-            if row['way'].startswith(begin) and row['way'].endswith(ends):
-                x = row['n'] if label == 'n' else int(row['work'].split()[-1])
-                least[x] = min(least.get(x, np.inf), row['minimum'] * 1e9)
-        ticks |= set(least)
-        style = {'label': name, 'color': colour, 'marker': marker}
-        lines.append((sorted(least.items()), style))
-    settings = {'title': title, 'xlabel': label, 'ylabel': 'least time of a state [ns]'}
-    return settings | {'xticks': sorted(ticks), 'xticklabels': sorted(ticks)}, lines
+def _line(
+    rows: Sequence[Row], label: str, begin: tuple[str, ...], end: str, colour: str, marker: str
+) -> tuple[list[tuple[int, float]], dict[str, Any]]:
+    least: dict[int, float] = {}
+    for row in rows:
+        way, (kind, *size) = row['way'], row['work'].split(' of ')
+        if kind == 'batch' and way.startswith(begin) and way.endswith(end):
+            states = int(size[0])
+            least[states] = min(least.get(states, np.inf), row['minimum'] * 1e9)
+    return sorted(least.items()), {'label': label, 'color': colour, 'marker': marker}

@@ -26,11 +26,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.cases.controlled_arm import ControlledArm
+from benchmarks.cases.motions import ControlledArm
 from benchmarks.cases.robots import Array
-from benchmarks.peers import casadi, pinocchio_cpp
-from benchmarks.peers.mujoco import model_of
+from benchmarks.peers import casadi, pinocchio
 from benchmarks.peers.native import address, built, effort_limits, joint_torques
+from benchmarks.peers.others import model_of
 from benchmarks.peers.work import installed
 from benchmarks.table import stored_text
 from pfd_core.model import Scene
@@ -128,7 +128,7 @@ def casadi_runs(case: ControlledArm, ramps: Sequence[float]) -> Runs:
 
 def pinocchio_runs(case: ControlledArm, ramps: Sequence[float]) -> Runs:
     """Return the runs of Pinocchio's C++."""
-    made = [(width, *pinocchio_cpp.model(case.plant, width)) for width in ramps]
+    made = [(width, *pinocchio.compiled_model(case.plant, width)) for width in ramps]
 
     def runs(substeps: int) -> Iterator[tuple[str, str, Run]]:
         for width, library, arm in made:

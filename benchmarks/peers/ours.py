@@ -11,15 +11,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cases.quantities import FORWARD, STATE
-from benchmarks.peers.work import Arguments, LeftOutError, Peer, Side, is_batch
+from benchmarks.peers.work import Arguments, Peer, Side, is_batch
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.model import Robot
 
-# Most joints that are measured.
-MOST = {'composite_body': 30}
-THREADS = 2
-# Smallest batch that is measured with a second thread.
-SHARED_FROM = 4096
 CODE = 'native code for this robot and processor'
 
 
@@ -34,14 +29,11 @@ def ours(
     Return the kernel of one quantity of a robot as a peer.
 
     The ways are a call with arguments checked, with `out=`, and bound before; and batches in
-    Fortran and C order. LeftOutError beyond MOST joints.
+    Fortran and C order.
     """
-    most = MOST.get(method, robot.n)
-    if robot.n > most:
-        raise LeftOutError(f'not measured beyond {most} joints: it takes long to compile')
     kernel = compile_kernel(robot, method=method, dtype=dtype, quantity=quantity, refine=refine)
     name = f'{"pfd" if method == "auto" else method} {dtype}{", refined" * refine}'
-    double, numbers = dtype == 'float64', f'{dtype}, own sine and cosine: 1.5 ulp, any angle'
+    numbers = f'{dtype}, own sine and cosine: 1.5 ulp, any angle'
 
     def calls(given: Arguments) -> Iterator[Side]:
         arrays = (np.array(x, dtype) for x in given)
@@ -51,7 +43,7 @@ def ours(
         checked = f'{CODE}; called from Python, arguments checked; {numbers}'
         bound = f'{CODE}; called from Python, arguments checked before; {numbers}'
         # Python's share of a call does not depend on the number format.
-        if double:
+        if dtype == 'float64':
             plain, into = f'{name}: kernel(q, qd, tau)', f'{name}: kernel(..., out=)'
             yield Side(plain, call, lambda: call().ravel(), checked)
             yield Side(into, partial(call, out=out), out.ravel, checked)
@@ -67,9 +59,5 @@ def ours(
             run = partial(kernel, **values, out=out)
             result = partial(out.reshape, len(out), -1)
             yield Side(f'{name}, {order} order', run, result, contents)
-            if order == 'F' and len(out) >= SHARED_FROM and double:
-                shared = partial(run, threads=THREADS)
-                way = f'{name}, {order} order, {THREADS} threads'
-                yield Side(way, shared, result, contents)
 
     return lambda given: batches(given) if is_batch(given) else calls(given)

@@ -1,28 +1,34 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Pinocchio as a peer, called from Python, made from the numbers of our own robot.
+Pinocchio as a peer, from Python and in C++, made from the numbers of our own robot.
 
-Both sides then compute with the same angles, without the rounding of a URDF. Copying a result out
-of Pinocchio's data is not timed, and neither is filling the lower triangle of a symmetric matrix,
-which Pinocchio leaves at zero.
+Both sides then compute with the same angles, without the rounding of a URDF. From Python, copying
+a result out of Pinocchio's data is not timed, and neither is filling the lower triangle of a
+symmetric matrix, which Pinocchio leaves at zero.
+
+In C++ all loops are in data/pinocchio.cpp, which is compiled once for its processor, against the
+headers of the installed Pinocchio. Pinocchio's wheel brings the headers of Boost. Eigen's headers
+come with the wheel cmeel-eigen (extra `peers`) or with a system's package, libeigen3-dev.
+Pinocchio's own shared library, which is compiled for any processor, is not linked.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
+import ctypes
+from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 
 from benchmarks.cases.quantities import FORWARD
 from benchmarks.cases.robots import Array, joint_frames
-from benchmarks.peers.work import SINE, Arguments, Side, installed, is_batch, plant_of
+from benchmarks.peers.native import OPTIMISED, address, built, joint_torques
+from benchmarks.peers.work import SINE, Arguments, Peer, Side, installed, is_batch, plant_of
+from benchmarks.table import stored_text
 from pfd_core.model import Plant, Robot
 
-THREADS = (1, 2)
-# States of the largest batch in a loop in Python.
-MOST_IN_PYTHON = 4096
 CODE = 'C++ for any robot, as in the wheel'
 # Quantity to the name of a function of model, data and the arguments, and one for batches.
 FUNCTIONS = {
@@ -32,7 +38,6 @@ FUNCTIONS = {
     'bias_torques': ('nonLinearEffects', None),
     'derivatives': ('computeABADerivatives', None),
 }
-LOOP = 'Python loop'
 
 
 class Pinocchio:
@@ -78,18 +83,21 @@ class Pinocchio:
         return np.array(self.data.ddq), J
 
     def __call__(self, given: Arguments) -> Iterator[Side]:
-        """Yield the ways: a call, or a loop over it, and the function for batches."""
+        """Yield a call, or for a batch the function of batches, or a loop over calls."""
         wanted = partial(self.results, given)
         if not is_batch(given):
             contents = f'{CODE}; called from Python; {SINE}'
             yield Side(self.name, partial(self.evaluate, *given), wanted, contents)
-            if self.quantity == FORWARD:
-                world = partial(self.evaluate, *given, self.pin.Convention.WORLD)
-                yield Side(f'{self.name} WORLD', world, lambda: np.array(world()), contents)
-            return
-        if self.in_parallel:
-            yield from self._parallel(given, getattr(self.pin, self.in_parallel))
-        if len(given[0]) <= MOST_IN_PYTHON:
+        elif self.in_parallel:
+            columns = [np.asfortranarray(x.T) for x in given]
+            out, pool = np.empty_like(columns[0]), self.pin.ModelPool(self.model, 1)
+            yield Side(
+                f'pinocchio.{self.in_parallel}, 1 thread',
+                partial(getattr(self.pin, self.in_parallel), 1, pool, *columns, out),
+                partial(np.transpose, out),
+                f'{CODE}; called once from Python, loop in C++; {SINE}',
+            )
+        else:
             rows = list(zip(*given, strict=True))
 
             def run() -> None:
@@ -97,22 +105,89 @@ class Pinocchio:
                     self.evaluate(*row)
 
             contents = f'{CODE}; called from Python for each state; {SINE}'
-            yield Side(f'{LOOP} over {self.name}', run, wanted, contents)
-
-    def _parallel(self, given: Arguments, function: Callable[..., object]) -> Iterator[Side]:
-        columns = [np.asfortranarray(x.T) for x in given]
-        # One state cannot be shared out.
-        for threads in THREADS if len(given[0]) > 1 else THREADS[:1]:
-            out, pool = np.empty_like(columns[0]), self.pin.ModelPool(self.model, threads)
-            yield Side(
-                f'pinocchio.{self.in_parallel}, {threads} thread{"s" * (threads > 1)}',
-                partial(function, threads, pool, *columns, out),
-                partial(np.transpose, out),
-                f'{CODE}; called once from Python, loop in C++; {SINE}',
-            )
+            yield Side(f'Python loop over {self.name}', run, wanted, contents)
 
 
 def _symmetric(upper: Array) -> Array:
     """Return a matrix from its upper triangle."""
     result: Array = np.triu(upper) + np.triu(upper, 1).T
     return result
+
+
+# ---- in C++ ----
+
+CPP = 'Pinocchio C++'
+# Definitions of Pinocchio's own CMake files, and one for Boost: a variant may be queried for types
+# that it does not have.
+DEFINES = (
+    'BOOST_MPL_LIMIT_LIST_SIZE=30',
+    'BOOST_MPL_LIMIT_VECTOR_SIZE=30',
+    'BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS',
+    'BOOST_FUSION_INVOKE_MAX_ARITY=12',
+    'BOOST_VARIANT_USE_RELAXED_GET_BY_DEFAULT',
+)
+COMPILED = f'C++ for any robot, g++ {" ".join(OPTIMISED)}'
+# Functions of data/pinocchio.cpp from states to accelerations, with their names in a table.
+COMPILED_FUNCTIONS = {
+    'aba': f'{CPP} aba',
+    'aba_world': f'{CPP} aba, WORLD',
+    'crba': f'{CPP} crba + Cholesky',
+    'aba_refined': f'{CPP} aba refined',
+}
+
+
+def compiled_model(
+    robot: Robot | Plant, width: float = 0.0
+) -> tuple[ctypes.CDLL, ctypes.c_void_p]:
+    """
+    Return data/pinocchio.cpp, compiled, and a model and its data, which live until the end.
+
+    The model has gravity, rotors, damping, friction and limits; friction rises to its full torque
+    at a velocity of `width` [rad/s].
+    """
+    plant = plant_of(robot)
+    arm = plant.robot
+    frames = (np.array(x) for x in zip(*joint_frames(arm), strict=True))
+    rotations, origins, centers, inertias = frames
+    kinds = np.array([kind == 'prismatic' for kind in arm.joint_types], np.int32)
+    # In the axes of the world, in which joint_frames are.
+    gravity = arm.base_rotation @ plant.gravity
+    numbers = [rotations, origins, arm.masses, centers, inertias, gravity]
+    optional = [plant.inertia, joint_torques(plant, width)]
+    given = [None if x is None else np.ascontiguousarray(x) for x in (*numbers, *optional)]
+    library = _library()
+    made = library.make(arm.n, address(kinds), *map(address, given))
+    return library, ctypes.c_void_p(made)
+
+
+def pinocchio_cpp(robot: Robot) -> Peer:
+    """Return forward dynamics of a robot, with a way for each function."""
+    library, arm = compiled_model(robot)
+
+    def sides(given: Arguments) -> Iterator[Side]:
+        once = ' once, loop in C++' if is_batch(given) else ''
+        arrays = [np.ascontiguousarray(x) for x in given]
+        for function, name in COMPILED_FUNCTIONS.items():
+            out = np.empty_like(arrays[0])
+            count = ctypes.c_longlong(len(out) if is_batch(given) else 1)
+            run = partial(getattr(library, function), arm, count, *map(address, (*arrays, out)))
+            contents = f'{COMPILED}; called by ctypes{once}; {SINE}'
+            yield Side(name, run, partial(np.asarray, out), contents)
+
+    return sides
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    """Return data/pinocchio.cpp, compiled and loaded; LeftOutError has the reason if not."""
+    pin = installed('pinocchio')
+    # PREFIX/lib/pythonX.Y/site-packages/pinocchio/__init__.py
+    prefix = Path(pin.__file__).resolve().parents[4] / 'include'
+    folders = (prefix, prefix / 'eigen3', Path('/usr/include/eigen3'))
+    options = [f'-D{define}' for define in (*DEFINES, f'PINOCCHIO_{pin.__version__}')]
+    options += [f'-isystem{folder}' for folder in folders if folder.is_dir()]
+    standard = ('-std=c++17', '-DNDEBUG', '-w')
+    with built('g++', '.cpp', stored_text('pinocchio.cpp'), *standard, *options) as path:
+        library = ctypes.CDLL(path)
+    library.make.restype = ctypes.c_void_p
+    return library

@@ -30,7 +30,6 @@ SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 32, 48, 64)
 # Joints, and numbers of processors: divisors, and for 6 joints also 4, of which one has no link.
 PROCESSORS = {6: (1, 2, 3, 4, 6), 12: (1, 2, 3, 4, 6, 12), 64: (1, 2, 4, 8, 16, 32, 64)}
 COUNTED = (*METHODS, 'constraint_forces')
-COMPARED_AT = 1e-6  # the error at which costs of PCGM are compared
 
 
 def measure(quick: bool) -> dict[str, Any]:
@@ -172,10 +171,6 @@ def text(data: dict[str, Any]) -> str:
     at = [x for x in rows if x['n'] == PRINTED_AT]
     serial = next(x for x in data['serial'] if x['n'] == PRINTED_AT)
     printed, published = _printed(data['claims']), int(serial['published'])
-    direct = {x['n']: x for x in rows if (x['system'], x['edition']) == ('pcrbm', CORRECTED)}
-    costs = [
-        {**x, 'pcrbm': direct[x['n']]} for x in data['reached'] if x['tolerance'] == COMPARED_AT
-    ]
     return page(
         'counts',
         n=PRINTED_AT,
@@ -195,13 +190,17 @@ def text(data: dict[str, Any]) -> str:
             lambda x: f'{x["routes"]} / {x["unpacked_routes"]}',
         ),
         speed_up=_over_n([x for x in rows if x['best']], _two(speed_up, 'best', '.2f')),
-        processors=table(FEWER, with_baselines(data, 'processors')),
+        processors=table({'n': 'n', **SYSTEMS}, with_baselines(data, 'processors')),
         cycle=f'{pcgm.CYCLE * 1e3:g}',
-        compared=order(COMPARED_AT),
         tolerances=', '.join(map(order, pcgm.TOLERANCES)),
         pcgm_states=pcgm.FEWER_STATES,
-        reached=grid({(_size(x), x['variant']): _reached(x) for x in data['reached']}, 'n, error'),
-        costs=table(COSTS, costs),
+        reached=grid(
+            {
+                (f'{x["n"]}, {order(x["tolerance"])}', x['variant']): _reached(x)
+                for x in data['reached']
+            },
+            'n, error',
+        ),
     )
 
 
@@ -241,9 +240,8 @@ def _parallel(kind: str) -> Cell:
 
 SYSTEMS: Columns = {
     'system': _title,
-    'processors': lambda x: paper.TABLE.get(x['system'], {}).get(
-        'processors', '1' if x['system'] in SERIAL else 'n'
-    ),
+    'processors': 'processors',
+    'and cells': lambda x: x['units'] - x['processors'],
     'mult': 'multiplications',
     'of these div': 'divisions',
     'add': 'additions',
@@ -253,24 +251,11 @@ SYSTEMS: Columns = {
     'add ': _parallel('additions'),
     'routes ': _parallel('routes'),
     'busy': lambda x: f'{x["work"] / arithmetic_of(x) / x["units"]:.0%}',
-    'speed-up, arithmetic alone / with routes': _two(speed_up, 'best', '.2f'),
-    'over published counts': lambda x: (
-        f'{speed_up(x, "published"):.2f}' if x['published'] else '-'
-    ),
-    'over one processor': lambda x: f'{speed_up(x, "own"):.2f}',
+    'speed-up, alone / with routes': _two(speed_up, 'best', '.2f'),
+    'over published counts': _two(speed_up, 'published', '.2f'),
+    'over one processor': _two(speed_up, 'own', '.2f'),
     'efficiency, alone / with routes': _two(efficiency, 'best', '.0%'),
-}
-FEWER: Columns = {
-    'n': 'n',
-    'p': 'processors',
-    'system': _title,
-    'arithmetic + routes, packed / not': lambda x: ' / '.join(
-        f'{arithmetic_of(x, k)} + {x[f"{k}routes"]}' for k in ('', 'unpacked_')
-    ),
-    'speed-up over the same algorithm': _two(speed_up, 'own', '.2f'),
-    'efficiency': _two(efficiency, 'own', '.1%'),
-    'over the best serial algorithm': _two(speed_up, 'best', '.2f'),
-    'efficiency ': _two(efficiency, 'best', '.1%'),
+    'of the same algorithm': _two(efficiency, 'own', '.0%'),
 }
 
 
@@ -332,35 +317,6 @@ CONVERGENCE: Columns = {
 }
 
 
-# ---- conjugate gradients ----
-
-
-def _size(x: Row) -> str:
-    return f'{x["n"]}, {order(x["tolerance"])}'
-
-
 def _reached(x: Row) -> str:
     missed = f' ({x["missed"]} missed)' if x['missed'] else ''
     return f'{x["median"]} / {x["worst"]}{missed} / {x["within_n"]:.0%}'
-
-
-def _cost(key: str) -> Cell:
-    return lambda x: '{} / {}'.format(*x[key])
-
-
-def _over_pcrbm(key: str) -> Cell:
-    return lambda x: f'{sum(x[key]) / arithmetic_of(x["pcrbm"], "unpacked_"):.2f}'
-
-
-COSTS: Columns = {
-    'n': 'n',
-    'variant': 'variant',
-    'n iterations': _cost('in_n'),
-    'error left: median / worst': lambda x: ' / '.join(
-        order(x[f'{which}_after_n']) for which in ('error', 'worst')
-    ),
-    'converged: median': _cost('in_median'),
-    'worst': _cost('in_worst'),
-    'arithmetic over PCRBM: n iterations': _over_pcrbm('in_n'),
-    'converged': _over_pcrbm('in_median'),
-}

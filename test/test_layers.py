@@ -97,7 +97,6 @@ PINNED = (
     'test_format',
     'test_kernels_builder',
     'test_kernels_cpython_abi',
-    'test_kernels_golden',
     'test_log_page',
     'test_machine_blocks',
     'test_receiving',

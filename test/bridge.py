@@ -169,6 +169,8 @@ NAMES = {
     'lower_program': 'pfd_core.kernels.lower:lower',
     'program_operations': 'pfd_core.kernels.lower:operations',
     'SCHEDULE_LONGEST': 'pfd_core.kernels.schedule:LONGEST',
+    'can_be_ordered': 'pfd_core.kernels.schedule:can_be_ordered',
+    'schedule_program': 'pfd_core.kernels.schedule:schedule',
     'WRAP_LIMIT': 'pfd_core.kernels.sines:WRAP_LIMIT',
     'sincos': 'pfd_core.kernels.sines:sincos',
     'EVERY_SCENE_FIELD': 'pfd_core.algorithms.quantities:EVERYTHING',

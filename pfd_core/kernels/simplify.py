@@ -207,13 +207,8 @@ class _Folder:
         return None if product is None else self._simplify('mul', product, self._constant(factor))
 
     def _div(self, a: int, b: int) -> int | None:
-        divisor = self._value(b)
-        if self._value(a) == 0 and divisor != 0:
-            return self._constant(0.0)
-        power = divisor is not None and math.frexp(divisor)[0] == 0.5
-        if divisor is not None and power and math.isfinite(1 / divisor):
-            return self._simplify('mul', a, self._constant(1 / divisor))
-        return None
+        zero = self._value(a) == 0 and self._value(b) != 0
+        return self._constant(0.0) if zero else None
 
     def _select(self, condition: int, a: int, b: int) -> int | None:
         if a == b:

@@ -55,22 +55,27 @@ WITHIN = 1e-6  # an error of an iterate that is convergence
 def measure(quick: bool) -> dict[str, Any]:
     """Check every sentence and run every misprint; quick is the first three of each."""
     some = slice(3 if quick else None)
-    errata = stored_table('errata')[some]
     return {
         'claims': [verdict(**claim) for claim in stored_table('claims')[some]],
-        'errata': [{**erratum, 'effect': called(erratum['effect'])} for erratum in errata],
+        'errata': [{**x, 'effect': effect(x['effect'])} for x in stored_table('errata')[some]],
         **stored_table('equations'),
     }
 
 
-def called(named: list[Any]) -> Any:
+def _called(named: list[Any]) -> Any:
     """Return the result of a function of this module, given by its name and its arguments."""
     return globals()[named[0]](*named[1:])
 
 
+def effect(named: list[Any]) -> str:
+    """Return the effect of a misprint in words: the evidence, where it is a check."""
+    found = _called(named)
+    return found if isinstance(found, str) else str(found[1])
+
+
 def verdict(check: list[Any], then: str = paper.VERDICTS[0], **claim: str) -> dict[str, Any]:
     """Return a sentence with the evidence and its verdict: `then` if it holds."""
-    holds, evidence = called(check)
+    holds, evidence = _called(check)
     found = then if holds else paper.VERDICTS[2]
     return {'note': '', **claim, 'verdict': found, 'evidence': evidence}
 
@@ -221,11 +226,11 @@ def speed_up() -> Found:
 # ---- effects of misprints ----
 
 
-def _on_each(effect: Callable[[Plant], str]) -> str:
+def _on_each(on_robot: Callable[[Plant], str]) -> str:
     """Return the effect on a PUMA 560, and on a chain whose joints rotate and slide in turn."""
     types = ('revolute', 'prismatic') * 3
     robots = load_robot('puma560'), replace(uniform_chain(N), name='sliding6', joint_types=types)
-    return '; '.join(f'{robot.name}: {effect(resolve(robot))}' for robot in robots)
+    return '; '.join(f'{robot.name}: {on_robot(resolve(robot))}' for robot in robots)
 
 
 def _error(found: Array, wanted: Array) -> str:
@@ -244,12 +249,12 @@ def _off(
 ) -> str:
     """Return the errors of qdd of a program compared with PCRBM."""
 
-    def effect(plant: Plant) -> str:
+    def on_robot(plant: Plant) -> str:
         programs = record(plant), FORWARD['pcrbm'](plant, 'parallel')
         with np.errstate(all='ignore'):
             return _error(*(run(program, states, digits=digits)['qdd'] for program in programs))
 
-    return 'qdd off by ' + _on_each(effect)
+    return 'qdd off by ' + _on_each(on_robot)
 
 
 def pcrbm_error(*misprints: str) -> str:
@@ -294,12 +299,12 @@ def array_status() -> str:
     """Return the status of the array as printed for the inertia matrices of arms."""
     states = {'q': seeded_states(N, STATES)['q'], 'qd': np.zeros((STATES, N))}
 
-    def effect(plant: Plant) -> str:
+    def on_robot(plant: Plant) -> str:
         found = run(record_terms(plant, 'parallel'), states)['H']
         status = [literal_array(H).result.status.replace('_', ' ') for H in found]
         return ', '.join(f'{status.count(kind)} {kind}' for kind in sorted(set(status)))
 
-    return f'of {STATES} matrices ' + _on_each(effect)
+    return f'of {STATES} matrices ' + _on_each(on_robot)
 
 
 def loop_cost() -> str:
@@ -315,14 +320,6 @@ def loop_cost() -> str:
 def formulas(words: str, n: int, *given: str) -> str:
     """Return words with the values of formulas."""
     return words.format(*(value(formula, n) for formula in given))
-
-
-def by_formula(system: str, *kinds: str) -> str:
-    """Return values of formulas in Table 1 and the printed values."""
-    claims = (TABLE[system][kind] for kind in kinds)
-    return '; '.join(
-        f'{float(value(x["formula"], N)):g} by the formula, {x["printed"]} printed' for x in claims
-    )
 
 
 # ---- the page ----

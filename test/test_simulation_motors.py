@@ -182,10 +182,10 @@ def test_native_code_computes_the_recorded_program() -> None:
         bound.set_targets(*targets)
         out = np.empty((1, 3, 2))
         bound.run(tau[np.newaxis], out)
-        inputs = {'q': q, 'qd': qd, 'tau': tau, 'before': before}
+        inputs = {'q': q, 'qd': qd, 'efforts': tau, 'wanted': before}
         inputs |= {'motors': limits.ravel(), 'targets': targets.ravel()}
-        found = run_program(program, inputs)['actuators']
-        limited, excess, wanted, _ = np.reshape(found, (4, 2))
-        assert out[0, 2].tolist() == limited.tolist()
-        assert counters.peaks.tolist() == excess.tolist()
-        assert counters.before.tolist() == wanted.tolist()
+        found = run_program(program, inputs | dict.fromkeys(('tau', 'peaks'), np.zeros(2)))
+        assert out[0, 2].tolist() == found['acting'].tolist() == found['tau'].tolist()
+        assert counters.peaks.tolist() == found['peaks'].tolist()
+        assert counters.before.tolist() == found['wanted'].tolist()
+        assert counters.counts.tolist() == found['counts'].tolist()

@@ -23,8 +23,11 @@ Subpackages and modules in the order of data flow; each imports only from those 
     kernel         Kernel: a call checks and converts its arguments and runs native code
     compile        compile_kernel
     functions      forward_dynamics, inverse_dynamics: plain functions that keep their kernels
-    simulations    compile_rollout, compile_ensemble, compile_adaptive: whole simulations in
-                   native code
+    ir             one function of LLVM IR: fresh names, loops, branches
+    generate       a lowered program as functions, of one state or a register of them
+    script         named arrays in a frame, and programs and dynamics called on them
+    simulate       @simulate: steps of one arm, or of an arm in each lane of a register
+    simulations    compile_steps, compile_adaptive: whole simulations in native code
     linear_steps   compile_linear_step: the derivatives of a step of a simulation
 
 A new pass is a function of simplify and a line of lower; a new function in native code a

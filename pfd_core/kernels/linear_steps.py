@@ -75,7 +75,7 @@ def compile_linear_step(spec: KernelSpec, step: Program, substeps: int, implicit
     Its result, (r n, (r + 1) n + 1), is the derivative of the r rows of the state at the end by
     those at the beginning and by the torque, and last the state at the end. The spec is of a STEP,
     or for scenes with dry friction or stops of a STEP_IN_MOTION. `implicit` is as for
-    compile_rollout. Positions must be plain sums in `step`: the digits that these lose have no
+    compile_steps. Positions must be plain sums in `step`: the digits that these lose have no
     derivative.
     """
     check_stack(f'a linearised step of {spec.robot.n} joints', _matrices(step))

@@ -3,29 +3,34 @@
 """
 Simulations in native code: an integrator's step around @evaluate, over all steps of a rollout.
 
-    compile_rollout      one arm                    (pfd_core.kernels.codegen.rollout)
-    compile_ensemble     one arm per SIMD lane      (pfd_core.kernels.codegen.arms)
+    compile_steps        arms in the lanes of a register  (pfd_core.kernels.simulate)
     compile_adaptive     one arm, adaptive steps    (pfd_core.kernels.codegen.adaptive)
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import ctypes
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from pfd_core.algorithms.chain.actuators import record_actuators
 from pfd_core.kernels.codegen.adaptive import WRITTEN, AdaptivePair, carried
-from pfd_core.kernels.codegen.arms import PARAMETERS
-from pfd_core.kernels.codegen.cycles import block_names
-from pfd_core.kernels.codegen.module import adaptive_module, ensemble_module, rollout_module
-from pfd_core.kernels.codegen.rollout import written
+from pfd_core.kernels.codegen.module import adaptive_module
 from pfd_core.kernels.codegen.segments import Contact
-from pfd_core.kernels.codegen.step import extra_arguments, further_rows, torque_row
+from pfd_core.kernels.codegen.spelling import Format
+from pfd_core.kernels.codegen.step import MOTION
 from pfd_core.kernels.lower import lower, operations
-from pfd_core.kernels.native import Native, simd_width
+from pfd_core.kernels.native import Native
+from pfd_core.kernels.script import Frame, Script
+from pfd_core.kernels.simulate import (
+    Steps,
+    evaluations,
+    new_frame,
+    simulation_functions,
+    simulation_module,
+    smooth_step,
+)
 from pfd_core.kernels.source import KernelSource, forward, motors, quantity_source, turned_joints
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
@@ -33,127 +38,144 @@ from pfd_core.model import Plant, has_drives
 from pfd_core.model.effects import INERTIA, JOINTS, LINKS, MOTORS, VISCOSITY
 from pfd_core.model.values import Array
 
-
-@dataclass(frozen=True)
-class Rollout:
-    """The simulation of one arm in native code; pointers are given as addresses."""
-
-    work: int  # operations of the evaluations in one call of @step
-    operations: Callable[[], int]  # all of one call of @step, see step_operations
-    rows: tuple[str, ...]  # of the state, except q and qd
-    written: tuple[str, ...]  # rows that `run` writes after each step
-    torque: str  # the row, or input, that is the torque at the end of a step
-    run: Callable[..., int]  # @rollout (pfd_core.kernels.codegen.rollout)
-    accelerations: Callable[..., None]  # @accelerations
-    native: Native  # owner of the code
-    cycles: Callable[..., int] | None = None  # @cycles (pfd_core.kernels.codegen.cycles)
-    block: tuple[str, ...] = ()  # what the addresses in the block of @cycles are of
+# Where the result, and the table, of one arm lie behind the numbers of its plan.
+FINITE, TABLE = 6, 7
 
 
 @dataclass(frozen=True)
-class NativeEnsemble:
-    """The simulation of many arms in native code; pointers are given as addresses."""
+class NativeSteps:
+    """Steps of a simulation in native code; pointers are given as addresses."""
 
-    width: int  # arms in a vector register
-    work: int  # operations of one evaluation of the accelerations
-    operations: Callable[[], int]  # of one call of @step, see step_operations
-    rows: tuple[str, ...]  # of the state, except q and qd
-    run: Callable[..., None]  # @ensemble (pfd_core.kernels.codegen.arms)
+    steps: Steps
+    arrays: tuple[str, ...]  # of the table of a plan
+    work: int  # operations of the evaluations in one call of the integrator's step
+    operations: Callable[[], int]  # all of that step, see step_operations
+    simulate: Callable[[int], None]  # @simulate (pfd_core.kernels.simulate)
+    accelerations: Callable[..., None] | None  # @accelerations, unless accelerations are written
     native: Native  # owner of the code
 
 
-def compile_rollout(
+class Plan:
+    """
+    What one call of @simulate does with one arm.
+
+    Parameters
+    ----------
+    native : NativeSteps
+        The code.
+    substeps : int
+        Steps of the integrator in a step.
+    rows : iterable
+        For each of its arrays the address, and bytes from element to element and step to step.
+
+    """
+
+    def __init__(
+        self, native: NativeSteps, substeps: int, rows: Iterable[tuple[int, int, int]]
+    ) -> None:
+        self._simulate = native.simulate
+        table = [x for place, element, step in rows for x in (place, 0, element, step)]
+        self._numbers = (ctypes.c_int64 * (TABLE + len(table)))(1, 1, substeps, 1, 0, 0, 0, *table)
+        self._at = ctypes.addressof(self._numbers)
+        self._numbers[4] = self._at + 8 * TABLE
+        self._numbers[5] = self._at + 8 * FINITE
+
+    def move(self, k: int, place: int) -> None:
+        """Set the address of an array."""
+        self._numbers[TABLE + 4 * k] = place
+
+    def run(self, steps: int) -> int:
+        """Take some steps, at least one; return the number after which the state was finite."""
+        self._numbers[1] = steps
+        self._simulate(self._at)
+        return self._numbers[FINITE]
+
+
+def compile_steps(
     spec: KernelSpec,
     step_program: Program,
     *,
+    written: tuple[str, ...],
+    width: int = 1,
     implicit: float = 0.0,
     contact: Contact | None = None,
-    motors: bool = False,
-) -> Rollout:
+    control: Program | None = None,
+) -> NativeSteps:
     """
     Compile the simulation of a robot by an integrator's step; `spec` is of a STEP.
 
     `implicit` is the time [s] by which the viscosity of the plant that the step solves with is
     multiplied; 0 for a step that calls the accelerations alone. With `contact` the step is that
     of dry friction and joint stops, with programs that are not lowered yet, and `step_program`
-    has only its state. With `motors` there is @cycles, whose efforts pass actuators.
+    has only its state. `written`, `width` and `control`, a recorded program, are as for Steps.
     """
     sources = _sources(spec, implicit, contact)
-
-    def ir() -> str:
-        actuators = None
-        if motors:
-            # Without fused operations: limited efforts are compared with those wanted.
-            recorded = record_actuators(spec.robot.n)
-            actuators = lower(recorded, spec.dtype, fma=False).compiled
-        return rollout_module(
-            step_program,
-            sources.signature,
-            spec.dtype,
-            turned_joints(spec.robot),
-            *sources.further(),
-            actuators,
-        )
-
-    name = 'rollout with motors' if motors else 'rollout'
-    functions = ['rollout', 'accelerations', *(['cycles'] if motors else [])]
-    native = sources.compile(f'{name}{sources.key} {step_program}', functions, ir)
-    integer = ctypes.c_int64
-    inputs: list[Any] = [ctypes.c_void_p] * len(sources.inputs)
-    rows, out = further_rows(step_program), written(step_program)
-    states: list[Any] = [ctypes.c_void_p] * len((*rows, *out))
-    run = ctypes.CFUNCTYPE(integer, integer, ctypes.c_void_p, *inputs, *states)
-    accelerate = ctypes.CFUNCTYPE(None, integer, *inputs, ctypes.c_void_p)
-    pointed = ctypes.CFUNCTYPE(integer, integer, ctypes.c_void_p)
-    # Inputs without instructions: code from disk needs no recording.
-    inputs_alone = Program(1, (), dict(sources.inputs), {})
+    inputs = {name: size for name, size in sources.inputs.items() if name not in MOTION}
+    steps = Steps(step_program, inputs, written, spec.dtype, width, control)
+    sampled = [] if 'qdd' in written else ['accelerations']
+    native = sources.compile(
+        f'steps {width} {written}{sources.key} {step_program} {control}',
+        ['simulate', *sampled],
+        partial(_steps_module, steps, sources, turned_joints(spec.robot)),
+    )
+    integer, pointer = ctypes.c_int64, ctypes.c_void_p
+    simulate = ctypes.CFUNCTYPE(None, pointer)
+    accelerations = None
+    if sampled:
+        accelerate = ctypes.CFUNCTYPE(None, integer, pointer)
+        accelerations = accelerate(native.address('accelerations'))
     calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
-    return Rollout(
+    return NativeSteps(
+        steps,
+        steps.arrays,
         sources.main.work * calls,
         partial(sources.step_operations, step_program),
-        rows,
-        out,
-        torque_row(step_program),
-        run(native.address('rollout')),
-        accelerate(native.address('accelerations')),
+        simulate(native.address('simulate')),
+        accelerations,
         native,
-        pointed(native.address('cycles')) if motors else None,
-        block_names(step_program, inputs_alone) if motors else (),
     )
 
 
-def compile_ensemble(
-    spec: KernelSpec,
-    step_program: Program,
-    *,
-    arms: int,
-    implicit: float = 0.0,
-    contact: Contact | None = None,
-) -> NativeEnsemble:
-    """
-    Compile many simulations of a robot by an integrator's step; as compile_rollout.
+def _steps_module(steps: Steps, sources: _Sources, angles: tuple[int, ...]) -> str:
+    """Return the module of @simulate."""
+    if steps.control is not None:
+        # Without fused operations: limited efforts are compared with those wanted.
+        control = lower(steps.control, steps.dtype, fma=False).compiled
+        # The table has all arrays in the recorded order, read or not.
+        steps = replace(steps, control=replace(control, inputs=steps.control.inputs))
+    others, contact = sources.further()
+    frame = new_frame(steps)
+    if contact is None:
+        dynamics = {'qdd': sources.main.program, **others}
+        parts = evaluations(dynamics, steps.dtype, steps.width, angles)
+        parts += smooth_step(steps, dynamics, frame)
+    else:
+        dynamics = {
+            name: contact.dynamics[f'_{name}']
+            for name in ('momentum', 'inertial')
+            if 'free' in steps.inputs
+        }
+        parts = _contact_step(steps, contact, frame, angles)
+    parts += simulation_functions(steps, dynamics, frame)
+    return simulation_module(parts, steps, bool(angles))
 
-    One of `arms` alone needs no vectors: scalar code takes half the time, with the same bits.
-    """
-    sources = _sources(spec, implicit, contact)
-    width = 1 if arms == 1 else simd_width(spec.dtype)
 
-    def ir() -> str:
-        return ensemble_module(
-            step_program,
-            sources.signature,
-            spec.dtype,
-            width,
-            turned_joints(spec.robot),
-            *sources.further(),
-        )
-
-    native = sources.compile(f'ensemble {width}{sources.key} {step_program}', ['ensemble'], ir)
-    kinds = [ctypes.c_void_p if kind.startswith('ptr') else ctypes.c_int64 for kind in PARAMETERS]
-    run = ctypes.CFUNCTYPE(None, *kinds)(native.address('ensemble'))
-    rows = further_rows(step_program)
-    count = partial(sources.step_operations, step_program)
-    return NativeEnsemble(width, sources.main.work, count, rows, run, native)
+def _contact_step(
+    steps: Steps, contact: Contact, frame: Frame, angles: tuple[int, ...]
+) -> list[str]:
+    """Return @advance and @accelerate of a scene with dry friction or joint stops."""
+    form, extra = Format(steps.dtype, steps.width), [*steps.inputs]
+    functions = contact.functions(steps.further, extra, form, angles)
+    for name, function, arrays in (
+        ('advance', 'step', ['q', 'qd', 'qdd', *steps.further, *extra]),
+        ('accelerate', 'evaluate', ['q', 'qd', *extra, 'qdd']),
+    ):
+        script = Script(name, frame, {}, steps.dtype, steps.width)
+        if name == 'accelerate':
+            arrays[arrays.index('tau')] = steps.torque
+        script.code.call('void', function, *(f'ptr {script.at(array)}' for array in arrays))
+        functions.append(str(script))
+    return functions
 
 
 @dataclass(frozen=True)
@@ -184,7 +206,7 @@ def compile_adaptive(spec: KernelSpec, pair: AdaptivePair, contact: Contact) -> 
         sources = _Sources(
             main, f' {contact.key}', {'_braked': main}, main.inputs, spec.dtype, contact
         )
-    inputs = tuple(extra_arguments(sources.signature))
+    inputs = tuple(name for name in sources.inputs if name not in MOTION)
 
     def ir() -> str:
         _, lowered = sources.further()

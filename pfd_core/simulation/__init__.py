@@ -23,6 +23,6 @@ Time: the motion of an arm, or of many arms at once, in native code.
 A new integrator is a function and a row of integrators.TABLE (INTEGRATORS are its names); with
 friction and stops it is refused until contact.schemes has a Scheme for it and simulation.SCHEMES
 a row. A new adaptive one is its coefficients and a row of embedded_pairs.PAIRS, a new law of
-feedback a class in `feedback` and its IR in kernels.codegen.law, a new row of the state a class
-in `rows` and a line of integrators.record_step.
+feedback a class in `feedback` and its program there, a new row of the state a class in `rows` and
+a line of integrators.record_step.
 """

@@ -24,11 +24,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.kernels.codegen.arms import SLOTS
 from pfd_core.kernels.codegen.step import REPORT
-from pfd_core.kernels.simulations import NativeEnsemble, compile_ensemble
-from pfd_core.kernels.spec import KernelSpec
-from pfd_core.kernels.threads import MAX_BLOCK_WORK, block_size, run, thread_count
+from pfd_core.kernels.native import simd_width
+from pfd_core.kernels.simulations import NativeSteps
+from pfd_core.kernels.threads import (
+    MAX_BLOCK_WORK,
+    address,
+    block_size,
+    run,
+    thread_count,
+)
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene, given_scene
 from pfd_core.model.effects import INPUT
@@ -39,8 +44,13 @@ from pfd_core.model.values import (
     integer,
     real_array,
 )
-from pfd_core.simulation.feedback import Law, law_arrays
-from pfd_core.simulation.integrators import TABLE
+from pfd_core.simulation.feedback import (
+    Feedback,
+    Law,
+    StateFeedback,
+    law_arrays,
+    record_law,
+)
 from pfd_core.simulation.rows import UnfinishedStep
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.trajectory import Trajectory
@@ -71,8 +81,6 @@ class Ensemble(Simulation):
 
     """
 
-    _native: NativeEnsemble
-
     def __init__(
         self, robot: Robot, size: int, scene: Scene | None = None, **settings: Any
     ) -> None:
@@ -84,11 +92,24 @@ class Ensemble(Simulation):
         self.batch = (self.size,)
         super().__init__(robot, scene, **settings)
 
-    def _compiler(self, spec: KernelSpec, step: Program, **contents: Any) -> NativeEnsemble:
-        return compile_ensemble(spec, step, arms=self.size, **contents)
+    def _written(self, step: Program, control: Program | None) -> tuple[str, ...]:
+        return REPORT
+
+    def _load_native(self) -> None:
+        # One arm alone needs no vectors: scalar code takes half the time, with the same bits.
+        self._width = 1 if self.size == 1 else simd_width(self.dtype)
+        super()._load_native()
+        self._laws: dict[type[Law], NativeSteps] = {}
+
+    def _under(self, law: Law) -> NativeSteps:
+        """Return the steps under a law of feedback, compiled at the first use of its kind."""
+        kind = Feedback if isinstance(law, Feedback) else StateFeedback
+        if kind not in self._laws:
+            self._laws[kind] = self._compile(record_law(kind, self.robot.n))
+        return self._laws[kind]
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
-        names = (*REPORT, *self._native.rows)
+        names = (*REPORT, *self._native.steps.further)
         each = 2 * len(names) * self.robot.n * np.dtype(self.dtype).itemsize
         _check_memory(f'size={self.size} arms', self.size * each)
         return dict.fromkeys(names, (self.size, self.robot.n))
@@ -156,8 +177,12 @@ class Ensemble(Simulation):
         shape = self.size, steps // every, self.robot.n
         written = len(REPORT) * math.prod(shape) * np.dtype(self.dtype).itemsize
         _check_memory(f'states of {self.size} arms at {steps // every} times', written)
-        law, followed = law_arrays(feedback, self.size, steps, self.robot.n, self.dtype)
-        given = {'tau': taus, **self._scene_inputs(wrench, brakes), **followed}
+        given = self._scene_inputs(wrench, brakes)
+        if feedback is None:
+            native, given['tau'] = self._native, taus
+        else:
+            given |= law_arrays(feedback, self.size, steps, self.robot.n, self.dtype)
+            native, given['command'] = self._under(feedback), taus
         # One block: the C library would give the pages of three back when the caller drops them,
         # and the next rollout would take a third longer.
         states = dict(zip(REPORT, np.empty((len(REPORT), *shape), self.dtype), strict=True))
@@ -170,7 +195,7 @@ class Ensemble(Simulation):
                 name: array[:, first : first + count] if array.ndim == 3 else array
                 for name, array in given.items()
             } | {f'{name}.out': array[:, rows] for name, array in states.items()}
-            finite = self._advance(arrays, (count, interval, law), threads)
+            finite = self._advance(native, arrays, count, interval, threads)
             finite_steps[finite_steps == first] += finite[finite_steps == first]
         now = self._now
         time = now.start + self.step_size * np.arange(begin + every, now.steps + 1, every)
@@ -181,31 +206,27 @@ class Ensemble(Simulation):
         """Advance the state by one step."""
         self.rollout(tau[:, np.newaxis], wrench=wrench, brakes=brakes)
 
-    @property
-    def _step_work(self) -> int:
-        integrator = TABLE[self.integrator]
-        evaluations = 1 + self.substeps * (integrator.evaluations + integrator.solutions)
-        return max(self._native.work, 1) * evaluations
-
     def _advance(
-        self, arrays: dict[str, Array], plan: tuple[int, int, int], threads: int
+        self,
+        native: NativeSteps,
+        arrays: dict[str, Array],
+        steps: int,
+        every: int,
+        threads: int,
     ) -> Array:
         """
         Advance all arms by some steps, or none if the caller is interrupted.
 
-        Arrays are (B, n) or (B, steps, n), strided as they are; the plan is the number of steps,
-        the interval at which states are written, and the law. Returns after how many steps each
-        arm's state was finite, (B,).
+        Arrays are (B, n) or (B, steps, n), strided as they are; states are written after `every`
+        steps. Returns after how many steps each arm's state was finite, (B,).
         """
-        steps, every, law = plan
         following = self._copied_state()
         arrays = arrays | following.arrays
-        names = (*SLOTS, *self._native.rows)
-        table = np.array([_table_row(arrays.get(name)) for name in names], np.int64)
+        table = np.array([_table_row(arrays[name]) for name in native.arrays], np.int64)
         finite = np.zeros(self.size, np.int64)
-        block = block_size(self.size, threads, self._native.width, self._step_work * steps)
-        settings = (self.size - 1, steps, self._count_at, every, law)
-        work = partial(_run_block, self._native, settings, table, finite, arrays)
+        block = block_size(self.size, threads, native.steps.width, self._step_work * steps)
+        settings = steps, self.substeps, every
+        work = partial(_run_block, native, settings, table, finite)
         run(work, self.size, block, threads)
         following.steps += steps
         if (finite < steps).any():
@@ -255,16 +276,18 @@ def pieces(steps: int, every: int, most: int) -> Iterator[tuple[int, int, int]]:
 
 
 def _run_block(
-    native: NativeEnsemble,
-    settings: tuple[int, ...],
-    table: Array,
-    finite: Array,
-    arrays: object,
+    native: NativeSteps,
+    settings: tuple[int, int, int],
+    table: NDArray[np.int64],
+    finite: NDArray[np.int64],
     first: int,
     size: int,
 ) -> int:
-    """Run a block of arms on a table of arrays, which must stay alive meanwhile."""
-    native.run(first, first + size, *settings, table.ctypes.data, finite.ctypes.data)
+    """Run a block of arms on a table of arrays, by steps, substeps and `every`."""
+    own = table.copy()
+    own[:, 0] += first * own[:, 1]
+    plan = np.array([size, *settings, address(own), address(finite[first:])])
+    native.simulate(address(plan))
     return 0
 
 
@@ -279,9 +302,7 @@ def _check_memory(what: str, needed: int) -> None:
         )
 
 
-def _table_row(array: Array | None) -> tuple[int, int, int, int]:
+def _table_row(array: Array) -> tuple[int, int, int, int]:
     """Return the address, and the strides from arm to arm, element to element, step to step."""
-    if array is None:
-        return 0, 0, 0, 0
     arm, *step, element = array.strides
-    return array.ctypes.data, arm, element, step[0] if step else 0
+    return address(array), arm, element, step[0] if step else 0

@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.kernels.codegen.law import GAINS, JOINTS, MATRIX, NONE, REFERENCES, WHOLE
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Recorder
 from pfd_core.model.values import Array, real_array
 
 
@@ -61,17 +64,41 @@ class StateFeedback:
 Law = Feedback | StateFeedback
 
 
-def law_arrays(
-    law: Law | None, size: int, steps: int, n: int, dtype: str
-) -> tuple[int, dict[str, Array]]:
+def record_law(law: type[Law], n: int) -> Program:
     """
-    Return the number of a law in native code, and its arrays by their names there.
+    Return the control program of a law: tau from `command`, the state, and the law's arrays.
+
+    They are `q.ref` and `qd.ref`, (n,), and `kp` and `kd`, (n,), or `gain`, (2 n^2,). Terms are
+    added to the command from the left.
+    """
+    recorder = Recorder(1, 'sequential')
+
+    def row(name: str, size: int = n) -> list[Any]:
+        return input_list(recorder, name, size)
+
+    torques, state = row('command'), row('q') + row('qd')
+    references = row('q.ref') + row('qd.ref')
+    errors = [wanted - x for wanted, x in zip(references, state, strict=True)]
+    if law is Feedback:
+        gains = row('kp') + row('kd')
+        terms = [[gains[k] * errors[k] for k in (i, n + i)] for i in range(n)]
+    else:
+        gains = row('gain', 2 * n * n)
+        terms = [
+            [gain * error for gain, error in zip(gains[2 * n * i :], errors, strict=False)]
+            for i in range(n)
+        ]
+    tau = [sum(own, command) for command, own in zip(torques, terms, strict=True)]
+    return program_with_outputs(recorder, tau=tau)
+
+
+def law_arrays(law: Law, size: int, steps: int, n: int, dtype: str) -> dict[str, Array]:
+    """
+    Return the arrays of a law, by their names in its control program.
 
     References are (B, steps, n), gains (B, n), a matrix (B, steps, 2 n^2); ValueError for an
     array of another shape.
     """
-    if law is None:
-        return NONE, {}
     if not isinstance(law, Law):
         raise ValueError(
             f'feedback must be a Feedback or a StateFeedback, got {type(law).__name__}'
@@ -80,13 +107,10 @@ def law_arrays(
     def array(name: str, *shape: int) -> Array:
         return real_array(f'feedback.{name}', getattr(law, name), dtype, shape, broadcast=True)
 
-    arrays = {
-        place: array(name, size, steps, n)
-        for name, place in zip(('q', 'qd'), REFERENCES, strict=True)
-    }
+    arrays = {f'{name}.ref': array(name, size, steps, n) for name in ('q', 'qd')}
     if isinstance(law, Feedback):
-        return JOINTS, arrays | {name: array(name, size, n) for name in GAINS}
-    return WHOLE, arrays | {MATRIX: _flattened(array(MATRIX, size, steps, n, 2 * n))}
+        return arrays | {name: array(name, size, n) for name in ('kp', 'kd')}
+    return arrays | {'gain': _flattened(array('gain', size, steps, n, 2 * n))}
 
 
 def _flattened(matrices: Array) -> Array:

@@ -14,20 +14,27 @@ the bits of single steps.
 
 from __future__ import annotations
 
-from ctypes import addressof, c_int64
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.algorithms.chain.actuators import MOTOR_ROWS, TARGET_ROWS
-from pfd_core.kernels.codegen.cycles import COUNTS, HEAD
-from pfd_core.kernels.simulations import compile_rollout
+from pfd_core.algorithms.chain.actuators import (
+    FLAGS,
+    MOTOR_ROWS,
+    TARGET_ROWS,
+    record_actuators,
+)
+from pfd_core.forking import cached_property
+from pfd_core.kernels.simulations import NativeSteps, Plan
 from pfd_core.model import Payload
 from pfd_core.model.values import Array, quote, real_array
 from pfd_core.simulation.simulator import Simulator
 from pfd_core.simulation.state import SimulationState
+
+# What is written after each step, and the flag of an effort that jumped.
+OUT = ('q.out', 'qd.out', 'acting.out')
+JUMPED = FLAGS.index('jumped')
 
 
 @dataclass
@@ -49,7 +56,7 @@ class MotorState:
 
     peaks: Array
     before: Array = field(default_factory=lambda: np.empty(0))
-    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(COUNTS), np.int64))
+    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(FLAGS), np.int64))
 
     def __post_init__(self) -> None:
         """Check the arrays, which are copied; ValueError for other ones."""
@@ -63,13 +70,19 @@ class MotorState:
     @property
     def jumped(self) -> bool:
         """Whether the last run ended at an effort that jumped."""
-        return bool(self.counts[COUNTS.index('jumped')])
+        return bool(self.counts[JUMPED])
 
 
 class MotorSimulator(Simulator):
     """A Simulator, with its parameters, whose efforts pass servos and are limited as by motors."""
 
-    _compiler = staticmethod(partial(compile_rollout, motors=True))
+    def _load_native(self) -> None:
+        self._native = self._compile(record_actuators(self.robot.n, self.scene.brakes))
+
+    @cached_property
+    def _plain(self) -> NativeSteps:
+        # Without actuators, for `step` and `rollout`.
+        return self._compile()
 
     def new_state(
         self, q: ArrayLike | None = None, qd: ArrayLike | None = None
@@ -134,7 +147,7 @@ class MotorSimulator(Simulator):
         kinds = (
             ('peaks', self.dtype, n),
             ('before', self.dtype, n),
-            ('counts', 'int64', len(COUNTS)),
+            ('counts', 'int64', len(FLAGS)),
         )
         for name, kind, size in kinds:
             array = getattr(motors, name)
@@ -177,20 +190,23 @@ class Cycles:
         self._no_targets = self._targets = np.full(
             (len(TARGET_ROWS), simulator.robot.n), np.nan, simulator.dtype
         )
+        size, n = limits.itemsize, simulator.robot.n
         native = simulator._native
-        assert native.cycles is not None
-        own = {
-            'substeps': simulator._count_at,
+        places = {
+            **state.at,
             'motors': limits.ctypes.data,
             'targets': self._no_targets.ctypes.data,
-            'before': motors.before.ctypes.data,
-            'counts': motors.counts.ctypes.data,
+            'wanted': motors.before.ctypes.data,
             'peaks': motors.peaks.ctypes.data,
+            'counts': motors.counts.ctypes.data,
         }
-        addresses = [own.get(name, state.at.get(name, 0)) for name in native.block]
-        self._block = (c_int64 * len(addresses))(*addresses)
-        self._native, self._at = native.cycles, addressof(self._block)
-        self._efforts, self._out = HEAD.index('efforts'), HEAD.index('out')
+        steps = {'efforts': n * size, **dict.fromkeys(OUT, 3 * n * size)}
+        rows = [(places.get(x, 0), size, steps.get(x, 0)) for x in native.arrays]
+        self._plan = Plan(native, simulator.substeps, rows)
+        self._target_index, self._effort_index, *self._out_indices = (
+            native.arrays.index(name) for name in ('targets', 'efforts', *OUT)
+        )
+        self._row, self._places = n * size, (0, 0)
 
     def set_targets(self, position: Array | None = None, velocity: Array | None = None) -> None:
         """Set the targets of the servos, (n,) each; NaN or no argument removes the target."""
@@ -199,7 +215,7 @@ class Cycles:
             self._targets = self._no_targets.copy()
             for row, values in zip(self._targets, (position, velocity), strict=True):
                 row[:] = np.nan if values is None else values
-        self._block[HEAD.index('targets')] = self._targets.ctypes.data
+        self._plan.move(self._target_index, self._targets.ctypes.data)
 
     def run(self, efforts: Array, out: Array) -> int:
         """
@@ -225,11 +241,16 @@ class Cycles:
 
     def run_at(self, efforts: int, out: int, steps: int) -> int:
         """Do as `run`, on arrays given by their addresses, without checks."""
-        block, state = self._block, self.state
-        block[self._efforts], block[self._out] = efforts, out
-        finite: int = self._native(steps, self._at)
+        state, motors = self.state, self._motors
+        if self._places != (efforts, out):
+            self._places = efforts, out
+            self._plan.move(self._effort_index, efforts)
+            for k, index in enumerate(self._out_indices):
+                self._plan.move(index, out + k * self._row)
+        motors.counts[JUMPED] = 0
+        finite = self._plan.run(steps)
         state.steps += finite
-        if finite < steps and not self._motors.jumped:
+        if finite < steps and not motors.jumped:
             state.steps += 1
             state.status = self._simulator._why_not_finite(state)
         return finite

@@ -5,17 +5,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from copy import deepcopy
-from ctypes import addressof, c_int64
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.forking import cached_property
 from pfd_core.kernels.codegen.segments import Contact
+from pfd_core.kernels.simulations import NativeSteps, compile_steps
 from pfd_core.kernels.spec import STEP, KernelSpec
+from pfd_core.machine.program import Program
 from pfd_core.model import (
     Plant,
     Robot,
@@ -71,8 +71,9 @@ class Simulation(ABC):
 
     # Leading dimensions of all states: (), or (B,) for an ensemble.
     batch: tuple[int, ...] = ()
-    # The compiler of the native code, in pfd_core.kernels.simulations.
-    _compiler: ClassVar[Callable[..., Any]]
+    # Arms that native code moves at once.
+    _width = 1
+    _native: NativeSteps
 
     def __init__(
         self,
@@ -121,17 +122,16 @@ class Simulation(ABC):
         """Return the arrays of a state buffer by name: the rows of the state, and others."""
 
     def _load_native(self) -> None:
-        """Set what belongs to this process: native code, and the number that it counts to."""
+        """Set what belongs to this process: native code."""
         self._native = self._compile()
-        self._count = c_int64(self.substeps)
-        self._count_at = addressof(self._count)
 
     @property
-    @abstractmethod
     def _step_work(self) -> int:
         """Operations of one step, on vector registers in an ensemble; at least 1."""
+        return max(self._native.work, 1) * self.substeps
 
-    def _compile(self) -> Any:
+    def _compile(self, control: Program | None = None) -> NativeSteps:
+        """Return the steps under given torques, or under those of a control program."""
         integrator, h = TABLE[self.integrator], self.step_size / self.substeps
         plant = resolve(self.robot, self.scene)
         step = record_step(
@@ -144,9 +144,19 @@ class Simulation(ABC):
             events=has_contact(plant),
             carries=not has_contact(plant),
         )
-        return self._compiler(
-            self.spec, step, implicit=integrator.implicit * h, contact=self._contact(plant, h)
+        return compile_steps(
+            self.spec,
+            step,
+            written=self._written(step, control),
+            width=self._width,
+            implicit=integrator.implicit * h,
+            contact=self._contact(plant, h),
+            control=control,
         )
+
+    @abstractmethod
+    def _written(self, step: Program, control: Program | None) -> tuple[str, ...]:
+        """Return what native code writes after a step."""
 
     def _contact(self, plant: Plant, h: float) -> Contact | None:
         """Return the step with dry friction and joint stops, None if the scene has neither."""
@@ -173,7 +183,7 @@ class Simulation(ABC):
         return Contact(programs, scheme.stages, h, implicit * h, pivots, MOST_SEGMENTS)
 
     def __getstate__(self) -> dict[str, Any]:
-        own = ('_native', '_count', '_count_at')
+        own = ('_native', '_plain', '_laws')
         return {name: value for name, value in self.__dict__.items() if name not in own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -203,8 +213,7 @@ class Simulation(ABC):
         With dry friction and stops: of a step in which no joint rests, reverses or reaches its
         stop. A comparison counts with its selection, a changed sign separately.
         """
-        count: int = self._native.operations()
-        return count
+        return self._native.operations()
 
     @property
     def q(self) -> Array:

@@ -14,21 +14,23 @@ give the same bits, step by step or in one rollout.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from operator import itemgetter
 import time
+from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.algorithms.grouped.payload_input import KEPT, payload_inputs, payload_numbers
-from pfd_core.forking import cached_property
-from pfd_core.kernels.simulations import Rollout, compile_rollout
+from pfd_core.kernels.simulations import NativeSteps, Plan
+from pfd_core.kernels.threads import address
+from pfd_core.machine.program import Program
 from pfd_core.model import Payload, Robot, Scene, check_joint_inertia, resolve
 from pfd_core.model.effects import INPUT
 from pfd_core.model.values import Array, quote, real_array
+from pfd_core.simulation.rows import LaggedTorque
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.state import SimulationState
 from pfd_core.simulation.stiffness import check_springs
@@ -36,7 +38,7 @@ from pfd_core.simulation.trajectory import Trajectory
 
 # A rollout runs in pieces, between which Python looks for signals. A piece may take this many
 # seconds, by the time that the one before took; the first has this many operations, a loop's
-# counted once. A step is never cut, but for an interrupt.
+# counted once. A step is never cut.
 PIECE_SECONDS = 0.05
 FIRST_OPERATIONS = 1_000_000
 
@@ -75,14 +77,23 @@ class Simulator(Simulation):
 
     """
 
-    _native: Rollout
     # The last payload that a step was given, and its numbers.
     _carried: tuple[Payload | None, Array] | None = None
-    _compiler = staticmethod(compile_rollout)
+
+    def _written(self, step: Program, control: Program | None) -> tuple[str, ...]:
+        if control is not None:
+            return 'q', 'qd', 'acting'
+        # Those from which qdd follows.
+        return tuple(name for name in ('q', 'qd', LaggedTorque.name) if name in step.outputs)
+
+    @property
+    def _plain(self) -> NativeSteps:
+        """Steps under given torques."""
+        return self._native
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         # Beside the state, the inputs of the last step, which `qdd` needs.
-        rows = ('q', 'qd', *self._native.rows, 'tau', 'free')
+        rows = ('q', 'qd', *self._native.steps.further, 'tau', 'free')
         shapes: dict[str, tuple[int, ...]] = {
             **dict.fromkeys(rows, (self.robot.n,)),
             'wrench': (6,),
@@ -110,9 +121,10 @@ class Simulator(Simulation):
         arrays = state.arrays
         if not state.steps:
             return np.zeros(self.robot.n, self.dtype)
-        q, qd, tau = (arrays[name][np.newaxis] for name in ('q', 'qd', self._native.torque))
-        inputs = [arrays[name] for name in self._inputs]
-        qdd: Array = _accelerations(self._native, q, qd, tau, inputs)[0]
+        names = ('q', 'qd', self._native.steps.torque)
+        rows = {name: arrays[name][np.newaxis] for name in names}
+        inputs = {name: arrays[name] for name in self._inputs}
+        qdd: Array = _accelerations(self._native, rows, inputs)[0]
         return qdd
 
     def prepare_payload(self, payload: Payload | None) -> None:
@@ -150,9 +162,6 @@ class Simulator(Simulation):
         """
         Advance the state by one step.
 
-        A KeyboardInterrupt ends a step of many substeps, too; state and time are then those before
-        the step.
-
         Parameters
         ----------
         tau : array_like
@@ -168,7 +177,9 @@ class Simulator(Simulation):
         """
         row = real_array('tau', tau, self.dtype, (self.robot.n,), joints=self.robot.joint_names)
         following = self._following(row, self._all_inputs(wrench, brakes, payload))
-        self._advance(following, 1, self._addresses_in(following.at))
+        if following.step_plan is None:
+            following.step_plan = self._new_plan(following)
+        self._advance(following, 1, following.step_plan)
 
     def rollout(
         self,
@@ -204,15 +215,21 @@ class Simulator(Simulation):
         given = self._all_inputs(wrench, brakes, payload)
         inputs = {name: x.copy() for name, x in given.items()}
         before = self._now.steps
-        states = {name: np.empty_like(rows) for name in self._native.written}
-        finite_steps = self._run_pieces(rows, inputs, [*states.values()])
-        q, qd, tau = (({'tau': rows} | states)[name] for name in ('q', 'qd', self._native.torque))
+        steps_of = self._plain.steps
+        states = {name: np.empty_like(rows) for name in steps_of.written}
+        finite_steps = self._run_pieces(rows, inputs, states)
+        motion = {'tau': rows} | states
         steps = np.arange(before + 1, before + len(rows) + 1)
         return Trajectory(
             time=self._now.start + self.step_size * steps,
-            q=q,
-            qd=qd,
-            _qdd=partial(_accelerations, self._native, q, qd, tau, [*inputs.values()]),
+            q=motion['q'],
+            qd=motion['qd'],
+            _qdd=partial(
+                _accelerations,
+                self._native,
+                {name: motion[name] for name in ('q', 'qd', steps_of.torque)},
+                inputs,
+            ),
             status='ok' if finite_steps == len(rows) else self._why_not_finite(self._now),
             finite_steps=finite_steps,
         )
@@ -220,10 +237,6 @@ class Simulator(Simulation):
     def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
         """Advance the state by one step."""
         self.step(tau, wrench, brakes=brakes)
-
-    @property
-    def _step_work(self) -> int:
-        return max(self._native.work, 1) * self.substeps
 
     def _all_inputs(
         self, wrench: ArrayLike | None, brakes: ArrayLike | None, payload: Payload | None
@@ -235,19 +248,21 @@ class Simulator(Simulation):
             inputs['payload'] = self._carried[1]
         return inputs
 
-    def _run_pieces(self, rows: Array, inputs: dict[str, Array], states: list[Array]) -> int:
+    def _run_pieces(self, rows: Array, inputs: dict[str, Array], states: dict[str, Array]) -> int:
         """Take a step for each row of torques; return after how many the state was finite."""
-        addresses = [array.ctypes.data for array in (rows, *states)]
+        given = {'tau': rows} | {f'{name}.out': x for name, x in states.items()}
+        places = {name: address(x) for name, x in given.items()}
+        plans = [self._new_plan(buffer, places, rows.strides[0]) for buffer in self._buffers]
         done = finite_steps = 0
         count = max(1, FIRST_OPERATIONS // self._step_work)
         while done < len(rows):
             count = min(count, len(rows) - done)
             begin = time.perf_counter()
             following = self._following(rows[done + count - 1], inputs)
-            tau, *written = (address + done * rows.strides[0] for address in addresses)
-            at = following.at
-            further = (at[name] for name in (*self._inputs, *self._native.rows))
-            finite = self._advance(following, count, (at['q'], at['qd'], tau, *further, *written))
+            plan = plans[1 - self._turn]
+            for name, place in places.items():
+                plan.move(self._plain.arrays.index(name), place + done * rows.strides[0])
+            finite = self._advance(following, count, plan)
             finite_steps += finite if finite_steps == done else 0
             done += count
             spent = max(time.perf_counter() - begin, 1e-9)
@@ -262,22 +277,35 @@ class Simulator(Simulation):
             following.arrays[name][:] = value
         return following
 
-    @cached_property
-    def _addresses_in(self) -> Callable[[Mapping[str, int]], tuple[int, ...]]:
-        """The addresses with which native code does one step of a buffer, by name."""
-        native = self._native
-        # It writes the rows of the step's state over that state: the same numbers.
-        names = ['q', 'qd', 'tau', *self._inputs, *native.rows, *native.written]
-        return itemgetter(*names)
-
-    def _advance(self, following: SimulationState, steps: int, addresses: tuple[int, ...]) -> int:
+    def _new_plan(
+        self,
+        buffer: SimulationState,
+        given: Mapping[str, int] = MappingProxyType({}),
+        step: int = 0,
+    ) -> Plan:
         """
-        Run native code on a buffer, and make its state the valid one.
+        Return the plan for steps of a buffer.
 
-        It takes the addresses of its state, of the torques, of inputs and further rows, and of the
-        states that it writes, and returns the number of leading steps with a finite state.
+        `given` are the addresses of arrays with `step` bytes from step to step. Without them it
+        is for one step, under the torque in the buffer, which writes its rows over that state:
+        the same numbers.
         """
-        finite = self._native.run(steps, self._count_at, *addresses)
+        size = buffer.arrays['q'].itemsize
+        rows = [
+            (given[name], size, step)
+            if name in given
+            else (buffer.at[name.removesuffix('.out')], size, 0)
+            for name in self._plain.arrays
+        ]
+        return Plan(self._plain, self.substeps, rows)
+
+    def _advance(self, following: SimulationState, steps: int, plan: Plan) -> int:
+        """
+        Run native code on a buffer, by its plan, and make its state the valid one.
+
+        Returns the number of leading steps with a finite state.
+        """
+        finite = plan.run(steps)
         following.steps += steps
         if finite < steps:
             following.status = self._why_not_finite(following)
@@ -317,12 +345,23 @@ def _check(robot: Robot, scene: Scene, step_size: float, substeps: int) -> None:
     check_springs(plant, step_size, substeps)
 
 
+def one_arm_table(arrays: Sequence[Array]) -> NDArray[np.int64]:
+    """Return the table of native code of arrays of one arm: (elements,) or (steps, elements)."""
+    rows = []
+    for array in arrays:
+        *step, element = array.strides
+        rows.append((address(array), 0, element, step[0] if step else 0))
+    return np.array(rows, np.int64)
+
+
 def _accelerations(
-    native: Rollout, q: Array, qd: Array, taus: Array, inputs: list[Array]
+    native: NativeSteps, rows: Mapping[str, Array], inputs: Mapping[str, Array]
 ) -> Array:
     """Return the accelerations of states in rows, (steps, n), under inputs that stay the same."""
-    qdd = np.empty_like(q)
-    rows = [np.ascontiguousarray(x) for x in (q, qd, taus)]
-    if len(q):
-        native.accelerations(len(q), *(x.ctypes.data for x in (*rows, *inputs, qdd)))
+    assert native.accelerations is not None
+    qdd = np.empty_like(rows['q'])
+    if len(qdd):
+        arrays = {**rows, **inputs, 'qdd': qdd}
+        table = one_arm_table([arrays[name] for name in native.steps.sampled])
+        native.accelerations(len(qdd), address(table))
     return qdd

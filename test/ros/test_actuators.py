@@ -115,12 +115,14 @@ def limited(made: Actuators, wanted: np.ndarray, velocities: np.ndarray) -> np.n
     given = {
         'q': np.zeros(n),
         'qd': velocities,
-        'tau': wanted,
-        'before': np.full(n, NAN),
+        'efforts': wanted,
+        'wanted': np.full(n, NAN),
+        'tau': np.zeros(n),
+        'peaks': np.zeros(n),
         'motors': made.limits.ravel(),
         'targets': np.full(2 * n, NAN),
     }
-    found: np.ndarray = run_program(recorded(n), given)['actuators'][:n]
+    found: np.ndarray = run_program(recorded(n), given)['acting']
     return found
 
 

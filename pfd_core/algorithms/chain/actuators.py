@@ -15,6 +15,7 @@ driver reports. `drives` has the limits that act continuously, as a part of a sc
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import math
 
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, where
@@ -24,32 +25,65 @@ from pfd_core.model.effects import NO_EFFORT
 
 # Rows of the input `motors`, (7, n): E, F, W, V, p, d and the largest change of w in a cycle.
 MOTOR_ROWS = ('effort', 'torque_speed_effort', 'torque_speed', 'speed', 'p', 'd', 'jump')
-# Rows of the input `targets`, (2, n), and of the output, (4, n).
+# Rows of the input `targets`, (2, n).
 TARGET_ROWS = ('position', 'velocity')
-OUTPUT_ROWS = ('limited', 'excess', 'wanted', 'jump')
+# Flags of a cycle, 1 or 0: a limit cut an effort, a joint was too fast, an effort jumped.
+FLAGS = ('saturated', 'fast', 'jumped')
 
 
-def record_actuators(n: int) -> Program:
+def record_actuators(n: int, brakes: bool = False) -> Program:
     """
-    Return the program of the efforts that act, from q, qd, tau, motors, targets and `before`.
+    Return the program of a control cycle, which runs before a step.
 
-    Its output is (4, n): the efforts; |qd| / V of joints beyond V, 0 for the others; w; and the
-    change of w since the cycle before, (n,), NaN where `before` is NaN.
+    It reads q, qd, `efforts`, `motors` and `targets`; with `brakes` also free, 1 for a joint that
+    its brake does not hold. What it reads from the cycle before, and writes: tau, the efforts that
+    act; `wanted`, w, NaN for none and for braked joints; and `peaks`, the largest |qd| / V of
+    joints beyond V. Further outputs are `acting`, the efforts that act; `counts`, the FLAGS; and
+    `stop`, 1 if the w of a free joint changes by more than it may. Then all that is read again is
+    as before, and `acting` is w.
     """
     recorder = Recorder(1, 'sequential')
-    q, qd, tau, before = (input_list(recorder, name, n) for name in ('q', 'qd', 'tau', 'before'))
+    names = ('q', 'qd', 'efforts', 'tau', 'wanted', 'peaks')
+    rows = {name: input_list(recorder, name, n) for name in names}
     motors = input_list(recorder, 'motors', len(MOTOR_ROWS) * n)
     targets = input_list(recorder, 'targets', len(TARGET_ROWS) * n)
-    half, two = recorder.constant([0.5]), recorder.constant([2.0])
-    rows = []
+    half, zero, one, two, none = (recorder.constant([x]) for x in (0.5, 0.0, 1.0, 2.0, math.nan))
+    free = input_list(recorder, 'free', n) if brakes else [one] * n
+    wanted, limited, excess = [], [], []
+    cut, fast, stop = zero, zero, zero
     for k in range(n):
         motor = dict(zip(MOTOR_ROWS, motors[k::n], strict=True))
-        wanted = _followed(tau[k], q[k], qd[k], targets[k::n], motor['p'], motor['d'])
+        q, qd, before = rows['q'][k], rows['qd'][k], rows['wanted'][k]
+        w = _followed(rows['efforts'][k], q, qd, targets[k::n], motor['p'], motor['d'])
         # Halves: a difference of the largest numbers would overflow.
-        jump = two * absolute(half * wanted - half * before[k])
-        rows.append((*_limited(wanted, qd[k], motor), wanted, jump))
+        jump = two * absolute(half * w - half * before)
+        stop = where(jump - motor['jump'], where(free[k], one, stop), stop)
+        t, beyond = _limited(w, qd, motor)
+        cut = where(w - t, one, where(t - w, one, cut))
+        fast = where(beyond, one, fast)
+        wanted.append(w)
+        limited.append(t)
+        excess.append(beyond)
+
+    def unless_stopped(new: Lanes, old: Lanes) -> Lanes:
+        result: Lanes = where(stop, old, new)
+        return result
+
     return program_with_outputs(
-        recorder, actuators=[value for row in zip(*rows, strict=True) for value in row]
+        recorder,
+        tau=list(map(unless_stopped, limited, rows['tau'])),
+        # The first effort of a joint that comes off its brake may be any.
+        wanted=[
+            unless_stopped(where(f, w, none), before)
+            for f, w, before in zip(free, wanted, rows['wanted'], strict=True)
+        ],
+        peaks=[
+            unless_stopped(where(x - peak, x, peak), peak)
+            for x, peak in zip(excess, rows['peaks'], strict=True)
+        ],
+        acting=[where(stop, w, t) for w, t in zip(wanted, limited, strict=True)],
+        counts=[unless_stopped(cut, zero), unless_stopped(fast, zero), stop],
+        stop=[stop],
     )
 
 

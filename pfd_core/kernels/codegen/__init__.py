@@ -13,14 +13,10 @@ Code generation: program -> LLVM IR. Each module writes the functions it is name
     batch            @batch: @evaluate over many states at any strides
     chunks           @batch where columns evict each other from the cache: copies of columns
     python_entry     @entry, @bound: functions that Python calls, which check their arrays
-    step             @step: an integrator's step around @evaluate
+    step             names of rows that the writers of steps share
     linear_step      @linear_step, @evaluate: derivatives of a step
     calls            functions that run procedures and @evaluate_NAME on arrays
     segments         @step with dry friction and joint stops, from event to event
     adaptive         @adaptive: steps of an embedded pair, with error control and events
-    cycles           @cycles: steps whose efforts pass actuators
-    rollout          @rollout, @accelerations: the simulation of one arm
-    law              feedback laws of an ensemble
-    arms             @arms, @ensemble: simulations of many arms, one per SIMD lane
-    module           whole modules: of a kernel, a rollout, an ensemble
+    module           whole modules: of a kernel, of adaptive steps
 """

@@ -6,8 +6,6 @@ Whole modules of LLVM IR: the functions of a kernel or of a simulation, and thei
     kernel_module      one state or a batch, called from Python
     product_module     the same, of a result that is a product of a program's outputs
     linear_module      the same, of the linearised steps of an integrator
-    rollout_module     the simulation of one arm
-    ensemble_module    the simulations of many arms, one per SIMD lane
     adaptive_module    one arm with adaptive steps
 
 What only one kind of module has is imported when such a module is first written.
@@ -17,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 import math
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from pfd_core.forking import no_fork
@@ -120,61 +117,6 @@ def _entries(program: Program, form: Format, shape: Sequence[int]) -> list[str]:
     return [batch_of(program, form, size), batch_entry_ir(program, form.dtype, size)]
 
 
-def rollout_module(
-    step_program: Program,
-    dynamics: Program,
-    dtype: str,
-    angles: Sequence[int],
-    others: Mapping[str, Program] = MappingProxyType({}),
-    contact: Contact | None = None,
-    actuators: Program | None = None,
-) -> str:
-    """
-    Return the module of the simulation of one arm by an integrator's step.
-
-    `dynamics` is the program of @evaluate, `others` are programs of further functions, by the
-    names in the step. With `contact` the step and the accelerations are of that, and the
-    programs have only its inputs. With `actuators`, a lowered program, it has @cycles.
-    """
-    with no_fork:
-        from pfd_core.kernels.codegen.cycles import cycles
-        from pfd_core.kernels.codegen.rollout import accelerations, rollout
-
-    form = Format(dtype, 1)
-    loops = [rollout(step_program, dynamics, form), accelerations(dynamics, form)]
-    if actuators is not None:
-        loops += [
-            body(actuators, form, '_actuators'),
-            cycles(step_program, dynamics, actuators, form),
-        ]
-    return _simulation(step_program, dynamics, form, angles, loops, others, contact)
-
-
-def ensemble_module(
-    step_program: Program,
-    dynamics: Program,
-    dtype: str,
-    width: int,
-    angles: Sequence[int],
-    others: Mapping[str, Program] = MappingProxyType({}),
-    contact: Contact | None = None,
-) -> str:
-    """Return the module of many arms, `width` of them in a register; as rollout_module."""
-    with no_fork:
-        from pfd_core.kernels.codegen.arms import arms, ensemble
-        from pfd_core.kernels.codegen.copies import copies
-        from pfd_core.kernels.codegen.law import whole_state
-
-    form = Format(dtype, width)
-    loops = [
-        whole_state(dynamics.inputs['q'], form),
-        arms(step_program, dynamics, form),
-        ensemble(form),
-        copies(form),
-    ]
-    return _simulation(step_program, dynamics, form, angles, loops, others, contact)
-
-
 def adaptive_module(
     pair: AdaptivePair, contact: Contact, extra: Sequence[str], dtype: str, angles: Sequence[int]
 ) -> str:
@@ -190,36 +132,6 @@ def adaptive_module(
     form = Format(dtype, 1)
     functions = contact.parts(extra, form, angles)
     return module([*functions, *adaptive(pair, contact, extra, form)], form, angles)
-
-
-def _simulation(
-    step_program: Program,
-    dynamics: Program,
-    form: Format,
-    angles: Sequence[int],
-    loops: Sequence[str],
-    others: Mapping[str, Program],
-    contact: Contact | None,
-) -> str:
-    with no_fork:
-        from pfd_core.kernels.codegen.step import brake, extra_arguments, further_rows, step
-
-    if contact is not None:
-        further, extra = further_rows(step_program), extra_arguments(dynamics)
-        functions = contact.functions(further, extra, form, angles)
-        impulses = {name[1:]: program for name, program in contact.dynamics.items()}
-        brakes = [brake(impulses, form)] if 'free' in extra else []
-        return module([*functions, *brakes, *loops], form, angles)
-    parts = [
-        body(dynamics, form),
-        evaluate(dynamics, form, angles),
-        *(body(program, form, f'_{name}') for name, program in others.items()),
-        *(evaluate(program, form, angles, f'_{name}') for name, program in others.items()),
-        step(step_program, dynamics, form, others),
-        *([brake(others, form)] if 'free' in dynamics.inputs else []),
-        *loops,
-    ]
-    return module(parts, form, angles)
 
 
 def module(

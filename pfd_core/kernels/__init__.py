@@ -25,7 +25,9 @@ Subpackages and modules in the order of data flow; each imports only from those 
     functions      forward_dynamics, inverse_dynamics: plain functions that keep their kernels
     ir             one function of LLVM IR: fresh names, loops, branches
     generate       a lowered program as functions, of one state or a register of them
-    script         named arrays in a frame, and programs and dynamics called on them
+    script         functions that call programs and dynamics on named arrays
+    contact        steps with dry friction and joint stops, from event to event
+    adaptive       steps of an embedded pair, with error control and events
     simulate       @simulate: steps of one arm, or of an arm in each lane of a register
     simulations    compile_steps, compile_adaptive: whole simulations in native code
     linear_steps   compile_linear_step: the derivatives of a step of a simulation

@@ -1,22 +1,27 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Scripts: functions that call dynamics on named arrays.
+Scripts: functions that call programs and dynamics on named arrays, with branches and loops.
 
     frame = Frame()
-    script = Script('accelerate', frame, dynamics, 'float64', 8)
-    script.evaluate('qdd', 'undamped', tau='load')      the array `load` in place of `tau`
+    script = Script('hold', frame, dynamics, 'float64', 8, programs)
+    script.run('watch')                                 on the arrays of its inputs and outputs
+    with script.when_any('watch'):
+        script.evaluate('qdd', 'undamped', tau='load')  the array `load` in place of `tau`
     source = str(script)
 
 All arrays of a simulation lie in one Frame, `width` numbers to an element, so that a function has
-one parameter.
+one parameter. A branch runs if one of the `width` arms needs it; a program for rare states does
+not change the other arms, so that an arm has the same bits alone and in any ensemble.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from types import MappingProxyType
 
-from pfd_core.kernels.generate import inputs_of
+from pfd_core.kernels.generate import inputs_of, operations
 from pfd_core.kernels.ir import Code
 from pfd_core.machine.program import Program
 
@@ -55,9 +60,27 @@ class Frame:
         return self._places[name][1]
 
 
+def procedure(name: str, program: Program, dtype: str, width: int) -> str:
+    """
+    Return `void @name(inputs..., outputs...)` of a lowered program with any inputs and outputs.
+
+    They are arrays in the order of the program; an output may be written over an input.
+    """
+    outputs = [f'out.{output}' for output in program.outputs]
+    parameters = ', '.join(f'ptr %{array}' for array in (*program.inputs, *outputs))
+    code = Code(f'define internal void @{name}({parameters})', dtype, width)
+    step = width * code.bytes
+    values = operations(code, program, lambda array, k: code.read(f'%{array}', k, step))
+    for output, (_, places) in zip(outputs, program.outputs.values(), strict=True):
+        for k, (register, _) in enumerate(places):
+            code.write(values[register], f'%{output}', k, step)
+    code.ret()
+    return str(code)
+
+
 class Script:
     """
-    Writer of `void @name(ptr frame)`.
+    Writer of `void @name(first..., ptr frame)`.
 
     Parameters
     ----------
@@ -69,6 +92,12 @@ class Script:
         Lowered programs of dynamics by name; @evaluate_name runs one.
     dtype, width
         As of Code.
+    programs : dict
+        Further lowered programs by name; @name runs one, see `procedure`.
+    first : sequence of str
+        Parameters before the frame, as `i64 %steps`.
+    places : dict
+        Addresses of arrays that are parameters instead of parts of the frame.
     inline : bool
         Whether LLVM inlines the function where it is called.
 
@@ -81,15 +110,23 @@ class Script:
         dynamics: Mapping[str, Program],
         dtype: str,
         width: int,
+        programs: Mapping[str, Program] = MappingProxyType({}),
+        *,
+        first: Sequence[str] = (),
+        places: Mapping[str, str] = MappingProxyType({}),
         inline: bool = False,
     ) -> None:
+        parameters = ', '.join([*first, 'ptr %frame', *(f'ptr {x}' for x in places.values())])
         attribute = '' if inline else ' noinline'
-        self.code = Code(f'define internal void @{name}(ptr %frame){attribute}', dtype, width)
-        self._frame, self._dynamics = frame, dynamics
+        self.code = Code(f'define internal void @{name}({parameters}){attribute}', dtype, width)
+        self._frame, self._dynamics, self._programs = frame, dynamics, programs
+        self._places = dict(places)
         self._step = width * self.code.bytes
 
     def at(self, name: str, size: int = 0) -> str:
         """Return the address of an array; a new one has a size."""
+        if name in self._places:
+            return self._places[name]
         return self.code.at('%frame', self._first(name, size), self._step)
 
     def read(self, name: str) -> list[str]:
@@ -98,6 +135,8 @@ class Script:
 
     def element(self, name: str, k: int) -> str:
         """Return one element of an array."""
+        if name in self._places:
+            return self.code.read(self._places[name], k, self._step)
         return self.code.read('%frame', self._first(name) + k, self._step)
 
     def write(self, name: str, values: Sequence[str]) -> None:
@@ -123,9 +162,38 @@ class Script:
         places.append(self.at(result, len(output.places)))
         self.code.call('void', f'evaluate_{name}', *(f'ptr {place}' for place in places))
 
-    def call(self, name: str) -> None:
-        """Call another script on the same frame."""
-        self.code.call('void', name, 'ptr %frame')
+    def run(self, name: str, **arrays: str) -> None:
+        """Run a program on the arrays of its names, or on other arrays if given."""
+        program = self._programs[name]
+        sizes = program.inputs | {x: len(y.places) for x, y in program.outputs.items()}
+        places = [
+            self.at(arrays.get(key, key), sizes[key])
+            for key in (*program.inputs, *program.outputs)
+        ]
+        self.code.call('void', name, *(f'ptr {place}' for place in places))
+
+    def call(self, name: str, first: Sequence[str] = (), places: Sequence[str] = ()) -> None:
+        """Call another script on the same frame; `first` and `places` are its other arguments."""
+        addresses = [f'ptr {place}' for place in places]
+        self.code.call('void', name, *first, 'ptr %frame', *addresses)
+
+    def any(self, name: str) -> str:
+        """Return an i1: whether a number is above zero for any of the arms."""
+        return self.code.any(self.code.above(self.element(name, 0)))
+
+    @contextmanager
+    def when_any(self, name: str, rarely: bool = False) -> Iterator[None]:
+        """Run the body if a number is above zero for any of the arms."""
+        with self.code.when(self.any(name), rarely):
+            yield
+
+    @contextmanager
+    def while_any(self, name: str, at_most: int) -> Iterator[None]:
+        """Repeat the body while a number is above zero for any of the arms, at least once."""
+        again = self.code.variable('i1', 'true')
+        with self.code.loop(at_most, again=again):
+            yield
+            again.set(self.any(name))
 
     def _first(self, name: str, size: int = 0) -> int:
         return self._frame.place(name, size or self._frame.length(name))

@@ -4,7 +4,7 @@
 Simulations in native code: an integrator's step around @evaluate, over all steps of a rollout.
 
     compile_steps        arms in the lanes of a register  (pfd_core.kernels.simulate)
-    compile_adaptive     one arm, adaptive steps    (pfd_core.kernels.codegen.adaptive)
+    compile_adaptive     one arm, adaptive steps    (pfd_core.kernels.adaptive)
 """
 
 from __future__ import annotations
@@ -15,14 +15,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from pfd_core.kernels.codegen.adaptive import WRITTEN, AdaptivePair, carried
-from pfd_core.kernels.codegen.module import adaptive_module
-from pfd_core.kernels.codegen.segments import Contact
-from pfd_core.kernels.codegen.spelling import Format
+from pfd_core.kernels.adaptive import WRITTEN, AdaptivePair, adaptive_module, carried
 from pfd_core.kernels.codegen.step import MOTION
+from pfd_core.kernels.contact import Contact, contact_step
 from pfd_core.kernels.lower import lower, operations
 from pfd_core.kernels.native import Native
-from pfd_core.kernels.script import Frame, Script
 from pfd_core.kernels.simulate import (
     Steps,
     evaluations,
@@ -143,39 +140,17 @@ def _steps_module(steps: Steps, sources: _Sources, angles: tuple[int, ...]) -> s
         control = lower(steps.control, steps.dtype, fma=False).compiled
         # The table has all arrays in the recorded order, read or not.
         steps = replace(steps, control=replace(control, inputs=steps.control.inputs))
-    others, contact = sources.further()
+    dynamics, contact = sources.further()
     frame = new_frame(steps)
     if contact is None:
-        dynamics = {'qdd': sources.main.program, **others}
+        dynamics = {'qdd': sources.main.program, **dynamics}
         parts = evaluations(dynamics, steps.dtype, steps.width, angles)
         parts += smooth_step(steps, dynamics, frame)
     else:
-        dynamics = {
-            name: contact.dynamics[f'_{name}']
-            for name in ('momentum', 'inertial')
-            if 'free' in steps.inputs
-        }
-        parts = _contact_step(steps, contact, frame, angles)
+        dynamics = dict(contact.dynamics)
+        parts = contact_step(steps, contact, frame, angles)
     parts += simulation_functions(steps, dynamics, frame)
     return simulation_module(parts, steps, bool(angles))
-
-
-def _contact_step(
-    steps: Steps, contact: Contact, frame: Frame, angles: tuple[int, ...]
-) -> list[str]:
-    """Return @advance and @accelerate of a scene with dry friction or joint stops."""
-    form, extra = Format(steps.dtype, steps.width), [*steps.inputs]
-    functions = contact.functions(steps.further, extra, form, angles)
-    for name, function, arrays in (
-        ('advance', 'step', ['q', 'qd', 'qdd', *steps.further, *extra]),
-        ('accelerate', 'evaluate', ['q', 'qd', *extra, 'qdd']),
-    ):
-        script = Script(name, frame, {}, steps.dtype, steps.width)
-        if name == 'accelerate':
-            arrays[arrays.index('tau')] = steps.torque
-        script.code.call('void', function, *(f'ptr {script.at(array)}' for array in arrays))
-        functions.append(str(script))
-    return functions
 
 
 @dataclass(frozen=True)
@@ -185,7 +160,7 @@ class AdaptiveSteps:
     work: int  # operations of the evaluations in one attempt
     inputs: tuple[str, ...]  # of the dynamics, besides the state
     arrays: tuple[str, ...]  # that both functions take before the output arrays
-    begin: Callable[..., None]  # @begin (pfd_core.kernels.codegen.adaptive)
+    begin: Callable[..., None]  # @begin (pfd_core.kernels.adaptive)
     run: Callable[..., int]  # @adaptive, without the interpreter's lock
     begin_law: Callable[..., None]  # the same with a law in Python, with the lock
     run_law: Callable[..., int]
@@ -204,14 +179,14 @@ def compile_adaptive(spec: KernelSpec, pair: AdaptivePair, contact: Contact) -> 
     else:
         main = forward(spec)
         sources = _Sources(
-            main, f' {contact.key}', {'_braked': main}, main.inputs, spec.dtype, contact
+            main, f' {contact.key}', {'braked': main}, main.inputs, spec.dtype, contact
         )
-    inputs = tuple(name for name in sources.inputs if name not in MOTION)
+    inputs = {name: size for name, size in sources.inputs.items() if name not in MOTION}
 
     def ir() -> str:
         _, lowered = sources.further()
         assert lowered is not None
-        return adaptive_module(pair, lowered, inputs, spec.dtype, turned_joints(spec.robot))
+        return adaptive_module(pair, lowered, inputs, turned_joints(spec.robot))
 
     native = sources.compile(f'adaptive {pair}{sources.key}', ['begin', 'adaptive'], ir)
     arrays, integer = carried(contact, inputs), ctypes.c_int64
@@ -221,7 +196,7 @@ def compile_adaptive(spec: KernelSpec, pair: AdaptivePair, contact: Contact) -> 
     begin, run = (native.address(name) for name in ('begin', 'adaptive'))
     return AdaptiveSteps(
         sources.main.work * len(pair.nodes),
-        inputs,
+        tuple(inputs),
         arrays,
         ctypes.CFUNCTYPE(None, *state)(begin),
         ctypes.CFUNCTYPE(integer, *own)(run),
@@ -261,11 +236,6 @@ class _Sources:
         """Everything that determines the module except the main source and the step's program."""
         others = {name: source.key for name, source in self.others.items()}
         return f'{self.settings} {others}'
-
-    @property
-    def signature(self) -> Program:
-        """A program with the inputs of the simulation."""
-        return Program(1, (), dict(self.inputs), {}) if self.contact else self.main.program
 
     def compile(self, module: str, functions: Sequence[str], ir: Callable[[], str]) -> Native:
         """Return native code as KernelSource.compile; steps cut at events have many branches."""
@@ -348,16 +318,15 @@ def _contact_sources(spec: KernelSpec, contact: Contact) -> _Sources:
     if contact.implicit and plant.viscosity is not None:
         heavier = _heavier(plant, contact.implicit)
         plant = plant.only(LINKS, INERTIA, JOINTS, MOTORS)
-    others = {'_motor': motors(plant, dtype)} if has_drives(plant) else {}
+    others = {'motor': motors(plant, dtype)} if has_drives(plant) else {}
     plant = plant.only(LINKS, INERTIA, VISCOSITY, JOINTS)
     held = replace(plant, brakes=True)
     main = forward(spec, held)
-    others |= {'_braked': main, '_inverse': quantity_source(plant, 'inverse_dynamics', dtype)}
+    others |= {'braked': main, 'inverse': quantity_source(plant, 'inverse_dynamics', dtype)}
     if 'hits' in contact.programs or brakes:
-        found = impulses(spec, plant)
-        others |= {f'_{name}': source for name, source in found.items()}
+        others |= impulses(spec, plant)
     if heavier is not None:
-        others['_stiff'] = forward(spec, _at_rest(held, heavier))
+        others['stiff'] = forward(spec, _at_rest(held, heavier))
     inputs = {k: size for k, size in main.inputs.items() if k != 'free' or brakes}
     settings = f' {" ".join(inputs)} {contact.key}'
     return _Sources(main, settings, others, inputs, dtype, contact)

@@ -18,7 +18,7 @@ Time: the motion of an arm, or of many arms at once, in native code.
     embedded_pairs  Runge-Kutta pairs for adaptive steps as data; their dense output
     step_control    programs of adaptive steps: stages, estimated error, next size
     adaptive        integrate: one arm offline, to a tolerance; AdaptiveTrajectory. The loop over
-                    the steps is native code (kernels.codegen.adaptive)
+                    the steps is native code (kernels.adaptive)
 
 A new integrator is a function and a row of integrators.TABLE (INTEGRATORS are its names); with
 friction and stops it is refused until contact.schemes has a Scheme for it and simulation.SCHEMES

@@ -12,7 +12,7 @@ The state y = (q, qd) obeys y' = (qd, f(q, qd, tau)), f the forward dynamics. An
 from which the sizes of the steps follow (pfd_core.simulation.step_control). A step ends where a
 joint with dry friction reverses, reaches a stop, or is released from rest
 (pfd_core.simulation.contact.dense_events). The loop is native code
-(pfd_core.kernels.codegen.adaptive); this module checks arguments and collects the output.
+(pfd_core.kernels.adaptive); this module checks arguments and collects the output.
 The torque acts continuously, whereas a Simulator holds it for each step.
 """
 
@@ -28,9 +28,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.algorithms.grouped.payload_input import payload_inputs
-from pfd_core.kernels.codegen.adaptive import CONTROL, COUNTS, STATUSES, WRITTEN, AdaptivePair
-from pfd_core.kernels.codegen.segments import Contact
+from pfd_core.kernels.adaptive import CONTROL, COUNTS, STATUSES, WRITTEN, AdaptivePair
 from pfd_core.kernels.codegen.step import REPORT
+from pfd_core.kernels.contact import Contact
 from pfd_core.kernels.functions import CACHED_KERNELS
 from pfd_core.kernels.runtime.cpython_abi import supported
 from pfd_core.kernels.simulations import AdaptiveSteps, compile_adaptive

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.forking import cached_property
-from pfd_core.kernels.codegen.segments import Contact
+from pfd_core.kernels.contact import Contact
 from pfd_core.kernels.simulations import NativeSteps, compile_steps
 from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.machine.program import Program

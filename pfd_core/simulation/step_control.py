@@ -18,7 +18,7 @@ is a power of two, so that its root is a sequence of square roots, with the same
 processor.
 
 The slope of the position is the velocity v of a stage (v0 = qd), the slope of the velocity its
-acceleration a. Native code calls the programs (pfd_core.kernels.codegen.adaptive).
+acceleration a. Native code calls the programs (pfd_core.kernels.adaptive).
 
 One register holds one number; flags are 1 or 0.
 """

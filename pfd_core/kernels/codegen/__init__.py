@@ -15,8 +15,5 @@ Code generation: program -> LLVM IR. Each module writes the functions it is name
     python_entry     @entry, @bound: functions that Python calls, which check their arrays
     step             names of rows that the writers of steps share
     linear_step      @linear_step, @evaluate: derivatives of a step
-    calls            functions that run procedures and @evaluate_NAME on arrays
-    segments         @step with dry friction and joint stops, from event to event
-    adaptive         @adaptive: steps of an embedded pair, with error control and events
-    module           whole modules: of a kernel, of adaptive steps
+    module           whole modules: of a kernel
 """

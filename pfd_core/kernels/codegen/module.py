@@ -1,12 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Whole modules of LLVM IR: the functions of a kernel or of a simulation, and their declarations.
+Whole modules of LLVM IR: the functions of a kernel, and their declarations.
 
     kernel_module      one state or a batch, called from Python
     product_module     the same, of a result that is a product of a program's outputs
     linear_module      the same, of the linearised steps of an integrator
-    adaptive_module    one arm with adaptive steps
 
 What only one kind of module has is imported when such a module is first written.
 """
@@ -15,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 import math
-from typing import TYPE_CHECKING
 
 from pfd_core.forking import no_fork
 from pfd_core.kernels.codegen.body import body
@@ -24,10 +22,6 @@ from pfd_core.kernels.codegen.python_entry import batch_entry_ir, entry_ir
 from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.sines import WRAP_LIMIT, wrap_angle
 from pfd_core.machine.program import Program
-
-if TYPE_CHECKING:
-    from pfd_core.kernels.codegen.adaptive import AdaptivePair
-    from pfd_core.kernels.codegen.segments import Contact
 
 INTRINSICS = {'sqrt': 1, 'fabs': 1, 'fma': 3}  # and their operands
 
@@ -115,23 +109,6 @@ def _entries(program: Program, form: Format, shape: Sequence[int]) -> list[str]:
         from pfd_core.kernels.codegen.chunks import batch_of
 
     return [batch_of(program, form, size), batch_entry_ir(program, form.dtype, size)]
-
-
-def adaptive_module(
-    pair: AdaptivePair, contact: Contact, extra: Sequence[str], dtype: str, angles: Sequence[int]
-) -> str:
-    """
-    Return the module of one arm with adaptive steps by an embedded pair.
-
-    `contact` has the lowered programs of the steps and, in scenes with events, of events; `extra`
-    are the inputs of the dynamics besides the state.
-    """
-    with no_fork:
-        from pfd_core.kernels.codegen.adaptive import adaptive
-
-    form = Format(dtype, 1)
-    functions = contact.parts(extra, form, angles)
-    return module([*functions, *adaptive(pair, contact, extra, form)], form, angles)
 
 
 def module(

@@ -10,5 +10,5 @@ Dry friction, joint stops and brakes in a step: programs that the native step ca
     dense_events    events within an adaptive step, on its dense output
     lag             motor torques with lag, over segments of any length
     programs        all programs by name; the native code that calls them is
-                    kernels.codegen.segments, and kernels.codegen.adaptive
+                    kernels.contact, and kernels.adaptive
 """

@@ -13,7 +13,7 @@ Events within an adaptive step, located on its dense output.
 A margin is above zero before the event and below zero after it. The units of margins differ; only
 their signs matter. A joint at rest is released where the holding torque reaches its bound. So the
 motion between events is smooth, and events are as accurate as the steps. The native code searches
-for the first change of sign (pfd_core.kernels.codegen.adaptive).
+for the first change of sign (pfd_core.kernels.adaptive).
 
 All programs have as inputs the state at the beginning of the step, and there the outputs of
 `record_modes` and `record_directions` of pfd_core.simulation.contact.modes. One register holds one

@@ -30,7 +30,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
-from pfd_core.kernels.codegen.segments import Stage
+from pfd_core.kernels.contact import Stage
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
@@ -80,7 +80,7 @@ class Scheme:
     @property
     def implicit(self) -> bool:
         """Whether a stage solves with the damping."""
-        return any(stage.function == '_stiff' for stage in self.stages)
+        return any(stage.function == 'stiff' for stage in self.stages)
 
 
 def _read(recorder: Recorder, n: int, *names: str) -> Rows:
@@ -218,9 +218,9 @@ def imex2(c: float, d: float) -> Scheme:
     return Scheme(
         stages=(
             Stage('', 'imex.a', q='q', qd='qd', tau='tau.begin'),
-            Stage('implicit1', 'imex.solved', q='at', qd='zero', tau='load', function='_stiff'),
+            Stage('implicit1', 'imex.solved', q='at', qd='zero', tau='load', function='stiff'),
             Stage('explicit2', 'imex.a1', q='at', qd='imex.v1', tau='tau.mid'),
-            Stage('implicit2', 'imex.solved2', q='at', qd='zero', tau='load', function='_stiff'),
+            Stage('implicit2', 'imex.solved2', q='at', qd='zero', tau='load', function='stiff'),
         ),
         middle=c,
         programs=programs,

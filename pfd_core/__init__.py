@@ -8,7 +8,8 @@ Subpackages in the order of data flow; each imports only from those above it.
     forking       locks for forking processes
     machine       the emulated parallel computer: operations, programs, lanes, the emulator
     model         Robot, a serial chain, and Scene, the effects that act on it; loading
-    algorithms    the dynamics, each algorithm recorded once as a program
+    dynamics      serial algorithms, each recorded once as a program; tables of methods, quantities
+    algorithms    Lee and Chang 1987 and later parallel methods on n lanes; emulation
     kernels       a program as native code for one robot and scene: one state or a batch
     simulation    time: integrators, Simulator for one arm, Ensemble for many,
                   integrate for adaptive steps offline
@@ -16,16 +17,16 @@ Subpackages in the order of data flow; each imports only from those above it.
 To change or add
 
     an effect of a joint    an Effect in model.effects.EFFECTS, a field in model.scene. An effect
-                            on motors also needs its torque in algorithms.chain.drives; dry
+                            on motors also needs its torque in dynamics.drives; dry
                             friction its law in simulation.contact.modes (record_effort,
-                            record_modes) and, for joints in motion, in chain.drives (_friction)
+                            record_modes) and, for joints in motion, in dynamics.drives (_friction)
     rotor inertia           config/robots/*.yaml, read by model.yaml_files (_losses); of a URDF by
                             model.urdf_reader (_armature); estimated by model.rotors; acts with
                             Scene(armature=...)
     an equation             algorithms.paper lists its modules with the paper's equations;
                             pcrbm_1987 and pcgm_1987 execute them as printed
-    a method                a module of algorithms and a row of algorithms.programs
-    a quantity              a module of algorithms and a row of algorithms.quantities
+    a method                a module of dynamics or algorithms, a row of dynamics.methods
+    a quantity              a module of dynamics and a row of dynamics.quantities
     an integrator           a row of simulation.integrators.TABLE; for friction and stops also a
                             Scheme in simulation.contact.schemes and a row of
                             simulation.simulation.SCHEMES
@@ -41,7 +42,7 @@ from pfd_core.forking import load, no_fork
 
 if TYPE_CHECKING:
     from pfd_core.algorithms.emulation import Run, emulate
-    from pfd_core.algorithms.programs import EMULATED_METHODS, METHODS, PAYLOAD_METHODS
+    from pfd_core.dynamics.methods import EMULATED_METHODS, METHODS, PAYLOAD_METHODS
     from pfd_core.kernels.compile import compile_kernel
     from pfd_core.kernels.functions import forward_dynamics, inverse_dynamics
     from pfd_core.kernels.kernel import Kernel
@@ -130,7 +131,7 @@ __all__ = [
 # The module of each name, which is imported at the first use of one of its names.
 _NAMES = {
     'algorithms.emulation': 'Run emulate',
-    'algorithms.programs': 'EMULATED_METHODS METHODS PAYLOAD_METHODS',
+    'dynamics.methods': 'EMULATED_METHODS METHODS PAYLOAD_METHODS',
     'kernels.compile': 'compile_kernel',
     'kernels.functions': 'forward_dynamics inverse_dynamics',
     'kernels.kernel': 'Kernel',

@@ -17,7 +17,7 @@ from zoo import Array, random_chain, random_state, right_angled, without_mass
 from benchmarks.cases.robots import uniform_chain
 import pfd_core as pfd
 from pfd_core.algorithms.beyond.constraint_forces import record_constraint_forces
-from pfd_core.algorithms.programs import FORWARD
+from pfd_core.dynamics.methods import FORWARD
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES
 from pfd_core.model import resolve

@@ -23,7 +23,8 @@ from pfd_core.algorithms.beyond.divide_and_conquer import (
     record_divide_and_conquer,
     solve_pivoted,
 )
-from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics
+from pfd_core.algorithms.programs import record_inverse_dynamics
+from pfd_core.dynamics.methods import FORWARD
 from pfd_core.kernels.lower import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES, Recorder

@@ -36,7 +36,7 @@ from pfd_core.algorithms.paper.triangular_array import (
     square,
     triangle,
 )
-from pfd_core.algorithms.programs import FORWARD
+from pfd_core.dynamics.methods import FORWARD
 from pfd_core.kernels.lower import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.systolic import LinkError, Ports, Step

@@ -91,7 +91,7 @@ def test_an_origin_far_along_its_axis_adds_no_operation() -> None:
 def test_the_inertia_about_an_axis_is_exact_at_any_distance_along_it() -> None:
     # By the parallel axis theorem the distance along the axis plays no part.
     near, far = (links('zz', lifts={0: distance}).plant for distance in (0.0, 1e6))
-    one, two = (grouped_links(plant)[0][0].inertia[2, 2] for plant in (near, far))
+    one, two = (grouped_links(plant)[0].inertia[2, 2] for plant in (near, far))
     assert one == pytest.approx(two, rel=2.0**-52)
 
 

@@ -32,12 +32,7 @@ from pfd_core.algorithms.paper.array_solver import factor
 from pfd_core.algorithms.paper.literal_array import literal_array
 from pfd_core.algorithms.paper.pcrbm_array import SECTION, STREAMS, stream_steps
 from pfd_core.algorithms.paper.triangular_array import DIVIDE, MULTIPLY, solve_steps
-from pfd_core.algorithms.programs import (
-    FORWARD,
-    ITERATIVE,
-    SERIAL,
-    record_forward_dynamics,
-)
+from pfd_core.dynamics.methods import FORWARD, ITERATIVE, SERIAL, record_forward_dynamics
 from pfd_core.machine.program import Program, Steps
 from pfd_core.machine.recorder import Schedule
 from pfd_core.model import resolve

@@ -37,7 +37,8 @@ from pfd_core.algorithms.paper.literal_array import literal_array
 from pfd_core.algorithms.paper.pcgm_1987 import record_pcgm_1987
 from pfd_core.algorithms.paper.pcrbm_1987 import record_pcrbm_1987
 from pfd_core.algorithms.paper.set_ordering import set_ordering
-from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics, record_terms
+from pfd_core.algorithms.programs import record_inverse_dynamics, record_terms
+from pfd_core.dynamics.methods import FORWARD
 from pfd_core.machine.emulator import run
 from pfd_core.machine.patterns import prefix_affine
 from pfd_core.machine.program import Program, Steps

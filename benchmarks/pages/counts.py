@@ -23,7 +23,7 @@ from benchmarks.pages import iterations as pcgm
 from benchmarks.run import each
 from benchmarks.table import Columns, Row, grid, order, page, stored_table, table
 from pfd_core.algorithms.emulation import in_sections
-from pfd_core.algorithms.programs import ITERATIVE, METHODS, SERIAL
+from pfd_core.dynamics.methods import ITERATIVE, METHODS, SERIAL
 from pfd_core.model import Robot, load_robot
 
 SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 32, 48, 64)

@@ -43,7 +43,7 @@ from benchmarks.table import (
     short,
     table,
 )
-from pfd_core.algorithms.grouped.energy import record_energy
+from pfd_core.dynamics.energy import record_energy
 from pfd_core.kernels.auto import default
 from pfd_core.machine.emulator import run
 from pfd_core.simulation.embedded_pairs import PAIRS

@@ -26,7 +26,7 @@ from benchmarks.cases.problems import seeded_states
 from benchmarks.cases.robots import Array, uniform_chain
 from benchmarks.timing import differences
 from pfd_core.algorithms.paper.pcgm import default_limit, record_pcgm
-from pfd_core.algorithms.programs import FORWARD
+from pfd_core.dynamics.methods import FORWARD
 from pfd_core.kernels.sines import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program

@@ -22,7 +22,7 @@ from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages.iterations import CHAINS, convergence
 from benchmarks.run import each
 from benchmarks.table import Row, grid, page
-from pfd_core.algorithms.programs import ITERATIVE, METHODS, SERIAL
+from pfd_core.dynamics.methods import ITERATIVE, METHODS, SERIAL
 from pfd_core.machine.prices import Weights
 
 SIZES = (2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 64)

@@ -20,10 +20,10 @@ from benchmarks.cases.problems import Problem, scene_of
 from benchmarks.cases.quantities import FORWARD, STATE, linear_rk4
 from benchmarks.cases.robots import Array
 from benchmarks.peers.pinocchio import Pinocchio
-from pfd_core.algorithms.acceleration_derivatives import record_derivatives
-from pfd_core.algorithms.convergence import with_nan_unless_converged
-from pfd_core.algorithms.programs import TOLERANCES
-from pfd_core.algorithms.refinement import record_refined
+from pfd_core.dynamics.acceleration import record_derivatives
+from pfd_core.dynamics.convergence import with_nan_unless_converged
+from pfd_core.dynamics.methods import TOLERANCES
+from pfd_core.dynamics.refinement import record_refined
 from pfd_core.kernels.auto import choose, default, default_of_derivatives
 from pfd_core.kernels.lower import lower
 from pfd_core.machine.emulator import run

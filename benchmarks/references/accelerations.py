@@ -42,7 +42,8 @@ from numpy.typing import NDArray
 from benchmarks.cases.hard_cases import ROUNDING
 from benchmarks.cases.problems import SEED, Problem
 from benchmarks.cases.robots import Array
-from pfd_core.algorithms.programs import record_forward_dynamics, record_terms
+from pfd_core.algorithms.programs import record_terms
+from pfd_core.dynamics.methods import record_forward_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.model import Plant
 

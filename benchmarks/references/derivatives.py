@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from benchmarks.cases.quantities import STATE, linear_rk4
 from benchmarks.cases.robots import Array
 from benchmarks.references.accelerations import Reference
-from pfd_core.algorithms.programs import record_forward_dynamics
+from pfd_core.dynamics.methods import record_forward_dynamics
 from pfd_core.machine.derivative import derivative
 from pfd_core.machine.emulator import run
 from pfd_core.model import Plant

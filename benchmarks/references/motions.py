@@ -25,7 +25,8 @@ import yaml
 
 from benchmarks.cases.motions import ENDS, HARD, Motion
 from benchmarks.table import HERE, stored_text, write_text
-from pfd_core.algorithms.programs import record_forward_dynamics, record_terms
+from pfd_core.algorithms.programs import record_terms
+from pfd_core.dynamics.methods import record_forward_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.model import Plant
 from pfd_core.model.effects import INERTIA, JOINTS, LINKS, MOTORS

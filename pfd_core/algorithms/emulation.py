@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.algorithms.convergence import record_small_correction
 from pfd_core.algorithms.paper.pcrbm_array import SECTION, STREAMS, stream_steps
 from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
-from pfd_core.algorithms.programs import TOLERANCES, record_forward_dynamics
+from pfd_core.dynamics.convergence import record_small_correction
+from pfd_core.dynamics.methods import TOLERANCES, record_forward_dynamics
 from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
 from pfd_core.machine.networks import NETWORKS
@@ -51,7 +51,7 @@ class Run:
     status : str
         'ok'; 'not_positive_definite' if a pivot of H was not above zero; 'not_converged' if an
         iterative method ran into its limit, or its answer does not satisfy the equations of
-        motion (pfd_core.algorithms.convergence); 'not_finite'.
+        motion (pfd_core.dynamics.convergence); 'not_finite'.
     iterations, cycles : int or None
         Iterations of an iterative method (of a batch, the most), cycles of the array; None for
         the others.

@@ -34,5 +34,5 @@ Subpackages and modules in the order of data flow; each imports only from those 
 
 A new pass is a function of simplify and a line of lower; a new function in native code a
 module of codegen and a line of codegen.module; a new quantity a program and a row of
-pfd_core.algorithms.quantities.
+pfd_core.dynamics.quantities.
 """

@@ -71,7 +71,7 @@ def checked(
     given |= scene_inputs(scene, robot.n, dtype, wrench, brakes)
     if payload is not None or scene.payload == INPUT:
         with no_fork:
-            from pfd_core.algorithms.grouped.payload_input import payload_inputs
+            from pfd_core.dynamics.payload import payload_inputs
 
         given |= payload_inputs(robot, scene, dtype, payload)
     return {

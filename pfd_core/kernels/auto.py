@@ -39,8 +39,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from pfd_core.algorithms.programs import EMULATED_METHODS, METHODS, record_forward_dynamics
-from pfd_core.algorithms.quantities import RECORDERS
+from pfd_core.dynamics.methods import EMULATED_METHODS, METHODS, record_forward_dynamics
+from pfd_core.dynamics.quantities import RECORDERS
 from pfd_core.forking import no_fork
 from pfd_core.kernels.cache import kept
 from pfd_core.kernels.lower import lower, operations
@@ -151,7 +151,7 @@ def inverse_roundings(plant: Plant, methods: Iterable[str]) -> Iterator[tuple[st
     As `roundings`, at the same positions, with errors in the Frobenius norm.
     """
     with no_fork:
-        from pfd_core.algorithms.acceleration_derivatives import record_derivatives
+        from pfd_core.dynamics.acceleration import record_derivatives
         from pfd_core.machine.emulator import run
 
     bare = _bodies(plant)
@@ -238,8 +238,8 @@ def roundings(plant: Plant, method: str) -> float:
     expanded, and no sum has an unknown order.
     """
     with no_fork:
-        from pfd_core.algorithms.grouped.link_torques import record_link_torques
-        from pfd_core.algorithms.refinement import record_refined
+        from pfd_core.dynamics.newton_euler import record_link_torques
+        from pfd_core.dynamics.refinement import record_refined
         from pfd_core.machine.emulator import run
 
     bare = replace(

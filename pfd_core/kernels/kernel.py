@@ -90,7 +90,7 @@ class Kernel:
         self._takes_payload = 'payload' in self._names
         if self._takes_payload:
             with no_fork:
-                from pfd_core.algorithms.grouped.payload_input import payload_inputs
+                from pfd_core.dynamics.payload import payload_inputs
 
             self._payload_inputs = partial(payload_inputs, self.robot, self.scene, self.dtype)
         self._single_entry = self._code.single_entry

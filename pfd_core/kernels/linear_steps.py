@@ -3,7 +3,7 @@
 """
 Linearised steps: A and B of a step of a simulation, as a kernel of q, qd and tau.
 
-pfd_core.algorithms.acceleration_derivatives gives the derivatives of the accelerations at each
+pfd_core.dynamics.acceleration gives the derivatives of the accelerations at each
 stage of the integrator; native code combines them by the chain rule (codegen.linear_step).
 """
 
@@ -14,7 +14,7 @@ from dataclasses import replace
 from functools import partial
 from operator import attrgetter
 
-from pfd_core.algorithms.chain.joint_torques import record_joint_torques
+from pfd_core.dynamics.joint_torques import record_joint_torques
 from pfd_core.kernels.codegen.linear_step import called, carried_rows, state_rows
 from pfd_core.kernels.codegen.module import linear_module
 from pfd_core.kernels.kernel import Kernel

@@ -3,7 +3,7 @@
 """
 Quantities that a kernel can compute: options of a call of compile_kernel, and reduced scenes.
 
-The table is pfd_core.algorithms.quantities.QUANTITIES. A scene is reduced to the effects of a
+The table is pfd_core.dynamics.quantities.QUANTITIES. A scene is reduced to the effects of a
 quantity, so that kernels which do not differ are compiled once.
 """
 
@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any
 
-from pfd_core.algorithms.quantities import QUANTITIES, Quantity
+from pfd_core.dynamics.quantities import QUANTITIES, Quantity
 from pfd_core.model import Scene, given_scene
 from pfd_core.model.values import integer, quote
 

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pfd_core.algorithms.programs import TOLERANCES
-from pfd_core.algorithms.quantities import QUANTITIES, RECORDERS
+from pfd_core.dynamics.methods import TOLERANCES
+from pfd_core.dynamics.quantities import QUANTITIES, RECORDERS
 from pfd_core.forking import cached_property, no_fork
 from pfd_core.kernels.auto import default_inverse
 from pfd_core.kernels.cache import kept
@@ -225,8 +225,8 @@ def forward(
 
     def lowered() -> Stages:
         with no_fork:
-            from pfd_core.algorithms.convergence import with_nan_unless_converged
-            from pfd_core.algorithms.refinement import record_refined
+            from pfd_core.dynamics.convergence import with_nan_unless_converged
+            from pfd_core.dynamics.refinement import record_refined
 
         estimate = dtype if 'error' in names else None
         recorded = record_refined(plant, method, refine, TOLERANCES[dtype], estimate)
@@ -238,7 +238,7 @@ def forward(
 def quantity_source(
     plant: Plant, quantity: str, dtype: str, frame: str | None = None, place: str = ''
 ) -> KernelSource:
-    """Return the source of a quantity in pfd_core.algorithms.quantities, of a frame or of none."""
+    """Return the source of a quantity in pfd_core.dynamics.quantities, of a frame or of none."""
     arguments = dict.fromkeys(QUANTITIES[quantity].arguments, plant.robot.n)
 
     def lowered() -> Stages:
@@ -262,7 +262,7 @@ def derivatives(spec: KernelSpec, plant: Plant | None = None) -> ProductSource:
 
     def lowered() -> Stages:
         with no_fork:
-            from pfd_core.algorithms.acceleration_derivatives import record_derivatives
+            from pfd_core.dynamics.acceleration import record_derivatives
 
         recorded = record_derivatives(plant, spec.method, spec.refine, spec.dtype, inverse)
         return lower(recorded, spec.dtype)
@@ -291,7 +291,7 @@ def motors(plant: Plant, dtype: str) -> KernelSource:
 
     def lowered() -> Stages:
         with no_fork:
-            from pfd_core.algorithms.chain.drives import record_motor_torques
+            from pfd_core.dynamics.drives import record_motor_torques
 
         return lower(record_motor_torques(plant), dtype)
 

@@ -40,9 +40,11 @@ read it. n processors have blocks of one lane. One processor has a single block:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import groupby
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -430,6 +432,45 @@ class Recorder:
             dict(self._inputs),
             dict(self._outputs),
         )
+
+
+def inline(
+    recorder: Recorder, program: Program, inputs: Mapping[str, Sequence[Lanes]]
+) -> dict[str, list[Lanes]]:
+    """
+    Record a sequential program into another recording.
+
+    Parameters
+    ----------
+    recorder : Recorder
+        Of one lane.
+    program : Program
+        Sequential.
+    inputs : mapping
+        Values for some of the program's inputs; the others stay inputs.
+
+    Returns
+    -------
+    dict
+        Name of each output to its elements.
+
+    """
+    values: list[Lanes] = []
+    for section, instructions in groupby(program.instructions, attrgetter('section')):
+        with recorder.section(section):
+            for instruction in instructions:
+                if instruction.op == 'constant':
+                    value = recorder.constant(instruction.data[0])
+                elif instruction.op == 'input':
+                    name, k = instruction.data[0]
+                    value = inputs[name][k] if name in inputs else recorder.input(name, [k])
+                else:
+                    value = recorder.copy(instruction, values)
+                values.append(value)
+    return {
+        name: [values[register] for register, _ in output.places]
+        for name, output in program.outputs.items()
+    }
 
 
 def _mask(processors: Iterable[int]) -> int:

@@ -26,7 +26,7 @@ URDF and xacro are read by modules that `loading` imports at the first such file
 
 A new effect of a joint is a record in `effects` and a field of Scene; all else follows from it. An
 effect of the motors is a record there as well, and its torque belongs in
-pfd_core.algorithms.chain.drives.
+pfd_core.dynamics.drives.
 """
 
 from pfd_core.model.effects import EFFECTS, Effect

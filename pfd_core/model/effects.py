@@ -8,7 +8,7 @@ quantities, derivatives, energy, the choice of an integrator, YAML, the paramete
 reports and the table in docs/guides/model-quantities.md are derived from the records. A new effect
 of a joint is a record here and a field of Scene with the record's name for it. One that acts over
 a step, as dry friction does (STEP), also changes pfd_core.simulation.contact.modes, and its law
-for joints in motion pfd_core.algorithms.chain.drives.
+for joints in motion pfd_core.dynamics.drives.
 
 The effects add to the joint torques of the rigid links:
 
@@ -45,7 +45,7 @@ from pfd_core.model.values import (
 )
 
 # Where an effect acts: on the links (in each Newton-Euler recursion), on the joint side of the
-# motors, on the motors (pfd_core.algorithms.chain.drives), by brakes, or over a step of time
+# motors, on the motors (pfd_core.dynamics.drives), by brakes, or over a step of time
 # (pfd_core.simulation).
 LINKS, JOINTS, MOTORS, BRAKES, STEP = 'links', 'joints', 'motors', 'brakes', 'step'
 # Two effects of the joints that a plant may keep alone: their numbers multiply qdd, and qd.

@@ -3,7 +3,7 @@
 """
 Plant: a scene and a robot as numbers, which an algorithm records as a program.
 
-Most effects are torques at an instant, in pfd_core.algorithms.chain (drives, joint_torques). Dry
+Most effects are torques at an instant, in pfd_core.dynamics (drives, joint_torques). Dry
 friction, stops and the lag of motors act over a step of time, in pfd_core.simulation.
 """
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model.values import Array, real_array

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.algorithms.chain.actuators import (
+from pfd_core.dynamics.actuators import (
     FLAGS,
     MOTOR_ROWS,
     TARGET_ROWS,

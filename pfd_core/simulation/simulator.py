@@ -23,7 +23,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.algorithms.grouped.payload_input import KEPT, payload_inputs, payload_numbers
+from pfd_core.dynamics.payload import KEPT, payload_inputs, payload_numbers
 from pfd_core.kernels.simulations import NativeSteps, Plan
 from pfd_core.kernels.threads import address
 from pfd_core.machine.program import Program

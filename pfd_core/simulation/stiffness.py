@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pfd_core.algorithms.chain.joint_torques import record_joint_torques
+from pfd_core.dynamics.joint_torques import record_joint_torques
 from pfd_core.machine.derivative import directional
 from pfd_core.machine.emulator import run
 from pfd_core.model import EFFECTS, Plant, Robot

@@ -72,7 +72,7 @@ import numpy as np
 from pfd_core.algorithms.beyond.omega import omega_torques
 from pfd_core.algorithms.chain.base_axes import link_parameters
 from pfd_core.algorithms.chain.equations import forward_equations
-from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
+from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.lanes import cos, merge, on, shift, sin
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder

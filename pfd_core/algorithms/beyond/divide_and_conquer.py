@@ -72,8 +72,8 @@ from pfd_core.algorithms.beyond.base_origin import Bodies, bodies
 from pfd_core.algorithms.beyond.omega import omega_torques
 from pfd_core.algorithms.chain.base_axes import Links, Pose
 from pfd_core.algorithms.chain.equations import forward_equations
-from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
 from pfd_core.algorithms.paper.cholesky import solve
+from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.lanes import absolute, broadcast, each, merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, Schedule

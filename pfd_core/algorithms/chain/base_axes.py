@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pfd_core.algorithms.chain.interface import input_row
+from pfd_core.dynamics.interface import input_row
 from pfd_core.machine.lanes import cos, merge, on, shift, sin
 from pfd_core.machine.packing import prefix_product
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, Schedule

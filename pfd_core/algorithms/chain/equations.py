@@ -21,9 +21,10 @@ from pfd_core.algorithms.chain.base_axes import (
     chain_on_lanes,
     wrench_in_base_axes,
 )
-from pfd_core.algorithms.chain.drives import motor_torques
-from pfd_core.algorithms.chain.interface import input_row, wrench_input
-from pfd_core.algorithms.chain.joint_torques import plus_joint_torques
+from pfd_core.algorithms.chain.gravity import gravity_torques_on_lanes
+from pfd_core.dynamics.drives import Gravity, motor_torques
+from pfd_core.dynamics.interface import input_row, wrench_input
+from pfd_core.dynamics.joint_torques import plus_joint_torques
 from pfd_core.machine.lanes import broadcast, merge, on, where
 from pfd_core.machine.packing import prefix_product
 from pfd_core.machine.recorder import Lanes, Recorder, Schedule
@@ -46,10 +47,15 @@ def forward_equations(
     """
     recorder, chain, at = chain_on_lanes(plant, schedule, orientation)
     qd, tau = input_row(recorder, 'qd'), input_row(recorder, 'tau')
-    (tau,) = motor_torques(plant, [tau], [qd], (chain, at))
+    (tau,) = motor_torques(plant, [tau], [qd], compensation(plant, chain, at))
     bias = torques(plant, chain, at, qd, None, link_torques)
     with recorder.section('right-hand side'):
         return recorder, chain, at, tau - bias
+
+
+def compensation(plant: Plant, chain: Links, at: Pose) -> Gravity:
+    """Return the gravity torques of a model as a function of it, for links and their pose."""
+    return lambda model: [gravity_torques_on_lanes(chain, at, plant, model)]
 
 
 def torques(

@@ -13,8 +13,7 @@ has to be carried along the chain.
 Parallel cost, rotational joints, n > 1 lanes, L = ceil(log2 n), gravity along an axis of the base:
 9 multiplications and 3 L + 4 additions, and 9 and 6 more for a model with other centres of mass.
 
-On n lanes: lane i holds joint i + 1, vectors in base axes. On one processor: everything of link i
-in its own axes, one number a register.
+Lane i holds joint i + 1, vectors are in base axes.
 """
 
 from __future__ import annotations
@@ -25,34 +24,11 @@ from typing import Any
 import numpy as np
 
 from pfd_core.algorithms.chain.base_axes import Links, Pose, link_parameters
-from pfd_core.algorithms.chain.link_axes import chain_on, plus, tilted, turned, untilted, unturned
 from pfd_core.machine.lanes import merge, on
 from pfd_core.machine.patterns import suffix
-from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.recorder import Lanes
 from pfd_core.machine.vectors import array
 from pfd_core.model import Plant
-
-
-def gravity_torques(recorder: Recorder, model: Plant) -> list[Lanes]:
-    """Return the gravity torques of a model, (n,) [N m or N], on one processor."""
-    chain = chain_on(recorder, model)
-    carried = np.cumsum(model.robot.masses[::-1])[::-1]
-    felt = []
-    a = chain.gravity
-    for link in chain.links:
-        a = unturned(link, a)
-        felt.append(a)
-        a = untilted(link, a)
-    tau: list[Lanes] = []
-    h = None
-    for i in range(len(chain.links) - 1, -1, -1):
-        link, a = chain.links[i], felt[i]
-        mass = recorder.constant(carried[i])
-        h = plus(link.m * link.s, h, None if link.p is None else mass * link.p)
-        h = tilted(link, h)
-        tau.insert(0, mass * a[2] if link.slides else h[0] * a[1] - h[1] * a[0])
-        h = turned(link, h)
-    return tau
 
 
 def gravity_torques_on_lanes(chain: Links, at: Pose, plant: Plant, model: Plant) -> Lanes:
@@ -79,8 +55,9 @@ def gravity_torques_on_lanes(chain: Links, at: Pose, plant: Plant, model: Plant)
 
 def _along_gravity(model: Plant, component: Callable[[int, int, int], Lanes]) -> Any:
     """Return a . v for a = -g; the arguments give v_k, and i, j, k follow each other in a turn."""
-    total = None
-    for k, g in enumerate(model.gravity.tolist()):
-        if g:
-            total = plus(total, -g * component((k + 1) % 3, (k + 2) % 3, k))
-    return total
+    terms = [
+        -g * component((k + 1) % 3, (k + 2) % 3, k)
+        for k, g in enumerate(model.gravity.tolist())
+        if g
+    ]
+    return sum(terms, 0.0)

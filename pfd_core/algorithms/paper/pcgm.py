@@ -55,7 +55,6 @@ import math
 
 from pfd_core.algorithms.chain.base_axes import Links, Pose
 from pfd_core.algorithms.chain.equations import LinkTorques, armature, forward_equations
-from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
 from pfd_core.algorithms.paper.newton_euler import (
     newton_euler,
     rotational_part,
@@ -63,6 +62,7 @@ from pfd_core.algorithms.paper.newton_euler import (
     torques_of,
 )
 from pfd_core.algorithms.paper.pcrbm import composite_forces
+from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.iteration import TOLERANCE, iterate
 from pfd_core.machine.lanes import broadcast, merge, on, where
 from pfd_core.machine.packing import prefix_sum, suffix_sum

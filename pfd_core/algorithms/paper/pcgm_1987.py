@@ -20,7 +20,7 @@ zero, step 7, which leaves x unchanged, and the number in step 16. MISPRINTS nam
 can run as printed. Here steps 11 to 15 also run in the last iteration, as item (d) counts them.
 
 n iterations give the answer in exact arithmetic only. Output `converged` is always one, since the
-procedure ends in any case; pfd_core.algorithms.convergence checks afterwards whether qdd satisfies
+procedure ends in any case; pfd_core.dynamics.convergence checks afterwards whether qdd satisfies
 the equations of motion. pfd_core.algorithms.paper.pcgm iterates until it has converged.
 
 Parallel cost, rotational joints, L = ceil(log2 n), n > 1, R_i given: 27 L + 151 multiplications
@@ -37,10 +37,10 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from pfd_core.algorithms.chain.equations import armature, forward_equations
-from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
 from pfd_core.algorithms.paper.newton_euler import newton_euler
 from pfd_core.algorithms.paper.pcgm import inertia_times
 from pfd_core.algorithms.paper.pcrbm_1987 import fohra
+from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.iteration import iterate
 from pfd_core.machine.lanes import broadcast, where
 from pfd_core.machine.patterns import total

@@ -43,9 +43,9 @@ from pfd_core.algorithms.chain.equations import (
     forward_equations,
     held_joints,
 )
-from pfd_core.algorithms.chain.interface import program_with_outputs
 from pfd_core.algorithms.paper.cholesky import solve
 from pfd_core.algorithms.paper.newton_euler import newton_euler
+from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import broadcast, merge, on, shift, where
 from pfd_core.machine.packing import packed
 from pfd_core.machine.patterns import row_sweep, suffix, suffix_affine

@@ -49,11 +49,11 @@ import math
 
 from pfd_core.algorithms.chain.base_axes import Links, Pose
 from pfd_core.algorithms.chain.equations import armature, forward_equations, held_joints
-from pfd_core.algorithms.chain.interface import program_with_outputs
 from pfd_core.algorithms.paper.cholesky import transposed
 from pfd_core.algorithms.paper.newton_euler import newton_euler
 from pfd_core.algorithms.paper.pcrbm import rows_of_moments
 from pfd_core.algorithms.paper.set_ordering import Index, literal_factor
+from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import broadcast, merge, on, shift, sqrt, where
 from pfd_core.machine.packing import packed
 from pfd_core.machine.patterns import collect, column_sweep, gather, prefix, suffix, suffix_affine

@@ -24,10 +24,10 @@ from pfd_core.algorithms.chain.equations import (
     forward_equations,
     held_joints,
 )
-from pfd_core.algorithms.chain.interface import program_with_outputs
 from pfd_core.algorithms.paper.newton_euler import newton_euler
 from pfd_core.algorithms.paper.pcrbm import inertia_matrix
 from pfd_core.algorithms.paper.triangular_array import clock
+from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import merge, on, where
 from pfd_core.machine.patterns import gather
 from pfd_core.machine.program import Instruction, Program, Steps

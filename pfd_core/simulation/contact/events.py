@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.machine.iteration import iterate
 from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program

@@ -32,7 +32,7 @@ import math
 
 import numpy as np
 
-from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder

@@ -19,7 +19,7 @@ One register holds one number.
 
 from __future__ import annotations
 
-from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder

@@ -29,7 +29,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.kernels.contact import Stage
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program

@@ -80,7 +80,7 @@ class Quantity:
     method : str
         Its algorithm; empty if it has one of METHODS, and steps of refinement.
     module, record : str
-        Module of pfd_core.algorithms, and its function of a plant, or of a plant and a frame;
+        Module of pfd_core.dynamics, and its function of a plant, or of a plant and a frame;
         empty without an algorithm.
     of_frame : bool
         Whether it refers to a frame.
@@ -123,8 +123,8 @@ _ROWS = (
         ('n',),
         UNBRAKED,
         'newton_euler',
-        'grouped.inverse_dynamics',
-        'record_grouped_inverse_dynamics',
+        'newton_euler',
+        'record_inverse_dynamics',
         instant=True,
     ),
     Quantity(
@@ -133,7 +133,7 @@ _ROWS = (
         ('n', 'n'),
         BODIES,
         'composite_body',
-        'grouped.composite_body',
+        'composite',
         'record_inertia_matrix',
     ),
     Quantity(
@@ -142,7 +142,7 @@ _ROWS = (
         ('n',),
         BIAS,
         'newton_euler',
-        'grouped.inverse_dynamics',
+        'newton_euler',
         'record_bias_torques',
         instant=True,
     ),
@@ -152,7 +152,7 @@ _ROWS = (
         ('n',),
         AT_REST,
         'first_moments',
-        'grouped.gravity',
+        'newton_euler',
         'record_gravity_torques',
     ),
     Quantity(
@@ -161,7 +161,7 @@ _ROWS = (
         (2,),
         ENERGY,
         'link_velocities',
-        'grouped.energy',
+        'energy',
         'record_energy',
     ),
     Quantity(
@@ -170,7 +170,7 @@ _ROWS = (
         ('n',),
         (),
         'kinematics',
-        'grouped.kinematics',
+        'frames',
         'record_wrench_torques',
         of_frame=True,
         wrench=True,
@@ -181,7 +181,7 @@ _ROWS = (
         (4, 4),
         (),
         'kinematics',
-        'grouped.kinematics',
+        'frames',
         'record_pose',
         of_frame=True,
     ),
@@ -191,7 +191,7 @@ _ROWS = (
         (6, 'n'),
         (),
         'kinematics',
-        'grouped.kinematics',
+        'frames',
         'record_jacobian',
         of_frame=True,
     ),
@@ -201,7 +201,7 @@ _ROWS = (
         (6,),
         (),
         'kinematics',
-        'grouped.kinematics',
+        'frames',
         'record_velocity',
         of_frame=True,
     ),

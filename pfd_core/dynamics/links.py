@@ -28,7 +28,7 @@ Khalil and Kleinfinger 1987 (that they cut the cost of the recursions).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from decimal import Context, Decimal, localcontext
 import math
 from typing import Any
@@ -36,11 +36,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.algorithms.chain.link_axes import sum_of_angles, zxz
 from pfd_core.model import Plant, Robot
 from pfd_core.model.geometry import product, rotation_x, rotation_z
 
 Array = NDArray[Any]
+Angle = tuple[float, float]  # cosine and sine
 
 # Largest distance that an origin is moved along its axis, in lengths of the link: large distances
 # cause large first moments, whose cancellation loses digits.
@@ -87,8 +87,8 @@ class JointAxes:
     """
 
     slides: bool
-    start: tuple[float, float]
-    twist: tuple[float, float]
+    start: Angle
+    twist: Angle
     p: Array
     end: Tip
 
@@ -115,7 +115,7 @@ class CenteredLink(JointAxes):
 
 
 @dataclass(frozen=True)
-class GroupedLink(JointAxes):
+class GroupedLink:
     """
     A link by grouped parameters, in its axes B_i.
 
@@ -135,13 +135,13 @@ class GroupedLink(JointAxes):
     inertia: Array
 
 
-def grouped_links(plant: Plant) -> tuple[list[GroupedLink], Tip]:
-    """Return the grouped links of a plant, base to tip, and the pose of frame n."""
-    centered, tip = centered_links(plant)
+def grouped_links(plant: Plant) -> list[GroupedLink]:
+    """Return the grouped links of a plant, base to tip."""
+    centered, _ = centered_links(plant)
     rounded = _grouped(centered, float)
     with localcontext(Context(prec=DIGITS)):
         exact = _grouped(centered, Decimal)
-    return [_link(*three) for three in zip(centered, rounded, exact, strict=True)], tip
+    return [_link(*pair) for pair in zip(rounded, exact, strict=True)]
 
 
 # Mass, first moment and inertia about the origin, of objects: floats or Decimals.
@@ -159,21 +159,45 @@ def _grouped(links: Sequence[CenteredLink], number: Callable[[float], Any]) -> l
     for link in links:
         m, center, J = number(link.m), numbers(link.center), numbers(link.J)
         bodies.append((m, m * center, J + m * moments(center, center)))
+    return grouped(links, bodies, numbers)
+
+
+def grouped(
+    links: Sequence[JointAxes],
+    bodies: Sequence[Body],
+    numbers: Callable[[Array], NDArray[Any]],
+    whole: bool = False,
+) -> list[Body]:
+    """
+    Return bodies less the parts that move with the link before as well, which are added to it.
+
+    Parameters
+    ----------
+    links : sequence of JointAxes
+        Base to tip.
+    bodies : sequence of Body
+        Of each link, in its axes B_i; the first link keeps all of its own.
+    numbers : callable
+        Converts the axes of a link to the kind of numbers that the bodies have.
+    whole : bool
+        Whether a translational joint passes the whole inertia on, not the inertia about the
+        centre of mass: then the result is linear in the bodies.
+
+    """
+    result = list(bodies)
     for i in range(len(links) - 1, 0, -1):
-        bodies[i], carried = _split(links[i], bodies[i])
-        moved = to_previous_axes(links[i], carried, numbers)
-        bodies[i - 1] = tuple(x + y for x, y in zip(bodies[i - 1], moved, strict=True))
-    return bodies
+        result[i], carried = _split(links[i].slides, result[i], whole)
+        moved = _to_previous_axes(links[i], carried, numbers)
+        result[i - 1] = tuple(x + y for x, y in zip(result[i - 1], moved, strict=True))
+    return result
 
 
-def _link(link: CenteredLink, rounded: Body, exact: Body) -> GroupedLink:
+def _link(rounded: Body, exact: Body) -> GroupedLink:
     """Return a grouped link; numbers that float64 has computed within KEPT stay as they are."""
     (h, inertia), (exact_h, exact_inertia) = (
         (h.astype(np.float64), inertia.astype(np.float64)) for _, h, inertia in (rounded, exact)
     )
-    axes = {item.name: getattr(link, item.name) for item in fields(JointAxes)}
     return GroupedLink(
-        **axes,
         m=float(rounded[0]),
         h=_kept(h, exact_h, float(np.abs(exact_h).max())),
         inertia=_kept(inertia, exact_inertia, abs(float(exact_inertia[2, 2]))),
@@ -194,14 +218,17 @@ def centered_links(plant: Plant) -> tuple[list[CenteredLink], Tip]:
     slid = 0.0  # distance that the origin of B_i was moved along its axis
     for i in range(robot.n):
         A, a = robot.rotations[i], robot.translations[i]
-        first, tilt, following = zxz(A)
+        first, tilt, following = _zxz(A)
         Z = rotation_z(*first)
         axis = np.array([0.0, 0.0, slid])
         center = product(Z.T, a + product(A, robot.centers[i])) - axis
         J = product(Z.T, A, robot.inertias[i], A.T, Z)
         m = float(robot.masses[i])
         offset = product(Z.T, a) - axis
-        start = sum_of_angles(before, first)
+        start = (
+            before[0] * first[0] - before[1] * first[1],
+            before[1] * first[0] + before[0] * first[1],
+        )
         slides = robot.joint_types[i] == 'prismatic'
         end = Tip(product(rotation_x(*tilt), rotation_z(*following)), offset)
         links.append(CenteredLink(slides, start, twist, p, end, m, center, J))
@@ -215,7 +242,26 @@ def centered_links(plant: Plant) -> tuple[list[CenteredLink], Tip]:
     return links, links[-1].end
 
 
-def _slide(offset: Array, tilt: tuple[float, float]) -> float:
+def _zxz(A: Array) -> tuple[Angle, Angle, Angle]:
+    """
+    Return cosine and sine of the three angles of a rotation A = Rz Rx Rz, (3, 3).
+
+    A matrix of exact zeros and ones gives exact zeros and ones. The third angle is measured
+    after the first is taken away, so that their sum is right where the second is nearly zero
+    and neither is well defined alone.
+    """
+    first = _unit(-A[1, 2], A[0, 2])
+    rest = product(rotation_z(*first).T, A)
+    return first, _unit(rest[2, 2], -rest[1, 2]), _unit(rest[0, 0], -rest[0, 1])
+
+
+def _unit(x: float, y: float) -> Angle:
+    """Return (x, y) at length one, which removes rounding; (1, 0) for no length at all."""
+    length = math.sqrt(x * x + y * y)
+    return (x / length + 0.0, y / length + 0.0) if length > 0 else (1.0, 0.0)
+
+
+def _slide(offset: Array, tilt: Angle) -> float:
     """Return the distance along the next axis that makes p_y of the next origin vanish, or 0."""
     sine = tilt[1]
     if offset[1] == 0 or sine == 0:
@@ -241,27 +287,22 @@ def _level(distance: float, heights: tuple[float, float]) -> float:
     return distance if NEARER * after < before else 0.0
 
 
-def _split(link: JointAxes, body: Body) -> tuple[Body, Body]:
+def _split(slides: bool, body: Body, whole: bool) -> tuple[Body, Body]:
     """Return the rest of a link, and the part that moves with the link before it as well."""
     m, h, inertia = body
-    none = np.zeros(3, dtype=object)
-    if link.slides:
-        J = inertia - (moments(h, h) / m if m else 0)
-        return (m, h, inertia - J), (0, none, J)
+    if slides:
+        J = inertia if whole or not m else inertia - moments(h, h) / m
+        return (m, h, inertia - J), (0, 0 * h, J)
     yy = inertia[1, 1]
-    symmetric = np.diag(np.array([yy, yy, 0], dtype=object))
-    across, along = (np.array(v, dtype=object) for v in ([h[0], h[1], 0], [0, 0, h[2]]))
+    symmetric = np.diag(np.array([yy, yy, 0], dtype=inertia.dtype))
+    across, along = (np.array(v, dtype=h.dtype) for v in ([h[0], h[1], 0], [0, 0, h[2]]))
     return (0, across, inertia - symmetric), (m, along, symmetric)
 
 
-def to_previous_axes(
-    link: JointAxes, body: Body, numbers: Callable[[Array], NDArray[Any]] = np.asarray
+def _to_previous_axes(
+    link: JointAxes, body: Body, numbers: Callable[[Array], NDArray[Any]]
 ) -> Body:
-    """
-    Return a body of B_i that does not depend on q_i, in axes B_(i-1).
-
-    `numbers` converts the axes of the link to the kind of numbers that the body has.
-    """
+    """Return a body of B_i that does not depend on q_i, in axes B_(i-1)."""
     m, h, inertia = body
     R = rotation_x(*link.twist)
     if link.slides:

@@ -8,7 +8,7 @@ Torques of the effects of the joints: damping, springs, cogging, rotor inertia.
 
 The effects are the records of pfd_core.model.effects that act on the joints. Every algorithm adds
 these torques by the functions below, on n lanes (one row for all joints) and on one processor (a
-list with one number per joint). Motors are in pfd_core.algorithms.chain.drives.
+list with one number per joint). Motors are in pfd_core.dynamics.drives.
 
 In forward dynamics qdd is unknown: each method adds the inertia of the joints to the diagonal of H
 or to the pivot of its joint.
@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.algorithms.chain.interface import input_list, input_row, program_with_outputs
+from pfd_core.dynamics.interface import input_list, input_row, program_with_outputs
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import EFFECTS, Effect, Plant

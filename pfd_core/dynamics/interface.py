@@ -13,7 +13,9 @@ of n numbers, each a value on the only lane.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
@@ -42,13 +44,12 @@ def wrench_input(recorder: Recorder) -> LaneArray:
     return array([recorder.input('wrench', [*empty, k]) for k in range(6)])
 
 
-def program_with_outputs(recorder: Recorder, **results: Lanes | Sequence[Lanes]) -> Program:
-    """Return the program whose outputs are rows, an element per lane, or lists of numbers."""
+def program_with_outputs(recorder: Recorder, **results: Any) -> Program:
+    """Return the program whose outputs are rows, an element per lane, or arrays of numbers."""
     for name, value in results.items():
-        places = (
-            [(value, lane) for lane in range(recorder.lanes)]
-            if isinstance(value, Lanes)
-            else [(element, 0) for element in value]
-        )
-        recorder.output(name, (len(places),), places)
+        if isinstance(value, Lanes):
+            recorder.output(name, (recorder.lanes,), [(value, i) for i in range(recorder.lanes)])
+        else:
+            numbers = np.array(value, dtype=object)
+            recorder.output(name, numbers.shape, [(x, 0) for x in numbers.flat])
     return recorder.program()

@@ -12,12 +12,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from pfd_core.machine.lanes import where
 from pfd_core.machine.recorder import Lanes
 from pfd_core.model import Plant
 
-Matrix = list[list[Lanes]]
+Matrix = list[list[Any]]  # by rows
 
 
 @dataclass(frozen=True)

@@ -24,14 +24,13 @@ from __future__ import annotations
 
 import math
 
-from pfd_core.algorithms.chain.drives import motor_torques
-from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
-from pfd_core.algorithms.grouped.link_torques import record_link_torques
-from pfd_core.algorithms.programs import record_forward_dynamics
-from pfd_core.algorithms.refinement import inline
+from pfd_core.dynamics.drives import motor_torques
+from pfd_core.dynamics.interface import input_list, program_with_outputs
+from pfd_core.dynamics.methods import record_forward_dynamics
+from pfd_core.dynamics.newton_euler import record_link_torques
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.recorder import Lanes, Recorder, inline
 from pfd_core.model import Plant, has_drives
 from pfd_core.model.effects import INERTIA
 

@@ -14,8 +14,7 @@ The last three lines are a step. The error of the answer before the last step is
 
 A residual in the number format is rounding where tau is close to the bias, and so is delta.
 pfd_core.machine.rounding_errors makes it accurate, for several times the operations; only a
-recording of the estimate has it. This residual is computed by Luh, Walker and Paul's algorithm, in
-link axes.
+recording of the estimate has it.
 
 A method is recorded once more for delta. Its part that depends on q alone, the inertia
 matrix and its factors or the articulated inertias, consists of the same expressions as before, and
@@ -35,19 +34,16 @@ One register holds one number.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import groupby
 import math
-from operator import attrgetter
 
-from pfd_core.algorithms.chain.drives import motor_torques
-from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
-from pfd_core.algorithms.chain.joint_torques import plus_joint_torques
-from pfd_core.algorithms.grouped.link_torques import record_link_torques
-from pfd_core.algorithms.programs import record_forward_dynamics
+from pfd_core.dynamics.drives import motor_torques
+from pfd_core.dynamics.interface import input_list, program_with_outputs
+from pfd_core.dynamics.methods import record_forward_dynamics
+from pfd_core.dynamics.newton_euler import record_link_torques
 from pfd_core.forking import no_fork
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.recorder import Lanes, Recorder, inline
 from pfd_core.model import Plant, has_drives
 from pfd_core.model.effects import INERTIA
 
@@ -116,45 +112,6 @@ def record_refined(
     return program_with_outputs(recorder, **results | {'qdd': qdd})
 
 
-def inline(
-    recorder: Recorder, program: Program, inputs: Mapping[str, Sequence[Lanes]]
-) -> dict[str, list[Lanes]]:
-    """
-    Record a sequential program into another recording.
-
-    Parameters
-    ----------
-    recorder : Recorder
-        Of one lane.
-    program : Program
-        Sequential.
-    inputs : mapping
-        Values for some of the program's inputs; the others stay inputs.
-
-    Returns
-    -------
-    dict
-        Name of each output to its elements.
-
-    """
-    values: list[Lanes] = []
-    for section, instructions in groupby(program.instructions, attrgetter('section')):
-        with recorder.section(section):
-            for instruction in instructions:
-                if instruction.op == 'constant':
-                    value = recorder.constant(instruction.data[0])
-                elif instruction.op == 'input':
-                    name, k = instruction.data[0]
-                    value = inputs[name][k] if name in inputs else recorder.input(name, [k])
-                else:
-                    value = recorder.copy(instruction, values)
-                values.append(value)
-    return {
-        name: [values[register] for register, _ in output.places]
-        for name, output in program.outputs.items()
-    }
-
-
 def _exact_residual(
     recorder: Recorder, plant: Plant, qdd: Sequence[Lanes], dtype: str
 ) -> list[Lanes]:
@@ -169,20 +126,10 @@ def _exact_residual(
 
 def _record_residual(plant: Plant) -> Program:
     """Return the sequential program of tau of the motors - ID(q, qd, qdd)."""
-    with no_fork:
-        from pfd_core.algorithms.chain.link_axes import chain_on, known
-        from pfd_core.algorithms.serial.luh_walker_paul import newton_euler
-
     recorder = Recorder(1, 'sequential')
-    n = plant.robot.n
-    tau, qd, qdd = (input_list(recorder, name, n) for name in ('tau', 'qd', 'qdd'))
+    tau, qd = (input_list(recorder, name, plant.robot.n) for name in ('tau', 'qd'))
     tau = motor_torques(plant, tau, qd)
-    if plant.payload_input:
-        needed = inline(recorder, record_link_torques(plant), {})['tau']
-    else:
-        chain = chain_on(recorder, plant)
-        links = newton_euler(chain.links, qd, qdd, chain.gravity, chain.wrench)
-        needed = plus_joint_torques(plant, known(chain, links), qd, qdd)
+    needed = inline(recorder, record_link_torques(plant), {})['tau']
     residual = [t - u for t, u in zip(tau, needed, strict=True)]
     return program_with_outputs(recorder, residual=residual)
 

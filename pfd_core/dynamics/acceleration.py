@@ -7,7 +7,7 @@ Derivatives of forward dynamics with respect to q, qd and tau, by the implicit f
     d qdd / d(q, qd) = -X D     D = dr / d(q, qd) at the answer qdd
     d qdd / d tau    = X T      T = d motor torques / d tau, a diagonal; one without limits
 
-D of the links is from pfd_core.algorithms.grouped.torque_derivatives, over composite bodies; H
+D of the links is from pfd_core.dynamics.derivatives, over composite bodies; H
 and the bias are by-products, and H = L' D L gives qdd and X. D of the joints and D of the drives
 are tangents of the programs of their torques (pfd_core.machine.derivative). Both are diagonal but
 for the gravity that the drives compensate.
@@ -15,7 +15,7 @@ for the gravity that the drives compensate.
 A braked joint has zeros in its row and its column of X. At a motor limit, where the torque has
 no derivative, it is taken on the side that the program selects.
 
-X is computed as pfd_core.algorithms.inverse_inertia describes.
+X is computed as pfd_core.dynamics.inverse describes.
 
 Carpentier and Mansard 2018 (derivatives of forward dynamics by derivatives of inverse dynamics
 and H^-1).
@@ -29,26 +29,26 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pfd_core.algorithms.chain.drives import record_motor_torques
-from pfd_core.algorithms.chain.interface import free_input, input_list
-from pfd_core.algorithms.chain.joint_torques import minus_joint_torques, record_joint_torques
-from pfd_core.algorithms.convergence import with_nan_unless_converged
-from pfd_core.algorithms.grouped.factors import Factors, Matrix, factorise, solution
-from pfd_core.algorithms.grouped.link_torques import record_link_torques
-from pfd_core.algorithms.grouped.moving_composites import composites, inertia_matrix
-from pfd_core.algorithms.grouped.newton_euler import links_at
-from pfd_core.algorithms.grouped.shared_axes import in_shared_axes
-from pfd_core.algorithms.grouped.torque_derivatives import (
+from pfd_core.dynamics.chain import chain_of
+from pfd_core.dynamics.convergence import with_nan_unless_converged
+from pfd_core.dynamics.derivatives import (
     by_positions,
     by_velocities,
+    inertia_matrix,
     minus_bias,
+    moving_chain,
 )
-from pfd_core.algorithms.inverse_inertia import inverse_inertia
-from pfd_core.algorithms.programs import TOLERANCES
-from pfd_core.algorithms.refinement import inline, record_refined
+from pfd_core.dynamics.drives import record_motor_torques
+from pfd_core.dynamics.factors import Factors, Matrix, factorise, solution
+from pfd_core.dynamics.interface import free_input, program_with_outputs
+from pfd_core.dynamics.inverse import inverse_inertia
+from pfd_core.dynamics.joint_torques import minus_joint_torques, record_joint_torques
+from pfd_core.dynamics.methods import TOLERANCES
+from pfd_core.dynamics.newton_euler import record_link_torques
+from pfd_core.dynamics.refinement import record_refined
 from pfd_core.machine.derivative import derivative
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.recorder import Lanes, Recorder, inline
 from pfd_core.machine.vectors import array
 from pfd_core.model import Plant, check_instant, has_drives
 
@@ -74,7 +74,7 @@ def record_derivatives(
     refine : int
         Steps of iterative refinement of that qdd.
     inverse : tuple of str and int, optional
-        Method and steps of refinement of X (pfd_core.algorithms.inverse_inertia); default those
+        Method and steps of refinement of X (pfd_core.dynamics.inverse); default those
         of qdd.
     dtype : str
         Number format, to whose rounding an iterative method iterates.
@@ -92,38 +92,33 @@ def record_derivatives(
     """
     check_instant(plant)
     n = plant.robot.n
-    recorder = Recorder(1, 'sequential')
-    q, qd = (input_list(recorder, name, n) for name in ('q', 'qd'))
-    links, tip = links_at(recorder, plant, q)
-    with recorder.section('shared axes'):
-        links = in_shared_axes(links)
-    chain = composites(recorder, links, qd)
-    by_qd = by_velocities(recorder, chain)
+    chain = chain_of(plant)
+    recorder, qd = chain.recorder, chain.inputs('qd')
+    moving = moving_chain(chain, qd)
+    by_qd = by_velocities(moving)
     with recorder.section('solve'):
-        factors = factorise(inertia_matrix(plant, chain), free_input(recorder, plant))
+        factors = factorise(inertia_matrix(moving), free_input(recorder, plant))
     motors = inline(recorder, _record_motors(plant), {})
     joints = inline(recorder, _record_joints(plant), {})
     torques = minus_joint_torques(plant, motors['tau'], qd)
     if method == OWN_METHOD:
-        y = minus_bias(recorder, plant, chain, tip, by_qd, torques, qd)
+        y = minus_bias(moving, by_qd, torques, qd)
         qdd = _refined(recorder, plant, factors, y, motors['tau'], refine)
     else:
         refined = record_refined(plant, method, refine, TOLERANCES[dtype], estimate=None)
         answer = with_nan_unless_converged(refined, plant)
         qdd = inline(recorder, answer, {})['qdd']
-    by_q = by_positions(recorder, plant, chain, tip, qd, qdd, _minus_inertia(plant, torques, qdd))
+    by_q = by_positions(moving, qd, qdd, _minus_inertia(plant, torques, qdd))
     with recorder.section('joints and drives'):
         D = _with_joints_and_drives({'q': by_q, 'qd': by_qd}, joints, motors)
     with recorder.section('inverse'):
         X = inverse_inertia(recorder, plant, factors, *(inverse or (method, refine)))
-    recorder.output('qdd', (n,), [(value, 0) for value in qdd])
-    recorder.output('X', (n, n), [(value, 0) for row in X for value in row])
-    recorder.output('D', (n, 2 * n), [(value, 0) for row in D for value in row])
+    results = {'qdd': qdd, 'X': X, 'D': D}
     if 'd tau/d tau' in motors:
         by_tau = motors['d tau/d tau'][:: n + 1]
         if by_tau != [recorder.constant(1.0)] * n:
-            recorder.output('T', (n,), [(value, 0) for value in by_tau])
-    return recorder.program()
+            results['T'] = by_tau
+    return program_with_outputs(recorder, **results)
 
 
 def _minus_inertia(
@@ -178,7 +173,7 @@ def _refined(
     tau: Sequence[Lanes],
     steps: int,
 ) -> list[Lanes]:
-    """Return qdd with steps of refinement, as in pfd_core.algorithms.refinement."""
+    """Return qdd with steps of refinement, as in pfd_core.dynamics.refinement."""
     qdd = solution(factors, y)
     for _ in range(steps):
         needed = inline(recorder, record_link_torques(plant), {'qdd': qdd})['tau']

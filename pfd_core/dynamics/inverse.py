@@ -11,8 +11,8 @@ j to the base and back, and X is symmetric. The articulated bodies are those of 
 and recorded once. All other methods take the factor.
 
 A step of refinement computes the torques that each column misses, e_j - H x_j, link by link
-(pfd_core.algorithms.grouped.link_torques), and adds their accelerations by the same method, as
-pfd_core.algorithms.refinement does for accelerations.
+(parameters as given), and adds their accelerations by the same method, as
+pfd_core.dynamics.refinement does for accelerations.
 
 A factor loses digits with the condition number of H. Articulated bodies keep them where joints
 are coaxial, a refined column also where the tip is heavy
@@ -26,11 +26,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
-from pfd_core.algorithms.grouped.factors import Factors, Matrix, solution
-from pfd_core.algorithms.grouped.link_torques import record_link_torques
-from pfd_core.algorithms.programs import record_forward_dynamics
-from pfd_core.algorithms.refinement import inline
-from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.dynamics.factors import Factors, Matrix, solution
+from pfd_core.dynamics.methods import record_forward_dynamics
+from pfd_core.dynamics.newton_euler import record_link_torques
+from pfd_core.machine.recorder import Lanes, Recorder, inline
 from pfd_core.model import Plant
 from pfd_core.model.effects import INERTIA
 

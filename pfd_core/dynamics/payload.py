@@ -27,16 +27,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.algorithms.grouped.links import (
-    Body,
-    JointAxes,
-    centered_links,
-    grouped_links,
-    moments,
-    to_previous_axes,
-)
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
-from pfd_core.machine.vectors import UPPER, array
+from pfd_core.dynamics.links import Body, centered_links, grouped, grouped_links, moments
+from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.vectors import UPPER
 from pfd_core.model import Payload, Plant, Robot, Scene
 from pfd_core.model.effects import INPUT
 from pfd_core.model.geometry import merged, product
@@ -131,11 +124,10 @@ def with_payload_input(
     return result
 
 
-def last_body(recorder: Recorder, robot: Robot) -> tuple[Lanes, LaneArray, LaneArray]:
-    """Return mass, centre of mass and inertia (six elements) of the last link, as inputs."""
+def last_body(recorder: Recorder, robot: Robot) -> list[Lanes]:
+    """Return the NUMBERS of the last link about its centre of mass, as inputs."""
     _declare(recorder, robot)
-    m, *rest = (recorder.input(NAME, [k]) for k in range(NUMBERS))
-    return m, array(rest[:3]), array(rest[3:])
+    return [recorder.input(NAME, [k]) for k in range(NUMBERS)]
 
 
 def _declare(recorder: Recorder, robot: Robot) -> None:
@@ -146,40 +138,23 @@ def _declare(recorder: Recorder, robot: Robot) -> None:
 @lru_cache(KEPT)
 def _parameters(robot: Robot) -> _Parameters:
     plant = Plant(robot, np.zeros(3))
-    (*_, last), tip = centered_links(plant)
-    own = np.array([_numbers((x.m, x.h, x.inertia)) for x in grouped_links(plant)[0]])
-    links = centered_links(plant)[0]
-    units = [_grouped(links, _unit(k)) for k in range(NUMBERS)]
-    slopes = np.moveaxis(np.array(units), 0, 2)
+    links, tip = centered_links(plant)
+    last = links[-1]
+    own = np.array([_numbers((x.m, x.h, x.inertia)) for x in grouped_links(plant)])
+    none = _unit(NUMBERS)
+    units = [
+        [_numbers(body) for body in grouped(links, bodies, np.asarray, whole=True)]
+        for bodies in ([*[none] * (robot.n - 1), _unit(k)] for k in range(NUMBERS))
+    ]
+    slopes: Array = np.moveaxis(np.array(units), 0, 2)
     body = last.m, last.center, last.J
     changed = np.asarray(slopes.any(axis=2), bool)
     return _Parameters(body, tip.rotation, tip.p, own, slopes, changed)
 
 
-def _grouped(links: Sequence[JointAxes], body: Body) -> Array:
-    """Return the grouped parameters of massless links that carry a body of B_n, (n, NUMBERS)."""
-    rows: list[Array] = []
-    for link in links[:0:-1]:
-        rest, moved = _split(link.slides, body)
-        rows.append(_numbers(rest))
-        body = to_previous_axes(link, moved)
-    return np.array([*rows, _numbers(body)][::-1])
-
-
-def _split(slides: bool, body: Body) -> tuple[Body, Body]:
-    """Return the rest of a body, and the part that moves with the link before it as well."""
-    m, h, inertia = body
-    if slides:
-        return (m, h, np.zeros((3, 3))), (0.0, np.zeros(3), inertia)
-    yy = float(inertia[1, 1])
-    along = np.diag([yy, yy, 0.0])
-    rest = (0.0, h * np.array([1.0, 1.0, 0.0]), inertia - along)
-    return rest, (m, h * np.array([0.0, 0.0, 1.0]), along)
-
-
 def _unit(k: int) -> Body:
-    """Return the body whose number k is one, and the others zero."""
-    numbers = np.eye(NUMBERS)[k]
+    """Return the body whose number k is one, and the others zero; all for k = NUMBERS."""
+    numbers = np.eye(NUMBERS + 1)[k][:NUMBERS]
     inertia = np.zeros((3, 3))
     for (i, j), value in zip(UPPER, numbers[4:], strict=True):
         inertia[i, j] = inertia[j, i] = value

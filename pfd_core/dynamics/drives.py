@@ -17,27 +17,29 @@ Every algorithm converts the input tau into torques of motors here, before anyth
 lanes (one row for all joints) and on one processor (a list with one number per joint). Inverse
 dynamics subtracts g and ignores the limits: `commanded_torques`.
 
-Parallel cost: 1 addition for compensation, and pfd_core.algorithms.chain.gravity; 2 additions
-for effort limits; 3 additions for a table and 1 multiplication and 2 additions for each row after
-the first; 1 addition for friction, and 2 multiplications, 2 additions and 1 division where it
-depends on the velocity. Selections are not counted.
+Parallel cost: 1 addition for compensation, and the gravity torques; 2 additions for effort
+limits; 3 additions for a table and 1 multiplication and 2 additions for each row after the first;
+1 addition for friction, and 2 multiplications, 2 additions and 1 division where it depends on the
+velocity. Selections are not counted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
 
-from pfd_core.algorithms.chain.base_axes import Links, Pose
-from pfd_core.algorithms.chain.gravity import gravity_torques, gravity_torques_on_lanes
-from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.dynamics.gravity import gravity_torques
+from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant, has_drives
 from pfd_core.model.values import Array
+
+# Gravity torques of a model at the input q, in the order of tau.
+Gravity = Callable[[Plant], Sequence[Lanes]]
 
 
 def record_motor_torques(plant: Plant) -> Program:
@@ -56,7 +58,7 @@ def motor_torques(
     plant: Plant,
     tau: Sequence[Lanes],
     qd: Sequence[Lanes],
-    pose: tuple[Links, Pose] | None = None,
+    gravity: Gravity | None = None,
 ) -> list[Lanes]:
     """
     Return the torques of the motors.
@@ -68,8 +70,8 @@ def motor_torques(
     tau, qd : sequence of Lanes
         Commanded torques [N m or N] and velocities [rad/s or m/s]: one row over lanes, or n
         numbers.
-    pose : tuple of Links and Pose, optional
-        The chain at the input q on n lanes; without it one processor computes its own.
+    gravity : callable, optional
+        Gravity torques of a model at the input q, in the order of tau; default on one processor.
 
     """
     if not has_drives(plant):
@@ -77,7 +79,7 @@ def motor_torques(
     with tau[0].recorder.section('drives'):
         model = plant.gravity_compensation
         if model is not None:
-            tau = [t + g for t, g in zip(tau, _gravity(plant, model, tau, pose), strict=True)]
+            tau = [t + g for t, g in zip(tau, _compensated(model, tau, gravity), strict=True)]
         tables = _tables(plant)
         joints = np.arange(plant.robot.n).reshape(len(tau), -1)
         motors = [
@@ -91,22 +93,18 @@ def motor_torques(
 
 
 def commanded_torques(
-    plant: Plant, tau: Sequence[Lanes], pose: tuple[Links, Pose] | None = None
+    plant: Plant, tau: Sequence[Lanes], gravity: Gravity | None = None
 ) -> list[Lanes]:
     """Return the commanded torques under which motors without limits give the torques tau."""
     model = plant.gravity_compensation
     if model is None:
         return list(tau)
     with tau[0].recorder.section('drives'):
-        return [t - g for t, g in zip(tau, _gravity(plant, model, tau, pose), strict=True)]
+        return [t - g for t, g in zip(tau, _compensated(model, tau, gravity), strict=True)]
 
 
-def _gravity(
-    plant: Plant, model: Plant, tau: Sequence[Lanes], pose: tuple[Links, Pose] | None
-) -> list[Lanes]:
-    if pose is None:
-        return gravity_torques(tau[0].recorder, model)
-    return [gravity_torques_on_lanes(*pose, plant, model)]
+def _compensated(model: Plant, tau: Sequence[Lanes], gravity: Gravity | None) -> Sequence[Lanes]:
+    return gravity_torques(tau[0].recorder, model) if gravity is None else gravity(model)
 
 
 def _friction(qd: Lanes, rows: Array) -> Lanes:

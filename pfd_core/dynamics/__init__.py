@@ -1,0 +1,39 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Serial dynamics: the algorithms that kernels are made of, each recorded once as a program.
+
+    methods        the table of methods of forward dynamics, by name
+    quantities     the table of quantities of kernels: H, bias, energy, tip and the like
+    interface      inputs (q, qd, tau, wrench, free) and outputs of whole programs
+
+    links          parameters of a chain in joint axes, as given and grouped, as numbers
+    payload        the parameters that a payload changes, as inputs
+    joints         what crosses a joint: vectors, forces, bodies; sweeps over a chain of joints
+    chain          the chain at the input q: joints and links, grouped or as given
+
+    joint_torques  torques of the joints themselves, from pfd_core.model.effects
+    gravity        gravity torques and potential energy, from first moments
+    drives         motor torques: gravity compensation, limits, friction of sliding joints
+    actuators      servos and limits of motors, which decide once a control cycle
+
+    newton_euler   torques of links: inverse dynamics, bias, y = tau - bias
+    factors        H = L' D L and its solution, with braked joints
+    composite      H by composite bodies or by columns, and qdd
+    articulated    qdd by articulated bodies
+    conjugate      qdd by conjugate gradients
+    energy         kinetic and potential energy
+    frames         pose, Jacobian and velocity of a frame, joint torques of a wrench on it
+
+    derivatives    d inverse dynamics / d(q, qd), over composite bodies that move
+    inverse        H^-1 by its factor or by articulated bodies, with steps of refinement
+    acceleration   d qdd / d(q, qd, tau): the factors X and D, and their product
+    refinement     a method with steps of iterative refinement, and its error estimate
+    convergence    whether an iterative method has converged, by the equations of motion
+
+A new effect of a joint is a record in pfd_core.model.effects, and nothing in here changes. An
+effect of the motors has its torques in `drives` as well, an effect of the links or of gravity in
+`newton_euler` (on n lanes in pfd_core.algorithms.paper.newton_euler and beyond.omega). A new
+method is a function and a row of `methods`, a new quantity a function and a row of `quantities`.
+Modules that the tables name are imported at their first use.
+"""

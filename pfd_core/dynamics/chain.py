@@ -1,0 +1,115 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A serial chain at the input q on one processor: joints, and the parameters of links.
+
+Parameters are grouped, which takes the fewest operations, or as the robot is given, about centres
+of mass, which keeps the torque of each link accurate relative to its own terms. Algorithms are the
+same for both (pfd_core.dynamics.links).
+
+Everything of link i is in axes B_i; one register holds one number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pfd_core.dynamics.interface import input_list
+from pfd_core.dynamics.joints import Body, Joint, sum_of_angles
+from pfd_core.dynamics.links import JointAxes, Tip, centered_links, grouped_links
+from pfd_core.dynamics.payload import last_body, with_payload_input
+from pfd_core.machine.lanes import cos, sin
+from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.vectors import (
+    UPPER,
+    array,
+    constants,
+    parallel_axis,
+    symmetric_matrix,
+    symmetric_sum,
+)
+from pfd_core.model import Plant
+
+
+@dataclass(frozen=True)
+class Chain:
+    """
+    A chain at the input q.
+
+    Attributes
+    ----------
+    recorder : Recorder
+        Of one lane.
+    plant : Plant
+        Robot and scene.
+    joints : list of Joint
+        Base to tip.
+    links : list of Body
+        Mass [kg] and inertia [kg m^2] of each link; between them its first moment [kg m], with
+        the inertia about the origin of B_i, if `grouped`, else its centre of mass [m], with the
+        inertia about this.
+    tip : Tip
+        Pose of frame n in axes B_n.
+    grouped : bool
+        Whether parameters are grouped.
+
+    """
+
+    recorder: Recorder
+    plant: Plant
+    joints: list[Joint]
+    links: list[Body]
+    tip: Tip
+    grouped: bool
+
+    def inputs(self, name: str) -> list[Lanes]:
+        """Return an input of the chain, such as 'qd', as n numbers."""
+        return input_list(self.recorder, name, len(self.joints))
+
+    def bodies(self) -> list[Body]:
+        """Return mass, first moment and inertia about the origin of each link."""
+        if self.grouped:
+            return self.links
+        with self.recorder.section('parameters'):
+            return [
+                (m, m * c, symmetric_sum(J, symmetric_matrix(m * parallel_axis(c))))
+                for m, c, J in self.links
+            ]
+
+
+def chain_of(plant: Plant, grouped: bool = True, recorder: Recorder | None = None) -> Chain:
+    """Return the chain of a plant at the input q, in a new recording if none is given."""
+    recorder = Recorder(1, 'sequential') if recorder is None else recorder
+    axes, tip = centered_links(plant)
+    if grouped:
+        rows = [[x.m, *x.h, *(x.inertia[k] for k in UPPER)] for x in grouped_links(plant)]
+    else:
+        rows = [[x.m, *x.center, *(x.J[k] for k in UPPER)] for x in axes]
+    joints = joints_at(recorder, axes, input_list(recorder, 'q', plant.robot.n))
+    values = [[recorder.constant(x) for x in row] for row in rows]
+    if plant.payload_input:
+        if grouped:
+            values = with_payload_input(recorder, plant.robot, values)
+        else:
+            values[-1] = last_body(recorder, plant.robot)
+    links = [(m, array(v[:3]), symmetric_matrix(array(v[3:]))) for m, *v in values]
+    return Chain(recorder, plant, joints, links, tip, grouped)
+
+
+def joints_at(recorder: Recorder, links: Sequence[JointAxes], q: Sequence[Lanes]) -> list[Joint]:
+    """Return the joints of links at positions q [rad or m]."""
+    return [_joint(recorder, link, x) for link, x in zip(links, q, strict=True)]
+
+
+def _joint(recorder: Recorder, link: JointAxes, q: Lanes) -> Joint:
+    turn, twist = (tuple(constants(recorder, angle)) for angle in (link.start, link.twist))
+    r = constants(recorder, link.p)
+    if link.slides:
+        with recorder.section('link vectors'):
+            r = array([r[0], r[1] - twist[1] * q, r[2] + twist[0] * q])
+    else:
+        with recorder.section('joint rotation'):
+            turn = sum_of_angles((cos(q), sin(q)), turn)
+    square, parallel = (x == 0 for x in link.twist)
+    return Joint(link.slides, turn, twist, square, parallel, r)

@@ -21,7 +21,7 @@ To change or add
                             friction its law in simulation.contact.modes (record_effort,
                             record_modes) and, for joints in motion, in dynamics.drives (_friction)
     rotor inertia           config/robots/*.yaml, read by model.yaml_files (_losses); of a URDF by
-                            model.urdf_reader (_armature); estimated by model.rotors; acts with
+                            model.urdf (_armature); estimated by model.rotors; acts with
                             Scene(armature=...)
     an equation             algorithms.paper lists its modules with the paper's equations;
                             pcrbm_1987 and pcgm_1987 execute them as printed
@@ -66,8 +66,8 @@ if TYPE_CHECKING:
         urdf_of,
         with_payload,
     )
-    from pfd_core.model.urdf_chain import TreeError
-    from pfd_core.model.urdf_reader import Urdf
+    from pfd_core.model.urdf import Urdf
+    from pfd_core.model.urdf_robot import TreeError
     from pfd_core.model.urdf_writer import robot_to_urdf
     from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
     from pfd_core.simulation.ensemble import Ensemble
@@ -141,8 +141,8 @@ _NAMES = {
         'load_robot load_scene lock read_urdf reflected_inertia robot_to_yaml scene_to_yaml '
         'urdf_of with_payload'
     ),
-    'model.urdf_chain': 'TreeError',
-    'model.urdf_reader': 'Urdf',
+    'model.urdf_robot': 'TreeError',
+    'model.urdf': 'Urdf',
     'model.urdf_writer': 'robot_to_urdf',
     'simulation.adaptive': 'AdaptiveTrajectory integrate',
     'simulation.ensemble': 'Ensemble',

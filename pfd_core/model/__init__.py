@@ -7,9 +7,8 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     yaml_files          YAML text -> dict, list and str, bounded; robots as YAML: tables from
                         papers, and robots stored exactly
     rotors              rotors behind gears: their inertia at the joint
-    urdf_reader         URDF string -> Urdf, the one record for all readers; rotors
-    urdf_chain          which joints of a URDF move, and which links each of them carries
-    urdf_robot          the chain of a URDF, welded and brought to the frames of a Robot
+    urdf                URDF string -> Urdf, the one record for all readers; rotors
+    urdf_robot          the chain of joints of a URDF that move, welded, as a Robot
     urdf_writer         robots as URDF
     xacro_files         .xacro files -> URDF string, by the package xacro
     geometry            rotations, frames and rigid bodies as arrays with exact zeros and ones;

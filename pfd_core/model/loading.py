@@ -25,7 +25,7 @@ from pfd_core.model.yaml_files import robot_from_yaml
 if TYPE_CHECKING:
     from importlib.abc import Traversable
 
-    from pfd_core.model.urdf_reader import Urdf
+    from pfd_core.model.urdf import Urdf
 
 PACKAGE = files('pfd_core')
 # Installed, also in a zip file, the configuration lies in the package; in a checkout, next to it.
@@ -209,7 +209,7 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
 
 def _parsed(text: str, origin: str) -> Urdf:
     with no_fork:
-        from pfd_core.model.urdf_reader import parse_urdf
+        from pfd_core.model.urdf import parse_urdf
 
     return parse_urdf(text, origin)
 
@@ -217,7 +217,7 @@ def _parsed(text: str, origin: str) -> Urdf:
 def _checked(source: object) -> Urdf:
     """Return a source that is no text and no path; ValueError if it is no Urdf."""
     with no_fork:
-        from pfd_core.model.urdf_reader import Urdf
+        from pfd_core.model.urdf import Urdf
 
     if not isinstance(source, Urdf):
         raise _unreadable(source)

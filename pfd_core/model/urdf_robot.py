@@ -1,13 +1,18 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Robots from URDF: the links of the chain welded, and brought to the frames of a Robot."""
+"""
+Robots from URDF: the chain of joints that move, with the links that each of them carries.
+
+Trees, loops and unsupported joints are refused by the name of the joint. Links without a moving
+joint between them are welded, and all is brought to the frames of a Robot.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 import math
-from typing import Any
+from typing import Any, NamedTuple
 import warnings
 
 import numpy as np
@@ -29,6 +34,7 @@ from pfd_core.model.geometry import (
     without_residue,
 )
 from pfd_core.model.robot import (
+    JOINT_TYPES,
     LIMIT_FIELDS,
     Frame,
     PhysicsWarning,
@@ -36,11 +42,37 @@ from pfd_core.model.robot import (
     check_locked_position,
     locked_positions,
 )
-from pfd_core.model.urdf_chain import Chain, find_chain
-from pfd_core.model.urdf_reader import Inertial, Joint, Origin, Urdf
-from pfd_core.model.values import LARGEST, Array, quote, real_number
+from pfd_core.model.urdf import NOT_A_CHAIN, Inertial, Joint, Origin, Urdf
+from pfd_core.model.values import LARGEST, MOST_NAMES, Array, quote, quote_all, real_number
 
 NO_BODY: Body = (0.0, np.zeros(3), np.zeros((3, 3)))
+
+
+class TreeError(ValueError):
+    """
+    A URDF is a tree, not a chain.
+
+    Attributes
+    ----------
+    joints : sequence of str
+        The joints that make it a chain if they are locked.
+
+    """
+
+    def __init__(self, text: str, joints: Sequence[str] = ()) -> None:
+        super().__init__(text)
+        self.joints = joints
+
+
+class Chain(NamedTuple):
+    """The part of a URDF that is simulated."""
+
+    base: str  # the link that is fixed
+    tip: str  # the link whose frame ends the chain
+    held: str  # the topmost link that is rigid with the base; all other links are below it
+    joints: list[Joint]  # that move, from the base to the tip
+    below: list[Joint]  # below the held link, each after the joint above it, on this chain alone
+    carriers: Mapping[str, Joint | None]  # of a link: the moving joint, or None for the base's
 
 
 def robot_from_urdf(
@@ -52,18 +84,7 @@ def robot_from_urdf(
     right_angle: float,
 ) -> Robot:
     """
-    Return the chain between two links of a URDF.
-
-    Parameters
-    ----------
-    urdf : Urdf
-        The URDF.
-    base, tip : str or None
-        First and last link of the chain, as for `load_robot`.
-    locked : mapping or None
-        Name of a joint -> position [rad, m] at which it is welded.
-    right_angle : float
-        Angles within this distance of a multiple of 90 degrees become exact [rad].
+    Return the chain between two links of a URDF; arguments, errors and warnings as `load_robot`.
 
     Raises
     ------
@@ -74,14 +95,14 @@ def robot_from_urdf(
     -----
     PhysicsWarning
         If a link between two moving joints has no <inertial>, and so no mass, or a revolute or
-        prismatic joint has no <limit>, and so may move without bound, or an element or attribute
-        has a name that resembles a known one, as `xyzs` does.
+        prismatic joint has no <limit>, and so may move without bound, or elements or attributes
+        have names that resemble known ones, as `xyzs` does.
 
     """
     slack = real_number('right_angle', right_angle, largest=LARGEST)
     urdf, snapped_joints = _with_right_angles(urdf, slack)
-    for line in urdf.misspelt:
-        warnings.warn(line, PhysicsWarning, stacklevel=3)
+    if urdf.misspelt:
+        _warn(f'{quote(urdf.name)}: not read, misspelt? {quote_all(urdf.misspelt)}')
     given = locked_positions({} if locked is None else locked)
     at = urdf.with_followers(given)
     chain = find_chain(urdf, base, tip, at)
@@ -93,7 +114,17 @@ def robot_from_urdf(
     placements = _placements(chain, turns, frames)
     length = max(float(np.abs(p).max()) for _, p in placements)
     bodies = _bodies(urdf, chain, frames, length)
-    _warn_of_missing_limits(chain)
+    for joint in chain.joints:
+        if not joint.limited:
+            _warn(
+                f'joint {quote(joint.name)} is {joint.kind} and has no <limit>: it is taken as '
+                'unlimited. If it is meant, give it infinite limits'
+            )
+    own = {**LIMIT_FIELDS, 'damping': 'damping', 'friction': 'friction'}
+    numbers: dict[str, Any] = {
+        key: np.array([getattr(joint.limits, name) for joint in chain.joints])
+        for name, key in own.items()
+    }
     return Robot(
         name=urdf.name,
         joint_names=tuple(joint.name for joint in chain.joints),
@@ -103,41 +134,216 @@ def robot_from_urdf(
         source=urdf.source,
         snapped_joints=snapped_joints,
         **welded_frames(placements, bodies),
-        **_limits(chain),
+        **numbers,
         armature=np.array([urdf.armature.get(joint.name, 0.0) for joint in chain.joints]),
         frames=_carried_frames(chain, frames, placements, length),
     )
 
 
+def _warn(text: str) -> None:
+    """Warn the caller of load_robot."""
+    warnings.warn(text, PhysicsWarning, stacklevel=4)
+
+
+# The chain.
+
+
+def find_chain(
+    urdf: Urdf, base: str | None, tip: str | None, locked: Mapping[str, float]
+) -> Chain:
+    """
+    Return the chain of joints between two links, the root and the last one by default.
+
+    The base is fixed: links above it and other branches on it are cut off. Branches on a moving
+    link stay, welded to it; a joint there that could move must be locked. ValueError if the links
+    and joints are no tree, or these choices do not leave exactly one chain of supported joints.
+    """
+    above = {joint.child: joint for joint in urdf.joints.values()}
+    children: dict[str, list[Joint]] = {link: [] for link in urdf.links}
+    root = _root(urdf, above, children)
+    for role, link in (('base', base), ('tip', tip)):
+        if link is not None and (not isinstance(link, str) or link not in urdf.links):
+            raise ValueError(
+                f'{role} {quote(link)} is not a link of {quote(urdf.name)}; it has '
+                f'{quote_all(urdf.links)}'
+            )
+    _check_locked(urdf, locked)
+    free = {j.name for j in urdf.joints.values() if j.kind != 'fixed' and j.name not in locked}
+    base = root if base is None else base
+    # The base may be a leaf: the chain starts at the topmost link that is welded to it.
+    held = base
+    while held in above and above[held].name not in free:
+        held = above[held].parent
+    below = _below(held, children)
+    carriers: dict[str, Joint | None] = {held: None}
+    for joint in below:
+        carriers[joint.child] = joint if joint.name in free else carriers[joint.parent]
+    moving = [joint for joint in urdf.joints.values() if carriers.get(joint.child) is joint]
+    tip = _last_link(urdf, base, moving, carriers) if tip is None else tip
+    if tip not in carriers:
+        raise ValueError(f'tip {quote(tip)} is not below base {quote(base)} in {quote(urdf.name)}')
+    chain: list[Joint] = []
+    carrier = carriers[tip]
+    while carrier is not None:
+        chain.insert(0, carrier)
+        carrier = carriers[carrier.parent]
+    if not chain:
+        raise ValueError(
+            f'no joint moves between {quote(base)} and {quote(tip)} in {quote(urdf.name)}'
+        )
+    _refuse_branches(urdf, tip, chain, moving, carriers)
+    for joint in chain:
+        _check_kind(joint)
+    # Links that are neither moved by the chain nor part of its base are excluded.
+    own = {joint.name for joint in chain}
+    carried = {link: by for link, by in carriers.items() if by is None or by.name in own}
+    return Chain(base, tip, held, chain, [j for j in below if j.child in carried], carried)
+
+
+def _root(urdf: Urdf, above: Mapping[str, Joint], children: dict[str, list[Joint]]) -> str:
+    """Return the one link without a parent, and fill in the children; ValueError for no tree."""
+    for joint in urdf.joints.values():
+        for link in (joint.parent, joint.child):
+            if link not in urdf.links:
+                raise ValueError(
+                    f'joint {quote(joint.name)} names link {quote(link)}, not in the URDF'
+                )
+        if above[joint.child] is not joint:
+            raise ValueError(
+                f'link {quote(joint.child)} hangs on joints {quote(joint.name)} and '
+                f'{quote(above[joint.child].name)}: closed loops are not supported; cut one of '
+                'them'
+            )
+        children[joint.parent].append(joint)
+    roots = [name for name in urdf.links if name not in above]
+    if len(roots) != 1:
+        raise ValueError(
+            f'a URDF must have one link without a parent, got {quote_all(roots) or "a loop"}'
+        )
+    loop = urdf.joints.keys() - {joint.name for joint in _below(roots[0], children)}
+    if loop:
+        raise ValueError(
+            f'joints {quote_all(j for j in urdf.joints if j in loop)} form a closed loop apart '
+            f'from the rest of {quote(urdf.name)}'
+        )
+    return roots[0]
+
+
+def _below(link: str, children: Mapping[str, list[Joint]]) -> list[Joint]:
+    """Return the joints below a link, each after the joint above it."""
+    found = list(children[link])
+    for joint in found:
+        found.extend(children[joint.child])
+    return found
+
+
+def _last_link(
+    urdf: Urdf, base: str, moving: list[Joint], carriers: Mapping[str, Joint | None]
+) -> str:
+    """Return the link that the last joint moves; ValueError if the chain has several ends."""
+    if not moving:
+        raise ValueError(f'no joint moves below {quote(base)} in {quote(urdf.name)}')
+    before = {id(carriers[joint.parent]) for joint in moving}
+    ends = [joint for joint in moving if id(joint) not in before]
+    if len(ends) > 1:
+        raise TreeError(
+            f'{quote(urdf.name)} is a tree, not a chain: it ends in joints '
+            f'{quote_all(j.name for j in ends)}; choose one end with tip={quote(ends[0].child)} '
+            '(and a base, if the ends part at a link that should stand still), or '
+            f'{_how_to_lock(ends)}',
+            _movable(ends),
+        )
+    return ends[0].child
+
+
+def _refuse_branches(
+    urdf: Urdf,
+    tip: str,
+    chain: list[Joint],
+    moving: list[Joint],
+    carriers: Mapping[str, Joint | None],
+) -> None:
+    """Raise TreeError if a joint outside the chain moves a link that the chain carries."""
+    own = {joint.name for joint in chain}
+
+    def on_chain(joint: Joint) -> bool:
+        by = carriers[joint.parent]
+        while by is not None and by.name not in own:
+            by = carriers[by.parent]
+        return by is not None
+
+    others = [joint for joint in moving if joint.name not in own and on_chain(joint)]
+    if others:
+        raise TreeError(
+            f'{quote(urdf.name)} is a tree, not a chain: {quote_all(j.name for j in others)} also '
+            f'move what {quote(chain[0].name)} carries to {quote(tip)}; {_how_to_lock(others)}',
+            _movable(others),
+        )
+
+
+def _check_locked(urdf: Urdf, locked: Mapping[str, float]) -> None:
+    for name in locked:
+        joint = urdf.joints.get(name)
+        if joint is None or joint.kind not in JOINT_TYPES:
+            kind = 'has no such joint' if joint is None else f'has it as a {joint.kind} joint'
+            raise ValueError(
+                f'cannot lock {quote(name)}: {quote(urdf.name)} {kind}; joints that can be '
+                f'locked: {quote_all(_movable(urdf.joints.values()))}'
+            )
+
+
+def _check_kind(joint: Joint) -> None:
+    name = quote(joint.name)
+    if joint.kind in NOT_A_CHAIN:
+        raise ValueError(
+            f'joint {name} is {joint.kind}, which is not supported: choose a base below '
+            f'it, such as base={quote(joint.child)}, or make it fixed'
+        )
+    if joint.mimic is not None:
+        raise ValueError(
+            f'joint {name} mimics {quote(joint.mimic.leader)}, which is not supported: lock it '
+            f'with locked={{{name}: 0.0}}, lock the joint that it follows, or take the <mimic> '
+            'away'
+        )
+
+
+def _movable(joints: Iterable[Joint]) -> list[str]:
+    return [joint.name for joint in joints if joint.kind in JOINT_TYPES]
+
+
+def _how_to_lock(joints: Iterable[Joint]) -> str:
+    names = _movable(joints)
+    pairs = ', '.join(f'{quote(name)}: 0.0' for name in names[:MOST_NAMES])
+    return f'lock them, locked={{{pairs}{", ..." if len(names) > MOST_NAMES else ""}}}'
+
+
+# Its frames and bodies.
+
+
 def _with_right_angles(urdf: Urdf, slack: float) -> tuple[Urdf, tuple[str, ...]]:
     """Return a URDF with exact right angles [rad], and the joints that this changed."""
+
+    def exact(angle: float) -> float:
+        right = round(angle / (math.pi / 2)) * (math.pi / 2)
+        return right if abs(angle - right) <= slack else angle
+
+    def straight(origin: Origin) -> Origin:
+        roll, pitch, yaw = map(exact, origin.rpy)
+        return replace(origin, rpy=(roll, pitch, yaw))
+
     links = {
-        name: body and replace(body, origin=_with_right_angle(body.origin, slack))
+        name: body and replace(body, origin=straight(body.origin))
         for name, body in urdf.links.items()
     }
     joints = {
-        name: replace(joint, origin=_with_right_angle(joint.origin, slack))
-        for name, joint in urdf.joints.items()
+        name: replace(joint, origin=straight(joint.origin)) for name, joint in urdf.joints.items()
     }
-    snapped = tuple(n for n, joint in joints.items() if joint.origin != urdf.joints[n].origin)
-    return replace(urdf, links=links, joints=joints), snapped
+    changed = tuple(n for n, joint in joints.items() if joint.origin != urdf.joints[n].origin)
+    return replace(urdf, links=links, joints=joints), changed
 
 
-def _with_right_angle(origin: Origin, slack: float) -> Origin:
-    quarters = [round(angle / (math.pi / 2)) * (math.pi / 2) for angle in origin.rpy]
-    roll, pitch, yaw = (
-        exact if abs(angle - exact) <= slack else angle
-        for angle, exact in zip(origin.rpy, quarters, strict=True)
-    )
-    return replace(origin, rpy=(roll, pitch, yaw))
-
-
-def _limits(chain: Chain) -> dict[str, Any]:
-    names = {**LIMIT_FIELDS, 'damping': 'damping', 'friction': 'friction'}
-    return {
-        key: np.array([getattr(joint.limits, name) for joint in chain.joints])
-        for name, key in names.items()
-    }
+def _placed(origin: Origin) -> Placement:
+    return rotation_rpy(*origin.rpy), np.array(origin.xyz)
 
 
 def _link_frames(
@@ -155,9 +361,33 @@ def _link_frames(
             frames[joint.child] = (snapped(turns[joint.name].T), np.zeros(3))
         else:
             motion = _motion(joint, locked.get(joint.name, 0.0))
-            at = chained(frames[joint.parent], _placed(joint.origin), motion)
-            frames[joint.child] = at
+            frames[joint.child] = chained(frames[joint.parent], _placed(joint.origin), motion)
     return frames
+
+
+def _motion(joint: Joint, position: float) -> Placement:
+    """Return the frame of the child link of a joint at a position [rad, m], from that at zero."""
+    if joint.kind == 'fixed':
+        return np.eye(3), np.zeros(3)
+    turn = axis_rotation(joint.axis)
+    if joint.kind == 'prismatic':
+        return np.eye(3), position * turn[:, 2]
+    about_z = rotation_z(math.cos(position), math.sin(position))
+    return product(turn, about_z, turn.T), np.zeros(3)
+
+
+def _placements(
+    chain: Chain, turns: Mapping[str, Array], frames: Mapping[str, Placement]
+) -> list[Placement]:
+    """Return each joint's frame in the previous joint's frame, and the tip in the last one."""
+    placements = [
+        chained(frames[joint.parent], _placed(joint.origin), (turns[joint.name], np.zeros(3)))
+        for joint in chain.joints
+    ]
+    placements[0] = chained(inverse(frames[chain.base]), placements[0])
+    placements.append(frames[chain.tip])
+    length = max(float(np.abs(p).max()) for _, p in placements)
+    return [(R, without_residue(p, length)) for R, p in placements]
 
 
 def _carried_frames(
@@ -175,21 +405,6 @@ def _carried_frames(
     return carried
 
 
-def _placed(origin: Origin) -> Placement:
-    return rotation_rpy(*origin.rpy), np.array(origin.xyz)
-
-
-def _motion(joint: Joint, position: float) -> Placement:
-    """Return the frame of the child link of a joint at a position [rad, m], from that at zero."""
-    if joint.kind == 'fixed':
-        return np.eye(3), np.zeros(3)
-    turn = axis_rotation(joint.axis)
-    if joint.kind == 'prismatic':
-        return np.eye(3), position * turn[:, 2]
-    about_z = rotation_z(math.cos(position), math.sin(position))
-    return product(turn, about_z, turn.T), np.zeros(3)
-
-
 def _bodies(
     urdf: Urdf, chain: Chain, frames: Mapping[str, Placement], length: float
 ) -> list[Body]:
@@ -205,7 +420,18 @@ def _bodies(
         body = (mass, p + product(R, center), product(R, J, R.T))
         bodies[carrier.name] = merged(bodies[carrier.name], body)
         massive.add(carrier.name)
-    _check_masses(chain, massive)
+    last = max((k for k, j in enumerate(chain.joints) if j.name in massive), default=-1)
+    for k, joint in enumerate(chain.joints):
+        label = f'link {quote(joint.child)}, moved by joint {quote(joint.name)}, has no <inertial>'
+        if k > last:
+            raise ValueError(f'{label}, and neither has any later link: add an <inertial>')
+        if joint.name not in massive:
+            warnings.warn(
+                f'{label}, nor has anything fixed to it: it is taken as massless. If it is meant, '
+                'give it one of mass 0',
+                PhysicsWarning,
+                stacklevel=4,
+            )
     return [
         (mass, without_residue(center, length), without_residue(J, float(np.abs(J).max())))
         for mass, center, J in bodies.values()
@@ -222,45 +448,3 @@ def _body(label: str, inertial: Inertial, length: float) -> Body:
     longest = max(length, float(np.abs(center).max()))
     check_inertia(f'<inertia> of {label}', J, inertial.mass * longest**2)
     return inertial.mass, center, product(R, J, R.T)
-
-
-def _check_masses(chain: Chain, massive: set[str]) -> None:
-    """Refuse links without mass at the end of the chain, and warn of those within it."""
-    last = max((k for k, j in enumerate(chain.joints) if j.name in massive), default=-1)
-    for k, joint in enumerate(chain.joints):
-        label = f'link {quote(joint.child)}, moved by joint {quote(joint.name)}, has no <inertial>'
-        if k > last:
-            raise ValueError(f'{label}, and neither has any later link: add an <inertial>')
-        if joint.name not in massive:
-            warnings.warn(
-                f'{label}, nor has anything fixed to it: it is taken as massless. If it is meant, '
-                'give it one of mass 0',
-                PhysicsWarning,
-                stacklevel=5,
-            )
-
-
-def _warn_of_missing_limits(chain: Chain) -> None:
-    for joint in chain.joints:
-        if not joint.limited:
-            warnings.warn(
-                f'joint {quote(joint.name)} is {joint.kind} and has no <limit>: it is taken as '
-                'unlimited. If it is meant, give it infinite limits',
-                PhysicsWarning,
-                stacklevel=4,
-            )
-
-
-def _placements(
-    chain: Chain, turns: Mapping[str, Array], frames: Mapping[str, Placement]
-) -> list[Placement]:
-    """Return each joint's frame in the previous joint's frame, and the tip in the last one."""
-    base = inverse(frames[chain.base])
-    placements = []
-    for k, joint in enumerate(chain.joints):
-        turn = (turns[joint.name], np.zeros(3))
-        placed = chained(frames[joint.parent], _placed(joint.origin), turn)
-        placements.append(chained(base, placed) if k == 0 else placed)
-    placements.append(frames[chain.tip])
-    length = max(float(np.abs(p).max()) for _, p in placements)
-    return [(R, without_residue(p, length)) for R, p in placements]

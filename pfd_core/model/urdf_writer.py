@@ -5,7 +5,7 @@ Robots as URDF: for programs that read no other format.
 
 Link k of the chain has its frame on the axis of joint k, which is z. The tip and all other frames
 of the robot are links without mass, fixed to the links of the chain. A rotor is the <motorInertia>
-of a <transmission> with a reduction of 1, as pfd_core.model.urdf_reader reads it. A limit that a
+of a <transmission> with a reduction of 1, as pfd_core.model.urdf reads it. A limit that a
 joint lacks is LARGEST_LIMIT: most readers of the format know no infinity.
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from pfd_core.model.geometry import Placement, chained, product
 from pfd_core.model.robot import LIMIT_FIELDS, Robot, check_robot
-from pfd_core.model.urdf_reader import INERTIA_KEYS, LARGEST_LIMIT, parse_urdf
+from pfd_core.model.urdf import INERTIA_KEYS, LARGEST_LIMIT, parse_urdf
 from pfd_core.model.values import Array, quote
 from pfd_core.model.yaml_files import ELEMENTS
 

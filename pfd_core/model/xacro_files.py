@@ -14,7 +14,7 @@ from pathlib import Path
 import subprocess
 import sys
 
-from pfd_core.model.urdf_reader import MOST_CHARACTERS
+from pfd_core.model.urdf import MOST_CHARACTERS
 from pfd_core.model.values import quote
 
 # The description of a UR or Panda takes 0.1 to 0.3 s and 30 MB.

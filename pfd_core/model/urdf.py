@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from functools import lru_cache
 from itertools import islice
 import math
 import re
@@ -34,52 +33,32 @@ INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 # the format's <mechanicalReduction>. A reduction alone is ambiguous: most files have 1 or its
 # inverse there.
 ROTORS = {'rotor_inertia': 'gear_ratio', 'motorInertia': 'mechanicalReduction'}
-BOUNDS, LARGEST_VALUES, LOSSES = (
-    ('lower', 'upper'),
-    ('velocity', 'effort'),
-    ('damping', 'friction'),
-)
-# Attributes and children, which are read, of each element that is read.
-KNOWN: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    'robot': (('name',), ('link', 'joint', 'transmission')),
-    'link': (('name',), ('inertial',)),
-    'inertial': ((), ('origin', 'mass', 'inertia')),
-    'origin': (('xyz', 'rpy'), ()),
-    'mass': (('value',), ()),
-    'inertia': (INERTIA_KEYS, ()),
+# Names that are read, those of attributes and of children together, by element.
+KNOWN: Mapping[str, tuple[str, ...]] = {
+    'robot': ('name', 'link', 'joint', 'transmission'),
+    'link': ('name', 'inertial'),
+    'inertial': ('origin', 'mass', 'inertia'),
+    'origin': ('xyz', 'rpy'),
+    'mass': ('value',),
+    'inertia': INERTIA_KEYS,
     'joint': (
-        ('name', 'type'),
-        ('origin', 'parent', 'child', 'axis', 'limit', 'dynamics', 'mimic'),
+        *('name', 'type', 'origin', 'parent', 'child', 'axis', 'limit', 'dynamics', 'mimic'),
     ),
-    'parent': (('link',), ()),
-    'child': (('link',), ()),
-    'axis': (('xyz',), ()),
-    'limit': ((*BOUNDS, *LARGEST_VALUES), ()),
-    'dynamics': (LOSSES, ()),
-    'mimic': (('joint', 'multiplier', 'offset'), ()),
+    'parent': ('link',),
+    'child': ('link',),
+    'axis': ('xyz',),
+    'limit': ('lower', 'upper', 'velocity', 'effort'),
+    'dynamics': ('damping', 'friction'),
+    'mimic': ('joint', 'multiplier', 'offset'),
 }
 # Names of the format and of other tools that are not read here, and are no misspelt ones.
-FOREIGN = frozenset(
-    (
-        'visual',
-        'collision',
-        'material',
-        'gazebo',
-        'ros2_control',
-        'safety_controller',
-        'calibration',
-    )
-)
-# Least similarity of a near miss (difflib), of short names, as `xzy`, and of longer ones.
-SIMILAR, SHORT = (0.6, 0.75), 4
-
+FOREIGN = {'visual', 'collision', 'material', 'gazebo', 'ros2_control', 'safety_controller'}
+FOREIGN |= {'calibration'}
 # Published URDFs have up to 1 MB and some 150 links, and nest 6 deep.
 MOST_CHARACTERS = 16 * 2**20
-MOST_ELEMENTS = 200_000
-MOST_LINKS = 500
-# Longest name that is compared with the known ones, most of these, and most lines about them.
-LONGEST_NAME, MOST_COMPARED, MOST_WARNINGS = 40, 10_000, 20
-DEEPEST = 50
+MOST_ELEMENTS, MOST_LINKS, DEEPEST = 200_000, 500, 50
+# Longest name that is compared with the names that are read, and most of these.
+LONGEST_NAME, MOST_COMPARED = 40, 10_000
 
 Triple = tuple[float, float, float]
 
@@ -144,11 +123,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class ControlledJoint:
-    """
-    A joint of a <ros2_control> block.
-
-    `initial_positions` are the strings of all initial values of its position.
-    """
+    """A joint of a <ros2_control> block; all initial values of its position, as strings."""
 
     name: str
     command_interfaces: frozenset[str]
@@ -157,7 +132,7 @@ class ControlledJoint:
 
 @dataclass(frozen=True)
 class ControlHardware:
-    """A <hardware> of a <ros2_control> block: its plugin, and its parameters as texts."""
+    """A <hardware> of a <ros2_control> block: its plugin, and its parameters as strings."""
 
     plugin: str
     parameters: Mapping[str, str]
@@ -187,14 +162,12 @@ class Urdf:
     armature : mapping
         Name of a joint -> inertia of its rotors at the joint [kg m^2, kg].
     control : tuple of ControlBlock
-        The <ros2_control> blocks. Their values are texts: a block that nobody uses may hold
+        The <ros2_control> blocks. Their values are strings: a block that nobody uses may hold
         anything.
-    text : str
-        The URDF itself, xacro expanded.
-    source : str
-        Origin of the text.
+    text, source : str
+        The URDF itself, xacro expanded, and its origin.
     misspelt : tuple of str
-        A line about each element and attribute whose name resembles a known one.
+        Elements and attributes that are not read and whose names resemble names that are.
 
     """
 
@@ -209,49 +182,30 @@ class Urdf:
 
     def with_followers(self, locked: Mapping[str, float]) -> dict[str, float]:
         """
-        Return the positions of locked joints and of the joints that mimic them [rad, m].
+        Return the positions [rad, m] of locked joints and of the joints that mimic them.
 
-        Parameters
-        ----------
-        locked : mapping
-            Name of a joint -> position. It has precedence over a mimic.
-
-        Raises
-        ------
-        ValueError
-            If it is no mapping, or a position is no number.
-
+        A given position has precedence over a mimic. ValueError if it is no mapping of names to
+        numbers.
         """
         found = locked_positions(locked)
-        following = True
-        while following:
-            following = False
-            for joint in self.joints.values():
-                rule = (
-                    joint.mimic if joint.kind in JOINT_TYPES and joint.name not in found else None
-                )
-                if rule is not None and rule.leader in found:
-                    found[joint.name] = rule.multiplier * found[rule.leader] + rule.offset
-                    following = True
-        return found
+        movable = (joint for joint in self.joints.values() if joint.kind in JOINT_TYPES)
+        rules = {joint.name: joint.mimic for joint in movable if joint.mimic is not None}
+        while True:
+            followers = {
+                name: rule.multiplier * found[rule.leader] + rule.offset
+                for name, rule in rules.items()
+                if name not in found and rule.leader in found
+            }
+            if not followers:
+                return found
+            found |= followers
 
 
 def parse_urdf(text: str, source: str = 'URDF text') -> Urdf:
     """
-    Return the record of a URDF.
+    Return the record of a URDF; `source` is the origin of the text.
 
-    Parameters
-    ----------
-    text : str
-        The URDF.
-    source : str
-        Origin of the text.
-
-    Raises
-    ------
-    ValueError
-        If the text is no XML, no <robot>, or a link or joint breaks the format.
-
+    ValueError if the text is no XML or no <robot>, or a link or joint breaks the format.
     """
     root = _parsed(text)
     if root.tag != 'robot':
@@ -268,6 +222,7 @@ def parse_urdf(text: str, source: str = 'URDF text') -> Urdf:
     for element in root.findall('joint'):
         name = _name(element, joints)
         joints[name] = _joint(element, name)
+    unread = islice(_unread(root), MOST_COMPARED)
     return Urdf(
         name=root.get('name') or 'robot',
         links=links,
@@ -276,47 +231,8 @@ def parse_urdf(text: str, source: str = 'URDF text') -> Urdf:
         control=tuple(map(_control_block, root.findall('ros2_control'))),
         text=text,
         source=source,
-        misspelt=_misspelt(root),
+        misspelt=tuple(place for place, name, known in unread if _resembles(name, known)),
     )
-
-
-def _misspelt(root: ElementTree.Element) -> tuple[str, ...]:
-    """Return a line about each name that is not read and resembles a name that is."""
-    lines = []
-    for place, mark, name, known in islice(_unknown(root), MOST_COMPARED):
-        likely = _resembled(name, known)
-        if likely:
-            shown = quote(name)[1:-1]
-            lines.append(
-                f'{place} has {mark.format(shown)}, which is not read: is {mark.format(likely)} '
-                'meant?'
-            )
-    return tuple(lines[:MOST_WARNINGS])
-
-
-def _unknown(
-    element: ElementTree.Element, outer: str = ''
-) -> Iterator[tuple[str, str, str, tuple[str, ...]]]:
-    """Yield place, kind and name of attributes and elements that are not read, and those read."""
-    attributes, children = KNOWN[element.tag]
-    name = element.get('name')
-    place = f'{outer}<{element.tag}{"" if name is None else f" name={quote(name)}"}>'
-    unread = [key for key in element.attrib if key not in attributes]
-    yield from ((place, 'an attribute {}', key, attributes) for key in unread)
-    for child in element:
-        if child.tag not in children:
-            yield place, 'an element <{}>', child.tag, children
-        elif child.tag in KNOWN:
-            yield from _unknown(child, f'{place} ')
-
-
-@lru_cache(1024)
-def _resembled(name: str, known: tuple[str, ...]) -> str:
-    """Return the known name that a name resembles, or ''; names of other tools have a prefix."""
-    if name in FOREIGN or ':' in name or '}' in name:
-        return ''
-    similar = SIMILAR[len(name) > SHORT]
-    return next(iter(get_close_matches(name.lower()[:LONGEST_NAME], known, 1, similar)), '')
 
 
 class _Builder(ElementTree.TreeBuilder):
@@ -365,6 +281,31 @@ def _parsed(text: str) -> ElementTree.Element:
         raise ValueError(f'the URDF is not well-formed XML: {problem}') from error
 
 
+def _unread(
+    element: ElementTree.Element, outer: str = ''
+) -> Iterator[tuple[str, str, tuple[str, ...]]]:
+    """Yield place and name of attributes and elements that are not read, and names that are."""
+    known, name = KNOWN[element.tag], element.get('name')
+    place = f'{outer}<{element.tag}{"" if name is None else f" name={quote(name)}"}>'
+    for key in element.attrib:
+        yield f'{place} {quote(key)[1:-1]}=', key, known
+    for child in element:
+        if child.tag in known and child.tag in KNOWN:
+            yield from _unread(child, f'{place} ')
+        else:
+            yield f'{place} <{quote(child.tag)[1:-1]}>', child.tag, known
+
+
+def _resembles(name: str, known: tuple[str, ...]) -> bool:
+    """Return whether a name is like one of those that are read; other tools have a prefix."""
+    if name in known or name in FOREIGN or ':' in name or '}' in name:
+        return False
+    # Of short names, as `xzy`, fewer letters agree.
+    return bool(
+        get_close_matches(name.lower()[:LONGEST_NAME], known, 1, 0.6 if len(name) <= 4 else 0.75)
+    )
+
+
 def _name(element: ElementTree.Element, taken: Mapping[str, object]) -> str:
     name = element.get('name')
     if not name:
@@ -388,10 +329,10 @@ def _number(
     """Return the number in an attribute; `silent` is the default of an optional one."""
     text = element.get(key)
     where = f'<{element.tag} {key}> of {label}'
-    if text is None and silent is not None:
-        return silent
     if text is None:
-        raise ValueError(f'{where} must be a number, got none')
+        if silent is None:
+            raise ValueError(f'{where} must be a number, got none')
+        return silent
     number = number_from_text(where, text, infinite=element.tag == 'limit')
     if element.tag == 'limit' and abs(number) == LARGEST_LIMIT:
         return math.copysign(math.inf, number)
@@ -464,25 +405,20 @@ def _limits(element: ElementTree.Element, kind: str, label: str) -> Limits:
     limit, dynamics = _only(element, 'limit', label), _only(element, 'dynamics', label)
     found: dict[str, float] = {}
     if limit is not None:
-        # The format gives 0 to a bound that is left out; the other two must be there.
-        ends = {key: _number(limit, key, label, 0.0) for key in BOUNDS}
+        # The format gives 0 to an end that is left out; the other two must be there.
+        ends = {key: _number(limit, key, label, 0.0) for key in ('lower', 'upper')}
         found = ends if kind in ('revolute', 'prismatic') else {}
-        found |= {key: _number(limit, key, label) for key in LARGEST_VALUES}
+        found |= {key: _number(limit, key, label) for key in ('velocity', 'effort')}
     if dynamics is not None:
-        found |= {key: _number(dynamics, key, label, 0.0) for key in LOSSES}
+        found |= {key: _number(dynamics, key, label, 0.0) for key in ('damping', 'friction')}
     for key, value in found.items():
-        if value < 0 and key not in BOUNDS:
+        if value < 0 and key not in ('lower', 'upper'):
             raise ValueError(f'<{key}> of {label} must not be negative, got {value}')
     return Limits(**found)
 
 
 def _armature(root: ElementTree.Element, joints: Collection[str]) -> dict[str, float]:
-    """
-    Return the armature of each joint whose transmissions state a rotor.
-
-    ValueError if a number is invalid, an inertia is negative or a ratio zero, or a transmission
-    with a rotor has not one joint of the URDF.
-    """
+    """Return the armature of each joint whose transmissions state a rotor."""
     found: dict[str, float] = {}
     for transmission in root.findall('transmission'):
         label = f'transmission {quote(transmission.get("name", ""))}'
@@ -503,12 +439,12 @@ def _armature(root: ElementTree.Element, joints: Collection[str]) -> dict[str, f
 
 def _rotor(actuator: ElementTree.Element, label: str) -> float | None:
     """Return the inertia of an actuator's rotor at its joint, or None if it states none."""
-    # By their names without a namespace.
-    numbers = {str(element.tag).rpartition('}')[2]: element for element in actuator}
+    # By their names without a namespace; a number is in the attribute `value` or in the text.
+    texts = {str(e.tag).rpartition('}')[2]: e.get('value', e.text or '') for e in actuator}
     for key, ratio in ROTORS.items():
-        if key in numbers:
-            inertia = _value(f'{key} of {label}', numbers[key])
-            gear = _value(f'{ratio} of {label}', numbers[ratio]) if ratio in numbers else 1.0
+        if key in texts:
+            inertia = number_from_text(f'{key} of {label}', texts[key])
+            gear = number_from_text(f'{ratio} of {label}', texts.get(ratio, '1'))
             try:
                 return float(reflected_inertia([inertia], gear)[0])
             except ValueError as error:
@@ -516,33 +452,25 @@ def _rotor(actuator: ElementTree.Element, label: str) -> float | None:
     return None
 
 
-def _value(label: str, element: ElementTree.Element) -> float:
-    """Return the number of an element, in its attribute `value` or in its text."""
-    return number_from_text(label, element.get('value', element.text or ''))
-
-
 def _control_block(block: ElementTree.Element) -> ControlBlock:
-    return ControlBlock(
-        tuple(
-            ControlHardware(
-                (hardware.findtext('plugin') or '').strip(),
-                {p.get('name', ''): (p.text or '').strip() for p in hardware.findall('param')},
-            )
-            for hardware in block.findall('hardware')
-        ),
-        {
-            joint.get('name', ''): ControlledJoint(
-                joint.get('name', ''),
-                frozenset(kind.get('name', '') for kind in joint.findall('command_interface')),
-                tuple(_initial_positions(joint)),
-            )
-            for joint in block.findall('joint')
-        },
+    hardware = tuple(
+        ControlHardware((each.findtext('plugin') or '').strip(), _params(each))
+        for each in block.findall('hardware')
     )
+    joints = [
+        ControlledJoint(
+            joint.get('name', ''),
+            frozenset(kind.get('name', '') for kind in joint.findall('command_interface')),
+            tuple(
+                (param.text or '').strip()
+                for state in joint.findall("state_interface[@name='position']")
+                for param in state.findall("param[@name='initial_value']")
+            ),
+        )
+        for joint in block.findall('joint')
+    ]
+    return ControlBlock(hardware, {joint.name: joint for joint in joints})
 
 
-def _initial_positions(joint: ElementTree.Element) -> Iterator[str]:
-    for interface in joint.findall('state_interface'):
-        for param in interface.findall('param'):
-            if (interface.get('name'), param.get('name')) == ('position', 'initial_value'):
-                yield (param.text or '').strip()
+def _params(element: ElementTree.Element) -> dict[str, str]:
+    return {p.get('name', ''): (p.text or '').strip() for p in element.findall('param')}

@@ -84,16 +84,13 @@ def test_a_file_that_xacro_cannot_expand_is_refused_with_its_reason(
         pfd.load_robot(path)
 
 
-def test_time_memory_and_length_of_an_expansion_are_bounded(
+def test_time_and_length_of_an_expansion_are_bounded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip('xacro')
-    path = xacro_file(tmp_path, f'<robot name="${{[0] * 10**9}}" {EXPANDING}/>')
-    with pytest.raises(ValueError, match=r'cannot expand .*MemoryError'):
+    path = xacro_file(tmp_path, f'<robot name="${{\'a\' * 2**25}}" {EXPANDING}/>')
+    with pytest.raises(ValueError, match='characters, more than the 16777216 supported'):
         pfd.load_robot(path)
-    long = xacro_file(tmp_path, f'<robot name="${{\'a\' * 2**25}}" {EXPANDING}/>')
-    with pytest.raises(ValueError, match='the expanded text has more than 16777216 characters'):
-        pfd.load_robot(long)
     monkeypatch.setattr(*bridge.target('XACRO_MOST_SECONDS'), 0.001)
     with pytest.raises(ValueError, match=r'did not expand .* within 0\.001 s; it was stopped'):
         pfd.load_robot(path)

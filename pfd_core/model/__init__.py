@@ -10,7 +10,6 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     urdf                URDF string -> Urdf, the one record for all readers; rotors
     urdf_robot          the chain of joints of a URDF that move, welded, as a Robot
     urdf_writer         robots as URDF
-    xacro_files         .xacro files -> URDF string, by the package xacro
     geometry            rotations, frames and rigid bodies as arrays with exact zeros and ones;
                         conditions on a rotation and an inertia, with their tolerances
     robot               Robot: the chain in the frames of Lee and Chang, checked once; its frames;

@@ -4,7 +4,8 @@
 Robots by name, from a file or from text, and scenes from a file or from text.
 
 A scene file is YAML: a table of the fields of Scene. `null` is None, and numbers of joints are
-lists in the order of the robot's joints.
+lists in the order of the robot's joints. URDF and xacro are read by modules that are imported at
+the first such file.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 import errno
 from importlib.resources import files
+from importlib.util import find_spec
 from os import PathLike, fspath
 from pathlib import Path
+import sys
 from typing import TYPE_CHECKING
 
 from pfd_core.forking import no_fork
@@ -39,6 +42,19 @@ LARGEST_FILE = 16 * 2**20
 # an exact one gives zeros, which a kernel drops. 1.5708 is taken as written.
 RIGHT_ANGLE_SLACK = 1e-8
 URDF, XACRO, YAML = ('.urdf', '.xml'), '.xacro', ('.yaml', '.yml')
+# A xacro file is a program, which may not end: it is expanded in a process with a bound on its
+# time. The description of a UR or Panda takes 0.1 to 0.3 s.
+XACRO_SECONDS = 60.0
+XACRO_SCRIPT = """
+import sys, xacro
+try:
+    text, status = xacro.process_file(sys.argv[1]).toxml(), 0
+except Exception as error:
+    cause = getattr(error, 'exc', None) or error
+    text, status = f'{type(cause).__name__}: {error}', 1
+sys.stdout.buffer.write(text.encode('utf-8', 'backslashreplace'))
+sys.exit(status)
+"""
 
 
 def known_robots() -> list[str]:
@@ -116,21 +132,7 @@ def read_urdf(source: str | PathLike[str]) -> Urdf | None:
     """
     Parse a URDF, once for `load_robot` and for its <ros2_control> blocks and mimic joints.
 
-    Parameters
-    ----------
-    source : str or path
-        As for `load_robot`.
-
-    Returns
-    -------
-    Urdf or None
-        The record of the URDF; None if the source is a robot in YAML.
-
-    Raises
-    ------
-    ValueError
-        If there is no such robot or file, it cannot be read, or a link or joint breaks the format.
-
+    The source is as for `load_robot`, and so are the errors; None if it is a robot in YAML.
     """
     text, origin, is_urdf = _read(source)
     return _parsed(text, origin) if is_urdf else None
@@ -138,18 +140,9 @@ def read_urdf(source: str | PathLike[str]) -> Urdf | None:
 
 def urdf_of(source: str | PathLike[str]) -> str:
     """
-    Return a robot as URDF: a URDF unchanged, any other robot converted.
+    Return a robot as URDF: a URDF unchanged and not checked, any other robot converted.
 
-    Parameters
-    ----------
-    source : str or path
-        As for `load_robot`, which reads the same robot from the URDF, to rounding.
-
-    Raises
-    ------
-    ValueError
-        As `load_robot`; the elements of a URDF are not checked.
-
+    The source is as for `load_robot`, which reads the same robot from the URDF, to rounding.
     """
     text, origin, is_urdf = _read(source)
     if is_urdf:
@@ -164,17 +157,8 @@ def load_scene(source: str | PathLike[str]) -> Scene:
     """
     Return a scene from a YAML file, as `Scene.save` writes it, or from the text of one.
 
-    Parameters
-    ----------
-    source : str or path
-        The path of a file, or its text, which has a line break.
-
-    Raises
-    ------
-    ValueError
-        If there is no such file, it cannot be read, a key is unknown or occurs twice, or a value
-        is refused by Scene; the text names file and field.
-
+    A text has a line break. ValueError, which names file and field, if there is no such file, it
+    cannot be read, a key is unknown or occurs twice, or a value is refused by Scene.
     """
     if isinstance(source, str) and '\n' in source:
         return scene_from_yaml(source, 'YAML text')
@@ -193,18 +177,25 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
             return source, 'URDF text', True
         if '\n' in source:
             return source, 'YAML text', False
-        if source in _robot_files():
-            known = _robot_files()[source]
+        known = _robot_files().get(source)
+        if known is not None:
             return known.read_text('utf-8'), str(known), False
     if not _is_path(source):
-        raise _unreadable(source)
-    path = Path(source)
-    if path.suffix not in (*URDF, XACRO, *YAML) and len(path.parts) == 1 and not _is_there(path):
-        raise ValueError(
-            f'unknown robot {quote(str(source))}: known are {", ".join(known_robots())}; or give '
-            'the path of a .urdf, .xacro or .yaml file'
-        )
-    return _file(path)
+        raise _no_source(source)
+    path, endings = Path(source), (*URDF, XACRO, *YAML)
+    if not _is_there(path):
+        if path.suffix not in endings and len(path.parts) == 1:
+            raise ValueError(
+                f'unknown robot {quote(str(source))}: known are {", ".join(known_robots())}; or '
+                'give the path of a .urdf, .xacro or .yaml file'
+            )
+        raise ValueError(f'no robot file {quote(str(path))} (looked in {quote(str(Path.cwd()))})')
+    if path.suffix not in endings:
+        raise ValueError(f'{quote(str(path))} must end in {", ".join(endings)}')
+    text = _text(path)
+    if path.suffix == XACRO:
+        return _expanded(path), str(path), True
+    return text, str(path), path.suffix in URDF
 
 
 def _parsed(text: str, origin: str) -> Urdf:
@@ -220,11 +211,11 @@ def _checked(source: object) -> Urdf:
         from pfd_core.model.urdf import Urdf
 
     if not isinstance(source, Urdf):
-        raise _unreadable(source)
+        raise _no_source(source)
     return source
 
 
-def _unreadable(source: object) -> ValueError:
+def _no_source(source: object) -> ValueError:
     return ValueError(f'source must be a name, a path or a string, got {quote(source)}')
 
 
@@ -241,47 +232,56 @@ def _is_there(path: Path) -> bool:
         return False
 
 
-def _file(path: Path) -> tuple[str, str, bool]:
-    label = quote(str(path))
-    if not _is_there(path):
-        raise ValueError(f'no robot file {label} (looked in {quote(str(Path.cwd()))})')
-    if path.suffix not in (*URDF, XACRO, *YAML):
-        raise ValueError(f'{label} must end in {", ".join((*URDF, XACRO, *YAML))}')
-    text = _text(path)
-    if path.suffix == XACRO:
-        with no_fork:
-            from pfd_core.model.xacro_files import expanded
-
-        return expanded(path), str(path), True
-    return text, str(path), path.suffix in URDF
-
-
 def _text(path: Path) -> str:
-    """Return the text of a file; ValueError if it cannot be read."""
+    """Return the text of a file; ValueError for a pipe, a device and a file that is too large."""
     try:
-        return _content(path).decode('utf-8-sig')
+        if not path.is_file():
+            raise OSError(errno.EINVAL, 'it is not a regular file')
+        with path.open('rb') as file:
+            content = file.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise OSError(errno.EFBIG, f'it is larger than {LARGEST_FILE} bytes')
+        return content.decode('utf-8-sig')
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, 'strerror', None) or error
         raise ValueError(f'cannot read {quote(str(path))}: {reason}') from error
 
 
-def _content(path: Path) -> bytes:
-    """Return the bytes of a regular file; OSError for a pipe, a device and a larger file."""
-    if not path.is_file():
-        raise OSError(errno.EINVAL, 'it is not a regular file')
-    with path.open('rb') as file:
-        content = file.read(LARGEST_FILE + 1)
-    if len(content) > LARGEST_FILE:
-        raise OSError(errno.EFBIG, f'it is larger than {LARGEST_FILE} bytes')
-    return content
+def _expanded(path: Path) -> str:
+    """Return the URDF of a xacro file, with the defaults of its arguments; ValueError for none."""
+    with no_fork:
+        import subprocess
+
+    label = quote(str(path))
+    xacro = find_spec('xacro')
+    if xacro is None or xacro.origin is None:  # None: a folder of that name
+        raise ValueError(
+            f'{label} needs the package xacro, which is not installed: run `pip install xacro` '
+            'or `apt install ros-jazzy-xacro`'
+        )
+    try:
+        # Warnings of xacro go to stderr.
+        done = subprocess.run(
+            [sys.executable, '-c', XACRO_SCRIPT, str(path.absolute())],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            timeout=XACRO_SECONDS,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise ValueError(
+            f'xacro did not expand {label} within {XACRO_SECONDS:g} s; it was stopped'
+        ) from error
+    text = done.stdout.decode('utf-8')
+    if done.returncode:
+        reason = quote(text)[1:-1] or f'it ended with status {done.returncode}'
+        raise ValueError(f'xacro cannot expand {label}: {reason}')
+    return text
 
 
 def _robot_files() -> dict[str, Traversable]:
     for folder in FOLDERS:
         if folder.is_dir():
-            return {
-                file.name.removesuffix('.yaml'): file
-                for file in folder.iterdir()
-                if file.name.endswith('.yaml')
-            }
+            names = {file.name: file for file in folder.iterdir()}
+            return {n.removesuffix('.yaml'): f for n, f in names.items() if n.endswith('.yaml')}
     return {}

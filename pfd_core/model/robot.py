@@ -13,8 +13,7 @@ the frame of the tip link. At joint position q_i, the pose of frame i in frame i
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
@@ -87,8 +86,6 @@ class Frame(FrozenArrays):
     """
     A frame fixed to a link of a robot.
 
-    Two frames are equal when their numbers are (their `digest`).
-
     Attributes
     ----------
     link : int
@@ -114,7 +111,8 @@ class Frame(FrozenArrays):
             label = f'{key} of a frame on link {self.link}'
             numbers = real_array(label, getattr(self, key), shape=shape, largest=LARGEST)
             object.__setattr__(self, key, frozen(numbers))
-        check_rotation(f'rotation of a frame on link {self.link}', self.rotation)
+            if key == 'rotation':
+                check_rotation(label, numbers)
 
     @property
     def placement(self) -> Placement:
@@ -126,12 +124,6 @@ class Frame(FrozenArrays):
         """SHA-256 of all numbers, as 64 hexadecimal digits."""
         numbers = np.concatenate([[self.link], self.rotation.ravel(), self.translation])
         return hashlib.sha256(numbers.astype('<f8').tobytes()).hexdigest()
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Frame) and self.digest == other.digest
-
-    def __hash__(self) -> int:
-        return hash(self.digest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,16 +204,12 @@ class Robot(FrozenArrays):
     frames: Mapping[str, Frame] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for key in ('joint_names', 'joint_types', 'accepted', 'snapped_joints'):
-            object.__setattr__(self, key, _names(key, getattr(self, key)))
         _check_names(self)
         shapes = {key: (self.n, *shape) for key, shape in LINK_FIELDS.items()}
         shapes |= {'base_rotation': (3, 3), 'base_position': (3,)}
         shapes |= dict.fromkeys(JOINT_FIELDS, (self.n,))
         for key, shape in shapes.items():
-            object.__setattr__(self, key, _array(self, key, shape))
-        for key in shapes:
-            _check_numbers(self, key)
+            _check_numbers(self, key, shape)
         crossed = self.position_lower > self.position_upper
         _refuse(self, 'position_lower', crossed, 'must not exceed position_upper')
         _check_bodies(self)
@@ -229,7 +217,6 @@ class Robot(FrozenArrays):
         # Symmetrize to the bit.
         J = self.inertias
         object.__setattr__(self, 'inertias', frozen((J + J.transpose(0, 2, 1)) / 2))
-        _warn_of_impossible_bodies(self)
 
     @property
     def n(self) -> int:
@@ -261,12 +248,6 @@ class Robot(FrozenArrays):
             text = value.astype('<f8').tobytes() if exact else repr(value).encode()
             state.update(f'{key}='.encode() + text)
         return state.hexdigest()
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Robot) and self.digest == other.digest
-
-    def __hash__(self) -> int:
-        return hash(self.digest)
 
     def __repr__(self) -> str:
         pairs = zip(self.joint_names, self.joint_types, strict=True)
@@ -300,44 +281,41 @@ def own_inertia(robot: Robot, index: int) -> float:
 # The checks of a robot.
 
 
-def _names(key: str, value: Iterable[str]) -> tuple[str, ...]:
-    names = None
-    if not isinstance(value, str):
-        with suppress(TypeError):  # not iterable
-            names = tuple(value)
-    if names is None or not all(isinstance(name, str) for name in names):
-        raise ValueError(f'{key} must be a tuple of strings, got {quote(value)}')
-    return names
-
-
 def _check_names(robot: Robot) -> None:
+    for key in ('joint_names', 'joint_types', 'accepted', 'snapped_joints'):
+        value, names = getattr(robot, key), None
+        if not isinstance(value, str):
+            with suppress(TypeError):  # not iterable
+                names = tuple(value)
+        if names is None or not all(isinstance(name, str) for name in names):
+            raise ValueError(f'{key} must be a tuple of strings, got {quote(value)}')
+        object.__setattr__(robot, key, names)
     if not isinstance(robot.name, str) or not robot.name:
         raise ValueError(f'a robot needs a name, got {quote(robot.name)}')
-    label = quote(robot.name)
-    if robot.n == 0:
-        raise ValueError(f'{label} has no moving joint: joint_names is empty')
-    if len(robot.joint_types) != robot.n:
-        raise ValueError(
-            f'{label}: joint_types must have {robot.n} entries, '
-            f'one for each of joint_names, got {len(robot.joint_types)}'
-        )
     for key in ('base', 'tip', 'source'):
         if not isinstance(getattr(robot, key), str):
             raise ValueError(f'{key} must be a string, got {quote(getattr(robot, key))}')
-    for name, count in Counter(robot.joint_names).items():
+    label, joints = quote(robot.name), robot.joint_names
+    if not joints:
+        raise ValueError(f'{label} has no moving joint: joint_names is empty')
+    if len(robot.joint_types) != len(joints):
+        raise ValueError(
+            f'{label}: joint_types must have {len(joints)} entries, '
+            f'one for each of joint_names, got {len(robot.joint_types)}'
+        )
+    for name, kind in zip(joints, robot.joint_types, strict=True):
         if not name:
             raise ValueError(f"{label}: every joint needs a name, got ''")
-        if count > 1:
+        if joints.count(name) > 1:
             raise ValueError(f'{label}: joint name {quote(name)} occurs more than once')
-    for name, kind in zip(robot.joint_names, robot.joint_types, strict=True):
         if kind not in JOINT_TYPES:
             raise ValueError(
                 f'joint {quote(name)}: type must be one of {JOINT_TYPES}, got {quote(kind)}'
             )
 
 
-def _array(robot: Robot, key: str, shape: tuple[int, ...]) -> Array:
-    """Return a read-only copy of a field; a scalar is broadcast to all joints."""
+def _check_numbers(robot: Robot, key: str, shape: tuple[int, ...]) -> None:
+    """Replace a field by a read-only copy; a scalar is broadcast to all joints."""
     label = f'{quote(robot.name)}: {key}'
     array = real_array(label, getattr(robot, key), finite=False)
     if array.ndim == 0 and shape == (robot.n,):
@@ -346,11 +324,7 @@ def _array(robot: Robot, key: str, shape: tuple[int, ...]) -> Array:
         raise ValueError(
             f'{label} must have shape {shape} for {robot.n} joints, got {array.shape}'
         )
-    return frozen(array)
-
-
-def _check_numbers(robot: Robot, key: str) -> None:
-    array = getattr(robot, key)
+    object.__setattr__(robot, key, frozen(array))
     if key in LIMIT_FIELDS.values():
         _refuse(robot, key, np.isnan(array), 'must be a number')
     else:
@@ -371,25 +345,17 @@ def _refuse(robot: Robot, key: str, wrong: NDArray[np.bool_], rule: str) -> None
     raise ValueError(f'{quote(robot.name)}: {key}{joint} {rule}, got {quote(value.tolist())}')
 
 
-def _moments(robot: Robot) -> Array:
-    """Return the masses times the square of the longest distance in a link, (n,) [kg m^2]."""
-    longest = max(float(np.abs(robot.translations).max()), float(np.abs(robot.centers).max()))
-    moments: Array = robot.masses * longest**2
-    return moments
-
-
 def _check_bodies(robot: Robot) -> None:
     check_rotation(f'base_rotation of {quote(robot.name)}', robot.base_rotation)
-    for i, moment in enumerate(_moments(robot).tolist()):
-        check_rotation(f'rotation of joint {quote(robot.joint_names[i])}', robot.rotations[i])
-        check_inertia(f'inertia of {link_label(robot, i)}', robot.inertias[i], moment)
-
-
-def _warn_of_impossible_bodies(robot: Robot) -> None:
-    for i, moment in enumerate(_moments(robot).tolist()):
-        x, y, z = np.linalg.eigvalsh(robot.inertias[i]).tolist()
+    longest = max(float(np.abs(robot.translations).max()), float(np.abs(robot.centers).max()))
+    for i, joint in enumerate(robot.joint_names):
+        check_rotation(f'rotation of joint {quote(joint)}', robot.rotations[i])
+        # The least moment [kg m^2] that is not rounding.
+        moment, J = float(robot.masses[i] * longest**2), robot.inertias[i]
+        check_inertia(f'inertia of {link_label(robot, i)}', J, moment)
+        x, y, z = np.linalg.eigvalsh((J + J.T) / 2).tolist()
         most = (x + y) * (1 + TRIANGLE_TOLERANCE) + INERTIA_TOLERANCE * moment
-        if z > most and robot.joint_names[i] not in robot.accepted:
+        if z > most and joint not in robot.accepted:
             warnings.warn(
                 f'{link_label(robot, i)}: principal moments {x:.4g}, {y:.4g}, {z:.4g} kg m^2 '
                 'break the triangle rule (no body has one above the sum of the others); '
@@ -402,22 +368,18 @@ def _warn_of_impossible_bodies(robot: Robot) -> None:
 def _with_ends(robot: Robot) -> Mapping[str, Frame]:
     """Return the frames including base link and tip; of two with one name the tip counts."""
     frames, n = robot.frames, robot.n
+    label = f'{quote(robot.name)}: frames'
     if not isinstance(frames, Mapping):
-        raise ValueError(
-            f'{quote(robot.name)}: frames must map names to Frame, got {quote(frames)}'
-        )
+        raise ValueError(f'{label} must map names to Frame, got {quote(frames)}')
     for name, frame in frames.items():
         if not isinstance(name, str) or not isinstance(frame, Frame) or frame.link > n:
             raise ValueError(
-                f'{quote(robot.name)}: frames[{quote(name)}] must be a Frame on a link from 0 to '
-                f'{n}, got {quote(frame)}'
+                f'{label}[{quote(name)}] must be a Frame on a link from 0 to {n}, '
+                f'got {quote(frame)}'
             )
-    ends = {
-        robot.base: Frame(0, np.eye(3), np.zeros(3)),
-        robot.tip: Frame(n, np.eye(3), np.zeros(3)),
-    }
+    base, tip = (Frame(link, np.eye(3), np.zeros(3)) for link in (0, n))
     # The base comes first, and a tip that is no other link's last.
-    return MappingProxyType({robot.base: ends[robot.base], **frames, **ends})
+    return MappingProxyType({robot.base: base, **frames, robot.base: base, robot.tip: tip})
 
 
 # Robots made from a robot: with a payload, or with locked joints.

@@ -95,29 +95,12 @@ def real_array(
     joints: Sequence[str] = (),
 ) -> Array:
     """
-    Return real numbers as an array, without a copy if `value` is such an array.
+    Return real numbers as an array of a format, without a copy if `value` is such an array.
 
-    Parameters
-    ----------
-    name : str
-        Name of the value, for errors.
-    value : array_like
-        Integers, floats or fractions of any width.
-    dtype : {'float64', 'float32'}
-        Number format of the result.
-    shape : tuple, optional
-        Shape of the result, or to which it is `broadcast`, see `fit_shape`; default: any.
-    finite, largest : bool, float
-        Whether NaN, infinities and numbers of a larger absolute value are refused.
-    joints : sequence of str
-        Names of the joints along the last dimension, for errors.
-
-    Raises
-    ------
-    ValueError
-        If an element is complex, a bool, a string, a date, None, masked or has units; if it is
-        too large for the format; if a number or the shape is refused.
-
+    `shape` is one that they have, or to which they are `broadcast`, see `fit_shape`; default: any.
+    ValueError if an element is complex, a bool, a string, a date, None, masked or has units, if it
+    is too large for the format, or, where `finite`, NaN, infinite or larger than `largest`; such
+    an error names one of the `joints` along the last dimension.
     """
     if type(value) is np.ndarray and value.dtype is _NATIVE[dtype]:
         array = value
@@ -293,7 +276,19 @@ def frozen(values: ArrayLike) -> NDArray[np.float64]:
 
 
 class FrozenArrays:
-    """Base of a frozen dataclass whose arrays and mappings stay read-only when it is copied."""
+    """
+    Base of a frozen dataclass whose arrays and mappings stay read-only when it is copied.
+
+    Two of a class are equal when their numbers and names are, which their `digest` decides.
+    """
+
+    digest: Any
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, type(self)) and bool(self.digest == other.digest)
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields; a read-only view of a dict cannot be pickled itself."""

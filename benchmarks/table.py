@@ -99,6 +99,14 @@ def bullets(texts: Iterable[str], otherwise: str) -> str:
     return '\n'.join(f'- {text}' for text in texts) or otherwise
 
 
+def result_row(what: str, cells: Sequence[tuple[str, str, str, str]]) -> dict[str, str]:
+    """Return a row of README.md from one or two of (ours, peer, theirs, speed-up), as text."""
+    ours, peers, theirs, ratios = zip(*cells, strict=True) if cells else ((), (), (), ())
+    row = {'what': what, 'ours': ' / '.join(ours), 'speed-up': ' / '.join(ratios)}
+    others = {'peer': peers, 'theirs': theirs}
+    return row | {key: ' / '.join(dict.fromkeys(texts)) for key, texts in others.items()}
+
+
 def order(error: float | None) -> str:
     """Return an error to one digit, 'lost' if it is None or not finite."""
     return 'lost' if error is None or not math.isfinite(error) else f'{error:.0e}'

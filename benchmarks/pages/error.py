@@ -45,7 +45,7 @@ from benchmarks.peers.work import LeftOutError, Side
 from benchmarks.plots import CASADI, FLOAT32, FLOAT64, GREY, MUJOCO, ORANGE, panels, save
 from benchmarks.plots import PINOCCHIO as BLACK
 from benchmarks.run import show_progress
-from benchmarks.table import Cells, Row, bullets, grid, lines_of, order, page, short
+from benchmarks.table import Cells, Row, bullets, grid, lines_of, order, page, result_row, short
 from benchmarks.timing import Pace, surroundings, take_turns
 from pfd_core.simulation.step_control import SMALLEST_RTOL
 
@@ -335,18 +335,19 @@ def results_rows(data: Mapping[str, Any]) -> list[dict[str, str]]:
     The fastest runs of one arm within each tolerance.
     """
     found = [_fastest(data[CONTROLLED]['runs'], tolerance) for tolerance in COARSE_AND_FINE]
-    pairs = [(own, peer) for own, _, peer in found if own and peer]
-    if len(pairs) < len(found):
-        return []
-    columns = {
-        'ours': (f'{_milliseconds(own)} ms' for own, _ in pairs),
-        'peer': (peer['way'] for _, peer in pairs),
-        'theirs': (f'{_milliseconds(peer)} ms' for _, peer in pairs),
-        'speed-up': (short(peer['minimum'] / own['minimum']) for own, peer in pairs),
-    }
+    cells = [
+        (
+            f'{_milliseconds(own)} ms',
+            peer['way'],
+            f'{_milliseconds(peer)} ms',
+            short(peer['minimum'] / own['minimum']),
+        )
+        for own, _, peer in found
+        if own and peer
+    ]
     within = ' / '.join(f'{tolerance:g}' for tolerance in COARSE_AND_FINE)
-    row = {'what': f'a second of a UR5 under a controller, to {within} rad'}
-    return [row | {key: ' / '.join(cells) for key, cells in columns.items()}]
+    what = f'a second of a UR5 under a controller, to {within} rad'
+    return [result_row(what, cells)] if len(cells) == len(found) else []
 
 
 def without_rotors(rows: Sequence[Row]) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.cases.hard_cases import CASES
 from benchmarks.pages import speed
 from benchmarks.peers.ours import ours
-from benchmarks.peers.work import LeftOutError, Peer, valid_sides
+from benchmarks.peers.work import made, valid_sides
 from benchmarks.references.accelerations import errors, reference
 from benchmarks.run import show_progress
 from benchmarks.table import Cells, bullets, grid, order, page, short
@@ -50,12 +50,7 @@ def measure(quick: bool) -> dict[str, Any]:
         show_progress(f'{case.name}: reference')
         problem = case.make()
         known, robot, states = reference(problem), problem.plant.robot, problem.states.values()
-        peers, count = dict[str, Peer](), len(problem.states['q'])
-        for name, make in makers.items():
-            try:
-                peers[name] = make(robot)
-            except LeftOutError as reason:
-                reasons[name] = str(reason)
+        peers, count = made(makers, robot, reasons), len(problem.states['q'])
         given = [np.resize(x, (batch, robot.n)) for x in states]
         sides = [
             side for side in valid_sides(peers, given, reasons) if not side.way.endswith('C order')

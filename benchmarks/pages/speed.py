@@ -27,10 +27,10 @@ from benchmarks.peers.casadi import COMPILERS, LARGEST_ANGLE, casadi_c, vector_c
 from benchmarks.peers.others import dynibo, frax, mujoco
 from benchmarks.peers.ours import CODE, ours
 from benchmarks.peers.pinocchio import CPP, Pinocchio, pinocchio_cpp
-from benchmarks.peers.work import LeftOutError, Peer, title_of, valid_sides
+from benchmarks.peers.work import Peer, made, title_of, valid_sides
 from benchmarks.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, panels, save
 from benchmarks.run import show_progress
-from benchmarks.table import Cells, bullets, grid, lines_of, page, short
+from benchmarks.table import Cells, bullets, grid, lines_of, page, result_row, short
 from benchmarks.timing import Pace, surroundings, take_turns
 from pfd_core.kernels.cache import VARIABLE
 from pfd_core.kernels.compile import compile_kernel
@@ -38,9 +38,9 @@ from pfd_core.model import Robot
 
 Row = Mapping[str, Any]
 Makers = Mapping[str, Callable[[Robot], Peer]]
-# Arms of the tables of README.md and the guide.
-ROBOT, OTHER_ROBOT = 'ur5', 'panda'
-ARMS = (ROBOT, OTHER_ROBOT, 'puma560', 'dense6', 'chain6', 'chain12')
+# The arm of README.md; the guide also has the second.
+ROBOT = 'ur5'
+ARMS = (ROBOT, 'panda', 'puma560', 'dense6', 'chain6', 'chain12')
 # States of a batch that fits into the caches, and takes long compared with its call overhead.
 MIDDLE_BATCH = 4096
 SIZES = (1, 64, 512, MIDDLE_BATCH, 65536)
@@ -111,14 +111,8 @@ def _measure(
     A row has minimum and median [s a state], and times: the first way's time over this way's,
     median over the turns.
     """
-    reasons, peers = dict[str, str](), dict[str, Peer]()
-    for name, make in makers.items():
-        show_progress(f'{arm.name}: making {quantity} of {name}')
-        try:
-            peers[name] = make(arm)
-        except LeftOutError as reason:
-            reasons[name] = str(reason)
-    states = random_states(arm, max(sizes))
+    reasons = dict[str, str]()
+    peers, states = made(makers, arm, reasons), random_states(arm, max(sizes))
     for size in (0, *sizes):
         arrays = (states[name] for name in QUANTITIES[quantity])
         given = [x[:size] if size else x[0] for x in arrays]
@@ -128,10 +122,7 @@ def _measure(
         for side, times in zip(sides, take_turns(sides, size or 1, pace), strict=True):
             own = {'way': side.way, 'contents': side.contents, **times._asdict()}
             data['rows'].append(head | own)
-    data['excluded'] += [
-        {'way': f'{way}, {quantity}', 'robot': arm.name, 'why': why}
-        for way, why in reasons.items()
-    ]
+    data['excluded'] += [f'{way}, {quantity} of {arm.name}: {x}' for way, x in reasons.items()]
 
 
 # From here on the page: all from the rows.
@@ -155,15 +146,10 @@ README = {
     'one call, arrays bound before / `kernel(q, qd, tau)`': (BOUND, PLAIN),
 }
 # Rows of the guide: robot, quantity and work.
-GUIDE = {
-    f'UR5, a state in a {MANY}': (ROBOT, FORWARD, MANY),
-    f'UR5, a state in a {FEW}': (ROBOT, FORWARD, FEW),
-    'UR5, one call, arrays bound before': (ROBOT, FORWARD, BOUND),
-    f'UR5, derivatives of qdd, a {MANY}': (ROBOT, 'derivatives', MANY),
-    'UR5, derivatives of qdd, one bound call': (ROBOT, 'derivatives', BOUND),
-    f'Panda, derivatives of qdd, a {MANY}': (OTHER_ROBOT, 'derivatives', MANY),
-    'Panda, derivatives of qdd, one bound call': (OTHER_ROBOT, 'derivatives', BOUND),
-}
+GUIDE = (
+    *((ROBOT, FORWARD, work) for work in (MANY, FEW, BOUND)),
+    *((arm, 'derivatives', work) for arm in ARMS[:2] for work in (MANY, BOUND)),
+)
 # Lines of the picture: label, beginnings and end of the ways, colour and marker.
 LINES = (
     ('this library, float64', OUR_METHODS, 'float64, F order', BLUE, 'o'),
@@ -180,10 +166,6 @@ LINES = (
 def text(data: dict[str, Any]) -> str:
     """Return the page."""
     rows = [row for row in data['rows'] if row['quantity'] == FORWARD]
-    excluded: dict[tuple[str, str], list[str]] = {}
-    for row in data['excluded']:
-        excluded.setdefault((row['way'], row['why']), []).append(row['robot'])
-    left_out = (f'{way} on {", ".join(on)}: {why}' for (way, why), on in excluded.items())
     first = [[x['robot'], x['code'], short(x['seconds'] * 1e3)] for x in data['first']]
     return page(
         'speed',
@@ -193,7 +175,7 @@ def text(data: dict[str, Any]) -> str:
         works='\n\n'.join(_by_work(rows)),
         first=lines_of(['robot', 'code', 'time [ms]'], first),
         contents=_contents(data['rows']),
-        excluded=bullets(left_out, 'Nothing.'),
+        excluded=bullets(data['excluded'], 'Nothing.'),
     )
 
 
@@ -232,6 +214,10 @@ def speed_up(own: Row, peer: Row) -> float:
     return float(own['times'] / peer['times'])
 
 
+def _title(arm: str, quantity: str) -> str:
+    return f'{arm}, {quantity}'.removesuffix(f', {FORWARD}').replace('_', ' ')
+
+
 def _named(row: Row) -> str:
     return str(row['way']).replace(', F order', '').replace(', C order', '')
 
@@ -248,16 +234,10 @@ def results_rows(data: dict[str, Any]) -> list[dict[str, str]]:
     """Return the rows of README.md: what, ours, peer, theirs and our speed-up, as text."""
     rows = []
     for title, works in README.items():
-        found = [compared(data['rows'], ROBOT, FORWARD, work) for work in works]
-        pairs = [ways[:2] for ways in found if ways is not None]
-        columns = {
-            'ours': (_ns(own) for own, _ in pairs),
-            'peer': dict.fromkeys(_named(peer) for _, peer in pairs),
-            'theirs': dict.fromkeys(_ns(peer) for _, peer in pairs),
-            'speed-up': (short(speed_up(*pair)) for pair in pairs),
-        }
-        cells = {key: ' / '.join(texts) for key, texts in columns.items()}
-        rows.append({'what': f'forward dynamics of a UR5, {title}'} | cells)
+        ways = (compared(data['rows'], ROBOT, FORWARD, work) for work in works)
+        pairs = (found[:2] for found in ways if found is not None)
+        cells = [(_ns(x), _named(y), _ns(y), short(speed_up(x, y))) for x, y in pairs]
+        rows.append(result_row(f'forward dynamics of a UR5, {title}', cells))
     return rows
 
 
@@ -277,10 +257,11 @@ def for_any_robot(data: dict[str, Any]) -> str:
 def guide_table(data: dict[str, Any]) -> str:
     """Return the table of the guide, with the speed-up over the peers."""
     lines = []
-    for title, place in GUIDE.items():
-        found = compared(data['rows'], *place)
+    for arm, quantity, work in GUIDE:
+        found = compared(data['rows'], arm, quantity, work)
         if found is not None:
             own, *peers = found
+            title = f'{_title(arm, quantity)}, {work}'
             lines.append([title, _ns(own), *(_ratio(own, peer) for peer in peers)])
     titles = ['', 'our time', 'times as fast as the fastest peer', 'the fastest for any robot']
     return '\n'.join(lines_of(titles, lines)) + '\n'
@@ -295,8 +276,7 @@ def _strongest(rows: Sequence[Row]) -> list[str]:
     for (arm, quantity), work in product(places, COMPARED):
         found = compared(rows, arm, quantity, work)
         if found is not None:
-            title = f'{arm}, {quantity}'.removesuffix(f', {FORWARD}').replace('_', ' ')
-            cells[title, work] = f'{_ns(found[0])}, {_ratio(*found[:2])}'
+            cells[_title(arm, quantity), work] = f'{_ns(found[0])}, {_ratio(*found[:2])}'
     return grid(cells, 'robot, quantity')
 
 

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 from numpy.typing import NDArray
 
 from benchmarks.cases.robots import Array
+from benchmarks.run import show_progress
 from pfd_core.model import Plant, Robot, resolve
 
 SINE = 'float64, sine and cosine of the C library: 1 ulp, any angle'
@@ -74,6 +75,20 @@ def is_batch(given: Arguments) -> bool:
 def title_of(given: Arguments) -> str:
     """Return 'call', or 'batch of B'."""
     return f'batch of {len(given[0])}' if is_batch(given) else 'call'
+
+
+def made(
+    makers: Mapping[str, Callable[[Robot], Peer]], robot: Robot, reasons: dict[str, str]
+) -> dict[str, Peer]:
+    """Return the peers of a robot; the reasons of those that are left out go to `reasons`."""
+    found = {}
+    for name, make in makers.items():
+        show_progress(f'{robot.name}: making {name}')
+        try:
+            found[name] = make(robot)
+        except LeftOutError as reason:
+            reasons[name] = str(reason)
+    return found
 
 
 def valid_sides(

@@ -34,8 +34,7 @@ from pfd_core.model.effects import INERTIA, JOINTS, LINKS, MOTORS
 Numbers = NDArray[Any]
 # State (2, n) at the end of a macro step from state, length and number of substeps.
 Substeps = Callable[[Numbers, Any, int], Numbers]
-# Columns and digits of a scheme, and digits that are stored.
-SCHEMES = {'midpoint': (12, 34), 'implicit': (20, 50)}
+# Digits that are stored.
 STORED = 25
 # Macro steps of the second computation, as a part of the first one's.
 FEWER = 0.75
@@ -56,38 +55,27 @@ def end(motion: Motion, steps: int, columns: int | None = None) -> Numbers:
     """Return q and qd, (2, n) of mpmath.mpf, at the end of a motion without torques."""
     import mpmath
 
-    most, digits = SCHEMES[motion.scheme]
-    power = 2 if motion.scheme == 'midpoint' else 1
+    scheme, power, most, digits = SCHEMES[motion.scheme]
     counts = [power * j for j in range(1, (columns or most) + 1)]
+    length = Fraction(motion.duration) / steps
+    # The first macro step may be halved, again and again.
+    halved = [length / 2**k for k in range(motion.halvings, 0, -1)]
+    lengths = [*(halved[:1] + halved or [length]), *[length] * (steps - 1)]
     with mpmath.workdps(digits):
-        scheme = {'midpoint': _midpoint, 'implicit': _implicit}[motion.scheme]
         substeps = scheme(motion.plant, digits)
         state: Numbers = np.vectorize(mpmath.mpf, otypes=[object])([motion.q, motion.qd])
-        for length in macro_steps(motion, steps):
-            H = mpmath.mpf(length.numerator) / length.denominator
-            state = _extrapolated([substeps(state, H, count) for count in counts], counts, power)
+        for length in lengths:
+            H, row = mpmath.mpf(length.numerator) / length.denominator, list[Numbers]()
+            # Extrapolate to substeps of no length, for errors in powers of (1 / count)^power.
+            for j, count in enumerate(counts):
+                following = [substeps(state, H, count)]
+                for k in range(1, j + 1):
+                    ratio = mpmath.mpf(count**power) / counts[j - k] ** power
+                    off = following[k - 1] - row[k - 1]
+                    following.append(following[k - 1] + off / (ratio - 1))
+                row = following
+            state = row[-1]
     return state
-
-
-def macro_steps(motion: Motion, steps: int) -> list[Fraction]:
-    """Return the lengths [s] of a number of macro steps and the halvings of the first."""
-    length = Fraction(motion.duration) / steps
-    halved = [length / 2**k for k in range(motion.halvings, 0, -1)]
-    return [*(halved[:1] + halved or [length]), *[length] * (steps - 1)]
-
-
-def _extrapolated(ends: Sequence[Numbers], counts: Sequence[int], power: int) -> Numbers:
-    """Return the limit of substeps of no length, for errors in powers of (1 / count)^power."""
-    import mpmath
-
-    row: list[Numbers] = []
-    for j, found in enumerate(ends):
-        following = [found]
-        for k in range(1, j + 1):
-            ratio = mpmath.mpf(counts[j] ** power) / counts[j - k] ** power
-            following.append(following[k - 1] + (following[k - 1] - row[k - 1]) / (ratio - 1))
-        row = following
-    return row[-1]
 
 
 def _midpoint(plant: Plant, digits: int) -> Substeps:
@@ -129,6 +117,10 @@ def _implicit(plant: Plant, digits: int) -> Substeps:
         return np.array([q, qd])
 
     return substeps
+
+
+# Of a scheme: its substeps, the power of the length in which errors fall, columns and digits.
+SCHEMES = {'midpoint': (_midpoint, 2, 12, 34), 'implicit': (_implicit, 1, 20, 50)}
 
 
 def main(names: Sequence[str]) -> None:

@@ -379,8 +379,8 @@ def plots(data: Mapping[str, Any], folder: Path) -> list[Path]:
     ]
     drawn = partial(_draw, data[CONTROLLED]), partial(panels, free, columns=5)
     return [
-        *save(drawn[0], folder, 'error', (10.0, 6.0), ['png']),
-        *save(drawn[1], folder, 'error-integrators', (14.0, 7.6), ['png']),
+        *save(drawn[0], folder, 'error', (10.0, 6.0)),
+        *save(drawn[1], folder, 'error-integrators', (14.0, 7.6)),
     ]
 
 

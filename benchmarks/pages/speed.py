@@ -307,7 +307,7 @@ def plots(data: dict[str, Any], folder: Path) -> list[Path]:
         settings = {'title': title, 'xlabel': 'states of a batch', 'xticks': SIZES}
         settings |= {'xticklabels': SIZES, 'ylabel': 'least time of a state [ns]'}
         drawn.append((settings, [_line(rows, *line) for line in LINES]))
-    return save(partial(panels, drawn, columns=4), folder, 'speed', (11, 5.8), ['png'])
+    return save(partial(panels, drawn, columns=4), folder, 'speed', (11, 5.8))
 
 
 def _line(

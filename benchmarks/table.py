@@ -12,6 +12,7 @@ other lines stay as they are.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 import json
 import math
 from pathlib import Path
@@ -74,6 +75,21 @@ def table(columns: Columns, rows: Iterable[Row]) -> list[str]:
 
     titles = [title.rstrip() for title in columns]
     return lines_of(titles, ([cell(of, row) for of in columns.values()] for row in rows))
+
+
+def shown(keys: str) -> Columns:
+    """Return the columns of keys of a row, separated by spaces, with the values as they are."""
+    return {key.replace('_', ' '): partial(_value_of, key) for key in keys.split()}
+
+
+def _value_of(key: str, row: Row) -> str:
+    def cell(value: object) -> str:
+        return f'{value:.3g}' if isinstance(value, float) else str(value)
+
+    value = row.get(key)
+    if value is None or isinstance(value, bool):
+        return yes(value)
+    return ' / '.join(map(cell, value)) if isinstance(value, list) else cell(value)
 
 
 def lines_of(titles: Sequence[object], rows: Iterable[Iterable[object]]) -> list[str]:

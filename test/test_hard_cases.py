@@ -255,7 +255,7 @@ def test_a_box_has_rising_quantiles_and_ends_at_the_largest_error() -> None:
     tables = box_rows('planar2', 600)
     assert len(tables['boxes']) == 5
     for row in tables['boxes']:
-        shares = [row[key] for key in ('1 %', 'median', '99 %', 'largest')]
+        shares = [row[key] for key in ('p1', 'median', 'p99', 'largest')]
         assert shares[0] > 0
         assert shares == sorted(shares)
         assert row['states'] == 600

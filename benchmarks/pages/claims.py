@@ -29,7 +29,7 @@ from benchmarks.cases.robots import Array, uniform_chain
 from benchmarks.pages.array import EVENTS, RUNS, doubling, times
 from benchmarks.pages.counts import arithmetic_of, counted_parts
 from benchmarks.pages.iterations import errors_of_iterates, price
-from benchmarks.table import Columns, Row, page, stored_table, table
+from benchmarks.table import Columns, Row, page, shown, stored_table, table
 from benchmarks.timing import differences
 from pfd_core.algorithms.paper import pcgm_1987, pcrbm_1987
 from pfd_core.algorithms.paper.fohra_first_level import record_fohra, structure_of
@@ -333,28 +333,7 @@ def _numbered(x: Row) -> str:
     return ', '.join(f'({name})' if NUMBER.fullmatch(name) else name for name in x['names'])
 
 
-def _code(key: str) -> Callable[[Row], str]:
-    return lambda x: f'`{x[key]}`'
-
-
-CLAIMS: Columns = {
-    'where': 'place',
-    'the paper says': 'sentence',
-    'verdict': 'verdict',
-    'evidence': 'evidence',
-    'note': 'note',
-    'test': _code('test'),
-}
-ERRATA: Columns = {
-    **{name: name for name in ('place', 'printed', 'wrong', 'right', 'effect')},
-    'test': _code('test'),
-}
-INDEX: Columns = {
-    'name': _numbered,
-    'what': 'text',
-    'function': _code('function'),
-    'test': _code('test'),
-}
+INDEX: Columns = {'name': _numbered, **shown('text function test')}
 
 
 def text(data: dict[str, Any]) -> str:
@@ -363,10 +342,10 @@ def text(data: dict[str, Any]) -> str:
         'claims',
         sentences=len(data['claims']),
         counted=paper.counted_verdicts(x['verdict'] for x in data['claims']),
-        claims=table(CLAIMS, data['claims']),
+        claims=table(shown('place sentence verdict evidence note test'), data['claims']),
         equations=table(INDEX, data['equations']),
         procedures=table(INDEX, data['procedures']),
         states=STATES,
         few=FEW,
-        errata=table(ERRATA, data['errata']),
+        errata=table(shown('place printed wrong right effect test'), data['errata']),
     )

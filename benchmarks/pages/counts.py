@@ -21,7 +21,7 @@ from benchmarks.cases.paper import CORRECTED, EDITIONS, KINDS, PRINTED_AT, value
 from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages import iterations as pcgm
 from benchmarks.run import each
-from benchmarks.table import Columns, Row, grid, order, page, stored_table, table
+from benchmarks.table import Columns, Row, grid, order, page, shown, stored_table, table
 from pfd_core.algorithms.emulation import in_sections
 from pfd_core.dynamics.methods import ITERATIVE, METHODS, SERIAL
 from pfd_core.model import Robot, load_robot
@@ -234,22 +234,10 @@ def _and_claimed(claims: Iterable[Row], kind: str) -> Cell:
     return cell
 
 
-def _parallel(kind: str) -> Cell:
-    return lambda x: '-' if x['units'] == 1 else x[f'unpacked_{kind}']
-
-
 SYSTEMS: Columns = {
     'system': _title,
-    'processors': 'processors',
-    'and cells': lambda x: x['units'] - x['processors'],
-    'mult': 'multiplications',
-    'of these div': 'divisions',
-    'add': 'additions',
-    'sqrt': 'square_roots',
-    'routes': 'routes',
-    'one lane per link: mult': _parallel('multiplications'),
-    'add ': _parallel('additions'),
-    'routes ': _parallel('routes'),
+    **shown('processors units multiplications divisions additions square_roots routes'),
+    **shown('unpacked_multiplications unpacked_additions unpacked_routes'),
     'busy': lambda x: f'{x["work"] / arithmetic_of(x) / x["units"]:.0%}',
     'speed-up, alone / with routes': _two(speed_up, 'best', '.2f'),
     'over published counts': _two(speed_up, 'published', '.2f'),
@@ -267,13 +255,12 @@ def _claims(rows: Iterable[Row]) -> Columns:
         return lambda x: counts.get((x['system'], edition), {}).get(x['operation'], '-')
 
     return {
-        'system': 'title',
-        'operation': 'operation',
+        **shown('title operation'),
         'formula': lambda x: _at(x['formula']),
         'printed': 'printed',
         'sum of its parts': lambda x: _at(x['parts']),
         **{edition: counted(edition) for edition in EDITIONS},
-        'remark': lambda x: x['remark'] or '',
+        **shown('remark'),
     }
 
 
@@ -283,37 +270,16 @@ def _formula(kind: str) -> Cell:
 
 
 PARTS: Columns = {
-    'system': 'title',
-    'item': 'item',
-    'what': 'text',
-    'count': lambda x: 'derived' if x['derived'] else 'decomposed from the total',
+    **shown('title item text derived'),
     'paper: mult': _formula('multiplications'),
     'add': _formula('additions'),
-    'as printed: mult': 'as_printed_multiplications',
-    'add ': 'as_printed_additions',
-    'corrected: mult': 'corrected_multiplications',
-    'add  ': 'corrected_additions',
-    'remark': 'remark',
+    **shown('as_printed_multiplications as_printed_additions'),
+    **shown('corrected_multiplications corrected_additions remark'),
 }
-
-
-def _few_to_many(kind: str) -> Cell:
-    return lambda x: ' to '.join(dict.fromkeys(str(x[f'{k}_{kind}']) for k in ('least', 'most')))
-
-
 CONVERGENCE: Columns = {
-    'system': 'system',
-    'robot': 'robot',
-    'n': 'n',
-    'iterations: fewest': 'least',
-    'median': 'median',
-    'most': 'most',
-    'mult': _few_to_many('multiplications'),
-    'add': _few_to_many('additions'),
-    'routes': _few_to_many('routes'),
-    'error after n iterations: median': lambda x: order(x['error_after_n']),
-    'largest': lambda x: order(x['worst_after_n']),
-    'at the end: largest': lambda x: order(x['worst_converged']),
+    **shown('system robot n least median most error_after_n worst_after_n worst_converged'),
+    **shown('least_multiplications most_multiplications least_additions most_additions'),
+    **shown('least_routes most_routes'),
 }
 
 

@@ -17,10 +17,10 @@ from typing import Any
 from benchmarks.cases.hard_cases import CASES, ROUNDING, Case
 from benchmarks.cases.problems import Problem
 from benchmarks.peers.answers import DEFAULT, PEER, REFINED, kernel_jacobians, peer_jacobians
-from benchmarks.references.accelerations import kappa_j, reference
+from benchmarks.references.accelerations import reference
 from benchmarks.references.derivatives import errors, jacobians, named, step_length
 from benchmarks.run import each
-from benchmarks.table import bullets, lines_of, page, paragraph, short
+from benchmarks.table import bullets, grid, page, paragraph, short
 
 Row = dict[str, Any]
 QUICK = ('collinear_axes_1e-12',)
@@ -63,10 +63,8 @@ def case_rows(case: Case) -> list[Row]:
         SINGLE: kernel_jacobians(problem, 'float32', 0, h),
         PEER: peer_jacobians(problem, h),
     }
-    row = {'case': case.name, 'n': problem.plant.robot.n, 'step': h}
-    row['kappa_j'] = kappa_j(problem).max()
     return [
-        row | {'way': way, 'matrix': name, 'error': errors(x, exact[name]).max()}
+        {'case': case.name, 'way': way, 'matrix': name, 'error': errors(x, exact[name]).max()}
         for way, matrices in found.items()
         if matrices is not None
         for name, x in named(matrices, h).items()
@@ -76,51 +74,44 @@ def case_rows(case: Case) -> list[Row]:
 # ---- the page ----
 
 
-def _found(data: Mapping[str, Any]) -> dict[str, dict[str, dict[str, float]]]:
-    """Return the errors of a matrix [u] by case and way, infinity where the matrix is lost."""
-    found: dict[str, dict[str, dict[str, float]]] = {title: {} for title in TITLES}
+def _found(data: Mapping[str, Any], matrix: str) -> Iterator[tuple[str, str, float]]:
+    """Yield case, way and error [u] of a matrix, infinity where it is lost."""
     for row in data['errors']:
-        u = ROUNDING[SINGLE if row['way'] == SINGLE else 'float64']
-        error = math.inf if row['error'] is None else row['error'] / u
-        found[row['matrix']].setdefault(row['case'], {})[row['way']] = error
-    return found
+        if row['matrix'] == matrix:
+            u = ROUNDING[SINGLE if row['way'] == SINGLE else 'float64']
+            yield row['case'], row['way'], math.inf if row['error'] is None else row['error'] / u
 
 
 def _pairs(data: Mapping[str, Any]) -> Iterator[tuple[str, float, float]]:
     """Yield case and matrix, and the errors of the default and of the peer [u]."""
-    for matrix, cases in _found(data).items():
-        for case, found in cases.items():
-            if PEER in found:
-                yield f'{case}, {TITLES[matrix]}', found[DEFAULT], found[PEER]
+    for matrix, title in TITLES.items():
+        found = {(case, way): x for case, way, x in _found(data, matrix)}
+        for case, way in found:
+            if way == PEER:
+                yield f'{case}, {title}', found[case, DEFAULT], found[case, PEER]
 
 
 def text(data: Mapping[str, Any]) -> str:
     """Return the page."""
     pairs = list(_pairs(data))
     worse = [pair for pair in pairs if pair[1] > max(WORSE * pair[2], FLOOR)]
-    facts = {row['case']: row for row in data['errors']}
-
-    def lines(cases: Mapping[str, Mapping[str, float]]) -> Iterator[list[object]]:
-        for case, found in cases.items():
-            one = facts[case]
-            cells = [_cell(found[way]) if way in found else '-' for way in WAYS]
-            yield [case, one['n'], f'{one["kappa_j"]:.0e}', f'{one["step"]:.1e}', *cells]
-
-    titles = ['case', 'n', 'kappa_J', 'step [s]', *WAYS]
     return page(
         'derivatives',
         command='python -m benchmarks derivatives',
-        count=len(facts),
+        count=len({row['case'] for row in data['errors']}),
         longest=LONGEST,
         excluded=', '.join(row['case'] for row in data['left_out']),
-        outcome=bullets((_outcome(*of) for of in _found(data).items()), ''),
+        outcome=bullets((_outcome(data, matrix) for matrix in TITLES), ''),
         compared=len(pairs),
         larger=sum(own > peer for _, own, peer in pairs),
         worse=bullets((f'{x}: {_cell(a)} u, {PEER} {_cell(b)} u' for x, a, b in worse), '- none'),
         peer_worse=sum(peer > max(WORSE * own, FLOOR) for _, own, peer in pairs),
         factor=WORSE,
         floor=FLOOR,
-        **{name: lines_of(titles, lines(cases)) for name, cases in _found(data).items()},
+        **{
+            name: grid({(case, way): _cell(x) for case, way, x in _found(data, name)}, 'case')
+            for name in TITLES
+        },
     )
 
 
@@ -128,9 +119,9 @@ def _cell(value: float) -> str:
     return short(value) if math.isfinite(value) else 'lost'
 
 
-def _outcome(matrix: str, cases: Mapping[str, Mapping[str, float]]) -> str:
+def _outcome(data: Mapping[str, Any], matrix: str) -> str:
     """Return a line on one matrix: the median and the largest error of every way."""
-    units = {way: [found[way] for found in cases.values() if way in found] for way in WAYS}
+    units = {way: [x for _, of, x in _found(data, matrix) if of == way] for way in WAYS}
     texts = (f'{way} {_cell(median(x))}, {_cell(max(x))}' for way, x in units.items() if x)
     return f'{TITLES[matrix]}: {"; ".join(texts)}'
 

@@ -37,10 +37,10 @@ from benchmarks.table import (
     Columns,
     bullets,
     grid,
-    lines_of,
     order,
     page,
     short,
+    shown,
     table,
 )
 from pfd_core.dynamics.energy import record_energy
@@ -62,7 +62,7 @@ STATES, FEW, LONGEST = 4, 12, 60
 MANY, SOME, LONG = 40, 4, 40
 # States of an arm, of a run of a program, and those compared with 50 digits.
 THOUSANDS, BLOCK, CHECKED = 10_000, 500, 5
-QUANTILES = {'1 %': 0.01, 'median': 0.5, '99 %': 0.99, 'largest': 1.0}
+QUANTILES = {'p1': 0.01, 'median': 0.5, 'p99': 0.99, 'largest': 1.0}
 # The limit of the default is TWICE the peer's error, and at least FLOOR roundings
 # (docs/decisions/0040-a-default-that-is-not-worse.md).
 TWICE, FLOOR = 2.0, 4.0
@@ -265,7 +265,7 @@ def text(data: Mapping[str, Any]) -> str:
     """Return the page."""
     known = [row for row in data['compared'] if PEER in row]
     runs = data['runs']
-    cases = list(_cases(data))
+    own = [x for x in data['errors'] if x['states'] == 'own']
     return page(
         'hard-cases',
         **_outcome(data),
@@ -278,7 +278,8 @@ def text(data: Mapping[str, Any]) -> str:
         states=STATES,
         few=FEW,
         longest=LONGEST,
-        cases=lines_of(list(cases[0]), (row.values() for row in cases)),
+        cases=table(shown('case n kappa_j kappa_s cause'), data['cases']),
+        errors=grid({(x['case'], _column(x)): _error(x) for x in own}, 'case'),
         compared_count=len(known),
         larger=sum(any(a > b for a, b in zip(x[DEFAULT], x[PEER], strict=True)) for x in known),
         above=sum(over_limit(row) > 1 for row in known),
@@ -291,17 +292,10 @@ def text(data: Mapping[str, Any]) -> str:
         arms=len(data['checks']),
         distance=short(max(row['distance'] for row in data['checks'])),
         checked=CHECKED,
-        boxes=grid(
-            {
-                (f'{x["arm"]}, {x["way"]}, {x["dtype"]}', title): _quantile(x[title])
-                for x in data['boxes']
-                for title in QUANTILES
-            },
-            'arm, way, format',
-        ),
+        boxes=table(shown('arm way dtype p1 median p99 largest'), data['boxes']),
         runs_met=sum(x['error'] is not None and x['error'] <= x['bound'] for x in runs),
         runs_count=len(runs),
-        runs=table(RUN_COLUMNS, runs),
+        runs=table(shown('motion integrator dtype step duration quantity error bound'), runs),
     )
 
 
@@ -313,7 +307,7 @@ def summary(data: Mapping[str, Any]) -> str:
 def more_accurate(rows: Sequence[Row]) -> str:
     """Return on how many arms the peer has the smaller quantiles, and by how much at most."""
     texts = []
-    for key, title in (('median', 'median'), ('99 %', '99 % quantile')):
+    for key, title in (('median', 'median'), ('p99', '99 % quantile')):
         found = {(row['arm'], row['way']): row[key] for row in rows if row['dtype'] == 'float64'}
         peers = {arm: value for (arm, way), value in found.items() if way == PEER}
         if not peers:
@@ -331,60 +325,17 @@ def _missed(row: Row) -> str:
     return f'{row["case"]}, {kernel}, {row["states"]} states: {by}'
 
 
-# Way, number format and steps of refinement of a column.
-WAYS = {
-    DEFAULT: ('pfd', 'float64', 0),
-    REFINED: ('pfd', 'float64', 1),
-    PEER: (PEER, 'float64', 0),
-    'float32': ('pfd', 'float32', 0),
-    'float32, refine=1': ('pfd', 'float32', 1),
-}
+def _column(row: Row) -> str:
+    return PEER if row['way'] == PEER else f'{row["dtype"]}, refine={row["refine"]}'
 
 
-def _cases(data: Mapping[str, Any]) -> Iterator[dict[str, object]]:
-    """Yield the cells of a case by their titles."""
-    for one in data['cases']:
-        own = {
-            (row['way'], row['dtype'], row['refine']): row
-            for row in data['errors']
-            if (row['case'], row['states']) == (one['case'], 'own')
-        }
-        shares = [row['share'] for row in own.values() if row.get('share') is not None]
-        yield {
-            'case': one['case'],
-            'n': one['n'],
-            'kappa_J': f'{one["kappa_j"]:.0e}',
-            'kappa_s': short(one['kappa_s']),
-            **{way: _units(own.get(key)) for way, key in WAYS.items()},
-            'error / bound': f'{max(shares):.2g}' if shares else '-',
-            'method of auto': own['pfd', 'float64', 0]['method'],
-            'cause': one['cause'],
-        }
-
-
-def _units(row: Row | None) -> str:
-    """Return an error in units of rounding."""
-    if row is None or row['error'] is None:
-        return 'lost' if row else '-'
-    return short(row['error'] / ROUNDING[row['dtype']])
-
-
-def _numbers(way: str) -> Callable[[Any], object]:
-    return lambda row: ', '.join(map(short, row[way])) if way in row else '-'
-
-
-def _quantile(value: float | None) -> str:
-    return 'not finite' if value is None else short(value)
+def _error(row: Row) -> str:
+    """Return an error in units of rounding, and its share of the bound."""
+    units = 'lost' if row['error'] is None else short(row['error'] / ROUNDING[row['dtype']])
+    return units if row.get('share') is None else f'{units} ({row["share"]:.2g})'
 
 
 COMPARED_COLUMNS: Columns = {
-    'case': 'case',
-    'method of auto': 'method',
-    **{way: _numbers(way) for way in (*KERNELS, PEER)},
+    **shown(f'case method {DEFAULT} {REFINED} {PEER}'),
     'error / limit': lambda row: f'{over_limit(row):.2f}' if PEER in row else '-',
-}
-RUN_COLUMNS: Columns = {
-    **{key: key for key in ('motion', 'integrator', 'dtype', 'step', 'duration', 'quantity')},
-    'error': lambda row: order(row['error']),
-    'bound': 'bound',
 }

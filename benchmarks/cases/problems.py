@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cases.robots import Array, bead_on, chain, mechanism, rescaled, single
+from benchmarks.cases.robots import Array, bead_on, chain, mechanism, single
 from benchmarks.cases.robots import robot as robot_named
 from pfd_core.algorithms.programs import record_inverse_dynamics
 from pfd_core.machine.emulator import run
@@ -156,10 +156,12 @@ def arm(
 
 def scaled(length: float, mass: float) -> Problem:
     """Return a chain in other units of length and mass, powers of two: the bits are the same."""
-    scene = Scene(gravity=(0.0, 0.0, -9.8125 * length))
-    scaled_up = problem(rescaled(chain(6, 'yz'), length, mass), scene=scene)
-    states = scaled_up.states | {'tau': scaled_up.states['tau'] * mass * length**2}
-    return replace(scaled_up, states=states)
+    plain, scene = chain(6, 'yz'), Scene(gravity=(0.0, 0.0, -9.8125 * length))
+    units = {'translations': length, 'centers': length, 'masses': mass}
+    units |= {'inertias': mass * length**2}
+    robot = replace(plain, **{key: getattr(plain, key) * unit for key, unit in units.items()})
+    drawn = problem(robot, scene=scene)
+    return replace(drawn, states=drawn.states | {'tau': drawn.states['tau'] * mass * length**2})
 
 
 def static_hold() -> Problem:

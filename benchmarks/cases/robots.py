@@ -206,17 +206,6 @@ def bead_on(robot: Robot, index: int, inertia: float) -> Robot:
     return replace(robot, **changed)
 
 
-def rescaled(robot: Robot, length: float, mass: float) -> Robot:
-    """Return a robot whose lengths and masses are multiplied by powers of two."""
-    return replace(
-        robot,
-        translations=robot.translations * length,
-        centers=robot.centers * length,
-        masses=robot.masses * mass,
-        inertias=robot.inertias * (mass * length**2),
-    )
-
-
 def mechanism(
     axes: str,
     *,

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from benchmarks.cases.quantities import STATE, linear_rk4
 from benchmarks.cases.robots import Array
-from benchmarks.references.accelerations import Reference
+from benchmarks.references.accelerations import Reference, norm
 from pfd_core.dynamics.methods import record_forward_dynamics
 from pfd_core.machine.derivative import derivative
 from pfd_core.machine.emulator import run
@@ -62,21 +62,15 @@ def jacobians(plant: Plant, states: Mapping[str, NDArray[Any]], h: float | None)
         given = others | dict(zip(STATE, state, strict=True))
         result = run(program, given, digits=DIGITS)
         J = np.concatenate([result[f'd qdd/d {x}'] for x in STATE], axis=-1)
-        return result['qdd'], _without_roundings(J)
+        size = np.abs(J)
+        least = mpmath.mpf(ROUNDED) * size.max(axis=(-2, -1), keepdims=True)
+        return result['qdd'], np.where(size <= least, 0, J)
 
     with mpmath.workdps(DIGITS):
         number = np.vectorize(mpmath.mpf, otypes=[object])
         q, qd, tau = (number(states[key]) for key in STATE)
         _, J = evaluate(q, qd, tau)
         return J, None if h is None else linear_rk4(evaluate, q, qd, tau, mpmath.mpf(h))
-
-
-def _without_roundings(J: NDArray[Any]) -> NDArray[Any]:
-    import mpmath
-
-    size = np.abs(J)
-    least = mpmath.mpf(ROUNDED) * size.max(axis=(-2, -1), keepdims=True)
-    return np.where(size <= least, 0, J)
 
 
 def named(found: Jacobians, h: float) -> Matrices:
@@ -105,13 +99,8 @@ def errors(found: NDArray[Any], known: NDArray[Any]) -> Array:
     import mpmath
 
     sound = np.asarray(np.isfinite(found).all(axis=(-2, -1)))
-    answer = np.where(sound[:, None, None], found, 0.0).astype(np.float64)
+    answer = np.where(sound[:, None, None], found, 0.0).astype(np.float64).astype(object)
     with mpmath.workdps(DIGITS):
-        size = _norm(known)
-        error = _norm(answer.astype(object) - known) / np.where(size == 0, 1, size)
+        error, size = (norm(x.reshape(len(x), -1)) for x in (answer - known, known))
+        error = error / np.where(size == 0, 1, size)
     return np.where(sound, error.astype(np.float64), np.inf)
-
-
-def _norm(matrix: NDArray[Any]) -> NDArray[Any]:
-    result: NDArray[Any] = (matrix * matrix).sum(axis=(-2, -1)) ** 0.5
-    return result

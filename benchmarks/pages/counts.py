@@ -14,6 +14,7 @@ at most n times as fast.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 from benchmarks.cases import paper
@@ -53,13 +54,6 @@ def measure(quick: bool) -> dict[str, Any]:
     return {
         'counts': counts,
         'serial': [best_serial(counts, n) for n in sizes],
-        'claims': [
-            {'system': x, 'title': paper.title_of(x), 'operation': kind}
-            | {key: paper.TABLE[x][kind].get(key) for key in CLAIM}
-            for x in METHODS
-            if x in paper.TABLE
-            for kind in KINDS
-        ],
         'parts': list(counted_parts(PRINTED_AT)),
         'convergence': list(
             each(_convergence, tried, 'counting iterations', lambda one: one[1].n)
@@ -67,9 +61,6 @@ def measure(quick: bool) -> dict[str, Any]:
         'processors': found[len(systems) :],
         'reached': [row for rows in reached for row in rows],
     }
-
-
-CLAIM = ('formula', 'printed', 'parts', 'remark')
 
 
 def _row(key: tuple[Any, ...]) -> dict[str, Any]:
@@ -139,10 +130,9 @@ def with_baselines(data: Mapping[str, Any], name: str = 'counts') -> list[dict[s
     ]
 
 
-def _printed(claims: Iterable[Row]) -> int:
+def _printed() -> int:
     """Return the total of multiplications and additions that Table 1 prints for PCRBM."""
-    own = {x['operation']: x['printed'] for x in claims if x['system'] == 'pcrbm'}
-    return int(sum(own[kind] for kind in KINDS[:2]))
+    return int(sum(paper.TABLE['pcrbm'][kind]['printed'] for kind in KINDS[:2]))
 
 
 def summary(counts: Mapping[str, Any], claims: Mapping[str, Any]) -> str:
@@ -151,7 +141,7 @@ def summary(counts: Mapping[str, Any], claims: Mapping[str, Any]) -> str:
     executed, _, own = rows
     return page(
         'paper-summary',
-        printed=f'{executed["published"] / _printed(counts["claims"]):.2f}',
+        printed=f'{executed["published"] / _printed():.2f}',
         executed=f'{speed_up(executed, "published"):.2f}',
         own=f'{speed_up(own, "best"):.2f}',
         own_routed=f'{speed_up(own, "best", True):.2f}',
@@ -170,7 +160,7 @@ def text(data: dict[str, Any]) -> str:
     rows = with_baselines(data)
     at = [x for x in rows if x['n'] == PRINTED_AT]
     serial = next(x for x in data['serial'] if x['n'] == PRINTED_AT)
-    printed, published = _printed(data['claims']), int(serial['published'])
+    printed, published = _printed(), int(serial['published'])
     return page(
         'counts',
         n=PRINTED_AT,
@@ -181,10 +171,10 @@ def text(data: dict[str, Any]) -> str:
         printed_speed_up=f'{published / printed:.2f}',
         states=data['convergence'][0]['states'],
         systems=table(SYSTEMS, at),
-        claims=table(_claims(at), data['claims']),
+        claims=table(CLAIMS, _claims(at)),
         parts=table(PARTS, data['parts']),
         convergence=table(CONVERGENCE, data['convergence']),
-        **{kind: _over_n(rows, _and_claimed(data['claims'], kind)) for kind in KINDS[:2]},
+        **{kind: _over_n(rows, partial(_and_claimed, kind)) for kind in KINDS[:2]},
         routes=_over_n(
             [x for x in rows if x['units'] > 1],
             lambda x: f'{x["routes"]} / {x["unpacked_routes"]}',
@@ -218,20 +208,15 @@ def _two(ratio: Callable[..., float], over: str, form: str) -> Cell:
     return lambda x: '-' if x[over] is None else both.format(ratio(x, over), ratio(x, over, True))
 
 
-def _at(formula: str | None, n: int = PRINTED_AT) -> str:
+def _at(formula: str | None, n: int = PRINTED_AT) -> str | None:
     """Return the value of a formula, which may be a fraction."""
     found = value(formula, n) if formula else None
-    return '-' if found is None else f'{float(found):.{int(found != int(found))}f}'
+    return None if found is None else f'{float(found):.{int(found != int(found))}f}'
 
 
-def _and_claimed(claims: Iterable[Row], kind: str) -> Cell:
-    formulas = {x['system']: x['formula'] for x in claims if x['operation'] == kind}
-
-    def cell(x: Row) -> str:
-        formula = formulas.get(x['system'])
-        return f'{x[kind]} / {_at(formula, x["n"])}' if formula else str(x[kind])
-
-    return cell
+def _and_claimed(kind: str, x: Row) -> str:
+    claim = paper.TABLE.get(x['system'], {}).get(kind)
+    return f'{x[kind]} / {_at(claim["formula"], x["n"])}' if claim else str(x[kind])
 
 
 SYSTEMS: Columns = {
@@ -247,21 +232,24 @@ SYSTEMS: Columns = {
 }
 
 
-def _claims(rows: Iterable[Row]) -> Columns:
-    """Return the columns of Table 1, with the counts of each edition at PRINTED_AT."""
+CLAIMS = shown(
+    'system operation formula printed sum_of_parts as_printed corrected best_known remark'
+)
+
+
+def _claims(rows: Iterable[Row]) -> Iterator[Row]:
+    """Yield the claims of Table 1, with the counts of each edition at PRINTED_AT."""
     counts = {(x['system'], x['edition']): x for x in rows}
-
-    def counted(edition: str) -> Cell:
-        return lambda x: counts.get((x['system'], edition), {}).get(x['operation'], '-')
-
-    return {
-        **shown('title operation'),
-        'formula': lambda x: _at(x['formula']),
-        'printed': 'printed',
-        'sum of its parts': lambda x: _at(x['parts']),
-        **{edition: counted(edition) for edition in EDITIONS},
-        **shown('remark'),
-    }
+    for system, claims in paper.TABLE.items():
+        for kind in KINDS:
+            claim = claims[kind]
+            editions = {
+                edition.replace(' ', '_'): counts[system, edition][kind]
+                for edition in EDITIONS
+                if (system, edition) in counts
+            }
+            row = {'system': claims['title'], 'operation': kind, **claim, **editions}
+            yield row | {'formula': _at(claim['formula']), 'sum_of_parts': _at(claim.get('parts'))}
 
 
 def _formula(kind: str) -> Cell:

@@ -32,9 +32,6 @@ class Case:
 
 def _stored(table: str) -> Iterator[Case]:
     for name, row in stored_table(table).items():
-        unknown = sorted(row.keys() - {'cause', 'make', 'options'})
-        if unknown:
-            raise ValueError(f'case {name} of {table} has unknown keys {unknown}')
         maker, *given = row['make']
         make = partial(getattr(problems, maker), *given, **row.get('options', {}))
         yield Case(name, row['cause'], make)

@@ -9,8 +9,8 @@ values printed for n = 6; `parts` is the sum of the counts that the paper derive
 method. The available copy is a scan. Of the multiplications of PCRBM in Table 1 it shows P6, 10 h
 and 4 n; 31 L + 170 is from the formula of section 2.5, which prints 2 n instead of 4 n.
 
-Texts/counts.md defines the editions of a system. Programs are recorded for chains of equal links,
-on p processors for blocks of ceil(n / p) links: they are not derived from the count on n.
+The editions of a system are defined in texts/counts.md. Programs are recorded for chains of equal
+links, on p processors for blocks of ceil(n / p) links: they are not derived from the count on n.
 """
 
 from __future__ import annotations

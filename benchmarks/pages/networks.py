@@ -12,7 +12,7 @@ separate links, which are not on the network.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 import math
 from typing import Any
 
@@ -21,7 +21,7 @@ from benchmarks.cases.paper import BEST_KNOWN, PRINTED_AT, Recording
 from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages.iterations import CHAINS, convergence
 from benchmarks.run import each
-from benchmarks.table import Row, grid, page
+from benchmarks.table import Cells, Row, grid, page
 from pfd_core.dynamics.methods import ITERATIVE, METHODS, SERIAL
 from pfd_core.machine.prices import Weights
 
@@ -182,34 +182,28 @@ def text(data: dict[str, Any]) -> str:
     sizes = sorted({row['n'] for row in rows})
     shown = [n for n in SHOWN if n in sizes]
 
-    def packing(method: str, network: str, n: int) -> float:
-        own = (row for system in SYSTEMS for row in of_system(rows, system, n))
-        return packing_pays_below([row for row in own if row['method'] == method], network)
-
-    def parallel(system: str, network: str, n: int) -> float | None:
-        own, (serial,) = of_system(rows, system, n), of_system(rows, ONE, n)
-        return parallel_pays_below(own, network, serial) if answers(own) else None
-
-    def below(
-        price: Callable[[str, str, int], float | None], titles: Mapping[str, str]
-    ) -> list[str]:
-        """Return a table of the largest prices of each key, over `shown`, by its title."""
-        return grid(
-            {
-                (title, name): ' / '.join(_price(price(key, network, n)) for n in shown)
-                for key, title in titles.items()
-                for network, name in NETWORKS.items()
-            },
-            'system',
-        )
-
-    methods = [method for system in SYSTEMS if system != ONE for method in SYSTEMS[system]]
+    others = [system for system in SYSTEMS if system != ONE]
+    packing: Cells = {
+        (f'{paper.title_of(method)}, n = {n}', title): _price(packing_pays_below(own, network))
+        for system in others
+        for method in SYSTEMS[system]
+        for n in shown
+        for own in [[x for x in of_system(rows, system, n) if x['method'] == method]]
+        for network, title in NETWORKS.items()
+    }
+    parallel: Cells = {
+        (f'{SHORT[system]}, n = {n}', title): _price(parallel_pays_below(own, network, serial))
+        for system in others
+        for n in shown
+        for own, (serial,) in [(of_system(rows, system, n), of_system(rows, ONE, n))]
+        for network, title in NETWORKS.items()
+        if answers(own)
+    }
     return page(
         'networks',
         n=PRINTED_AT,
         division=f'{WEIGHTS.division:g}',
         root=f'{WEIGHTS.square_root:g}',
-        sizes=', '.join(map(str, shown)),
         lines=grid(
             {
                 (_recording(row), name): f'{row[key]:g}'
@@ -219,8 +213,8 @@ def text(data: dict[str, Any]) -> str:
             },
             'recording',
         ),
-        packing=below(packing, {method: paper.title_of(method) for method in methods}),
-        parallel=below(parallel, {x: title for x, title in SHORT.items() if x != ONE}),
+        packing=grid(packing, 'method'),
+        parallel=grid(parallel, 'system'),
         fastest=grid(
             {
                 (f'{title}, {price:g}', n): _fastest(rows, n, network, price)
@@ -239,10 +233,8 @@ def _recording(row: Row) -> str:
     return f'{row["title"]}{iterations}, {row["packing"] or SHORT[ONE]}'
 
 
-def _price(value: float | None) -> str:
-    if value is None or math.isinf(value):
-        return '-' if value is None else 'always'
-    return f'{value:.2f}' if value else 'never'
+def _price(value: float) -> str:
+    return 'always' if math.isinf(value) else f'{value:.2f}' if value else 'never'
 
 
 def _fastest(rows: Sequence[Row], n: int, network: str, price: float) -> str:

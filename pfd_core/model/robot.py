@@ -13,7 +13,7 @@ the frame of the tip link. At joint position q_i, the pose of frame i in frame i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
@@ -72,9 +72,15 @@ LIMIT_FIELDS = {
 JOINT_FIELDS = (*LIMIT_FIELDS.values(), 'damping', 'friction', 'armature')
 _NOT_NEGATIVE = ('masses', *JOINT_FIELDS[2:])
 # Fields that change no motion: robots that differ in these alone are equal.
-_REMARKS = ('source', 'accepted', 'snapped_joints', 'frames')
-# Defaults for all joints.
-_zero, _infinity, _minus_infinity = (partial(np.full, (), x) for x in (0.0, np.inf, -np.inf))
+_REMARKS = ('source', 'accepted', 'snapped_joints', 'frames', 'silent')
+# Values of joints for which the model states none. They are told from equal ones that are given by
+# being these very arrays.
+_SILENT = dict.fromkeys(JOINT_FIELDS, frozen(np.inf)) | {'position_lower': frozen(-np.inf)}
+_SILENT |= dict.fromkeys(('damping', 'friction', 'armature'), frozen(0.0))
+
+
+def _unstated(key: str) -> Array:
+    return _SILENT[key]
 
 
 class PhysicsWarning(UserWarning):
@@ -166,6 +172,10 @@ class Robot(FrozenArrays):
     frames : mapping
         Name -> Frame of each link fixed to a link of the chain or to the base; at least base and
         tip.
+    silent : mapping
+        armature, friction or another field with a number a joint -> names of the joints for which
+        the model states none. By default all joints for fields that are not given. A number other
+        than 0, or infinity for a limit, is never silent.
 
     Raises
     ------
@@ -189,22 +199,24 @@ class Robot(FrozenArrays):
     inertias: Array
     base_rotation: Array = field(default_factory=partial(np.eye, 3))
     base_position: Array = field(default_factory=partial(np.zeros, 3))
-    armature: Array = field(default_factory=_zero)
-    position_lower: Array = field(default_factory=_minus_infinity)
-    position_upper: Array = field(default_factory=_infinity)
-    velocity_limit: Array = field(default_factory=_infinity)
-    effort_limit: Array = field(default_factory=_infinity)
-    damping: Array = field(default_factory=_zero)
-    friction: Array = field(default_factory=_zero)
+    armature: Array = field(default_factory=partial(_unstated, 'armature'))
+    position_lower: Array = field(default_factory=partial(_unstated, 'position_lower'))
+    position_upper: Array = field(default_factory=partial(_unstated, 'position_upper'))
+    velocity_limit: Array = field(default_factory=partial(_unstated, 'velocity_limit'))
+    effort_limit: Array = field(default_factory=partial(_unstated, 'effort_limit'))
+    damping: Array = field(default_factory=partial(_unstated, 'damping'))
+    friction: Array = field(default_factory=partial(_unstated, 'friction'))
     base: str = 'base'
     tip: str = 'tip'
     source: str = ''
     accepted: tuple[str, ...] = ()
     snapped_joints: tuple[str, ...] = ()
     frames: Mapping[str, Frame] = field(default_factory=dict)
+    silent: Mapping[str, Sequence[str]] | None = None
 
     def __post_init__(self) -> None:
         _check_names(self)
+        silent = _silent(self)
         shapes = {key: (self.n, *shape) for key, shape in LINK_FIELDS.items()}
         shapes |= {'base_rotation': (3, 3), 'base_position': (3,)}
         shapes |= dict.fromkeys(JOINT_FIELDS, (self.n,))
@@ -214,6 +226,12 @@ class Robot(FrozenArrays):
         _refuse(self, 'position_lower', crossed, 'must not exceed position_upper')
         _check_bodies(self)
         object.__setattr__(self, 'frames', _with_ends(self))
+        for key, names in silent.items():
+            pairs = zip(self.joint_names, getattr(self, key).tolist(), strict=True)
+            silent[key] = tuple(j for j, x in pairs if j in names and x == _SILENT[key])
+        object.__setattr__(
+            self, 'silent', MappingProxyType({k: v for k, v in silent.items() if v})
+        )
         # Symmetrize to the bit.
         J = self.inertias
         object.__setattr__(self, 'inertias', frozen((J + J.transpose(0, 2, 1)) / 2))
@@ -227,6 +245,10 @@ class Robot(FrozenArrays):
     def turning(self) -> NDArray[np.bool_]:
         """Whether each joint turns, (n,); False for a joint that slides."""
         return np.array([kind != 'prismatic' for kind in self.joint_types])
+
+    def unstated(self, joint: str) -> set[str]:
+        """Return the fields for which the model states no number of a joint."""
+        return {key for key, names in (self.silent or {}).items() if joint in names}
 
     def frame(self, name: str | None = None) -> Frame:
         """Return a frame that the robot carries; the tip's without a name."""
@@ -312,6 +334,15 @@ def _check_names(robot: Robot) -> None:
             raise ValueError(
                 f'joint {quote(name)}: type must be one of {JOINT_TYPES}, got {quote(kind)}'
             )
+
+
+def _silent(robot: Robot) -> dict[str, Sequence[str]]:
+    """Return the joints without a stated number by field, as given or by the fields not given."""
+    if robot.silent is None:
+        return {k: robot.joint_names for k, none in _SILENT.items() if getattr(robot, k) is none}
+    if not isinstance(robot.silent, Mapping) or not robot.silent.keys() <= _SILENT.keys():
+        raise ValueError(f'silent must map {JOINT_FIELDS} to joints, got {quote(robot.silent)}')
+    return dict(robot.silent)
 
 
 def _check_numbers(robot: Robot, key: str, shape: tuple[int, ...]) -> None:

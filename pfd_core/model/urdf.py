@@ -106,8 +106,9 @@ class Joint:
     """
     A joint.
 
-    `mimic` is the rule by which it follows another joint, and `limited` is false for a revolute or
-    prismatic joint without the <limit> that the format requires.
+    `mimic` is the rule by which it follows another joint, `limited` is false for a revolute or
+    prismatic joint without the <limit> that the format requires, and `silent` has the names of the
+    limits that the file does not state.
     """
 
     name: str
@@ -119,6 +120,7 @@ class Joint:
     limits: Limits
     mimic: Mimic | None
     limited: bool
+    silent: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -333,10 +335,7 @@ def _number(
         if silent is None:
             raise ValueError(f'{where} must be a number, got none')
         return silent
-    number = number_from_text(where, text, infinite=element.tag == 'limit')
-    if element.tag == 'limit' and abs(number) == LARGEST_LIMIT:
-        return math.copysign(math.inf, number)
-    return number
+    return number_from_text(where, text, infinite=element.tag == 'limit')
 
 
 def _triple(
@@ -388,9 +387,9 @@ def _joint(element: ElementTree.Element, name: str) -> Joint:
         raise ValueError(f'<axis xyz> of {label} must be three numbers, not all 0')
     origin = _origin(element, label)
     mimic = _mimic(element, label)
-    limits = _limits(element, kind, label)
+    limits, silent = _limits(element, kind, label)
     limited = kind not in ('revolute', 'prismatic') or element.find('limit') is not None
-    return Joint(name, kind, parent, child, origin, axis, limits, mimic, limited)
+    return Joint(name, kind, parent, child, origin, axis, limits, mimic, limited, silent)
 
 
 def _mimic(element: ElementTree.Element, label: str) -> Mimic | None:
@@ -401,7 +400,8 @@ def _mimic(element: ElementTree.Element, label: str) -> Mimic | None:
     return Mimic(mimic.get('joint', ''), factor, offset)
 
 
-def _limits(element: ElementTree.Element, kind: str, label: str) -> Limits:
+def _limits(element: ElementTree.Element, kind: str, label: str) -> tuple[Limits, frozenset[str]]:
+    """Return the limits of a joint, and the names of those that its elements do not state."""
     limit, dynamics = _only(element, 'limit', label), _only(element, 'dynamics', label)
     found: dict[str, float] = {}
     if limit is not None:
@@ -411,10 +411,15 @@ def _limits(element: ElementTree.Element, kind: str, label: str) -> Limits:
         found |= {key: _number(limit, key, label) for key in ('velocity', 'effort')}
     if dynamics is not None:
         found |= {key: _number(dynamics, key, label, 0.0) for key in ('damping', 'friction')}
+    silent = {key for key in KNOWN['limit'] if key not in found}
+    silent |= {key for key in KNOWN['dynamics'] if dynamics is None or dynamics.get(key) is None}
     for key, value in found.items():
         if value < 0 and key not in ('lower', 'upper'):
             raise ValueError(f'<{key}> of {label} must not be negative, got {value}')
-    return Limits(**found)
+        if abs(value) == LARGEST_LIMIT:
+            found[key] = math.copysign(math.inf, value)
+            silent.add(key)
+    return Limits(**found), frozenset(silent)
 
 
 def _armature(root: ElementTree.Element, joints: Collection[str]) -> dict[str, float]:

@@ -137,6 +137,13 @@ def robot_from_urdf(
         **numbers,
         armature=np.array([urdf.armature.get(joint.name, 0.0) for joint in chain.joints]),
         frames=_carried_frames(chain, frames, placements, length),
+        silent={
+            **{
+                key: [j.name for j in chain.joints if name in j.silent]
+                for name, key in own.items()
+            },
+            'armature': [j.name for j in chain.joints if j.name not in urdf.armature],
+        },
     )
 
 

@@ -54,7 +54,7 @@ def robot_to_urdf(robot: Robot) -> str:
             _add(root, 'link', name=name)
             _add_connection(root, f'{name}_fixed', 'fixed', names[frame.link], name, at)
     for joint, rotor in zip(robot.joint_names, robot.armature.tolist(), strict=True):
-        if rotor:
+        if 'armature' not in robot.unstated(joint):
             _add_rotor(root, joint, rotor)
     ElementTree.indent(root)
     text = f'<?xml version="1.0"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
@@ -86,7 +86,9 @@ def _add_joint(
     if kind != 'continuous' or min(limits.values()) < math.inf:
         written = np.clip(list(limits.values()), -LARGEST_LIMIT, LARGEST_LIMIT)
         _add(joint, 'limit', {key: _text([x]) for key, x in zip(limits, written, strict=True)})
-    _add(joint, 'dynamics', {k: _text([getattr(robot, k)[i]]) for k in ('damping', 'friction')})
+    losses = {'damping', 'friction'} - robot.unstated(robot.joint_names[i])
+    if losses:
+        _add(joint, 'dynamics', {key: _text([getattr(robot, key)[i]]) for key in sorted(losses)})
 
 
 def _add_connection(

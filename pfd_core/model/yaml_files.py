@@ -165,9 +165,13 @@ def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
             'mass': float(robot.masses[i]),
             'center': robot.centers[i].tolist(),
             'inertia': {key: float(robot.inertias[i][at]) for key, at in ELEMENTS.items()},
-            'limits': {k: float(getattr(robot, at)[i]) for k, at in LIMIT_FIELDS.items()},
         }
-        joint |= {key: float(getattr(robot, key)[i]) for key in LOSSES}
+        # Of numbers that the model does not state, nothing is written.
+        silent = robot.unstated(name)
+        stated = {k: at for k, at in LIMIT_FIELDS.items() if at not in silent}
+        if stated:
+            joint['limits'] = {k: float(getattr(robot, at)[i]) for k, at in stated.items()}
+        joint |= {key: float(getattr(robot, key)[i]) for key in LOSSES if key not in silent}
         if name in robot.accepted:
             joint['accept_unphysical_inertia'] = True
         joints.append(joint)
@@ -212,6 +216,7 @@ def robot_from_yaml(text: str, source: str) -> Robot:
         **_frames(name, joints, ends['base'][1], ends['tip'][1]),
         **fields,
         frames=_further_frames(document.get('frames', {})),
+        silent={k: [j['name'] for j in joints if k in j['silent']] for k in JOINT_FIELDS},
     )
 
 
@@ -275,6 +280,7 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
         raise ValueError(
             f'accept_unphysical_inertia of {label} must be true or false, got {quote(accepted)}'
         )
+    losses, unstated = _losses(label, row)
     return {
         'name': row['name'],
         'type': row['type'],
@@ -286,11 +292,12 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
             symmetric(*elements),
         ),
         'accepted': accepted in ('true', 'True'),
+        'silent': {LIMIT_FIELDS[k] for k in UNLIMITED if k not in limits} | unstated,
         **{
             LIMIT_FIELDS[k]: _number(f'limit {k} of {label}', value, infinite=True)
             for k, value in (UNLIMITED | dict(limits)).items()
         },
-        **_losses(label, row),
+        **losses,
     }
 
 
@@ -308,22 +315,24 @@ def _placed(label: str, way: str, value: Any) -> Placement:
     return product(twist, turn), along_x + product(twist, along_z)
 
 
-def _losses(label: str, row: Mapping[str, Any]) -> dict[str, float]:
-    """Return damping, friction and armature at the joint, including the rotor."""
+def _losses(label: str, row: Mapping[str, Any]) -> tuple[dict[str, float], set[str]]:
+    """Return damping, friction and armature at the joint with the rotor, and those silent."""
     own = {k: _number(f'{k} of {label}', row.get(k, 0.0)) for k in LOSSES}
+    silent = set(LOSSES) - row.keys()
     if 'rotor' not in row:
-        return own
+        return own, silent
     if 'armature' in row:
         raise ValueError(f'{label} has both rotor and armature; give one of them')
     motor = f'rotor of {label}'
     given = table(motor, row['rotor'], ('inertia', 'gear_ratio'), ('damping', 'friction'))
     rotor = {key: _number(f'{key} of {motor}', value) for key, value in given.items()}
     gear = abs(rotor['gear_ratio'])
-    return {
+    at_joint = {
         'damping': own['damping'] + rotor.get('damping', 0.0) * gear**2,
         'friction': own['friction'] + rotor.get('friction', 0.0) * gear,
         'armature': rotor['inertia'] * gear**2,
     }
+    return at_joint, silent - rotor.keys() - {'armature'}
 
 
 def _end(role: str, value: Any) -> tuple[str, Placement | None]:

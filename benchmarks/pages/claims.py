@@ -182,8 +182,8 @@ ORDERS: dict[str, Callable[[int, int], bool]] = {
 def growth(what: str, *orders: str) -> Found:
     """Compare the growth of each count of GROWING with an order of ORDERS."""
     rows = [GROWING[what](n) for n in (4, 8, 16)]
-    differences = np.diff(rows, axis=0).T
-    holds = [ORDERS[order](*pair) for order, pair in zip(orders, differences, strict=True)]
+    growths = np.diff(rows, axis=0).T
+    holds = [ORDERS[order](*pair) for order, pair in zip(orders, growths, strict=True)]
     counts = ', '.join(map(_joined, rows))
     return all(holds), f'{what}: {counts} at n = 4, 8 and 16'
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache, partial
-import re
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ from benchmarks.cases.robots import Array, uniform_chain
 from benchmarks.pages.array import EVENTS, RUNS, doubling, times
 from benchmarks.pages.counts import arithmetic_of, counted_parts
 from benchmarks.pages.iterations import errors_of_iterates, price
-from benchmarks.table import Columns, Row, page, shown, stored_table, table
+from benchmarks.table import Row, page, shown, stored_table, table
 from benchmarks.timing import differences
 from pfd_core.algorithms.paper import pcgm_1987, pcrbm_1987
 from pfd_core.algorithms.paper.fohra_first_level import record_fohra, structure_of
@@ -325,15 +324,7 @@ def formulas(words: str, n: int, *given: str) -> str:
 
 # ---- the page ----
 
-NUMBER = re.compile(r'(A\.)?\d+(\.[ab])?')
-
-
-def _numbered(x: Row) -> str:
-    """Return names separated by commas, numbers of equations in brackets."""
-    return ', '.join(f'({name})' if NUMBER.fullmatch(name) else name for name in x['names'])
-
-
-INDEX: Columns = {'name': _numbered, **shown('text function test')}
+INDEX = shown('names text function test')
 
 
 def text(data: dict[str, Any]) -> str:

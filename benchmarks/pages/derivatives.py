@@ -20,7 +20,7 @@ from benchmarks.peers.answers import DEFAULT, PEER, REFINED, kernel_jacobians, p
 from benchmarks.references.accelerations import reference
 from benchmarks.references.derivatives import errors, jacobians, named, step_length
 from benchmarks.run import each
-from benchmarks.table import bullets, grid, page, paragraph, short
+from benchmarks.table import bullets, grid, page, short
 
 Row = dict[str, Any]
 QUICK = ('collinear_axes_1e-12',)
@@ -130,10 +130,11 @@ def summary(data: Mapping[str, Any]) -> str:
     """Return the outcome as a sentence, for README.md."""
     pairs = list(_pairs(data))
     own, peer = median(a for _, a, _ in pairs), median(b for _, _, b in pairs)
-    sentence = (
-        '[Derivatives and linearised steps](docs/report/derivatives.md) at '
-        f'{len({row["case"] for row in data["errors"]})} hard cases against 50 digits: the median '
-        f'error is {short(own)} units of rounding, {short(peer)} by `computeABADerivatives`, '
-        f'whose error is the smaller one {sum(a > b for _, a, b in pairs)} of {len(pairs)} times.'
+    return page(
+        'derivatives-summary',
+        count=len({row['case'] for row in data['errors']}),
+        own=short(own),
+        peer=short(peer),
+        larger=sum(a > b for _, a, b in pairs),
+        compared=len(pairs),
     )
-    return paragraph(sentence) + '\n'

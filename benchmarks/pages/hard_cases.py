@@ -35,9 +35,7 @@ from benchmarks.references.accelerations import Reference, errors, reference
 from benchmarks.run import each
 from benchmarks.table import (
     Columns,
-    bullets,
     grid,
-    order,
     page,
     short,
     shown,
@@ -266,13 +264,12 @@ def text(data: Mapping[str, Any]) -> str:
     known = [row for row in data['compared'] if PEER in row]
     runs = data['runs']
     own = [x for x in data['errors'] if x['states'] == 'own']
+    missed = [x for x in data['errors'] if (x.get('share') or 0.0) > 1]
     return page(
         'hard-cases',
         **_outcome(data),
         command='python -m benchmarks hard-cases',
-        missed=bullets(
-            (_missed(x) for x in data['errors'] if (x.get('share') or 0.0) > 1), '- none'
-        ),
+        missed=table(shown('case dtype refine states error share'), missed),
         spread=references.SPREAD,
         roundings=references.ROUNDINGS,
         states=STATES,
@@ -317,12 +314,6 @@ def more_accurate(rows: Sequence[Row]) -> str:
         by = f', by up to {ratio:.2g} times ({name})' if count else ''
         texts.append(f'the smaller {title} on {count} of {len(peers)} arms{by}')
     return ' and '.join(texts)
-
-
-def _missed(row: Row) -> str:
-    kernel = row['dtype'] + ', refine=1' * row['refine']
-    by = f'{order(row["error"])}, {row["share"]:.2g} times its bound'
-    return f'{row["case"]}, {kernel}, {row["states"]} states: {by}'
 
 
 def _column(row: Row) -> str:

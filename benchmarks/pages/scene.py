@@ -45,21 +45,14 @@ def measure(quick: bool) -> dict[str, Any]:
         _side(name, pfd.Simulator(robot, scenes[name], **SETTINGS), motion) for name in finite
     ]
     show_progress('timing')
-    times = take_turns(sides, TIMED_STEPS, QUICK_PACE if quick else PACE)
+    rows = {name: {'name': name, **row._asdict()} for name, row in advice.rows.items()}
+    for name, row in rows.items():
+        row['kept'] = name in advice.kept if name in effects else None
+    found = take_turns(sides, TIMED_STEPS, QUICK_PACE if quick else PACE)
+    for name, times in zip(finite, found, strict=True):
+        least, median = 1e9 * times.minimum, 1e9 * times.median
+        rows[name] |= {'least': least, 'median': median, 'times': times.times}
     show_progress('')
-    known = {
-        name: {'least': 1e9 * own.minimum, 'median': 1e9 * own.median, 'times': own.times}
-        for name, own in zip(finite, times, strict=True)
-    }
-    rows = [
-        {
-            'name': name,
-            **row._asdict(),
-            'kept': name in advice.kept if name in effects else None,
-            **known.get(name, {}),
-        }
-        for name, row in advice.rows.items()
-    ]
     return {
         'machine': machine,
         'robot': robot.name,
@@ -67,7 +60,7 @@ def measure(quick: bool) -> dict[str, Any]:
         'steps': len(motion.taus),
         'unseen': list(advice.unseen),
         'yaml': pfd.scene_to_yaml(advice.scene),
-        'scenes': rows,
+        'scenes': list(rows.values()),
         'refused': [{'name': name, 'reason': reason} for name, reason in refused.items()],
     }
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import sys
 from typing import Any, NamedTuple
 
-from benchmarks.run import show_line
+from benchmarks.run import show_progress
 from benchmarks.table import json_text, lines_of, write_text
 
 FOLDER, QUICK_FOLDER = Path('docs/report'), Path('benchmarks_quick')
@@ -141,7 +141,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     folder = given.out or (QUICK_FOLDER if given.quick else FOLDER)
     failures = []
     for k, page in enumerate(sorted(pages, key=PAGES.index)):
-        show_line(f'{k + 1} of {len(pages)}: {page.name}, {page.title}')
+        show_progress(f'{k + 1} of {len(pages)}: {page.name}, {page.title}')
         try:
             for path in make(page, folder, given.quick, given.from_json):
                 print(path, flush=True)

@@ -12,25 +12,13 @@ from typing import Any, TypeVar
 
 Item = TypeVar('Item')
 Found = TypeVar('Found')
-WIDTH = 79
 
 
 def show_progress(text: str) -> None:
-    """State what is being done: over the line before on a terminal, as a line elsewhere."""
+    """Print what is being done to stderr."""
     # Of several processes only the parent shows it. Without stderr, print would write to stdout.
-    if current_process().daemon or sys.stderr is None:
-        return
-    if sys.stderr.isatty():
-        end = '' if text else '\r'
-        print(f'\r{text:{WIDTH}.{WIDTH}}', end=end, file=sys.stderr, flush=True)
-    elif text:
-        print(f'   {text}', file=sys.stderr, flush=True)
-
-
-def show_line(text: str) -> None:
-    """Print a line that stays."""
-    show_progress('')
-    print(text, file=sys.stderr, flush=True)
+    if sys.stderr is not None and not current_process().daemon:
+        print(text, file=sys.stderr, flush=True)
 
 
 def each(
@@ -57,11 +45,10 @@ def each(
         jobs = pool.imap_unordered(_numbered, [(measure, k, items[k]) for k in order])
         for number, result in jobs:
             found[number] = result
-            show_progress(f'{what}, {len(found) + done} of {len(items)} finished')
+            show_progress(f'   {what}, {len(found) + done} of {len(items)} finished')
             while done in found:
                 yield found.pop(done)
                 done += 1
-    show_progress('')
 
 
 def _numbered(given: tuple[Callable[[Any], Any], int, Any]) -> tuple[int, Any]:

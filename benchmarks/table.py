@@ -4,9 +4,8 @@
 Pages and their tables as Markdown, and their data as JSON.
 
 The prose of a page is a template, texts/NAME.md. A line that is only `{name}` is a block: a table
-or a section, inserted as it is, or left out together with the next empty line where it is None.
-In other lines values replace `{name}`. A paragraph on one long line of the template is wrapped;
-other lines stay as they are.
+or a section, inserted as it is. In other lines values replace `{name}`. A paragraph on one long
+line of the template is wrapped; other lines stay as they are.
 """
 
 from __future__ import annotations
@@ -26,8 +25,6 @@ import yaml
 HERE = Path(__file__).resolve().parent
 WIDTH = 99
 BLOCK = re.compile(r'{(\w+)}')
-# A place for a value, perhaps with a format.
-PLACE = re.compile(r'{(\w+)(?::[^}]*)?}')
 Row = Mapping[str, Any]
 # Titles of a table, each with the key of a row, or a function of a row, that gives its cells. Of
 # equal titles the second ends with a space.
@@ -39,26 +36,15 @@ Cells = dict[tuple[str, object], object]
 def page(name: str, /, **values: Any) -> str:
     """Return the page or section of a template of texts, ended by a line break."""
     template = (HERE / 'texts' / f'{name}.md').read_text(encoding='utf-8')
-    unused = sorted(values.keys() - set(PLACE.findall(template)))
-    if unused:
-        raise ValueError(f'the template {name} has no place for {", ".join(unused)}')
     lines: list[str] = []
-    left_out = False
     for line in map(str.rstrip, template.splitlines()):
         block = BLOCK.fullmatch(line)
         if block:
             value = values[block[1]]
-            left_out = value is None
-            if not left_out:
-                lines.append(value.rstrip('\n') if isinstance(value, str) else '\n'.join(value))
-        elif line or not left_out:
-            for key in PLACE.findall(line):
-                if not isinstance(values[key], (str, int, float)):
-                    raise TypeError(f'{key} in {name} must be text, got {values[key]!r:.40}')
+            lines.append(value.rstrip('\n') if isinstance(value, str) else '\n'.join(value))
+        else:
             filled = line.format_map(values)
             lines.append(paragraph(filled) if len(line) > WIDTH and line[0] != '-' else filled)
-        else:
-            left_out = False
     return '\n'.join(lines) + '\n'
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.peers.work import Side
 from benchmarks.run import show_progress
-from benchmarks.table import Columns, page, paragraph, short, table, yes
+from benchmarks.table import Columns, page, short, table, yes
 from benchmarks.timing import Pace, surroundings, take_turns
 import pfd_core as pfd
 from pfd_ros.advice import Motion, advise, full_scene, sine
@@ -52,7 +52,6 @@ def measure(quick: bool) -> dict[str, Any]:
     for name, times in zip(finite, found, strict=True):
         least, median = 1e9 * times.minimum, 1e9 * times.median
         rows[name] |= {'least': least, 'median': median, 'times': times.times}
-    show_progress('')
     return {
         'machine': machine,
         'robot': robot.name,
@@ -103,10 +102,10 @@ def text(data: dict[str, Any]) -> str:
         tolerance=TOLERANCE,
         window=WINDOW,
         step_size=SETTINGS['step_size'],
-        machine=paragraph(f'{data["machine"]}.'),
+        machine=data['machine'],
         kept=', '.join(row['name'] for row in data['scenes'] if row['kept']) or 'nothing',
-        unseen=paragraph(f'Left out, but not tested by the motion: {unseen}.') if unseen else None,
-        refused=paragraph(f'Not simulated: {refused}.') if refused else None,
+        unseen=unseen or 'none',
+        refused=refused or 'none',
         scenes=table(COLUMNS, data['scenes']),
         yaml='\n'.join(f'    {line}' for line in data['yaml'].splitlines()),
     )

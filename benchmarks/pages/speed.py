@@ -81,7 +81,6 @@ def measure(quick: bool) -> dict[str, Any]:
         if quantity != FORWARD:
             size = min(MIDDLE_BATCH, sizes[-1])
             _measure(data, robot(name), quantity, makers, [size], pace)
-    show_progress('')
     return data
 
 

@@ -29,14 +29,14 @@ serial method. Serial cost, rotational joints of a skew chain, no wrench, n > 2:
 
     part                 as given                    grouped
     joint rotation       4n            2n            the same
-    parameters           15n           9n
+    parameters           15n           12n
     velocities           57n - 62      30n - 42      96n - 95     86n - 92    the bias
     tau - b                                          0            n
     articulated bodies   106n - 119    109n - 124    the same                 and n divisions
     solve                92n - 90      83n - 91      62n - 64     42n - 57
-    in all               274n - 271    233n - 257    268n - 278   240n - 273
+    in all               274n - 271    236n - 257    268n - 278   240n - 273
 
-As given that is 1373 and 1141 for n = 6. Lee and Chang 1987 have 380n - 198 and 302n - 173, which
+As given that is 1373 and 1159 for n = 6. Lee and Chang 1987 have 380n - 198 and 302n - 173, which
 is 2082 and 1639 for n = 6, print 2280 and 1816 next to it, and 2250 in the introduction. Both
 counts include the bias. That this recurrence cannot be parallelised, as the paper concludes, is
 discussed in pfd_core.algorithms.beyond.divide_and_conquer.
@@ -46,13 +46,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from pfd_core.dynamics.chain import Chain, chain_of
+from pfd_core.dynamics.chain import GIVEN, Chain, chain_of
 from pfd_core.dynamics.drives import motor_torques
 from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.joint_torques import minus_joint_torques
@@ -157,36 +156,30 @@ class Bias:
     forces: Sequence[Force]
 
 
-def record(plant: Plant, *, grouped: bool) -> Program:
-    """
-    Return the program of qdd and pivots, (n,), from q, qd and tau; always sequential.
+def record_articulated_body(plant: Plant) -> Program:
+    """Return the program of qdd and pivots, (n,), from q, qd and tau, parameters as given."""
+    return _record(chain_of(plant, GIVEN))
 
-    Parameters
-    ----------
-    plant : Plant
-        Robot and scene.
-    grouped : bool
-        Whether parameters are grouped, and the bias part of the right-hand side.
 
-    """
-    chain = chain_of(plant, grouped)
+def record_grouped_articulated_body(plant: Plant) -> Program:
+    """Return the program of qdd and pivots, (n,), from q, qd and tau, parameters grouped."""
+    return _record(chain_of(plant))
+
+
+def _record(chain: Chain) -> Program:
     recorder, n = chain.recorder, len(chain.joints)
     bodies = chain.bodies()
-    if grouped:
+    if chain.grouped:
         tau, bias = right_side(chain), Bias(NONE, [(NONE, NONE)] * n, [(NONE, NONE)] * n)
     else:
         tau, bias = _torques(chain), _bias(chain, bodies)
-    free = free_input(recorder, plant)
+    free = free_input(recorder, chain.plant)
     with recorder.section('articulated bodies'):
         handles = _handles(chain, bodies, free)
     with recorder.section('solve'):
         rates = _rates(chain, handles, bias, tau)
         qdd = _accelerations(chain, handles, bias, rates)
     return program_with_outputs(recorder, qdd=qdd, pivots=[handle.d for handle in handles])
-
-
-record_articulated_body = partial(record, grouped=False)
-record_grouped_articulated_body = partial(record, grouped=True)
 
 
 def _torques(chain: Chain) -> list[Lanes]:

@@ -3,11 +3,15 @@
 """
 A serial chain at the input q on one processor: joints, and the parameters of links.
 
-Parameters are grouped, which takes the fewest operations, or as the robot is given, about centres
-of mass, which keeps the torque of each link accurate relative to its own terms. Algorithms are the
-same for both (pfd_core.dynamics.links).
+The parameters of links are of one of three kinds; algorithms are the same for all of them.
 
-Everything of link i is in axes B_i; one register holds one number.
+    GROUPED     base parameters about the origins: the fewest operations
+    CENTERED    about centres of mass, in the axes of grouped ones: the torque of each link is
+                accurate relative to its own terms, and angular velocities are shared with grouped
+    GIVEN       the same with origins as the robot has them: for rotations of zeros and ones no
+                number of the robot is rounded before the first operation
+
+Everything of link i is in axes B_i (pfd_core.dynamics.links); one register holds one number.
 """
 
 from __future__ import annotations
@@ -30,6 +34,8 @@ from pfd_core.machine.vectors import (
     symmetric_sum,
 )
 from pfd_core.model import Plant
+
+GROUPED, CENTERED, GIVEN = 'grouped', 'centered', 'given'
 
 
 @dataclass(frozen=True)
@@ -78,23 +84,26 @@ class Chain:
             ]
 
 
-def chain_of(plant: Plant, grouped: bool = True, recorder: Recorder | None = None) -> Chain:
+def chain_of(plant: Plant, parameters: str = GROUPED, recorder: Recorder | None = None) -> Chain:
     """Return the chain of a plant at the input q, in a new recording if none is given."""
     recorder = Recorder(1, 'sequential') if recorder is None else recorder
-    axes, tip = centered_links(plant)
-    if grouped:
+    numbers, tip = centered_links(plant, moved=parameters != GIVEN)
+    joints = joints_at(recorder, numbers, input_list(recorder, 'q', plant.robot.n))
+    if parameters == GROUPED:
         rows = [[x.m, *x.h, *(x.inertia[k] for k in UPPER)] for x in grouped_links(plant)]
     else:
-        rows = [[x.m, *x.center, *(x.J[k] for k in UPPER)] for x in axes]
-    joints = joints_at(recorder, axes, input_list(recorder, 'q', plant.robot.n))
+        rows = [[x.m, *x.center, *(x.J[k] for k in UPPER)] for x in numbers]
     values = [[recorder.constant(x) for x in row] for row in rows]
-    if plant.payload_input:
-        if grouped:
-            values = with_payload_input(recorder, plant.robot, values)
-        else:
-            values[-1] = last_body(recorder, plant.robot)
+    if plant.payload_input and parameters == GROUPED:
+        values = with_payload_input(recorder, plant.robot, values)
+    elif plant.payload_input:
+        values[-1] = last_body(recorder, plant.robot)
     links = [(m, array(v[:3]), symmetric_matrix(array(v[3:]))) for m, *v in values]
-    return Chain(recorder, plant, joints, links, tip, grouped)
+    if parameters == GIVEN:
+        with recorder.section('parameters'):
+            centers = [constants(recorder, x.end.p) + constants(recorder, x.arm) for x in numbers]
+        links = [(m, c, J) for (m, _, J), c in zip(links, centers, strict=True)]
+    return Chain(recorder, plant, joints, links, tip, parameters == GROUPED)
 
 
 def joints_at(recorder: Recorder, links: Sequence[JointAxes], q: Sequence[Lanes]) -> list[Joint]:

@@ -20,7 +20,7 @@ pfd_core.dynamics.links. Serial cost, rotational joints of a skew chain, no wren
 
     part          multiplications             additions
     rotation      4n                          2n             Lee and Chang take it as given
-    parameters    15n                         9n             method 3 alone, constants of links
+    parameters    0, 15n                      3n, 12n        constants of links; of method 3
     bias          96n - 95                    86n - 92
     tau - b       0                           n
     H of 1        45n^2 - 53n + 12            36n^2 - 42n + 11
@@ -31,9 +31,9 @@ pfd_core.dynamics.links. Serial cost, rotational joints of a skew chain, no wren
 For n = 6 in total, and the formulas and printed values of Lee and Chang 1987, Table 1, which has
 totals only:
 
-    method 1  1905 and 1562    paper 3419 and 2502, printed 3418 and 2502
-    method 2  1577 and 1309    paper 2309 and 1692, printed 2308 and 1692
-    method 3  1226 and 1031    paper 1627 and 1255, printed the same
+    method 1  1905 and 1580    paper 3419 and 2502, printed 3418 and 2502
+    method 2  1577 and 1327    paper 2309 and 1692, printed 2308 and 1692
+    method 3  1226 and 1049    paper 1627 and 1255, printed the same
 
 The linear terms of 1 and 2 are misprints: 114 1/2 for 114 1/3 and 151 1/2 for 151 1/3, which give
 the printed values and whole numbers for every n.
@@ -44,7 +44,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from pfd_core.dynamics.chain import Chain, chain_of
+from pfd_core.dynamics.chain import GIVEN, GROUPED, Chain, chain_of
 from pfd_core.dynamics.factors import Matrix, add_rotors, factorise, solution
 from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.joints import (
@@ -91,10 +91,10 @@ def _column(chain: Chain, j: int, first: int) -> list[float]:
 
 
 def record_by_matrix(
-    plant: Plant, *, inertia_matrix: Callable[[Chain], Matrix], grouped: bool
+    plant: Plant, *, inertia_matrix: Callable[[Chain], Matrix], parameters: str = GIVEN
 ) -> Program:
     """
-    Return the program of qdd and pivots, (n,), from q, qd and tau; always sequential.
+    Return the program of qdd and pivots, (n,), from q, qd and tau.
 
     Parameters
     ----------
@@ -102,11 +102,11 @@ def record_by_matrix(
         Robot and scene.
     inertia_matrix : callable
         The lower triangle of H by rows.
-    grouped : bool
-        Whether parameters are grouped.
+    parameters : str
+        Kind of the links' parameters, as for `chain_of`.
 
     """
-    chain = chain_of(plant, grouped)
+    chain = chain_of(plant, parameters)
     y = right_side(chain)
     with chain.recorder.section('inertia matrix'):
         H = inertia_matrix(chain)
@@ -129,7 +129,9 @@ def record_inertia_matrix(plant: Plant) -> Program:
     return program_with_outputs(chain.recorder, H=H)
 
 
-record_composite_body = partial(record_by_matrix, inertia_matrix=composite_bodies, grouped=True)
-record_walker_orin_1 = partial(record_by_matrix, inertia_matrix=columns, grouped=False)
-record_walker_orin_2 = partial(record_by_matrix, inertia_matrix=half_columns, grouped=False)
-record_walker_orin_3 = partial(record_by_matrix, inertia_matrix=composite_bodies, grouped=False)
+record_composite_body = partial(
+    record_by_matrix, inertia_matrix=composite_bodies, parameters=GROUPED
+)
+record_walker_orin_1 = partial(record_by_matrix, inertia_matrix=columns)
+record_walker_orin_2 = partial(record_by_matrix, inertia_matrix=half_columns)
+record_walker_orin_3 = partial(record_by_matrix, inertia_matrix=composite_bodies)

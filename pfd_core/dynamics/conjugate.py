@@ -8,7 +8,7 @@ In exact arithmetic n iterations are enough. With rounding the directions lose t
 skew chains of 32 joints take 90 iterations, with masses from 1 to 1e4 140, in float32 ten times as
 many; in float64 six joints take 7 to 12 (docs/report/counts.md).
 
-Serial cost, rotational joints of a skew chain, no wrench, besides the bias and tau - b of
+Serial cost, rotational joints of a skew chain, no wrench, besides the parts before H in
 pfd_core.dynamics.composite:
 
     part      multiplications    additions
@@ -17,7 +17,7 @@ pfd_core.dynamics.composite:
     CG        5n                 5n - 2         an iteration, and 2 divisions
     status    0                  2              and 1 division
 
-For n = 6 in 6 iterations that is 2738 and 2261. Lee and Chang 1987, Table 1, have formulas that
+For n = 6 in 6 iterations that is 2738 and 2279. Lee and Chang 1987, Table 1, have formulas that
 give 2805 and 2532 and print 3435 and 2532: with 117n instead of 12n the first would.
 """
 
@@ -27,7 +27,7 @@ from collections.abc import Sequence
 import operator
 from typing import Any
 
-from pfd_core.dynamics.chain import chain_of
+from pfd_core.dynamics.chain import GIVEN, chain_of
 from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.newton_euler import right_side, torques
 from pfd_core.machine.iteration import TOLERANCE, iterate
@@ -70,7 +70,7 @@ def record_walker_orin_4(
     """
     if not 0 <= tolerance < 1:
         raise ValueError(f'tolerance must be at least 0 and below 1, got {tolerance}')
-    chain = chain_of(plant, grouped=False)
+    chain = chain_of(plant, GIVEN)
     recorder, n = chain.recorder, len(chain.joints)
     rotors = [0.0] * n if plant.inertia is None else plant.inertia.tolist()
     free = free_input(recorder, plant)

@@ -104,6 +104,8 @@ class CenteredLink(JointAxes):
         Mass [kg].
     center : ndarray
         (3,), centre of mass [m].
+    arm : ndarray
+        (3,), the same from the origin of frame i, `end.p` [m].
     J : ndarray
         (3, 3), inertia about the centre of mass [kg m^2].
 
@@ -111,6 +113,7 @@ class CenteredLink(JointAxes):
 
     m: float
     center: Array
+    arm: Array
     J: Array
 
 
@@ -210,18 +213,24 @@ def _kept(rounded: Array, exact: Array, scale: float) -> Array:
     return kept
 
 
-def centered_links(plant: Plant) -> tuple[list[CenteredLink], Tip]:
-    """Return the links of a plant, not grouped, base to tip, and the pose of frame n."""
+def centered_links(plant: Plant, moved: bool = True) -> tuple[list[CenteredLink], Tip]:
+    """
+    Return the links of a plant, not grouped, base to tip, and the pose of frame n.
+
+    Unless origins are `moved` along their axes, that of B_i is the origin of frame i-1: then no
+    number is a sum, and rotations of zeros and ones round nothing but `center`.
+    """
     robot = plant.robot
     links: list[CenteredLink] = []
     before, twist, p = (1.0, 0.0), (1.0, 0.0), np.zeros(3)
     slid = 0.0  # distance that the origin of B_i was moved along its axis
     for i in range(robot.n):
         A, a = robot.rotations[i], robot.translations[i]
-        first, tilt, following = _zxz(A)
+        first, tilt, following = zxz(A)
         Z = rotation_z(*first)
         axis = np.array([0.0, 0.0, slid])
-        center = product(Z.T, a + product(A, robot.centers[i])) - axis
+        arm = product(A, robot.centers[i])
+        center = product(Z.T, a + arm) - axis
         J = product(Z.T, A, robot.inertias[i], A.T, Z)
         m = float(robot.masses[i])
         offset = product(Z.T, a) - axis
@@ -231,9 +240,10 @@ def centered_links(plant: Plant) -> tuple[list[CenteredLink], Tip]:
         )
         slides = robot.joint_types[i] == 'prismatic'
         end = Tip(product(rotation_x(*tilt), rotation_z(*following)), offset)
-        links.append(CenteredLink(slides, start, twist, p, end, m, center, J))
-        slid = _slide(offset, tilt)
-        if tilt[1] == 0 and i + 1 < robot.n:
+        arm = product(Z.T, arm)
+        links.append(CenteredLink(slides, start, twist, p, end, m, center, arm, J))
+        slid = _slide(offset, tilt) if moved else 0.0
+        if moved and tilt[1] == 0 and i + 1 < robot.n:
             slid = _level(-tilt[0] * float(offset[2]), _heights(robot, i + 1))
         p = offset + slid * product(rotation_x(*tilt), np.array([0.0, 0.0, 1.0]))
         if slid and tilt[1]:
@@ -242,7 +252,7 @@ def centered_links(plant: Plant) -> tuple[list[CenteredLink], Tip]:
     return links, links[-1].end
 
 
-def _zxz(A: Array) -> tuple[Angle, Angle, Angle]:
+def zxz(A: Array) -> tuple[Angle, Angle, Angle]:
     """
     Return cosine and sine of the three angles of a rotation A = Rz Rx Rz, (3, 3).
 

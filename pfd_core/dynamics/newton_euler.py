@@ -27,7 +27,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pfd_core.dynamics.chain import Chain, chain_of
+from pfd_core.dynamics.chain import CENTERED, Chain, chain_of
 from pfd_core.dynamics.drives import commanded_torques, motor_torques
 from pfd_core.dynamics.gravity import gravity_torques
 from pfd_core.dynamics.interface import program_with_outputs, wrench_input
@@ -104,12 +104,12 @@ def record_gravity_torques(plant: Plant) -> Program:
 
 def record_link_torques(plant: Plant) -> Program:
     """
-    Return the program of tau of the motors, (n,), from q, qd and qdd, by parameters as given.
+    Return the program of tau of the motors, (n,), from q, qd and qdd, by centred parameters.
 
     The torque of each link is accurate relative to its own terms: the residual of refinement needs
     that. Angular velocities are the same expressions as with grouped parameters.
     """
-    chain = chain_of(plant, grouped=False)
+    chain = chain_of(plant, CENTERED)
     qd, qdd = chain.inputs('qd'), chain.inputs('qdd')
     with chain.recorder.section('torques'):
         tau = plus_joint_torques(plant, torques(chain, qd, qdd), qd, qdd)

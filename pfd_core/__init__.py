@@ -43,8 +43,7 @@ from pfd_core.forking import load, no_fork
 if TYPE_CHECKING:
     from pfd_core.algorithms.emulation import Run, emulate
     from pfd_core.dynamics.methods import EMULATED_METHODS, METHODS, PAYLOAD_METHODS
-    from pfd_core.kernels.compile import compile_kernel
-    from pfd_core.kernels.functions import forward_dynamics, inverse_dynamics
+    from pfd_core.kernels.compile import compile_kernel, forward_dynamics, inverse_dynamics
     from pfd_core.kernels.kernel import Kernel
     from pfd_core.machine.program import Program, Steps
     from pfd_core.model import (
@@ -132,8 +131,7 @@ __all__ = [
 _NAMES = {
     'algorithms.emulation': 'Run emulate',
     'dynamics.methods': 'EMULATED_METHODS METHODS PAYLOAD_METHODS',
-    'kernels.compile': 'compile_kernel',
-    'kernels.functions': 'forward_dynamics inverse_dynamics',
+    'kernels.compile': 'compile_kernel forward_dynamics inverse_dynamics',
     'kernels.kernel': 'Kernel',
     'machine.program': 'Program Steps',
     'model': (

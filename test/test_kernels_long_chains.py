@@ -8,17 +8,15 @@ from dataclasses import replace
 
 import bridge
 from bridge import (
-    CHUNK,
     FEW_JOINTS,
     MANY_JOINTS,
     USUAL_OPTIMISATION,
-    IrFormat,
     Recorder,
-    body_in_parts_ir,
     choose_method,
     coaxial_robot,
     method_cost,
     resolve_plant,
+    split_program,
     uniform_chain_robot,
 )
 import numpy as np
@@ -35,8 +33,8 @@ import pfd_core as pfd
 def cut(monkeypatch: pytest.MonkeyPatch) -> None:
     # Kernels on disk do not depend on where they were cut.
     monkeypatch.setenv('PFD_CACHE', '')
-    monkeypatch.setattr(*bridge.target('BODY_LONGEST'), 0)
-    monkeypatch.setattr(*bridge.target('BODY_PART'), 37)
+    monkeypatch.setattr(*bridge.target('GENERATE_LONGEST'), 0)
+    monkeypatch.setattr(*bridge.target('GENERATE_PART'), 37)
 
 
 @pytest.mark.usefixtures('cut')
@@ -48,7 +46,7 @@ def test_a_kernel_in_parts_gives_the_emulators_bits(method: str, dtype: str) -> 
     scene = pfd.Scene(external_wrench=True, brakes=True, armature='model')
     kernel = pfd.compile_kernel(random_chain(rng, 4), method=method, scene=scene, dtype=dtype)
     # A loop is never cut.
-    assert ('@part1(' in kernel.ir) == (method != 'pcgm')
+    assert ('@part1.1(' in kernel.ir) == (method != 'pcgm')
     assert_bits_of_the_emulator(kernel, rng)
 
 
@@ -58,10 +56,10 @@ def test_a_place_of_the_frame_is_used_again_once_it_has_been_read() -> None:
     for _ in range(50):
         x = x * x
     recorder.output('qdd', (1,), [(x, 0)])
-    ir = body_in_parts_ir(recorder.program(), IrFormat('float64', 1), 5)
-    assert ir.count('define') == 11
+    parts = split_program(recorder.program(), 5)
+    assert len(parts) == 10
     # A value passes from each part to the next; while it is read, another is written.
-    assert 'alloca [2 x double]' in ir
+    assert parts[0].program.inputs == {'q': 1, 'frame': 2}
 
 
 def test_a_result_may_be_an_input_a_constant_or_an_early_value() -> None:
@@ -73,41 +71,37 @@ def test_a_result_may_be_an_input_a_constant_or_an_early_value() -> None:
         late = late * 0.5
     values = [q[1], recorder.constant(3.0), early, late]
     recorder.output('qdd', (4,), [(value, 0) for value in values])
-    ir = body_in_parts_ir(recorder.program(), IrFormat('float64', 1), 4)
-    final = ir[ir.index('@part5(') : ir.index('define internal void @body')]
-    assert final.count('store') == 4
-    # Element 0 lies at %out itself; no other part writes results.
-    assert final.count('ptr %out, i64') == ir.count('ptr %out, i64') == 3
+    *others, last = split_program(recorder.program(), 4)
+    written = [
+        sorted(k for array, k, _ in part.writes if array == 'out') for part in (*others, last)
+    ]
+    assert written == [[2], [], [], [], [], [0, 1, 3]]
+    for part in (*others, last):
+        assert all(register < len(part.program.instructions) for *_, register in part.writes)
 
 
 @pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
-def test_chunks_of_columns_give_the_bits_of_single_states(
-    dtype: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv('PFD_CACHE', '')
-    monkeypatch.setattr(*bridge.target('CHUNKS_FEW'), 0)
+def test_batches_of_all_lengths_and_layouts_give_the_bits_of_single_states(dtype: str) -> None:
     rng = np.random.default_rng(62)
-    scene = pfd.Scene(external_wrench=True, brakes=True)
+    scene = pfd.Scene(external_wrench=True)
     kernel = pfd.compile_kernel(random_chain(rng, 3), scene=scene, dtype=dtype)
-    chunk = CHUNK // np.dtype(dtype).itemsize
-    size = 3 * chunk + 5
+    size = 203
     q, qd, tau = (rng.normal(size=(size, 3)).astype(dtype) for _ in range(3))
-    wrench, brakes = rng.normal(size=(size, 6)).astype(dtype), rng.random((size, 3)) < 0.3
-    alone = np.array(
-        [kernel(q[k], qd[k], tau[k], wrench[k], brakes=brakes[k]) for k in range(size)]
-    )
-    for count in (1, chunk, size - 6, size):
+    wrench = rng.normal(size=(size, 6)).astype(dtype)
+    alone = np.array([kernel(q[k], qd[k], tau[k], wrench[k]) for k in range(size)])
+    for count in (1, 2, 7, 16, 17, 40, size - 6, size):
         some = [np.asfortranarray(x[:count]) for x in (q, qd, tau, wrench)]
         for given in (some, [some[0], *(np.ascontiguousarray(x) for x in some[1:])]):
-            out = np.full((count + 2, 3), np.nan, dtype, order='F')
-            kernel(*given, brakes=brakes[:count], out=out[1:-1])
-            np.testing.assert_array_equal(out[1:-1], alone[:count])
-            assert np.isnan(out[[0, -1]]).all()
+            for first in range(1, 18):  # whatever the alignment of the result
+                out = np.full((count + 18, 3), np.nan, dtype, order='F')
+                kernel(*given, out=out[first : first + count])
+                np.testing.assert_array_equal(out[first : first + count], alone[:count])
+                assert np.isnan(out[[*range(first), *range(first + count, count + 18)]]).all()
     some[1][count // 2, 1] = np.inf
     with pytest.raises(
         ValueError, match=rf'qd must be finite, got inf at index \[{count // 2}, 1'
     ):
-        kernel(*some, brakes=brakes)
+        kernel(*some)
 
 
 @pytest.mark.parametrize('n', [30, 60])

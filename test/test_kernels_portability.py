@@ -13,20 +13,15 @@ import subprocess
 
 from bridge import (
     TARGET_VARIABLE,
-    IrFormat,
     Target,
-    body_ir,
     compile_ir,
     emit_object,
-    evaluate_ir,
     host_target,
-    ir_arguments,
-    kernel_module_ir,
-    module_ir,
+    ir_inputs_of,
+    ir_kernel_functions,
     simd_width,
     turned_joints,
 )
-from bridge import batch_ir as batch
 import llvmlite.binding as llvm
 import numpy as np
 from numpy.typing import NDArray
@@ -97,17 +92,11 @@ int main(void) {
 """
 
 
-def batch_ir(kernel: pfd.Kernel, width: int) -> str:
-    """Return the module of a kernel for batches, without the way in from Python."""
-    form = IrFormat(kernel.dtype, width, strided=True)
+def module(kernel: pfd.Kernel, width: int) -> str:
+    """Return the module of a kernel without its entry from Python."""
     program, angles = kernel.program, turned_joints(kernel.robot)
-    size = len(next(iter(program.outputs.values())).places)
-    parts = [
-        body_ir(program, form),
-        evaluate_ir(program, form, angles),
-        batch(program, form, size),
-    ]
-    return module_ir(parts, form, angles)
+    size = kernel.robot.n
+    return '\n'.join(ir_kernel_functions(program, kernel.dtype, width, angles, size))
 
 
 def for_arm(ir: str) -> bytes:
@@ -147,9 +136,8 @@ def emulator() -> str:
 @pytest.mark.parametrize('dtype', one_fast(NEON))
 def test_every_module_of_a_kernel_compiles_for_64_bit_arm(dtype: str) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=SCENE, dtype=dtype)
-    angles = turned_joints(kernel.robot)
     for width in (1, NEON[dtype], 2 * NEON[dtype]):
-        ir = kernel_module_ir(kernel.program, dtype, width, angles)
+        ir = module(kernel, width)
         assert 'llvm.x86' not in ir
         code = for_arm(ir)
         assert code[:4] == ELF
@@ -169,11 +157,11 @@ def test_arm_and_this_processor_give_the_same_bits(
     brakes = rng.random((STATES, robot.n)) < 0.3
     wanted = hexadecimal(kernel(*arrays, brakes=brakes))
     (tmp_path / 'main.c').write_text(MAIN)
-    (tmp_path / 'kernel.o').write_bytes(for_arm(batch_ir(kernel, NEON[dtype])))
+    (tmp_path / 'kernel.o').write_bytes(for_arm(module(kernel, NEON[dtype])))
     command = [COMPILER, '-O1', LINKER, 'main.c', 'kernel.o', '-o', 'main', '-lm']
     subprocess.run(command, cwd=tmp_path, check=True, timeout=LIFETIME)
     inputs = [*arrays, (1.0 - brakes).astype(dtype)]
-    assert ir_arguments(kernel.program) == ('q', 'qd', 'tau', 'wrench', 'free')
+    assert ir_inputs_of(kernel.program) == ['q', 'qd', 'tau', 'wrench', 'free']
     words = [str(np.dtype(dtype).itemsize), str(STATES), str(len(inputs) + 1)]
     words += [str(array.shape[1]) for array in inputs] + [str(robot.n)]
     words += [word for array in inputs for word in hexadecimal(array)]

@@ -17,7 +17,7 @@ from bridge import (
     USUAL_OPTIMISATION,
     compile_ir,
     host_target,
-    kernel_module_ir,
+    ir_kernel_functions,
     level_target,
     missing_features,
     simd_width,
@@ -73,6 +73,12 @@ def test_without_a_name_the_code_is_for_this_machine(monkeypatch: pytest.MonkeyP
     assert bridge.current_target() == host_target()
 
 
+def module(kernel: pfd.Kernel, width: int) -> str:
+    """Return the module of a kernel without its entry from Python."""
+    angles, size = turned_joints(kernel.robot), kernel.robot.n
+    return '\n'.join(ir_kernel_functions(kernel.program, 'float64', width, angles, size))
+
+
 @on_x86
 @pytest.mark.parametrize(('cpu', 'width'), WIDTHS.items())
 def test_a_kernel_compiles_for_processors_that_this_machine_may_not_be(
@@ -81,7 +87,7 @@ def test_a_kernel_compiles_for_processors_that_this_machine_may_not_be(
     target = level_target(cpu)
     assert simd_width('float64', target) == width
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
-    ir = kernel_module_ir(kernel.program, 'float64', width, turned_joints(kernel.robot))
+    ir = module(kernel, width)
     assert OBJECT.match(bridge.emit_object(ir, target))
 
 
@@ -109,7 +115,7 @@ def test_every_processor_has_its_own_code_in_the_cache(
 @on_x86
 def test_code_whose_order_is_kept_leaves_the_order_of_other_code_to_llvm() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), method='composite_body')
-    ir = kernel_module_ir(kernel.program, 'float64', 8, turned_joints(kernel.robot))
+    ir = module(kernel, 8)
     target = level_target('x86-64-v4')
     usual, kept = USUAL_OPTIMISATION, replace(USUAL_OPTIMISATION, reorder=False)
     before, between, after = (
@@ -124,7 +130,7 @@ def test_code_whose_order_is_kept_leaves_the_order_of_other_code_to_llvm() -> No
 def test_without_llvmlites_lock_llvm_orders_all_code(monkeypatch: pytest.MonkeyPatch) -> None:
     # The option that keeps an order is global: it would change what other threads compile.
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), method='composite_body')
-    ir = kernel_module_ir(kernel.program, 'float64', 8, turned_joints(kernel.robot))
+    ir = module(kernel, 8)
     target = level_target('x86-64-v4')
     monkeypatch.setattr(*bridge.target('LLVM_LOCK'), None)
     kept = replace(USUAL_OPTIMISATION, reorder=False)

@@ -8,16 +8,12 @@ import ctypes
 
 from bridge import (
     MACHINE_SCHEDULES,
-    IrFormat,
     Lanes,
     Recorder,
-    batch_ir,
-    body_ir,
     compile_ir,
-    evaluate_ir,
+    ir_kernel_functions,
     iterate,
     lower_program,
-    module_ir,
     on_lane,
     pattern_total,
     run_program,
@@ -102,15 +98,13 @@ def test_native_code_takes_the_same_iterations_and_leaves_the_same_bits(
     dtype: str, width: int
 ) -> None:
     program = lower_program(roots(3, 'sequential'), dtype).compiled
-    form = IrFormat(dtype, width, strided=True)
-    parts = [body_ir(program, form), evaluate_ir(program, form, ()), batch_ir(program, form, 4)]
-    native = compile_ir(module_ir(parts, form, ()))
+    native = compile_ir('\n'.join(ir_kernel_functions(program, dtype, width, (), 4)), ['batch'])
     call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
     q = np.random.default_rng(1).uniform(1e-4, 1e6, (9, 3)).astype(dtype)
     q[4] = -1.0
     out = np.empty((9, 4), dtype)
     table = np.array([k for a in (q, out) for k in (a.ctypes.data, *a.strides)], np.int64)
-    assert call(native.address('batch'))(9, table.ctypes.data) == 0
+    assert call(native['batch'])(9, table.ctypes.data) == 0
     np.testing.assert_array_equal(out, run_program(program, {'q': q}, dtype)['y'])
 
 

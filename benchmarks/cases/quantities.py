@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from benchmarks.cases.problems import SEED
 from benchmarks.cases.robots import Array, single
-from pfd_core.kernels.functions import inverse_dynamics
+from pfd_core.kernels.compile import inverse_dynamics
 from pfd_core.model import Robot
 
 FORWARD = 'forward_dynamics'

@@ -9,22 +9,20 @@ Subpackages and modules in the order of data flow; each imports only from those 
     sines          sine and cosine written out in operations; angles beyond their range
     schedule       order of operations
     lower          recorded program -> program of a kernel, by all of these
-    codegen/       program -> LLVM IR
+    ir             one function of LLVM IR: fresh names, loops, branches
+    parts          a long program in parts
+    generate       a lowered program as functions, of one state or a register of them, and batches
+    matmul         the same, of a result that is the product of a program's outputs
+    codegen/       linearised steps in LLVM IR
     cache          results on disk, under a digest of everything that determines them
     native         IR -> native code in this process, for its processor or PFD_TARGET_CPU
     threads        a batch or an ensemble in equal parts on several threads
-    runtime/       native code as functions of Python
-    quantities     options of a quantity, and a scene reduced to the effects that it depends on
+    entry          a kernel's call as a native function of Python
     auto           the method that 'auto' selects
     spec           KernelSpec: robot, scene, method, number format, refinement and quantity
     source         spec -> lowered program, recorded only if needed; whether matrices fit the stack
-    arguments      arguments of a call, checked, as rows of states; arrays for results
-    entries        native code of a source, and the functions that Python calls
-    kernel         Kernel: a call checks and converts its arguments and runs native code
-    compile        compile_kernel
-    functions      forward_dynamics, inverse_dynamics: plain functions that keep their kernels
-    ir             one function of LLVM IR: fresh names, loops, branches
-    generate       a lowered program as functions, of one state or a register of them
+    kernel         Kernel: a native call, and one in Python that converts its arguments
+    compile        compile_kernel; forward_dynamics, inverse_dynamics, which keep their kernels
     script         functions that call programs and dynamics on named arrays
     contact        steps with dry friction and joint stops, from event to event
     adaptive       steps of an embedded pair, with error control and events
@@ -32,7 +30,6 @@ Subpackages and modules in the order of data flow; each imports only from those 
     simulations    compile_steps, compile_adaptive: whole simulations in native code
     linear_steps   compile_linear_step: the derivatives of a step of a simulation
 
-A new pass is a function of simplify and a line of lower; a new function in native code a
-module of codegen and a line of codegen.module; a new quantity a program and a row of
+A new pass is a function of simplify and a line of lower; a new quantity a program and a row of
 pfd_core.dynamics.quantities.
 """

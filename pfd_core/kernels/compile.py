@@ -1,16 +1,27 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compiling a kernel: a robot, a scene and a quantity become a Kernel."""
+"""
+Compiling a kernel: a robot, a scene and a quantity become a Kernel.
+
+    compile_kernel                         a kernel, for loops
+    forward_dynamics, inverse_dynamics     plain functions that keep the kernels they compile
+"""
 
 from __future__ import annotations
 
-from functools import partial
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.kernels.kernel import Kernel
-from pfd_core.kernels.quantities import quantity_named
 from pfd_core.kernels.source import forward, source_of
-from pfd_core.kernels.spec import KernelSpec
+from pfd_core.kernels.spec import KernelSpec, quantity_named
 from pfd_core.model import Robot, Scene, given_scene
+
+# A kernel holds about a megabyte of code: a sweep over many robots must not hold all of theirs.
+CACHED_KERNELS = 128
 
 
 def compile_kernel(
@@ -90,3 +101,90 @@ def compile_spec(spec: KernelSpec) -> Kernel:
         return Kernel(spec, forward(spec, names=('error',)), recreate)
 
     return Kernel(spec, source_of(spec), recreate, error_alone)
+
+
+def forward_dynamics(
+    robot: Robot,
+    q: ArrayLike,
+    qd: ArrayLike,
+    tau: ArrayLike,
+    *,
+    method: str = 'pcrbm',
+    scene: Scene | None = None,
+    wrench: ArrayLike | None = None,
+    brakes: ArrayLike | None = None,
+    dtype: str = 'float64',
+    refine: int = 0,
+) -> NDArray[Any]:
+    """
+    Return the joint accelerations that torques cause.
+
+    Its kernel is compiled at the first call for a robot and a scene. A loop should use a compiled
+    kernel (compile_kernel): that saves looking it up.
+
+    Parameters
+    ----------
+    robot : Robot
+        The chain.
+    q, qd, tau : array_like
+        Positions [rad or m], velocities [rad/s or m/s] and torques [N m or N], (..., n).
+    method : str
+        A name in METHODS, or 'auto'.
+    scene : Scene, optional
+        Which effects are on; default: rigid links and gravity.
+    wrench : array_like, optional
+        Force [N] and moment [N m] exerted on the last link, (..., 6), in its frame and about
+        its origin.
+    brakes : array_like of bool, optional
+        Braked joints, (..., n), only if the scene has brakes; default none.
+    dtype, refine
+        As for compile_kernel.
+
+    Returns
+    -------
+    numpy.ndarray
+        qdd, (..., n) [rad/s^2 or m/s^2].
+
+    Raises
+    ------
+    ValueError
+        If an argument has the wrong shape or type, is unknown, or is not finite.
+
+    """
+    scene = _with_wrench(scene, wrench)
+    try:
+        kernel = _kernel(robot, scene, method, dtype, refine)
+    except TypeError:  # an unhashable argument, which compile_kernel names
+        kernel = compile_kernel(robot, method=method, scene=scene, dtype=dtype, refine=refine)
+    return kernel(q, qd, tau, wrench, brakes=brakes)
+
+
+def inverse_dynamics(
+    robot: Robot,
+    q: ArrayLike,
+    qd: ArrayLike,
+    qdd: ArrayLike,
+    *,
+    scene: Scene | None = None,
+    wrench: ArrayLike | None = None,
+    dtype: str = 'float64',
+) -> NDArray[Any]:
+    """Return the torques, (..., n), that accelerations need; arguments as forward_dynamics."""
+    # Torques are computed from accelerations: brakes play no part.
+    scene = replace(_with_wrench(scene, wrench), brakes=False)
+    try:
+        kernel = _kernel(robot, scene, 'auto', dtype, 0, 'inverse_dynamics')
+    except TypeError:
+        kernel = compile_kernel(robot, scene=scene, dtype=dtype, quantity='inverse_dynamics')
+    return kernel(q, qd, qdd, wrench)
+
+
+@lru_cache(CACHED_KERNELS, typed=True)
+def _kernel(*options: Any) -> Kernel:
+    """Return the kernel of the arguments of a KernelSpec; a spec takes too long for each call."""
+    return compile_spec(KernelSpec(*options))
+
+
+def _with_wrench(scene: Scene | None, wrench: ArrayLike | None) -> Scene:
+    scene = given_scene(scene)
+    return scene if wrench is None else replace(scene, external_wrench=True)

@@ -6,6 +6,7 @@ A lowered program as functions of LLVM IR, by one writer for one state and for a
     @bodyW         the program; element k of an array lies k times its stride [bytes] behind the
                    first one, and holds W states side by side
     @evaluateW     the same, with inputs checked, and angles beyond the sine's range wrapped first
+    @batch         @evaluateW on many states, in whole registers, of which the last two may overlap
 
 W is 1, or the states in a register. Where neighbouring states are neighbours in memory (Fortran
 order) registers are read in place; elsewhere (C order) states and elements change places first
@@ -14,14 +15,19 @@ order) registers are read in place; elsewhere (C order) states and elements chan
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack
 from itertools import zip_longest
 
 from pfd_core.kernels.ir import Code, Variable
+from pfd_core.kernels.parts import split
 from pfd_core.kernels.sines import WRAP_LIMIT, wrap_angle
 from pfd_core.machine.program import Program
 
+# Instructions beyond which a program is written in parts, and the operations of a part.
+LONGEST, PART = 6000, 500
+# Elements of a state up to which copies are straight-line code.
+UNROLLED = 16
 # All inputs that a program may have, in the order of a kernel's arguments.
 ORDER = ('q', 'qd', 'qdd', 'tau', 'wrench', 'free', 'payload', 'motors', 'targets', 'before')
 
@@ -44,14 +50,53 @@ def given(places: Collection[tuple[str, object]]) -> list[str]:
     return [f'ptr {address}, i64 {stride}' for address, stride in places]
 
 
-def body(program: Program, dtype: str, width: int, suffix: str = '') -> str:
-    """Return `void @bodyW(inputs..., out)`, whose result overlaps no input."""
-    head = f'define internal void @body{width}{suffix}'
-    code = Code(f'{head}({parameters([*inputs_of(program), "out"])})', dtype, width)
-    (output,) = program.outputs.values()
-    values = operations(code, program, lambda name, k: code.read(f'%{name}', k, f'%{name}.s'))
-    for k, (register, _) in enumerate(output.places):
-        code.write(values[register], '%out', k, '%out.s')
+def body(
+    program: Program,
+    dtype: str,
+    width: int,
+    suffix: str = '',
+    cut: tuple[int, int] | None = None,
+    packed: bool = False,
+) -> str:
+    """
+    Return `void @bodyW(inputs..., out)` of a program with one output, which overlaps no input.
+
+    `cut` is the length from which a program becomes several functions (pfd_core.kernels.parts),
+    and the operations of each; by default LONGEST and PART. A repeated part is never cut. With
+    `packed` the elements of the result follow one another, whatever stride is given.
+    """
+    longest, part = cut or (LONGEST, PART)
+    arrays = parameters([*inputs_of(program), 'out'])
+    code = Code(f'define internal void @body{width}{suffix}({arrays})', dtype, width)
+    looped = any(instruction.op == 'loop' for instruction in program.instructions)
+    if len(program.instructions) <= longest or looped:
+        (output,) = program.outputs.values()
+        writes = [('out', k, register) for k, (register, _) in enumerate(output.places)]
+        return _straight_line(code, program, writes, packed)
+    functions = []
+    parts = split(program, part)
+    frame = code.array(parts[0].program.inputs['frame'])
+    for p, (own, writes) in enumerate(parts):
+        name = f'part{width}.{p}{suffix}'
+        head = f'define internal void @{name}({arrays}, ptr %frame) noinline'
+        functions.append(_straight_line(Code(head, dtype, width), own, writes, packed))
+        code.call('void', name, arrays, f'ptr {frame}')
+    code.ret()
+    return '\n'.join([*functions, str(code)])
+
+
+def _straight_line(
+    code: Code, program: Program, writes: Sequence[tuple[str, int, int]], packed: bool
+) -> str:
+    """Return a function that computes a program, and writes (array, element, register)."""
+
+    def stride(array: str) -> object:
+        follow = array == 'frame' or (array == 'out' and packed)
+        return code.width * code.bytes if follow else f'%{array}.s'
+
+    values = operations(code, program, lambda name, k: code.read(f'%{name}', k, stride(name)))
+    for array, k, register in writes:
+        code.write(values[register], f'%{array}', k, stride(array))
     code.ret()
     return str(code)
 
@@ -134,7 +179,7 @@ def evaluate(
     inline: bool = True,
 ) -> str:
     """
-    Return `i1 @evaluateW(inputs..., out)`, which runs @bodyW with wrapped angles.
+    Return `@evaluateW(inputs..., out)`, which runs @bodyW with wrapped angles.
 
     Parameters
     ----------
@@ -147,41 +192,43 @@ def evaluate(
     suffix : str
         End of the names of both functions.
     check : bool
-        Whether inputs are checked. The result is then true, and nothing is written, where an
-        input may be infinite or NaN: where a sum of products of inputs is. That sum may also
-        overflow for finite inputs. Without a check the result is false.
+        Whether the function has a result: zero for each state, or NaN where a sum of products of
+        its inputs is not finite, as for an infinite input or NaN. Such a sum may also overflow
+        for finite inputs. For one state nothing is written then.
     inline : bool
-        Whether LLVM inlines both where they are called; not if that is in several places.
+        Whether LLVM inlines the function where it is called; not if that is in several places.
 
     """
     names = inputs_of(program)
-    head = f'define internal i1 @evaluate{width}{suffix}({parameters([*names, "out"])})'
-    code = Code(head if inline else f'{head} noinline', dtype, width)
+    arrays = parameters([*names, 'out'])
+    code = Code('', dtype, width)
+    kind = code.type if check else 'void'
+    code.head = f'define internal {kind} @evaluate{width}{suffix}({arrays})'
+    code.head += '' if inline else ' noinline'
     numbers = {
         name: [code.read(f'%{name}', k, f'%{name}.s') for k in range(program.inputs[name])]
         for name in names
     }
-    if check:
-        _check_finite(code, [x for values in numbers.values() for x in values])
+    nothing = _nothing(code, [x for values in numbers.values() for x in values]) if check else ''
+    if check and width == 1:
+        with code.when(code.let(f'fcmp uno {kind} {nothing}, {nothing}'), rarely=True):
+            code.ret(kind, nothing)
     places = {name: (f'%{name}', f'%{name}.s') for name in [*names, 'out']}
     if angles and 'q' in names:
         address, stride = code.variable('ptr', '%q'), code.variable('i64', '%q.s')
         _wrap_angles(code, numbers['q'], angles, address, stride)
         places['q'] = address.get(), stride.get()
     code.call('void', f'body{width}{suffix}', *given(places.values()))
-    code.ret('i1', 'false')
+    code.ret(kind, nothing)
     return str(code)
 
 
-def _check_finite(code: Code, numbers: Sequence[str]) -> None:
-    """Return true if a sum of products of two numbers each is not finite."""
+def _nothing(code: Code, numbers: Sequence[str]) -> str:
+    """Return zero, or NaN where a sum of products of two numbers each is not finite."""
     total = code.constant(0.0)
     for a, b in zip_longest(numbers[::2], numbers[1::2], fillvalue=numbers[-1]):
         total = code.op('fma', a, b, total)
-    nothing = code.op('sub', total, total)
-    wrong = code.any(code.let(f'fcmp uno {code.type} {nothing}, {nothing}'))
-    with code.when(wrong, rarely=True):
-        code.ret('i1', 'true')
+    return code.op('sub', total, total)
 
 
 def _wrap_angles(
@@ -218,6 +265,112 @@ def _wrap_number(code: Code, address: str) -> None:
     code.store(code.scalar, y, address)
 
 
+# Many states.
+
+
+def batch(program: Program, dtype: str, width: int, size: int) -> str:
+    """
+    Return `i64 @batch(count, table)`, which runs @evaluateW on `count` states.
+
+    `table` holds, for each input and then for the result of `size` elements, a pointer, the bytes
+    from state to state, and the bytes from element to element. Of every array either neighbouring
+    states or neighbouring elements are neighbours in memory. The function returns 0, or 1 where
+    @evaluateW finds an input that may not be finite.
+    """
+    code = Code('define i64 @batch(i64 %count, ptr %table)', dtype, width)
+    step, bytes_ = code.bytes * width, code.bytes
+    sizes = [*(program.inputs[name] for name in inputs_of(program)), size]
+    table = [
+        [
+            code.load(kind, code.at('%table', 3 * k + j, 8))
+            for j, kind in enumerate(('ptr', 'i64', 'i64'))
+        ]
+        for k in range(len(sizes))
+    ]
+    near = [code.array(elements) for elements in sizes] if width > 1 else []
+    if near:
+        with code.when(code.test('ult', '%count', width), rarely=True):
+            _few_states(code, table, sizes, near)
+    beside = [code.test('eq', row, bytes_) for _, row, _ in table]
+    direct = code.both(*beside)
+    final = code.integer('sub', '%count', width)
+    # The second register of results is aligned, and repeats states of the first one if need be:
+    # then no register lies in two cache lines, if columns are whole numbers of registers.
+    end = code.let(f'ptrtoint ptr {table[-1][0]} to i64')
+    before = code.integer('and', code.integer('sub', 0, end), step - 1)
+    head = code.integer('udiv', before, bytes_)
+    late = code.both(direct, code.test('ne', head, 0))
+    head = code.let(f'select i1 {late}, i64 {head}, i64 {width}')
+    back = code.integer('sub', width, head)
+    nothing = code.variable(code.type, code.constant(0.0))
+    with code.loop(code.integer('add', '%count', back), step=width) as begin:
+        ahead = code.let(f'call i64 @llvm.usub.sat.i64(i64 {begin}, i64 {back})')
+        first = code.least(ahead, final)
+        starts = [code.at(base, first, row) for base, row, _ in table]
+        places = [
+            (code.variable('ptr', start), code.variable('i64', column))
+            for start, (_, _, column) in zip(starts, table, strict=True)
+        ]
+        if near:
+            with code.when(code.negated(direct)):
+                for k, (address, column) in enumerate(places):
+                    with code.when(code.negated(beside[k])):
+                        if k < len(sizes) - 1:
+                            to_columns(code, starts[k], table[k][1], near[k], sizes[k])
+                        address.set(near[k])
+                        column.set(step)
+        arrays = given([(address.get(), column.get()) for address, column in places])
+        found = code.call(code.type, f'evaluate{width}', *arrays)
+        nothing.set(code.op('add', nothing.get(), found))
+        if near:
+            with code.when(code.negated(beside[-1])):
+                to_rows(code, near[-1], starts[-1], table[-1][1], size)
+    found = nothing.get()
+    wrong = code.any(code.let(f'fcmp uno {code.type} {found}, {found}'))
+    code.ret('i64', code.let(f'zext i1 {wrong} to i64'))
+    return str(code)
+
+
+def _few_states(
+    code: Code, table: Sequence[Sequence[str]], sizes: Sequence[int], near: Sequence[str]
+) -> None:
+    """Evaluate a register of states, which the first state fills, and return from the function."""
+    S, bytes_, step = code.scalar, code.bytes, code.bytes * code.width
+    own = code.array(3 * len(near), 'i64')
+    for k, copy in enumerate(near):
+        for j, (kind, x) in enumerate((('ptr', copy), ('i64', bytes_), ('i64', step))):
+            code.store(kind, x, code.at(own, 3 * k + j, 8))
+    for (base, row, column), size, copy in zip(table[:-1], sizes, near, strict=False):
+        for e in _each(code, size):
+            code.write(code.spread(code.load(S, code.at(base, e, column), bytes_)), copy, e, step)
+        with code.when(code.test('ugt', '%count', 1)), code.loop('%count', start=1) as state:
+            there, here = code.at(base, state, row), code.at(copy, state, bytes_)
+            for e in _each(code, size):
+                x = code.load(S, code.at(there, e, column), bytes_)
+                code.store(S, x, code.at(here, e, step), bytes_)
+    found = code.call('i64', 'batch', f'i64 {code.width}', f'ptr {own}')
+    base, row, column = table[-1]
+    with code.loop('%count') as state:
+        here, there = code.at(near[-1], state, bytes_), code.at(base, state, row)
+        for e in _each(code, sizes[-1]):
+            x = code.load(S, code.at(here, e, step), bytes_)
+            code.store(S, x, code.at(there, e, column), bytes_)
+    code.ret('i64', found)
+
+
+def _each(code: Code, size: int, group: int = 1) -> Iterator[object]:
+    """
+    Yield the number of an element, or the first of a group, of which the last two may overlap.
+
+    More than UNROLLED elements are a loop in native code.
+    """
+    if size <= UNROLLED:
+        yield from (min(k, size - group) for k in range(0, size, group))
+    else:
+        with code.loop(size, step=group) as k:
+            yield code.least(k, size - group) if group > 1 else k
+
+
 # States and elements change places.
 
 
@@ -239,12 +392,13 @@ def to_columns(code: Code, start: str, row: object, near: str, size: int) -> Non
         Elements of a state.
 
     """
-    S, bytes_ = code.scalar, code.bytes
+    S, bytes_, step = code.scalar, code.bytes, code.bytes * code.width
     states = [code.at(start, r, row) for r in range(code.width)]
     if size == 1:
         for r, state in enumerate(states):
             code.store(S, code.load(S, state, bytes_), code.at(near, r, bytes_))
-    for k in _pairs(size):
+        return
+    for k in _each(code, size, 2):
         length = 2
         pieces = [code.load(f'<2 x {S}>', code.at(state, k, bytes_), bytes_) for state in states]
         while len(pieces) > 1:
@@ -255,26 +409,22 @@ def to_columns(code: Code, start: str, row: object, near: str, size: int) -> Non
         for own in range(2):
             order = range(own, length, 2)
             column = code.shuffle(f'<{length} x {S}>', pieces[0], 'poison', order)
-            code.write(column, near, k + own, code.width * bytes_)
+            code.write(column, code.at(near, k, step), own, step)
 
 
 def to_rows(code: Code, near: str, start: str, row: object, size: int) -> None:
     """Copy columns to states: the opposite of `to_columns`."""
-    S, bytes_ = code.scalar, code.bytes
+    S, bytes_, step = code.scalar, code.bytes, code.bytes * code.width
     states = [code.at(start, r, row) for r in range(code.width)]
     if size == 1:
         for r, state in enumerate(states):
             code.store(S, code.load(S, code.at(near, r, bytes_)), state, bytes_)
-    for k in _pairs(size):
-        a, b = (code.read(near, k + own, code.width * bytes_) for own in range(2))
+        return
+    for k in _each(code, size, 2):
+        a, b = (code.read(code.at(near, k, step), own, step) for own in range(2))
         for r, state in enumerate(states):
             pair = code.shuffle(code.type, a, b, [r, code.width + r])
             code.store(f'<2 x {S}>', pair, code.at(state, k, bytes_), bytes_)
-
-
-def _pairs(size: int) -> list[int]:
-    """Return the first of two elements that are copied at once; the last two pairs may overlap."""
-    return [min(k, size - 2) for k in range(0, size, 2)] if size > 1 else []
 
 
 # Modules.
@@ -294,7 +444,7 @@ def declarations(dtype: str, widths: Collection[int], wrapped: bool) -> str:
         Whether angles are wrapped.
 
     """
-    lines = ['declare i64 @llvm.umin.i64(i64, i64)']
+    lines = [f'declare i64 @llvm.{name}.i64(i64, i64)' for name in ('umin', 'usub.sat')]
     for code in (Code('', dtype, width) for width in sorted(set(widths))):
         for name, operands in (('sqrt', 1), ('fabs', 1), ('fma', 3)):
             types = ', '.join([code.type] * operands)
@@ -304,3 +454,30 @@ def declarations(dtype: str, widths: Collection[int], wrapped: bool) -> str:
     # An angle that has to be wrapped is rare: its branch is laid out of the way.
     lines.append('!0 = !{!"branch_weights", i32 1, i32 10000}')
     return '\n'.join([*lines, *([wrap_angle()] if wrapped else [])])
+
+
+def kernel_functions(
+    program: Program, dtype: str, width: int, angles: Sequence[int], size: int
+) -> list[str]:
+    """
+    Return a module with @evaluate1 and @batch, to which an entry may be added.
+
+    Parameters
+    ----------
+    program : Program
+        A lowered program with one output.
+    dtype : str
+        Number format.
+    width : int
+        States in a register of @batch.
+    angles : sequence of int
+        Elements of q that are turned.
+    size : int
+        Elements of the result.
+
+    """
+    functions = []
+    for own in sorted({1, width}):
+        functions += [body(program, dtype, own), evaluate(program, dtype, own, angles)]
+    functions.append(batch(program, dtype, width, size))
+    return [*functions, declarations(dtype, {1, width}, bool(angles))]

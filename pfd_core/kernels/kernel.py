@@ -8,39 +8,36 @@ Kernels: a robot, a scene and a method as a native function of arrays.
     inertia_matrix = compile_kernel(robot, quantity='inertia_matrix')
     H = inertia_matrix(q)            (n, n), (B, n, n)
 
-A kernel is compiled once and may then be called from any thread; a batch runs without Python's
-lock. Arrays that need no conversion are checked in native code (codegen.python_entry); every other
-call is checked and converted by pfd_core.kernels.arguments.
+A kernel is compiled once and may then be called from any thread. Its call is a native function
+(pfd_core.kernels.entry) for arrays that need no conversion. Every other call arrives at
+Kernel.__call__, which converts its arguments or raises an error.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.forking import cached_property, no_fork
-from pfd_core.kernels.arguments import (
-    as_rows,
-    check_result,
-    checked,
-    new_result,
-    rows_in_place,
-    state_arguments,
-)
-from pfd_core.kernels.entries import Entries
+from pfd_core.kernels.entry import entry, python_function
+from pfd_core.kernels.native import simd_width
 from pfd_core.kernels.source import KernelSource, turned_joints
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.kernels.threads import BatchWork, block_size, run, thread_count
 from pfd_core.machine.program import Program
-from pfd_core.model import Payload
-from pfd_core.model.values import check_finite, common_shape
+from pfd_core.model import Payload, scene_inputs
+from pfd_core.model.effects import INPUT
+from pfd_core.model.values import check_finite, common_shape, real_array
 
-# The default, which a call finds without a comparison.
+# The default, for which a bound function needs no option.
 ONE_THREAD = 1
+# Inputs that a scene needs, by name in a call and in a program.
+SCENE_INPUTS = ('wrench', 'free', 'payload')
 
 
 class Kernel:
@@ -60,11 +57,18 @@ class Kernel:
     operations : dict
         Operations by name, of each stage of the program: 'recorded', 'folded' for this robot
         and scene, and 'compiled', with sines written out and additions fused.
+    code_digest : str
+        SHA-256 of the lowered program, in hex, the same for every processor.
+    compile_seconds : float
+        Time spent in the compiler [s].
 
-    With compiled code on disk, the program is recorded only when `program` or `ir` is read. The
-    code of a batch is compiled at its first call.
+    With compiled code on disk, the program is recorded only when `program` or `ir` is read.
 
     """
+
+    def __new__(cls, *_: object) -> Kernel:
+        """Return a kernel that has a slot for its call."""
+        return object.__new__(_NativeKernel)
 
     def __init__(
         self,
@@ -74,26 +78,14 @@ class Kernel:
         error_alone: Callable[[], Kernel] | None = None,
     ) -> None:
         self.spec = spec
-        # Of the spec, for a call finds them sooner here.
         self.robot, self.scene, self.dtype = spec.robot, spec.scene, spec.dtype
-        self._source = source
-        # Before its shape and operations, which are kept with the code.
-        self._code = Entries(source, spec.dtype, turned_joints(spec.robot))
-        self.shape = source.shape
-        self.operations = source.operations
-        self._recreate = recreate
-        self._make_error_alone = error_alone
-        self._names = tuple(source.inputs)
-        state = state_arguments(self._names)
-        # Arguments that a call leaves out, of qd, the third one and the wrench.
-        self._absent = (len(state) < 2, len(state) < 3, 'wrench' not in self._names)
-        self._takes_payload = 'payload' in self._names
-        if self._takes_payload:
-            with no_fork:
-                from pfd_core.dynamics.payload import payload_inputs
-
-            self._payload_inputs = partial(payload_inputs, self.robot, self.scene, self.dtype)
-        self._single_entry = self._code.single_entry
+        self._source, self._recreate, self._make_error_alone = source, recreate, error_alone
+        self._width = simd_width(spec.dtype)
+        # Before the facts about its program, which are kept with the code.
+        name = f'kernel {self._width}'
+        self._native = source.compile(name, ['entry', 'batch'], lambda: self.ir)
+        self.shape, self.operations = source.shape, source.operations
+        self.code_digest, self.compile_seconds = source.facts.digest, self._native.seconds
 
     def __reduce__(self) -> tuple[Callable[[], Kernel], tuple[()]]:
         """Be pickled as the arguments it was compiled from."""
@@ -104,11 +96,6 @@ class Kernel:
         return self
 
     __deepcopy__ = __copy__
-
-    @property
-    def code_digest(self) -> str:
-        """SHA-256 of the LLVM IR of one state, in hex, the same for every processor."""
-        return self._code.single.digest
 
     @property
     def quantity(self) -> str:
@@ -127,13 +114,10 @@ class Kernel:
 
     @property
     def ir(self) -> str:
-        """LLVM IR of the kernel for one state."""
-        return self._code.ir(1)
-
-    @property
-    def compile_seconds(self) -> float:
-        """Time spent in the compiler so far [s]."""
-        return self._code.compile_seconds
+        """LLVM IR of the kernel."""
+        source = self._source
+        functions = source.functions(self.dtype, self._width, turned_joints(self.robot))
+        return '\n\n'.join([*functions, entry(source.inputs, self.dtype, source.shape)])
 
     def __call__(
         self,
@@ -178,27 +162,71 @@ class Kernel:
 
         Raises
         ------
+        TypeError
+            If an argument is unknown or is given twice.
         ValueError
             If an argument has the wrong shape or type, is missing, or is not finite.
 
         """
-        if (
-            brakes is None
-            and (payload is None or self._takes_payload)
-            and (qd is None, tau is None, wrench is None) == self._absent
-            and (threads is ONE_THREAD or self._one_thread_suffices(q, threads))
-        ):
-            given = _given(q, qd, tau, wrench)
-            if self._takes_payload:
-                given += self._numbers_of(payload)
-            if isinstance(q, np.ndarray) and q.ndim == 2:
-                result = None if self._takes_payload else self._call_batch_entry(q, given, out)
-            else:
-                target = np.empty(self.shape, self.dtype) if out is None else out
-                result = self._single_entry(*given, target)
-            if result is not None:
-                return result  # type: ignore[no-any-return]
-        return self._evaluate_checked((q, qd, tau), wrench, out, brakes, payload, threads)
+        threads = thread_count(threads)
+        arrays = self._inputs((q, qd, tau), wrench, brakes, payload)
+        batch = common_shape(arrays)
+        shape, size = (*batch, *self.shape), self._source.elements
+        if out is not None:
+            _check_result(out, shape, self.dtype)
+        if not batch:
+            for name, value in arrays.items():
+                check_finite(name, value)
+        rows = None
+        if out is not None and not any(np.may_share_memory(out, x) for x in arrays.values()):
+            rows = _rows_in_place(out, size)
+        apart = rows is None
+        if rows is None:
+            result = _new_result(batch, self.shape, self.dtype, arrays['q'])
+            rows = result.reshape(-1, size)
+        given = [*(_as_rows(value, batch) for value in arrays.values()), rows]
+        block = block_size(len(rows), threads, self._width, self._source.work)
+        if run(BatchWork(self._native, given), len(rows), block, threads):
+            for name, value in arrays.items():
+                check_finite(name, value)
+        if out is None:
+            return result
+        if apart:
+            out[...] = result
+        return out
+
+    def bind(
+        self,
+        q: NDArray[Any],
+        qd: NDArray[Any] | None = None,
+        tau: NDArray[Any] | None = None,
+        out: NDArray[Any] | None = None,
+        wrench: NDArray[Any] | None = None,
+        *,
+        brakes: NDArray[np.bool_] | None = None,
+        payload: Payload | None = None,
+        threads: int = 1,
+    ) -> Callable[[], NDArray[Any]]:
+        """
+        Return a function without arguments that evaluates in place on these arrays.
+
+        Each call of the function reads the arguments and writes out, `(*shape)` or
+        `(B, *shape)`, and raises ValueError where an input is not finite. The arrays are checked
+        here, once; their number format must be the kernel's.
+        """
+        given: dict[str, Any] = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench}
+        given = {name: value for name, value in given.items() if value is not None}
+        for name, value in (given | {'out': out}).items():
+            found = value.dtype if isinstance(value, np.ndarray) else type(value).__name__
+            if found != self.dtype:
+                raise ValueError(
+                    f'{name} must be an array of {self.dtype} to be bound, got {found}'
+                )
+        options: dict[str, Any] = {'brakes': brakes, 'payload': payload, 'threads': threads}
+        given_options = {k: x for k, x in options.items() if x is not None and x is not ONE_THREAD}
+        bound = partial(self.__call__, q, qd, tau, wrench, out, **given_options)
+        bound()
+        return bound
 
     def error_estimate(
         self,
@@ -239,120 +267,86 @@ class Kernel:
             )
         return self._make_error_alone()
 
-    def _numbers_of(self, payload: Payload | None) -> tuple[NDArray[Any], ...]:
-        return tuple(self._payload_inputs(payload).values())
-
-    def _one_thread_suffices(self, q: ArrayLike, threads: int) -> bool:
-        """Return whether states are too few for two threads; ValueError for a wrong number."""
-        threads = thread_count(threads)
-        if not isinstance(q, np.ndarray):
-            return False
-        states = len(q) if q.ndim == 2 else 1
-        return block_size(states, threads, self._code.width, self._source.work) >= states
-
-    def _call_batch_entry(
-        self, q: NDArray[Any], given: tuple[ArrayLike, ...], out: NDArray[Any] | None
-    ) -> Any:
-        """Return the result for arrays that need no conversion, or None for others."""
-        size = self._source.elements
-        if out is None:
-            rows: NDArray[Any] = np.empty((len(q), size), self.dtype, 'F' if q.flags.fnc else 'C')
-        else:
-            # A loop: a generator would take a fifth of the time of a small batch.
-            for array in given:
-                if isinstance(array, np.ndarray) and np.may_share_memory(array, out):
-                    return None
-            rows = out
-        if len(self.shape) == 1:
-            return self._code.batch_entry(*given, rows)
-        if out is not None:
-            if not isinstance(out, np.ndarray) or out.shape != (len(q), *self.shape):
-                return None
-            in_place = rows_in_place(out, size)
-            if in_place is None:
-                return None
-            rows = in_place
-        if self._code.batch_entry(*given, rows) is None:
-            return None
-        return rows.reshape(-1, *self.shape) if out is None else out
-
-    def bind(
-        self,
-        q: NDArray[Any],
-        qd: NDArray[Any] | None = None,
-        tau: NDArray[Any] | None = None,
-        out: NDArray[Any] | None = None,
-        wrench: NDArray[Any] | None = None,
-        *,
-        brakes: NDArray[np.bool_] | None = None,
-        payload: Payload | None = None,
-        threads: int = 1,
-    ) -> Callable[[], NDArray[Any]]:
-        """
-        Return a function without arguments that evaluates in place on these arrays.
-
-        Each call of the function reads the arguments and writes out, `(*shape)` or
-        `(B, *shape)`, and raises ValueError where an input is not finite. The arrays are checked
-        here, once; their number format must be the kernel's.
-        """
-        given = _given(q, qd, tau, wrench)
-        for name, value in [*zip(self._names, given, strict=False), ('out', out)]:
-            found = value.dtype if isinstance(value, np.ndarray) else type(value).__name__
-            if found != self.dtype:
-                raise ValueError(
-                    f'{name} must be an array of {self.dtype} to be bound, got {found}'
-                )
-        whole = partial(
-            self, q, qd, tau, wrench, out, brakes=brakes, payload=payload, threads=threads
-        )
-        whole()
-        if self._takes_payload:
-            given += self._numbers_of(payload)
-        if self._single_entry(*given, out) is not None:
-            return partial(self._code.bound, *given, out)
-        return whole
-
-    def _evaluate_checked(
+    def _inputs(
         self,
         state: tuple[ArrayLike | None, ...],
         wrench: ArrayLike | None,
-        out: NDArray[Any] | None,
         brakes: ArrayLike | None,
         payload: Payload | None,
-        threads: int,
-    ) -> NDArray[Any]:
-        """Evaluate after converting and checking every argument."""
-        threads = thread_count(threads)
+    ) -> dict[str, NDArray[Any]]:
+        """Return the inputs as arrays, in the kernel's order; they may not be finite yet."""
         sizes = self._source.inputs
-        arrays = checked(self.robot, self.scene, self.dtype, sizes, state, wrench, brakes, payload)
-        batch = common_shape(arrays)
-        shape = (*batch, *self.shape)
-        if out is not None:
-            check_result(out, shape, self.dtype)
-        rows = None
-        if out is not None and not any(np.may_share_memory(out, x) for x in arrays.values()):
-            rows = rows_in_place(out, self._source.elements)
-        apart = rows is None
-        if rows is None:
-            target = new_result(batch, self.shape, self.dtype, arrays['q'])
-            rows = target.reshape(-1, self._source.elements)
-        given = [*(as_rows(value, batch) for value in arrays.values()), rows]
-        block = block_size(len(rows), threads, self._code.width, self._source.work)
-        if run(BatchWork(self._code.batch, given), len(rows), block, threads):
-            for name, value in arrays.items():
-                check_finite(name, value)
-        if out is None:
-            return target
-        if apart:
-            out[...] = target
-        return out
+        own = [name for name in sizes if name not in SCENE_INPUTS]
+        labels = [*own, *('q', 'qd', 'tau')[len(own) :]]
+        values = dict(zip(labels, state, strict=True))
+        given: dict[str, Any] = {k: value for k, value in values.items() if value is not None}
+        if list(given) != own:
+            got = ', '.join(given) or 'none of them'
+            raise ValueError(f'the kernel takes {", ".join(own)}, got {got}')
+        given |= scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes)
+        if payload is not None or self.scene.payload == INPUT:
+            with no_fork:
+                from pfd_core.dynamics.payload import payload_inputs
+
+            given |= payload_inputs(self.robot, self.scene, self.dtype, payload)
+        return {
+            name: real_array(name, given[name], self.dtype, (..., size), finite=False)
+            for name, size in sizes.items()
+        }
 
 
-def _given(
-    q: ArrayLike, qd: ArrayLike | None, tau: ArrayLike | None, wrench: ArrayLike | None
-) -> tuple[ArrayLike, ...]:
-    """Return the arguments that are given, in their order; a loop would take longer."""
-    given: tuple[Any, ...] = (q, qd, tau)
-    if tau is None:
-        given = (q,) if qd is None else (q, qd)
-    return given if wrench is None else (*given, wrench)
+class _NativeKernel(Kernel):
+    """A kernel with a slot for its call, so that no function in Python is run before it."""
+
+    __slots__ = ('__call__',)
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+
+        def convert(*values: Any, **options: Any) -> NDArray[Any]:
+            return Kernel.__call__(self, *values, **options)
+
+        convert.__doc__ = Kernel.__call__.__doc__
+        call = python_function(self._native['entry'], convert, self._native)
+        self.__call__ = call  # type: ignore[method-assign]
+
+
+def _as_rows(value: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return an input broadcast to a batch shape, with one row for each state."""
+    if not (len(shape) == 1 and value.ndim == 2 and value.shape[:1] == shape):
+        value = np.broadcast_to(value, (*shape, value.shape[-1])).reshape(-1, value.shape[-1])
+    return value if _adjacent(value) else np.ascontiguousarray(value)
+
+
+def _adjacent(rows: NDArray[Any]) -> bool:
+    """Return whether neighbouring states or neighbouring elements are neighbours in memory."""
+    return rows.itemsize in rows.strides
+
+
+def _new_result(
+    batch: tuple[int, ...], shape: tuple[int, ...], dtype: str, like: NDArray[Any]
+) -> NDArray[Any]:
+    """
+    Return an empty array, (*batch, *shape): each element of a batch in a column where `like` is.
+
+    That is the layout in which native code reads and writes neighbouring states at once.
+    """
+    if len(batch) != 1 or not (like.ndim == 2 and like.flags.fnc):
+        return np.empty((*batch, *shape), dtype)
+    return np.empty((*batch, math.prod(shape)), dtype, 'F').reshape(*batch, *shape)
+
+
+def _check_result(out: Any, shape: tuple[int, ...], dtype: str) -> None:
+    """Raise ValueError unless `out` is an array that a result can be written to."""
+    array = isinstance(out, np.ndarray)
+    found = f'{out.dtype} {out.shape}' if array else type(out).__name__
+    if found != f'{dtype} {shape}':
+        raise ValueError(f'out must be an array of {dtype} {shape}, got {found}')
+    if not out.flags.writeable:
+        raise ValueError('out must be writeable, got a read-only array')
+
+
+def _rows_in_place(out: NDArray[Any], size: int) -> NDArray[Any] | None:
+    """Return a result as rows of `size` elements in the same memory; None if that cannot be."""
+    rows = out.reshape(-1, size)
+    return rows if _adjacent(rows) and np.may_share_memory(rows, out) else None

@@ -12,11 +12,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+import hashlib
 from operator import attrgetter
 
 from pfd_core.dynamics.joint_torques import record_joint_torques
 from pfd_core.kernels.codegen.linear_step import called, carried_rows, state_rows
 from pfd_core.kernels.codegen.module import linear_module
+from pfd_core.kernels.generate import batch, given, inputs_of, parameters
+from pfd_core.kernels.ir import SCALAR, Code
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.native import Optimisation
 from pfd_core.kernels.simulations import plants
@@ -46,7 +49,9 @@ class LinearSource(KernelSource):
         n, rows, sources = self._step.lanes, state_rows(self._step), self._sources.values()
         inputs = {name: size for source in sources for name, size in source.inputs.items()}
         operations, *_ = (source.operations for source in sources)
-        return Facts(inputs, [n * len(rows), n * (len(rows) + 1) + 1], operations, False)
+        own = [str(self._step), str(self._substeps), *(x.facts.digest for x in sources)]
+        digest = hashlib.sha256('\n'.join(own).encode()).hexdigest()
+        return Facts(inputs, [n * len(rows), n * (len(rows) + 1) + 1], operations, False, digest)
 
     @property
     def work(self) -> int:
@@ -60,12 +65,22 @@ class LinearSource(KernelSource):
         longest = max(self._sources.values(), key=attrgetter('work')).optimisation
         return replace(longest, pipeline=not longest.long)
 
-    def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
-        """Return the LLVM IR of the kernel."""
+    def functions(self, dtype: str, width: int, angles: Sequence[int]) -> list[str]:
+        """Return the functions of a kernel, whose batches go from state to state."""
         programs = {name: source.factors for name, source in self._sources.items()}
-        return linear_module(
-            self._step, programs, self._substeps, dtype, width, angles, self._periodic
-        )
+        module = linear_module(self._step, programs, self._substeps, dtype, angles, self._periodic)
+        signature = Program(1, (), self.inputs, {})
+        names = [*inputs_of(signature), 'out']
+        kind = SCALAR[dtype]
+        code = Code(f'define internal {kind} @evaluate1({parameters(names)})', dtype)
+        code.call('void', 'evaluate', *given([(f'%{name}', f'%{name}.s') for name in names]))
+        nothing = code.constant(0.0)
+        for name, size in self.inputs.items():
+            for k in range(size):
+                x = code.read(f'%{name}', k, f'%{name}.s')
+                nothing = code.op('fma', x, code.constant(0.0), nothing)
+        code.ret(kind, nothing)
+        return [module, str(code), batch(signature, dtype, 1, self.elements)]
 
 
 def compile_linear_step(spec: KernelSpec, step: Program, substeps: int, implicit: float) -> Kernel:

@@ -182,7 +182,7 @@ def evaluations(
         parameters = ', '.join(f'ptr %{array}' for array in arrays)
         code = Code(f'define internal void @evaluate_{name}({parameters}) noinline', dtype, width)
         places = [(f'%{array}', width * code.bytes) for array in arrays]
-        code.call('i1', f'evaluate{width}_{name}', *given(places))
+        code.call('void', f'evaluate{width}_{name}', *given(places))
         code.ret()
         parts.append(str(code))
     return parts

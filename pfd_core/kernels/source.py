@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 import gc
+import hashlib
 import math
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -24,7 +25,7 @@ from pfd_core.dynamics.quantities import QUANTITIES, RECORDERS
 from pfd_core.forking import cached_property, no_fork
 from pfd_core.kernels.auto import default_inverse
 from pfd_core.kernels.cache import kept
-from pfd_core.kernels.codegen.spelling import arguments
+from pfd_core.kernels.generate import inputs_of, kernel_functions
 from pfd_core.kernels.lower import Stages, joined, lower, multiplied, operations
 from pfd_core.kernels.native import Native, Optimisation, compile_kept
 from pfd_core.kernels.schedule import LONGEST, can_be_ordered
@@ -44,6 +45,7 @@ class Facts(NamedTuple):
     shape: list[int]  # of the output
     operations: dict[str, dict[str, int]]  # by name, of each stage
     ordered: bool  # whether native code is to keep the order of its operations
+    digest: str  # of the lowered program
 
 
 class KernelSource:
@@ -156,20 +158,18 @@ class KernelSource:
         """The effort of the compiler."""
         return Optimisation(long=self.work > LONGEST, reorder=not self.facts.ordered)
 
-    def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
-        """Return the module of a kernel, of one state or a batch (pfd_core.kernels.codegen)."""
-        with no_fork:
-            from pfd_core.kernels.codegen.module import kernel_module
-
-        return kernel_module(self.program, dtype, width, angles)
+    def functions(self, dtype: str, width: int, angles: Sequence[int]) -> list[str]:
+        """Return the functions of a kernel without its entry, as generate.kernel_functions."""
+        return kernel_functions(self.program, dtype, width, angles, self.elements)
 
     def _facts(self) -> Facts:
         (output,) = self.program.outputs.values()
         return Facts(
-            {name: self.program.inputs[name] for name in arguments(self.program)},
+            {name: self.program.inputs[name] for name in inputs_of(self.program)},
             list(output.shape),
             {name: operations(p) for name, p in vars(self._stages).items()},
             can_be_ordered(self.program),
+            digest(self.program),
         )
 
 
@@ -199,12 +199,12 @@ class ProductSource(KernelSource):
         """The effort of the compiler."""
         return Optimisation(long=self.work > LONGEST)
 
-    def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
-        """Return the module of a kernel, which computes the factors and multiplies them."""
+    def functions(self, dtype: str, width: int, angles: Sequence[int]) -> list[str]:
+        """Return the functions of a kernel, which compute the factors and multiply them."""
         with no_fork:
-            from pfd_core.kernels.codegen.module import product_module
+            from pfd_core.kernels.matmul import product_functions
 
-        return product_module(self.factors, dtype, width, angles)
+        return product_functions(self.factors, dtype, width, angles)
 
 
 def source_of(spec: KernelSpec) -> KernelSource:
@@ -296,6 +296,16 @@ def motors(plant: Plant, dtype: str) -> KernelSource:
         return lower(record_motor_torques(plant), dtype)
 
     return KernelSource(lowered, ('motors', plant.digest, dtype))
+
+
+def digest(program: Program) -> str:
+    """Return the SHA-256 of a program of one lane, in hex; its sections have no part in it."""
+    instructions = [
+        (op, args, [float(x).hex() for x in data] if op == 'constant' else data)
+        for op, args, data, *_ in program.instructions
+    ]
+    described = repr((instructions, dict(program.inputs), list(program.outputs.items())))
+    return hashlib.sha256(described.encode()).hexdigest()
 
 
 def turned_joints(robot: Robot) -> tuple[int, ...]:

@@ -1,17 +1,22 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""KernelSpec: all that decides a kernel, checked and resolved once."""
+"""
+KernelSpec: all that decides a kernel, checked and resolved once.
+
+A scene is reduced to the effects that a quantity depends on, so that kernels which do not differ
+are compiled once. The quantities are rows of pfd_core.dynamics.quantities.QUANTITIES.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
+from pfd_core.dynamics.quantities import QUANTITIES, Quantity
 from pfd_core.kernels.auto import choose, default, default_of_derivatives
-from pfd_core.kernels.quantities import check_options, quantity_named, reduced
-from pfd_core.model import INSTANT, Plant, Robot, Scene, in_motion, resolve
-from pfd_core.model.values import DTYPES, choice
+from pfd_core.model import INSTANT, Plant, Robot, Scene, given_scene, in_motion, resolve
+from pfd_core.model.values import DTYPES, choice, integer, quote
 
 # Forward dynamics at an instant of a step of a simulation, whose effects over time are the step's
 # own: of all joints, and of joints in motion or braked.
@@ -101,3 +106,35 @@ class KernelSpec:
     def __reduce__(self) -> tuple[type[KernelSpec], tuple[Any, ...]]:
         """Be pickled as the arguments it was made from, which are checked again."""
         return KernelSpec, tuple(getattr(self, item.name) for item in fields(self) if item.init)
+
+
+def quantity_named(name: str) -> Quantity:
+    """Return a row of QUANTITIES; ValueError for an unknown name."""
+    if not isinstance(name, str) or name not in QUANTITIES:
+        raise ValueError(f'quantity must be one of {tuple(QUANTITIES)}, got {quote(name)}')
+    return QUANTITIES[name]
+
+
+def check_options(name: str, method: str, refine: int, frame: str | None) -> None:
+    """Raise ValueError for options that a quantity does not have."""
+    quantity = quantity_named(name)
+    if frame is not None and not quantity.of_frame:
+        raise ValueError(f'{name} does not take a frame, got frame={quote(frame)}')
+    if not quantity.method:
+        return
+    if method not in ('auto', quantity.method):
+        raise ValueError(
+            f"method must be 'auto' or {quantity.method!r} for {name}, got {quote(method)}"
+        )
+    if integer('refine', refine, 0):
+        raise ValueError(f'refine must be 0 for {name}, which solves nothing, got {refine}')
+
+
+def reduced(scene: Scene | None, quantity: Quantity) -> Scene:
+    """Return a scene with the effects that a quantity has."""
+    scene = given_scene(scene)
+    others: dict[str, Any] = {
+        item.name: item.default for item in fields(Scene) if item.name not in quantity.effects
+    }
+    scene = replace(scene, **others)
+    return replace(scene, external_wrench=True) if quantity.wrench else scene

@@ -165,7 +165,7 @@ def address(array: NDArray[Any]) -> int:
 
 @dataclass(frozen=True)
 class BatchWork:
-    """The work of @batch (pfd_core.kernels.codegen.batch) on states in rows."""
+    """The work of @batch (pfd_core.kernels.generate) on states in rows."""
 
     code: Native
     rows: Sequence[NDArray[Any]]  # inputs and output, (B, elements), at any strides

@@ -24,8 +24,11 @@ from bridge import (
     pfd_main,
     pfd_parser,
 )
+import numpy as np
 import pytest
 from ros_processes import Processes, environment
+
+import pfd_core as pfd
 
 METADATA = """\
 Metadata-Version: 2.1
@@ -118,8 +121,18 @@ def test_a_timer_that_does_not_get_to_run_is_a_finding(
 
 
 def test_a_kernel_with_a_wrong_answer_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = bridge.Kernel_call
-    monkeypatch.setattr(*bridge.target('Kernel_call'), lambda *given: 1.001 * right(*given))
+    right = pfd.compile_kernel
+
+    class Wrong:
+        compile_seconds = 0.0
+
+        def __init__(self, robot: pfd.Robot) -> None:
+            self.kernel = right(robot)
+
+        def __call__(self, *given: np.ndarray) -> np.ndarray:
+            return 1.001 * self.kernel(*given)
+
+    monkeypatch.setattr(pfd, 'compile_kernel', Wrong)
     (found,) = doctor_compiler()
     assert found.failed
 

@@ -12,11 +12,11 @@ import subprocess
 import sys
 from typing import Any
 
+import bridge
 import numpy as np
 import pytest
 
-from pfd_core.kernels.codegen import python_entry
-from pfd_core.kernels.runtime import cpython_abi as python_objects
+import pfd_core as pfd
 
 ROOT = Path(__file__).resolve().parent.parent
 LIFETIME = 120  # [s] of a child; far above what it takes
@@ -29,6 +29,8 @@ BUILDS = {
     '32 bits': 'objects.ctypes = types.SimpleNamespace(sizeof=lambda kind: 4, c_void_p=None)',
     'arrays of another layout': 'objects.NDIM, objects.FLAGS = objects.FLAGS, objects.NDIM',
     'strides in another place': 'objects.STRIDES = objects.DIMENSIONS',
+    'tuples of another layout': 'objects.ITEMS += 8',
+    'no table of NumPy': 'objects._empty = lambda: None',
     'smaller arrays': 'objects.FLAGS = 2**20',
     'switched off': 'objects.supported = lambda: False',
 }
@@ -39,7 +41,8 @@ import llvmlite.binding
 before_import, build = sys.argv[1:]
 exec(before_import)
 import pfd_core as pfd
-from pfd_core.kernels.runtime import cpython_abi as objects
+pfd.compile_kernel  # imports the module
+from bridge import kernel_entry as objects
 exec(build)
 warnings = []
 logging.getLogger('pfd_core').addHandler(handler := logging.Handler())
@@ -102,7 +105,7 @@ def run(build: str) -> dict[str, Any]:
     change = BUILDS[build]
     # Without a C API not even the import of this package finds it.
     before, after = (change, '') if 'pythonapi' in change else ('', change)
-    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    environment = {**os.environ, 'PYTHONPATH': f'{ROOT}{os.pathsep}{ROOT / "test"}'}
     command = [sys.executable, '-c', CHILD, before, after]
     done = subprocess.run(
         command,
@@ -130,16 +133,25 @@ def test_another_build_of_python_or_numpy_computes_the_same_bits(build: str) -> 
 
 
 def test_this_build_is_as_expected() -> None:
-    assert python_objects.supported()
+    assert kernel_entry().supported()
 
 
 @pytest.mark.parametrize(
-    'field', ['TYPE', 'DATA', 'NDIM', 'DIMENSIONS', 'STRIDES', 'DESCR', 'FLAGS']
+    'field', ['TYPE', 'DATA', 'NDIM', 'DIMENSIONS', 'STRIDES', 'DESCR', 'FLAGS', 'ITEMS']
 )
-def test_every_field_of_an_array_is_checked(field: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_field_of_an_array_or_a_tuple_is_checked(
+    field: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = kernel_entry()
     # The place of another field, which holds what may be read like this one.
-    place = {'DIMENSIONS': 'STRIDES', 'STRIDES': 'DIMENSIONS'}.get(field, 'HEADER')
-    moved = getattr(python_entry, place) + (32 if place == 'HEADER' else 0)
-    monkeypatch.setattr(python_objects, field, moved)
+    place = {'DIMENSIONS': 'STRIDES', 'STRIDES': 'DIMENSIONS', 'ITEMS': 'HEADER'}.get(field)
+    moved = getattr(own, place) if place else own.HEADER + 32
+    monkeypatch.setattr(own, field, moved)
     # `__wrapped__` is the function without its cache.
-    assert not python_objects.supported.__wrapped__()
+    assert not own.supported.__wrapped__()
+
+
+def kernel_entry() -> Any:
+    """Return the module of the native call, which a kernel imports."""
+    assert pfd.compile_kernel
+    return bridge.kernel_entry

@@ -143,10 +143,8 @@ NAMES = {
     # pfd_core.kernels: passes, code generation, runtime
     'FEW_JOINTS': 'pfd_core.kernels.auto:FEW_JOINTS',
     'MANY_JOINTS': 'pfd_core.kernels.auto:MANY_JOINTS',
-    'MOST_ROUNDINGS': 'pfd_core.kernels.auto:MOST_ROUNDINGS',
-    'choose_method': 'pfd_core.kernels.auto:choose',
+    'select_method': 'pfd_core.kernels.auto:select',
     'method_cost': 'pfd_core.kernels.auto:cost',
-    'default_inverse': 'pfd_core.kernels.auto:default_inverse',
     'method_roundings': 'pfd_core.kernels.auto:roundings',
     'linear_step_ir': 'pfd_core.kernels.codegen.linear_step:linear_step',
     'IrFormat': 'pfd_core.kernels.codegen.spelling:Format',
@@ -495,8 +493,6 @@ PATCHED = {
     'ADAPTIVE_PIECE_SECONDS': 'pfd_core.simulation.adaptive:PIECE_SECONDS',
     'ensemble_pieces': 'pfd_core.simulation.ensemble:pieces',
     'ensemble_run_blocks': 'pfd_core.simulation.ensemble:run',
-    'SIMULATOR_FIRST_OPERATIONS': 'pfd_core.simulation.simulator:FIRST_OPERATIONS',
-    'SIMULATOR_PIECE_SECONDS': 'pfd_core.simulation.simulator:PIECE_SECONDS',
     'Simulator_compile': 'pfd_core.simulation.simulator:Simulator._compile',
     # pfd_ros.arm: settings, events, engine, and the rules for commands
     'Arm_advance': 'pfd_ros.arm.arm:Arm.advance',

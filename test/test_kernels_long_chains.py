@@ -12,10 +12,10 @@ from bridge import (
     MANY_JOINTS,
     USUAL_OPTIMISATION,
     Recorder,
-    choose_method,
     coaxial_robot,
     method_cost,
     resolve_plant,
+    select_method,
     split_program,
     uniform_chain_robot,
 )
@@ -141,11 +141,10 @@ def test_the_operations_of_the_method_for_long_chains_grow_linearly() -> None:
 def test_auto_takes_composite_bodies_for_arms_and_articulated_bodies_for_long_chains() -> None:
     for name in ('puma560', 'ur5', 'panda'):
         plant = resolve_plant(pfd.load_robot(name))
-        assert choose_method(plant, 'auto', 0) == 'composite_body'
-    assert (
-        choose_method(resolve_plant(uniform_chain_robot(16)), 'auto', 0)
-        == 'grouped_articulated_body'
-    )
+        assert select_method(plant, use='step') == (FEW_JOINTS, 0)
+    long = resolve_plant(uniform_chain_robot(16))
+    assert select_method(long, use='step') == (MANY_JOINTS, 0)
+    assert select_method(long) == (MANY_JOINTS, 1)
 
 
 @pytest.mark.parametrize('inertia', [1e-4, 1e-12, 1e-18])
@@ -154,10 +153,10 @@ def test_auto_is_articulated_bodies_where_refinement_cannot_correct_a_cancelled_
 ) -> None:
     # The inertia between two joints on one axis is what is left of a diagonal of about 1.
     plant = resolve_plant(coaxial_robot(inertia))
-    assert choose_method(plant, 'auto', 0) == 'articulated_body'
-    expected = 'composite_body' if inertia > 1e-6 else 'grouped_articulated_body'
-    assert choose_method(plant, 'auto', 1) == expected
-    assert choose_method(plant, 'composite_body', 1) == 'composite_body'
+    expected = FEW_JOINTS if inertia > 1e-6 else MANY_JOINTS
+    assert select_method(plant, use='step') == (expected, 0)
+    assert select_method(plant, 'auto', 1) == (expected, 1)
+    assert select_method(plant, FEW_JOINTS, 1) == (FEW_JOINTS, 1)
 
 
 def test_auto_refines_ordinary_arms_and_massless_joints_by_composite_bodies() -> None:
@@ -165,9 +164,9 @@ def test_auto_refines_ordinary_arms_and_massless_joints_by_composite_bodies() ->
     for name in pfd.known_robots():
         for scene in (None, everything):
             plant = resolve_plant(pfd.load_robot(name), scene)
-            assert choose_method(plant, 'auto', 1) == 'composite_body'
+            assert select_method(plant, 'auto', 1) == (FEW_JOINTS, 1)
     held = resolve_plant(without_mass(uniform_chain_robot(3), [2]), pfd.Scene(brakes=True))
-    assert choose_method(held, 'auto', 1) == 'composite_body'
+    assert select_method(held, 'auto', 1) == (FEW_JOINTS, 1)
 
 
 SLOW = pytest.mark.slow
@@ -180,14 +179,15 @@ def test_auto_counts_in_between_and_takes_the_cheaper(n: int) -> None:
     for scene in (None, pfd.Scene(armature='model')):
         plant = resolve_plant(random_chain(rng, n), scene)
         costs = {method: method_cost(plant, method) for method in (FEW_JOINTS, MANY_JOINTS)}
-        assert costs[choose_method(plant, 'auto', 0)] == min(costs.values())
+        method, _ = select_method(plant, use='step')
+        assert costs[method] == min(costs.values())
 
 
 def test_a_requested_method_is_used_at_any_length() -> None:
     plant = resolve_plant(uniform_chain_robot(20))
-    assert choose_method(plant, 'composite_body', 0) == 'composite_body'
+    assert select_method(plant, FEW_JOINTS) == (FEW_JOINTS, 0)
     with pytest.raises(ValueError, match=r"method must be 'auto' or one of .* got 'fastest'"):
-        choose_method(plant, 'fastest', 0)
+        select_method(plant, 'fastest')
 
 
 @pytest.mark.slow

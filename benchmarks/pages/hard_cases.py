@@ -42,7 +42,7 @@ from benchmarks.table import (
     table,
 )
 from pfd_core.dynamics.energy import record_energy
-from pfd_core.kernels.auto import default
+from pfd_core.kernels.auto import select
 from pfd_core.machine.emulator import run
 from pfd_core.simulation.embedded_pairs import PAIRS
 from pfd_core.simulation.simulator import Simulator
@@ -132,7 +132,7 @@ def kernel_rows(
     size = (references.norm(known.qdd) / known.scale).astype(np.float64)
     for dtype in ROUNDING:
         for refine in (0, 1):
-            method, steps = default(problem.plant, 'auto', refine)
+            method, steps = select(problem.plant, 'auto', refine)
             first = first_answer(problem, dtype)[1] * size if steps else None
             error = errors(kernel_answer(problem, dtype, refine), known)
             bounds = references.FACTOR * references.predicted(dtype, by_inputs, by_factor, first)
@@ -160,7 +160,7 @@ def compared_rows(case: Case) -> Tables:
 def compared(name: str, problem: Problem, ways: Sequence[str] = tuple(KERNELS)) -> Row:
     """Return median and 90 % quantile of the errors [u] of our kernels and of the peer."""
     known = reference(problem)
-    method, steps = default(problem.plant, 'auto', 0)
+    method, steps = select(problem.plant, 'auto', 0)
     row: Row = {'case': name, 'method': method + ', refined' * steps}
     answers = {way: kernel_answer(problem, 'float64', KERNELS[way]) for way in ways}
     peer = peer_answer(problem)

@@ -24,7 +24,7 @@ from pfd_core.dynamics.acceleration import record_derivatives
 from pfd_core.dynamics.convergence import with_nan_unless_converged
 from pfd_core.dynamics.methods import TOLERANCES
 from pfd_core.dynamics.refinement import record_refined
-from pfd_core.kernels.auto import choose, default, default_of_derivatives
+from pfd_core.kernels.auto import select
 from pfd_core.kernels.lower import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.fused import fused
@@ -38,7 +38,7 @@ DEFAULT, REFINED, PEER = 'default', 'refine=1', 'Pinocchio'
 
 def kernel_answer(problem: Problem, dtype: str, refine: int, method: str = 'auto') -> NDArray[Any]:
     """Return qdd (S, n), with the bits of the kernel."""
-    method, refine = default(problem.plant, method, refine)
+    method, refine = select(problem.plant, method, refine)
     recorded = record_refined(problem.plant, method, refine, TOLERANCES[dtype], None)
     # As in a kernel: an answer that has not converged is NaN.
     recorded = with_nan_unless_converged(recorded, problem.plant)
@@ -52,7 +52,8 @@ def first_answer(problem: Problem, dtype: str) -> tuple[NDArray[Any], NDArray[An
 
     The estimate is max |delta| / max |qdd|, as of `Kernel.error_estimate`.
     """
-    recorded = record_with_first_answer(problem.plant, choose(problem.plant, 'auto', 1), dtype)
+    method, _ = select(problem.plant, 'auto', 1)
+    recorded = record_with_first_answer(problem.plant, method, dtype)
     found = _run(lower(recorded, dtype, ['error', 'before']).compiled, problem, dtype)
     return found['before'], found['error'][:, 0].astype(np.float64)
 
@@ -76,7 +77,7 @@ def kernel_jacobians(
 ) -> tuple[NDArray[Any], NDArray[Any] | None]:
     """Return d qdd / d (q, qd, tau), (S, n, 3n), and [A B] of a step of h seconds, if any."""
     plant = problem.plant
-    recorded = record_derivatives(plant, *default_of_derivatives(plant, 'auto', refine), dtype)
+    recorded = record_derivatives(plant, *select(plant, 'auto', refine, 'derivatives'), dtype)
     factors = _run(lower(recorded, dtype).compiled, problem, dtype)
     with np.errstate(all='ignore'):
         J = _multiplied(factors)

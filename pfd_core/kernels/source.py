@@ -23,7 +23,7 @@ import numpy as np
 from pfd_core.dynamics.methods import TOLERANCES
 from pfd_core.dynamics.quantities import QUANTITIES, RECORDERS
 from pfd_core.forking import cached_property, no_fork
-from pfd_core.kernels.auto import default_inverse
+from pfd_core.kernels.auto import select
 from pfd_core.kernels.cache import kept
 from pfd_core.kernels.generate import inputs_of, kernel_functions
 from pfd_core.kernels.lower import Stages, joined, lower, multiplied, operations
@@ -258,7 +258,7 @@ def derivatives(spec: KernelSpec, plant: Plant | None = None) -> ProductSource:
     """
     plant = spec.plant if plant is None else plant
     of_step = spec.quantity != 'derivatives'
-    inverse = default_inverse(spec.plant) if of_step else (spec.method, spec.refine)
+    inverse = select(spec.plant, use='derivatives') if of_step else (spec.method, spec.refine)
 
     def lowered() -> Stages:
         with no_fork:

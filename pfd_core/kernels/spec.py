@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from pfd_core.dynamics.quantities import QUANTITIES, Quantity
-from pfd_core.kernels.auto import choose, default, default_of_derivatives
+from pfd_core.kernels.auto import select
 from pfd_core.model import INSTANT, Plant, Robot, Scene, given_scene, in_motion, resolve
 from pfd_core.model.values import DTYPES, choice, integer, quote
 
@@ -88,13 +88,12 @@ class KernelSpec:
             frame = self.robot.tip if self.frame is None else self.frame
             place = self.robot.frame(frame).digest
         method, refine = quantity.method, self.refine
-        if self.quantity == 'forward_dynamics':
-            method, refine = default(plant, self.method, refine)
-        elif self.quantity == 'derivatives':
-            method, refine = default_of_derivatives(plant, self.method, refine)
+        if not quantity.method:
+            use = 'step' if of_step else name
+            method, refine = select(plant, self.method, refine, use)
         resolved: dict[str, Any] = {
             'scene': scene,
-            'method': method or choose(plant, self.method, refine),
+            'method': method,
             'refine': int(refine),
             'frame': frame,
             'plant': plant,

@@ -48,7 +48,7 @@ class Page(NamedTuple):
 PAGES: Sequence[Page] = (
     Page('speed', 'times of forward dynamics and other quantities compared with peers', True),
     Page('error', 'time against error: integrators, and an arm under a controller', True),
-    Page('scene', 'cost and error of each effect of a scene', True),
+    Page('scene', 'operations and error of each effect of a scene'),
     Page('hard-cases', 'errors of ill-conditioned arms, and over thousands of states'),
     Page('derivatives', 'errors of derivatives and linearised steps'),
     Page('counts', 'steps of every method on emulated processors compared with the paper'),

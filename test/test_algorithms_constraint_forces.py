@@ -5,12 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 from closed_forms import SIZES, by_section, chain, levels, routes_by_section
 import numpy as np
-from oracle import Oracle, jacobi_condition, relative
+from oracle import Oracle, chains, jacobi_condition, relative
 import pinocchio as pin
 import pytest
+from sampling import one_fast
 from tolerances import ACCELERATION, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state, right_angled, without_mass
 
@@ -61,14 +63,32 @@ def test_accelerations_are_pinocchios_but_for_the_condition_of_the_constraints(
     n: int, share: float, schedule: str
 ) -> None:
     rng = np.random.default_rng(n)
-    robot = random_chain(rng, n, share)
-    q, qd, tau = random_state(rng, n)
+    assert_within_the_condition(random_chain(rng, n, share), rng, schedule)
+
+
+def assert_within_the_condition(robot: pfd.Robot, rng: np.random.Generator, schedule: str) -> None:
+    q, qd, tau = random_state(rng, robot.n)
     oracle = Oracle(robot)
     program = record_constraint_forces(resolve(robot), schedule)
     found = run(program, {'q': q, 'qd': qd, 'tau': tau})
     condition = jacobi_condition(constraint_matrix(oracle, q))
-    assert relative(found['qdd'], oracle.qdd(q, qd, tau)) < ACCELERATION * condition
+    assert relative(found['qdd'], oracle.qdd(q, qd, tau)) < ACCELERATION * condition, robot
     assert (found['pivots'] > 0).all()
+
+
+@pytest.mark.parametrize('schedule', one_fast(SCHEDULES, 'parallel'))
+def test_any_of_80_chains_is_right_but_for_the_condition_of_the_constraints(schedule: str) -> None:
+    for rng, robot in chains(80, seed=7):
+        assert_within_the_condition(robot, rng, schedule)
+
+
+@pytest.mark.parametrize('n', [1, 2, 3, 4])
+def test_any_order_of_turning_and_sliding_joints_is_recorded(n: int) -> None:
+    rng = np.random.default_rng(n)
+    for types in product(('revolute', 'prismatic'), repeat=n):
+        if types.count('prismatic') < 4:  # four leave a direction without inertia
+            robot = random_chain(rng, n, joint_types=list(types))
+            assert_within_the_condition(robot, rng, 'parallel')
 
 
 def test_a_wrench_and_damping_are_in_the_right_hand_side() -> None:

@@ -54,8 +54,12 @@ routes 25 elements of C to the left, and 15 + 5 and 15 + 5 and 25 results. The l
 C. Link constants depend on the robot alone, but are counted: 60 and 34 for 1/J, 1/m and the
 inner points of two links a lane, 75 and 48, 30 and 18, 90 and 54 for E_ii, E_oo and E_io.
 
-Accuracy: the condition of the block system depends on the inertias of the links, not on H. A link
-with inertia about one axis only makes it singular.
+Accuracy: the error grows with the condition of the block system, which depends on the inertias of
+the links and not on H, and is far above the condition of H. A link with inertia about one axis
+only makes the system singular. On 80 random chains of up to 12 joints in float64, whose H has
+conditions of 25 in the median and 920 at most after Jacobi scaling, the system has 3900 and 2e5;
+qdd has relative errors of 4e-12 in the median, 5e-10 in nine of ten and 2e-8 at most. PCRBM has
+2e-15 and 4e-14 there.
 
 The method needs links with a mass and an inertia, and joints without rotors and brakes; other
 plants are refused.
@@ -70,7 +74,7 @@ from typing import Any
 import numpy as np
 
 from pfd_core.algorithms.beyond.omega import omega_torques
-from pfd_core.algorithms.chain.base_axes import link_parameters
+from pfd_core.algorithms.chain.base_axes import Links, link_parameters
 from pfd_core.algorithms.chain.equations import forward_equations
 from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.lanes import cos, merge, on, shift, sin
@@ -121,7 +125,7 @@ class Body:
 @dataclass(frozen=True)
 class Joint:
     """
-    The motion of each joint at q: the transformation G.
+    The motion of each joint between two links at q: the transformation G.
 
     Attributes
     ----------
@@ -160,6 +164,17 @@ class Joint:
         return array([*moved, *rest])
 
 
+def _joint(q: Lanes, chain: Links) -> Joint:
+    """Return the motion of the joints; that of the first, before which no link is, has no use."""
+    turns, slides = (
+        [lane for lane in lanes if lane] for lanes in (chain.rotational, chain.translational)
+    )
+    angle = on(q, turns) if turns else None
+    return Joint(
+        None if angle is None else (cos(angle), sin(angle)), on(q, slides) if slides else None
+    )
+
+
 def _merged(turned: Any, slid: Any, like: Lanes) -> Any:
     lanes = [i for i in range(like.recorder.lanes) if like.defined >> i & 1]
     return slid if turned is None else merge(on(array(slid), lanes), array(turned))
@@ -176,12 +191,7 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
     recorder, chain, _, y = forward_equations(plant, schedule, omega_torques)
     n = recorder.lanes
     with recorder.section('joint rotation'):
-        q = input_row(recorder, 'q')
-        angle = on(q, chain.rotational) if chain.rotational else None
-        joint = Joint(
-            None if angle is None else (cos(angle), sin(angle)),
-            on(q, chain.translational) if chain.translational else None,
-        )
+        joint = _joint(input_row(recorder, 'q'), chain)
     slides = set(chain.translational)
     with recorder.section('link constants'):
         own = _ordered(_inner(_bodies(recorder, plant, range(n))), slides, slides)

@@ -102,6 +102,9 @@ def chain_of(plant: Plant, parameters: str = GROUPED, recorder: Recorder | None 
     if parameters == GIVEN:
         with recorder.section('parameters'):
             centers = [constants(recorder, x.end.p) + constants(recorder, x.arm) for x in numbers]
+        if not plant.external_wrench:
+            # Frame n lies at the last joint, as for the methods on lanes: no input refers to it.
+            centers[-1] = links[-1][1]
         links = [(m, c, J) for (m, _, J), c in zip(links, centers, strict=True)]
     return Chain(recorder, plant, joints, links, tip, parameters == GROUPED)
 

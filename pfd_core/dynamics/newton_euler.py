@@ -102,14 +102,14 @@ def record_gravity_torques(plant: Plant) -> Program:
     return program_with_outputs(recorder, gravity=tau)
 
 
-def record_link_torques(plant: Plant) -> Program:
+def record_link_torques(plant: Plant, parameters: str = CENTERED) -> Program:
     """
-    Return the program of tau of the motors, (n,), from q, qd and qdd, by centred parameters.
+    Return the program of tau of the motors, (n,), from q, qd and qdd, by CENTERED or GIVEN links.
 
     The torque of each link is accurate relative to its own terms: the residual of refinement needs
     that. Angular velocities are the same expressions as with grouped parameters.
     """
-    chain = chain_of(plant, CENTERED)
+    chain = chain_of(plant, parameters)
     qd, qdd = chain.inputs('qd'), chain.inputs('qdd')
     with chain.recorder.section('torques'):
         tau = plus_joint_torques(plant, torques(chain, qd, qdd), qd, qdd)

@@ -3,7 +3,7 @@
 """
 Kernels: the recording of an algorithm becomes native code for one robot and scene.
 
-Subpackages and modules in the order of data flow; each imports only from those above it.
+Modules in the order of data flow; each imports only from those above it.
 
     simplify       program -> equal program with fewer operations: folding, dead code, fusing
     sines          sine and cosine written out in operations; angles beyond their range
@@ -13,7 +13,6 @@ Subpackages and modules in the order of data flow; each imports only from those 
     parts          a long program in parts
     generate       a lowered program as functions, of one state or a register of them, and batches
     matmul         the same, of a result that is the product of a program's outputs
-    codegen/       linearised steps in LLVM IR
     cache          results on disk, under a digest of everything that determines them
     native         IR -> native code in this process, for its processor or PFD_TARGET_CPU
     threads        a batch or an ensemble in equal parts on several threads
@@ -24,10 +23,12 @@ Subpackages and modules in the order of data flow; each imports only from those 
     kernel         Kernel: a native call, and one in Python that converts its arguments
     compile        compile_kernel; forward_dynamics, inverse_dynamics, which keep their kernels
     script         functions that call programs and dynamics on named arrays
+    simulate       @simulate: steps of one arm, or of an arm in each lane of a register
     contact        steps with dry friction and joint stops, from event to event
     adaptive       steps of an embedded pair, with error control and events
-    simulate       @simulate: steps of one arm, or of an arm in each lane of a register
     simulations    compile_steps, compile_adaptive: whole simulations in native code
+    matrices       loops over matrices in memory
+    linear_step    @linear_step: an integrator's step, with its derivatives
     linear_steps   compile_linear_step: the derivatives of a step of a simulation
 
 A new pass is a function of simplify and a line of lower; a new quantity a program and a row of

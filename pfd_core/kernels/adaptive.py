@@ -27,11 +27,11 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
 
-from pfd_core.kernels.codegen.step import MOTION, REPORT
 from pfd_core.kernels.contact import Contact, ContactWriter
 from pfd_core.kernels.generate import declarations
 from pfd_core.kernels.ir import Code, Variable
 from pfd_core.kernels.script import Frame, Script
+from pfd_core.kernels.simulate import MOTION, REPORT
 
 # Numbers of a run, in the order in which they lie in its array `control`.
 CONTROL = (

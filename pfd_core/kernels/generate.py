@@ -251,12 +251,13 @@ def _wrap_angles(
             code.write(x, copy, k, step)
         for k in angles:
             with code.loop(code.width) as lane:
-                _wrap_number(code, code.at(code.at(copy, k, step), lane, code.bytes))
+                wrap_number(code, code.at(code.at(copy, k, step), lane, code.bytes))
         address.set(copy)
         stride.set(step)
 
 
-def _wrap_number(code: Code, address: str) -> None:
+def wrap_number(code: Code, address: str) -> None:
+    """Wrap the angle at an address by @wrap_angle."""
     x = code.load(code.scalar, address)
     wide = x if code.scalar == 'double' else code.let(f'fpext float {x} to double')
     y = code.call('double', 'wrap_angle', f'double {wide}')

@@ -4,7 +4,7 @@
 Linearised steps: A and B of a step of a simulation, as a kernel of q, qd and tau.
 
 pfd_core.dynamics.acceleration gives the derivatives of the accelerations at each
-stage of the integrator; native code combines them by the chain rule (codegen.linear_step).
+stage of the integrator; native code combines them by the chain rule (kernels.linear_step).
 """
 
 from __future__ import annotations
@@ -16,11 +16,8 @@ import hashlib
 from operator import attrgetter
 
 from pfd_core.dynamics.joint_torques import record_joint_torques
-from pfd_core.kernels.codegen.linear_step import called, carried_rows, state_rows
-from pfd_core.kernels.codegen.module import linear_module
-from pfd_core.kernels.generate import batch, given, inputs_of, parameters
-from pfd_core.kernels.ir import SCALAR, Code
 from pfd_core.kernels.kernel import Kernel
+from pfd_core.kernels.linear_step import called, carried_rows, linear_functions, state_rows
 from pfd_core.kernels.native import Optimisation
 from pfd_core.kernels.simulations import plants
 from pfd_core.kernels.source import Facts, KernelSource, ProductSource, check_stack, derivatives
@@ -68,19 +65,9 @@ class LinearSource(KernelSource):
     def functions(self, dtype: str, width: int, angles: Sequence[int]) -> list[str]:
         """Return the functions of a kernel, whose batches go from state to state."""
         programs = {name: source.factors for name, source in self._sources.items()}
-        module = linear_module(self._step, programs, self._substeps, dtype, angles, self._periodic)
-        signature = Program(1, (), self.inputs, {})
-        names = [*inputs_of(signature), 'out']
-        kind = SCALAR[dtype]
-        code = Code(f'define internal {kind} @evaluate1({parameters(names)})', dtype)
-        code.call('void', 'evaluate', *given([(f'%{name}', f'%{name}.s') for name in names]))
-        nothing = code.constant(0.0)
-        for name, size in self.inputs.items():
-            for k in range(size):
-                x = code.read(f'%{name}', k, f'%{name}.s')
-                nothing = code.op('fma', x, code.constant(0.0), nothing)
-        code.ret(kind, nothing)
-        return [module, str(code), batch(signature, dtype, 1, self.elements)]
+        return linear_functions(
+            self._step, programs, self._substeps, dtype, angles, self._periodic
+        )
 
 
 def compile_linear_step(spec: KernelSpec, step: Program, substeps: int, implicit: float) -> Kernel:

@@ -55,7 +55,7 @@ def product_functions(
                 body(joined(factors), dtype, own, '.factors', (LONGEST, PART), packed=True)
             )
             functions += [
-                _multiply(dtype, own, n, 'T' in factors.outputs),
+                multiply(dtype, own, n, 'T' in factors.outputs),
                 _body(factors, dtype, own),
             ]
         functions.append(evaluate(factors, dtype, own, angles))
@@ -86,7 +86,7 @@ def _body(factors: Program, dtype: str, width: int) -> str:
     return str(code)
 
 
-def _multiply(dtype: str, width: int, n: int, motors: bool) -> str:
+def multiply(dtype: str, width: int, n: int, motors: bool, suffix: str = '') -> str:
     """
     Return `void @multiplyW(X, D, T, out)`, in tiles whose numbers take part in several products.
 
@@ -95,7 +95,7 @@ def _multiply(dtype: str, width: int, n: int, motors: bool) -> str:
     """
     lanes = _lanes(dtype, width, n)
     arrays = f'ptr %X, ptr %D, ptr %T, {parameters(["out"])}'
-    code = Code(f'define internal void @multiply{width}({arrays})', dtype, lanes)
+    code = Code(f'define internal void @multiply{width}{suffix}({arrays})', dtype, lanes)
     step = width * code.bytes
     across = lanes if width == 1 else 1
     rows, columns = (min(4, n), across) if width == 1 else (min(2, n), min(4, 2 * n))

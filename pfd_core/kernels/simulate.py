@@ -22,7 +22,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-from pfd_core.kernels.codegen.step import HANDED, MOTION, MOTOR_TORQUE
 from pfd_core.kernels.generate import (
     body,
     declarations,
@@ -37,6 +36,14 @@ from pfd_core.kernels.ir import Code
 from pfd_core.kernels.script import Frame, Script
 from pfd_core.machine.program import Program
 
+# The rows of the state that every simulation has, and the arrays that it reports.
+MOTION = ('q', 'qd')
+REPORT = (*MOTION, 'qdd')
+# Inputs that a `call` hands over, by the name of its function; the frame has the others. The
+# torque is handed over where it changes within a step.
+HANDED = {'qdd': (*MOTION, 'tau'), 'undamped': (*MOTION, 'tau'), 'solve': ('q', 'tau')}
+# The row of the state that is the torque, where motors lag behind the commanded one.
+MOTOR_TORQUE = 'tau_motor'
 # Outputs of a control program that are no arrays: flags that are counted, and the end of the run.
 COUNTS, STOP = 'counts', 'stop'
 

@@ -16,11 +16,11 @@ from functools import partial
 from typing import Any
 
 from pfd_core.kernels.adaptive import WRITTEN, AdaptivePair, adaptive_module, carried
-from pfd_core.kernels.codegen.step import MOTION
 from pfd_core.kernels.contact import Contact, contact_step
 from pfd_core.kernels.lower import lower, operations
 from pfd_core.kernels.native import Native
 from pfd_core.kernels.simulate import (
+    MOTION,
     Steps,
     evaluations,
     new_frame,

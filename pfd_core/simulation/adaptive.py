@@ -29,10 +29,10 @@ from numpy.typing import ArrayLike
 
 from pfd_core.dynamics.payload import payload_inputs
 from pfd_core.kernels.adaptive import CONTROL, COUNTS, STATUSES, WRITTEN, AdaptivePair
-from pfd_core.kernels.codegen.step import REPORT
 from pfd_core.kernels.compile import CACHED_KERNELS
 from pfd_core.kernels.contact import Contact
 from pfd_core.kernels.entry import supported
+from pfd_core.kernels.simulate import REPORT
 from pfd_core.kernels.simulations import AdaptiveSteps, compile_adaptive
 from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.kernels.threads import address

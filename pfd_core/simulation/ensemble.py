@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.kernels.codegen.step import REPORT
 from pfd_core.kernels.native import simd_width
+from pfd_core.kernels.simulate import REPORT
 from pfd_core.kernels.simulations import NativeSteps
 from pfd_core.kernels.threads import (
     MAX_BLOCK_WORK,

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.kernels.codegen.step import MOTOR_TORQUE
+from pfd_core.kernels.simulate import MOTOR_TORQUE
 from pfd_core.machine.lanes import where
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model.values import Array

@@ -1,10 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-LLVM IR of the linearisation of an integrator's step: A and B of x' = A x + B tau.
+Linearised steps in native code: A and B of x' = A x + B tau.
 
-    @linear_step    the step of `step.py`, with the derivatives of its end by its beginning
-    @evaluate       these of all substeps, multiplied up
+    @linear_step    an integrator's step, with the derivatives of its end by its beginning
+    @body1          these of all substeps, multiplied up
+    @jacobian_...   J of the accelerations that the step calls
 
 Between two calls of the accelerations a step is linear, with constant factors. The derivative of a
 row by the state and the torque, (n, m), is therefore a sum of matrices, one for each call and one
@@ -20,12 +21,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import accumulate
 
-from pfd_core.kernels.codegen.builder import Function
-from pfd_core.kernels.codegen.evaluate import wrapped
-from pfd_core.kernels.codegen.matrices import Matrices, Matrix
-from pfd_core.kernels.codegen.spelling import ARGUMENTS, Array, Format, arguments
-from pfd_core.kernels.codegen.step import HANDED, MOTION, MOTOR_TORQUE
+from pfd_core.kernels.generate import (
+    ORDER,
+    batch,
+    body,
+    declarations,
+    evaluate,
+    given,
+    inputs_of,
+    parameters,
+    wrap_number,
+)
+from pfd_core.kernels.ir import Code
+from pfd_core.kernels.lower import joined
+from pfd_core.kernels.matmul import LONGEST, PART, multiply
+from pfd_core.kernels.matrices import Matrices, Matrix, widths
+from pfd_core.kernels.simulate import HANDED, MOTION, MOTOR_TORQUE
+from pfd_core.kernels.sines import WRAP_LIMIT, wrap_angle
 from pfd_core.machine.program import Program
 
 # Angles of at most this magnitude stay as they are [rad]: a stage rounds them little.
@@ -93,7 +107,75 @@ def called(step: Program) -> tuple[str, ...]:
     return tuple(dict.fromkeys(['qdd'] * ('qdd' in step.inputs) + names))
 
 
-def linear_step(step: Program, dynamics: Mapping[str, Program], form: Format) -> str:
+def linear_functions(
+    step: Program,
+    dynamics: Mapping[str, Program],
+    substeps: int,
+    dtype: str,
+    angles: Sequence[int],
+    periodic: bool,
+) -> list[str]:
+    """
+    Return the module of a kernel without entry, as generate.kernel_functions, for one state.
+
+    Parameters
+    ----------
+    step : Program
+        An integrator's step, on n lanes, with plain sums.
+    dynamics : dict
+        Programs of factors, of the derivatives of the functions that it calls, by name.
+    substeps : int
+        Steps of the integrator.
+    dtype : str
+        Number format.
+    angles : sequence of int
+        Elements of q that are turned.
+    periodic : bool
+        Whether the angles enter only by sine and cosine.
+
+    """
+    n, rows = step.lanes, len(state_rows(step))
+    inputs = {k: size for program in dynamics.values() for k, size in program.inputs.items()}
+    signature = Program(1, (), inputs, {})
+    functions = [x for name, own in dynamics.items() for x in _jacobian(name, own, dtype, angles)]
+    functions += [
+        linear_step(step, dynamics, dtype),
+        linearisation(step, dynamics, dtype, substeps, angles if periodic else ()),
+        evaluate(signature, dtype, 1, ()),
+        batch(signature, dtype, 1, n * rows * (n * (rows + 1) + 1)),
+        declarations(dtype, {1, *widths(dtype)}, False),
+    ]
+    if angles:
+        functions.append(wrap_angle(ANGLE_LIMIT if periodic else WRAP_LIMIT))
+    return functions
+
+
+def _jacobian(name: str, factors: Program, dtype: str, angles: Sequence[int]) -> list[str]:
+    """Return `void @jacobian_NAME(inputs..., qdd, out)`, and what it calls."""
+    names, suffix = inputs_of(factors), f'.{name}'
+    arrays = ', '.join(f'ptr %{array}' for array in (*names, 'qdd', 'out'))
+    code = Code(f'define internal void @jacobian_{name}({arrays}) noinline', dtype)
+    sizes = {factor: len(output.places) for factor, output in factors.outputs.items()}
+    starts = dict(zip(sizes, accumulate(sizes.values(), initial=0), strict=False))
+    scratch, bytes_ = code.array(sum(sizes.values())), code.bytes
+    places = [(f'%{array}', bytes_) for array in names]
+    code.call('void', f'evaluate1{suffix}', *given([*places, (scratch, bytes_)]))
+    X, D, T = (code.at(scratch, starts.get(factor, 0), bytes_) for factor in ('X', 'D', 'T'))
+    code.call(
+        'void', f'multiply1{suffix}', f'ptr {X}, ptr {D}, ptr {T}', *given([('%out', bytes_)])
+    )
+    for k in range(sizes['qdd']):
+        code.write(code.read(scratch, starts['qdd'] + k, bytes_), '%qdd', k, bytes_)
+    code.ret()
+    return [
+        body(joined(factors), dtype, 1, suffix, (LONGEST, PART), packed=True),
+        evaluate(factors, dtype, 1, angles, suffix, check=False),
+        multiply(dtype, 1, factors.inputs['q'], 'T' in sizes, suffix),
+        str(code),
+    ]
+
+
+def linear_step(step: Program, dynamics: Mapping[str, Program], dtype: str) -> str:
     """
     Return `void @linear_step(rows..., tau, extra..., S)`: it advances the rows in place.
 
@@ -103,38 +185,36 @@ def linear_step(step: Program, dynamics: Mapping[str, Program], form: Format) ->
         An integrator's step, on n lanes, with plain sums.
     dynamics : dict
         Lowered programs of the functions that it calls, by name.
-    form : Format
-        Number format and width; arrays are not strided.
+    dtype : str
+        Number format.
 
     S, (rows n, (rows + 1) n), is the derivative of the carried rows by themselves and by tau.
     """
-    parameters = ', '.join(f'ptr %{name}' for name in (*_arguments(step, dynamics), 'S'))
-    ir = Function(f'define internal void @linear_step({parameters}) noinline')
-    _Step(ir, step, dynamics, form).write()
-    ir.ret()
-    return str(ir)
+    arrays = ', '.join(f'ptr %{name}' for name in (*_arguments(step, dynamics), 'S'))
+    code = Code(f'define internal void @linear_step({arrays}) noinline', dtype)
+    _Step(code, step, dynamics).write()
+    code.ret()
+    return str(code)
 
 
 def _arguments(step: Program, dynamics: Mapping[str, Program]) -> tuple[str, ...]:
     """Return the arguments of @linear_step: rows of the state, the torque, other inputs."""
     own = (*carried_rows(step), COMMAND)
-    extra = {name for program in dynamics.values() for name in arguments(program)}
+    extra = {name for program in dynamics.values() for name in inputs_of(program)}
     return (*own, *sorted(extra - {*own}))
 
 
 class _Step:
     """Writer of @linear_step."""
 
-    def __init__(
-        self, ir: Function, step: Program, dynamics: Mapping[str, Program], form: Format
-    ) -> None:
-        self._ir, self._step, self._dynamics, self._form = ir, step, dynamics, form
+    def __init__(self, code: Code, step: Program, dynamics: Mapping[str, Program]) -> None:
+        self._code, self._step, self._dynamics = code, step, dynamics
         self._n = n = step.lanes
         self._inputs = (*carried_rows(step), COMMAND)
         self._m = n * len(self._inputs)
-        self._matrices = Matrices(ir, form)
+        self._matrices = Matrices(code)
         self._jacobian = self._matrices.new(n, 3 * n)
-        self._given = {name: ir.array(form.type, n) for name in (*MOTION, COMMAND, 'qdd')}
+        self._given = {name: code.array(n) for name in (*MOTION, COMMAND, 'qdd')}
         self._dense: list[Matrix] = []
         self._factors: dict[str, Matrix] = {}
         self._values: list[list[str]] = []
@@ -149,15 +229,15 @@ class _Step:
         rows = carried_rows(self._step)
         for part, name in enumerate(rows):
             register = self._step.outputs[name].places[0][0]
-            place = self._ir.element(self._form.type, '%S', part * self._n * self._m)
+            place = self._code.at('%S', part * self._n * self._m, self._code.bytes)
             self._write_tangent(Matrix(place, self._m), self._tangents[register])
         for name in rows:
             for k, (register, _) in enumerate(self._step.outputs[name].places):
-                self._form.write(self._ir, Array(f'%{name}'), k, self._values[register][k])
+                self._code.write(self._values[register][k], f'%{name}', k, self._code.bytes)
 
     def _row(self, op: str, args: tuple[int, ...], data: object) -> tuple[list[str], Tangent]:
         """Return the numbers of a register and its derivative."""
-        form, ir, n = self._form, self._ir, self._n
+        code, n = self._code, self._n
         tangents = [self._tangents[a] for a in args]
         if op == 'call':
             assert isinstance(data, str)
@@ -168,9 +248,9 @@ class _Step:
             return self._read(f'%{name}'), Tangent({name: (1.0,) * n})
         if op == 'constant':
             assert isinstance(data, tuple)
-            return [form.constant(x) for x in data], Tangent()
+            return [code.constant(x) for x in data], Tangent()
         lanes = [[self._values[a][k] for a in args] for k in range(n)]
-        value = [form.operation(ir, op, lane) for lane in lanes]
+        value = [code.op(op, *lane) for lane in lanes]
         return value, self._derivative(op, args, tangents)
 
     def _derivative(self, op: str, args: Sequence[int], tangents: Sequence[Tangent]) -> Tangent:
@@ -196,7 +276,7 @@ class _Step:
         return tuple(data) if op == 'constant' else None
 
     def _read(self, address: str) -> list[str]:
-        return [self._form.read(self._ir, Array(address), k) for k in range(self._n)]
+        return [self._code.read(address, k, self._code.bytes) for k in range(self._n)]
 
     def _call(
         self, function: str, values: Sequence[list[str]], tangents: Sequence[Tangent]
@@ -205,18 +285,18 @@ class _Step:
         names = HANDED[function]
         given = dict(zip(names, values, strict=False))
         if function == 'solve':
-            given['qd'] = [self._form.zero] * self._n
-        addresses = {name: f'%{name}' for name in arguments(self._dynamics[function])}
+            given['qd'] = [self._code.constant(0.0)] * self._n
+        addresses = {name: f'%{name}' for name in inputs_of(self._dynamics[function])}
         for name, row in given.items():
             addresses[name] = self._given[name]
             for k, value in enumerate(row):
-                self._form.write(self._ir, Array(self._given[name]), k, value)
+                self._code.write(value, self._given[name], k, self._code.bytes)
         derived = dict(zip(names, tangents, strict=False))
         if COMMAND not in given:
             derived[COMMAND] = Tangent({COMMAND: (1.0,) * self._n})
-        operands = [addresses[name] for name in arguments(self._dynamics[function])]
+        operands = [addresses[name] for name in inputs_of(self._dynamics[function])]
         operands += [self._given['qdd'], self._jacobian.address]
-        self._ir.call('void', f'jacobian_{function}', *(f'ptr {x}' for x in operands))
+        self._code.call('void', f'jacobian_{function}', *(f'ptr {x}' for x in operands))
         self._dense.append(self._product(derived))
         return self._read(self._given['qdd']), Tangent(
             dense={len(self._dense) - 1: (1.0,) * self._n}
@@ -248,125 +328,123 @@ class _Step:
         return result
 
     def _write_tangent(self, out: Matrix, tangent: Tangent) -> None:
-        n, ir, form = self._n, self._ir, self._form
+        n, code = self._n, self._code
         terms = [(self._dense[call], factors) for call, factors in tangent.dense.items()]
         self._matrices.combine(out, (n, self._m), terms)
         for k, name in enumerate(self._inputs):
             for i, factor in enumerate(tangent.units.get(name, ())):
-                place = ir.element(form.type, out.address, i * self._m + k * n + i)
-                total = ir.load(form.type, place, form.bytes)
-                value = form.operation(ir, 'add', [total, form.constant(factor)])
-                ir.store(form.type, value, place, form.bytes)
+                place = code.at(out.address, i * self._m + k * n + i, code.bytes)
+                value = code.op('add', code.read(place, 0, 0), code.constant(factor))
+                code.write(value, place, 0, 0)
 
 
 def linearisation(
     step: Program,
     dynamics: Mapping[str, Program],
-    form: Format,
+    dtype: str,
     substeps: int,
     angles: Sequence[int],
 ) -> str:
     """
-    Return `void @evaluate(inputs..., out)`: the derivative of the state after some substeps.
+    Return `void @body1(inputs..., out)`: the derivative of the state after some substeps.
 
     It is that by the state before them and by the torque, with the state itself as the last
-    column, (rows n, (rows + 1) n + 1). Arrays are of the format, strided or not. A joint that its
-    brake holds loses its velocity first, so that nothing depends on that. Motors with a lag have
-    reached the torque. Of `angles`, elements of q, only the part within half a turn enters the
-    stages: a stage would round a large angle. The turns are added to the angle at the end.
+    column, (rows n, (rows + 1) n + 1). A joint that its brake holds loses its velocity first, so
+    that nothing depends on that. Motors with a lag have reached the torque. Of `angles`, elements
+    of q, only the part within half a turn enters the stages: a stage would round a large angle.
+    The turns are added to the angle at the end.
     """
     n, rows, carried = step.lanes, state_rows(step), carried_rows(step)
-    inner = Format(form.dtype, form.width)
     names = _arguments(step, dynamics)
-    given = (*(name for name in ARGUMENTS if name in names and name not in carried[2:]), 'out')
-    ir = Function(f'define void @evaluate({form.parameters(given)})')
-    own = _copied(ir, form, names, n)
-    turns = _wrap(ir, inner, own, n, angles) if angles else {}
-    matrices = Matrices(ir, inner)
+    arrays = [name for name in ORDER if name in names and name not in carried[2:]]
+    code = Code(f'define internal void @body1({parameters([*arrays, "out"])})', dtype)
+    bytes_ = code.bytes
+    own = _copied(code, names, n)
+    turns = _wrap(code, own['q'], angles)
+    matrices = Matrices(code)
     height, m = n * len(carried), n * (len(rows) + 1)
     once = matrices.new(height, height + n)
-    arguments_ = [f'ptr {own[name]}' for name in names]
+    arguments = [f'ptr {own[name]}' for name in names]
     total = once
     if 'qdd' in carried:
-        total = _beginning(ir, matrices, step, dynamics, own, form)
+        total = _beginning(code, matrices, step, dynamics, own)
     else:
-        ir.call('void', 'linear_step', *arguments_, f'ptr {once.address}')
+        code.call('void', 'linear_step', *arguments, f'ptr {once.address}')
     further = substeps - (total is once)
     if further:
         total, product = matrices.new(height, m), total
         ones = (1.0,) * height
         matrices.combine(total, (height, m), [(product, ones)])
         product = matrices.new(height, m)
-        with ir.loop(further):
-            ir.call('void', 'linear_step', *arguments_, f'ptr {once.address}')
+        with code.loop(further):
+            code.call('void', 'linear_step', *arguments, f'ptr {once.address}')
             matrices.combine(product, (height, m - n), [])
             matrices.combine(product.block(m - n), (height, n), [(once.block(height), ones)])
             matrices.add_products(product, (height, m), [(once, total)], height, product)
             matrices.combine(total, (height, m), [(product, ones)])
     for i in range(n * len(rows)):
         for j in range(m):
-            value = inner.read(ir, Array(total.address), i * m + j)
+            value = code.read(total.address, i * m + j, bytes_)
             if 'free' in names and n <= j < 2 * n:
-                value = _while_free(ir, form, j - n, value)
-            form.write(ir, form.parameter('out'), i * (m + 1) + j, value)
+                value = _while_free(code, j - n, value)
+            code.write(value, '%out', i * (m + 1) + j, '%out.s')
         part, k = divmod(i, n)
-        value = inner.read(ir, Array(own[rows[part]]), k)
+        value = code.read(own[rows[part]], k, bytes_)
         if rows[part] == 'q' and k in turns:
-            value = form.operation(ir, 'add', [value, turns[k]])
-        form.write(ir, form.parameter('out'), i * (m + 1) + m, value)
-    ir.ret()
-    return str(ir)
+            value = code.op('add', value, turns[k])
+        code.write(value, '%out', i * (m + 1) + m, '%out.s')
+    code.ret()
+    return str(code)
 
 
-def _copied(ir: Function, form: Format, names: Sequence[str], n: int) -> dict[str, str]:
+def _copied(code: Code, names: Sequence[str], n: int) -> dict[str, str]:
     """Return the addresses of copies of the inputs, with zero velocities of braked joints."""
-    own, inner = {}, Format(form.dtype, form.width)
+    own = {}
     for name in names:
         size = 6 if name == 'wrench' else n
-        own[name] = ir.array(form.type, size)
+        own[name] = code.array(size)
         if name == 'qdd':
             continue
-        source = form.parameter(COMMAND if name == MOTOR_TORQUE else name)
+        source = COMMAND if name == MOTOR_TORQUE else name
         for k in range(size):
-            value = form.read(ir, source, k)
+            value = code.read(f'%{source}', k, f'%{source}.s')
             if name == 'qd' and 'free' in names:
-                value = _while_free(ir, form, k, value)
-            inner.write(ir, Array(own[name]), k, value)
+                value = _while_free(code, k, value)
+            code.write(value, own[name], k, code.bytes)
     return own
 
 
-def _wrap(
-    ir: Function, form: Format, own: dict[str, str], n: int, angles: Sequence[int]
-) -> dict[int, str]:
-    """Wrap the angles among the inputs; return what each of them has lost."""
-    whole = Array(own['q'])
-    rest = wrapped(ir, form, whole, n, angles, ANGLE_LIMIT)
-    own['q'] = rest.address
-    return {
-        k: form.operation(ir, 'sub', [form.read(ir, x, k) for x in (whole, rest)]) for k in angles
-    }
+def _wrap(code: Code, q: str, angles: Sequence[int]) -> dict[int, str]:
+    """Wrap the angles among the positions in place; return what each of them has lost."""
+    whole = {k: code.read(q, k, code.bytes) for k in angles}
+    squares = code.constant(0.0)
+    for x in whole.values():
+        squares = code.op('fma', x, x, squares)
+    limit = code.constant(ANGLE_LIMIT**2)
+    with code.when(code.let(f'fcmp ugt {code.type} {squares}, {limit}'), rarely=True):
+        for k in angles:
+            wrap_number(code, code.at(q, k, code.bytes))
+    return {k: code.op('sub', x, code.read(q, k, code.bytes)) for k, x in whole.items()}
 
 
 def _beginning(
-    ir: Function,
+    code: Code,
     matrices: Matrices,
     step: Program,
     dynamics: Mapping[str, Program],
     own: Mapping[str, str],
-    form: Format,
 ) -> Matrix:
     """Write the acceleration before the first step; return the derivative of what it carries."""
     n, rows = step.lanes, state_rows(step)
     size = n * len(rows)
     result, jacobian = matrices.new(size + n, size + n), matrices.new(n, 3 * n)
-    operands = [own[name] for name in arguments(dynamics['qdd'])]
+    operands = [own[name] for name in inputs_of(dynamics['qdd'])]
     operands += [own['qdd'], jacobian.address]
-    ir.call('void', 'jacobian_qdd', *(f'ptr {address}' for address in operands))
+    code.call('void', 'jacobian_qdd', *(f'ptr {address}' for address in operands))
     matrices.combine(result, (size + n, size + n), [])
-    inner = Format(form.dtype, form.width)
     for k in range(size):
-        inner.write(ir, Array(result.address), k * (size + n) + k, inner.constant(1.0))
-    last = Matrix(ir.element(form.type, result.address, size * (size + n)), size + n)
+        code.write(code.constant(1.0), result.address, k * (size + n) + k, code.bytes)
+    last = Matrix(code.at(result.address, size * (size + n), code.bytes), size + n)
     ones = (1.0,) * n
     matrices.combine(last, (n, 2 * n), [(jacobian, ones)])
     # The torque at the beginning is the motors', which may be a row of the state.
@@ -375,8 +453,6 @@ def _beginning(
     return result
 
 
-def _while_free(ir: Function, form: Format, k: int, value: str) -> str:
+def _while_free(code: Code, k: int, value: str) -> str:
     """Return a value, or zero where the brake of joint k holds it."""
-    free = form.read(ir, form.parameter('free'), k)
-    moves = ir.let(f'fcmp ogt {form.type} {free}, {form.zero}')
-    return form.select(ir, moves, value, form.zero)
+    return code.choose(code.above(code.read('%free', k, '%free.s')), value, code.constant(0.0))

@@ -12,7 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import ctypes
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
+import hashlib
 from typing import Any
 
 from pfd_core.kernels.adaptive import WRITTEN, AdaptivePair, adaptive_module, carried
@@ -28,7 +29,14 @@ from pfd_core.kernels.simulate import (
     simulation_module,
     smooth_step,
 )
-from pfd_core.kernels.source import KernelSource, forward, motors, quantity_source, turned_joints
+from pfd_core.kernels.source import (
+    KernelSource,
+    digest,
+    forward,
+    motors,
+    quantity_source,
+    turned_joints,
+)
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, has_drives
@@ -49,6 +57,7 @@ class NativeSteps:
     operations: Callable[[], int]  # all of that step, see step_operations
     simulate: Callable[[int], None]  # @simulate (pfd_core.kernels.simulate)
     accelerations: Callable[..., None] | None  # @accelerations, unless accelerations are written
+    digest: str  # of all its programs
     native: Native  # owner of the code
 
 
@@ -109,11 +118,13 @@ def compile_steps(
     sources = _sources(spec, implicit, contact)
     inputs = {name: size for name, size in sources.inputs.items() if name not in MOTION}
     steps = Steps(step_program, inputs, written, spec.dtype, width, control)
+    lowered = cache(partial(_lowered, steps, sources))
     sampled = [] if 'qdd' in written else ['accelerations']
     native = sources.compile(
         f'steps {width} {written}{sources.key} {step_program} {control}',
         ['simulate', *sampled],
-        partial(_steps_module, steps, sources, turned_joints(spec.robot)),
+        lambda: _steps_module(*lowered(), turned_joints(spec.robot)),
+        lambda: _digest(*lowered()),
     )
     integer, pointer = ctypes.c_int64, ctypes.c_void_p
     simulate = ctypes.CFUNCTYPE(None, pointer)
@@ -129,28 +140,52 @@ def compile_steps(
         partial(sources.step_operations, step_program),
         simulate(native.address('simulate')),
         accelerations,
+        native.facts.digest,
         native,
     )
 
 
-def _steps_module(steps: Steps, sources: _Sources, angles: tuple[int, ...]) -> str:
-    """Return the module of @simulate."""
+def _lowered(steps: Steps, sources: _Sources) -> tuple[Steps, dict[str, Program], Contact | None]:
+    """Return steps with a lowered control program, the dynamics, and the contact programs."""
     if steps.control is not None:
         # Without fused operations: limited efforts are compared with those wanted.
         control = lower(steps.control, steps.dtype, fma=False).compiled
         # The table has all arrays in the recorded order, read or not.
         steps = replace(steps, control=replace(control, inputs=steps.control.inputs))
     dynamics, contact = sources.further()
+    if contact is None:
+        return steps, {'qdd': sources.main.program, **dynamics}, None
+    return steps, dict(contact.dynamics), contact
+
+
+def _steps_module(
+    steps: Steps,
+    dynamics: Mapping[str, Program],
+    contact: Contact | None,
+    angles: tuple[int, ...],
+) -> str:
+    """Return the module of @simulate."""
     frame = new_frame(steps)
     if contact is None:
-        dynamics = {'qdd': sources.main.program, **dynamics}
         parts = evaluations(dynamics, steps.dtype, steps.width, angles)
         parts += smooth_step(steps, dynamics, frame)
     else:
-        dynamics = dict(contact.dynamics)
         parts = contact_step(steps, contact, frame, angles)
     parts += simulation_functions(steps, dynamics, frame)
     return simulation_module(parts, steps, bool(angles))
+
+
+def _digest(steps: Steps, dynamics: Mapping[str, Program], contact: Contact | None) -> str:
+    """Return the SHA-256 of all programs of a simulation, in hex."""
+    programs = dict(dynamics)
+    settings = [str(steps.program), steps.dtype]
+    if steps.control is not None:
+        programs['control'] = steps.control
+    if contact is not None:
+        programs |= contact.programs
+        settings.append(f'{contact.h.hex()} {contact.pivots} {contact.segments} {contact.stages}')
+    settings += [f'{name} {digest(program)}' for name, program in programs.items()]
+    return hashlib.sha256('\n'.join(settings).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -237,12 +272,18 @@ class _Sources:
         others = {name: source.key for name, source in self.others.items()}
         return f'{self.settings} {others}'
 
-    def compile(self, module: str, functions: Sequence[str], ir: Callable[[], str]) -> Native:
+    def compile(
+        self,
+        module: str,
+        functions: Sequence[str],
+        ir: Callable[[], str],
+        described: Callable[[], str] | None = None,
+    ) -> Native:
         """Return native code as KernelSource.compile; steps cut at events have many branches."""
         optimisation = self.main.optimisation
         if self.contact is not None:
             optimisation = replace(optimisation, pipeline=not optimisation.long)
-        return self.main.compile(module, functions, ir, optimisation)
+        return self.main.compile(module, functions, ir, optimisation, described=described)
 
     def further(self) -> tuple[dict[str, Program], Contact | None]:
         """Return the other programs, and dry friction and stops with lowered programs."""

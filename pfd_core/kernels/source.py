@@ -122,6 +122,7 @@ class KernelSource:
         ir: Callable[[], str],
         optimisation: Optimisation | None = None,
         symbols: Mapping[str, int] = MappingProxyType({}),
+        described: Callable[[], str] | None = None,
     ) -> Native:
         """
         Return native code of the program.
@@ -139,6 +140,8 @@ class KernelSource:
             The effort of the compiler; default: the property `optimisation`.
         symbols : mapping of str to int
             Addresses that the module refers to, as for pfd_core.kernels.native.compile_kept.
+        described : callable, optional
+            Returns the digest of all programs of the module; default: that of the program alone.
 
         """
         own = vars(self)
@@ -146,7 +149,8 @@ class KernelSource:
         def source() -> tuple[str, Optimisation, dict[str, Any]]:
             if 'facts' not in own:
                 own['facts'] = self._facts()
-            return ir(), optimisation or self.optimisation, self.facts._asdict()
+            facts = self.facts if described is None else self.facts._replace(digest=described())
+            return ir(), optimisation or self.optimisation, facts._asdict()
 
         key = (*self.key, module) if self.key else ()
         native = compile_kept(key, source, functions, symbols, Facts)

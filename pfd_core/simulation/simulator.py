@@ -104,8 +104,8 @@ class Simulator(Simulation):
 
     @property
     def code_digest(self) -> str:
-        """SHA-256 of the LLVM IR of its steps, in hex, the same for every processor."""
-        return self._native.native.digest
+        """SHA-256 of the programs of its steps, in hex, the same for every processor."""
+        return self._native.digest
 
     @property
     def qdd(self) -> Array:

@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.kernels.generate import given as arguments_of
 from pfd_core.kernels.ir import Code
 from pfd_core.kernels.native import add_symbol
 
@@ -186,12 +187,8 @@ def _run(sizes: Mapping[str, int], dtype: str, shape: Sequence[int]) -> str:
             code.unless(code.either(before, code.test('ule', end, other_begin, 'ptr')), *REFUSAL)
     wrong = code.variable('i1', 'true')
     with code.when(batch.alone):
-        elements = [
-            f'{kind} {code.load(kind, code.at(row, j, 8))}'
-            for row in rows
-            for j, kind in ((0, 'ptr'), (2, 'i64'))
-        ]
-        nothing = code.call(code.type, 'evaluate1', *elements)
+        one = arguments_of([(code.load('ptr', row), code.bytes) for row in rows])
+        nothing = code.call(code.type, 'evaluate1', *one)
         wrong.set(code.let(f'fcmp uno {code.type} {nothing}, {nothing}'))
     with code.when(code.negated(batch.alone)):
         many = code.test('uge', states, MANY)
@@ -247,8 +244,8 @@ class _Batch:
         """
         Write the row of an array in the table of @batch; return where the array begins and ends.
 
-        The function returns unless the array has the axes and the shape, and its elements and
-        states are where @batch can read them, one behind the other.
+        The function returns unless the array has the axes and the shape, its elements and states
+        follow one another as @batch expects it, and elements of one state are neighbours.
         """
         code = self._code
         code.unless(code.test('eq', _field(code, array, NDIM, 'i32'), axes, 'i32'), *REFUSAL)
@@ -272,7 +269,7 @@ class _Batch:
         distance = code.let(f'select i1 {self.alone}, i64 0, i64 {code.load("i64", strides)}')
         adjacent = [code.test('eq', stride, code.bytes) for stride in (column, distance)]
         forward = code.test('sge', code.integer('or', column, distance), 0)
-        fits += [code.either(*adjacent, self.alone), forward]
+        fits += [code.either(*adjacent), forward]
         code.unless(code.both(*fits), *REFUSAL)
         base = _field(code, array, DATA, 'ptr')
         for k, (kind, x) in enumerate((('ptr', base), ('i64', distance), ('i64', column))):

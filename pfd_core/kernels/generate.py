@@ -26,6 +26,8 @@ from pfd_core.machine.program import Program
 
 # Instructions beyond which a program is written in parts, and the operations of a part.
 LONGEST, PART = 6000, 500
+# Registers of a batch from which results are aligned.
+LONG = 32
 # Elements of a state up to which copies are straight-line code.
 UNROLLED = 16
 # All inputs that a program may have, in the order of a kernel's arguments.
@@ -295,12 +297,13 @@ def batch(program: Program, dtype: str, width: int, size: int) -> str:
     beside = [code.test('eq', row, bytes_) for _, row, _ in table]
     direct = code.both(*beside)
     final = code.integer('sub', '%count', width)
-    # The second register of results is aligned, and repeats states of the first one if need be:
-    # then no register lies in two cache lines, if columns are whole numbers of registers.
+    # The second register of a long batch is aligned, and repeats states of the first one if need
+    # be: then no result lies in two cache lines, if columns are whole numbers of registers.
     end = code.let(f'ptrtoint ptr {table[-1][0]} to i64')
     before = code.integer('and', code.integer('sub', 0, end), step - 1)
     head = code.integer('udiv', before, bytes_)
-    late = code.both(direct, code.test('ne', head, 0))
+    long = code.test('uge', '%count', LONG * width)
+    late = code.both(direct, long, code.test('ne', head, 0))
     head = code.let(f'select i1 {late}, i64 {head}, i64 {width}')
     back = code.integer('sub', width, head)
     nothing = code.variable(code.type, code.constant(0.0))

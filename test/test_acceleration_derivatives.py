@@ -60,8 +60,8 @@ def everything(rng: np.random.Generator, robot: pfd.Robot) -> pfd.Scene:
     return pfd.Scene(
         gravity=(1.0, 2.0, -9.0),
         external_wrench=True,
-        damping='model',
-        armature='model',
+        damping=robot.damping,
+        armature=robot.armature,
         brakes=True,
         stiffness=rng.uniform(1.0, 5.0, n),
         rest_position=rng.uniform(-1.0, 1.0, n),

@@ -96,7 +96,7 @@ def test_the_arms_agree_with_pinocchio_with_and_without_rotors(
         oracle = Oracle(robot, robot.armature if rotors else None)
         states = [random_state(rng, robot.n) for _ in range(8)]
         q, qd, tau = (np.array([state[k] for state in states]) for k in range(3))
-        plant = resolve_plant(robot, pfd.Scene(armature='model' if rotors else None))
+        plant = resolve_plant(robot, pfd.Scene(armature=robot.armature if rotors else None))
         found = run_program(record(method, plant, schedule), {'q': q, 'qd': qd, 'tau': tau})['qdd']
         for k in range(len(states)):
             wanted = oracle.qdd(q[k], qd[k], tau[k])

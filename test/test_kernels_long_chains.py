@@ -160,10 +160,10 @@ def test_auto_is_articulated_bodies_where_refinement_cannot_correct_a_cancelled_
 
 
 def test_auto_refines_ordinary_arms_and_massless_joints_by_composite_bodies() -> None:
-    everything = pfd.Scene(armature='model', external_wrench=True, brakes=True)
-    for name in pfd.known_robots():
+    for robot in map(pfd.load_robot, pfd.known_robots()):
+        everything = pfd.Scene(armature=robot.armature, external_wrench=True, brakes=True)
         for scene in (None, everything):
-            plant = resolve_plant(pfd.load_robot(name), scene)
+            plant = resolve_plant(robot, scene)
             assert select_method(plant, 'auto', 1) == (FEW_JOINTS, 1)
     held = resolve_plant(without_mass(uniform_chain_robot(3), [2]), pfd.Scene(brakes=True))
     assert select_method(held, 'auto', 1) == (FEW_JOINTS, 1)

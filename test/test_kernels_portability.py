@@ -38,7 +38,12 @@ COMPILER, LINKER = 'aarch64-linux-gnu-gcc', '-static'
 EMULATORS = ('qemu-aarch64', 'qemu-aarch64-static')
 LIFETIME = 120  # [s] of a compiler or an emulator; far above what it takes
 STATES = 7  # whole blocks and a rest, whatever the width
-SCENE = pfd.Scene(damping='model', armature='model', external_wrench=True, brakes=True)
+
+
+def scene_of(robot: pfd.Robot) -> pfd.Scene:
+    rotors, damping = robot.armature, robot.damping
+    return pfd.Scene(damping=damping, armature=rotors, external_wrench=True, brakes=True)
+
 
 # Reads the bytes of a number, how many arguments there are, the elements of each and all inputs
 # (in hexadecimal); prints the results of a batch in C order, then those of one in Fortran order.
@@ -135,7 +140,8 @@ def emulator() -> str:
 
 @pytest.mark.parametrize('dtype', one_fast(NEON))
 def test_every_module_of_a_kernel_compiles_for_64_bit_arm(dtype: str) -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=SCENE, dtype=dtype)
+    robot = pfd.load_robot('planar2')
+    kernel = pfd.compile_kernel(robot, scene=scene_of(robot), dtype=dtype)
     for width in (1, NEON[dtype], 2 * NEON[dtype]):
         ir = module(kernel, width)
         assert 'llvm.x86' not in ir
@@ -152,7 +158,7 @@ def test_arm_and_this_processor_give_the_same_bits(
 ) -> None:
     rng = np.random.default_rng(5)
     robot = random_chain(rng, 4) if name == 'skew' else pfd.load_robot(name)
-    kernel = pfd.compile_kernel(robot, scene=SCENE, dtype=dtype)
+    kernel = pfd.compile_kernel(robot, scene=scene_of(robot), dtype=dtype)
     arrays = states(robot, dtype)
     brakes = rng.random((STATES, robot.n)) < 0.3
     wanted = hexadecimal(kernel(*arrays, brakes=brakes))

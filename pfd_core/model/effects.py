@@ -29,11 +29,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
 from typing import Any
+import warnings
 
 import numpy as np
 
 from pfd_core.machine.lanes import cos, sin
-from pfd_core.model.robot import Payload, Robot
+from pfd_core.model.robot import LIMIT_FIELDS, Payload, PhysicsWarning, Robot, unstated
 from pfd_core.model.rotors import estimated_armature
 from pfd_core.model.values import (
     LARGEST,
@@ -104,8 +105,19 @@ class Field:
         return ' or '.join(dict.fromkeys(both))
 
     def checked(self, value: Any) -> Any:
-        """Return a user's value as None, a word, bool, float or tuples; ValueError names it."""
-        return _CHECKS[self.kind](self, value)
+        """
+        Return a user's value as None, a word, bool, float or tuples; ValueError names it.
+
+        Of a mapping of joints to numbers, rows or tables they are pairs, in the order of names.
+        """
+        if not self.has_numbers or not (isinstance(value, Mapping) or _is_by_joint(value)):
+            return _CHECKS[self.kind](self, value)
+        given = dict(value)
+        if not all(isinstance(joint, str) for joint in given):
+            raise ValueError(f'{self.name} must have names of joints as keys, got {quote(value)}')
+        joints = sorted(given)
+        checked = _CHECKS[self.kind](self, [given[joint] for joint in joints])
+        return tuple(zip(joints, checked, strict=True)) or self.off
 
     def of_model(self, robot: Robot) -> Array:
         """Return the numbers of a robot's model, (n,) or (n, columns)."""
@@ -118,6 +130,10 @@ class Field:
         """Return the value in a scene as numbers for a robot; None without the effect."""
         if value is None or not self.has_numbers:
             return None
+        if isinstance(value, str) and value == MODEL:
+            self._check_stated(robot)
+        elif _is_by_joint(value):
+            value = self._of_all_joints(robot, dict(value))
         if self.kind == TABLES:
             return _table_rows(robot, _model_tables(robot) if value == MODEL else value)
         if isinstance(value, str):
@@ -126,6 +142,59 @@ class Field:
             return np.full(robot.n, value)
         check_count(robot, self.name, value)
         return np.asarray(value, dtype=np.float64)
+
+    @property
+    def _of_robot(self) -> set[str]:
+        """The fields of Robot that "model" selects."""
+        return {self.model} if isinstance(self.model, str) else set(self.model)
+
+    def unstated(self, robot: Robot) -> list[str]:
+        """Return the joints for which the model of a robot states no value of the field."""
+        keys = self._of_robot
+        # One end may be all that a joint is limited by; a motor has a torque and a speed, or none.
+        enough = 1 if self.kind == TABLES else len(keys)
+        found = [j for j in robot.joint_names if len(keys & unstated(robot, j)) >= enough]
+        return found if self.name != 'joint_limits' else _without_continuous(robot, found)
+
+    def _check_stated(self, robot: Robot) -> None:
+        """Raise ValueError if the model states nothing; warn if it does for some joints only."""
+        silent = self.unstated(robot)
+        cure = f'give values by joint, {self.name}={{{quote((silent or [""])[0])}: ...}}'
+        if self.estimated:
+            cure += f', or {ESTIMATED!r}'
+        if len(silent) == robot.n:
+            raise ValueError(
+                f'{self.name} is {MODEL!r}, but the model of {quote(robot.name)} states none for '
+                f'any joint: {cure}'
+            )
+        if self._of_robot & set(LIMIT_FIELDS.values()):
+            silent = _without_continuous(robot, silent)
+        if silent:
+            warnings.warn(
+                f'{self.name} is {MODEL!r}, but the model of {quote(robot.name)} states none for '
+                f'{quote_all(silent)}, which have none: {cure}',
+                PhysicsWarning,
+                stacklevel=2,
+            )
+
+    def _of_all_joints(self, robot: Robot, given: Mapping[str, Any]) -> list[Any]:
+        """Return values by joint as a list, with nothing, or no limit, for all other joints."""
+        label = f'{self.name} of the scene'
+        for joint in given:
+            if joint not in robot.joint_names:
+                raise ValueError(
+                    f'{label} names joint {quote(joint)}, but {quote(robot.name)} has '
+                    f'{quote_all(robot.joint_names)}'
+                )
+        if self.above and len(given) < robot.n:
+            missing = [joint for joint in robot.joint_names if joint not in given]
+            raise ValueError(f'{label} must have a value for each joint, not {quote_all(missing)}')
+        none: Any = math.inf if self.infinite else 0.0
+        if self.columns:
+            none = (-none, none) if self.infinite else (none,) * len(self.columns)
+        if self.kind == TABLES:
+            none = None
+        return [given.get(joint, none) for joint in robot.joint_names]
 
 
 @dataclass(frozen=True)
@@ -193,6 +262,39 @@ class Effect:
             return self.completed(robot, values)
         acts = _limited if FIELDS[self.field].infinite else _acts
         return {f.name: values[f.name] for f in self.fields} if acts(values[self.field]) else {}
+
+
+def by_joint(values: Mapping[str, Any]) -> dict[str, Any]:
+    """
+    Return values by field, with `friction.elbow_joint` for one joint as friction of that joint.
+
+    ValueError if a field is given for one joint and for all.
+    """
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        name, dot, joint = key.partition('.')
+        if not dot or name not in FIELDS or not FIELDS[name].has_numbers:
+            name, value = key, dict(value) if isinstance(value, Mapping) else value
+            joint = ''
+        if name in found and not (joint and isinstance(found[name], dict)):
+            raise ValueError(f'{name} is given for all joints and for one: use one of them')
+        if joint:
+            found.setdefault(name, {})[joint] = value
+        else:
+            found[name] = value
+    return found
+
+
+def _is_by_joint(value: Any) -> bool:
+    """Return whether a value is pairs of a joint and its value, as Scene keeps a mapping."""
+    if not isinstance(value, tuple) or not value:
+        return False
+    return all(isinstance(x, tuple) and len(x) == 2 and isinstance(x[0], str) for x in value)
+
+
+def _without_continuous(robot: Robot, joints: list[str]) -> list[str]:
+    kinds = dict(zip(robot.joint_names, robot.joint_types, strict=True))
+    return [joint for joint in joints if kinds[joint] != 'continuous']
 
 
 def check_count(robot: Robot, key: str, rows: Any, noun: str = 'numbers') -> None:

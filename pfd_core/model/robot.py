@@ -212,7 +212,7 @@ class Robot(FrozenArrays):
     accepted: tuple[str, ...] = ()
     snapped_joints: tuple[str, ...] = ()
     frames: Mapping[str, Frame] = field(default_factory=dict)
-    silent: Mapping[str, Sequence[str]] | None = None
+    silent: Mapping[str, Sequence[str]] = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         _check_names(self)
@@ -246,10 +246,6 @@ class Robot(FrozenArrays):
         """Whether each joint turns, (n,); False for a joint that slides."""
         return np.array([kind != 'prismatic' for kind in self.joint_types])
 
-    def unstated(self, joint: str) -> set[str]:
-        """Return the fields for which the model states no number of a joint."""
-        return {key for key, names in (self.silent or {}).items() if joint in names}
-
     def frame(self, name: str | None = None) -> Frame:
         """Return a frame that the robot carries; the tip's without a name."""
         name = self.tip if name is None else name
@@ -281,6 +277,11 @@ def check_robot(robot: object) -> None:
     """Raise ValueError for anything but a Robot."""
     if not isinstance(robot, Robot):
         raise ValueError(f'robot must be a Robot, got {quote(robot)}; load_robot() makes one')
+
+
+def unstated(robot: Robot, joint: str) -> set[str]:
+    """Return the fields for which the model of a robot states no number of a joint."""
+    return {key for key, joints in robot.silent.items() if joint in joints}
 
 
 def link_label(robot: Robot, index: int) -> str:
@@ -340,8 +341,10 @@ def _silent(robot: Robot) -> dict[str, Sequence[str]]:
     """Return the joints without a stated number by field, as given or by the fields not given."""
     if robot.silent is None:
         return {k: robot.joint_names for k, none in _SILENT.items() if getattr(robot, k) is none}
-    if not isinstance(robot.silent, Mapping) or not robot.silent.keys() <= _SILENT.keys():
-        raise ValueError(f'silent must map {JOINT_FIELDS} to joints, got {quote(robot.silent)}')
+    given = robot.silent
+    right = isinstance(given, Mapping) and given.keys() <= _SILENT.keys()
+    if not right or not all(isinstance(joints, (tuple, list)) for joints in given.values()):
+        raise ValueError(f'silent must map {JOINT_FIELDS} to joints, got {quote(given)}')
     return dict(robot.silent)
 
 

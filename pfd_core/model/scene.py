@@ -14,17 +14,26 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from functools import lru_cache, wraps
 import hashlib
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.ma import MaskedArray
 from numpy.typing import ArrayLike
 
-from pfd_core.model.effects import EFFECTS, ESTIMATED, FIELDS, INPUT, MODEL, NAMED, NEEDS
+from pfd_core.model.effects import (
+    EFFECTS,
+    ESTIMATED,
+    FIELDS,
+    INPUT,
+    MODEL,
+    NAMED,
+    NEEDS,
+    by_joint,
+)
 from pfd_core.model.robot import Payload
 from pfd_core.model.values import (
     Array,
@@ -36,6 +45,8 @@ from pfd_core.model.values import (
 )
 from pfd_core.model.yaml_files import read_yaml, table, yaml_text
 
+# Values of all joints, or of some by their names.
+JointValues: TypeAlias = ArrayLike | Mapping[str, Any]
 # Words of a scene file that are no numbers.
 WORDS: dict[str, Any] = {
     'null': None,
@@ -51,6 +62,11 @@ WORDS: dict[str, Any] = {
 class Scene:
     """
     The effects that act on a robot; an effect that is off costs nothing.
+
+    A field with one value a joint, (n, ...), may also be a mapping of some joints to their values,
+    friction={'elbow_joint': 3.0}, or be given joint by joint, **{'friction.elbow_joint': 3.0}; the
+    others have none. "model" is refused for a robot whose model states no value of any joint, and
+    warns of single joints without one.
 
     Units are for revolute joints; for prismatic joints read m, N, kg for rad, N m, kg m^2.
 
@@ -116,23 +132,23 @@ class Scene:
     """
 
     gravity: ArrayLike | None = (0.0, 0.0, -9.81)
-    damping: ArrayLike | str | None = None
-    armature: ArrayLike | str | None = None
+    damping: JointValues | str | None = None
+    armature: JointValues | str | None = None
     payload: Payload | str | None = None
     external_wrench: bool = False
     brakes: bool = False
-    friction: ArrayLike | str | None = None
-    joint_limits: ArrayLike | str | None = None
-    static_friction: ArrayLike | None = None
-    stribeck_velocity: ArrayLike | None = None
-    restitution: ArrayLike = 0.0
-    stiffness: ArrayLike | None = None
-    rest_position: ArrayLike | None = None
-    cogging: ArrayLike | None = None
-    effort_limits: ArrayLike | str | None = None
+    friction: JointValues | str | None = None
+    joint_limits: JointValues | str | None = None
+    static_friction: JointValues | None = None
+    stribeck_velocity: JointValues | None = None
+    restitution: JointValues = 0.0
+    stiffness: JointValues | None = None
+    rest_position: JointValues | None = None
+    cogging: JointValues | None = None
+    effort_limits: JointValues | str | None = None
     torque_speed: Any = None
     gravity_compensation: bool | Scene = False
-    motor_lag: ArrayLike | None = None
+    motor_lag: JointValues | None = None
 
     def __post_init__(self) -> None:
         for key, field in FIELDS.items():
@@ -171,6 +187,17 @@ class Scene:
         if not isinstance(path, (str, PathLike)):
             raise TypeError(f'path must be a str or a PathLike, got {quote(path)}')
         Path(path).write_text(scene_to_yaml(self), encoding='utf-8')
+
+
+_init = Scene.__init__
+
+
+@wraps(_init)
+def _init_by_joint(self: Scene, *fields: Any, **named: Any) -> None:
+    _init(self, *fields, **by_joint(named))
+
+
+Scene.__init__ = _init_by_joint  # type: ignore[method-assign]
 
 
 def given_scene(scene: Scene | None) -> Scene:
@@ -221,6 +248,8 @@ def scene_to_yaml(scene: Scene) -> str:
 def _plain(value: Any) -> Any:
     """Return a value of a scene as dict, list, float, bool, str and None."""
     if isinstance(value, tuple):
+        if value and isinstance(value[0], tuple) and isinstance(value[0][0], str):
+            return {joint: _plain(item) for joint, item in value}
         return [_plain(item) for item in value]
     if not isinstance(value, (Scene, Payload)):
         return value
@@ -245,12 +274,15 @@ def scene_from_yaml(text: str, source: str) -> Scene:
 
 def _scene_of(label: str, value: Any) -> Scene:
     given: dict[str, Any] = {}
+    value = by_joint(value) if isinstance(value, Mapping) else value
     for key, item in table(label, value, (), tuple(item.name for item in fields(Scene))).items():
         if key == 'payload' and isinstance(item, Mapping):
             body = table(key, item, ('mass',), ('center', 'inertia'))
             given[key] = Payload(**{k: _value(f'payload {k}', x) for k, x in body.items()})
         elif key == 'gravity_compensation' and isinstance(item, Mapping):
             given[key] = _scene_of(key, item)
+        elif isinstance(item, Mapping) and FIELDS[key].has_numbers:
+            given[key] = {joint: _value(f'{key}.{joint}', entry) for joint, entry in item.items()}
         else:
             given[key] = _value(key, item)
     return Scene(**given)

@@ -18,7 +18,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 
 from pfd_core.model.geometry import Placement, chained, product
-from pfd_core.model.robot import LIMIT_FIELDS, Robot, check_robot
+from pfd_core.model.robot import LIMIT_FIELDS, Robot, check_robot, unstated
 from pfd_core.model.urdf import INERTIA_KEYS, LARGEST_LIMIT, parse_urdf
 from pfd_core.model.values import Array, quote
 from pfd_core.model.yaml_files import ELEMENTS
@@ -54,7 +54,7 @@ def robot_to_urdf(robot: Robot) -> str:
             _add(root, 'link', name=name)
             _add_connection(root, f'{name}_fixed', 'fixed', names[frame.link], name, at)
     for joint, rotor in zip(robot.joint_names, robot.armature.tolist(), strict=True):
-        if 'armature' not in robot.unstated(joint):
+        if 'armature' not in unstated(robot, joint):
             _add_rotor(root, joint, rotor)
     ElementTree.indent(root)
     text = f'<?xml version="1.0"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
@@ -86,7 +86,7 @@ def _add_joint(
     if kind != 'continuous' or min(limits.values()) < math.inf:
         written = np.clip(list(limits.values()), -LARGEST_LIMIT, LARGEST_LIMIT)
         _add(joint, 'limit', {key: _text([x]) for key, x in zip(limits, written, strict=True)})
-    losses = {'damping', 'friction'} - robot.unstated(robot.joint_names[i])
+    losses = {'damping', 'friction'} - unstated(robot, robot.joint_names[i])
     if losses:
         _add(joint, 'dynamics', {key: _text([getattr(robot, key)[i]]) for key in sorted(losses)})
 

@@ -50,7 +50,7 @@ from pfd_core.model.geometry import (
     symmetric,
     welded_frames,
 )
-from pfd_core.model.robot import JOINT_FIELDS, LIMIT_FIELDS, Frame, Robot, check_robot
+from pfd_core.model.robot import JOINT_FIELDS, LIMIT_FIELDS, Frame, Robot, check_robot, unstated
 from pfd_core.model.values import Array, number_from_text, quote, real_number, switch
 
 # Four hundred joints are stored in 26 000 nodes and 330 kB; PyYAML reads 20 000 nodes a second.
@@ -167,7 +167,7 @@ def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
             'inertia': {key: float(robot.inertias[i][at]) for key, at in ELEMENTS.items()},
         }
         # Of numbers that the model does not state, nothing is written.
-        silent = robot.unstated(name)
+        silent = unstated(robot, name)
         stated = {k: at for k, at in LIMIT_FIELDS.items() if at not in silent}
         if stated:
             joint['limits'] = {k: float(getattr(robot, at)[i]) for k, at in stated.items()}

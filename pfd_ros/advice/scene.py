@@ -75,7 +75,9 @@ def full_scene(
     """
     refused = {}
     for effect in pfd.EFFECTS:
-        if effect.fields[0].from_model and getattr(scene, effect.field) == effect.fields[0].off:
+        field = effect.fields[0]
+        stated = field.from_model and len(field.unstated(robot)) < robot.n
+        if stated and getattr(scene, effect.field) == field.off:
             more: dict[str, Any] = {effect.field: 'model'}
             try:
                 larger = replace(scene, **more)

@@ -119,8 +119,10 @@ def _of_model(field: Any) -> Callable[[Any, pfd.Robot], NDArray[Any]]:
 
     def default(settings: Any, robot: pfd.Robot) -> NDArray[Any]:
         switch = getattr(settings, field.name)
-        word = ESTIMATED if switch == ESTIMATED else MODEL
-        numbers: NDArray[Any] = field.resolved(robot, word) * float(bool(switch))
+        if switch == ESTIMATED:
+            found: NDArray[Any] = field.resolved(robot, ESTIMATED)
+            return found
+        numbers: NDArray[Any] = field.of_model(robot) * float(bool(switch))
         return numbers
 
     return default

@@ -64,9 +64,9 @@ def speeding(arm: Arm) -> Speeding | None:
 def _cure(arm: Arm, joint: int) -> str:
     robot, given = arm.robot, arm.scene.armature
     estimated = pfd.estimated_armature(robot)
-    named = {None: np.zeros(robot.n), 'model': robot.armature, ESTIMATED: estimated}
-    acting = named[given] if given is None or isinstance(given, str) else np.asarray(given)
-    if acting[joint]:
+    (armature,) = (effect.fields[0] for effect in pfd.EFFECTS if effect.name == 'armature')
+    acting = armature.resolved(robot, given)
+    if acting is not None and acting[joint]:
         return 'lower the gains; /diagnostics shows the largest stable ones'
     word = 'true' if robot.armature[joint] else ESTIMATED
     if arm.settings.scene:

@@ -22,8 +22,6 @@ SHARE_OF_LIMITS = 0.4
 SLOWEST, SPREAD = 1.5, 0.25  # angular frequency of joint i: SLOWEST + i * SPREAD, rad/s
 # Critically damped, 20 rad/s: slow enough for delays of a millisecond.
 STIFFNESS, DAMPING = 400.0, 40.0  # 1/s^2, 1/s
-# Of the controller.
-SCENE = pfd.Scene(armature='model')
 # Payload over the mass of the moving links: 1.2 kg on a PUMA 560.
 PAYLOAD_SHARE = 0.05
 # The push over the weight of the payload, and the part of the motion during which it acts.
@@ -71,7 +69,8 @@ def efforts(
     """Return the efforts at time t in s of the motion, (n,) in N m or N."""
     wanted, wanted_qd, wanted_qdd = motion.at(t)
     qdd = wanted_qdd + STIFFNESS * (wanted - q) + DAMPING * (wanted_qd - qd)
-    return pfd.inverse_dynamics(robot, q, qd, qdd, scene=SCENE)
+    rotors = pfd.Scene(armature=robot.armature)
+    return pfd.inverse_dynamics(robot, q, qd, qdd, scene=rotors)
 
 
 def payload_mass(robot: pfd.Robot) -> float:
@@ -86,10 +85,10 @@ def push_force(robot: pfd.Robot) -> NDArray[Any]:
 
 def disturbances(robot: pfd.Robot, seconds: float) -> dict[str, Any]:
     """Return the settings of these effects, and of rotors, which the controller knows."""
+    effects = ('armature', 'friction', 'damping')
+    stated = {key: len(robot.silent.get(key, ())) < robot.n for key in effects}
     return {
-        'armature': True,
-        'friction': True,
-        'damping': True,
+        **stated,
         'payload_mass': payload_mass(robot),
         'external_wrench': True,
         'external_wrench_timeout': (PUSH_END - PUSH_BEGIN) * seconds,

@@ -14,11 +14,10 @@ from typing import Any
 
 from rclpy.node import Node
 
-import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Request, Source, Verdict
 from pfd_ros.arm.outputs import roles_of
-from pfd_ros.arm.plant_settings import ESTIMATED, effect_fields
+from pfd_ros.arm.plant_settings import ESTIMATED
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings
@@ -38,7 +37,6 @@ from pfd_ros.node.services import create_services
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.node.workers import Workers
-from pfd_ros.text import cut
 
 # Longest wait for a transition; the arm takes events at least twenty times a second.
 TRANSITION_SECONDS = 5.0
@@ -118,7 +116,8 @@ class SimArm:
         stepper = Stepper(engine, self._receiver, session, publishers)
         self.reporter = Reporter(log, endpoints, stepper, graph)
         self.diagnostics = ArmDiagnostics(stepper, graph, kernels)
-        _warn_about(settings, robot, log)
+        if vars(settings)['armature'] == ESTIMATED:
+            log.info(estimate_text(robot))
         self._changes = Changes(self._receiver, engine)
         self._set_parameters = parameters.ParameterChanges(self._changes).set
         node.add_on_set_parameters_callback(self._set_parameters)
@@ -189,16 +188,3 @@ def _entities(node: Node) -> Iterator[tuple[str, Any]]:
     for kind in ('publishers', 'subscriptions', 'services'):
         for entity in getattr(node, kind):
             yield kind, entity
-
-
-def _warn_about(settings: Settings, robot: pfd.Robot, log: ThrottledLog) -> None:
-    for field in effect_fields():
-        if not field.from_model:
-            continue
-        switch, name = getattr(settings, field.name), field.name
-        if switch == ESTIMATED:
-            log.info(estimate_text(robot))
-        if switch is True and not field.of_model(robot).any():
-            cure = f'; try {name}:={ESTIMATED}' if field.estimated else ''
-            text = f'{name} is true, but the model of {cut(robot.name)!r} has none{cure}'
-            log.once(name, text)

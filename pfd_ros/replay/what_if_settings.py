@@ -18,9 +18,10 @@ from typing import Any
 import pfd_core as pfd
 from pfd_ros.arm.arm import joint_order
 from pfd_ros.arm.described_robot import DescribedRobot, described_robot
+from pfd_ros.arm.joint_numbers import GROUPS, group_of, split_joints, with_joint_numbers
 from pfd_ros.arm.plant_settings import PER_JOINT, effect_fields, joint_settings
 from pfd_ros.arm.scene import with_scene_text
-from pfd_ros.arm.setting_fields import joint_values, parameter_name, typed
+from pfd_ros.arm.setting_fields import parameter_name, typed
 from pfd_ros.arm.settings import Settings
 from pfd_ros.recording.head import strict_json
 from pfd_ros.text import cut, did_you_mean, listed
@@ -54,7 +55,8 @@ def read_changes(words: Sequence[str]) -> Changes:
     """
     Return the changes of words such as 'payload.mass=2' or 'friction=[1, 2]'.
 
-    Numbers, lists, true and false are JSON; names need no quotes.
+    Numbers, lists, true and false are JSON; names need no quotes. Numbers of some joints are
+    'friction.elbow=2' or 'friction={"elbow": 2}'.
 
     Raises
     ------
@@ -68,34 +70,48 @@ def read_changes(words: Sequence[str]) -> Changes:
         key, equals, text = word.partition('=')
         if not equals or not key:
             raise ValueError(f'--what-if takes KEY=VALUE, got {cut(word)!r}')
-        found, joint = _field(key, text)
-        if found.name == 'recording':
-            raise ValueError('recording cannot be changed: --out names the log of the new run')
-        kind = 'float' if joint else str(found.type)
-        value = _value(key, text, kind)
-        table = of_joints.setdefault(found.name, {}) if joint else values
-        if (joint or found.name) in table:
-            raise ValueError(f'{cut(key)} is given twice')
-        table[joint or found.name] = value
+        if key in GROUPS and text.lstrip().startswith('{'):
+            single = split_joints({key: _joints(key, text)})[1]
+        elif group_of(key)[0] is not None:
+            single = split_joints({key: _value(key, text, 'float')})[1]
+        else:
+            single = {}
+            found = _field(key, text)
+            if found.name == 'recording':
+                raise ValueError('recording cannot be changed: --out names the log of the new run')
+            if found.name in values:
+                raise ValueError(f'{cut(key)} is given twice')
+            values[found.name] = _value(key, text, str(found.type))
+        for name, numbers in single.items():
+            table = of_joints.setdefault(name, {})
+            if not table.keys().isdisjoint(numbers):
+                raise ValueError(f'{cut(key)} is given twice')
+            table.update(numbers)
     both = sorted(values.keys() & of_joints.keys())
     if both:
         raise ValueError(f'{both[0]} is given for all joints and for one: use one of them')
     return Changes(tuple(words), values, of_joints)
 
 
-def _field(key: str, text: str) -> tuple[Any, str]:
-    """Return the field of a key, and the joint that the key names, '' if it names none."""
+def _joints(key: str, text: str) -> Mapping[str, Any]:
+    try:
+        found: Mapping[str, Any] = strict_json(text)
+    except ValueError:
+        raise ValueError(
+            f'{cut(key)} is {cut(text)!r}, expected numbers by joint as {{"elbow": 0.1}}'
+        ) from None
+    return found
+
+
+def _field(key: str, text: str) -> Any:
+    """Return the field of a key."""
     named = [item for item in fields(Settings) if parameter_name(item) == key]
     if len(named) > 1:
         # A switch, and a group of numbers for each joint.
         listing = text.lstrip().startswith('[')
         named = [item for item in named if item.metadata['per_joint'] == listing]
     if named:
-        return named[0], ''
-    for item in fields(Settings):
-        group = f'{parameter_name(item)}.'
-        if item.metadata['per_joint'] and key.startswith(group):
-            return item, key.removeprefix(group)
+        return named[0]
     known = sorted({parameter_name(item) for item in fields(Settings)})
     hint = did_you_mean(key, known, '`pfd info LOG` lists all')
     raise ValueError(f'unknown setting {cut(key)!r}: {hint}')
@@ -146,7 +162,7 @@ def changed_arm(
     settings = replace(settings, **values)
     if changes.values.get('scene'):
         settings = with_scene_text(settings)
-    return _with_joints(settings, robot, changes), robot, urdf
+    return with_joint_numbers(settings, robot, changes.of_joints), robot, urdf
 
 
 def described_arm(changes: Changes) -> tuple[Settings, pfd.Robot, str]:
@@ -164,7 +180,8 @@ def described_arm(changes: Changes) -> tuple[Settings, pfd.Robot, str]:
     settings = Settings(**{'real_time_factor': 0.0, **changes.values})
     found = described_robot(settings, settings.robot)
     settings = with_scene_text(found.settings)
-    return _with_joints(settings, found.robot, changes), found.robot, _urdf_of(found)
+    settings = with_joint_numbers(settings, found.robot, changes.of_joints)
+    return settings, found.robot, _urdf_of(found)
 
 
 def published_names(settings: Settings, robot: pfd.Robot) -> tuple[str, ...]:
@@ -231,23 +248,3 @@ def _with_scene(settings: Settings, changes: Changes) -> Settings:
         f'{[*given, *single][0]} cannot be changed by itself: the effects of the log come from a '
         'scene file; give scene=FILE'
     )
-
-
-def _with_joints(settings: Settings, robot: pfd.Robot, changes: Changes) -> Settings:
-    """Return settings with the numbers of single joints."""
-    order = joint_order(settings.joints, robot)
-    names = [robot.joint_names[i] for i in order]
-    chosen: dict[str, tuple[float, ...]] = {}
-    for item in fields(Settings):
-        if item.name not in changes.of_joints:
-            continue
-        numbers = list(joint_values(item, settings, robot, order))
-        for joint, number in changes.of_joints[item.name].items():
-            if joint not in names:
-                raise ValueError(
-                    f'{parameter_name(item)}.{cut(joint)}: no such joint; joints are '
-                    f'{listed(names)}'
-                )
-            numbers[names.index(joint)] = number
-        chosen[item.name] = tuple(numbers)
-    return replace(settings, **chosen)  # type: ignore[arg-type]

@@ -24,6 +24,7 @@ import numpy as np
 from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Request, Source, Verdict
+from pfd_ros.arm.joint_numbers import split_joints
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.state import ArmState
@@ -70,7 +71,9 @@ class LockstepArm:
     ros_args
         Arguments of the node for `spin`, such as remappings, as on a command line.
     **settings
-        Fields of pfd_ros.arm.settings.Settings. A control period is the time from one state to the
+        Fields of pfd_ros.arm.settings.Settings; numbers of joints may also be a mapping,
+        friction={'elbow_joint': 3.0}, or given as **{'friction.elbow_joint': 3.0}. A control
+        period is the time from one state to the
         next: one step, or 1 / publish_rate. With `recording` the run is written to an MCAP file
         that `pfd replay --verify` checks.
 
@@ -94,7 +97,8 @@ class LockstepArm:
         ros_args: Sequence[str] = (),
         **settings: Any,
     ) -> None:
-        found = loaded(robot, lockstep_settings(robot, settings))
+        plain, numbers = split_joints(settings)
+        found = loaded(robot, lockstep_settings(robot, plain), numbers)
         self.robot, chosen = found.robot, found.settings
         frames = found.recorded_frames(chosen, partial(warnings.warn, stacklevel=3))
         self.engine = Engine(chosen, self.robot, rows=bool(chosen.recording), frames=frames)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 import pfd_core as pfd
 from pfd_ros.arm.described_robot import DescribedRobot, described_robot
+from pfd_ros.arm.joint_numbers import JointNumbers, with_joint_numbers
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings, from_values
 from pfd_ros.messages.convert import NANOSECONDS
@@ -85,8 +86,15 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-def loaded(robot: RobotSource, settings: Settings) -> DescribedRobot:
-    """Return a robot, or load it by the settings."""
+def loaded(
+    robot: RobotSource, settings: Settings, numbers: JointNumbers | None = None
+) -> DescribedRobot:
+    """Return a robot, or load it by the settings, with numbers of single joints by field."""
+    found = _loaded(robot, settings)
+    return replace(found, settings=with_joint_numbers(found.settings, found.robot, numbers or {}))
+
+
+def _loaded(robot: RobotSource, settings: Settings) -> DescribedRobot:
     if not isinstance(robot, pfd.Robot):
         return described_robot(settings, settings.robot)
     if settings.base_link or settings.tip_link or settings.locked:

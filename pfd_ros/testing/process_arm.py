@@ -20,6 +20,7 @@ import numpy as np
 
 from pfd_ros.arm.arm import joint_order
 from pfd_ros.arm.events import COMMANDS, STATES, Source
+from pfd_ros.arm.joint_numbers import GROUPS, split_joints
 from pfd_ros.messages.convert import NANOSECONDS, JointMessage, decode_joint_state, encode_state
 from pfd_ros.messages.stamped import effort_encoder
 from pfd_ros.messages.topics import remapped, topic_of
@@ -87,8 +88,9 @@ class ProcessArm:
         self, robot: RobotSource, *, ros_args: Sequence[str] = (), **settings: Any
     ) -> None:
         require_rclpy()
-        given = lockstep_settings(robot, settings)
-        found = loaded(robot, given)
+        plain, numbers = split_joints(settings)
+        given = lockstep_settings(robot, plain)
+        found = loaded(robot, given, numbers)
         self.robot, self.settings = found.robot, found.settings
         order = joint_order(self.settings.joints, self.robot)
         self.names = tuple(self.robot.joint_names[i] for i in order)
@@ -105,7 +107,11 @@ class ProcessArm:
         self._validated: Counter[str] = Counter()
         self._create_node(ros_args, found.control.topics)
         # The node reads the description itself.
-        self.process = NodeProcess(parameters_of(given, self.names), ros_args)
+        parameters = parameters_of(given, self.names)
+        for group, field in GROUPS.items():
+            single = numbers.get(field.name, {})
+            parameters |= {f'{group}.{joint}': number for joint, number in single.items()}
+        self.process = NodeProcess(parameters, ros_args)
 
     def _create_node(self, ros_args: Sequence[str], topics: Mapping[Source | str, str]) -> None:
         from diagnostic_msgs.msg import DiagnosticArray

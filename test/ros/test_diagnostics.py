@@ -48,7 +48,7 @@ def test_the_reported_energy_excludes_gravity_compensation() -> None:
         settings = Settings(
             robot='planar2',
             gravity_compensation=compensated,
-            friction=True,
+            joint_friction=(0.1, 0.1),
             joint_limits=True,
             restitution=0.5,
             motor_lag=(0.01, 0.01),

@@ -31,7 +31,7 @@ SETTINGS = {
     'noise_position': 1e-3,
     'drop_state': 0.1,
     'seed': 5,
-    'damping': True,
+    'joint_damping': (0.1, 0.2),
 }
 
 
@@ -235,7 +235,7 @@ def test_the_digest_of_the_program_depends_on_the_compiled_program() -> None:
     assert program() == program() == program(seed=7, noise_position=1e-3)
     different = {
         program(),
-        program(damping=True),
+        program(joint_damping=(0.1, 0.2)),
         program(outputs=('energy',)),
         program(substeps=3),
     }

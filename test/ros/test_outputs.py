@@ -57,6 +57,9 @@ made = functools.partial(
 )
 
 
+PLANAR = {'robot': 'planar2', 'joints': (), 'initial_positions': (), 'armature': False}
+
+
 def moved(engine: Engine, steps: int = 100) -> dict[str, bytes]:
     """Return the last outputs by role of an arm under torques, from its first step on."""
     engine.take([Arrival(Source.ARRAY, 1, efforts(*TORQUES))])
@@ -140,7 +143,7 @@ def test_torques_come_as_joint_states_and_as_plain_arrays() -> None:
 
 
 def test_the_outputs_fulfil_the_equation_of_motion_with_a_wrench_on_the_tip() -> None:
-    engine = made(damping=True, external_wrench=True)
+    engine = made(joint_damping=(0.1,) * 6, external_wrench=True)
     k = [3.0, -2.0, 10.0, 0.1, 0.2, -0.3]
     validated(engine, wrench('tool0', k[:3], k[3:]))
     found = moved(engine)
@@ -176,7 +179,8 @@ def test_a_payload_that_comes_while_the_arm_runs_is_in_the_model_from_the_next_c
 def test_compensated_gravity_is_no_part_of_the_model_and_dry_friction_is_left_out() -> None:
     numbers = []
     for compensated in (False, True):
-        engine = made(gravity_compensation=compensated, friction=True, motor_lag=(0.01,) * 6)
+        dry = {'joint_friction': (0.1,) * 6, 'motor_lag': (0.01,) * 6}
+        engine = made(gravity_compensation=compensated, **dry)
         found = {output.role: output.data for output in engine.step()}
         numbers.append([found[role] for role in ('gravity_torques', 'bias_torques', 'energy')])
     assert numbers[0] == numbers[1]
@@ -220,7 +224,7 @@ def test_true_states_have_the_welded_joints_that_joint_states_have() -> None:
 
 
 def test_outputs_come_between_state_and_tick_with_the_number_of_the_state() -> None:
-    engine = made(robot='planar2', joints=(), initial_positions=(), publish_rate=200.0)
+    engine = made(**PLANAR, publish_rate=200.0)
     found = [output for _ in range(20) for output in engine.step()]
     beside = [(output.role, output.number) for output in found if output.role != CLOCK_INPUT]
     assert beside == [(role, number) for number in (1, 2, 3, 4) for role in (STATES_OUTPUT, *ALL)]
@@ -230,7 +234,7 @@ def test_outputs_come_between_state_and_tick_with_the_number_of_the_state() -> N
 
 
 def test_a_jump_and_a_failed_arm_have_no_acceleration_and_every_number_is_finite() -> None:
-    engine = made(robot='planar2', joints=(), initial_positions=(), **UNLIMITED)
+    engine = made(**PLANAR, **UNLIMITED)
     engine.take([Arrival(Source.ARRAY, 1, efforts(1e300, -1e300))])
     for _ in range(20):
         found: list[ArmOutput] = engine.step()

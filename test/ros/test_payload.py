@@ -372,7 +372,7 @@ def test_every_effect_of_the_settings_is_in_the_scene() -> None:
         payload=pfd.Payload(1.0),
         brakes=True,
     )
-    assert made(friction=True, joint_limits=True, motor_lag=(0.0, 0.01)).step()
+    assert made(joint_friction=(0.1, 0.2), joint_limits=True, motor_lag=(0.0, 0.01)).step()
 
 
 def test_an_engine_without_effects_moves_as_a_plain_simulator() -> None:

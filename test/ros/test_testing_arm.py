@@ -113,7 +113,7 @@ def test_a_recording_without_a_node_offers_payload_and_model_to_late_subscribers
         {'noise_position': 1e-4, 'noise_velocity': 1e-2, 'delay_state': 0.004, 'seed': 3},
         {'drop_state': 0.3, 'drop_commands': 0.2, 'delay_commands': 0.002},
         {'publish_rate': 250.0, 'clock_rate': 500.0, 'noise_effort': 0.1},
-        {'payload_mass': 2.0, 'gravity_compensation': True, 'friction': True},
+        {'payload_mass': 2.0, 'gravity_compensation': True, 'friction': {'elbow_joint': 3.0}},
         {'outputs': ['acceleration', 'energy'], 'publish_clock': False},
     ],
     ids=['sensors', 'losses', 'rates', 'plant', 'outputs'],

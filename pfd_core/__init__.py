@@ -16,7 +16,8 @@ Subpackages in the order of data flow; each imports only from those above it.
 
 To change or add
 
-    an effect of a joint    an Effect in model.effects.EFFECTS, a field in model.scene. An effect
+    an effect of a joint    an Effect in model.effects.EFFECTS, its Field in
+                            model.scene_fields.FIELDS, a field in model.scene. An effect
                             on motors also needs its torque in dynamics.drives; dry
                             friction its law in simulation.contact.modes (record_effort,
                             record_modes) and, for joints in motion, in dynamics.drives (_friction)

@@ -80,8 +80,8 @@ NAMES = {
     'symmetric_times': 'pfd_core.machine.vectors:symmetric_times',
     # pfd_core.model: robots, scenes, the effects and the plant made of both
     'Effect': 'pfd_core.model.effects:Effect',
-    'EFFECT_FIELDS': 'pfd_core.model.effects:FIELDS',
-    'EffectField': 'pfd_core.model.effects:Field',
+    'EFFECT_FIELDS': 'pfd_core.model.scene_fields:FIELDS',
+    'EffectField': 'pfd_core.model.scene_fields:Field',
     'JOINT_VALUES': 'pfd_core.model.effects:JOINTS',
     'MOTOR_VALUES': 'pfd_core.model.effects:MOTORS',
     'EFFECT_NEEDS': 'pfd_core.model.effects:NEEDS',

@@ -27,7 +27,7 @@ from pfd_core.machine.networks import NETWORKS
 from pfd_core.machine.program import Program, Steps
 from pfd_core.machine.recorder import Schedule
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
-from pfd_core.model.effects import INPUT
+from pfd_core.model.scene_fields import INPUT
 from pfd_core.model.values import DTYPES, choice, common_shape, integer, real_array
 
 # mpmath computes with more digits, but for hours.

@@ -31,8 +31,8 @@ from pfd_core.dynamics.links import Body, centered_links, grouped, grouped_links
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.machine.vectors import UPPER
 from pfd_core.model import Payload, Plant, Robot, Scene
-from pfd_core.model.effects import INPUT
 from pfd_core.model.geometry import merged, product
+from pfd_core.model.scene_fields import INPUT
 from pfd_core.model.values import quote
 
 NAME = 'payload'

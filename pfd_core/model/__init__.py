@@ -14,7 +14,8 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
                         conditions on a rotation and an inertia, with their tolerances
     robot               Robot: the chain in the frames of Lee and Chang, checked once; its frames;
                         Payload, and robots with a payload or with locked joints
-    effects             the table of effects: fields with units and checks, torques, energies
+    scene_fields        the fields of a scene: units, checks, values by joint, values of a model
+    effects             the table of effects: torques, energies, where they act
     scene               Scene: which effects are on; scenes as YAML
     plant               Plant: a scene and a robot as numbers; resolve, which makes it of both;
                         plant.only, the plant with some kinds of effects

@@ -20,9 +20,7 @@ import numpy as np
 from pfd_core.model.effects import (
     EFFECT_OF,
     EFFECTS,
-    FIELDS,
     INERTIA,
-    INPUT,
     JOINTS,
     LINKS,
     MOTORS,
@@ -39,6 +37,7 @@ from pfd_core.model.robot import (
     with_payload,
 )
 from pfd_core.model.scene import Scene, given_scene
+from pfd_core.model.scene_fields import FIELDS, INPUT
 from pfd_core.model.values import Array, FrozenArrays, frozen, quote, quote_all
 
 # The kinds of effects at an instant.
@@ -66,7 +65,7 @@ class Plant(FrozenArrays):
         Scene has no such field: at an instant no joint sticks.
     effects : mapping
         Field of Scene -> numbers of an effect that is on, (n,) or (n, columns), in the units of
-        its record in `pfd_core.model.effects`. Static friction is there with friction, and
+        its record in `pfd_core.model.scene_fields`. Static friction is there with friction, and
         restitution with joint limits. Each field is an attribute as well, `plant.damping`, and
         None where the effect is off. `torque_speed`, (n, k, 2), has rows (speed, torque). Rows
         beyond a joint's table have infinite speeds; a joint without a table has infinite torques.

@@ -6,7 +6,7 @@ Scene: the effects that act on a robot, each checked by itself; scenes as YAML.
 A scene fits any robot with as many joints as its arrays have; `pfd_core.model.plant.resolve`
 combines both into a Plant. The default is rigid links and gravity, nothing else.
 
-The fields belong to the records in `pfd_core.model.effects`, which check them. They are
+The fields belong to the records in `pfd_core.model.scene_fields`, which check them. They are
 declared here as well, so that editors and type checkers know the arguments of Scene.
 """
 
@@ -24,17 +24,9 @@ import numpy as np
 from numpy.ma import MaskedArray
 from numpy.typing import ArrayLike
 
-from pfd_core.model.effects import (
-    EFFECTS,
-    ESTIMATED,
-    FIELDS,
-    INPUT,
-    MODEL,
-    NAMED,
-    NEEDS,
-    by_joint,
-)
+from pfd_core.model.effects import EFFECTS, NAMED, NEEDS
 from pfd_core.model.robot import Payload
+from pfd_core.model.scene_fields import ESTIMATED, FIELDS, INPUT, MODEL, by_joint
 from pfd_core.model.values import (
     Array,
     choice,
@@ -64,9 +56,9 @@ class Scene:
     The effects that act on a robot; an effect that is off costs nothing.
 
     A field with one value a joint, (n, ...), may also be a mapping of some joints to their values,
-    friction={'elbow_joint': 3.0}, or be given joint by joint, **{'friction.elbow_joint': 3.0}; the
-    others have none. "model" is refused for a robot whose model states no value of any joint, and
-    warns of single joints without one.
+    ``friction={'elbow_joint': 3.0}``, or be given joint by joint,
+    ``**{'friction.elbow_joint': 3.0}``; the others have none. "model" is refused for a robot whose
+    model states no value of any joint, and warns of single joints without one.
 
     Units are for revolute joints; for prismatic joints read m, N, kg for rad, N m, kg m^2.
 

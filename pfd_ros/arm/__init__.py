@@ -16,6 +16,7 @@ From the inputs to the outputs:
     tip_frames        frames on the last link: wrenches and inertias transformed to its frame
     wrench            the rules for external wrenches, and how long one acts
     requests          the rules for requests (pause, step, reset) and for states to set
+    joint_numbers     settings with a number for each joint, given for some joints by name
     link_frames       the frames of a URDF's links, for /tf of a recording; parsed_urdf: a URDF
                       from the text of a topic, for node.description and view.motion
     described_robot   the robot that settings name, and what its URDF adds to them

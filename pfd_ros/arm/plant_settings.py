@@ -62,7 +62,7 @@ def payload_from(numbers: Sequence[float]) -> pfd.Payload:
 
 
 def effect_fields() -> Iterator[Any]:
-    """Yield the fields of the effects of the joints, `pfd_core.model.effects.Field`."""
+    """Yield the fields of the effects of the joints, `pfd_core.model.scene_fields.Field`."""
     for effect in pfd.EFFECTS:
         if effect.of_joints:
             yield from effect.fields

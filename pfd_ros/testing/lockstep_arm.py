@@ -72,10 +72,9 @@ class LockstepArm:
         Arguments of the node for `spin`, such as remappings, as on a command line.
     **settings
         Fields of pfd_ros.arm.settings.Settings; numbers of joints may also be a mapping,
-        friction={'elbow_joint': 3.0}, or given as **{'friction.elbow_joint': 3.0}. A control
-        period is the time from one state to the
-        next: one step, or 1 / publish_rate. With `recording` the run is written to an MCAP file
-        that `pfd replay --verify` checks.
+        ``friction={'elbow_joint': 3.0}``, or given as ``**{'friction.elbow_joint': 3.0}``. A
+        control period is the time from one state to the next: one step, or 1 / publish_rate. With
+        `recording` the run is written to an MCAP file that `pfd replay --verify` checks.
 
     Attributes
     ----------

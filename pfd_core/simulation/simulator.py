@@ -18,7 +18,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 import time
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -177,9 +176,7 @@ class Simulator(Simulation):
         """
         row = real_array('tau', tau, self.dtype, (self.robot.n,), joints=self.robot.joint_names)
         following = self._following(row, self._all_inputs(wrench, brakes, payload))
-        if following.step_plan is None:
-            following.step_plan = self._new_plan(following)
-        self._advance(following, 1, following.step_plan)
+        self._advance(following, 1, self._plan(following, many=False))
 
     def rollout(
         self,
@@ -251,17 +248,16 @@ class Simulator(Simulation):
     def _run_pieces(self, rows: Array, inputs: dict[str, Array], states: dict[str, Array]) -> int:
         """Take a step for each row of torques; return after how many the state was finite."""
         given = {'tau': rows} | {f'{name}.out': x for name, x in states.items()}
-        places = {name: address(x) for name, x in given.items()}
-        plans = [self._new_plan(buffer, places, rows.strides[0]) for buffer in self._buffers]
+        places = [(self._plain.arrays.index(name), address(x)) for name, x in given.items()]
         done = finite_steps = 0
         count = max(1, FIRST_OPERATIONS // self._step_work)
         while done < len(rows):
             count = min(count, len(rows) - done)
             begin = time.perf_counter()
             following = self._following(rows[done + count - 1], inputs)
-            plan = plans[1 - self._turn]
-            for name, place in places.items():
-                plan.move(self._plain.arrays.index(name), place + done * rows.strides[0])
+            plan = self._plan(following, many=True)
+            for k, place in places:
+                plan.move(k, place + done * rows.strides[0])
             finite = self._advance(following, count, plan)
             finite_steps += finite if finite_steps == done else 0
             done += count
@@ -277,27 +273,25 @@ class Simulator(Simulation):
             following.arrays[name][:] = value
         return following
 
-    def _new_plan(
-        self,
-        buffer: SimulationState,
-        given: Mapping[str, int] = MappingProxyType({}),
-        step: int = 0,
-    ) -> Plan:
+    def _plan(self, buffer: SimulationState, many: bool) -> Plan:
         """
         Return the plan for steps of a buffer.
 
-        `given` are the addresses of arrays with `step` bytes from step to step. Without them it
-        is for one step, under the torque in the buffer, which writes its rows over that state:
-        the same numbers.
+        It is for one step, under the torque in the buffer, which writes its rows over that state:
+        the same numbers. For `many` the caller sets the addresses of torques and written rows.
         """
-        size = buffer.arrays['q'].itemsize
-        rows = [
-            (given[name], size, step)
-            if name in given
-            else (buffer.at[name.removesuffix('.out')], size, 0)
-            for name in self._plain.arrays
-        ]
-        return Plan(self._plain, self.substeps, rows)
+        if many not in buffer.plans:
+            q = buffer.arrays['q']
+            rows = [
+                (
+                    buffer.at[name.removesuffix('.out')],
+                    q.itemsize,
+                    q.nbytes if many and (name == 'tau' or name.endswith('.out')) else 0,
+                )
+                for name in self._plain.arrays
+            ]
+            buffer.plans[many] = Plan(self._plain, self.substeps, rows)
+        return buffer.plans[many]
 
     def _advance(self, following: SimulationState, steps: int, plan: Plan) -> int:
         """

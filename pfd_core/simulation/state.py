@@ -36,8 +36,8 @@ class SimulationState:
         Steps since.
     status : str
         'ok', or 'not_finite' or 'too_many_events', see Simulation.status.
-    step_plan : Plan or None
-        How native code takes the arm through a step, once it did; never copied.
+    plans : dict
+        What native code does with the arrays in one step (False) or many; never copied.
 
     """
 
@@ -52,7 +52,7 @@ class SimulationState:
         }
         self.at: dict[str, int] = {name: x.ctypes.data for name, x in self.arrays.items()}
         self.start, self.steps, self.status = 0.0, 0, 'ok'
-        self.step_plan: Plan | None = None
+        self.plans: dict[bool, Plan] = {}
 
     def clear(self, start: float) -> None:
         """Set all arrays to zero and begin at a time [s]."""

@@ -30,7 +30,7 @@ BUILDS = {
     'arrays of another layout': 'objects.NDIM, objects.FLAGS = objects.FLAGS, objects.NDIM',
     'strides in another place': 'objects.STRIDES = objects.DIMENSIONS',
     'tuples of another layout': 'objects.ITEMS += 8',
-    'no table of NumPy': 'objects._empty = lambda: None',
+    'no table of NumPy': 'objects._new = lambda: None',
     'smaller arrays': 'objects.FLAGS = 2**20',
     'switched off': 'objects.supported = lambda: False',
 }

@@ -52,8 +52,8 @@ NDIM, DESCR, FLAGS = HEADER + 8, HEADER + 40, HEADER + 48
 ITEMS: int = getattr(tuple, '__basicsize__', HEADER + 8)
 CONTIGUOUS, FORTRAN, ALIGNED, WRITEABLE = 0x3, 0x2, 0x100, 0x400
 METH_FASTCALL_KEYWORDS = 0x82
-# PyArray_Empty in the table of NumPy's C API.
-EMPTY = 184
+# PyArray_NewFromDescr in the table of NumPy's C API.
+NEW = 94
 # Functions of Python's C API, by their names in modules of LLVM IR (with the prefix pfd.); of
 # several names the first one that this Python has.
 FUNCTIONS = {
@@ -72,7 +72,7 @@ declare ptr @pfd.vectorcall(ptr, ptr, i64, ptr)
 declare ptr @pfd.occurred()
 declare ptr @pfd.save()
 declare void @pfd.restore(ptr)
-declare ptr @pfd.empty(i32, ptr, ptr, i32)"""
+declare ptr @pfd.new(ptr, ptr, i32, ptr, ptr, ptr, i32, ptr)"""
 REFUSAL = ('ptr', 'null')
 
 LOG = logging.getLogger('pfd_core')
@@ -218,25 +218,33 @@ class _Batch:
 
     def new(self, dtype: str, shape: Sequence[int], axes: str, like: str) -> str:
         """
-        Return a new array for the result, or return from the function.
+        Return a new array for the result.
 
-        Neighbouring states are neighbours in memory if those of another array are. The elements
-        of a matrix do not follow each other then: such a result is made in Python.
+        Neighbouring states are neighbours in memory if those of another array are, and the
+        columns of elements follow each other. The function returns if there is no memory.
         """
-        code = self._code
+        code, bytes_ = self._code, self._code.bytes
+        lengths, strides = (code.array(1 + len(shape), 'i64') for _ in range(2))
+        column = code.integer('mul', self._states, bytes_)
+        code.store('i64', self._states, lengths)
+        code.store('i64', bytes_, strides)
+        for k, length in enumerate(shape, 1):
+            code.store('i64', length, code.at(lengths, k, 8))
+            distance = code.integer('mul', column, math.prod(shape[k:]))
+            code.store('i64', distance, code.at(strides, k, 8))
+        own = code.let(f'select i1 {self._single}, ptr {code.at(lengths, 1, 8)}, ptr {lengths}')
         contiguous = code.let(f'and i32 {_field(code, like, FLAGS, "i32")}, {CONTIGUOUS}')
         columns = code.test('eq', contiguous, FORTRAN, 'i32')
-        if len(shape) > 1:
-            code.unless(code.negated(columns), *REFUSAL)
-        lengths = code.array(1 + len(shape), 'i64')
-        for k, length in enumerate((self._states, *shape)):
-            code.store('i64', length, code.at(lengths, k, 8))
-        own = code.let(f'select i1 {self._single}, ptr {code.at(lengths, 1, 8)}, ptr {lengths}')
-        order = code.let(f'zext i1 {columns} to i32')
+        # Without strides the array is in C order.
+        order = code.let(f'select i1 {columns}, ptr {strides}, ptr null')
         # NumPy takes over a reference to the format.
         code.call('void', 'pfd.incref', f'ptr @pfd.{dtype}')
-        arguments = f'i32 {axes}', f'ptr {own}', f'ptr @pfd.{dtype}', f'i32 {order}'
-        array = code.call('ptr', 'pfd.empty', *arguments)
+        array = code.call(
+            'ptr',
+            'pfd.new',
+            *('ptr @pfd.ndarray', f'ptr @pfd.{dtype}', f'i32 {axes}', f'ptr {own}'),
+            *(f'ptr {order}', 'ptr null', 'i32 0', 'ptr null'),
+        )
         code.unless(code.test('ne', array, 'null', 'ptr'), *REFUSAL)
         return array
 
@@ -330,7 +338,7 @@ def register_symbols() -> None:
     """Give the compiler the addresses of the objects and functions that modules refer to."""
     for name in FUNCTIONS:
         add_symbol(f'pfd.{name}', _address(name) or ctypes.addressof(_nowhere))
-    add_symbol('pfd.empty', _empty() or ctypes.addressof(_nowhere))
+    add_symbol('pfd.new', _new() or ctypes.addressof(_nowhere))
     objects: dict[str, Any] = {'none': None, 'one': 1, 'ndarray': np.ndarray}
     objects |= {dtype: np.dtype(dtype) for dtype in ('float64', 'float32')}
     objects |= {f'name.{name}': interned for name, interned in _NAMES.items()}
@@ -368,7 +376,7 @@ def _obstacle() -> str:
         absent.append('PyCFunction_NewEx')
     if absent:
         return f'its C API lacks {", ".join(absent)}'
-    if not _empty():
+    if not _new():
         return 'NumPy has no table of its C API'
     fixed = np.zeros(3)
     fixed.flags.writeable = False
@@ -386,15 +394,15 @@ def _address(name: str) -> int | None:
     return None
 
 
-def _empty() -> int | None:
-    """Return the address of PyArray_Empty, or None."""
+def _new() -> int | None:
+    """Return the address of PyArray_NewFromDescr, or None."""
     core: Any = getattr(np, '_core', None) or np.core
     table = getattr(core._multiarray_umath, '_ARRAY_API', None)
     find = getattr(getattr(ctypes, 'pythonapi', None), 'PyCapsule_GetPointer', None)
     if table is None or find is None:
         return None
     find.restype, find.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-    return ctypes.c_void_p.from_address(find(table, None) + 8 * EMPTY).value
+    return ctypes.c_void_p.from_address(find(table, None) + 8 * NEW).value
 
 
 def _difference_of_tuples() -> str:

@@ -5,16 +5,16 @@ Functions of a kernel whose result is the product of its program's outputs.
 
     [-X D, X T]    (n, 3n), from X (n, n), D (n, 2n) and the diagonal T (n,), one if absent
 
-The factors are computed to memory, and multiplied in loops: the 2 n^3 operations as straight-line
-code would be most of the program of a long chain, and take up to twice as long for one state.
-Batches of arms with few joints take 4 to 19 % less time in straight-line code. Each element is a
+The factors are computed to memory, and multiplied in registers of neighbours or states: the 2 n^3
+operations one by one would be most of the program of a long chain, and take up to twice as long
+for one state. Batches of arms with few joints take 4 to 19 % less time that way. Each element is a
 sum over k in ascending order, begun with the first product; each further term is one fused
 multiply-add, and the sign comes last, as in pfd_core.kernels.lower.multiplied.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import accumulate, product
 
 from pfd_core.kernels.generate import (
@@ -30,7 +30,7 @@ from pfd_core.kernels.ir import BYTES, Code
 from pfd_core.kernels.lower import joined, multiplied
 from pfd_core.machine.program import Program
 
-# Joints up to which batches are straight-line code.
+# Joints up to which all is straight-line code.
 FEW_JOINTS = 8
 # The factors' instructions beyond which they are written in parts, and the operations of a part.
 # Derivatives of 12 joints, 9400 operations, take 3 % less time in a batch and 12 % less for one
@@ -68,20 +68,17 @@ def _body(factors: Program, dtype: str, width: int) -> str:
     """Return @bodyW, which computes the factors and multiplies them."""
     names = inputs_of(factors)
     code = Code(f'define internal void @body{width}({parameters([*names, "out"])})', dtype, width)
-    n, step = factors.inputs['q'], width * code.bytes
+    step = width * code.bytes
     sizes = {name: len(output.places) for name, output in factors.outputs.items()}
     scratch = code.array(sum(sizes.values()))
     starts = dict(zip(sizes, accumulate(sizes.values(), initial=0), strict=False))
     inputs = [(f'%{name}', f'%{name}.s') for name in names]
     code.call('void', f'body{width}.factors', *given([*inputs, (scratch, step)]))
     X, D, T = (code.at(scratch, starts.get(name, 0), step) for name in ('X', 'D', 'T'))
-    # One state has neighbours of a row in a register: it is written at another stride afterwards.
-    own = code.array(3 * n * n) if width == 1 else '%out'
+    # One state has neighbours of a row in a register: its elements follow one another.
     stride = step if width == 1 else '%out.s'
-    code.call('void', f'multiply{width}', f'ptr {X}, ptr {D}, ptr {T}', *given([(own, stride)]))
-    if width == 1:
-        with code.loop(3 * n * n) as k:
-            code.write(code.read(own, k, step), '%out', k, '%out.s')
+    arrays = given([('%out', stride)])
+    code.call('void', f'multiply{width}', f'ptr {X}, ptr {D}, ptr {T}', *arrays)
     code.ret()
     return str(code)
 
@@ -91,55 +88,72 @@ def multiply(dtype: str, width: int, n: int, motors: bool, suffix: str = '') -> 
     Return `void @multiplyW(X, D, T, out)`, in tiles whose numbers take part in several products.
 
     A register holds an element of W states, or for one state neighbours of a row. The last tile
-    repeats elements of the tile before it if their number requires that.
+    repeats elements of the tile before it if their number requires that. For few joints there
+    are no loops.
     """
     lanes = _lanes(dtype, width, n)
     arrays = f'ptr %X, ptr %D, ptr %T, {parameters(["out"])}'
     code = Code(f'define internal void @multiply{width}{suffix}({arrays})', dtype, lanes)
     step = width * code.bytes
     across = lanes if width == 1 else 1
-    rows, columns = (min(4, n), across) if width == 1 else (min(2, n), min(4, 2 * n))
+    few = n <= FEW_JOINTS
+    rows, columns = (min(2, n), min(4, 2 * n)) if width > 1 else (n if few else 4, across)
 
-    def element(array: str, length: int, row: object, column: object) -> str:
-        """Return the address of an element of a matrix with rows of a length."""
-        index = code.integer('add', code.integer('mul', row, length), column)
-        return code.at(array, index, step)
+    def index(row: object, length: int, column: object) -> object:
+        """Return the number of an element of a matrix with rows of a length."""
+        if isinstance(row, int) and isinstance(column, int):
+            return row * length + column
+        return code.integer('add', code.integer('mul', row, length), column)
+
+    def read(array: str, length: int, row: object, column: object) -> str:
+        return code.read(array, index(row, length, column), step)
 
     def factor(row: object, k: object) -> str:
         """Return an element of X in all places of a register."""
-        place = element('%X', n, row, k)
         if width > 1:
-            return code.read(place, 0, 0)
+            return read('%X', n, row, k)
+        place = code.at('%X', index(row, n, k), step)
         return code.spread(code.load(code.scalar, place, code.bytes))
 
-    def out(value: str, row: object, column: object) -> None:
-        index = code.integer('add', code.integer('mul', row, 3 * n), column)
-        code.write(value, '%out', index, '%out.s')
+    def write(value: str, row: object, column: object) -> None:
+        code.write(value, '%out', index(row, 3 * n, column), '%out.s')
 
-    with code.loop(2 * n, step=columns) as c, code.loop(n, step=rows) as r:
-        column, row = code.least(c, 2 * n - columns), code.least(r, n - rows)
-        rows_here = [code.integer('add', row, i) for i in range(rows)]
-        columns_here = [code.integer('add', column, j) for j in range(0, columns, across)]
+    for column in _tiles(code, 2 * n, columns, few):
+        for row in _tiles(code, n, rows, few):
+            rows_here = [index(row, 1, i) for i in range(rows)]
+            columns_here = [index(column, 1, j) for j in range(0, columns, across)]
 
-        def terms(k: object) -> list[tuple[str, str]]:
-            right = [code.read(element('%D', 2 * n, k, j), 0, 0) for j in columns_here]
-            return [pair for i in rows_here for pair in product([factor(i, k)], right)]
+            def terms(k: object, right: list[object], left: list[object]) -> list[tuple[str, str]]:
+                values = [read('%D', 2 * n, k, j) for j in right]
+                return [pair for i in left for pair in product([factor(i, k)], values)]
 
-        sums = [code.variable(code.type, code.op('mul', *pair)) for pair in terms(0)]
-        if n > 1:
-            with code.loop(n, start=1) as k:
-                for total, pair in zip(sums, terms(k), strict=True):
-                    total.set(code.op('fma', *pair, total.get()))
-        for total, (i, j) in zip(sums, product(rows_here, columns_here), strict=True):
-            out(code.op('neg', total.get()), i, j)
-    with code.loop(n, step=across) as c, code.loop(n) as row:
-        column = code.least(c, n - across)
-        value = code.read(element('%X', n, row, column), 0, 0)
-        if motors:
-            value = code.op('mul', value, code.read(element('%T', n, 0, column), 0, 0))
-        out(value, row, code.integer('add', column, 2 * n))
+            pairs = terms(0, columns_here, rows_here)
+            sums = [code.variable(code.type, code.op('mul', *pair)) for pair in pairs]
+            if n > 1:
+                for k in _tiles(code, n, 1, few, start=1):
+                    pairs = terms(k, columns_here, rows_here)
+                    for total, pair in zip(sums, pairs, strict=True):
+                        total.set(code.op('fma', *pair, total.get()))
+            places = product(rows_here, columns_here)
+            for total, (i, j) in zip(sums, places, strict=True):
+                write(code.op('neg', total.get()), i, j)
+    for column in _tiles(code, n, across, few):
+        for row in _tiles(code, n, 1, few):
+            value = read('%X', n, row, column)
+            if motors:
+                value = code.op('mul', value, read('%T', n, 0, column))
+            write(value, row, index(column, 1, 2 * n))
     code.ret()
     return str(code)
+
+
+def _tiles(code: Code, count: int, size: int, few: bool, start: int = 0) -> Iterator[object]:
+    """Yield the beginning of each tile; of a loop in native code if there are not few."""
+    if few:
+        yield from (min(k, count - size) for k in range(start, count, size))
+    else:
+        with code.loop(count, start, size) as k:
+            yield code.least(k, count - size)
 
 
 def _lanes(dtype: str, width: int, n: int) -> int:

@@ -104,6 +104,29 @@ def test_batches_of_all_lengths_and_layouts_give_the_bits_of_single_states(dtype
         kernel(*some)
 
 
+@pytest.mark.parametrize('count', [127, 128, 129, 200, 512])
+@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
+def test_columns_that_evict_each_other_give_the_bits_of_single_states(
+    dtype: str, count: int
+) -> None:
+    rng = np.random.default_rng(63)
+    kernel = pfd.compile_kernel(random_chain(rng, 3), dtype=dtype)
+    # Columns of two pages at least, and arrays that begin at the same place of a page.
+    pages = np.empty((12, 8192 // np.dtype(dtype).itemsize), dtype)
+    pages[:9] = rng.normal(size=(9, pages.shape[1]))
+    q, qd, tau, out = (pages[k : k + 3].T[:count] for k in (0, 3, 6, 9))
+    pages[9:] = np.nan
+    assert kernel(q, qd, tau, out=out) is out
+    alone = [kernel(*(x[k].copy() for x in (q, qd, tau))) for k in range(count)]
+    np.testing.assert_array_equal(out, alone)
+    assert np.isnan(pages[9:, count:]).all()
+    tau[count // 2, 1] = np.inf
+    with pytest.raises(
+        ValueError, match=rf'tau must be finite, got inf at index \[{count // 2}, 1'
+    ):
+        kernel(q, qd, tau, out=out)
+
+
 @pytest.mark.parametrize('n', [30, 60])
 @pytest.mark.slow
 def test_a_long_chain_agrees_with_pinocchio(n: int) -> None:

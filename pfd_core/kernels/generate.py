@@ -26,6 +26,9 @@ from pfd_core.machine.program import Program
 
 # Instructions beyond which a program is written in parts, and the operations of a part.
 LONGEST, PART = 6000, 500
+# States of a tile of results; the bytes after which addresses have the same low bits and the same
+# place in a cache; and how near to each other arrays are in it that evict each other.
+TILE, PERIOD, CLOSE = 64, 4096, 128
 # Registers of a batch from which results are aligned.
 LONG = 32
 # Elements of a state up to which copies are straight-line code.
@@ -279,17 +282,69 @@ def batch(program: Program, dtype: str, width: int, size: int) -> str:
     from state to state, and the bytes from element to element. Of every array either neighbouring
     states or neighbouring elements are neighbours in memory. The function returns 0, or 1 where
     @evaluateW finds an input that may not be finite.
+
+    A processor lets a load wait for a store whose address has the same low bits, and a cache has
+    few lines in one place. Columns that are multiples of PERIOD bytes long, of an input and a
+    result that begin near each other in this sense, as large arrays of NumPy do, therefore evict
+    each other: results then are computed in tiles and copied to their columns.
     """
     code = Code('define i64 @batch(i64 %count, ptr %table)', dtype, width)
-    step, bytes_ = code.bytes * width, code.bytes
     sizes = [*(program.inputs[name] for name in inputs_of(program)), size]
-    table = [
+    table = _table(code, len(sizes))
+    *inputs, (out, _, column) = table
+    with code.when(code.test('ult', '%count', 2 * TILE)):
+        code.ret('i64', code.call('i64', 'rows', 'i64 %count', 'ptr %table'))
+    end = code.let(f'ptrtoint ptr {out} to i64')
+    close = []
+    for base, _, _ in inputs:
+        apart = code.integer('sub', code.let(f'ptrtoint ptr {base} to i64'), end)
+        place = code.integer('and', code.integer('add', apart, CLOSE), PERIOD - 1)
+        close.append(code.test('ule', place, 2 * CLOSE))
+    beside = [code.test('eq', row, code.bytes) for _, row, _ in table]
+    periodic = code.test('eq', code.integer('and', column, PERIOD - 1), 0)
+    with code.when(code.negated(code.both(*beside, periodic, code.either(*close)))):
+        code.ret('i64', code.call('i64', 'rows', 'i64 %count', 'ptr %table'))
+    step, height = width * code.bytes, TILE * code.bytes
+    tile = code.array(size * TILE // width)
+    own = code.array(3 * len(sizes), 'i64')
+    for k, (_, row, distance) in enumerate([*inputs, (tile, code.bytes, height)]):
+        code.store('i64', row, code.at(own, 3 * k + 1, 8))
+        code.store('i64', distance, code.at(own, 3 * k + 2, 8))
+    code.store('ptr', tile, code.at(own, 3 * len(inputs), 8))
+    wrong = code.variable('i64', 0)
+    final = code.integer('sub', '%count', TILE)
+    with code.loop('%count', step=TILE) as begin:
+        first = code.least(begin, final)
+        for k, (base, _, _) in enumerate(inputs):
+            code.store('ptr', code.at(base, first, code.bytes), code.at(own, 3 * k, 8))
+        found = code.call('i64', 'rows', f'i64 {TILE}', f'ptr {own}')
+        wrong.set(code.integer('or', wrong.get(), found))
+        there = code.at(out, first, code.bytes)
+        with code.loop(size) as e:
+            for k in range(TILE // width):
+                x = code.read(code.at(tile, e, height), k, step)
+                code.write(x, code.at(there, e, column), k, step)
+    code.ret('i64', wrong.get())
+    return f'{_rows(program, dtype, width, size)}\n{code}'
+
+
+def _table(code: Code, count: int) -> list[list[str]]:
+    """Return pointer and strides of each array in the table of @batch."""
+    return [
         [
             code.load(kind, code.at('%table', 3 * k + j, 8))
             for j, kind in enumerate(('ptr', 'i64', 'i64'))
         ]
-        for k in range(len(sizes))
+        for k in range(count)
     ]
+
+
+def _rows(program: Program, dtype: str, width: int, size: int) -> str:
+    """Return `i64 @rows(count, table)`, as @batch, which runs @evaluateW on whole registers."""
+    code = Code('define internal i64 @rows(i64 %count, ptr %table) noinline', dtype, width)
+    step, bytes_ = code.bytes * width, code.bytes
+    sizes = [*(program.inputs[name] for name in inputs_of(program)), size]
+    table = _table(code, len(sizes))
     near = [code.array(elements) for elements in sizes] if width > 1 else []
     if near:
         with code.when(code.test('ult', '%count', width), rarely=True):
@@ -352,7 +407,7 @@ def _few_states(
             for e in _each(code, size):
                 x = code.load(S, code.at(there, e, column), bytes_)
                 code.store(S, x, code.at(here, e, step), bytes_)
-    found = code.call('i64', 'batch', f'i64 {code.width}', f'ptr {own}')
+    found = code.call('i64', 'rows', f'i64 {code.width}', f'ptr {own}')
     base, row, column = table[-1]
     with code.loop('%count') as state:
         here, there = code.at(near[-1], state, bytes_), code.at(base, state, row)

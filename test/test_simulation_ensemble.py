@@ -185,6 +185,19 @@ def test_one_arm_alone_moves_by_the_bits_of_an_arm_among_others(scene: pfd.Scene
             np.testing.assert_array_equal(getattr(one, name)[0], getattr(all_three, name)[1])
 
 
+def test_a_law_of_a_subclass_acts_as_the_law_that_it_derives_from() -> None:
+    class Stiff(pfd.Feedback):
+        pass
+
+    robot = pfd.load_robot('planar2')
+    found = []
+    for law in (pfd.Feedback, Stiff):
+        many = pfd.Ensemble(robot, 3)
+        found.append(many.rollout(steps=20, feedback=law(5.0, 1.0, 0.2)).q)
+    np.testing.assert_array_equal(*found)
+    assert np.ptp(found[0][0, :, 0]) > 0
+
+
 def test_a_slide_of_unit_mass_whose_program_has_no_operations_is_simulated() -> None:
     robot = slider(1, 0)
     scene = pfd.Scene(gravity=None)

@@ -168,6 +168,32 @@ def test_a_run_that_overflows_after_one_that_ended_at_a_jump_has_its_status() ->
     assert (counters.jumped, state.status) == (False, 'not_finite')
 
 
+def test_a_braked_joint_neither_ends_a_run_nor_keeps_an_effort_for_the_next_cycle() -> None:
+    motor = pfd.MotorSimulator(ROBOT, pfd.Scene(brakes=True))
+    counters, state = pfd.MotorState(np.zeros(2)), motor.new_state()
+    limits = np.array([INF, INF, INF, INF, ZEROS, ZEROS, (5.0, 5.0)])
+    rows, out = np.array([(0.0, 0.0), (9.0, 1.0), (-9.0, 2.0)]), np.zeros((3, 3, 2))
+    motor.set_inputs(state, brakes=[True, False])
+    assert motor.bind(state, counters, limits).run(rows, out) == 3
+    assert out[:, 2].tobytes() == rows.tobytes()
+    assert np.isnan(counters.before[0])
+    assert counters.before[1] == 2.0
+    assert not state.arrays['qd'][0]
+    # Off its brake, its first effort may be any; the next one is compared with it.
+    motor.set_inputs(state, brakes=[False, False])
+    rows = np.array([(100.0, 2.0), (106.0, 2.0)])
+    assert motor.bind(state, counters, limits).run(rows, out[:2]) == 1
+    assert counters.jumped
+
+
+def test_a_run_of_no_rows_changes_nothing() -> None:
+    motor = pfd.MotorSimulator(ROBOT)
+    counters, state = pfd.MotorState(np.zeros(2)), motor.new_state((0.1, 0.2))
+    assert motor.bind(state, counters, ENDLESS).run(np.zeros((0, 2)), np.zeros((0, 3, 2))) == 0
+    assert (state.steps, state.status) == (0, 'ok')
+    assert state.arrays['q'].tolist() == [0.1, 0.2]
+
+
 def test_native_code_computes_the_recorded_program() -> None:
     program = record_actuators(2)
     rng = np.random.default_rng(5)

@@ -237,7 +237,9 @@ class Cycles:
                 )
             if not array.flags.c_contiguous:
                 raise ValueError(f'{name} must be C-ordered')
-        return self.run_at(efforts.ctypes.data, out.ctypes.data, len(efforts))
+        return (
+            self.run_at(efforts.ctypes.data, out.ctypes.data, len(efforts)) if len(efforts) else 0
+        )
 
     def run_at(self, efforts: int, out: int, steps: int) -> int:
         """Do as `run`, on arrays given by their addresses, without checks."""

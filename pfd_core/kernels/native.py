@@ -14,14 +14,13 @@ of the C library, which C99 requires to round once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cache
 import logging
 import os
 import time
-from types import MappingProxyType
 from typing import Any
 
 import llvmlite
@@ -100,8 +99,6 @@ class Native:
         """Return the address of a function."""
         return int(self.library[name])
 
-    address = __getitem__
-
 
 def current() -> Target:
     """Return the processor to compile for; ValueError for an unknown or unfit PFD_TARGET_CPU."""
@@ -145,26 +142,19 @@ def simd_width(dtype: str, target: Target | None = None) -> int:
 
 
 def add_symbol(name: str, address: int) -> None:
-    """Let every module refer to an address of this process by name."""
+    """Let every module refer to an address of this process, which stays valid, by name."""
     _symbols[name] = address
 
 
-def compile_ir(
-    ir: str,
-    functions: Sequence[str],
-    symbols: Mapping[str, int] = MappingProxyType({}),
-    optimisation: Optimisation = USUAL,
-) -> Native:
-    """Return native code of a module of LLVM IR; arguments as for compile_kept."""
-    key = 'IR', ir, repr(optimisation)
-    return compile_kept(key, lambda: (ir, optimisation, {}), functions, symbols)
+def compile_ir(ir: str, functions: Sequence[str]) -> Native:
+    """Return native code of a module of LLVM IR, with the addresses of some functions."""
+    return compile_kept(('IR', ir), lambda: (ir, USUAL, {}), functions)
 
 
 def compile_kept(
     key: Sequence[str],
     source: Callable[[], tuple[str, Optimisation, dict[str, Any]]],
     functions: Sequence[str],
-    symbols: Mapping[str, int] = MappingProxyType({}),
     facts: Callable[..., Any] = dict,
 ) -> Native:
     """
@@ -178,9 +168,6 @@ def compile_kept(
         Returns the IR, how hard to try, and a JSON object that is kept with the code.
     functions : sequence of str
         The functions whose addresses are needed.
-    symbols : mapping of str to int
-        Addresses in this process that the module refers to, by their names. What they point to
-        must outlive the code.
     facts : callable
         Returns the `facts` of the code; its arguments are the members of the JSON object.
 
@@ -205,7 +192,7 @@ def compile_kept(
         # linker, because a common one would not free everything.
         linker = llvm.create_lljit_compiler(_machine(target), use_jit_link=True)
         builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
-        for name, address in {**_symbols, **symbols}.items():
+        for name, address in _symbols.items():
             builder.import_symbol(name, address)
         for name in functions:
             builder.export_symbol(name)

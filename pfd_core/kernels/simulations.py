@@ -131,14 +131,14 @@ def compile_steps(
     accelerations = None
     if sampled:
         accelerate = ctypes.CFUNCTYPE(None, integer, pointer)
-        accelerations = accelerate(native.address('accelerations'))
+        accelerations = accelerate(native['accelerations'])
     calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
     return NativeSteps(
         steps,
         steps.arrays,
         sources.main.work * calls,
         partial(sources.step_operations, step_program),
-        simulate(native.address('simulate')),
+        simulate(native['simulate']),
         accelerations,
         native.facts.digest,
         native,
@@ -228,7 +228,7 @@ def compile_adaptive(spec: KernelSpec, pair: AdaptivePair, contact: Contact) -> 
     # The law is an object of Python, or a null pointer.
     state: list[Any] = [ctypes.c_void_p] * (4 + len(arrays))
     own: list[Any] = [integer, integer, *state, *([ctypes.c_void_p] * len(WRITTEN))]
-    begin, run = (native.address(name) for name in ('begin', 'adaptive'))
+    begin, run = (native[name] for name in ('begin', 'adaptive'))
     return AdaptiveSteps(
         sources.main.work * len(pair.nodes),
         tuple(inputs),

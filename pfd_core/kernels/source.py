@@ -9,13 +9,12 @@ know about its program is therefore kept on disk with its code.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 import gc
 import hashlib
 import math
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -121,7 +120,6 @@ class KernelSource:
         functions: Sequence[str],
         ir: Callable[[], str],
         optimisation: Optimisation | None = None,
-        symbols: Mapping[str, int] = MappingProxyType({}),
         described: Callable[[], str] | None = None,
     ) -> Native:
         """
@@ -138,8 +136,6 @@ class KernelSource:
             Writes the module of LLVM IR; called only if its object is not on disk.
         optimisation : Optimisation, optional
             The effort of the compiler; default: the property `optimisation`.
-        symbols : mapping of str to int
-            Addresses that the module refers to, as for pfd_core.kernels.native.compile_kept.
         described : callable, optional
             Returns the digest of all programs of the module; default: that of the program alone.
 
@@ -153,7 +149,7 @@ class KernelSource:
             return ir(), optimisation or self.optimisation, facts._asdict()
 
         key = (*self.key, module) if self.key else ()
-        native = compile_kept(key, source, functions, symbols, Facts)
+        native = compile_kept(key, source, functions, Facts)
         own.setdefault('facts', native.facts)
         return native
 

@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from pfd_core.machine.program import Program, Steps
     from pfd_core.model import (
         EFFECTS,
-        SPIN_UP_TIME,
         Payload,
         PhysicsWarning,
         Robot,
@@ -87,7 +86,6 @@ __all__ = [
     'INTEGRATORS',
     'METHODS',
     'PAYLOAD_METHODS',
-    'SPIN_UP_TIME',
     'AdaptiveTrajectory',
     'Ensemble',
     'Feedback',
@@ -136,7 +134,7 @@ _NAMES = {
     'kernels.kernel': 'Kernel',
     'machine.program': 'Program Steps',
     'model': (
-        'EFFECTS SPIN_UP_TIME Payload PhysicsWarning Robot Scene estimated_armature known_robots '
+        'EFFECTS Payload PhysicsWarning Robot Scene estimated_armature known_robots '
         'load_robot load_scene lock read_urdf reflected_inertia robot_to_yaml scene_to_yaml '
         'urdf_of with_payload'
     ),

@@ -97,6 +97,7 @@ NAMES = {
     'Plant': 'pfd_core.model.plant:Plant',
     'plant_in_motion': 'pfd_core.model.plant:in_motion',
     'resolve_plant': 'pfd_core.model.plant:resolve',
+    'SPIN_UP_TIME': 'pfd_core.model.rotors:SPIN_UP_TIME',
     'ROBOT_JOINT_FIELDS': 'pfd_core.model.robot:JOINT_FIELDS',
     'ROBOT_LINK_FIELDS': 'pfd_core.model.robot:LINK_FIELDS',
     'read_yaml': 'pfd_core.model.yaml_files:read_yaml',

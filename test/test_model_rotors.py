@@ -7,6 +7,7 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+from bridge import SPIN_UP_TIME
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -141,7 +142,7 @@ def test_the_time_of_the_estimate_is_the_mean_over_known_rotors() -> None:
     times = [r.armature * r.velocity_limit / r.effort_limit for r in robots]
     mean = np.exp(np.log(np.concatenate(times)).mean())
     # Stated with two digits.
-    assert f'{mean:.2g}' == f'{pfd.SPIN_UP_TIME:g}'
+    assert f'{mean:.2g}' == f'{SPIN_UP_TIME:g}'
 
 
 def test_an_estimate_keeps_the_rotors_that_a_model_states_and_needs_both_limits() -> None:
@@ -151,7 +152,7 @@ def test_an_estimate_keeps_the_rotors_that_a_model_states_and_needs_both_limits(
         effort_limit=np.array([150.0, np.inf, 0.0, 28.0, 28.0, 28.0]),
         velocity_limit=np.array([3.0, 3.0, 3.0, 0.0, np.inf, 3.5]),
     )
-    expected = [0.5, 0.0, 0.0, 0.0, 0.0, pfd.SPIN_UP_TIME * 8.0]
+    expected = [0.5, 0.0, 0.0, 0.0, 0.0, SPIN_UP_TIME * 8.0]
     np.testing.assert_allclose(pfd.estimated_armature(robot), expected, rtol=1e-15)
 
 

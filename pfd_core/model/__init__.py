@@ -40,14 +40,13 @@ from pfd_core.model.plant import (
     resolve,
 )
 from pfd_core.model.robot import Frame, Payload, PhysicsWarning, Robot, lock, with_payload
-from pfd_core.model.rotors import SPIN_UP_TIME, estimated_armature, reflected_inertia
+from pfd_core.model.rotors import estimated_armature, reflected_inertia
 from pfd_core.model.scene import Scene, given_scene, scene_inputs, scene_to_yaml
 from pfd_core.model.yaml_files import robot_to_yaml
 
 __all__ = [
     'EFFECTS',
     'INSTANT',
-    'SPIN_UP_TIME',
     'Effect',
     'Frame',
     'Payload',

@@ -21,7 +21,7 @@ SPIN_UP_TIME = 0.035
 
 def reflected_inertia(rotor_inertia: ArrayLike, gear_ratio: ArrayLike) -> Array:
     """
-    Return the armature of joints, for `Scene(armature=...)`.
+    Return the armature of joints, ratio^2 * inertia, for `Scene(armature=...)`.
 
     Parameters
     ----------
@@ -30,11 +30,6 @@ def reflected_inertia(rotor_inertia: ArrayLike, gear_ratio: ArrayLike) -> Array:
     gear_ratio : array_like
         Turns of the rotor per turn of its joint, (n,), or one for all; of a joint that slides,
         angle per distance [rad/m]. Its sign does not matter.
-
-    Returns
-    -------
-    ndarray
-        ratio^2 * inertia, (n,) [kg m^2; of a joint that slides kg].
 
     Raises
     ------
@@ -64,17 +59,8 @@ def estimated_armature(robot: Robot) -> Array:
     their files name the sources. The stated armatures are 0.33 to 3.6 times the estimate. It
     decides whether a light wrist can be controlled at all, and replaces no measured number.
 
-    Parameters
-    ----------
-    robot : Robot
-        The chain.
-
-    Returns
-    -------
-    ndarray
-        (n,) [kg m^2; of a joint that slides kg]: the robot's own armature where it is not zero,
-        else the estimate; zero for a joint without a finite effort and velocity limit.
-
+    Returns (n,) [kg m^2; of a joint that slides kg]: the robot's own armature where it is not
+    zero, else the estimate; zero for a joint without a finite effort and velocity limit.
     """
     check_robot(robot)
     effort, velocity = robot.effort_limit, robot.velocity_limit

@@ -85,8 +85,8 @@ def estimate_text(robot: pfd.Robot) -> str:
         for name, number in zip(robot.joint_names, numbers.tolist(), strict=True)
     )
     text = (
-        f'armature is estimated, kg m^2 or kg: {inertias} ({pfd.SPIN_UP_TIME:g} s * effort limit '
-        '/ velocity limit, where the model states no rotor inertia)'
+        f'armature is estimated, kg m^2 or kg: {inertias} (from effort '
+        'and velocity limits, where the model states no rotor inertia)'
     )
     if np.all(numbers > 0):
         return text

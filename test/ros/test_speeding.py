@@ -172,7 +172,7 @@ def test_the_rotors_that_are_estimated_are_named_in_the_log_and_replay(
         *('-p', 'recording:=arm.mcap'),
     )
     assert 'armature is estimated, kg m^2 or kg: shoulder_pan_joint 1.67, ' in arm.text()
-    assert '(0.035 s * effort limit / velocity limit, where the model states no' in arm.text()
+    assert '(from effort and velocity limits, where the model states no' in arm.text()
     arm.stop()
     assert read(processes.folder / 'arm.mcap', verify=True).settings.armature == 'estimated'
 

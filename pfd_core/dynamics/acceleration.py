@@ -44,8 +44,7 @@ from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.inverse import inverse_inertia
 from pfd_core.dynamics.joint_torques import minus_joint_torques, record_joint_torques
 from pfd_core.dynamics.methods import TOLERANCES
-from pfd_core.dynamics.newton_euler import record_link_torques
-from pfd_core.dynamics.refinement import record_refined
+from pfd_core.dynamics.refinement import record_refined, record_residual
 from pfd_core.machine.derivative import derivative
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder, inline
@@ -103,7 +102,7 @@ def record_derivatives(
     torques = minus_joint_torques(plant, motors['tau'], qd)
     if method == OWN_METHOD:
         y = minus_bias(moving, by_qd, torques, qd)
-        qdd = _refined(recorder, plant, factors, y, motors['tau'], refine)
+        qdd = _refined(recorder, plant, factors, y, refine)
     else:
         refined = record_refined(plant, method, refine, TOLERANCES[dtype], estimate=None)
         answer = with_nan_unless_converged(refined, plant)
@@ -166,17 +165,11 @@ def _with_joints_and_drives(
 
 
 def _refined(
-    recorder: Recorder,
-    plant: Plant,
-    factors: Factors,
-    y: Sequence[Lanes],
-    tau: Sequence[Lanes],
-    steps: int,
+    recorder: Recorder, plant: Plant, factors: Factors, y: Sequence[Lanes], steps: int
 ) -> list[Lanes]:
     """Return qdd with steps of refinement, as in pfd_core.dynamics.refinement."""
     qdd = solution(factors, y)
     for _ in range(steps):
-        needed = inline(recorder, record_link_torques(plant), {'qdd': qdd})['tau']
-        rest = [given - t for given, t in zip(tau, needed, strict=True)]
-        qdd = [a + d for a, d in zip(qdd, solution(factors, rest), strict=True)]
+        r = inline(recorder, record_residual(plant), {'qdd': qdd})['residual']
+        qdd = [a + d for a, d in zip(qdd, solution(factors, r), strict=True)]
     return qdd

@@ -24,14 +24,13 @@ from __future__ import annotations
 
 import math
 
-from pfd_core.dynamics.drives import motor_torques
 from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.dynamics.methods import record_forward_dynamics
-from pfd_core.dynamics.newton_euler import record_link_torques
+from pfd_core.dynamics.refinement import record_residual
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder, inline
-from pfd_core.model import Plant, has_drives
+from pfd_core.model import Plant
 from pfd_core.model.effects import INERTIA
 
 # Largest correction of a converged answer, as a share of the accelerations. Ordinary states of the
@@ -49,14 +48,12 @@ def record_small_correction(plant: Plant) -> Program:
     solve = record_forward_dynamics(plant.only(INERTIA), 'composite_body', 'sequential')
     recorder = Recorder(1, 'sequential')
     n = plant.robot.n
-    tau, qdd = input_list(recorder, 'tau', n), input_list(recorder, 'qdd', n)
-    if has_drives(plant):
-        tau = motor_torques(plant, tau, input_list(recorder, 'qd', n))
-    zeros = {'qd': [recorder.constant(0.0)] * n, 'wrench': [recorder.constant(0.0)] * 6}
-    needed = inline(recorder, record_link_torques(plant), {})['tau']
-    with recorder.section('residual'):
-        r = [given - t for given, t in zip(tau, needed, strict=True)]
-    delta, y = (inline(recorder, solve, zeros | {'tau': x})['qdd'] for x in (r, tau))
+    zero, qdd = recorder.constant(0.0), input_list(recorder, 'qdd', n)
+    found = inline(recorder, record_residual(plant), {})
+    rest = {'qd': [zero] * n, 'wrench': [zero] * 6}
+    delta, y = (
+        inline(recorder, solve, rest | {'tau': found[x]})['qdd'] for x in ('residual', 'tau')
+    )
     with recorder.section('convergence'):
         change = _size(delta)
         excess = change - CORRECTION * (_size(qdd) + _size(y))

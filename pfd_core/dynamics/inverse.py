@@ -28,7 +28,7 @@ from dataclasses import replace
 
 from pfd_core.dynamics.factors import Factors, Matrix, solution
 from pfd_core.dynamics.methods import record_forward_dynamics
-from pfd_core.dynamics.newton_euler import record_link_torques
+from pfd_core.dynamics.refinement import record_residual
 from pfd_core.machine.recorder import Lanes, Recorder, inline
 from pfd_core.model import Plant
 from pfd_core.model.effects import INERTIA
@@ -104,13 +104,12 @@ def _refined(
     steps: int,
 ) -> Matrix:
     """Return X with steps of refinement, of a plant without torques."""
-    torques = record_link_torques(still)
+    residual = record_residual(still)
     at_rest = {'qd': [recorder.constant(0.0)] * len(X)}
     for _ in range(steps):
         columns = []
         for unit, x in zip(units, X, strict=True):
-            needed = inline(recorder, torques, at_rest | {'qdd': x})['tau']
-            missed = [e - t for e, t in zip(unit, needed, strict=True)]
+            missed = inline(recorder, residual, at_rest | {'qdd': x, 'tau': unit})['residual']
             columns.append([a + d for a, d in zip(x, solve(missed), strict=True)])
         X = _symmetric(columns)
     return X

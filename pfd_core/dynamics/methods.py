@@ -88,9 +88,7 @@ _ROWS = (
     Method('pcgm', 'algorithms.paper.pcgm', 'record_pcgm', OMEGA, iterative=True),
     Method('pcrbm_base_origin', 'algorithms.paper.pcrbm', 'record_pcrbm', OMEGA | BASE_ORIGIN),
     Method(
-        'divide_and_conquer',
-        'algorithms.beyond.divide_and_conquer',
-        'record_divide_and_conquer',
+        'divide_and_conquer', 'algorithms.beyond.divide_and_conquer', 'record_divide_and_conquer'
     ),
     # It needs links with a mass and an inertia.
     Method(
@@ -100,11 +98,7 @@ _ROWS = (
         compiled=False,
     ),
     Method(
-        'composite_body',
-        'dynamics.composite',
-        'record_composite_body',
-        serial=True,
-        payload=True,
+        'composite_body', 'dynamics.composite', 'record_composite_body', serial=True, payload=True
     ),
     Method(
         'grouped_articulated_body',

@@ -104,7 +104,7 @@ def record_gravity_torques(plant: Plant) -> Program:
 
 def record_link_torques(plant: Plant, parameters: str = CENTERED) -> Program:
     """
-    Return the program of tau of the motors, (n,), from q, qd and qdd, by CENTERED or GIVEN links.
+    Return the program of tau of the motors, (n,), from q, qd and qdd; `parameters` not grouped.
 
     The torque of each link is accurate relative to its own terms: the residual of refinement needs
     that. Angular velocities are the same expressions as with grouped parameters.

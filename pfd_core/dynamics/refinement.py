@@ -45,7 +45,7 @@ from pfd_core.forking import no_fork
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder, inline
-from pfd_core.model import Plant, has_drives
+from pfd_core.model import Plant
 from pfd_core.model.effects import INERTIA
 
 
@@ -85,21 +85,15 @@ def record_refined(
     if steps == 0 and estimate is None:
         return method_program
     solve = record_forward_dynamics(plant.only(INERTIA), method, 'sequential', tolerance)
-    torques = record_link_torques(plant)
+    residual = record_residual(plant)
     recorder = Recorder(1, 'sequential')
-    n = plant.robot.n
-    tau = input_list(recorder, 'tau', n)
-    if has_drives(plant):
-        tau = motor_torques(plant, tau, input_list(recorder, 'qd', n))
     zero = recorder.constant(0.0)
     results = inline(recorder, method_program, {})
     qdd = before = results['qdd']
-    rest = {'qd': [zero] * n, 'wrench': [zero] * 6}
+    rest = {'qd': [zero] * plant.robot.n, 'wrench': [zero] * 6}
     for _ in range(steps):
         before = qdd
-        needed = inline(recorder, torques, {'qdd': qdd})['tau']
-        with recorder.section('residual'):
-            r = [given - t for given, t in zip(tau, needed, strict=True)]
+        r = inline(recorder, residual, {'qdd': qdd})['residual']
         delta = inline(recorder, solve, rest | {'tau': r})['qdd']
         with recorder.section('correction'):
             qdd = [a + d for a, d in zip(qdd, delta, strict=True)]
@@ -113,6 +107,22 @@ def record_refined(
     return program_with_outputs(recorder, **results | {'qdd': qdd})
 
 
+def record_residual(plant: Plant, parameters: str = CENTERED) -> Program:
+    """
+    Return the sequential program of the torques that accelerations miss, from q, qd, qdd and tau.
+
+    Its outputs are `residual`, tau of the motors - ID(q, qd, qdd), and `tau` of the motors, (n,).
+    `parameters` are of the kind of pfd_core.dynamics.chain, not grouped.
+    """
+    recorder = Recorder(1, 'sequential')
+    tau, qd = (input_list(recorder, name, plant.robot.n) for name in ('tau', 'qd'))
+    tau = motor_torques(plant, tau, qd)
+    needed = inline(recorder, record_link_torques(plant, parameters), {})['tau']
+    with recorder.section('residual'):
+        residual = [t - u for t, u in zip(tau, needed, strict=True)]
+    return program_with_outputs(recorder, residual=residual, tau=tau)
+
+
 def _exact_residual(
     recorder: Recorder, plant: Plant, qdd: Sequence[Lanes], dtype: str
 ) -> list[Lanes]:
@@ -120,21 +130,10 @@ def _exact_residual(
     with no_fork:
         from pfd_core.machine.rounding_errors import RoundingErrors
 
-    errors = RoundingErrors(recorder, dtype)
-    (missing,) = errors.record(_record_residual(plant), {'qdd': qdd}).values()
+    # A payload as an input is in the axes of centred parameters.
+    program = record_residual(plant, CENTERED if plant.payload_input else GIVEN)
+    missing = RoundingErrors(recorder, dtype).record(program, {'qdd': qdd})['residual']
     return [x.value if x.error is None else x.value + x.error for x in missing]
-
-
-def _record_residual(plant: Plant) -> Program:
-    """Return the sequential program of tau of the motors - ID(q, qd, qdd)."""
-    recorder = Recorder(1, 'sequential')
-    tau, qd = (input_list(recorder, name, plant.robot.n) for name in ('tau', 'qd'))
-    tau = motor_torques(plant, tau, qd)
-    # Near the bias torques even a rounded centre of mass shows; a payload's is rounded anyway.
-    parameters = CENTERED if plant.payload_input else GIVEN
-    needed = inline(recorder, record_link_torques(plant, parameters), {})['tau']
-    residual = [t - u for t, u in zip(tau, needed, strict=True)]
-    return program_with_outputs(recorder, residual=residual)
 
 
 def _estimate(

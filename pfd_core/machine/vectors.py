@@ -63,20 +63,9 @@ def symmetric_matrix(s: LaneArray) -> LaneArray:
     return array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def six_elements(S: LaneArray) -> LaneArray:
-    """Return the six elements of a symmetric matrix, (3, 3)."""
-    return array([S[k] for k in UPPER])
-
-
 def symmetric_sum(S: LaneArray, T: LaneArray) -> LaneArray:
     """Return S + T, (3, 3), for symmetric matrices: each of the six elements is added once."""
-    return symmetric_matrix(six_elements(S) + six_elements(T))
-
-
-def cross_matrix(h: LaneArray) -> LaneArray:
-    """Return the matrix, (3, 3), whose product with v is h x v."""
-    zero = h[0].recorder.constant(0.0)
-    return array([[zero, -h[2], h[1]], [h[2], zero, -h[0]], [-h[1], h[0], zero]])
+    return symmetric_matrix(array([S[k] + T[k] for k in UPPER]))
 
 
 def crossed_element(p: LaneArray, X: LaneArray, i: int, j: int) -> Lanes:

@@ -27,7 +27,7 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from pfd_core.forking import hold_at_fork
-from pfd_core.kernels.cache import digest, kept
+from pfd_core.kernels.cache import kept
 
 # A record for each module that the compiler is run on.
 COMPILE_LOG = logging.getLogger('pfd_core.compile')
@@ -91,7 +91,6 @@ class Native:
     """Native code of a module, which is freed with its last owner."""
 
     library: Any
-    digest: str  # SHA-256 of its IR
     facts: Any  # kept with it, see compile_kept
     seconds: float  # time to compile or to load it
 
@@ -181,7 +180,7 @@ def compile_kept(
         start = time.perf_counter()
         code = emit(ir, target, optimisation)
         seconds = time.perf_counter() - start
-        return {'digest': digest(ir), 'facts': own}, code
+        return own, code
 
     def use(head: dict[str, Any], code: bytes) -> Native:
         start = time.perf_counter()
@@ -198,7 +197,7 @@ def compile_kept(
             builder.export_symbol(name)
         library = builder.link(linker, 'kernel')
         taken = seconds + time.perf_counter() - start
-        return Native(library, head['digest'], facts(**head['facts']), taken)
+        return Native(library, facts(**head), taken)
 
     versions = llvmlite.__version__, str(llvm.llvm_version_info)
     return kept((*key, *versions, repr(target)) if key else (), make, use)

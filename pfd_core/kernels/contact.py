@@ -25,6 +25,9 @@ from pfd_core.machine.program import Program
 # Torques of the motors at the beginning, in the middle and at the end of a segment.
 TORQUES = ('tau.begin', 'tau.mid', 'tau.end')
 
+# Arrays that @hold needs only while it runs.
+HELD = ('drive', 'effort', 'candidate', 'lower', 'upper', 'last', 'barred', 'busy')
+
 
 @dataclass(frozen=True)
 class Stage:
@@ -170,6 +173,8 @@ class ContactWriter:
 
     def _hold(self) -> str:
         s = self.script('hold')
+        for name in HELD:
+            s.add(name, 1 if name == 'busy' else self._n)
         drive = self.motor(s, 'q', 'qd', self._tau)
         if 'drive' in self._contact.programs:
             s.run('drive', tau=drive)

@@ -123,11 +123,16 @@ class Script:
         self._places = dict(places)
         self._step = width * self.code.bytes
 
+    def add(self, name: str, size: int) -> None:
+        """Use an array of the function's own, which LLVM may keep in registers, for a name."""
+        self._places[name] = self.code.array(size)
+
     def at(self, name: str, size: int = 0) -> str:
         """Return the address of an array; a new one has a size."""
         if name in self._places:
             return self._places[name]
-        return self.code.at('%frame', self._first(name, size), self._step)
+        first = self._frame.place(name, size or self._frame.length(name))
+        return self.code.at('%frame', first, self._step)
 
     def read(self, name: str) -> list[str]:
         """Return all elements of an array."""
@@ -135,15 +140,13 @@ class Script:
 
     def element(self, name: str, k: int) -> str:
         """Return one element of an array."""
-        if name in self._places:
-            return self.code.read(self._places[name], k, self._step)
-        return self.code.read('%frame', self._first(name) + k, self._step)
+        return self.code.read(self.at(name), k, self._step)
 
     def write(self, name: str, values: Sequence[str]) -> None:
         """Write all elements of an array."""
-        first = self._first(name, len(values))
+        place = self.at(name, len(values))
         for k, value in enumerate(values):
-            self.code.write(value, '%frame', first + k, self._step)
+            self.code.write(value, place, k, self._step)
 
     def fill(self, name: str, value: float, size: int) -> None:
         """Write equal elements to an array."""
@@ -194,9 +197,6 @@ class Script:
         with self.code.loop(at_most, again=again):
             yield
             again.set(self.any(name))
-
-    def _first(self, name: str, size: int = 0) -> int:
-        return self._frame.place(name, size or self._frame.length(name))
 
     def __str__(self) -> str:
         """Return the IR of the function, which is complete then."""

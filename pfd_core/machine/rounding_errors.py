@@ -43,10 +43,15 @@ WITH_ERRORS = 2
 
 @dataclass(frozen=True)
 class Approximate:
-    """A value, and its exact value less this value; None for a known zero."""
+    """
+    A value, and its exact value less this value; None for a known zero.
+
+    A number that is known while recording has its exact value, too.
+    """
 
     value: Lanes
     error: Lanes | None = None
+    exact: Fraction | None = None
 
 
 class RoundingErrors:
@@ -129,20 +134,22 @@ class RoundingErrors:
         value = float(self.number(float(exact)))
         row = self.recorder.constant(value)
         self._numbers[row.registers] = value
-        if not isinstance(exact, Fraction) or exact == Fraction(value):
+        if not isinstance(exact, Fraction):
             return Approximate(row)
         rest = float(self.number(float(exact - Fraction(value))))
-        return Approximate(row, self.recorder.constant(rest) if rest else None)
+        return Approximate(row, self.recorder.constant(rest) if rest else None, exact)
 
     def negative(self, a: Approximate) -> Approximate:
         """Return -a."""
-        number = self._number(a)
-        if number is not None and a.error is None:
-            return self.constant(Fraction(-number) if math.isfinite(number) else -number)
+        if a.exact is not None:
+            return self.constant(-a.exact)
         return Approximate(-a.value, None if a.error is None else -a.error)
 
     def sum(self, a: Approximate, b: Approximate) -> Approximate:
         """Return a + b."""
+        if a.exact is not None and b.exact is not None:
+            # Not by operations: lowering folds those of constants in float64.
+            return self.constant(a.exact + b.exact)
         if self._number(a) == 0 or self._number(b) == 0:
             kept, zero = (b, a) if self._number(a) == 0 else (a, b)
             return Approximate(kept.value, self._added(kept.error, zero.error))
@@ -153,6 +160,8 @@ class RoundingErrors:
 
     def product(self, a: Approximate, b: Approximate) -> Approximate:
         """Return a b."""
+        if a.exact is not None and b.exact is not None:
+            return self.constant(a.exact * b.exact)
         for factor, other in ((a, b), (b, a)):
             number = self._number(factor)
             if number is not None and factor.error is None:

@@ -37,6 +37,7 @@ def resident():
 def compiled(first, count):
     for k in range(first, first + count):
         pfd.compile_kernel(robot, scene=pfd.Scene(gravity=(0.0, 0.0, -9.0 - k)))
+        gc.collect()  # else the heap is as large as what happens to be uncollected
 
 robot = pfd.load_robot('planar2')
 warm_up, count = map(int, sys.argv[1:])

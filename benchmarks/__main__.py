@@ -3,7 +3,7 @@
 """
 Measure and write the pages of docs/report: `python -m benchmarks [NAME ...]`.
 
-Without names all pages are made; pages with clocks come first and run alone. NAME.json holds the
+Without names all pages are made, those that measure times first. NAME.json holds the
 measured rows, NAME.md and pictures are derived from it; `--from-json` only derives them again.
 """
 
@@ -32,11 +32,10 @@ EXPECTED = (ValueError, OSError, ImportError, ArithmeticError, RuntimeError)
 
 
 class Page(NamedTuple):
-    """Name of its files and module, content in the index, and whether it measures times."""
+    """Name of its files and module, and content in the index."""
 
     name: str
     title: str
-    clocks: bool = False
 
     @property
     def module(self) -> Any:
@@ -44,10 +43,10 @@ class Page(NamedTuple):
         return import_module(f'benchmarks.pages.{self.name.replace("-", "_")}')
 
 
-# Pages with clocks first.
+# Pages that measure times first.
 PAGES: Sequence[Page] = (
-    Page('speed', 'times of forward dynamics and other quantities compared with peers', True),
-    Page('error', 'time against error: integrators, and an arm under a controller', True),
+    Page('speed', 'times of forward dynamics and other quantities compared with peers'),
+    Page('error', 'time against error: integrators, and an arm under a controller'),
     Page('scene', 'operations and error of each effect of a scene'),
     Page('hard-cases', 'errors of ill-conditioned arms, and over thousands of states'),
     Page('derivatives', 'errors of derivatives and linearised steps'),

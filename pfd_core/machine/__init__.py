@@ -20,7 +20,7 @@ In the order from recording to result:
     rounding_errors   program -> recording of its values with their rounding errors
     derivative   program -> program of its Jacobians or directional derivatives
     emulator     runs a program in lock-step on NumPy or mpmath numbers; routes hop by hop
-    prices       the time of arithmetic for weights of operations; the choices that no step counts
+    prices       the time of arithmetic for weights of operations
     systolic     clocked array of cells, for the paper's triangular array
 
 A new operation is a row of operations.OPERATIONS; a new kind of step count is a column name in

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The time of the arithmetic of a run from its steps, and the choices that no step counts.
+The time of the arithmetic of a run from its steps.
 
     time = t_m M + t_a A + t_d D + t_s S
 
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pfd_core.machine.program import Program, Steps, busy_lanes
+from pfd_core.machine.program import Steps
 
 
 @dataclass(frozen=True)
@@ -38,42 +38,3 @@ class Weights:
             + self.division * steps.divisions
             + self.square_root * steps.square_roots
         )
-
-
-@dataclass(frozen=True)
-class Choices:
-    """
-    Instructions that only choose between values a lane has; they cost no step.
-
-    Attributes
-    ----------
-    selects : int
-        Each lane compares a value with zero and keeps one of two others.
-    merges : int
-        Each lane keeps one of two values, which the program fixes; nothing moves between lanes.
-        A route that moves data merges in the same step and is not counted here.
-    comparisons : int
-        The control unit compares a value of lane 0, to repeat a loop or to end it.
-
-    """
-
-    selects: int = 0
-    merges: int = 0
-    comparisons: int = 0
-
-
-def choices(program: Program, iterations: int = 1) -> Choices:
-    """Return the choices of a program; its repeated part runs `iterations` times."""
-    selects = merges = comparisons = 0
-    times = 1
-    for instruction in program.instructions:
-        if instruction.op == 'loop':
-            times = iterations
-        elif instruction.op == 'end':
-            comparisons += times
-            times = 1
-        elif instruction.op == 'select':
-            selects += times
-        elif instruction.op == 'route' and not busy_lanes(instruction):
-            merges += times
-    return Choices(selects, merges, comparisons)

@@ -11,8 +11,8 @@ from bridge import (
     Recorder,
     fused_product,
     inline_program,
-    lane_array,
     record_derivatives,
+    vector_array,
 )
 
 
@@ -25,10 +25,10 @@ def record_acceleration_derivatives(plant: Plant, method: str = 'composite_body'
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
     parts = inline_program(recorder, record_derivatives(plant, method), {})
-    X = lane_array(parts['X']).reshape(n, n)
-    D = lane_array(parts['D']).reshape(n, 2 * n)
+    X = vector_array(parts['X']).reshape(n, n)
+    D = vector_array(parts['D']).reshape(n, 2 * n)
     with recorder.section('product'):
-        by_tau = X * lane_array(parts['T']) if 'T' in parts else X
+        by_tau = X * vector_array(parts['T']) if 'T' in parts else X
         rows = [
             [*(-fused_product(row, column) for column in D.T), *scaled]
             for row, scaled in zip(X, by_tau, strict=True)

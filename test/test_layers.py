@@ -48,7 +48,7 @@ KERNELS = {
     'lower': {'simplify', 'sines', 'schedule'},
     'ir': set(),
     'parts': set(),
-    'generate': {'ir', 'parts', 'schedule', 'sines'},
+    'generate': {'ir', 'parts', 'sines'},
     'script': {'generate', 'ir'},
     'simulate': {'generate', 'ir', 'script'},
 }

@@ -52,7 +52,7 @@ PAGES: Sequence[Page] = (
     Page('derivatives', 'errors of derivatives and linearised steps'),
     Page('counts', 'steps of every method on emulated processors compared with the paper'),
     Page('claims', "the paper's sentences and equations, each with a verdict"),
-    Page('array', 'the triangular array, recursive doubling and set ordering in pictures'),
+    Page('array', 'the triangular array cycle by cycle, recursive doubling and set ordering'),
     Page('networks', 'time of every method on networks between processors'),
 )
 

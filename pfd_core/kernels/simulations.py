@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Simulations in native code: an integrator's step around @evaluate, over all steps of a rollout.
+Simulations in native code: the programs of a step and its dynamics, over all steps of a rollout.
 
     compile_steps        arms in the lanes of a register  (pfd_core.kernels.simulate)
-    compile_adaptive     one arm, adaptive steps    (pfd_core.kernels.adaptive)
+    compile_adaptive     one arm, adaptive steps          (pfd_core.kernels.adaptive)
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ Cholesky factorisations and H x = y on n lanes.
 
 Lee and Chang 1987, section 2.4, Parallel-Cholesky-Factorization and column sweep. Corrected:
 equations (11), (12) and (29) to (31), taken as printed, have elements of H where elements of L
-are needed, and yield another matrix or NaN (pfd_core.algorithms.paper.literal_array). One square
+are needed, and give a wrong matrix or NaN (pfd_core.algorithms.paper.literal_array). One square
 root, as claimed there, is enough for L L' by way of L D L' (one_square_root), and a solve needs
 none. L D L' and the order of elimination are not the paper's.
 

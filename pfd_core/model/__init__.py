@@ -23,9 +23,9 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
 
 URDF and xacro are read by modules that `loading` imports at the first such file.
 
-A new effect of a joint is a record in `effects` and a field of Scene; all else follows from it. An
-effect of the motors is a record there as well, and its torque belongs in
-pfd_core.dynamics.drives.
+A new effect of a joint is a record in `effects`, a record of its field in `scene_fields` and a
+field of Scene; all else follows from them. An effect of the motors has its torque in
+pfd_core.dynamics.drives as well.
 """
 
 from pfd_core.model.effects import EFFECTS, Effect

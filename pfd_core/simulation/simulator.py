@@ -189,8 +189,9 @@ class Simulator(Simulation):
         """
         Advance the state by one step for each row of torques.
 
-        A KeyboardInterrupt ends it within a fraction of a second; state and time are then those
-        after some of the steps, and another call continues from there.
+        A KeyboardInterrupt ends it between two steps, within a fraction of a second unless a
+        single step takes longer; state and time are then those after some of the steps, and
+        another call continues from there.
 
         Parameters
         ----------

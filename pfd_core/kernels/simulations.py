@@ -254,6 +254,10 @@ class _Sources:
         Everything that determines the module except the sources and the step's program.
     others : dict
         Sources of other functions, by the names that the step calls them.
+    inputs : dict
+        Elements of the inputs of the dynamics.
+    dtype : str
+        Number format.
     contact : Contact or None
         Dry friction and joint stops, with lowered programs.
 

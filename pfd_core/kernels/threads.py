@@ -168,7 +168,7 @@ class BatchWork:
     """The work of @batch (pfd_core.kernels.generate) on states in rows."""
 
     code: Native
-    rows: Sequence[NDArray[Any]]  # inputs and output, (B, elements), at any strides
+    rows: Sequence[NDArray[Any]]  # inputs and output, (B, elements), as @batch takes them
 
     @cached_property
     def _table(self) -> NDArray[np.int64]:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import permutations
 import pickle
 import re
 import warnings
@@ -118,6 +119,7 @@ def test_a_wrong_list_of_silent_joints_is_refused(silent: object) -> None:
 # ---- values by joint -------------------------------------------------------------------------
 
 ELBOW = UR5.joint_names.index('elbow_joint')
+ELBOW_ALONE = {'elbow_joint': 2.0}
 VALUES = {
     'friction': 3.0,
     'damping': 0.5,
@@ -168,6 +170,13 @@ def test_one_restitution_may_differ() -> None:
     assert resolve_plant(UR5, scene).restitution.tolist() == [0, 0, 0.5, 0, 0, 0]
 
 
+def test_both_forms_of_values_by_joint_may_be_mixed_in_any_order() -> None:
+    both = [('friction.wrist_1_joint', 1.0), ('friction', ELBOW_ALONE)]
+    for pairs in permutations(both):
+        scene = pfd.Scene(**dict(pairs))
+        assert scene.friction == (('elbow_joint', 2.0), ('wrist_1_joint', 1.0))
+
+
 @pytest.mark.parametrize(
     ('fields', 'message'),
     [
@@ -179,6 +188,10 @@ def test_one_restitution_may_differ() -> None:
         ({'joint_limits.elbow_joint': 1.0}, 'joint_limits must have shape'),
         ({'friction': 'model', 'friction.elbow_joint': 1.0}, 'friction is given for all joints'),
         ({'friction.elbow_joint': 1.0, 'friction': 'model'}, 'friction is given for all joints'),
+        *(
+            (dict(pairs), "friction of joint 'elbow_joint' is given twice")
+            for pairs in permutations([('friction.elbow_joint', 1.0), ('friction', ELBOW_ALONE)])
+        ),
         (
             {f'{key}.elbow_joint': 1.0 for key in ('friction', 'static_friction')}
             | {'stribeck_velocity.elbow_joint': 1.0},

@@ -169,20 +169,25 @@ def by_joint(values: Mapping[str, Any]) -> dict[str, Any]:
     """
     Return values by field, with `friction.elbow_joint` for one joint as friction of that joint.
 
-    ValueError if a field is given for one joint and for all.
+    ValueError if a field is given for one joint and for all, or twice for one.
     """
     found: dict[str, Any] = {}
     for key, value in values.items():
         name, dot, joint = key.partition('.')
         if not dot or name not in FIELDS or not FIELDS[name].has_numbers:
-            name, value = key, dict(value) if isinstance(value, Mapping) else value
-            joint = ''
-        if name in found and not (joint and isinstance(found[name], dict)):
-            raise ValueError(f'{name} is given for all joints and for one: use one of them')
-        if joint:
-            found.setdefault(name, {})[joint] = value
+            name = key
         else:
-            found[name] = value
+            value = {joint: value}
+        if name not in found:
+            found[name] = dict(value) if isinstance(value, Mapping) else value
+            continue
+        table = found[name]
+        if not (isinstance(table, dict) and isinstance(value, Mapping)):
+            raise ValueError(f'{name} is given for all joints and for one: use one of them')
+        for joint in value:
+            if joint in table:
+                raise ValueError(f'{name} of joint {quote(joint)} is given twice')
+        table |= value
     return found
 
 

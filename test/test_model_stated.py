@@ -183,9 +183,17 @@ def test_both_forms_of_values_by_joint_may_be_mixed_in_any_order() -> None:
         ({'friction': {'elbow': 1.0}}, "friction of the scene names joint 'elbow', but 'ur5' has"),
         ({'friction.elbow': 1.0}, "friction of the scene names joint 'elbow', but 'ur5' has"),
         ({'friction': {1: 1.0}}, 'friction must have names of joints as keys'),
-        ({'friction.elbow_joint': -1.0}, 'friction must not be negative'),
-        ({'friction.elbow_joint': 'x'}, 'friction must be an array of numbers'),
-        ({'joint_limits.elbow_joint': 1.0}, 'joint_limits must have shape'),
+        *(
+            ({f'{key}.elbow_joint': value}, f"{key} of joint 'elbow_joint'")
+            for key, value in {
+                'friction': -1.0,
+                'damping': 'x',
+                'joint_limits': 1.0,
+                'restitution': 2.0,
+                # Speeds that fall.
+                'torque_speed': [(2.0, 1.0), (1.0, 0.0)],
+            }.items()
+        ),
         ({'friction': 'model', 'friction.elbow_joint': 1.0}, 'friction is given for all joints'),
         ({'friction.elbow_joint': 1.0, 'friction': 'model'}, 'friction is given for all joints'),
         *(

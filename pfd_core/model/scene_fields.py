@@ -10,7 +10,7 @@ values that a robot states. The records in `pfd_core.model.effects` hold what th
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import Any
 import warnings
@@ -83,9 +83,13 @@ class Field:
         given = dict(value)
         if not all(isinstance(joint, str) for joint in given):
             raise ValueError(f'{self.name} must have names of joints as keys, got {quote(value)}')
-        joints = sorted(given)
-        checked = _CHECKS[self.kind](self, [given[joint] for joint in joints])
-        return tuple(zip(joints, checked, strict=True)) or self.off
+        return tuple((j, self._of_joint_checked(j, given[j])) for j in sorted(given)) or self.off
+
+    def _of_joint_checked(self, joint: str, value: Any) -> Any:
+        label = f'{self.name} of joint {quote(joint)}'
+        if self.kind == TABLES:
+            return _table(label, value)
+        return _CHECKS[self.kind](replace(self, name=label), [value])[0]
 
     def of_model(self, robot: Robot) -> Array:
         """Return the numbers of a robot's model, (n,) or (n, columns)."""

@@ -36,7 +36,8 @@ SILENT = [
 def test_values_of_a_model_that_states_none_are_refused_with_robot_and_cure(
     robot: pfd.Robot, key: str, joint: str
 ) -> None:
-    cure = rf"{key}={{'{joint}': \.\.\.}}" + ", or 'estimated'" * (key == 'armature')
+    cure = rf"{key}={{'{joint}': \.\.\.}} or {key}\.{joint}"
+    cure += ", or 'estimated'" * (key == 'armature')
     with pytest.raises(ValueError, match=rf"{key} is 'model', .*'{robot.name}' .*: .*{cure}$"):
         resolve_plant(robot, pfd.Scene(**{key: 'model'}))
 
@@ -78,6 +79,8 @@ def test_joints_without_a_value_are_named_in_one_warning() -> None:
     (warning,) = found
     assert "'odd_arm' states none for 'j2', 'j3', 'j4', 'j5', 'j6'" in str(warning.message)
     assert plant.friction.tolist() == robot.friction.tolist() == [0.3, 0, 0, 0, 0, 0]
+    # The cure keeps the joints that the model states.
+    assert re.findall(r'friction\.(\w+)', str(warning.message)) == ['j1', 'j2']
 
 
 @pytest.mark.parametrize('key', ['joint_limits', 'effort_limits', 'torque_speed'])

@@ -131,23 +131,30 @@ class Field:
     def _check_stated(self, robot: Robot) -> None:
         """Raise ValueError if the model states nothing; warn if it does for some joints only."""
         silent = self.unstated(robot)
-        cure = f'give values by joint, {self.name}={{{quote((silent or [""])[0])}: ...}}'
-        if self.estimated:
-            cure += f', or {ESTIMATED!r}'
         if len(silent) == robot.n:
             raise ValueError(
                 f'{self.name} is {MODEL!r}, but the model of {quote(robot.name)} states none for '
-                f'any joint: {cure}'
+                f'any joint: give values by joint, {self._by_joint(silent[:1])}'
             )
         if self._of_robot & set(LIMIT_FIELDS.values()):
             silent = _without_continuous(robot, silent)
         if silent:
+            # A scene with values by joint has none of the model.
+            stated = next(joint for joint in robot.joint_names if joint not in silent)
             warnings.warn(
                 f'{self.name} is {MODEL!r}, but the model of {quote(robot.name)} states none for '
-                f'{quote_all(silent)}, which have none: {cure}',
+                f'{quote_all(silent)}, which have none: give the values of all joints, '
+                f'{self._by_joint([stated, silent[0]])}',
                 PhysicsWarning,
                 stacklevel=2,
             )
+
+    def _by_joint(self, joints: list[str]) -> str:
+        """Return how values of some joints are given, in Python and in files and parameters."""
+        pairs = ', '.join(f'{quote(joint)}: ...' for joint in joints)
+        keys = ', '.join(f'{self.name}.{quote(joint)[1:-1]}' for joint in joints)
+        found = f'{self.name}={{{pairs}}} or {keys}'
+        return f'{found}, or {ESTIMATED!r}' if self.estimated else found
 
     def _of_all_joints(self, robot: Robot, given: Mapping[str, Any]) -> list[Any]:
         """Return values by joint as a list, with nothing, or no limit, for all other joints."""

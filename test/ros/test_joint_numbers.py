@@ -40,6 +40,14 @@ def test_the_other_joints_keep_the_numbers_of_the_model() -> None:
         assert arm.settings.joint_friction == tuple(expected.tolist())
 
 
+def test_the_cure_in_the_error_of_a_switch_is_a_setting() -> None:
+    with pytest.raises(ValueError, match='states none for any joint') as refused:
+        LockstepArm('ur5', friction=True)
+    cure = str(refused.value).rpartition(' or ')[2]
+    with LockstepArm('ur5', **{cure: 3.0}) as arm:
+        assert arm.settings.joint_friction == (3.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
 @pytest.mark.parametrize('word', ['friction.elbow_joint=3.0', 'friction={"elbow_joint": 3.0}'])
 def test_a_number_of_one_joint_is_a_change_of_a_recorded_run(word: str, tmp_path: Path) -> None:
     path = tmp_path / 'run.mcap'

@@ -9,8 +9,9 @@ import gc
 import pickle
 import sys
 import threading
+from typing import Any
 
-from bridge import ITERATIVE_METHODS, run_program
+from bridge import ITERATIVE_METHODS, kernel_source, run_program
 import numpy as np
 from oracle import ARMS, Oracle, assert_bits_of_the_emulator, jacobi_condition
 import pytest
@@ -502,3 +503,15 @@ def test_inverse_dynamics_has_no_brakes() -> None:
     np.testing.assert_array_equal(braked(TWO, TWO, TWO), plain(TWO, TWO, TWO))
     with pytest.raises(ValueError, match='brakes were given, but'):
         braked(TWO, TWO, TWO, brakes=[True, False])
+
+
+def test_a_subclass_of_kernel_keeps_its_own_call() -> None:
+    class Doubled(pfd.Kernel):
+        def __call__(self, *arrays: Any, **options: Any) -> Any:
+            return 2 * super().__call__(*arrays, **options)
+
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    doubled = Doubled(kernel.spec, kernel_source(kernel.spec), kernel.__reduce__()[0])
+    state = random_states(2, 5, 'float64')
+    assert isinstance(doubled, Doubled)
+    np.testing.assert_array_equal(doubled(*state), 2 * kernel(*state))

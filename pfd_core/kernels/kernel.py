@@ -67,8 +67,8 @@ class Kernel:
     """
 
     def __new__(cls, *_: object) -> Kernel:
-        """Return a kernel that has a slot for its call."""
-        return object.__new__(_NativeKernel)
+        """Return a kernel that has a slot for its call; a subclass has a call of its own."""
+        return object.__new__(_NativeKernel if cls is Kernel else cls)
 
     def __init__(
         self,

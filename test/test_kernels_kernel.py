@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import copy
 import gc
+import inspect
 import pickle
 import sys
 import threading
@@ -515,3 +516,10 @@ def test_a_subclass_of_kernel_keeps_its_own_call() -> None:
     state = random_states(2, 5, 'float64')
     assert isinstance(doubled, Doubled)
     np.testing.assert_array_equal(doubled(*state), 2 * kernel(*state))
+
+
+def test_a_kernel_has_the_signature_of_its_call() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    names = ['q', 'qd', 'tau', 'wrench', 'out', 'brakes', 'payload', 'threads']
+    assert list(inspect.signature(kernel).parameters) == names
+    assert list(inspect.signature(kernel.__call__).parameters) == names

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from inspect import signature
 import math
 from typing import Any
 
@@ -309,6 +310,8 @@ class _NativeKernel(Kernel):
         convert.__doc__ = Kernel.__call__.__doc__
         call = python_function(self._native['entry'], convert, self._native)
         self.__call__ = call  # type: ignore[method-assign]
+        # inspect.signature(kernel) looks for a call in the class, where it finds the slot.
+        self.__signature__ = signature(super().__call__)
 
 
 def _as_rows(value: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Mapping
 import re
 
@@ -118,6 +119,24 @@ def test_locking_in_the_file_and_in_the_robot_is_the_same() -> None:
 def test_links_fixed_beyond_the_tip_keep_their_mass() -> None:
     whole, cut = pfd.load_robot(ODD_ARM, tip='hand'), pfd.load_robot(ODD_ARM, tip='wrist')
     assert cut.masses[-1] == whole.masses[-1] == pytest.approx(0.8 + 0.5, rel=DYNAMICS)
+
+
+def test_the_positions_at_which_an_error_proposes_to_lock_are_within_the_limits() -> None:
+    limits = '<limit lower="{}" upper="{}" velocity="3" effort="40"/>'
+    joints = (
+        joint('a', 'revolute', 'base', 'one'),
+        joint('b', 'revolute', 'one', 'two', extra=limits.format(-2.0, -0.5)),
+        joint('c', 'revolute', 'one', 'three', extra=limits.format(0.25, 2.0)),
+    )
+    links = (link('base'), *(link(name, 1.0, J=BODY) for name in ('one', 'two', 'three')))
+    text = urdf('fork', *links, *joints)
+    with pytest.raises(pfd.TreeError) as refused:
+        pfd.load_robot(text)
+    cure = re.search(r'locked=({.*})', str(refused.value))
+    assert cure is not None
+    locked = ast.literal_eval(cure[1])
+    assert locked == {'b': -0.5, 'c': 0.25}
+    assert pfd.load_robot(text, locked=locked).joint_names == ('a',)
 
 
 def test_a_mimic_joint_may_be_locked() -> None:

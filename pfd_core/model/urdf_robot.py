@@ -309,7 +309,7 @@ def _check_kind(joint: Joint) -> None:
     if joint.mimic is not None:
         raise ValueError(
             f'joint {name} mimics {quote(joint.mimic.leader)}, which is not supported: lock it '
-            f'with locked={{{name}: 0.0}}, lock the joint that it follows, or take the <mimic> '
+            f'with locked={{{_lock(joint)}}}, lock the joint that it follows, or take the <mimic> '
             'away'
         )
 
@@ -319,9 +319,15 @@ def _movable(joints: Iterable[Joint]) -> list[str]:
 
 
 def _how_to_lock(joints: Iterable[Joint]) -> str:
-    names = _movable(joints)
-    pairs = ', '.join(f'{quote(name)}: 0.0' for name in names[:MOST_NAMES])
-    return f'lock them, locked={{{pairs}{", ..." if len(names) > MOST_NAMES else ""}}}'
+    movable = [joint for joint in joints if joint.kind in JOINT_TYPES]
+    pairs = ', '.join(map(_lock, movable[:MOST_NAMES]))
+    return f'lock them, locked={{{pairs}{", ..." if len(movable) > MOST_NAMES else ""}}}'
+
+
+def _lock(joint: Joint) -> str:
+    """Return a joint and the position next to zero [rad, m] within its limits."""
+    position = min(max(0.0, joint.limits.lower), joint.limits.upper)
+    return f'{quote(joint.name)}: {position}'
 
 
 # Its frames and bodies.

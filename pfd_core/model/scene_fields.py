@@ -140,11 +140,11 @@ class Field:
             silent = _without_continuous(robot, silent)
         if silent:
             # A scene with values by joint has none of the model.
-            stated = next(joint for joint in robot.joint_names if joint not in silent)
+            stated = [j for j in robot.joint_names if self._of_robot - unstated(robot, j)]
             warnings.warn(
                 f'{self.name} is {MODEL!r}, but the model of {quote(robot.name)} states none for '
                 f'{quote_all(silent)}, which have none: give the values of all joints, '
-                f'{self._by_joint([stated, silent[0]])}',
+                f'{self._by_joint([*stated[:1], silent[0]])}',
                 PhysicsWarning,
                 stacklevel=2,
             )

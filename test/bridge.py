@@ -63,7 +63,6 @@ NAMES = {
     'Lanes': 'pfd_core.machine.recorder:Lanes',
     'Recorder': 'pfd_core.machine.recorder:Recorder',
     'MACHINE_SCHEDULES': 'pfd_core.machine.recorder:SCHEDULES',
-    'MachineSchedule': 'pfd_core.machine.recorder:Schedule',
     'inline_program': 'pfd_core.machine.recorder:inline',
     'RoundingErrors': 'pfd_core.machine.rounding_errors:RoundingErrors',
     'SystolicArray': 'pfd_core.machine.systolic:Array',

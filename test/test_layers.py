@@ -99,7 +99,6 @@ PINNED = (
     'test_derivative_rules',
     'test_format',
     'test_log_page',
-    'test_machine_blocks',
     'test_receiving',
     'test_recording_disk',
     'test_recording_races',

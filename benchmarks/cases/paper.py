@@ -10,7 +10,7 @@ method. The available copy is a scan. Of the multiplications of PCRBM in Table 1
 and 4 n; 31 L + 170 is from the formula of section 2.5, which prints 2 n instead of 4 n.
 
 The editions of a system are defined in texts/counts.md. Programs are recorded for chains of equal
-links, on p processors for blocks of ceil(n / p) links: they are not derived from the count on n.
+links. p processors take ceil(k / p) steps for an instruction on k lanes of the program for n.
 """
 
 from __future__ import annotations
@@ -34,7 +34,6 @@ from pfd_core.algorithms.paper.pcrbm_array import SECTION, STREAMS, stream_steps
 from pfd_core.algorithms.paper.triangular_array import DIVIDE, MULTIPLY, solve_steps
 from pfd_core.dynamics.methods import FORWARD, ITERATIVE, SERIAL, record_forward_dynamics
 from pfd_core.machine.program import Program, Steps
-from pfd_core.machine.recorder import Schedule
 from pfd_core.model import resolve
 
 KINDS = ('multiplications', 'additions', 'square_roots')
@@ -129,7 +128,8 @@ class Recording(NamedTuple):
 
 def program_of(one: Recording) -> Program:
     """Return a program to count, without the rotations of the joints."""
-    plant, machine = resolve(uniform_chain(one.n)), Schedule(one.schedule, one.processors)
+    plant = resolve(uniform_chain(one.n))
+    machine = 'sequential' if one.processors == 1 else one.schedule
     if one.edition == BEST_KNOWN:
         program = record_forward_dynamics(plant, one.method, machine)
     else:
@@ -149,7 +149,8 @@ def steps_of(
     Cells of the array that act in one cycle are one step; a route brings each antidiagonal of H to
     the rows of the array (pcrbm_array.streams).
     """
-    steps = program.count(iterations=iterations, network=network)
+    p = one.processors
+    steps = program.count(p, iterations=iterations, network=network)
     if one.method != 'pcrbm_array':
         return steps
     if one.edition == BEST_KNOWN:
@@ -160,8 +161,8 @@ def steps_of(
         dividing, subtracting = trace.cycles_with(DIVIDE), trace.cycles_with(MULTIPLY)
         cycles = Steps(trace.cycles - dividing, subtracting, dividing, square_roots=one.n)
         on_cells = list(FACTORISATION)
-    feeding = stream_steps(one.n, program.lanes, network)
-    return steps - in_sections(program, on_cells, network) + cycles + feeding
+    feeding = stream_steps(one.n, p or program.lanes, network)
+    return steps - in_sections(program, on_cells, p, network) + cycles + feeding
 
 
 def flat(prefix: str, steps: Steps) -> dict[str, int]:

@@ -28,7 +28,7 @@ from pfd_core.dynamics.methods import ITERATIVE, METHODS, SERIAL
 from pfd_core.model import Robot, load_robot
 
 SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 32, 48, 64)
-# Joints, and numbers of processors: divisors, and for 6 joints also 4, of which one has no link.
+# Joints, and numbers of processors: divisors, and for 6 joints also 4.
 PROCESSORS = {6: (1, 2, 3, 4, 6), 12: (1, 2, 3, 4, 6, 12), 64: (1, 2, 4, 8, 16, 32, 64)}
 COUNTED = (*METHODS, 'constraint_forces')
 

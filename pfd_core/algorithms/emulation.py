@@ -3,9 +3,9 @@
 """
 Forward dynamics on the emulated machine: accelerations, steps, utilisation and status.
 
-The same program that kernels compile runs here in lock-step on n processors, or on fewer, each of
-which then has a block of links (pfd_core.machine.recorder). With `digits` it runs on mpmath
-numbers and gives the reference for errors.
+The same program that kernels compile runs here in lock-step on n processors. Fewer processors take
+several steps for an instruction on more lanes than they are; one runs the program of one
+processor. With `digits` the program runs on mpmath numbers and gives the reference for errors.
 """
 
 from __future__ import annotations
@@ -20,12 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 from pfd_core.algorithms.paper.pcrbm_array import SECTION, STREAMS, stream_steps
 from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.dynamics.convergence import record_small_correction
-from pfd_core.dynamics.methods import TOLERANCES, record_forward_dynamics
+from pfd_core.dynamics.methods import SERIAL, TOLERANCES, record_forward_dynamics
 from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
 from pfd_core.machine.networks import NETWORKS
 from pfd_core.machine.program import Program, Steps
-from pfd_core.machine.recorder import Schedule
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.scene_fields import INPUT
 from pfd_core.model.values import DTYPES, choice, common_shape, integer, real_array
@@ -121,10 +120,11 @@ def emulate(
     brakes : array_like of bool, optional
         Held joints, (..., n), only if the scene has brakes; default none.
     processors : int, optional
-        From 1 to n, each with a block of ceil(n / processors) neighbouring links; default n, or
-        1 for a serial method. On one processor the steps are the operations of a serial program.
+        From 1 to n; default n, or 1 for a serial method. Between 1 and n the program of n
+        processors is run, and an instruction on k lanes counts ceil(k / processors) steps. On one
+        processor the steps are the operations of the serial program of the method.
     network : str
-        Network that joins the processors: 'crossbar', 'pm2i', 'cube', 'mesh', 'ring', 'shuffle'
+        Network that joins the n processors: 'crossbar', 'pm2i', 'cube', 'mesh', 'ring', 'shuffle'
         or 'bus' (pfd_core.machine.networks). Routes are executed hop by hop, and counted in steps
         of that network.
     dtype : {'float64', 'float32'}
@@ -151,9 +151,14 @@ def emulate(
         raise ValueError(f'emulate takes a scene with a Payload or None, got payload={INPUT!r}')
     # In mpmath numbers, of any digits, the residual falls as far as in double precision.
     tolerance = TOLERANCES.get('float64' if digits else dtype)
+    if method in SERIAL and processors not in (None, 1):
+        raise ValueError(
+            f'processors must be 1 for the serial method {method!r}, got {processors}'
+        )
     plant = resolve(robot, scene)
-    schedule = Schedule('parallel', processors)
+    schedule = 'sequential' if processors == 1 else 'parallel'
     program = record_forward_dynamics(plant, method, schedule, tolerance)
+    p = processors or program.lanes
     check = record_small_correction(plant) if 'converged' in program.outputs else None
     given: dict[str, ArrayLike] = {'q': q, 'qd': qd, 'tau': tau}
     given |= scene_inputs(scene, robot.n, 'float64', wrench, brakes)
@@ -169,9 +174,9 @@ def emulate(
     iterations = None
     if 'iterations' in result:
         iterations = int(np.max(np.asarray(result['iterations'], dtype=np.float64), initial=0))
-    steps = _steps(method, program, robot.n, iterations or 1, network)
+    steps = _steps(method, program, robot.n, p, iterations or 1, network)
     work = arithmetic(program.count(1, iterations=iterations or 1))
-    units = processors_of(method, robot.n, program.lanes)
+    units = processors_of(method, robot.n, p)
     return Run(
         qdd=result['qdd'],
         steps=steps,
@@ -183,24 +188,29 @@ def emulate(
     )
 
 
-def _steps(method: str, program: Program, n: int, iterations: int, network: str) -> Steps:
+def _steps(method: str, program: Program, n: int, p: int, iterations: int, network: str) -> Steps:
     """
-    Return the steps that a method's program takes on its machine.
+    Return the steps that a method's program takes on a machine of p processors.
 
     The cells of the triangular array work side by side: there the cycles count, not the operations
     of all cells, and routes bring H to the rows of the array, not to one lane.
     """
-    steps = program.count(iterations=iterations, network=network)
+    steps = program.count(p, iterations=iterations, network=network)
     if method != 'pcrbm_array':
         return steps
-    on_cells = in_sections(program, (STREAMS, SECTION), network)
-    return steps - on_cells + solve_steps(n) + stream_steps(n, program.lanes, network)
+    on_cells = in_sections(program, (STREAMS, SECTION), p, network)
+    return steps - on_cells + solve_steps(n) + stream_steps(n, p, network)
 
 
-def in_sections(program: Program, sections: Sequence[str], network: str = 'crossbar') -> Steps:
+def in_sections(
+    program: Program,
+    sections: Sequence[str],
+    processors: int | None = None,
+    network: str = 'crossbar',
+) -> Steps:
     """Return the steps of sections; a program may lack some of them."""
     present = {one.section for one in program.instructions}
-    counts = (program.count(section=s, network=network) for s in sections if s in present)
+    counts = (program.count(processors, s, network=network) for s in sections if s in present)
     return sum(counts, Steps())
 
 

@@ -19,11 +19,10 @@ from pfd_core.dynamics.drives import commanded_torques
 from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.dynamics.methods import check_payload
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Schedule
 from pfd_core.model import Plant, check_instant
 
 
-def record_inverse_dynamics(plant: Plant, schedule: str | Schedule) -> Program:
+def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
     """
     Return the program of the commanded tau, (n,), from q, qd and qdd.
 
@@ -38,7 +37,7 @@ def record_inverse_dynamics(plant: Plant, schedule: str | Schedule) -> Program:
     return program_with_outputs(recorder, tau=tau)
 
 
-def record_terms(plant: Plant, schedule: str | Schedule) -> Program:
+def record_terms(plant: Plant, schedule: str) -> Program:
     """Return the program of H, (n, n), and of the bias, (n,), from q and qd."""
     check_instant(plant)
     check_payload(plant, 'terms')

@@ -25,7 +25,6 @@ from typing import Any
 from pfd_core.forking import load
 from pfd_core.machine.iteration import TOLERANCE
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Schedule
 from pfd_core.model import Plant, check_instant
 from pfd_core.model.values import choice
 
@@ -64,7 +63,7 @@ class Method:
     payload: bool = False
     compiled: bool = True
 
-    def __call__(self, plant: Plant, schedule: str | Schedule, **options: Any) -> Program:
+    def __call__(self, plant: Plant, schedule: str, **options: Any) -> Program:
         """Record the program; `options` are further arguments of the method's function."""
         record = load(f'pfd_core.{self.module}', self.record)
         parts = {key: load(f'pfd_core.{m}', f) for key, (m, f) in self.parts.items()}
@@ -122,26 +121,20 @@ TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
 
 
 def record_forward_dynamics(
-    plant: Plant, method: str, schedule: str | Schedule, tolerance: float | None = None
+    plant: Plant, method: str, schedule: str, tolerance: float | None = None
 ) -> Program:
     """
     Return the program of a method.
 
     Its outputs are `qdd`, (n,), and `pivots`, (n,), all above zero exactly if H is positive
     definite, or, for an iterative method, `iterations` and `converged`, (1,). An iterative method
-    stops at a tolerance, by default for double precision. ValueError for an unknown method, for
-    effects that act over a step of time, and for processors that the method cannot use.
+    stops at a tolerance, by default for double precision. ValueError for an unknown method and for
+    effects that act over a step of time.
     """
     check_instant(plant)
     choice('method', method, FORWARD)
     check_payload(plant, method)
     row = FORWARD[method]
-    if isinstance(schedule, Schedule) and row.serial:
-        if schedule.processors not in (None, 1):
-            raise ValueError(
-                f'processors must be 1 for the serial method {method!r}, got {schedule.processors}'
-            )
-        schedule = schedule.name
     if tolerance is None or not row.iterative:
         return row(plant, schedule)
     return row(plant, schedule, tolerance=tolerance)

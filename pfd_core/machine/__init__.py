@@ -8,7 +8,7 @@ In the order from recording to result:
     operations   the closed table of operations: meaning, LLVM spelling, cost, rules of derivatives
     fused        meaning of `fma` on NumPy arrays, one rounding
     recorder     Lanes (the traced type, one value per lane) and Recorder, which writes the program
-                 for a processor a lane, for fewer with blocks of lanes, or for one (Schedule)
+                 for a processor a lane or for one
     lanes        functions of lane values: shift, broadcast, on, merge, where, sqrt, sin, cos
     vectors      cross and dot products, symmetric matrices of lane values
     patterns     recurrences (prefix, suffix, affine), totals, sweeps, gather

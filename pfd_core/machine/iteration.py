@@ -73,7 +73,7 @@ def iterate(
     ]
     end = recorder.write('end', (loop, *_registers(kept), _lane0(again)), None, recorder.all)
     iterations = recorder.write('result', (end,), -1, recorder.all)
-    count = Lanes(recorder, (iterations,) * recorder.block, recorder.all)
+    count = Lanes(recorder, (iterations,) * len(go.registers), recorder.all)
     return _rows_of(recorder, 'result', end, state), count
 
 
@@ -84,8 +84,7 @@ def _lane0(go: Lanes) -> int:
 
 
 def _registers(rows: Sequence[Lanes]) -> list[int]:
-    """Return the registers of rows: one for each slot of the blocks with a value."""
-    return [row.registers[k] for row in rows for k, _ in row.recorder.slots(row.defined)]
+    return [register for row in rows for register in row.recorder.registers_of(row)]
 
 
 def _rows_of(recorder: Recorder, op: str, marker: int, like: Sequence[Lanes]) -> tuple[Lanes, ...]:
@@ -93,9 +92,10 @@ def _rows_of(recorder: Recorder, op: str, marker: int, like: Sequence[Lanes]) ->
     rows = []
     member = 0
     for row in like:
-        registers = [-1] * recorder.block
-        for k, active in recorder.slots(row.defined):
-            registers[k] = recorder.write(op, (marker,), member, active)
+        registers = []
+        for _ in recorder.registers_of(row):
+            active = row.defined if recorder.parallel else 1
+            registers.append(recorder.write(op, (marker,), member, active))
             member += 1
-        rows.append(Lanes(recorder, tuple(registers), row.defined))
+        rows.append(recorder.rows(registers, row.defined))
     return tuple(rows)

@@ -46,10 +46,9 @@ def packed(function: Callable[..., Any], rows: Sequence[tuple[Any, ...]]) -> lis
     if not recorder.packs:
         return [function(*operands) for operands in rows]
     slots = [(k, lane) for k, operands in enumerate(rows) for lane in _filled(recorder, operands)]
-    slots = _dealt(recorder, slots)
     results: list[Any] = [None] * len(rows)
-    for start in range(0, len(slots), recorder.owners):
-        places = _places(recorder, slots[start : start + recorder.owners])
+    for start in range(0, len(slots), recorder.lanes):
+        places = _places(recorder, slots[start : start + recorder.lanes])
         value = function(
             *(_gather([operands[p] for operands in rows], places) for p in range(len(rows[0])))
         )
@@ -71,16 +70,10 @@ def suffix_sum(x: LaneArray) -> LaneArray:
 def prefix_product(R: LaneArray) -> LaneArray:
     """Return the matrix products R(0) R(1) .. R(i), (3, 3), on lane i: packed FOHRA."""
     recorder = _first(R).recorder
-    if recorder.parallel and not recorder.packs and recorder.block == 1:
-        one = np.array([[recorder.constant(float(i == j)) for j in range(3)] for i in range(3)])
-        for sources, _ in levels(recorder, downward=False):
-            # Every lane multiplies, some by one: nothing to merge.
-            R = merge(taken(R, sources), one) @ R
-        return R
     if not recorder.packs:
         swept: LaneArray = prefix(lambda left, right: left @ right, R)
         return swept
-    for sources, _ in levels(recorder, downward=False):
+    for sources in levels(recorder, downward=False):
         left = taken(R, sources)
         elements = packed(dot, [(left[i], R[:, j]) for i in range(3) for j in range(3)])
         R = np.array(
@@ -95,7 +88,7 @@ def _sums(x: LaneArray, downward: bool) -> LaneArray:
         swept: LaneArray = (suffix if downward else prefix)(lambda a, b: a + b, x)
         return swept
     values: LaneArray = np.ravel(x)
-    for sources, _ in levels(recorder, downward):
+    for sources in levels(recorder, downward):
         sums = packed(lambda a, b: a + b, [(taken(value, sources), value) for value in values])
         values = np.array([merge(a, b) for a, b in zip(sums, values, strict=True)], dtype=object)
     return values.reshape(x.shape)
@@ -114,29 +107,11 @@ def _filled(recorder: Recorder, operands: tuple[Any, ...]) -> list[int]:
     return [lane for lane in range(recorder.lanes) if defined >> lane & 1]
 
 
-def _dealt(recorder: Recorder, slots: Sequence[Slot]) -> list[Slot]:
-    """Return slots in turns, each with one slot of a processor; on n processors row by row."""
-    turns: dict[int, int] = {}
-    order = []
-    for slot in slots:
-        owner = recorder.owner(slot[1])
-        turns[owner] = turns.get(owner, 0) + 1
-        order.append((turns[owner], owner, slot))
-    return [slot for _, _, slot in sorted(order)]
-
-
 def _places(recorder: Recorder, group: Sequence[Slot]) -> dict[int, Slot]:
-    """Return which slot the first lane of each block takes: one of its block where it can."""
+    """Return which slot each lane takes: one of its own where it can."""
     places: dict[int, Slot] = {}
-    homeless = []
-    for slot in group:
-        lane = recorder.owner(slot[1]) * recorder.block
-        if lane in places:
-            homeless.append(slot)
-        else:
-            places[lane] = slot
-    firsts = range(0, recorder.lanes, recorder.block)
-    free = (lane for lane in firsts if lane not in places)
+    homeless = [slot for slot in group if places.setdefault(slot[1], slot) != slot]
+    free = (lane for lane in range(recorder.lanes) if lane not in places)
     places.update(zip(free, homeless, strict=False))
     return places
 

@@ -19,11 +19,6 @@ right operand; an operand is a value over lanes, a vector, a matrix or a tuple o
 n processors run a recurrence by recursive doubling; one processor (the sequential schedule) runs
 it as a sweep, because that is less work. The algorithm is the same.
 
-p < n processors, each with a block of b = ceil(n / p) lanes, do this in three phases: a sweep over
-the blocks, side by side; recursive doubling over the results of whole blocks; and a combination of
-each result with the lanes of the next block. If p divides n these are b - 1, ceil(log2 p) and b -
-1 levels. A total leaves out the last phase. One processor only sweeps; n processors only double.
-
 Corrected here: eq. (3) prints X(i-s) * X(i) for the coefficients of eq. (4), which is the
 order for x(i) = x(i-1) a(i); with matrix coefficients on the left it must be X(i) * X(i-s).
 """
@@ -32,7 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from pfd_core.machine.lanes import broadcast, each, merge, on
 from pfd_core.machine.recorder import Lanes, Recorder
@@ -53,45 +48,16 @@ def _recorder(value: Any) -> Recorder:
     return value.recorder
 
 
-class Level(NamedTuple):
-    """
-    A level of a recurrence: lanes are combined with lanes before them in the recurrence.
-
-    Attributes
-    ----------
-    sources : dict
-        Lane to the lane with which it is combined.
-    coefficients : dict
-        The same for coefficients of an affine recurrence whose products later levels need.
-
-    """
-
-    sources: dict[int, int]
-    coefficients: dict[int, int]
-
-
-def levels(recorder: Recorder, downward: bool, every_lane: bool = True) -> Iterator[Level]:
-    """
-    Yield the levels of a recurrence in their order; see the module.
-
-    Without `every_lane` only the lane where the recurrence ends has the result.
-    """
-    n, block, owner = recorder.lanes, recorder.block, recorder.owner
-    tip = owner(n - 1)
-    first, step = (tip, 1) if downward else (0, -1)
-    for k in range(block - 2, -1, -1) if downward else range(1, block):
-        within = {i: i + step for i in range(k, n, block) if i + step < n}
-        yield Level(within, {i: j for i, j in within.items() if owner(i) != first})
-    ends = range(0 if downward else block - 1, n, block)
-    stride = 1
-    while stride < len(ends):
-        far = step * stride * block
-        across = {i: i + far for i in ends if 0 <= i + far < n}
-        stride *= 2
-        yield Level(across, across if stride < len(ends) else {})
-    if every_lane and block > 1 and tip > 0:
-        inner = [i for i in range(n) if i not in ends and owner(i) != first]
-        yield Level({i: (owner(i) + downward) * block + min(step, 0) for i in inner}, {})
+def levels(recorder: Recorder, downward: bool) -> Iterator[dict[int, int]]:
+    """Yield the levels of a recurrence: each lane with the lane that it is combined with."""
+    n, step = recorder.lanes, 1 if downward else -1
+    if not recorder.parallel:
+        for i in range(n - 2, -1, -1) if downward else range(1, n):
+            yield {i: i + step}
+        return
+    while abs(step) < n:
+        yield {i: i + step for i in range(n) if 0 <= i + step < n}
+        step *= 2
 
 
 def taken(value: Any, sources: Mapping[int, int]) -> Any:
@@ -105,14 +71,14 @@ def taken(value: Any, sources: Mapping[int, int]) -> Any:
 
 def prefix(combine: Combine, x: Any) -> Any:
     """Return X(0) = x(0), X(i) = combine(X(i-1), x(i)) on lane i."""
-    for sources, _ in levels(_recorder(x), downward=False):
+    for sources in levels(_recorder(x), downward=False):
         x = _apply(merge, combine(_apply(partial(taken, sources=sources), x), x), x)
     return x
 
 
 def suffix(combine: Combine, x: Any) -> Any:
     """Return X(n-1) = x(n-1), X(i) = combine(x(i), X(i+1)) on lane i."""
-    for sources, _ in levels(_recorder(x), downward=True):
+    for sources in levels(_recorder(x), downward=True):
         x = _apply(merge, combine(x, _apply(partial(taken, sources=sources), x)), x)
     return x
 
@@ -140,18 +106,18 @@ def suffix_affine(a: Any, b: Any, times: Combine, product: Combine) -> Any:
 
 
 def _affine(a: Any, b: Any, times: Combine, product: Combine, downward: bool) -> Any:
-    for sources, coefficients in levels(_recorder(b), downward):
+    recorder = _recorder(b)
+    steps = list(levels(recorder, downward))
+    for k, sources in enumerate(steps, 1):
         b = merge(times(a, taken(b, sources)) + b, b)
-        if coefficients:
-            a = merge(product(a, taken(a, coefficients)), a)
+        if recorder.parallel and k < len(steps):  # later levels need the products
+            a = merge(product(a, taken(a, sources)), a)
     return b
 
 
 def total(x: Any) -> Any:
     """Return the sum of x over all lanes, on lane 0."""
-    for sources, _ in levels(_recorder(x), downward=True, every_lane=False):
-        x = _apply(lambda v, at=sources: merge(v + taken(v, at), v), x)
-    return _apply(lambda v: on(v, [0]), x)
+    return _apply(lambda v: on(suffix(lambda a, b: a + b, v), [0]), x)
 
 
 def row_sweep(terms: Sequence[Any], x0: Any) -> list[Any]:
@@ -245,18 +211,17 @@ def gather(places: Mapping[int, tuple[Lanes, int]]) -> Lanes:
     """
     if not places:
         raise ValueError('gather: no lane is named, and a value needs at least one')
-    owner = next(iter(places.values()))[0].recorder.owner
     staying = {lane: value for lane, (value, source) in places.items() if source == lane}
     result = collect(staying) if staying else None
     moving = {lane: place for lane, place in places.items() if place[1] != lane}
     while moving:
         sent: dict[int, tuple[Lanes, int]] = {}
         for value, source in moving.values():
-            sent.setdefault(owner(source), (value, source))
+            sent.setdefault(source, (value, source))
         taken_now = {
             lane: source
             for lane, (value, source) in moving.items()
-            if sent[owner(source)] == (value, source)
+            if sent[source] == (value, source)
         }
         row = collect({source: value for value, source in sent.values()})
         sources = [taken_now.get(lane) for lane in range(row.recorder.lanes)]

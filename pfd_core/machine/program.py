@@ -141,9 +141,8 @@ class Program:
         ----------
         processors : int, optional
             Processors that execute the program as it is. With fewer processors than lanes an
-            instruction takes several steps; with one its operations are counted. Default: one
-            per lane. A program recorded for fewer processors (pfd_core.machine.recorder.Schedule)
-            takes fewer steps.
+            instruction takes several steps, ceil(busy lanes / processors); with one its
+            operations are counted. Default: one per lane.
         section : str, optional
             Count only this part of the program, a section of some instruction.
         iterations : int

@@ -20,29 +20,15 @@ Three schedules record the same algorithm. `parallel` writes one instruction for
 processors in lock-step, and packs partly filled rows of lanes (pfd_core.machine.packing).
 `unpacked` is the same without packing, for processors on which a route costs as much as
 arithmetic. `sequential` is one processor: every lane of a value has a separate register, and data
-moves by renaming.
-
-With p < n processors (`Schedule`) each of them has a block of b = ceil(n / p) neighbouring lanes,
-and the program has p lanes. A value is then b registers, one for each slot of the blocks. An
-operation is one instruction for each slot in which some lane takes part. Slots share an
-instruction if no processor has a lane in two of them:
-
-    n = 7, p = 3, b = 3       processor 0    1    2
-              register 0      lane      0    3    6
-              register 1      lane      1    4    -
-              register 2      lane      2    5    -
-
-Where b does not divide n, the last blocks are shorter or empty. A lane reads any register of its
-processor without a route. In a route each processor sends one register, to all processors that
-read it. n processors have blocks of one lane. One processor has a single block: this is
-`sequential`.
+moves by renaming. Fewer processors than lanes execute the program of n lanes, each instruction in
+several steps (pfd_core.machine.program.Program.count).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from functools import cache
 from itertools import groupby
 from operator import attrgetter
 from typing import Any
@@ -55,28 +41,12 @@ from pfd_core.machine.program import Instruction, Output, Program
 
 LaneArray = NDArray[np.object_]
 SCHEDULES = ('parallel', 'unpacked', 'sequential')
-Place = tuple[int, int]  # a processor, and one of its slots
-Slot = tuple[int, int]  # a slot, and the processors with a lane there, as a mask
-Group = tuple[list[Slot], int]  # slots, and all their processors
 
 
-@dataclass(frozen=True)
-class Schedule:
-    """
-    How lanes become instructions; see the module.
-
-    Attributes
-    ----------
-    name : str
-        One of SCHEDULES.
-    processors : int or None
-        From 1 to the number of lanes; None for a processor for each lane, or for one if
-        sequential. One processor is sequential whatever the name.
-
-    """
-
-    name: str = 'parallel'
-    processors: int | None = None
+@cache
+def lanes_of(mask: int) -> tuple[int, ...]:
+    """Return the lanes of a mask, in ascending order."""
+    return tuple(lane for lane in range(mask.bit_length()) if mask >> lane & 1)
 
 
 class Lanes:
@@ -88,8 +58,8 @@ class Lanes:
     recorder : Recorder
         Writes the operations on this value.
     registers : tuple of int
-        One register for each slot of the blocks of lanes: one for all lanes on n processors, one
-        per lane on one processor. The entry of a slot without a value has no meaning.
+        One register for all lanes on n processors, one per lane on one processor. The entry of a
+        lane without a value has no meaning.
     defined : int
         Bit i is set when lane i has a value.
 
@@ -163,43 +133,32 @@ class Recorder:
     ----------
     lanes : int
         Number of lanes, at least 1.
-    schedule : str or Schedule
-        One of SCHEDULES, or with a number of processors.
+    schedule : str
+        One of SCHEDULES.
 
     Attributes
     ----------
-    lanes, processors, block : int
-        Lanes of a value, processors, and lanes of a block, ceil(lanes / processors).
+    lanes : int
+        Lanes of a value.
     parallel, packs : bool
-        Whether there are several processors (or one for a single lane); whether partly filled
-        rows of lanes are packed.
+        Whether an instruction serves all lanes; whether partly filled rows of lanes are packed.
 
     """
 
-    def __init__(self, lanes: int, schedule: str | Schedule = 'parallel') -> None:
+    def __init__(self, lanes: int, schedule: str = 'parallel') -> None:
         if lanes < 1:
             raise ValueError(f'lanes must be at least 1, got {lanes}')
-        if isinstance(schedule, str):
-            schedule = Schedule(schedule)
-        name, processors = schedule.name, schedule.processors
-        if name not in SCHEDULES:
-            raise ValueError(f'schedule must be one of {SCHEDULES}, got {name!r}')
-        most = 1 if name == 'sequential' else lanes
-        if processors is not None and not 1 <= processors <= most:
-            raise ValueError(f'processors must be from 1 to {most}, got {processors!r:.100}')
+        if schedule not in SCHEDULES:
+            raise ValueError(f'schedule must be one of {SCHEDULES}, got {schedule!r:.100}')
         self.lanes = lanes
-        self.processors = most if processors is None else processors
-        self.block = -(-lanes // self.processors)
-        self.parallel = name != 'sequential' and processors != 1
-        self.packs = name == 'parallel' and self.parallel
+        self.parallel = schedule != 'sequential'
+        self.packs = schedule == 'parallel'
         self.all = (1 << lanes) - 1
         self._instructions: list[Instruction] = []
         self._inputs: dict[str, int] = {}
         self._outputs: dict[str, Output] = {}
         self._constants: dict[tuple[str, ...], Lanes] = {}
         self._section = ''
-        self._slots: dict[int, list[Slot]] = {}
-        self._groups: dict[int, list[Group]] = {}
 
     @contextmanager
     def section(self, name: str) -> Iterator[None]:
@@ -243,65 +202,30 @@ class Recorder:
     def _row(
         self, op: str, operands: Sequence[Lanes], data: Sequence[Any] | None, defined: int
     ) -> Lanes:
-        """Record an operation: one instruction for each group of slots."""
-        if self.block == 1 and data is None:
+        """Record an operation: one instruction for all lanes, or one for each."""
+        if self.parallel or self.lanes == 1:
             args = tuple([operand.registers[0] for operand in operands])
-            return Lanes(self, (self.write(op, args, None, defined),), defined)
-        registers = [-1] * self.block
-        if data is not None:
-            for k, active in self.slots(defined):
-                own = tuple(data[k :: self.block])
-                # Nothing reads the number of a processor without a lane in this slot.
-                own += (self._idle(op, own[0]),) * (self.processors - len(own))
-                registers[k] = self.write(op, (), own, active)
-            return Lanes(self, tuple(registers), defined)
-        for slots, active in self._together(defined):
-            args = tuple(self._aligned(operand, slots) for operand in operands)
-            register = self.write(op, args, None, active)
-            for k, _ in slots:
-                registers[k] = register
+            row = None if data is None else tuple(data)
+            return Lanes(self, (self.write(op, args, row, defined),), defined)
+        registers = [-1] * self.lanes
+        for lane in lanes_of(defined):
+            args = tuple([operand.registers[lane] for operand in operands])
+            own = None if data is None else (data[lane],)
+            registers[lane] = self.write(op, args, own, 1)
         return Lanes(self, tuple(registers), defined)
 
-    def _together(self, defined: int) -> list[Group]:
-        """Return the slots with a lane, grouped so that no processor has two of a group."""
-        if defined not in self._groups:
-            groups: list[Group] = []
-            for k, mask in self.slots(defined):
-                found = (i for i, (_, union) in enumerate(groups) if not union & mask)
-                i = next(found, len(groups))
-                slots, union = groups[i] if i < len(groups) else ([], 0)
-                groups[i : i + 1] = [([*slots, (k, mask)], union | mask)]
-            self._groups[defined] = groups
-        return self._groups[defined]
+    def registers_of(self, value: Lanes) -> list[int]:
+        """Return the registers that hold a value: one, or one for each lane with a value."""
+        if self.parallel:
+            return [value.registers[0]]
+        return [value.registers[lane] for lane in lanes_of(value.defined)]
 
-    def _aligned(self, value: Lanes, slots: list[Slot]) -> int:
-        """Return a register in which each processor has its lane of the slots."""
-        if len(slots) == 1:
-            return value.registers[slots[0][0]]
-        each = range(self.processors)
-        return self._collected(value, {m: k for k, mask in slots for m in each if mask >> m & 1})
-
-    @staticmethod
-    def _idle(op: str, like: Any) -> Any:
-        return (like[0], None) if op == 'input' else 0.0
-
-    def slots(self, defined: int) -> list[Slot]:
-        """Return the slots of blocks in which some lane is set, each with its processors."""
-        if defined not in self._slots:
-            masks = [0] * self.block
-            for i in range(self.lanes):
-                masks[i % self.block] |= (defined >> i & 1) << self.owner(i)
-            self._slots[defined] = [(k, mask) for k, mask in enumerate(masks) if mask]
-        return self._slots[defined]
-
-    def owner(self, lane: int) -> int:
-        """Return the processor whose block has a lane."""
-        return lane // self.block
-
-    @property
-    def owners(self) -> int:
-        """The number of processors whose block has a lane: the last ones may have none."""
-        return self.owner(self.lanes - 1) + 1
+    def rows(self, registers: Sequence[int], defined: int) -> Lanes:
+        """Return the value on some lanes that `registers`, as of registers_of, hold."""
+        if self.parallel:
+            return Lanes(self, tuple(registers), defined)
+        own = dict(zip(lanes_of(defined), registers, strict=True))
+        return Lanes(self, tuple(own.get(lane, -1) for lane in range(self.lanes)), defined)
 
     def lift(self, value: object) -> Lanes:
         """Return a value over lanes as it is, and a number as a constant on all lanes."""
@@ -333,7 +257,7 @@ class Recorder:
 
     def call(self, function: str, *rows: Lanes) -> Lanes:
         """Record a call of a function of some rows, whose body is another program."""
-        if self.block > 1:
+        if self.lanes > 1 and not self.parallel:
             raise ValueError('a call takes whole rows: record it with a processor for each lane')
         args = tuple(row.registers[0] for row in rows)
         return Lanes(self, (self.write('call', args, function, self.all),), self.all)
@@ -347,70 +271,16 @@ class Recorder:
         defined = sum(1 << i for i, source in enumerate(taken) if source is not None)
         if fill is not None:
             defined |= fill.defined
-        if self.parallel and self.block == 1:
+        if self.parallel:
             own = value if fill is None else fill
             args = (value.registers[0], own.registers[0])
             return Lanes(self, (self.write('route', args, tuple(taken), defined),), defined)
-        registers = [-1] * self.block if fill is None else list(fill.registers)
-        if self.processors == 1:
-            # All lanes are in this processor, and nothing moves.
-            for k, source in enumerate(taken):
-                if source is not None:
-                    registers[k] = value.registers[source]
-            return Lanes(self, tuple(registers), defined)
-        kept = dict(self.slots(0 if fill is None else fill.defined))
-        received: list[tuple[dict[int, Place], int]] = []
-        for k in range(self.block):
-            column = enumerate(taken[k :: self.block])
-            wanted = {m: divmod(source, self.block) for m, source in column if source is not None}
-            if not wanted:
-                continue
-            # Slots with the same sources share a register.
-            there = (r for known, r in received if wanted.items() <= known.items())
-            register = next(there, None)
-            if register is None:
-                register = self._received(value, wanted)
-                received.append((wanted, register))
-            if kept.get(k, 0) & ~_mask(wanted):
-                registers[k] = self._merged(register, wanted, registers[k], kept[k])
-            else:
-                registers[k] = register
+        # All lanes are in one processor, and nothing moves.
+        registers = [-1] * self.lanes if fill is None else list(fill.registers)
+        for lane, source in enumerate(taken):
+            if source is not None:
+                registers[lane] = value.registers[source]
         return Lanes(self, tuple(registers), defined)
-
-    def _received(self, value: Lanes, wanted: dict[int, Place]) -> int:
-        """Return a register in which each processor m has the value at wanted[m]."""
-        own = {m: k for m, (source, k) in wanted.items() if source == m}
-        result = self._collected(value, own) if own else None
-        here = _mask(own)
-        moving = {m: place for m, place in wanted.items() if place[0] != m}
-        while moving:
-            sent: dict[int, int] = {}
-            for source, k in moving.values():
-                sent.setdefault(source, k)
-            taken = {m: source for m, (source, k) in moving.items() if sent[source] == k}
-            here |= _mask(taken)
-            row = self._collected(value, sent)
-            sources = tuple(taken.get(m) for m in range(self.processors))
-            args = (row, row if result is None else result)
-            result = self.write('route', args, sources, here)
-            moving = {m: place for m, place in moving.items() if m not in taken}
-        assert result is not None
-        return result
-
-    def _collected(self, value: Lanes, slots: dict[int, int]) -> int:
-        """Return a register in which processor m has its value of slot slots[m]."""
-        result, here = -1, 0
-        for register in dict.fromkeys(value.registers[k] for k in slots.values()):
-            own = [m for m, k in slots.items() if value.registers[k] == register]
-            result = self._merged(register, own, result, here) if here else register
-            here |= _mask(own)
-        return result
-
-    def _merged(self, new: int, own: Iterable[int], old: int, kept: int) -> int:
-        """Return `new` on some processors and `old` on the others; no data moves."""
-        chosen = set(own)
-        sources = tuple(m if m in chosen else None for m in range(self.processors))
-        return self.write('route', (new, old), sources, kept | _mask(chosen))
 
     def output(
         self, name: str, shape: tuple[int, ...], elements: Iterable[tuple[Lanes | float, int]]
@@ -421,13 +291,15 @@ class Recorder:
             value = self.lift(element)
             if not value.defined >> lane & 1:
                 raise ValueError(f'output {name}: lane {lane} has no value')
-            places.append((value.registers[lane % self.block], self.owner(lane)))
+            places.append(
+                (value.registers[0], lane) if self.parallel else (value.registers[lane], 0)
+            )
         self._outputs[name] = Output(shape, tuple(places))
 
     def program(self) -> Program:
         """Return the program recorded so far."""
         return Program(
-            self.processors,
+            self.lanes if self.parallel else 1,
             tuple(self._instructions),
             dict(self._inputs),
             dict(self._outputs),
@@ -471,7 +343,3 @@ def inline(
         name: [values[register] for register, _ in output.places]
         for name, output in program.outputs.items()
     }
-
-
-def _mask(processors: Iterable[int]) -> int:
-    return sum(1 << m for m in processors)

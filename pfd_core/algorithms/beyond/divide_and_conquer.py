@@ -76,7 +76,7 @@ from pfd_core.algorithms.paper.cholesky import solve
 from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.lanes import absolute, broadcast, each, merge, on, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, Schedule
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
 from pfd_core.model import Plant, Robot
 from pfd_core.model.robot import own_inertia
@@ -155,7 +155,7 @@ class Cuts:
     g: LaneArray
 
 
-def record_divide_and_conquer(plant: Plant, schedule: str | Schedule) -> Program:
+def record_divide_and_conquer(plant: Plant, schedule: str) -> Program:
     """Return the program of qdd, (n,), from q, qd and tau, and of its pivots."""
     recorder, chain, at, y = forward_equations(plant, schedule, omega_torques)
     free = None

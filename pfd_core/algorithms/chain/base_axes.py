@@ -31,7 +31,7 @@ import numpy as np
 from pfd_core.dynamics.interface import input_row
 from pfd_core.machine.lanes import cos, merge, on, shift, sin
 from pfd_core.machine.packing import prefix_product
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, Schedule
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array, rotated_symmetric
 from pfd_core.model import Plant, Robot
 from pfd_core.model.geometry import product
@@ -100,7 +100,7 @@ class Pose:
 
 
 def chain_on_lanes(
-    plant: Plant, schedule: str | Schedule, orientation: Recurrence = prefix_product
+    plant: Plant, schedule: str, orientation: Recurrence = prefix_product
 ) -> tuple[Recorder, Links, Pose]:
     """Return a recorder on n lanes, the links on it, and their pose at the input q, as `pose`."""
     recorder = Recorder(plant.robot.n, schedule)

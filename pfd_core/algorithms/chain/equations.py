@@ -27,7 +27,7 @@ from pfd_core.dynamics.interface import input_row, wrench_input
 from pfd_core.dynamics.joint_torques import plus_joint_torques
 from pfd_core.machine.lanes import broadcast, merge, on, where
 from pfd_core.machine.packing import prefix_product
-from pfd_core.machine.recorder import Lanes, Recorder, Schedule
+from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
 
 # Torques of links, gravity and wrench: (recorder, links, pose, qd, qdd, gravity, wrench).
@@ -36,7 +36,7 @@ LinkTorques = Callable[..., Lanes]
 
 def forward_equations(
     plant: Plant,
-    schedule: str | Schedule,
+    schedule: str,
     link_torques: LinkTorques,
     orientation: Recurrence = prefix_product,
 ) -> tuple[Recorder, Links, Pose, Lanes]:

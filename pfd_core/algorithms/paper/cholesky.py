@@ -148,7 +148,7 @@ def factorise(
         order = 'look_ahead' if recorder.packs else 'by_columns'
     work = _Elimination(recorder, rows, y, square_roots, free)
     work.finish_column(0)
-    for m, steps in enumerate(stages(order, n, y is not None, recorder.owners), start=1):
+    for m, steps in enumerate(stages(order, n, y is not None), start=1):
         for products in steps:
             work.eliminate(products)
         work.finish_column(m)
@@ -250,24 +250,16 @@ class _Elimination:
         n = self.recorder.lanes
         at = [self.at[p.element] for p in products]
         homes = [self.home(p.element) for p in products]
-        lanes = self._lanes([(k, home) for (_, k), home in zip(at, homes, strict=True)])
+        lanes = assigned_lanes([(k, home) for (_, k), home in zip(at, homes, strict=True)], n)
         left, right = {}, {}
         for lane, (row, column, j) in zip(lanes, products, strict=True):
             left[lane] = (self.left[j], column if row == n else row)
             right[lane] = (self.right[j], j if row == n else column)
         formed = gather(left) * gather(right)
-        sums = self._lanes([(k, lane) for (_, k), lane in zip(at, lanes, strict=True)])
+        sums = assigned_lanes([(k, lane) for (_, k), lane in zip(at, lanes, strict=True)], n)
         before = gather(dict(zip(sums, at, strict=True)))
         value = before - gather({i: (formed, k) for i, k in zip(sums, lanes, strict=True)})
         self.at.update((p.element, (value, i)) for i, p in zip(sums, products, strict=True))
-
-    def _lanes(self, wishes: Sequence[Sequence[int]]) -> list[int]:
-        """Return a lane for each product; a packed step has one product a processor."""
-        recorder = self.recorder
-        if not recorder.packs:
-            return assigned_lanes(wishes, recorder.lanes)
-        owners = [[recorder.owner(lane) for lane in wish] for wish in wishes]
-        return [m * recorder.block for m in assigned_lanes(owners, recorder.owners)]
 
     def factors(self) -> Factors:
         """Return the result, when every column is final."""

@@ -64,7 +64,7 @@ class Product(NamedTuple):
 Stage = list[tuple[Product, ...]]
 
 
-def by_columns(n: int, augmented: bool, width: int) -> list[Stage]:
+def by_columns(n: int, augmented: bool) -> list[Stage]:
     """Return the plain order: each column of the elements left in a separate step."""
     stages = []
     for m in range(1, n):
@@ -75,8 +75,8 @@ def by_columns(n: int, augmented: bool, width: int) -> list[Stage]:
     return stages
 
 
-def look_ahead(n: int, augmented: bool, width: int) -> list[Stage]:
-    """Return the order of fewest steps, `width` products or fewer in each."""
+def look_ahead(n: int, augmented: bool) -> list[Stage]:
+    """Return the order of fewest steps, n products or fewer in each."""
     elements = [(k, i) for i in range(1, n) for k in range(i, n + augmented)]
     waiting: dict[tuple[int, int], list[Product]] = {e: [] for e in elements}
     stages = []
@@ -84,7 +84,7 @@ def look_ahead(n: int, augmented: bool, width: int) -> list[Stage]:
         for e in elements:
             if e[1] >= m:
                 waiting[e].append(Product(*e, m - 1))
-        stages.append(_until_final(waiting, m, width))
+        stages.append(_until_final(waiting, m, n))
     return stages
 
 
@@ -108,7 +108,7 @@ ORDERS = {'by_columns': by_columns, 'look_ahead': look_ahead}
 
 
 @lru_cache(maxsize=256)
-def stages(name: str, n: int, augmented: bool, width: int | None = None) -> tuple[Stage, ...]:
+def stages(name: str, n: int, augmented: bool) -> tuple[Stage, ...]:
     """
     Return the steps of stages 1 to n - 1 in an order.
 
@@ -120,8 +120,6 @@ def stages(name: str, n: int, augmented: bool, width: int | None = None) -> tupl
         Rows of the matrix, at least 1.
     augmented : bool
         Whether row n is a right-hand side.
-    width : int, optional
-        Most products of a step in the order `look_ahead`: processors of the machine, default n.
 
     Raises
     ------
@@ -133,7 +131,7 @@ def stages(name: str, n: int, augmented: bool, width: int | None = None) -> tupl
         raise ValueError(f'order must be one of {tuple(ORDERS)}, got {name!r}')
     if n < 1:
         raise ValueError(f'n must be at least 1, got {n}')
-    return tuple(ORDERS[name](n, augmented, n if width is None else width))
+    return tuple(ORDERS[name](n, augmented))
 
 
 def assigned_lanes(wishes: Sequence[Sequence[int]], n: int) -> list[int]:

@@ -68,7 +68,7 @@ from pfd_core.machine.lanes import broadcast, merge, on, where
 from pfd_core.machine.packing import prefix_sum, suffix_sum
 from pfd_core.machine.patterns import prefix, total
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder, Schedule
+from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, symmetric_times
 from pfd_core.model import Plant
 
@@ -196,7 +196,7 @@ def inertia_times(
 
 def record_pcgm(
     plant: Plant,
-    schedule: str | Schedule,
+    schedule: str,
     *,
     link_torques: LinkTorques = newton_euler,
     start: bool = False,
@@ -211,7 +211,7 @@ def record_pcgm(
     ----------
     plant : Plant
         The robot in its scene.
-    schedule : str or Schedule
+    schedule : str
         One of SCHEDULES.
     link_torques : callable
         Torques of the links for the bias; default NE1, the paper's.

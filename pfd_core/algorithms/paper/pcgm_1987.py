@@ -45,7 +45,7 @@ from pfd_core.machine.iteration import iterate
 from pfd_core.machine.lanes import broadcast, where
 from pfd_core.machine.patterns import total
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Schedule
+from pfd_core.machine.recorder import Lanes
 from pfd_core.model import Plant
 from pfd_core.model.values import choice
 
@@ -59,7 +59,7 @@ MISPRINTS = {
 
 
 def record_pcgm_1987(
-    plant: Plant, schedule: str | Schedule, *, misprints: Collection[str] = (), start: bool = False
+    plant: Plant, schedule: str, *, misprints: Collection[str] = (), start: bool = False
 ) -> Program:
     """
     Return the program of qdd, (n,), iterations and converged, (1,), from q, qd and tau.
@@ -68,7 +68,7 @@ def record_pcgm_1987(
     ----------
     plant : Plant
         Robot and scene.
-    schedule : str or Schedule
+    schedule : str
         One of SCHEDULES; nothing is packed.
     misprints : collection of str
         Names in MISPRINTS: parts taken as printed.

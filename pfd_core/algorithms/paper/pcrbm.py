@@ -50,7 +50,7 @@ from pfd_core.machine.lanes import broadcast, merge, on, shift, where
 from pfd_core.machine.packing import packed
 from pfd_core.machine.patterns import row_sweep, suffix, suffix_affine
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, Schedule
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, parallel_axis, symmetric_times
 from pfd_core.model import Plant
 
@@ -82,7 +82,7 @@ def inertia_matrix(
 
 def record_pcrbm(
     plant: Plant,
-    schedule: str | Schedule,
+    schedule: str,
     *,
     link_torques: LinkTorques = newton_euler,
     matrix: Callable[..., list[Lanes]] = inertia_matrix,
@@ -96,7 +96,7 @@ def record_pcrbm(
     ----------
     plant : Plant
         Robot and scene.
-    schedule : str or Schedule
+    schedule : str
         One of SCHEDULES.
     link_torques : callable
         Torques of the links for the bias; default NE1, the paper's.

@@ -58,7 +58,7 @@ from pfd_core.machine.lanes import broadcast, merge, on, shift, sqrt, where
 from pfd_core.machine.packing import packed
 from pfd_core.machine.patterns import collect, column_sweep, gather, prefix, suffix, suffix_affine
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, Schedule
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, parallel_axis, symmetric_matrix
 from pfd_core.model import Plant
 from pfd_core.model.values import choice
@@ -81,9 +81,7 @@ def fohra(R: LaneArray) -> LaneArray:
     return product
 
 
-def record_pcrbm_1987(
-    plant: Plant, schedule: str | Schedule, *, misprints: Collection[str] = ()
-) -> Program:
+def record_pcrbm_1987(plant: Plant, schedule: str, *, misprints: Collection[str] = ()) -> Program:
     """
     Return the program of qdd and pivots, (n,), from q, qd and tau.
 
@@ -93,8 +91,8 @@ def record_pcrbm_1987(
     ----------
     plant : Plant
         Robot and scene.
-    schedule : str or Schedule
-        One of SCHEDULES, or with a number of processors: `parallel` packs the pairs i < j and
+    schedule : str
+        One of SCHEDULES: `parallel` packs the pairs i < j and
         nothing else, `unpacked` has one lane a link.
     misprints : collection of str
         Names in MISPRINTS: parts taken as printed, which make the result wrong.

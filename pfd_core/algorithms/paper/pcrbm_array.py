@@ -31,7 +31,6 @@ from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import merge, on, where
 from pfd_core.machine.patterns import gather
 from pfd_core.machine.program import Instruction, Program, Steps
-from pfd_core.machine.recorder import Schedule
 from pfd_core.model import Plant
 
 # The section of the program that the cells execute, and the section that brings H to lane 0. A
@@ -41,7 +40,7 @@ STREAMS = f'streams of the {SECTION}'
 
 
 def record_pcrbm_array(
-    plant: Plant, schedule: str | Schedule, *, link_torques: LinkTorques = newton_euler
+    plant: Plant, schedule: str, *, link_torques: LinkTorques = newton_euler
 ) -> Program:
     """
     Return the program of qdd and pivots, (n,), from q, qd and tau.
@@ -66,30 +65,21 @@ def record_pcrbm_array(
     return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
 
 
-def streams(n: int, lanes: int) -> Iterator[tuple[int | None, ...]]:
+def streams(n: int) -> Iterator[tuple[int | None, ...]]:
     """
     Yield the routes that bring H to the rows of the array, for each lane the lane it reads.
 
-    Each lane has a block of neighbouring rows and columns. Row k takes element (k, m), which is in
-    column m, one cycle after (k, m - 1), and in the same cycle row k + 1 takes (k + 1, m - 1).
-    With a lane for each link this is one route for each k + m.
+    Row k takes element (k, m), which is in column m, one cycle after (k, m - 1), and in the same
+    cycle row k + 1 takes (k + 1, m - 1): one route for each k + m.
     """
-    block = math.ceil(n / lanes)
     for cycle in range(1, 2 * n - 2):
         rows = range(max(cycle - n + 1, 0), (cycle + 1) // 2)
-        moving = [(k // block, (cycle - k) // block) for k in rows]
-        moving = [move for move in moving if move[0] != move[1]]
-        while moving:
-            route: dict[int, int] = {}
-            for target, source in moving:
-                if target not in route and source not in route.values():
-                    route[target] = source
-            yield tuple(route.get(lane) for lane in range(lanes))
-            for move in route.items():
-                moving.remove(move)
+        yield tuple(cycle - lane if lane in rows else None for lane in range(n))
 
 
-def stream_steps(n: int, lanes: int, network: str = 'crossbar') -> Steps:
-    """Return the steps of these routes on a network."""
-    routes = tuple(Instruction('route', data=sources) for sources in streams(n, lanes))
-    return Program(lanes, routes, {}, {}).count(network=network)
+def stream_steps(n: int, processors: int, network: str = 'crossbar') -> Steps:
+    """Return the steps of these routes on a network; on one processor nothing moves."""
+    if processors == 1:
+        return Steps()
+    routes = tuple(Instruction('route', data=sources) for sources in streams(n))
+    return Program(n, routes, {}, {}).count(processors, network=network)

@@ -29,8 +29,8 @@ TEXTS = {name_of(path): path.read_text(encoding='utf-8') for path in PAGES}
 FENCE = re.compile(r'^ *```([^\n]*)\n(.*?)^ *```$', re.MULTILINE | re.DOTALL)
 LINK = re.compile(r'\]\(([^)\s]+)\)|\{download\}`[^`<]*<([^`>]+)>`')
 SOURCES = {'.py', '.md', '.yaml', '.cpp', '.c'}
-# Pages and scripts by their paths.
-NAMED = re.compile(r'\bdocs/[\w/-]+\.md\b|(?<=python )benchmarks/\w+\.py\b')
+# Pages by their paths.
+NAMED = re.compile(r'\bdocs/[\w/-]+\.md\b')
 # Kinds of blocks, and the test that runs them: this one the arguments of commands (.ci/run calls
 # the command of the tests).
 RUN = {
@@ -86,7 +86,7 @@ def test_the_links_of_these_pages_are_found() -> None:
     assert '../../config/sim_arm.yaml' in links('docs/reference/parameters.md')
 
 
-def test_every_page_and_script_that_a_source_or_page_names_exists() -> None:
+def test_every_page_that_a_source_or_page_names_exists() -> None:
     folders = ('pfd_core', 'pfd_ros', 'benchmarks', 'config', 'launch')
     sources = [path for folder in folders for path in (ROOT / folder).rglob('*')]
     texts = {path: path.read_text('utf-8') for path in sources if path.suffix in SOURCES}

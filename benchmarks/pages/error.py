@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Speed against error: an arm under a controller, integrators of free motions, single evaluations.
+Speed against error: an arm under a controller, and integrators of free motions.
 
     error   largest |q - reference| of a joint at the end of the motion [rad or m]
     time    processor time of the thread for each simulated second: controller, steps and loop. The
@@ -29,7 +29,6 @@ import numpy as np
 
 from benchmarks.cases.motions import ControlledArm, free_arms, stored_arm
 from benchmarks.cases.robots import Array
-from benchmarks.pages import error_evaluations
 from benchmarks.peers.control_loop import (
     CONSTRAINTS,
     PINOCCHIO,
@@ -91,7 +90,7 @@ QUICK_FREE = FREE._replace(
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """Return the machine, the controlled arm, free motions by name, and evaluations."""
+    """Return the machine, the controlled arm, and free motions by name."""
     return {
         'machine': surroundings(),
         CONTROLLED: _measure(stored_arm(), QUICK if quick else PLAN),
@@ -99,7 +98,6 @@ def measure(quick: bool) -> dict[str, Any]:
             name: {'cause': cause} | _measure(arm, QUICK_FREE if quick else FREE)
             for name, (cause, arm) in free_arms().items()
         },
-        'evaluations': error_evaluations.measure(quick),
     }
 
 
@@ -269,7 +267,6 @@ def text(data: Mapping[str, Any]) -> str:
         runs=_runs(controlled),
         missing=bullets(controlled['missing'], 'Nothing.'),
         motions=motions,
-        evaluations=error_evaluations.text(data['evaluations']),
     )
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Errors at the hard cases and of hard motions: bounds, their references, and units."""
+"""Errors at the hard cases: bounds, their references, and units."""
 
 from __future__ import annotations
 
@@ -26,10 +26,9 @@ from tolerances import NOT_ORTHOGONAL, ROUNDED_FRAMES
 from zoo import flywheel, to_pinocchio
 
 from benchmarks.cases.hard_cases import CASES, MECHANISMS, ROUNDING
-from benchmarks.cases.motions import CHECKS, ENDS, HARD, Motion
 from benchmarks.cases.problems import Problem, arm, rods, scaled, scene_of
 from benchmarks.cases.robots import PUBLIC, chain, robot
-from benchmarks.pages.hard_cases import box_rows, kernel_rows, run_row
+from benchmarks.pages.hard_cases import box_rows, kernel_rows
 from benchmarks.peers.answers import (
     first_answer,
     kernel_answer,
@@ -49,13 +48,11 @@ from benchmarks.references.accelerations import (
     predicted,
     reference,
 )
-from benchmarks.references.motions import end
 from benchmarks.timing import differences
 import pfd_core as pfd
 
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 BY_NAME = {case.name: case for case in CASES}
-MOTIONS = {motion.name: motion for motion in HARD}
 FAST = (
     'heavy_tip_1e8_planar_n6',
     'collinear_axes_1e-12',
@@ -361,58 +358,6 @@ def test_in_a_step_no_joint_moves_or_accelerates_further_than_its_limit() -> Non
         moves = max(h * speed, h**2 * float(acceleration))
         assert moves <= 2.0**-7
         assert h == 2.0**-7 or moves > 2.0**-10
-
-
-def marked(check: dict[str, Any]) -> object:
-    name = '-'.join(map(str, list(check.values())[:6]))
-    fast = ('planar2_swing', 'so100_fall', 'puma560_damped_1_no_rotors')
-    return pytest.param(check, id=name, marks=() if check['motion'] in fast else SLOW)
-
-
-@pytest.mark.parametrize('check', [marked(check) for check in CHECKS])
-def test_a_run_of_a_hard_motion_stays_within_its_bound(check: dict[str, Any]) -> None:
-    assert run_row(MOTIONS[check['motion']], check)['error'] <= check['bound']
-
-
-def test_every_hard_motion_has_an_end_that_two_computations_agree_on() -> None:
-    assert list(MOTIONS) == list(ENDS)
-    for name, motion in MOTIONS.items():
-        assert len(ENDS[name]['q']) == len(motion.q)
-        assert ENDS[name]['self_difference'] < 1e-15
-
-
-@pytest.mark.parametrize(
-    ('name', 'steps'),
-    [
-        # A quarter of the steps: of order 24, still more digits than float64.
-        pytest.param('so100_fall', 4, marks=SLOW),
-        pytest.param('puma560_damped_10000', 12, marks=LONG),
-    ],
-)
-def test_a_stored_end_is_what_is_computed(name: str, steps: int) -> None:
-    found = end(MOTIONS[name], steps)[0]
-    with mpmath.workdps(30):
-        assert max(abs(found - [mpmath.mpf(x) for x in ENDS[name]['q']])) < 1e-15
-
-
-@pytest.mark.parametrize('scheme', ['midpoint', 'implicit'])
-def test_a_coasting_flywheel_ends_where_its_closed_form_says(scheme: str) -> None:
-    # J qd' = -d qd from qd = 1: q = J / d (1 - exp(-d t / J)), J / d = 1/4.
-    scene = pfd.Scene(gravity=None, damping=(2.0,))
-    motion = Motion('coasting', '', flywheel(0.5), scene, (0.0,), (1.0,), 1.0, scheme=scheme)
-    found = end(motion, 4)
-    with mpmath.workdps(40):
-        assert abs(found[0, 0] - (1 - mpmath.exp(-4)) / 4) < 1e-24
-
-
-@pytest.mark.slow
-def test_refined_an_adaptive_run_takes_the_steps_of_the_motion_and_else_gives_up() -> None:
-    motion = MOTIONS['heavy_tip_1e8_planar_n12']
-    settings: Any = {'rtol': 1e-12, 'atol': 1e-13, 'max_steps': 2000, 'dense': False}
-    none, one, two = (motion.integrated(refine=refine, **settings) for refine in range(3))
-    assert none.status != 'ok'
-    assert one.status == two.status == 'ok'
-    assert one.evaluations <= 1.05 * two.evaluations
 
 
 @pytest.mark.sweep

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 import os
+from pathlib import Path
 import subprocess
 import sys
 from typing import Any
@@ -20,17 +21,19 @@ import pinocchio as pin
 import pytest
 from sampling import one_fast
 from test_simulation_contact_random import random_case, random_start
+import yaml
 from zoo import Array, random_chain, slider, to_pinocchio
 
-from benchmarks.cases.motions import ENDS, HARD
+from benchmarks.cases.problems import rods
 import pfd_core as pfd
 
 # The true error of a motion in units of the tolerance. Seen 3.6.
 KEPT = 10.0
 TOLERANCES = [10.0**-k for k in range(3, 14)]
-# Motions with references in extended precision, except those that damping makes stiff.
-SMOOTH = [m for m in HARD if m.name in ENDS and 'damped' not in m.name]
-DAMPED = [m for m in HARD if m.name in ('puma560_damped_0.01', 'puma560_damped_1')]
+# Motions with ends in extended precision.
+MOTIONS: dict[str, Any] = yaml.safe_load(
+    (Path(__file__).parent / 'data' / 'motions.yaml').read_text(encoding='utf-8')
+)
 GRAVITY = 9.81
 # Events at closed forms: roundings of a state of order one, summed over some events.
 EXACT = 1e-13
@@ -43,24 +46,39 @@ def units(found: Array, wanted: Array, tolerance: float) -> float:
     return float(np.sqrt((((found - wanted) / scale) ** 2).mean()))
 
 
-@pytest.mark.parametrize('motion', one_fast([*SMOOTH, *DAMPED]), ids=lambda m: m.name)
-def test_the_true_error_of_a_smooth_motion_is_within_ten_tolerances(motion: Any) -> None:
-    wanted = np.array([float(x) for x in ENDS[motion.name]['q']])
-    torques = np.zeros(motion.robot.n)
+def moved(name: str, **settings: Any) -> pfd.AdaptiveTrajectory:
+    """Return a motion of MOTIONS by `integrate`."""
+    row = MOTIONS[name]
+    if 'rods' in row:
+        problem = rods(*row['rods'])
+        robot = problem.plant.robot
+        start: dict[str, Any] = {key: problem.states[key][0] for key in ('q', 'qd')}
+    else:
+        robot = bridge.report_robot(row['arm'])
+        start = {key: np.zeros(robot.n) + row[key] for key in ('q', 'qd')}
+    numbers = row.get('scene', {}).items()
+    scene = pfd.Scene(**{k: x if x == 'model' else np.full(robot.n, x) for k, x in numbers})
+    torques = np.zeros(robot.n)
+    return pfd.integrate(robot, torques, row['duration'], scene=scene, **start, **settings)
+
+
+@pytest.mark.parametrize('name', one_fast(MOTIONS))
+def test_the_true_error_of_a_smooth_motion_is_within_ten_tolerances(name: str) -> None:
     for rtol in TOLERANCES:
-        run = pfd.integrate(
-            motion.robot,
-            torques,
-            motion.duration,
-            scene=motion.scene,
-            q=motion.q,
-            qd=motion.qd,
-            rtol=rtol,
-            atol=rtol,
-            refine=1,
-        )
+        run = moved(name, rtol=rtol, atol=rtol, refine=1)
         assert run.status == 'ok'
-        assert units(run.q[-1], wanted, rtol) < KEPT, rtol
+        assert units(run.q[-1], np.array(MOTIONS[name]['end']), rtol) < KEPT, rtol
+
+
+@pytest.mark.slow
+def test_refined_an_adaptive_run_takes_the_steps_of_the_motion_and_else_gives_up() -> None:
+    settings: Any = {'rtol': 1e-12, 'atol': 1e-13, 'max_steps': 2000, 'dense': False}
+    none, one, two = (
+        moved('heavy_tip_1e8_planar_n12', refine=refine, **settings) for refine in range(3)
+    )
+    assert none.status != 'ok'
+    assert one.status == two.status == 'ok'
+    assert one.evaluations <= 1.05 * two.evaluations
 
 
 def closed_form_of_a_wheel(t: Array) -> Array:

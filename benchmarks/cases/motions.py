@@ -1,11 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Motions: hard free motions, and those on which integrators are compared.
-
-    HARD     free motions, without torques, that are hard to integrate (data/motions.yaml)
-    ENDS     stored ends of HARD in 25 digits (benchmarks.references.motions computes them)
-    CHECKS   runs of HARD with their bounds (data/motions.yaml)
+Motions on which integrators are compared: an arm under a controller, and free arms.
 
 stored_arm is an arm under a controller in discrete time (data/controlled_arm.yaml). At the
 beginning of period k the controller reads the state and sets, for the whole period,
@@ -19,88 +15,15 @@ A free arm has no gains and no torques; its periods are the intervals of FREE_PE
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cache
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.cases import problems
-from benchmarks.cases.robots import Array, robot
+from benchmarks.cases.robots import Array
 from benchmarks.table import stored_table
-from pfd_core.forking import cached_property
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
-from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
-
-
-@dataclass(frozen=True)
-class Motion:
-    """
-    A free motion of an arm: the cause of its difficulty, start [rad or m, and per s] and time [s].
-
-    Of its reference: macro steps, halvings of the first one for strong damping, and the substeps,
-    'midpoint' or 'implicit'.
-    """
-
-    name: str
-    cause: str
-    robot: Robot = field(repr=False)
-    scene: Scene
-    q: tuple[float, ...]
-    qd: tuple[float, ...]
-    duration: float
-    steps: int = 0
-    halvings: int = 0
-    scheme: str = 'midpoint'
-
-    @cached_property
-    def plant(self) -> Plant:
-        """The arm in its scene, as numbers."""
-        return resolve(self.robot, self.scene)
-
-    def integrated(self, duration: float | None = None, **settings: Any) -> AdaptiveTrajectory:
-        """Return the motion by `integrate`, from its start unless the settings have q and qd."""
-        start = {'q': self.q, 'qd': self.qd}
-        torques = np.zeros(self.robot.n)
-        seconds = self.duration if duration is None else duration
-        return integrate(self.robot, torques, seconds, scene=self.scene, **start | settings)
-
-
-def _stored() -> Iterator[Motion]:
-    arm = cache(robot)
-    for name, row in stored_table('motions')['hard'].items():
-        given = dict(row)
-        if 'problem' in row:
-            maker, *arguments = given.pop('problem')
-            made = getattr(problems, maker)(*arguments)
-            chosen = made.plant.robot
-            given |= {key: made.states[key][0].tolist() for key in ('q', 'qd')}
-        else:
-            chosen = arm(given.pop('arm'))
-        # A single number is of all joints.
-        scene, start = (
-            {key: (x,) * chosen.n if isinstance(x, float) else x for key, x in numbers.items()}
-            for numbers in (given.pop('scene', {}), {key: given.pop(key) for key in ('q', 'qd')})
-        )
-        start = {key: tuple(x) for key, x in start.items()}
-        yield Motion(name=name, robot=chosen, scene=Scene(**scene), **start, **given)
-
-
-HARD = tuple(_stored())
-# Name of a motion of HARD -> angles [rad] as text, `q`, and `self_difference` [rad], the largest
-# distance of an angle from a second computation with longer macro steps.
-ENDS: Mapping[str, Mapping[str, Any]] = stored_table('motion_references')
-
-
-COLUMNS = ('motion', 'integrator', 'dtype', 'step', 'duration', 'quantity', 'bound')
-CHECKS: Sequence[dict[str, Any]] = tuple(
-    dict(zip(COLUMNS, row, strict=True)) for row in stored_table('motions')['runs']
-)
-
-
-# ---- an arm under a controller ----
 
 # Effects that the controller does not know.
 UNKNOWN = ('friction', 'effort limits')

@@ -1,12 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Errors of accelerations and motions: the page hard-cases.md.
+Errors of accelerations: the page hard-cases.md.
 
     cases, errors   ill-conditioned and ordinary cases against 50 digits, with a bound
     compared        the default compared with pinocchio.aba at the cases and at mechanisms
     boxes, checks   errors over thousands of states of arms, against longdouble
-    runs            runs of hard motions against stored references
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.cases.hard_cases import CASES, MECHANISMS, ROUNDING, Case
-from benchmarks.cases.motions import CHECKS, ENDS, HARD, Motion
 from benchmarks.cases.problems import Problem, arm, drawing
 from benchmarks.cases.robots import PUBLIC
 from benchmarks.peers.answers import (
@@ -33,24 +31,13 @@ from benchmarks.peers.answers import (
 from benchmarks.references import accelerations as references
 from benchmarks.references.accelerations import Reference, errors, reference
 from benchmarks.run import each
-from benchmarks.table import (
-    Columns,
-    grid,
-    page,
-    short,
-    shown,
-    table,
-)
-from pfd_core.dynamics.energy import record_energy
+from benchmarks.table import Columns, grid, page, short, shown, table
 from pfd_core.kernels.auto import select
-from pfd_core.machine.emulator import run
-from pfd_core.simulation.embedded_pairs import PAIRS
-from pfd_core.simulation.simulator import Simulator
 
 Row = dict[str, Any]
 Tables = dict[str, list[Row]]
 U = ROUNDING['float64']
-QUICK = ('collinear_axes_1e-12', 'so100_fall')
+QUICK = ('collinear_axes_1e-12',)
 ARMS = ('puma560', 'ur5', 'panda', 'so100', *PUBLIC)
 # Seeds of states on which no number of pfd_core was chosen: of the bounds, of `compared`, `boxes`.
 HELD_OUT, COMPARED, BOXES = 20261125, 20261124, 20261126
@@ -66,21 +53,16 @@ QUANTILES = {'p1': 0.01, 'median': 0.5, 'p99': 0.99, 'largest': 1.0}
 TWICE, FLOOR = 2.0, 4.0
 # Steps of refinement of a column.
 KERNELS = {DEFAULT: 0, REFINED: 1}
-# Absolute tolerance of an adaptive run, as a part of the relative one.
-ABSOLUTE = 0.1
-ENERGY_SAMPLES = 6000
 
 
 def measure(quick: bool = False) -> Tables:
     """Return the rows of all tables, measured on all processors."""
     cases = [case for case in CASES if not quick or case.name in QUICK]
-    motions = [motion for motion in HARD if not quick or motion.name in QUICK]
     arms = ('planar2',) if quick else ARMS
     jobs: list[Callable[[], Tables]] = [
         *(partial(case_rows, case) for case in cases),
         *(partial(compared_rows, case) for case in (*cases, *(() if quick else MECHANISMS))),
         *(partial(box_rows, name, 50 if quick else THOUSANDS) for name in arms),
-        *(partial(motion_rows, motion) for motion in motions),
     ]
     tables: Tables = {}
     for found in each(_measured, jobs, 'hard cases', lambda job: '_200' in str(job)):
@@ -206,35 +188,6 @@ def box_rows(name: str, states: int) -> Tables:
     return {'boxes': rows, 'checks': [{'arm': name, 'distance': off}]}
 
 
-def motion_rows(motion: Motion) -> Tables:
-    """Return the runs of a hard motion."""
-    return {'runs': [run_row(motion, x) for x in CHECKS if x['motion'] == motion.name]}
-
-
-def run_row(motion: Motion, check: Row) -> Row:
-    """Return the error of a check's run; infinite if a state is not finite."""
-    duration, step = check['duration'], check['step']
-    settings: Row = {'integrator': check['integrator']}
-    if check['integrator'] in PAIRS:
-        settings |= {'rtol': step, 'atol': ABSOLUTE * step, 'refine': 1, 'dense': False}
-        found: Any = motion.integrated(duration, **settings)
-    else:
-        settings |= {'step_size': step, 'substeps': 1, 'dtype': check['dtype']}
-        sim = Simulator(motion.robot, motion.scene, **settings)
-        sim.reset(q=motion.q, qd=motion.qd)
-        found = sim.rollout(np.zeros((round(duration / step), motion.robot.n), check['dtype']))
-    error = np.inf
-    if found.status == 'ok' and check['quantity'] == 'angle':
-        error = np.abs(found.q[-1] - np.array(ENDS[motion.name]['q'], float)).max()
-    elif found.status == 'ok':
-        every = max(1, len(found.q) // ENERGY_SAMPLES)
-        states = {'q': found.q[::every], 'qd': found.qd[::every]}
-        kinetic, potential = run(record_energy(motion.plant), states)['energy'].T
-        total = kinetic + potential
-        error = np.abs(total - total[0]).max() / kinetic.max()
-    return check | {'error': float(error)}
-
-
 # ---- the page ----
 
 
@@ -262,7 +215,6 @@ def _outcome(data: Mapping[str, Any]) -> dict[str, Any]:
 def text(data: Mapping[str, Any]) -> str:
     """Return the page."""
     known = [row for row in data['compared'] if PEER in row]
-    runs = data['runs']
     own = [x for x in data['errors'] if x['states'] == 'own']
     missed = [x for x in data['errors'] if (x.get('share') or 0.0) > 1]
     return page(
@@ -290,9 +242,6 @@ def text(data: Mapping[str, Any]) -> str:
         distance=short(max(row['distance'] for row in data['checks'])),
         checked=CHECKED,
         boxes=table(shown('arm way dtype p1 median p99 largest'), data['boxes']),
-        runs_met=sum(x['error'] is not None and x['error'] <= x['bound'] for x in runs),
-        runs_count=len(runs),
-        runs=table(shown('motion integrator dtype step duration quantity error bound'), runs),
     )
 
 

@@ -96,7 +96,6 @@ PINNED = (
     'test_algorithms_triangular_array',
     'test_arm_state',
     'test_demo',
-    'test_derivative_rules',
     'test_format',
     'test_log_page',
     'test_receiving',

@@ -79,15 +79,9 @@ LAST_DIGITS = 100.0
 # residual. The error of the first answer shows it in another direction. Seen up to 28.
 CONTRACTION = 100.0
 
-# The correction is the error of the first answer up to its own relative error, which is below
-# one as long as the step helps at all; required is an order of magnitude. Seen up to 2.
-ESTIMATE = 10.0
 
 # An answer this far off is of no use.
 LOST = 0.1
-
-# Below so many units of rounding the correction is as much noise as the error it estimates.
-NOISE = 16.0
 
 
 @dataclass(frozen=True)
@@ -112,29 +106,29 @@ def case(robot: pfd.Robot, scene: pfd.Scene | None, reach: float, count: int = 2
     )
 
 
+# Cases, and what the first answer of composite bodies is off by at least: else nothing is shown.
 HARD_CASES = {
-    'stretched_10': lambda: case(rods(10), None, 1e-2),
-    'heavy_tip_1e8_planar': lambda: case(rods(6, 1e8), None, np.pi),
-    'payload_1e6': lambda: case(pfd.load_robot('panda'), pfd.Scene(payload=PAYLOAD), np.pi),
-    'heavy_tip_1e8': lambda: case(
-        pfd.load_robot('puma560'),
-        pfd.Scene(payload=pfd.Payload(1e8, (0.05, 0.0, 0.1), np.zeros((3, 3)))),
-        np.pi,
+    'stretched_10': (lambda: case(rods(10), None, 1e-2), 1e-13),
+    'heavy_tip_1e8_planar': (lambda: case(rods(6, 1e8), None, np.pi), 1e-9),
+    'payload_1e6': (
+        lambda: case(pfd.load_robot('panda'), pfd.Scene(payload=PAYLOAD), np.pi),
+        1e-13,
     ),
-}
-# What the first answer of composite bodies is off by, at least: without that, nothing is shown.
-HARDNESS = {
-    'stretched_10': 1e-13,
-    'heavy_tip_1e8_planar': 1e-9,
-    'payload_1e6': 1e-13,
-    'heavy_tip_1e8': 1e-9,
+    'heavy_tip_1e8': (
+        lambda: case(
+            pfd.load_robot('puma560'),
+            pfd.Scene(payload=pfd.Payload(1e8, (0.05, 0.0, 0.1), np.zeros((3, 3)))),
+            np.pi,
+        ),
+        1e-9,
+    ),
 }
 
 
 @cache
 def answers(name: str, method: str, dtype: str, steps: int) -> tuple[Array, Array]:
     """Return relative errors (B,) of a method, by 50 digits of another, and its estimates."""
-    hard = HARD_CASES[name]()
+    hard = HARD_CASES[name][0]()
     program = lower_program(
         record_refined(hard.plant, method, steps, estimate=dtype), dtype
     ).compiled
@@ -148,7 +142,7 @@ def answers(name: str, method: str, dtype: str, steps: int) -> tuple[Array, Arra
 @cache
 def expected(name: str, method: str, dtype: str) -> Any:
     """Return qdd of a hard case to 50 digits."""
-    hard = HARD_CASES[name]()
+    hard = HARD_CASES[name][0]()
     return reference(hard.plant, hard.rounded(dtype), method)
 
 
@@ -156,48 +150,23 @@ METHODS = ('composite_body', 'articulated_body')
 OTHER = {'composite_body': 'articulated_body', 'articulated_body': 'pcrbm'}
 
 
-@pytest.mark.parametrize('name', one_fast(HARD_CASES))
-def test_the_cases_are_hard_without_refinement(name: str) -> None:
-    errors, _ = answers(name, 'composite_body', 'float64', 0)
-    assert errors.max() > HARDNESS[name]
-
-
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('name', HARD_CASES)
 @pytest.mark.slow
-def test_one_step_squares_the_error_down_to_the_last_digits(name: str, method: str) -> None:
+def test_one_step_squares_the_error_down_to_the_last_digits_and_two_leave_only_these(
+    name: str, method: str
+) -> None:
     for dtype, unit in ROUNDING.items():
-        before, estimates = answers(name, method, dtype, 0)[0], answers(name, method, dtype, 1)[1]
-        after, _ = answers(name, method, dtype, 1)
+        before, _ = answers(name, method, dtype, 0)
+        after, estimates = answers(name, method, dtype, 1)
         # In float32 some of these matrices are not positive definite any more.
         sound = np.isfinite(estimates) & (before < LOST)
         if dtype == 'float64':
             assert sound.all()
+            assert method != 'composite_body' or before.max() > HARD_CASES[name][1]
+            assert answers(name, method, dtype, 2)[0].max() <= LAST_DIGITS * unit
         bound = CONTRACTION * before[sound] ** 2 + LAST_DIGITS * unit
         assert (after[sound] <= bound).all(), (dtype, before, after)
-
-
-@pytest.mark.parametrize(
-    'method', ['composite_body', pytest.param('articulated_body', marks=pytest.mark.slow)]
-)
-def test_two_steps_leave_the_last_digits_in_every_case(method: str) -> None:
-    for name in HARD_CASES:
-        errors, _ = answers(name, method, 'float64', 2)
-        assert errors.max() <= LAST_DIGITS * ROUNDING['float64'], name
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('method', METHODS)
-@pytest.mark.parametrize('name', HARD_CASES)
-def test_the_estimate_is_the_error_the_answer_had(name: str, method: str) -> None:
-    for dtype, unit in ROUNDING.items():
-        errors, _ = answers(name, method, dtype, 0)
-        _, estimates = answers(name, method, dtype, 1)
-        shown = (errors > NOISE * unit) & np.isfinite(estimates)
-        ratio = estimates[shown] / errors[shown]
-        assert ((ratio < ESTIMATE) & (ratio > 1 / ESTIMATE)).all(), (dtype, errors, estimates)
-        # Where there is no number for it, the answer was of no use.
-        assert (errors[np.isinf(estimates)] > LOST).all(), (dtype, errors, estimates)
 
 
 def test_an_answer_that_is_lost_in_float32_has_an_infinite_estimate() -> None:
@@ -239,25 +208,6 @@ def test_every_method_is_refined_in_a_scene_with_everything(method: str) -> None
 
 
 @pytest.mark.slow
-def test_twenty_four_stretched_links_get_their_digits_back() -> None:
-    plant = resolve_plant(rods(24))
-    rng = np.random.default_rng(1)
-    inputs = {k: rng.uniform(-s, s, (1, 24)) for k, s in (('q', 1e-2), ('qd', 1), ('tau', 1))}
-    right = reference(plant, inputs, 'articulated_body')
-    result = [
-        run_program(
-            lower_program(record_refined(plant, 'composite_body', steps), 'float64').compiled,
-            inputs,
-        )
-        for steps in (0, 1)
-    ]
-    before, after = (relative_error(r['qdd'], right)[0] for r in result)
-    assert before > 1e-12
-    assert after < LAST_DIGITS * ROUNDING['float64']
-    assert 1 / ESTIMATE < result[1]['error'][0, 0] / before < ESTIMATE
-
-
-@pytest.mark.slow
 def test_a_residual_link_by_link_recovers_the_digits_that_sums_about_the_base_lose() -> None:
     # The wrist is light, and its inertia a small difference of sums about the base.
     plant = resolve_plant(pfd.load_robot('puma560'))
@@ -276,13 +226,19 @@ def test_a_residual_link_by_link_recovers_the_digits_that_sums_about_the_base_lo
     assert errors[1] < LAST_DIGITS * unit
 
 
+def small(name: str) -> pfd.Robot:
+    return (
+        random_chain(np.random.default_rng(8), 3, 0.5) if name == 'chain' else pfd.load_robot(name)
+    )
+
+
 @pytest.mark.parametrize('dtype', ROUNDING)
-@pytest.mark.parametrize('name', ['planar2', pytest.param('ur5', marks=pytest.mark.slow)])
-def test_kernel_batch_emulator_and_estimate_give_the_same_bits(name: str, dtype: str) -> None:
-    robot = pfd.load_robot(name)
-    kernel = pfd.compile_kernel(robot, method='composite_body', dtype=dtype, refine=1)
-    rng = np.random.default_rng(2)
-    q, qd, tau = (rng.uniform(-3, 3, (21, robot.n)).astype(dtype) for _ in range(3))
+@pytest.mark.parametrize(('name', 'steps'), one_fast([('planar2', 1), ('chain', 2)]))
+def test_kernel_batch_emulator_and_estimate_give_the_same_bits(
+    name: str, steps: int, dtype: str
+) -> None:
+    kernel = pfd.compile_kernel(small(name), method='composite_body', dtype=dtype, refine=steps)
+    q, qd, tau = np.random.default_rng(2).uniform(-3, 3, (3, 21, kernel.robot.n)).astype(dtype)
     found = kernel(q, qd, tau)
     emulated = run_program(kernel.program, {'q': q, 'qd': qd, 'tau': tau}, dtype)
     np.testing.assert_array_equal(found, next(iter(emulated.values())))
@@ -295,13 +251,12 @@ def test_kernel_batch_emulator_and_estimate_give_the_same_bits(name: str, dtype:
         one, error = kernel.error_estimate(q[k], qd[k], tau[k])
         np.testing.assert_array_equal(one, found[k])
         assert error == errors[k]
-    assert (errors < NOISE * LAST_DIGITS * ROUNDING[dtype]).all()
+    assert (errors < 1600 * ROUNDING[dtype]).all()
 
 
 def test_forward_dynamics_and_the_simulator_pass_refinement_on() -> None:
-    hard = HARD_CASES['stretched_10']()
-    robot = hard.plant.robot
-    q, qd, tau = (hard.states[k][0].astype('f4') for k in ('q', 'qd', 'tau'))
+    robot = rods(3)
+    q, qd, tau = np.random.default_rng(7).uniform(-0.1, 0.1, (3, 3)).astype('f4')
     results = {}
     for refine in (0, 1):
         options: dict[str, Any] = {'method': 'articulated_body', 'dtype': 'float32'}
@@ -317,55 +272,35 @@ def test_forward_dynamics_and_the_simulator_pass_refinement_on() -> None:
     assert (results[0] != results[1]).any()
 
 
-@pytest.mark.slow
-def test_a_step_costs_one_recursion_and_one_solve() -> None:
+@pytest.mark.parametrize('name', one_fast(['ur5', 'panda', 'puma560']))
+def test_a_step_costs_one_recursion_and_one_solve_and_at_most_1_6_times_an_answer(
+    name: str,
+) -> None:
     # Luh, Walker and Paul as Lee and Chang 1987 count them, 137 n - 22 and 101 n - 11, and the
     # factors once forward and once back, n (n - 1) each way, n products with the pivots; n
     # differences, n additions. Signs are free, and nothing is divided again.
-    for name in ('ur5', 'panda', 'puma560'):
-        robot = pfd.load_robot(name)
-        n = robot.n
-        first, second, third = (
-            program_operations(
-                lower_program(
-                    record_refined(resolve_plant(robot), 'composite_body', k), 'float64', ['qdd']
-                ).compiled
-            )
-            for k in range(3)
-        )
-        recursion, solve = (137 * n - 22) + (101 * n - 11), 2 * n * (n - 1) + n
-        assert first['div'] == second['div'] == third['div'] <= n
-        for before, after in ((first, second), (second, third)):
-            work = sum(after.values()) - sum(before.values())
-            assert 0 < work - (after['neg'] - before['neg']) <= recursion + solve + 2 * n
+    plant = resolve_plant(pfd.load_robot(name))
+    n, work = plant.robot.n, []
+    for steps in (0, 1):
+        recorded = record_refined(plant, 'composite_body', steps)
+        counts = program_operations(lower_program(recorded, 'float64', ['qdd']).compiled)
+        assert counts['div'] <= n
+        work.append(sum(counts.values()) - counts['neg'])
+    recursion, solve = (137 * n - 22) + (101 * n - 11), 2 * n * (n - 1) + n
+    assert 0 < work[1] - work[0] <= recursion + solve + 2 * n
+    assert name == 'puma560' or work[1] <= 1.6 * work[0]
 
 
-def test_a_refined_kernel_has_at_most_1_6_times_the_operations_of_a_plain_one() -> None:
-    for name in ('ur5', 'panda'):
-        plain, refined = (
-            pfd.compile_kernel(pfd.load_robot(name), refine=k).operations['compiled']
-            for k in (0, 1)
-        )
-        work = [sum(counts.values()) - counts['neg'] for counts in (plain, refined)]
-        assert work[0] < work[1] <= 1.6 * work[0]
-
-
-def test_an_arm_at_rest_without_load_has_no_error() -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), scene=pfd.Scene(gravity=None), refine=1)
-    zero = np.zeros(6)
-    qdd, error = kernel.error_estimate(zero, zero, zero)
+def test_an_arm_at_rest_without_load_has_no_error_and_a_massless_end_an_infinite_one() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=pfd.Scene(gravity=None), refine=1)
+    qdd, error = kernel.error_estimate(*np.zeros((3, 2)))
     assert not qdd.any()
     assert error == 0
-
-
-def test_a_massless_end_has_an_infinite_estimate() -> None:
     plant = resolve_plant(rods(3, 0.0))
     inputs = {k: np.full((1, 3), 0.3) for k in ('q', 'qd', 'tau')}
     for method in METHODS:
-        result = run_program(
-            lower_program(record_refined(plant, method, 1), 'float64').compiled, inputs
-        )
-        assert result['error'][0, 0] == np.inf
+        program = lower_program(record_refined(plant, method, 1), 'float64').compiled
+        assert run_program(program, inputs)['error'][0, 0] == np.inf
 
 
 @pytest.mark.parametrize('method', one_fast(METHODS, 'composite_body'))
@@ -384,12 +319,6 @@ def test_a_kernel_without_refinement_estimates_the_error_of_its_result(
     errors = relative_error(qdd, right)
     # Within 5 %, or a tenth of a rounding.
     assert (np.abs(estimates - errors) <= np.maximum(0.05 * errors, 0.1 * 2.0**-53)).all()
-
-
-@pytest.mark.parametrize('refine', [-1, 0.5, '1', None])
-def test_an_invalid_number_of_steps_is_refused(refine: object) -> None:
-    with pytest.raises(ValueError, match='refine must be an integer of at least 0, got'):
-        pfd.compile_kernel(pfd.load_robot('planar2'), refine=refine)  # type: ignore[arg-type]
 
 
 # ---- the error estimate over random states ---------------------------------------------------
@@ -452,12 +381,6 @@ def assert_estimates(arm: str, method: str, dtype: str, count: int) -> None:
     assert (estimates[errors >= NO_DIGIT] >= NO_DIGIT / FACTOR).all()
 
 
-@pytest.mark.parametrize('arm', ARMS)
-@pytest.mark.slow
-def test_the_estimate_is_within_a_factor_of_three_of_the_error(arm: str) -> None:
-    assert_estimates(arm, 'composite_body', 'float64', 8)
-
-
 # In float32 the heavy tip has no answer: its condition number times the rounding is above one.
 ALL = [
     (arm, method, dtype)
@@ -466,15 +389,20 @@ ALL = [
     for dtype in ROUNDING
     if (arm, dtype) != ('heavy_tip_1e8', 'float32')
 ]
+FEW = [(arm, 'composite_body', 'float64') for arm in ('heavy_tip_1e8', 'panda', 'rods_12')]
 
 
-@pytest.mark.slow
-@pytest.mark.long
-@pytest.mark.parametrize(('arm', 'method', 'dtype'), ALL)
-def test_the_estimate_is_within_a_factor_of_three_in_500_states(
-    arm: str, method: str, dtype: str
+@pytest.mark.parametrize(
+    ('arm', 'method', 'dtype', 'count'),
+    [
+        *one_fast((*few, 8) for few in FEW),
+        *(pytest.param(*one, 500, marks=[pytest.mark.slow, pytest.mark.long]) for one in ALL),
+    ],
+)
+def test_the_estimate_is_within_a_factor_of_three_of_the_error(
+    arm: str, method: str, dtype: str, count: int
 ) -> None:
-    assert_estimates(arm, method, dtype, 500)
+    assert_estimates(arm, method, dtype, count)
 
 
 # The correction is solved for with the digits of the number format, from a residual with nearly
@@ -507,31 +435,15 @@ def assert_close_estimates(arm: str, method: str, dtype: str, count: int) -> Non
 
 @pytest.mark.parametrize('dtype', ROUNDING)
 @pytest.mark.parametrize('arm', INCLUDED)
+@pytest.mark.parametrize(
+    ('method', 'count'),
+    [
+        ('composite_body', 8),
+        *(pytest.param(method, 200, marks=pytest.mark.long) for method in OTHER),
+    ],
+)
 @pytest.mark.slow
 def test_the_estimate_is_close_to_the_error_near_equilibrium_and_elsewhere(
-    arm: str, dtype: str
+    arm: str, dtype: str, method: str, count: int
 ) -> None:
-    assert_close_estimates(arm, 'composite_body', dtype, 8)
-
-
-@pytest.mark.parametrize('method', OTHER)
-@pytest.mark.parametrize('dtype', ROUNDING)
-@pytest.mark.parametrize('arm', INCLUDED)
-@pytest.mark.slow
-@pytest.mark.long
-def test_the_estimate_is_close_to_the_error_in_200_states(
-    arm: str, dtype: str, method: str
-) -> None:
-    assert_close_estimates(arm, method, dtype, 200)
-
-
-@pytest.mark.parametrize('dtype', ROUNDING)
-@pytest.mark.slow
-def test_an_estimate_comes_with_the_bits_of_a_call(dtype: str) -> None:
-    rng = np.random.default_rng(8)
-    for robot in (pfd.load_robot('planar2'), random_chain(rng, 3, 0.5)):
-        for refine in (1, 2):
-            kernel = pfd.compile_kernel(robot, dtype=dtype, refine=refine)
-            q, qd, tau = rng.uniform(-3, 3, (3, 20, robot.n)).astype(dtype)
-            qdd, _ = kernel.error_estimate(q, qd, tau)
-            np.testing.assert_array_equal(qdd, kernel(q, qd, tau))
+    assert_close_estimates(arm, method, dtype, count)

@@ -9,6 +9,7 @@ Subpackages in the order of data flow; each imports only from those above it.
     machine       the emulated parallel computer: operations, programs, lanes, the emulator
     model         Robot, a serial chain, and Scene, the effects that act on it; loading
     dynamics      serial algorithms, each recorded once as a program; tables of methods, quantities
+    paper         n lanes: data moved between them, recurrences, networks, the clocked array
     algorithms    Lee and Chang 1987 and later parallel methods on n lanes; emulation
     kernels       a program as native code for one robot and scene: one state or a batch
     simulation    time: integrators, Simulator for one arm, Ensemble for many,

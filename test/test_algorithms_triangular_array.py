@@ -39,8 +39,8 @@ from pfd_core.algorithms.paper.triangular_array import (
 from pfd_core.dynamics.methods import FORWARD
 from pfd_core.kernels.lower import lower
 from pfd_core.machine.emulator import run
-from pfd_core.machine.systolic import LinkError, Ports, Step
 from pfd_core.model import resolve
+from pfd_core.paper.systolic import LinkError, Ports, Step
 
 
 def integers(rng: np.random.Generator, n: int) -> tuple[Array, Array, Array]:

@@ -32,7 +32,8 @@ PFD_CORE = {
     'model': {'forking', 'machine'},
     # Reaches `algorithms` by the names in its tables alone.
     'dynamics': {'forking', 'model', 'machine'},
-    'algorithms': {'forking', 'model', 'machine', 'dynamics'},
+    'paper': {'forking', 'model', 'machine', 'dynamics'},
+    'algorithms': {'forking', 'model', 'machine', 'dynamics', 'paper'},
     'kernels': {'forking', 'model', 'machine', 'dynamics'},
     'simulation': {'forking', 'model', 'machine', 'dynamics', 'kernels'},
 }

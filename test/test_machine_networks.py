@@ -21,7 +21,9 @@ from bridge import (
     lane_merge,
     lane_shift,
     lane_where,
+    network_carrier,
     network_hops,
+    network_steps,
     network_wiring,
     on_lane,
     resolve_plant,
@@ -177,11 +179,11 @@ def test_a_hop_that_the_network_cannot_do_is_an_error(
 
 def test_an_unknown_network_and_too_few_processors_are_errors() -> None:
     program = FORWARD_METHODS['pcrbm'](resolve_plant(uniform_chain_robot(2)), 'unpacked')
-    for count in (network_wiring, lambda name, _: program.count(network=name)):
+    for count in (network_wiring, lambda name, _: network_steps(program, name)):
         with pytest.raises(ValueError, match=r"network must be one of .*'ring'.* got 'torus'"):
             count('torus', 4)
     with pytest.raises(ValueError, match="'ring' needs a processor for each of 2 lanes, got 1"):
-        program.count(1, network='ring')
+        network_steps(program, 'ring', 1)
     state = np.zeros((3, 2))
     with pytest.raises(ValueError, match="'torus'"):
         pfd.emulate(uniform_chain_robot(2), *state, network='torus')
@@ -194,7 +196,8 @@ def test_a_method_has_the_same_bits_on_every_network(method: str, network: str) 
     rng = np.random.default_rng(42)
     state = {name: rng.normal(size=5) for name in ('q', 'qd', 'tau')}
     np.testing.assert_array_equal(
-        run_program(program, state, network=network)['qdd'], run_program(program, state)['qdd']
+        run_program(program, state, route=network_carrier(network))['qdd'],
+        run_program(program, state)['qdd'],
     )
 
 
@@ -213,7 +216,7 @@ def test_the_orientation_recurrence_takes_the_shifts_of_its_levels(L: int) -> No
     # Nine words a level: 1 step each on PM2I, 1 and then 2 on the cube, 2^k on the ring.
     program = FORWARD_METHODS['pcrbm'](resolve_plant(uniform_chain_robot(2**L)), 'unpacked')
     routes = {
-        network: program.count(section='orientation', network=network).routes
+        network: network_steps(program, network, section='orientation').routes
         for network in ('crossbar', 'pm2i', 'cube', 'ring')
     }
     assert routes == {

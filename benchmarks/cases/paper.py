@@ -35,6 +35,7 @@ from pfd_core.algorithms.paper.triangular_array import DIVIDE, MULTIPLY, solve_s
 from pfd_core.dynamics.methods import FORWARD, ITERATIVE, SERIAL, record_forward_dynamics
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import resolve
+from pfd_core.paper import networks
 
 KINDS = ('multiplications', 'additions', 'square_roots')
 PRINTED_AT = 6
@@ -150,7 +151,7 @@ def steps_of(
     the rows of the array (pcrbm_array.streams).
     """
     p = one.processors
-    steps = program.count(p, iterations=iterations, network=network)
+    steps = networks.steps(program, network, p, iterations=iterations)
     if one.method != 'pcrbm_array':
         return steps
     if one.edition == BEST_KNOWN:

@@ -20,9 +20,9 @@ from pfd_core.algorithms.paper.array_solver import factor, pipeline, solve
 from pfd_core.algorithms.paper.literal_array import STORE, literal_array
 from pfd_core.algorithms.paper.set_ordering import set_ordering
 from pfd_core.machine.emulator import run
-from pfd_core.machine.patterns import prefix
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.machine.systolic import Place, Trace
+from pfd_core.paper.patterns import prefix
+from pfd_core.paper.systolic import Place, Trace
 
 SIZES = (2, 3, 4, 6, 8, 12, 16)
 # Rows of the array as in Figure 1, lanes of recursive doubling, and rows as in Appendix C.

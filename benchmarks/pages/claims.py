@@ -39,11 +39,11 @@ from pfd_core.algorithms.paper.set_ordering import set_ordering
 from pfd_core.algorithms.programs import record_inverse_dynamics, record_terms
 from pfd_core.dynamics.methods import FORWARD
 from pfd_core.machine.emulator import run
-from pfd_core.machine.patterns import prefix_affine
 from pfd_core.machine.program import Program, Steps
 from pfd_core.machine.recorder import Recorder
 from pfd_core.machine.vectors import array as vector
 from pfd_core.model import Plant, Scene, load_robot, resolve
+from pfd_core.paper.patterns import prefix_affine
 
 N = 6
 STATES = 20

@@ -6,7 +6,7 @@ Time of every system on every network, over the price of a route.
 The time of a recording is a line over t_r: its arithmetic, and its steps of routes times t_r. A
 system is recorded packed and with one lane per link. *Best known* is the fastest of our recordings
 of a system at that price on that network: it chooses the packing, and for PCRBM also the base
-origin. Weights of arithmetic are the defaults of pfd_core.machine.prices. The triangular array has
+origin. Weights of arithmetic are the defaults of pfd_core.paper.prices. The triangular array has
 separate links, which are not on the network.
 """
 
@@ -23,7 +23,7 @@ from benchmarks.pages.iterations import CHAINS, convergence
 from benchmarks.run import each
 from benchmarks.table import Cells, Row, grid, page
 from pfd_core.dynamics.methods import ITERATIVE, METHODS, SERIAL
-from pfd_core.machine.prices import Weights
+from pfd_core.paper.prices import Weights
 
 SIZES = (2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 64)
 # Sizes of the tables that show few; prices t_r/t_m over n.

@@ -23,11 +23,11 @@ from pfd_core.dynamics.convergence import record_small_correction
 from pfd_core.dynamics.methods import SERIAL, TOLERANCES, record_forward_dynamics
 from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
-from pfd_core.machine.networks import NETWORKS
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.scene_fields import INPUT
 from pfd_core.model.values import DTYPES, choice, common_shape, integer, real_array
+from pfd_core.paper import networks
 
 # mpmath computes with more digits, but for hours.
 MOST_DIGITS = 10_000
@@ -125,7 +125,7 @@ def emulate(
         processor the steps are the operations of the serial program of the method.
     network : str
         Network that joins the n processors: 'crossbar', 'pm2i', 'cube', 'mesh', 'ring', 'shuffle'
-        or 'bus' (pfd_core.machine.networks). Routes are executed hop by hop, and counted in steps
+        or 'bus' (pfd_core.paper.networks). Routes are executed hop by hop, and counted in steps
         of that network.
     dtype : {'float64', 'float32'}
         Numbers of the machine. An iterative method stops at the rounding of this format.
@@ -139,7 +139,7 @@ def emulate(
 
     """
     choice('dtype', dtype, DTYPES)
-    choice('network', network, NETWORKS)
+    choice('network', network, networks.NETWORKS)
     if digits is not None:
         digits = integer('digits', digits, 1, MOST_DIGITS)
     if processors is not None:
@@ -167,8 +167,8 @@ def emulate(
     sizes = {name: size for name, size in (check or program).inputs.items() if name != 'qdd'}
     inputs = _checked(sizes | program.inputs, given, digits)
     # On a crossbar each lane reads its source in one hop.
-    hopping = None if network == 'crossbar' else network
-    result = run(program, inputs, dtype, digits, network=hopping)
+    carrier = None if network == 'crossbar' else networks.carrier(network)
+    result = run(program, inputs, dtype, digits, route=carrier)
     if check is not None:  # outside the counted program
         result |= run(check, inputs | {'qdd': result['qdd']}, dtype, digits)
     iterations = None
@@ -195,7 +195,7 @@ def _steps(method: str, program: Program, n: int, p: int, iterations: int, netwo
     The cells of the triangular array work side by side: there the cycles count, not the operations
     of all cells, and routes bring H to the rows of the array, not to one lane.
     """
-    steps = program.count(p, iterations=iterations, network=network)
+    steps = networks.steps(program, network, p, iterations=iterations)
     if method != 'pcrbm_array':
         return steps
     on_cells = in_sections(program, (STREAMS, SECTION), p, network)
@@ -210,7 +210,7 @@ def in_sections(
 ) -> Steps:
     """Return the steps of sections; a program may lack some of them."""
     present = {one.section for one in program.instructions}
-    counts = (program.count(processors, s, network=network) for s in sections if s in present)
+    counts = (networks.steps(program, network, processors, s) for s in sections if s in present)
     return sum(counts, Steps())
 
 

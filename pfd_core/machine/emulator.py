@@ -11,7 +11,7 @@ reference for the error of every answer.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.forking import no_fork
-from pfd_core.machine.networks import carry, check_network, hops
 from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Instruction, Program
+
+Carrier = Callable[[Sequence[int | None], Sequence[Any]], Sequence[Any]]
 
 
 def run(
@@ -30,7 +31,7 @@ def run(
     dtype: str = 'float64',
     digits: int | None = None,
     functions: Mapping[str, Callable[[Any, Any], Any]] | None = None,
-    network: str | None = None,
+    route: Carrier | None = None,
     observe: Callable[[list[Any]], None] | None = None,
 ) -> dict[str, Any]:
     """
@@ -50,9 +51,10 @@ def run(
         Compute with mpmath numbers of this many decimal digits instead.
     functions : mapping, optional
         Name to function, for each `call` of the program: of two rows, (lanes, ...), to one.
-    network : str, optional
-        A name in pfd_core.machine.networks.NETWORKS. Each route is then executed hop by hop, and
-        each hop is checked. Default: every lane reads its source at once.
+    route : callable, optional
+        Moves the data of a route: of the lane that each lane reads and the value on each lane, to
+        a mapping for each lane, from the lane it reads to its value (pfd_core.paper.networks).
+        Default: every lane reads its source at once.
     observe : callable, optional
         Called before a loop and after each iteration, with the rows, (lanes, ...), of the loop's
         state.
@@ -75,9 +77,7 @@ def run(
                 f'input {name} must have shape (..., {size}), got {values[name].shape}'
             )
     batch = next(iter(values.values())).shape[:-1]
-    if network is not None:
-        check_network(network)
-    machine = _Machine(program, values, batch, arithmetic, functions or {}, network, observe)
+    machine = _Machine(program, values, batch, arithmetic, functions or {}, route, observe)
     with arithmetic.context():
         machine.run()
     registers = machine.registers
@@ -99,7 +99,7 @@ class _Machine:
         batch: tuple[int, ...],
         arithmetic: Any,
         functions: Mapping[str, Callable[[Any, Any], Any]],
-        network: str | None,
+        route: Carrier | None,
         observe: Callable[[list[Any]], None] | None,
     ) -> None:
         self.program = program
@@ -108,7 +108,7 @@ class _Machine:
         self.arithmetic = arithmetic
         self.zero = arithmetic.number(0.0)
         self.functions = functions
-        self.network = network
+        self.carry = route
         self.observe = observe
         self.registers: list[Any] = [None] * len(program.instructions)
         self.rows: list[Any] = []  # the state of the loop, its `go` last
@@ -183,9 +183,7 @@ class _Machine:
 
     def _route(self, value: Any, fill: Any, sources: Any, active: int) -> Any:
         row = fill.copy()
-        words = [value] * len(sources)
-        if self.network is not None:
-            words = carry(self.network, len(sources), hops(self.network, sources), value)
+        words = [value] * len(sources) if self.carry is None else self.carry(sources, value)
         for lane, source in enumerate(sources):
             if source is not None:
                 row[lane] = words[lane][source]

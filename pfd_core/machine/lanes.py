@@ -1,17 +1,16 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Functions of lane values that algorithms call: lanes switched on and off, data moved.
+Functions of lane values that algorithms call: lanes switched on and off, choices, elementary ones.
 
-    shift, broadcast     move values between lanes, by `route`
     on, merge            empty lanes, and fill empty lanes from another value
     where, absolute      select between two values lane by lane
     sqrt, sin, cos       operations without a Python operator
     each                 any of these, component by component of a vector or matrix
 
-A lane takes part in an operation when all its operands have a value there: `shift` leaves the
-lanes without a neighbour empty, `on` empties lanes on purpose, `merge` fills them. This is how
-an algorithm states which processors are switched on, and it costs nothing.
+A lane takes part in an operation when all its operands have a value there: `on` empties lanes,
+`merge` fills them. This is how an algorithm states which processors are switched on, and it costs
+nothing. pfd_core.paper.lanes moves data between lanes.
 """
 
 from __future__ import annotations
@@ -32,21 +31,6 @@ def each(function: Callable[..., Lanes], *values: Any) -> Any:
     for index in np.ndindex(result.shape):
         result[index] = function(*(value[index] for value in values))
     return result
-
-
-def shift(value: Any, by: int) -> Any:
-    """Return the value of lane i - by on lane i; lanes without such a neighbour are empty."""
-
-    def move(x: Lanes) -> Lanes:
-        n = x.recorder.lanes
-        return x.recorder.route(x, [i - by if 0 <= i - by < n else None for i in range(n)], None)
-
-    return each(move, value)
-
-
-def broadcast(value: Any, lane: int) -> Any:
-    """Return the value of one lane on all lanes."""
-    return each(lambda x: x.recorder.route(x, [lane] * x.recorder.lanes, None), value)
 
 
 def on(value: Any, lanes: Iterable[int]) -> Any:

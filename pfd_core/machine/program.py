@@ -17,7 +17,6 @@ import math
 import operator
 from typing import Any, NamedTuple
 
-from pfd_core.machine.networks import check_network, route_steps
 from pfd_core.machine.operations import COSTS, OPERATIONS
 
 
@@ -132,10 +131,9 @@ class Program:
         processors: int | None = None,
         section: str | None = None,
         iterations: int = 1,
-        network: str = 'crossbar',
     ) -> Steps:
         """
-        Return the steps that the program takes, without running it.
+        Return the steps that the program takes, without running it; a route is one step.
 
         Parameters
         ----------
@@ -147,56 +145,40 @@ class Program:
             Count only this part of the program, a section of some instruction.
         iterations : int
             Number of runs of the repeated part, if there is one.
-        network : str
-            A name in pfd_core.machine.networks.NETWORKS. On a crossbar each route is one step.
-            Other networks need a processor for each lane.
 
         Raises
         ------
         ValueError
-            If an argument is not such a number, section or network.
+            If an argument is not such a number or section.
 
         """
         processors = check_processors(processors, self.lanes)
         iterations = _integer('iterations', iterations, 0)
-        check_network(network)
-        if network != 'crossbar' and processors < self.lanes:
-            raise ValueError(
-                f'network {network!r} needs a processor for each of {self.lanes} lanes, '
-                f'got {processors}'
-            )
         if section is not None:
             known = tuple(dict.fromkeys(one.section for one in self.instructions))
             if not isinstance(section, str) or section not in known:
                 raise ValueError(f'section must be one of {known} or None, got {section!r:.100}')
-        totals = dict.fromkeys(COSTS, 0)
-        for (cost, lanes), times in self._work(iterations, section, network).items():
+        work: Counter[tuple[str, int]] = Counter()
+        for instruction, times in self.runs(iterations, section):
+            work[OPERATIONS[instruction.op].cost or '', busy_lanes(instruction)] += times
+        totals = dict.fromkeys((*COSTS, ''), 0)
+        for (cost, lanes), times in work.items():
             totals[cost] += times * math.ceil(lanes / processors)
+        del totals['']
         return Steps(**totals)
 
-    def _work(
-        self, iterations: int, section: str | None, network: str
-    ) -> Counter[tuple[str, int]]:
-        """Return the number of runs of instructions by cost column and number of busy lanes."""
-        work: Counter[tuple[str, int]] = Counter()
-        routes: Counter[Instruction] = Counter()  # many are alike
+    def runs(
+        self, iterations: int = 1, section: str | None = None
+    ) -> Iterator[tuple[Instruction, int]]:
+        """Yield the instructions, or those of a section, each with the number of its runs."""
         times = 1
         for instruction in self.instructions:
             if instruction.op == 'loop':
                 times = iterations
             elif instruction.op == 'end':
                 times = 1
-            cost = OPERATIONS[instruction.op].cost
-            if not cost or (section is not None and instruction.section != section):
-                continue
-            if cost == 'routes':
-                routes[Instruction('route', data=instruction.data)] += times
-            else:
-                work[cost, busy_lanes(instruction)] += times
-        for route, runs in routes.items():
-            steps = 1 if network == 'crossbar' else route_steps(network, route.data)
-            work['routes', busy_lanes(route)] += runs * steps
-        return work
+            if section is None or instruction.section == section:
+                yield instruction, times
 
 
 def renamed(program: Program, instructions: list[Instruction], names: list[int]) -> Program:

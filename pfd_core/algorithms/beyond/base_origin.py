@@ -34,10 +34,11 @@ from dataclasses import dataclass
 
 from pfd_core.algorithms.chain.base_axes import Links, Pose
 from pfd_core.algorithms.paper.newton_euler import rotational_part, summed
-from pfd_core.machine.lanes import each, merge, on, shift
-from pfd_core.machine.patterns import prefix, suffix
+from pfd_core.machine.lanes import each, merge, on
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
+from pfd_core.paper.lanes import shift
+from pfd_core.paper.patterns import prefix, suffix
 
 
 @dataclass(frozen=True)

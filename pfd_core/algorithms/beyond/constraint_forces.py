@@ -77,7 +77,7 @@ from pfd_core.algorithms.beyond.omega import omega_torques
 from pfd_core.algorithms.chain.base_axes import Links, link_parameters
 from pfd_core.algorithms.chain.equations import forward_equations
 from pfd_core.dynamics.interface import input_row, program_with_outputs
-from pfd_core.machine.lanes import cos, merge, on, shift, sin
+from pfd_core.machine.lanes import cos, merge, on, sin
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import (
@@ -90,6 +90,7 @@ from pfd_core.machine.vectors import (
     symmetric_matrix,
 )
 from pfd_core.model import Plant
+from pfd_core.paper.lanes import shift
 
 FIVE = range(5)
 UPPER_OF_FIVE = [(i, j) for i in FIVE for j in range(i, 5)]

@@ -74,12 +74,13 @@ from pfd_core.algorithms.chain.base_axes import Links, Pose
 from pfd_core.algorithms.chain.equations import forward_equations
 from pfd_core.algorithms.paper.cholesky import solve
 from pfd_core.dynamics.interface import input_row, program_with_outputs
-from pfd_core.machine.lanes import absolute, broadcast, each, merge, on, where
+from pfd_core.machine.lanes import absolute, each, merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
 from pfd_core.model import Plant, Robot
 from pfd_core.model.robot import own_inertia
+from pfd_core.paper.lanes import broadcast
 
 SIX = range(6)
 UPPER_OF_SIX = [(i, j) for i in SIX for j in range(i, 6)]

@@ -29,13 +29,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pfd_core.dynamics.interface import input_row
-from pfd_core.machine.lanes import cos, merge, on, shift, sin
-from pfd_core.machine.packing import prefix_product
+from pfd_core.machine.lanes import cos, merge, on, sin
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array, rotated_symmetric
 from pfd_core.model import Plant, Robot
 from pfd_core.model.geometry import product
 from pfd_core.model.values import Array
+from pfd_core.paper.lanes import shift
+from pfd_core.paper.patterns import prefix_product
 
 # Products over lanes of matrices, (3, 3).
 Recurrence = Callable[[LaneArray], LaneArray]

@@ -25,10 +25,11 @@ from pfd_core.algorithms.chain.gravity import gravity_torques_on_lanes
 from pfd_core.dynamics.drives import Gravity, motor_torques
 from pfd_core.dynamics.interface import input_row, wrench_input
 from pfd_core.dynamics.joint_torques import plus_joint_torques
-from pfd_core.machine.lanes import broadcast, merge, on, where
-from pfd_core.machine.packing import prefix_product
+from pfd_core.machine.lanes import merge, on, where
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
+from pfd_core.paper.lanes import broadcast
+from pfd_core.paper.patterns import prefix_product
 
 # Torques of links, gravity and wrench: (recorder, links, pose, qd, qdd, gravity, wrench).
 LinkTorques = Callable[..., Lanes]

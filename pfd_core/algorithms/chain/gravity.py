@@ -25,10 +25,10 @@ import numpy as np
 
 from pfd_core.algorithms.chain.base_axes import Links, Pose, link_parameters
 from pfd_core.machine.lanes import merge, on
-from pfd_core.machine.patterns import suffix
 from pfd_core.machine.recorder import Lanes
 from pfd_core.machine.vectors import array
 from pfd_core.model import Plant
+from pfd_core.paper.patterns import suffix
 
 
 def gravity_torques_on_lanes(chain: Links, at: Pose, plant: Plant, model: Plant) -> Lanes:

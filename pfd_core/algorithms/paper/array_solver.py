@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.algorithms.paper.triangular_array import clock
-from pfd_core.machine.systolic import Trace
+from pfd_core.paper.systolic import Trace
 
 
 @dataclass(frozen=True)

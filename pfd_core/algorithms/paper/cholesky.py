@@ -37,9 +37,10 @@ from dataclasses import dataclass
 import math
 
 from pfd_core.algorithms.paper.elimination_order import Product, assigned_lanes, stages
-from pfd_core.machine.lanes import broadcast, on, shift, sqrt, where
-from pfd_core.machine.patterns import collect, column_sweep, gather
+from pfd_core.machine.lanes import on, sqrt, where
 from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.paper.lanes import broadcast, collect, gather, shift
+from pfd_core.paper.patterns import column_sweep
 
 Place = tuple[Lanes, int]
 Element = tuple[int, int]

@@ -29,12 +29,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.machine.lanes import merge, on, shift
-from pfd_core.machine.patterns import collect
+from pfd_core.machine.lanes import merge, on
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Robot
+from pfd_core.paper.lanes import collect, shift
 
 Structure = NDArray[np.float64]  # (n, 3, 3): 0, 1 or -1 where an element is known to be, else NaN
 Index = tuple[int, int]

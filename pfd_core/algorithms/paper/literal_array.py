@@ -53,7 +53,7 @@ from pfd_core.algorithms.paper.triangular_array import (
     triangle,
 )
 from pfd_core.machine.emulator import run
-from pfd_core.machine.systolic import Link, Ports, Step, Trace
+from pfd_core.paper.systolic import Link, Ports, Step, Trace
 
 STORE = 'store'
 

@@ -35,10 +35,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.algorithms.chain.base_axes import Links, Pose
-from pfd_core.machine.lanes import merge, on, shift
-from pfd_core.machine.patterns import prefix, suffix
+from pfd_core.machine.lanes import merge, on
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
+from pfd_core.paper.lanes import shift
+from pfd_core.paper.patterns import prefix, suffix
 
 
 def newton_euler(

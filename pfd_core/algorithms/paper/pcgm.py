@@ -64,13 +64,13 @@ from pfd_core.algorithms.paper.newton_euler import (
 from pfd_core.algorithms.paper.pcrbm import composite_forces
 from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.iteration import TOLERANCE, iterate
-from pfd_core.machine.lanes import broadcast, merge, on, where
-from pfd_core.machine.packing import prefix_sum, suffix_sum
-from pfd_core.machine.patterns import prefix, total
+from pfd_core.machine.lanes import merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, symmetric_times
 from pfd_core.model import Plant
+from pfd_core.paper.lanes import broadcast
+from pfd_core.paper.patterns import prefix, prefix_sum, suffix_sum, total
 
 # Walks through directions that rounding has made dependent take a multiple of n; the hardest
 # chains of up to 30 joints need 6 n.

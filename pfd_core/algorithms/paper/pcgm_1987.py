@@ -42,12 +42,13 @@ from pfd_core.algorithms.paper.pcgm import inertia_times
 from pfd_core.algorithms.paper.pcrbm_1987 import fohra
 from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.iteration import iterate
-from pfd_core.machine.lanes import broadcast, where
-from pfd_core.machine.patterns import total
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes
 from pfd_core.model import Plant
 from pfd_core.model.values import choice
+from pfd_core.paper.lanes import broadcast
+from pfd_core.paper.patterns import total
 
 # Parts that can run as printed: name, and the error.
 STEP_4, STEP_7, STEP_16 = 'step 4', 'step 7', 'step 16'

@@ -46,13 +46,13 @@ from pfd_core.algorithms.chain.equations import (
 from pfd_core.algorithms.paper.cholesky import solve
 from pfd_core.algorithms.paper.newton_euler import newton_euler
 from pfd_core.dynamics.interface import program_with_outputs
-from pfd_core.machine.lanes import broadcast, merge, on, shift, where
-from pfd_core.machine.packing import packed
-from pfd_core.machine.patterns import row_sweep, suffix, suffix_affine
+from pfd_core.machine.lanes import merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, parallel_axis, symmetric_times
 from pfd_core.model import Plant
+from pfd_core.paper.lanes import broadcast, packed, shift
+from pfd_core.paper.patterns import row_sweep, suffix, suffix_affine
 
 
 def inertia_matrix(

@@ -54,14 +54,14 @@ from pfd_core.algorithms.paper.newton_euler import newton_euler
 from pfd_core.algorithms.paper.pcrbm import rows_of_moments
 from pfd_core.algorithms.paper.set_ordering import Index, literal_factor
 from pfd_core.dynamics.interface import program_with_outputs
-from pfd_core.machine.lanes import broadcast, merge, on, shift, sqrt, where
-from pfd_core.machine.packing import packed
-from pfd_core.machine.patterns import collect, column_sweep, gather, prefix, suffix, suffix_affine
+from pfd_core.machine.lanes import merge, on, sqrt, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, parallel_axis, symmetric_matrix
 from pfd_core.model import Plant
 from pfd_core.model.values import choice
+from pfd_core.paper.lanes import broadcast, collect, gather, packed, shift
+from pfd_core.paper.patterns import column_sweep, prefix, suffix, suffix_affine
 
 # Parts that can run as printed: name, and the error.
 CHOLESKY, STEP_6 = AS_PRINTED = ('equations (11), (12)', 'step 6')

@@ -29,9 +29,10 @@ from pfd_core.algorithms.paper.pcrbm import inertia_matrix
 from pfd_core.algorithms.paper.triangular_array import clock
 from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import merge, on, where
-from pfd_core.machine.patterns import gather
 from pfd_core.machine.program import Instruction, Program, Steps
 from pfd_core.model import Plant
+from pfd_core.paper import networks
+from pfd_core.paper.lanes import gather
 
 # The section of the program that the cells execute, and the section that brings H to lane 0. A
 # real array takes H at its rows, each next to a lane.
@@ -82,4 +83,4 @@ def stream_steps(n: int, processors: int, network: str = 'crossbar') -> Steps:
     if processors == 1:
         return Steps()
     routes = tuple(Instruction('route', data=sources) for sources in streams(n))
-    return Program(n, routes, {}, {}).count(processors, network=network)
+    return networks.steps(Program(n, routes, {}, {}), network, processors)

@@ -36,9 +36,9 @@ from functools import partial
 from itertools import pairwise
 
 from pfd_core.machine.lanes import sqrt
-from pfd_core.machine.patterns import gather
 from pfd_core.machine.program import Program, check_processors
 from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.paper.lanes import gather
 
 Index = tuple[int, int]  # (k, i) of S_ki, counted from 1 as in the paper
 Place = tuple[Lanes, int]  # a value on one lane

@@ -45,7 +45,7 @@ import numpy as np
 from pfd_core.machine.lanes import sqrt
 from pfd_core.machine.program import Steps
 from pfd_core.machine.recorder import Lanes
-from pfd_core.machine.systolic import DIRECTIONS, Array, Cell, Link, Place, Ports, Step, Trace
+from pfd_core.paper.systolic import DIRECTIONS, Array, Cell, Link, Place, Ports, Step, Trace
 
 FLAG, TURN = '*', 'turn'
 MULTIPLY, DIVIDE, ROOT = 'multiply and subtract', 'divide', 'square root'

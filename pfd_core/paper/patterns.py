@@ -7,12 +7,11 @@ The parallel patterns of the paper, over lanes. L = ceil(log2 n).
     suffix      X(i) = x(i) * X(i+1)             the same, downward      L levels
     prefix_affine, suffix_affine
                 X(i) = a(i) X(i-1) + b(i)        FOIHRA, eqs (3), (4)    L levels
+    prefix_sum, suffix_sum, prefix_product       FOHRA, its levels packed onto full rows of lanes
     total       sum of x(i) on lane 0            tree                    L levels
     row_sweep   x(i,j) = x(i+1,j) + a(i,j)       eqs (5) to (7)          n - 1 steps
     column_sweep
                 T x = b, T triangular            section 2.4             n - 1 steps
-    gather, collect
-                data from any lane to any lane                           routes only
 
 Lane i holds element i. `*` is any associative operation, given as a function of its left and
 right operand; an operand is a value over lanes, a vector, a matrix or a tuple of these.
@@ -25,12 +24,17 @@ order for x(i) = x(i-1) a(i); with matrix coefficients on the left it must be X(
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from operator import add
 from typing import Any
 
-from pfd_core.machine.lanes import broadcast, each, merge, on
-from pfd_core.machine.recorder import Lanes, Recorder
+import numpy as np
+
+from pfd_core.machine.lanes import merge, on
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
+from pfd_core.machine.vectors import dot
+from pfd_core.paper.lanes import broadcast, packed, recorder_of, taken
 
 Combine = Callable[[Any, Any], Any]
 
@@ -40,12 +44,6 @@ def _apply(function: Callable[..., Any], *values: Any) -> Any:
     if isinstance(values[0], tuple):
         return tuple(function(*members) for members in zip(*values, strict=True))
     return function(*values)
-
-
-def _recorder(value: Any) -> Recorder:
-    while not isinstance(value, Lanes):
-        value = value[0]
-    return value.recorder
 
 
 def levels(recorder: Recorder, downward: bool) -> Iterator[dict[int, int]]:
@@ -60,25 +58,16 @@ def levels(recorder: Recorder, downward: bool) -> Iterator[dict[int, int]]:
         step *= 2
 
 
-def taken(value: Any, sources: Mapping[int, int]) -> Any:
-    """Return on each lane of `sources` the value of the lane that it names."""
-
-    def move(x: Lanes) -> Lanes:
-        return x.recorder.route(x, [sources.get(i) for i in range(x.recorder.lanes)], None)
-
-    return each(move, value)
-
-
 def prefix(combine: Combine, x: Any) -> Any:
     """Return X(0) = x(0), X(i) = combine(X(i-1), x(i)) on lane i."""
-    for sources in levels(_recorder(x), downward=False):
+    for sources in levels(recorder_of(x), downward=False):
         x = _apply(merge, combine(_apply(partial(taken, sources=sources), x), x), x)
     return x
 
 
 def suffix(combine: Combine, x: Any) -> Any:
     """Return X(n-1) = x(n-1), X(i) = combine(x(i), X(i+1)) on lane i."""
-    for sources in levels(_recorder(x), downward=True):
+    for sources in levels(recorder_of(x), downward=True):
         x = _apply(merge, combine(x, _apply(partial(taken, sources=sources), x)), x)
     return x
 
@@ -106,7 +95,7 @@ def suffix_affine(a: Any, b: Any, times: Combine, product: Combine) -> Any:
 
 
 def _affine(a: Any, b: Any, times: Combine, product: Combine, downward: bool) -> Any:
-    recorder = _recorder(b)
+    recorder = recorder_of(b)
     steps = list(levels(recorder, downward))
     for k, sources in enumerate(steps, 1):
         b = merge(times(a, taken(b, sources)) + b, b)
@@ -115,9 +104,52 @@ def _affine(a: Any, b: Any, times: Combine, product: Combine, downward: bool) ->
     return b
 
 
-def total(x: Any) -> Any:
+def total(x: Lanes) -> Lanes:
     """Return the sum of x over all lanes, on lane 0."""
-    return _apply(lambda v: on(suffix(lambda a, b: a + b, v), [0]), x)
+    result: Lanes = on(suffix(add, x), [0])
+    return result
+
+
+def prefix_sum(x: LaneArray) -> LaneArray:
+    """Return the sums of each component of x over lanes 0..i, on lane i: packed FOHRA."""
+    return _sums(x, downward=False)
+
+
+def suffix_sum(x: LaneArray) -> LaneArray:
+    """Return the sums of each component of x over lanes i..n-1, on lane i: packed FOHRA."""
+    return _sums(x, downward=True)
+
+
+def _sums(x: LaneArray, downward: bool) -> LaneArray:
+    recorder = recorder_of(x)
+    if not recorder.packs:
+        swept: LaneArray = (suffix if downward else prefix)(add, x)
+        return swept
+    values: LaneArray = np.ravel(x)
+    for sources in levels(recorder, downward):
+        sums = packed(add, [(taken(value, sources), value) for value in values])
+        values = np.array([merge(a, b) for a, b in zip(sums, values, strict=True)], dtype=object)
+    return values.reshape(x.shape)
+
+
+def product(R: LaneArray) -> LaneArray:
+    """Return the matrix products R(0) R(1) .. R(i), (3, 3), on lane i: FOHRA as in the paper."""
+    swept: LaneArray = prefix(lambda left, right: left @ right, R)
+    return swept
+
+
+def prefix_product(R: LaneArray) -> LaneArray:
+    """Return the same products, the elements of each level packed."""
+    recorder = recorder_of(R)
+    if not recorder.packs:
+        return product(R)
+    for sources in levels(recorder, downward=False):
+        left = taken(R, sources)
+        elements = packed(dot, [(left[i], R[:, j]) for i in range(3) for j in range(3)])
+        R = np.array(
+            [merge(new, old) for new, old in zip(elements, np.ravel(R), strict=True)], dtype=object
+        ).reshape(3, 3)
+    return R
 
 
 def row_sweep(terms: Sequence[Any], x0: Any) -> list[Any]:
@@ -137,11 +169,10 @@ def row_sweep(terms: Sequence[Any], x0: Any) -> list[Any]:
         Row i holds x(i,j) on lane j for j >= i.
 
     """
-    n = _recorder(x0).lanes
+    n = recorder_of(x0).lanes
     rows = [x0]
     for i in range(n - 2, -1, -1):
-        swept = on(rows[-1], range(i + 1, n)) + terms[i]
-        rows.append(merge(swept, x0))
+        rows.append(merge(on(rows[-1], range(i + 1, n)) + terms[i], x0))
     return rows[::-1]
 
 
@@ -180,52 +211,3 @@ def column_sweep(
         if column is not None:
             x = merge(on(x, left) - column * on(broadcast(x, j), left), x)
     return x
-
-
-def collect(values: Mapping[int, Lanes]) -> Lanes:
-    """Return on each lane of `values` its own element of the given value; this costs nothing."""
-    if not values:
-        raise ValueError('collect: no lane is named, and a value needs at least one')
-    groups: dict[Lanes, list[int]] = {}
-    for lane, value in values.items():
-        groups.setdefault(value, []).append(lane)
-    parts = [on(value, lanes) for value, lanes in groups.items()]
-    result: Lanes = parts[0]
-    for part in parts[1:]:
-        result = merge(part, result)
-    return result
-
-
-def gather(places: Mapping[int, tuple[Lanes, int]]) -> Lanes:
-    """
-    Return on each lane of `places` the element that the mapping names.
-
-    A lane can read any of its own registers, so that one route takes one element from each lane
-    to all lanes that need it: as many routes as the busiest lane has elements to send.
-
-    Parameters
-    ----------
-    places : mapping
-        Lane to (value, lane of the element); at least one.
-
-    """
-    if not places:
-        raise ValueError('gather: no lane is named, and a value needs at least one')
-    staying = {lane: value for lane, (value, source) in places.items() if source == lane}
-    result = collect(staying) if staying else None
-    moving = {lane: place for lane, place in places.items() if place[1] != lane}
-    while moving:
-        sent: dict[int, tuple[Lanes, int]] = {}
-        for value, source in moving.values():
-            sent.setdefault(source, (value, source))
-        taken_now = {
-            lane: source
-            for lane, (value, source) in moving.items()
-            if sent[source] == (value, source)
-        }
-        row = collect({source: value for value, source in sent.values()})
-        sources = [taken_now.get(lane) for lane in range(row.recorder.lanes)]
-        result = row.recorder.route(row, sources, result)
-        moving = {lane: place for lane, place in moving.items() if lane not in taken_now}
-    assert result is not None
-    return result

@@ -23,9 +23,11 @@ link first sends the waiting word with the longest remaining path. This schedule
 always the shortest. No schedule on these paths takes less than the longest path or the most words
 on a link. A machine whose links must all work in the same direction in a step takes more.
 
-    hops          the steps of a route, each with its hops from node to node
-    route_steps   their number
+    steps         the steps of a program on a network
+    route_steps   the steps of a route
+    hops          its hops from node to node, step by step
     carry         the route, executed hop by hop; a hop that the network does not have is an error
+    carrier       the same as a function for the emulator
 
 A new network is a function of the number of lanes, and a row of NETWORKS.
 
@@ -36,12 +38,15 @@ Computers 26 (1977); Stone, "Parallel processing with the perfect shuffle", IEEE
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from heapq import heappop, heappush
 import math
 from typing import Any, NamedTuple
+
+from pfd_core.machine.program import Program, Steps
 
 Sources = Sequence[int | None]  # the data of a route: the lane each lane takes its value from
 
@@ -230,6 +235,43 @@ def hops(network: str, sources: Sources) -> Iterator[list[Hop]]:
 def route_steps(network: str, sources: tuple[int | None, ...]) -> int:
     """Return the number of steps that a route takes on a network, 0 if it moves nothing."""
     return sum(1 for _ in hops(network, sources))
+
+
+def steps(
+    program: Program,
+    network: str = 'crossbar',
+    processors: int | None = None,
+    section: str | None = None,
+    iterations: int = 1,
+) -> Steps:
+    """
+    Return the steps that a program takes on a network; on a crossbar each route is one step.
+
+    Other arguments and errors are as for Program.count. ValueError for an unknown network, and for
+    any but a crossbar with fewer processors than lanes.
+    """
+    check_network(network)
+    counted = program.count(processors, section, iterations)
+    if network == 'crossbar':
+        return counted
+    if processors is not None and processors < program.lanes:
+        raise ValueError(
+            f'network {network!r} needs a processor for each of {program.lanes} lanes, '
+            f'got {processors}'
+        )
+    routes: Counter[tuple[int | None, ...]] = Counter()  # many are alike
+    for instruction, times in program.runs(iterations, section):
+        if instruction.op == 'route':
+            routes[instruction.data] += times
+    return replace(
+        counted, routes=sum(runs * route_steps(network, route) for route, runs in routes.items())
+    )
+
+
+def carrier(network: str) -> Callable[[Sources, Sequence[Any]], list[Mapping[int, Any]]]:
+    """Return the function that executes a route of the emulator hop by hop on a network."""
+    check_network(network)
+    return lambda sources, words: carry(network, len(sources), hops(network, sources), words)
 
 
 def carry(

@@ -6,7 +6,7 @@ The time of the arithmetic of a run from its steps.
     time = t_m M + t_a A + t_d D + t_s S
 
 for M multiplications, A additions, D divisions and S square roots. Routes take t_r each, counted
-on a network (pfd_core.machine.networks). Sines, which the paper takes as given, have no weight.
+on a network (pfd_core.paper.networks). Sines, which the paper takes as given, have no weight.
 """
 
 from __future__ import annotations

@@ -1,0 +1,176 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Data moved between lanes.
+
+    shift, broadcast, taken   each lane takes the value of another lane: one route a number
+    collect                   each lane its own element of several values: free
+    gather                    data from any lane to any lane
+    packed                    the same work on many partly filled rows, on full rows of lanes
+
+`shift` leaves the lanes without a neighbour empty. A lane takes part in an operation when all its
+operands have a value there; pfd_core.machine.lanes empties and fills lanes.
+
+Packing: a step of n processors costs the same whether all of them work or one. Where an algorithm
+has rows of independent work that leave lanes idle (the pairs i < j of a triangle, a late level of
+a recurrence), their lanes can be laid side by side: k rows with m filled lanes in all take
+ceil(m / n) steps instead of k. The price is data moved between lanes, which the counts show as
+routes. One processor has nothing to pack, and the schedule `unpacked` does not pack either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from pfd_core.machine.lanes import each, merge, on
+from pfd_core.machine.recorder import Lanes, Recorder, lanes_of
+
+Slot = tuple[int, int]  # a row of work, and the lane of it
+
+
+def recorder_of(value: Any) -> Recorder:
+    """Return the recorder of a value, a vector, a matrix or a tuple of values over lanes."""
+    while not isinstance(value, Lanes):
+        value = value[0]
+    return value.recorder
+
+
+def taken(value: Any, sources: Mapping[int, int]) -> Any:
+    """Return on each lane of `sources` the value of the lane that it names."""
+
+    def move(x: Lanes) -> Lanes:
+        return x.recorder.route(x, [sources.get(i) for i in range(x.recorder.lanes)], None)
+
+    return each(move, value)
+
+
+def shift(value: Any, by: int) -> Any:
+    """Return the value of lane i - by on lane i; lanes without such a neighbour are empty."""
+    n = recorder_of(value).lanes
+    return taken(value, {i: i - by for i in range(n) if 0 <= i - by < n})
+
+
+def broadcast(value: Any, lane: int) -> Any:
+    """Return the value of one lane on all lanes."""
+    return taken(value, dict.fromkeys(range(recorder_of(value).lanes), lane))
+
+
+def collect(values: Mapping[int, Lanes]) -> Lanes:
+    """Return on each lane of `values` its own element of the given value; this costs nothing."""
+    if not values:
+        raise ValueError('collect: no lane is named, and a value needs at least one')
+    groups: dict[Lanes, list[int]] = {}
+    for lane, value in values.items():
+        groups.setdefault(value, []).append(lane)
+    first, *others = (on(value, lanes) for value, lanes in groups.items())
+    result: Lanes = first
+    for part in others:
+        result = merge(part, result)
+    return result
+
+
+def gather(places: Mapping[int, tuple[Lanes, int]]) -> Lanes:
+    """
+    Return on each lane of `places` the element that the mapping names.
+
+    A lane can read any of its own registers, so that one route takes one element from each lane
+    to all lanes that need it: as many routes as the busiest lane has elements to send.
+
+    Parameters
+    ----------
+    places : mapping
+        Lane to (value, lane of the element); at least one.
+
+    """
+    if not places:
+        raise ValueError('gather: no lane is named, and a value needs at least one')
+    staying = {lane: value for lane, (value, source) in places.items() if source == lane}
+    result = collect(staying) if staying else None
+    moving = {lane: place for lane, place in places.items() if place[1] != lane}
+    while moving:
+        sent: dict[int, Lanes] = {}
+        for value, source in moving.values():
+            sent.setdefault(source, value)
+        now = {lane: source for lane, (x, source) in moving.items() if sent[source] == x}
+        row = collect(sent)
+        sources = [now.get(lane) for lane in range(row.recorder.lanes)]
+        result = row.recorder.route(row, sources, result)
+        moving = {lane: place for lane, place in moving.items() if lane not in now}
+    assert result is not None
+    return result
+
+
+def packed(function: Callable[..., Any], rows: Sequence[tuple[Any, ...]]) -> list[Any]:
+    """
+    Return function(*operands) for each row, with as few steps as its lanes allow.
+
+    Parameters
+    ----------
+    function : callable
+        Arithmetic without routes, on lane values or vectors of them.
+    rows : sequence of tuple
+        Operands; a row is filled where all its operands have a value.
+
+    Returns
+    -------
+    list
+        The results, each with a value on the lanes that its row fills.
+
+    """
+    recorder = recorder_of(rows[0][0])
+    if not recorder.packs:
+        return [function(*operands) for operands in rows]
+    slots = [(k, lane) for k, operands in enumerate(rows) for lane in _filled(operands)]
+    results: list[Any] = [None] * len(rows)
+    for start in range(0, len(slots), recorder.lanes):
+        places = _places(recorder.lanes, slots[start : start + recorder.lanes])
+        value = function(*(_side_by_side(members, places) for members in zip(*rows, strict=True)))
+        for k in sorted({row for row, _ in places.values()}):
+            results[k] = _spread(value, results[k], places, k)
+    return results
+
+
+def _filled(operands: tuple[Any, ...]) -> tuple[int, ...]:
+    """Return the lanes on which all operands have a value."""
+    mask = recorder_of(operands).all
+    for operand in operands:
+        while not isinstance(operand, Lanes):
+            operand = operand[0]
+        mask &= operand.defined
+    return lanes_of(mask)
+
+
+def _places(lanes: int, group: Sequence[Slot]) -> dict[int, Slot]:
+    """Return which slot each lane takes: one of its own where it can."""
+    places: dict[int, Slot] = {}
+    homeless = [slot for slot in group if places.setdefault(slot[1], slot) != slot]
+    free = (lane for lane in range(lanes) if lane not in places)
+    places.update(zip(free, homeless, strict=False))
+    return places
+
+
+def _side_by_side(values: Sequence[Any], places: Mapping[int, Slot]) -> Any:
+    """Return one value whose lanes hold the elements at the given places."""
+
+    def gathered(*members: Lanes) -> Lanes:
+        row: Lanes | None = None
+        for k in sorted({which for which, _ in places.values()}):
+            own = {lane: source for lane, (which, source) in places.items() if which == k}
+            sources = [own.get(lane) for lane in range(members[k].recorder.lanes)]
+            row = members[k].recorder.route(members[k], sources, row)
+        assert row is not None
+        return row
+
+    return each(gathered, *values)
+
+
+def _spread(value: Any, known: Any, places: Mapping[int, Slot], k: int) -> Any:
+    """Return the result of row k with the lanes in `places` added to those known so far."""
+    own = {target: lane for lane, (which, target) in places.items() if which == k}
+
+    def placed(x: Lanes, *before: Lanes) -> Lanes:
+        sources = [own.get(lane) for lane in range(x.recorder.lanes)]
+        return x.recorder.route(x, sources, before[0] if before else None)
+
+    return each(placed, value) if known is None else each(placed, value, known)

@@ -226,6 +226,9 @@ def spec_of(case: str, dtype: str = 'float64', **how: Any) -> Any:
 
 # Programs.
 
+# Inputs by the names under which they are stored.
+NAMES = {'p': 'payload'}
+
 
 def _digest(*parts: str) -> str:
     return hashlib.blake2b('\0'.join(parts).encode(), digest_size=8).hexdigest()
@@ -243,7 +246,7 @@ def _nodes(program: pfd.Program, rows: Mapping[tuple[int, int], str]) -> list[st
         operands = [nodes[a] for a in args]
         if op == 'input':
             ((name, element),) = data
-            operands = [name, str(element)]
+            operands = [NAMES.get(name, name), str(element)]
         elif op == 'constant':
             operands = [_number(float(data[0]))]
         elif op in ('add', 'mul'):
@@ -288,7 +291,7 @@ def canonical(program: pfd.Program) -> list[str]:
 def program_digest(program: pfd.Program) -> str:
     """Return the number of different operations of a program, and its digest."""
     nodes = canonical(program)
-    inputs = [f'{name}[{count}]' for name, count in sorted(program.inputs.items())]
+    inputs = [f'{NAMES.get(k, k)}[{count}]' for k, count in sorted(program.inputs.items())]
     outputs = [
         f'{output.shape} {" ".join(nodes[register] for register, _ in output.places)}'
         for output in program.outputs.values()
@@ -358,7 +361,7 @@ def arguments(case: str, kernel: pfd.Kernel) -> tuple[dict[str, Array], dict[str
     each = {name: x.astype(kernel.dtype) for name, x in each.items()}
     if kernel.scene.brakes:
         each['brakes'] = drawn('brakes', 0.0, 1.0, STATES, n) > 0.8
-    return each, {'payload': PAYLOAD} if 'payload' in inputs else {}
+    return each, {'payload': PAYLOAD} if 'p' in inputs else {}
 
 
 def result(case: str, name: str, dtype: str) -> str:

@@ -8,7 +8,8 @@ Serial dynamics: the algorithms that kernels are made of, each recorded once as 
     interface      inputs (q, qd, tau, wrench, free) and outputs of whole programs
 
     links          parameters of a chain in joint axes, as given and grouped, as numbers
-    payload        the parameters that a payload changes, as inputs
+    numbers        numbers of a plant: constants, or elements of the input `p`
+    bodies         numbers of links with a payload, or of arms that differ, for `p`
     joints         what crosses a joint: vectors, forces, bodies; sweeps over a chain of joints
     chain          the chain at the input q: joints and links, grouped or as given
 

@@ -44,6 +44,7 @@ from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.inverse import inverse_inertia
 from pfd_core.dynamics.joint_torques import minus_joint_torques, record_joint_torques
 from pfd_core.dynamics.methods import TOLERANCES
+from pfd_core.dynamics.numbers import rotors
 from pfd_core.dynamics.refinement import record_refined, record_residual
 from pfd_core.machine.derivative import derivative
 from pfd_core.machine.program import Program
@@ -107,7 +108,7 @@ def record_derivatives(
         refined = record_refined(plant, method, refine, TOLERANCES[dtype], estimate=None)
         answer = with_nan_unless_converged(refined, plant)
         qdd = inline(recorder, answer, {})['qdd']
-    by_q = by_positions(moving, qd, qdd, _minus_inertia(plant, torques, qdd))
+    by_q = by_positions(moving, qd, qdd, _minus_inertia(recorder, plant, torques, qdd))
     with recorder.section('joints and drives'):
         D = _with_joints_and_drives({'q': by_q, 'qd': by_qd}, joints, motors)
     with recorder.section('inverse'):
@@ -121,14 +122,13 @@ def record_derivatives(
 
 
 def _minus_inertia(
-    plant: Plant, torques: Sequence[Lanes], qdd: Sequence[Lanes]
+    recorder: Recorder, plant: Plant, torques: Sequence[Lanes], qdd: Sequence[Lanes]
 ) -> list[Lanes] | None:
     """Return the torques that are left for the links; None if brakes give some of them."""
     if plant.brakes:
         return None
-    if plant.inertia is None:
-        return list(torques)
-    return [t - own * a for t, own, a in zip(torques, plant.inertia.tolist(), qdd, strict=True)]
+    own = rotors(recorder, plant)
+    return [t - rotor * a for t, rotor, a in zip(torques, own, qdd, strict=True)]
 
 
 def _record_motors(plant: Plant) -> Program:

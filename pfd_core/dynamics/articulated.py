@@ -51,7 +51,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pfd_core.dynamics.chain import GIVEN, Chain, chain_of
+from pfd_core.dynamics.chain import Chain, chain_of
 from pfd_core.dynamics.drives import motor_torques
 from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.joint_torques import minus_joint_torques
@@ -65,14 +65,15 @@ from pfd_core.dynamics.joints import (
     turned_back,
     with_axis,
 )
+from pfd_core.dynamics.links import GIVEN
 from pfd_core.dynamics.newton_euler import less_wrench, right_side
+from pfd_core.dynamics.numbers import Numbers, rotors
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import (
     UPPER,
     array,
-    constants,
     cross,
     crossed_element,
     dot,
@@ -202,13 +203,14 @@ def _bias(chain: Chain, bodies: Sequence[Body]) -> Bias:
             forces.append((cross(w, cross(w, h)), cross(w, J @ w)))
     if chain.plant.external_wrench:
         forces[-1] = less_wrench(chain, forces[-1])
-    return Bias(constants(chain.recorder, -chain.plant.gravity), drifts, forces)
+    base = Numbers(chain.recorder, chain.plant).all('base_acceleration')
+    return Bias(base, drifts, forces)
 
 
 def _handles(chain: Chain, bodies: Sequence[Body], free: Sequence[Lanes] | None) -> list[Handle]:
     """Return the reduced bodies, base to tip."""
     n = len(chain.joints)
-    rotors = [0.0] * n if chain.plant.inertia is None else chain.plant.inertia.tolist()
+    own = rotors(chain.recorder, chain.plant)
     handles: list[Handle] = []
     for i in reversed(range(n)):
         joint, (m, h, J) = chain.joints[i], bodies[i]
@@ -217,11 +219,11 @@ def _handles(chain: Chain, bodies: Sequence[Body], free: Sequence[Lanes] | None)
         if handles:
             J, K, M = _moved(chain.joints[i + 1], _given_way(chain.joints[i + 1], handles[0]))
             body = Inertia(symmetric_sum(J, body.J), K + body.K, symmetric_sum(M, body.M))
-        handles.insert(0, _handle(joint, body, rotors[i], None if free is None else free[i]))
+        handles.insert(0, _handle(joint, body, own[i], None if free is None else free[i]))
     return handles
 
 
-def _handle(joint: Joint, body: Inertia, rotor: float, free: Lanes | None) -> Handle:
+def _handle(joint: Joint, body: Inertia, rotor: Any, free: Lanes | None) -> Handle:
     J, K, M = body
     f, n = (M[2].copy(), K[:, 2].copy()) if joint.slides else (K[2].copy(), J[2].copy())
     d = along(joint, (f, n)) + rotor

@@ -21,12 +21,11 @@ from dataclasses import dataclass
 
 from pfd_core.dynamics.interface import input_list
 from pfd_core.dynamics.joints import Body, Joint, sum_of_angles
-from pfd_core.dynamics.links import JointAxes, Tip, centered_links, grouped_links
-from pfd_core.dynamics.payload import last_body, with_payload_input
+from pfd_core.dynamics.links import GIVEN, GROUPED, JointAxes, Tip, centered_links
+from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.lanes import cos, sin
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.machine.vectors import (
-    UPPER,
     array,
     constants,
     parallel_axis,
@@ -34,8 +33,6 @@ from pfd_core.machine.vectors import (
     symmetric_sum,
 )
 from pfd_core.model import Plant
-
-GROUPED, CENTERED, GIVEN = 'grouped', 'centered', 'given'
 
 
 @dataclass(frozen=True)
@@ -87,21 +84,13 @@ class Chain:
 def chain_of(plant: Plant, parameters: str = GROUPED, recorder: Recorder | None = None) -> Chain:
     """Return the chain of a plant at the input q, in a new recording if none is given."""
     recorder = Recorder(1, 'sequential') if recorder is None else recorder
-    numbers, tip = centered_links(plant, moved=parameters != GIVEN)
-    joints = joints_at(recorder, numbers, input_list(recorder, 'q', plant.robot.n))
-    if parameters == GROUPED:
-        rows = [[x.m, *x.h, *(x.inertia[k] for k in UPPER)] for x in grouped_links(plant)]
-    else:
-        rows = [[x.m, *x.center, *(x.J[k] for k in UPPER)] for x in numbers]
-    values = [[recorder.constant(x) for x in row] for row in rows]
-    if plant.payload_input and parameters == GROUPED:
-        values = with_payload_input(recorder, plant.robot, values)
-    elif plant.payload_input:
-        values[-1] = last_body(recorder, plant.robot)
-    links = [(m, array(v[:3]), symmetric_matrix(array(v[3:]))) for m, *v in values]
+    axes, tip = centered_links(plant, moved=parameters != GIVEN)
+    joints = joints_at(recorder, axes, input_list(recorder, 'q', plant.robot.n))
+    rows = Numbers(recorder, plant).all(parameters)
+    links = [(row[0], row[1:4], symmetric_matrix(row[4:])) for row in rows]
     if parameters == GIVEN:
         with recorder.section('parameters'):
-            centers = [constants(recorder, x.end.p) + constants(recorder, x.arm) for x in numbers]
+            centers = [constants(recorder, x.end.p) + constants(recorder, x.arm) for x in axes]
         if not plant.external_wrench:
             # Frame n lies at the last joint, as for the methods on lanes: no input refers to it.
             centers[-1] = links[-1][1]

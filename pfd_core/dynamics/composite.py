@@ -44,7 +44,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from pfd_core.dynamics.chain import GIVEN, GROUPED, Chain, chain_of
+from pfd_core.dynamics.chain import Chain, chain_of
 from pfd_core.dynamics.factors import Matrix, add_rotors, factorise, solution
 from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.joints import (
@@ -56,6 +56,7 @@ from pfd_core.dynamics.joints import (
     to_base,
     unit_force,
 )
+from pfd_core.dynamics.links import GIVEN, GROUPED
 from pfd_core.dynamics.newton_euler import right_side, torques
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant
@@ -110,7 +111,7 @@ def record_by_matrix(
     y = right_side(chain)
     with chain.recorder.section('inertia matrix'):
         H = inertia_matrix(chain)
-        add_rotors(plant, H)
+        add_rotors(chain.recorder, plant, H)
     free = free_input(chain.recorder, plant)
     with chain.recorder.section('solve'):
         factors = factorise(H, free)
@@ -123,7 +124,7 @@ def record_inertia_matrix(plant: Plant) -> Program:
     chain = chain_of(plant)
     with chain.recorder.section('inertia matrix'):
         rows = composite_bodies(chain)
-        add_rotors(plant, rows)
+        add_rotors(chain.recorder, plant, rows)
     n = len(rows)
     H = [[rows[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
     return program_with_outputs(chain.recorder, H=H)

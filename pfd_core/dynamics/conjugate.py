@@ -27,9 +27,11 @@ from collections.abc import Sequence
 import operator
 from typing import Any
 
-from pfd_core.dynamics.chain import GIVEN, chain_of
+from pfd_core.dynamics.chain import chain_of
 from pfd_core.dynamics.interface import free_input, program_with_outputs
+from pfd_core.dynamics.links import GIVEN
 from pfd_core.dynamics.newton_euler import right_side, torques
+from pfd_core.dynamics.numbers import rotors
 from pfd_core.machine.iteration import TOLERANCE, iterate
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
@@ -72,7 +74,7 @@ def record_walker_orin_4(
         raise ValueError(f'tolerance must be at least 0 and below 1, got {tolerance}')
     chain = chain_of(plant, GIVEN)
     recorder, n = chain.recorder, len(chain.joints)
-    rotors = [0.0] * n if plant.inertia is None else plant.inertia.tolist()
+    own = rotors(recorder, plant)
     free = free_input(recorder, plant)
     y = _released(free, right_side(chain))
     with recorder.section('start'):
@@ -83,7 +85,7 @@ def record_walker_orin_4(
         u = state[2 * n : 3 * n]
         with recorder.section('H u'):
             t = torques(chain, [0.0] * n, u, loads=False)
-            t = _released(free, [a + r * b for a, r, b in zip(t, rotors, u, strict=True)])
+            t = _released(free, [a + r * b for a, r, b in zip(t, own, u, strict=True)])
         with recorder.section('conjugate gradient'):
             return _step(state, t)
 

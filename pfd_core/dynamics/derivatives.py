@@ -73,8 +73,9 @@ from pfd_core.dynamics.joints import (
     with_axis,
 )
 from pfd_core.dynamics.newton_euler import Motion, less_wrench, moment, motions
+from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.recorder import LaneArray, Lanes
-from pfd_core.machine.vectors import array, constants, cross, symmetric_sum
+from pfd_core.machine.vectors import array, cross, symmetric_sum
 
 NONE = array([0.0] * 3)
 
@@ -282,7 +283,7 @@ def inertia_matrix(moving: MovingChain) -> Matrix:
         [along(joint, unit[:2]) for joint, unit in zip(joints, row, strict=False)]
         for row in moving.units
     ]
-    add_rotors(moving.chain.plant, H)
+    add_rotors(moving.chain.recorder, moving.chain.plant, H)
     return H
 
 
@@ -323,7 +324,7 @@ def minus_bias(
     joints, recorder, plant = chain.joints, chain.recorder, chain.plant
     with recorder.section('bias'):
         half = [0.5 * rate for rate in qd]
-        a = turned_back(joints[0], constants(recorder, -plant.gravity))
+        a = turned_back(joints[0], Numbers(recorder, plant).all('base_acceleration'))
         y = []
         for total, units, row in zip(tau, moving.units, by_qd, strict=True):
             for x, other in zip((*units[0].f, *row), (*a, *half), strict=True):

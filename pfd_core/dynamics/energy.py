@@ -24,6 +24,7 @@ from pfd_core.dynamics.gravity import gravity_energy
 from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.dynamics.joint_torques import stored_energies
 from pfd_core.dynamics.joints import turned_back
+from pfd_core.dynamics.numbers import rotors
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray
 from pfd_core.machine.vectors import UPPER, array, cross, dot
@@ -54,9 +55,8 @@ def _kinetic(chain: Chain) -> Any:
         line[2] = line[2] + rate
         energy = energy + dot(w, _half_momentum(J, w) + cross(h, v))
         energy = energy + (0.5 * m) * dot(v, v)
-    if chain.plant.inertia is not None:
-        for rotor, rate in zip(chain.plant.inertia.tolist(), qd, strict=True):
-            energy = energy + (0.5 * rotor * rate) * rate
+    for rotor, rate in zip(rotors(chain.recorder, chain.plant), qd, strict=True):
+        energy = energy + (0.5 * rotor * rate) * rate
     return energy
 
 

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
+from pfd_core.dynamics.numbers import rotors
 from pfd_core.machine.lanes import where
-from pfd_core.machine.recorder import Lanes
+from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
 
 Matrix = list[list[Any]]  # by rows
@@ -43,11 +44,10 @@ class Factors:
     free: Sequence[Lanes] | None
 
 
-def add_rotors(plant: Plant, H: Matrix) -> None:
+def add_rotors(recorder: Recorder, plant: Plant, H: Matrix) -> None:
     """Add the inertia of the rotors to the diagonal of H, given by its lower triangle."""
-    if plant.inertia is not None:
-        for row, rotor in zip(H, plant.inertia, strict=True):
-            row[-1] = row[-1] + float(rotor)
+    for row, rotor in zip(H, rotors(recorder, plant), strict=True):
+        row[-1] = row[-1] + rotor
 
 
 def factorise(H: Sequence[Sequence[Lanes]], free: Sequence[Lanes] | None = None) -> Factors:

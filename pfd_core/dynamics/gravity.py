@@ -22,6 +22,7 @@ from typing import Any
 
 from pfd_core.dynamics.chain import Chain, chain_of
 from pfd_core.dynamics.joints import Joint, from_tip, inward, turned_back
+from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.machine.vectors import constants, dot
 from pfd_core.model import Plant
@@ -31,7 +32,7 @@ from pfd_core.model.geometry import product
 def gravity_torques(recorder: Recorder, model: Plant) -> list[Lanes]:
     """Return the torques that hold a model at rest at the input q, (n,) [N m or N]."""
     chain = chain_of(model, recorder=recorder)
-    a = constants(recorder, -model.gravity)
+    a = Numbers(recorder, model).all('base_acceleration')
     felt = accumulate(chain.joints, lambda v, joint: turned_back(joint, v), initial=a)
     _, *axes = felt
     return [
@@ -47,7 +48,8 @@ def gravity_energy(chain: Chain) -> Lanes:
     # Gravity of the plant is in axes of frame 0.
     robot = chain.plant.robot
     origin = product(robot.base_rotation.T, robot.base_position)
-    a, p = (constants(chain.recorder, x) for x in (-chain.plant.gravity, origin))
+    a = Numbers(chain.recorder, chain.plant).all('base_acceleration')
+    p = constants(chain.recorder, origin)
     return dot(a, h + m * p)
 
 

@@ -25,12 +25,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_core.dynamics.interface import input_list, input_row, program_with_outputs
+from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import EFFECTS, Effect, Plant
-from pfd_core.model.values import Array
 
 
 def plus_joint_torques(
@@ -91,35 +92,42 @@ def _terms(
 ) -> Iterator[Iterator[Lanes]]:
     """Yield the torques of each effect, in the order of `qd`; each is recorded when it is read."""
     if plant.viscosity is not None:
-        yield map(operator.mul, _rows(plant.viscosity, qd), qd)
+        yield map(operator.mul, _rows(plant, 'viscosity', qd), qd)
     for effect in _acting(plant):
         if effect.torque is not None:
             yield map(effect.torque, _constants(effect, plant, qd), _positions(qd), qd)
     if plant.inertia is not None and qdd is not None:
-        yield map(operator.mul, _rows(plant.inertia, qd), qdd)
+        yield map(operator.mul, _rows(plant, 'inertia', qd), qdd)
 
 
 def _acting(plant: Plant) -> Iterator[Effect]:
     return (effect for effect in EFFECTS if effect.field in plant.effects)
 
 
-def _rows(values: Array, like: Sequence[Lanes]) -> Iterator[Lanes]:
-    """Yield numbers, (n,), as constants: one row over lanes, or n numbers."""
-    return (like[0].recorder.constant(row) for row in values.reshape(len(like), -1))
+def _rows(plant: Plant, field: str, like: Sequence[Lanes]) -> Iterator[Lanes]:
+    """Yield the numbers of a field, (n,): one row over lanes, or n numbers."""
+    numbers = Numbers(like[0].recorder, plant)
+    return (numbers(field, joints) for joints in _joints(plant, like))
+
+
+def _joints(plant: Plant, like: Sequence[Lanes]) -> NDArray[np.int64]:
+    """Return the joints of each entry of `like`."""
+    return np.arange(plant.robot.n).reshape(len(like), -1)
 
 
 def _constants(effect: Effect, plant: Plant, like: Sequence[Lanes]) -> Iterator[Any]:
-    """Yield the numbers of an effect as constants by field, for each entry of `like`."""
-    constant = like[0].recorder.constant
-    for joints in np.arange(plant.robot.n).reshape(len(like), -1):
+    """Yield the numbers of an effect by field, for each entry of `like`."""
+    numbers = Numbers(like[0].recorder, plant)
+    for joints in _joints(plant, like):
         c: dict[str, Any] = {}
         for k, field in enumerate(effect.fields):
-            numbers = plant.effects.get(field.name)
-            rows = None if numbers is None else numbers[joints]
-            if rows is None or (k and not rows.any()):
+            given, columns = plant.effects.get(field.name), range(len(field.columns))
+            if given is None or (k and not given[joints].any()):
                 c[field.name] = None
+            elif columns:
+                c[field.name] = tuple(numbers(field.name, joints, column) for column in columns)
             else:
-                c[field.name] = constant(rows) if rows.ndim == 1 else tuple(map(constant, rows.T))
+                c[field.name] = numbers(field.name, joints)
         yield SimpleNamespace(**c)
 
 

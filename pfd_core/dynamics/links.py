@@ -36,8 +36,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.machine.vectors import UPPER
 from pfd_core.model import Plant, Robot
 from pfd_core.model.geometry import product, rotation_x, rotation_z
+
+# Kinds of parameters of links, see pfd_core.dynamics.chain.
+GROUPED, CENTERED, GIVEN = 'grouped', 'centered', 'given'
+# Numbers of a body: mass, first moment or centre of mass, six elements of the inertia.
+NUMBERS = 10
 
 Array = NDArray[Any]
 Angle = tuple[float, float]  # cosine and sine
@@ -147,6 +153,20 @@ def grouped_links(plant: Plant) -> list[GroupedLink]:
     return [_link(*pair) for pair in zip(rounded, exact, strict=True)]
 
 
+def link_numbers(plant: Plant, kind: str) -> Array:
+    """Return the NUMBERS of each link of a plant, (n, NUMBERS), grouped or centred."""
+    if kind == GROUPED:
+        return np.array([body_numbers((x.m, x.h, x.inertia)) for x in grouped_links(plant)])
+    links, _ = centered_links(plant, moved=kind != GIVEN)
+    return np.array([body_numbers((x.m, x.center, x.J)) for x in links])
+
+
+def body_numbers(body: Body) -> Array:
+    """Return the NUMBERS of a body."""
+    m, vector, inertia = body
+    return np.array([m, *vector, *(inertia[k] for k in UPPER)])
+
+
 # Mass, first moment and inertia about the origin, of objects: floats or Decimals.
 Body = tuple[Any, NDArray[Any], NDArray[Any]]
 
@@ -213,14 +233,18 @@ def _kept(rounded: Array, exact: Array, scale: float) -> Array:
     return kept
 
 
-def centered_links(plant: Plant, moved: bool = True) -> tuple[list[CenteredLink], Tip]:
+def centered_links(
+    plant: Plant, moved: bool = True, bodies: Robot | None = None
+) -> tuple[list[CenteredLink], Tip]:
     """
     Return the links of a plant, not grouped, base to tip, and the pose of frame n.
 
     Unless origins are `moved` along their axes, that of B_i is the origin of frame i-1: then no
-    number is a sum, and rotations of zeros and ones round nothing but `center`.
+    number is a sum, and rotations of zeros and ones round nothing but `center`. The bodies of the
+    links are the robot's, or, in the robot's axes, those of a robot with the same frames.
     """
     robot = plant.robot
+    bodies = robot if bodies is None else bodies
     links: list[CenteredLink] = []
     before, twist, p = (1.0, 0.0), (1.0, 0.0), np.zeros(3)
     slid = 0.0  # distance that the origin of B_i was moved along its axis
@@ -229,10 +253,10 @@ def centered_links(plant: Plant, moved: bool = True) -> tuple[list[CenteredLink]
         first, tilt, following = zxz(A)
         Z = rotation_z(*first)
         axis = np.array([0.0, 0.0, slid])
-        arm = product(A, robot.centers[i])
+        arm = product(A, bodies.centers[i])
         center = product(Z.T, a + arm) - axis
-        J = product(Z.T, A, robot.inertias[i], A.T, Z)
-        m = float(robot.masses[i])
+        J = product(Z.T, A, bodies.inertias[i], A.T, Z)
+        m = float(bodies.masses[i])
         offset = product(Z.T, a) - axis
         start = (
             before[0] * first[0] - before[1] * first[1],

@@ -48,7 +48,7 @@ class Method:
         Whether it has a repeated part, with the outputs `iterations` and `converged` and the
         argument `tolerance`.
     payload : bool
-        Whether it takes a payload as an input.
+        Whether it takes numbers of a plant as inputs, such as those of a payload.
     compiled : bool
         Whether kernels offer it; the others are emulated and counted only.
 
@@ -141,9 +141,9 @@ def record_forward_dynamics(
 
 
 def check_payload(plant: Plant, method: str) -> None:
-    """Raise ValueError for a payload as an input of a method that has none."""
-    if plant.payload_input and method not in PAYLOAD_METHODS:
+    """Raise ValueError for numbers as inputs of a method that takes none."""
+    if plant.varied and method not in PAYLOAD_METHODS:
         raise ValueError(
-            f"a scene with payload='input' needs one of the methods {PAYLOAD_METHODS}, "
-            f'got {method!r}'
+            "a scene with payload='input', or an ensemble with parameters, needs one of the "
+            f'methods {PAYLOAD_METHODS}, got {method!r}'
         )

@@ -27,12 +27,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pfd_core.dynamics.chain import CENTERED, Chain, chain_of
+from pfd_core.dynamics.chain import Chain, chain_of
 from pfd_core.dynamics.drives import commanded_torques, motor_torques
 from pfd_core.dynamics.gravity import gravity_torques
 from pfd_core.dynamics.interface import program_with_outputs, wrench_input
 from pfd_core.dynamics.joint_torques import minus_joint_torques, plus_joint_torques
 from pfd_core.dynamics.joints import Force, along, force_in, force_sum, from_tip, turned_back
+from pfd_core.dynamics.links import CENTERED
+from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array, constants, cross
@@ -175,7 +177,9 @@ def motions(
 ) -> Iterator[Motion]:
     """Yield the motion of each link from `first` on; arguments as for `torques`."""
     zero = array([0.0] * 3)
-    w, wd, a = zero, zero, constants(chain.recorder, -chain.plant.gravity) if loads else zero
+    w, wd, a = zero, zero, zero
+    if loads:
+        a = Numbers(chain.recorder, chain.plant).all('base_acceleration')
     W: LaneArray | None = None  # of the link before
     for i, joint in enumerate(chain.joints[first:], first):
         w, wd = turned_back(joint, w), turned_back(joint, wd)

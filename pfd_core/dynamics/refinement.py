@@ -36,9 +36,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import math
 
-from pfd_core.dynamics.chain import CENTERED, GIVEN
 from pfd_core.dynamics.drives import motor_torques
 from pfd_core.dynamics.interface import input_list, program_with_outputs
+from pfd_core.dynamics.links import CENTERED, GIVEN
 from pfd_core.dynamics.methods import record_forward_dynamics
 from pfd_core.dynamics.newton_euler import record_link_torques
 from pfd_core.forking import no_fork
@@ -130,8 +130,8 @@ def _exact_residual(
     with no_fork:
         from pfd_core.machine.rounding_errors import RoundingErrors
 
-    # A payload as an input is in the axes of centred parameters.
-    program = record_residual(plant, CENTERED if plant.payload_input else GIVEN)
+    # Links that vary are in the axes of centred parameters.
+    program = record_residual(plant, CENTERED if plant.links else GIVEN)
     missing = RoundingErrors(recorder, dtype).record(program, {'qdd': qdd})['residual']
     return [x.value if x.error is None else x.value + x.error for x in missing]
 

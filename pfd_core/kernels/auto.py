@@ -141,12 +141,7 @@ def _kept(key: tuple[str, ...], compute: Callable[[], T]) -> T:
 
 def _bodies(plant: Plant) -> Plant:
     """Return a plant with the effects that H depends on."""
-    return replace(
-        plant.only(INERTIA),
-        external_wrench=False,
-        brakes=False,
-        payload_input=False,
-    )
+    return replace(plant.only(INERTIA), external_wrench=False, brakes=False, links={}, varied={})
 
 
 def _roundings(bare: Plant, method: str, inverse: bool) -> float:

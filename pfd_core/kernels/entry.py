@@ -143,7 +143,7 @@ def _arguments() -> str:
 def _run(sizes: Mapping[str, int], dtype: str, shape: Sequence[int]) -> str:
     """Return `ptr @run(args)`: the result, or null where @evaluate1 and @batch cannot give it."""
     code = Code('define internal ptr @run(ptr %args)', dtype)
-    if sizes.keys() & {'free', 'payload'}:
+    if sizes.keys() & {'free', 'p'}:
         code.ret(*REFUSAL)
         return str(code)
     state = [name for name in sizes if name != 'wrench']

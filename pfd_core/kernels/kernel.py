@@ -38,7 +38,7 @@ from pfd_core.model.values import check_finite, common_shape, real_array
 # The default, for which a bound function needs no option.
 ONE_THREAD = 1
 # Inputs that a scene needs, by name in a call and in a program.
-SCENE_INPUTS = ('wrench', 'free', 'payload')
+SCENE_INPUTS = ('wrench', 'free', 'p')
 
 
 class Kernel:
@@ -287,7 +287,7 @@ class Kernel:
         given |= scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes)
         if payload is not None or self.scene.payload == INPUT:
             with no_fork:
-                from pfd_core.dynamics.payload import payload_inputs
+                from pfd_core.dynamics.bodies import payload_inputs
 
             given |= payload_inputs(self.robot, self.scene, self.dtype, payload)
         return {

@@ -13,9 +13,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
+from pfd_core.dynamics.bodies import with_payload_input
 from pfd_core.dynamics.quantities import QUANTITIES, Quantity
 from pfd_core.kernels.auto import select
 from pfd_core.model import INSTANT, Plant, Robot, Scene, given_scene, in_motion, resolve
+from pfd_core.model.scene_fields import INPUT
 from pfd_core.model.values import DTYPES, choice, integer, quote
 
 # Forward dynamics at an instant of a step of a simulation, whose effects over time are the step's
@@ -81,6 +83,8 @@ class KernelSpec:
         scene = reduced(self.scene, quantity)
         choice('dtype', self.dtype, DTYPES)
         plant = resolve(self.robot, scene)
+        if scene.payload == INPUT:
+            plant = with_payload_input(plant)
         if of_step:
             plant = PLANTS[self.quantity](plant)
         frame, place = None, ''

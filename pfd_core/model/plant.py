@@ -16,6 +16,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_core.model.effects import (
     EFFECT_OF,
@@ -26,6 +27,7 @@ from pfd_core.model.effects import (
     MOTORS,
     STEP,
     VISCOSITY,
+    Numbers,
 )
 from pfd_core.model.geometry import product
 from pfd_core.model.robot import (
@@ -38,7 +40,7 @@ from pfd_core.model.robot import (
 )
 from pfd_core.model.scene import Scene, given_scene
 from pfd_core.model.scene_fields import FIELDS, INPUT
-from pfd_core.model.values import Array, FrozenArrays, frozen, quote, quote_all
+from pfd_core.model.values import Array, FrozenArrays, frozen, quote, quote_all, read_only
 
 # The kinds of effects at an instant.
 INSTANT = (LINKS, INERTIA, VISCOSITY, JOINTS, MOTORS)
@@ -55,8 +57,8 @@ class Plant(FrozenArrays):
         The chain with its payload fixed to it, unless the payload is an input.
     gravity : ndarray
         (3,) [m/s^2], in the axes of frame 0; zeros without gravity.
-    external_wrench, brakes, payload_input : bool
-        Whether a wrench on the last link, joints held at run time, and a payload are inputs.
+    external_wrench, brakes : bool
+        Whether a wrench on the last link, and joints held at run time, are inputs.
     gravity_compensation : Plant or None
         The robot and gravity whose gravity torques the drives add.
     sliding_friction : ndarray or None
@@ -69,6 +71,11 @@ class Plant(FrozenArrays):
         restitution with joint limits. Each field is an attribute as well, `plant.damping`, and
         None where the effect is off. `torque_speed`, (n, k, 2), has rows (speed, torque). Rows
         beyond a joint's table have infinite speeds; a joint without a table has infinite torques.
+    links : mapping
+        Numbers of the links in place of the robot's (pfd_core.dynamics.bodies), where some vary.
+    varied : mapping
+        Field -> place in the input of parameters of each number that varies, -1 for a constant.
+        The plant has NaN for such a number (pfd_core.dynamics.numbers).
 
     """
 
@@ -76,17 +83,19 @@ class Plant(FrozenArrays):
     gravity: Array
     external_wrench: bool = False
     brakes: bool = False
-    payload_input: bool = False
     gravity_compensation: Plant | None = None
     sliding_friction: Array | None = None
     effects: Mapping[str, Array] = field(default_factory=dict)
+    links: Mapping[str, Array] = field(default_factory=dict)
+    varied: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for key, value in vars(self).items():
             if isinstance(value, np.ndarray):
                 object.__setattr__(self, key, frozen(value))
-        kept = {key: frozen(array) for key, array in self.effects.items()}
-        object.__setattr__(self, 'effects', MappingProxyType(kept))
+            elif isinstance(value, Mapping):
+                kept = {name: read_only(array) for name, array in value.items()}
+                object.__setattr__(self, key, MappingProxyType(kept))
 
     def __getattr__(self, name: str) -> Array | None:
         """Return the numbers of a field of Scene, None where its effect is off."""
@@ -104,6 +113,25 @@ class Plant(FrozenArrays):
         """Torque of the joints for each unit of velocity, (n,) [N m s/rad, N s/m]."""
         return self._sum(VISCOSITY)
 
+    @property
+    def base_acceleration(self) -> Array:
+        """Acceleration of the base that gravity is equal to, (3,) [m/s^2]."""
+        return -self.gravity
+
+    @property
+    def friction_drop(self) -> Array | None:
+        """Friction at rest less Coulomb friction, (n,) [N m, N]."""
+        if self.friction is None or self.static_friction is None:
+            return None
+        drop: Array = self.static_friction - self.friction
+        return drop
+
+    @property
+    def stribeck_rate(self) -> Array | None:
+        """One over the Stribeck velocity, (n,) [s/rad, s/m]."""
+        velocity = self.stribeck_velocity
+        return None if velocity is None else 1.0 / velocity
+
     def _sum(self, kind: str) -> Array | None:
         found = [array for name, array in self.effects.items() if EFFECT_OF[name].kind == kind]
         return sum(found[1:], found[0]) if found else None
@@ -113,7 +141,7 @@ class Plant(FrozenArrays):
         Return the plant with effects of these kinds alone.
 
         LINKS is gravity; MOTORS includes gravity compensation and the sliding friction of joints
-        in motion. The inputs stay: a wrench, a payload and brakes.
+        in motion. The inputs stay: a wrench, brakes and parameters.
         """
         kept = {name: x for name, x in self.effects.items() if EFFECT_OF[name].kind in kinds}
         off: dict[str, Any] = {}
@@ -128,8 +156,9 @@ class Plant(FrozenArrays):
         """SHA-256 of all numbers and switches, on which the recorded programs depend."""
         state = hashlib.sha256()
         values = {item.name: getattr(self, item.name) for item in fields(self)}
-        effects = values.pop('effects')
-        for name, value in sorted((values | dict(effects)).items()):
+        for key in ('effects', 'links', 'varied'):
+            values |= {f'{key}.{name}': array for name, array in values.pop(key).items()}
+        for name, value in sorted(values.items()):
             if isinstance(value, (Robot, Plant)):
                 value = value.digest
             exact = isinstance(value, np.ndarray)
@@ -143,28 +172,34 @@ def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
     Return a scene as numbers for a robot; gravity alone without a scene.
 
     An effect that is off, or whose numbers are all zero, or infinite for a limit, has no numbers.
+    With payload="input" the plant is that of the robot without payload, see
+    pfd_core.dynamics.bodies.with_payload_input.
     ValueError if the scene has numbers for another number of joints, a static friction below the
     Coulomb friction, or stops between which a joint cannot move.
     """
     check_robot(robot)
     scene = given_scene(scene)
     values = {key: item.resolved(robot, getattr(scene, key)) for key, item in FIELDS.items()}
-    effects: dict[str, Array] = {}
-    for effect in EFFECTS:
-        if not effect.needs and FIELDS[effect.field].has_numbers:
-            found = effect.plant_numbers(robot, values)
-            effects |= {key: array for key, array in found.items() if array is not None}
     gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
     plant = Plant(
         robot=with_payload(robot, scene.payload) if isinstance(scene.payload, Payload) else robot,
         gravity=product(robot.base_rotation.T, gravity),
         external_wrench=scene.external_wrench,
         brakes=scene.brakes,
-        payload_input=scene.payload == INPUT,
         gravity_compensation=_compensation(robot, scene),
-        effects=effects,
+        effects=_effects(robot, values),
     )
-    return _without_compensated_gravity(plant)
+    return plant if scene.payload == INPUT else _without_compensated_gravity(plant)
+
+
+def _effects(robot: Robot, values: Numbers) -> dict[str, Array]:
+    """Return the numbers of all effects by field, from the numbers of a scene."""
+    effects: dict[str, Array] = {}
+    for effect in EFFECTS:
+        if not effect.needs and FIELDS[effect.field].has_numbers:
+            found = effect.plant_numbers(robot, values)
+            effects |= {key: array for key, array in found.items() if array is not None}
+    return effects
 
 
 def _without_compensated_gravity(plant: Plant) -> Plant:
@@ -172,7 +207,7 @@ def _without_compensated_gravity(plant: Plant) -> Plant:
     model = plant.gravity_compensation
     if model is None or any(EFFECT_OF[name].acts == MOTORS for name in plant.effects):
         return plant
-    if plant.payload_input or model.robot != plant.robot or (model.gravity != plant.gravity).any():
+    if model.robot != plant.robot or (model.gravity != plant.gravity).any():
         return plant
     return replace(plant, gravity=np.zeros(3), gravity_compensation=None)
 

@@ -275,6 +275,15 @@ def frozen(values: ArrayLike) -> NDArray[np.float64]:
     return copy
 
 
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a read-only copy of an array, as `frozen` where it has real numbers."""
+    if array.dtype.kind == 'f':
+        return frozen(array)
+    copy: NDArray[Any] = array.copy()
+    copy.setflags(write=False)
+    return copy
+
+
 class FrozenArrays:
     """
     Base of a frozen dataclass whose arrays and mappings stay read-only when it is copied.
@@ -306,4 +315,4 @@ class FrozenArrays:
 
 
 def _refrozen(value: Any) -> Any:
-    return frozen(value) if isinstance(value, np.ndarray) else value
+    return read_only(value) if isinstance(value, np.ndarray) else value

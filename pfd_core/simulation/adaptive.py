@@ -27,7 +27,7 @@ import time
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.dynamics.payload import payload_inputs
+from pfd_core.dynamics.bodies import payload_inputs
 from pfd_core.kernels.adaptive import CONTROL, COUNTS, STATUSES, WRITTEN, AdaptivePair
 from pfd_core.kernels.compile import CACHED_KERNELS
 from pfd_core.kernels.contact import Contact

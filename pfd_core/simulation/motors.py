@@ -29,7 +29,7 @@ from pfd_core.forking import cached_property
 from pfd_core.kernels.simulations import NativeSteps, Plan
 from pfd_core.model import Payload
 from pfd_core.model.values import Array, quote, real_array
-from pfd_core.simulation.simulator import Simulator
+from pfd_core.simulation.simulator import ROWS, Simulator
 from pfd_core.simulation.state import SimulationState
 
 # What is written after each step, and the flag of an effort that jumped.
@@ -118,7 +118,7 @@ class MotorSimulator(Simulator):
         """Set inputs of the next steps of a state; they are as for `step`."""
         arrays = self._own(state).arrays
         for name, value in self._all_inputs(wrench, brakes, payload).items():
-            arrays[name][:] = value
+            arrays[ROWS.get(name, name)][:] = value
 
     def bind(self, state: SimulationState, motors: MotorState, limits: ArrayLike) -> Cycles:
         """
@@ -201,7 +201,7 @@ class Cycles:
             'counts': motors.counts.ctypes.data,
         }
         steps = {'efforts': n * size, **dict.fromkeys(OUT, 3 * n * size)}
-        rows = [(places.get(x, 0), size, steps.get(x, 0)) for x in native.arrays]
+        rows = [(places.get(ROWS.get(x, x), 0), size, steps.get(x, 0)) for x in native.arrays]
         self._plan = Plan(native, simulator.substeps, rows)
         self._target_index, self._effort_index, *self._out_indices = (
             native.arrays.index(name) for name in ('targets', 'efforts', *OUT)

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pfd_core.dynamics.numbers import PARAMETERS
 from pfd_core.forking import cached_property
 from pfd_core.kernels.contact import Contact
 from pfd_core.kernels.simulations import NativeSteps, compile_steps
@@ -89,7 +90,8 @@ class Simulation(ABC):
         compensated: bool | None = None,
     ) -> None:
         plant = resolve(robot, scene)
-        if not plant.payload_input:
+        given_payload = given_scene(scene).payload == INPUT
+        if not given_payload:
             check_joint_inertia(plant)
         self.robot = robot
         self.scene = given_scene(scene)
@@ -98,7 +100,7 @@ class Simulation(ABC):
             raise ValueError(f'step_size must be above zero seconds, got {self.step_size}')
         self.substeps = integer('substeps', substeps, 1, SUBSTEPS_AT_MOST)
         self.dtype = choice('dtype', dtype, DTYPES)
-        if not plant.payload_input:
+        if not given_payload:
             check_springs(plant, self.step_size, self.substeps)
         self.integrator = chosen(integrator, plant, self.step_size / self.substeps)
         self.compensated = (
@@ -111,7 +113,7 @@ class Simulation(ABC):
         check_damping(plant, self.integrator, self.step_size / self.substeps, dtype)
         # Inputs other than the torque, in the order of the native code.
         self._inputs = ('wrench',) * self.scene.external_wrench + ('free',) * self.scene.brakes
-        self._inputs += ('payload',) * plant.payload_input
+        self._inputs += (PARAMETERS,) * given_payload
         shapes = self._shapes()
         # The valid state lies in the buffer to which `_turn` points; native code uses the other.
         self._buffers = SimulationState(shapes, dtype), SimulationState(shapes, dtype)

@@ -22,7 +22,8 @@ import time
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.dynamics.payload import KEPT, payload_inputs, payload_numbers
+from pfd_core.dynamics.bodies import KEPT, payload_inputs, payload_numbers
+from pfd_core.dynamics.numbers import PARAMETERS
 from pfd_core.kernels.simulations import NativeSteps, Plan
 from pfd_core.kernels.threads import address
 from pfd_core.machine.program import Program
@@ -40,6 +41,8 @@ from pfd_core.simulation.trajectory import Trajectory
 # counted once. A step is never cut.
 PIECE_SECONDS = 0.05
 FIRST_OPERATIONS = 1_000_000
+# Array of a state for an input of another name: recorded states have a payload.
+ROWS = {PARAMETERS: 'payload'}
 
 
 class Simulator(Simulation):
@@ -98,7 +101,7 @@ class Simulator(Simulation):
             'wrench': (6,),
         }
         if self.scene.payload == INPUT:
-            shapes['payload'] = payload_numbers(self.robot, None).shape
+            shapes[ROWS[PARAMETERS]] = payload_numbers(self.robot, None).shape
         return shapes
 
     @property
@@ -122,7 +125,7 @@ class Simulator(Simulation):
             return np.zeros(self.robot.n, self.dtype)
         names = ('q', 'qd', self._native.steps.torque)
         rows = {name: arrays[name][np.newaxis] for name in names}
-        inputs = {name: arrays[name] for name in self._inputs}
+        inputs = {name: arrays[ROWS.get(name, name)] for name in self._inputs}
         qdd: Array = _accelerations(self._native, rows, inputs)[0]
         return qdd
 
@@ -243,7 +246,7 @@ class Simulator(Simulation):
         if payload is not None or self.scene.payload == INPUT:
             if self._carried is None or self._carried[0] is not payload:
                 self._carried = payload, self._numbers_of(payload)
-            inputs['payload'] = self._carried[1]
+            inputs[PARAMETERS] = self._carried[1]
         return inputs
 
     def _run_pieces(self, rows: Array, inputs: dict[str, Array], states: dict[str, Array]) -> int:
@@ -271,7 +274,7 @@ class Simulator(Simulation):
         following = self._copied_state()
         following.arrays['tau'][:] = tau
         for name, value in inputs.items():
-            following.arrays[name][:] = value
+            following.arrays[ROWS.get(name, name)][:] = value
         return following
 
     def _plan(self, buffer: SimulationState, many: bool) -> Plan:
@@ -285,7 +288,7 @@ class Simulator(Simulation):
             q = buffer.arrays['q']
             rows = [
                 (
-                    buffer.at[name.removesuffix('.out')],
+                    buffer.at[ROWS.get(name, name).removesuffix('.out')],
                     q.itemsize,
                     q.nbytes if many and (name == 'tau' or name.endswith('.out')) else 0,
                 )

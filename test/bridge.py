@@ -187,8 +187,8 @@ NAMES = {
     'wrap_angle_ir': 'pfd_core.kernels.sines:wrap_angle',
     'WRAP_LIMIT': 'pfd_core.kernels.sines:WRAP_LIMIT',
     'sincos': 'pfd_core.kernels.sines:sincos',
-    'kernel_source': 'pfd_core.kernels.source:source_of',
-    'turned_joints': 'pfd_core.kernels.source:turned_joints',
+    'kernel_recipe': 'pfd_core.kernels.recipes:recipe_of',
+    'turned_joints': 'pfd_core.kernels.recipes:turned_joints',
     'KernelSpec': 'pfd_core.kernels.spec:KernelSpec',
     'STEP_KIND': 'pfd_core.kernels.spec:STEP',
     'STEP_IN_MOTION_KIND': 'pfd_core.kernels.spec:STEP_IN_MOTION',
@@ -196,7 +196,7 @@ NAMES = {
     'block_size': 'pfd_core.kernels.threads:block_size',
     'run_blocks': 'pfd_core.kernels.threads:run',
     'thread_count': 'pfd_core.kernels.threads:thread_count',
-    'kernel_entry': 'pfd_core.kernels:entry',  # a module: after one that imports it
+    'kernel_objects': 'pfd_core.kernels:objects',  # a module: after one that imports it
     # pfd_core.simulation: integrators, stiffness, ensembles
     'EMBEDDED_PAIRS': 'pfd_core.simulation.embedded_pairs:PAIRS',
     'dense_coefficients': 'pfd_core.simulation.embedded_pairs:dense_coefficients',
@@ -486,7 +486,7 @@ PATCHED = {
     'SINGLE_THREAD_WORK': 'pfd_core.kernels.threads:SINGLE_THREAD_WORK',
     'thread_pool': 'pfd_core.kernels.threads:_pool',
     'cores': 'pfd_core.kernels.threads:cores',
-    'source_uncollected': 'pfd_core.kernels.source:uncollected',
+    'recipe_uncollected': 'pfd_core.kernels.recipes:uncollected',
     # pfd_core.simulation: integrators, stiffness, ensembles
     'ADAPTIVE_FIRST_OPERATIONS': 'pfd_core.simulation.adaptive:FIRST_OPERATIONS',
     'ADAPTIVE_PIECE_SECONDS': 'pfd_core.simulation.adaptive:PIECE_SECONDS',

@@ -32,7 +32,7 @@ import random
 import struct
 from typing import Any
 
-from bridge import QUANTITIES, KernelSpec, kernel_source, read_contents, read_recording
+from bridge import QUANTITIES, KernelSpec, kernel_recipe, read_contents, read_recording
 import numpy as np
 
 import pfd_core as pfd
@@ -309,7 +309,7 @@ def programs(case: str, dtype: str, names: Sequence[str] = ()) -> dict[str, dict
         if names and name not in names:
             continue
         spec = spec_of(case, dtype, **how)
-        stages = kernel_source(spec)._stages
+        stages = kernel_recipe(spec).stages
         found[name] = {
             'folded': program_digest(stages.folded),
             'compiled': program_digest(stages.compiled),

@@ -42,7 +42,7 @@ before_import, build = sys.argv[1:]
 exec(before_import)
 import pfd_core as pfd
 pfd.compile_kernel  # imports the module
-from bridge import kernel_entry as objects
+from bridge import kernel_objects as objects
 exec(build)
 warnings = []
 logging.getLogger('pfd_core').addHandler(handler := logging.Handler())
@@ -133,7 +133,7 @@ def test_another_build_of_python_or_numpy_computes_the_same_bits(build: str) -> 
 
 
 def test_this_build_is_as_expected() -> None:
-    assert kernel_entry().supported()
+    assert kernel_objects().supported()
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_this_build_is_as_expected() -> None:
 def test_every_field_of_an_array_or_a_tuple_is_checked(
     field: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own = kernel_entry()
+    own = kernel_objects()
     # The place of another field, which holds what may be read like this one.
     place = {'DIMENSIONS': 'STRIDES', 'STRIDES': 'DIMENSIONS', 'ITEMS': 'HEADER'}.get(field)
     moved = getattr(own, place) if place else own.HEADER + 32
@@ -151,7 +151,7 @@ def test_every_field_of_an_array_or_a_tuple_is_checked(
     assert not own.supported.__wrapped__()
 
 
-def kernel_entry() -> Any:
+def kernel_objects() -> Any:
     """Return the module of the native call, which a kernel imports."""
     assert pfd.compile_kernel
-    return bridge.kernel_entry
+    return bridge.kernel_objects

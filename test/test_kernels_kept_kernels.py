@@ -67,9 +67,9 @@ def test_a_second_simulation_from_disk_records_no_program(
     first = pfd.Simulator(robot, scene).rollout(np.zeros((3, robot.n)))
     recorded: list[Any] = []
     # Entered for each program that is recorded.
-    uncollected = bridge.source_uncollected
+    uncollected = bridge.recipe_uncollected
     monkeypatch.setattr(
-        *bridge.target('source_uncollected'), lambda: recorded.append(1) or uncollected()
+        *bridge.target('recipe_uncollected'), lambda: recorded.append(1) or uncollected()
     )
     again = pfd.Simulator(robot, scene).rollout(np.zeros((3, robot.n)))
     assert not recorded

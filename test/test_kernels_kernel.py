@@ -12,7 +12,7 @@ import sys
 import threading
 from typing import Any
 
-from bridge import ITERATIVE_METHODS, kernel_source, run_program
+from bridge import ITERATIVE_METHODS, kernel_recipe, run_program
 import numpy as np
 from oracle import ARMS, Oracle, assert_bits_of_the_emulator, jacobi_condition
 import pytest
@@ -512,7 +512,7 @@ def test_a_subclass_of_kernel_keeps_its_own_call() -> None:
             return 2 * super().__call__(*arrays, **options)
 
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
-    doubled = Doubled(kernel.spec, kernel_source(kernel.spec), kernel.__reduce__()[0])
+    doubled = Doubled(kernel.spec, kernel_recipe(kernel.spec), kernel.__reduce__()[0])
     state = random_states(2, 5, 'float64')
     assert isinstance(doubled, Doubled)
     np.testing.assert_array_equal(doubled(*state), 2 * kernel(*state))

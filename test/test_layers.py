@@ -334,10 +334,10 @@ def test_the_check_finds_a_circle(tmp_path: Path) -> None:
 
 # Modules and lines of pfd_core that a process imports to compile a kernel of a UR5, at most; no
 # times, which depend on the machine. With the program and the code on disk: the model, the tables
-# of names, and what loads and calls native code. With an empty cache also the default method, the
-# measurement that chooses it, the passes and the writer of LLVM IR. No other method and no
-# simulation.
-MOST_COLD, MOST_WARM = (85, 16_000), (60, 12_000)
+# of names, and what loads and calls native code. With an empty cache also the machine, the default
+# method, the measurement that chooses it, the passes and the writer of LLVM IR. No other method
+# and no simulation.
+MOST_COLD, MOST_WARM = (65, 14_000), (30, 7_000)
 COMPILING = """
 import json, sys
 import pfd_core as pfd

@@ -22,12 +22,12 @@ from benchmarks.cases.robots import Array
 from benchmarks.peers.pinocchio import Pinocchio
 from pfd_core.dynamics.acceleration import record_derivatives
 from pfd_core.dynamics.convergence import with_nan_unless_converged
-from pfd_core.dynamics.methods import TOLERANCES
 from pfd_core.dynamics.refinement import record_refined
 from pfd_core.kernels.auto import select
 from pfd_core.kernels.lower import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.fused import fused
+from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Output, Program
 from pfd_core.model import Plant
 from pfd_core.simulation.simulator import Simulator

@@ -20,9 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from pfd_core.algorithms.paper.pcrbm_array import SECTION, STREAMS, stream_steps
 from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.dynamics.convergence import record_small_correction
-from pfd_core.dynamics.methods import SERIAL, TOLERANCES, record_forward_dynamics
+from pfd_core.dynamics.methods import SERIAL, record_forward_dynamics
 from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
+from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.scene_fields import INPUT

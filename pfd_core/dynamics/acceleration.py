@@ -43,10 +43,10 @@ from pfd_core.dynamics.factors import Factors, Matrix, factorise, solution
 from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.inverse import inverse_inertia
 from pfd_core.dynamics.joint_torques import minus_joint_torques, record_joint_torques
-from pfd_core.dynamics.methods import TOLERANCES
 from pfd_core.dynamics.numbers import rotors
 from pfd_core.dynamics.refinement import record_refined, record_residual
 from pfd_core.machine.derivative import derivative
+from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder, inline
 from pfd_core.machine.vectors import array

@@ -20,13 +20,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pfd_core.forking import load
-from pfd_core.machine.iteration import TOLERANCE
-from pfd_core.machine.program import Program
 from pfd_core.model import Plant, check_instant
 from pfd_core.model.values import choice
+
+if TYPE_CHECKING:
+    from pfd_core.machine.program import Program
 
 
 @dataclass(frozen=True)
@@ -116,8 +117,6 @@ EMULATED_METHODS = tuple(method.name for method in _ROWS if not method.compiled)
 SERIAL = tuple(method.name for method in _ROWS if method.serial)
 PAYLOAD_METHODS = tuple(method.name for method in _ROWS if method.payload)
 ITERATIVE = tuple(method.name for method in _ROWS if method.iterative)
-# Iterative methods stop when their residual has fallen to the rounding of the number format.
-TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
 
 
 def record_forward_dynamics(

@@ -34,12 +34,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from pfd_core.forking import load
-from pfd_core.machine.program import Program
 from pfd_core.model import EFFECTS, Effect, Plant, check_instant
 from pfd_core.model.effects import BRAKES, LINKS
 from pfd_core.model.values import quote
+
+if TYPE_CHECKING:
+    from pfd_core.machine.program import Program
 
 PACKAGE = __name__.rpartition('.')[0]
 

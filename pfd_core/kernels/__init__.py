@@ -16,10 +16,11 @@ Modules in the order of data flow; each imports only from those above it.
     cache          results on disk, under a digest of everything that determines them
     native         IR -> native code in this process, for its processor or PFD_TARGET_CPU
     threads        a batch or an ensemble in equal parts on several threads
+    objects        objects of Python and NumPy as native code sees them; functions made of it
     entry          a kernel's call as a native function of Python
     auto           the method that 'auto' selects
     spec           KernelSpec: robot, scene, method, number format, refinement and quantity
-    source         spec -> lowered program, recorded only if needed; whether matrices fit the stack
+    recipes        spec -> program -> native code, recorded only if needed
     kernel         Kernel: a native call, and one in Python that converts its arguments
     compile        compile_kernel; forward_dynamics, inverse_dynamics, which keep their kernels
     script         functions that call programs and dynamics on named arrays

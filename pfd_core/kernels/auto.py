@@ -21,20 +21,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 import math
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from pfd_core.dynamics.methods import EMULATED_METHODS, METHODS, record_forward_dynamics
 from pfd_core.forking import no_fork
 from pfd_core.kernels.cache import kept
-from pfd_core.kernels.lower import lower, operations
-from pfd_core.kernels.simplify import eliminate_dead_code
-from pfd_core.kernels.sines import expand_sines
-from pfd_core.machine.program import Program
 from pfd_core.model import Plant
 from pfd_core.model.effects import INERTIA
 from pfd_core.model.values import Array, integer, quote
+
+if TYPE_CHECKING:
+    from pfd_core.machine.program import Program
 
 T = TypeVar('T')
 
@@ -120,6 +119,9 @@ def roundings(plant: Plant, method: str, inverse: bool = False) -> float:
 
 def cost(plant: Plant, method: str) -> int:
     """Return the operations of a method's kernel, changes of sign apart."""
+    with no_fork:
+        from pfd_core.kernels.lower import lower, operations
+
     program = record_forward_dynamics(plant, method, 'sequential')
     counts = operations(lower(program, 'float64', ['qdd']).compiled)
     return sum(count for op, count in counts.items() if op != 'neg')
@@ -149,6 +151,8 @@ def _roundings(bare: Plant, method: str, inverse: bool) -> float:
         from pfd_core.dynamics.acceleration import record_derivatives
         from pfd_core.dynamics.newton_euler import record_link_torques
         from pfd_core.dynamics.refinement import record_refined
+        from pfd_core.kernels.simplify import eliminate_dead_code
+        from pfd_core.kernels.sines import expand_sines
         from pfd_core.machine.emulator import run
 
     def program(steps: int) -> Program:

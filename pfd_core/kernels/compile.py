@@ -16,7 +16,7 @@ from typing import Any
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.kernels.kernel import Kernel
-from pfd_core.kernels.source import forward, source_of
+from pfd_core.kernels.recipes import recipe_of
 from pfd_core.kernels.spec import KernelSpec, quantity_named
 from pfd_core.model import Robot, Scene, given_scene
 
@@ -95,12 +95,7 @@ def compile_kernel(
 
 def compile_spec(spec: KernelSpec) -> Kernel:
     """Compile the kernel of a spec."""
-    recreate = partial(compile_spec, spec)
-
-    def error_alone() -> Kernel:
-        return Kernel(spec, forward(spec, names=('error',)), recreate)
-
-    return Kernel(spec, source_of(spec), recreate, error_alone)
+    return Kernel(spec, recipe_of(spec), partial(compile_spec, spec))
 
 
 def forward_dynamics(

@@ -5,66 +5,42 @@ A kernel's call as a native function of Python: one state or a batch, with or wi
 
     @entry(q, qd, tau, wrench, out, brakes=, payload=, threads=)
 
-It takes arguments by position or by name, and reads arrays through the fields that NumPy's C API
-publishes. It evaluates and returns the result if every array is aligned, of the number format and
-of one number of states, if `out` overlaps no input, and if all inputs are finite. Otherwise it
-calls a function in Python with the same arguments, which converts them or raises an error.
+It takes arguments by position or by name. It evaluates and returns the result if every array is
+aligned, of the number format and of one number of states, if `out` overlaps no input, and if all
+inputs are finite. Otherwise it calls a function in Python with the same arguments, which converts
+them or raises an error. pfd_core.kernels.objects has the layout of the objects.
 
 A batch of MANY states or more runs without the interpreter's lock. Fewer keep it: to release and
 to take it takes as long as ten states.
-
-Before the first such function is made, the layout of objects in this Python and this NumPy is
-checked. If it differs, each call of a kernel is checked and converted in Python.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-import ctypes
-from functools import cache
-import logging
+from collections.abc import Mapping, Sequence
 import math
-import sys
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from pfd_core.kernels.generate import given as arguments_of
 from pfd_core.kernels.ir import Code
-from pfd_core.kernels.native import add_symbol
-
-# Arguments of a call by position; q, qd and tau are a program's inputs of a state in their order.
-SLOTS = ('q', 'qd', 'tau', 'wrench', 'out')
-# Further arguments, by name, and the one value of each that a native call takes.
-OPTIONS = {'brakes': 'none', 'payload': 'none', 'threads': 'one'}
-SIGNATURE = (
-    'kernel(q, qd=None, tau=None, wrench=None, out=None, *, brakes=None, payload=None, threads=1)'
+from pfd_core.kernels.objects import (
+    ALIGNED,
+    CONTIGUOUS,
+    DATA,
+    DESCR,
+    DIMENSIONS,
+    FLAGS,
+    FORTRAN,
+    HEADER,
+    ITEMS,
+    NDIM,
+    OPTIONS,
+    SLOTS,
+    STRIDES,
+    TYPE,
+    WRITEABLE,
 )
+
 # States from which other threads may run Python meanwhile.
 MANY = 256
-
-# Fields of a NumPy array (PyArrayObject_fields of its C API): offsets in bytes, the first behind
-# Python's header; and the first item of a tuple.
-HEADER: int = getattr(object, '__basicsize__', 16)
-TYPE, DATA, DIMENSIONS, STRIDES = HEADER - 8, HEADER, HEADER + 16, HEADER + 24
-NDIM, DESCR, FLAGS = HEADER + 8, HEADER + 40, HEADER + 48
-ITEMS: int = getattr(tuple, '__basicsize__', HEADER + 8)
-CONTIGUOUS, FORTRAN, ALIGNED, WRITEABLE = 0x3, 0x2, 0x100, 0x400
-METH_FASTCALL_KEYWORDS = 0x82
-# PyArray_NewFromDescr in the table of NumPy's C API.
-NEW = 94
-# Functions of Python's C API, by their names in modules of LLVM IR (with the prefix pfd.); of
-# several names the first one that this Python has.
-FUNCTIONS = {
-    'incref': ('Py_IncRef',),
-    'decref': ('Py_DecRef',),
-    'call': ('PyObject_CallNoArgs',),
-    'vectorcall': ('PyObject_Vectorcall', '_PyFunction_Vectorcall'),
-    'occurred': ('PyErr_Occurred',),
-    'save': ('PyEval_SaveThread',),
-    'restore': ('PyEval_RestoreThread',),
-}
 DECLARATIONS = """\
 declare void @pfd.incref(ptr)
 declare void @pfd.decref(ptr)
@@ -74,10 +50,6 @@ declare ptr @pfd.save()
 declare void @pfd.restore(ptr)
 declare ptr @pfd.new(ptr, ptr, i32, ptr, ptr, ptr, i32, ptr)"""
 REFUSAL = ('ptr', 'null')
-
-LOG = logging.getLogger('pfd_core')
-# Stands for a function that this Python lacks, and that is therefore never called.
-_nowhere = ctypes.c_int64()
 
 
 def entry(inputs: Mapping[str, int], dtype: str, shape: Sequence[int]) -> str:
@@ -298,158 +270,3 @@ def _require_array(code: Code, dtype: str, array: str, flags: int) -> None:
     own = code.let(f'and i32 {_field(code, array, FLAGS, "i32")}, {flags}')
     same = code.test('eq', _field(code, array, DESCR, 'ptr'), f'@pfd.{dtype}', 'ptr')
     code.unless(code.both(code.test('eq', own, flags, 'i32'), same), *REFUSAL)
-
-
-# The function as an object of Python.
-
-
-class _MethodDef(ctypes.Structure):
-    _fields_ = (
-        ('name', ctypes.c_char_p),
-        ('meth', ctypes.c_void_p),
-        ('flags', ctypes.c_int),
-        ('doc', ctypes.c_char_p),
-    )
-
-
-def python_function(
-    address: int, fallback: Callable[..., Any], owner: object
-) -> Callable[..., Any]:
-    """
-    Return @entry at an address as a function of Python; `fallback` where it is not `supported`.
-
-    `fallback`, a function written in Python with SIGNATURE and the docstring, gets the arguments
-    that @entry does not take; `owner` owns the code.
-    """
-    if not supported():
-        return fallback
-    doc = f'{SIGNATURE}\n--\n\n{fallback.__doc__}'.encode()
-    definition = _MethodDef(b'kernel', address, METH_FASTCALL_KEYWORDS, doc)
-    make = ctypes.pythonapi.PyCFunction_NewEx
-    make.argtypes = [ctypes.c_void_p, ctypes.py_object, ctypes.py_object]
-    make.restype = ctypes.py_object
-    # The function holds its definition and code as its `self`, so that they outlive it.
-    keep = (fallback, owner, definition)
-    function: Callable[..., Any] = make(ctypes.addressof(definition), keep, __name__)
-    return function
-
-
-def register_symbols() -> None:
-    """Give the compiler the addresses of the objects and functions that modules refer to."""
-    for name in FUNCTIONS:
-        add_symbol(f'pfd.{name}', _address(name) or ctypes.addressof(_nowhere))
-    add_symbol('pfd.new', _new() or ctypes.addressof(_nowhere))
-    objects: dict[str, Any] = {'none': None, 'one': 1, 'ndarray': np.ndarray}
-    objects |= {dtype: np.dtype(dtype) for dtype in ('float64', 'float32')}
-    objects |= {f'name.{name}': interned for name, interned in _NAMES.items()}
-    for name, value in objects.items():
-        add_symbol(f'pfd.{name}', id(value))
-
-
-# A name in a call is the same object wherever it is written; this keeps it.
-_NAMES = {name: sys.intern(name) for name in (*SLOTS, *OPTIONS)}
-
-
-@cache
-def supported() -> bool:
-    """Return whether Python can call native code that reads its arrays; log once why not."""
-    try:
-        obstacle = _obstacle()
-    except Exception as error:  # reading an object of another layout may raise anything
-        obstacle = repr(error)
-    if obstacle:
-        LOG.warning(
-            'each call of a kernel takes a longer way, because native code cannot read the '
-            'arrays of Python %s with NumPy %s: %s',
-            *(sys.version.split()[0], np.__version__, obstacle),
-        )
-    return not obstacle
-
-
-def _obstacle() -> str:
-    """Return how this Python or NumPy differs from the expected layout; empty if it does not."""
-    if sys.implementation.name != 'cpython' or ctypes.sizeof(ctypes.c_void_p) != 8:
-        bits = 8 * ctypes.sizeof(ctypes.c_void_p)
-        return f'expected 64-bit CPython, found {sys.implementation.name} of {bits} bits'
-    absent = [' or '.join(names) for name, names in FUNCTIONS.items() if not _address(name)]
-    if not hasattr(ctypes.pythonapi, 'PyCFunction_NewEx'):
-        absent.append('PyCFunction_NewEx')
-    if absent:
-        return f'its C API lacks {", ".join(absent)}'
-    if not _new():
-        return 'NumPy has no table of its C API'
-    fixed = np.zeros(3)
-    fixed.flags.writeable = False
-    probes = (np.zeros(3), fixed, np.zeros((4, 3), np.float32)[::2, ::-1])
-    differences = (_difference(probe) for probe in (*probes, np.zeros((2, 3), order='F')))
-    return next(filter(None, differences), _difference_of_tuples())
-
-
-def _address(name: str) -> int | None:
-    """Return the address of a row of FUNCTIONS, or None."""
-    for function in FUNCTIONS[name]:
-        found = getattr(getattr(ctypes, 'pythonapi', None), function, None)
-        if found is not None:
-            return ctypes.cast(found, ctypes.c_void_p).value
-    return None
-
-
-def _new() -> int | None:
-    """Return the address of PyArray_NewFromDescr, or None."""
-    core: Any = getattr(np, '_core', None) or np.core
-    table = getattr(core._multiarray_umath, '_ARRAY_API', None)
-    find = getattr(getattr(ctypes, 'pythonapi', None), 'PyCapsule_GetPointer', None)
-    if table is None or find is None:
-        return None
-    find.restype, find.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-    return ctypes.c_void_p.from_address(find(table, None) + 8 * NEW).value
-
-
-def _difference_of_tuples() -> str:
-    """Return how a tuple's fields differ from its items; empty if they do not."""
-    probe = ('q', 'qd')
-    if sys.getsizeof(probe) < ITEMS + 16:
-        return f'a tuple of two holds {sys.getsizeof(probe)} bytes'
-    count = ctypes.c_int64.from_address(id(probe) + HEADER).value
-    items = [ctypes.c_void_p.from_address(id(probe) + ITEMS + 8 * k).value for k in range(2)]
-    same = (count, items) == (2, [id(item) for item in probe])
-    return '' if same else f'a tuple of two has {count} items at {ITEMS} bytes'
-
-
-def _difference(probe: NDArray[Any]) -> str:
-    """Return how the fields of an array differ from its attributes; empty if they do not."""
-    if FLAGS + ctypes.sizeof(ctypes.c_int) > type(probe).__basicsize__:
-        return f'an array holds {type(probe).__basicsize__} bytes'
-
-    def field(offset: int, kind: Any) -> Any:
-        return kind.from_address(id(probe) + offset).value
-
-    flags = ALIGNED * probe.flags.aligned | WRITEABLE * probe.flags.writeable
-    flags |= probe.flags.c_contiguous | FORTRAN * probe.flags.f_contiguous
-    wanted: tuple[Any, ...] = (
-        id(type(probe)),
-        probe.ctypes.data,
-        probe.ndim,
-        id(probe.dtype),
-        flags,
-    )
-    found: tuple[Any, ...] = (
-        field(TYPE, ctypes.c_void_p),
-        field(DATA, ctypes.c_void_p),
-        field(NDIM, ctypes.c_int),
-        field(DESCR, ctypes.c_void_p),
-        field(FLAGS, ctypes.c_int) & (ALIGNED | WRITEABLE | CONTIGUOUS),
-    )
-    # Shape and strides are behind pointers, which are followed only if all else is as expected.
-    if found == wanted:
-        numbers = ctypes.c_int64 * probe.ndim
-        wanted = (*probe.shape, *probe.strides)
-        found = tuple(
-            number
-            for offset in (DIMENSIONS, STRIDES)
-            for number in numbers.from_address(field(offset, ctypes.c_void_p))
-        )
-    return '' if found == wanted else f'an array has fields {found}, expected {wanted}'
-
-
-register_symbols()

@@ -19,21 +19,23 @@ from collections.abc import Callable
 from functools import partial
 from inspect import signature
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.forking import cached_property, no_fork
-from pfd_core.kernels.entry import entry, python_function
 from pfd_core.kernels.native import simd_width
-from pfd_core.kernels.source import KernelSource, turned_joints
+from pfd_core.kernels.objects import python_function
+from pfd_core.kernels.recipes import Recipe, forward, turned_joints
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.kernels.threads import BatchWork, block_size, run, thread_count
-from pfd_core.machine.program import Program
 from pfd_core.model import Payload, scene_inputs
 from pfd_core.model.scene_fields import INPUT
 from pfd_core.model.values import check_finite, common_shape, real_array
+
+if TYPE_CHECKING:
+    from pfd_core.machine.program import Program
 
 # The default, for which a bound function needs no option.
 ONE_THREAD = 1
@@ -74,19 +76,18 @@ class Kernel:
     def __init__(
         self,
         spec: KernelSpec,
-        source: KernelSource,
+        recipe: Recipe,
         recreate: Callable[[], Kernel],
-        error_alone: Callable[[], Kernel] | None = None,
     ) -> None:
         self.spec = spec
         self.robot, self.scene, self.dtype = spec.robot, spec.scene, spec.dtype
-        self._source, self._recreate, self._make_error_alone = source, recreate, error_alone
+        self._recipe, self._recreate = recipe, recreate
         self._width = simd_width(spec.dtype)
         # Before the facts about its program, which are kept with the code.
         name = f'kernel {self._width}'
-        self._native = source.compile(name, ['entry', 'batch'], lambda: self.ir)
-        self.shape, self.operations = source.shape, source.operations
-        self.code_digest, self.compile_seconds = source.facts.digest, self._native.seconds
+        self._native = recipe.compile(name, ['entry', 'batch'], lambda: self.ir)
+        self.shape, self.operations = tuple(recipe.facts.shape), recipe.facts.operations
+        self.code_digest, self.compile_seconds = recipe.facts.digest, self._native.seconds
 
     def __reduce__(self) -> tuple[Callable[[], Kernel], tuple[()]]:
         """Be pickled as the arguments it was compiled from."""
@@ -111,14 +112,17 @@ class Kernel:
     @property
     def program(self) -> Program:
         """The lowered program: run by the emulator it gives the same bits."""
-        return self._source.program
+        return self._recipe.program
 
     @property
     def ir(self) -> str:
         """LLVM IR of the kernel."""
-        source = self._source
-        functions = source.functions(self.dtype, self._width, turned_joints(self.robot))
-        return '\n\n'.join([*functions, entry(source.inputs, self.dtype, source.shape)])
+        with no_fork:
+            from pfd_core.kernels.entry import entry
+
+        facts = self._recipe.facts
+        functions = self._recipe.functions(self.dtype, self._width, turned_joints(self.robot))
+        return '\n\n'.join([*functions, entry(facts.inputs, self.dtype, facts.shape)])
 
     def __call__(
         self,
@@ -172,7 +176,7 @@ class Kernel:
         threads = thread_count(threads)
         arrays = self._inputs((q, qd, tau), wrench, brakes, payload)
         batch = common_shape(arrays)
-        shape, size = (*batch, *self.shape), self._source.elements
+        shape, size = (*batch, *self.shape), math.prod(self.shape)
         if out is not None:
             _check_result(out, shape, self.dtype)
         if not batch:
@@ -186,7 +190,7 @@ class Kernel:
             result = _new_result(batch, self.shape, self.dtype, arrays['q'])
             rows = result.reshape(-1, size)
         given = [*(_as_rows(value, batch) for value in arrays.values()), rows]
-        block = block_size(len(rows), threads, self._width, self._source.work)
+        block = block_size(len(rows), threads, self._width, self._recipe.work)
         if run(BatchWork(self._native, given), len(rows), block, threads):
             for name, value in arrays.items():
                 check_finite(name, value)
@@ -262,11 +266,11 @@ class Kernel:
 
     @cached_property
     def _error_alone(self) -> Kernel:
-        if self._make_error_alone is None or self.quantity != 'forward_dynamics':
+        if self.quantity != 'forward_dynamics':
             raise ValueError(
                 f'a kernel of {self.quantity} has no error estimate, only one of forward_dynamics'
             )
-        return self._make_error_alone()
+        return Kernel(self.spec, forward(self.spec, names=('error',)), self._recreate)
 
     def _inputs(
         self,
@@ -276,7 +280,7 @@ class Kernel:
         payload: Payload | None,
     ) -> dict[str, NDArray[Any]]:
         """Return the inputs as arrays, in the kernel's order; they may not be finite yet."""
-        sizes = self._source.inputs
+        sizes = self._recipe.inputs
         own = [name for name in sizes if name not in SCENE_INPUTS]
         labels = [*own, *('q', 'qd', 'tau')[len(own) :]]
         values = dict(zip(labels, state, strict=True))

@@ -19,21 +19,21 @@ from pfd_core.dynamics.joint_torques import record_joint_torques
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.linear_step import called, carried_rows, linear_functions, state_rows
 from pfd_core.kernels.native import Optimisation
+from pfd_core.kernels.recipes import Facts, ProductRecipe, Recipe, check_stack, derivatives
 from pfd_core.kernels.simulations import plants
-from pfd_core.kernels.source import Facts, KernelSource, ProductSource, check_stack, derivatives
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
 from pfd_core.model.effects import JOINTS
 
 
-class LinearSource(KernelSource):
+class LinearSource(Recipe):
     """The source of a linearised step, composed of the sources of the functions that it calls."""
 
     def __init__(
         self,
         step: Program,
         substeps: int,
-        sources: Mapping[str, ProductSource],
+        sources: Mapping[str, ProductRecipe],
         periodic: bool,
     ) -> None:
         self._step, self._substeps, self._sources = step, substeps, sources
@@ -45,7 +45,7 @@ class LinearSource(KernelSource):
     def _facts(self) -> Facts:
         n, rows, sources = self._step.lanes, state_rows(self._step), self._sources.values()
         inputs = {name: size for source in sources for name, size in source.inputs.items()}
-        operations, *_ = (source.operations for source in sources)
+        operations, *_ = (source.facts.operations for source in sources)
         own = [str(self._step), str(self._substeps), *(x.facts.digest for x in sources)]
         digest = hashlib.sha256('\n'.join(own).encode()).hexdigest()
         return Facts(inputs, [n * len(rows), n * (len(rows) + 1) + 1], operations, False, digest)
@@ -64,7 +64,7 @@ class LinearSource(KernelSource):
 
     def functions(self, dtype: str, width: int, angles: Sequence[int]) -> list[str]:
         """Return the functions of a kernel, whose batches go from state to state."""
-        programs = {name: source.factors for name, source in self._sources.items()}
+        programs = {name: source.lowered.compiled for name, source in self._sources.items()}
         return linear_functions(
             self._step, programs, self._substeps, dtype, angles, self._periodic
         )

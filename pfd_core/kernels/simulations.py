@@ -20,6 +20,14 @@ from pfd_core.kernels.adaptive import WRITTEN, AdaptivePair, adaptive_module, ca
 from pfd_core.kernels.contact import Contact, contact_step
 from pfd_core.kernels.lower import lower, operations
 from pfd_core.kernels.native import Native
+from pfd_core.kernels.recipes import (
+    Recipe,
+    digest,
+    forward,
+    motors,
+    quantity,
+    turned_joints,
+)
 from pfd_core.kernels.simulate import (
     MOTION,
     Steps,
@@ -28,14 +36,6 @@ from pfd_core.kernels.simulate import (
     simulation_functions,
     simulation_module,
     smooth_step,
-)
-from pfd_core.kernels.source import (
-    KernelSource,
-    digest,
-    forward,
-    motors,
-    quantity_source,
-    turned_joints,
 )
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
@@ -248,7 +248,7 @@ class _Sources:
 
     Attributes
     ----------
-    main : KernelSource
+    main : Recipe
         The dynamics that a step evaluates most.
     settings : str
         Everything that determines the module except the sources and the step's program.
@@ -263,9 +263,9 @@ class _Sources:
 
     """
 
-    main: KernelSource
+    main: Recipe
     settings: str
-    others: Mapping[str, KernelSource]
+    others: Mapping[str, Recipe]
     inputs: Mapping[str, int]
     dtype: str
     contact: Contact | None = None
@@ -283,7 +283,7 @@ class _Sources:
         ir: Callable[[], str],
         described: Callable[[], str] | None = None,
     ) -> Native:
-        """Return native code as KernelSource.compile; steps cut at events have many branches."""
+        """Return native code as Recipe.compile; steps cut at events have many branches."""
         optimisation = self.main.optimisation
         if self.contact is not None:
             optimisation = replace(optimisation, pipeline=not optimisation.long)
@@ -338,11 +338,11 @@ def _sources(spec: KernelSpec, implicit: float, contact: Contact | None) -> _Sou
     return _Sources(main[1], settings, others, main[1].inputs, spec.dtype)
 
 
-def impulses(spec: KernelSpec, plant: Plant) -> dict[str, KernelSource]:
+def impulses(spec: KernelSpec, plant: Plant) -> dict[str, Recipe]:
     """Return the sources of `momentum`, H qdd, and `inertial`, H^-1 tau of the free joints."""
     still = _at_rest(plant)
     return {
-        'momentum': quantity_source(replace(still, brakes=False), 'inverse_dynamics', spec.dtype),
+        'momentum': quantity(replace(still, brakes=False), 'inverse_dynamics', spec.dtype),
         'inertial': forward(spec, replace(still, brakes=True)),
     }
 
@@ -367,7 +367,7 @@ def _contact_sources(spec: KernelSpec, contact: Contact) -> _Sources:
     plant = plant.only(LINKS, INERTIA, VISCOSITY, JOINTS)
     held = replace(plant, brakes=True)
     main = forward(spec, held)
-    others |= {'braked': main, 'inverse': quantity_source(plant, 'inverse_dynamics', dtype)}
+    others |= {'braked': main, 'inverse': quantity(plant, 'inverse_dynamics', dtype)}
     if 'hits' in contact.programs or brakes:
         others |= impulses(spec, plant)
     if heavier is not None:

@@ -14,9 +14,10 @@ from collections.abc import Callable, Sequence
 
 from pfd_core.machine.recorder import Lanes, Recorder
 
-# At this relative residual an iteration in double precision stops: the recursive residual has
-# fallen to rounding. It would continue to fall where the true one has stopped.
+# At this relative residual an iteration stops, by number format: the recursive residual has fallen
+# to rounding. It would continue to fall where the true one has stopped.
 TOLERANCE = 1e-15
+TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
 
 
 def iterate(

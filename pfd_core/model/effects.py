@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.machine.lanes import cos, sin
+from pfd_core.forking import no_fork
 from pfd_core.model.robot import Robot
 from pfd_core.model.scene_fields import FIELDS, Field
 from pfd_core.model.values import Array, quote
@@ -200,11 +200,17 @@ def _spring_energy(c: Any, q: Any) -> Any:
 
 
 def _cogging_torque(c: Any, q: Any, qd: Any) -> Any:
+    with no_fork:
+        from pfd_core.machine.lanes import sin
+
     amplitude, periods, phase = c.cogging
     return amplitude * sin(periods * q + phase)
 
 
 def _cogging_energy(c: Any, q: Any) -> Any:
+    with no_fork:
+        from pfd_core.machine.lanes import cos
+
     amplitude, periods, phase = c.cogging
     return -amplitude / periods * cos(periods * q + phase)
 

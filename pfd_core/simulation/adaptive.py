@@ -31,7 +31,7 @@ from pfd_core.dynamics.bodies import payload_inputs
 from pfd_core.kernels.adaptive import CONTROL, COUNTS, STATUSES, WRITTEN, AdaptivePair
 from pfd_core.kernels.compile import CACHED_KERNELS
 from pfd_core.kernels.contact import Contact
-from pfd_core.kernels.entry import supported
+from pfd_core.kernels.objects import supported
 from pfd_core.kernels.simulate import REPORT
 from pfd_core.kernels.simulations import AdaptiveSteps, compile_adaptive
 from pfd_core.kernels.spec import STEP, KernelSpec

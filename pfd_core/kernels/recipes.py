@@ -1,10 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Sources of kernels: a robot, a scene and a method as a lowered program, recorded only if needed.
+Recipes: how a spec becomes a program, and the program native code.
 
-Recording and lowering take longer than loading compiled code from disk. What a kernel needs to
-know about its program is therefore kept on disk with its code.
+    spec -> recorded program -> lowered program -> LLVM IR -> native code
+            dynamics            lower              generate   native
+
+All this takes far longer than to load native code from disk. A recipe therefore only knows how to
+do it, and keeps on disk what a kernel needs to know about its program (Facts). The program is
+recorded at the first look at it, and the modules that record, lower and write are imported then.
 """
 
 from __future__ import annotations
@@ -14,23 +18,21 @@ from contextlib import contextmanager
 from dataclasses import replace
 import gc
 import hashlib
-import math
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pfd_core.dynamics.methods import TOLERANCES
-from pfd_core.dynamics.quantities import QUANTITIES, RECORDERS
+from pfd_core.dynamics.quantities import QUANTITIES
 from pfd_core.forking import cached_property, no_fork
 from pfd_core.kernels.auto import select
 from pfd_core.kernels.cache import kept
-from pfd_core.kernels.generate import inputs_of, kernel_functions
-from pfd_core.kernels.lower import Stages, joined, lower, multiplied, operations
 from pfd_core.kernels.native import Native, Optimisation, compile_kept
-from pfd_core.kernels.schedule import LONGEST, can_be_ordered
 from pfd_core.kernels.spec import KernelSpec
-from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot
+
+if TYPE_CHECKING:
+    from pfd_core.kernels.lower import Stages
+    from pfd_core.machine.program import Program
 
 # The widest register, and half of the stack that a thread has on Linux.
 REGISTER_BYTES = 64
@@ -47,29 +49,62 @@ class Facts(NamedTuple):
     digest: str  # of the lowered program
 
 
-class KernelSource:
+class Recipe:
     """
     A lowered program with one output, recorded at the first look at it.
 
     Parameters
     ----------
-    lowered : callable
-        Records and lowers the program.
-    key : tuple of str, optional
-        Everything that determines the program, except the source of this package (a plant's
-        digest, a method, a number format); without it nothing is kept on disk.
+    key : tuple of str
+        Everything that determines the program, except the source of this package: a plant's
+        digest, a method, a number format.
+    record : callable
+        Records the program.
+    dtype : str
+        Number format.
+    outputs : collection of str, optional
+        The outputs that are wanted; several become one, in which they follow each other.
 
     """
 
-    def __init__(self, lowered: Callable[[], Stages], key: tuple[str, ...] = ()) -> None:
-        self._lowered = lowered
-        self.key = key
+    def __init__(
+        self,
+        key: tuple[str, ...],
+        record: Callable[[], Program],
+        dtype: str,
+        outputs: Collection[str] | None = None,
+    ) -> None:
+        self.key, self._record, self._dtype, self._outputs = key, record, dtype, outputs
+
+    @cached_property
+    def lowered(self) -> Stages:
+        """The stages of the program that native code is written from."""
+        with no_fork:
+            from pfd_core.kernels.lower import lower
+
+        # A recording has no cycles of references; to look for them would take a third of the time
+        # of a long program.
+        with uncollected():
+            return lower(self._record(), self._dtype, self._outputs)
+
+    @property
+    def stages(self) -> Stages:
+        """The stages of the program."""
+        return self.lowered
+
+    @cached_property
+    def program(self) -> Program:
+        """The lowered program."""
+        with no_fork:
+            from pfd_core.kernels.lower import joined
+
+        return joined(self.stages.compiled)
 
     @cached_property
     def facts(self) -> Facts:
-        """The facts about its program, from disk where there is no code that has them."""
+        """The facts about the program, from disk where there is no code that has them."""
         return kept(
-            (*self.key, 'facts') if self.key else (),
+            (*self.key, 'facts'),
             lambda: (self._facts()._asdict(), b''),
             lambda head, _: Facts(**head),
         )
@@ -80,39 +115,25 @@ class KernelSource:
         return self.facts.inputs
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the output."""
-        return tuple(self.facts.shape)
-
-    @property
-    def operations(self) -> dict[str, dict[str, int]]:
-        """Operations by name, of each stage."""
-        return self.facts.operations
-
-    @property
-    def elements(self) -> int:
-        """Elements of the output."""
-        return math.prod(self.shape)
-
-    @cached_property
-    def program(self) -> Program:
-        """The lowered program."""
-        return joined(self._stages.compiled)
-
-    @cached_property
-    def _stages(self) -> Stages:
-        return self._recorded()
-
-    def _recorded(self) -> Stages:
-        # A recording has no cycles of references; to look for them would take a third of the time
-        # of a long program.
-        with uncollected():
-            return self._lowered()
-
-    @property
     def work(self) -> int:
         """The operations of the lowered program."""
-        return sum(self.operations['compiled'].values())
+        return sum(self.facts.operations['compiled'].values())
+
+    @property
+    def optimisation(self) -> Optimisation:
+        """The effort of the compiler."""
+        with no_fork:
+            from pfd_core.kernels.schedule import LONGEST
+
+        return Optimisation(long=self.work > LONGEST, reorder=not self.facts.ordered)
+
+    def functions(self, dtype: str, width: int, angles: Sequence[int]) -> list[str]:
+        """Return the functions of a kernel without its entry, as generate.kernel_functions."""
+        with no_fork:
+            from pfd_core.kernels.generate import kernel_functions
+
+        size = len(next(iter(self.program.outputs.values())).places)
+        return kernel_functions(self.program, dtype, width, angles, size)
 
     def compile(
         self,
@@ -148,131 +169,136 @@ class KernelSource:
             facts = self.facts if described is None else self.facts._replace(digest=described())
             return ir(), optimisation or self.optimisation, facts._asdict()
 
-        key = (*self.key, module) if self.key else ()
-        native = compile_kept(key, source, functions, Facts)
+        native = compile_kept((*self.key, module), source, functions, Facts)
         own.setdefault('facts', native.facts)
         return native
 
-    @property
-    def optimisation(self) -> Optimisation:
-        """The effort of the compiler."""
-        return Optimisation(long=self.work > LONGEST, reorder=not self.facts.ordered)
-
-    def functions(self, dtype: str, width: int, angles: Sequence[int]) -> list[str]:
-        """Return the functions of a kernel without its entry, as generate.kernel_functions."""
-        return kernel_functions(self.program, dtype, width, angles, self.elements)
-
     def _facts(self) -> Facts:
+        with no_fork:
+            from pfd_core.kernels.generate import inputs_of
+            from pfd_core.kernels.lower import operations
+            from pfd_core.kernels.schedule import can_be_ordered
+
         (output,) = self.program.outputs.values()
         return Facts(
             {name: self.program.inputs[name] for name in inputs_of(self.program)},
             list(output.shape),
-            {name: operations(p) for name, p in vars(self._stages).items()},
+            {name: operations(p) for name, p in vars(self.stages).items()},
             can_be_ordered(self.program),
             digest(self.program),
         )
 
 
-class ProductSource(KernelSource):
+class ProductRecipe(Recipe):
     """
-    A lowered program whose outputs are factors of the result (pfd_core.kernels.lower.multiplied).
+    A program whose lowered outputs are factors of the result (pfd_core.kernels.lower.multiplied).
 
-    Its `program`, `elements` and `operations` describe the result, with the operations of the
-    product one by one. Native code uses `factors` and multiplies in loops.
+    Its program and facts describe the result, with the operations of the product one by one.
+    Native code multiplies in loops.
     """
 
     @cached_property
-    def factors(self) -> Program:
-        """The lowered program of the factors."""
-        return self._factor_stages.compiled
+    def stages(self) -> Stages:
+        """The stages of the program."""
+        with no_fork:
+            from pfd_core.kernels.lower import Stages, multiplied
 
-    @cached_property
-    def _factor_stages(self) -> Stages:
-        return self._recorded()
-
-    @cached_property
-    def _stages(self) -> Stages:
-        return Stages(**{k: multiplied(p) for k, p in vars(self._factor_stages).items()})
+        return Stages(**{k: multiplied(p) for k, p in vars(self.lowered).items()})
 
     @property
     def optimisation(self) -> Optimisation:
-        """The effort of the compiler."""
-        return Optimisation(long=self.work > LONGEST)
+        """The effort of the compiler: no order of the operations is written."""
+        return replace(super().optimisation, reorder=True)
 
     def functions(self, dtype: str, width: int, angles: Sequence[int]) -> list[str]:
         """Return the functions of a kernel, which compute the factors and multiply them."""
         with no_fork:
             from pfd_core.kernels.matmul import product_functions
 
-        return product_functions(self.factors, dtype, width, angles)
+        return product_functions(self.lowered.compiled, dtype, width, angles)
 
 
-def source_of(spec: KernelSpec) -> KernelSource:
-    """Return the source of a spec."""
+def recipe_of(spec: KernelSpec) -> Recipe:
+    """Return the recipe of a spec."""
     if spec.quantity == 'derivatives':
         return derivatives(spec)
-    if spec.quantity in RECORDERS:
-        return quantity_source(spec.plant, spec.quantity, spec.dtype, spec.frame, spec.place)
-    return forward(spec)
+    row = QUANTITIES.get(spec.quantity)
+    if row is None or not row.method:
+        return forward(spec)
+    return quantity(spec.plant, spec.quantity, spec.dtype, spec.frame, spec.place)
 
 
 def forward(
     spec: KernelSpec, plant: Plant | None = None, names: Collection[str] = ('qdd',)
-) -> KernelSource:
-    """Return the source of forward dynamics, of a plant instead of the spec's if given."""
+) -> Recipe:
+    """Return the recipe of forward dynamics, of a plant instead of the spec's if given."""
     plant = spec.plant if plant is None else plant
     method, refine, dtype = spec.method, spec.refine, spec.dtype
 
-    def lowered() -> Stages:
+    def record() -> Program:
         with no_fork:
             from pfd_core.dynamics.convergence import with_nan_unless_converged
             from pfd_core.dynamics.refinement import record_refined
+            from pfd_core.machine.iteration import TOLERANCES
 
         estimate = dtype if 'error' in names else None
         recorded = record_refined(plant, method, refine, TOLERANCES[dtype], estimate)
-        return lower(with_nan_unless_converged(recorded, plant), dtype, names)
+        return with_nan_unless_converged(recorded, plant)
 
-    return KernelSource(lowered, ('forward', plant.digest, method, str(refine), dtype, *names))
+    key = ('forward', plant.digest, method, str(refine), dtype, *names)
+    return Recipe(key, record, dtype, names)
 
 
-def quantity_source(
-    plant: Plant, quantity: str, dtype: str, frame: str | None = None, place: str = ''
-) -> KernelSource:
-    """Return the source of a quantity in pfd_core.dynamics.quantities, of a frame or of none."""
-    arguments = dict.fromkeys(QUANTITIES[quantity].arguments, plant.robot.n)
+def quantity(
+    plant: Plant, name: str, dtype: str, frame: str | None = None, place: str = ''
+) -> Recipe:
+    """Return the recipe of a quantity with one algorithm, of a frame or of none."""
+    row = QUANTITIES[name]
 
-    def lowered() -> Stages:
-        recorded = RECORDERS[quantity](plant, frame)
+    def record() -> Program:
+        recorded = row(plant, frame)
         # A program need not read all arguments: a sliding joint alone has the same H everywhere.
-        return lower(replace(recorded, inputs=arguments | recorded.inputs), dtype)
+        arguments = dict.fromkeys(row.arguments, plant.robot.n)
+        return replace(recorded, inputs=arguments | recorded.inputs)
 
-    return KernelSource(lowered, (quantity, plant.digest, place, dtype))
+    return Recipe((name, plant.digest, place, dtype), record, dtype)
 
 
-def derivatives(spec: KernelSpec, plant: Plant | None = None) -> ProductSource:
+def derivatives(spec: KernelSpec, plant: Plant | None = None) -> ProductRecipe:
     """
-    Return the source of d qdd / d(q, qd, tau), (n, 3n), of a plant as for `forward`.
+    Return the recipe of d qdd / d(q, qd, tau), (n, 3n), of a plant as for `forward`.
 
     The accelerations are those of the spec. The method of a step is chosen by other rules than the
     method of the inverse inertia, which is one for all functions of a step.
     """
     plant = spec.plant if plant is None else plant
+    method, refine, dtype = spec.method, spec.refine, spec.dtype
     of_step = spec.quantity != 'derivatives'
-    inverse = select(spec.plant, use='derivatives') if of_step else (spec.method, spec.refine)
+    inverse = select(spec.plant, use='derivatives') if of_step else (method, refine)
 
-    def lowered() -> Stages:
+    def record() -> Program:
         with no_fork:
             from pfd_core.dynamics.acceleration import record_derivatives
 
-        recorded = record_derivatives(plant, spec.method, spec.refine, spec.dtype, inverse)
-        return lower(recorded, spec.dtype)
+        return record_derivatives(plant, method, refine, dtype, inverse)
 
     n = plant.robot.n
     # The factors, and a copy of the result.
     check_stack(f'a kernel of derivatives for {n} joints', 6 * n * n)
-    how = (spec.method, str(spec.refine), *map(str, inverse))
-    key = ('derivatives', plant.digest, *how, spec.dtype)
-    return ProductSource(lowered, key)
+    how = (method, str(refine), *map(str, inverse))
+    return ProductRecipe(('derivatives', plant.digest, *how, dtype), record, dtype)
+
+
+def motors(plant: Plant, dtype: str) -> Recipe:
+    """Return the recipe of the torques of motors under commanded ones."""
+
+    def record() -> Program:
+        with no_fork:
+            from pfd_core.dynamics.drives import record_motor_torques
+
+        return record_motor_torques(plant)
+
+    return Recipe(('motors', plant.digest, dtype), record, dtype)
 
 
 def check_stack(name: str, numbers: int) -> None:
@@ -284,18 +310,6 @@ def check_stack(name: str, numbers: int) -> None:
             f'{name} needs {size / 2**20:.1f} MB of the stack, more than {STACK_BYTES >> 20} MB: '
             'the robot has too many joints'
         )
-
-
-def motors(plant: Plant, dtype: str) -> KernelSource:
-    """Return the source of the torques of motors under commanded ones."""
-
-    def lowered() -> Stages:
-        with no_fork:
-            from pfd_core.dynamics.drives import record_motor_torques
-
-        return lower(record_motor_torques(plant), dtype)
-
-    return KernelSource(lowered, ('motors', plant.digest, dtype))
 
 
 def digest(program: Program) -> str:

@@ -1,0 +1,190 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Objects of Python and NumPy, as native code sees them: fields, functions, and how it is called.
+
+Native code reads arrays and tuples through the fields that the C APIs publish. Before the first
+function is made, their layout in this Python and this NumPy is checked. If it differs, each call
+of a kernel is checked and converted in Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import ctypes
+from functools import cache
+import logging
+import sys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfd_core.kernels.native import add_symbol
+
+# Arguments of a kernel's call by position; q, qd and tau are the inputs of a state in their order.
+SLOTS = ('q', 'qd', 'tau', 'wrench', 'out')
+# Further arguments, by name, and the one value of each that a native call takes.
+OPTIONS = {'brakes': 'none', 'payload': 'none', 'threads': 'one'}
+SIGNATURE = (
+    'kernel(q, qd=None, tau=None, wrench=None, out=None, *, brakes=None, payload=None, threads=1)'
+)
+
+# Fields of a NumPy array (PyArrayObject_fields of its C API): offsets in bytes, the first behind
+# Python's header; and the first item of a tuple.
+HEADER: int = getattr(object, '__basicsize__', 16)
+TYPE, DATA, DIMENSIONS, STRIDES = HEADER - 8, HEADER, HEADER + 16, HEADER + 24
+NDIM, DESCR, FLAGS = HEADER + 8, HEADER + 40, HEADER + 48
+ITEMS: int = getattr(tuple, '__basicsize__', HEADER + 8)
+CONTIGUOUS, FORTRAN, ALIGNED, WRITEABLE = 0x3, 0x2, 0x100, 0x400
+METH_FASTCALL_KEYWORDS = 0x82
+# PyArray_NewFromDescr in the table of NumPy's C API.
+NEW = 94
+# Functions of Python's C API, by their names in modules of LLVM IR (with the prefix pfd.).
+FUNCTIONS = {
+    'incref': 'Py_IncRef',
+    'decref': 'Py_DecRef',
+    'call': 'PyObject_CallNoArgs',
+    'vectorcall': 'PyObject_Vectorcall',
+    'occurred': 'PyErr_Occurred',
+    'save': 'PyEval_SaveThread',
+    'restore': 'PyEval_RestoreThread',
+}
+
+LOG = logging.getLogger('pfd_core')
+# Stands for a function that this Python lacks, and that is therefore never called.
+_nowhere = ctypes.c_int64()
+
+
+class _MethodDef(ctypes.Structure):
+    _fields_ = (
+        ('name', ctypes.c_char_p),
+        ('meth', ctypes.c_void_p),
+        ('flags', ctypes.c_int),
+        ('doc', ctypes.c_char_p),
+    )
+
+
+def python_function(
+    address: int, fallback: Callable[..., Any], owner: object
+) -> Callable[..., Any]:
+    """
+    Return @entry at an address as a function of Python; `fallback` where it is not `supported`.
+
+    `fallback`, a function written in Python with SIGNATURE and the docstring, gets the arguments
+    that @entry does not take; `owner` owns the code.
+    """
+    if not supported():
+        return fallback
+    doc = f'{SIGNATURE}\n--\n\n{fallback.__doc__}'.encode()
+    definition = _MethodDef(b'kernel', address, METH_FASTCALL_KEYWORDS, doc)
+    make = ctypes.pythonapi.PyCFunction_NewEx
+    make.argtypes = [ctypes.c_void_p, ctypes.py_object, ctypes.py_object]
+    make.restype = ctypes.py_object
+    # The function holds its definition and code as its `self`, so that they outlive it.
+    keep = (fallback, owner, definition)
+    function: Callable[..., Any] = make(ctypes.addressof(definition), keep, __name__)
+    return function
+
+
+def register_symbols() -> None:
+    """Give the linker the addresses of the objects and functions that modules refer to."""
+    for name in FUNCTIONS:
+        add_symbol(f'pfd.{name}', _address(name) or ctypes.addressof(_nowhere))
+    add_symbol('pfd.new', _new() or ctypes.addressof(_nowhere))
+    objects: dict[str, Any] = {'none': None, 'one': 1, 'ndarray': np.ndarray}
+    objects |= {dtype: np.dtype(dtype) for dtype in ('float64', 'float32')}
+    objects |= {f'name.{name}': interned for name, interned in _NAMES.items()}
+    for name, value in objects.items():
+        add_symbol(f'pfd.{name}', id(value))
+
+
+# A name in a call is the same object wherever it is written; this keeps it.
+_NAMES = {name: sys.intern(name) for name in (*SLOTS, *OPTIONS)}
+
+
+@cache
+def supported() -> bool:
+    """Return whether native code can read the objects of this Python; log once if it cannot."""
+    try:
+        found = (
+            sys.implementation.name == 'cpython'
+            and ctypes.sizeof(ctypes.c_void_p) == 8
+            and hasattr(ctypes.pythonapi, 'PyCFunction_NewEx')
+            and all(map(_address, FUNCTIONS))
+            and _new() is not None
+            and _tuples_are_as_expected()
+            and all(map(_is_as_expected, _probes()))
+        )
+    except Exception:  # reading an object of another layout may raise anything
+        found = False
+    if not found:
+        LOG.warning(
+            'each call of a kernel takes a longer way: native code cannot read the arrays of '
+            'Python %s with NumPy %s',
+            *(sys.version.split()[0], np.__version__),
+        )
+    return found
+
+
+def _address(name: str) -> int | None:
+    """Return the address of a row of FUNCTIONS, or None."""
+    found = getattr(getattr(ctypes, 'pythonapi', None), FUNCTIONS[name], None)
+    return None if found is None else ctypes.cast(found, ctypes.c_void_p).value
+
+
+def _new() -> int | None:
+    """Return the address of PyArray_NewFromDescr, or None."""
+    core: Any = getattr(np, '_core', None) or np.core
+    table = getattr(core._multiarray_umath, '_ARRAY_API', None)
+    find = getattr(getattr(ctypes, 'pythonapi', None), 'PyCapsule_GetPointer', None)
+    if table is None or find is None:
+        return None
+    find.restype, find.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    return ctypes.c_void_p.from_address(find(table, None) + 8 * NEW).value
+
+
+def _tuples_are_as_expected() -> bool:
+    """Return whether the fields of a tuple are its length and its items."""
+    probe = ('q', 'qd')
+    if sys.getsizeof(probe) < ITEMS + 16:
+        return False
+    numbers = (
+        ctypes.c_int64.from_address(id(probe) + at).value for at in (HEADER, ITEMS, ITEMS + 8)
+    )
+    return [*numbers] == [2, *map(id, probe)]
+
+
+def _probes() -> list[NDArray[Any]]:
+    """Return arrays that differ in each field."""
+    fixed = np.zeros(3)
+    fixed.flags.writeable = False
+    return [np.zeros((4, 3), np.float32)[::2, ::-1], fixed, np.zeros((2, 3), order='F')]
+
+
+def _is_as_expected(probe: NDArray[Any]) -> bool:
+    """Return whether the fields of an array are its attributes."""
+    if FLAGS + ctypes.sizeof(ctypes.c_int) > type(probe).__basicsize__:
+        return False
+
+    def field(offset: int, kind: Any) -> Any:
+        return kind.from_address(id(probe) + offset).value
+
+    own = probe.flags
+    flags = ALIGNED * own.aligned | WRITEABLE * own.writeable | FORTRAN * own.f_contiguous
+    word, number = ctypes.c_int64, ctypes.c_int
+    if (
+        field(TYPE, word) != id(type(probe))
+        or field(DATA, word) != probe.ctypes.data
+        or field(NDIM, number) != probe.ndim
+        or field(DESCR, word) != id(probe.dtype)
+        or field(FLAGS, number) & (ALIGNED | WRITEABLE | CONTIGUOUS) != flags | own.c_contiguous
+    ):
+        return False
+    # These are behind pointers, which are followed only if all else is as expected.
+    row = word * probe.ndim
+    lengths, strides = (row.from_address(field(at, word)) for at in (DIMENSIONS, STRIDES))
+    return (*lengths,) == probe.shape and (*strides,) == probe.strides
+
+
+register_symbols()

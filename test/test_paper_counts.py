@@ -40,7 +40,6 @@ from benchmarks.cases.paper import (
 from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages import counts as page
 from benchmarks.pages.counts import arithmetic_of, counted_parts, efficiency, speed_up
-from benchmarks.pages.iterations import convergence
 import pfd_core as pfd
 
 SIZES = page.SIZES
@@ -364,21 +363,3 @@ def test_the_papers_own_speed_up_is_taken_over_its_published_serial_count() -> N
     # Method 3, 1627 and 1255, over 334 and 328 as printed: 4.35.
     assert published_serial(6) == 1627 + 1255
     assert published_serial(6) / arithmetic_of(counted('pcrbm', 6, AS_PRINTED)) < 2882 / 662
-
-
-# ---- conjugate gradients ----
-
-
-@pytest.mark.parametrize('method', ITERATIVE_METHODS)
-@pytest.mark.parametrize('name', one_fast(['uniform6', 'puma560', 'ur5']))
-def test_six_iterations_do_not_converge_on_six_joints(method: str, name: str) -> None:
-    robot = uniform_chain(6) if name == 'uniform6' else pfd.load_robot(name)
-    found = convergence(method, robot)
-    assert 6 < found['least'] <= found['median'] <= found['most']
-    assert found['error_after_n'] > 100 * found['worst_converged']
-    # Ten units of rounding of a solution by H, times its condition; seen up to 1.2e-14.
-    assert found['worst_converged'] < 1e-13
-    if (method, name) == ('pcgm', 'uniform6'):
-        # Convergence costs more than the paper prints.
-        counts = row('pcgm', 6, iterations=found['least'])
-        assert all(counts[kind] > TABLE['pcgm'][kind]['printed'] for kind in KINDS[:2])

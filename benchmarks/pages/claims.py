@@ -22,12 +22,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cases import paper
-from benchmarks.cases.paper import AS_PRINTED, KINDS, TABLE, claimed, value
+from benchmarks.cases.paper import AS_PRINTED, CORRECTED, KINDS, TABLE, Recording, claimed, value
 from benchmarks.cases.problems import SEED, seeded_states
 from benchmarks.cases.robots import Array, uniform_chain
 from benchmarks.pages.array import EVENTS, RUNS, doubling, times
-from benchmarks.pages.counts import arithmetic_of, counted_parts
-from benchmarks.pages.iterations import errors_of_iterates, price
+from benchmarks.pages.counts import arithmetic_of, counted_parts, errors_of_iterates
 from benchmarks.table import Row, page, shown, stored_table, table
 from benchmarks.timing import differences
 from pfd_core.algorithms.paper import pcgm_1987, pcrbm_1987
@@ -113,6 +112,12 @@ def _pcrbm(section: str, *misprints: str) -> Steps:
     return program.count(section=section)
 
 
+def _iteration(n: int) -> Steps:
+    """Return the steps of an iteration of PCGM, corrected, with one lane per link."""
+    program = paper.program_of(Recording('pcgm', n, CORRECTED, 'unpacked'))
+    return program.count(iterations=2) - program.count(iterations=1)
+
+
 def _event(event: str) -> list[int]:
     return [x['measured'] for x in times([N]) if x['event'] == event]
 
@@ -161,7 +166,7 @@ GROWING: dict[str, Callable[[int], list[int]]] = {
         record_inverse_dynamics(resolve(uniform_chain(n)), 'unpacked').count()
     ),
     'levels of recursive doubling': lambda n: [max(x['level'] for x in doubling(n))],
-    'an iteration of PCGM': lambda n: [price(n, 'plain')[f'each_{kind}'] for kind in KINDS[:2]],
+    'an iteration of PCGM': lambda n: _pair(_iteration(n)),
     'additions of set ordering': lambda n: [len(set_ordering(n)) - 1],
     'a solve on the array': lambda n: [RUNS['solve'](n).cycles],
     'divide and conquer': lambda n: [
@@ -189,7 +194,7 @@ def growth(what: str, *orders: str) -> Found:
 
 def converged(n: int, iterations: int) -> Found:
     """Return whether PCGM has converged in every state after some iterations."""
-    errors = errors_of_iterates(n, 'plain', seeded_states(n, STATES))[iterations]
+    errors = errors_of_iterates(uniform_chain(n), seeded_states(n, STATES))[iterations]
     return bool((errors <= WITHIN).all()), (
         f'n = {n}: after {iterations} iterations the error is {np.median(errors):.0e} in the '
         f'median and {errors.max():.0e} at worst of {STATES} states'

@@ -1,21 +1,19 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Sentences of Lee and Chang (1987), each with a verdict; misprints, executed; index of equations.
+Sentences of Lee and Chang (1987), each with a verdict; its misprints; index of its equations.
 
 A check counts programs or evaluates the printed formulas, and returns whether a sentence holds,
-and the evidence. An effect runs a misprint as printed and returns the result in words. Errors of
-qdd are relative to the largest acceleration of a state: the median over STATES states. Conjugate
-gradients run in 50 digits, where n iterations give the answer.
+and the evidence. Errors of qdd are relative to the largest acceleration of a state.
 
-Sentences and misprints are stored in data/claims.yaml and data/errata.yaml, each with its check or
-effect, a function of this module with arguments, and its test; data/equations.yaml is the index.
+Sentences are stored in data/claims.yaml, each with its check, a function of this module with
+arguments, and its test; misprints in data/errata.yaml, each with the test that executes it;
+data/equations.yaml is the index.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -23,58 +21,38 @@ import numpy as np
 
 from benchmarks.cases import paper
 from benchmarks.cases.paper import AS_PRINTED, CORRECTED, KINDS, TABLE, Recording, claimed, value
-from benchmarks.cases.problems import SEED, seeded_states
-from benchmarks.cases.robots import Array, uniform_chain
+from benchmarks.cases.problems import seeded_states
+from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages.array import EVENTS, RUNS, doubling, times
 from benchmarks.pages.counts import arithmetic_of, counted_parts, errors_of_iterates
 from benchmarks.table import Row, page, shown, stored_table, table
-from benchmarks.timing import differences
-from pfd_core.algorithms.paper import pcgm_1987, pcrbm_1987
+from pfd_core.algorithms.paper import pcrbm_1987
 from pfd_core.algorithms.paper.fohra_first_level import record_fohra, structure_of
-from pfd_core.algorithms.paper.literal_array import literal_array
-from pfd_core.algorithms.paper.pcgm_1987 import record_pcgm_1987
 from pfd_core.algorithms.paper.pcrbm_1987 import record_pcrbm_1987
 from pfd_core.algorithms.paper.set_ordering import set_ordering
-from pfd_core.algorithms.programs import record_inverse_dynamics, record_terms
+from pfd_core.algorithms.programs import record_inverse_dynamics
 from pfd_core.dynamics.methods import FORWARD
-from pfd_core.machine.emulator import run
-from pfd_core.machine.program import Program, Steps
-from pfd_core.machine.recorder import Recorder
-from pfd_core.machine.vectors import array as vector
-from pfd_core.model import Plant, Scene, load_robot, resolve
-from pfd_core.paper.patterns import prefix_affine
+from pfd_core.machine.program import Steps
+from pfd_core.model import load_robot, resolve
 
 N = 6
 STATES = 20
-FEW = 3  # states in 50 digits
-ROUNDING = 1e-12
 WITHIN = 1e-6  # an error of an iterate that is convergence
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """Check every sentence and run every misprint; quick is the first three of each."""
+    """Check every sentence; quick is the first three."""
     some = slice(3 if quick else None)
     return {
         'claims': [verdict(**claim) for claim in stored_table('claims')[some]],
-        'errata': [{**x, 'effect': effect(x['effect'])} for x in stored_table('errata')[some]],
+        'errata': stored_table('errata'),
         **stored_table('equations'),
     }
 
 
-def _called(named: list[Any]) -> Any:
-    """Return the result of a function of this module, given by its name and its arguments."""
-    return globals()[named[0]](*named[1:])
-
-
-def effect(named: list[Any]) -> str:
-    """Return the effect of a misprint in words: the evidence, where it is a check."""
-    found = _called(named)
-    return found if isinstance(found, str) else str(found[1])
-
-
 def verdict(check: list[Any], then: str = paper.VERDICTS[0], **claim: str) -> dict[str, Any]:
     """Return a sentence with the evidence and its verdict: `then` if it holds."""
-    holds, evidence = _called(check)
+    holds, evidence = globals()[check[0]](*check[1:])
     found = then if holds else paper.VERDICTS[2]
     return {'note': '', **claim, 'verdict': found, 'evidence': evidence}
 
@@ -228,105 +206,6 @@ def speed_up() -> Found:
     return found >= wanted, f'{wanted:.2f} printed, {found:.2f} executed as printed, no routes'
 
 
-# ---- effects of misprints ----
-
-
-def _on_each(on_robot: Callable[[Plant], str]) -> str:
-    """Return the effect on a PUMA 560, and on a chain whose joints rotate and slide in turn."""
-    types = ('revolute', 'prismatic') * 3
-    robots = load_robot('puma560'), replace(uniform_chain(N), name='sliding6', joint_types=types)
-    return '; '.join(f'{robot.name}: {on_robot(resolve(robot))}' for robot in robots)
-
-
-def _error(found: Array, wanted: Array) -> str:
-    """Return the median error of qdd, NaN counted apart."""
-    off = differences(found, wanted).astype(float)
-    undefined = ~np.isfinite(off)
-    if undefined.all():
-        return 'NaN'
-    share = f', NaN in {undefined.sum()} of {len(off)} states' if undefined.any() else ''
-    median = float(np.median(off[~undefined]))
-    return (f'{median:.0e}' if median > ROUNDING else 'rounding') + share
-
-
-def _off(
-    record: Callable[[Plant], Program], states: dict[str, Array], digits: int | None = None
-) -> str:
-    """Return the errors of qdd of a program compared with PCRBM."""
-
-    def on_robot(plant: Plant) -> str:
-        programs = record(plant), FORWARD['pcrbm'](plant, 'parallel')
-        with np.errstate(all='ignore'):
-            return _error(*(run(program, states, digits=digits)['qdd'] for program in programs))
-
-    return 'qdd off by ' + _on_each(on_robot)
-
-
-def pcrbm_error(*misprints: str) -> str:
-    """Return the error of qdd of PCRBM with some misprints."""
-    record = partial(record_pcrbm_1987, schedule='parallel', misprints=misprints)
-    return _off(record, seeded_states(N, STATES))
-
-
-def pcgm_error(*misprints: str) -> str:
-    """Return the error of qdd of PCGM from an estimate x_0, with some misprints, in 50 digits."""
-    record = partial(record_pcgm_1987, schedule='parallel', misprints=misprints, start=True)
-    start = np.random.default_rng(SEED).random((FEW, N))
-    return _off(record, seeded_states(N, FEW) | {'start': start}, digits=50)
-
-
-def gravity_error(gravity: float) -> str:
-    """Return the error of qdd under this gravity along -z instead of 9.81 m/s^2."""
-    scene = Scene(gravity=(0.0, 0.0, -gravity))
-    return _off(
-        lambda plant: FORWARD['pcrbm'](resolve(plant.robot, scene), 'parallel'),
-        seeded_states(N, STATES),
-    )
-
-
-def recurrence_error() -> str:
-    """Return the error of x_n of FOIHRA with matrix coefficients in the order of (3)."""
-    numbers = np.random.default_rng(SEED).normal(size=(STATES, N * 12))
-
-    def result(product: Callable[[Any, Any], Any]) -> Array:
-        recorder = Recorder(N)
-        rows = [recorder.input('x', [12 * i + k for i in range(N)]) for k in range(12)]
-        a, b = vector(rows[:9]).reshape(3, 3), vector(rows[9:])
-        x = prefix_affine(a, b, lambda k, v: k @ v, product)
-        recorder.output('x', (3,), [(component, N - 1) for component in x])
-        return np.asarray(run(recorder.program(), {'x': numbers})['x'])
-
-    off = _error(result(lambda a, b: b @ a), result(lambda a, b: a @ b))
-    return f'x_6 off by {off}, scalar coefficients: none'
-
-
-def array_status() -> str:
-    """Return the status of the array as printed for the inertia matrices of arms."""
-    states = {'q': seeded_states(N, STATES)['q'], 'qd': np.zeros((STATES, N))}
-
-    def on_robot(plant: Plant) -> str:
-        found = run(record_terms(plant, 'parallel'), states)['H']
-        status = [literal_array(H).result.status.replace('_', ' ') for H in found]
-        return ', '.join(f'{status.count(kind)} {kind}' for kind in sorted(set(status)))
-
-    return f'of {STATES} matrices ' + _on_each(on_robot)
-
-
-def loop_cost() -> str:
-    """Return the additional cost of the loop as printed, in six iterations."""
-    one, other = (
-        record_pcgm_1987(resolve(uniform_chain(N)), 'parallel', misprints=misprints)
-        for misprints in ((pcgm_1987.STEP_16,), ())
-    )
-    more = one.count(iterations=6) - other.count(iterations=6)
-    return f'none on qdd; 6 joints take {more.multiplications} and {more.additions} steps more'
-
-
-def formulas(words: str, n: int, *given: str) -> str:
-    """Return words with the values of formulas."""
-    return words.format(*(value(formula, n) for formula in given))
-
-
 # ---- the page ----
 
 INDEX = shown('names text function test')
@@ -341,7 +220,5 @@ def text(data: dict[str, Any]) -> str:
         claims=table(shown('place sentence verdict evidence note test'), data['claims']),
         equations=table(INDEX, data['equations']),
         procedures=table(INDEX, data['procedures']),
-        states=STATES,
-        few=FEW,
-        errata=table(shown('place printed wrong right effect test'), data['errata']),
+        errata=table(shown('place printed wrong right test'), data['errata']),
     )

@@ -38,7 +38,7 @@ from pfd_core.model import Robot
 
 Row = Mapping[str, Any]
 Makers = Mapping[str, Callable[[Robot], Peer]]
-# The arm of README.md; the guide also has the second.
+# The arm of README.md.
 ROBOT = 'ur5'
 ARMS = (ROBOT, 'panda', 'puma560', 'dense6', 'chain6', 'chain12')
 # States of a batch that fits into the caches, and takes long compared with its call overhead.
@@ -144,11 +144,6 @@ README = {
     f'a state in a {FEW}': (FEW,),
     'one call, arrays bound before / `kernel(q, qd, tau)`': (BOUND, PLAIN),
 }
-# Rows of the guide: robot, quantity and work.
-GUIDE = (
-    *((ROBOT, FORWARD, work) for work in (MANY, FEW, BOUND)),
-    *((arm, 'derivatives', work) for arm in ARMS[:2] for work in (MANY, BOUND)),
-)
 # Lines of the picture: label, beginnings and end of the ways, colour and marker.
 LINES = (
     ('this library, float64', OUR_METHODS, 'float64, F order', BLUE, 'o'),
@@ -251,19 +246,6 @@ def for_any_robot(data: dict[str, Any]) -> str:
         f'takes {_ns(general)} for a state in a {MANY}, {short(speed_up(own, general))} times '
         'ours.'
     )
-
-
-def guide_table(data: dict[str, Any]) -> str:
-    """Return the table of the guide, with the speed-up over the peers."""
-    lines = []
-    for arm, quantity, work in GUIDE:
-        found = compared(data['rows'], arm, quantity, work)
-        if found is not None:
-            own, *peers = found
-            title = f'{_title(arm, quantity)}, {work}'
-            lines.append([title, _ns(own), *(_ratio(own, peer) for peer in peers)])
-    titles = ['', 'our time', 'times as fast as the fastest peer', 'the fastest for any robot']
-    return '\n'.join(lines_of(titles, lines)) + '\n'
 
 
 def _strongest(rows: Sequence[Row]) -> list[str]:

@@ -41,7 +41,7 @@ from benchmarks.peers.control_loop import (
     pinocchio_runs,
 )
 from benchmarks.peers.work import LeftOutError, Side
-from benchmarks.plots import CASADI, FLOAT32, FLOAT64, GREY, MUJOCO, ORANGE, panels, save
+from benchmarks.plots import CASADI, FLOAT32, FLOAT64, GREY, MUJOCO, panels, save
 from benchmarks.plots import PINOCCHIO as BLACK
 from benchmarks.run import show_progress
 from benchmarks.table import Cells, Row, bullets, grid, lines_of, order, page, result_row, short
@@ -57,10 +57,6 @@ CONTROLLED = 'controlled'
 LONG = 0.1
 INTEGRATORS = ('rk4', 'velocity_verlet', 'imex2')
 ADAPTIVE = 'pfd dop853 float64'
-# Effects that scenes lack, and their names on the page. The steps of the fine integrator have
-# errors far below the error of such a scene, also for light joints with strong damping.
-LEAVES = {'effort limits': 'motor limits', 'friction': 'dry friction', 'armature': 'rotors'}
-FINE, FINE_STEPS = 'imex2', 10
 
 
 class Plan(NamedTuple):
@@ -105,8 +101,8 @@ def _measure(case: ControlledArm, plan: Plan) -> dict[str, Any]:
     """
     Return the reference's differences, seconds, runs and what is missing.
 
-    A run is {way, step [s], tolerance, left_out (effects), arms, softness, status, error and
-    middle (of worst and median joint) [rad], minimum and median [s a simulated second]}.
+    A run is {way, step [s], tolerance, left_out (effects), arms, softness, status, error [rad],
+    minimum and median [s a simulated second]}.
     """
     show_progress(f'reference of a {case.robot.name}')
     wanted, differences = _reference(case)
@@ -166,11 +162,9 @@ def _candidates(
         for arms, substeps in sizes:
             run = fixed(case, substeps, integrator, dtype, arms=arms)
             yield row(f'pfd {integrator} {dtype}', substeps, arms=arms), run
-    without = [('armature', integrator, 1) for integrator in INTEGRATORS]
-    without += [(effect, FINE, FINE_STEPS) for effect in LEAVES]
-    for effect, integrator, substeps in without if case.kp.any() else ():
-        run = fixed(case, substeps, integrator, scene=case.scene.without([effect]))
-        yield row(f'pfd {integrator} float64', substeps, left_out=[effect]), run
+    for integrator in INTEGRATORS if case.kp.any() else ():
+        run = fixed(case, 1, integrator, scene=case.scene.without(['armature']))
+        yield row(f'pfd {integrator} float64', 1, left_out=['armature']), run
     for tolerance in plan.tolerances:
         yield row(ADAPTIVE, tolerance=tolerance), adaptive(case, tolerance)
     others = {
@@ -201,10 +195,9 @@ def _tried(row: dict[str, Any], run: Run, wanted: Array) -> tuple[dict[str, Any]
     off = np.abs(q - wanted)
     if status == 'ok' and off.max() > LOST:
         status = 'lost'
-    known: dict[str, Any] = dict.fromkeys(('error', 'middle', 'minimum', 'median'))
-    if status == 'ok':
-        known |= {'error': float(off.max()), 'middle': float(np.median(off))}
-    return row | {'status': status} | known, run, seconds
+    error = float(off.max()) if status == 'ok' else None
+    known = {'status': status, 'error': error, 'minimum': None, 'median': None}
+    return row | known, run, seconds
 
 
 # From here on the page: all from the rows.
@@ -275,13 +268,6 @@ def _floor(data: Mapping[str, Any]) -> float:
     return float(max(data['reference'].values()))
 
 
-def _without(data: Mapping[str, Any]) -> list[Row]:
-    """Return the row in short steps of each scene that lacks an effect."""
-    rows = [row for row in data['runs'] if row['left_out']]
-    least = min((row['step'] for row in rows), default=0.0)
-    return [row for row in rows if row['step'] == least and row['error'] is not None]
-
-
 def _milliseconds(row: Row) -> str:
     return short(row['minimum'] * 1e3)
 
@@ -349,15 +335,14 @@ def results_rows(data: Mapping[str, Any]) -> list[dict[str, str]]:
 
 def without_rotors(rows: Sequence[Row]) -> str:
     """Return a sentence of README.md on our runs without rotors in steps of one period."""
-    without = [row for row in rows if row['left_out'] == ['armature']]
-    longest = max(row['step'] for row in without)
-    own = {row['way'].split()[1]: row for row in without if row['step'] == longest}
+    own = {row['way'].split()[1]: row for row in rows if row['left_out']}
+    period = max(row['step'] for row in own.values())
     lost = ' and '.join(name for name, row in own.items() if row['minimum'] is None)
     done = {name: _milliseconds(row) for name, row in own.items() if row['minimum'] is not None}
     does = ', '.join(f'{name} does, in {time} ms' for name, time in done.items())
     return (
         f'Without rotor inertia, which most URDFs lack, {lost or "none"} do not finish in steps '
-        f'of {longest * 1e3:g} ms; {does or "none does"}.'
+        f'of {period * 1e3:g} ms; {does or "none does"}.'
     )
 
 
@@ -382,18 +367,14 @@ def plots(data: Mapping[str, Any], folder: Path) -> list[Path]:
 
 
 def _draw(data: Mapping[str, Any], figure: Any) -> None:
-    """Draw the arm under a controller, with the errors of scenes that lack an effect."""
+    """Draw the arm under a controller."""
     labels = {
         'title': 'A geared UR5 with friction and motor limits under a 1 kHz controller',
         'xlabel': 'error of the worst joint after one second [rad]      (left is better)',
         'ylabel': 'time of one simulated second on one thread [ms]\n(down is better)',
     }
     (axes,) = panels([(labels, _lines(data))], figure, columns=5)
-    axes.set_ylim(top=1e4)
-    for k, row in enumerate(sorted(_without(data), key=lambda row: float(row['middle']))):
-        axes.axvspan(row['middle'], row['error'], color=ORANGE, alpha=0.2, linewidth=0)
-        name = f'error without {LEAVES[row["left_out"][0]]}'
-        axes.text(row['middle'], 6e3 / 1.6**k, name, ha='right', va='center', fontsize=8.5)
+    axes.set_ylim(top=3e3)
     axes.axhline(1e3, color=GREY, linewidth=0.9, linestyle='-.')
     place = {'transform': axes.get_yaxis_transform(), 'fontsize': 8.5, 'color': GREY}
     axes.text(0.005, 1.08e3, 'real time', va='bottom', **place)

@@ -55,6 +55,7 @@ CALLS = {
     'force(q, qd, tau, w)': 'force(q, qd, tau, wrench=w)',
     'force(q, qd, tau, wrench=w[..., ::-1][..., ::-1])': 'force(q, qd, tau, w)',
     'brake(q, qd, tau)': 'brake(q, qd, tau, brakes=np.zeros(6, bool))',
+    'torque(q, qd, tau)': 'free_torque(q, qd, tau)',
     'hand(q, qd, tau)': 'hand(q, qd, tau, payload=None)',
     'k(q, qd, tau, out=np.zeros(0))': 'ValueError out',
     # An argument is missing, one too many, given twice or unknown.
@@ -77,6 +78,7 @@ CALLS = {
     'gravity(q, None, tau)': 'ValueError q',
     'gravity()': 'TypeError q',
     'force(q, qd, tau)': 'ValueError wrench',
+    'torque(q, qd, tau, brakes=[False] * 6)': 'ValueError brakes',
     'hand(q, qd, tau, payload=1.0)': 'ValueError payload',
     'hand(q, qd, tau, brakes=[False] * 6)': 'ValueError brakes',
     # The numbers or the array are wrong.
@@ -94,6 +96,8 @@ CALLS = {
     'k(q, bad(qd, np.nan), bad(tau, np.inf))': 'ValueError qd',
     'force(q, qd, tau, bad(w, np.nan))': 'ValueError wrench',
     'force(q, qd, tau, w[..., :3])': 'ValueError wrench',
+    'brake(q, qd, tau, np.ones_like(q))': 'ValueError wrench',
+    'brake(q, qd, tau, brakes=np.ones_like(q))': 'ValueError brakes',
     'brake(q, qd, tau, brakes=[False] * 5)': 'ValueError brakes',
     'brake(q, qd, tau, brakes=0.5 * q)': 'ValueError brakes',
     'brake(q, qd, tau, brakes=[0] * 6)': 'ValueError brakes',
@@ -128,6 +132,9 @@ def kernels() -> dict[str, pfd.Kernel]:
         'hand': pfd.Scene(payload='input'),
     }
     found = {name: pfd.compile_kernel(robot, scene=scene) for name, scene in scenes.items()}
+    # Of inverse dynamics brakes have no effect.
+    for name, scene in (('torque', scenes['brake']), ('free_torque', scenes['k'])):
+        found[name] = pfd.compile_kernel(robot, scene=scene, quantity='inverse_dynamics')
     return found | {'gravity': pfd.compile_kernel(robot, quantity='gravity_torques')}
 
 

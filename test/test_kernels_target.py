@@ -9,14 +9,18 @@ from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 import re
+import shutil
+import struct
 import subprocess
 import sys
 
 import bridge
 from bridge import (
     USUAL_OPTIMISATION,
+    Target,
     compile_ir,
     host_target,
+    ir_inputs_of,
     ir_kernel_functions,
     level_target,
     missing_features,
@@ -26,6 +30,7 @@ from bridge import (
 from fused_products import cancelling, everywhere, native, rounded
 import llvmlite.binding as llvm
 import numpy as np
+from numpy.typing import NDArray
 import pytest
 from sampling import one_fast
 from zoo import random_state
@@ -33,17 +38,22 @@ from zoo import random_state
 import pfd_core as pfd
 
 ROOT = Path(__file__).parents[1]
-# States in a vector register of float64, as the manuals of the processors say.
-WIDTHS = {'x86-64-v2': 2, 'x86-64-v3': 4, 'x86-64-v4': 8}
+ARM64 = Target('aarch64-unknown-linux-gnu')
+OLD = Target('x86_64-unknown-linux-gnu')
+# Levels of x86-64 by which a user names a processor.
+LEVELS = ('x86-64-v2', 'x86-64-v3', 'x86-64-v4')
 X86 = host_target().triple.startswith('x86_64')
 HERE = host_target().cpu
 on_x86 = pytest.mark.skipif(not X86, reason='the processors are of x86-64')
-RUNNABLE = [cpu for cpu in WIDTHS if X86 and not missing_features(cpu)]
+RUNNABLE = [cpu for cpu in LEVELS if X86 and not missing_features(cpu)]
 # The files whose tests run code for every processor.
 TESTED = ('test_kernels_*.py', 'test_simulation*.py', 'test_brakes.py')
-LIFETIME = 3600  # [s]
+LIFETIME = 3600  # [s] of a run of these tests; far above what it takes
 # Objects of Linux, macOS and Windows.
 OBJECT = re.compile(rb'\x7fELF|\xcf\xfa\xed\xfe|\x64\x86')
+ELF_MACHINE, EM_AARCH64 = slice(18, 20), (183).to_bytes(2, 'little')
+COMPILER, EMULATORS = 'aarch64-linux-gnu-gcc', ('qemu-aarch64', 'qemu-aarch64-static')
+STATES = 7  # whole blocks and a rest, whatever the width
 
 
 @pytest.fixture
@@ -73,22 +83,68 @@ def test_without_a_name_the_code_is_for_this_machine(monkeypatch: pytest.MonkeyP
     assert bridge.current_target() == host_target()
 
 
+@pytest.mark.parametrize(
+    ('target', 'width'),
+    [
+        (ARM64, 2),
+        (OLD, 2),
+        (replace(OLD, features='+avx,+sse2'), 4),
+        (replace(OLD, features='+avx,-avx512f'), 4),
+        (replace(OLD, features='+avx,+avx512f'), 8),
+        *zip(map(level_target, LEVELS) if X86 else (), (2, 4, 8), strict=False),
+    ],
+)
+def test_the_width_equals_a_vector_register_of_the_target(target: Target, width: int) -> None:
+    assert simd_width('float64', target) == width
+    assert simd_width('float32', target) == 2 * width
+
+
+def test_a_processor_whose_features_llvm_cannot_detect_is_named_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def unknown() -> None:
+        raise RuntimeError('failed to get host cpu features')
+
+    monkeypatch.setattr(llvm, 'get_host_cpu_features', unknown)
+    host_target.cache_clear()
+    assert host_target() == Target(llvm.get_process_triple(), llvm.get_host_cpu_name(), '')
+    host_target.cache_clear()
+
+
+def test_ir_that_is_no_module_is_refused() -> None:
+    with pytest.raises(RuntimeError, match='expected value token'):
+        bridge.emit_object('define double @f(double %x) { ret double }', host_target())
+
+
 def module(kernel: pfd.Kernel, width: int) -> str:
     """Return the module of a kernel without its entry from Python."""
     angles, size = turned_joints(kernel.robot), kernel.robot.n
-    return '\n'.join(ir_kernel_functions(kernel.program, 'float64', width, angles, size))
+    return '\n'.join(ir_kernel_functions(kernel.program, kernel.dtype, width, angles, size))
 
 
-@on_x86
-@pytest.mark.parametrize(('cpu', 'width'), WIDTHS.items())
+@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32'], 'float32'))
+@pytest.mark.parametrize('name', ['aarch64', *LEVELS])
 def test_a_kernel_compiles_for_processors_that_this_machine_may_not_be(
-    cpu: str, width: int
+    name: str, dtype: str
 ) -> None:
-    target = level_target(cpu)
-    assert simd_width('float64', target) == width
-    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
-    ir = module(kernel, width)
-    assert OBJECT.match(bridge.emit_object(ir, target))
+    target = for_arm() if name == 'aarch64' else level_target(name)
+    scene = pfd.Scene(external_wrench=True, brakes=True)
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=scene, dtype=dtype)
+    for width in (1, simd_width(dtype, target)):
+        code = bridge.emit_object(module(kernel, width), target)
+        assert OBJECT.match(code)
+        assert (code[ELF_MACHINE] == EM_AARCH64) == (name == 'aarch64')
+
+
+def for_arm() -> Target:
+    """Return the processor of 64-bit ARM; skip the test where LLVM was built without it."""
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    try:
+        llvm.Target.from_triple(ARM64.triple)
+    except RuntimeError:
+        pytest.skip('this LLVM was built without 64-bit ARM')
+    return ARM64
 
 
 @on_x86
@@ -113,10 +169,11 @@ def test_every_processor_has_its_own_code_in_the_cache(
 
 
 @on_x86
-def test_code_whose_order_is_kept_leaves_the_order_of_other_code_to_llvm() -> None:
+def test_code_whose_order_is_kept_leaves_the_order_of_other_code_to_llvm(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), method='composite_body')
-    ir = module(kernel, 8)
-    target = level_target('x86-64-v4')
+    ir, target = module(kernel, 8), level_target('x86-64-v4')
     usual, kept = USUAL_OPTIMISATION, replace(USUAL_OPTIMISATION, reorder=False)
     before, between, after = (
         bridge.emit_object(ir, target, choice) for choice in (usual, kept, usual)
@@ -124,19 +181,10 @@ def test_code_whose_order_is_kept_leaves_the_order_of_other_code_to_llvm() -> No
     assert after == before
     # The two differ, so that one taken for the other would show.
     assert between != before
-
-
-@on_x86
-def test_without_llvmlites_lock_llvm_orders_all_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    # The option that keeps an order is global: it would change what other threads compile.
-    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), method='composite_body')
-    ir = module(kernel, 8)
-    target = level_target('x86-64-v4')
+    # The option that keeps an order is global: without a lock it would change what other threads
+    # compile.
     monkeypatch.setattr(*bridge.target('LLVM_LOCK'), None)
-    kept = replace(USUAL_OPTIMISATION, reorder=False)
-    assert bridge.emit_object(ir, target, kept) == bridge.emit_object(
-        ir, target, USUAL_OPTIMISATION
-    )
+    assert bridge.emit_object(ir, target, kept) == before
 
 
 def results() -> dict[str, bytes]:
@@ -234,3 +282,115 @@ def test_the_option_of_the_tests_refuses_a_processor_that_cannot_be(tmp_path: Pa
     )
     assert done.returncode == pytest.ExitCode.USAGE_ERROR
     assert 'ERROR: PFD_TARGET_CPU must be' in done.stderr
+
+
+# ---- 64-bit ARM ------------------------------------------------------------------------------
+
+
+# Reads the bytes of a number, how many arguments there are, the elements of each and all inputs
+# (in hexadecimal); prints the results of a batch in C order, then those of one in Fortran order.
+MAIN = """
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+int64_t batch(int64_t count, int64_t *table);
+
+static unsigned char *place(int64_t *row, int64_t state, int64_t element) {
+    return (unsigned char *)row[0] + state * row[1] + element * row[2];
+}
+
+int main(void) {
+    int64_t bytes, count, slots, sizes[8], given[3 * 8], table[3 * 8];
+    if (scanf("%" SCNd64 " %" SCNd64 " %" SCNd64, &bytes, &count, &slots) != 3) return 2;
+    for (int64_t k = 0; k < slots; k++) {
+        if (scanf("%" SCNd64, &sizes[k]) != 1) return 2;
+        given[3 * k] = (int64_t)calloc(count * sizes[k], bytes);
+        given[3 * k + 1] = sizes[k] * bytes;
+        given[3 * k + 2] = bytes;
+    }
+    for (int64_t k = 0; k < slots - 1; k++)
+        for (int64_t i = 0; i < count * sizes[k]; i++) {
+            uint64_t number;
+            if (scanf("%" SCNx64, &number) != 1) return 2;
+            memcpy((unsigned char *)given[3 * k] + i * bytes, &number, bytes);
+        }
+    for (int order = 0; order < 2; order++) {
+        for (int64_t k = 0; k < slots; k++) {
+            int64_t *row = &table[3 * k];
+            row[0] = (int64_t)calloc(count * sizes[k], bytes);
+            row[1] = order ? bytes : sizes[k] * bytes;
+            row[2] = order ? count * bytes : bytes;
+            for (int64_t s = 0; s < count; s++)
+                for (int64_t e = 0; e < sizes[k]; e++)
+                    memcpy(place(row, s, e), place(&given[3 * k], s, e), bytes);
+        }
+        if (batch(count, table)) return 3;
+        for (int64_t s = 0; s < count; s++)
+            for (int64_t e = 0; e < sizes[slots - 1]; e++) {
+                uint64_t number = 0;
+                memcpy(&number, place(&table[3 * (slots - 1)], s, e), bytes);
+                printf("%" PRIx64 "\\n", number);
+            }
+    }
+    return 0;
+}
+"""
+
+
+def states(robot: pfd.Robot, dtype: str) -> list[NDArray[np.floating]]:
+    """Return positions, velocities, torques and wrenches, one of them with angles far out."""
+    rng = np.random.default_rng(6)
+    rows = [random_state(rng, robot.n) for _ in range(STATES)]
+    q, qd, tau = (np.array([row[k] for row in rows], dtype) for k in range(3))
+    q[2] *= 1e30
+    return [q, qd, tau, rng.normal(size=(STATES, 6)).astype(dtype)]
+
+
+def hexadecimal(array: NDArray[np.floating]) -> list[str]:
+    code = {'float64': 'Q', 'float32': 'I'}[array.dtype.name]
+    return [f'{bits:x}' for bits in struct.unpack(f'<{array.size}{code}', array.tobytes())]
+
+
+@pytest.fixture(scope='module')
+def emulator() -> str:
+    """Return the program that runs 64-bit ARM code."""
+    found = next((path for name in EMULATORS if (path := shutil.which(name))), None)
+    if found is None or shutil.which(COMPILER) is None:
+        pytest.skip(f'needs {COMPILER} and one of {EMULATORS} (qemu-user)')
+    return found
+
+
+@pytest.mark.parametrize(('name', 'dtype'), [('ur5', 'float64'), ('panda', 'float32')])
+def test_arm_and_this_processor_give_the_same_bits(
+    name: str, dtype: str, emulator: str, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(5)
+    robot = pfd.load_robot(name)
+    rotors, damping = robot.armature, robot.damping
+    scene = pfd.Scene(damping=damping, armature=rotors, external_wrench=True, brakes=True)
+    kernel = pfd.compile_kernel(robot, scene=scene, dtype=dtype)
+    arrays = states(robot, dtype)
+    brakes = rng.random((STATES, robot.n)) < 0.3
+    wanted = hexadecimal(kernel(*arrays, brakes=brakes))
+    (tmp_path / 'main.c').write_text(MAIN)
+    target = for_arm()
+    code = bridge.emit_object(module(kernel, simd_width(dtype, target)), target)
+    (tmp_path / 'kernel.o').write_bytes(code)
+    command = [COMPILER, '-O1', '-static', 'main.c', 'kernel.o', '-o', 'main', '-lm']
+    subprocess.run(command, cwd=tmp_path, check=True, timeout=LIFETIME)
+    inputs = [*arrays, (1.0 - brakes).astype(dtype)]
+    assert ir_inputs_of(kernel.program) == ['q', 'qd', 'tau', 'wrench', 'free']
+    words = [str(np.dtype(dtype).itemsize), str(STATES), str(len(inputs) + 1)]
+    words += [str(array.shape[1]) for array in inputs] + [str(robot.n)]
+    words += [word for array in inputs for word in hexadecimal(array)]
+    done = subprocess.run(
+        [emulator, str(tmp_path / 'main')],
+        input=' '.join(words),
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=LIFETIME,
+    )
+    assert done.stdout.split() == wanted * 2

@@ -13,11 +13,10 @@ from typing import Any
 from bridge import (
     FORWARD_METHODS,
     OPERATIONS,
-    record_inverse_dynamics,
     record_terms,
     resolve_plant,
 )
-from closed_forms import SIZES, arithmetic, chain, elimination, levels, rounds
+from closed_forms import SIZES, arithmetic, by_section, chain, elimination, levels, rounds
 from drive_scenes import OTHER
 import numpy as np
 from oracle import WRENCH
@@ -27,43 +26,31 @@ from zoo import random_chain
 
 import pfd_core as pfd
 
-
-@pytest.mark.parametrize('n', SIZES)
-def test_ne1_takes_87_multiplications_and_15_levels_and_65_additions(n: int) -> None:
-    # The paper prints 84 and 15 L + 63 (section 2.5 (d)). A single link has no w x zq.
-    program = record_terms(resolve_plant(chain(n)), 'parallel')
-    single = n == 1
-    assert arithmetic(program.count(section='newton_euler')) == (
-        87 - 6 * single,
-        15 * levels(n) + 65 - 3 * single,
-        0,
-        0,
-    )
+WRENCHED = pfd.Scene(external_wrench=True)
+# Chains and scenes, and the additions of NE1 beyond 15 L + 65: the paper prints 84 and 15 L + 63
+# (section 2.5 (d)).
+NE1 = {
+    'turning joints': ({}, None, 0),
+    'a sliding joint': ({'prismatic': True}, None, 6),
+    'a wrench': ({}, WRENCHED, 6),
+    'no gravity': ({}, pfd.Scene(gravity=None), -3),
+}
 
 
+@pytest.mark.parametrize('case', NE1)
 @pytest.mark.parametrize('n', SIZES[1:])
-def test_ne1_with_a_sliding_joint_takes_six_additions_more(n: int) -> None:
-    program = record_terms(resolve_plant(chain(n, prismatic=True)), 'parallel')
-    assert arithmetic(program.count(section='newton_euler'))[:2] == (87, 15 * levels(n) + 71)
+def test_ne1_takes_87_multiplications_and_15_levels_and_65_additions(n: int, case: str) -> None:
+    kind, scene, more = NE1[case]
+    program = record_terms(resolve_plant(chain(n, **kind), scene), 'parallel')
+    wanted = (87, 15 * levels(n) + 65 + more, 0, 0)
+    assert arithmetic(program.count(section='newton_euler')) == wanted
+    if case == 'a wrench':
+        assert arithmetic(program.count(section='wrench'))[:2] == (18, 12)
 
 
-@pytest.mark.parametrize('n', SIZES[1:])
-def test_ne1_with_a_wrench_takes_six_additions_more(n: int) -> None:
-    program = record_terms(resolve_plant(chain(n), pfd.Scene(external_wrench=True)), 'parallel')
-    assert arithmetic(program.count(section='newton_euler'))[:2] == (87, 15 * levels(n) + 71)
-    assert arithmetic(program.count(section='wrench'))[:2] == (18, 12)
-
-
-@pytest.mark.parametrize('n', SIZES[1:])
-def test_ne1_without_gravity_saves_its_three_additions(n: int) -> None:
-    program = record_terms(resolve_plant(chain(n), pfd.Scene(gravity=None)), 'parallel')
-    assert arithmetic(program.count(section='newton_euler'))[:2] == (87, 15 * levels(n) + 62)
-
-
-@pytest.mark.parametrize('n', SIZES[1:])
-def test_inverse_dynamics_takes_three_multiplications_and_additions_more(n: int) -> None:
-    program = record_inverse_dynamics(resolve_plant(chain(n)), 'parallel')
-    assert arithmetic(program.count(section='newton_euler'))[:2] == (90, 15 * levels(n) + 68)
+def test_ne1_of_a_single_link_has_no_velocity_before_it() -> None:
+    program = record_terms(resolve_plant(chain(1)), 'parallel')
+    assert arithmetic(program.count(section='newton_euler')) == (81, 62, 0, 0)
 
 
 def test_an_unknown_section_is_an_error() -> None:
@@ -84,50 +71,33 @@ def test_a_single_joint_has_neither_recurrence_nor_row_sweep_nor_column_sweep() 
 
 
 @pytest.mark.parametrize('n', SIZES[1:])
-def test_the_orientation_recurrence_takes_27_and_18_a_level_at_most(n: int) -> None:
-    # The paper prints 27 L - 19 and 18 L - 14, which holds for twists of 0 and 90 degrees.
-    program = record_terms(resolve_plant(chain(n)), 'parallel')
-    recurrence = arithmetic(program.count(section='orientation'))
-    # Elements of the products of a level, packed onto full rows of lanes.
-    assert recurrence == (3 * rounds(n), 2 * rounds(n), 0, 0)
-    assert rounds(6) == 17
-    # The rotations of the joints themselves, which the paper takes as given.
-    assert program.count(section='joint rotation') == pfd.Steps(
-        multiplications=12, additions=6, sines=2
-    )
-    assert arithmetic(program.count(section='link vectors'))[:2] == (63, 42)
-
-
-@pytest.mark.parametrize('n', SIZES[1:])
-def test_composite_bodies_take_4_levels_and_42_multiplications(n: int) -> None:
-    program = record_terms(resolve_plant(chain(n)), 'parallel')
-    L = levels(n)
-    assert arithmetic(program.count(section='composite bodies')) == (
-        4 * L + 42,
-        10 * L + 35,
-        2,
+def test_pcrbm_is_the_sum_of_its_parts(n: int) -> None:
+    program = FORWARD_METHODS['pcrbm'](resolve_plant(chain(n)), 'parallel')
+    L, s, h = levels(n), elimination(n), math.ceil((n - 1) / 2)
+    parts = {
+        # The rotations of the joints themselves, which the paper takes as given.
+        'joint rotation': (12, 6, 0, 0),
+        # The paper prints 27 L - 19 and 18 L - 14, which holds for twists of 0 and 90 degrees.
+        # Elements of the products of a level are packed onto full rows of lanes.
+        'orientation': (3 * rounds(n), 2 * rounds(n), 0, 0),
+        'link vectors': (63, 42, 0, 0),
+        'composite bodies': (4 * L + 42, 10 * L + 35, 2, 0),
+        'row sweep': (0, 3 * (n - 1), 0, 0),
+        # Pairs i < j, packed: h rounds, with the 9 h and 5 h of section 2.5 (f).
+        'moments of the row sweep': (6 * h, 3 * h, 0, 0),
+        'elements of H': (3 * h, 2 * h, 0, 0),
+        # No square root.
+        'factorisation': (s, s, n, 0),
+        'column sweep': (n - 1, n - 1, 0, 0),
+    }
+    found = by_section(program)
+    assert {section: found[section] for section in parts} == parts
+    assert arithmetic(program.count()) == (
+        4 * L + 3 * rounds(n) + s + 9 * h + n + 182,
+        25 * L + 2 * rounds(n) + s + 5 * h + 4 * n + 142,
+        n + 2,
         0,
     )
-
-
-@pytest.mark.parametrize('n', SIZES[1:])
-def test_the_row_sweep_takes_three_additions_a_row(n: int) -> None:
-    program = record_terms(resolve_plant(chain(n)), 'parallel')
-    assert arithmetic(program.count(section='row sweep')) == (0, 3 * (n - 1), 0, 0)
-    # Pairs i < j, packed: h rounds, with the 9 h and 5 h of section 2.5 (f).
-    h = math.ceil((n - 1) / 2)
-    assert arithmetic(program.count(section='moments of the row sweep'))[:2] == (6 * h, 3 * h)
-    assert arithmetic(program.count(section='elements of H'))[:2] == (3 * h, 2 * h)
-
-
-@pytest.mark.parametrize('n', SIZES[1:])
-def test_the_linear_solve_needs_no_square_root(n: int) -> None:
-    program = FORWARD_METHODS['pcrbm'](resolve_plant(chain(n)), 'parallel')
-    factor, back = (
-        arithmetic(program.count(section=s)) for s in ('factorisation', 'column sweep')
-    )
-    assert factor == (elimination(n), elimination(n), n, 0)
-    assert back == (n - 1, n - 1, 0, 0)
 
 
 def test_the_linear_solve_of_six_joints_takes_half_of_the_printed_steps() -> None:
@@ -135,18 +105,6 @@ def test_the_linear_solve_of_six_joints_takes_half_of_the_printed_steps() -> Non
     program = FORWARD_METHODS['pcrbm'](resolve_plant(chain(6)), 'parallel')
     parts = [arithmetic(program.count(section=s)) for s in ('factorisation', 'column sweep')]
     assert tuple(np.sum(parts, axis=0)) == (15, 15, 6, 0)
-
-
-@pytest.mark.parametrize('n', SIZES[1:])
-def test_pcrbm_as_a_whole_is_the_sum_of_its_parts(n: int) -> None:
-    steps = FORWARD_METHODS['pcrbm'](resolve_plant(chain(n)), 'parallel').count()
-    L, s, h = levels(n), elimination(n), math.ceil((n - 1) / 2)
-    assert arithmetic(steps) == (
-        4 * L + 3 * rounds(n) + s + 9 * h + n + 182,
-        25 * L + 2 * rounds(n) + s + 5 * h + 4 * n + 142,
-        n + 2,
-        0,
-    )
 
 
 def test_packing_saves_arithmetic_and_costs_routes() -> None:
@@ -184,21 +142,21 @@ def test_the_speed_up_of_n_processors_lies_between_one_and_n() -> None:
 
 
 OFF: dict[str, dict[str, Any]] = {
-    'effort_limits': {'effort_limits': [np.inf] * 6},
-    'torque_speed': {'torque_speed': [None] * 6},
-    'springs': {'stiffness': [0.0] * 6, 'rest_position': [0.3] * 6},
+    'effort_limits': {'effort_limits': [np.inf] * 2},
+    'torque_speed': {'torque_speed': [None] * 2},
+    'springs': {'stiffness': [0.0] * 2, 'rest_position': [0.3] * 2},
     'gravity_compensation': {'gravity_compensation': pfd.Scene(gravity=None)},
-    'friction': {'friction': [0.0] * 6},
-    'joint_limits': {'joint_limits': [(-np.inf, np.inf)] * 6, 'restitution': 0.5},
-    'motor_lag': {'motor_lag': [0.0] * 6},
-    'damping': {'damping': [0.0] * 6},
-    'armature': {'armature': [0.0] * 6},
+    'friction': {'friction': [0.0] * 2},
+    'joint_limits': {'joint_limits': [(-np.inf, np.inf)] * 2, 'restitution': 0.5},
+    'motor_lag': {'motor_lag': [0.0] * 2},
+    'damping': {'damping': [0.0] * 2},
+    'armature': {'armature': [0.0] * 2},
 }
 
 
 @cache
 def bare_kernel() -> pfd.Kernel:
-    return pfd.compile_kernel(pfd.load_robot('ur5'), refine=1)
+    return pfd.compile_kernel(pfd.load_robot('planar2'), refine=1)
 
 
 @pytest.mark.parametrize('effect', OFF)
@@ -212,20 +170,20 @@ def test_an_effect_that_is_off_costs_nothing(effect: str) -> None:
 
 ON: dict[str, tuple[dict[str, Any], int]] = {
     # Each joint: two comparisons of one subtraction and one selection.
-    'effort_limits': ({'effort_limits': [40.0] * 6}, 6 * 4),
-    # One joint of six has a limit.
-    'one effort limit': ({'effort_limits': [np.inf] * 5 + [5.0]}, 4),
+    'effort_limits': ({'effort_limits': [40.0] * 2}, 2 * 4),
+    # One joint of two has a limit.
+    'one effort limit': ({'effort_limits': [np.inf, 5.0]}, 4),
     # The stretch of a spring, its product and its sum; a rest position of zero needs none.
-    'springs': ({'stiffness': [5.0] * 6}, 6 * 2),
-    'springs at rest elsewhere': ({'stiffness': [5.0] * 6, 'rest_position': [0.1] * 6}, 6 * 3),
+    'springs': ({'stiffness': [5.0] * 2}, 2 * 2),
+    'springs at rest elsewhere': ({'stiffness': [5.0] * 2, 'rest_position': [0.1] * 2}, 2 * 3),
     # |qd|, tau along qd and back: 6; two rows: 3 + 1 and 2; two comparisons: 4.
-    'torque_speed': ({'torque_speed': [[(2.0, 50.0), (3.0, 0.0)]] * 6}, 6 * 16),
+    'torque_speed': ({'torque_speed': [[(2.0, 50.0), (3.0, 0.0)]] * 2}, 2 * 16),
 }
 
 
 @pytest.mark.parametrize('effect', ON)
 def test_an_effect_that_is_on_costs_its_operations(effect: str) -> None:
-    robot = pfd.load_robot('ur5')
+    robot = pfd.load_robot('planar2')
     arguments, more = ON[effect]
     bare, on = (
         sum(pfd.compile_kernel(robot, scene=pfd.Scene(**given)).operations['folded'].values())
@@ -331,19 +289,16 @@ def test_counts_are_closed_forms_for_1_to_32_joints(method: str, n: int) -> None
 
 def totals(method: str, n: int) -> Counts:
     """Return the sums of the closed forms."""
-    rows = [counts for _, counts in parts(method, n)]
-    return (sum(r[0] for r in rows), sum(r[1] for r in rows), sum(r[2] for r in rows))
+    one, two, three = zip(*(counts for _, counts in parts(method, n)), strict=True)
+    return sum(one), sum(two), sum(three)
 
 
 @pytest.mark.parametrize('method', METHODS)
 def test_nothing_is_routed_and_each_angle_takes_a_sine_and_a_cosine(method: str) -> None:
-    for n in (1, 2, 7):
-        program = recorded(method, n)
-        steps = program.count()
-        assert (steps.sines, steps.routes, steps.square_roots, program.lanes) == (2 * n, 0, 0, 1)
-        sections = counted(method, n).values()
-        whole = (steps.multiplications, steps.additions, steps.divisions)
-        assert whole == tuple(sum(section[k] for section in sections) for k in range(3))
+    program = recorded(method, 7)
+    steps = program.count()
+    assert (steps.sines, steps.routes, steps.square_roots, program.lanes) == (14, 0, 0, 1)
+    assert (steps.multiplications, steps.additions, steps.divisions) == totals(method, 7)
 
 
 # Lee and Chang 1987, Table 1; the two misprinted linear terms as its own values need them.
@@ -424,18 +379,12 @@ def steps_of(method: str, plant: Any, section: str) -> tuple[int, int, int, int]
 @pytest.mark.parametrize('n', SIZES)
 def test_omega_takes_66_multiplications_and_15_levels_and_62_additions(n: int) -> None:
     # newton_euler: 87 and 15 L + 65; the paper prints 84 and 15 L + 63.
-    found = steps_of('pcrbm_base_origin', resolve_plant(chain(n)), 'omega')
     single = n == 1
-    assert found == (66 - 6 * single, 15 * levels(n) + 62 - 3 * single, 0, 0)
-
-
-@pytest.mark.parametrize('n', SIZES[1:])
-def test_sliding_joints_and_a_wrench_add_six_additions_to_omega(n: int) -> None:
-    for plant in (
-        resolve_plant(chain(n, prismatic=True)),
-        resolve_plant(chain(n), pfd.Scene(external_wrench=True)),
-    ):
-        assert steps_of('pcrbm', plant, 'omega') == (66, 15 * levels(n) + 68, 0, 0)
+    wanted = (66 - 6 * single, 15 * levels(n) + 62 - 3 * single, 0, 0)
+    assert steps_of('pcrbm_base_origin', resolve_plant(chain(n)), 'omega') == wanted
+    for plant in (resolve_plant(chain(n, prismatic=True)), resolve_plant(chain(n), WRENCHED)):
+        if not single:
+            assert steps_of('pcrbm', plant, 'omega') == (66, 15 * levels(n) + 68, 0, 0)
 
 
 @pytest.mark.parametrize('n', SIZES)

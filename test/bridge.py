@@ -126,7 +126,6 @@ NAMES = {
     'literal_array': 'pfd_core.algorithms.paper.literal_array:literal_array',
     'default_pcgm_limit': 'pfd_core.algorithms.paper.pcgm:default_limit',
     'PCGM_MISPRINTS': 'pfd_core.algorithms.paper.pcgm_1987:MISPRINTS',
-    'PCGM_STEP_16': 'pfd_core.algorithms.paper.pcgm_1987:STEP_16',
     'PCGM_STEP_4': 'pfd_core.algorithms.paper.pcgm_1987:STEP_4',
     'PCGM_STEP_7': 'pfd_core.algorithms.paper.pcgm_1987:STEP_7',
     'record_pcgm_1987': 'pfd_core.algorithms.paper.pcgm_1987:record_pcgm_1987',

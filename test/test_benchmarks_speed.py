@@ -21,7 +21,7 @@ import pytest
 
 from benchmarks import readme, timing
 from benchmarks.cases.motions import stored_arm
-from benchmarks.cases.quantities import FORWARD, QUANTITIES, random_states
+from benchmarks.cases.problems import FORWARD, QUANTITIES, random_states
 from benchmarks.cases.robots import mechanism, robot
 from benchmarks.pages import speed
 from benchmarks.peers import control_loop, native

@@ -22,8 +22,10 @@ import pytest
 from urdf_models import exact_angles, example
 from zoo import without_mass
 
-from benchmarks.cases.hard_cases import CASES, MECHANISMS, Case
 from benchmarks.cases.problems import (
+    CASES,
+    MECHANISMS,
+    Case,
     Problem,
     drawing,
     links,

@@ -25,8 +25,7 @@ import pytest
 from tolerances import NOT_ORTHOGONAL, ROUNDED_FRAMES
 from zoo import flywheel, to_pinocchio
 
-from benchmarks.cases.hard_cases import CASES, MECHANISMS, ROUNDING
-from benchmarks.cases.problems import Problem, arm, rods, scaled, scene_of
+from benchmarks.cases.problems import CASES, MECHANISMS, ROUNDING, Problem, arm, rods, scaled
 from benchmarks.cases.robots import PUBLIC, chain, robot
 from benchmarks.pages.hard_cases import box_rows, kernel_rows
 from benchmarks.peers.answers import (
@@ -206,9 +205,8 @@ def test_the_condition_after_jacobi_scaling_is_that_of_pinocchio_s_matrix() -> N
 
 def test_a_pendulum_in_closed_form_has_its_structured_condition_number() -> None:
     # J qdd = tau without gravity: relative changes of tau and J add, whatever the state is.
-    plant = resolve_plant(flywheel(1.0), pfd.Scene(gravity=None))
     states = {k: np.full((1, 1), x) for k, x in (('q', 0.3), ('qd', 2.0), ('tau', 5.0))}
-    problem = Problem(plant, states)
+    problem = Problem(flywheel(1.0), pfd.Scene(gravity=None), states)
     assert kappa_s(problem, reference(problem)) == pytest.approx(2.0, rel=1e-6)
 
 
@@ -273,15 +271,6 @@ def test_public_arms_are_found_or_named(monkeypatch: pytest.MonkeyPatch) -> None
         robot('ur10')
 
 
-def test_an_arm_with_other_effects_has_no_scene_of_its_plant() -> None:
-    planar = pfd.load_robot('planar2')
-    scene = pfd.Scene(gravity=(1.0, 2.0, 3.0), armature=(0.5, 0.25), external_wrench=True)
-    plant = resolve_plant(planar, scene)
-    assert resolve_plant(planar, scene_of(plant)).digest == plant.digest
-    with pytest.raises(ValueError, match='effects other than'):
-        scene_of(resolve_plant(planar, pfd.Scene(damping=(1.0, 1.0))))
-
-
 @pytest.mark.parametrize('name', ['wrench_on_ur5', 'heavy_tip_1e8_planar_n6'])
 def test_exact_derivatives_are_central_differences_of_accelerations(name: str) -> None:
     whole, _ = solved(name)
@@ -314,17 +303,6 @@ def test_the_step_of_a_wheel_is_its_closed_form_in_50_digits() -> None:
         for row, part in zip(found['B'][0], (0.5, 1.0), strict=True):
             # Velocities are multiplied by h.
             assert abs(row[0] - part * mpmath.mpf(h) ** 2 / mpmath.mpf(inertia)) < 1e-50
-
-
-def test_emulated_derivatives_have_the_bits_of_the_compiled_kernel() -> None:
-    problem = BY_NAME['collinear_axes_1e-12'].make()
-    plant = problem.plant
-    for dtype in ROUNDING:
-        settings: Any = {'quantity': 'derivatives', 'dtype': dtype}
-        kernel = pfd.compile_kernel(plant.robot, scene=scene_of(plant), **settings)
-        states = {name: x.astype(dtype) for name, x in problem.states.items()}
-        J, _ = kernel_jacobians(problem, dtype, 0, None)
-        np.testing.assert_array_equal(J, kernel(**states))
 
 
 @pytest.mark.parametrize('name', [*FAST, *(pytest.param(x, marks=SLOW) for x in OFTEN[:-1])])

@@ -1,27 +1,45 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Problems: a robot in a scene with seeded states, and the functions that tables of cases name.
+Problems: a robot in a scene with seeded states, quantities of them, and tables of hard problems.
 
-The numbers of problems are rounded to float32, so that one reference serves both number formats.
+A case of CASES is hard to compute, or ordinary; it states the cause of its difficulty. MECHANISMS
+have unusual proportions. Their tables, data/hard_cases.yaml and data/mechanisms.yaml, name
+functions of this module. The numbers of states are rounded to float32, so that one reference
+serves both number formats.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from benchmarks.cases.robots import Array, bead_on, chain, mechanism, single
 from benchmarks.cases.robots import robot as robot_named
+from benchmarks.table import stored_table
 from pfd_core.algorithms.programs import record_inverse_dynamics
+from pfd_core.kernels.compile import inverse_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.model import Payload, Plant, Robot, Scene, resolve, with_payload
 
+# Units of rounding of the number formats.
+ROUNDING = {'float64': 2.0**-53, 'float32': 2.0**-24}
+FORWARD = 'forward_dynamics'
+STATE = ('q', 'qd', 'tau')
+# Quantity to the names of its arguments.
+QUANTITIES = {
+    FORWARD: STATE,
+    'inverse_dynamics': ('q', 'qd', 'qdd'),
+    'inertia_matrix': ('q',),
+    'bias_torques': ('q', 'qd'),
+    'derivatives': STATE,
+}
 SEED = 1987
 # Seed and number of states for all makers, instead of the values in the tables.
 _DRAWN: ContextVar[tuple[int, int] | None] = ContextVar('drawn', default=None)
@@ -35,9 +53,15 @@ class Problem:
     If tau holds the arm (`at_hold`), errors are relative to qdd at tau = 0.
     """
 
-    plant: Plant
+    robot: Robot
+    scene: Scene | None
     states: dict[str, Array]
     at_hold: bool = False
+
+    @cached_property
+    def plant(self) -> Plant:
+        """The robot in its scene, as numbers."""
+        return resolve(self.robot, self.scene)
 
 
 @contextmanager
@@ -64,7 +88,7 @@ def problem(
     unit = np.random.default_rng(seed).uniform(-1.0, 1.0, (3, states, robot.n))
     given = np.tile(q, (states, 1)) if isinstance(q, Sequence) else q * unit[0]
     drawn = {'q': given, 'qd': qd * unit[1], 'tau': tau * unit[2]}
-    return Problem(resolve(robot, scene), {name: single(x) for name, x in drawn.items()})
+    return Problem(robot, scene, {name: single(x) for name, x in drawn.items()})
 
 
 def seeded_states(n: int, count: int) -> dict[str, Array]:
@@ -77,16 +101,13 @@ def seeded_states(n: int, count: int) -> dict[str, Array]:
     return {'q': np.pi * unit[0], 'qd': 2 * unit[1], 'tau': 5 * unit[2]}
 
 
-def scene_of(plant: Plant) -> Scene:
-    """Return the scene of a case's plant, for `plant.robot`; ValueError for other effects."""
-    # The default first: turning gravity back into the base link's axes may round.
-    for gravity in (Scene().gravity, tuple(plant.robot.base_rotation @ plant.gravity)):
-        scene = Scene(
-            gravity=gravity, armature=plant.armature, external_wrench=plant.external_wrench
-        )
-        if resolve(plant.robot, scene).digest == plant.digest:
-            return scene
-    raise ValueError('the plant has effects other than gravity, rotors and a wrench')
+def random_states(robot: Robot, count: int) -> dict[str, Array]:
+    """Return q, qd, qdd and the torques of that acceleration, (count, n) each."""
+    rng = np.random.default_rng(SEED)
+    q, qd, qdd = (
+        single(reach * rng.uniform(-1, 1, (count, robot.n))) for reach in (np.pi, 1.0, 1.0)
+    )
+    return {'q': q, 'qd': qd, 'qdd': qdd, 'tau': single(inverse_dynamics(robot, q, qd, qdd))}
 
 
 def rods(
@@ -170,4 +191,23 @@ def static_hold() -> Problem:
     state = {'q': moving.states['q'], 'qd': moving.states['qd']}
     program = record_inverse_dynamics(moving.plant, 'parallel')
     tau = run(program, state | {'qdd': np.zeros_like(state['q'])})['tau']
-    return Problem(moving.plant, state | {'tau': single(tau)}, at_hold=True)
+    return replace(moving, states=state | {'tau': single(tau)}, at_hold=True)
+
+
+class Case(NamedTuple):
+    """A named problem: the cause of its difficulty, and a function that returns the problem."""
+
+    name: str
+    cause: str
+    make: Callable[[], Problem]
+
+
+def _stored(table: str) -> Iterator[Case]:
+    for name, row in stored_table(table).items():
+        maker, *given = row['make']
+        make = partial(globals()[maker], *given, **row.get('options', {}))
+        yield Case(name, row['cause'], make)
+
+
+CASES: Sequence[Case] = tuple(_stored('hard_cases'))
+MECHANISMS: Sequence[Case] = tuple(_stored('mechanisms'))

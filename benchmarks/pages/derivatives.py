@@ -10,12 +10,12 @@ Errors of derivatives of accelerations and of linearised steps: the page derivat
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 import math
 from statistics import median
 from typing import Any
 
-from benchmarks.cases.hard_cases import CASES, ROUNDING, Case
-from benchmarks.cases.problems import Problem
+from benchmarks.cases.problems import CASES, ROUNDING, Case
 from benchmarks.peers.answers import DEFAULT, PEER, REFINED, kernel_jacobians, peer_jacobians
 from benchmarks.references.accelerations import reference
 from benchmarks.references.derivatives import errors, jacobians, named, step_length
@@ -54,7 +54,7 @@ def case_rows(case: Case) -> list[Row]:
     """Return the errors of each matrix at the first state of a case."""
     whole = case.make()
     states = {name: x[:1] for name, x in whole.states.items()}
-    problem = Problem(whole.plant, states, whole.at_hold)
+    problem = replace(whole, states=states)
     h = step_length(reference(problem), states)
     exact = named(jacobians(problem.plant, states, h), h)
     found = {

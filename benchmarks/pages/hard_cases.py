@@ -11,14 +11,14 @@ Errors of accelerations: the page hard-cases.md.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cases.hard_cases import CASES, MECHANISMS, ROUNDING, Case
-from benchmarks.cases.problems import Problem, arm, drawing
+from benchmarks.cases.problems import CASES, MECHANISMS, ROUNDING, Case, Problem, arm, drawing
 from benchmarks.cases.robots import PUBLIC
 from benchmarks.peers.answers import (
     DEFAULT,
@@ -167,7 +167,7 @@ def box_rows(name: str, states: int) -> Tables:
         some = arm(name)
     # A run of a program keeps all of its numbers.
     blocks = [
-        Problem(many.plant, {key: x[k : k + BLOCK] for key, x in many.states.items()})
+        replace(many, states={key: x[k : k + BLOCK] for key, x in many.states.items()})
         for k in range(0, states, BLOCK)
     ]
     known = [reference(block, wide=True) for block in blocks]

@@ -21,7 +21,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from benchmarks.cases.quantities import FORWARD, QUANTITIES, STATE, random_states
+from benchmarks.cases.problems import FORWARD, QUANTITIES, STATE, random_states
 from benchmarks.cases.robots import robot
 from benchmarks.peers.casadi import COMPILERS, LARGEST_ANGLE, casadi_c, vector_casadi
 from benchmarks.peers.others import dynibo, frax, mujoco

@@ -3,9 +3,9 @@
 """
 Answers at the states of a problem: by our kernels and by Pinocchio.
 
-Ours are programs on the emulator, which give the bits of a kernel. Sine and cosine are written out
-in elementary operations, so that they are the same on every machine. A and B are of
-`Simulator.linearize`, one step of rk4, in native code.
+Accelerations of ours are programs on the emulator, which give the bits of a kernel, also for
+chains that take long to compile. Derivatives are of kernels, A and B of `Simulator.linearize`, one
+step of rk4. All have the same bits on every machine.
 """
 
 from __future__ import annotations
@@ -16,17 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cases.problems import Problem, scene_of
-from benchmarks.cases.quantities import FORWARD, STATE, linear_rk4
+from benchmarks.cases.problems import FORWARD, STATE, Problem
 from benchmarks.cases.robots import Array
 from benchmarks.peers.pinocchio import Pinocchio
-from pfd_core.dynamics.acceleration import record_derivatives
+from benchmarks.references.derivatives import linear_rk4
 from pfd_core.dynamics.convergence import with_nan_unless_converged
 from pfd_core.dynamics.refinement import record_refined
 from pfd_core.kernels.auto import select
+from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.lower import lower
 from pfd_core.machine.emulator import run
-from pfd_core.machine.fused import fused
 from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Output, Program
 from pfd_core.model import Plant
@@ -76,28 +75,17 @@ def kernel_jacobians(
     problem: Problem, dtype: str, refine: int, h: float | None
 ) -> tuple[NDArray[Any], NDArray[Any] | None]:
     """Return d qdd / d (q, qd, tau), (S, n, 3n), and [A B] of a step of h seconds, if any."""
-    plant = problem.plant
-    recorded = record_derivatives(plant, *select(plant, 'auto', refine, 'derivatives'), dtype)
-    factors = _run(lower(recorded, dtype).compiled, problem, dtype)
-    with np.errstate(all='ignore'):
-        J = _multiplied(factors)
+    how: dict[str, Any] = {'quantity': 'derivatives', 'dtype': dtype, 'refine': refine}
+    kernel = compile_kernel(problem.robot, scene=problem.scene, **how)
+    given: dict[str, Any] = {name: x.astype(dtype) for name, x in problem.states.items()}
+    J = kernel(**given)
     if h is None:
         return J, None
     settings: dict[str, Any] = {'step_size': h, 'substeps': 1, 'dtype': dtype}
-    simulator = Simulator(plant.robot, scene_of(plant), integrator='rk4', **settings)
+    simulator = Simulator(problem.robot, problem.scene, integrator='rk4', **settings)
     rows = zip(*problem.states.values(), strict=True)
     states = (dict(zip(problem.states, row, strict=True)) for row in rows)
     return J, np.array([np.hstack(simulator.linearize(**x)) for x in states]).astype(np.float64)
-
-
-def _multiplied(factors: dict[str, Any]) -> NDArray[Any]:
-    """Return d qdd / d (q, qd, tau) from X, D and T, with the roundings of native code."""
-    X, D = factors['X'], factors['D']
-    total = X[..., :1] * D[..., :1, :]
-    for k in range(1, X.shape[-1]):
-        total = fused(*np.broadcast_arrays(X[..., k : k + 1], D[..., k : k + 1, :], total))
-    by_tau = X * factors['T'][..., None, :] if 'T' in factors else X
-    return np.concatenate([-total, by_tau], axis=-1)
 
 
 def peer_answer(problem: Problem) -> Array | None:

@@ -36,7 +36,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cases.quantities import FORWARD, QUANTITIES
+from benchmarks.cases.problems import FORWARD, QUANTITIES
 from benchmarks.cases.robots import Array, joint_frames
 from benchmarks.peers.native import OPTIMISED, address, built
 from benchmarks.peers.work import SINE, Arguments, Peer, Side, installed, is_batch

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cases.quantities import FORWARD, STATE
+from benchmarks.cases.problems import FORWARD, STATE
 from benchmarks.peers.work import Arguments, Peer, Side, is_batch
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.model import Robot

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cases.quantities import FORWARD
+from benchmarks.cases.problems import FORWARD
 from benchmarks.cases.robots import Array, joint_frames
 from benchmarks.peers.native import OPTIMISED, address, built, joint_torques
 from benchmarks.peers.work import SINE, Arguments, Peer, Side, installed, is_batch, plant_of

@@ -39,8 +39,7 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cases.hard_cases import ROUNDING
-from benchmarks.cases.problems import SEED, Problem
+from benchmarks.cases.problems import ROUNDING, SEED, Problem
 from benchmarks.cases.robots import Array
 from pfd_core.algorithms.programs import record_terms
 from pfd_core.dynamics.methods import record_forward_dynamics

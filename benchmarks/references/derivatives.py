@@ -16,14 +16,14 @@ The reference is the derivative of the recorded articulated bodies by the rules 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cases.quantities import STATE, linear_rk4
+from benchmarks.cases.problems import STATE
 from benchmarks.cases.robots import Array
 from benchmarks.references.accelerations import Reference, norm
 from pfd_core.dynamics.methods import record_forward_dynamics
@@ -34,6 +34,7 @@ from pfd_core.model import Plant
 Matrices = dict[str, NDArray[Any]]
 # d qdd / d (q, qd, tau), (S, n, 3n), and [A B] of a step, (S, 2n, 3n), if there is one.
 Jacobians = tuple[NDArray[Any], NDArray[Any] | None]
+Evaluation = Callable[[NDArray[Any], NDArray[Any], NDArray[Any]], tuple[Any, Any]]
 
 DERIVATIVES, STEPS = ('q', 'qd', 'tau'), ('A', 'B')
 # 50 digits are left where terms cancel; entries below ROUNDED of the largest are roundings.
@@ -71,6 +72,31 @@ def jacobians(plant: Plant, states: Mapping[str, NDArray[Any]], h: float | None)
         q, qd, tau = (number(states[key]) for key in STATE)
         _, J = evaluate(q, qd, tau)
         return J, None if h is None else linear_rk4(evaluate, q, qd, tau, mpmath.mpf(h))
+
+
+def linear_rk4(
+    evaluate: Evaluation, q: NDArray[Any], qd: NDArray[Any], tau: NDArray[Any], step: Any
+) -> NDArray[Any]:
+    """
+    Return [A B], (..., 2n, 3n), of a step of classical Runge-Kutta, stage by stage.
+
+    `evaluate` returns qdd, (..., n), and its derivatives by q, qd and tau, (..., n, 3n). The
+    numbers may be of any type.
+    """
+    n = q.shape[-1]
+    start = np.broadcast_to(np.eye(3 * n)[: 2 * n], (*q.shape[:-1], 2 * n, 3 * n))
+    x, v, by_start = q, qd, start
+    slopes = []
+    for part in (0.5, 0.5, 1.0, 0.0):
+        qdd, J = evaluate(x, v, tau)
+        by_state = J[..., : 2 * n] @ by_start
+        by_state[..., 2 * n :] += J[..., 2 * n :]
+        slope = np.concatenate([by_start[..., n:, :], by_state], axis=-2)
+        slopes.append(slope)
+        x, v, by_start = q + part * step * v, qd + part * step * qdd, start + part * step * slope
+    a, b, c, d = slopes
+    result: NDArray[Any] = start + step / 6 * (a + 2 * b + 2 * c + d)
+    return result
 
 
 def named(found: Jacobians, h: float) -> Matrices:

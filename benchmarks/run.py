@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from multiprocessing import current_process, get_context
 import os
 import sys
@@ -24,33 +24,23 @@ def show_progress(text: str) -> None:
 def each(
     measure: Callable[[Item], Found],
     items: Sequence[Item],
-    what: str = 'measuring',
+    what: str,
     effort: Callable[[Item], Any] = lambda _: 0,
-) -> Iterator[Found]:
+) -> list[Found]:
     """
-    Yield the measurement of each item in order, and show the number of finished ones.
+    Return the measurement of each item, and show the number of finished ones.
 
     Items of most effort begin first. Function, items and results are sent between processes, which
     end with this one. In such a process, and for one item, the process itself measures.
     """
     processes = min(len(os.sched_getaffinity(0)), len(items))
     if processes <= 1 or current_process().daemon:
-        yield from map(measure, items)
-        return
+        return list(map(measure, items))
     order = sorted(range(len(items)), key=lambda k: effort(items[k]), reverse=True)
     found: dict[int, Found] = {}
-    done = 0
     # A forked process would share locks with this one.
     with get_context('spawn').Pool(processes) as pool:
-        jobs = pool.imap_unordered(_numbered, [(measure, k, items[k]) for k in order])
-        for number, result in jobs:
-            found[number] = result
-            show_progress(f'   {what}, {len(found) + done} of {len(items)} finished')
-            while done in found:
-                yield found.pop(done)
-                done += 1
-
-
-def _numbered(given: tuple[Callable[[Any], Any], int, Any]) -> tuple[int, Any]:
-    measure, number, item = given
-    return number, measure(item)
+        for k, result in zip(order, pool.imap(measure, [items[k] for k in order]), strict=True):
+            found[k] = result
+            show_progress(f'   {what}, {len(found)} of {len(items)} finished')
+    return [found[k] for k in range(len(items))]

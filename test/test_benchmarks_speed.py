@@ -176,27 +176,6 @@ def test_without_a_compiler_peers_in_c_are_left_out_with_the_reason(
             make(robot('planar2'))
 
 
-@COMPILED
-def test_a_source_is_compiled_once_for_each_content_and_option(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setenv(speed.VARIABLE, str(tmp_path))
-    source = 'int answer(void) { return 42; }'
-    with native.built('cc', '.c', source) as first:
-        assert ctypes.CDLL(first).answer() == 42
-
-    def refuse(command: list[str]) -> None:
-        raise LeftOutError(f'compiled again: {command}')
-
-    monkeypatch.setattr(native, '_compile', refuse)
-    with native.built('cc', '.c', source) as again:
-        assert ctypes.CDLL(again).answer() == 42
-    for code, options in ((f'{source}\n', []), (source, ['-DOTHER'])):
-        other = native.built('cc', '.c', code, *options)
-        with pytest.raises(LeftOutError, match='compiled again'), other:
-            pass
-
-
 class Clock:
     """Seconds that pass only when a side works."""
 

@@ -59,7 +59,7 @@ def measure(quick: bool) -> dict[str, Any]:
         if method not in SERIAL
         for edition in paper.editions_of(method)[-2:]
     ]
-    found = list(each(_row, [*systems, *fewer], 'counting steps', lambda key: key[1]))
+    found = each(_row, [*systems, *fewer], 'counting steps', lambda key: key[1])
     studied = [n for n in PCGM_SIZES if n in sizes]
     reached = each(reached_by, studied, 'iterations of PCGM', int)
     counts = found[: len(systems)]

@@ -20,15 +20,16 @@ from benchmarks.cases.problems import FORWARD, STATE, Problem
 from benchmarks.cases.robots import Array
 from benchmarks.peers.pinocchio import Pinocchio
 from benchmarks.references.derivatives import linear_rk4
-from pfd_core.dynamics.convergence import with_nan_unless_converged
 from pfd_core.dynamics.refinement import record_refined
 from pfd_core.kernels.auto import select
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.lower import lower
+from pfd_core.kernels.recipes import recipe_of
+from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Output, Program
-from pfd_core.model import Plant
+from pfd_core.model import Plant, Scene
 from pfd_core.simulation.simulator import Simulator
 
 # Names of the ways on pages.
@@ -37,11 +38,8 @@ DEFAULT, REFINED, PEER = 'default', 'refine=1', 'Pinocchio'
 
 def kernel_answer(problem: Problem, dtype: str, refine: int, method: str = 'auto') -> NDArray[Any]:
     """Return qdd (S, n), with the bits of the kernel."""
-    method, refine = select(problem.plant, method, refine)
-    recorded = record_refined(problem.plant, method, refine, TOLERANCES[dtype], None)
-    # As in a kernel: an answer that has not converged is NaN.
-    recorded = with_nan_unless_converged(recorded, problem.plant)
-    qdd: NDArray[Any] = _run(lower(recorded, dtype, ['qdd']).compiled, problem, dtype)['qdd']
+    spec = KernelSpec(problem.robot, problem.scene or Scene(), method, dtype, refine)
+    qdd: NDArray[Any] = _run(recipe_of(spec).program, problem, dtype)['qdd']
     return qdd
 
 

@@ -3,8 +3,8 @@
 """
 Loops in C and C++ around other libraries: compilers, addresses of arrays, torques of joints.
 
-Each source is compiled on this machine for its processor and loaded into this process. The disk
-cache of kernels keeps what was compiled: Pinocchio's C++ takes twenty seconds of a compiler.
+Each source is compiled on this machine for its processor and loaded into this process. Pinocchio's
+C++ takes twenty seconds of a compiler.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 import ctypes
-from dataclasses import astuple
 from pathlib import Path
 import shutil
 import subprocess
@@ -22,7 +21,6 @@ import numpy as np
 
 from benchmarks.cases.robots import Array
 from benchmarks.peers.work import LeftOutError
-from pfd_core.kernels import cache, native
 from pfd_core.model import Plant
 
 OPTIMISED = ('-O3', '-march=native')
@@ -33,35 +31,20 @@ def built(compiler: str, suffix: str, source: str, *options: str) -> Iterator[st
     """
     Compile a source ('.c' or '.cpp') to a shared library, which exists until the block ends.
 
-    A loaded library needs no file. The disk cache keeps libraries by source, options, and path,
-    size and time of the compiler. LeftOutError without the compiler, or with its first error.
+    A loaded library needs no file. LeftOutError without the compiler, or with its first error.
     """
-    found = shutil.which(compiler)
-    if found is None:
+    if shutil.which(compiler) is None:
         raise LeftOutError(f'there is no compiler {compiler} here')
-    path = Path(found).resolve()
-    command = [found, *OPTIMISED, '-shared', '-fPIC', *options]
-    state = path.stat()
-    identity = str(path), str(state.st_size), str(state.st_mtime_ns), *astuple(native.host())
-    known = cache.digest(source, *command, *identity)
     with TemporaryDirectory(prefix='pfd_speed_') as folder:
-        code, library = Path(folder) / f'arm{suffix}', Path(folder) / 'arm.so'
-        kept = cache.read(known)
-        if kept is None:
-            code.write_text(source, encoding='utf-8')
-            _compile([*command, str(code), '-o', str(library), '-lm'])
-            cache.write(known, library.read_bytes())
-        else:
-            library.write_bytes(kept)
-        yield str(library)
-
-
-def _compile(command: list[str]) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        lines = done.stderr.strip().splitlines() or ['no message']
-        first = next((line for line in lines if 'error' in line), lines[0])
-        raise LeftOutError(f'{Path(command[0]).name} failed: {first[:200]}')
+        code, library = Path(folder) / f'arm{suffix}', str(Path(folder) / 'arm.so')
+        code.write_text(source, encoding='utf-8')
+        command = [compiler, *OPTIMISED, '-shared', '-fPIC', *options, str(code), '-o', library]
+        done = subprocess.run([*command, '-lm'], capture_output=True, text=True, check=False)
+        if done.returncode:
+            lines = done.stderr.strip().splitlines() or ['no message']
+            first = next((line for line in lines if 'error' in line), lines[0])
+            raise LeftOutError(f'{compiler} failed: {first[:200]}')
+        yield library
 
 
 def address(array: Array | None) -> ctypes.c_void_p | None:

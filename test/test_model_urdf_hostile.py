@@ -4,20 +4,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 import re
 import warnings
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from urdf_models import ARM, assert_same_physics
 from zoo import BODY, ODD_ARM, joint, link, urdf
 
 import pfd_core as pfd
-
-EXAMPLES = Path(pin.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
-TURRET = '<link name="turret"><inertial><origin xyz="0.01 -0.02 0.1" rpy="0.3 -0.2 0.5"/>'
 
 
 def changed(old: str, new: str) -> str:
@@ -25,18 +20,16 @@ def changed(old: str, new: str) -> str:
     return ODD_ARM.replace(old, new, 1)
 
 
-@pytest.mark.parametrize(
-    'text',
-    [
-        changed('<mass value="4.0"/>', '<mass value="\t4.0\n"/>'),
-        changed('<mass value="4.0"/>', '<mass value="0.4e1"/>'),
-        changed('xyz="0.01 -0.02 0.1"', 'xyz="  0.01\t-0.02\n0.1 "'),
-        ODD_ARM.replace('lower="-1"', 'lower=" -1"').replace('effort="60"', 'effort="60 "'),
-        ODD_ARM.replace('<axis xyz="0 1 1"/>', '<axis xyz=" 0  1 1 "/>'),
-    ],
-)
-def test_blanks_and_ways_to_write_a_number_change_nothing(text: str) -> None:
-    assert text != ODD_ARM
+def test_blanks_and_ways_to_write_a_number_change_nothing() -> None:
+    text = changed('<mass value="4.0"/>', '<mass value="\t0.4e1\n"/>')
+    for old, new in (
+        ('xyz="0.01 -0.02 0.1"', 'xyz="  0.01\t-0.02\n0.1 "'),
+        ('lower="-1"', 'lower=" -1"'),
+        ('effort="60"', 'effort="60 "'),
+        ('<axis xyz="0 1 1"/>', '<axis xyz=" 0  1 1 "/>'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
     assert pfd.load_robot(text) == pfd.load_robot(ODD_ARM)
 
 
@@ -50,34 +43,33 @@ NO_NUMBERS = (
     '1 2',
     '4.0kg',
     '1e400',
-    '1e-400',
     '1e101',
+    '1e-400',
 )
+# Where a number is, with %s in its place, and the words by which an error names it.
+PLACES = {
+    '<mass value="%s"/>': ('4.0', "<mass value> of link 'turret'"),
+    'ixx="%s"': ('0.02', "<inertia ixx> of link 'pedestal'"),
+    'xyz="0.01 %s 0.1"': ('-0.02', "<origin xyz> of link 'turret'"),
+    'rpy="0.3 %s 0.5"': ('-0.2', "<origin rpy> of link 'turret'"),
+    'damping="%s"': ('0.7', "<dynamics damping> of joint 'j1'"),
+    '<axis xyz="%s -0.5 0.8': ('0.3', "<axis xyz> of joint 'j2'"),
+    'lower="%s"': ('-1', "<limit lower> of joint 'j1'"),
+    'upper="%s"': ('1.5', "<limit upper> of joint 'j1'"),
+    'velocity="%s"': ('2', "<limit velocity> of joint 'j1'"),
+    'effort="%s"': ('60', "<limit effort> of joint 'j1'"),
+}
 
 
 @pytest.mark.parametrize('number', NO_NUMBERS)
 def test_a_value_that_is_no_number_is_refused_and_the_link_or_joint_named(number: str) -> None:
-    for old, new, where in (
-        ('<mass value="4.0"/>', f'<mass value="{number}"/>', "<mass value> of link 'turret'"),
-        ('ixx="0.02"', f'ixx="{number}"', "<inertia ixx> of link 'pedestal'"),
-        (TURRET, TURRET.replace('-0.02', number), "<origin xyz> of link 'turret'"),
-        (TURRET, TURRET.replace('-0.2', number), "<origin rpy> of link 'turret'"),
-        ('damping="0.7"', f'damping="{number}"', "<dynamics damping> of joint 'j1'"),
-        ('<axis xyz="0.3', f'<axis xyz="{number}', "<axis xyz> of joint 'j2'"),
-    ):
-        if number in ('', ' ') and 'xyz' in where:
+    for place, (value, where) in PLACES.items():
+        # A limit may be large.
+        if number == '1e101' and 'limit' in where:
             continue
         with pytest.raises(ValueError, match=re.escape(where)) as caught:
-            pfd.load_robot(changed(old, new))
+            pfd.load_robot(changed(place % value, place % number))
         assert len(str(caught.value)) < 500
-
-
-@pytest.mark.parametrize('number', NO_NUMBERS[:-1])
-def test_a_value_that_is_no_limit_is_refused_and_the_joint_named(number: str) -> None:
-    for key, old in (('lower', '-1'), ('upper', '1.5'), ('velocity', '2'), ('effort', '60')):
-        text = changed(f'{key}="{old}"', f'{key}="{number}"')
-        with pytest.raises(ValueError, match=f"<limit {key}> of joint 'j1'"):
-            pfd.load_robot(text)
 
 
 def test_a_limit_may_be_infinite_and_its_ends_be_left_out() -> None:
@@ -95,11 +87,7 @@ def test_a_limit_may_be_infinite_and_its_ends_be_left_out() -> None:
 @pytest.mark.parametrize(
     ('old', 'new', 'message'),
     [
-        (
-            'xyz="0.01 -0.02 0.1"',
-            'xyz="0.01 -0.02"',
-            "<origin xyz> of link 'turret' must",
-        ),
+        ('xyz="0.01 -0.02 0.1"', 'xyz="0.01 -0.02"', "<origin xyz> of link 'turret' must"),
         ('<axis xyz="0.3 -0.5 0.8"/>', '<axis/>', "<axis xyz> of joint 'j2' must be three"),
         ('<mass value="4.0"/>', '', "<inertial> of link 'turret' must have a <mass>"),
         ('<mass value="4.0"/>', '<mass value="4"/><mass value="5"/>', "'turret' has 2 .*<mass>"),
@@ -125,17 +113,12 @@ def test_a_body_that_cannot_be_is_not_hidden_by_the_one_it_is_welded_to() -> Non
         pfd.load_robot(changed(box, box.replace('0.6', '-0.6')))
     with pytest.raises(ValueError, match="<inertia> of link 'box' must not be negative in any"):
         pfd.load_robot(changed(box, box.replace('0.02', '-0.02')))
-
-
-def test_an_inertia_may_miss_zero_by_rounding() -> None:
-    # As of CAD: a link of 0.5 kg and 0.1 m whose smallest moment came out below zero.
+    # By rounding it may: in CAD, a link of 0.5 kg and 0.1 m whose smallest moment is below zero.
     text = urdf(
         *('x', link('base'), link('arm', 0.5, '0.1 0 0', '0 0 0', '-5e-20 1e-19 1e-19 0 0 0')),
         joint('j', 'revolute', 'base', 'arm'),
     )
     assert pfd.load_robot(text).masses[0] == 0.5
-    with pytest.raises(ValueError, match="<inertia> of link 'arm' must not be negative"):
-        pfd.load_robot(text.replace('-5e-20', '-5e-7'))
 
 
 def test_a_loop_apart_from_the_rest_is_named() -> None:

@@ -175,7 +175,6 @@ NAMES = {
     'level_target': 'pfd_core.kernels.native:level_target',
     'simd_width': 'pfd_core.kernels.native:simd_width',
     'split_program': 'pfd_core.kernels.parts:split',
-    'SCHEDULE_LONGEST': 'pfd_core.kernels.schedule:LONGEST',
     'can_be_ordered': 'pfd_core.kernels.schedule:can_be_ordered',
     'schedule_program': 'pfd_core.kernels.schedule:schedule',
     'eliminate_dead_code': 'pfd_core.kernels.simplify:eliminate_dead_code',

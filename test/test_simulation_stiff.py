@@ -8,9 +8,9 @@ from functools import partial
 import math
 from typing import Any
 
+import bridge
 from bridge import (
     INTEGRATOR_TABLE,
-    SCHEDULE_LONGEST,
     STIFF_DECAY,
     fastest_decay,
     inertia_matrices,
@@ -41,46 +41,49 @@ QUASI_STATIC = 1e-3
 
 
 def puma(damping: float, rotors: bool, **settings: Any) -> pfd.Simulator:
-    sim = pfd.Simulator(
-        pfd.load_robot('puma560'), scene_of(damping, rotors), integrator='imex2', **settings
-    )
+    settings = {'integrator': 'imex2'} | settings
+    sim = pfd.Simulator(pfd.load_robot('puma560'), scene_of(damping, rotors), **settings)
     sim.reset(q=START, qd=np.full(6, 2.0))
     return sim
 
 
-@pytest.mark.parametrize(
-    ('damping', 'rotors', 'duration'),
-    [
-        (1e-2, True, 0.2),
-        (1.0, True, 0.2),
-        (1e2, True, 0.2),
-        (1e4, True, 0.05),
-        (1e-2, False, 0.2),
-        (1.0, False, 0.05),
-    ],
-)
+# Damping, rotors, duration, and whether the error falls with the square of the step from 1 ms on.
+DAMPED = [
+    (1.0, True, 0.2, True),
+    (1e4, True, 0.05, True),
+    (1.0, False, 0.05, True),
+    (1e-2, True, 0.2, True),
+    (1e2, True, 0.2, True),
+    (1e-2, False, 0.2, True),
+    *((d, True, 0.2, False) for d in (30.0, 300.0, 1e3)),
+    (0.1, False, 0.1, False),
+    (1e2, False, 0.01, False),
+]
+
+
+@pytest.mark.parametrize(('damping', 'rotors', 'duration', 'ordered'), DAMPED)
 @pytest.mark.slow
-def test_the_error_stays_small_and_falls_with_the_square_of_the_step(
-    damping: float, rotors: bool, duration: float
+def test_the_error_stays_small_at_any_damping_and_falls_with_the_square_of_the_step(
+    damping: float, rotors: bool, duration: float, ordered: bool
 ) -> None:
-    reference = pfd.integrate(
-        pfd.load_robot('puma560'),
-        np.zeros(6),
-        duration,
-        scene=scene_of(damping, rotors),
-        q=START,
-        qd=np.full(6, 2.0),
-        rtol=1e-10,
-        dense=False,
+    start = {'q': START, 'qd': np.full(6, 2.0)}
+    robot, scene = pfd.load_robot('puma560'), scene_of(damping, rotors)
+    right = pfd.integrate(
+        robot, np.zeros(6), duration, scene=scene, **start, rtol=1e-10, dense=False
     )
-    assert reference.status == 'ok'
-    errors = []
-    for substeps in (1, 4, 16):
-        sim = puma(damping, rotors, step_size=1e-3, substeps=substeps)
-        q = sim.rollout(np.zeros((round(duration / 1e-3), 6))).q[-1]
-        errors.append(np.abs(q - reference.q[-1]).max())
-    assert errors[0] < ACCURATE
-    assert math.log2(errors[1] / errors[2]) / 2 == pytest.approx(2, abs=0.2)
+    assert right.status == 'ok'
+
+    def error(**settings: Any) -> float:
+        sim = puma(damping, rotors, step_size=1e-3, **settings)
+        run = sim.rollout(np.zeros((round(duration / 1e-3), 6)))
+        assert run.status == 'ok'
+        return float(np.abs(run.q[-1] - right.q[-1]).max())
+
+    assert error(integrator='auto', substeps=1) < 1e-5
+    if ordered:
+        errors = [error(substeps=substeps) for substeps in (1, 4, 16)]
+        assert errors[0] < ACCURATE
+        assert math.log2(errors[1] / errors[2]) / 2 == pytest.approx(2, abs=0.2)
 
 
 def test_velocities_under_a_very_strong_damping_are_quasi_static() -> None:
@@ -116,31 +119,32 @@ def test_a_damped_rod_coasts_as_in_its_closed_form(damping: float, integrator: s
 
 @pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
 def test_an_ensemble_moves_by_the_bits_of_a_simulator(dtype: str) -> None:
-    sim = puma(1e3, False, dtype=dtype)
-    many = pfd.Ensemble(sim.robot, 5, sim.scene, integrator='imex2', dtype=dtype)
-    starts = START + 0.1 * np.arange(5)[:, np.newaxis]
+    robot, scene = pfd.load_robot('planar2'), pfd.Scene(damping=[1e3, 1e3])
+    sim = pfd.Simulator(robot, scene, integrator='imex2', dtype=dtype)
+    many = pfd.Ensemble(robot, 5, scene, integrator='imex2', dtype=dtype)
+    starts = np.array([0.1, -0.7]) + 0.1 * np.arange(5)[:, np.newaxis]
     many.reset(q=starts)
-    runs = many.rollout(np.ones((20, 6)))
+    runs = many.rollout(np.ones((20, 2)))
     for k, q in enumerate(starts):
         sim.reset(q=q)
-        alone = sim.rollout(np.ones((20, 6)))
+        alone = sim.rollout(np.ones((20, 2)))
         np.testing.assert_array_equal(runs.q[k], alone.q)
         np.testing.assert_array_equal(runs.qd[k], alone.qd)
         np.testing.assert_array_equal(runs.qdd[k], alone.qdd)
 
 
-@pytest.mark.slow
-def test_functions_of_a_long_chain_are_cut_into_parts() -> None:
-    n = 18
-    robot = random_chain(np.random.default_rng(1), n)
-    scene = pfd.Scene(damping=np.full(n, 5.0), armature=np.full(n, 0.1))
+def test_functions_that_are_cut_into_parts_take_the_same_steps(
+    emitted: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('PFD_CACHE', '')
+    monkeypatch.setattr(*bridge.target('GENERATE_LONGEST'), 0)
+    monkeypatch.setattr(*bridge.target('GENERATE_PART'), 37)
+    robot = random_chain(np.random.default_rng(1), 3)
+    scene = pfd.Scene(damping=np.full(3, 5.0), armature=np.full(3, 0.1))
     sim = pfd.Simulator(robot, scene, integrator='imex2')
-    assert (
-        sum(pfd.compile_kernel(robot, scene=scene).operations['compiled'].values())
-        > SCHEDULE_LONGEST
-    )
-    end = sim.rollout(np.zeros((20, n))).q[-1]
-    reference = pfd.integrate(robot, np.zeros(n), 0.02, scene=scene).q[-1]
+    end = sim.rollout(np.zeros((20, 3))).q[-1]
+    assert any('@part1.' in ir for ir in emitted)
+    reference = pfd.integrate(robot, np.zeros(3), 0.02, scene=scene).q[-1]
     np.testing.assert_allclose(end, reference, rtol=0, atol=ACCURATE)
 
 
@@ -241,21 +245,7 @@ def test_a_wheel_is_stiff_from_a_damping_of_its_inertia_over_the_step(kind: str)
     assert pfd.Simulator(load, pfd.Scene(damping=[1e9]), integrator='rk4').integrator == 'rk4'
 
 
-def test_inertias_of_many_poses_equal_pinocchio() -> None:
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        robot = random_chain(rng, 5)
-        armature = rng.uniform(0, 1, 5)
-        model = to_pinocchio(robot)
-        q = rng.normal(size=(3, 5))
-        found = inertia_matrices(resolve_plant(robot, pfd.Scene(armature=armature)), q)
-        for row, H in zip(q, found, strict=True):
-            right = np.triu(pin.crba(model, model.createData(), row))
-            right = right + np.triu(right, 1).T + np.diag(armature)
-            np.testing.assert_allclose(H, right, rtol=0, atol=1e-13 * np.abs(right).max())
-
-
-@pytest.mark.parametrize('name', ['planar2', 'puma560', 'ur5', 'panda'])
+@pytest.mark.parametrize('name', one_fast(['planar2', 'puma560', 'ur5', 'panda'], 'ur5'))
 def test_the_fastest_decay_is_hardly_exceeded_in_other_poses(name: str) -> None:
     robot = pfd.load_robot(name)
     plant = resolve_plant(robot, pfd.Scene(damping=np.linspace(1.0, 2.0, robot.n)))
@@ -266,31 +256,6 @@ def test_the_fastest_decay_is_hardly_exceeded_in_other_poses(name: str) -> None:
         fastest = max(fastest, rates.real.max())
     assert fastest < 1.1 * fastest_decay(plant)
     assert fastest > 0.9 * fastest_decay(plant)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ('damping', 'rotors', 'duration'),
-    [(d, True, 0.2) for d in (1e-2, 1.0, 30.0, 100.0, 300.0, 1e3)]
-    + [
-        (1e4, True, 0.05),
-        (1e-2, False, 0.2),
-        (0.1, False, 0.1),
-        (1.0, False, 0.05),
-        (1e2, False, 0.01),
-    ],
-)
-def test_an_arm_is_accurate_at_any_damping(damping: float, rotors: bool, duration: float) -> None:
-    robot, scene = pfd.load_robot('puma560'), scene_of(damping, rotors)
-    state = {'q': START, 'qd': np.full(6, 2.0)}
-    sim = pfd.Simulator(robot, scene, step_size=1e-3, substeps=1)
-    sim.reset(**state)
-    run = sim.rollout(np.zeros((round(duration / 1e-3), 6)))
-    right = pfd.integrate(
-        robot, np.zeros(6), duration, scene=scene, **state, rtol=1e-10, dense=False
-    )
-    assert run.status == right.status == 'ok'
-    assert np.abs(run.q[-1] - right.q[-1]).max() < 1e-5
 
 
 @pytest.mark.parametrize('rotors', [True, False])

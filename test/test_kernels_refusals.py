@@ -109,6 +109,7 @@ CALLS = {
     'k(q, qd, tau, threads=-1)': 'ValueError threads',
     'k(q, qd, tau, threads=1.5)': 'ValueError threads',
     'k(q, qd, tau, threads=None)': 'ValueError threads',
+    'k(q, qd, tau, threads=False)': 'ValueError threads',
     'k(q, qd, tau, threads="all")': 'ValueError threads',
     # Bound arrays.
     'k.bind(q, qd, tau, out)()': SAME,

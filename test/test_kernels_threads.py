@@ -79,26 +79,6 @@ def test_a_number_that_is_not_finite_is_found_in_any_block() -> None:
             kernel(q, qd, tau, threads=2)
 
 
-@pytest.mark.parametrize('wrong', [-1, 1.5, None, False, '2', -(10**400)])
-def test_a_number_of_threads_that_makes_no_sense_is_refused(wrong: object) -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
-    for arrays in (random_states(2, 3), [x[0] for x in random_states(2, 3)]):
-        with pytest.raises(ValueError, match='threads must be an integer of at least 0'):
-            kernel(*arrays, threads=wrong)  # type: ignore[arg-type]
-
-
-def test_an_argument_too_few_or_too_many_is_named() -> None:
-    robot, wrench = pfd.load_robot('planar2'), np.zeros((30, 6))
-    pushed = pfd.compile_kernel(robot, scene=pfd.Scene(external_wrench=True, brakes=True))
-    free = pfd.compile_kernel(robot)
-    for kernel, given, missing in (
-        (pushed, {}, 'needs wrench='),
-        (free, {'wrench': wrench}, 'wrench was given'),
-    ):
-        with pytest.raises(ValueError, match=missing):
-            kernel(*random_states(2, 30), threads=2, **given)
-
-
 def test_an_absurd_number_of_threads_is_cut_to_the_cores() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
     arrays = random_states(2, 300)

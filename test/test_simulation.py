@@ -182,21 +182,6 @@ def test_a_pendulum_swings_as_its_equation_says() -> None:
     np.testing.assert_array_equal(trajectory.qd[:, 1], 0.0)
 
 
-def test_a_braked_joint_stops_at_once_and_stays() -> None:
-    robot = pfd.load_robot('puma560')
-    sim = pfd.Simulator(robot, pfd.Scene(brakes=True))
-    q0, qd0 = np.full(6, 0.3), np.full(6, 0.5)
-    sim.reset(q=q0, qd=qd0)
-    held = np.array([True, False, True, False, False, True])
-    sim.step(np.zeros(6), brakes=held)
-    np.testing.assert_array_equal(sim.q[held], q0[held])
-    np.testing.assert_array_equal(sim.qd[held], 0.0)
-    assert np.all(sim.q[~held] != q0[~held])
-    sim.step(np.zeros(6), brakes=np.ones(6, dtype=bool))
-    np.testing.assert_array_equal(sim.qd, 0.0)
-    np.testing.assert_array_equal(sim.qdd, 0.0)
-
-
 def test_accelerations_are_read_later_as_they_were() -> None:
     robot = pfd.load_robot('planar2')
     scene = pfd.Scene(external_wrench=True, brakes=True)
@@ -212,35 +197,6 @@ def test_accelerations_are_read_later_as_they_were() -> None:
         np.testing.assert_array_equal(trajectory.qdd[k], kernel(*state, brakes=[True, False]))
     sim.reset()
     np.testing.assert_array_equal(sim.qdd, 0.0)
-
-
-def test_brakes_are_open_by_default() -> None:
-    robot = pfd.load_robot('planar2')
-    free = pfd.Simulator(robot)
-    braked = pfd.Simulator(robot, pfd.Scene(brakes=True))
-    for _ in range(5):
-        free.step([0.1, 0.2])
-        braked.step([0.1, 0.2])
-    np.testing.assert_array_equal(free.q, braked.q)
-
-
-def test_a_wrench_at_the_tip_does_the_work_of_its_torques() -> None:
-    # A force f along z of the last link's frame is the torque J' f.
-    robot = pfd.load_robot('ur5')
-    model = to_pinocchio(robot)
-    data = model.createData()
-    q = np.array([0.1, -0.7, 0.9, 0.3, 0.2, 0.5])
-    frame = model.nframes - 1
-    jacobian = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL)
-    wrench = np.array([1.0, -2.0, 3.0, 0.1, 0.2, -0.3])
-    pushed = pfd.Simulator(robot, pfd.Scene(external_wrench=True), step_size=1e-5)
-    driven = pfd.Simulator(robot, step_size=1e-5)
-    for sim in (pushed, driven):
-        sim.reset(q=q)
-    pushed.step(np.zeros(6), wrench)
-    driven.step(jacobian.T @ wrench)
-    # The torque J' f is held for the step while J moves on: 1e-5 s of it.
-    np.testing.assert_allclose(pushed.qd, driven.qd, rtol=1e-4)
 
 
 def test_time_does_not_drift() -> None:
@@ -320,11 +276,6 @@ def test_the_state_handed_out_is_a_copy() -> None:
 def test_bad_settings_are_named(options, message: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(ValueError, match=message):
         pfd.Simulator(pfd.load_robot('planar2'), **options)
-
-
-def test_a_robot_by_name_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"robot must be a Robot, got 'ur5'; load_robot\(\)"):
-        pfd.Simulator('ur5')  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

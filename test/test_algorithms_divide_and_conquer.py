@@ -23,9 +23,7 @@ from pfd_core.algorithms.beyond.divide_and_conquer import (
     record_divide_and_conquer,
     solve_pivoted,
 )
-from pfd_core.algorithms.programs import record_inverse_dynamics
 from pfd_core.dynamics.methods import FORWARD
-from pfd_core.kernels.lower import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES, Recorder
 from pfd_core.machine.vectors import array
@@ -107,45 +105,6 @@ def test_a_chain_that_ends_in_nothing_has_a_pivot_at_zero(n: int, schedule: str)
     assert (run(record_divide_and_conquer(rotor, schedule), inputs)['pivots'] > 0).all()
 
 
-@pytest.mark.parametrize('name', one_fast(['q', 'qd', 'tau'], 'qd'))
-def test_nan_is_never_hidden(name: str) -> None:
-    robot = chain(5)
-    rng = np.random.default_rng(37)
-    inputs = dict(zip(('q', 'qd', 'tau'), random_state(rng, 5), strict=True))
-    inputs[name][2] = np.nan
-    for schedule in SCHEDULES:
-        found = run(record_divide_and_conquer(resolve(robot), schedule), inputs)
-        assert np.isnan(found['qdd']).all()
-
-
-def test_torque_is_recovered_from_the_accelerations_it_causes() -> None:
-    rng = np.random.default_rng(38)
-    robot = random_chain(rng, 7)
-    q, qd, tau = random_state(rng, 7)
-    qdd = run(
-        record_divide_and_conquer(resolve(robot), 'parallel'), {'q': q, 'qd': qd, 'tau': tau}
-    )['qdd']
-    found = run(
-        record_inverse_dynamics(resolve(robot), 'parallel'), {'q': q, 'qd': qd, 'qdd': qdd}
-    )['tau']
-    H = Oracle(robot).H(q)
-    # A residual is as large as the rounding of H qdd, not of tau.
-    scale = np.abs(H) @ np.abs(qdd) + np.abs(tau)
-    assert np.all(np.abs(found - tau) < ACCELERATION * scale * jacobi_condition(H))
-
-
-def test_the_lowered_program_has_the_same_answer() -> None:
-    # Folding drops zeros and shares expressions; nothing is reassociated.
-    robot = without_mass(random_chain(np.random.default_rng(39), 3), (1,))
-    program = record_divide_and_conquer(resolve(robot), 'sequential')
-    inputs = dict(zip(('q', 'qd', 'tau'), random_state(np.random.default_rng(40), 3), strict=True))
-    short = lower(program, 'float64', ['qdd']).compiled
-    assert len(short.instructions) < len(program.instructions)
-    # Sine and cosine are written out, and differ from NumPy's in the last bit.
-    tolerance = DYNAMICS * jacobi_condition(Oracle(robot).H(inputs['q']))
-    assert relative(run(short, inputs)['qdd'], run(program, inputs)['qdd']) < tolerance
-
-
 @pytest.mark.parametrize('schedule', SCHEDULES)
 @pytest.mark.parametrize('m', [1, 2, 6])
 def test_elimination_with_exchanges_solves_what_has_no_leading_element(
@@ -191,15 +150,6 @@ def test_steps_grow_as_the_logarithm_of_the_joints(n: int) -> None:
     )
     assert parting == (72 * max(L - 1, 0), 72 * max(L - 1, 0), 0, 0)
     assert last == (13, 12, 0, 0)
-
-
-def test_twice_the_joints_take_one_level_more() -> None:
-    # The joining alone, whose levels depend on n by their number only.
-    counts = []
-    for n in (31, 32, 33, 64):
-        program = record_divide_and_conquer(resolve(chain(n)), 'parallel')
-        counts.append(program.count(section='joining').multiplications)
-    assert counts[0] == counts[1] == counts[2] - 1276 == counts[3] - 1276
 
 
 def test_a_massless_link_costs_one_column_more() -> None:

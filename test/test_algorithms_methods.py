@@ -119,39 +119,6 @@ def test_long_chains_agree_with_pinocchio(method: str, n: int) -> None:
 
 
 @on_each
-def test_without_gravity_and_at_rest_only_the_torque_acts(method: str, schedule: str) -> None:
-    for rng, robot in every(6, chains(24, seed=24)):
-        q, _, tau = random_state(rng, robot.n)
-        plant = resolve_plant(robot, pfd.Scene(gravity=None))
-        found = run_program(record(method, plant, schedule), {'q': q, 'qd': 0 * q, 'tau': tau})[
-            'qdd'
-        ]
-        H = Oracle(robot).H(q)
-        assert relative(found, np.linalg.solve(H, tau)) < tolerance(method, H)
-
-
-@on_each
-def test_braked_joints_do_not_accelerate_and_their_torque_does_not_act_on_the_others(
-    method: str, schedule: str
-) -> None:
-    # Rows and columns of held joints struck out of H qdd = tau - bias, by NumPy.
-    for rng, robot in every(4, chains(24, seed=25)):
-        q, qd, tau = random_state(rng, robot.n)
-        held = rng.random(robot.n) < 0.4
-        armature = 'model' if robot.n % 2 else None
-        plant = resolve_plant(robot, pfd.Scene(brakes=True, armature=armature))
-        given = {'q': q, 'qd': qd, 'tau': tau, 'free': 1.0 - held}
-        found = run_program(record(method, plant, schedule), given)['qdd']
-        np.testing.assert_array_equal(found[held], 0.0)
-        oracle = Oracle(robot, robot.armature if armature else None)
-        free = ~held
-        if free.any():
-            H = oracle.H(q)[np.ix_(free, free)]
-            wanted = np.linalg.solve(H, (tau - oracle.tau(q, qd, 0 * q))[free])
-            assert relative(found[free], wanted) < tolerance(method, H)
-
-
-@on_each
 def test_a_massless_end_of_the_chain_is_carried_by_its_rotor(method: str, schedule: str) -> None:
     robot = without_mass(random_chain(np.random.default_rng(26), 3, 0.0), (2,))
     armature = np.array([0.0, 0.0, 0.1])

@@ -142,6 +142,7 @@ def test_states_become_columns_and_columns_states(dtype: str, size: int) -> None
     assert np.array_equal(back, states)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 @pytest.mark.parametrize('width', [1, 4])
 @pytest.mark.parametrize('method', ['pcrbm', 'pcgm'])  # pcgm has a loop
@@ -149,14 +150,14 @@ def test_states_become_columns_and_columns_states(dtype: str, size: int) -> None
 def test_evaluation_gives_the_bits_of_the_emulator(
     dtype: str, width: int, method: str, turns: float
 ) -> None:
-    program = pfd.compile_kernel(pfd.load_robot('ur5'), method=method, dtype=dtype).program
+    program = pfd.compile_kernel(pfd.load_robot('planar2'), method=method, dtype=dtype).program
     rng = np.random.default_rng(7)
-    q, qd, tau, out = (rng.uniform(-1, 1, (6, width)).astype(dtype) for _ in range(4))
-    q[2, -1] += turns
+    q, qd, tau, out = (rng.uniform(-1, 1, (2, width)).astype(dtype) for _ in range(4))
+    q[1, -1] += turns
     names = ('q', 'qd', 'tau', 'out')
     source = [
         ir_body(program, dtype, width),
-        ir_evaluate(program, dtype, width, range(6)),
+        ir_evaluate(program, dtype, width, range(2)),
         f'define void @f({ir_parameters((*names, "nothing"))}) {{',
         f'%x = call {IrCode("", dtype, width).type} @evaluate{width}({ir_parameters(names)})',
         f'store {IrCode("", dtype, width).type} %x, ptr %nothing, align 4',
@@ -172,10 +173,10 @@ def test_evaluation_gives_the_bits_of_the_emulator(
         return np.isnan(nothing[0]).tolist()
 
     assert not any(call())
-    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), method=method, dtype=dtype)
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), method=method, dtype=dtype)
     assert np.array_equal(out, kernel(q.T, qd.T, tau.T).T)
     if not turns:
         inputs = {'q': q.T, 'qd': qd.T, 'tau': tau.T}
         assert np.array_equal(out.T, run_program(program, inputs, dtype)['qdd'])
-    qd[3, -1] = np.nan
+    qd[0, -1] = np.nan
     assert call() == [False] * (width - 1) + [True]

@@ -332,9 +332,9 @@ import pfd_core as pfd
 found = hashlib.sha256()
 for scene in (
     pfd.Scene(),
-    pfd.Scene(friction=np.full(6, 2.0), joint_limits=[[-1.5, 1.5]] * 6, restitution=0.5),
+    pfd.Scene(friction=[2.0] * 2, joint_limits=[[-1.5, 1.5]] * 2, restitution=0.5),
 ):
-    run = pfd.integrate(pfd.load_robot('ur5'), np.ones(6), 1.0, scene=scene, qd=np.ones(6))
+    run = pfd.integrate(pfd.load_robot('planar2'), np.ones(2), 1.0, scene=scene, qd=np.ones(2))
     for x in (run.time, run.q, run.qd, run.qdd, run.events, run.at(np.linspace(0, 1, 9)).q):
         found.update(x.tobytes())
 print(run.status, len(run.events) > 2, found.hexdigest())

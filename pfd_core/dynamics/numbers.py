@@ -38,6 +38,7 @@ FIELDS = (
     'base_acceleration',
     'viscosity',
     'inertia',
+    'implicit_inertia',
     'friction',
     'static_friction',
     'friction_drop',

@@ -16,6 +16,7 @@ from functools import cache, partial
 import hashlib
 from typing import Any
 
+from pfd_core.dynamics.numbers import PARAMETERS, count
 from pfd_core.kernels.adaptive import WRITTEN, AdaptivePair, adaptive_module, carried
 from pfd_core.kernels.contact import Contact, contact_step
 from pfd_core.kernels.lower import lower, operations
@@ -117,6 +118,8 @@ def compile_steps(
     """
     sources = _sources(spec, implicit, contact)
     inputs = {name: size for name, size in sources.inputs.items() if name not in MOTION}
+    if spec.plant.varied:
+        inputs[PARAMETERS] = count(spec.plant)
     steps = Steps(step_program, inputs, written, spec.dtype, width, control)
     lowered = cache(partial(_lowered, steps, sources))
     sampled = [] if 'qdd' in written else ['accelerations']
@@ -387,4 +390,9 @@ def _heavier(plant: Plant, time: float) -> Array:
 def _at_rest(plant: Plant, inertia: Array | None = None) -> Plant:
     """Return a plant on which no torque acts but inertia, of the joints given or its own."""
     still = replace(plant.only(INERTIA), external_wrench=False)
-    return still if inertia is None else replace(still, effects={'armature': inertia})
+    if inertia is None:
+        return still
+    varied = dict(plant.varied)
+    if 'implicit_inertia' in varied:
+        varied['inertia'] = varied['implicit_inertia']
+    return replace(still, effects={'armature': inertia}, varied=varied)

@@ -52,6 +52,8 @@ class KernelSpec:
         A name in QUANTITIES, or STEP or STEP_IN_MOTION.
     frame : str or None
         The frame of a quantity of a frame, where None is given the tip.
+    inputs : Plant or None
+        The plant in place of that of the scene, with numbers that are inputs.
     plant : Plant
         The robot in its scene, with the effects at the instants at which the kernel is evaluated.
     place : str
@@ -71,6 +73,7 @@ class KernelSpec:
     refine: int = 0
     quantity: str = 'forward_dynamics'
     frame: str | None = None
+    inputs: Plant | None = None
     plant: Plant = field(init=False, repr=False, compare=False)
     place: str = field(init=False, repr=False)
 
@@ -95,6 +98,9 @@ class KernelSpec:
         if not quantity.method:
             use = 'step' if of_step else name
             method, refine = select(plant, self.method, refine, use)
+        if self.inputs is not None:
+            # The method is that of the scene, whatever the inputs.
+            plant = PLANTS[self.quantity](self.inputs) if of_step else self.inputs
         resolved: dict[str, Any] = {
             'scene': scene,
             'method': method,

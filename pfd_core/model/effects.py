@@ -71,9 +71,9 @@ class Effect:
     needs : str
         Name of the effect without which it means nothing.
     completed : callable or None
-        From a robot and the numbers of all fields to the numbers of this effect and of effects
-        that need it; {} if it is off. By default it is off where the numbers of its first field
-        are all zero, or infinite if infinity means no limit.
+        From a robot and the numbers of all fields, which may differ among arms, to the numbers of
+        this effect and of effects that need it; {} if it is off. By default it is off where the
+        numbers of its first field are all zero, or infinite if infinity means no limit.
 
     """
 
@@ -118,8 +118,7 @@ class Effect:
 
 
 def _acts(values: Array | None) -> bool:
-    """Return whether a number is not zero; of rows the first number decides."""
-    return values is not None and bool((values if values.ndim == 1 else values[:, 0]).any())
+    return values is not None and bool(values.any())
 
 
 def _limited(values: Array | None) -> bool:
@@ -132,12 +131,15 @@ def _friction(robot: Robot, values: Numbers) -> Numbers:
     resting = sliding if resting is None else resting
     if sliding is None or resting is None or not (sliding.any() or resting.any()):
         return {}
-    for name, low, high in zip(robot.joint_names, sliding.tolist(), resting.tolist(), strict=True):
-        if high < low:
-            raise ValueError(
-                f'static_friction of joint {quote(name)} must be at least its friction {low}, '
-                f'got {high}'
-            )
+    below = np.argwhere(resting < sliding).tolist()
+    if below:
+        low, high = np.broadcast_arrays(sliding, resting)
+        *arm, joint = place = tuple(below[0])
+        raise ValueError(
+            f'static_friction of joint {quote(robot.joint_names[joint])}'
+            f'{f" of arm {arm[0]}" if arm else ""} must be at least its friction {low[place]}, '
+            f'got {high[place]}'
+        )
     speed = values['stribeck_velocity'] if (resting > sliding).any() else None
     return {'friction': sliding, 'static_friction': resting, 'stribeck_velocity': speed}
 
@@ -165,7 +167,7 @@ LEAST_PERIODS, MOST_PERIODS = 1e-6, 1e6
 
 def _cogging(robot: Robot, values: Numbers) -> Numbers:
     rows = values['cogging']
-    if rows is None or not _acts(rows):
+    if rows is None or not _acts(rows[:, 0]):
         return {}
     for name, (amplitude, periods, _) in zip(robot.joint_names, rows.tolist(), strict=True):
         if amplitude and not periods:

@@ -59,6 +59,8 @@ class Plant(FrozenArrays):
         (3,) [m/s^2], in the axes of frame 0; zeros without gravity.
     external_wrench, brakes : bool
         Whether a wrench on the last link, and joints held at run time, are inputs.
+    implicit : float
+        Time [s] by which a step multiplies the viscosity, see `implicit_inertia`; 0 for none.
     gravity_compensation : Plant or None
         The robot and gravity whose gravity torques the drives add.
     sliding_friction : ndarray or None
@@ -83,6 +85,7 @@ class Plant(FrozenArrays):
     gravity: Array
     external_wrench: bool = False
     brakes: bool = False
+    implicit: float = 0.0
     gravity_compensation: Plant | None = None
     sliding_friction: Array | None = None
     effects: Mapping[str, Array] = field(default_factory=dict)
@@ -112,6 +115,14 @@ class Plant(FrozenArrays):
     def viscosity(self) -> Array | None:
         """Torque of the joints for each unit of velocity, (n,) [N m s/rad, N s/m]."""
         return self._sum(VISCOSITY)
+
+    @property
+    def implicit_inertia(self) -> Array | None:
+        """Inertia of the joints plus `implicit` times their viscosity, (n,) [kg m^2, kg]."""
+        if not self.implicit or self.viscosity is None:
+            return None
+        added: Array = self.implicit * self.viscosity
+        return added if self.inertia is None else self.inertia + added
 
     @property
     def base_acceleration(self) -> Array:
@@ -167,9 +178,14 @@ class Plant(FrozenArrays):
         return state.hexdigest()
 
 
-def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
+def resolve(
+    robot: Robot, scene: Scene | None = None, arms: Mapping[str, Array] = MappingProxyType({})
+) -> Plant:
     """
     Return a scene as numbers for a robot; gravity alone without a scene.
+
+    `arms` are fields of the scene whose numbers differ among some arms, with an axis of arms in
+    front; the plant then has the numbers of all arms.
 
     An effect that is off, or whose numbers are all zero, or infinite for a limit, has no numbers.
     With payload="input" the plant is that of the robot without payload, see
@@ -179,11 +195,17 @@ def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
     """
     check_robot(robot)
     scene = given_scene(scene)
-    values = {key: item.resolved(robot, getattr(scene, key)) for key, item in FIELDS.items()}
+    values: dict[str, Array | None] = {
+        key: arms[key] if key in arms else item.resolved(robot, getattr(scene, key))
+        for key, item in FIELDS.items()
+    }
     gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
+    gravity = np.array(arms.get('gravity', gravity))
     plant = Plant(
         robot=with_payload(robot, scene.payload) if isinstance(scene.payload, Payload) else robot,
-        gravity=product(robot.base_rotation.T, gravity),
+        gravity=np.array(
+            [product(robot.base_rotation.T, g) for g in gravity.reshape(-1, 3)]
+        ).reshape(gravity.shape),
         external_wrench=scene.external_wrench,
         brakes=scene.brakes,
         gravity_compensation=_compensation(robot, scene),

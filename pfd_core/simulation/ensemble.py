@@ -15,7 +15,7 @@ bits as in a Simulator, whatever the size of the ensemble and the number of thre
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 import math
 import os
@@ -24,6 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pfd_core.dynamics.numbers import PARAMETERS
+from pfd_core.dynamics.parameters import Arms
 from pfd_core.kernels.native import simd_width
 from pfd_core.kernels.simulate import REPORT
 from pfd_core.kernels.simulations import NativeSteps
@@ -61,7 +63,7 @@ STEPS_AT_MOST = 10**12
 
 class Ensemble(Simulation):
     """
-    Many arms of one kind in equal scenes, in time.
+    Many arms of one kind in equal scenes, or with parameters that differ, in time.
 
     Parameters
     ----------
@@ -71,8 +73,20 @@ class Ensemble(Simulation):
         Number of arms B, at least 1.
     scene : Scene, optional
         Which effects are on; default: rigid links and gravity.
+    parameters : mapping, optional
+        Numbers of the arms in place of those of robot and scene, (B, ...) or the same for all
+        arms, (...), by the same checks. Fields of Scene: 'gravity' (B, 3), and (B, n) 'damping',
+        'armature', 'friction', 'static_friction', 'stribeck_velocity', 'restitution', 'stiffness'
+        and 'rest_position'. Of the payload: 'payload.mass' (B,), 'payload.center' (B, 3) and
+        'payload.inertia' (B, 3, 3). Of the links, as in Robot: 'links.mass' (B, n),
+        'links.center' (B, n, 3) and 'links.inertia' (B, n, 3, 3). Drives that compensate gravity
+        keep the model of robot and scene. What differs among the arms is an input of the native
+        code, so that other values of it compile nothing.
     **settings
         step_size, substeps, integrator, method, dtype, refine and compensated, as for Simulator.
+        One method and one integrator serve all arms: 'auto' takes the method of robot and scene,
+        and the integrator of the stiffest arm. Give both by name where the bits of an arm are to
+        be those of any other ensemble.
 
     Raises
     ------
@@ -82,7 +96,13 @@ class Ensemble(Simulation):
     """
 
     def __init__(
-        self, robot: Robot, size: int, scene: Scene | None = None, **settings: Any
+        self,
+        robot: Robot,
+        size: int,
+        scene: Scene | None = None,
+        *,
+        parameters: Mapping[str, Any] | None = None,
+        **settings: Any,
     ) -> None:
         if given_scene(scene).payload == INPUT:
             raise ValueError(
@@ -90,6 +110,8 @@ class Ensemble(Simulation):
             )
         self.size = integer('size', size, 1, math.inf)
         self.batch = (self.size,)
+        if parameters is not None:
+            self._arms = Arms(robot, given_scene(scene), self.size, parameters)
         super().__init__(robot, scene, **settings)
 
     def _written(self, step: Program, control: Program | None) -> tuple[str, ...]:
@@ -178,6 +200,8 @@ class Ensemble(Simulation):
         written = len(REPORT) * math.prod(shape) * np.dtype(self.dtype).itemsize
         _check_memory(f'states of {self.size} arms at {steps // every} times', written)
         given = self._scene_inputs(wrench, brakes)
+        if self._plant.varied:
+            given[PARAMETERS] = self._parameters
         if feedback is None:
             native, given['tau'] = self._native, taus
         else:

@@ -21,6 +21,10 @@ import math
 import operator
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from pfd_core.dynamics.numbers import PARAMETERS
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model.values import Array
@@ -164,13 +168,15 @@ def record_step(
     motor_lag: Array | None = None,
     events: bool = False,
     carries: bool = True,
+    places: NDArray[np.int64] | None = None,
 ) -> Program:
     """
     Return the program of one step on n lanes, for a scene with a damping (n,) or none.
 
     It calls the function `qdd`; where damping is implicit, `undamped` and `solve` instead. Rows
     are added for positions with `compensated` sums, for motors with a lag (n,) [s], and for steps
-    that are cut at `events`, which may be too many. A step that does not carry the acceleration
+    that are cut at `events`, which may be too many. Damping that varies has `places` in the input
+    of parameters (pfd_core.dynamics.numbers). A step that does not carry the acceleration
     evaluates it at its beginning, as steps with events do: other joints may be held then.
     """
     recorder = Recorder(n)
@@ -178,7 +184,11 @@ def record_step(
     carried = {part: recorder.input(part, range(n)) for part in rows}
     low = CompensatedSum(recorder) if compensated else None
     torque = None if motor_lag is None else LaggedTorque(recorder, motor_lag, h)
-    solved = damping if integrator.implicit else None
+    solved = None
+    if integrator.implicit and damping is not None:
+        solved = recorder.constant(damping)
+        if places is not None:
+            solved = recorder.input(PARAMETERS, places.tolist())
     function = 'qdd' if solved is None else 'undamped'
 
     def accelerations(q: Any, qd: Any, at: float) -> Any:
@@ -188,7 +198,7 @@ def record_step(
         accelerations,
         operator.add if low is None else low,
         None if solved is None else partial(recorder.call, 'solve'),
-        None if solved is None else recorder.constant(solved),
+        solved,
     )
     jumps = torque is not None and torque.jumps
     if (jumps or not carries) and 'qdd' in integrator.carried:

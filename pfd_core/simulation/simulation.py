@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from typing import Any, TypeVar
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.dynamics.numbers import PARAMETERS
+from pfd_core.dynamics.parameters import Arms
 from pfd_core.forking import cached_property
 from pfd_core.kernels.contact import Contact
 from pfd_core.kernels.simulations import NativeSteps, compile_steps
@@ -75,6 +77,9 @@ class Simulation(ABC):
     # Arms that native code moves at once.
     _width = 1
     _native: NativeSteps
+    # What differs among the arms of an ensemble, until it has become numbers (B, len(p)).
+    _arms: Arms | None = None
+    _parameters: Array
 
     def __init__(
         self,
@@ -89,28 +94,34 @@ class Simulation(ABC):
         refine: int = 0,
         compensated: bool | None = None,
     ) -> None:
-        plant = resolve(robot, scene)
-        given_payload = given_scene(scene).payload == INPUT
-        if not given_payload:
-            check_joint_inertia(plant)
         self.robot = robot
         self.scene = given_scene(scene)
+        given_payload = self.scene.payload == INPUT
+        self._plant = resolve(robot, scene)
+        plants = {'': self._plant} if self._arms is None else self._arms.plants()
+        if not given_payload:
+            _check(plants, check_joint_inertia)
         self.step_size = real_number('step_size', step_size)
         if self.step_size <= 0:
             raise ValueError(f'step_size must be above zero seconds, got {self.step_size}')
         self.substeps = integer('substeps', substeps, 1, SUBSTEPS_AT_MOST)
         self.dtype = choice('dtype', dtype, DTYPES)
         if not given_payload:
-            check_springs(plant, self.step_size, self.substeps)
-        self.integrator = chosen(integrator, plant, self.step_size / self.substeps)
+            _check(plants, lambda plant: check_springs(plant, self.step_size, self.substeps))
+        h = self.step_size / self.substeps
+        self.integrator = chosen(integrator, plants.values(), h)
         self.compensated = (
             _positions_grow(robot, dtype)
             if compensated is None
             else switch('compensated', compensated)
         )
-        self.spec = KernelSpec(robot, self.scene, method, self.dtype, refine, STEP)
+        varied = None
+        if self._arms is not None:
+            self._plant, p = self._arms.with_inputs(TABLE[self.integrator].implicit * h)
+            varied, self._parameters, self._arms = self._plant, p.astype(dtype), None
+        self.spec = KernelSpec(robot, self.scene, method, self.dtype, refine, STEP, inputs=varied)
         self._load_native()
-        check_damping(plant, self.integrator, self.step_size / self.substeps, dtype)
+        _check(plants, lambda plant: check_damping(plant, self.integrator, h, dtype))
         # Inputs other than the torque, in the order of the native code.
         self._inputs = ('wrench',) * self.scene.external_wrench + ('free',) * self.scene.brakes
         self._inputs += (PARAMETERS,) * given_payload
@@ -135,7 +146,7 @@ class Simulation(ABC):
     def _compile(self, control: Program | None = None) -> NativeSteps:
         """Return the steps under given torques, or under those of a control program."""
         integrator, h = TABLE[self.integrator], self.step_size / self.substeps
-        plant = resolve(self.robot, self.scene)
+        plant = self._plant
         step = record_step(
             integrator,
             self.robot.n,
@@ -145,6 +156,7 @@ class Simulation(ABC):
             motor_lag=plant.motor_lag,
             events=has_contact(plant),
             carries=not has_contact(plant),
+            places=plant.varied.get('viscosity'),
         )
         return compile_steps(
             self.spec,
@@ -367,6 +379,11 @@ class Simulation(ABC):
             derivative then.
 
         """
+        if self._plant.varied:
+            raise ValueError(
+                'linearize takes arms with equal numbers, not an Ensemble with parameters: use a '
+                'Simulator with the numbers of the arm'
+            )
         if self.scene.payload == INPUT:
             raise ValueError(
                 f'linearize takes a scene with a Payload or None, got payload={INPUT!r}'
@@ -406,6 +423,15 @@ class Simulation(ABC):
     ) -> dict[str, Array]:
         """Return the inputs that the scene needs, checked and the same for all steps."""
         return scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes, self.batch)
+
+
+def _check(plants: Mapping[str, Plant], rule: Callable[[Plant], None]) -> None:
+    """Apply a rule to plants by the beginnings of their errors."""
+    for label, plant in plants.items():
+        try:
+            rule(plant)
+        except ValueError as error:
+            raise ValueError(f'{label}{error}') from error
 
 
 def _described(simulation: Simulation) -> str:

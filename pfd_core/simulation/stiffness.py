@@ -16,6 +16,8 @@ explicit in every integrator.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from pfd_core.dynamics.joint_torques import record_joint_torques
@@ -42,11 +44,15 @@ SAMPLES = 1000
 GOLDEN_RATIO = (5**0.5 - 1) / 2
 
 
-def chosen(name: str, plant: Plant, h: float) -> str:
-    """Return the integrator of a name, for steps of h [s]; ValueError for an unknown name."""
+def chosen(name: str, plants: Iterable[Plant], h: float) -> str:
+    """
+    Return the integrator of a name, for steps of h [s] of some arms.
+
+    One integrator for all arms: the stiffest of them decides. ValueError for an unknown name.
+    """
     if choice('integrator', name, ('auto', *TABLE)) != 'auto':
         return name
-    return 'imex2' if h * fastest_decay(plant) > STIFF else 'rk4'
+    return 'imex2' if any(h * fastest_decay(plant) > STIFF for plant in plants) else 'rk4'
 
 
 def check_damping(plant: Plant, integrator: str, h: float, dtype: str) -> None:

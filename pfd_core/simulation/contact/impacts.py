@@ -33,6 +33,7 @@ import math
 import numpy as np
 
 from pfd_core.dynamics.interface import input_list, program_with_outputs
+from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
@@ -120,9 +121,9 @@ def record_impulses(plant: Plant) -> Program:
     (hits,) = input_list(recorder, 'hits', 1)
     stopped = [both(hits, where(candidate[i], where(moving[i], 0.0, 1.0), 0.0)) for i in range(n)]
     p = [where(stopped[i], torque[i] - load[i], 0.0) for i in range(n)]
-    assert plant.restitution is not None
-    e = plant.restitution.tolist()
-    return program_with_outputs(recorder, impulse=p, thrown=[p[i] * e[i] for i in range(n)])
+    numbers = Numbers(recorder, plant)
+    thrown = [p[i] * numbers.known('restitution', i) for i in range(n)]
+    return program_with_outputs(recorder, impulse=p, thrown=thrown)
 
 
 def record_restitution(plant: Plant) -> Program:

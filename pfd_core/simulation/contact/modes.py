@@ -36,6 +36,7 @@ import math
 import numpy as np
 
 from pfd_core.dynamics.interface import input_list, program_with_outputs
+from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
@@ -82,8 +83,10 @@ def record_modes(plant: Plant, sticks: bool) -> Program:
     recorder = Recorder(1, 'sequential')
     q, qd, unbraked = (input_list(recorder, name, n) for name in ('q', 'qd', 'unbraked'))
     zero = recorder.constant(0.0)
-    friction = np.zeros(n) if plant.static_friction is None else plant.static_friction
-    bound = [recorder.constant(f) for f in friction.tolist()]
+    numbers = Numbers(recorder, plant)
+    bound = [zero] * n
+    if plant.static_friction is not None:
+        bound = [numbers('static_friction', i) for i in range(n)]
     at_lower, at_upper = at_stops(plant, q)
     resting = [negated(absolute(v)) for v in qd]
     bounded = [either(sign_of(bound[i]), either(at_lower[i], at_upper[i])) for i in range(n)]
@@ -178,15 +181,14 @@ def record_effort(plant: Plant) -> Program:
     recorder = Recorder(1, 'sequential')
     tau, direction, qd = (input_list(recorder, name, n) for name in ('tau', 'direction', 'qd'))
     effort = list(tau)
-    assert plant.friction is not None
-    assert plant.static_friction is not None
-    for i, (sliding, static) in enumerate(
-        zip(plant.friction.tolist(), plant.static_friction.tolist(), strict=True)
-    ):
-        friction = recorder.constant(sliding)
-        if static > sliding and plant.stribeck_velocity is not None:
-            u = qd[i] * (1.0 / float(plant.stribeck_velocity[i]))
-            friction = friction + (static - sliding) / (1.0 + u * u)
+    assert plant.friction_drop is not None
+    numbers = Numbers(recorder, plant)
+    for i in range(n):
+        friction = numbers('friction', i)
+        # A drop that varies, NaN, is not zero.
+        if plant.friction_drop[i] != 0 and plant.stribeck_rate is not None:
+            u = qd[i] * numbers.known('stribeck_rate', i)
+            friction = friction + numbers.known('friction_drop', i) / (1.0 + u * u)
         effort[i] = tau[i] - direction[i] * friction
     return program_with_outputs(recorder, effort=effort)
 
@@ -196,9 +198,8 @@ def record_drive(plant: Plant) -> Program:
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
     tau, qd = (input_list(recorder, name, n) for name in ('tau', 'qd'))
-    assert plant.viscosity is not None
-    damping = plant.viscosity.tolist()
-    drive = [t - v * d for t, v, d in zip(tau, qd, damping, strict=True)]
+    numbers = Numbers(recorder, plant)
+    drive = [tau[i] - qd[i] * numbers.known('viscosity', i) for i in range(n)]
     return program_with_outputs(recorder, drive=drive)
 
 

@@ -30,6 +30,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pfd_core.dynamics.interface import input_list, program_with_outputs
+from pfd_core.dynamics.numbers import Numbers
 from pfd_core.kernels.contact import Stage
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
@@ -266,8 +267,8 @@ def _second_implicit(plant: Plant, c: float, d: float) -> Program:
 
 
 def _damped(plant: Plant, v: list[Lanes]) -> list[Lanes]:
-    assert plant.viscosity is not None
-    return [x * d for x, d in zip(v, plant.viscosity.tolist(), strict=True)]
+    numbers = Numbers(v[0].recorder, plant)
+    return [x * numbers.known('viscosity', i) for i, x in enumerate(v)]
 
 
 def _chords(recorder: Recorder, n: int, at_stop: list[Lanes]) -> tuple[list[Cubic], list[Cubic]]:

@@ -1,0 +1,241 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Parameters of arms: what differs among the arms of an ensemble, and what all programs share.
+
+    arms = Arms(robot, scene, 256, {'friction': (256, n), 'links.mass': (256, n)})
+    plant, p = arms.with_inputs()      a plant with NaN for each number that differs; (256, len(p))
+
+An arm is the robot in the scene with its own values in place of theirs, by the same checks. A
+number that differs among the arms is an input of the programs, and a number that all arms have in
+common is a constant, whatever is given. So one compilation serves all arms, and its key in the
+cache on disk has no values of the numbers that differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfd_core.dynamics.bodies import links_of
+from pfd_core.dynamics.numbers import parameters, with_inputs
+from pfd_core.model import Payload, Plant, Robot, Scene, resolve, with_payload
+from pfd_core.model.effects import EFFECT_OF, NEEDS, VISCOSITY
+from pfd_core.model.robot import check_robot
+from pfd_core.model.scene_fields import FIELDS, INPUT
+from pfd_core.model.values import LARGEST, Array, quote, real_array
+
+# Fields of a scene that may differ among arms: those whose number no program depends on otherwise.
+SCENE = (
+    *('gravity', 'damping', 'armature', 'friction', 'static_friction', 'stribeck_velocity'),
+    *('restitution', 'stiffness', 'rest_position'),
+)
+# Shapes of the numbers of bodies, and the fields of Robot and of Payload that hold them.
+LINKS: Mapping[str, tuple[tuple[int, ...], str]] = {
+    'links.mass': ((), 'masses'),
+    'links.center': ((3,), 'centers'),
+    'links.inertia': ((3, 3), 'inertias'),
+}
+PAYLOAD: Mapping[str, tuple[tuple[int, ...], str]] = {
+    'payload.mass': ((), 'mass'),
+    'payload.center': ((3,), 'center'),
+    'payload.inertia': ((3, 3), 'inertia'),
+}
+NAMES = (*SCENE, *PAYLOAD, *LINKS)
+
+
+class Arms:
+    """
+    Arms of one robot in one scene that differ in some numbers.
+
+    Parameters
+    ----------
+    robot : Robot
+        The chain; its frames are those of all arms.
+    scene : Scene
+        Which effects are on, and the numbers that are not given.
+    size : int
+        Number of arms B.
+    given : mapping
+        Name, as in NAMES, -> numbers of the arms, (B, ...), or of all arms, (...).
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown or cannot differ among arms, or a value is not one that a scene, a
+        payload or a robot takes; names the arm and the joint.
+
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, size: int, given: Mapping[str, Any]) -> None:
+        check_robot(robot)
+        self.size = size
+        numbers = _checked(robot, scene, size, given)
+        fields = {name: x for name, x in numbers.items() if name in SCENE}
+        self._robots = [robot] * size
+        self._payloads: list[Payload | None] = [None] * size
+        links: dict[str, Array] = {}
+        if numbers.keys() - fields.keys():
+            self._robots = _robots(robot, numbers, size)
+            self._payloads = _payloads(scene, numbers, size)
+            links = links_of(robot, self._robots, self._payloads)
+            scene = replace(scene, payload=INPUT)
+        self._stacked = replace(resolve(robot, scene, fields), links=links)
+        # The inertia of the last joint, and the stiffness of springs and damping.
+        loads = {'gravity', 'friction', 'static_friction', 'stribeck_velocity', 'restitution'}
+        self._decisive = size if numbers.keys() - loads else 1
+
+    def with_inputs(self, implicit: float) -> tuple[Plant, Array]:
+        """
+        Return a plant whose numbers that differ are inputs, and the inputs, (B, len(p)).
+
+        `implicit` is the time [s] by which the integrator multiplies the viscosity, or 0.
+        """
+        stacked = replace(self._stacked, implicit=implicit)
+        links = {kind: _common(x) for kind, x in stacked.links.items()}
+        effects = {name: _common(x) if _of_arms(name, x) else x for name, x in _effects(stacked)}
+        for name, x in effects.items():
+            # An integrator reads the viscosity of all joints at once.
+            if EFFECT_OF[name].kind == VISCOSITY and np.isnan(x).any():
+                effects[name] = np.full_like(x, np.nan)
+        gravity = _common(stacked.gravity) if stacked.gravity.ndim == 2 else stacked.gravity
+        plant = with_inputs(replace(stacked, gravity=gravity, effects=effects, links=links))
+        return plant, parameters(plant, stacked, self.size)
+
+    def plants(self) -> dict[str, Plant]:
+        """
+        Return the plants of the arms, without inputs, by the beginnings of their errors.
+
+        The first arm alone stands for all where no check depends on what differs.
+        """
+        return {label(arm): self._plant(arm) for arm in range(self._decisive)}
+
+    def _plant(self, arm: int) -> Plant:
+        stacked, robot, payload = self._stacked, self._robots[arm], self._payloads[arm]
+        return replace(
+            stacked,
+            robot=robot if payload is None else with_payload(robot, payload),
+            gravity=stacked.gravity[arm] if stacked.gravity.ndim == 2 else stacked.gravity,
+            effects={k: x[arm] if _of_arms(k, x) else x for k, x in _effects(stacked)},
+            links={},
+        )
+
+
+def label(arm: int) -> str:
+    """Return the beginning of an error of an arm."""
+    return f'parameters, arm {arm}: '
+
+
+def _effects(plant: Plant) -> list[tuple[str, Array]]:
+    return list(plant.effects.items())
+
+
+def _of_arms(name: str, values: Array) -> bool:
+    """Return whether the numbers of a field have an axis of arms."""
+    return name in SCENE and values.ndim == 2
+
+
+def _common(values: Array) -> Array:
+    """Return the numbers that all arms have in common, NaN for those that differ."""
+    common: Array = np.where((values == values[0]).all(axis=0), values[0], np.nan)
+    return common
+
+
+# Checks of the values that are given.
+
+
+def _checked(
+    robot: Robot, scene: Scene, size: int, given: Mapping[str, Any]
+) -> dict[str, NDArray[Any]]:
+    """Return the numbers of the arms by name, (B, ...)."""
+    if not isinstance(given, Mapping):
+        raise ValueError(f'parameters must map names to numbers of arms, got {quote(given)}')
+    found = {}
+    for name, value in given.items():
+        if name not in NAMES:
+            known = isinstance(name, str) and name.partition('.')[0] in (*FIELDS, 'links')
+            what = 'cannot differ among arms' if known else 'is unknown'
+            raise ValueError(f'parameters: {quote(name)} {what}, only {", ".join(NAMES)} can')
+        shape = _shape(robot, name)
+        joints = robot.joint_names if shape == (robot.n,) else ()
+        array = real_array(
+            f'parameters[{name!r}]',
+            value,
+            shape=(size, *shape),
+            broadcast=True,
+            largest=LARGEST,
+            joints=joints,
+        )
+        found[name] = array + 0.0
+        if name in SCENE and shape == (robot.n,):
+            _check_field(robot, name, array)
+    if scene.payload == INPUT:
+        raise ValueError(f'an Ensemble takes a scene with a Payload or None, got {INPUT!r}')
+    for name in found:
+        needed, held = NEEDS.get(name, ''), None
+        if name in PAYLOAD and name != 'payload.mass':
+            needed, held = 'payload.mass', scene.payload
+        elif needed:
+            held = getattr(scene, needed)
+        if needed and held is None and needed not in found:
+            raise ValueError(f'parameters: {name} was given without {needed}: give both')
+    return found
+
+
+def _shape(robot: Robot, name: str) -> tuple[int, ...]:
+    """Return the shape of the numbers of one arm."""
+    if name in PAYLOAD:
+        return PAYLOAD[name][0]
+    if name in LINKS:
+        return (robot.n, *LINKS[name][0])
+    return (3,) if name == 'gravity' else (robot.n,)
+
+
+def _check_field(robot: Robot, name: str, array: Array) -> None:
+    """Raise ValueError for a number that the field of a scene does not take."""
+    field = FIELDS[name]
+    try:
+        field.checked(array.ravel())
+    except ValueError:
+        for arm, row in enumerate(array.tolist()):
+            for joint, value in zip(robot.joint_names, row, strict=True):
+                try:
+                    field.checked({joint: value})
+                except ValueError as error:
+                    raise ValueError(f'{label(arm)}{error}') from None
+        raise
+
+
+def _robots(robot: Robot, numbers: Mapping[str, Array], size: int) -> list[Robot]:
+    """Return for each arm the robot with the bodies of its links."""
+    given = {key: numbers[name] for name, (_, key) in LINKS.items() if name in numbers}
+    if not given:
+        return [robot] * size
+    found = []
+    for arm in range(size):
+        changes: dict[str, Any] = {key: x[arm] for key, x in given.items()}
+        try:
+            found.append(replace(robot, **changes))
+        except ValueError as error:
+            raise ValueError(f'{label(arm)}{error}') from None
+    return found
+
+
+def _payloads(scene: Scene, numbers: Mapping[str, Array], size: int) -> list[Payload | None]:
+    """Return for each arm its payload."""
+    nominal = scene.payload if isinstance(scene.payload, Payload) else None
+    given = {key: numbers[name] for name, (_, key) in PAYLOAD.items() if name in numbers}
+    if not given:
+        return [nominal] * size
+    found: list[Payload | None] = []
+    for arm in range(size):
+        changes: dict[str, Any] = {key: x[arm] for key, x in given.items()}
+        try:
+            found.append(replace(nominal or Payload(0.0), **changes))
+        except ValueError as error:
+            raise ValueError(f'{label(arm)}{error}') from None
+    return found

@@ -17,6 +17,7 @@ import re
 from typing import Any
 
 import pfd_core as pfd
+from pfd_core.dynamics.methods import FORWARD
 import pfd_ros
 from pfd_ros import testing
 from pfd_ros.arm.setting_fields import parameter_name
@@ -202,6 +203,25 @@ def _effects() -> str:
     return table(head, rows)
 
 
+# Methods.
+
+
+def _methods() -> str:
+    head = ('method', 'is', 'compiled', 'processors', 'iterates', 'payload as an input')
+    rows = [
+        (
+            code(method.name),
+            cell(method.title),
+            'yes' if method.compiled else 'emulated only',
+            '1' if method.serial else 'n',
+            'yes' if method.iterative else '',
+            'yes' if method.payload else '',
+        )
+        for method in FORWARD.values()
+    ]
+    return table(head, rows)
+
+
 # The file of a recording.
 
 
@@ -256,7 +276,7 @@ def _directive(name: str, found: Any) -> str:
 
 def _value(found: Any) -> str:
     """Return a constant: names, or a number."""
-    if isinstance(found, tuple):
+    if isinstance(found, (tuple, dict)):
         return ', '.join(code(getattr(entry, 'name', entry)) for entry in found)
     return code(found)
 
@@ -315,6 +335,7 @@ TABLES = {
     'commands': _commands,
     'extras': _extras,
     'effects': _effects,
+    'methods': _methods,
     'channels': _channels,
     'keys': _keys,
     'bounds': _bounds,

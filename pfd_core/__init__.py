@@ -45,6 +45,7 @@ from pfd_core.forking import load, no_fork
 if TYPE_CHECKING:
     from pfd_core.algorithms.emulation import Run, emulate
     from pfd_core.dynamics.methods import EMULATED_METHODS, METHODS, PAYLOAD_METHODS
+    from pfd_core.dynamics.quantities import QUANTITIES
     from pfd_core.kernels.compile import compile_kernel, forward_dynamics, inverse_dynamics
     from pfd_core.kernels.kernel import Kernel
     from pfd_core.machine.program import Program, Steps
@@ -87,6 +88,7 @@ __all__ = [
     'INTEGRATORS',
     'METHODS',
     'PAYLOAD_METHODS',
+    'QUANTITIES',
     'AdaptiveTrajectory',
     'Ensemble',
     'Feedback',
@@ -131,6 +133,7 @@ __all__ = [
 _NAMES = {
     'algorithms.emulation': 'Run emulate',
     'dynamics.methods': 'EMULATED_METHODS METHODS PAYLOAD_METHODS',
+    'dynamics.quantities': 'QUANTITIES',
     'kernels.compile': 'compile_kernel forward_dynamics inverse_dynamics',
     'kernels.kernel': 'Kernel',
     'machine.program': 'Program Steps',
@@ -152,9 +155,7 @@ _NAMES = {
     'simulation.state': 'SimulationState',
     'simulation.trajectory': 'Trajectory',
 }
-_MODULES = {
-    name: f'{__name__}.{module}' for module, names in _NAMES.items() for name in names.split()
-}
+_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 
 def __dir__() -> list[str]:
@@ -167,7 +168,7 @@ if not TYPE_CHECKING:  # a type checker would take every unknown name for one of
         if name == '__version__':
             value = _version()
         elif name in _MODULES:
-            value = load(_MODULES[name], name)
+            value = load(f'{_MODULES[name]}.{name}')
         else:
             raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
         globals()[name] = value

@@ -39,8 +39,9 @@ def hold_at_fork(lock: AbstractContextManager[Any]) -> None:
     _held.append(lock)
 
 
-def load(module: str, name: str) -> Any:
-    """Return an attribute of a module, which is imported if it was not used before."""
+def load(path: str) -> Any:
+    """Return 'module.attribute' of this package; the module is imported at its first use."""
+    module, _, name = f'{__package__}.{path}'.rpartition('.')
     with no_fork:
         return getattr(import_module(module), name)
 

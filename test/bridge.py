@@ -114,9 +114,6 @@ NAMES = {
     'SERIAL_METHODS': 'pfd_core.dynamics.methods:SERIAL',
     'record_forward_dynamics': 'pfd_core.dynamics.methods:record_forward_dynamics',
     'record_link_torques': 'pfd_core.dynamics.newton_euler:record_link_torques',
-    'QUANTITY_RECORDERS': 'pfd_core.dynamics.quantities:RECORDERS',
-    'EVERY_SCENE_FIELD': 'pfd_core.dynamics.quantities:EVERYTHING',
-    'QUANTITIES': 'pfd_core.dynamics.quantities:QUANTITIES',
     'record_refined': 'pfd_core.dynamics.refinement:record_refined',
     # pfd_core.algorithms: recorders of programs on n lanes
     'array_pipeline': 'pfd_core.algorithms.paper.array_solver:pipeline',
@@ -152,7 +149,7 @@ NAMES = {
     'read_cache': 'pfd_core.kernels.cache:read',
     'write_cache': 'pfd_core.kernels.cache:write',
     'CACHED_KERNELS': 'pfd_core.kernels.compile:CACHED_KERNELS',
-    'cached_kernel': 'pfd_core.kernels.compile:_kernel',
+    'cached_kernel': 'pfd_core.kernels.compile:_kept_kernel',
     'ir_body': 'pfd_core.kernels.generate:body',
     'ir_declarations': 'pfd_core.kernels.generate:declarations',
     'ir_evaluate': 'pfd_core.kernels.generate:evaluate',

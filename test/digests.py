@@ -32,7 +32,7 @@ import random
 import struct
 from typing import Any
 
-from bridge import QUANTITIES, KernelSpec, kernel_recipe, read_contents, read_recording
+from bridge import KernelSpec, kernel_recipe, read_contents, read_recording
 import numpy as np
 
 import pfd_core as pfd
@@ -197,7 +197,7 @@ CASES: Mapping[str, tuple[str, Callable[[int], pfd.Scene]]] = {
 }
 # What a kernel computes: a method of forward dynamics, or another quantity.
 REFINED = ('composite_body', 'grouped_articulated_body', 'articulated_body')
-OTHERS = tuple(name for name in QUANTITIES if name != 'forward_dynamics')
+OTHERS = tuple(name for name in pfd.QUANTITIES if name != 'forward_dynamics')
 
 
 @cache

@@ -24,8 +24,6 @@ from bridge import (
     ITERATIVE_METHODS,
     JOINT_VALUES,
     MOTOR_VALUES,
-    QUANTITIES,
-    QUANTITY_RECORDERS,
     STEP_VALUES,
     Effect,
     KernelSpec,
@@ -210,7 +208,7 @@ def gravity_torques(name: str, at: dict[str, Array]) -> Any:
 
 def found(quantity: str, scene: pfd.Scene) -> Array:
     """Return the answer of a kernel; of the potential energy its derivatives by q."""
-    at, row = state(), QUANTITIES[quantity]
+    at, row = state(), pfd.QUANTITIES[quantity]
     kernel = pfd.compile_kernel(robot(), scene=scene, quantity=quantity)
     more: dict[str, Any] = {}
     if scene.external_wrench and 'external_wrench' in row.effects:
@@ -220,9 +218,7 @@ def found(quantity: str, scene: pfd.Scene) -> Array:
     answer: Array = kernel(*(at[key] for key in row.arguments), **more)
     if quantity != 'energy':
         return answer
-    program = QUANTITY_RECORDERS['energy'](
-        KernelSpec(robot(), scene, quantity='energy').plant, None
-    )
+    program = pfd.QUANTITIES['energy'](KernelSpec(robot(), scene, quantity='energy').plant)
     np.testing.assert_allclose(answer, energy(program, at).astype(float), rtol=KERNEL)
     with mp.workdps(DIGITS):
         slopes = differences(lambda x: energy(program, x)[1], at, 'q')
@@ -263,7 +259,7 @@ def assert_equal(found: Any, wanted: Any, tolerance: float = KERNEL) -> None:
     assert np.max(np.abs(found - wanted)) <= tolerance * max(1.0, np.max(np.abs(wanted)))
 
 
-WHOLE = [name for name, row in QUANTITIES.items() if not row.of_frame]
+WHOLE = [name for name, row in pfd.QUANTITIES.items() if not row.of_frame]
 
 
 def test_the_fields_of_a_scene_are_those_of_the_table_and_off_by_default_but_for_gravity() -> None:
@@ -388,7 +384,7 @@ def test_linearised_steps_have_every_effect(name: str) -> None:
 @pytest.mark.parametrize('name', INSTANT)
 def test_the_power_of_the_effect_is_what_the_energy_changes_by(name: str) -> None:
     effect, scene = INSTANT[name], scene_of(name)
-    program = QUANTITY_RECORDERS['energy'](resolve_plant(robot(), scene), None)
+    program = pfd.QUANTITIES['energy'](resolve_plant(robot(), scene))
     with mp.workdps(DIGITS):
         # A brake that closes on a moving joint is an impact.
         braked = np.where(BRAKED, 0.0, 1.0) if name == 'brakes' else np.ones(N)
@@ -425,7 +421,7 @@ def test_effects_over_a_step_are_refused_at_an_instant_and_in_no_other_quantity(
 ) -> None:
     scene, bare = scene_with(OVER_A_STEP[name].field, n=N), scene_with(n=N)
     message = f"'{OVER_A_STEP[name].field}'.* act over a step of time.*Simulator"
-    for quantity in QUANTITIES:
+    for quantity in pfd.QUANTITIES:
         if quantity in ('forward_dynamics', 'inverse_dynamics', 'derivatives'):
             with pytest.raises(ValueError, match=message):
                 pfd.compile_kernel(robot(), scene=scene, quantity=quantity)
@@ -462,11 +458,11 @@ def test_the_guide_has_the_table_of_effects_and_the_effects_of_every_quantity() 
             ', '.join(field.unit or '-' for field in effect.fields),
             effect.acts,
             'yes' if effect.at_rest else 'no',
-            'yes' if effect.field in QUANTITIES['energy'].effects else 'no',
+            'yes' if effect.field in pfd.QUANTITIES['energy'].effects else 'no',
         ] in rows
     listed = {row[0].strip('`'): row[3] for row in rows if len(row) == 4}
     for quantity in ('inertia_matrix', 'bias_torques', 'gravity_torques', 'energy'):
-        assert listed[quantity] == ', '.join(QUANTITIES[quantity].effects)
+        assert listed[quantity] == ', '.join(pfd.QUANTITIES[quantity].effects)
 
 
 def test_the_docstring_of_scene_describes_every_field_of_the_table() -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from bridge import QUANTITIES, run_program
+from bridge import run_program
 import numpy as np
 import pytest
 
@@ -38,13 +38,15 @@ def call(kernel: pfd.Kernel, given: dict[str, Any], **options: Any) -> np.ndarra
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
-@pytest.mark.parametrize('quantity', QUANTITIES)
+@pytest.mark.parametrize('quantity', pfd.QUANTITIES)
 @pytest.mark.slow
 def test_a_kernel_has_the_bits_of_the_emulator_alone_and_in_any_batch(
     quantity: str, dtype: str
 ) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'), scene=SCENE, quantity=quantity, dtype=dtype)
-    shape = tuple({'n': 6, '3n': 18}.get(str(size), size) for size in QUANTITIES[quantity].shape)
+    shape = tuple(
+        {'n': 6, '3n': 18}.get(str(size), size) for size in pfd.QUANTITIES[quantity].shape
+    )
     assert kernel.quantity == quantity
     assert kernel.shape == shape
     given = arguments(kernel)

@@ -119,6 +119,7 @@ CALLS = {
     'k.bind(q, qd, np.float32(tau), out)': 'ValueError tau',
     'k.bind(q, bad(qd, np.nan), tau, out)': 'ValueError qd',
     'k.bind(q, qd, tau, out, w)': 'ValueError wrench',
+    'k.bind(q, qd, tau, out, threads=None)': 'ValueError threads',
     'k.bind(q, qd, tau, out, q=q)': 'TypeError q',
 }
 

@@ -399,7 +399,7 @@ def test_type_checkers_see_the_module_that_each_public_name_is_loaded_from() -> 
         for name in imported_by(ROOT / 'pfd_core' / '__init__.py')
         if member(name, 'pfd_core') in PFD_CORE.keys() - {'forking'}
     }
-    assert found == pfd._MODULES
+    assert found == {name: f'pfd_core.{module}' for name, module in pfd._MODULES.items()}
     assert {*found, '__version__'} == set(pfd.__all__)
 
 

@@ -9,7 +9,7 @@ from dataclasses import FrozenInstanceError, replace
 import pickle
 import re
 
-from bridge import QUANTITY_RECORDERS, Frame, resolve_plant, run_program
+from bridge import Frame, resolve_plant, run_program
 import numpy as np
 from oracle import relative
 import pytest
@@ -22,9 +22,9 @@ FINGERS = {'left_finger': 0.02, 'right_finger': 0.03}
 
 
 def pose(robot: pfd.Robot, frame: str | None, q: Array) -> Array:
-    found: Array = run_program(
-        QUANTITY_RECORDERS['tip_pose'](resolve_plant(robot), frame), {'q': q}
-    )['pose']
+    found: Array = run_program(pfd.QUANTITIES['tip_pose'](resolve_plant(robot), frame), {'q': q})[
+        'pose'
+    ]
     return found
 
 
@@ -159,7 +159,7 @@ def test_an_unknown_frame_is_named_with_the_known_frames() -> None:
     message = f"frame 'flange' is not carried by 'fork'; it carries {known}"
     for name in ('tip_pose', 'tip_jacobian', 'tip_velocity', 'wrench_torques'):
         with pytest.raises(ValueError, match=message):
-            QUANTITY_RECORDERS[name](resolve_plant(robot), 'flange')
+            pfd.QUANTITIES[name](resolve_plant(robot), 'flange')
 
 
 def test_the_list_of_known_frames_is_bounded() -> None:

@@ -8,7 +8,7 @@ import ast
 from collections.abc import Mapping
 import re
 
-from bridge import QUANTITY_RECORDERS, resolve_plant, run_program
+from bridge import resolve_plant, run_program
 import numpy as np
 from oracle import relative
 import pinocchio as pin
@@ -32,12 +32,12 @@ def assert_same_frames(robot: pfd.Robot, text: str, locked: Mapping[str, float])
     plant = resolve_plant(robot)
     for name in robot.frames:
         index = whole.getFrameId(name, pin.FrameType.BODY)
-        pose = run_program(QUANTITY_RECORDERS['tip_pose'](plant, name), {'q': q})['pose']
+        pose = run_program(pfd.QUANTITIES['tip_pose'](plant, name), {'q': q})['pose']
         wanted = (base.inverse() * data.oMf[index]).homogeneous
         assert relative(pose, wanted) < DYNAMICS, name
         J = pin.getFrameJacobian(whole, data, index, pin.LOCAL_WORLD_ALIGNED)[:, v_at]
         wanted = np.concatenate([base.rotation.T @ J[:3], base.rotation.T @ J[3:]])
-        J = run_program(QUANTITY_RECORDERS['tip_jacobian'](plant, name), {'q': q})['jacobian']
+        J = run_program(pfd.QUANTITIES['tip_jacobian'](plant, name), {'q': q})['jacobian']
         assert np.abs(J - wanted).max() < DYNAMICS * max(1.0, np.abs(wanted).max()), name
 
 

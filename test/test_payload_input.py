@@ -8,7 +8,6 @@ from pathlib import Path
 import subprocess
 import sys
 
-from bridge import QUANTITIES
 import numpy as np
 import pytest
 from zoo import ODD_ARM, without_mass
@@ -21,7 +20,7 @@ BODY = pfd.Payload(
 INPUT = pfd.Scene(payload='input')
 # Some hundred operations in another order, over pivots a hundred times smaller than H.
 ROUNDING = 1e-12
-WITH_BODIES = [name for name, row in QUANTITIES.items() if 'payload' in row.effects]
+WITH_BODIES = [name for name, row in pfd.QUANTITIES.items() if 'payload' in row.effects]
 STEPS = 100
 
 
@@ -42,7 +41,7 @@ HEAVY = pytest.param(ODD_ARM, 'derivatives', marks=pytest.mark.slow)
 def test_every_quantity_has_the_payload_of_the_call(robot: str, quantity: str) -> None:
     arm = pfd.load_robot(robot)
     state = np.random.default_rng(3).normal(size=(3, arm.n))
-    state = state[: len(QUANTITIES[quantity].arguments)]
+    state = state[: len(pfd.QUANTITIES[quantity].arguments)]
     kernel = pfd.compile_kernel(arm, scene=INPUT, quantity=quantity)
     for body in (None, BODY):
         constant = pfd.compile_kernel(arm, scene=pfd.Scene(payload=body), quantity=quantity)

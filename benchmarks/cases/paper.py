@@ -41,14 +41,6 @@ KINDS = ('multiplications', 'additions', 'square_roots')
 PRINTED_AT = 6
 AS_PRINTED, CORRECTED, BEST_KNOWN = EDITIONS = ('as printed', 'corrected', 'best known')
 TABLE: dict[str, dict[str, Any]] = stored_table('paper')
-# Systems that the paper does not have.
-BEYOND = {
-    'pcrbm_base_origin': 'PCRBM about the base origin',
-    'divide_and_conquer': 'Divide and conquer, after Featherstone 1999',
-    'constraint_forces': "Constraint forces, after Fijany, Sharf and D'Eleuterio 1995",
-    'composite_body': 'Composite bodies with grouped parameters, for kernels',
-    'grouped_articulated_body': 'Articulated bodies with grouped parameters, for kernels',
-}
 # The procedures of the paper that the first two editions of a system are recorded from.
 PROCEDURES: dict[str, tuple[str, Collection[str]]] = {
     'pcrbm': ('pcrbm_1987', pcrbm_1987.AS_PRINTED),
@@ -98,8 +90,8 @@ def published_serial(n: int) -> float:
 
 def title_of(system: str, edition: str = '') -> str:
     """Return the name of a system on a page, with an edition if it has several."""
-    title = TABLE[system]['title'] if system in TABLE else BEYOND[system]
-    return f'{title}, {edition}' if edition and system in PROCEDURES else str(title)
+    title = FORWARD[system].title
+    return f'{title}, {edition}' if edition and system in PROCEDURES else title
 
 
 def editions_of(method: str) -> Sequence[str]:

@@ -23,6 +23,7 @@ import numpy as np
 from benchmarks.cases.robots import Array, bead_on, chain, mechanism, single
 from benchmarks.cases.robots import robot as robot_named
 from benchmarks.table import stored_table
+import pfd_core as pfd
 from pfd_core.algorithms.programs import record_inverse_dynamics
 from pfd_core.kernels.compile import inverse_dynamics
 from pfd_core.machine.emulator import run
@@ -32,14 +33,9 @@ from pfd_core.model import Payload, Plant, Robot, Scene, resolve, with_payload
 ROUNDING = {'float64': 2.0**-53, 'float32': 2.0**-24}
 FORWARD = 'forward_dynamics'
 STATE = ('q', 'qd', 'tau')
+MEASURED = (FORWARD, 'inverse_dynamics', 'inertia_matrix', 'bias_torques', 'derivatives')
 # Quantity to the names of its arguments.
-QUANTITIES = {
-    FORWARD: STATE,
-    'inverse_dynamics': ('q', 'qd', 'qdd'),
-    'inertia_matrix': ('q',),
-    'bias_torques': ('q', 'qd'),
-    'derivatives': STATE,
-}
+QUANTITIES = {name: pfd.QUANTITIES[name].arguments for name in MEASURED}
 SEED = 1987
 # Seed and number of states for all makers, instead of the values in the tables.
 _DRAWN: ContextVar[tuple[int, int] | None] = ContextVar('drawn', default=None)

@@ -282,7 +282,7 @@ def _claims(rows: Iterable[Row]) -> Iterator[Row]:
                 for edition in EDITIONS
                 if (system, edition) in counts
             }
-            row = {'system': claims['title'], 'operation': kind, **claim, **editions}
+            row = {'system': paper.title_of(system), 'operation': kind, **claim, **editions}
             yield row | {'formula': _at(claim['formula']), 'sum_of_parts': _at(claim.get('parts'))}
 
 

@@ -1,19 +1,16 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Methods of forward dynamics by name: the table FORWARD, whose rows name modules.
+Methods of forward dynamics: the table FORWARD, one row each.
 
     H(q) qdd + C(q, qd) qd + G(q) = tau        Lee and Chang 1987, eq. (1)
 
-    walker_orin_1 .. 4, articulated_body       serial, which the paper compares with
-    pcrbm, pcrbm_array, pcgm                   the paper's, on n lanes, corrected
-    pcrbm_1987, pcgm_1987                      the paper's step by step, for comparison with it
-    pcrbm_base_origin, divide_and_conquer, constraint_forces   beyond the paper, on n lanes
-    composite_body, grouped_articulated_body   serial methods at their cheapest, for kernels
+Kernels, emulation and the tables of the documentation follow from the rows. A new method is a row,
+which names the function that records its program; its module is imported when the method is first
+recorded. Inputs are described in pfd_core.dynamics.interface.
 
 On n lanes all METHODS, which kernels offer, take the bias from pfd_core.algorithms.beyond.omega,
-which has fewer steps than the paper's NE1. Inputs are described in pfd_core.dynamics.interface. A
-new method is a row of the table: its module is imported when the method is first recorded.
+which has fewer steps than the paper's NE1.
 """
 
 from __future__ import annotations
@@ -39,10 +36,12 @@ class Method:
     ----------
     name : str
         Its name.
-    module, record : str
-        Module of pfd_core, and its function of a plant, and of a schedule for n lanes.
+    title : str
+        What it is called on pages.
+    record : str
+        'module.function' of pfd_core, a function of a plant, and of a schedule for n lanes.
     parts : mapping
-        Further arguments of the function, which are functions as well: name -> (module, function).
+        Further arguments of the function by name, which are such functions as well.
     serial : bool
         Whether it is for one processor; the others have a lane for each joint.
     iterative : bool
@@ -56,9 +55,9 @@ class Method:
     """
 
     name: str
-    module: str
+    title: str
     record: str
-    parts: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    parts: Mapping[str, str] = field(default_factory=dict)
     serial: bool = False
     iterative: bool = False
     payload: bool = False
@@ -66,50 +65,91 @@ class Method:
 
     def __call__(self, plant: Plant, schedule: str, **options: Any) -> Program:
         """Record the program; `options` are further arguments of the method's function."""
-        record = load(f'pfd_core.{self.module}', self.record)
-        parts = {key: load(f'pfd_core.{m}', f) for key, (m, f) in self.parts.items()}
+        parts = {name: load(path) for name, path in self.parts.items()}
         place = () if self.serial else (schedule,)
-        program: Program = record(plant, *place, **parts | options)
+        program: Program = load(self.record)(plant, *place, **parts | options)
         return program
 
 
-OMEGA = {'link_torques': ('algorithms.beyond.omega', 'omega_torques')}
-BASE_ORIGIN = {'matrix': ('algorithms.beyond.base_origin', 'inertia_matrix_base_origin')}
+OMEGA = {'link_torques': 'algorithms.beyond.omega.omega_torques'}
+BASE_ORIGIN = {'matrix': 'algorithms.beyond.base_origin.inertia_matrix_base_origin'}
 _ROWS = (
-    Method('walker_orin_1', 'dynamics.composite', 'record_walker_orin_1', serial=True),
-    Method('walker_orin_2', 'dynamics.composite', 'record_walker_orin_2', serial=True),
-    Method('walker_orin_3', 'dynamics.composite', 'record_walker_orin_3', serial=True),
-    Method(
-        'walker_orin_4', 'dynamics.conjugate', 'record_walker_orin_4', serial=True, iterative=True
+    *(
+        Method(
+            f'walker_orin_{k}',
+            f"Walker and Orin's method {k}",
+            f'dynamics.{module}.record_walker_orin_{k}',
+            serial=True,
+            iterative=k == 4,
+        )
+        for k, module in enumerate(('composite', 'composite', 'composite', 'conjugate'), 1)
     ),
-    Method('articulated_body', 'dynamics.articulated', 'record_articulated_body', serial=True),
-    Method('pcrbm', 'algorithms.paper.pcrbm', 'record_pcrbm', OMEGA),
-    Method('pcrbm_array', 'algorithms.paper.pcrbm_array', 'record_pcrbm_array', OMEGA),
-    Method('pcgm', 'algorithms.paper.pcgm', 'record_pcgm', OMEGA, iterative=True),
-    Method('pcrbm_base_origin', 'algorithms.paper.pcrbm', 'record_pcrbm', OMEGA | BASE_ORIGIN),
     Method(
-        'divide_and_conquer', 'algorithms.beyond.divide_and_conquer', 'record_divide_and_conquer'
+        'articulated_body',
+        "Featherstone's articulated-body method",
+        'dynamics.articulated.record_articulated_body',
+        serial=True,
+    ),
+    Method(
+        'pcrbm', 'Parallel composite rigid bodies', 'algorithms.paper.pcrbm.record_pcrbm', OMEGA
+    ),
+    Method(
+        'pcrbm_array',
+        'Parallel composite rigid bodies with the triangular array',
+        'algorithms.paper.pcrbm_array.record_pcrbm_array',
+        OMEGA,
+    ),
+    Method(
+        'pcgm',
+        'Parallel conjugate gradients',
+        'algorithms.paper.pcgm.record_pcgm',
+        OMEGA,
+        iterative=True,
+    ),
+    Method(
+        'pcrbm_base_origin',
+        'PCRBM about the base origin',
+        'algorithms.paper.pcrbm.record_pcrbm',
+        OMEGA | BASE_ORIGIN,
+    ),
+    Method(
+        'divide_and_conquer',
+        'Divide and conquer, after Featherstone 1999',
+        'algorithms.beyond.divide_and_conquer.record_divide_and_conquer',
     ),
     # It needs links with a mass and an inertia.
     Method(
         'constraint_forces',
-        'algorithms.beyond.constraint_forces',
-        'record_constraint_forces',
+        "Constraint forces, after Fijany, Sharf and D'Eleuterio 1995",
+        'algorithms.beyond.constraint_forces.record_constraint_forces',
         compiled=False,
     ),
     Method(
-        'composite_body', 'dynamics.composite', 'record_composite_body', serial=True, payload=True
-    ),
-    Method(
-        'grouped_articulated_body',
-        'dynamics.articulated',
-        'record_grouped_articulated_body',
+        'composite_body',
+        'Composite bodies with grouped parameters, for kernels',
+        'dynamics.composite.record_composite_body',
         serial=True,
         payload=True,
     ),
-    # For comparison with the paper.
-    Method('pcrbm_1987', 'algorithms.paper.pcrbm_1987', 'record_pcrbm_1987', compiled=False),
-    Method('pcgm_1987', 'algorithms.paper.pcgm_1987', 'record_pcgm_1987', compiled=False),
+    Method(
+        'grouped_articulated_body',
+        'Articulated bodies with grouped parameters, for kernels',
+        'dynamics.articulated.record_grouped_articulated_body',
+        serial=True,
+        payload=True,
+    ),
+    Method(
+        'pcrbm_1987',
+        'PCRBM step by step as in the paper, for comparison',
+        'algorithms.paper.pcrbm_1987.record_pcrbm_1987',
+        compiled=False,
+    ),
+    Method(
+        'pcgm_1987',
+        'PCGM step by step as in the paper, for comparison',
+        'algorithms.paper.pcgm_1987.record_pcgm_1987',
+        compiled=False,
+    ),
 )
 FORWARD = {method.name: method for method in _ROWS}
 METHODS = tuple(method.name for method in _ROWS if method.compiled)

@@ -56,26 +56,9 @@ def compile_kernel(
         rounding level in nearly every scene. It takes about half as much work again as the
         default method, for derivatives of a UR5 as much again.
     quantity : str
-        The result, and its arguments::
-
-          'forward_dynamics'   qdd, (n,), of (q, qd, tau)
-          'inverse_dynamics'   tau, (n,), of (q, qd, qdd): the commanded torques, so without
-                               gravity compensated by motor controllers; ignores their limits and
-                               brakes
-          'derivatives'        d qdd / d (q, qd, tau), (n, 3n), of (q, qd, tau)
-          'inertia_matrix'     H, (n, n), of q, with the rotors
-          'bias_torques'       (n,), of (q, qd): inverse dynamics at qdd = 0
-          'gravity_torques'    (n,), of q: the same at rest, without the wrench
-          'energy'             (2,) [J], of (q, qd): kinetic, and potential, whose slopes are the
-                               gravity torques
-          'wrench_torques'     (n,), of q and wrench=: the joint torques J' k that a wrench on the
-                               frame causes, in its axes, about its origin
-          'tip_pose'           (4, 4), of q: homogeneous transform of the frame to the base link
-          'tip_jacobian'       (6, n), of q: linear and angular velocity of the frame by qd, in
-                               axes of the base link, linear first
-          'tip_velocity'       (6,), of (q, qd): the Jacobian times qd
+        A name in QUANTITIES, whose rows state the result, its shape and the arguments of a call.
     frame : str, optional
-        For the last four: a name in `robot.frames`, default the robot's tip.
+        For a quantity of a frame: a name in `robot.frames`, default the robot's tip.
 
     Returns
     -------
@@ -104,7 +87,7 @@ def forward_dynamics(
     qd: ArrayLike,
     tau: ArrayLike,
     *,
-    method: str = 'pcrbm',
+    method: str = 'auto',
     scene: Scene | None = None,
     wrench: ArrayLike | None = None,
     brakes: ArrayLike | None = None,
@@ -123,16 +106,12 @@ def forward_dynamics(
         The chain.
     q, qd, tau : array_like
         Positions [rad or m], velocities [rad/s or m/s] and torques [N m or N], (..., n).
-    method : str
-        A name in METHODS, or 'auto'.
-    scene : Scene, optional
-        Which effects are on; default: rigid links and gravity.
     wrench : array_like, optional
         Force [N] and moment [N m] exerted on the last link, (..., 6), in its frame and about
         its origin.
     brakes : array_like of bool, optional
         Braked joints, (..., n), only if the scene has brakes; default none.
-    dtype, refine
+    method, scene, dtype, refine
         As for compile_kernel.
 
     Returns
@@ -146,11 +125,7 @@ def forward_dynamics(
         If an argument has the wrong shape or type, is unknown, or is not finite.
 
     """
-    scene = _with_wrench(scene, wrench)
-    try:
-        kernel = _kernel(robot, scene, method, dtype, refine)
-    except TypeError:  # an unhashable argument, which compile_kernel names
-        kernel = compile_kernel(robot, method=method, scene=scene, dtype=dtype, refine=refine)
+    kernel = _kernel(robot, _with_wrench(scene, wrench), method, dtype, refine)
     return kernel(q, qd, tau, wrench, brakes=brakes)
 
 
@@ -167,16 +142,19 @@ def inverse_dynamics(
     """Return the torques, (..., n), that accelerations need; arguments as forward_dynamics."""
     # Torques are computed from accelerations: brakes play no part.
     scene = replace(_with_wrench(scene, wrench), brakes=False)
+    return _kernel(robot, scene, 'auto', dtype, 0, 'inverse_dynamics')(q, qd, qdd, wrench)
+
+
+def _kernel(*options: Any) -> Kernel:
+    """Return the kernel of the arguments of a KernelSpec; a spec takes too long for each call."""
     try:
-        kernel = _kernel(robot, scene, 'auto', dtype, 0, 'inverse_dynamics')
-    except TypeError:
-        kernel = compile_kernel(robot, scene=scene, dtype=dtype, quantity='inverse_dynamics')
-    return kernel(q, qd, qdd, wrench)
+        return _kept_kernel(*options)
+    except TypeError:  # an argument that has no hash, which the spec names
+        return compile_spec(KernelSpec(*options))
 
 
 @lru_cache(CACHED_KERNELS, typed=True)
-def _kernel(*options: Any) -> Kernel:
-    """Return the kernel of the arguments of a KernelSpec; a spec takes too long for each call."""
+def _kept_kernel(*options: Any) -> Kernel:
     return compile_spec(KernelSpec(*options))
 
 

@@ -37,7 +37,7 @@ from pfd_core.model.values import check_finite, common_shape, real_array
 if TYPE_CHECKING:
     from pfd_core.machine.program import Program
 
-# The default, for which a bound function needs no option.
+# The default number of threads.
 ONE_THREAD = 1
 # Inputs that a scene needs, by name in a call and in a program.
 SCENE_INPUTS = ('wrench', 'free', 'p')
@@ -227,9 +227,11 @@ class Kernel:
                 raise ValueError(
                     f'{name} must be an array of {self.dtype} to be bound, got {found}'
                 )
+        # A bound function is faster without options: the default ones are left out.
+        usual = {'brakes': None, 'payload': None, 'threads': ONE_THREAD}
         options: dict[str, Any] = {'brakes': brakes, 'payload': payload, 'threads': threads}
-        given_options = {k: x for k, x in options.items() if x is not None and x is not ONE_THREAD}
-        bound = partial(self.__call__, q, qd, tau, wrench, out, **given_options)
+        options = {name: x for name, x in options.items() if x is not usual[name]}
+        bound = partial(self.__call__, q, qd, tau, wrench, out, **options)
         bound()
         return bound
 

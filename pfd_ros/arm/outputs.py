@@ -3,21 +3,17 @@
 """Outputs in addition to joint_states: quantities of the model, of the tip, and the true state.
 
 All outputs describe the true state of the cycle, not the measured one. With the joints in
-published order, H qdd + b = tau + tau_ext, where
+published order, H qdd + b = tau + tau_ext, where b are the bias_torques, tau_ext the
+external_torques, and
 
     true_states       q, qd and the efforts tau of the last step
     acceleration      qdd under tau, (n,); zero after a jump, and once the arm has failed
-    external_torques  tau_ext = J'k, of the wrench k on the tip
-    inertia_matrix    H, rotors included, (n, n)
-    bias_torques      b = C qd + g + damping qd
-    gravity_torques   g, with springs of the scene
-    tip_jacobian      J of the origin of the tip's frame, linear first, base axes, (6, n)
-    tip_pose          the tip's frame in the base link's frame
-    tip_wrench        k on the tip, in its axes
-    energy            kinetic and potential, J, and the power of tau, W
+    tip_wrench        the wrench on the tip, in its axes
+    energy            the quantity, and the power of tau, W
 
-The three torques come as JointState, with names and stamp, and under the same name with _array as
-Float64MultiArray: a topic of ROS 2 has one type.
+The others are quantities as rows of pfd.QUANTITIES define them: the row says what a kernel is
+called with, and how its result is laid out. The three torques come as JointState, with names and
+stamp, and under the same name with _array as Float64MultiArray: a topic of ROS 2 has one type.
 
 These are of the arm with its payload, without gravity compensation, whose torque is added to tau.
 Dry friction, stops and brakes are not in that equation. Numbers are finite: an overflow is 0.
@@ -33,16 +29,21 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+import pfd_core as pfd
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.events import ARM_STATE, CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES
 from pfd_ros.arm.settings import OUTPUTS, Settings
-from pfd_ros.messages.convert import POSE, WRENCH, ArrayEncoder, JointStateEncoder
+from pfd_ros.messages.convert import (
+    JOINT_STATE,
+    POSE,
+    WRENCH,
+    ArrayEncoder,
+    JointStateEncoder,
+)
 from pfd_ros.messages.stamped import StampedEncoder, effort_encoder, stamped_encoder
 
 TWIST_AXES = ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')
 ENERGIES = ('kinetic', 'potential', 'power')
-# End of the names of efforts that are published as plain numbers, too.
-AS_ARRAY = '_array'
 Writer: TypeAlias = Callable[[], bytes]
 
 
@@ -68,7 +69,7 @@ class ExtraOutputs:
         self.q, self.qd = np.zeros((2, arm.robot.n))
         self.wrench = np.zeros(6)
         self._writers = [
-            (name, _WRITERS[name.removesuffix(AS_ARRAY)](self, name))
+            (name, _WRITERS.get(name, _quantity)(self, name))
             for name in OUTPUTS
             if name in settings.outputs
         ]
@@ -80,32 +81,23 @@ class ExtraOutputs:
         self.wrench[:] = 0.0 if state.wrench is None else state.wrench.acting
         return [(name, write()) for name, write in self._writers]
 
-    def bound(
-        self,
-        output: str,
-        q: NDArray[Any],
-        qd: NDArray[Any] | None = None,
-        wrench: NDArray[Any] | None = None,
-    ) -> Callable[[], NDArray[Any]]:
+    def bound(self, output: str) -> Callable[[], NDArray[Any]]:
         """Return a function without arguments that evaluates the kernel of an output."""
         kernel = self.arm.kernels[output]
-        out = np.zeros(kernel.shape)
+        row = pfd.QUANTITIES[kernel.quantity]
+        names = (*row.arguments, *('wrench',) * row.wrench)
+        arguments = {name: getattr(self, name) for name in names}
         # Quantities without bodies have no payload.
         takes = kernel.scene.payload is not None
         payload = self.arm.plant.payload_input if takes else {}
-        bound: Callable[[], NDArray[Any]] = kernel.bind(q, qd, out=out, wrench=wrench, **payload)
+        bound: Callable[[], NDArray[Any]] = kernel.bind(
+            **arguments, out=np.zeros(kernel.shape), **payload
+        )
         return bound
 
     def stamped(self, encoder: StampedEncoder, value: Callable[[], NDArray[Any]]) -> Writer:
         """Return the function that writes a message with a stamp."""
         return lambda: encoder.encode(self.arm.stamp_ns, _finite(value()))
-
-    def efforts(self, output: str, value: Callable[[], NDArray[Any]]) -> Writer:
-        """Return the function that writes efforts, from their values in model order."""
-        if output.endswith(AS_ARRAY):
-            return _array([('joint', self.arm.names)], lambda: value()[self.columns])
-        encoder = effort_encoder(self.arm.names, self.frame_id)
-        return self.stamped(encoder, lambda: value()[self.columns])
 
 
 def extra_outputs(settings: Settings, arm: Arm) -> ExtraOutputs | None:
@@ -131,43 +123,12 @@ def _acceleration(given: ExtraOutputs, output: str) -> Writer:
     return _array(layout, lambda: given.arm.acceleration[given.columns])
 
 
-def _external_torques(given: ExtraOutputs, output: str) -> Writer:
-    return given.efforts(output, given.bound(output, given.q, wrench=given.wrench))
-
-
-def _inertia_matrix(given: ExtraOutputs, output: str) -> Writer:
-    evaluate, order = given.bound(output, given.q), np.ix_(given.columns, given.columns)
-    layout = [('row', given.arm.names), ('column', given.arm.names)]
-    return _array(layout, lambda: evaluate()[order])
-
-
-def _bias_torques(given: ExtraOutputs, output: str) -> Writer:
-    return given.efforts(output, given.bound(output, given.q, given.qd))
-
-
-def _gravity_torques(given: ExtraOutputs, output: str) -> Writer:
-    return given.efforts(output, given.bound(output, given.q))
-
-
-def _tip_jacobian(given: ExtraOutputs, output: str) -> Writer:
-    evaluate = given.bound(output, given.q)
-    layout = [('row', TWIST_AXES), ('column', given.arm.names)]
-    return _array(layout, lambda: evaluate()[:, given.columns])
-
-
-def _tip_pose(given: ExtraOutputs, output: str) -> Writer:
-    evaluate = given.bound(output, given.q)
-    return given.stamped(
-        stamped_encoder(POSE, given.arm.robot.base), lambda: position_and_quaternion(evaluate())
-    )
-
-
 def _tip_wrench(given: ExtraOutputs, output: str) -> Writer:
     return given.stamped(stamped_encoder(WRENCH, given.arm.robot.tip), lambda: given.wrench)
 
 
 def _energy(given: ExtraOutputs, output: str) -> Writer:
-    evaluate, arm = given.bound(output, given.q, given.qd), given.arm
+    evaluate, arm = given.bound(output), given.arm
 
     def value() -> NDArray[Any]:
         return np.append(evaluate(), _power((arm.tau * arm.qd)[given.columns]))
@@ -175,16 +136,30 @@ def _energy(given: ExtraOutputs, output: str) -> Writer:
     return _array([('item', ENERGIES)], value)
 
 
-# By the name of the output, without AS_ARRAY.
+def _quantity(given: ExtraOutputs, output: str) -> Writer:
+    """Write a quantity of the model: an axis of n elements has the joints in published order."""
+    kind, arm, evaluate = OUTPUTS[output], given.arm, given.bound(output)
+    if kind.type == POSE:
+        encoder = stamped_encoder(POSE, arm.robot.base)
+        return given.stamped(encoder, lambda: position_and_quaternion(evaluate()))
+    joints = arm.names, given.columns
+    axes = [
+        joints if length == 'n' else (TWIST_AXES, range(len(TWIST_AXES)))
+        for length in pfd.QUANTITIES[kind.quantity].shape
+    ]
+    order = np.ix_(*(places for _, places in axes))
+    if kind.type == JOINT_STATE:
+        encoder = effort_encoder(arm.names, given.frame_id)
+        return given.stamped(encoder, lambda: evaluate()[order])
+    labels = ('joint',) if len(axes) == 1 else ('row', 'column')
+    layout = [(label, names) for label, (names, _) in zip(labels, axes, strict=True)]
+    return _array(layout, lambda: evaluate()[order])
+
+
+# By the name of the output; the others are quantities as they are.
 _WRITERS: dict[str, Callable[[ExtraOutputs, str], Writer]] = {
     'true_states': _true_states,
     'acceleration': _acceleration,
-    'external_torques': _external_torques,
-    'inertia_matrix': _inertia_matrix,
-    'bias_torques': _bias_torques,
-    'gravity_torques': _gravity_torques,
-    'tip_jacobian': _tip_jacobian,
-    'tip_pose': _tip_pose,
     'tip_wrench': _tip_wrench,
     'energy': _energy,
 }

@@ -337,7 +337,7 @@ def test_the_check_finds_a_circle(tmp_path: Path) -> None:
 # of names, and what loads and calls native code. With an empty cache also the machine, the default
 # method, the measurement that chooses it, the passes and the writer of LLVM IR. No other method
 # and no simulation.
-MOST_COLD, MOST_WARM = (65, 14_000), (35, 8_000)
+MOST_COLD, MOST_WARM = (65, 14_000), (28, 6_500)
 COMPILING = """
 import json, sys
 import pfd_core as pfd

@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from pfd_core.dynamics.bodies import with_payload_input
 from pfd_core.dynamics.quantities import QUANTITIES, Quantity
+from pfd_core.forking import no_fork
 from pfd_core.kernels.auto import select
 from pfd_core.model import INSTANT, Plant, Robot, Scene, given_scene, in_motion, resolve
 from pfd_core.model.scene_fields import INPUT
@@ -87,6 +87,9 @@ class KernelSpec:
         choice('dtype', self.dtype, DTYPES)
         plant = resolve(self.robot, scene)
         if scene.payload == INPUT:
+            with no_fork:
+                from pfd_core.dynamics.bodies import with_payload_input
+
             plant = with_payload_input(plant)
         if of_step:
             plant = PLANTS[self.quantity](plant)

@@ -19,7 +19,7 @@ from typing import Any
 import bridge
 
 _FORKS = multiprocessing.get_context('forkserver')
-_FORKS.set_forkserver_preload([*bridge.PRELOADED, __name__])
+_FORKS.set_forkserver_preload([*bridge.PRELOADED, 'pytest', __name__])
 PR_SET_PDEATHSIG = 1
 
 

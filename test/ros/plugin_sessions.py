@@ -10,7 +10,10 @@ from pathlib import Path
 import subprocess
 import sys
 
+from forked_process import ForkedProcess, Job
+import pytest
 from ros_processes import ROOT
+from waiting import PATIENCE
 
 
 def install(folder: Path) -> None:
@@ -22,9 +25,34 @@ def install(folder: Path) -> None:
 def session(
     site: Path, folder: Path, code: str, options: Sequence[str] = (), status: int = 0
 ) -> str:
-    """Run pytest on the code of one test file; return its output."""
+    """Run pytest on the code of one test file in a new process; return its output."""
     (folder / 'test_it.py').write_text(code, encoding='utf-8')
     return run(site, folder, options, status)
+
+
+def forked_session(
+    site: Path, folder: Path, code: str, options: Sequence[str] = (), status: int = 0
+) -> str:
+    """Run pytest as `session` does, in a process that need not import this package."""
+    (folder / 'test_it.py').write_text(code, encoding='utf-8')
+    output = folder / 'output.txt'
+    env = {**os.environ, 'PYTEST_ADDOPTS': ''}
+    job = Job('plugin_sessions', [str(site), *options, str(folder)], output, env, folder, {})
+    found = ForkedProcess(job).wait(PATIENCE)
+    text = output.read_text(encoding='utf-8')
+    assert found == status, text
+    return text
+
+
+def main(args: list[str]) -> int:
+    """Run pytest in a forked process."""
+    site, *rest = args
+    sys.path.insert(0, site)
+    # The plugin has been imported, and its assertions are not rewritten.
+    imported = 'ignore::pytest.PytestAssertRewriteWarning'
+    return int(
+        pytest.main(['-q', '-p', 'no:cacheprovider', '-W', 'error', '-W', imported, *rest])
+    )
 
 
 def run(site: Path, folder: Path, options: Sequence[str] = (), status: int = 0) -> str:

@@ -9,7 +9,7 @@ import re
 
 from bridge import pfd_main, read_contents
 import numpy as np
-from plugin_sessions import session
+from plugin_sessions import forked_session as session
 import pytest
 
 from pfd_ros import read_log
@@ -73,16 +73,13 @@ def test_no_arm(sim_arm):
     raise RuntimeError
 """
 FAILING = ('settles', 'own_assertion', 'two_arms', 'nan', 'recorded', 'split', 'restored')
-# Whose folder is next to their own temporary folder.
-OWN_FOLDERS = ('own_assertion', 'recorded', 'split')
 
 
 @pytest.fixture(scope='module')
 def failed(site: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """Return the folder of a session, with its artifacts, and its output."""
     folder = tmp_path_factory.mktemp('session')
-    options = ['--sim-arm-artifacts', 'left', '-n', '2', '-p', 'xdist']
-    return folder, session(site, folder, TESTS, options, status=1)
+    return folder, session(site, folder, TESTS, ['--sim-arm-artifacts', 'left'], status=1)
 
 
 def place(folder: Path, name: str) -> Path:
@@ -171,39 +168,39 @@ def test_of_a_restored_arm_the_states_since_then_are_written(failed: tuple[Path,
     assert 'the log has its states since then' in ' '.join(failed[1].split())
 
 
-def test_without_the_option_the_folder_is_next_to_the_temporary_folder(
-    site: Path, tmp_path: Path
-) -> None:
-    session(site, tmp_path, TESTS, ['--basetemp', str(tmp_path / 'base')], status=1)
-    left = {path.name for path in (tmp_path / 'base').iterdir() if path.name.endswith('-sim_arm')}
-    assert left == {
-        *(f'test_{name}-sim_arm' for name in FAILING if name not in OWN_FOLDERS),
-        *(f'test_{name}0-sim_arm' for name in OWN_FOLDERS),
-    }
-
-
-def test_a_second_session_keeps_the_artifacts_of_the_first(site: Path, tmp_path: Path) -> None:
-    code = """
+FALLS = """
 def test_falls(sim_arm):
     arm = sim_arm(robot='planar2')
     arm.run(lambda t, q, qd: 0 * q, 0.02).assert_settles(1.0, within=0.1, by=0.0)
 """
-    for _ in range(2):
-        session(site, tmp_path, code, ['--sim-arm-artifacts', 'left'], status=1)
-    names = sorted(path.name for path in (tmp_path / 'left').iterdir())
-    assert names == ['test_it.py_test_falls', 'test_it.py_test_falls-2']
+
+
+def test_without_the_option_the_folder_is_next_to_the_temporary_folder(
+    site: Path, tmp_path: Path
+) -> None:
+    code = FALLS + FALLS.replace('falls(sim_arm)', 'with_a_folder(sim_arm, tmp_path)')
+    session(site, tmp_path, code, ['--basetemp', str(tmp_path / 'base')], status=1)
+    left = {path.name for path in (tmp_path / 'base').iterdir() if path.name.endswith('-sim_arm')}
+    assert left == {'test_falls-sim_arm', 'test_with_a_folder0-sim_arm'}
+
+
+def test_a_session_with_workers_keeps_the_artifacts_of_the_one_before(
+    site: Path, tmp_path: Path
+) -> None:
+    (tmp_path / 'left' / 'test_it.py_test_falls').mkdir(parents=True)
+    options = ['--sim-arm-artifacts', 'left', '-n', '1', '-p', 'xdist']
+    text = session(site, tmp_path, FALLS, options, status=1)
+    first, second = sorted((tmp_path / 'left').iterdir())
+    assert (first.name, list(first.iterdir())) == ('test_it.py_test_falls', [])
+    assert second.name == 'test_it.py_test_falls-2'
+    assert f'recording  {second}/arm.mcap' in text
 
 
 def test_a_folder_that_cannot_be_made_leaves_the_report_of_the_test(
     site: Path, tmp_path: Path
 ) -> None:
-    code = """
-def test_falls(sim_arm):
-    arm = sim_arm(robot='planar2')
-    arm.run(lambda t, q, qd: 0 * q, 0.02).assert_settles(1.0, within=0.1, by=0.0)
-"""
     (tmp_path / 'left').touch()
-    text = session(site, tmp_path, code, ['--sim-arm-artifacts', 'left'], status=1)
+    text = session(site, tmp_path, FALLS, ['--sim-arm-artifacts', 'left'], status=1)
     assert 'expected within 0.1' in text
     assert 'no recording and no page: NotADirectoryError: ' in text
 

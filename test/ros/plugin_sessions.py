@@ -50,9 +50,7 @@ def main(args: list[str]) -> int:
     sys.path.insert(0, site)
     # The plugin has been imported, and its assertions are not rewritten.
     imported = 'ignore::pytest.PytestAssertRewriteWarning'
-    return int(
-        pytest.main(['-q', '-p', 'no:cacheprovider', '-W', 'error', '-W', imported, *rest])
-    )
+    return int(pytest.main(['-q', '-p', 'no:cacheprovider', '-W', 'error', '-W', imported, *rest]))
 
 
 def run(site: Path, folder: Path, options: Sequence[str] = (), status: int = 0) -> str:

@@ -208,13 +208,14 @@ def test_every_effect_of_a_scene_has_a_row() -> None:
 
 @pytest.mark.slow
 def test_the_full_scene_has_what_the_model_states_and_is_given_or_the_reason_why_not() -> None:
-    given = pfd.Scene(gravity=None, damping=(1.0,) * 7)
-    full, refused = full_scene(pfd.load_robot('panda'), given, SETTINGS)
+    given = pfd.Scene(gravity=None, damping=(1.0, 2.0))
+    rotors = replace(pfd.load_robot('planar2'), armature=np.array([0.1, 0.2]))
+    full, refused = full_scene(rotors, given, SETTINGS)
     assert (full.gravity, full.damping, full.armature) == (None, given.damping, 'model')
     assert not refused.keys() & {'damping', 'armature'}
     # The model of the disc states limits of velocity and effort, and those alone.
     assert full_scene(DISC, pfd.Scene(), SETTINGS)[0] == pfd.Scene(effort_limits='model')
-    undamped = replace(pfd.load_robot('puma560'), damping=np.zeros(6))
+    undamped = replace(rotors, friction=np.ones(2), damping=np.zeros(2))
     full, refused = full_scene(undamped, pfd.Scene(), {**SETTINGS, 'integrator': 'imex2'})
     assert full.friction is None
     assert 'friction' in refused['friction']

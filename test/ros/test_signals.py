@@ -80,7 +80,7 @@ def test_a_third_signal_ends_a_process_with_an_output_that_takes_no_line(reader:
 @pytest.mark.slow
 @pytest.mark.parametrize('fault', ['stub_hangs', 'stub_hangs_in_c'])
 def test_a_third_signal_ends_every_one_of_many_processes(processes: Processes, fault: str) -> None:
-    for _ in range(15):
+    for _ in range(5):
         check_third(processes, fault)
 
 
@@ -100,7 +100,8 @@ def test_any_burst_of_signals_at_any_moment_ends_a_process_by_itself(
     processes: Processes,
 ) -> None:
     # A process that closes at once has no time to be killed by the burst: always status 0.
-    for k in range(60):
+    # Each number of signals with each time between them.
+    for k in range(28):
         process = processes.python(FAULTY, 'stub_ends')
         process.wait_for_text('steps')
         assert process.end(*(INT, TERM, HUP, INT)[: 1 + k % 4], apart=0.001 * (k % 7)) == 0
@@ -123,9 +124,9 @@ def test_a_node_ends_under_repeated_signals_at_any_moment_of_its_life(
     processes: Processes,
 ) -> None:
     # From before the imports until after the last line. Signals that are due at once are one.
-    for k in range(10):
+    for k in range(6):
         arm = processes.python(*NODE, '--ros-args')
-        time.sleep(0.2 * k)
+        time.sleep(0.33 * k)
 
         def ended(arm: Process = arm) -> bool:
             arm.process.send_signal(INT)

@@ -74,7 +74,7 @@ def test_a_log_and_live_exclude_each_other(
 
 @pytest.mark.ros
 @pytest.mark.parametrize(
-    ('arguments', 'domain', 'error'),
+    ('words', 'domain', 'error'),
     [
         ((), 'many', 'ROS_DOMAIN_ID is not an integral number'),
         (('--topic', 'a b'), '0', "'a b' is not a valid topic name"),
@@ -86,19 +86,15 @@ def test_a_log_and_live_exclude_each_other(
     ],
 )
 def test_an_invalid_domain_or_name_is_one_line(
-    arguments: tuple[str, ...], domain: str, error: str
+    words: tuple[str, ...],
+    domain: str,
+    error: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    command = [sys.executable, '-m', 'pfd_ros.cli.main', 'view', '--live', '--port', '0']
-    done = subprocess.run(
-        [*command, *arguments],
-        capture_output=True,
-        text=True,
-        env=environment(0) | {'ROS_DOMAIN_ID': domain},
-        timeout=PATIENCE,
-        check=False,
-    )
-    assert done.returncode == 1
-    (line,) = done.stderr.splitlines()
+    monkeypatch.setenv('ROS_DOMAIN_ID', domain)
+    assert pfd_main(['view', '--live', '--port', '0', *words]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
     assert error in line
 
 

@@ -166,8 +166,9 @@ def test_the_blocks_of_the_library_run(tmp_path: Path, monkeypatch: pytest.Monke
     robot = pfd.load_robot('planar2')
     q, qd, tau = np.random.default_rng(0).uniform(-1, 1, (3, 2))
     names = {'pfd': pfd, 'robot': robot, 'q': q, 'qd': qd, 'tau': tau, 'times': [0.5, 1.0]}
-    first, second = (body for _, body in FENCE.findall(TEXTS['docs/guides/library.md']))
+    first, second, third = (body for _, body in FENCE.findall(TEXTS['docs/guides/library.md']))
     exec(first.replace('10.0, rtol=1e-11', '1.0, rtol=1e-6'), names)
     assert names['run'].status == 'ok'
     exec(second, names)
     assert pfd.load_scene('scene.yaml') == names['scene']
+    exec(third, names | {'np': np, 'taus': np.ones((10, 2))})

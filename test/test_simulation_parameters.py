@@ -303,8 +303,8 @@ def per_arm(shape: tuple[int, ...], *place: int, value: float, other: float = 1.
             },
             "parameters, arm 0: stribeck_velocity of joint 'elbow' must be above 0",
         ),
-        ({'static_friction': np.ones(2)}, 'static_friction was given without friction: give both'),
-        ({'payload.center': np.ones(3)}, 'payload.center was given without payload.mass: give'),
+        ({'static_friction': np.ones(2)}, 'static_friction was given without friction, which the'),
+        ({'payload.center': np.ones(3)}, 'payload.center was given without payload.mass, which'),
         (
             {'payload.mass': [1.0, -2.0, 1.0]},
             'parameters, arm 1: payload mass must not be negative, got -2.0 kg',
@@ -342,7 +342,13 @@ def test_an_arm_without_inertia_is_named() -> None:
 @pytest.mark.parametrize(
     ('call', 'message'),
     [
-        (lambda many: many.linearize(*np.zeros((3, 3, 2))), 'linearize takes arms with equal'),
+        (lambda many: many.linearize(*np.zeros((3, 3, 2))), 'linearize takes no Ensemble with'),
+        (
+            lambda many: pfd.Ensemble(many.robot, 3, parameters={'damping': [1, 1]}).linearize(
+                *np.zeros((3, 3, 2))
+            ),
+            'linearize takes no Ensemble with parameters',
+        ),
         (
             lambda many: pfd.Ensemble(
                 many.robot, 2, method='pcrbm', parameters={'damping': [[1, 1], [2, 2]]}

@@ -10,6 +10,7 @@ Serial dynamics: the algorithms that kernels are made of, each recorded once as 
     links          parameters of a chain in joint axes, as given and grouped, as numbers
     numbers        numbers of a plant: constants, or elements of the input `p`
     bodies         numbers of links with a payload, or of arms that differ, for `p`
+    parameters     what differs among the arms of an ensemble, checked
     joints         what crosses a joint: vectors, forces, bodies; sweeps over a chain of joints
     chain          the chain at the input q: joints and links, grouped or as given
 

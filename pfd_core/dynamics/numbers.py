@@ -11,7 +11,7 @@ A plant has NaN for each number that varies. `with_inputs` gives each of them a 
 derived from one (Plant.only) and all their programs share the same `p`. Numbers vary one by one: a
 structural zero stays a constant, since an input in its place costs half of a kernel's operations.
 
-FIELDS are the numbers that algorithms read, many of them computed from fields of a scene: so no
+VARYING are the numbers that algorithms read, many of them computed from fields of a scene: so no
 program divides by a Stribeck velocity or groups inertial parameters.
 """
 
@@ -32,7 +32,7 @@ from pfd_core.model.values import Array
 # The input of a program that holds the numbers that vary.
 PARAMETERS = 'p'
 # Fields in the order of `p`: attributes of Plant, and numbers of links.
-FIELDS = (
+VARYING = (
     CENTERED,
     GROUPED,
     'base_acceleration',
@@ -115,7 +115,7 @@ def with_inputs(plant: Plant) -> Plant:
     """Return a plant with a place in `p` for each of its numbers that is NaN."""
     varied: dict[str, NDArray[np.int64]] = {}
     first = 0
-    for field in FIELDS:
+    for field in VARYING:
         found = plant.links.get(field, getattr(plant, field, None))
         if found is not None and np.isnan(found).any():
             varies = np.isnan(found)

@@ -182,7 +182,9 @@ def _checked(
         elif needed:
             held = getattr(scene, needed)
         if needed and held is None and needed not in found:
-            raise ValueError(f'parameters: {name} was given without {needed}: give both')
+            raise ValueError(
+                f'parameters: {name} was given without {needed}, which the scene lacks as well'
+            )
     return found
 
 

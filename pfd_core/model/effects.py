@@ -44,7 +44,7 @@ LINKS, JOINTS, MOTORS, BRAKES, STEP = 'links', 'joints', 'motors', 'brakes', 'st
 # Two effects of the joints that a plant may keep alone: their numbers multiply qdd, and qd.
 INERTIA, VISCOSITY = 'inertia', 'viscosity'
 
-Numbers = Mapping[str, Array | None]  # by field of Scene
+FieldNumbers = Mapping[str, Array | None]  # by field of Scene
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Effect:
     torque: Callable[[Any, Any, Any], Any] | None = None
     potential: Callable[[Any, Any], Any] | None = None
     needs: str = ''
-    completed: Callable[[Robot, Numbers], Numbers] | None = None
+    completed: Callable[[Robot, FieldNumbers], FieldNumbers] | None = None
 
     @property
     def fields(self) -> tuple[Field, ...]:
@@ -106,7 +106,7 @@ class Effect:
         """Whether it acts on the joint side of the motors, at an instant or over a step."""
         return self.acts in (JOINTS, STEP)
 
-    def plant_numbers(self, robot: Robot, values: Numbers) -> Numbers:
+    def plant_numbers(self, robot: Robot, values: FieldNumbers) -> FieldNumbers:
         """Return the numbers of the effect by field, {} if it is off."""
         if self.completed is not None:
             return self.completed(robot, values)
@@ -125,7 +125,7 @@ def _limited(values: Array | None) -> bool:
     return values is not None and bool(np.isfinite(values).any())
 
 
-def _friction(robot: Robot, values: Numbers) -> Numbers:
+def _friction(robot: Robot, values: FieldNumbers) -> FieldNumbers:
     """Return Coulomb friction, the friction at rest, and the velocity between them if needed."""
     sliding, resting = values['friction'], values['static_friction']
     resting = sliding if resting is None else resting
@@ -144,7 +144,7 @@ def _friction(robot: Robot, values: Numbers) -> Numbers:
     return {'friction': sliding, 'static_friction': resting, 'stribeck_velocity': speed}
 
 
-def _stops(robot: Robot, values: Numbers) -> Numbers:
+def _stops(robot: Robot, values: FieldNumbers) -> FieldNumbers:
     """Return lower and upper limits, (n, 2), and the restitution, (n,)."""
     limits = values['joint_limits']
     if limits is None:
@@ -165,7 +165,7 @@ def _stops(robot: Robot, values: Numbers) -> Numbers:
 LEAST_PERIODS, MOST_PERIODS = 1e-6, 1e6
 
 
-def _cogging(robot: Robot, values: Numbers) -> Numbers:
+def _cogging(robot: Robot, values: FieldNumbers) -> FieldNumbers:
     rows = values['cogging']
     if rows is None or not _acts(rows[:, 0]):
         return {}
@@ -181,7 +181,7 @@ def _cogging(robot: Robot, values: Numbers) -> Numbers:
     return {'cogging': np.where(rows[:, :1] == 0, (0.0, 1.0, 0.0), rows)}
 
 
-def _torque_speed(robot: Robot, values: Numbers) -> Numbers:
+def _torque_speed(robot: Robot, values: FieldNumbers) -> FieldNumbers:
     return {'torque_speed': values['torque_speed']}
 
 

@@ -27,7 +27,7 @@ from pfd_core.model.effects import (
     MOTORS,
     STEP,
     VISCOSITY,
-    Numbers,
+    FieldNumbers,
 )
 from pfd_core.model.geometry import product
 from pfd_core.model.robot import (
@@ -214,7 +214,7 @@ def resolve(
     return plant if scene.payload == INPUT else _without_compensated_gravity(plant)
 
 
-def _effects(robot: Robot, values: Numbers) -> dict[str, Array]:
+def _effects(robot: Robot, values: FieldNumbers) -> dict[str, Array]:
     """Return the numbers of all effects by field, from the numbers of a scene."""
     effects: dict[str, Array] = {}
     for effect in EFFECTS:

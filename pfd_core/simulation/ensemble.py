@@ -8,6 +8,7 @@ An ensemble: many simulations of one robot at once, one arm per SIMD lane.
     runs = many.rollout(taus)                         torques, (steps, n) or (4096, steps, n)
     runs = many.rollout(steps=1000, feedback=Feedback(kp, kd, q_ref))
     runs = many.rollout(taus, feedback=StateFeedback(gain, q_ref, qd_ref))
+    many = Ensemble(robot, 4096, parameters={'friction': friction})      (4096, n)
 
 The whole loop over the steps is in native code, also with feedback. Each arm moves by the same
 bits as in a Simulator, whatever the size of the ensemble and the number of threads.

@@ -379,10 +379,10 @@ class Simulation(ABC):
             derivative then.
 
         """
-        if self._plant.varied:
+        if self.spec.inputs is not None:
             raise ValueError(
-                'linearize takes arms with equal numbers, not an Ensemble with parameters: use a '
-                'Simulator with the numbers of the arm'
+                'linearize takes no Ensemble with parameters: use a Simulator with the numbers of '
+                'the arm'
             )
         if self.scene.payload == INPUT:
             raise ValueError(

@@ -8,7 +8,7 @@ import ctypes
 from fractions import Fraction
 import math
 
-from bridge import compile_ir
+from native_code import compile_ir
 import numpy as np
 
 Triple = tuple[np.ndarray, np.ndarray, np.ndarray]

@@ -10,7 +10,6 @@ from typing import Any
 
 from bridge import (
     IrCode,
-    compile_ir,
     ir_body,
     ir_declarations,
     ir_evaluate,
@@ -19,6 +18,7 @@ from bridge import (
     ir_to_rows,
     run_program,
 )
+from native_code import compile_ir
 import numpy as np
 import pytest
 

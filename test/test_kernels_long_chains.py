@@ -4,14 +4,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import bridge
 from bridge import (
     FEW_JOINTS,
     MANY_JOINTS,
-    USUAL_OPTIMISATION,
+    Optimisation,
     Recorder,
     coaxial_robot,
     method_cost,
@@ -145,7 +144,7 @@ def test_the_code_of_a_long_program_gives_the_same_bits(monkeypatch: pytest.Monk
     emit = bridge.emit_object
     results = []
     for long in (False, True):
-        usual = replace(USUAL_OPTIMISATION, long=long)
+        usual = Optimisation(long=long)
         monkeypatch.setattr(
             *bridge.target('emit_object'),
             lambda ir, target, _, usual=usual: emit(ir, target, usual),

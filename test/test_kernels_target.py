@@ -16,9 +16,8 @@ import sys
 
 import bridge
 from bridge import (
-    USUAL_OPTIMISATION,
+    Optimisation,
     Target,
-    compile_ir,
     host_target,
     ir_inputs_of,
     ir_kernel_functions,
@@ -29,6 +28,7 @@ from bridge import (
 )
 from fused_products import cancelling, everywhere, native, rounded
 import llvmlite.binding as llvm
+from native_code import compile_ir
 import numpy as np
 from numpy.typing import NDArray
 import pytest
@@ -174,7 +174,7 @@ def test_code_whose_order_is_kept_leaves_the_order_of_other_code_to_llvm(
 ) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), method='composite_body')
     ir, target = module(kernel, 8), level_target('x86-64-v4')
-    usual, kept = USUAL_OPTIMISATION, replace(USUAL_OPTIMISATION, reorder=False)
+    usual, kept = Optimisation(), Optimisation(reorder=False)
     before, between, after = (
         bridge.emit_object(ir, target, choice) for choice in (usual, kept, usual)
     )

@@ -10,7 +10,6 @@ from bridge import (
     MACHINE_SCHEDULES,
     Lanes,
     Recorder,
-    compile_ir,
     ir_kernel_functions,
     iterate,
     lower_program,
@@ -18,6 +17,7 @@ from bridge import (
     pattern_total,
     run_program,
 )
+from native_code import compile_ir
 import numpy as np
 import pytest
 

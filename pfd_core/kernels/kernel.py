@@ -29,7 +29,7 @@ from pfd_core.kernels.native import simd_width
 from pfd_core.kernels.objects import python_function
 from pfd_core.kernels.recipes import Recipe, forward, turned_joints
 from pfd_core.kernels.spec import KernelSpec
-from pfd_core.kernels.threads import BatchWork, block_size, run, thread_count
+from pfd_core.kernels.threads import batch_work, block_size, run, thread_count
 from pfd_core.model import Payload, scene_inputs
 from pfd_core.model.scene_fields import INPUT
 from pfd_core.model.values import check_finite, common_shape, real_array
@@ -191,7 +191,7 @@ class Kernel:
             rows = result.reshape(-1, size)
         given = [*(_as_rows(value, batch) for value in arrays.values()), rows]
         block = block_size(len(rows), threads, self._width, self._recipe.work)
-        if run(BatchWork(self._native, given), len(rows), block, threads):
+        if run(batch_work(self._native, given), len(rows), block, threads):
             for name, value in arrays.items():
                 check_finite(name, value)
         if out is None:

@@ -3,8 +3,8 @@
 """
 LLVM IR to native code in this process.
 
-    native = compile_ir(ir, ['f'])      native['f'] is the address of a function
-    code = emit(ir, target)             an object file, for any processor
+    native = compile_kept(key, source, ['f'], Facts)    native['f'] is the address of a function
+    code = emit(ir, target)                             an object file, for any processor
 
 The code is for the processor of this machine, or for the level of x86-64 that the environment
 variable PFD_TARGET_CPU names, which is read at each compilation. Results have the same bits on
@@ -83,9 +83,6 @@ class Optimisation:
     reorder: bool = True
 
 
-USUAL = Optimisation()
-
-
 @dataclass(frozen=True)
 class Native:
     """Native code of a module, which is freed with its last owner."""
@@ -145,16 +142,11 @@ def add_symbol(name: str, address: int) -> None:
     _symbols[name] = address
 
 
-def compile_ir(ir: str, functions: Sequence[str]) -> Native:
-    """Return native code of a module of LLVM IR, with the addresses of some functions."""
-    return compile_kept(('IR', ir), lambda: (ir, USUAL, {}), functions)
-
-
 def compile_kept(
     key: Sequence[str],
     source: Callable[[], tuple[str, Optimisation, dict[str, Any]]],
     functions: Sequence[str],
-    facts: Callable[..., Any] = dict,
+    facts: Callable[..., Any],
 ) -> Native:
     """
     Return native code of a module, from disk if it was compiled before.
@@ -203,14 +195,14 @@ def compile_kept(
     return kept((*key, *versions, repr(target)) if key else (), make, use)
 
 
-def emit(ir: str, target: Target | None = None, optimisation: Optimisation = USUAL) -> bytes:
+def emit(ir: str, target: Target | None = None, optimisation: Optimisation | None = None) -> bytes:
     """
     Return the object file of a module of LLVM IR.
 
     The target, by default the current one, need not be this machine's. RuntimeError if the IR is
     not a valid module, or this LLVM cannot compile for the target.
     """
-    target = target or current()
+    target, optimisation = target or current(), optimisation or Optimisation()
     machine = _machine(target, 1 if optimisation.long else 2)
     module = llvm.parse_assembly(ir)
     module.triple = target.triple

@@ -18,7 +18,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 import ctypes
-from dataclasses import dataclass
 from functools import cache, partial
 import math
 import os
@@ -28,7 +27,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.forking import cached_property
 from pfd_core.kernels.native import Native
 from pfd_core.model.values import integer
 
@@ -62,15 +60,13 @@ def _new_pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max(cores() - 1, 1), thread_name_prefix='pfd')
 
 
-_pool = _new_pool()
-
-
 def _replace_pool() -> None:
-    """Forget the parent's workers: a forked process has none of its threads."""
+    """Forget the workers, of which a forked process has none."""
     global _pool
     _pool = _new_pool()
 
 
+_pool = _new_pool()
 if hasattr(os, 'register_at_fork'):
     os.register_at_fork(after_in_child=_replace_pool)
 
@@ -163,23 +159,19 @@ def address(array: NDArray[Any]) -> int:
     return place
 
 
-@dataclass(frozen=True)
-class BatchWork:
-    """The work of @batch (pfd_core.kernels.generate) on states in rows."""
+def batch_work(code: Native, rows: Sequence[NDArray[Any]]) -> Callable[[int, int], int]:
+    """
+    Return work for `run`: @batch (pfd_core.kernels.generate) on some of the states.
 
-    code: Native
-    rows: Sequence[NDArray[Any]]  # inputs and output, (B, elements), as @batch takes them
+    `rows` are inputs and output, (B, elements), as @batch takes them. Flag 1 is for an input that
+    is not finite.
+    """
+    table = np.array([(address(row), *row.strides) for row in rows], np.int64)
+    batch = BATCH(code['batch'])
 
-    @cached_property
-    def _table(self) -> NDArray[np.int64]:
-        return np.array([(address(row), *row.strides) for row in self.rows], np.int64)
-
-    @cached_property
-    def _batch(self) -> Callable[[int, int], int]:
-        return BATCH(self.code['batch'])
-
-    def __call__(self, first: int, size: int) -> int:
-        """Compute some states; return 1 where an input is not finite, else 0."""
-        own = self._table.copy()
+    def work(first: int, size: int) -> int:
+        own = table.copy()
         own[:, 0] += first * own[:, 1]
-        return self._batch(size, address(own))
+        return int(batch(size, address(own)))
+
+    return work

@@ -140,8 +140,9 @@ def inverse_dynamics(
     dtype: str = 'float64',
 ) -> NDArray[Any]:
     """Return the torques, (..., n), that accelerations need; arguments as forward_dynamics."""
-    # Torques are computed from accelerations: brakes play no part.
-    scene = replace(_with_wrench(scene, wrench), brakes=False)
+    scene = _with_wrench(scene, wrench)
+    if scene.brakes:  # torques are computed from accelerations: brakes play no part
+        scene = replace(scene, brakes=False)
     return _kernel(robot, scene, 'auto', dtype, 0, 'inverse_dynamics')(q, qd, qdd, wrench)
 
 

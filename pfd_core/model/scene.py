@@ -195,10 +195,16 @@ Scene.__init__ = _init_by_joint  # type: ignore[method-assign]
 def given_scene(scene: Scene | None) -> Scene:
     """Return a scene, the default one for None; ValueError for anything else."""
     if scene is None:
-        return Scene()
+        return _default_scene()
     if not isinstance(scene, Scene):
         raise ValueError(f'scene must be a Scene or None, got {quote(scene)}')
     return scene
+
+
+@lru_cache(1)
+def _default_scene() -> Scene:
+    # To check all fields takes as long as two hundred evaluations of a kernel.
+    return Scene()
 
 
 def _with_needed(name: str) -> set[str]:

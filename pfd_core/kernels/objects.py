@@ -52,8 +52,6 @@ FUNCTIONS = {
 }
 
 LOG = logging.getLogger('pfd_core')
-# Stands for a function that this Python lacks, and that is therefore never called.
-_nowhere = ctypes.c_int64()
 
 
 class _MethodDef(ctypes.Structure):
@@ -89,9 +87,10 @@ def python_function(
 
 def register_symbols() -> None:
     """Give the linker the addresses of the objects and functions that modules refer to."""
-    for name in FUNCTIONS:
-        add_symbol(f'pfd.{name}', _address(name) or ctypes.addressof(_nowhere))
-    add_symbol('pfd.new', _new() or ctypes.addressof(_nowhere))
+    for name, function in FUNCTIONS.items():
+        address = ctypes.cast(getattr(ctypes.pythonapi, function), ctypes.c_void_p).value
+        add_symbol(f'pfd.{name}', address or 0)
+    add_symbol('pfd.new', _numpy_function(NEW))
     objects: dict[str, Any] = {'none': None, 'one': 1, 'ndarray': np.ndarray}
     objects |= {dtype: np.dtype(dtype) for dtype in ('float64', 'float32')}
     objects |= {f'name.{name}': interned for name, interned in _NAMES.items()}
@@ -103,19 +102,20 @@ def register_symbols() -> None:
 _NAMES = {name: sys.intern(name) for name in (*SLOTS, *OPTIONS)}
 
 
+def _numpy_function(k: int) -> int:
+    """Return the address of a function in the table of NumPy's C API."""
+    core: Any = getattr(np, '_core', None) or np.core
+    find = ctypes.pythonapi.PyCapsule_GetPointer
+    find.restype, find.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    table = find(core._multiarray_umath._ARRAY_API, None)
+    return ctypes.c_void_p.from_address(table + 8 * k).value or 0
+
+
 @cache
 def supported() -> bool:
-    """Return whether native code can read the objects of this Python; log once if it cannot."""
+    """Return whether arrays and tuples have the expected layout; log once if they have not."""
     try:
-        found = (
-            sys.implementation.name == 'cpython'
-            and ctypes.sizeof(ctypes.c_void_p) == 8
-            and hasattr(ctypes.pythonapi, 'PyCFunction_NewEx')
-            and all(map(_address, FUNCTIONS))
-            and _new() is not None
-            and _tuples_are_as_expected()
-            and all(map(_is_as_expected, _probes()))
-        )
+        found = _tuples_are_as_expected() and all(map(_is_as_expected, _probes()))
     except Exception:  # reading an object of another layout may raise anything
         found = False
     if not found:
@@ -125,23 +125,6 @@ def supported() -> bool:
             *(sys.version.split()[0], np.__version__),
         )
     return found
-
-
-def _address(name: str) -> int | None:
-    """Return the address of a row of FUNCTIONS, or None."""
-    found = getattr(getattr(ctypes, 'pythonapi', None), FUNCTIONS[name], None)
-    return None if found is None else ctypes.cast(found, ctypes.c_void_p).value
-
-
-def _new() -> int | None:
-    """Return the address of PyArray_NewFromDescr, or None."""
-    core: Any = getattr(np, '_core', None) or np.core
-    table = getattr(core._multiarray_umath, '_ARRAY_API', None)
-    find = getattr(getattr(ctypes, 'pythonapi', None), 'PyCapsule_GetPointer', None)
-    if table is None or find is None:
-        return None
-    find.restype, find.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-    return ctypes.c_void_p.from_address(find(table, None) + 8 * NEW).value
 
 
 def _tuples_are_as_expected() -> bool:

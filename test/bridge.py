@@ -114,6 +114,7 @@ NAMES = {
     'SERIAL_METHODS': 'pfd_core.dynamics.methods:SERIAL',
     'record_forward_dynamics': 'pfd_core.dynamics.methods:record_forward_dynamics',
     'record_link_torques': 'pfd_core.dynamics.newton_euler:record_link_torques',
+    'record_error': 'pfd_core.dynamics.refinement:record_error',
     'record_refined': 'pfd_core.dynamics.refinement:record_refined',
     # pfd_core.algorithms: recorders of programs on n lanes
     'array_pipeline': 'pfd_core.algorithms.paper.array_solver:pipeline',

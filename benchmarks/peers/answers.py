@@ -20,16 +20,13 @@ from benchmarks.cases.problems import FORWARD, STATE, Problem
 from benchmarks.cases.robots import Array
 from benchmarks.peers.pinocchio import Pinocchio
 from benchmarks.references.derivatives import linear_rk4
-from pfd_core.dynamics.refinement import record_refined
 from pfd_core.kernels.auto import select
 from pfd_core.kernels.compile import compile_kernel
-from pfd_core.kernels.lower import lower
-from pfd_core.kernels.recipes import recipe_of
+from pfd_core.kernels.recipes import error_estimate, recipe_of
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.emulator import run
-from pfd_core.machine.iteration import TOLERANCES
-from pfd_core.machine.program import Output, Program
-from pfd_core.model import Plant, Scene
+from pfd_core.machine.program import Program
+from pfd_core.model import Scene
 from pfd_core.simulation.simulator import Simulator
 
 # Names of the ways on pages.
@@ -44,23 +41,13 @@ def kernel_answer(problem: Problem, dtype: str, refine: int, method: str = 'auto
 
 
 def first_answer(problem: Problem, dtype: str) -> tuple[NDArray[Any], NDArray[Any]]:
-    """
-    Return the answer (S, n) that a refined kernel corrects, and its estimated error (S,).
-
-    The estimate is max |delta| / max |qdd|, as of `Kernel.error_estimate`.
-    """
+    """Return the answer (S, n) that a refined kernel corrects, and its estimated error (S,)."""
     method, _ = select(problem.plant, 'auto', 1)
-    recorded = record_with_first_answer(problem.plant, method, dtype)
-    found = _run(lower(recorded, dtype, ['error', 'before']).compiled, problem, dtype)
-    return found['before'], found['error'][:, 0].astype(np.float64)
-
-
-def record_with_first_answer(plant: Plant, method: str, dtype: str = 'float64') -> Program:
-    """Return the refined program with one more output: `before`, the answer that it corrects."""
-    program = record_refined(plant, method, 1, TOLERANCES[dtype], dtype)
-    corrected = [program.instructions[register] for register, _ in program.outputs['qdd'].places]
-    before = Output((plant.robot.n,), tuple((c.args[0], 0) for c in corrected))
-    return replace(program, outputs={**program.outputs, 'before': before})
+    before = kernel_answer(problem, dtype, 0, method)
+    spec = KernelSpec(problem.robot, problem.scene or Scene(), method, dtype)
+    answered = replace(problem, states=problem.states | {'qdd': before})
+    error = _run(error_estimate(spec).program, answered, dtype)['error']
+    return before, error[:, 0].astype(np.float64)
 
 
 def _run(program: Program, problem: Problem, dtype: str) -> dict[str, Any]:

@@ -105,7 +105,7 @@ def record_derivatives(
         y = minus_bias(moving, by_qd, torques, qd)
         qdd = _refined(recorder, plant, factors, y, refine)
     else:
-        refined = record_refined(plant, method, refine, TOLERANCES[dtype], estimate=None)
+        refined = record_refined(plant, method, refine, TOLERANCES[dtype])
         answer = with_nan_unless_converged(refined, plant)
         qdd = inline(recorder, answer, {})['qdd']
     by_q = by_positions(moving, qd, qdd, _minus_inertia(recorder, plant, torques, qdd))

@@ -8,13 +8,14 @@ Iterative refinement: solve again for the torques that an answer misses, and add
     delta  = the same method at q, for r, at rest, without gravity and wrench:  H delta = r
     qdd    = qdd + delta
 
-The last three lines are a step. The error of the answer before the last step is estimated by
+The last three lines are a step. The error of accelerations, refined or not, is estimated by
 
     error = max |delta| / max |qdd + delta|       r with its rounding errors added
 
 A residual in the number format is rounding where tau is close to the bias, and so is delta.
-pfd_core.machine.rounding_errors makes it accurate, for several times the operations; only a
-recording of the estimate has it.
+pfd_core.machine.rounding_errors makes it accurate, for several times the operations. It is the
+residual of the robot as it is given: axes of links at other than right angles are rounded anew by
+the methods, and their answers are wrong by that.
 
 A method is recorded once more for delta. Its part that depends on q alone, the inertia
 matrix and its factors or the articulated inertias, consists of the same expressions as before, and
@@ -33,15 +34,18 @@ One register holds one number.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 import math
+
+import numpy as np
 
 from pfd_core.dynamics.drives import motor_torques
 from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.dynamics.links import CENTERED, GIVEN
 from pfd_core.dynamics.methods import record_forward_dynamics
 from pfd_core.dynamics.newton_euler import record_link_torques
-from pfd_core.forking import no_fork
+from pfd_core.forking import load, no_fork
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder, inline
@@ -50,11 +54,7 @@ from pfd_core.model.effects import INERTIA
 
 
 def record_refined(
-    plant: Plant,
-    method: str,
-    steps: int,
-    tolerance: float | None = None,
-    estimate: str | None = 'float64',
+    plant: Plant, method: str, steps: int, tolerance: float | None = None
 ) -> Program:
     """
     Return the sequential program of a method with steps of refinement.
@@ -69,82 +69,104 @@ def record_refined(
         Steps of refinement.
     tolerance : float, optional
         Relative residual at which an iterative method stops; default for double precision.
-    estimate : {'float64', 'float32', None}
-        Number format for which the error is estimated; None leaves the estimate out.
 
     Returns
     -------
     Program
-        The outputs of the method, with qdd refined. With an estimate also `error`, (1,): the
-        estimated relative error of qdd before the last step, without steps of qdd itself. It is
-        infinite where the answer is not finite, a pivot is not positive or the iteration has not
-        converged.
+        The outputs of the method, with qdd refined.
 
     """
     method_program = record_forward_dynamics(plant, method, 'sequential', tolerance)
-    if steps == 0 and estimate is None:
+    if steps == 0:
         return method_program
-    solve = record_forward_dynamics(plant.only(INERTIA), method, 'sequential', tolerance)
     residual = record_residual(plant)
     recorder = Recorder(1, 'sequential')
-    zero = recorder.constant(0.0)
+    solved = _solver(recorder, plant, method, tolerance)
     results = inline(recorder, method_program, {})
-    qdd = before = results['qdd']
-    rest = {'qd': [zero] * plant.robot.n, 'wrench': [zero] * 6}
+    qdd = results['qdd']
     for _ in range(steps):
-        before = qdd
         r = inline(recorder, residual, {'qdd': qdd})['residual']
-        delta = inline(recorder, solve, rest | {'tau': r})['qdd']
+        delta = solved(r)['qdd']
         with recorder.section('correction'):
             qdd = [a + d for a, d in zip(qdd, delta, strict=True)]
-    if estimate is not None:
-        with recorder.section('exact residual'):
-            r = _exact_residual(recorder, plant, before, estimate)
-        delta = inline(recorder, solve, rest | {'tau': r})['qdd']
-        with recorder.section('error estimate'):
-            right = [a + d for a, d in zip(before, delta, strict=True)]
-            results['error'] = [_estimate(recorder, right, delta, results)]
     return program_with_outputs(recorder, **results | {'qdd': qdd})
 
 
-def record_residual(plant: Plant, parameters: str = CENTERED) -> Program:
+def record_error(plant: Plant, method: str, dtype: str, tolerance: float | None = None) -> Program:
+    """
+    Return the sequential program of the error of accelerations, from q, qd, tau and qdd.
+
+    Its output `error`, (1,), is max |difference| / max |exact qdd|, estimated for a number format
+    by a solve with the method. It is infinite where the correction is not finite, a pivot is not
+    positive or the iteration has not converged.
+    """
+    recorder = Recorder(1, 'sequential')
+    qdd = input_list(recorder, 'qdd', plant.robot.n)
+    with recorder.section('exact residual'):
+        r = _exact_residual(recorder, plant, dtype)
+    results = _solver(recorder, plant, method, tolerance)(r)
+    with recorder.section('error estimate'):
+        right = [a + d for a, d in zip(qdd, results['qdd'], strict=True)]
+        error = _estimate(recorder, right, results)
+    return program_with_outputs(recorder, error=[error])
+
+
+def _solver(
+    recorder: Recorder, plant: Plant, method: str, tolerance: float | None
+) -> Callable[[Sequence[Lanes]], Mapping[str, list[Lanes]]]:
+    """Return a function that records a method for torques at rest: its qdd is H^-1 of them."""
+    solve = record_forward_dynamics(plant.only(INERTIA), method, 'sequential', tolerance)
+    zero = recorder.constant(0.0)
+    rest = {'qd': [zero] * plant.robot.n, 'wrench': [zero] * 6}
+    return lambda torques: inline(recorder, solve, rest | {'tau': torques})
+
+
+def record_residual(plant: Plant) -> Program:
     """
     Return the sequential program of the torques that accelerations miss, from q, qd, qdd and tau.
 
     Its outputs are `residual`, tau of the motors - ID(q, qd, qdd), and `tau` of the motors, (n,).
-    `parameters` are of the kind of pfd_core.dynamics.chain, not grouped.
     """
+    return _residual(plant, record_link_torques(plant))
+
+
+def _residual(plant: Plant, torques: Program) -> Program:
     recorder = Recorder(1, 'sequential')
     tau, qd = (input_list(recorder, name, plant.robot.n) for name in ('tau', 'qd'))
     tau = motor_torques(plant, tau, qd)
-    needed = inline(recorder, record_link_torques(plant, parameters), {})['tau']
+    needed = inline(recorder, torques, {})['tau']
     with recorder.section('residual'):
         residual = [t - u for t, u in zip(tau, needed, strict=True)]
     return program_with_outputs(recorder, residual=residual, tau=tau)
 
 
-def _exact_residual(
-    recorder: Recorder, plant: Plant, qdd: Sequence[Lanes], dtype: str
-) -> list[Lanes]:
-    """Return the torques that an answer misses, accurate to the last digits of a number format."""
+def _exact_residual(recorder: Recorder, plant: Plant, dtype: str) -> list[Lanes]:
+    """Return the torques that the input qdd misses, with nearly twice the digits of a format."""
     with no_fork:
         from pfd_core.machine.rounding_errors import RoundingErrors
 
-    # Links that vary are in the axes of centred parameters.
-    program = record_residual(plant, CENTERED if plant.links else GIVEN)
-    missing = RoundingErrors(recorder, dtype).record(program, {'qdd': qdd})['residual']
+    if plant.links:
+        # Links that vary are in the axes of centred parameters.
+        torques = record_link_torques(plant, CENTERED)
+    elif np.isin(plant.robot.rotations, (-1.0, 0.0, 1.0)).all():
+        torques = record_link_torques(plant, GIVEN)
+    else:
+        # In axes of the base, so that the rotations are those of the robot, not angles.
+        motors = replace(plant, gravity_compensation=None)
+        record = load('algorithms.programs.record_inverse_dynamics')
+        torques = record(motors, 'sequential')
+    missing = RoundingErrors(recorder, dtype).record(_residual(plant, torques), {})['residual']
     return [x.value if x.error is None else x.value + x.error for x in missing]
 
 
 def _estimate(
     recorder: Recorder,
     qdd: Sequence[Lanes],
-    delta: Sequence[Lanes],
     results: Mapping[str, Sequence[Lanes]],
 ) -> Lanes:
-    """Return max |delta| / max |qdd|; infinity for an answer that is not sound."""
+    """Return max |delta| / max |qdd|; infinity for a correction that is not sound."""
     infinity = recorder.constant(math.inf)
-    sizes = [absolute(d) for d in delta]
+    sizes = [absolute(d) for d in results['qdd']]
     change, scale = _largest(sizes), _largest([absolute(a) for a in qdd])
     error: Lanes = where(change, change / scale, 0.0)
     # Comparisons lose NaN, a sum keeps it: one over the sum is zero or NaN for the rest.

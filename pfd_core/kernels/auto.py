@@ -159,7 +159,7 @@ def _roundings(bare: Plant, method: str, inverse: bool) -> float:
         if inverse:
             recorded = eliminate_dead_code(record_derivatives(bare, method, steps), ['X'])
         else:
-            recorded = record_refined(bare, method, steps, estimate=None)
+            recorded = record_refined(bare, method, steps)
         return expand_sines(recorded, 'float64')
 
     def answer(program: Program, states: dict[str, Array]) -> Array:

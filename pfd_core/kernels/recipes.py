@@ -228,9 +228,7 @@ def recipe_of(spec: KernelSpec) -> Recipe:
     return quantity(spec.plant, spec.quantity, spec.dtype, spec.frame, spec.place)
 
 
-def forward(
-    spec: KernelSpec, plant: Plant | None = None, names: Collection[str] = ('qdd',)
-) -> Recipe:
+def forward(spec: KernelSpec, plant: Plant | None = None) -> Recipe:
     """Return the recipe of forward dynamics, of a plant instead of the spec's if given."""
     plant = spec.plant if plant is None else plant
     method, refine, dtype = spec.method, spec.refine, spec.dtype
@@ -241,12 +239,24 @@ def forward(
             from pfd_core.dynamics.refinement import record_refined
             from pfd_core.machine.iteration import TOLERANCES
 
-        estimate = dtype if 'error' in names else None
-        recorded = record_refined(plant, method, refine, TOLERANCES[dtype], estimate)
+        recorded = record_refined(plant, method, refine, TOLERANCES[dtype])
         return with_nan_unless_converged(recorded, plant)
 
-    key = ('forward', plant.digest, method, str(refine), dtype, *names)
-    return Recipe(key, record, dtype, names)
+    key = ('forward', plant.digest, method, str(refine), dtype)
+    return Recipe(key, record, dtype, ['qdd'])
+
+
+def error_estimate(spec: KernelSpec) -> Recipe:
+    """Return the recipe of the estimated error of accelerations, which are the input qdd."""
+
+    def record() -> Program:
+        with no_fork:
+            from pfd_core.dynamics.refinement import record_error
+            from pfd_core.machine.iteration import TOLERANCES
+
+        return record_error(spec.plant, spec.method, spec.dtype, TOLERANCES[spec.dtype])
+
+    return Recipe(('error', spec.plant.digest, spec.method, spec.dtype), record, spec.dtype)
 
 
 def quantity(

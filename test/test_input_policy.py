@@ -15,7 +15,7 @@ import pytest
 from sampling import one_fast
 from tolerances import ACCELERATION
 from urdf_models import assert_same_physics, exact_angles, example
-from zoo import BODY, WHEEL, joint, link, random_state, urdf
+from zoo import BODY, WHEEL, joint, link, random_chain, random_state, urdf, without_mass
 
 import pfd_core as pfd
 
@@ -148,19 +148,58 @@ def test_float32_arrays_are_computed_with_in_float64_unless_float32_is_requested
 # Masses and inertias.
 
 
-def test_an_arm_whose_last_link_is_all_zero_loads_and_is_refused_where_it_should_move() -> None:
+MOVED: dict[str, Callable[[pfd.Robot, pfd.Scene | None], Any]] = {
+    'kernel': lambda robot, scene: pfd.compile_kernel(robot, scene=scene),
+    'derivatives': lambda robot, scene: pfd.compile_kernel(
+        robot, scene=scene, quantity='derivatives'
+    ),
+    'function': lambda robot, scene: pfd.forward_dynamics(
+        robot, *np.zeros((3, robot.n)), method='pcgm', scene=scene
+    ),
+    'simulator': pfd.Simulator,
+    'motors': pfd.MotorSimulator,
+    'ensemble': lambda robot, scene: pfd.Ensemble(robot, 2, scene),
+    'integrate': lambda robot, scene: pfd.integrate(robot, np.zeros(robot.n), 0.01, scene=scene),
+}
+
+
+@pytest.mark.parametrize('moved', MOVED)
+def test_an_arm_whose_last_link_has_no_inertia_is_refused_where_it_should_move(moved: str) -> None:
+    robot = without_mass(pfd.load_robot('planar2'), [1])
+    refused = (
+        r"link 2 of 'planar2' \(moved by joint 'elbow'\) has no inertia about its joint and "
+        "'elbow' no armature, so its acceleration has no value: give one of them, or lock 'elbow'"
+    )
+    with pytest.raises(ValueError, match=refused):
+        MOVED[moved](robot, None)
+    # Obeyed, or with a payload, it moves.
+    MOVED[moved](robot, pfd.Scene(armature={'elbow': 0.1}))
+    MOVED[moved](robot, pfd.Scene(payload=pfd.Payload(1.0, (0.1, 0, 0))))
+    MOVED[moved](pfd.lock(robot, {'elbow': 0.0}), None)
+
+
+def test_an_arm_whose_last_link_has_no_inertia_loads_and_has_all_other_quantities() -> None:
     robot = pfd.load_robot(edited(UR5, without_last_mass), tip='ee_link')
     assert robot.masses[-1] == 0
-    for simulation in (pfd.Simulator, lambda *a: pfd.Ensemble(a[0], 2, *a[1:])):
-        with pytest.raises(ValueError, match=r"link 6 of 'ur5'.*'wrist_3_joint'.* no inertia"):
-            simulation(robot)
-    # A rotor or a payload makes it an arm.
-    pfd.Simulator(robot, pfd.Scene(armature=[0.1] * 6))
-    pfd.Simulator(robot, pfd.Scene(payload=pfd.Payload(1.0, (0, 0, 0.1), 0.01 * np.eye(3))))
-    # Inverse dynamics divides by no inertia.
-    assert np.isfinite(
-        pfd.inverse_dynamics(robot, *random_state(np.random.default_rng(5), 6))
-    ).all()
+    state = random_state(np.random.default_rng(5), 6)
+    assert np.isfinite(pfd.inverse_dynamics(robot, *state)).all()
+    assert np.isfinite(pfd.compile_kernel(robot, quantity='inertia_matrix')(state[0])).all()
+    # Brakes may hold the joint, and an input may give it inertia.
+    for scene in (pfd.Scene(brakes=True), pfd.Scene(payload='input')):
+        pfd.compile_kernel(robot, scene=scene)
+    rotors = np.full((2, 6), 0.1)
+    pfd.Ensemble(robot, 2, parameters={'armature': rotors})
+    rotors[1, 5] = 0.0
+    with pytest.raises(ValueError, match=r"arm 1.*'wrist_3_joint' no armature"):
+        pfd.Ensemble(robot, 2, parameters={'armature': rotors})
+
+
+def test_a_joint_whose_links_beyond_have_no_mass_needs_a_rotor_of_its_own() -> None:
+    robot = without_mass(random_chain(np.random.default_rng(3), 3, 0.0), [1, 2])
+    rotors = {'joint3': 0.1}
+    with pytest.raises(ValueError, match=r"'joint2'\) has no inertia.*lock 'joint2'"):
+        pfd.compile_kernel(robot, scene=pfd.Scene(armature=rotors))
+    pfd.compile_kernel(robot, scene=pfd.Scene(armature=rotors | {'joint2': 0.1}))
 
 
 def test_a_sliding_link_needs_a_mass_and_a_turning_one_an_inertia_about_its_axis() -> None:

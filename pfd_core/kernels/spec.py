@@ -16,7 +16,16 @@ from typing import Any
 from pfd_core.dynamics.quantities import QUANTITIES, Quantity
 from pfd_core.forking import no_fork
 from pfd_core.kernels.auto import select
-from pfd_core.model import INSTANT, Plant, Robot, Scene, given_scene, in_motion, resolve
+from pfd_core.model import (
+    INSTANT,
+    Plant,
+    Robot,
+    Scene,
+    check_joint_inertia,
+    given_scene,
+    in_motion,
+    resolve,
+)
 from pfd_core.model.scene_fields import INPUT
 from pfd_core.model.values import DTYPES, choice, integer, quote
 
@@ -99,6 +108,9 @@ class KernelSpec:
             place = self.robot.frame(frame).digest
         method, refine = quantity.method, self.refine
         if not quantity.method:
+            # Brakes may hold a joint without inertia, and an input may give it one.
+            if not (plant.brakes or plant.links or self.inputs is not None):
+                check_joint_inertia(plant)
             use = 'step' if of_step else name
             method, refine = select(plant, self.method, refine, use)
         if self.inputs is not None:

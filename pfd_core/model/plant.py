@@ -279,19 +279,21 @@ def check_instant(plant: Plant) -> None:
 
 def check_joint_inertia(plant: Plant) -> None:
     """
-    Raise ValueError if the last link has no inertia about its joint; names link and joint.
+    Raise ValueError if a joint and all that it moves have no inertia; names link and joint.
 
-    The last joint's diagonal element of the joint-space inertia is the same in every position:
-    Izz + m (x^2 + y^2) + rotor of a joint that turns about z, m + rotor of one that slides. An
-    element of zero makes the matrix singular in every position.
+    The diagonal element of the joint-space inertia of the last joint is the same in all positions:
+    Izz + m (x^2 + y^2) + rotor of a joint that turns about z, m + rotor of one that slides. Zero
+    makes the matrix singular in all positions. So does a zero of a joint before it, if all links
+    beyond are without mass and inertia.
     """
-    robot, last = plant.robot, plant.robot.n - 1
-    rotor = 0.0 if plant.inertia is None else float(plant.inertia[last])
-    if own_inertia(robot, last) + rotor == 0:
-        slides = robot.joint_types[last] == 'prismatic'
-        raise ValueError(
-            f'{link_label(robot, last)} has no {"mass" if slides else "inertia about its joint"}, '
-            'so the acceleration of '
-            f'{quote(robot.joint_names[last])} has no value: give it a mass, an inertia, a '
-            'payload or an armature'
-        )
+    robot, rotors = plant.robot, plant.inertia
+    for i in reversed(range(robot.n)):
+        if own_inertia(robot, i) == 0 and (rotors is None or rotors[i] == 0):
+            kind = 'mass' if robot.joint_types[i] == 'prismatic' else 'inertia about its joint'
+            joint = quote(robot.joint_names[i])
+            raise ValueError(
+                f'{link_label(robot, i)} has no {kind} and {joint} no armature, so its '
+                f'acceleration has no value: give one of them, or lock {joint}'
+            )
+        if robot.masses[i] or robot.inertias[i].any():
+            return

@@ -97,6 +97,9 @@ def test_static_friction_is_coulomb_friction_unless_it_is_given(robot: pfd.Robot
     np.testing.assert_array_equal(plant.friction, sliding)
     np.testing.assert_array_equal(plant.static_friction, resting)
     np.testing.assert_array_equal(plant.stribeck_velocity, speed)
+    # Of some joints, it is so of the others.
+    some = pfd.Scene(friction=sliding, static_friction={'joint2': 0.5})
+    np.testing.assert_array_equal(resolve_plant(robot, some).static_friction, (1.0, 0.5, 2.0, 3.0))
     # Friction that does not fall has no velocity at which it falls.
     assert resolve_plant(robot, replace(scene, static_friction=sliding)).stribeck_velocity is None
 

@@ -128,7 +128,8 @@ def _limited(values: Array | None) -> bool:
 def _friction(robot: Robot, values: FieldNumbers) -> FieldNumbers:
     """Return Coulomb friction, the friction at rest, and the velocity between them if needed."""
     sliding, resting = values['friction'], values['static_friction']
-    resting = sliding if resting is None else resting
+    if sliding is not None:
+        resting = sliding if resting is None else np.where(np.isnan(resting), sliding, resting)
     if sliding is None or resting is None or not (sliding.any() or resting.any()):
         return {}
     below = np.argwhere(resting < sliding).tolist()

@@ -82,7 +82,8 @@ class Scene:
     friction : None, "model" or array_like
         Coulomb friction of a joint in motion, (n,) [N m]; "model" for the robot's own.
     static_friction : None or array_like
-        Friction that a resting joint can hold, (n,) [N m], at least `friction`, its default.
+        Friction that a resting joint can hold, (n,) [N m], at least `friction`, its default, also
+        of joints that values by joint leave out.
     stribeck_velocity : None or array_like
         Velocity v_s at which static friction F_s has fallen half-way to Coulomb friction F_c,
         (n,) [rad/s]: F_c + (F_s - F_c)/(1 + (v/v_s)^2). None: it drops at once.

@@ -50,6 +50,8 @@ class Field:
     above: bool = False  # whether the least number is excluded
     infinite: bool = False  # whether infinity is allowed, for a joint without a limit
     off: Any = None  # the value without the effect
+    # Number of a joint that values by joint leave out; NaN if the effect completes it.
+    left_out: float = 0.0
     most: float = 1e6  # largest number that a parameter of the node may have
 
     @property
@@ -157,7 +159,7 @@ class Field:
         return f'{found}, or {ESTIMATED!r}' if self.estimated else found
 
     def _of_all_joints(self, robot: Robot, given: Mapping[str, Any]) -> list[Any]:
-        """Return values by joint as a list, with nothing, or no limit, for all other joints."""
+        """Return values by joint as a list, with `left_out` or no limit for all other joints."""
         label = f'{self.name} of the scene'
         for joint in given:
             if joint not in robot.joint_names:
@@ -168,7 +170,7 @@ class Field:
         if self.above and len(given) < robot.n:
             missing = [joint for joint in robot.joint_names if joint not in given]
             raise ValueError(f'{label} must have a value for each joint, not {quote_all(missing)}')
-        none: Any = math.inf if self.infinite else 0.0
+        none: Any = math.inf if self.infinite else self.left_out
         if self.columns:
             none = (-none, none) if self.infinite else (none,) * len(self.columns)
         if self.kind == TABLES:
@@ -364,7 +366,13 @@ FIELDS: Mapping[str, Field] = {
         Field('external_wrench', 'Wrench on the last link as an input', kind=SWITCH, off=False),
         Field('brakes', 'Joints that can be braked at run time', kind=SWITCH, off=False),
         Field('friction', 'Coulomb friction of the joint', 'N m', 'N', model='friction'),
-        Field('static_friction', 'Friction that a resting joint can hold', 'N m', 'N'),
+        Field(
+            'static_friction',
+            'Friction that a resting joint can hold, at least and by default its Coulomb friction',
+            'N m',
+            'N',
+            left_out=math.nan,
+        ),
         Field(
             'stribeck_velocity',
             'Velocity at which static friction has fallen half-way to Coulomb friction',

@@ -71,7 +71,6 @@ def with_joint_numbers(settings: Settings, robot: pfd.Robot, numbers: JointNumbe
     """
     order = joint_order(settings.joints, robot)
     names = [robot.joint_names[i] for i in order]
-    chosen: dict[str, Any] = {}
     for field in GROUPS.values():
         if field.name not in numbers:
             continue
@@ -83,5 +82,7 @@ def with_joint_numbers(settings: Settings, robot: pfd.Robot, numbers: JointNumbe
                     f'{listed(names)}'
                 )
             values[names.index(joint)] = number
-        chosen[field.name] = tuple(values)
-    return dataclasses.replace(settings, **chosen)
+        # Numbers of one setting may be the default of another one after it.
+        changed: dict[str, Any] = {field.name: tuple(values)}
+        settings = dataclasses.replace(settings, **changed)
+    return settings

@@ -7,12 +7,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
+import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.setting_fields import setting
+from pfd_ros.text import listed
 
 # Far beyond any arm's, in kg, m and kg m^2.
 LARGEST_MASS, LARGEST_CENTER, LARGEST_INERTIA = 1e5, 1e3, 1e6
@@ -23,6 +25,8 @@ MODEL, ESTIMATED = 'model', 'estimated'
 # Kind of a field with one number, or one row of numbers, a joint.
 PER_JOINT = 'per joint'
 T = TypeVar('T')
+# Setting -> the setting whose numbers it has where it has none of its own.
+DEFAULTS = {'static_friction': 'joint_friction'}
 # Fields that other values need other native code for.
 PAYLOAD = ('payload_mass', 'payload_center', 'payload_inertia')
 COMPILED = frozenset({'gravity_compensation', *PAYLOAD})
@@ -109,7 +113,7 @@ def _effect_settings() -> Iterator[tuple[str, str, Any]]:
                     field.most,
                     name=parameter,
                     per_joint=True,
-                    joint_default=_of_model(field) if field.model else None,
+                    joint_default=_of_model(field) if field.model else DEFAULTS.get(name),
                 ),
             )
 
@@ -134,6 +138,27 @@ def _with_effects(cls: type[T]) -> type[T]:
         cls.__annotations__[name] = annotation
         setattr(cls, name, value)
     return cls
+
+
+def warn_of_joints_without_values(settings: Any, robot: pfd.Robot, joints: Sequence[str]) -> None:
+    """Warn of effects of the model that have numbers for some joints and none for others.
+
+    `joints` are in published order. Where no number is given, the scene warns.
+    """
+    for field in effect_fields():
+        for name, parameter in joint_settings(field).items():
+            numbers = getattr(settings, name)
+            if not (numbers and field.from_model and getattr(settings, field.name) is True):
+                continue
+            given = {joint for joint, number in zip(joints, numbers, strict=True) if number}
+            silent = [joint for joint in field.unstated(robot) if joint not in given]
+            if silent:
+                warnings.warn(
+                    f'{field.name} is true, but the model of {robot.name!r} states none for '
+                    f'{listed(silent)}, which have none: give {parameter}.{silent[0]} and so on',
+                    pfd.PhysicsWarning,
+                    stacklevel=2,
+                )
 
 
 def given_effects(settings: Any, order: Sequence[int]) -> dict[str, Any]:

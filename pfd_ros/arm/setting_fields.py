@@ -29,7 +29,7 @@ def setting(
     values: tuple[str | bool, ...] = (),
     dynamic: bool = False,
     per_joint: bool = False,
-    joint_default: Callable[[Any, Any], NDArray[Any]] | None = None,
+    joint_default: Callable[[Any, Any], NDArray[Any]] | str | None = None,
 ) -> Any:
     """Return a field of a table of settings.
 
@@ -51,8 +51,8 @@ def setting(
         Whether it holds a number for each joint, in published order, and is a group of
         parameters `name.<joint>`; empty takes `joint_default`.
     joint_default
-        From the settings and the robot to a number for each joint, (n,) in model order; None is
-        zero for each.
+        From the settings and the robot to a number for each joint, (n,) in model order, or the
+        name of a field whose numbers it has; None is zero for each.
     """
     metadata = {
         'text': text,
@@ -124,6 +124,9 @@ def joint_values(
     """
     given: tuple[float, ...] = getattr(settings, field.name)
     default = field.metadata['joint_default']
+    if not given and isinstance(default, str):
+        others = {other.name: other for other in dataclasses.fields(settings)}
+        return joint_values(others[default], settings, robot, order)
     if given or default is None:
         return given or (0.0,) * len(order)
     return tuple(default(settings, robot)[list(order)].tolist())

@@ -123,7 +123,6 @@ def declare_joints(node: Node, settings: Settings, robot: pfd.Robot) -> Settings
     """
     fixed = bool(node.get_parameter('autostart').value)
     order = joint_order(settings.joints, robot)
-    chosen: dict[str, Any] = {}
     for field in _PER_JOINT:
         _undeclare_group(node, parameter_name(field))
         defaults = joint_values(field, settings, robot, order)
@@ -134,8 +133,9 @@ def declare_joints(node: Node, settings: Settings, robot: pfd.Robot) -> Settings
                 _declare(node, name, default, kind, _descriptor(field, fixed=fixed))
         values = tuple(node.get_parameter(name).value for name in names)
         if values != defaults:
-            chosen[field.name] = values
-    return dataclasses.replace(settings, **chosen)
+            changed: dict[str, Any] = {field.name: values}
+            settings = dataclasses.replace(settings, **changed)
+    return settings
 
 
 def _undeclare_group(node: Node, group: str) -> None:
@@ -253,12 +253,15 @@ class StrictParameterService(ParameterService):
         return response
 
     def _explain(self, result: SetParametersResult, messages: Sequence[Any]) -> None:
-        """Replace the reason if an integer is the cause."""
+        """Replace the reason if an integer is the cause, and a number would be accepted."""
         if result.successful:
             return
         for message in messages:
             if self._own_node.has_parameter(message.name):
-                declared = Parameter.Type(self._own_node.describe_parameter(message.name).type)
+                descriptor = self._own_node.describe_parameter(message.name)
+                if descriptor.read_only:
+                    return
+                declared = Parameter.Type(descriptor.type)
                 result.reason = (
                     _integer_trouble(Parameter.from_parameter_msg(message), declared)
                     or result.reason

@@ -9,7 +9,7 @@ joint between them are welded, and all is brought to the frames of a Robot.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 import math
 from typing import Any, NamedTuple
@@ -56,12 +56,15 @@ class TreeError(ValueError):
     ----------
     joints : sequence of str
         The joints that make it a chain if they are locked.
+    positions : mapping
+        A position of each of them within its limits, next to zero [rad, m].
 
     """
 
-    def __init__(self, text: str, joints: Sequence[str] = ()) -> None:
+    def __init__(self, text: str, positions: Mapping[str, float] | None = None) -> None:
         super().__init__(text)
-        self.joints = joints
+        self.positions = dict(positions or {})
+        self.joints = tuple(self.positions)
 
 
 class Chain(NamedTuple):
@@ -258,7 +261,7 @@ def _last_link(
             f'{quote_all(j.name for j in ends)}; choose one end with tip={quote(ends[0].child)} '
             '(and a base, if the ends part at a link that should stand still), or '
             f'{_how_to_lock(ends)}',
-            _movable(ends),
+            _places(ends),
         )
     return ends[0].child
 
@@ -284,7 +287,7 @@ def _refuse_branches(
         raise TreeError(
             f'{quote(urdf.name)} is a tree, not a chain: {quote_all(j.name for j in others)} also '
             f'move what {quote(chain[0].name)} carries to {quote(tip)}; {_how_to_lock(others)}',
-            _movable(others),
+            _places(others),
         )
 
 
@@ -309,7 +312,7 @@ def _check_kind(joint: Joint) -> None:
     if joint.mimic is not None:
         raise ValueError(
             f'joint {name} mimics {quote(joint.mimic.leader)}, which is not supported: lock it '
-            f'with locked={{{_lock(joint)}}}, lock the joint that it follows, or take the <mimic> '
+            f'with locked={_places([joint])}, lock the joint that it follows, or take the <mimic> '
             'away'
         )
 
@@ -318,16 +321,16 @@ def _movable(joints: Iterable[Joint]) -> list[str]:
     return [joint.name for joint in joints if joint.kind in JOINT_TYPES]
 
 
-def _how_to_lock(joints: Iterable[Joint]) -> str:
+def _places(joints: Iterable[Joint]) -> dict[str, float]:
+    """Return the position next to zero [rad, m] within the limits of joints that can move."""
     movable = [joint for joint in joints if joint.kind in JOINT_TYPES]
-    pairs = ', '.join(map(_lock, movable[:MOST_NAMES]))
-    return f'lock them, locked={{{pairs}{", ..." if len(movable) > MOST_NAMES else ""}}}'
+    return {j.name: min(max(0.0, j.limits.lower), j.limits.upper) for j in movable}
 
 
-def _lock(joint: Joint) -> str:
-    """Return a joint and the position next to zero [rad, m] within its limits."""
-    position = min(max(0.0, joint.limits.lower), joint.limits.upper)
-    return f'{quote(joint.name)}: {position}'
+def _how_to_lock(joints: Iterable[Joint]) -> str:
+    places = _places(joints)
+    pairs = [f'{quote(name)}: {x}' for name, x in places.items()][:MOST_NAMES]
+    return f'lock them, locked={{{", ".join(pairs)}{", ..." if len(places) > MOST_NAMES else ""}}}'
 
 
 # Its frames and bodies.

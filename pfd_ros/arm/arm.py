@@ -17,7 +17,12 @@ from pfd_ros.arm.actuator_command import ActuatorCommand, all_braked
 from pfd_ros.arm.actuators import in_model_order
 from pfd_ros.arm.events import StateChange
 from pfd_ros.arm.model_kernels import model_kernels
-from pfd_ros.arm.plant_settings import INPUT, payload_changes, payload_numbers
+from pfd_ros.arm.plant_settings import (
+    INPUT,
+    payload_changes,
+    payload_numbers,
+    warn_of_joints_without_values,
+)
 from pfd_ros.arm.scene import payload_of, scene_of
 from pfd_ros.arm.setting_fields import check_joint_counts
 from pfd_ros.arm.settings import Settings
@@ -74,8 +79,11 @@ def load_robot(settings: Settings, source: str | pfd.Urdf | None = None) -> pfd.
             locked=settings.locks or None,
         )
     except pfd.TreeError as error:
-        names = ','.join([*settings.locked, *error.joints][:MOST_TO_LOCK])
-        raise ValueError(f'{error}; of the node: write -p locked:=[{names}]') from error
+        positions = dict([*settings.locks.items(), *error.positions.items()][:MOST_TO_LOCK])
+        written = f'-p locked:=[{",".join(positions)}]'
+        if any(positions.values()):
+            written += f' -p locked_positions:=[{",".join(map(str, positions.values()))}]'
+        raise ValueError(f'{error}; of the node: write {written}') from error
 
 
 def simulator_settings(settings: Settings) -> dict[str, Any]:
@@ -161,6 +169,7 @@ class Arm:
         self._step_ns = settings.step_ns
         # Native code by the digest of the scene it was compiled for.
         self._compiled: dict[str, Compiled] = {}
+        warn_of_joints_without_values(settings, robot, self.names)
         first = scene_of(settings, self.order)
         # The payload at the start is a constant of the native code.
         self._first_payload = first.payload

@@ -35,6 +35,7 @@ import gc
 import threading
 import time
 from typing import Any
+import warnings
 
 from lifecycle_msgs.msg import State, Transition
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -187,7 +188,14 @@ class SimArmNode(LifecycleNode):
 
     def _configure(self) -> None:
         settings = replace(parameters.read(self), autostart=self._starting)
-        self.arm = SimArm(self, settings, self._log, self._workers.stop.is_set, self._reached_ns)
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter('always')
+            try:
+                stopped = self._workers.stop.is_set
+                self.arm = SimArm(self, settings, self._log, stopped, self._reached_ns)
+            finally:
+                for text in dict.fromkeys(str(warning.message) for warning in found):
+                    self.get_logger().warning(one_line(text))
         try:
             # Only now the parameters of joints are known.
             misspelt = parameters.misspelt(self)

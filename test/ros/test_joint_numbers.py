@@ -40,6 +40,21 @@ def test_the_other_joints_keep_the_numbers_of_the_model() -> None:
         assert arm.settings.joint_friction == tuple(expected.tolist())
 
 
+def test_joints_without_static_friction_of_their_own_have_their_friction() -> None:
+    friction = {'elbow_joint': 2.0, 'wrist_1_joint': 1.0}
+    with LockstepArm('ur5', friction=friction, **{'static_friction.elbow_joint': 3.0}) as arm:
+        assert arm.settings.joint_friction == (0.0, 0.0, 2.0, 1.0, 0.0, 0.0)
+        assert arm.settings.static_friction == (0.0, 0.0, 3.0, 1.0, 0.0, 0.0)
+
+
+def test_joints_with_neither_a_number_of_the_model_nor_their_own_are_warned_of() -> None:
+    with (
+        pytest.warns(pfd.PhysicsWarning, match=r"for \['shoulder_pan_joint', .*wrist_3_joint'\]"),
+        LockstepArm('ur5', friction=True, **{'friction.elbow_joint': 3.0}) as arm,
+    ):
+        assert arm.settings.joint_friction[2] == 3.0
+
+
 def test_the_cure_in_the_error_of_a_switch_is_a_setting() -> None:
     with pytest.raises(ValueError, match='states none for any joint') as refused:
         LockstepArm('ur5', friction=True)

@@ -11,6 +11,7 @@ from pathlib import Path
 from bridge import (
     Arrival,
     DifferenceError,
+    LockstepArm,
     Source,
     Verdict,
     decode_joint_state,
@@ -22,6 +23,7 @@ import plant_messages
 from plant_messages import efforts, joint_state
 import pytest
 from simulating import simulate, states_of
+from zoo import joint, link, urdf
 
 # The wrist of a puma, welded.
 WRIST = {'locked': ('joint6', 'joint5'), 'locked_positions': (0.25, -0.5)}
@@ -46,6 +48,24 @@ def test_locked_joints_are_published_after_the_others_at_rest_where_they_are_loc
     assert state.velocity[4:].tolist() == state.effort[4:].tolist() == [0.0, 0.0]
     assert state.effort[:4].tolist() == ONE
     assert state.velocity[:4].all()
+
+
+def test_the_cure_for_a_tree_locks_joints_within_their_limits() -> None:
+    far = '<limit lower="0.5" upper="1" velocity="3" effort="40"/>'
+    body = '0.02 0.03 0.025 0 0 0'
+    tree = urdf(
+        'tree',
+        *(link('base'), link('a', 1.0, J=body), link('b', 1.0, J=body), link('c', 1.0, J=body)),
+        joint('turn', 'revolute', 'base', 'a'),
+        joint('left', 'revolute', 'a', 'b', extra=far),
+        joint('right', 'revolute', 'a', 'c', extra=far),
+    )
+    with pytest.raises(ValueError, match='is a tree') as refused:
+        LockstepArm(tree)
+    cure = '-p locked:=[left,right] -p locked_positions:=[0.5,0.5]'
+    assert str(refused.value).endswith(cure)
+    with LockstepArm(tree, locked=('left', 'right'), locked_positions=(0.5, 0.5)) as arm:
+        assert arm.robot.joint_names == ('turn',)
 
 
 def test_locked_joints_can_be_left_out_of_the_states() -> None:

@@ -126,7 +126,12 @@ def test_an_integer_for_a_number_is_refused_with_the_way_to_write_it(
     from rcl_interfaces.msg import Parameter, ParameterValue
     from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 
-    arm = processes.arm('-p', 'robot:=planar2')
+    some = ('-p', 'friction:=true', '-p', 'friction.elbow:=1.0')
+    arm = processes.arm('-p', 'robot:=planar2', *some)
+    # Warnings of Python are lines of the node's log.
+    silent = "friction is true, but the model of 'planar2' states none for ['shoulder']"
+    (line,) = [line for line in arm.text().splitlines() if silent in line]
+    assert line.startswith('[WARN]')
     peer = peer_of(processes)
     peer.connect()
     integer = [Parameter(name='real_time_factor', value=ParameterValue(type=2, integer_value=500))]
@@ -138,6 +143,10 @@ def test_an_integer_for_a_number_is_refused_with_the_way_to_write_it(
     assert (result.successful, result.reason) == (False, wanted)
     (result,) = call(peer, SetParameters, 'set_parameters', parameters=integers).results
     assert result.reason == 'payload.center takes floating-point numbers: write [0.0, -1.0]'
+    # A number would not be accepted either.
+    fixed = [Parameter(name='friction.elbow', value=ParameterValue(type=2, integer_value=3))]
+    (result,) = call(peer, SetParameters, 'set_parameters', parameters=fixed).results
+    assert (result.successful, 'read-only' in result.reason) == (False, True)
     answer = call(peer, SetParametersAtomically, 'set_parameters_atomically', parameters=integer)
     assert (answer.result.successful, answer.result.reason) == (False, wanted)
     arm.stop()

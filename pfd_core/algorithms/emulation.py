@@ -11,7 +11,7 @@ processor. With `digits` the program runs on mpmath numbers and gives the refere
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from pfd_core.algorithms.paper.pcrbm_array import SECTION, STREAMS, stream_steps
 from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.dynamics.convergence import record_small_correction
-from pfd_core.dynamics.methods import SERIAL, record_forward_dynamics
+from pfd_core.dynamics.methods import FORWARD, SERIAL, record_forward_dynamics
 from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import TOLERANCES
@@ -106,20 +106,11 @@ def emulate(
 
     Parameters
     ----------
-    robot : Robot
-        The chain.
-    q, qd, tau : array_like
-        Positions, velocities and torques, (..., n)
-        [rad or m; rad/s or m/s; N m or N].
+    robot, q, qd, tau, scene, wrench, brakes
+        As for forward_dynamics.
     method : str
         A name in METHODS or EMULATED_METHODS; 'pcrbm_1987' and 'pcgm_1987' are the paper's
         procedures step by step.
-    scene : Scene, optional
-        Effects that are on; default: rigid links and gravity.
-    wrench : array_like, optional
-        Force and moment exerted on the last link, (..., 6), in its frame.
-    brakes : array_like of bool, optional
-        Held joints, (..., n), only if the scene has brakes; default none.
     processors : int, optional
         From 1 to n; default n, or 1 for a serial method. Between 1 and n the program of n
         processors is run, and an instruction on k lanes counts ceil(k / processors) steps. On one
@@ -139,15 +130,14 @@ def emulate(
         If an argument has the wrong shape or type, is unknown, is out of bounds, or is not finite.
 
     """
+    choice('method', method, FORWARD)
     choice('dtype', dtype, DTYPES)
     choice('network', network, networks.NETWORKS)
     if digits is not None:
         digits = integer('digits', digits, 1, MOST_DIGITS)
     if processors is not None:
         processors = integer('processors', processors, 1, robot.n)
-    scene = given_scene(scene)
-    if wrench is not None:
-        scene = replace(scene, external_wrench=True)
+    scene = given_scene(scene, wrench)
     if scene.payload == INPUT:
         raise ValueError(f'emulate takes a scene with a Payload or None, got payload={INPUT!r}')
     # In mpmath numbers, of any digits, the residual falls as far as in double precision.

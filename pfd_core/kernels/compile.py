@@ -125,7 +125,7 @@ def forward_dynamics(
         If an argument has the wrong shape or type, is unknown, or is not finite.
 
     """
-    kernel = _kernel(robot, _with_wrench(scene, wrench), method, dtype, refine)
+    kernel = _kernel(robot, given_scene(scene, wrench), method, dtype, refine)
     return kernel(q, qd, tau, wrench, brakes=brakes)
 
 
@@ -140,7 +140,7 @@ def inverse_dynamics(
     dtype: str = 'float64',
 ) -> NDArray[Any]:
     """Return the torques, (..., n), that accelerations need; arguments as forward_dynamics."""
-    scene = _with_wrench(scene, wrench)
+    scene = given_scene(scene, wrench)
     if scene.brakes:  # torques are computed from accelerations: brakes play no part
         scene = replace(scene, brakes=False)
     return _kernel(robot, scene, 'auto', dtype, 0, 'inverse_dynamics')(q, qd, qdd, wrench)
@@ -157,8 +157,3 @@ def _kernel(*options: Any) -> Kernel:
 @lru_cache(CACHED_KERNELS, typed=True)
 def _kept_kernel(*options: Any) -> Kernel:
     return compile_spec(KernelSpec(*options))
-
-
-def _with_wrench(scene: Scene | None, wrench: ArrayLike | None) -> Scene:
-    scene = given_scene(scene)
-    return scene if wrench is None else replace(scene, external_wrench=True)

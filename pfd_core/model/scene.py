@@ -193,13 +193,17 @@ def _init_by_joint(self: Scene, *fields: Any, **named: Any) -> None:
 Scene.__init__ = _init_by_joint  # type: ignore[method-assign]
 
 
-def given_scene(scene: Scene | None) -> Scene:
-    """Return a scene, the default one for None; ValueError for anything else."""
+def given_scene(scene: Scene | None, wrench: object = None) -> Scene:
+    """
+    Return a scene, the default one for None, with an external wrench if one is given.
+
+    ValueError for anything but a scene or None.
+    """
     if scene is None:
-        return _default_scene()
+        scene = _default_scene()
     if not isinstance(scene, Scene):
         raise ValueError(f'scene must be a Scene or None, got {quote(scene)}')
-    return scene
+    return scene if wrench is None else replace(scene, external_wrench=True)
 
 
 @lru_cache(1)

@@ -12,7 +12,6 @@ import json
 from pathlib import Path
 import re
 from typing import Any
-import zlib
 
 from bags import STORE, rosbag2
 from browser import check_curves, drawn, needs_browser, screenshot
@@ -30,11 +29,8 @@ from pfd_ros import read_log
 from pfd_ros.cli.main import main
 from pfd_ros.messages.convert import JOINT_STATE, JointStateEncoder
 from pfd_ros.messages.definitions import full_text
-from pfd_ros.page.contents import Contents, Plot
-from pfd_ros.page.curves import MOST_BINS, Curve
+from pfd_ros.page.curves import Curve
 from pfd_ros.page.html import page
-from pfd_ros.page.intervals import Intervals
-from pfd_ros.page.packing import BLOCK, GAP, packed_times, packed_values
 from pfd_ros.page.reading import read_contents
 from pfd_ros.testing.engine_run import ArmError
 from pfd_ros.testing.lockstep_arm import LockstepArm
@@ -107,91 +103,6 @@ def test_each_bin_has_the_extremes_of_its_samples(halvings: int, seed: int, gaps
             assert np.nanmax(found.values[:, column]) == known.max()
         else:
             assert np.isnan(found.values[:, column]).all()
-
-
-def test_an_hour_keeps_every_peak_in_bounded_memory() -> None:
-    curve, rng = Curve(1), np.random.default_rng(0)
-    peaks = rng.integers(0, 3_600_000, 20)
-    for start in range(0, 3_600_000, 50_000):
-        part = np.zeros((50_000, 1))
-        part[peaks[(peaks >= start) & (peaks < start + 50_000)] - start] = 1.0
-        curve.add((start + np.arange(50_000)) * 1e-3, part)
-    found = curve.drawn()
-    assert len(found.time) <= 2 * MOST_BINS + 2
-    high = found.time[found.values[:, 0] == 1.0]
-    for peak in peaks:
-        assert np.abs(high - 1e-3 * peak).min() <= 1e-3 * found.stride
-
-
-def decoded(packed: dict[str, Any], count: int) -> np.ndarray:
-    """Decode values as a reader of the format description would."""
-    data = zlib.decompress(base64.b64decode(packed['data']))
-    half = len(data) // 2
-    differences = [data[k] + 256 * data[half + k] for k in range(half)]
-    columns = []
-    for column in range(len(packed['low'])):
-        code, values = 0, []
-        for k in range(count):
-            code = (code + differences[column * count + k]) % 65536
-            low, step = (packed[name][column][k // BLOCK] for name in ('low', 'step'))
-            values.append(np.nan if code == GAP else low + code * step)
-        columns.append(values)
-    return np.array(columns).T
-
-
-@pytest.mark.parametrize('scale', [1e-320, 1e-9, 1.0, 1e250, 1e308])
-def test_packed_values_are_right_to_half_a_step_of_their_block(scale: float) -> None:
-    rng = np.random.default_rng(1)
-    values = scale * rng.uniform(-1.0, 1.0, (2500, 3))
-    values[100:200, 0] = values[:, 2] = np.nan
-    curve = Curve(3)
-    curve.add(np.arange(2500.0), values)
-    packed = packed_values(curve.drawn())
-    json.dumps(packed, allow_nan=False)
-    found = decoded(packed, 2500)
-    assert (np.isnan(found) == np.isnan(values)).all()
-    for start in range(0, 2500, BLOCK):
-        block = np.clip(values[start : start + BLOCK, :2], -1e300, 1e300)
-        span = np.nanmax(block, axis=0) - np.nanmin(block, axis=0)
-        error = np.abs(found[start : start + BLOCK, :2] - block)
-        assert (error[~np.isnan(error)] <= max(0.51 * span.max() / 65534, 1e-318)).all()
-
-
-def test_packed_times_do_not_drift() -> None:
-    time = np.cumsum(np.random.default_rng(2).uniform(1e-3, 2e-3, 5000))
-    packed = packed_times(time)
-    data = zlib.decompress(base64.b64decode(packed['data']))
-    quarter = len(data) // 4
-    steps = sum(
-        np.frombuffer(data[k * quarter : (k + 1) * quarter], np.uint8).astype(float) * 256**k
-        for k in range(4)
-    )
-    found = packed['first'] + packed['tick'] * np.cumsum(steps)
-    assert np.abs(found - time).max() <= 0.51e-6
-
-
-def test_quantiles_of_intervals_are_right_to_one_percent() -> None:
-    lengths = np.random.default_rng(3).lognormal(np.log(1e6), 0.5, 20_000).astype(np.int64)
-    times = np.cumsum(lengths)
-    found = Intervals()
-    for start in range(0, 20_000, 3001):
-        found.feed(times[start : start + 3001])
-    for share in (0.5, 0.99):
-        assert found.quantile(share) == pytest.approx(np.quantile(lengths[1:], share), rel=0.011)
-    assert found.longest == lengths[1:].max()
-
-
-def test_a_minute_of_thirty_noisy_curves_is_smaller_than_three_megabytes() -> None:
-    time, rng = np.arange(60_000) * 1e-3, np.random.default_rng(4)
-    plots = []
-    for k in range(5):
-        curve = Curve(6)
-        curve.add(time, rng.standard_normal((60_000, 6)))
-        plots.append(Plot(f'plot {k}', 'rad', '/x', tuple('abcdef'), curve))
-    text = page(
-        Contents('noise', [], [], [], None, [], [], [], '', plots, [], [], '', (0.0, 60.0))
-    )
-    assert 2_000_000 < len(text) < 3_000_000
 
 
 # What went wrong.
@@ -538,26 +449,6 @@ def test_zooming_one_plot_zooms_all(fault_page: Path, tmp_path: Path) -> None:
     low, high = report['ranges'][1]
     assert 0.5 < low < high < 1.5
     assert all(found == [low, high] for found in report['ranges'])
-
-
-@needs_browser
-def test_a_page_without_its_curves_fails_the_check(fault_page: Path, tmp_path: Path) -> None:
-    text = fault_page.read_text(encoding='utf-8')
-    data = re.search('id="data">(.*?)</script>', text, re.DOTALL)
-    assert data is not None
-    table = json.loads(data[1])
-    for plot in table['plots']:
-        codes = np.zeros(len(plot['labels']) * table['axes'][plot['axis']]['n'], '<u2')
-        codes[0] = GAP
-        planes = codes.view(np.uint8).reshape(-1, 2).T.tobytes()
-        plot['data'] = base64.b64encode(zlib.compress(planes)).decode()
-    empty = tmp_path / 'empty.html'
-    empty.write_text(text.replace(data[1], json.dumps(table)), encoding='utf-8')
-    broken = tmp_path / 'broken.html'
-    broken.write_text(text.replace(data[1], data[1].replace('"data":"', '"data":"AAAA')))
-    for wrong in (empty, broken):
-        with pytest.raises(AssertionError):
-            check_curves(drawn(wrong, tmp_path))
 
 
 @needs_browser

@@ -122,37 +122,6 @@ def test_the_clock_ticks_at_its_period_between_the_messages_it_lies_between(
     assert schedule.ended
 
 
-def test_a_loop_reports_each_jump_back_in_time() -> None:
-    messages = log_of([0, 1, 2, 3])
-    schedule = schedule_of(messages, begin=UNIT, loop=True)
-    assert sends(drain(schedule, 0)) == [messages[0], messages[1]]
-    events = drain(schedule, 10 * UNIT)
-    assert events[:2] == [PlayerSend(messages[2], UNIT), PlayerSend(messages[3], 2 * UNIT)]
-    end = messages[3].log_ns + 1
-    # The transient local message from before the offset comes again.
-    assert events[2:] == [
-        PlayerJump(end, UNIT, 1),
-        PlayerSend(messages[0], None),
-        PlayerSend(messages[1], 10 * UNIT),
-    ]
-    assert sends(drain(schedule, 11 * UNIT)) == [messages[2]]
-    assert not schedule.ended
-
-
-def test_time_spent_reading_up_to_a_position_makes_no_message_late() -> None:
-    messages = log_of(range(10))
-    schedule = schedule_of(messages)
-    drain(schedule, 0)
-    schedule.seek(UNIT, 7 * UNIT)
-    # The log was read for 100 units; then the position begins.
-    events = drain(schedule, 101 * UNIT)
-    assert events[0] == PlayerJump(UNIT, 7 * UNIT, None)
-    assert [
-        event for event in events if isinstance(event, PlayerSend) and event.due_ns is not None
-    ] == [PlayerSend(messages[7], 101 * UNIT)]
-    assert schedule.next_ns() == 102 * UNIT
-
-
 def test_ticks_that_were_due_during_a_pause_do_not_run_back_after_it() -> None:
     schedule = schedule_of(log_of([0, 9]), tick_ns=UNIT)
     drain(schedule, 0)
@@ -186,36 +155,11 @@ def test_after_a_stall_the_clock_is_not_ahead_of_the_messages_that_are_late() ->
     assert ticks == [message.log_ns for message in messages[17:27]]
 
 
-def test_a_loop_without_length_is_refused() -> None:
-    with pytest.raises(ValueError, match='loop over 1e-09 s'):
-        schedule_of(log_of([5]), loop=True)
-
-
-def test_a_step_is_for_a_paused_log() -> None:
-    schedule = schedule_of(log_of([0, 1]))
-    with pytest.raises(ValueError, match='not paused'):
-        schedule.step(0)
-
-
-@pytest.mark.parametrize('at', [-1, 4 * UNIT])
-def test_a_seek_outside_of_the_log_is_refused(at: int) -> None:
-    schedule = schedule_of(log_of([0, 3]))
-    drain(schedule, 0)
-    with pytest.raises(ValueError, match='outside of the log'):
-        schedule.seek(0, at)
-    assert len(sends(drain(schedule, 3 * UNIT))) == 1
-
-
 @pytest.mark.parametrize('seconds', [-1e-9, 3.1, 1e300, -1e300, float('inf'), float('nan')])
 def test_a_time_outside_of_the_log_is_refused(seconds: float) -> None:
     window = PlayerWindow(10**9, 2 * 10**9, 4 * 10**9 + 1)
     with pytest.raises(ValueError, match='s is outside of the log, expected 0 to 3 s'):
         window.at(seconds)
-
-
-def test_a_time_of_the_log_counts_from_its_first_message() -> None:
-    window = PlayerWindow(10**9, 2 * 10**9, 4 * 10**9 + 1)
-    assert [window.at(seconds) for seconds in (0, 0.5, 3.0)] == [10**9, 1_500_000_000, 4 * 10**9]
 
 
 class Playing(RuleBasedStateMachine):

@@ -39,7 +39,6 @@ from pfd_ros.recording import recorder as recording
 from pfd_ros.recording.format import HEAD
 from pfd_ros.recording.mcap_file import FileHead, TimeBase, Topic
 from pfd_ros.recording.recorder import LogRecorder
-from pfd_ros.recording.sink import Sink
 from pfd_ros.replay import verify as replay
 
 pytestmark = pytest.mark.skipif(not HAS_DEFINITIONS, reason='needs definitions of ROS')
@@ -125,17 +124,6 @@ def test_a_disk_that_is_full_at_the_start_leaves_no_file(tmp_path: Path) -> None
     ):
         start(tmp_path / 'a.mcap')
     assert not list(tmp_path.iterdir())
-
-
-def test_a_flush_that_fails_is_taken_back_whole(tmp_path: Path) -> None:
-    sink = Sink(tmp_path / 'a')
-    sink.write(b'x' * 1000)
-    sink.flush()
-    sink.write(b'y' * 5000)
-    with largest_file(3000), pytest.raises(OSError, match='File too large'):
-        sink.flush()
-    sink.close()
-    assert (tmp_path / 'a').read_bytes() == b'x' * 1000
 
 
 def record_all(run: Recording, path: Path, room: int) -> tuple[LogRecorder, list[str]]:
@@ -305,26 +293,6 @@ def test_a_truncated_file_is_a_failure_and_keeps_its_remaining_messages(
     assert f'{path} was truncated from {len(whole)} to {size} bytes while it was written' in line
     assert recorder.failed
     assert path.read_bytes() == whole[:size]
-
-
-def test_a_file_that_is_truncated_during_a_write_is_a_failure_at_the_next_flush(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sink = Sink(tmp_path / 'a.mcap')
-    sink.write(bytes(1000))
-    sink.flush()
-    real = os.write
-
-    def write(file: int, data: memoryview) -> int:
-        os.truncate(tmp_path / 'a.mcap', 10)
-        return real(file, data)
-
-    monkeypatch.setattr(os, 'write', write)
-    sink.write(bytes(500))
-    sink.flush()
-    with pytest.raises(OSError, match='was truncated from 1500 to 510 bytes'):
-        sink.flush()
-    sink.close()
 
 
 def test_a_relative_name_works_after_a_change_of_the_folder(

@@ -12,14 +12,11 @@ from bridge import (
     LogError,
     Settings,
     pfd_main,
-    read_recording,
     read_recording_run,
 )
 from driven_runs import SETTINGS, opened_run, recorded_run, run_steps
 import numpy as np
 import pytest
-from rewriting import load
-from rosbags.highlevel import AnyReader
 
 from pfd_ros import read_log
 
@@ -48,11 +45,6 @@ def said_by(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, st
     return status, said.out + said.err
 
 
-def test_names_in_order_are_files_in_order(run: list[Path]) -> None:
-    assert [path.name for path in run] == [f'run_00000{k}.mcap' for k in (1, 2, 3, 4)]
-    assert [read_recording(path).start for path in run] == [0, 100, 200, 300]
-
-
 @pytest.mark.parametrize('source', ['folder', 'files', 'backwards'])
 def test_read_log_reads_the_files_as_the_run_in_one_file(
     source: str, run: list[Path], whole: Path
@@ -67,15 +59,6 @@ def test_read_log_reads_the_files_as_the_run_in_one_file(
             continue
         assert log.messages(topic) == one.messages(topic)
     assert (np.diff(log[STATES].log_ns) >= 0).all()
-
-
-def test_each_file_is_opened_by_rosbags(run: list[Path]) -> None:
-    states = 0
-    for path in run:
-        with AnyReader([path]) as reader:
-            assert {c.topic for c in reader.connections} >= {'/robot_description', STATES, SAVED}
-            states += sum(c.topic == STATES for c, _, _ in reader.messages())
-    assert states == read_recording_run(run).compared > 250
 
 
 def test_the_files_of_a_run_verify_as_a_whole_in_any_order_and_by_their_folder(
@@ -129,34 +112,6 @@ def test_files_that_are_not_one_run_are_one_line(
             assert line in said
         with pytest.raises(LogError, match=line):
             read_log(paths)
-
-
-def test_a_changed_bit_is_found_in_each_file(run: list[Path], tmp_path: Path) -> None:
-    for k, path in enumerate(run):
-        for topic in (STATES, SAVED, '/sim_arm/commands', '/sim_arm/applied_commands'):
-            altered = load(path)
-            altered.on(topic)[-1].flip()
-            changed = altered.save(tmp_path / path.name)
-            with pytest.raises(LogError):
-                read_recording_run([*run[:k], changed, *run[k + 1 :]], verify=True)
-
-
-def test_a_changed_run_of_several_files_has_the_bits_of_the_run_in_one_file(
-    run: list[Path], whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    logs = []
-    for name, words in (('one', [whole]), ('files', run)):
-        out = tmp_path / f'new_{name}.mcap'
-        change = ('--what-if', 'payload.mass=0.5', '--out', out)
-        status, said = said_by(capsys, 'replay', *words, *change)
-        assert status == 0, said
-        logs.append(read_log(out))
-    assert len(logs[0][STATES]) > 250
-    for topic in (STATES, '/sim_arm/commands', '/sim_arm/applied_commands'):
-        assert logs[1].messages(topic) == logs[0].messages(topic)
-    status, said = said_by(capsys, 'replay', run[1], '--what-if', 'friction=true')
-    assert (status, said.count('\n')) == (1, 1)
-    assert 'is part 2 of a run: expected a log from its start' in said
 
 
 def test_files_by_size_have_about_that_size(tmp_path: Path) -> None:

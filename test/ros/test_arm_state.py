@@ -25,7 +25,6 @@ import pytest
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Output, Source, Verdict
-from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import MAGIC, ArmState
 from pfd_ros.messages.convert import JointStateEncoder
 from pfd_ros.testing.lockstep_arm import LockstepArm
@@ -166,14 +165,6 @@ def test_a_state_of_another_arm_is_refused(other: dict[str, Any], reason: str) -
     assert engine.state == before
 
 
-def test_simulated_time_is_a_part_of_the_state() -> None:
-    engine, later = made(), made(start_time=100.0)
-    outputs(engine, 10)
-    later.restore(engine.save())
-    assert later.arm.stamp_ns == engine.arm.stamp_ns
-    assert outputs(later, 10) == outputs(engine, 10)
-
-
 @pytest.mark.parametrize(
     'damage', [lambda d: b'', lambda d: d[:-1], lambda d: d[:60] + b'0' + d[61:]]
 )
@@ -210,18 +201,6 @@ def test_an_arm_that_failed_is_restored_as_it_was() -> None:
     assert not fresh.state.failure
 
 
-def test_an_arm_in_a_pause_is_restored_in_it() -> None:
-    engine = made()
-    assert validated(engine, request('pause')).verdict is Verdict.ACCEPTED
-    fresh = made()
-    fresh.restore(engine.save())
-    for one in (fresh, engine):
-        # Only an arm in a pause does single steps.
-        assert validated(one, request('step')).verdict is Verdict.ACCEPTED
-    assert outputs(fresh, 5) == outputs(engine, 5)
-    assert validated(made(), request('step')).verdict is Verdict.REFUSED
-
-
 def pd(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
     return 40.0 * (0.5 - q) - 4.0 * qd
 
@@ -248,9 +227,3 @@ def test_a_recorded_run_refuses_a_state(tmp_path) -> None:
         arm.run(pd, 0.01)
         with pytest.raises(ValueError, match=r'recorded in .* restore a state in an arm without'):
             arm.restore(arm.save())
-
-
-def test_settings_that_differ_from_run_to_run_are_settings() -> None:
-    from pfd_ros.arm.arm import PER_RUN
-
-    assert set(vars(Settings())) > PER_RUN

@@ -75,18 +75,6 @@ def test_a_watchdog_waits_for_the_first_command_and_acts_once_after_the_last() -
     assert engine.state.link.timeouts == 2
 
 
-def test_the_shortest_timeout_is_one_step() -> None:
-    engine = made(command_timeout=1e-12)
-    send(engine, efforts(1.0, 0.5))
-    assert taus(engine, 2) == [[1.0, 0.5], [0.0, 0.0]]
-
-
-def test_without_a_timeout_the_last_effort_stays() -> None:
-    engine = made()
-    send(engine, efforts(0.1, 0.0))
-    assert taus(engine, 500)[-1] == [0.1, 0.0]
-
-
 def test_messages_that_are_refused_or_nan_do_not_feed_the_watchdog() -> None:
     engine = made(command_timeout=0.005)
     send(engine, efforts(1.0, 0.5))
@@ -203,15 +191,6 @@ def test_the_watchdog_counts_from_where_the_delay_ends() -> None:
     send(engine, efforts(1.0, 0.5))
     assert taus(engine, 7) == [[0.0, 0.0]] * 3 + [[1.0, 0.5]] * 2 + [[0.0, 0.0]] * 2
     assert engine.state.link.timeouts == 1
-
-
-def test_a_flood_of_delayed_commands_takes_one_place_for_each_cycle() -> None:
-    engine = made(delay_commands=1.0)
-    for _ in range(20):
-        for k in range(50):
-            send(engine, efforts(float(k), 0.0))
-        engine.step()
-    assert len(engine.state.link.line) == 20
 
 
 def test_a_delay_is_a_whole_number_of_steps() -> None:

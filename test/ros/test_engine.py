@@ -11,7 +11,6 @@ from xml.etree import ElementTree
 import zlib
 
 from bridge import (
-    MOST_ROWS,
     ROLE_OF_SOURCE,
     SOURCE_OF_ROLE,
     TAKEN_COLUMNS,
@@ -161,18 +160,6 @@ def test_after_a_reset_a_failed_arm_continues_at_the_time_of_its_cycle() -> None
     assert one.stamp_ns == engine.cycles * STEP_NS
 
 
-def test_no_gap_is_so_long_that_the_time_after_it_has_no_stamp() -> None:
-    engine = failed()
-    engine.skip_cycles(10**15)
-    with pytest.raises(ValueError, match='whose time overflows a stamp'):
-        engine.take([asked('reset')])
-
-
-def test_an_arm_that_moves_cannot_pass_over_cycles() -> None:
-    with pytest.raises(RuntimeError, match='only a failed arm'):
-        made(robot='planar2').skip_cycles(5)
-
-
 EVENTS: dict[int, list[ArmEvent]] = {
     2: [array(1.0, 2.0)],
     3: [
@@ -237,17 +224,6 @@ def test_each_event_has_a_row_with_its_cycle_its_validation_result_and_its_check
         [3, Source.ARRAY, 6, Verdict.ACCEPTED, crc32(3, 3)],
     ]
     assert rows[6] == [[7, Source.NAMED, 2, Verdict.ALL_NAN, crc32(7, 0)]]
-
-
-def test_messages_dropped_by_a_full_queue_are_reported_in_rows_of_bounded_size() -> None:
-    count = 2 * MOST_ROWS + 5
-    result = made(robot='planar2').run_cycle([InputOverflow(Source.NAMED, range(7, 7 + count))])
-    sizes = [len(rows_of([output])) for output in result.outputs[:-2]]
-    assert sizes == [MOST_ROWS, MOST_ROWS, 5]
-    assert [row[2] for row in rows_of(result.outputs)] == list(range(7, 7 + count))
-    assert [(source, told.verdict, n) for source, told, n in result.validations] == [
-        (Source.NAMED, Verdict.OVERFLOWED, count)
-    ]
 
 
 def test_validating_a_message_does_not_apply_it() -> None:

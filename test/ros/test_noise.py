@@ -46,13 +46,6 @@ def test_the_bits_equal_the_published_vectors(counter, key, words) -> None:
     assert got[:, 0].tolist() == words
 
 
-def test_a_uniform_deviate_is_the_words_of_its_counter() -> None:
-    # The first published vector: seed 0, cycle 0, elements 0 and 1, channel 0.
-    bits = [0xE169C58D_6627E8D5, 0x9B00DBD8_BC57AC4C]
-    expected = [(word >> 11) / 2**53 for word in bits]
-    assert noise_uniform(0, NoiseChannel.POSITION, 0, 2).tolist() == expected
-
-
 def test_the_inverse_of_the_normal_distribution_is_right_to_1e_14() -> None:
     near = np.linspace(0.0004, 0.9996, 301)
     tails = 2.0 ** -np.arange(4, 54)

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import math
-import struct
 
 from bridge import (
     MOST_STEPS_AHEAD,
@@ -163,22 +162,6 @@ def test_a_resumed_arm_does_not_catch_up_with_its_clock(names: tuple[str, str]) 
     engine.take([asked(names[1]), tick(300 * MS)])
     assert run(engine) == 300 * MS
     assert engine.cycles == 0
-
-
-@pytest.mark.parametrize(
-    'data',
-    [
-        *(b'', b'\0\1\0\0', b'\0\1\0\0\5\0\0\0', bytes(12)[:11], b'?' * 12),
-        *(b'\0\1\0\0' + struct.pack('<iI', 1, ns) for ns in (1_000_000_000, 4_294_967_295)),
-    ],
-)
-def test_bytes_that_are_no_tick_change_nothing(data: bytes) -> None:
-    engine = following()
-    engine.take([tick(100 * MS)])
-    assert verdict(engine, Arrival(Source.TICK, 2, data)) is Verdict.MALFORMED
-    assert engine.waiting
-    engine.take([tick(101 * MS)])
-    assert run(engine) == 101 * MS
 
 
 def test_a_tick_for_an_arm_that_follows_no_clock_is_rejected() -> None:

@@ -6,9 +6,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
-import bridge
 from bridge import (
     PAYLOAD_IN_USE,
     Arrival,
@@ -189,56 +187,6 @@ def test_changes_replace_the_effects_of_a_scene_file() -> None:
     assert engine.arm.scene.gravity_compensation
     validated(engine, change(payload_mass=0.0, gravity_compensation=False))
     assert engine.arm.scene == pfd.Scene(damping=(0.5, 0.2), brakes=True)
-
-
-@pytest.fixture
-def simulators(monkeypatch: pytest.MonkeyPatch) -> list[pfd.MotorSimulator]:
-    """Return a growing list of the simulators that are constructed."""
-    found: list[pfd.MotorSimulator] = []
-    real = pfd.MotorSimulator
-
-    def constructed(*args: Any, **options: Any) -> pfd.MotorSimulator:
-        found.append(real(*args, **options))
-        return found[-1]
-
-    monkeypatch.setattr(*bridge.target('public_MotorSimulator'), constructed)
-    return found
-
-
-def test_a_prepared_plant_is_the_one_compiled_at_the_event(
-    simulators: list[pfd.MotorSimulator],
-) -> None:
-    engine, other = moving(), moving()
-    engine.arm.prepare(Settings(**{**vars(engine.settings), **BODY}))
-    prepared = simulators[-1]
-    count = len(simulators)
-    validated(engine, change(**BODY))
-    assert len(simulators) == count
-    assert engine.arm.plant.compiled.simulator is prepared
-    validated(other, change(**BODY))
-    for one in (engine, other):
-        for _ in range(20):
-            one.step()
-    assert bits(engine) == bits(other)
-
-
-def test_payloads_as_constants_are_compiled_for_each_and_few_are_kept(
-    emitted: list[str], simulators: list[pfd.MotorSimulator]
-) -> None:
-    engine = moving(payload_changes='constant')
-    first = len(emitted)
-
-    def prepare(mass: float) -> int:
-        """Return the number of simulators constructed for a mass."""
-        before = len(simulators)
-        engine.arm.prepare(Settings(**{**vars(engine.settings), 'payload_mass': float(mass)}))
-        return len(simulators) - before
-
-    # Masses that no other test of this process has had compiled.
-    masses = np.linspace(0.171, 0.771, 6)
-    assert [prepare(mass) for mass in masses] == [1] * 6
-    assert len(emitted) >= first + 6
-    assert [prepare(mass) for mass in masses[::-1]] == [0] * 4 + [1] * 2
 
 
 def test_only_the_first_of_many_payloads_compiles_code(emitted: list[str]) -> None:

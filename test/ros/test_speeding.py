@@ -124,11 +124,6 @@ def test_a_limit_that_the_model_does_not_state_is_called_an_assumption() -> None
     )
 
 
-def test_speeds_are_watched_with_the_same_bits_when_motors_have_no_torque_speed_limit() -> None:
-    lines = {thrown(52.0, robot='ur5', torque_speed=flag) for flag in (False, True)}
-    assert len(lines) == 1
-
-
 @pytest.mark.ros
 def test_a_runaway_is_logged_once_and_in_the_diagnostics(processes: Processes, peer_of) -> None:
     from diagnostic_msgs.msg import DiagnosticArray

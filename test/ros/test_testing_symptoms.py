@@ -112,18 +112,3 @@ def test_four_faults_of_a_controller_read_differently(fault: str, expected: str)
         motion = arm.run(callback(make), 3.0)
     with pytest.raises(AssertionError, match=expected):
         motion.assert_settles(GOAL, within=WITHIN, by=2.5)
-
-
-def test_a_joint_at_its_torque_limit_from_the_first_sample_on_is_diagnosed() -> None:
-    time = np.arange(100) * 1e-3
-    tau = np.full(100, 50.0)
-    text = symptoms.symptoms(
-        time,
-        time**2,
-        2 * time,
-        tau,
-        target=1.0,
-        limits=[('effort', tau, -50.0, 50.0)],
-        period=1e-3,
-    )
-    assert 'at the torque limit 50 for 100 % of the time' in text

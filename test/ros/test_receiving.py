@@ -33,21 +33,6 @@ def test_a_full_queue_drops_the_oldest_and_reports_its_number() -> None:
     assert queue.take() == [Arrival(NAMED, 3, b'y')]
 
 
-def test_a_wait_ends_at_an_event_or_when_it_is_woken() -> None:
-    # Else this test would not end.
-    for_ever = 1e6
-    queue = EventQueue()
-    queue.wake()
-    queue.wait(for_ever)
-    queue.put(Arrival(NAMED, 1, b''))
-    queue.wait(for_ever)
-    with ThreadPoolExecutor(1) as pool:
-        queue.take()
-        waiting = pool.submit(queue.wait, for_ever)
-        queue.wake()
-        waiting.result()
-
-
 def test_a_flood_of_commands_drops_no_request() -> None:
     queue = EventQueue(most=3)
     request = Arrival(Source.REQUEST, 1, b'r')
@@ -71,13 +56,6 @@ def test_bytes_are_bounded_and_one_large_message_still_gets_in() -> None:
     queue.put(Arrival(NAMED, 11, b''))
     queue.put(Arrival(NAMED, 12, bytes(1000)))
     assert queue.take() == [Overflow(NAMED, range(11, 12)), Arrival(NAMED, 12, bytes(1000))]
-
-
-def test_a_hundred_thousand_dropped_messages_are_one_range() -> None:
-    queue = EventQueue(most=1)
-    for sequence in range(1, 100_002):
-        queue.put(Arrival(NAMED, sequence, b'x'))
-    assert queue.take()[0] == Overflow(NAMED, range(1, 100_001))
 
 
 def test_between_two_threads_every_message_is_taken_or_reported_exactly_once() -> None:

@@ -119,41 +119,6 @@ def test_a_lockstep_run_is_the_same_to_the_bit_each_time_however_threads_are_swi
         sys.setswitchinterval(before)
 
 
-class Rounds:
-    """A recorder that counts, whenever it may write, the messages that it and a topic got."""
-
-    failed, backlog, waiting_share = False, 0.0, 0.0
-
-    def __init__(self) -> None:
-        self.recorded, self.published = [], []
-        self.found: list[tuple[int, int]] = []
-
-    def record_all(self, messages: Any, simulated_ns: int) -> None:
-        self.recorded += [message for message in messages if message.role == STATES]
-
-    def between_steps(self) -> None:
-        self.found.append((len(self.recorded), len(self.published)))
-
-
-def test_the_recording_may_write_after_each_cycle_whose_state_is_published() -> None:
-    rounds = Rounds()
-    bench = Bench(LogSession(rounds), real_time_factor=0.0)
-    rounds.published = bench.topic.states
-    with bench.running():
-        wait_until(lambda: len(rounds.found) >= 100)
-    assert rounds.found == [(k, k) for k in range(1, len(rounds.found) + 1)]
-
-
-def test_no_thread_steps_an_arm_that_was_stopped() -> None:
-    bench = Bench(lockstep=True, real_time_factor=0.0)
-    with bench.running():
-        last = bench.answer_each(5)[-1]
-    cycles = bench.engine.cycles
-    bench.answer(last)
-    assert not bench.stepper.step_at_once()
-    assert bench.engine.cycles == cycles
-
-
 def test_a_fault_in_a_step_on_another_thread_ends_the_stepping_thread() -> None:
     bench = Bench(lockstep=True, real_time_factor=0.0)
 

@@ -51,19 +51,6 @@ def test_a_lasting_problem_is_logged_ever_more_rarely_and_every_count_is_logged(
     assert len(told) < 3600 / LONGEST_SECONDS + 10
 
 
-def test_after_a_quiet_time_a_problem_is_logged_promptly_again() -> None:
-    log, logger, time = made()
-    for k in range(1, 1000):
-        time.now += 1.0
-        log.count('a', k, 'bad')
-    time.now += 1000.0
-    log.count('a', 1000, 'bad')
-    time.now += 1.1
-    logger.clear()
-    log.count('a', 1001, 'bad')
-    assert logger == [('warning', '1 bad')]
-
-
 def test_findings_are_logged_once_each_up_to_a_bound() -> None:
     log, logger, _ = made()
     for k in range(1000):
@@ -92,12 +79,3 @@ def test_an_event_is_a_line_without_a_number_unless_it_came_more_than_once() -> 
     log.event('a', 1, 'brakes on')
     log.event('a', 4, 'brakes on', error=True)
     assert logger == [('warning', 'brakes on'), ('error', 'brakes on (3 times)')]
-
-
-def test_a_lasting_problem_is_repeated_ever_more_rarely_without_a_number() -> None:
-    log, logger, time = made()
-    for second in range(100):
-        time.now = float(second)
-        log.repeated('a', second + 1, 'no clock')
-    assert set(logger) == {('warning', 'no clock')}
-    assert 5 <= len(logger) <= 9

@@ -11,7 +11,6 @@ import re
 import subprocess
 import sys
 import tempfile
-import threading
 from typing import Any
 
 import numpy as np
@@ -23,11 +22,10 @@ from waiting import PATIENCE
 import pfd_core as pfd
 from pfd_ros.cli.main import main
 from pfd_ros.demo import processes as demo
-from pfd_ros.demo.bare_timer import bare_timer, missing_share
+from pfd_ros.demo.bare_timer import missing_share
 from pfd_ros.demo.results import TRACKING_LIMIT, unless_busy
 from pfd_ros.demo.scenario import PUSH_BEGIN, disturbances, efforts, motion_of, push_force
 from pfd_ros.replay.verify import read
-from pfd_ros.testing import domains
 from pfd_ros.testing.domains import FIRST, LAST, own_domain
 from pfd_ros.testing.lockstep_arm import LockstepArm
 
@@ -119,11 +117,6 @@ def test_late_messages_where_a_bare_timer_keeps_its_periods_are_a_failure() -> N
     assert problems == [f'{item}; {lost}' for item in LATE]
 
 
-def test_without_late_messages_there_is_no_remark() -> None:
-    for bare_off in (0.0, 0.5):
-        assert unless_busy([], bare_off) == ([], [])
-
-
 def test_the_periods_that_a_bare_timer_lost_are_those_between_two_times() -> None:
     # Each millisecond for half a second, then each other one.
     woke = array('q', [*range(0, 500_000_000, 10**6), *range(500_000_000, 10**9, 2 * 10**6)])
@@ -132,16 +125,6 @@ def test_the_periods_that_a_bare_timer_lost_are_those_between_two_times() -> Non
     assert missing_share(woke, 600_000_000, 799_999_999, 0.001) == pytest.approx(0.5)
     assert missing_share(array('q'), 0, 10**9, 0.001) == 1.0
     assert missing_share(array('q'), 5, 5, 0.001) == 0.0
-
-
-def test_a_bare_timer_wakes_until_it_is_left() -> None:
-    with bare_timer(1e-4) as woke:
-        while len(woke) < 20:
-            threading.Event().wait(0.001)
-    count = len(woke)
-    assert sorted(woke) == list(woke)
-    assert all(thread.name != 'bare timer' for thread in threading.enumerate())
-    assert len(woke) == count
 
 
 HOSTILE = {
@@ -158,16 +141,6 @@ HOSTILE = {
     'CYCLONEDDS_URI': '<CycloneDDS/>',
     'ZENOH_ROUTER_CONFIG_URI': '/nowhere',
 }
-
-
-def test_the_processes_inherit_nothing_that_leads_to_another_system() -> None:
-    kept = {'PATH': '/bin', 'ROS_DISTRO': 'jazzy', 'ROS_LOG_DIR': 'logs', 'AMENT_PREFIX_PATH': 'a'}
-    chosen = domains.environment(HOSTILE | kept | {'ROS_DOMAIN_ID': '7'}, 42)
-    assert chosen == kept | {
-        'ROS_DOMAIN_ID': '42',
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        'SKIP_DEFAULT_XML_FILE': '1',
-    }
 
 
 def test_a_domain_to_avoid_is_not_claimed(tmp_path: Path) -> None:

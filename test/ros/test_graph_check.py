@@ -6,14 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import itertools
-from pathlib import Path
 import time
 from types import SimpleNamespace
 
 from bridge import RecordedLog, Source, Validation, Verdict, decode_joint_state, read_recording
 import pytest
 from ros_processes import JOINTS, Process, Processes
-from waiting import PATIENCE
 
 pytestmark = pytest.mark.ros
 
@@ -90,23 +88,6 @@ def test_a_command_of_a_publisher_that_is_gone_is_enough(verdict: Verdict) -> No
     assert len(checked({}, [1.0, 100.0], counts=counts)) == 1
     counts.add(Source.NAMED, Validation(verdict))
     assert checked({}, [1.0, 100.0], counts=counts) == []
-
-
-def test_a_subscription_that_is_being_replaced_causes_no_log_line(
-    processes: Processes, peer_of
-) -> None:
-    from bridge import STATES_OUTPUT, GraphCheck, ThrottledLog, create_endpoints
-
-    peer, lines = peer_of(processes), []
-    ends = create_endpoints(
-        peer.node, roles=(STATES_OUTPUT,), follow_clock=False, on_message=lambda *message: None
-    )
-    check = GraphCheck(peer.node, ends, ThrottledLog(SimpleNamespace(warning=lines.append)))
-    # As the executor's thread does before it creates the best-effort one.
-    (old,) = (end for end in peer.node.subscriptions if end.topic_name == '/joint_commands')
-    peer.node.destroy_subscription(old)
-    check.check()
-    assert lines == []
 
 
 def other_end(number: int, type_name: str, node_name: str) -> SimpleNamespace:
@@ -278,33 +259,3 @@ def test_a_second_clock_is_reported(processes: Processes, peer_of) -> None:
     arm.wait_for_text("node '/peer' publishes /clock too")
     wait_for_reports(arm)
     assert arm.text().count('publishes /clock too') == 1
-
-
-@pytest.mark.slow
-def test_a_second_clock_of_a_node_of_the_same_name_is_reported(processes: Processes) -> None:
-    one = reporting_often(processes)
-    reporting_often(processes)
-    one.wait_for_text('publishes /clock too')
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('name', ['armature', 'damping', 'friction'])
-def test_a_switch_without_numbers_in_the_model_is_refused(processes: Processes, name: str) -> None:
-    urdf = Path(processes.folder / 'plain.urdf')
-    urdf.write_text(
-        '<robot name="plain"><link name="base"/><link name="arm"><inertial>'
-        '<origin xyz="0 0 0.1"/><mass value="1"/>'
-        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        '<joint name="only" type="continuous"><parent link="base"/><child link="arm"/>'
-        '<axis xyz="0 1 0"/></joint></robot>'
-    )
-    arm = processes.arm('-p', 'robot:=plain.urdf', '-p', f'{name}:=true', ready=False)
-    arm.wait_for_text(f"{name} is 'model', but the model of 'plain' states none for any joint")
-    assert arm.process.wait(PATIENCE) == 1
-
-
-@pytest.mark.slow
-def test_a_switch_with_numbers_in_the_model_causes_no_log_line(processes: Processes) -> None:
-    switches = ('-p', 'armature:=true', '-p', 'damping:=true', '-p', 'friction:=true')
-    arm = processes.arm('-p', 'robot:=puma560', *switches)
-    assert 'states none' not in arm.text()

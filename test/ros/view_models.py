@@ -208,23 +208,8 @@ class Exported:
 
     def positions(self, node: str) -> list[tuple[float, list[float]]]:
         """Return the times [s] and positions of a node."""
-        return self._values(node, 'SetPositionMessage', 'position')
-
-    def turns(self, node: str) -> list[tuple[float, list[float]]]:
-        """Return the times [s] and quaternions w, x, y, z of a node."""
-        return self._values(node, 'SetOrientationMessage', 'wxyz')
-
-    def visibility(self, node: str) -> list[tuple[float, bool]]:
-        """Return the times [s] at which a node is shown or hidden."""
-        return self._values(node, 'SetSceneNodeVisibilityMessage', 'visible')
-
-    def updates(self, node: str) -> list[tuple[float, dict[str, Any]]]:
-        """Return the times [s] at which properties of a node change, and their values."""
-        return self._values(node, 'SceneNodeUpdateMessage', 'updates')
-
-    def _values(self, node: str, kind: str, field: str) -> list[tuple[float, Any]]:
         return [
-            (time, message[field])
+            (time, message['position'])
             for time, message in self.messages
-            if message.get('name') == node and message['type'] == kind
+            if message.get('name') == node and message['type'] == 'SetPositionMessage'
         ]

@@ -270,7 +270,6 @@ NAMES = {
     'described_robot': 'pfd_ros.arm.described_robot:described_robot',
     'Driver': 'pfd_ros.arm.driver:Driver',
     'Engine': 'pfd_ros.arm.engine:Engine',
-    'MOST_ROWS': 'pfd_ros.arm.engine:MOST_ROWS',
     'Arrival': 'pfd_ros.arm.events:Arrival',
     'CLOCK_INPUT': 'pfd_ros.arm.events:CLOCK',
     'ClockTick': 'pfd_ros.arm.events:ClockTick',
@@ -383,7 +382,6 @@ NAMES = {
     'DIAGNOSTICS_WARN': 'pfd_ros.node.diagnostics:WARN',
     'Endpoints': 'pfd_ros.node.endpoints:Endpoints',
     'SUBSCRIBED_TOPICS': 'pfd_ros.node.endpoints:SUBSCRIBED',
-    'create_endpoints': 'pfd_ros.node.endpoints:create_endpoints',
     'GraphCheck': 'pfd_ros.node.graph_check:GraphCheck',
     'LogSession': 'pfd_ros.node.log_session:LogSession',
     'node_main': 'pfd_ros.node.main:main',
@@ -462,8 +460,6 @@ NAMES = {
 # Functions and constants that tests replace: monkeypatch.setattr(*bridge.target(name), value).
 # This table only shrinks: in a new subpackage a test uses an argument or a variable, or it goes.
 PATCHED = {
-    # pfd_core.__init__: public names
-    'public_MotorSimulator': 'pfd_core:MotorSimulator',
     # pfd_core.machine: operations, programs, lanes, the emulator
     'Recorder_init': 'pfd_core.machine.recorder:Recorder.__init__',
     # pfd_core.model: robots, scenes, the effects and the plant made of both
@@ -544,7 +540,6 @@ OBJECTS = (
     'CommandCounts',
     'compare_logs',
     'ControllerProcess',
-    'create_endpoints',
     'decode_inertia',
     'decode_joint_state',
     'decode_joint_states',

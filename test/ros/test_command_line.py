@@ -40,7 +40,7 @@ def without_ros(tmp_path: Path, *args: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize('words', [['counts'], ['counts', '--quick'], ['nothing'], []])
+@pytest.mark.parametrize('words', one_fast([['counts'], ['counts', '--quick'], ['nothing'], []]))
 def test_a_report_that_is_no_longer_in_the_product_is_one_line_with_the_other_command(
     words: list[str], tmp_path: Path
 ) -> None:
@@ -151,17 +151,24 @@ def test_a_reader_that_ends_first_ends_a_command_quietly(words: list[str]) -> No
     assert (done.returncode, done.stderr) == (CLOSED_PIPE, '')
 
 
-@pytest.mark.parametrize('name', ['é☃.mcap', os.fsdecode(b'\xff.mcap')])
-def test_names_that_a_terminal_cannot_show_are_escaped(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('command', 'name', 'shown'),
+    [
+        ('info', 'é☃.mcap', rb'\xe9\u2603'),
+        ('recover', os.fsdecode(b'\xff.mcap'), rb'\udcff'),
+    ],
+)
+def test_names_that_a_terminal_cannot_show_are_escaped(
+    command: str, name: str, shown: bytes, tmp_path: Path
+) -> None:
     path = tmp_path / name
     path.write_bytes(GOLDEN.read_bytes())
-    for words in (['info', str(path)], ['recover', str(path)]):
-        done = subprocess.run(
-            [sys.executable, '-m', 'pfd_ros.cli.main', *words],
-            env=environment(1) | {'PYTHONIOENCODING': 'ascii'},
-            capture_output=True,
-            check=False,
-            timeout=120,
-        )
-        assert (done.returncode, done.stderr) == (0, b'')
-        assert rb'\udcff' in done.stdout or rb'\xe9\u2603' in done.stdout
+    done = subprocess.run(
+        [sys.executable, '-m', 'pfd_ros.cli.main', command, str(path)],
+        env=environment(1) | {'PYTHONIOENCODING': 'ascii'},
+        capture_output=True,
+        check=False,
+        timeout=120,
+    )
+    assert (done.returncode, done.stderr) == (0, b'')
+    assert shown in done.stdout

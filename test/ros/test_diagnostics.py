@@ -98,7 +98,8 @@ def test_diagnostics_report_each_task_of_the_node(processes: Processes, peer_of)
 
     # At depth 1 a busy machine would see some commands replaced by newer ones.
     depth = 'qos_overrides./joint_commands.subscription.depth:=10'
-    arm = processes.arm(*('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.5', '-p', depth))
+    settings = ('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.5', '-p', depth)
+    arm = processes.faulty('reports_often', *settings)
     peer = peer_of(processes)
     came: list[DiagnosticArray] = []
     peer.node.create_subscription(DiagnosticArray, '/diagnostics', came.append, 10)

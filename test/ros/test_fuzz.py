@@ -14,7 +14,7 @@ from hostile_traffic import MILLISECOND, REJECTIONS, SMALL_BYTES, Messages, Tick
 import pytest
 from ros_processes import Processes
 
-SECONDS = 4.0
+SECONDS = 2.5
 
 
 def test_the_same_seed_gives_the_same_messages() -> None:

@@ -115,7 +115,7 @@ def test_a_process_with_a_bad_parameter_ends_so_too(processes: Processes) -> Non
 def test_a_parameter_without_its_option_is_named_with_the_cure(
     processes: Processes, start: tuple[str, ...], args: tuple[str, ...], text: str
 ) -> None:
-    process = processes.python('-m', *start, *args)
+    process = processes.forked(*start, *args)
     assert process.process.wait(PATIENCE) == 1
     assert process.text() == f'{text}\n'
 

@@ -165,6 +165,7 @@ def test_reasons_have_the_names_of_validation_results_and_a_misspelt_one_is_name
 
 @pytest.mark.ros
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_rejected_command_fails_the_run_of_an_arm_in_another_process(
     sender_of: Callable[..., Any],
 ) -> None:

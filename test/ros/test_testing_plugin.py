@@ -13,7 +13,7 @@ import subprocess
 import sys
 
 from bridge import DDS_PARTICIPANT_PORT, DDS_PORT_BASE, DDS_PORT_GAIN, claimed_domain, own_domain
-from plugin_sessions import session
+from plugin_sessions import forked_session, session
 import pytest
 from ros_processes import ROOT
 
@@ -83,7 +83,7 @@ def test_left_alone():
     assert rclpy.ok()
     rclpy.shutdown()
 """
-    assert '4 passed' in session(site, tmp_path, code)
+    assert '4 passed' in forked_session(site, tmp_path, code)
 
 
 @pytest.mark.ros
@@ -104,7 +104,7 @@ def test_domain(ros_domain, number, worker_id):
         time.sleep(0.02)
     assert len({path.read_text() for path in found}) == 2
 """
-    assert '2 passed' in session(site, tmp_path, code, ['-n', '2'])
+    assert '2 passed' in forked_session(site, tmp_path, code, ['-n', '2', '-p', 'xdist'])
 
 
 def test_a_claimed_domain_leads_to_no_other_system_and_leaves_the_environment_as_it_was(

@@ -274,15 +274,6 @@ def test_initial_values_and_topics_of_a_urdf_count_as_they_do_for_the_node(domai
 
 
 @pytest.mark.slow
-@pytest.mark.long
-def test_twenty_processes_move_with_the_same_bits(domain: int) -> None:
-    (expected,) = called(1.0)
-    for _ in range(20):
-        with ProcessArm(**SETTINGS) as arm:
-            assert_same_bits(arm.run(law, 1.0), expected)
-
-
-@pytest.mark.slow
 def test_a_node_that_cannot_start_shows_its_output(domain: int, tmp_path: Path) -> None:
     path = tmp_path / 'there.mcap'
     path.write_text('other')
@@ -340,6 +331,7 @@ with claimed_domain() as domain, initialised(domain), ProcessArm('planar2') as a
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_no_segment_of_shared_memory_is_left_after_a_run(tmp_path: Path) -> None:
     shm = Path('/dev/shm')
     if not shm.is_dir():

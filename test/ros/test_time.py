@@ -37,7 +37,8 @@ class Leader:
 def test_an_arm_follows_a_clock_forwards_only_and_logs_its_loss(
     processes: Processes, peer_of
 ) -> None:
-    arm = processes.arm(*FOLLOWS, '-p', 'recording:=arm.mcap', '-p', 'step_size:=0.002')
+    settings = (*FOLLOWS, '-p', 'recording:=arm.mcap', '-p', 'step_size:=0.002')
+    arm = processes.faulty('reports_often', *settings)
     peer = peer_of(processes)
     leader = Leader(peer)
     start = 490 * SECOND
@@ -83,8 +84,8 @@ def test_an_arm_follows_a_clock_forwards_only_and_logs_its_loss(
 
 @pytest.mark.slow
 def test_two_arms_on_one_clock_have_the_same_stamps(processes: Processes, peer_of) -> None:
-    follower = processes.arm(
-        *FOLLOWS, '-r', '__ns:=/right', '-p', 'recording:=right.mcap', ready=False
+    follower = processes.faulty(
+        'reports_often', *FOLLOWS, '-r', '__ns:=/right', '-p', 'recording:=right.mcap', ready=False
     )
     leader = processes.arm('-r', '__ns:=/left', '-p', 'recording:=left.mcap')
     peers = [peer_of(processes, name) for name in ('left', 'right')]

@@ -95,15 +95,6 @@ def test_a_node_moves_the_arm_with_the_bits_of_the_callback(
             assert_same_bits(arm.spin(0.1, node), expected[1])
 
 
-@pytest.mark.slow
-@pytest.mark.long
-def test_twenty_runs_over_topics_have_the_same_bits(controller_of: Callable[..., Any]) -> None:
-    (expected,), node = called(2.0), controller_of('plain')
-    for _ in range(20):
-        with LockstepArm(**SETTINGS) as arm:
-            assert_same_bits(arm.spin(2.0, node), expected)
-
-
 def test_a_best_effort_publisher_is_served(controller_of: Callable[..., Any]) -> None:
     from rclpy.qos import qos_profile_sensor_data
 

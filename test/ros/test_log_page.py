@@ -170,24 +170,6 @@ def test_a_failed_simulation_and_files_of_one_run_are_reported(tmp_path: Path) -
     assert 'not finite' in failure.text
 
 
-def test_the_files_of_a_run_are_one_page(tmp_path: Path) -> None:
-    with LockstepArm(
-        'planar2', recording=tmp_path / 'run.mcap', recording_max_duration=0.05
-    ) as arm:
-        arm.run(lambda t, q, qd: -q - 0.1 * qd, 0.22)
-    files = sorted(tmp_path.glob('run_*.mcap'))
-    assert len(files) > 3
-    for source in (tmp_path, files[::-1]):
-        found = read_contents(source)
-        assert not found.notes
-        facts = dict(found.facts)
-        assert facts['states'].startswith('220, ')
-        assert facts['whole'] == 'yes'
-        (position,) = (plot for plot in found.plots if plot.title == 'position')
-        assert position.curve.samples == 220
-    assert 'missing: part 2 of the run' in read_contents([files[0], *files[2:]]).notes
-
-
 def energy_by_pinocchio(body: pin.Inertia | None, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
     """Return kinetic and potential energy (N, 2) of planar2 with a body at its tip."""
     model = pin.buildModelFromXML(pfd.urdf_of('planar2'))

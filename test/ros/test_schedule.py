@@ -122,23 +122,6 @@ def test_the_clock_ticks_at_its_period_between_the_messages_it_lies_between(
     assert schedule.ended
 
 
-def test_ticks_that_were_due_during_a_pause_do_not_run_back_after_it() -> None:
-    schedule = schedule_of(log_of([0, 9]), tick_ns=UNIT)
-    drain(schedule, 0)
-    schedule.pause(2 * UNIT)
-    assert drain(schedule, 3 * UNIT) == [PlayerTick(2 * UNIT)]
-    schedule.resume(6 * UNIT)
-    assert drain(schedule, 6 * UNIT) == [PlayerTick(2 * UNIT)]
-    assert drain(schedule, 7 * UNIT) == [PlayerTick(3 * UNIT)]
-
-
-def test_after_a_stall_the_clock_ticks_once() -> None:
-    schedule = schedule_of(log_of([0, 9000]), tick_ns=UNIT)
-    drain(schedule, 0)
-    assert drain(schedule, 4000 * UNIT + 5) == [PlayerTick(4000 * UNIT)]
-    assert schedule.next_ns() == 4001 * UNIT
-
-
 def test_after_a_stall_the_clock_is_not_ahead_of_the_messages_that_are_late() -> None:
     messages = log_of(range(0, 100, 3))
     schedule = schedule_of(messages, tick_ns=UNIT)

@@ -331,7 +331,6 @@ NAMES = {
     'RECORD_BYTES': 'pfd_ros.recording.format:RECORD_BYTES',
     'ROBOT_ATTACHMENT': 'pfd_ros.recording.format:ROBOT',
     'ROLE_OF_SOURCE': 'pfd_ros.recording.format:ROLE_OF_SOURCE',
-    'SOURCE_OF_ROLE': 'pfd_ros.recording.format:SOURCE_OF_ROLE',
     'TopicArrays': 'pfd_ros.recording.log_arrays:TopicArrays',
     'FileHead': 'pfd_ros.recording.mcap_file:FileHead',
     'TimeBase': 'pfd_ros.recording.mcap_file:TimeBase',

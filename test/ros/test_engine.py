@@ -4,15 +4,12 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Sequence
 import functools
 from xml.etree import ElementTree
 import zlib
 
 from bridge import (
-    ROLE_OF_SOURCE,
-    SOURCE_OF_ROLE,
     TAKEN_COLUMNS,
     ArmEvent,
     ArmOutput,
@@ -20,7 +17,6 @@ from bridge import (
     Engine,
     InputOverflow,
     JointMessage,
-    RecordedLog,
     Settings,
     Source,
     Verdict,
@@ -33,7 +29,6 @@ import numpy as np
 import plant_messages
 from plant_messages import UNLIMITED, asked, efforts, failed, joint_state
 import pytest
-from rewriting import GOLDEN
 from ros_processes import example_robot
 
 import pfd_core as pfd
@@ -230,29 +225,6 @@ def test_validating_a_message_does_not_apply_it() -> None:
     engine = made(robot='planar2')
     assert engine.validate(array(1.0, 2.0)).verdict is Verdict.ACCEPTED
     assert not run(engine, 2).effort.any()
-
-
-def test_an_engine_with_recorded_inputs_publishes_the_recorded_outputs() -> None:
-    # By hand, with all rows known beforehand: the replay itself streams.
-    log = RecordedLog(GOLDEN)
-    recorded: dict[str, list[bytes]] = defaultdict(list)
-    for entry in log.entries():
-        recorded[entry.role].append(entry.data)
-    events: dict[int, list[ArmEvent]] = defaultdict(list)
-    for data in recorded['taken']:
-        for cycle, source, sequence, *_ in decode_rows(data, len(TAKEN_COLUMNS)):
-            payload = recorded[ROLE_OF_SOURCE[Source(source)]][sequence - 1]
-            events[cycle].append(Arrival(Source(source), sequence, payload))
-    settings = log.settings
-    engine = Engine(settings, pfd.load_robot(log.robot_yaml))
-    computed: dict[str, list[bytes]] = defaultdict(list)
-    for cycle in range(1, settings.publish_every * len(recorded['joint_states']) + 1):
-        for role, _, data in engine.run_cycle(events[cycle]).outputs:
-            computed[role].append(data)
-    assert len(events) > 30
-    assert dict(computed) == {
-        role: found for role, found in recorded.items() if role not in SOURCE_OF_ROLE
-    }
 
 
 def test_an_arm_with_a_gripper_has_the_masses_of_the_whole_file() -> None:

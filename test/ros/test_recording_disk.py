@@ -15,9 +15,7 @@ from mcap.records import Attachment
 from plant_messages import efforts
 import pytest
 from recordings import (
-    COMMANDS,
     HAS_DEFINITIONS,
-    STATES,
     check_failed,
     counts,
     fail_after,
@@ -224,12 +222,6 @@ def test_a_file_is_never_written_over(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError, match=rf'a\.mcap {TAKEN}'):
         write(tmp_path / 'a.mcap', 1)
     assert (tmp_path / 'a.mcap').read_bytes() == b'dear'
-
-
-def test_two_channels_of_one_name_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"duplicate topics in a recording: .*'/joint_states'\]"):
-        start(tmp_path / 'a.mcap', (STATES, COMMANDS, STATES))
-    assert not list(tmp_path.iterdir())
 
 
 # --- names that get lost

@@ -209,13 +209,6 @@ def test_a_summary_lists_the_contents_of_the_file(
     assert 'equal' not in printed
 
 
-def test_the_progress_runs_from_start_to_end(recorded: Path) -> None:
-    parts: list[float] = []
-    read_recording(recorded, progress=parts.append)
-    assert parts == sorted(parts)
-    assert 0 < parts[0] <= parts[-1] <= 1
-
-
 def test_the_progress_is_drawn_on_a_terminal_and_nowhere_else() -> None:
     class Terminal(io.StringIO):
         def isatty(self) -> bool:

@@ -261,13 +261,6 @@ def test_frames_without_their_description_are_reported_as_incomplete(tmp_path: P
     assert summary.absent
 
 
-def test_a_gap_in_the_frames_is_reported(tmp_path: Path) -> None:
-    made = load(recorded(tmp_path / 'a.mcap', 'ur5'))
-    made.lose(made.on(TF)[5:8])
-    summary = read_recording(made.save(tmp_path / 'b.mcap', closed=False), verify=True)
-    assert summary.lost == {'tf': 3}
-
-
 def test_a_description_that_is_no_urdf_is_one_clear_error(tmp_path: Path) -> None:
     made = load(recorded(tmp_path / 'a.mcap', 'planar2'))
     (message,) = made.on(DESCRIPTION)

@@ -115,49 +115,42 @@ def test_the_default_keeps_the_digits_where_pivots_lose_them(problem: Problem) -
     assert error(problem) < LAST_DIGITS
 
 
-@pytest.mark.parametrize(
-    ('name', 'method'),
-    [
-        ('puma560', 'composite_body'),
-        ('ur5', 'composite_body'),
-        ('panda', 'grouped_articulated_body'),
-        ('planar2', 'grouped_articulated_body'),
-    ],
-)
-def test_the_included_arms_need_no_refinement(name: str, method: str) -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot(name))
-    assert (kernel.method, kernel.spec.refine) == (method, 0)
-    # Grouped articulated bodies take up to 1.14 times the time of composite bodies.
-    few, used = (method_cost(kernel.spec.plant, one) for one in ('composite_body', method))
-    assert used <= 1.15 * few
-
-
-def of_derivatives(robot: pfd.Robot, **options: Any) -> tuple[str, int]:
-    spec = KernelSpec(robot, pfd.Scene(), quantity='derivatives', **options)
+def selected(robot: pfd.Robot, **options: Any) -> tuple[str, int]:
+    """Return the method and the steps of refinement of a kernel."""
+    spec = KernelSpec(robot, pfd.Scene(), **options)
     return spec.method, spec.refine
 
 
-@pytest.mark.parametrize('name', ['puma560', 'ur5', 'panda', 'planar2', 'ur10'])
-def test_derivatives_of_ordinary_arms_are_by_composite_bodies(name: str) -> None:
-    assert of_derivatives(robot_called(name)) == ('composite_body', 0)
+FACTOR, BODIES = 'composite_body', 'grouped_articulated_body'
+DERIVATIVES: dict[str, Any] = {'quantity': 'derivatives'}
+SELECTED: list[tuple[pfd.Robot, dict[str, Any], tuple[str, int]]] = [
+    # The included arms need no refinement.
+    *((pfd.load_robot(name), {}, (FACTOR, 0)) for name in ('puma560', 'ur5')),
+    *((pfd.load_robot(name), {}, (BODIES, 0)) for name in ('panda', 'planar2')),
+    # Rods do; a named method is not refined.
+    (chain(6, 'y'), {}, ('composite_body', 1)),
+    (chain(6, 'y'), {'method': FACTOR}, (FACTOR, 0)),
+    # Derivatives: of ordinary arms; where the factor of H loses digits; where rounded grouped
+    # parameters do, too.
+    *((robot_called(name), DERIVATIVES, (FACTOR, 0)) for name in ('puma560', 'panda', 'ur10')),
+    (chain(6, 'y'), DERIVATIVES, (BODIES, 0)),
+    (coaxial(1e-12), DERIVATIVES, (BODIES, 0)),
+    (robot_called('kinova'), DERIVATIVES, (FACTOR, 1)),
+    (robot_called('kinova'), DERIVATIVES | {'method': FACTOR}, (FACTOR, 0)),
+]
 
 
-@pytest.mark.parametrize(
-    ('robot', 'found'),
-    [
-        # The factor of H loses digits.
-        (chain(6, 'y'), ('grouped_articulated_body', 0)),
-        (coaxial(1e-12), ('grouped_articulated_body', 0)),
-        # Rounded grouped parameters cost digits, too.
-        (robot_called('kinova'), ('composite_body', 1)),
-    ],
-    ids=['rods', 'coaxial', 'kinova'],
-)
-def test_derivatives_take_the_cheapest_accurate_inverse(
-    robot: pfd.Robot, found: tuple[str, int]
+@pytest.mark.parametrize(('robot', 'options', 'wanted'), SELECTED)
+def test_the_default_is_the_cheapest_accurate_method(
+    robot: pfd.Robot, options: dict[str, Any], wanted: tuple[str, int]
 ) -> None:
-    assert of_derivatives(robot) == found
-    assert of_derivatives(robot, method='composite_body') == ('composite_body', 0)
+    assert selected(robot, **options) == wanted
+
+
+def test_a_default_without_refinement_takes_up_to_1_15_times_the_operations() -> None:
+    plants = [resolve_plant(pfd.load_robot(name)) for name in ('panda', 'planar2')]
+    for few, used in ([method_cost(plant, m) for m in (FACTOR, BODIES)] for plant in plants):
+        assert used <= 1.15 * few
 
 
 def test_effects_that_are_no_inertia_do_not_change_the_inverse_of_derivatives() -> None:
@@ -165,13 +158,6 @@ def test_effects_that_are_no_inertia_do_not_change_the_inverse_of_derivatives() 
     plain = select_method(resolve_plant(robot), use='derivatives')
     scene = pfd.Scene(damping=[1.0] * 3, gravity=None, external_wrench=True, brakes=True)
     assert select_method(resolve_plant(robot, scene), use='derivatives') == plain
-
-
-def test_a_named_method_and_a_simulation_are_not_refined() -> None:
-    robot = chain(6, 'y')
-    assert pfd.compile_kernel(robot).spec.refine == 1
-    assert pfd.compile_kernel(robot, method='composite_body').spec.refine == 0
-    assert pfd.Simulator(robot, step_size=1e-3).method == 'composite_body'
 
 
 def test_units_of_length_and_mass_do_not_change_the_selection() -> None:

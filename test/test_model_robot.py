@@ -88,6 +88,7 @@ def test_a_payload_agrees_with_a_body_added_in_pinocchio(seed: int) -> None:
     body = pin.Inertia(payload.mass, np.array(payload.center), np.array(payload.inertia))
     model.appendBodyToJoint(4, body, model.frames[-1].placement)
     assert_same_dynamics(to_pinocchio(pfd.with_payload(robot, payload)), model, seed)
+    assert pfd.with_payload(robot, pfd.Payload(0.0)) == robot
 
 
 def test_bodies_weld_as_in_pinocchio() -> None:
@@ -99,11 +100,6 @@ def test_bodies_weld_as_in_pinocchio() -> None:
         assert mass == sum_.mass
         np.testing.assert_allclose(center, sum_.lever, rtol=DYNAMICS)
         np.testing.assert_allclose(J, sum_.inertia, rtol=0, atol=DYNAMICS * J.max())
-
-
-def test_a_payload_of_nothing_changes_no_bit() -> None:
-    robot = random_chain(np.random.default_rng(0), 3)
-    assert pfd.with_payload(robot, pfd.Payload(0.0)) == robot
 
 
 def test_arrays_are_copies_that_cannot_change() -> None:
@@ -129,11 +125,8 @@ def copies(value: object) -> dict[str, object]:
     }
 
 
-@pytest.mark.parametrize('ask_first', [False, True])
-def test_a_robot_stays_frozen_through_pickle_and_copies(ask_first: bool) -> None:
+def test_a_robot_stays_frozen_through_pickle_and_copies() -> None:
     robot = random_chain(np.random.default_rng(2), 3)
-    if ask_first:
-        assert robot.digest
     for way, again in copies(robot).items():
         assert again == robot, way
         for item in fields(robot):
@@ -153,28 +146,18 @@ def test_an_unpickled_robot_is_not_warned_of_twice() -> None:
     assert pickle.loads(pickle.dumps(robot)) == robot
 
 
-def test_equal_numbers_make_equal_robots() -> None:
+def test_equal_numbers_make_equal_robots_and_any_other_number_or_name_another() -> None:
     robot = rod()
     assert robot == rod(source='elsewhere')
     assert hash(robot) == hash(rod(translations=[[1.0, -0.0, 0]]))
     assert len(robot.digest) == 64
-
-
-@pytest.mark.parametrize(
-    'changes',
-    [
-        {'name': 'rud'},
-        {'joint_names': ('elbow',)},
-        {'joint_types': ('prismatic',)},
-        {'masses': [np.nextafter(1.0, 2)]},
-        {'damping': 1e-300},
-        {'base': 'floor'},
+    for changes in (
+        *({'name': 'rud'}, {'joint_names': ('elbow',)}, {'joint_types': ('prismatic',)}),
+        *({'masses': [np.nextafter(1.0, 2)]}, {'damping': 1e-300}, {'base': 'floor'}),
         {'position_upper': 3.0},
-    ],
-)
-def test_any_other_number_or_name_makes_another_robot(changes: dict[str, object]) -> None:
-    assert rod(**changes) != rod()
-    assert rod(**changes).digest != rod().digest
+    ):
+        assert rod(**changes) != robot
+        assert rod(**changes).digest != robot.digest
 
 
 @pytest.mark.parametrize(
@@ -197,6 +180,7 @@ def test_any_other_number_or_name_makes_another_robot(changes: dict[str, object]
         ({'base_position': [0, 0, np.nan]}, 'base_position must be finite'),
         ({'rotations': [np.diag([1, 1, 1.001])]}, "joint 'hinge' must be orthonormal"),
         ({'rotations': [np.diag([1, 1, -1])]}, "joint 'hinge' must be right-handed"),
+        ({'rotations': [np.full((3, 3), 1e200)]}, "joint 'hinge' must be finite and at most"),
         ({'base_rotation': np.diag([1, 1, -1])}, "base_rotation of 'rod' must be right-handed"),
         ({'inertias': [[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]]}, "'hinge'.* must be symmetric"),
         ({'inertias': [np.diag([1, 1, -0.1])]}, "'hinge'.* must not be negative in any direction"),
@@ -245,12 +229,6 @@ def test_numbers_of_python_and_numpy_are_numbers(kind: type) -> None:
     chain = random_chain(np.random.default_rng(0), 2)
     assert pfd.lock(chain, {'joint1': kind(2)}) == pfd.lock(chain, {'joint1': 2.0})
     assert pfd.Payload(kind(2)) == pfd.Payload(2.0)
-
-
-def test_a_rotation_that_overflows_is_refused() -> None:
-    huge = np.array([[1e200, -1e200, 0], [1e200, 1e200, 0], [0, 0, 1]])
-    with pytest.raises(ValueError, match="rotations of joint 'hinge' must be finite and at most"):
-        rod(rotations=[huge])
 
 
 def test_an_inertia_may_miss_zero_by_the_rounding_of_the_parallel_axes() -> None:
@@ -336,19 +314,15 @@ def test_products_are_summed_in_one_order_on_every_machine() -> None:
             for i in range(3)
         ]
         assert matrix_product(A, B).tolist() == expected
-        assert (
-            matrix_product(A, v).tolist() == matrix_product(A, np.tile(v, (3, 1)).T)[:, 0].tolist()
-        )
+        tiled = matrix_product(A, np.tile(v, (3, 1)).T)
+        assert matrix_product(A, v).tolist() == tiled[:, 0].tolist()
         assert matrix_product(A, B, v).tolist() == matrix_product(matrix_product(A, B), v).tolist()
 
 
-def test_right_angles_in_degrees_are_exact() -> None:
+def test_right_angles_and_coordinate_axes_are_exact() -> None:
     expected = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1), -90: (0, -1), 720: (1, 0)}
     assert {angle: cos_sin_degrees(angle) for angle in expected} == expected
     assert cos_sin_degrees(30) == (np.cos(np.radians(30)), np.sin(np.radians(30)))
-
-
-def test_coordinate_axes_give_signed_permutations() -> None:
     for axis in (*np.eye(3), *-np.eye(3)):
         R = axis_rotation(2.5 * axis)
         np.testing.assert_array_equal(R[:, 2], axis)

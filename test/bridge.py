@@ -160,7 +160,6 @@ NAMES = {
     'ir_to_columns': 'pfd_core.kernels.generate:to_columns',
     'ir_to_rows': 'pfd_core.kernels.generate:to_rows',
     'IrCode': 'pfd_core.kernels.ir:Code',
-    'linear_step_ir': 'pfd_core.kernels.linear_step:linear_step',
     'lower_program': 'pfd_core.kernels.lower:lower',
     'program_operations': 'pfd_core.kernels.lower:operations',
     'Optimisation': 'pfd_core.kernels.native:Optimisation',

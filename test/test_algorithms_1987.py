@@ -45,13 +45,6 @@ METHODS = ('pcrbm_1987', 'pcgm_1987')
 RIGHT_ANGLED = pfd.Scene(external_wrench=True, damping='model', armature='model', brakes=True)
 
 
-@pytest.mark.parametrize('method', METHODS)
-def test_kernels_do_not_offer_the_methods_of_1987(method: str) -> None:
-    assert method not in pfd.METHODS
-    with pytest.raises(ValueError, match=f"method must be 'auto' or one of .* got '{method}'"):
-        pfd.compile_kernel(pfd.load_robot('ur5'), method=method)
-
-
 def test_the_methods_of_1987_are_emulated_by_name() -> None:
     robot = pfd.load_robot('planar2')
     state = np.random.default_rng(2).normal(size=(3, 2))
@@ -344,11 +337,3 @@ def test_six_joints_of_1987_take_366_and_351_with_pairs_packed_and_391_and_361_w
     for schedule, wanted in (('parallel', (366, 351, 6)), ('unpacked', (391, 361, 6))):
         found = arithmetic(record_pcrbm_1987(resolve_plant(chain(6)), schedule).count())
         assert (found[0] + found[2] - 12, found[1] - 6, found[3]) == wanted
-
-
-def test_levels_of_a_pose_leave_other_methods_alone() -> None:
-    # FOHRA unpacked belongs to the methods of 1987; PCRBM packs it, for 51 and 34.
-    found = FORWARD_METHODS['pcrbm'](resolve_plant(chain(6)), 'parallel').count(
-        section='orientation'
-    )
-    assert arithmetic(found)[:2] == (51, 34)

@@ -70,8 +70,10 @@ def test_auto_chooses_the_stored_methods(case: str) -> None:
 
 @pytest.mark.parametrize('case', FAST_CASES)
 def test_each_program_is_the_stored_one_node_by_node(case: str) -> None:
+    # Each name in a third of the cases, and all of one case.
+    first = 0 if case == MANY else list(CASES).index(case) % 3
     names = [name for name in options(case) if name not in SLOW or case == MANY]
-    assert_same_programs(case, 'float64', names)
+    assert_same_programs(case, 'float64', names[first :: 1 if case == MANY else 3])
 
 
 @pytest.mark.long

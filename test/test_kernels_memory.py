@@ -39,7 +39,7 @@ def compiled(first, count):
         pfd.compile_kernel(robot, scene=pfd.Scene(gravity=(0.0, 0.0, -9.0 - k)))
         gc.collect()  # else the heap is as large as what happens to be uncollected
 
-robot = pfd.load_robot('planar2')
+robot = pfd.lock(pfd.load_robot('planar2'), {'elbow': 0.0})
 warm_up, count = map(int, sys.argv[1:])
 compiled(0, warm_up)
 before = resident()

@@ -100,24 +100,6 @@ def test_pcrbm_is_the_sum_of_its_parts(n: int) -> None:
     )
 
 
-def test_packing_saves_arithmetic_and_costs_routes() -> None:
-    # Multiplications, additions and routes at six joints; the paper counts no routes.
-    expected = {
-        ('orientation',): ((51, 34, 160), (81, 54, 27)),
-        ('moments of the row sweep', 'elements of H'): ((27, 15, 78), (45, 25, 30)),
-        ('factorisation', 'column sweep'): ((15, 15, 53), (30, 25, 30)),
-    }
-    for schedule, which in (('parallel', 0), ('unpacked', 1)):
-        program = FORWARD_METHODS['pcrbm'](resolve_plant(chain(6)), schedule)
-        for sections, counts in expected.items():
-            parts = [program.count(section=s) for s in sections]
-            found = tuple(
-                sum(getattr(steps, kind) for steps in parts)
-                for kind in ('multiplications', 'additions', 'routes')
-            )
-            assert found == counts[which], (schedule, sections)
-
-
 # ---- actuators and springs: nothing where they are off ---------------------------------------
 
 

@@ -50,7 +50,7 @@ def refused(*arguments, **options):
     except ValueError as error:
         return str(error)
 
-robot = pfd.load_robot('ur5')
+robot = pfd.load_robot('planar2')
 rng = np.random.default_rng(1)
 for dtype in ('float64', 'float32'):
     kernel = pfd.compile_kernel(robot, dtype=dtype)

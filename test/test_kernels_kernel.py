@@ -276,20 +276,6 @@ def test_a_batch_releases_the_global_interpreter_lock() -> None:
         sys.setswitchinterval(interval)
 
 
-def test_threads_share_a_kernel() -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
-    arrays = random_states(6, 4000)
-    expected = kernel(*arrays)
-    found = [np.empty_like(expected) for _ in range(4)]
-    threads = [threading.Thread(target=kernel, args=(*arrays, None, out)) for out in found]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for out in found:
-        np.testing.assert_array_equal(out, expected)
-
-
 def test_plain_functions_take_any_number_of_leading_axes() -> None:
     robot = pfd.load_robot('ur5')
     q, qd, tau = random_states(6, 12)

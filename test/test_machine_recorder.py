@@ -61,19 +61,15 @@ def test_lanes_without_an_operand_take_no_part(schedule: str) -> None:
     assert program.count(processors=1).additions == 3
 
 
-def test_one_instruction_serves_all_lanes_in_parallel_and_one_lane_in_sequence() -> None:
+def test_an_instruction_serves_as_many_lanes_as_there_are_processors() -> None:
     def function(recorder: Recorder, x: Lanes) -> Lanes:
         return on_lane(x, range(3)) * x
 
     assert recorded(4, 'parallel', function).count() == pfd.Steps(multiplications=1)
     assert recorded(4, 'sequential', function).count() == pfd.Steps(multiplications=3)
-
-
-def test_fewer_processors_than_lanes_take_more_steps() -> None:
-    program = recorded(5, 'parallel', lambda recorder, x: x * x + x)
-    counts = [program.count(p) for p in (1, 2, 3, 5, 9)]
-    assert [c.multiplications for c in counts] == [5, 3, 2, 1, 1]
-    assert [c.additions for c in counts] == [5, 3, 2, 1, 1]
+    program = recorded(5, 'parallel', lambda recorder, x: lane_sqrt(x * x + x) / x)
+    for processors, steps in ((1, 5), (2, 3), (3, 2), (5, 1), (9, 1)):
+        assert program.count(processors) == pfd.Steps(*[steps] * 4)
 
 
 def test_data_that_stays_on_its_lane_costs_no_route() -> None:
@@ -90,51 +86,35 @@ def test_where_takes_the_first_above_zero_and_the_second_elsewhere(schedule: str
     np.testing.assert_array_equal(y, [20.0, -1.0, -1.0, 1e-299])
 
 
+def square(R: np.ndarray) -> np.ndarray:
+    return R.reshape(3, 3)
+
+
+def symmetric(s: np.ndarray) -> np.ndarray:
+    """Return the matrix of the elements of its upper triangle."""
+    return s[np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])]
+
+
 @pytest.mark.parametrize(
     ('function', 'sizes', 'expected', 'multiplications', 'additions'),
     [
         (vector_cross, {'a': 3, 'b': 3}, np.cross, 6, 3),
         (vector_dot, {'a': 3, 'b': 3}, np.dot, 3, 2),
+        (lambda R, v: square(R) @ v, {'R': 9, 'v': 3}, lambda R, v: square(R) @ v, 9, 6),
         (
-            lambda R, v: R.reshape(3, 3) @ v,
-            {'R': 9, 'v': 3},
-            lambda R, v: R.reshape(3, 3) @ v,
-            9,
-            6,
+            lambda A, B: square(A) @ square(B),
+            *({'A': 9, 'B': 9}, lambda A, B: square(A) @ square(B), 27, 18),
         ),
+        (symmetric_times, {'s': 6, 'v': 3}, lambda s, v: symmetric(s) @ v, 9, 6),
         (
-            lambda A, B: A.reshape(3, 3) @ B.reshape(3, 3),
-            {'A': 9, 'B': 9},
-            lambda A, B: (A.reshape(3, 3) @ B.reshape(3, 3)).ravel(),
-            27,
-            18,
-        ),
-        (
-            symmetric_times,
-            {'s': 6, 'v': 3},
-            lambda s, v: (
-                np.array([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], s[5]]]) @ v
-            ),
-            9,
-            6,
-        ),
-        (
-            lambda R, s: rotated_symmetric(R.reshape(3, 3), s),
+            lambda R, s: rotated_symmetric(square(R), s),
             {'R': 9, 's': 6},
-            lambda R, s: (
-                R.reshape(3, 3)
-                @ np.array([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], s[5]]])
-                @ R.reshape(3, 3).T
-            )[UPPER],
-            45,
-            30,
+            lambda R, s: (square(R) @ symmetric(s) @ square(R).T)[UPPER],
+            *(45, 30),
         ),
         (
             parallel_axis,
-            {'d': 3},
-            lambda d: (d @ d * np.eye(3) - np.outer(d, d))[UPPER],
-            6,
-            3,
+            *({'d': 3}, lambda d: (d @ d * np.eye(3) - np.outer(d, d))[UPPER], 6, 3),
         ),
     ],
     ids=['cross', 'dot', 'R v', 'A B', 'S v', 'R S R^T', 'parallel axis'],
@@ -205,12 +185,6 @@ def test_an_output_needs_a_value_on_its_lane() -> None:
 def test_only_numbers_and_lanes_are_operands() -> None:
     with pytest.raises(TypeError, match='expected a value over lanes or a number, got str'):
         Recorder(1).input('x', [0]) + 'one'
-
-
-def test_sqrt_is_counted_in_its_own_column() -> None:
-    assert recorded(3, 'parallel', lambda r, x: lane_sqrt(x) / x).count() == pfd.Steps(
-        divisions=1, square_roots=1
-    )
 
 
 def test_zeros_and_ones_are_known_while_recording() -> None:

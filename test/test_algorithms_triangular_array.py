@@ -9,10 +9,9 @@ from typing import Any
 from closed_forms import SIZES, arithmetic, by_section, routes_by_section
 import mpmath
 import numpy as np
-from oracle import Oracle, jacobi_condition, relative
 import pytest
-from tolerances import ACCELERATION, FIFTY_DIGITS
-from zoo import Array, random_chain, random_state
+from tolerances import FIFTY_DIGITS
+from zoo import Array, random_chain
 
 import pfd_core as pfd
 from pfd_core.algorithms.paper.array_solver import factor, pipeline, solve
@@ -37,10 +36,8 @@ from pfd_core.algorithms.paper.triangular_array import (
     triangle,
 )
 from pfd_core.dynamics.methods import FORWARD
-from pfd_core.kernels.lower import lower
-from pfd_core.machine.emulator import run
 from pfd_core.model import resolve
-from pfd_core.paper.systolic import LinkError, Ports, Step
+from pfd_core.paper.systolic import Ports, Step
 
 
 def integers(rng: np.random.Generator, n: int) -> tuple[Array, Array, Array]:
@@ -158,18 +155,6 @@ def test_links_join_nearest_neighbours_only() -> None:
         assert len(inner) == (2 if back else 1) * 5 * 4
 
 
-def test_a_cell_that_reaches_further_is_refused() -> None:
-    # P_kk has no link from below in the correct design.
-    def reaching(state: Any, ports: Ports) -> Step:
-        return Step(state, {'right': ports['down']})
-
-    array = triangle(2, reaching, square, back=True)
-    stream = {link: {1: 'item'} for link in array.links if link.target == (1, 1)}
-    entry = {link: items for link, items in stream.items() if link.source == (1, 0)}
-    with pytest.raises(LinkError, match=r"cell \(1, 1\) reads from 'down'"):
-        array.run(entry)
-
-
 def test_equal_values_in_the_stream_confuse_neither_design() -> None:
     for n in (2, 3, 9):
         L = np.tril(np.ones((n, n)))
@@ -276,19 +261,3 @@ def test_the_cells_do_a_cholesky_solve_and_the_lanes_pcrbm_and_ne1(n: int, sched
     elements = n * (n + 1) // 2 + n
     # h_11 and y_1 are on lane 0 anyway.
     assert streams == (elements - 2 if schedule == 'parallel' else 0)
-
-
-@pytest.mark.parametrize('n', [1, 2, 6])
-def test_the_sequential_program_can_be_lowered_and_keeps_its_answer(n: int) -> None:
-    rng = np.random.default_rng(n)
-    robot = random_chain(rng, n)
-    plant = resolve(robot, pfd.Scene(brakes=True, external_wrench=True))
-    program = FORWARD['pcrbm_array'](plant, 'sequential')
-    short = lower(program, 'float64', ['qdd']).compiled
-    q, qd, tau = random_state(rng, n)
-    inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6), 'free': np.ones(n)}
-    found = run(short, inputs)['qdd']
-    # Sines of the kernel are its own, within two units of rounding of the library's.
-    H = Oracle(robot).H(q)
-    assert relative(found, run(program, inputs)['qdd']) < ACCELERATION * jacobi_condition(H)
-    assert len(short.instructions) > n

@@ -258,17 +258,6 @@ def test_an_arm_scaled_to_micrometres_is_loaded_with_the_same_digits() -> None:
 # Axes, limits, friction and structure.
 
 
-def test_an_axis_of_any_length_is_a_direction() -> None:
-    def stretch(root: ElementTree.Element) -> None:
-        for axis in root.findall('joint/axis'):
-            axis.set('xyz', ' '.join(repr(float(x) * 8.0) for x in axis.get('xyz', '').split()))
-
-    text = edited(UR5, stretch)
-    robot = pfd.load_robot(text, tip='ee_link')
-    assert robot == pfd.load_robot(example(UR5), tip='ee_link')
-    assert_same_physics(robot, text, {})
-
-
 def test_a_joint_without_limits_is_unlimited_and_warned_of() -> None:
     with pytest.warns(pfd.PhysicsWarning) as warned:
         robot = pfd.load_robot(edited(UR5, without_limits), tip='ee_link')

@@ -107,8 +107,6 @@ NAMES = {
     'cut_off': 'pfd_core.dynamics.drives:cut_off',
     'record_motor_torques': 'pfd_core.dynamics.drives:record_motor_torques',
     'fused_product': 'pfd_core.dynamics.inverse:fused_product',
-    'centered_links': 'pfd_core.dynamics.links:centered_links',
-    'grouped_links': 'pfd_core.dynamics.links:grouped_links',
     'FORWARD_METHODS': 'pfd_core.dynamics.methods:FORWARD',
     'ITERATIVE_METHODS': 'pfd_core.dynamics.methods:ITERATIVE',
     'SERIAL_METHODS': 'pfd_core.dynamics.methods:SERIAL',

@@ -9,10 +9,8 @@ from functools import cache
 from typing import Any
 
 from bridge import (
-    DERIVATIVE_MODES,
     Plant,
     coaxial_robot,
-    derivative_program,
     lower_program,
     program_operations,
     record_derivatives,
@@ -134,28 +132,6 @@ def test_chains_in_a_scene_with_everything_equal_central_differences(seed: int) 
     wanted = differences(robot, scene, given)
     for options in ({}, {'digits': 50}):
         assert relative(derivatives(robot, scene, given, **options), wanted) < ROUNDING
-
-
-def by_the_generic_pass(
-    robot: pfd.Robot, scene: pfd.Scene, given: dict[str, Array], mode: str
-) -> Any:
-    """Return the derivatives of the program of forward dynamics by the generic pass, (n, 3 n)."""
-    program = record_forward_dynamics(resolve_plant(robot, scene), 'composite_body', 'sequential')
-    parts = run_program(derivative_program(program, ['qdd'], STATE, mode), given, digits=50)
-    return np.concatenate([parts[f'd qdd/d {name}'] for name in STATE], axis=-1)
-
-
-@pytest.mark.parametrize('mode', DERIVATIVE_MODES)
-@pytest.mark.parametrize('name', one_fast(EXACT, 'chain4'))
-def test_fifty_digits_equal_those_of_the_generic_pass_in_a_scene_with_everything(
-    name: str, mode: str
-) -> None:
-    rng = np.random.default_rng(43)
-    robot = report_robot(name)
-    scene = everything(rng, robot)
-    given = inputs(rng, robot, scene)
-    found = derivatives(robot, scene, given, digits=50)
-    assert relative(found, by_the_generic_pass(robot, scene, given, mode)) < FIFTY_DIGITS
 
 
 def against_pinocchio(rng: np.random.Generator, robot: pfd.Robot, scene: pfd.Scene) -> float:

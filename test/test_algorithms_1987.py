@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 import math
 
 from bridge import (
@@ -30,7 +29,6 @@ from closed_forms import (
     by_section,
     chain,
     levels,
-    routes_by_section,
 )
 import mpmath
 import numpy as np
@@ -231,27 +229,6 @@ def pcrbm_parts(n: int, packed: bool, literal: bool) -> dict[str, Counts]:
     return {section: counts for section, counts in found.items() if any(counts)}
 
 
-def pcrbm_routes(n: int) -> dict[str, int]:
-    """Return the routes of each section with a lane a link: shifts and broadcasts of numbers."""
-    L, few = levels(n), n - 1
-    found = {
-        'orientation': 9 * L,
-        'link vectors': 3 * (n > 1),  # z_(i-1)
-        'newton_euler': 15 * L + 3 * (n > 1),  # five sums of vectors, w_(i-1)
-        'equation (15)': L,
-        'equations (16), (17)': int(n > 1),
-        'equation (18)': 4 * L - 1 if n > 1 else 0,
-        'equation (19)': 3 * (n > 1),
-        'equation (20)': 9 * L,
-        'moments of the row sweep': 3 * few,
-        'elements of H': 3 * few,
-        # l_ij for j < i, except in the last column, and l_ii.
-        'factorisation': (n - 1) * (n - 2) // 2 + few,
-        'column sweeps': 3 * few,  # n - 1 components each way, n - 1 diagonals transposed
-    }
-    return {section: count for section, count in found.items() if count}
-
-
 @pytest.mark.sweep
 @pytest.mark.parametrize('literal', [False, True])
 @pytest.mark.parametrize('schedule', ['parallel', 'unpacked'])
@@ -260,8 +237,6 @@ def test_pcrbm_of_1987_has_its_closed_forms(n: int, schedule: str, literal: bool
     misprints = PCRBM_MISPRINTS if literal else ()
     program = record_pcrbm_1987(resolve_plant(chain(n)), schedule, misprints=misprints)
     assert by_section(program) == pcrbm_parts(n, schedule == 'parallel', literal)
-    if schedule == 'unpacked' and not literal:
-        assert routes_by_section(program) == pcrbm_routes(n)
 
 
 def pcgm_parts(n: int, literal: bool) -> dict[str, Counts]:
@@ -282,22 +257,6 @@ def pcgm_parts(n: int, literal: bool) -> dict[str, Counts]:
     return found | ({'step 5': (1, L, 0, 0)} if literal else {})
 
 
-def pcgm_routes(n: int, literal: bool) -> dict[str, int]:
-    L, many = levels(n), n > 1
-    shared: Mapping[str, int] = pcrbm_routes(n)
-    before = ('orientation', 'link vectors', 'newton_euler')
-    found = {section: shared.get(section, 0) for section in before}
-    found |= {
-        'first inner product': L,
-        'step 7': 12 * L,
-        'step 8': L + many,
-        'step 12': L,
-        'steps 14, 15': int(many),
-        'step 5': L * literal,
-    }
-    return {section: count for section, count in found.items() if count}
-
-
 @pytest.mark.sweep
 @pytest.mark.parametrize('literal', [False, True])
 @pytest.mark.parametrize('n', EVERY_SIZE)
@@ -305,7 +264,6 @@ def test_pcgm_of_1987_has_its_closed_forms(n: int, literal: bool) -> None:
     misprints = PCGM_MISPRINTS if literal else ()
     program = record_pcgm_1987(resolve_plant(chain(n)), 'parallel', misprints=misprints)
     assert by_section(program) == pcgm_parts(n, literal)
-    assert routes_by_section(program) == pcgm_routes(n, literal)
     unpacked = record_pcgm_1987(resolve_plant(chain(n)), 'unpacked', misprints=misprints)
     assert unpacked == program  # no pairs, nothing to pack
 

@@ -10,14 +10,11 @@ from bridge import (
     FEW_JOINTS,
     MANY_JOINTS,
     KernelSpec,
-    centered_links,
-    grouped_links,
     method_cost,
     method_roundings,
     resolve_plant,
     select_method,
 )
-import numpy as np
 import pytest
 from urdf_models import exact_angles, example
 from zoo import without_mass
@@ -88,21 +85,6 @@ def test_an_origin_far_along_its_axis_adds_no_operation() -> None:
     assert method_cost(links('zzyzyz', lifts={0: 1e3}).plant, 'composite_body') <= method_cost(
         resolve_plant(mechanism('zzyzyz')), 'composite_body'
     )
-
-
-def test_the_inertia_about_an_axis_is_exact_at_any_distance_along_it() -> None:
-    # By the parallel axis theorem the distance along the axis plays no part.
-    near, far = (links('zz', lifts={0: distance}).plant for distance in (0.0, 1e6))
-    one, two = (grouped_links(plant)[0].inertia[2, 2] for plant in (near, far))
-    assert one == pytest.approx(two, rel=2.0**-52)
-
-
-def test_origins_of_parallel_joints_meet_where_that_is_nearer_to_their_neighbours() -> None:
-    near, _ = centered_links(dropped('yzzy', 2, 1e3).plant)
-    assert max(float(np.abs(link.p).max()) for link in near) < 1.0
-    # A true distance stays where it is.
-    far, _ = centered_links(links('yzzy', lifts={1: 1e3}).plant)
-    assert [float(link.p[2]) for link in far] == [0.0, 0.0, 1e3, 0.0]
 
 
 @pytest.mark.parametrize(

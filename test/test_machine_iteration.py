@@ -4,20 +4,15 @@
 
 from __future__ import annotations
 
-import ctypes
-
 from bridge import (
     MACHINE_SCHEDULES,
     Lanes,
     Recorder,
-    ir_kernel_functions,
     iterate,
-    lower_program,
     on_lane,
     pattern_total,
     run_program,
 )
-from native_code import compile_ir
 import numpy as np
 import pytest
 
@@ -90,22 +85,6 @@ def test_counts_follow_the_iterations() -> None:
     assert (one.divisions, five.divisions) == (1, 5)
     # In an iteration: sum, change, its two levels of a total, minus the tolerance; one after it.
     assert (one.additions, five.additions) == (5 + 1, 25 + 1)
-
-
-@pytest.mark.parametrize('dtype', ['float64', 'float32'])
-@pytest.mark.parametrize('width', [1, 4])
-def test_native_code_takes_the_same_iterations_and_leaves_the_same_bits(
-    dtype: str, width: int
-) -> None:
-    program = lower_program(roots(3, 'sequential'), dtype).compiled
-    native = compile_ir('\n'.join(ir_kernel_functions(program, dtype, width, (), 4)), ['batch'])
-    call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
-    q = np.random.default_rng(1).uniform(1e-4, 1e6, (9, 3)).astype(dtype)
-    q[4] = -1.0
-    out = np.empty((9, 4), dtype)
-    table = np.array([k for a in (q, out) for k in (a.ctypes.data, *a.strides)], np.int64)
-    assert call(native['batch'])(9, table.ctypes.data) == 0
-    np.testing.assert_array_equal(out, run_program(program, {'q': q}, dtype)['y'])
 
 
 def test_printing_shows_the_markers() -> None:

@@ -267,18 +267,13 @@ def test_the_physics_check_finds_a_wrong_robot() -> None:
         assert_same_physics(robot, ODD_ARM, {'j2': 0.7001})
 
 
-NEARLY = """<robot name="nearly">
-<link name="base"/>
-<link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
-<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="hand"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
-<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="first" type="revolute"><parent link="base"/><child link="arm"/>
-<origin xyz="0 0 1" rpy="0 0 1.5707963267948966"/><axis xyz="0 0 1"/>
-<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-<joint name="second" type="revolute"><parent link="arm"/><child link="hand"/>
-<origin xyz="1 0 0" rpy="1.570796325 0 0"/><axis xyz="0 0 1"/>
-<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+# The second joint is 1.8e-9 short of a right angle.
+NEARLY = urdf(
+    'nearly',
+    *(link('base'), link('arm', 1, '0.1 0 0', J=BODY), link('hand', 1, '0.1 0 0', J=BODY)),
+    joint('first', 'revolute', 'base', 'arm', '0 0 1', '0 0 1.5707963267948966'),
+    joint('second', 'revolute', 'arm', 'hand', '1 0 0', '1.570796325 0 0'),
+)
 
 
 def test_a_nearly_right_angle_is_made_exact_and_its_joint_named() -> None:

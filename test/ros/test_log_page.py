@@ -434,7 +434,9 @@ def test_zooming_one_plot_zooms_all(fault_page: Path, tmp_path: Path) -> None:
 
 
 @needs_browser
-@pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
+@pytest.mark.parametrize(
+    'dark', [False, pytest.param(True, marks=pytest.mark.long)], ids=['light', 'dark']
+)
 def test_curves_are_on_the_screen_in_light_and_dark(
     fault_page: Path, tmp_path: Path, dark: bool
 ) -> None:

@@ -159,7 +159,7 @@ class Program:
             if not isinstance(section, str) or section not in known:
                 raise ValueError(f'section must be one of {known} or None, got {section!r:.100}')
         work: Counter[tuple[str, int]] = Counter()
-        for instruction, times in self.runs(iterations, section):
+        for instruction, times in runs(self, iterations, section):
             work[OPERATIONS[instruction.op].cost or '', busy_lanes(instruction)] += times
         totals = dict.fromkeys((*COSTS, ''), 0)
         for (cost, lanes), times in work.items():
@@ -167,18 +167,19 @@ class Program:
         del totals['']
         return Steps(**totals)
 
-    def runs(
-        self, iterations: int = 1, section: str | None = None
-    ) -> Iterator[tuple[Instruction, int]]:
-        """Yield the instructions, or those of a section, each with the number of its runs."""
-        times = 1
-        for instruction in self.instructions:
-            if instruction.op == 'loop':
-                times = iterations
-            elif instruction.op == 'end':
-                times = 1
-            if section is None or instruction.section == section:
-                yield instruction, times
+
+def runs(
+    program: Program, iterations: int = 1, section: str | None = None
+) -> Iterator[tuple[Instruction, int]]:
+    """Yield the instructions, or those of a section, each with the number of its runs."""
+    times = 1
+    for instruction in program.instructions:
+        if instruction.op == 'loop':
+            times = iterations
+        elif instruction.op == 'end':
+            times = 1
+        if section is None or instruction.section == section:
+            yield instruction, times
 
 
 def renamed(program: Program, instructions: list[Instruction], names: list[int]) -> Program:

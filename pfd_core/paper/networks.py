@@ -46,7 +46,7 @@ from heapq import heappop, heappush
 import math
 from typing import Any, NamedTuple
 
-from pfd_core.machine.program import Program, Steps
+from pfd_core.machine.program import Program, Steps, runs
 
 Sources = Sequence[int | None]  # the data of a route: the lane each lane takes its value from
 
@@ -260,7 +260,7 @@ def steps(
             f'got {processors}'
         )
     routes: Counter[tuple[int | None, ...]] = Counter()  # many are alike
-    for instruction, times in program.runs(iterations, section):
+    for instruction, times in runs(program, iterations, section):
         if instruction.op == 'route':
             routes[instruction.data] += times
     return replace(

@@ -309,7 +309,7 @@ def test_every_name_of_the_bridge_exists_and_is_used() -> None:
         ('pfd_core.machine.wrong', 'from pfd_core.kernels import kernel'),
         ('pfd_core.algorithms.paper.wrong', 'from pfd_core.algorithms.beyond.omega import bias'),
         ('pfd_core.dynamics.wrong', 'from pfd_core.algorithms.programs import record_terms'),
-        ('pfd_core.kernels.lower', 'from pfd_core.kernels import source'),
+        ('pfd_core.kernels.lower', 'from pfd_core.kernels import recipes'),
         ('pfd_core.kernels.script', 'from pfd_core.kernels import simulate'),
         ('pfd_core.model.wrong', 'import llvmlite.binding'),
         ('pfd_ros.arm.wrong', 'from rclpy.node import Node'),

@@ -195,6 +195,38 @@ def test_an_arm_whose_last_link_has_no_inertia_loads_and_has_all_other_quantitie
         pfd.Ensemble(robot, 2, parameters={'armature': rotors})
 
 
+@pytest.mark.parametrize('rod', [0.0, 1.0])
+def test_a_body_on_a_skew_axis_has_no_inertia_about_it_whatever_rounding_leaves(
+    rod: float,
+) -> None:
+    def text(values: np.ndarray) -> str:
+        return ' '.join(map(repr, values.tolist()))
+
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        # A point, and a thin rod along the axis: ixx iyy izz ixy iyz ixz.
+        J = rod * (np.eye(3) - np.outer(axis, axis))[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+        robot = pfd.load_robot(
+            urdf(
+                'skew',
+                *(
+                    link('base'),
+                    link('a', 1.0, J=BODY),
+                    link('b', 1.0, text(0.3 * axis), J=text(J)),
+                ),
+                joint('turn', 'revolute', 'base', 'a'),
+                joint(
+                    *('spin', 'revolute', 'a', 'b', '0.3 0.1 0'),
+                    *(text(rng.uniform(-3, 3, 3)), text(axis)),
+                ),
+            )
+        )
+        with pytest.raises(ValueError, match=r"'spin'\) has no inertia about its joint"):
+            pfd.compile_kernel(robot)
+
+
 def test_a_joint_whose_links_beyond_have_no_mass_needs_a_rotor_of_its_own() -> None:
     robot = without_mass(random_chain(np.random.default_rng(3), 3, 0.0), [1, 2])
     rotors = {'joint3': 0.1}

@@ -44,6 +44,8 @@ from pfd_core.model.values import Array, FrozenArrays, frozen, quote, quote_all,
 
 # The kinds of effects at an instant.
 INSTANT = (LINKS, INERTIA, VISCOSITY, JOINTS, MOTORS)
+# Share of a distance or an inertia that rounding leaves of one that is zero.
+LEFT = 16 * 2.0**-53
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,7 +290,7 @@ def check_joint_inertia(plant: Plant) -> None:
     """
     robot, rotors = plant.robot, plant.inertia
     for i in reversed(range(robot.n)):
-        if own_inertia(robot, i) == 0 and (rotors is None or rotors[i] == 0):
+        if (rotors is None or rotors[i] == 0) and _without_own_inertia(robot, i):
             kind = 'mass' if robot.joint_types[i] == 'prismatic' else 'inertia about its joint'
             joint = quote(robot.joint_names[i])
             raise ValueError(
@@ -297,3 +299,13 @@ def check_joint_inertia(plant: Plant) -> None:
             )
         if robot.masses[i] or robot.inertias[i].any():
             return
+
+
+def _without_own_inertia(robot: Robot, i: int) -> bool:
+    """Return whether a link has no inertia about its joint, or no mass, apart from rounding."""
+    own, m = own_inertia(robot, i), robot.masses[i]
+    if robot.joint_types[i] == 'prismatic':
+        return own == 0
+    # Of a body on an axis that is not along x, y or z, what rotations and sums round is left.
+    length = np.linalg.norm(robot.translations[i]) + np.linalg.norm(robot.centers[i])
+    return bool(own <= LEFT * np.trace(robot.inertias[i]) + m * (LEFT * length) ** 2)

@@ -91,6 +91,8 @@ class Field:
         label = f'{self.name} of joint {quote(joint)}'
         if self.kind == TABLES:
             return _table(label, value)
+        if self.columns and not (_is_list(value) and len(value) == len(self.columns)):
+            raise ValueError(f'{label} must be ({", ".join(self.columns)}), got {quote(value)}')
         return _CHECKS[self.kind](replace(self, name=label), [value])[0]
 
     def of_model(self, robot: Robot) -> Array:

@@ -18,7 +18,7 @@ import sys
 from typing import Any, NamedTuple
 
 from benchmarks.run import show_progress
-from benchmarks.table import json_text, lines_of, write_text
+from benchmarks.table import json_text, write_text
 
 FOLDER, QUICK_FOLDER = Path('docs/report'), Path('benchmarks_quick')
 # Of the JSON files: pages are rendered from files of this version only.
@@ -32,7 +32,7 @@ EXPECTED = (ValueError, OSError, ImportError, ArithmeticError, RuntimeError)
 
 
 class Page(NamedTuple):
-    """Name of its files and module, and content in the index."""
+    """Name of its files and module, and what it shows."""
 
     name: str
     title: str
@@ -109,16 +109,6 @@ def make(page: Page, folder: Path, quick: bool = False, from_json: bool = False)
     return [*files, *(plots(content['data'], folder) if plots else ())]
 
 
-def index_text() -> str:
-    """Return the list of the pages with their commands, as Markdown."""
-    rows = (
-        [f'[{page.name}]({page.name}.md)', page.title, f'`python -m benchmarks {page.name}`']
-        for page in PAGES
-    )
-    lines = lines_of(['page', 'shows', 'command'], rows)
-    return '# Generated pages\n\n`python -m benchmarks` makes all.\n\n' + '\n'.join(lines) + '\n'
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; the status is 0 only if every page was made."""
     parser = argparse.ArgumentParser(
@@ -146,8 +136,6 @@ def main(argv: Sequence[str] | None = None) -> int:
                 print(path, flush=True)
         except EXPECTED as error:
             failures.append(f'{page.name} was not made: {error}')
-    if not given.names:
-        write_text(folder, 'index.md', index_text())
     for line in failures:
         print(line, file=sys.stderr)
     return 1 if failures else 0

@@ -114,8 +114,10 @@ def order(error: float | None) -> str:
     return 'lost' if error is None or not math.isfinite(error) else f'{error:.0e}'
 
 
-def short(value: float) -> str:
-    """Return a number with three digits, or all digits before the point; large ones as powers."""
+def short(value: float | None) -> str:
+    """Return a number in three digits, or all before the point, or as a power; or 'lost'."""
+    if value is None or not math.isfinite(value):
+        return 'lost'
     if value >= 1e6:
         return f'{value:.0e}'
     return f'{value:.0f}' if value >= 99.5 else f'{value:.3g}'

@@ -31,6 +31,7 @@ def test_a_page_in_docs_is_the_one_of_its_json(page: Page) -> None:
     content = stored(page, REPORT / f'{page.name}.json')
     assert content['quick'] is False
     assert rendered(page, content) == (REPORT / f'{page.name}.md').read_text(encoding='utf-8')
+    assert f'({page.name}.md)' in (REPORT / 'index.md').read_text(encoding='utf-8')
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ struct Arm {
     bool effects = false;
     VectorXd limit, damping, friction, width;
     // What the loops work on: copies of a state, so that each algorithm is compiled once.
-    VectorXd q, qd, tau, x, v2, v3, v4, a1, a2, a3, torque, still;
+    VectorXd q, qd, tau, x, v2, v3, v4, a1, a2, a3, torque;
 };
 
 namespace {
@@ -110,7 +110,6 @@ Arm *make(int n, const int *prismatic, const double *rotations, const double *tr
         arm->friction = copied(torques + 2 * n, n);
         arm->width = copied(torques + 3 * n, n);
     }
-    arm->still = VectorXd::Zero(n);
     arm->data = std::make_unique<Data>(arm->model);
     return arm;
 }
@@ -136,21 +135,6 @@ void crba(Arm *arm, long long count, const double *q, const double *qd, const do
         arm->a1 = arm->tau - pin::nonLinearEffects(arm->model, data, arm->q, arm->qd);
         pin::cholesky::decompose(arm->model, data);
         pin::cholesky::solve(arm->model, data, arm->a1);
-        return arm->a1;
-    });
-}
-
-// aba, and one step of iterative refinement: aba without velocity and gravity on the residual
-// of rnea is H^-1 times it.
-void aba_refined(Arm *arm, long long count, const double *q, const double *qd, const double *tau,
-                 double *qdd) {
-    const Eigen::Vector3d gravity = arm->model.gravity.linear();
-    each(*arm, count, q, qd, tau, qdd, [&]() -> const VectorXd & {
-        arm->a1 = aba_of(*arm, arm->q, arm->qd, arm->tau);
-        arm->torque = arm->tau - pin::rnea(arm->model, *arm->data, arm->q, arm->qd, arm->a1);
-        arm->model.gravity.linear().setZero();
-        arm->a1 += aba_of(*arm, arm->q, arm->still, arm->torque);
-        arm->model.gravity.linear() = gravity;
         return arm->a1;
     });
 }

@@ -104,25 +104,21 @@ def text(data: Mapping[str, Any]) -> str:
         outcome=bullets((_outcome(data, matrix) for matrix in TITLES), ''),
         compared=len(pairs),
         larger=sum(own > peer for _, own, peer in pairs),
-        worse=bullets((f'{x}: {_cell(a)} u, {PEER} {_cell(b)} u' for x, a, b in worse), '- none'),
+        worse=bullets((f'{x}: {short(a)} u, {PEER} {short(b)} u' for x, a, b in worse), '- none'),
         peer_worse=sum(peer > max(WORSE * own, FLOOR) for _, own, peer in pairs),
         factor=WORSE,
         floor=FLOOR,
         **{
-            name: grid({(case, way): _cell(x) for case, way, x in _found(data, name)}, 'case')
+            name: grid({(case, way): short(x) for case, way, x in _found(data, name)}, 'case')
             for name in TITLES
         },
     )
 
 
-def _cell(value: float) -> str:
-    return short(value) if math.isfinite(value) else 'lost'
-
-
 def _outcome(data: Mapping[str, Any], matrix: str) -> str:
     """Return a line on one matrix: the median and the largest error of every way."""
     units = {way: [x for _, of, x in _found(data, matrix) if of == way] for way in WAYS}
-    texts = (f'{way} {_cell(median(x))}, {_cell(max(x))}' for way, x in units.items() if x)
+    texts = (f'{way} {short(median(x))}, {short(max(x))}' for way, x in units.items() if x)
     return f'{TITLES[matrix]}: {"; ".join(texts)}'
 
 

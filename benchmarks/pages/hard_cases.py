@@ -5,12 +5,12 @@ Errors of accelerations: the page hard-cases.md.
 
     cases, errors   ill-conditioned and ordinary cases against 50 digits, with a bound
     compared        the default compared with pinocchio.aba at the cases and at mechanisms
-    boxes, checks   errors over thousands of states of arms, against longdouble
+    boxes           errors over thousands of states of arms, against longdouble
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -45,8 +45,8 @@ HELD_OUT, COMPARED, BOXES = 20261125, 20261124, 20261126
 STATES, FEW, LONGEST = 4, 12, 60
 # States of `compared`, and of a chain of more than LONG joints.
 MANY, SOME, LONG = 40, 4, 40
-# States of an arm, of a run of a program, and those compared with 50 digits.
-THOUSANDS, BLOCK, CHECKED = 10_000, 500, 5
+# States of an arm, and of a run of a program.
+THOUSANDS, BLOCK = 10_000, 500
 QUANTILES = {'p1': 0.01, 'median': 0.5, 'p99': 0.99, 'largest': 1.0}
 # The limit of the default is TWICE the peer's error, and at least FLOOR roundings
 # (docs/decisions/0040-a-default-that-is-not-worse.md).
@@ -144,13 +144,20 @@ def compared(name: str, problem: Problem, ways: Sequence[str] = tuple(KERNELS)) 
     known = reference(problem)
     method, steps = select(problem.plant, 'auto', 0)
     row: Row = {'case': name, 'method': method + ', refined' * steps}
-    answers = {way: kernel_answer(problem, 'float64', KERNELS[way]) for way in ways}
-    peer = peer_answer(problem)
-    if peer is not None:
-        answers[PEER] = peer
-    for way, answer in answers.items():
+    for (way, _), answer in answers(problem, ['float64'], ways).items():
         row[way] = np.quantile(errors(answer, known) / U, (0.5, 0.9)).tolist()
     return row
+
+
+def answers(
+    problem: Problem, dtypes: Iterable[str], ways: Iterable[str] = KERNELS
+) -> dict[tuple[str, str], NDArray[Any]]:
+    """Return the answers of our kernels, by way and number format, and of the peer if any."""
+    found = {
+        (x, dtype): kernel_answer(problem, dtype, KERNELS[x]) for dtype in dtypes for x in ways
+    }
+    peer = peer_answer(problem)
+    return found if peer is None else found | {(PEER, 'float64'): peer}
 
 
 def over_limit(row: Mapping[str, Any]) -> float:
@@ -160,32 +167,22 @@ def over_limit(row: Mapping[str, Any]) -> float:
 
 
 def box_rows(name: str, states: int) -> Tables:
-    """Return the distributions of an arm's errors, and the check of their reference."""
+    """Return the distributions of an arm's errors."""
     with drawing(BOXES, states):
         many = arm(name)
-    with drawing(BOXES, CHECKED):
-        some = arm(name)
+    found: dict[tuple[str, str], list[NDArray[Any]]] = {}
     # A run of a program keeps all of its numbers.
-    blocks = [
-        replace(many, states={key: x[k : k + BLOCK] for key, x in many.states.items()})
-        for k in range(0, states, BLOCK)
-    ]
-    known = [reference(block, wide=True) for block in blocks]
-    answers: dict[tuple[str, str], Callable[[Problem], Any]] = {
-        (way, dtype): partial(kernel_answer, dtype=dtype, refine=refine)
-        for dtype in ROUNDING
-        for way, refine in KERNELS.items()
-    }
-    if peer_answer(some) is not None:
-        answers[PEER, 'float64'] = peer_answer
+    for k in range(0, states, BLOCK):
+        block = replace(many, states={key: x[k : k + BLOCK] for key, x in many.states.items()})
+        known = reference(block, wide=True)
+        for key, answer in answers(block, ROUNDING).items():
+            found.setdefault(key, []).append(errors(answer, known))
     rows = []
-    for (way, dtype), answer in answers.items():
-        found = [errors(answer(one), exact) for one, exact in zip(blocks, known, strict=True)]
-        shares = np.quantile(np.concatenate(found) / ROUNDING[dtype], list(QUANTILES.values()))
+    for (way, dtype), parts in found.items():
+        shares = np.quantile(np.concatenate(parts) / ROUNDING[dtype], list(QUANTILES.values()))
         row = {'arm': name, 'way': way, 'dtype': dtype, 'states': states}
         rows.append(row | dict(zip(QUANTILES, shares, strict=True)))
-    off = errors(reference(some, wide=True).qdd, reference(some)).max() / U
-    return {'boxes': rows, 'checks': [{'arm': name, 'distance': off}]}
+    return {'boxes': rows}
 
 
 # ---- the page ----
@@ -238,9 +235,7 @@ def text(data: Mapping[str, Any]) -> str:
         some=SOME,
         long=LONG,
         compared=table(COMPARED_COLUMNS, data['compared']),
-        arms=len(data['checks']),
-        distance=short(max(row['distance'] for row in data['checks'])),
-        checked=CHECKED,
+        arms=len({row['arm'] for row in data['boxes']}),
         boxes=table(shown('arm way dtype p1 median p99 largest'), data['boxes']),
     )
 
@@ -271,7 +266,7 @@ def _column(row: Row) -> str:
 
 def _error(row: Row) -> str:
     """Return an error in units of rounding, and its share of the bound."""
-    units = 'lost' if row['error'] is None else short(row['error'] / ROUNDING[row['dtype']])
+    units = short(None if row['error'] is None else row['error'] / ROUNDING[row['dtype']])
     return units if row.get('share') is None else f'{units} ({row["share"]:.2g})'
 
 

@@ -18,7 +18,7 @@ from typing import Any
 from benchmarks.cases import paper
 from benchmarks.cases.paper import BEST_KNOWN, PRINTED_AT, Recording
 from benchmarks.run import each
-from benchmarks.table import Row, grid, page
+from benchmarks.table import Row, lines_of, page, table
 from pfd_core.dynamics.methods import ITERATIVE, METHODS, SERIAL
 from pfd_core.paper.prices import Weights
 
@@ -129,23 +129,18 @@ def text(data: dict[str, Any]) -> str:
         n=PRINTED_AT,
         division=f'{WEIGHTS.division:g}',
         root=f'{WEIGHTS.square_root:g}',
-        lines=grid(
-            {
-                (_recording(row), name): f'{row[key]:g}'
-                for row in rows
-                if row['n'] == PRINTED_AT
-                for key, name in {'arithmetic': 'arithmetic', **NETWORKS}.items()
-            },
-            'recording',
+        lines=table(
+            {'recording': _recording, 'arithmetic': lambda x: f'{x["arithmetic"]:g}'}
+            | {title: network for network, title in NETWORKS.items()},
+            (row for row in rows if row['n'] == PRINTED_AT),
         ),
-        fastest=grid(
-            {
-                (f'{title}, {price:g}', n): _fastest(rows, n, network, price)
+        fastest=lines_of(
+            ['network, t_r/t_m', *sizes],
+            (
+                [f'{title}, {price:g}', *(_fastest(rows, n, network, price) for n in sizes)]
                 for network, title in NETWORKS.items()
                 for price in PRICES
-                for n in sizes
-            },
-            'network, t_r/t_m',
+            ),
         ),
     )
 

@@ -44,8 +44,6 @@ ARMS = (ROBOT, 'panda', 'puma560', 'dense6', 'chain6', 'chain12')
 # States of a batch that fits into the caches, and takes long compared with its call overhead.
 MIDDLE_BATCH = 4096
 SIZES = (1, 64, 512, MIDDLE_BATCH, 65536)
-# End of a way that does more than the others.
-NOT_COMPARED = ' refined'
 OTHERS: Makers = {
     'Pinocchio': Pinocchio,
     CPP: pinocchio_cpp,
@@ -183,13 +181,13 @@ def compared(
     """
     Return our fastest row, the fastest peer and the fastest that takes any robot.
 
-    They are of a work of COMPARED, on one thread and without refinement; in C order peers take C
-    order, too. None where a row is missing.
+    They are of a work of COMPARED, on one thread; in C order peers take C order, too. None where a
+    row is missing.
     """
     work, ending = COMPARED[title]
     place = arm, quantity, work
     same = [row for row in rows if (row['robot'], row['quantity'], row['work']) == place]
-    peers = [x for x in same if not _is_ours(x) and not x['way'].endswith(NOT_COMPARED)]
+    peers = [row for row in same if not _is_ours(row)]
     if ending.endswith('C order'):
         peers = [row for row in peers if not row['way'].endswith('F order')]
     kinds = (

@@ -76,7 +76,7 @@ def kernel_jacobians(
 def peer_answer(problem: Problem) -> Array | None:
     """Return qdd (S, n) by pinocchio.aba; None where it does not take the problem."""
     peer = _peer(problem, FORWARD)
-    return None if peer is None else np.array([peer.result(*row) for row in _rows(problem)])
+    return None if peer is None else peer.results([problem.states[name] for name in STATE])
 
 
 def peer_jacobians(problem: Problem, h: float) -> tuple[Array, Array] | None:

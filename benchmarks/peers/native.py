@@ -61,13 +61,10 @@ def joint_torques(plant: Plant, width: float) -> Array | None:
     """
     Return effort limits, damping, dry friction F and the width of its ramp, (4, n), if any acts.
 
-    The ramp F v / width, between -F and F, approximates dry friction. ValueError for friction
-    with a width [rad/s] that is not positive.
+    The ramp F v / width, between -F and F, approximates dry friction; a width is in rad/s.
     """
     if plant.effort_limits is plant.viscosity is plant.friction is None:
         return None
-    if plant.friction is not None and not width > 0:
-        raise ValueError(f'width must be positive with friction, got {width}')
     zero = np.zeros(plant.robot.n)
     damping, friction = (zero if x is None else x for x in (plant.viscosity, plant.friction))
-    return np.array([effort_limits(plant), damping, friction, zero + (width or 1.0)])
+    return np.array([effort_limits(plant), damping, friction, zero + width])

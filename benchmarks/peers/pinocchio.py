@@ -132,7 +132,6 @@ COMPILED_FUNCTIONS = {
     'aba': f'{CPP} aba',
     'aba_world': f'{CPP} aba, WORLD',
     'crba': f'{CPP} crba + Cholesky',
-    'aba_refined': f'{CPP} aba refined',
 }
 
 

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from benchmarks.cases.problems import STATE
 from benchmarks.cases.robots import Array
+from benchmarks.references import accelerations
 from benchmarks.references.accelerations import Reference, norm
 from pfd_core.dynamics.methods import record_forward_dynamics
 from pfd_core.machine.derivative import derivative
@@ -124,9 +125,8 @@ def errors(found: NDArray[Any], known: NDArray[Any]) -> Array:
     """
     import mpmath
 
-    sound = np.asarray(np.isfinite(found).all(axis=(-2, -1)))
-    answer = np.where(sound[:, None, None], found, 0.0).astype(np.float64).astype(object)
+    exact = known.reshape(len(known), -1)
     with mpmath.workdps(DIGITS):
-        error, size = (norm(x.reshape(len(x), -1)) for x in (answer - known, known))
-        error = error / np.where(size == 0, 1, size)
-    return np.where(sound, error.astype(np.float64), np.inf)
+        size = norm(exact)
+    scale = np.where(size == 0, 1, size)
+    return accelerations.errors(found.reshape(exact.shape), Reference(exact, scale))

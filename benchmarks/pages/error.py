@@ -59,30 +59,31 @@ INTEGRATORS = ('rk4', 'velocity_verlet', 'imex2')
 ADAPTIVE = 'pfd dop853 float64'
 
 
-class Plan(NamedTuple):
-    """Our integrators and formats, steps in a period, and what other libraries run with."""
+ALL = tuple(product(INTEGRATORS, ('float64', 'float32')))
+# End of the way of a run without the inertia of rotors.
+NO_ROTORS = ', no rotors'
 
-    fixed: Sequence[tuple[str, str]]
+
+class Plan(NamedTuple):
+    """Steps in a period and tolerances, what other libraries run with, and runs of ours."""
+
     substeps: Sequence[int]
     tolerances: Sequence[float]
     ramps: Sequence[float]
     constraints: Sequence[tuple[float, float]]
     pace: Pace
-    arms: int = 256
+    fixed: Sequence[tuple[str, str]] = ALL
     ensemble_substeps: Sequence[int] = ()
+    arms: int = 256
 
 
-ALL = tuple(product(INTEGRATORS, ('float64', 'float32')))
-FEW, MANY = (1, 2, 5), (1, 2, 5, 10, 20)
 PACE, FREE_PACE = Pace(budget=30.0, fewest=2), Pace(budget=16.0, turns=20)
-PLAN = Plan(ALL, MANY, (1e-3, 1e-9), RAMPS, CONSTRAINTS, PACE, ensemble_substeps=FEW)
+PLAN = Plan((1, 2, 5, 10, 20), (1e-3, 1e-9), RAMPS, CONSTRAINTS, PACE, ALL, (1, 2, 5))
 STEPS, TENTHS = (10, 20, 50, 100, 200, 500, 1000), tuple(10.0**-k for k in range(3, 13))
-FREE = Plan(ALL, STEPS, TENTHS, (1.0,), CONSTRAINTS[:1], FREE_PACE)
+FREE = Plan(STEPS, TENTHS, (1.0,), CONSTRAINTS[:1], FREE_PACE)
 QUICK_PACE = Pace(chunk=1e-4, turns=2, fewest=2)
-QUICK = Plan(ALL[:3:2], (1, 5), (1e-3,), RAMPS[2:4], CONSTRAINTS[:1], QUICK_PACE, 16, (1,))
-QUICK_FREE = FREE._replace(
-    fixed=QUICK.fixed, substeps=(10, 100), tolerances=(1e-3,), pace=QUICK_PACE
-)
+QUICK = Plan((1, 5), (1e-3,), RAMPS[2:4], CONSTRAINTS[:1], QUICK_PACE, ALL[:3:2], (1,), 16)
+QUICK_FREE = Plan((10, 100), (1e-3,), (1.0,), CONSTRAINTS[:1], QUICK_PACE, ALL[:3:2])
 
 
 def measure(quick: bool) -> dict[str, Any]:
@@ -101,8 +102,8 @@ def _measure(case: ControlledArm, plan: Plan) -> dict[str, Any]:
     """
     Return the reference's differences, seconds, runs and what is missing.
 
-    A run is {way, step [s], tolerance, left_out (effects), arms, softness, status, error [rad],
-    minimum and median [s a simulated second]}.
+    A run is {way, step [s], tolerance, arms, softness, status, error [rad], minimum and median [s
+    a simulated second]}.
     """
     show_progress(f'reference of a {case.robot.name}')
     wanted, differences = _reference(case)
@@ -111,7 +112,7 @@ def _measure(case: ControlledArm, plan: Plan) -> dict[str, Any]:
     for row, run in _candidates(case, plan, missing):
         show_progress(f'{row["way"]}, {setting(row)} {row["softness"]}')
         one = _tried(row, run, wanted)
-        key = tuple(str(row[x]) for x in ('way', 'step', 'tolerance', 'left_out', 'arms'))
+        key = tuple(str(row[x]) for x in ('way', 'step', 'tolerance', 'arms'))
         best[key] = min(best.get(key, one), one, key=_error)
     show_progress(f'{len(best)} runs take turns')
     # Long runs take turns among themselves: they would leave the others few turns.
@@ -122,11 +123,10 @@ def _measure(case: ControlledArm, plan: Plan) -> dict[str, Any]:
         for (row, _, _), times in zip(own, found, strict=True):
             unit = case.duration * row['arms']
             row |= {'minimum': times.minimum / unit, 'median': times.median / unit}
-    rows, order_of = (row for row, _, _ in best.values()), list(STYLES).index
     return {
         'reference': differences,
         'seconds': case.duration,
-        'runs': sorted(rows, key=lambda row: order_of(row['way'])),
+        'runs': [row for row, _, _ in best.values()],
         'missing': missing,
     }
 
@@ -155,7 +155,7 @@ def _candidates(
 
     def row(way: str, substeps: int = 0, **known: Any) -> dict[str, Any]:
         step = {'step': case.period / substeps if substeps else None, 'tolerance': None}
-        return {'way': way, **step, 'left_out': [], 'arms': 1, 'softness': '', **known}
+        return {'way': way, **step, 'arms': 1, 'softness': '', **known}
 
     for integrator, dtype in plan.fixed:
         sizes = [(1, x) for x in plan.substeps] + [(plan.arms, x) for x in plan.ensemble_substeps]
@@ -164,7 +164,7 @@ def _candidates(
             yield row(f'pfd {integrator} {dtype}', substeps, arms=arms), run
     for integrator in INTEGRATORS if case.kp.any() else ():
         run = fixed(case, 1, integrator, scene=case.scene.without(['armature']))
-        yield row(f'pfd {integrator} float64', 1, left_out=['armature']), run
+        yield row(f'pfd {integrator} float64{NO_ROTORS}', 1), run
     for tolerance in plan.tolerances:
         yield row(ADAPTIVE, tolerance=tolerance), adaptive(case, tolerance)
     others = {
@@ -273,10 +273,10 @@ def _milliseconds(row: Row) -> str:
 
 
 def _runs(data: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the lines of two tables, of steps and of tolerances, with all effects."""
+    """Yield the lines of two tables, of steps and of tolerances."""
     for kind in ('step', 'tolerance'):
         cells = Cells()
-        for row in (x for x in data['runs'] if x[kind] is not None and not x['left_out']):
+        for row in (x for x in data['runs'] if x[kind] is not None):
             many = f', each of {row["arms"]}' if row['arms'] > 1 else ''
             found = row['status'] if row['minimum'] is None else None
             cell = found or f'{_milliseconds(row)} ms, {max(row["error"], _floor(data)):.1e}'
@@ -285,9 +285,9 @@ def _runs(data: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _fastest(rows: Sequence[Row], tolerance: float) -> list[Row | None]:
-    """Return the fastest row of each kind with all effects, within a tolerance, with MARGIN."""
-    whole = [row for row in rows if row['minimum'] is not None and not row['left_out']]
-    sound = [row for row in whole if row['error'] * MARGIN <= tolerance]
+    """Return the fastest row of each kind within a tolerance, with MARGIN."""
+    done = (row for row in rows if row['minimum'] is not None)
+    sound = [row for row in done if row['error'] * MARGIN <= tolerance]
     return [
         min(filter(fits, sound), key=lambda row: float(row['minimum']), default=None)
         for fits in KINDS
@@ -335,7 +335,7 @@ def results_rows(data: Mapping[str, Any]) -> list[dict[str, str]]:
 
 def without_rotors(rows: Sequence[Row]) -> str:
     """Return a sentence of README.md on our runs without rotors in steps of one period."""
-    own = {row['way'].split()[1]: row for row in rows if row['left_out']}
+    own = {row['way'].split()[1]: row for row in rows if row['way'].endswith(NO_ROTORS)}
     period = max(row['step'] for row in own.values())
     lost = ' and '.join(name for name, row in own.items() if row['minimum'] is None)
     done = {name: _milliseconds(row) for name, row in own.items() if row['minimum'] is not None}
@@ -383,12 +383,12 @@ def _draw(data: Mapping[str, Any], figure: Any) -> None:
 
 
 def _lines(data: Mapping[str, Any]) -> list[tuple[Any, dict[str, Any]]]:
-    """Return the lines of all ways with all effects; open where of many arms."""
-    whole = [row for row in data['runs'] if not row['left_out'] and row['minimum'] is not None]
+    """Return the lines of the ways of STYLES; open where of many arms."""
+    done = [row for row in data['runs'] if row['minimum'] is not None]
     floor, lines = _floor(data), []
     for way, (colour, marker, line) in STYLES.items():
-        for arms in sorted({row['arms'] for row in whole if row['way'] == way}):
-            own = [row for row in whole if (row['way'], row['arms']) == (way, arms)]
+        for arms in sorted({row['arms'] for row in done if row['way'] == way}):
+            own = [row for row in done if (row['way'], row['arms']) == (way, arms)]
             points = [(max(row['error'], floor), row['minimum'] * 1e3) for row in own]
             style = {'marker': marker, 'linestyle': line, 'color': colour, 'linewidth': 1.1}
             style |= {'markersize': 9 if marker == '*' else 6}

@@ -101,7 +101,7 @@ def test_casadi_and_pinocchio_in_cpp_simulate_one_arm_with_limits_and_friction()
     ends = [
         run()
         for make in (control_loop.casadi_runs, control_loop.pinocchio_runs)
-        for way, _, run in make(case, [1e-2])(2)
+        for way, _, _, run in make(case, [2], [1e-2])
         if way.endswith('RK4')
     ]
     assert [end.status for end in ends] == ['ok', 'ok']

@@ -19,6 +19,7 @@ error counts. A run has failed if it is not finite, MuJoCo warns, or a joint is 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -29,20 +30,10 @@ import numpy as np
 
 from benchmarks.cases.motions import ControlledArm, free_arms, stored_arm
 from benchmarks.cases.robots import Array
-from benchmarks.peers.control_loop import (
-    CONSTRAINTS,
-    PINOCCHIO,
-    RAMPS,
-    Run,
-    adaptive,
-    casadi_runs,
-    fixed,
-    mujoco_runs,
-    pinocchio_runs,
-)
+from benchmarks.peers import control_loop
+from benchmarks.peers.control_loop import CONSTRAINTS, RAMPS, Run
 from benchmarks.peers.work import LeftOutError, Side
-from benchmarks.plots import CASADI, FLOAT32, FLOAT64, GREY, MUJOCO, panels, save
-from benchmarks.plots import PINOCCHIO as BLACK
+from benchmarks.plots import CASADI, FLOAT32, FLOAT64, GREY, MUJOCO, PINOCCHIO, panels, save
 from benchmarks.run import show_progress
 from benchmarks.table import Cells, Row, bullets, grid, lines_of, order, page, result_row, short
 from benchmarks.timing import Pace, surroundings, take_turns
@@ -136,7 +127,9 @@ def _reference(case: ControlledArm) -> tuple[Array, dict[str, float]]:
 
     def at_best(method: str, max_step: float) -> Array:
         tightest = {'rtol': SMALLEST_RTOL, 'atol': SMALLEST_RTOL, 'refine': 1}
-        found = adaptive(case, SMALLEST_RTOL, method=method, max_step=max_step, **tightest)()
+        found = control_loop.adaptive(
+            case, SMALLEST_RTOL, method=method, max_step=max_step, **tightest
+        )()
         if found.status != 'ok':
             raise ArithmeticError(f'the {case.robot.name} has no reference: {found.status}')
         return found.q
@@ -144,7 +137,7 @@ def _reference(case: ControlledArm) -> tuple[Array, dict[str, float]]:
     wanted = at_best('articulated_body', np.inf)
     others = {'self_difference': at_best('composite_body', min(case.period / 5, LONGEST))}
     if case.plant.friction is not None:
-        others['from_fixed'] = fixed(case, SHORT_STEPS, 'rk4')().q
+        others['from_fixed'] = control_loop.fixed(case, SHORT_STEPS, 'rk4')().q
     return wanted, {name: float(np.abs(q - wanted).max()) for name, q in others.items()}
 
 
@@ -160,27 +153,25 @@ def _candidates(
     for integrator, dtype in plan.fixed:
         sizes = [(1, x) for x in plan.substeps] + [(plan.arms, x) for x in plan.ensemble_substeps]
         for arms, substeps in sizes:
-            run = fixed(case, substeps, integrator, dtype, arms=arms)
+            run = control_loop.fixed(case, substeps, integrator, dtype, arms=arms)
             yield row(f'pfd {integrator} {dtype}', substeps, arms=arms), run
+    bare = replace(case, scene=case.scene.without(['armature']))
     for integrator in INTEGRATORS if case.kp.any() else ():
-        run = fixed(case, 1, integrator, scene=case.scene.without(['armature']))
+        run = control_loop.fixed(bare, 1, integrator)
         yield row(f'pfd {integrator} float64{NO_ROTORS}', 1), run
     for tolerance in plan.tolerances:
-        yield row(ADAPTIVE, tolerance=tolerance), adaptive(case, tolerance)
+        yield row(ADAPTIVE, tolerance=tolerance), control_loop.adaptive(case, tolerance)
     others = {
-        'CasADi': partial(casadi_runs, case, plan.ramps),
-        'Pinocchio': partial(pinocchio_runs, case, plan.ramps),
-        'MuJoCo': partial(mujoco_runs, case, plan.constraints),
+        'CasADi': partial(control_loop.casadi_runs, case, plan.substeps, plan.ramps),
+        'Pinocchio': partial(control_loop.pinocchio_runs, case, plan.substeps, plan.ramps),
+        'MuJoCo': partial(control_loop.mujoco_runs, case, plan.substeps, plan.constraints),
     }
-    for library, make in others.items():
+    for library, runs in others.items():
         try:
-            runs = make()
+            for way, substeps, softness, run in runs():
+                yield row(way, substeps, softness=softness), run
         except LeftOutError as reason:
             missing.append(f'{library}: {reason}')
-            continue
-        for substeps in plan.substeps:
-            for way, softness, run in runs(substeps):
-                yield row(way, substeps, softness=softness), run
 
 
 def _error(one: tuple[Row, Run, float]) -> float:
@@ -219,7 +210,7 @@ STYLES: Mapping[str, tuple[str, str, str]] = {
     'CasADi Verlet': (CASADI, 'X', '-.'),
     'CasADi Euler': (CASADI, 'd', ':'),
     ADAPTIVE: (FLOAT64, '*', ''),
-    PINOCCHIO: (BLACK, 'D', '-'),
+    control_loop.PINOCCHIO: (PINOCCHIO, 'D', '-'),
     'MuJoCo RK4': (MUJOCO, 'X', '-'),
     'MuJoCo Euler': (MUJOCO, '<', ':'),
     'MuJoCo implicit': (MUJOCO, 'v', '-.'),

@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 import ctypes
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,7 +34,6 @@ from benchmarks.peers.native import address, built, effort_limits, joint_torques
 from benchmarks.peers.others import model_of
 from benchmarks.peers.work import installed
 from benchmarks.table import stored_text
-from pfd_core.model import Scene
 from pfd_core.simulation.adaptive import integrate
 from pfd_core.simulation.ensemble import Ensemble
 from pfd_core.simulation.feedback import Feedback
@@ -59,8 +59,8 @@ class Answer(NamedTuple):
 
 
 Run = Callable[[], Answer]
-# Way, approximation of friction, and run, in a number of steps a period.
-Runs = Callable[[int], Iterator[tuple[str, str, Run]]]
+# Of another library: way, steps a period, approximation of friction, and run.
+Runs = Iterator[tuple[str, int, str, Run]]
 
 
 def fixed(
@@ -70,11 +70,10 @@ def fixed(
     dtype: str = 'float64',
     *,
     arms: int = 1,
-    scene: Scene | None = None,
 ) -> Run:
     """Return a run of an Ensemble of equal arms, or of a Simulator for one free arm."""
     settings: dict[str, Any] = {'step_size': case.period, 'substeps': substeps, 'dtype': dtype}
-    settings |= {'integrator': integrator, 'scene': scene or case.scene}
+    settings |= {'integrator': integrator, 'scene': case.scene}
     start, velocity, how = case.start, case.velocity, dict[str, Any]()
     one: Any
     if case.kp.any() or arms > 1:
@@ -111,41 +110,35 @@ def adaptive(case: ControlledArm, tolerance: float, **settings: Any) -> Run:
     return run
 
 
-def casadi_runs(case: ControlledArm, ramps: Sequence[float]) -> Runs:
-    """Return the runs of CasADi's C of composite bodies with rotors."""
+def casadi_runs(case: ControlledArm, substeps: Sequence[int], ramps: Sequence[float]) -> Runs:
+    """Yield the runs of CasADi's C of composite bodies with rotors."""
     plant = case.plant
     function = casadi.function_of(case.robot, armature=plant.armature)
     library, _ = casadi.compiled(function, integrators=True)
-
-    def runs(substeps: int) -> Iterator[tuple[str, str, Run]]:
-        for way, name in IN_CASADI.items():
-            for width in ramps:
-                effects, step = address(joint_torques(plant, width)), getattr(library, name)
-                yield way, _ramp(width), _around(case, step, effects, substeps)
-
-    return runs
+    for (way, name), steps, width in product(IN_CASADI.items(), substeps, ramps):
+        effects, step = address(joint_torques(plant, width)), getattr(library, name)
+        yield way, steps, _ramp(width), _around(case, step, effects, steps)
 
 
-def pinocchio_runs(case: ControlledArm, ramps: Sequence[float]) -> Runs:
-    """Return the runs of Pinocchio's C++."""
-    made = [(width, *pinocchio.compiled_model(case.plant, width)) for width in ramps]
-
-    def runs(substeps: int) -> Iterator[tuple[str, str, Run]]:
-        for width, library, arm in made:
-            yield PINOCCHIO, _ramp(width), _around(case, library.rollout, arm, substeps)
-
-    return runs
+def pinocchio_runs(case: ControlledArm, substeps: Sequence[int], ramps: Sequence[float]) -> Runs:
+    """Yield the runs of Pinocchio's C++."""
+    for width in ramps:
+        library, arm = pinocchio.compiled_model(case.plant, width)
+        for steps in substeps:
+            yield PINOCCHIO, steps, _ramp(width), _around(case, library.rollout, arm, steps)
 
 
-def mujoco_runs(case: ControlledArm, constraints: Sequence[tuple[float, float]]) -> Runs:
-    """Return the runs of MuJoCo's model of the arm with frictionloss; C calls mj_step."""
+def mujoco_runs(
+    case: ControlledArm, substeps: Sequence[int], constraints: Sequence[tuple[float, float]]
+) -> Runs:
+    """Yield the runs of MuJoCo's model of the arm with frictionloss; C calls mj_step."""
     plant, mj = case.plant, installed('mujoco')
     (path,) = Path(mj.__file__).parent.glob('libmujoco.*')
     step = ctypes.cast(ctypes.CDLL(str(path)).mj_step, ctypes.c_void_p)
     library = _library(case.robot.n)
 
-    def made(way: str, substeps: int, constant: float, impedance: float) -> Run:
-        h = case.period / substeps
+    def made(way: str, steps: int, constant: float, impedance: float) -> Run:
+        h = case.period / steps
         model = model_of(plant, way.split()[-1], h)
         if plant.friction is not None:
             model.opt.disableflags &= ~int(mj.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -159,7 +152,7 @@ def mujoco_runs(case: ControlledArm, constraints: Sequence[tuple[float, float]])
         data = mj.MjData(model)
         arrays = data.qpos, data.qvel, data.qfrc_applied, effort_limits(plant)
         addresses = model._address, data._address, *(x.ctypes.data for x in arrays)
-        advance = _around(case, library.mujoco, (ctypes.c_void_p * 7)(step, *addresses), substeps)
+        advance = _around(case, library.mujoco, (ctypes.c_void_p * 7)(step, *addresses), steps)
 
         # The arrays whose addresses C holds live as long as this function.
         def run(held: object = arrays) -> Answer:
@@ -172,14 +165,10 @@ def mujoco_runs(case: ControlledArm, constraints: Sequence[tuple[float, float]])
 
         return run
 
-    def runs(substeps: int) -> Iterator[tuple[str, str, Run]]:
-        for way in MUJOCO:
-            for constant, impedance in constraints:
-                time = f'{constant:g} steps' if constant else '0.02 s'
-                label = f'time constant {time}, impedance {impedance or "default"}'
-                yield way, label, made(way, substeps, constant, impedance)
-
-    return runs
+    for way, steps, (constant, impedance) in product(MUJOCO, substeps, constraints):
+        time = f'{constant:g} steps' if constant else '0.02 s'
+        label = f'time constant {time}, impedance {impedance or "default"}'
+        yield way, steps, label, made(way, steps, constant, impedance)
 
 
 def _ramp(width: float) -> str:

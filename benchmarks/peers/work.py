@@ -30,19 +30,11 @@ class LeftOutError(ImportError):
 
 class Side(NamedTuple):
     """
-    A way of a peer.
+    A way of a peer: its name in a table, its work, and what the time of the work contains.
 
-    Attributes
-    ----------
-    way : str
-        Name in a table.
-    run : callable
-        Does the work once, without arguments.
-    result : callable
-        Returns the result of the last run, (size,) or (B, size). LeftOutError if it is invalid.
-    contents : str
-        What the time of `run` contains: code of one state, call, loop, numbers.
-
+    `run` does the work once, without arguments. `result` returns the result of the last run,
+    (size,) or (B, size), or raises LeftOutError if it is invalid. `contents` names the code of one
+    state, call, loop and numbers.
     """
 
     way: str

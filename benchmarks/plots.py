@@ -8,7 +8,7 @@ Colours by Okabe and Ito, which colour-blind readers can distinguish; markers di
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,37 +19,23 @@ FLOAT64, FLOAT32 = BLUE, VERMILLION
 PINOCCHIO, MUJOCO, CASADI = BLACK, GREY, PURPLE
 
 
-def save(
-    draw: Callable[[Any], object], folder: Path, name: str, size: tuple[float, float]
+def panels(
+    content: Sequence[tuple[dict[str, Any], Sequence[tuple[Any, dict[str, Any]]]]],
+    path: Path,
+    size: tuple[float, float],
+    columns: int,
 ) -> list[Path]:
     """
-    Draw into a figure, write it as PNG and return the paths; none without matplotlib.
+    Draw panels side by side on logarithmic axes as a PNG; return its path, [] without matplotlib.
 
-    The bytes depend on the figure alone.
+    A panel is what `axes.set` takes, and its lines: points (x, y), and a style as of a line of
+    Matplotlib. One legend in so many columns lies below. The bytes depend on the figure alone.
     """
     try:
         from matplotlib.figure import Figure
     except ImportError:
         return []
     figure = Figure(figsize=size, layout='constrained')
-    draw(figure)
-    path = folder / f'{name}.png'
-    figure.savefig(path, dpi=110)
-    return [path]
-
-
-def panels(
-    content: Sequence[tuple[dict[str, Any], Sequence[tuple[Any, dict[str, Any]]]]],
-    figure: Any,
-    *,
-    columns: int,
-) -> Any:
-    """
-    Draw panels of lines side by side on logarithmic axes, with one legend below; return the axes.
-
-    A panel is what `axes.set` takes, and its lines: points (x, y), and a style as of a line of
-    Matplotlib.
-    """
     found = figure.subplots(1, len(content), squeeze=False)[0]
     for axes, (settings, lines) in zip(found, content, strict=True):
         axes.set(xscale='log', yscale='log')
@@ -59,6 +45,7 @@ def panels(
         for points, style in lines:
             axes.plot([x for x, _ in points], [y for _, y in points], **style)
     handles, labels = found[0].get_legend_handles_labels()
-    place = {'loc': 'outside lower center', 'fontsize': 9, 'frameon': False}
+    place: dict[str, Any] = {'loc': 'outside lower center', 'fontsize': 9, 'frameon': False}
     figure.legend(handles, labels, ncols=columns, columnspacing=1.2, **place)
-    return found
+    figure.savefig(path, dpi=110)
+    return [path]

@@ -28,7 +28,7 @@ from benchmarks.peers.others import dynibo, frax, mujoco
 from benchmarks.peers.ours import CODE, ours
 from benchmarks.peers.pinocchio import CPP, Pinocchio, pinocchio_cpp
 from benchmarks.peers.work import Peer, made, title_of, valid_sides
-from benchmarks.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, panels, save
+from benchmarks.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, panels
 from benchmarks.run import show_progress
 from benchmarks.table import Cells, bullets, grid, lines_of, page, result_row, short
 from benchmarks.timing import Pace, surroundings, take_turns
@@ -286,7 +286,7 @@ def plots(data: dict[str, Any], folder: Path) -> list[Path]:
         settings = {'title': title, 'xlabel': 'states of a batch', 'xticks': SIZES}
         settings |= {'xticklabels': SIZES, 'ylabel': 'least time of a state [ns]'}
         drawn.append((settings, [_line(rows, *line) for line in LINES]))
-    return save(partial(panels, drawn, columns=4), folder, 'speed', (11, 5.8))
+    return panels(drawn, folder / 'speed.png', (11, 5.8), 4)
 
 
 def _line(

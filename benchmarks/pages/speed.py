@@ -129,7 +129,6 @@ MANY, FEW = f'batch of {MIDDLE_BATCH}', 'batch of 64'
 PLAIN, BOUND = 'one call, `kernel(q, qd, tau)`', 'one call, bound'
 COMPARED = {
     PLAIN: ('call', 'float64: kernel(q, qd, tau)'),
-    'one call, `out=`': ('call', 'float64: kernel(..., out=)'),
     BOUND: ('call', 'float64: bound'),
     FEW: (FEW, 'float64, F order'),
     'batch of 512': ('batch of 512', 'float64, F order'),

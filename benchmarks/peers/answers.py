@@ -84,7 +84,9 @@ def peer_jacobians(problem: Problem, h: float) -> tuple[Array, Array] | None:
     peer = _peer(problem, 'derivatives')
     if peer is None:
         return None
-    evaluate, rows = peer.acceleration_and_derivatives, _rows(problem)
+    evaluate = peer.acceleration_and_derivatives
+    q, qd, tau = (problem.states[name] for name in STATE)
+    rows = list(zip(q, qd, tau, strict=True))
     with np.errstate(all='ignore'):
         J = np.array([evaluate(*row)[1] for row in rows])
         return J, np.array([linear_rk4(evaluate, *row, h) for row in rows])
@@ -98,8 +100,3 @@ def _peer(problem: Problem, quantity: str) -> Pinocchio | None:
         return Pinocchio(problem.plant, quantity)
     except (ValueError, RuntimeError):
         return None
-
-
-def _rows(problem: Problem) -> list[tuple[Array, Array, Array]]:
-    q, qd, tau = (np.array(problem.states[name]) for name in STATE)
-    return list(zip(q, qd, tau, strict=True))

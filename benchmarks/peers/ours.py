@@ -23,30 +23,27 @@ def ours(
     quantity: str = FORWARD,
     method: str = 'auto',
     dtype: str = 'float64',
-    refine: int = 0,
 ) -> Peer:
     """
     Return the kernel of one quantity of a robot as a peer.
 
-    The ways are a call with arguments checked, with `out=`, and bound before; and batches in
-    Fortran and C order.
+    The ways are a call with arguments checked, and bound before; and batches in Fortran and C
+    order.
     """
-    kernel = compile_kernel(robot, method=method, dtype=dtype, quantity=quantity, refine=refine)
-    name = f'{"pfd" if method == "auto" else method} {dtype}{", refined" * refine}'
+    kernel = compile_kernel(robot, method=method, dtype=dtype, quantity=quantity)
+    name = f'{"pfd" if method == "auto" else method} {dtype}'
     numbers = f'{dtype}, own sine and cosine: 1.5 ulp, any angle'
 
     def calls(given: Arguments) -> Iterator[Side]:
         arrays = (np.array(x, dtype) for x in given)
         values: dict[str, Any] = dict(zip(STATE, arrays, strict=False))
         call = partial(kernel, *values.values())
-        out, target = call(), call()
+        target = call()
         checked = f'{CODE}; called from Python, arguments checked; {numbers}'
         bound = f'{CODE}; called from Python, arguments checked before; {numbers}'
         # Python's share of a call does not depend on the number format.
         if dtype == 'float64':
-            plain, into = f'{name}: kernel(q, qd, tau)', f'{name}: kernel(..., out=)'
-            yield Side(plain, call, lambda: call().ravel(), checked)
-            yield Side(into, partial(call, out=out), out.ravel, checked)
+            yield Side(f'{name}: kernel(q, qd, tau)', call, lambda: call().ravel(), checked)
         run = kernel.bind(**values, out=target)
         yield Side(f'{name}: bound', run, target.ravel, bound)
 

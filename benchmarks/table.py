@@ -74,7 +74,7 @@ def _value_of(key: str, row: Row) -> str:
 
     value = row.get(key)
     if value is None or isinstance(value, bool):
-        return yes(value)
+        return {None: '-', True: 'yes', False: 'no'}[value]
     return ' / '.join(map(cell, value)) if isinstance(value, list) else cell(value)
 
 
@@ -121,11 +121,6 @@ def short(value: float | None) -> str:
     if value >= 1e6:
         return f'{value:.0e}'
     return f'{value:.0f}' if value >= 99.5 else f'{value:.3g}'
-
-
-def yes(value: bool | None) -> str:
-    """Return 'yes' or 'no', '-' for None."""
-    return '-' if value is None else ('yes' if value else 'no')
 
 
 def stored_text(name: str) -> str:

@@ -216,15 +216,11 @@ def text(data: dict[str, Any]) -> str:
         processors=table({'n': 'n', **SYSTEMS}, with_baselines(data, 'processors')),
         states=STATES,
         reached=grid(
-            {(x['n'], 'after n'): _after_n(x) for x in data['reached']}
-            | {(x['n'], order(x['tolerance'])): _reached(x) for x in data['reached']},
+            {(x['n'], 'after n'): AFTER_N.format(**x) for x in data['reached']}
+            | {(x['n'], order(x['tolerance'])): REACHED.format(**x) for x in data['reached']},
             'n',
         ),
     )
-
-
-def _title(x: Row) -> str:
-    return str(x['title']) + (', n iterations' if x['iterations'] else '')
 
 
 def _two(ratio: Callable[..., float], over: str, form: str) -> Cell:
@@ -234,7 +230,7 @@ def _two(ratio: Callable[..., float], over: str, form: str) -> Cell:
 
 
 SYSTEMS: Columns = {
-    'system': _title,
+    'system': lambda x: x['title'] + ', n iterations' * bool(x['iterations']),
     **shown('processors units multiplications divisions additions square_roots routes'),
     **shown('unpacked_multiplications unpacked_additions unpacked_routes'),
     'busy': lambda x: f'{x["work"] / arithmetic_of(x) / x["units"]:.0%}',
@@ -279,11 +275,6 @@ PARTS: Columns = {
     **shown('as_printed_multiplications as_printed_additions'),
     **shown('corrected_multiplications corrected_additions remark'),
 }
-
-
-def _after_n(x: Row) -> str:
-    return f'{order(x["error_after_n"])} / {order(x["worst_after_n"])}'
-
-
-def _reached(x: Row) -> str:
-    return f'{x["median"]} / {x["worst"]} / {x["within_n"]:.0%}'
+# Cells of the table of iterations.
+AFTER_N = '{error_after_n:.0e} / {worst_after_n:.0e}'
+REACHED = '{median} / {worst} / {within_n:.0%}'

@@ -200,13 +200,9 @@ def compared(
     return own, peer, general
 
 
-def speed_up(own: Row, peer: Row) -> float:
-    """Return the time of a peer over ours, from neighbouring turns."""
-    return float(own['times'] / peer['times'])
-
-
-def _title(arm: str, quantity: str) -> str:
-    return f'{arm}, {quantity}'.removesuffix(f', {FORWARD}').replace('_', ' ')
+def speed_up(own: Row, peer: Row) -> str:
+    """Return the time of a peer over ours, from neighbouring turns, as text."""
+    return short(own['times'] / peer['times'])
 
 
 def _named(row: Row) -> str:
@@ -217,17 +213,13 @@ def _ns(row: Row) -> str:
     return f'{short(row["minimum"] * 1e9)} ns'
 
 
-def _ratio(own: Row, peer: Row) -> str:
-    return f'{short(speed_up(own, peer))} ({_named(peer)})'
-
-
 def results_rows(data: dict[str, Any]) -> list[dict[str, str]]:
     """Return the rows of README.md: what, ours, peer, theirs and our speed-up, as text."""
     rows = []
     for title, works in README.items():
         ways = (compared(data['rows'], ROBOT, FORWARD, work) for work in works)
         pairs = (found[:2] for found in ways if found is not None)
-        cells = [(_ns(x), _named(y), _ns(y), short(speed_up(x, y))) for x, y in pairs]
+        cells = [(_ns(x), _named(y), _ns(y), speed_up(x, y)) for x, y in pairs]
         rows.append(result_row(f'forward dynamics of a UR5, {title}', cells))
     return rows
 
@@ -240,8 +232,7 @@ def for_any_robot(data: dict[str, Any]) -> str:
     own, _, general = found
     return (
         f'{_named(general)}, the fastest peer that takes any robot without compilation for it, '
-        f'takes {_ns(general)} for a state in a {MANY}, {short(speed_up(own, general))} times '
-        'ours.'
+        f'takes {_ns(general)} for a state in a {MANY}, {speed_up(own, general)} times ours.'
     )
 
 
@@ -254,7 +245,9 @@ def _strongest(rows: Sequence[Row]) -> list[str]:
     for (arm, quantity), work in product(places, COMPARED):
         found = compared(rows, arm, quantity, work)
         if found is not None:
-            cells[_title(arm, quantity), work] = f'{_ns(found[0])}, {_ratio(*found[:2])}'
+            own, peer, _ = found
+            title = f'{arm}, {quantity}'.removesuffix(f', {FORWARD}').replace('_', ' ')
+            cells[title, work] = f'{_ns(own)}, {speed_up(own, peer)} ({_named(peer)})'
     return grid(cells, 'robot, quantity')
 
 

@@ -3,17 +3,10 @@
 """
 Steps of every system compared with the paper, on fewer processors, and iterations of PCGM.
 
-The paper counts divisions as multiplications and takes the rotation of each joint as given; so do
-the rows, and divisions are also counted apart. It does not count routes, steps that move data
-between lanes. Speed-up divides the arithmetic of one processor by the arithmetic of a system. The
-processor executes the same algorithm, or the best direct algorithm at that n: its sequential
-recording, or the system's program operation by operation, whichever is less. So n processors are
-at most n times as fast.
-
-The paper counts n iterations of conjugate gradients, which exact arithmetic needs at most. The
-residual does not measure the error of an iterate, max|x - qdd| / max|qdd| with qdd by PCRBM: every
-iterate is observed while the emulator runs the counted program. Sine and cosine are expanded into
-the other operations, so that iterations and errors are the same on every machine.
+texts/counts.md defines steps, editions, speed-up and efficiency. Divisions are counted apart, too.
+Of PCGM every iterate is observed while the emulator runs the counted program, for the residual
+does not measure its error, max|x - qdd| / max|qdd| with qdd by PCRBM. Sine and cosine are expanded
+into the other operations, so that iterations and errors are the same on every machine.
 """
 
 from __future__ import annotations

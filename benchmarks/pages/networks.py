@@ -3,11 +3,9 @@
 """
 Time of every system on every network, over the price of a route.
 
-The time of a recording is a line over t_r: its arithmetic, and its steps of routes times t_r. A
-system is recorded packed and with one lane per link. *Best known* is the fastest of our recordings
-of a system at that price on that network: it chooses the packing, and for PCRBM also the base
-origin. Weights of arithmetic are the defaults of pfd_core.paper.prices. The triangular array has
-separate links, which are not on the network.
+The time of a recording is a line over t_r: its arithmetic, and its steps of routes times t_r.
+texts/networks.md defines both, and the networks. Weights of arithmetic are the defaults of
+pfd_core.paper.prices.
 """
 
 from __future__ import annotations

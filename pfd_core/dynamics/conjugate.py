@@ -6,7 +6,7 @@ Forward dynamics by conjugate gradients on one processor: method 4 of Walker and
 H qdd = y is solved without H: H u are the torques of the accelerations u at rest, without gravity.
 In exact arithmetic n iterations are enough. With rounding the directions lose their orthogonality:
 skew chains of 32 joints take 90 iterations, with masses from 1 to 1e4 140, in float32 ten times as
-many; in float64 six joints take 7 to 12 (docs/report/counts.md).
+many; in float64 six joints take 7 to 12, seen on 3000 states of three arms.
 
 Serial cost, rotational joints of a skew chain, no wrench, besides the parts before H in
 pfd_core.dynamics.composite:

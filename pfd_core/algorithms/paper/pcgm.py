@@ -40,7 +40,7 @@ In all, with k iterations at n = 6, rotational joints, R_i given, the bias of
 pfd_core.algorithms.beyond.omega and packed sums in H u: 182 + 47 k multiplications, 2 k divisions,
 189 + 62 k additions and 214 + 116 k routes. The paper has 499 and 621 in all for k = 6 and counts
 no routes; in float64 six joints take 7 to 13 iterations to converge, which is 525 to 819 and 623
-to 995 (docs/report/counts.md).
+to 995, seen on 3000 states of three arms.
 
 Lane i holds link i + 1, its vectors in base axes, and component i + 1 of every vector of n
 numbers; sums lie on lane 0 and are broadcast.

@@ -34,7 +34,7 @@ CORE = {
     'model': 'Robots and scenes',
     'kernels': 'Compiled kernels',
     'simulation': 'Simulation',
-    'algorithms': 'Emulation',
+    'paper': 'Emulation',
     'machine': 'Emulation',
 }
 # Titles of the settings, by the class of their table.

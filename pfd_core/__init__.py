@@ -9,8 +9,7 @@ Subpackages in the order of data flow; each imports only from those above it.
     machine       the emulated parallel computer: operations, programs, lanes, the emulator
     model         Robot, a serial chain, and Scene, the effects that act on it; loading
     dynamics      serial algorithms, each recorded once as a program; tables of methods, quantities
-    paper         n lanes: data moved between them, recurrences, networks, the clocked array
-    algorithms    Lee and Chang 1987 and later parallel methods on n lanes; emulation
+    paper         Lee and Chang 1987 and later parallel methods on n lanes; emulation
     kernels       a program as native code for one robot and scene: one state or a batch
     simulation    time: integrators, Simulator for one arm, Ensemble for many,
                   integrate for adaptive steps offline
@@ -25,9 +24,9 @@ To change or add
     rotor inertia           config/robots/*.yaml, read by model.yaml_files (_losses); of a URDF by
                             model.urdf (_armature); estimated by model.rotors; acts with
                             Scene(armature=...)
-    an equation             algorithms.paper lists its modules with the paper's equations;
-                            pcrbm_1987 and pcgm_1987 execute them as printed
-    a method                a module of dynamics or algorithms, a row of dynamics.methods
+    an equation             paper maps each equation to its function; paper.editions lists the
+                            misprints
+    a method                a module of dynamics or paper, a row of dynamics.methods
     a quantity              a module of dynamics and a row of dynamics.quantities
     an integrator           a row of simulation.integrators.TABLE; for friction and stops also a
                             Scheme in simulation.contact.schemes and a row of
@@ -43,7 +42,6 @@ from typing import TYPE_CHECKING
 from pfd_core.forking import load, no_fork
 
 if TYPE_CHECKING:
-    from pfd_core.algorithms.emulation import Run, emulate
     from pfd_core.dynamics.methods import EMULATED_METHODS, METHODS, PAYLOAD_METHODS
     from pfd_core.dynamics.quantities import QUANTITIES
     from pfd_core.kernels.compile import compile_kernel, forward_dynamics, inverse_dynamics
@@ -70,6 +68,7 @@ if TYPE_CHECKING:
     from pfd_core.model.urdf import Urdf
     from pfd_core.model.urdf_robot import TreeError
     from pfd_core.model.urdf_writer import robot_to_urdf
+    from pfd_core.paper.emulate import Run, emulate
     from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
     from pfd_core.simulation.ensemble import Ensemble
     from pfd_core.simulation.feedback import Feedback, StateFeedback
@@ -131,7 +130,7 @@ __all__ = [
 
 # The module of each name, which is imported at the first use of one of its names.
 _NAMES = {
-    'algorithms.emulation': 'Run emulate',
+    'paper.emulate': 'Run emulate',
     'dynamics.methods': 'EMULATED_METHODS METHODS PAYLOAD_METHODS',
     'dynamics.quantities': 'QUANTITIES',
     'kernels.compile': 'compile_kernel forward_dynamics inverse_dynamics',

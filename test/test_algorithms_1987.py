@@ -8,13 +8,12 @@ import math
 
 from bridge import (
     FORWARD_METHODS,
-    PCGM_MISPRINTS,
+    MISPRINTS_OF,
     PCGM_STEP_4,
     PCGM_STEP_7,
     PCRBM_A_3,
     PCRBM_A_8,
     PCRBM_CHOLESKY,
-    PCRBM_MISPRINTS,
     PCRBM_STEP_6,
     record_pcgm_1987,
     record_pcrbm_1987,
@@ -234,7 +233,7 @@ def pcrbm_parts(n: int, packed: bool, literal: bool) -> dict[str, Counts]:
 @pytest.mark.parametrize('schedule', ['parallel', 'unpacked'])
 @pytest.mark.parametrize('n', EVERY_SIZE)
 def test_pcrbm_of_1987_has_its_closed_forms(n: int, schedule: str, literal: bool) -> None:
-    misprints = PCRBM_MISPRINTS if literal else ()
+    misprints = MISPRINTS_OF['pcrbm_1987'] if literal else ()
     program = record_pcrbm_1987(resolve_plant(chain(n)), schedule, misprints=misprints)
     assert by_section(program) == pcrbm_parts(n, schedule == 'parallel', literal)
 
@@ -261,7 +260,7 @@ def pcgm_parts(n: int, literal: bool) -> dict[str, Counts]:
 @pytest.mark.parametrize('literal', [False, True])
 @pytest.mark.parametrize('n', EVERY_SIZE)
 def test_pcgm_of_1987_has_its_closed_forms(n: int, literal: bool) -> None:
-    misprints = PCGM_MISPRINTS if literal else ()
+    misprints = MISPRINTS_OF['pcgm_1987'] if literal else ()
     program = record_pcgm_1987(resolve_plant(chain(n)), 'parallel', misprints=misprints)
     assert by_section(program) == pcgm_parts(n, literal)
     unpacked = record_pcgm_1987(resolve_plant(chain(n)), 'unpacked', misprints=misprints)

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import product
 
+from bridge import FORWARD_METHODS, MACHINE_SCHEDULES, resolve_plant, run_program
 from closed_forms import SIZES, by_section, chain, levels, routes_by_section
 import numpy as np
 from oracle import Oracle, chains, every, jacobi_condition, relative
@@ -17,11 +18,8 @@ from zoo import Array, random_chain, random_state, right_angled, without_mass
 
 from benchmarks.cases.robots import uniform_chain
 import pfd_core as pfd
-from pfd_core.algorithms.beyond.constraint_forces import record_constraint_forces
-from pfd_core.dynamics.methods import FORWARD
-from pfd_core.machine.emulator import run
-from pfd_core.machine.recorder import SCHEDULES
-from pfd_core.model import resolve
+
+RECORD = FORWARD_METHODS['constraint_forces']
 
 
 def constraint_matrix(oracle: Oracle, q: Array) -> Array:
@@ -55,7 +53,7 @@ def constraint_matrix(oracle: Oracle, q: Array) -> Array:
     ('n', 'share', 'schedule'),
     [
         *((n, share, 'unpacked') for n in (1, 2, 3, 6, 9) for share in (0.0, 0.4, 1.0)),
-        *((5, 0.4, schedule) for schedule in SCHEDULES),
+        *((5, 0.4, schedule) for schedule in MACHINE_SCHEDULES),
     ],
 )
 def test_accelerations_are_pinocchios_but_for_the_condition_of_the_constraints(
@@ -68,8 +66,8 @@ def test_accelerations_are_pinocchios_but_for_the_condition_of_the_constraints(
 def assert_within_the_condition(robot: pfd.Robot, rng: np.random.Generator, schedule: str) -> None:
     q, qd, tau = random_state(rng, robot.n)
     oracle = Oracle(robot)
-    program = record_constraint_forces(resolve(robot), schedule)
-    found = run(program, {'q': q, 'qd': qd, 'tau': tau})
+    program = RECORD(resolve_plant(robot), schedule)
+    found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})
     condition = jacobi_condition(constraint_matrix(oracle, q))
     assert relative(found['qdd'], oracle.qdd(q, qd, tau)) < ACCELERATION * condition, robot
     assert (found['pivots'] > 0).all()
@@ -98,7 +96,7 @@ def test_a_wrench_and_damping_are_in_the_right_hand_side() -> None:
     given = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6)}
     oracle = Oracle(robot)
     wanted = oracle.qdd(q, qd, tau - robot.damping * qd, given['wrench'])
-    found = run(record_constraint_forces(resolve(robot, scene), 'parallel'), given)['qdd']
+    found = run_program(RECORD(resolve_plant(robot, scene), 'parallel'), given)['qdd']
     condition = jacobi_condition(constraint_matrix(oracle, q))
     assert relative(found, wanted) < ACCELERATION * condition
 
@@ -109,16 +107,16 @@ def test_a_wrench_and_damping_are_in_the_right_hand_side() -> None:
 def test_fifty_digits_agree_with_pcrbm(n: int, schedule: str) -> None:
     # Square axes, whose rotations are exact: both methods then have the same links.
     robot, given = right_angled(n)
-    plant = resolve(robot, pfd.Scene(external_wrench=True))
-    wanted = run(FORWARD['pcrbm'](plant, 'parallel'), given, digits=50)['qdd']
-    found = run(record_constraint_forces(plant, schedule), given, digits=50)['qdd']
+    plant = resolve_plant(robot, pfd.Scene(external_wrench=True))
+    wanted = run_program(FORWARD_METHODS['pcrbm'](plant, 'parallel'), given, digits=50)['qdd']
+    found = run_program(RECORD(plant, schedule), given, digits=50)['qdd']
     condition = jacobi_condition(constraint_matrix(Oracle(robot), given['q']))
     assert max(abs(found - wanted)) < FIFTY_DIGITS * condition * max(abs(wanted))
 
 
 @pytest.mark.parametrize('n', SIZES)
 def test_steps_and_routes_are_the_closed_forms(n: int) -> None:
-    program = record_constraint_forces(resolve(chain(n)), 'unpacked')
+    program = RECORD(resolve_plant(chain(n)), 'unpacked')
     counts, routes = by_section(program), routes_by_section(program)
     L, joined = levels(n), n > 1
     # Inverses of inertia and mass and points of a link, 30 and 17, of one or two links a lane;
@@ -155,9 +153,9 @@ def test_steps_and_routes_are_the_closed_forms(n: int) -> None:
 
 
 def test_it_halves_divide_and_conquer() -> None:
-    plant = resolve(uniform_chain(32))
+    plant = resolve_plant(uniform_chain(32))
     ours, other = (
-        FORWARD[method](plant, 'unpacked').count()
+        FORWARD_METHODS[method](plant, 'unpacked').count()
         for method in ('constraint_forces', 'divide_and_conquer')
     )
     assert 2 * ours.multiplications < 1.1 * other.multiplications
@@ -189,4 +187,4 @@ def test_it_is_emulated_by_name_and_not_compiled() -> None:
 )
 def test_unsupported_arms_are_refused(robot: pfd.Robot, scene: pfd.Scene, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        record_constraint_forces(resolve(robot, scene), 'parallel')
+        RECORD(resolve_plant(robot, scene), 'parallel')

@@ -66,7 +66,7 @@ def test_a_single_joint_has_neither_recurrence_nor_row_sweep_nor_column_sweep() 
         one.section
         for one in FORWARD_METHODS['pcrbm'](resolve_plant(chain(1)), 'parallel').instructions
     }
-    assert not sections & {'orientation', 'row sweep', 'elements of H', 'column sweep'}
+    assert not sections & {'orientation', 'row sweep', 'elements of H', 'column sweeps'}
     assert 'factorisation' in sections
 
 
@@ -81,14 +81,21 @@ def test_pcrbm_is_the_sum_of_its_parts(n: int) -> None:
         # Elements of the products of a level are packed onto full rows of lanes.
         'orientation': (3 * rounds(n), 2 * rounds(n), 0, 0),
         'link vectors': (63, 42, 0, 0),
-        'composite bodies': (4 * L + 42, 10 * L + 35, 2, 0),
+        'equation (15)': (0, L, 0, 0),
+        'equations (16), (17)': (3, 6, 2, 0),
+        'equation (18)': (4 * L - 1, 3 * L, 0, 0),
+        'equation (19)': (13, 12, 0, 0),
+        'equation (20)': (0, 6 * L, 0, 0),
+        'step 6': (18, 9, 0, 0),
+        'equation (23)': (6, 6, 0, 0),
+        'diagonal of H': (3, 2, 0, 0),
         'row sweep': (0, 3 * (n - 1), 0, 0),
         # Pairs i < j, packed: h rounds, with the 9 h and 5 h of section 2.5 (f).
         'moments of the row sweep': (6 * h, 3 * h, 0, 0),
         'elements of H': (3 * h, 2 * h, 0, 0),
         # No square root.
         'factorisation': (s, s, n, 0),
-        'column sweep': (n - 1, n - 1, 0, 0),
+        'column sweeps': (n - 1, n - 1, 0, 0),
     }
     found = by_section(program)
     assert {section: found[section] for section in parts} == parts

@@ -30,7 +30,11 @@ def composite_bodies(n: int) -> Routes:
     """Return M, c with its coefficients, E; M_(j+1), c_(j+1); p*_i and z_i for the pairs."""
     L, many = levels(n), n > 1
     return {
-        'composite bodies': L + (4 * L - 1) * many + 6 * L + 4 * many,
+        'equation (15)': L,
+        'equations (16), (17)': many,
+        'equation (18)': (4 * L - 1) * many,
+        'equation (19)': 3 * many,
+        'equation (20)': 6 * L,
         'moments of the row sweep': 3 * (n - 1),
         'elements of H': 3 * (n - 1),
     }
@@ -40,7 +44,7 @@ def solve(n: int) -> Routes:
     """Return l_ij for j < i < n - 1 and 1/d_j; n - 1 elements each way, n - 1 diagonals."""
     return {
         'factorisation': (n - 1) * (n - 2) // 2 + n - 1,
-        'column sweep': 3 * (n - 1),
+        'column sweeps': 3 * (n - 1),
     }
 
 
@@ -69,9 +73,11 @@ EXPECTED = {
     'pcgm': lambda n: (
         pose_and_bias(n)
         | {
-            'first residual': levels(n),
-            'product with H': 12 * levels(n),
-            'iteration': 2 * levels(n) + 2 * (n > 1),
+            'first inner product': levels(n),
+            'step 7': 12 * levels(n),
+            'step 8': levels(n) + (n > 1),
+            'step 12': levels(n),
+            'steps 14, 15': n > 1,
         }
     ),
 }

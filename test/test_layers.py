@@ -30,17 +30,11 @@ PFD_CORE = {
     'forking': set(),
     'machine': {'forking'},
     'model': {'forking', 'machine'},
-    # Reaches `algorithms` by the names in its tables alone.
+    # Reaches `paper` by the names in its tables alone.
     'dynamics': {'forking', 'model', 'machine'},
     'paper': {'forking', 'model', 'machine', 'dynamics'},
-    'algorithms': {'forking', 'model', 'machine', 'dynamics', 'paper'},
     'kernels': {'forking', 'model', 'machine', 'dynamics'},
     'simulation': {'forking', 'model', 'machine', 'dynamics', 'kernels'},
-}
-ALGORITHMS = {
-    'chain': set(),
-    'paper': {'chain'},
-    'beyond': {'chain', 'paper'},
 }
 KERNELS = {
     'simplify': set(),
@@ -74,7 +68,6 @@ PFD_ROS = {
 SIMULATION: dict[str, set[str]] = {'contact': set()}
 ORDERS = {
     'pfd_core': PFD_CORE,
-    'pfd_core.algorithms': ALGORITHMS,
     'pfd_core.kernels': KERNELS,
     'pfd_core.simulation': SIMULATION,
     'pfd_ros': PFD_ROS,
@@ -91,10 +84,6 @@ RESERVED = {
 
 # Test files that import internals, and go with the subpackage that they pin. No file joins them.
 PINNED = (
-    'test_algorithms_cholesky',
-    'test_algorithms_constraint_forces',
-    'test_algorithms_divide_and_conquer',
-    'test_algorithms_triangular_array',
     'test_arm_state',
     'test_demo',
     'test_format',
@@ -307,8 +296,7 @@ def test_every_name_of_the_bridge_exists_and_is_used() -> None:
     ('module', 'text'),
     [
         ('pfd_core.machine.wrong', 'from pfd_core.kernels import kernel'),
-        ('pfd_core.algorithms.paper.wrong', 'from pfd_core.algorithms.beyond.omega import bias'),
-        ('pfd_core.dynamics.wrong', 'from pfd_core.algorithms.programs import record_terms'),
+        ('pfd_core.dynamics.wrong', 'from pfd_core.paper.composite import record_terms'),
         ('pfd_core.kernels.lower', 'from pfd_core.kernels import recipes'),
         ('pfd_core.kernels.script', 'from pfd_core.kernels import simulate'),
         ('pfd_core.model.wrong', 'import llvmlite.binding'),

@@ -7,18 +7,23 @@ from __future__ import annotations
 from collections import Counter
 import math
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 from bridge import (
     MACHINE_SCHEDULES,
     array_pipeline,
+    array_solve,
+    literal_array,
     record_literal_cholesky,
     run_program,
     set_ordering,
 )
 from closed_forms import EVERY_SIZE
+import mpmath
 import numpy as np
 import pytest
+from tolerances import FIFTY_DIGITS
 
 from benchmarks.cases.paper import claimed, row, value
 from benchmarks.cases.robots import uniform_chain
@@ -26,6 +31,7 @@ from benchmarks.pages import array as page
 import pfd_core as pfd
 
 STORE, MULTIPLY, DIVIDE, ROOT = 'store', 'multiply and subtract', 'divide', 'square root'
+Array = np.ndarray[Any, Any]
 SVG = '{http://www.w3.org/2000/svg}'
 
 
@@ -35,6 +41,105 @@ def test_every_time_is_as_claimed_but_the_end_of_the_papers_input(n: int) -> Non
     wrong = [x for x in page.times([n]) if x['measured'] != x['claimed']]
     assert [x['event'] for x in wrong] == ['all input from below is stored'] * (n > 1)
     assert all(x['measured'] == 3 * n - 2 for x in wrong)
+
+
+def integers(n: int) -> tuple[Array, Array, Array]:
+    """Return L, H = L L' and x of small whole numbers: every step of a solve is then exact."""
+    rng = np.random.default_rng(n)
+    L = np.tril(rng.integers(-4, 5, (n, n)), -1) + np.diag(rng.integers(1, 6, n)).astype(float)
+    return L, L @ L.T, rng.integers(-9, 10, n).astype(float)
+
+
+@pytest.mark.parametrize('n', EVERY_SIZE)
+def test_a_right_hand_side_takes_one_cycle_more_and_a_solve_2n_minus_1(n: int) -> None:
+    L, H, x = integers(n)
+    plain, forward, whole = (
+        array_pipeline([H])[0],
+        array_pipeline([H], [H @ x])[0],
+        array_solve(H, H @ x),
+    )
+    np.testing.assert_array_equal(plain.L, L)
+    np.testing.assert_array_equal(forward.z, L.T @ x)
+    np.testing.assert_array_equal(whole.x, x)
+    cycles = [found.trace.cycles for found in (plain, forward, whole)]
+    assert cycles == [3 * n - 2, 3 * n - 1, 5 * n - 2]
+    assert {found.status for found in (plain, forward, whole)} == {'ok'}
+
+
+@pytest.mark.parametrize('n', range(1, 9))
+def test_the_printed_array_keeps_its_input_in_the_cycles_of_the_paper(n: int) -> None:
+    _, H, _ = integers(n)
+    trace = literal_array(H).trace
+    stored = {
+        place: t
+        for t, acting in enumerate(trace.actions, 1)
+        for place, name in acting.items()
+        if name == STORE
+    }
+    places = [(k, i) for k in range(1, n + 1) for i in range(1, k + 1)]
+    assert stored == {(k, i): 2 * k + i - 2 for k, i in places}
+    assert {place: trace.states[place] for place in stored} == {
+        (k, i): H[k - 1, i - 1] for k, i in places
+    }
+    # h_nn and the flag are in P_n1 at 2n, its last cycle, and one cell further in each.
+    for i in range(1, n + 1):
+        assert trace.actions[2 * n + i - 2][n, i] == (ROOT if i == n else MULTIPLY)
+
+
+@pytest.mark.parametrize('n', EVERY_SIZE)
+def test_the_printed_array_takes_3n_minus_1_cycles_for_equations_11_and_12(n: int) -> None:
+    _, H, _ = integers(n)
+    # One on the diagonal, little elsewhere: the one kind of matrix whose roots all exist. With
+    # ones on the diagonal the first wrong element is l_32, which divides by h_22.
+    mild = np.eye(n) + (H - np.diag(np.diag(H))) / (64.0 * n * abs(H).max())
+    for matrix in (H, mild):
+        found = literal_array(matrix)
+        equations = run_program(record_literal_cholesky(n, 'parallel'), {'H': matrix.ravel()})
+        np.testing.assert_array_equal(found.L, equations['L'])
+        assert found.trace.cycles == 3 * n - 1
+    assert found.status == ('ok' if n < 3 else 'wrong_matrix')
+
+
+def test_a_matrix_that_cannot_be_factored_is_a_status_and_leaves_the_next_ones_alone() -> None:
+    _, H, _ = integers(4)
+    results = array_pipeline([H, -H, H])
+    assert [result.status for result in results] == ['ok', 'not_positive_definite', 'ok']
+    np.testing.assert_array_equal(results[2].L, results[0].L)
+    for matrix in ([[-1.0]], [[0.0]], [[1.0, 2.0], [2.0, 1.0]]):
+        for number in (1.0, mpmath.mpf(1)):
+            found = array_solve(np.array(matrix) * number, np.ones(len(matrix)))
+            assert found.status == 'not_positive_definite'
+            assert not np.isfinite(found.x.astype(float)).any()
+
+
+def test_the_array_keeps_the_digits_of_mpmath_numbers() -> None:
+    with mpmath.workdps(50):
+        hilbert = [[mpmath.mpf(1) / (i + j + 1) for j in range(6)] for i in range(6)]
+        x = [mpmath.mpf(k) for k in range(6)]
+        y = [sum(h * v for h, v in zip(row, x, strict=True)) for row in hilbert]
+        found = array_solve(hilbert, y)
+        # The condition number of this matrix is 1.5e7.
+        wrong = max(abs(a - b) for a, b in zip(found.x, x, strict=True))
+        assert wrong < FIFTY_DIGITS * 1.5e7
+        assert literal_array(hilbert).status == 'wrong_matrix'
+
+
+@pytest.mark.parametrize(
+    ('given', 'message'),
+    [
+        (([np.zeros((2, 3))],), r'H must have shape \(n, n\)'),
+        (([[[np.nan]]],), 'H must be finite'),
+        (([np.eye(2)], [np.zeros(3)]), r'y must have shape \(2,\), got \(3,\)'),
+        (([np.eye(2)], [[1.0, np.inf]]), 'y must be finite'),
+        (([],), 'expected at least one matrix, got none'),
+        (([np.eye(2), np.eye(3)],), r'one size, got \[2, 3\]'),
+        (([np.eye(2)] * 2, [[1.0, 2.0]]), 'expected 2 right-hand sides.*got 1'),
+        (([np.eye(4)] * 2, [np.ones(4)] * 2, 4), 'interval must be at least 5 cycles, got 4'),
+    ],
+)
+def test_what_the_array_cannot_factor_is_named(given: tuple[Any, ...], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        array_pipeline(*given)
 
 
 @pytest.mark.parametrize('n', [2, 6])

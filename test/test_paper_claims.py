@@ -16,8 +16,7 @@ from typing import Any
 
 from bridge import (
     FORWARD_METHODS,
-    PCGM_MISPRINTS,
-    PCRBM_MISPRINTS,
+    MISPRINTS_OF,
     Recorder,
     array_solve,
     pattern_prefix_affine,
@@ -288,7 +287,7 @@ def test_pcrbm_takes_fewer_steps_than_pcgm_far_beyond_twelve_joints(n: int) -> N
 
 def test_every_misprint_that_can_be_executed_is_an_erratum() -> None:
     names = [x['misprint'] for x in ERRATA if 'misprint' in x]
-    assert sorted(names) == sorted([*PCRBM_MISPRINTS, *PCGM_MISPRINTS])
+    assert sorted(names) == sorted([*MISPRINTS_OF['pcrbm_1987'], *MISPRINTS_OF['pcgm_1987']])
 
 
 @pytest.mark.parametrize('types', [['revolute'] * 6, ['revolute', 'prismatic'] * 3])

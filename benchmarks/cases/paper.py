@@ -26,16 +26,21 @@ import numpy as np
 
 from benchmarks.cases.robots import uniform_chain
 from benchmarks.table import stored_table
-from pfd_core.algorithms.emulation import arithmetic, in_sections, processors_of
-from pfd_core.algorithms.paper import pcgm_1987, pcrbm_1987
-from pfd_core.algorithms.paper.array_solver import factor
-from pfd_core.algorithms.paper.literal_array import literal_array
-from pfd_core.algorithms.paper.pcrbm_array import SECTION, STREAMS, stream_steps
-from pfd_core.algorithms.paper.triangular_array import DIVIDE, MULTIPLY, solve_steps
 from pfd_core.dynamics.methods import FORWARD, ITERATIVE, SERIAL, record_forward_dynamics
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import resolve
-from pfd_core.paper import networks
+from pfd_core.paper import editions, networks
+from pfd_core.paper.array import (
+    DIVIDE,
+    MULTIPLY,
+    SECTION,
+    STREAMS,
+    factor,
+    literal_array,
+    solve_steps,
+    stream_steps,
+)
+from pfd_core.paper.emulate import arithmetic, in_sections, processors_of
 
 KINDS = ('multiplications', 'additions', 'square_roots')
 PRINTED_AT = 6
@@ -43,9 +48,9 @@ AS_PRINTED, CORRECTED, BEST_KNOWN = EDITIONS = ('as printed', 'corrected', 'best
 TABLE: dict[str, dict[str, Any]] = stored_table('paper')
 # The procedures of the paper that the first two editions of a system are recorded from.
 PROCEDURES: dict[str, tuple[str, Collection[str]]] = {
-    'pcrbm': ('pcrbm_1987', pcrbm_1987.AS_PRINTED),
-    'pcrbm_array': ('pcrbm_1987', pcrbm_1987.AS_PRINTED),
-    'pcgm': ('pcgm_1987', pcgm_1987.MISPRINTS),
+    'pcrbm': ('pcrbm_1987', editions.AS_PRINTED['pcrbm_1987']),
+    'pcrbm_array': ('pcrbm_1987', editions.AS_PRINTED['pcrbm_1987']),
+    'pcgm': ('pcgm_1987', editions.AS_PRINTED['pcgm_1987']),
 }
 GIVEN = ('joint rotation', 'rotations')  # the sections that the paper does not count
 VERDICTS = 'true', 'true of a wrong matrix', 'false', 'not decided'

@@ -24,10 +24,10 @@ from benchmarks.cases.robots import Array, bead_on, chain, mechanism, single
 from benchmarks.cases.robots import robot as robot_named
 from benchmarks.table import stored_table
 import pfd_core as pfd
-from pfd_core.algorithms.programs import record_inverse_dynamics
 from pfd_core.kernels.compile import inverse_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.model import Payload, Plant, Robot, Scene, resolve, with_payload
+from pfd_core.paper.newton_euler import record_inverse_dynamics
 
 # Units of rounding of the number formats.
 ROUNDING = {'float64': 2.0**-53, 'float32': 2.0**-24}

@@ -16,12 +16,11 @@ import numpy as np
 
 from benchmarks.cases.paper import value
 from benchmarks.table import Row, grid, page
-from pfd_core.algorithms.paper.array_solver import factor, pipeline, solve
-from pfd_core.algorithms.paper.literal_array import STORE, literal_array
-from pfd_core.algorithms.paper.set_ordering import set_ordering
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.paper.array import STORE, factor, literal_array, pipeline, solve
 from pfd_core.paper.patterns import prefix
+from pfd_core.paper.set_ordering import set_ordering
 from pfd_core.paper.systolic import Place, Trace
 
 SIZES = (2, 3, 4, 6, 8, 12, 16)

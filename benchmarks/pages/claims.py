@@ -26,14 +26,14 @@ from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages.array import EVENTS, RUNS, doubling, times
 from benchmarks.pages.counts import arithmetic_of, counted_parts, errors_of_iterates
 from benchmarks.table import Row, page, shown, stored_table, table
-from pfd_core.algorithms.paper import pcrbm_1987
-from pfd_core.algorithms.paper.fohra_first_level import record_fohra, structure_of
-from pfd_core.algorithms.paper.pcrbm_1987 import record_pcrbm_1987
-from pfd_core.algorithms.paper.set_ordering import set_ordering
-from pfd_core.algorithms.programs import record_inverse_dynamics
 from pfd_core.dynamics.methods import FORWARD
 from pfd_core.machine.program import Steps
 from pfd_core.model import load_robot, resolve
+from pfd_core.paper import editions
+from pfd_core.paper.composite import record_pcrbm_1987
+from pfd_core.paper.first_level import record_fohra, structure_of
+from pfd_core.paper.newton_euler import record_inverse_dynamics
+from pfd_core.paper.set_ordering import set_ordering
 
 N = 6
 STATES = 20
@@ -110,7 +110,7 @@ COUNTED: dict[str, Callable[[], Iterable[Any]]] = {
     ),
     'two column sweeps': lambda: _pair(_pcrbm('column sweeps')),
     'products as printed': lambda: [
-        _pcrbm('set ordering', *pcrbm_1987.AS_PRINTED).multiplications
+        _pcrbm('set ordering', *editions.AS_PRINTED['pcrbm_1987']).multiplications
     ],
     'additions of set ordering': lambda: [len(set_ordering(N)) - 1],
     'terms of set ordering': lambda: [sum(set_ordering(N)[0].additions.values())],

@@ -23,12 +23,12 @@ from benchmarks.cases.robots import Array, uniform_chain
 from benchmarks.run import each
 from benchmarks.table import Columns, Row, grid, order, page, shown, stored_table, table
 from benchmarks.timing import differences
-from pfd_core.algorithms.emulation import in_sections
-from pfd_core.algorithms.paper.pcgm import record_pcgm
 from pfd_core.dynamics.methods import FORWARD, METHODS, SERIAL
 from pfd_core.kernels.sines import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.model import Robot, resolve
+from pfd_core.paper.conjugate import default_limit, record_pcgm
+from pfd_core.paper.emulate import in_sections
 
 SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 32, 48, 64)
 # Joints, and numbers of processors: divisors, and for 6 joints also 4.

@@ -35,7 +35,7 @@ Serial dynamics: the algorithms that kernels are made of, each recorded once as 
 
 A new effect of a joint is a record in pfd_core.model.effects, and nothing in here changes. An
 effect of the motors has its torques in `drives` as well, an effect of the links or of gravity in
-`newton_euler` (on n lanes in pfd_core.algorithms.paper.newton_euler and beyond.omega). A new
+`newton_euler` (on n lanes in pfd_core.paper.newton_euler). A new
 method is a function and a row of `methods`, a new quantity a function and a row of `quantities`.
 Modules that the tables name are imported at their first use.
 """

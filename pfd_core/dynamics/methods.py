@@ -9,8 +9,8 @@ Kernels, emulation and the tables of the documentation follow from the rows. A n
 which names the function that records its program; its module is imported when the method is first
 recorded. Inputs are described in pfd_core.dynamics.interface.
 
-On n lanes all METHODS, which kernels offer, take the bias from pfd_core.algorithms.beyond.omega,
-which has fewer steps than the paper's NE1.
+On n lanes all METHODS, which kernels offer, take our form of the bias, which has fewer steps than
+the paper's NE1 (pfd_core.paper.newton_euler).
 """
 
 from __future__ import annotations
@@ -71,8 +71,7 @@ class Method:
         return program
 
 
-OMEGA = {'link_torques': 'algorithms.beyond.omega.omega_torques'}
-BASE_ORIGIN = {'matrix': 'algorithms.beyond.base_origin.inertia_matrix_base_origin'}
+BASE_ORIGIN = {'matrix': 'paper.composite.inertia_matrix_base_origin'}
 _ROWS = (
     *(
         Method(
@@ -90,38 +89,34 @@ _ROWS = (
         'dynamics.articulated.record_articulated_body',
         serial=True,
     ),
-    Method(
-        'pcrbm', 'Parallel composite rigid bodies', 'algorithms.paper.pcrbm.record_pcrbm', OMEGA
-    ),
+    Method('pcrbm', 'Parallel composite rigid bodies', 'paper.composite.record_pcrbm'),
     Method(
         'pcrbm_array',
         'Parallel composite rigid bodies with the triangular array',
-        'algorithms.paper.pcrbm_array.record_pcrbm_array',
-        OMEGA,
+        'paper.array.record_pcrbm_array',
     ),
     Method(
         'pcgm',
         'Parallel conjugate gradients',
-        'algorithms.paper.pcgm.record_pcgm',
-        OMEGA,
+        'paper.conjugate.record_pcgm',
         iterative=True,
     ),
     Method(
         'pcrbm_base_origin',
         'PCRBM about the base origin',
-        'algorithms.paper.pcrbm.record_pcrbm',
-        OMEGA | BASE_ORIGIN,
+        'paper.composite.record_pcrbm',
+        BASE_ORIGIN,
     ),
     Method(
         'divide_and_conquer',
         'Divide and conquer, after Featherstone 1999',
-        'algorithms.beyond.divide_and_conquer.record_divide_and_conquer',
+        'paper.divide_and_conquer.record_divide_and_conquer',
     ),
     # It needs links with a mass and an inertia.
     Method(
         'constraint_forces',
         "Constraint forces, after Fijany, Sharf and D'Eleuterio 1995",
-        'algorithms.beyond.constraint_forces.record_constraint_forces',
+        'paper.constraint_forces.record_constraint_forces',
         compiled=False,
     ),
     Method(
@@ -141,13 +136,13 @@ _ROWS = (
     Method(
         'pcrbm_1987',
         'PCRBM step by step as in the paper, for comparison',
-        'algorithms.paper.pcrbm_1987.record_pcrbm_1987',
+        'paper.composite.record_pcrbm_1987',
         compiled=False,
     ),
     Method(
         'pcgm_1987',
         'PCGM step by step as in the paper, for comparison',
-        'algorithms.paper.pcgm_1987.record_pcgm_1987',
+        'paper.conjugate.record_pcgm_1987',
         compiled=False,
     ),
 )

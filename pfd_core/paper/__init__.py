@@ -1,11 +1,53 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Lee and Chang 1987 on n lanes: the machine that the paper supposes.
+Lee and Chang 1987 on n lanes, corrected and as printed, and later parallel methods.
 
-    lanes       data moved between lanes
+The machine that the paper supposes:
+
+    lanes       data moved between lanes; rows of work packed onto full rows of lanes
     patterns    recurrences (FOHRA, FOIHRA), totals, row and column sweeps
-    networks    networks that join the lanes; the steps of a route on each
+    board       elements by name on lanes
+    networks    networks that join the lanes; the steps of a program on each
     prices      the time of arithmetic for weights of operations
-    systolic    clocked array of cells, for the triangular array
+    systolic    clocked array of cells
+
+The paper's procedures, in any edition:
+
+    editions       our form, the paper's form, and every misprint that can be executed
+    chain          links, their pose, the equations of motion
+    newton_euler   NE1: torques, bias, H times a vector
+    composite      PCRBM: H by composite bodies, about the joints or the origin of the base
+    solve          Cholesky, L L' and L D L', with column sweeps
+    conjugate      PCGM: conjugate gradients
+    set_ordering   Procedure Set-Ordering and Cholesky as printed
+    array          the triangular array, corrected and as printed
+    first_level    FOHRA for twists of 0 and 90 degrees
+
+Since then, and for all of them:
+
+    divide_and_conquer   steps that grow as log2 n
+    constraint_forces    the same order by odd-even elimination of the joints' constraint forces
+    emulate              pfd.emulate: a method on the emulated machine; steps, utilisation, status
+
+From an equation to its function:
+
+    (1)                  newton_euler.record_inverse_dynamics
+    (2.a), (2.b)         chain.forward_equations
+    (3), (4)             patterns.prefix_affine, suffix_affine
+    (5) to (7)           patterns.row_sweep
+    (8.a) to (10)        composite.inertia_matrix
+    (11), (12)           solve.cholesky; as printed set_ordering.literal_factor
+    (13)                 patterns.product
+    (14)                 chain.chain_on_lanes
+    (15) to (20)         composite._composite_bodies
+    (21), (22)           composite._forces
+    (23)                 composite.composite_forces
+    (24) to (26)         composite.inertia_matrix
+    (27)                 newton_euler.torques
+    (28)                 composite.record_pcrbm, solve.solve
+    (29) to (31)         array.circular, square; as printed array.printed_circular, printed_square
+    Appendix A           composite, with the misprints (A.3) and (A.8) of editions
+    section 3, App. B    conjugate.record_pcgm
+    Appendix C           set_ordering.set_ordering
 """

@@ -133,7 +133,7 @@ def _sums(x: LaneArray, downward: bool) -> LaneArray:
 
 
 def product(R: LaneArray) -> LaneArray:
-    """Return the matrix products R(0) R(1) .. R(i), (3, 3), on lane i: FOHRA as in the paper."""
+    """Return the matrix products R(0) R(1) .. R(i), (3, 3), on lane i: FOHRA, eq. (13)."""
     swept: LaneArray = prefix(lambda left, right: left @ right, R)
     return swept
 

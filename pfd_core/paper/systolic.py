@@ -13,8 +13,8 @@ a link may lie outside: streams enter there, and results leave. A cell reads the
 its own links and no others.
 
 This is the array of Lee and Chang 1987, section 2.6, as a machine; its cells' programs are in
-pfd_core.algorithms.paper.triangular_array. Items are opaque here: numbers of any kind, or values
-over lanes, so that running the array records it.
+pfd_core.paper.array. Items are opaque here: numbers of any kind, or values over lanes, so that
+running the array records it.
 """
 
 from __future__ import annotations
@@ -34,10 +34,21 @@ class LinkError(ValueError):
 
 
 class Link(NamedTuple):
-    """A way from one place to a neighbouring one, with a latch."""
+    """A directed connection from one place to a neighbouring one, with a latch."""
 
     source: Place
     target: Place
+
+    def direction(self) -> str:
+        """Return the direction; LinkError if the ends are not neighbours."""
+        way = (self.target[0] - self.source[0], self.target[1] - self.source[1])
+        for name, step in DIRECTIONS.items():
+            if way == step:
+                return name
+        raise LinkError(f'link {self} does not join neighbours: links go one place at a time')
+
+    def __str__(self) -> str:
+        return f'{self.source} -> {self.target}'
 
 
 class Ports:
@@ -169,11 +180,11 @@ class Array:
         self.links = frozenset(links)  # equal links are one link: there is one latch on it
         linked: dict[Place, set[str]] = {place: set() for place in self.cells}
         for link in self.links:
-            came_from = OPPOSITE[_direction(link)]
+            came_from = OPPOSITE[link.direction()]
             if link.target in linked:
                 linked[link.target].add(came_from)
             elif link.source not in linked:
-                raise LinkError(f'link {_show(link)} touches no cell of the array')
+                raise LinkError(f'link {link} touches no cell of the array')
         self._linked = {place: frozenset(found) for place, found in linked.items()}
 
     def run(self, streams: Mapping[Link, Mapping[int, Any]], at_most: int = 100_000) -> Trace:
@@ -195,8 +206,14 @@ class Array:
             If the array is still busy after `at_most` cycles.
 
         """
-        self._check(streams)
-        arriving = _by_cycle(streams)
+        arriving: dict[int, dict[Link, Any]] = {}
+        for link, items in streams.items():
+            if link not in self.links or link.source in self.cells:
+                raise LinkError(f'stream on {link}: there is no such link from outside')
+            if items and min(items) < 1:
+                raise ValueError(f'stream on {link}: cycles count from 1, got {min(items)}')
+            for cycle, item in items.items():
+                arriving.setdefault(cycle, {})[link] = item
         states: dict[Place, Any] = dict.fromkeys(self.cells)
         latches: dict[Place, dict[str, Any]] = {}
         actions: list[dict[Place, str]] = []
@@ -205,8 +222,8 @@ class Array:
             cycle = len(actions) + 1
             if cycle > at_most:
                 raise ValueError(f'the array is still busy after {at_most} cycles')
-            for link, item in arriving.pop(cycle, []):
-                latches.setdefault(link.target, {})[OPPOSITE[_direction(link)]] = item
+            for link, item in arriving.pop(cycle, {}).items():
+                latches.setdefault(link.target, {})[OPPOSITE[link.direction()]] = item
             steps = {
                 place: self.cells[place](states[place], Ports(place, self._linked[place], items))
                 for place, items in latches.items()
@@ -232,32 +249,3 @@ class Array:
         if Link(place, target) not in self.links:
             raise LinkError(f'cell {place} sends {direction}, but has no link to {target}')
         return target
-
-    def _check(self, streams: Mapping[Link, Mapping[int, Any]]) -> None:
-        for link, items in streams.items():
-            if link not in self.links or link.source in self.cells:
-                raise LinkError(f'stream on {_show(link)}: there is no such link from outside')
-            if items and min(items) < 1:
-                raise ValueError(f'stream on {_show(link)}: cycles count from 1, got {min(items)}')
-
-
-def _direction(link: Link) -> str:
-    """Return the direction of a link; LinkError if its ends are not neighbours."""
-    way = (link.target[0] - link.source[0], link.target[1] - link.source[1])
-    for name, step in DIRECTIONS.items():
-        if way == step:
-            return name
-    raise LinkError(f'link {_show(link)} does not join neighbours: links go one place at a time')
-
-
-def _by_cycle(streams: Mapping[Link, Mapping[int, Any]]) -> dict[int, list[tuple[Link, Any]]]:
-    """Return the items of all streams by the cycle in which they enter."""
-    arriving: dict[int, list[tuple[Link, Any]]] = {}
-    for link, items in streams.items():
-        for cycle, item in items.items():
-            arriving.setdefault(cycle, []).append((link, item))
-    return arriving
-
-
-def _show(link: Link) -> str:
-    return f'{link.source} -> {link.target}'

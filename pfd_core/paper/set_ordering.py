@@ -10,10 +10,11 @@ Lee and Chang 1987, section 2.4. Procedure Set-Ordering sums the sets S_ki = {a_
 a_ki^(0)}, a_ki^(0) = h_ki and a_ki^(j) = h_ijk, on n processors: in every iteration the l-th
 processor does one addition in the l-th longest set. The procedure is right, and its order is
 the best there is for independent sums. The sums are of the wrong products: L L' = H needs
-l_ij l_kj and l_ii where (11) and (12) have h_ij h_kj and h_ii. The result is right
-for a diagonal H; otherwise, as a rule, it is a wrong matrix or the root of a negative number: both
-occur for each of PUMA 560, UR5 and Panda. pfd_core.algorithms.paper.literal_array runs the
-equations and reports the outcome; pfd_core.algorithms.paper.cholesky has correct ones.
+l_ij l_kj and l_ii where (11) and (12) have h_ij h_kj and h_ii. The result is right for a diagonal
+H; otherwise, as a rule, it is a wrong matrix or the root of a negative number: both occur for each
+of PUMA 560, UR5 and Panda. Were each h_ki replaced by l_ki as soon as that is known, (11) and (12)
+would be Cholesky's, column after column; the products could then not be formed first.
+pfd_core.paper.solve has correct ones.
 
 Misprints. Procedure: the sum as printed runs over j from 1 to i - 1, and over k from i; Step 4
 of the factorisation must leave out k = 1. Appendix C: S_42^(2) is S_42^(4), the a_32^(1) in the
@@ -30,23 +31,21 @@ Lane l holds the set that the (l + 1)-th processor works on, another in every it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
+from typing import NamedTuple
 
 from pfd_core.machine.lanes import sqrt
 from pfd_core.machine.program import Program, check_processors
 from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.paper.board import Board
 from pfd_core.paper.lanes import gather
 
 Index = tuple[int, int]  # (k, i) of S_ki, counted from 1 as in the paper
-Place = tuple[Lanes, int]  # a value on one lane
-Elements = Callable[[Sequence[Index | None]], Lanes]  # of H, on lanes 0, 1, ...
 
 
-@dataclass(frozen=True)
-class Term:
+class Term(NamedTuple):
     """
     a_ki^(j), or the sum a_ki^(C,0) of the terms 0 to C.
 
@@ -83,24 +82,20 @@ class State:
         Sets that got an addition, the l-th from the l-th processor.
     sets : dict
         (k, i) to the remaining terms, the running sum last.
-    counters : dict
-        (k, i) to C_ki, the number of additions done.
     additions : dict
-        (k, i) to NA(S_ki), the number of additions to come.
-    finished : tuple of (k, i)
-        Sets without additions to come, which were counted as N_1.
-    N : int
-        Number of sets that the next iteration considers.
+        (k, i) to NA(S_ki), the number of additions to come; C_ki is i - 1 - NA(S_ki).
 
     """
 
     order: tuple[Index, ...]
     picked: tuple[Index, ...]
     sets: dict[Index, tuple[Term, ...]]
-    counters: dict[Index, int]
     additions: dict[Index, int]
-    finished: tuple[Index, ...]
-    N: int
+
+    @property
+    def N(self) -> int:
+        """The number of sets that the next iteration considers."""
+        return sum(more > 0 for more in self.additions.values())
 
     def __str__(self) -> str:
         """Return the sets as Appendix C prints them, in descending order."""
@@ -130,41 +125,24 @@ def set_ordering(n: int, processors: int | None = None) -> tuple[State, ...]:
     if n < 1:
         raise ValueError(f'n must be at least 1, got {n}')
     processors = check_processors(processors, n)
-    states = [_initial(n)]
+    order = tuple((k, i) for i in range(n, 1, -1) for k in range(n, i - 1, -1))
+    sets = {(k, i): tuple(Term((k, i), j) for j in range(i - 1, -1, -1)) for k, i in order}
+    states = [State(order, (), sets, {(k, i): i - 1 for k, i in order})]
     while states[-1].N > 0:
         states.append(_iteration(states[-1], processors))
     return tuple(states)
 
 
-def _initial(n: int) -> State:
-    """Return the state after Step 1."""
-    order = tuple((k, i) for i in range(n, 1, -1) for k in range(n, i - 1, -1))
-    return State(
-        order=order,
-        picked=(),
-        sets={(k, i): tuple(Term((k, i), j) for j in range(i - 1, -1, -1)) for k, i in order},
-        counters=dict.fromkeys(order, 0),
-        additions={(k, i): i - 1 for k, i in order},
-        finished=(),
-        N=n * (n - 1) // 2,
-    )
-
-
 def _iteration(state: State, processors: int) -> State:
     """Return the state after Steps 2 to 5."""
-    sets, counters, additions = dict(state.sets), dict(state.counters), dict(state.additions)
+    sets, additions = dict(state.sets), dict(state.additions)
     left = [index for index in state.order if additions[index]]
     order = sorted(left, key=lambda index: -additions[index])
     picked = order[:processors]
-    for index in picked:
-        total = Term(index, counters[index] + 1, summed=True)
-        sets[index] = (*sets[index][:-2], total)
-        counters[index] += 1
-        additions[index] -= 1
-    finished = tuple(index for index in order if not additions[index])
-    return State(
-        tuple(order), tuple(picked), sets, counters, additions, finished, state.N - len(finished)
-    )
+    for k, i in picked:
+        sets[k, i] = (*sets[k, i][:-2], Term((k, i), i - additions[k, i], summed=True))
+        additions[k, i] -= 1
+    return State(tuple(order), tuple(picked), sets, additions)
 
 
 def record_literal_cholesky(n: int, schedule: str) -> Program:
@@ -175,8 +153,8 @@ def record_literal_cholesky(n: int, schedule: str) -> Program:
     ----------
     n : int
         Size of the matrix, at least 1.
-    schedule : {'parallel', 'sequential'}
-        n processors or one.
+    schedule : str
+        One of SCHEDULES.
 
     Returns
     -------
@@ -186,73 +164,68 @@ def record_literal_cholesky(n: int, schedule: str) -> Program:
 
     """
     recorder = Recorder(n, schedule)
-    L, radicands = literal_factor(recorder, partial(_elements, recorder))
+    rows = [
+        recorder.input('H', [k * n + i if k >= i else None for k in range(n)]) for i in range(n)
+    ]
+    L, radicands = _equations(recorder, rows)
     zero = (recorder.constant(0.0), 0)
     indices = [(k, i) for k in range(1, n + 1) for i in range(1, n + 1)]
-    recorder.output('L', (n, n), [L.get(index, zero) for index in indices])
+    recorder.output('L', (n, n), [L.at.get(index, zero) for index in indices])
     recorder.output('radicands', (n,), [(radicands, lane) for lane in range(n)])
     return recorder.program()
 
 
-def literal_factor(recorder: Recorder, elements: Elements) -> tuple[dict[Index, Place], Lanes]:
+def literal_factor(recorder: Recorder, rows: Sequence[Lanes]) -> tuple[list[Lanes], Lanes, Lanes]:
     """
-    Record equations (11) and (12) on n lanes.
+    Return the columns of L below the diagonal, the diagonal and the radicands, as printed.
 
-    Parameters
-    ----------
-    recorder : Recorder
-        On n lanes.
-    elements : callable
-        elements(indices) returns the elements (k, i) of H, k >= i counted from 1, on lanes 0, 1,
-        ...; None leaves a lane empty.
-
-    Returns
-    -------
-    L : dict
-        (k, i) to the place of l_ki.
-    radicands : Lanes
-        The operand of the root l_kk on lane k - 1.
-
+    Row i of H holds h_ij on lane j for j >= i, and column j of L l_kj on lane k.
     """
     n = recorder.lanes
-    lhat: dict[Index, Place] = {}
+    L, radicands = _equations(recorder, rows)
+    columns = [L.row({k: (k + 1, j + 1) for k in range(j + 1, n)}) for j in range(n - 1)]
+    return columns, L.at[1, 1][0], radicands
+
+
+def _equations(recorder: Recorder, rows: Sequence[Lanes]) -> tuple[Board, Lanes]:
+    """Return the elements (k, i) of L, counted from 1, and the radicands, l_kk on lane k - 1."""
+    n = recorder.lanes
+    H, sums, L = Board(), Board(), Board()
+    for i, row in enumerate(rows, 1):
+        H.put(row, {k - 1: (k, i) for k in range(i, n + 1)})
     with recorder.section('set ordering'):
         for before, after in pairwise(set_ordering(n)):
-            _add(elements, before, after, lhat)
-    diagonal = [(k, k) for k in range(1, n + 1)]
+            # S_ki takes its product of h_ij and h_kj, j = C_ki + 1.
+            terms = [(k, i, i - before.additions[k, i]) for k, i in after.picked]
+            product = H.row(_on_lanes((i, j) for _, i, j in terms)) * H.row(
+                _on_lanes((k, j) for k, _, j in terms)
+            )
+            picked = _on_lanes(after.picked)
+            sums.put(_so_far(H, sums, picked) + -product, picked)
     with recorder.section('square roots'):
-        radicands = _row(elements, diagonal, lhat)
-        roots = sqrt(radicands)
-    L = {index: (roots, lane) for lane, index in enumerate(diagonal)}
+        diagonal = _on_lanes((k, k) for k in range(1, n + 1))
+        radicands = _so_far(H, sums, diagonal)
+        L.put(sqrt(radicands), diagonal)
     below = [(k, i) for i in range(1, n + 1) for k in range(i + 1, n + 1)]
     with recorder.section('divisions'):
         for start in range(0, len(below), n):
-            chunk = below[start : start + n]
-            quotients = _row(elements, chunk, lhat) / elements([(i, i) for _, i in chunk])
-            L |= {index: (quotients, lane) for lane, index in enumerate(chunk)}
+            chunk = _on_lanes(below[start : start + n])
+            divisors = H.row({lane: (i, i) for lane, (_, i) in chunk.items()})
+            L.put(_so_far(H, sums, chunk) / divisors, chunk)
     return L, radicands
 
 
-def _add(elements: Elements, before: State, after: State, lhat: dict[Index, Place]) -> None:
-    """Record the additions of one iteration, each with the product that it adds."""
-    terms = [(k, i, before.counters[k, i] + 1) for k, i in after.picked]
-    h_ij = elements([(i, j) for _, i, j in terms])
-    h_kj = elements([(k, j) for k, _, j in terms])
-    sums = _row(elements, after.picked, lhat) + -(h_ij * h_kj)
-    lhat |= {index: (sums, lane) for lane, index in enumerate(after.picked)}
+def _on_lanes(indices: Iterable[Index]) -> dict[int, Index]:
+    """Return elements by lane: the first on lane 0."""
+    return dict(enumerate(indices))
 
 
-def _elements(recorder: Recorder, indices: Sequence[Index | None]) -> Lanes:
-    """Return the elements (k, i) of H, counted from 1, on lanes 0, 1, ..."""
-    n = recorder.lanes
-    flat = [None if index is None else (index[0] - 1) * n + index[1] - 1 for index in indices]
-    return recorder.input('H', [*flat, *[None] * (n - len(flat))])
-
-
-def _row(elements: Elements, indices: Sequence[Index], lhat: Mapping[Index, Place]) -> Lanes:
-    """Return the sums so far of some sets on lanes 0, 1, ...; h_ki where none was begun."""
-    begun = {lane: lhat[index] for lane, index in enumerate(indices) if index in lhat}
-    if len(begun) == len(indices):
-        return gather(begun)
-    h = elements([None if index in lhat else index for index in indices])
-    return gather({lane: begun.get(lane, (h, lane)) for lane in range(len(indices))})
+def _so_far(H: Board, sums: Board, indices: Mapping[int, Index]) -> Lanes:
+    """Return the sums so far of some sets; h_ki where none was begun."""
+    fresh = {lane: index for lane, index in indices.items() if index not in sums.at}
+    if not fresh:
+        return sums.row(indices)
+    h = H.row(fresh)
+    return gather(
+        {lane: (h, lane) if lane in fresh else sums.at[i] for lane, i in indices.items()}
+    )

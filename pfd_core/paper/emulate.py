@@ -17,8 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.algorithms.paper.pcrbm_array import SECTION, STREAMS, stream_steps
-from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.dynamics.convergence import record_small_correction
 from pfd_core.dynamics.methods import FORWARD, SERIAL, record_forward_dynamics
 from pfd_core.forking import no_fork
@@ -29,6 +27,7 @@ from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.scene_fields import INPUT
 from pfd_core.model.values import DTYPES, choice, common_shape, integer, real_array
 from pfd_core.paper import networks
+from pfd_core.paper.array import SECTION, STREAMS, solve_cycles, solve_steps, stream_steps
 
 # mpmath computes with more digits, but for hours.
 MOST_DIGITS = 10_000

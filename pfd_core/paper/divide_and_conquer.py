@@ -49,7 +49,7 @@ Parallel cost without light joints, in addition to pose and bias, L = ceil(log2 
 multiplications and 53 additions for single links, 1276 L - 1026 and 1114 L - 882 for joining (L >
 1; 358 and 322 for L = 1), 72 (L - 1) each for parting, 13 and 12 for the accelerations; 6 L + 1
 divisions. Each column of right-hand sides after the first costs single links 12 multiplications.
-With light joints there is also a dense solve on n lanes (pfd_core.algorithms.paper.cholesky) and,
+With light joints there is also a dense solve on n lanes (pfd_core.paper.solve) and,
 for each of them, 4 multiplications and 2 additions, next to the columns. By these forms PCRBM
 with its n^2/6 takes fewer multiplications up to 220 joints. With rotors lent, which a chain of
 equal links needs from somewhere between 80 and 96 joints on, the steps grow faster than log2 n,
@@ -68,11 +68,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.algorithms.beyond.base_origin import Bodies, bodies
-from pfd_core.algorithms.beyond.omega import omega_torques
-from pfd_core.algorithms.chain.base_axes import Links, Pose
-from pfd_core.algorithms.chain.equations import forward_equations
-from pfd_core.algorithms.paper.cholesky import solve
 from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.lanes import absolute, each, merge, on, where
 from pfd_core.machine.program import Program
@@ -80,7 +75,11 @@ from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
 from pfd_core.model import Plant, Robot
 from pfd_core.model.robot import own_inertia
+from pfd_core.paper.chain import Links, Pose, forward_equations
+from pfd_core.paper.composite import Bodies, bodies
 from pfd_core.paper.lanes import broadcast
+from pfd_core.paper.newton_euler import torques
+from pfd_core.paper.solve import solve
 
 SIX = range(6)
 UPPER_OF_SIX = [(i, j) for i in SIX for j in range(i, 6)]
@@ -158,7 +157,7 @@ class Cuts:
 
 def record_divide_and_conquer(plant: Plant, schedule: str) -> Program:
     """Return the program of qdd, (n,), from q, qd and tau, and of its pivots."""
-    recorder, chain, at, y = forward_equations(plant, schedule, omega_torques)
+    recorder, chain, at, y = forward_equations(plant, schedule, torques)
     free = None
     if plant.brakes:
         free = input_row(recorder, 'free')

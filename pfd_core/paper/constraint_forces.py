@@ -73,9 +73,6 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.algorithms.beyond.omega import omega_torques
-from pfd_core.algorithms.chain.base_axes import Links, link_parameters
-from pfd_core.algorithms.chain.equations import forward_equations
 from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.lanes import cos, merge, on, sin
 from pfd_core.machine.program import Program
@@ -90,7 +87,9 @@ from pfd_core.machine.vectors import (
     symmetric_matrix,
 )
 from pfd_core.model import Plant
+from pfd_core.paper.chain import Links, forward_equations, link_parameters
 from pfd_core.paper.lanes import shift
+from pfd_core.paper.newton_euler import torques
 
 FIVE = range(5)
 UPPER_OF_FIVE = [(i, j) for i in FIVE for j in range(i, 5)]
@@ -189,7 +188,7 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
     inertia. ValueError for a plant with rotors, brakes, or a link without mass or inertia.
     """
     _check(plant)
-    recorder, chain, _, y = forward_equations(plant, schedule, omega_torques)
+    recorder, chain, _, y = forward_equations(plant, schedule, torques)
     n = recorder.lanes
     with recorder.section('joint rotation'):
         joint = _joint(input_row(recorder, 'q'), chain)

@@ -1,0 +1,467 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The triangular array: n(n+1)/2 cells that factor H = L L' and solve H x = y in 5n - 2 cycles.
+
+    row 4 ->  P_41   P_42   P_43  (P_44) ->     P_kk  circular cell: divides and takes roots
+    row 3 ->  P_31   P_32  (P_33) ->            P_ki  square cell: multiplies and subtracts
+    row 2 ->  P_21  (P_22) ->
+    row 1 -> (P_11) ->                          columns run upward, P_ii to P_ni
+
+    P_kk   (C, *): u <- sqrt(C), u goes right           C: l_mk = C/u goes right and up
+    P_ki   (C, *): u <- u_in, C - u^2 goes right        C: C - u u_in goes right, u_in goes up
+
+Row k gets (h_kk, *), h_(k+1)k ... h_nk from cycle 2k - 1. Element m is a sum C that meets
+l_m1, l_m2 ... on its way; it is in P_ki in cycle m + k + i - 2, and so is l_mi, without
+waiting. A right-hand side follows as element n + 1 of each row, y_k, and leaves as z_k,
+z = L^-1 y. A mark after y_n then turns the array round: x_k runs left along row k, the rest of
+z_i runs down column i and becomes x_i in P_ii.
+
+    factorisation 3n - 2 cycles, with z 3n - 1, with x 5n - 2
+    a new matrix every n cycles, with a right-hand side every n + 1
+
+Lee and Chang 1987, section 2.6 and Figures 1 and 2. As printed, the array sends h_mi up column i
+where l_mi is needed,
+
+    C_ki^(1) = h_ki,  C_ki^(m+1) = C_ki^(m) - h_im h_km      eqs (29), (30)
+    l_kk = sqrt(C_kk^(k)),  l_ki = C_ki^(i) / h_ii           eq. (31)
+
+and makes the matrix of equations (11) and (12) instead of Cholesky's: for PUMA 560, UR5 and Panda
+a wrong matrix, or the root of a negative number. Corrected, two things differ. P_ii sends its own
+result, so that the streams from below and their memories disappear; and the diagonal element and
+its flag come first, because l_mk needs l_kk, which also takes a cycle off the paper's 3n - 1. The
+way back is ours: in Table 1 n general-purpose processors are used alongside the array.
+
+The drawing of Figure 1 is not available; the streams of the printed design are reconstructed from
+the description. Column i gets h_ii ... h_ni and the flag * from below, from cycle 3i - 2; row k
+gets h_(k+1)k ... h_nk, h_kk from the left, from cycle 2k. A cell keeps the first item that comes
+from below, h_ki, and sends the others on. The times of the paper follow: h_n1 is stored at 2n - 1,
+h_nn and the flag meet in P_n1 at 2n, the last result leaves at 3n - 1. (That all input is stored
+after 2n - 1 cycles holds for column 1 only; h_nn is stored in P_nn at 3n - 2.) Misprints of
+Figure 2: the square cell's second result is C_out, not u_out; its condition u_in = h_ki compares
+numbers, and an equal element further down the stream would be kept too; here it means the first.
+
+Cost of the whole solve, all cells together: (n^3 - n)/6 + n(n - 1) multiplications and as many
+additions, n(n - 1)/2 + 2n divisions, n square roots. A cell multiplies and subtracts, divides
+or takes a root, one of these in a cycle.
+
+Cells take any numbers: floats, mpmath numbers, and values over lanes, so that running the clock
+records a program. There lane 0 holds every number of the array.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pfd_core.dynamics.interface import program_with_outputs
+from pfd_core.machine.lanes import merge, on, sqrt, where
+from pfd_core.machine.program import Instruction, Program, Steps
+from pfd_core.machine.recorder import Lanes
+from pfd_core.model import Plant
+from pfd_core.paper import networks
+from pfd_core.paper.chain import forward_equations, rotors
+from pfd_core.paper.composite import inertia_matrix
+from pfd_core.paper.lanes import gather
+from pfd_core.paper.newton_euler import torques
+from pfd_core.paper.solve import held_joints
+from pfd_core.paper.systolic import DIRECTIONS, Array, Cell, Link, Place, Ports, Step, Trace
+
+FLAG, TURN = '*', 'turn'
+MULTIPLY, DIVIDE, ROOT, STORE = 'multiply and subtract', 'divide', 'square root', 'store'
+# The section of a program that the cells execute, and the section that brings H to lane 0. A real
+# array takes H at its rows, each next to a lane.
+SECTION = 'triangular array'
+STREAMS = f'streams of the {SECTION}'
+
+# The streams of one matrix: for each row k, h_kk, h_(k+1)k ... h_nk, and y_k if there is one.
+Problem = Sequence[Sequence[Any]]
+Streams = dict[Link, dict[int, Any]]
+
+
+class Item(NamedTuple):
+    """Item on a link: a number, with FLAG, TURN or no mark."""
+
+    value: Any
+    mark: str = ''
+
+
+class Registers(NamedTuple):
+    """State of a cell: u, the last result or the last item from below, a root's radicand."""
+
+    u: Any = None
+    last: Any = None
+    radicand: Any = None
+
+
+# The cells of both designs.
+
+
+def circular(state: Registers | None, ports: Ports) -> Step:
+    """Divide by the root of the flagged item; on the way back by the same root."""
+    state = state or Registers()
+    item, back = ports['left'], ports.get('up')
+    if back is not None or item.mark == TURN:
+        z = state.last if back is None else back.value
+        return Step(state, {'left': Item(_quotient(z, state.u))}, DIVIDE)
+    if item.mark == FLAG:
+        u = _root(item.value)
+        return Step(Registers(u, None, item.value), {'right': Item(u, FLAG)}, ROOT)
+    result = Item(_quotient(item.value, state.u))
+    return Step(state._replace(last=result.value), {'right': result, 'up': result}, DIVIDE)
+
+
+def printed_circular(u: Any, ports: Ports) -> Step:
+    """Keep h_kk, divide by it, take the root at the flag: Figure 2 (a)."""
+    item, below = ports['left'], ports['down']
+    if u is None:
+        return Step(below.value, {}, STORE)
+    if below.mark == FLAG:
+        return Step(u, {'up': below, 'right': Item(_root(item.value))}, ROOT)
+    return Step(u, {'up': below, 'right': Item(_quotient(item.value, u))}, DIVIDE)
+
+
+def square(state: Registers | None, ports: Ports) -> Step:
+    """Subtract u times the column's item from the row's; on the way back, the row's from z."""
+    state = state or Registers()
+    item, below, back = ports['left'], ports['down'], ports['right']
+    if back is not None:
+        # The top cell begins with z_i, the last that came up its column.
+        z = ports['up'].value if 'up' in ports else state.last
+        return Step(state, {'left': back, 'down': Item(z - state.u * back.value)}, MULTIPLY)
+    if item.mark == TURN:
+        return Step(state, {'right': item})
+    if item.mark == FLAG:
+        u = below.value
+        return Step(Registers(u), {'right': Item(item.value - u * u, FLAG)}, MULTIPLY)
+    rest = Item(item.value - state.u * below.value)
+    return Step(state._replace(last=below.value), {'right': rest, 'up': below}, MULTIPLY)
+
+
+def printed_square(u: Any, ports: Ports) -> Step:
+    """Keep h_ki, the first to come, and subtract its products: Figure 2 (b)."""
+    item, below = ports['left'], ports['down']
+    if u is None:
+        return Step(below.value, {}, STORE)
+    rest = Item(item.value - u * (u if below.mark == FLAG else below.value))
+    return Step(u, {'up': below, 'right': rest}, MULTIPLY)
+
+
+def _root(value: Any) -> Any:
+    """Return the square root; NaN for a number at or below zero."""
+    if isinstance(value, Lanes):
+        return sqrt(value)
+    return np.sqrt(value) if value > 0 else value * np.nan
+
+
+def _quotient(value: Any, divisor: Any) -> Any:
+    """Return value / divisor; NaN for a number divided by zero."""
+    if not isinstance(divisor, Lanes) and divisor == 0:
+        return value * np.nan
+    return value / divisor
+
+
+# The array and its streams.
+
+
+def triangle(n: int, circular: Cell, square: Cell, *, back: bool) -> Array:
+    """
+    Return a triangular array of n rows of these cells on the diagonal and left of it.
+
+    With `back` it has links to the left and down, for the way back; without, streams enter the
+    diagonal from below.
+    """
+    rows = range(1, n + 1)
+    cells = {(k, i): square if i < k else circular for k in rows for i in range(1, k + 1)}
+    links = {_into((k, 1), 'left') for k in rows}
+    links |= {_out_of(place, way) for place in cells for way in ('right', 'up')}
+    if back:
+        links |= {_out_of(place, 'left') for place in cells}
+        links |= {_out_of((k, i), 'down') for k, i in cells if i < k}
+    else:
+        links |= {_into((k, k), 'down') for k in rows}
+    return Array(cells, links)
+
+
+def _out_of(place: Place, direction: str) -> Link:
+    """Return the link that leads from a place in a direction."""
+    up, right = DIRECTIONS[direction]
+    return Link(place, (place[0] + up, place[1] + right))
+
+
+def _into(place: Place, direction: str) -> Link:
+    """Return the link on which a place receives items from a direction."""
+    link = _out_of(place, direction)
+    return Link(link.target, link.source)
+
+
+def clock(problems: Sequence[Problem], interval: int | None = None, turn: bool = False) -> Trace:
+    """
+    Run the corrected array.
+
+    Parameters
+    ----------
+    problems : sequence of Problem
+        One matrix or several of the same size.
+    interval : int, optional
+        Cycles from one problem to the next; default the fewest possible.
+    turn : bool
+        Whether to run back and solve: one problem with a right-hand side.
+
+    Raises
+    ------
+    ValueError
+        If the interval is shorter than the longest stream.
+
+    """
+    n, length = len(problems[0]), len(problems[0][0])
+    interval = length if interval is None else interval
+    if interval < length:
+        raise ValueError(f'interval must be at least {length} cycles, got {interval}')
+    streams: Streams = {_into((k, 1), 'left'): {} for k in range(1, n + 1)}
+    for p, problem in enumerate(problems):
+        for k, stream in enumerate(streams.values(), 1):
+            items = [Item(value, '' if m else FLAG) for m, value in enumerate(problem[k - 1])]
+            stream.update(enumerate(items, 2 * k - 1 + p * interval))
+    if turn:
+        streams[_into((n, 1), 'left')][2 * n + 1] = Item(None, TURN)
+    return triangle(n, circular, square, back=True).run(streams)
+
+
+# On numbers.
+
+
+@dataclass(frozen=True)
+class Factors:
+    """
+    Factors of a matrix, and the solution.
+
+    Attributes
+    ----------
+    L : numpy.ndarray
+        (n, n), lower triangle; NaN where a root or a quotient does not exist.
+    z, x : numpy.ndarray or None
+        (n,), L^-1 y and H^-1 y; None without a right-hand side, and x None without a solve.
+    status : str
+        'ok'. Of the corrected array else 'not_positive_definite'. Of the printed one 'ok' if
+        L L' = H within rounding, else 'wrong_matrix', 'negative_radicand' if some l_kk does not
+        exist, 'not_finite' if an h_ii that divides is zero.
+    trace : Trace
+        Record of the run; `trace.cycles` is its time.
+
+    """
+
+    L: NDArray[Any]
+    z: NDArray[Any] | None
+    x: NDArray[Any] | None
+    status: str
+    trace: Trace
+
+
+def factor(H: ArrayLike, y: ArrayLike | None = None) -> Factors:
+    """
+    Factor a matrix on the array, with the forward substitution of a right-hand side.
+
+    Parameters
+    ----------
+    H : array_like
+        (n, n), symmetric: floats or mpmath numbers; the lower triangle is read.
+    y : array_like, optional
+        (n,).
+
+    Raises
+    ------
+    ValueError
+        If an argument has the wrong shape or is not finite.
+
+    """
+    return pipeline([H], None if y is None else [y])[0]
+
+
+def solve(H: ArrayLike, y: ArrayLike) -> Factors:
+    """Solve H x = y on the array; arguments and errors as for factor."""
+    return pipeline([H], [y], turn=True)[0]
+
+
+def pipeline(
+    matrices: Sequence[ArrayLike],
+    right_sides: Sequence[ArrayLike] | None = None,
+    interval: int | None = None,
+    turn: bool = False,
+) -> list[Factors]:
+    """
+    Factor several matrices, each following the one before through the array.
+
+    Parameters
+    ----------
+    matrices : sequence of array_like
+        (n, n) each, of one size.
+    right_sides : sequence of array_like, optional
+        (n,) each, one for each matrix.
+    interval : int, optional
+        Cycles between them, at least n, and n + 1 with right-hand sides; default the least.
+    turn : bool
+        Whether to run back and solve: one matrix with a right-hand side.
+
+    Raises
+    ------
+    ValueError
+        If an argument has the wrong shape or is not finite, or the interval is too short.
+
+    """
+    if not len(matrices):
+        raise ValueError('expected at least one matrix, got none')
+    checked = [_finite('H', H, np.shape(H)[:1] * 2) for H in matrices]
+    n, dtype = len(checked[0]), checked[0].dtype
+    if {len(H) for H in checked} != {n}:
+        raise ValueError(f'matrices must have one size, got {[len(H) for H in checked]}')
+    problems = [[[H[m, k] for m in range(k, n)] for k in range(n)] for H in checked]
+    if right_sides is not None:
+        if len(right_sides) != len(checked):
+            raise ValueError(
+                f'expected {len(checked)} right-hand sides, one a matrix, got {len(right_sides)}'
+            )
+        for problem, y in zip(problems, right_sides, strict=True):
+            for row, value in zip(problem, _finite('y', y, (n,)), strict=True):
+                row.append(value)
+    with np.errstate(all='ignore'):
+        trace = clock(problems, interval, turn)
+    return [
+        _sorted(trace, p, n, dtype, right_sides is not None, turn) for p in range(len(checked))
+    ]
+
+
+def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return an array of floats or mpmath numbers; ValueError for a wrong shape or number."""
+    found = np.asarray(values)
+    if found.dtype not in (np.dtype(object), np.dtype(np.float32)):
+        found = found.astype(np.float64)
+    if found.shape != shape or not found.size:
+        expected = '(n, n) with n at least 1' if name == 'H' else str(shape)
+        raise ValueError(f'{name} must have shape {expected}, got {found.shape}')
+    if not np.isfinite(found.astype(np.float64)).all():
+        raise ValueError(f'{name} must be finite, got {found}')
+    return found
+
+
+def _sorted(trace: Trace, p: int, n: int, dtype: Any, forward: bool, turn: bool) -> Factors:
+    """Return the factors of the p-th problem from the items that left the array."""
+    L = np.zeros((n, n), dtype)
+    z, x = np.empty((2, n), dtype)
+    for k in range(n):
+        length = n - k + forward
+        items = trace.leaving((k + 1, k + 1), 'right')[p * length : (p + 1) * length]
+        L[k:, k] = [item.value for item in items[: n - k]]
+        if forward:
+            z[k] = items[-1].value
+        if turn:
+            x[k] = trace.leaving((k + 1, 1), 'left')[0].value
+    sound = np.isfinite(np.diag(L).astype(np.float64)).all()
+    status = 'ok' if sound else 'not_positive_definite'
+    return Factors(L, z if forward else None, x if turn else None, status, trace)
+
+
+def literal_array(H: ArrayLike) -> Factors:
+    """Run the printed design on a matrix; arguments and errors as for factor."""
+    H = _finite('H', H, np.shape(H)[:1] * 2)
+    n = len(H)
+    streams: Streams = {}
+    for k in range(n):
+        below = [Item(H[m, k]) for m in range(k, n)] + [Item(None, FLAG)]
+        left = [Item(H[m, k]) for m in range(k + 1, n)] + [Item(H[k, k])]
+        streams[_into((k + 1, k + 1), 'down')] = dict(enumerate(below, 3 * k + 1))
+        streams[_into((k + 1, 1), 'left')] = dict(enumerate(left, 2 * k + 2))
+    with np.errstate(all='ignore'):
+        trace = triangle(n, printed_circular, printed_square, back=False).run(streams)
+    L = np.zeros_like(H)
+    for k in range(n):
+        *off_diagonal, diagonal = trace.leaving((k + 1, k + 1), 'right')
+        L[k + 1 :, k] = [item.value for item in off_diagonal]
+        L[k, k] = diagonal.value
+    return Factors(L, None, None, _status_of(H, L), trace)
+
+
+def _status_of(H: NDArray[Any], L: NDArray[Any]) -> str:
+    """Return whether a would-be factor is one."""
+    if not np.isfinite(L.astype(np.float64)).all():
+        roots = np.diag(L).astype(np.float64)
+        return 'negative_radicand' if np.isnan(roots).any() else 'not_finite'
+    lower = np.tril_indices(len(H))
+    difference = np.abs((L @ L.T - H)[lower].astype(np.float64)).max()
+    # The bound of Cholesky's backward error: |L L' - H| <= (n + 1) u max|H|, u half of eps.
+    eps = float(np.finfo(L.dtype if L.dtype != object else np.float64).eps)
+    return 'ok' if difference <= (len(H) + 1) * eps * max(abs(H[lower])) else 'wrong_matrix'
+
+
+# On lanes: PCRBM whose solve the cells execute.
+
+
+def record_pcrbm_array(plant: Plant, schedule: str) -> Program:
+    """
+    Return the program of qdd and pivots, (n,), from q, qd and tau.
+
+    H and bias are computed on n lanes, in our form. The cells' arithmetic is in the section
+    SECTION, one step for each operation of each cell; on the array it takes solve_cycles(n)
+    cycles. The pivots are the radicands of the cells: H is positive definite exactly when all are
+    above zero.
+    """
+    recorder, chain, at, y = forward_equations(plant, schedule, torques)
+    rows = inertia_matrix(recorder, chain, at, rotors(recorder, plant))
+    n = recorder.lanes
+    if plant.brakes:
+        rows, y, free = held_joints(rows, y)
+        rows = [merge(where(on(free, [k]), rows[k], math.inf), rows[k]) for k in range(n)]
+    with recorder.section(STREAMS):
+        places = [[*((rows[k], m) for m in range(k, n)), (y, k)] for k in range(n)]
+        problem = [[gather({0: place}) for place in row] for row in places]
+    with recorder.section(SECTION):
+        trace = clock([problem], turn=True)
+    qdd = [trace.leaving((k, 1), 'left')[0].value for k in range(1, n + 1)]
+    pivots = [trace.states[k, k].radicand for k in range(1, n + 1)]
+    return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
+
+
+def solve_cycles(n: int) -> int:
+    """Return the cycles of a whole solve."""
+    return 5 * n - 2
+
+
+def solve_steps(n: int) -> Steps:
+    """
+    Return the steps of a whole solve.
+
+    A cycle is one step of division, if some cell divides, or else of multiplication; one of
+    addition, if some cell subtracts; and one root, if some cell takes one.
+    """
+    divisions = 4 * n - 3 if n > 1 else 2
+    return Steps(
+        multiplications=solve_cycles(n) - divisions,
+        additions=max(5 * n - 7, 0),
+        divisions=divisions,
+        square_roots=n,
+    )
+
+
+def streams(n: int) -> Iterator[tuple[int | None, ...]]:
+    """
+    Yield the routes that bring H to the rows of the array, for each lane the lane it reads.
+
+    Row k takes element (k, m), which is in column m, one cycle after (k, m - 1), and in the same
+    cycle row k + 1 takes (k + 1, m - 1): one route for each k + m.
+    """
+    for cycle in range(1, 2 * n - 2):
+        rows = range(max(cycle - n + 1, 0), (cycle + 1) // 2)
+        yield tuple(cycle - lane if lane in rows else None for lane in range(n))
+
+
+def stream_steps(n: int, processors: int, network: str = 'crossbar') -> Steps:
+    """Return the steps of these routes on a network; on one processor nothing moves."""
+    if processors == 1:
+        return Steps()
+    routes = tuple(Instruction('route', data=sources) for sources in streams(n))
+    return networks.steps(Program(n, routes, {}, {}), network, processors)

@@ -1,0 +1,165 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+PCGM: H qdd = tau - bias by conjugate gradients, H times a vector by the Newton-Euler method.
+
+    1 to 3  0R_i, z_i, p*_i, s_i, J_i, bias
+    4       y = tau - b,  w_0 = y - H x_0,  v_0 = P w_0,  u_0 = v_0       (printed: w_0 = y)
+    5, 6    e_0 = w_0' v_0;  stop if it is zero
+    7       t = H u by NE1                                                (printed: also x_1 = t)
+    8       g = e / u't
+    9, 10   x <- x + g u;  stop after n iterations
+    11      w <- w - g t,  v = P w
+    12, 13  e' = w' v;  stop if it is zero
+    14, 15  u <- v + (e'/e) u
+    16      back to step 7                                                (printed: 5)
+
+Lee and Chang 1987, section 3 and Appendix B, after Walker and Orin 1982, method 4. The
+preconditioner P, the inverse diagonal of H or 1, is ours. The misprints are in
+pfd_core.paper.editions; steps 11 to 15 also run in the last iteration, as item (d) counts them.
+
+The paper's form ends after n iterations, which give the answer in exact arithmetic only: with
+rounding e is hardly ever zero beyond one joint, and the directions lose their orthogonality, so
+that beyond three joints most states need more. Its output `converged` is always one, and
+pfd_core.dynamics.convergence checks afterwards whether qdd satisfies the equations of motion. Ours
+stops at e <= tolerance^2 e_0; a direction with u't <= 0 ends the iteration. The recursive residual
+that the stop reads is no measure of the error.
+
+Parallel cost of an iteration, rotational joints, L = ceil(log2 n), n > 1: 47 multiplications,
+14 L + 32 additions and 2 divisions, Jacobi scaling 1 more multiplication; back to step 5 as
+printed 1 multiplication and L additions more. The paper prints 49, divisions among them, and
+14 L + 30.
+Before the iteration the paper's form takes 27 L + 151 multiplications and 34 L + 108 additions
+with R_i given, for which it prints 27 L + 124 and 34 L + 87. Our form packs the sums in H u: with
+k iterations at n = 6 it takes 182 + 47 k multiplications, 2 k divisions, 189 + 62 k additions and
+214 + 116 k routes in all. The paper has 499 and 621 for k = 6 and counts no routes; in float64 six
+joints take 7 to 13 iterations to converge, which is 525 to 819 and 623 to 995, seen on 3000 states
+of three arms.
+
+Lane i holds link i + 1 and component i + 1 of every vector of n numbers; sums lie on lane 0 and
+are broadcast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+import math
+from typing import Any
+
+from pfd_core.dynamics.interface import input_row, program_with_outputs
+from pfd_core.machine.iteration import TOLERANCE, iterate
+from pfd_core.machine.lanes import where
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes
+from pfd_core.model import Plant
+from pfd_core.paper.chain import forward_equations, rotors
+from pfd_core.paper.composite import composite_forces
+from pfd_core.paper.editions import OURS, STEP_4, STEP_7, STEP_16, Edition, edition_of
+from pfd_core.paper.lanes import broadcast
+from pfd_core.paper.newton_euler import inertia_times, torques
+from pfd_core.paper.patterns import total
+
+# Walks through directions that rounding has made dependent take a multiple of n; the hardest
+# chains of up to 30 joints need 6 n.
+ITERATIONS_PER_JOINT, ITERATIONS_AT_LEAST = 12, 20
+
+
+def default_limit(n: int) -> int:
+    """Return the largest number of iterations of our form for n joints."""
+    return ITERATIONS_PER_JOINT * n + ITERATIONS_AT_LEAST
+
+
+def record_pcgm(
+    plant: Plant,
+    schedule: str,
+    *,
+    start: bool = False,
+    jacobi: bool = False,
+    tolerance: float = TOLERANCE,
+    at_most: int | None = None,
+    edition: Edition = OURS,
+) -> Program:
+    """
+    Return the program of qdd, (n,), iterations and converged, (1,), from q, qd and tau.
+
+    Parameters
+    ----------
+    plant : Plant
+        The robot in its scene.
+    schedule : str
+        One of SCHEDULES; in the paper's form nothing is packed.
+    start : bool
+        Whether an input `start`, (n,), is the first estimate of qdd instead of zero.
+    jacobi : bool
+        Whether to scale by the diagonal of H, which composite bodies give.
+    tolerance : float
+        Stop when the (scaled) residual has fallen by this factor; our form only.
+    at_most : int, optional
+        Largest number of iterations; default default_limit(n), or n in the paper's form.
+    edition : Edition
+        Our form, or the paper's with any of its misprints.
+
+    """
+    recorder, chain, at, y = forward_equations(plant, schedule, torques, edition)
+    inertias = rotors(recorder, plant)
+    free = input_row(recorder, 'free') if plant.brakes else None
+
+    def free_part(x: Lanes, held: float = 0.0) -> Any:
+        return x if free is None else where(free, x, held)
+
+    def times(u: Lanes) -> Any:
+        return free_part(inertia_times(chain, at, u, inertias, packs=not edition.printed))
+
+    inverse = None
+    if jacobi:
+        _, _, diagonal = composite_forces(recorder, chain, at, inertias)
+        inverse = 1.0 / free_part(diagonal, math.inf)
+
+    def scaled(w: Lanes) -> Any:
+        return w if inverse is None else w * inverse
+
+    w = free_part(y)
+    x = free_part(input_row(recorder, 'start')) if start else recorder.constant(0.0)
+    if start and not edition.has(STEP_4):
+        with recorder.section('step 4'):
+            w = w - times(x)
+    with recorder.section('first inner product'):
+        v = scaled(w)
+        e = total(w * v)
+        floor = None if edition.printed else (tolerance * tolerance) * e
+
+    def step(x: Lanes, w: Lanes, u: Lanes, e: Lanes) -> tuple[tuple[Lanes, ...], Any]:
+        with recorder.section('step 7'):
+            t = times(u)
+            x = t if edition.has(STEP_7) else x
+        with recorder.section('step 8'):
+            ut = total(u * t)
+            g = broadcast(e / ut if edition.printed else where(ut, e / ut, 0.0), 0)
+        with recorder.section('steps 9 to 11'):
+            x, w = x + g * u, w - g * t
+            v = scaled(w)
+        with recorder.section('step 12'):
+            after = total(w * v)
+        with recorder.section('steps 14, 15'):
+            u = v + broadcast(after / e, 0) * u
+        if edition.has(STEP_16):
+            with recorder.section('step 5'):
+                after = total(w * v)
+        return (x, w, u, after), after if edition.printed else where(ut, after, 0.0)
+
+    if at_most is None:
+        at_most = recorder.lanes if edition.printed else default_limit(recorder.lanes)
+    (x, _, _, last), iterations = iterate(step, (x, w, v, e), e, at_most, floor=floor)
+    converged = recorder.constant(1.0)
+    if floor is not None:
+        with recorder.section('convergence'):
+            # One if e <= limit, zero residuals included; NaN fails the comparison with minus one.
+            converged = where(last - floor, 0.0, where(last + 1.0, 1.0, 0.0))
+    return program_with_outputs(recorder, iterations=[iterations], converged=[converged], qdd=x)
+
+
+def record_pcgm_1987(
+    plant: Plant, schedule: str, *, misprints: Collection[str] = (), start: bool = False
+) -> Program:
+    """Return the same program in the paper's form, with misprints taken as printed by name."""
+    return record_pcgm(plant, schedule, start=start, edition=edition_of('pcgm_1987', misprints))

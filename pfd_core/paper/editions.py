@@ -1,0 +1,125 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Editions of the paper's procedures: our form, the paper's corrected form, and its misprints.
+
+PCRBM and PCGM are recorded from one function each, for any edition. Our form has one matrix for
+all terms of rotation in the bias, packed recurrences, reduced masses, L D L' without roots, and
+conjugate gradients that iterate until they have converged. The paper's form has its own equations
+(printed), and each misprint can be taken as printed. The source is a scan: an error may be the
+authors', the printer's or the scanner's.
+
+A new misprint is a row of MISPRINTS and a condition in the procedure that has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pfd_core.model.values import choice
+
+
+class Misprint(NamedTuple):
+    """
+    A misprint that can be executed.
+
+    Attributes
+    ----------
+    name : str
+        Its equation or step.
+    procedure : str
+        The method of 1987 that has it.
+    breaks : str
+        What it makes wrong.
+    appendix : bool
+        Whether Appendix A prints it and the procedure has the right form.
+
+    """
+
+    name: str
+    procedure: str
+    breaks: str
+    appendix: bool = False
+
+
+CHOLESKY, STEP_6 = 'equations (11), (12)', 'step 6'
+A_3, A_8 = 'equation (A.3)', 'equation (A.8)'
+STEP_4, STEP_7, STEP_16 = 'step 4', 'step 7', 'step 16'
+MISPRINTS = (
+    Misprint(
+        CHOLESKY,
+        'pcrbm_1987',
+        'h_ij h_kj and h_ii are printed where l_ij l_kj and l_ii are needed',
+    ),
+    Misprint(
+        STEP_6,
+        'pcrbm_1987',
+        'a translational joint has F_j and N_j of a rotational joint',
+    ),
+    Misprint(
+        A_3,
+        'pcrbm_1987',
+        'the first bracket of (19) has the factor M_j instead of M_(j+1)',
+        appendix=True,
+    ),
+    Misprint(
+        A_8,
+        'pcrbm_1987',
+        '(26) depends on the type of joint j instead of joint i',
+        appendix=True,
+    ),
+    Misprint(
+        STEP_4,
+        'pcgm_1987',
+        'w_0 = tau - b for any x_0, where tau - b - H x_0 is needed',
+    ),
+    Misprint(STEP_7, 'pcgm_1987', 'x_1 = t overwrites the iterate'),
+    Misprint(
+        STEP_16,
+        'pcgm_1987',
+        'the loop goes back to step 5 and repeats the inner product of step 12',
+    ),
+)
+# The misprints of each procedure, as it is printed and with Appendix A.
+AS_PRINTED = {
+    procedure: tuple(x.name for x in MISPRINTS if x.procedure == procedure and not x.appendix)
+    for procedure in ('pcrbm_1987', 'pcgm_1987')
+}
+OF_PROCEDURE = {
+    procedure: tuple(x.name for x in MISPRINTS if x.procedure == procedure)
+    for procedure in AS_PRINTED
+}
+
+
+@dataclass(frozen=True)
+class Edition:
+    """
+    A form of the paper's procedures.
+
+    Attributes
+    ----------
+    printed : bool
+        Whether the equations are the paper's own, corrected; else our form.
+    misprints : frozenset of str
+        Misprints that are taken as printed.
+
+    """
+
+    printed: bool = False
+    misprints: frozenset[str] = frozenset()
+
+    def has(self, misprint: str) -> bool:
+        """Return whether a misprint is taken as printed."""
+        return misprint in self.misprints
+
+
+OURS, CORRECTED = Edition(), Edition(printed=True)
+
+
+def edition_of(procedure: str, misprints: Collection[str]) -> Edition:
+    """Return the paper's form of a procedure with some misprints; ValueError for another name."""
+    for name in misprints:
+        choice('misprint', name, OF_PROCEDURE[procedure])
+    return Edition(printed=True, misprints=frozenset(misprints))

@@ -311,15 +311,6 @@ def test_the_program_is_equations_11_and_12(n: int, schedule: str) -> None:
     np.testing.assert_allclose(result['radicands'], below, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize('processors', [1, 2, 5, 50])
-def test_any_number_of_processors_finishes_set_ordering_in_the_least_time(processors: int) -> None:
-    n = 7
-    states = set_ordering(n, processors)
-    assert max(len(state.picked) for state in states) <= processors
-    # No set can be summed faster than its length, nor all faster than one term a processor.
-    assert len(states) - 1 == max(n - 1, math.ceil((n**3 - n) / 6 / processors))
-
-
 @pytest.mark.parametrize('name', ['puma560', 'ur5', 'panda'])
 def test_inertia_matrices_of_real_arms_come_out_wrong_or_not_at_all(name: str) -> None:
     robot = pfd.load_robot(name)

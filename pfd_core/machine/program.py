@@ -152,7 +152,7 @@ class Program:
             If an argument is not such a number or section.
 
         """
-        processors = check_processors(processors, self.lanes)
+        processors = self.lanes if processors is None else _integer('processors', processors, 1)
         iterations = _integer('iterations', iterations, 0)
         if section is not None:
             known = tuple(dict.fromkeys(one.section for one in self.instructions))
@@ -198,11 +198,6 @@ def busy_lanes(instruction: Instruction) -> int:
             source is not None and source != lane for lane, source in enumerate(instruction.data)
         )
     return instruction.active.bit_count()
-
-
-def check_processors(processors: int | None, lanes: int) -> int:
-    """Return a valid number of processors; ValueError if it is below 1."""
-    return lanes if processors is None else _integer('processors', processors, 1)
 
 
 def _integer(name: str, value: int, least: int) -> int:

@@ -14,10 +14,10 @@ structural zero of an algorithm is therefore written as the number 0.0. A `const
 a robot whose numbers happen to be zero has the program of any other robot.
 
 A lane takes part in an operation when all its operands have a value there; pfd_core.machine.lanes
-has the functions that move, empty and fill lanes.
+empties and fills lanes, pfd_core.paper.lanes moves data between them.
 
 Three schedules record the same algorithm. `parallel` writes one instruction for all lanes, for n
-processors in lock-step, and packs partly filled rows of lanes (pfd_core.machine.packing).
+processors in lock-step, and packs partly filled rows of lanes (pfd_core.paper.lanes.packed).
 `unpacked` is the same without packing, for processors on which a route costs as much as
 arithmetic. `sequential` is one processor: every lane of a value has a separate register, and data
 moves by renaming. Fewer processors than lanes execute the program of n lanes, each instruction in

@@ -27,8 +27,10 @@ a_b = 0 and phi_e = 0; down the tree a and phi of every cut follow, and for ever
     qdd = (y - (I S)' a_b + u' phi_e) / D,      y = tau - bias
 
 Lee and Chang 1987 conclude from a theorem of Kung's that the articulated-body recurrence cannot be
-parallelised, because it is not linear. Nothing here contradicts that: this is another method for
-the same accelerations, with far more arithmetic, after Featherstone, A Divide-and-Conquer
+parallelised, because it is not linear. It can: the inertias obey a discrete Riccati equation
+(Rodriguez 1987), and follow by an associative scan (as in Särkkä and García-Fernández,
+arXiv 2104.03186), which this project does not execute yet. This is another method
+for the same accelerations, with far more arithmetic, after Featherstone, A Divide-and-Conquer
 Articulated-Body Algorithm, IJRR 18 (1999), whose pieces take a force at either end. That form has
 the inverse of every link's inertia, which a massless link lacks; here (Redheffer's star product) T
 is invertible for any links, as C_1 N_2 has no positive eigenvalue.
@@ -69,7 +71,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.dynamics.interface import input_row, program_with_outputs
-from pfd_core.machine.lanes import absolute, each, merge, on, where
+from pfd_core.machine.lanes import absolute, merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
@@ -77,7 +79,7 @@ from pfd_core.model import Plant, Robot
 from pfd_core.model.robot import own_inertia
 from pfd_core.paper.chain import Links, Pose, forward_equations
 from pfd_core.paper.composite import Bodies, bodies
-from pfd_core.paper.lanes import broadcast
+from pfd_core.paper.lanes import broadcast, taken
 from pfd_core.paper.newton_euler import torques
 from pfd_core.paper.solve import solve
 
@@ -289,13 +291,7 @@ def _take(value: LaneArray, sources: Sequence[int], lanes: Sequence[int]) -> Lan
     """Return on each of the lanes the value of its source; the other lanes are empty."""
     if list(sources) == list(lanes):
         return array(on(value, lanes))
-    source = dict(zip(lanes, sources, strict=True))
-
-    def move(x: Lanes) -> Lanes:
-        n = x.recorder.lanes
-        return x.recorder.route(x, [source.get(lane) for lane in range(n)], None)
-
-    return array(each(move, value))
+    return array(taken(value, dict(zip(lanes, sources, strict=True))))
 
 
 # Single links: the smallest pieces.
@@ -402,8 +398,11 @@ def solve_pivoted(T: LaneArray, B: LaneArray) -> LaneArray:
     m = len(T)
     rows = [list(row) for row in np.hstack([T, B])]
     for k in range(m):
-        for r in range(k + 1, m):
-            _lead_with_larger(rows, k, r)
+        for r in range(k + 1, m):  # the row with the larger element leads
+            larger = absolute(rows[r][k]) - absolute(rows[k][k])
+            for j in range(k, len(rows[k])):
+                x, y = rows[k][j], rows[r][j]
+                rows[k][j], rows[r][j] = where(larger, y, x), where(larger, x, y)
         inverse = 1.0 / rows[k][k]
         rows[k][k + 1 :] = [inverse * x for x in rows[k][k + 1 :]]
         for r in range(k + 1, m):
@@ -412,14 +411,6 @@ def solve_pivoted(T: LaneArray, B: LaneArray) -> LaneArray:
         for r in range(k):
             _subtract_row(rows, r, k, range(m, len(rows[k])))
     return array([row[m:] for row in rows])
-
-
-def _lead_with_larger(rows: list[list[Lanes]], k: int, r: int) -> None:
-    """Exchange rows k and r where the latter has the larger element in column k."""
-    larger = absolute(rows[r][k]) - absolute(rows[k][k])
-    for j in range(k, len(rows[k])):
-        x, y = rows[k][j], rows[r][j]
-        rows[k][j], rows[r][j] = where(larger, y, x), where(larger, x, y)
 
 
 def _subtract_row(rows: list[list[Lanes]], r: int, k: int, columns: range) -> None:

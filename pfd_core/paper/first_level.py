@@ -23,7 +23,8 @@ Lane i holds R_(i+1).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -31,15 +32,15 @@ from numpy.typing import NDArray
 
 from pfd_core.machine.lanes import merge, on
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
+from pfd_core.machine.recorder import LaneArray, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Robot
-from pfd_core.paper.lanes import collect, shift
+from pfd_core.paper.board import Board
+from pfd_core.paper.lanes import shift
 
 Structure = NDArray[np.float64]  # (n, 3, 3): 0, 1 or -1 where an element is known to be, else NaN
-Index = tuple[int, int]
-# A number with its sign: on a lane of a row.
-Term = tuple[float, Lanes]
+Element = tuple[int, int]
+NINE: Sequence[Element] = tuple(product(range(3), range(3)))
 
 
 def structure_of(robot: Robot) -> Structure:
@@ -72,93 +73,66 @@ def record_fohra(structure: Structure) -> Program:
     while stride < n:
         left = shift(X, stride)
         with recorder.section(f'level {stride.bit_length()}'):
-            product = left @ X if stride > 1 else _first_level(left, X, structure)
-            X = array(merge(on(product, range(stride, n)), X))
+            level = left @ X if stride > 1 else _first_level(left, X, structure)
+            X = array(merge(on(level, range(stride, n)), X))
         stride *= 2
-    places = [(X[r, c], i) for i in range(n) for r in range(3) for c in range(3)]
+    places = [(X[r, c], i) for i in range(n) for r, c in NINE]
     recorder.output('products', (n, 3, 3), places)
     return recorder.program()
 
 
 def _first_level(left: LaneArray, right: LaneArray, structure: Structure) -> LaneArray:
-    """Return R_(i-1) R_i on the lanes from 1 on."""
+    """Return R_(i-1) R_i on the lanes from 1 on; every element stays on its lane."""
     n = len(structure)
-    multiplied = {i: _products(structure[i - 1], structure[i]) for i in range(1, n)}
-    slots = [
-        collect({i: left[a] for i, (a, _) in chosen.items()})
-        * collect({i: right[b] for i, (_, b) in chosen.items()})
-        for chosen in _slots(multiplied)
-    ]
-    terms: dict[tuple[int, Index], list[Term]] = {}
-    for i in range(1, n):
-        row = {pair: slots[k] for k, pair in enumerate(multiplied[i])}
-        for r in range(3):
-            for c in range(3):
-                terms[i, (r, c)] = _terms(r, c, structure, i, (left, right), row)
-    return _summed(terms, right[0, 0].recorder)
+    lanes = range(1, n)
+    recorder = right[0, 0].recorder
+    board = Board()
+    for e in NINE:
+        for name, matrix in (('left', left), ('right', right)):
+            board.put(matrix[e], {i: (name, e, i) for i in lanes})
+            board.put(-matrix[e], {i: (f'-{name}', e, i) for i in lanes})
+    board.put(recorder.constant(0.0), {i: ('zero', i) for i in lanes})
+    terms = {i: {e: list(_terms(structure[i - 1], structure[i], e)) for e in NINE} for i in lanes}
+    products = {
+        i: [t for own in terms[i].values() for t in own if t[0] == 'product'] for i in lanes
+    }
+    for step in _side_by_side(products):
+        board.put(
+            board.row({i: ('left', a, i) for i, (_, a, _) in step.items()})
+            * board.row({i: ('right', b, i) for i, (_, _, b) in step.items()}),
+            {i: (*term, i) for i, term in step.items()},
+        )
+    sums: dict[Any, Any] = {
+        (e, i): (*own[0], i) if own else ('zero', i) for i in lanes for e, own in terms[i].items()
+    }
+    more = {i: [(e, t) for e, own in terms[i].items() for t in own[1:]] for i in lanes}
+    for step in _side_by_side(more):
+        total = board.row({i: sums[e, i] for i, (e, _) in step.items()}) + board.row(
+            {i: (*term, i) for i, (_, term) in step.items()}
+        )
+        names = {i: ('sum', e, term, i) for i, (e, term) in step.items()}
+        board.put(total, names)
+        sums |= {(e, i): names[i] for i, (e, _) in step.items()}
+    return array([board.row({i: sums[e, i] for i in lanes}) for e in NINE]).reshape(3, 3)
 
 
-def _products(first: Structure, second: Structure) -> list[tuple[Index, Index]]:
-    """Return the pairs of elements of which neither is known."""
-    return [
-        ((r, k), (k, c))
-        for r in range(3)
-        for c in range(3)
-        for k in range(3)
-        if np.isnan(first[r, k]) and np.isnan(second[k, c])
-    ]
-
-
-def _slots(tasks: Mapping[int, Sequence[Any]]) -> list[dict[int, Any]]:
-    """Return, for each k, the k-th task of each lane that has one."""
-    most = max(map(len, tasks.values()))
-    return [{i: own[k] for i, own in tasks.items() if k < len(own)} for k in range(most)]
-
-
-def _terms(
-    r: int,
-    c: int,
-    structure: Structure,
-    i: int,
-    factors: tuple[LaneArray, LaneArray],
-    products: Mapping[tuple[Index, Index], Lanes],
-) -> list[Term]:
-    """Return the terms of element (r, c) of the product on lane i that are not zero."""
-    left, right = factors
-    found: list[Term] = []
+def _terms(first: NDArray[Any], second: NDArray[Any], e: Element) -> Iterator[tuple[Any, ...]]:
+    """Yield the names of the terms of an element of the product that are not zero."""
+    r, c = e
     for k in range(3):
-        a, b = structure[i - 1][r, k], structure[i][k, c]
+        a, b = first[r, k], second[k, c]
         if a == 0 or b == 0:
             continue
         if np.isnan(a) and np.isnan(b):
-            found.append((1.0, products[(r, k), (k, c)]))
+            yield 'product', (r, k), (k, c)
         elif np.isnan(a):
-            found.append((b, left[r, k]))
+            yield ('left' if b > 0 else '-left'), (r, k)
         else:
             # The left element is 1 or -1; a known right element is in its register.
-            found.append((a, right[k, c]))
-    return found
+            yield ('right' if a > 0 else '-right'), (k, c)
 
 
-def _summed(terms: Mapping[tuple[int, Index], Sequence[Term]], recorder: Recorder) -> LaneArray:
-    """Return the sums of terms; the k-th additions of all lanes are one step."""
-    lanes = sorted({i for i, _ in terms})
-    zero = recorder.constant(0.0)
-    sums: dict[tuple[int, Index], Lanes] = {}
-    for lane_and_index, (first, *_) in ((x, own or [(1.0, zero)]) for x, own in terms.items()):
-        sign, value = first
-        sums[lane_and_index] = -value if sign < 0 else value
-    additions = {
-        i: [(index, term) for (lane, index), own in terms.items() if lane == i for term in own[1:]]
-        for i in lanes
-    }
-    for chosen in _slots(additions):
-        before = collect({i: sums[i, index] for i, (index, _) in chosen.items()})
-        added = collect(
-            {i: -value if sign < 0 else value for i, (_, (sign, value)) in chosen.items()}
-        )
-        total = before + added
-        for i, (index, _) in chosen.items():
-            sums[i, index] = total
-    rows = [collect({i: sums[i, (r, c)] for i in lanes}) for r in range(3) for c in range(3)]
-    return array(rows).reshape(3, 3)
+def _side_by_side(tasks: Mapping[int, Sequence[Any]]) -> list[dict[int, Any]]:
+    """Return, for each k, the k-th task of each lane that has one."""
+    most = max(map(len, tasks.values()))
+    return [{i: own[k] for i, own in tasks.items() if k < len(own)} for k in range(most)]

@@ -14,7 +14,7 @@ The parallel patterns of the paper, over lanes. L = ceil(log2 n).
                 T x = b, T triangular            section 2.4             n - 1 steps
 
 Lane i holds element i. `*` is any associative operation, given as a function of its left and
-right operand; an operand is a value over lanes, a vector, a matrix or a tuple of these.
+right operand; an operand is a value over lanes, a vector or a matrix.
 n processors run a recurrence by recursive doubling; one processor (the sequential schedule) runs
 it as a sweep, because that is less work. The algorithm is the same.
 
@@ -25,7 +25,6 @@ order for x(i) = x(i-1) a(i); with matrix coefficients on the left it must be X(
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from operator import add
 from typing import Any
 
@@ -37,13 +36,6 @@ from pfd_core.machine.vectors import dot
 from pfd_core.paper.lanes import broadcast, packed, recorder_of, taken
 
 Combine = Callable[[Any, Any], Any]
-
-
-def _apply(function: Callable[..., Any], *values: Any) -> Any:
-    """Apply a function of values per lane to each member of tuples, or to the values."""
-    if isinstance(values[0], tuple):
-        return tuple(function(*members) for members in zip(*values, strict=True))
-    return function(*values)
 
 
 def levels(recorder: Recorder, downward: bool) -> Iterator[dict[int, int]]:
@@ -61,14 +53,14 @@ def levels(recorder: Recorder, downward: bool) -> Iterator[dict[int, int]]:
 def prefix(combine: Combine, x: Any) -> Any:
     """Return X(0) = x(0), X(i) = combine(X(i-1), x(i)) on lane i."""
     for sources in levels(recorder_of(x), downward=False):
-        x = _apply(merge, combine(_apply(partial(taken, sources=sources), x), x), x)
+        x = merge(combine(taken(x, sources), x), x)
     return x
 
 
 def suffix(combine: Combine, x: Any) -> Any:
     """Return X(n-1) = x(n-1), X(i) = combine(x(i), X(i+1)) on lane i."""
     for sources in levels(recorder_of(x), downward=True):
-        x = _apply(merge, combine(x, _apply(partial(taken, sources=sources), x)), x)
+        x = merge(combine(x, taken(x, sources)), x)
     return x
 
 

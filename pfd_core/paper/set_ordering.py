@@ -37,7 +37,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from pfd_core.machine.lanes import sqrt
-from pfd_core.machine.program import Program, check_processors
+from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.paper.board import Board
 from pfd_core.paper.lanes import gather
@@ -105,40 +105,24 @@ class State:
         )
 
 
-def set_ordering(n: int, processors: int | None = None) -> tuple[State, ...]:
-    """
-    Run Procedure Set-Ordering and return its state after Step 1 and after each iteration.
-
-    Parameters
-    ----------
-    n : int
-        Size of the matrix, at least 1.
-    processors : int, optional
-        Default n.
-
-    Raises
-    ------
-    ValueError
-        If n or processors is below 1.
-
-    """
+def set_ordering(n: int) -> tuple[State, ...]:
+    """Run Procedure Set-Ordering for n rows; return its state after Step 1 and each iteration."""
     if n < 1:
         raise ValueError(f'n must be at least 1, got {n}')
-    processors = check_processors(processors, n)
     order = tuple((k, i) for i in range(n, 1, -1) for k in range(n, i - 1, -1))
     sets = {(k, i): tuple(Term((k, i), j) for j in range(i - 1, -1, -1)) for k, i in order}
     states = [State(order, (), sets, {(k, i): i - 1 for k, i in order})]
     while states[-1].N > 0:
-        states.append(_iteration(states[-1], processors))
+        states.append(_iteration(states[-1], n))
     return tuple(states)
 
 
-def _iteration(state: State, processors: int) -> State:
+def _iteration(state: State, n: int) -> State:
     """Return the state after Steps 2 to 5."""
     sets, additions = dict(state.sets), dict(state.additions)
     left = [index for index in state.order if additions[index]]
     order = sorted(left, key=lambda index: -additions[index])
-    picked = order[:processors]
+    picked = order[:n]
     for k, i in picked:
         sets[k, i] = (*sets[k, i][:-2], Term((k, i), i - additions[k, i], summed=True))
         additions[k, i] -= 1

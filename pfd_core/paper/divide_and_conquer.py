@@ -74,11 +74,18 @@ from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.lanes import absolute, merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
-from pfd_core.machine.vectors import array, cross, dot, symmetric_times
+from pfd_core.machine.vectors import (
+    array,
+    constants,
+    cross,
+    dot,
+    symmetric_matrix,
+    symmetric_times,
+)
 from pfd_core.model import Plant, Robot
 from pfd_core.model.robot import own_inertia
 from pfd_core.paper.chain import Links, Pose, forward_equations
-from pfd_core.paper.composite import Bodies, bodies
+from pfd_core.paper.composite import bodies
 from pfd_core.paper.lanes import broadcast, taken
 from pfd_core.paper.newton_euler import torques
 from pfd_core.paper.solve import solve
@@ -316,68 +323,41 @@ def single_links(
 
     """
     body = bodies(chain, pose, pose.p_star + pose.s)
-    moment, force = _moved(chain, pose, body)
-    IS, u = array([*moment, *force]), _tip_motion(chain, pose)
+    # I S about o_(i-1), and u = X S, the acceleration of the origin of frame i for qdd_i = 1.
+    zh = cross(pose.z, body.h)
+    moment, force = symmetric_times(body.inertia, pose.z), zh
+    angular, linear = pose.z, cross(pose.z, pose.p_star)
+    if chain.translational:
+        moment = chain.by_kind(moment, -zh)
+        force = chain.by_kind(force, on(chain.m, chain.translational) * pose.z)
+        angular = chain.by_kind(angular, constants(chain.m.recorder, [0.0] * 3))
+        linear = chain.by_kind(linear, pose.z)
+    IS, u = array([*moment, *force]), array([*angular, *linear])
     # The torque of a unit acceleration of the joint, from its own link.
-    felt = merge(on(force, chain.translational), moment) if chain.translational else moment
-    D = dot(pose.z, array(felt))
+    D = dot(pose.z, chain.by_kind(moment, force))
     for rotor in rotors:
         D = D + rotor
     inverse = 1.0 / D
     if free is not None:
         inverse, D = where(free, inverse, 0.0), where(free, D, math.inf)
     k, ku = inverse * IS, inverse * u
-    link, X = _spatial(body), _shift(pose.p_star)
+    hx, px = _crossing(body.h), _crossing(pose.p_star)
+    zero, one = np.zeros((3, 3)).astype(object), np.eye(3).astype(object)
+    inertia = np.block([[symmetric_matrix(body.inertia), hx], [hx.T, one * body.m]])
+    X = np.block([[one, zero], [px.T, one]])
     pieces = Pieces(
         C=array([u[i] * ku[j] for i, j in UPPER_OF_SIX]),
         beta=np.multiply.outer(ku, y),
-        N=array([_less(IS[i] * k[j], link.get((i, j))) for i, j in UPPER_OF_SIX]),
+        N=array([IS[i] * k[j] - inertia[i, j] for i, j in UPPER_OF_SIX]),
         nu=-np.multiply.outer(k, y),
-        A=array([[-_less(u[i] * k[j], X.get((i, j))) for j in SIX] for i in SIX]),
+        A=array([[-(u[i] * k[j] - X[i, j]) for j in SIX] for i in SIX]),
     )
     return Joints(IS, u, D, inverse, y), pieces
 
 
-def _moved(chain: Links, pose: Pose, body: Bodies) -> tuple[LaneArray, LaneArray]:
-    """Return I S: the moment about o_(i-1) and the force, (3,) each."""
-    zh = cross(pose.z, body.h)
-    moment, force = symmetric_times(body.inertia, pose.z), zh
-    if chain.translational:
-        moment = array(merge(on(-zh, chain.translational), moment))
-        force = array(merge(on(chain.m, chain.translational) * pose.z, force))
-    return moment, force
-
-
-def _tip_motion(chain: Links, pose: Pose) -> LaneArray:
-    """Return u = X S, (6,): acceleration of the origin of frame i for qdd_i = 1."""
-    angular, linear = pose.z, cross(pose.z, pose.p_star)
-    if chain.translational:
-        zero = array([chain.m.recorder.constant(0.0)] * 3)
-        angular = array(merge(on(zero, chain.translational), angular))
-        linear = array(merge(on(pose.z, chain.translational), linear))
-    return array([*angular, *linear])
-
-
-def _spatial(body: Bodies) -> dict[tuple[int, int], Lanes]:
-    """Return the nonzero elements of a link's inertia, upper triangle."""
-    m, h = body.m, body.h
-    places = [(i, j) for i in range(3) for j in range(i, 3)]
-    elements = dict(zip(places, body.inertia, strict=True))
-    elements |= {(0, 4): -h[2], (0, 5): h[1], (1, 3): h[2], (1, 5): -h[0], (2, 3): -h[1]}
-    return elements | {(2, 4): h[0], (3, 3): m, (4, 4): m, (5, 5): m}
-
-
-def _shift(p: LaneArray) -> dict[tuple[int, int], Lanes]:
-    """Return the nonzero elements of X, which shifts accelerations from the origin to p."""
-    one = p[0].recorder.constant(1.0)
-    elements = {(i, i): one for i in SIX}
-    elements |= {(3, 1): p[2], (3, 2): -p[1], (4, 0): -p[2], (4, 2): p[0], (5, 0): p[1]}
-    return elements | {(5, 1): -p[0]}
-
-
-def _less(value: Lanes, other: Lanes | None) -> Lanes:
-    result: Lanes = value if other is None else value - other
-    return result
+def _crossing(v: LaneArray) -> LaneArray:
+    """Return the matrix of v x, (3, 3)."""
+    return array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 # The 6 x 6 problems at the cuts.

@@ -145,7 +145,7 @@ def steps_of(
     Return the steps of a program on its machine.
 
     Cells of the array that act in one cycle are one step; a route brings each antidiagonal of H to
-    the rows of the array (pcrbm_array.streams).
+    the rows of the array (pfd_core.paper.array.streams).
     """
     p = one.processors
     steps = networks.steps(program, network, p, iterations=iterations)

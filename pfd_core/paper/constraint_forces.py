@@ -76,7 +76,7 @@ import numpy as np
 from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.lanes import cos, merge, on, sin
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, lanes_of
 from pfd_core.machine.vectors import (
     UPPER,
     array,
@@ -139,28 +139,24 @@ class Joint:
     turn: tuple[Lanes, Lanes] | None
     slide: Lanes | None
 
-    def to_link(self, v: Any) -> LaneArray:
-        """Return G' v for the first five or six components (8 multiplications, 4 additions)."""
-        nx, ny, fx, fy, *rest = v
-        moved: Any = None
-        if self.turn is not None:
-            c, s = self.turn
-            moved = [c * nx + s * ny, c * ny - s * nx, c * fx + s * fy, c * fy - s * fx]
-        if self.slide is not None:
-            slid = [nx, ny, fx + self.slide * ny, fy - self.slide * nx]
-            moved = _merged(moved, slid, self.slide)
-        return array([*moved, *rest])
+    def across(self, v: Any, back: bool) -> LaneArray:
+        """
+        Return G v, or G' v if `back`, for the first five or six components.
 
-    def from_link(self, v: Any) -> LaneArray:
-        """Return G v (8 multiplications, 4 additions)."""
+        8 multiplications, 4 additions.
+        """
         nx, ny, fx, fy, *rest = v
-        moved: Any = None
+        moved = array([nx, ny, fx, fy])
         if self.turn is not None:
-            c, s = self.turn
-            moved = [c * nx - s * ny, s * nx + c * ny, c * fx - s * fy, s * fx + c * fy]
+            c, s = self.turn[0], self.turn[1] if back else -self.turn[1]
+            moved = array([c * nx + s * ny, c * ny - s * nx, c * fx + s * fy, c * fy - s * fx])
         if self.slide is not None:
-            slid = [nx - self.slide * fy, ny + self.slide * fx, fx, fy]
-            moved = _merged(moved, slid, self.slide)
+            d = self.slide
+            slid = (
+                [nx, ny, fx + d * ny, fy - d * nx] if back else [nx - d * fy, ny + d * fx, fx, fy]
+            )
+            slid = on(array(slid), lanes_of(d.defined))
+            moved = slid if self.turn is None else array(merge(slid, moved))
         return array([*moved, *rest])
 
 
@@ -173,11 +169,6 @@ def _joint(q: Lanes, chain: Links) -> Joint:
     return Joint(
         None if angle is None else (cos(angle), sin(angle)), on(q, slides) if slides else None
     )
-
-
-def _merged(turned: Any, slid: Any, like: Lanes) -> Any:
-    lanes = [i for i in range(like.recorder.lanes) if like.defined >> i & 1]
-    return slid if turned is None else merge(on(array(slid), lanes), array(turned))
 
 
 def record_constraint_forces(plant: Plant, schedule: str) -> Program:
@@ -194,12 +185,14 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
         joint = _joint(input_row(recorder, 'q'), chain)
     slides = set(chain.translational)
     with recorder.section('link constants'):
-        own = _ordered(_inner(_bodies(recorder, plant, range(n))), slides, slides)
+        own = _ordered(_at_inner(_bodies(recorder, plant, range(n))), slides, slides)
         if n > 1:
             # Lane i has its link i and, for the joint between them, link i - 1.
             before = _bodies(recorder, plant, [max(i - 1, 0) for i in range(n)])
-            outer = _ordered(_on_outer(_outer(before), n), slides, slides)
-            through = _ordered(_on_outer(_through(before), n), {i + 1 for i in slides}, slides)
+            outer = _at_point(before.J, before.m, before.outer)  # in the axes of the outer frame
+            outer = _ordered(on(outer, range(1, n)), slides, slides)
+            through = _through(before)
+            through = _ordered(on(through, range(1, n)), {i + 1 for i in slides}, slides)
     with recorder.section('joint equations'):
         A = array([own[k] for k in UPPER_OF_FIVE])
         r = -own[:5, T] * y
@@ -207,9 +200,9 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
         if n > 1:
             A = merge(A + _seen_from_link(joint, outer), A)
             felt = through[T, :5] * shift(y, 1) - outer[:5, T] * y
-            r = merge(r + joint.to_link(felt), r)
+            r = merge(r + joint.across(felt, back=True), r)
             r = merge(r + shift(through[:5, T] * y, -1), r)
-            C = -array([joint.to_link(through[k, :5]) for k in FIVE])
+            C = -array([joint.across(through[k, :5], back=True) for k in FIVE])
     with recorder.section('elimination'):
         stride = 1
         while C is not None:
@@ -221,7 +214,7 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
         f = array([*forces, y])
         qdd = own[T] @ f
         if n > 1:
-            moved = joint.from_link(f)
+            moved = joint.across(f, back=False)
             at_outer = outer[T] @ moved - through[:, T] @ array([*shift(forces, 1), shift(y, 1)])
             qdd = merge(qdd + at_outer, qdd)
             qdd = merge(qdd - shift(through[T] @ moved, -1), qdd)
@@ -277,17 +270,13 @@ def _inverse(S: LaneArray) -> LaneArray:
     return array([scale * x for x in (*first, *others)])
 
 
-def _inner(body: Body) -> LaneArray:
+def _at_inner(body: Body) -> LaneArray:
     """Return E_ii in the axes of the inner joint (75 multiplications, 48 additions)."""
     return _at_point(rotated_symmetric(body.A, body.J), body.m, body.inner)
 
 
-def _outer(body: Body) -> LaneArray:
-    """Return E_oo in the axes of the outer frame (30 multiplications, 18 additions)."""
-    return _at_point(body.J, body.m, body.outer)
-
-
 def _at_point(J: LaneArray, m: Lanes, p: LaneArray) -> LaneArray:
+    """Return E between a point and itself (30 multiplications, 18 additions)."""
     whole = symmetric_matrix(J)
     mixed = array([cross(whole[i], p) for i in range(3)])
     lever = [crossed_element(p, mixed, i, j) for i, j in UPPER]
@@ -308,11 +297,6 @@ def _crossed(p: LaneArray, X: LaneArray) -> LaneArray:
     return array([[crossed_element(p, X, i, j) for j in range(3)] for i in range(3)])
 
 
-def _on_outer(X: LaneArray, n: int) -> LaneArray:
-    """Return the values of the previous link, which the first lane does not have."""
-    return array(on(X, range(1, n)))
-
-
 def _ordered(X: LaneArray, rows: Collection[int], columns: Collection[int]) -> LaneArray:
     """Return X with components in the order n_x, n_y, f_x, f_y, e, t by each lane's joints."""
     first = _components(X, rows)
@@ -321,8 +305,7 @@ def _ordered(X: LaneArray, rows: Collection[int], columns: Collection[int]) -> L
 
 def _components(X: LaneArray, translational: Collection[int]) -> LaneArray:
     e, t = X[5], X[2]
-    n = X[0, 0].recorder.lanes
-    lanes = [lane for lane in sorted(translational) if lane < n and X[0, 0].defined >> lane & 1]
+    lanes = [lane for lane in lanes_of(X[0, 0].defined) if lane in translational]
     if lanes:
         e, t = merge(on(t, lanes), e), merge(on(e, lanes), t)
     return np.vstack([X[[0, 1, 3, 4]], [e, t]])
@@ -330,8 +313,8 @@ def _components(X: LaneArray, translational: Collection[int]) -> LaneArray:
 
 def _seen_from_link(joint: Joint, outer: LaneArray) -> LaneArray:
     """Return the upper triangle of W' G' E_oo G W (72 multiplications, 36 additions)."""
-    half = array([*(joint.to_link(outer[k, :5]) for k in range(4)), outer[E, :5]])
-    whole = [joint.to_link(half[:, k]) for k in FIVE]
+    half = array([*(joint.across(outer[k, :5], back=True) for k in range(4)), outer[E, :5]])
+    whole = [joint.across(half[:, k], back=True) for k in FIVE]
     return array([whole[j][i] for i, j in UPPER_OF_FIVE])
 
 

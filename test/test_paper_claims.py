@@ -101,6 +101,15 @@ def test_a_function_of_the_index_exists(one: dict[str, Any]) -> None:
     assert found.__module__ == module
 
 
+def test_the_map_of_the_package_names_functions_that_exist() -> None:
+    text = inspect.getdoc(import_module('pfd_core.paper')) or ''
+    rows = text.partition('From an equation to its function:')[2].splitlines()
+    found = [re.findall(r'\b([a-z_]+)\.(_?[a-z_]+)', row) for row in rows]
+    assert sum(map(bool, found)) >= 16
+    for module, function in (pair for pairs in found for pair in pairs):
+        assert inspect.isfunction(getattr(import_module(f'pfd_core.paper.{module}'), function))
+
+
 @pytest.mark.parametrize('one', EQUATIONS, ids=lambda one: one['names'][0])
 def test_the_module_of_an_equation_cites_it(one: dict[str, Any]) -> None:
     path = ROOT / (one['function'].partition(':')[0].replace('.', '/') + '.py')

@@ -66,7 +66,6 @@ Lane j holds link j + 1, the composite body of links j + 1..n, and column j of H
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
 from operator import add, mul
 
 from pfd_core.dynamics.interface import input_row, program_with_outputs
@@ -293,38 +292,12 @@ def _forces(
 # About the origin of the base.
 
 
-@dataclass(frozen=True)
-class Bodies:
-    """
-    Rigid bodies, one a lane, about a point.
-
-    Attributes
-    ----------
-    m : Lanes
-        Mass [kg].
-    h : LaneArray
-        (3,), first moment of mass [kg m].
-    inertia : LaneArray
-        (6,), about the point [kg m^2].
-
-    """
-
-    m: Lanes
-    h: LaneArray
-    inertia: LaneArray
-
-    def momentum(self, w: LaneArray, v: LaneArray) -> tuple[LaneArray, LaneArray]:
-        """Return I w + h x v and m v + w x h (24 multiplications, 18 additions)."""
-        moment = symmetric_times(self.inertia, w) + cross(self.h, v)
-        return moment, self.m * v + cross(w, self.h)
-
-
-def bodies(chain: Links, pose: Pose, c: LaneArray) -> Bodies:
-    """Return the links as bodies about a point; c, (3,) [m], are their centres from there."""
+def about_point(chain: Links, pose: Pose, c: LaneArray) -> tuple[LaneArray, LaneArray]:
+    """Return first moments, (3,) [kg m], and inertias, (6,), about a point; c are centres [m]."""
     h = chain.m * c
     x, y, z = h[0] * c[0], h[1] * c[1], h[2] * c[2]
     xy, xz, yz = -(h[0] * c[1]), -(h[0] * c[2]), -(h[1] * c[2])
-    return Bodies(chain.m, h, pose.J + array([y + z, xy, xz, x + z, yz, x + y]))
+    return h, pose.J + array([y + z, xy, xz, x + z, yz, x + y])
 
 
 def inertia_matrix_base_origin(
@@ -342,10 +315,10 @@ def inertia_matrix_base_origin(
         if chain.rotational:
             v = cross(array(merge(shift(o, 1), zero)), pose.z)
         w, v = chain.by_kind(pose.z, zero), chain.by_kind(v, pose.z)
-        links = bodies(chain, pose, o + pose.s)
+        links = about_point(chain, pose, o + pose.s)
     with recorder.section('composite bodies'):
-        composite = Bodies(*(suffix(add, x) for x in (links.m, links.h, links.inertia)))
-        force = composite.momentum(w, v)
+        M, h, inertia = (suffix(add, x) for x in (chain.m, *links))
+        force = symmetric_times(inertia, w) + cross(h, v), M * v + cross(w, h)
     with recorder.section('elements of H'):
         around = [_pairs_at_distance((w, v), force, k) for k in range(n // 2 + 1)]
         if rotors is not None:

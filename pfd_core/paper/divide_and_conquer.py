@@ -85,7 +85,7 @@ from pfd_core.machine.vectors import (
 from pfd_core.model import Plant, Robot
 from pfd_core.model.robot import own_inertia
 from pfd_core.paper.chain import Links, Pose, forward_equations
-from pfd_core.paper.composite import bodies
+from pfd_core.paper.composite import about_point
 from pfd_core.paper.lanes import broadcast, taken
 from pfd_core.paper.newton_euler import torques
 from pfd_core.paper.solve import solve
@@ -322,10 +322,10 @@ def single_links(
         One for joints that move, zero for braked ones.
 
     """
-    body = bodies(chain, pose, pose.p_star + pose.s)
+    h, J = about_point(chain, pose, pose.p_star + pose.s)
     # I S about o_(i-1), and u = X S, the acceleration of the origin of frame i for qdd_i = 1.
-    zh = cross(pose.z, body.h)
-    moment, force = symmetric_times(body.inertia, pose.z), zh
+    zh = cross(pose.z, h)
+    moment, force = symmetric_times(J, pose.z), zh
     angular, linear = pose.z, cross(pose.z, pose.p_star)
     if chain.translational:
         moment = chain.by_kind(moment, -zh)
@@ -341,9 +341,9 @@ def single_links(
     if free is not None:
         inverse, D = where(free, inverse, 0.0), where(free, D, math.inf)
     k, ku = inverse * IS, inverse * u
-    hx, px = _crossing(body.h), _crossing(pose.p_star)
+    hx, px = _crossing(h), _crossing(pose.p_star)
     zero, one = np.zeros((3, 3)).astype(object), np.eye(3).astype(object)
-    inertia = np.block([[symmetric_matrix(body.inertia), hx], [hx.T, one * body.m]])
+    inertia = np.block([[symmetric_matrix(J), hx], [hx.T, one * chain.m]])
     X = np.block([[one, zero], [px.T, one]])
     pieces = Pieces(
         C=array([u[i] * ku[j] for i, j in UPPER_OF_SIX]),

@@ -39,6 +39,11 @@ def cross(a: LaneArray, b: LaneArray) -> LaneArray:
     return array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
+def crossing(v: LaneArray) -> LaneArray:
+    """Return the matrix C, (3, 3), with known zeros: C a is v x a, and a C is a x v."""
+    return array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
 def dot(a: LaneArray, b: LaneArray) -> Lanes:
     """Return the scalar product."""
     result: Lanes = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

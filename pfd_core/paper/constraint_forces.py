@@ -80,8 +80,7 @@ from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, lanes_of
 from pfd_core.machine.vectors import (
     UPPER,
     array,
-    cross,
-    crossed_element,
+    crossing,
     dot,
     rotated_symmetric,
     symmetric_matrix,
@@ -277,24 +276,19 @@ def _at_inner(body: Body) -> LaneArray:
 
 def _at_point(J: LaneArray, m: Lanes, p: LaneArray) -> LaneArray:
     """Return E between a point and itself (30 multiplications, 18 additions)."""
-    whole = symmetric_matrix(J)
-    mixed = array([cross(whole[i], p) for i in range(3)])
-    lever = [crossed_element(p, mixed, i, j) for i, j in UPPER]
+    whole, px = symmetric_matrix(J), crossing(p)
+    mixed = whole @ px
+    lever = [px[i] @ mixed[:, j] for i, j in UPPER]
     force = array([m - x if i == j else -x for (i, j), x in zip(UPPER, lever, strict=True)])
     return np.block([[whole, mixed], [mixed.T, symmetric_matrix(force)]])
 
 
 def _through(body: Body) -> LaneArray:
     """Return E_io, rows in the axes of the inner joint (90 multiplications, 54 additions)."""
+    inner, outer = crossing(body.inner), crossing(body.outer)
     turned = body.A @ symmetric_matrix(body.J)
-    mixed = array([cross(turned[i], body.outer) for i in range(3)])
-    force = body.m * body.A - _crossed(body.inner, mixed)
-    return np.block([[turned, mixed], [-_crossed(body.inner, turned), force]])
-
-
-def _crossed(p: LaneArray, X: LaneArray) -> LaneArray:
-    """Return p x (columns of X), (3, 3) (18 multiplications, 9 additions)."""
-    return array([[crossed_element(p, X, i, j) for j in range(3)] for i in range(3)])
+    mixed = turned @ outer
+    return np.block([[turned, mixed], [-(inner @ turned), body.m * body.A - inner @ mixed]])
 
 
 def _ordered(X: LaneArray, rows: Collection[int], columns: Collection[int]) -> LaneArray:

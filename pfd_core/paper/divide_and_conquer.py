@@ -78,6 +78,7 @@ from pfd_core.machine.vectors import (
     array,
     constants,
     cross,
+    crossing,
     dot,
     symmetric_matrix,
     symmetric_times,
@@ -341,7 +342,7 @@ def single_links(
     if free is not None:
         inverse, D = where(free, inverse, 0.0), where(free, D, math.inf)
     k, ku = inverse * IS, inverse * u
-    hx, px = _crossing(h), _crossing(pose.p_star)
+    hx, px = crossing(h), crossing(pose.p_star)
     zero, one = np.zeros((3, 3)).astype(object), np.eye(3).astype(object)
     inertia = np.block([[symmetric_matrix(J), hx], [hx.T, one * chain.m]])
     X = np.block([[one, zero], [px.T, one]])
@@ -353,11 +354,6 @@ def single_links(
         A=array([[-(u[i] * k[j] - X[i, j]) for j in SIX] for i in SIX]),
     )
     return Joints(IS, u, D, inverse, y), pieces
-
-
-def _crossing(v: LaneArray) -> LaneArray:
-    """Return the matrix of v x, (3, 3)."""
-    return array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 # The 6 x 6 problems at the cuts.

@@ -27,7 +27,7 @@ from pfd_core.dynamics.methods import FORWARD, METHODS, SERIAL
 from pfd_core.kernels.sines import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.model import Robot, resolve
-from pfd_core.paper.conjugate import default_limit, record_pcgm
+from pfd_core.paper.conjugate import record_pcgm
 from pfd_core.paper.emulate import in_sections
 
 SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 32, 48, 64)

@@ -153,7 +153,7 @@ def _exact_residual(recorder: Recorder, plant: Plant, dtype: str) -> list[Lanes]
     else:
         # In axes of the base, so that the rotations are those of the robot, not angles.
         motors = replace(plant, gravity_compensation=None)
-        record = load('algorithms.programs.record_inverse_dynamics')
+        record = load('paper.newton_euler.record_inverse_dynamics')
         torques = record(motors, 'sequential')
     missing = RoundingErrors(recorder, dtype).record(_residual(plant, torques), {})['residual']
     return [x.value if x.error is None else x.value + x.error for x in missing]

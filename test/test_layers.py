@@ -7,6 +7,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
+import importlib
 import importlib.util
 import json
 import os
@@ -177,6 +178,22 @@ def test_the_docstring_of_each_package_is_a_map_of_its_modules() -> None:
         docstring = ast.get_docstring(ast.parse(init.read_text(encoding='utf-8'))) or ''
         lines = re.findall(r'^    (\w+)/? {2,}\S', docstring, re.MULTILINE)
         assert sorted(lines) == sorted(members), init
+
+
+def test_names_of_functions_that_tables_load_at_first_use_exist() -> None:
+    name = re.compile(rf'({"|".join(PFD_CORE)})(\.\w+){{2}}')
+    found = {
+        node.value
+        for path in (ROOT / 'pfd_core').rglob('*.py')
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+        if isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and name.fullmatch(node.value)
+    }
+    assert len(found) >= len(pfd.QUANTITIES)
+    for path in found:
+        module, _, attribute = f'pfd_core.{path}'.rpartition('.')
+        assert hasattr(importlib.import_module(module), attribute), path
 
 
 def test_no_circle_of_imports() -> None:

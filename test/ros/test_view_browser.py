@@ -73,8 +73,6 @@ def test_the_arm_of_a_log_is_in_the_page_and_moves_with_time(
     log: ViewContent, tmp_path: Path
 ) -> None:
     with view_page(0, 'test') as server:
-        # Reflections take several seconds without a graphics card.
-        server.scene.configure_environment_map(None)
         player = ViewPlayer(server.gui, log.motion, fill_view(server, log))
         player.advance(0.0)
         with opened(view_address(server), tmp_path / 'profile') as shown:

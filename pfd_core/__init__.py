@@ -19,8 +19,8 @@ To change or add
     an effect of a joint    an Effect in model.effects.EFFECTS, its Field in
                             model.scene_fields.FIELDS, a field in model.scene. An effect
                             on motors also needs its torque in dynamics.drives; dry
-                            friction its law in simulation.contact.modes (record_effort,
-                            record_modes) and, for joints in motion, in dynamics.drives (_friction)
+                            friction its law in simulation.dry (Law.size, Law.bound) and,
+                            for joints in motion, in dynamics.drives (_friction)
     rotor inertia           config/robots/*.yaml, read by model.yaml_files (_losses); of a URDF by
                             model.urdf (_armature); estimated by model.rotors; acts with
                             Scene(armature=...)
@@ -28,9 +28,8 @@ To change or add
                             misprints
     a method                a module of dynamics or paper, a row of dynamics.methods
     a quantity              a module of dynamics and a row of dynamics.quantities
-    an integrator           a row of simulation.integrators.TABLE; for friction and stops also a
-                            Scheme in simulation.contact.schemes and a row of
-                            simulation.simulation.SCHEMES
+    an integrator           a row of simulation.tableaux.TABLEAUX, for every scene; for its
+                            linearised step also a row of simulation.integrators.TABLE
     sine and cosine         kernels.sines
     threads of batches      kernels.threads: thread_count, block_size
 
@@ -72,11 +71,11 @@ if TYPE_CHECKING:
     from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
     from pfd_core.simulation.ensemble import Ensemble
     from pfd_core.simulation.feedback import Feedback, StateFeedback
-    from pfd_core.simulation.integrators import INTEGRATORS
     from pfd_core.simulation.linearisation import Linearization
     from pfd_core.simulation.motors import MotorSimulator, MotorState
     from pfd_core.simulation.simulator import Simulator
     from pfd_core.simulation.state import SimulationState
+    from pfd_core.simulation.tableaux import INTEGRATORS
     from pfd_core.simulation.trajectory import Trajectory
 
 __version__: str
@@ -147,7 +146,7 @@ _NAMES = {
     'simulation.adaptive': 'AdaptiveTrajectory integrate',
     'simulation.ensemble': 'Ensemble',
     'simulation.feedback': 'Feedback StateFeedback',
-    'simulation.integrators': 'INTEGRATORS',
+    'simulation.tableaux': 'INTEGRATORS',
     'simulation.linearisation': 'Linearization',
     'simulation.motors': 'MotorSimulator MotorState',
     'simulation.simulator': 'Simulator',

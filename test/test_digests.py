@@ -106,7 +106,7 @@ def test_the_page_of_a_log_has_the_stored_findings(name: str) -> None:
 def test_the_logs_have_findings_of_all_kinds() -> None:
     found = [one for name in LOGS for one in digests.stored_findings(name)['findings']]
     assert {one['severity'] for one in found} == {'bad', 'warning', 'note'}
-    kinds = {'gap', 'event', 'rejected input', 'reflex', 'watchdog'}
+    kinds = {'gap', 'event', 'rejected input', 'reflex', 'watchdog', 'diagnostics'}
     assert {one['kind'] for one in found} == kinds | {
         f'{name} limit' for name in ('position', 'velocity', 'effort')
     }

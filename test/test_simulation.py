@@ -10,8 +10,9 @@ from functools import partial
 from itertools import pairwise
 import math
 import operator
+from typing import Any
 
-from bridge import INTEGRATOR_TABLE, IntegratedSystem, record_integrator_step, run_program
+from bridge import TABLEAUX
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -20,7 +21,7 @@ from zoo import random_chain, to_pinocchio
 
 import pfd_core as pfd
 
-INTEGRATORS = tuple(INTEGRATOR_TABLE)
+INTEGRATORS = tuple(TABLEAUX)
 
 # Of three joints, so strong that the implicit stages change a step in its first digits.
 DAMPING = np.array([50.0, 10.0, 200.0])
@@ -79,60 +80,80 @@ class ExactLoss:
         return total
 
 
+def after(x: np.ndarray, h: float, factors: Any, rows: list[np.ndarray]) -> np.ndarray:
+    """Return x + (h w) row + ..., without factors w of zero."""
+    for w, row in zip(factors, rows, strict=False):
+        x = x + row * (h * w) if w else x
+    return x
+
+
+class Step:
+    """A step of an integrator on NumPy, from its tableau, in the order of the native code."""
+
+    def __init__(self, integrator: str, h: float, damping: np.ndarray, compensated: bool) -> None:
+        self.tableau, self.h, self.damping = TABLEAUX[integrator], h, damping
+        self.advance: Any = ExactLoss() if compensated else operator.add
+        self.shared: np.ndarray | None = None
+
+    def explicit(self, f: Any, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the end of a step of q'' = f(q, q')."""
+        t, h = self.tableau, self.h
+        K = [f(q, qd) if self.shared is None else self.shared]
+        for c, A, A_bar in zip(t.c[1:], t.A[1:], t.A_bar[1:], strict=True):
+            dq = after(qd * (h * c), h * h, A_bar, K)
+            K.append(f(q + dq, after(qd, h, A, K)))
+        self.shared = K[-1] if t.shared else None
+        dq = after(qd * h, h * h, t.b_bar, K)
+        return self.advance(q, dq), after(qd, h, t.b, K)
+
+    def implicit(
+        self, f: Any, solve: Any, q: np.ndarray, qd: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the end of a step of ARS(2, 2, 2); solve(q, y) = (H + c h D)^-1 y."""
+        h, D, c, d = self.h, self.damping, self.tableau.implicit, self.tableau.b[0]
+        a = f(q, qd)
+        w = after(qd, h, [c], [a])
+        x = solve(q + qd * (h * c), w * D)
+        v1 = w - x * (h * c)
+        a1 = f(q + v1 * (h * c), v1)
+        w = after(qd, h, [d, 1 - d, c - 1], [a, a1, x])
+        y = solve(after(q, h, [d, 1 - d], [qd, v1]), w * D)
+        v2 = w - y * (h * c)
+        return self.advance(q, v1 * (h * (1 - c)) + v2 * (h * c)), v2
+
+
 @pytest.mark.parametrize('compensated', one_fast([False, True], True))
 @pytest.mark.parametrize('integrator', INTEGRATORS)
-def test_native_steps_are_the_integrator_on_numpy_bit_for_bit(
+def test_native_steps_are_the_tableau_on_numpy_bit_for_bit(
     integrator: str, compensated: bool
 ) -> None:
     robot = random_chain(np.random.default_rng(2), 3)
     scene = pfd.Scene(damping=DAMPING, armature=np.full(3, 0.1))
-    kernel = pfd.compile_kernel(robot, method='composite_body', scene=scene)
     step_size, substeps = 2e-3, 2
-    sim = pfd.Simulator(
-        robot,
-        scene,
-        step_size=step_size,
-        substeps=substeps,
-        integrator=integrator,
-        compensated=compensated,
+    settings = {'step_size': step_size, 'substeps': substeps, 'compensated': compensated}
+    sim = pfd.Simulator(robot, scene, integrator=integrator, **settings)
+    tableau, h = TABLEAUX[integrator], step_size / substeps
+    undamped = replace(scene, damping=None)
+    heavier = replace(undamped, gravity=None, armature=tableau.implicit * h * DAMPING + 0.1)
+    kernel, explicit, heavy = (
+        pfd.compile_kernel(robot, method='composite_body', scene=x)
+        for x in (scene, undamped, heavier)
     )
-    row = INTEGRATOR_TABLE[integrator]
-    h = step_size / substeps
-    program = record_integrator_step(row, 3, h, DAMPING, compensated=compensated)
-    exact = ExactLoss()
-    advance = exact if compensated else operator.add
-    undamped = pfd.compile_kernel(
-        robot, method='composite_body', scene=replace(scene, damping=None)
-    )
-    heavier = replace(scene, gravity=None, damping=None, armature=row.implicit * h * DAMPING + 0.1)
-    heavy = pfd.compile_kernel(robot, method='composite_body', scene=heavier)
-
-    def solve(q: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return heavy(q, np.zeros(3), y)
-
+    step = Step(integrator, h, DAMPING, compensated)
     q, qd = np.zeros(3), np.zeros(3)
     for tau in np.random.default_rng(3).normal(size=(20, 3)):
-        f, explicit = partial(kernel, tau=tau), partial(undamped, tau=tau)
-        functions = {'qdd': f, 'undamped': explicit, 'solve': solve}
-        part = explicit if row.implicit else f
-        system = IntegratedSystem(
-            lambda q, qd, at, part=part: part(q, qd), advance, solve, DAMPING
-        )
         sim.step(tau)
-        state = {'q': q, 'qd': qd, 'qdd': f(q, qd)}
-        x = state = {name: state[name] for name in row.carried}
-        if compensated:
-            x = x | {'q_low': exact.low}
+        # A new torque: the step begins with an acceleration of its own.
+        step.shared = None
         for _ in range(substeps):
-            end = row.step(system, h, *state.values())
-            state = dict(zip(state, end, strict=True))
-            x = run_program(program, x, functions=functions)
-        q, qd = state['q'], state['qd']
+            if tableau.implicit:
+                functions = partial(explicit, tau=tau), lambda q, y: heavy(q, np.zeros(3), y)
+                q, qd = step.implicit(*functions, q, qd)
+            else:
+                q, qd = step.explicit(partial(kernel, tau=tau), q, qd)
         np.testing.assert_array_equal(sim.q, q)
         np.testing.assert_array_equal(sim.qd, qd)
-        np.testing.assert_array_equal(sim.qdd, f(q, qd))
-        np.testing.assert_array_equal(sim.q, x['q'])
-        np.testing.assert_array_equal(sim.qd, x['qd'])
+        np.testing.assert_array_equal(sim.qdd, kernel(q, qd, tau))
 
 
 @pytest.mark.parametrize(('integrator', 'q0', 'seconds', 'most'), ENERGY_DRIFT)
@@ -164,9 +185,7 @@ def test_the_error_falls_with_the_order_of_the_integrator(integrator: str) -> No
     ).q[-1]
     errors = [np.abs(end(substeps) - reference).max() for substeps in (2, 4, 8)]
     for coarse, fine in pairwise(errors):
-        assert math.log2(coarse / fine) == pytest.approx(
-            INTEGRATOR_TABLE[integrator].order, abs=0.2
-        )
+        assert math.log2(coarse / fine) == pytest.approx(TABLEAUX[integrator].order, abs=0.2)
 
 
 def test_a_pendulum_swings_as_its_equation_says() -> None:

@@ -188,14 +188,23 @@ def test_an_arm_moves_by_the_same_bits_alone_step_by_step_and_in_an_ensemble(
     np.testing.assert_array_equal(stepped.qdd, run.qdd[-1])
 
 
-def test_implicit_damping_is_refused_in_a_scene_with_friction_and_without_damping() -> None:
-    robot = pfd.load_robot('ur5')
-    expected = (
-        r"integrator must be one of \['rk4', 'velocity_verlet'\] in a scene with friction or "
-        "joint_limits and without damping, got 'imex2'"
+@pytest.mark.parametrize('integrator', pfd.INTEGRATORS)
+@pytest.mark.parametrize('damping', [None, [1e-9]])
+def test_all_integrators_take_steps_with_friction_and_stops(
+    integrator: str, damping: list[float] | None
+) -> None:
+    # 1 kg under 3 N and a friction of 1 N, from a reversal to an impact at 1 m.
+    scene = pfd.Scene(
+        gravity=None, friction=[1.0], damping=damping, joint_limits=[[-1.0, 1.0]], restitution=0.5
     )
-    with pytest.raises(ValueError, match=expected):
-        pfd.Simulator(robot, pfd.Scene(friction=[1.0] * 6), integrator='imex2')
+    sim = pfd.Simulator(slider(1, 0), scene, integrator=integrator)
+    sim.reset([0.5], [-0.5])
+    run = sim.rollout(np.full((1000, 1), 3.0))
+    assert run.status == 'ok'
+    way = 0.5 + 0.5**2 / 8
+    # It meets the stop with 2 sqrt(way), and returns with half of that, against 4 N.
+    left = 1.0 - (0.125 + np.sqrt(way))
+    assert run.qd[-1, 0] == pytest.approx(4 * left - np.sqrt(way), abs=1e-6)
 
 
 def test_stops_out_of_reach_leave_the_motion_as_it_is_with_lagging_motors() -> None:

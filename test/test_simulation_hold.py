@@ -8,7 +8,7 @@ An integrator with the controller inside its implicit solve would call every gai
 
 from __future__ import annotations
 
-from bridge import INTEGRATOR_TABLE
+from bridge import TABLEAUX
 import numpy as np
 from oracle import Oracle
 import pytest
@@ -23,7 +23,7 @@ INERTIA = 0.025
 
 @pytest.mark.sweep
 @pytest.mark.parametrize('substeps', one_fast([1, 3], 3))
-@pytest.mark.parametrize('integrator', INTEGRATOR_TABLE)
+@pytest.mark.parametrize('integrator', TABLEAUX)
 @pytest.mark.parametrize(
     ('kp', 'kd', 'radius'),
     [
@@ -61,7 +61,7 @@ def test_a_sampled_loop_is_the_closed_form_of_the_hold(
 
 @pytest.mark.slow
 @pytest.mark.parametrize('damped', [False, True])
-@pytest.mark.parametrize('integrator', INTEGRATOR_TABLE)
+@pytest.mark.parametrize('integrator', TABLEAUX)
 def test_an_arm_is_stable_just_below_the_limit_of_its_lightest_direction(
     integrator: str, damped: bool
 ) -> None:
@@ -83,3 +83,39 @@ def test_an_arm_is_stable_just_below_the_limit_of_its_lightest_direction(
         law = pfd.Feedback(np.full(6, ratio * kd), np.full(6, kd), q)
         run = many.rollout(steps=200, feedback=law)
         assert (np.abs(run.q[0, -1] - q).max() < 1e-10) == stable
+
+
+# ---- a small velocity of a held joint ---------------------------------------------------------
+
+STATES, SCENES, SMALL = 25, 8, 1e-4
+ARMATURE = np.array([0.8, 4.0, 0.8])
+
+
+@pytest.mark.parametrize('seed', range(SCENES))
+def test_a_small_velocity_of_a_held_joint_changes_the_end_of_an_implicit_step_little(
+    seed: int,
+) -> None:
+    # Damping D of strengths h D / H up to 120, and torques that keep the other joints moving.
+    rng, h = np.random.default_rng(seed), 1e-3
+    robot = pfd.load_robot('puma560', locked={f'joint{k}': 0.3 for k in (4, 5, 6)})
+    rotors = pfd.Scene(armature=ARMATURE)
+    H = pfd.compile_kernel(robot, scene=rotors, quantity='inertia_matrix')
+    bias = pfd.compile_kernel(robot, scene=rotors, quantity='bias_torques')
+    q, v = rng.uniform(-1, 1, (STATES, 3)), rng.uniform(-1.5, 1.5, (STATES, 3))
+    diagonals = np.diagonal(H(q), axis1=1, axis2=2)
+    damping = diagonals.min(axis=0) / h * np.exp(rng.uniform(np.log(0.05), np.log(120), 3))
+    friction, held = rng.uniform(2, 20, 3), rng.integers(3, size=STATES)
+    of = np.arange(STATES), held
+    v[of] = 0.0
+    tau = bias(q, v) + damping * v + friction * (np.sign(v) + rng.uniform(-0.3, 0.3, v.shape))
+    scene = pfd.Scene(armature=ARMATURE, friction=friction, damping=damping)
+    arms = pfd.Ensemble(robot, STATES, scene, step_size=h, substeps=1, integrator='imex2')
+    ends = []
+    for velocity in (0.0, SMALL, -SMALL):
+        v[of] = velocity
+        arms.reset(q, v)
+        arms.rollout(tau[:, np.newaxis])
+        ends.append(np.hstack([arms.q, arms.qd]))
+    assert (ends[0][of[0], 3 + held] == 0.0).all()
+    for end in ends[1:]:
+        assert np.abs(end - ends[0]).max() < 10 * SMALL

@@ -8,7 +8,7 @@ import math
 import pickle
 from typing import Any
 
-from bridge import INTEGRATOR_TABLE
+from bridge import TABLEAUX
 import numpy as np
 import pytest
 from sampling import one_fast
@@ -16,7 +16,7 @@ from zoo import WHEEL
 
 import pfd_core as pfd
 
-INTEGRATORS = tuple(INTEGRATOR_TABLE)
+INTEGRATORS = tuple(TABLEAUX)
 # Moment of inertia of the wheel about its joint [kg m^2].
 INERTIA = 0.025
 START = np.array([0.1, -0.7, 0.9, 0.3, 0.2, 0.5])
@@ -75,7 +75,7 @@ def reference(lag: np.ndarray, **scene: Any) -> np.ndarray:
 def test_the_error_falls_with_the_order_of_the_integrator(
     integrator: str, lag: np.ndarray
 ) -> None:
-    scene = {'damping': np.full(6, 100.0)} if INTEGRATOR_TABLE[integrator].implicit else {}
+    scene = {'damping': np.full(6, 100.0)} if TABLEAUX[integrator].implicit else {}
     right = reference(lag, **scene)
     errors = []
     for substeps in (30, 120):
@@ -84,7 +84,7 @@ def test_the_error_falls_with_the_order_of_the_integrator(
         errors.append(np.abs(sim.q - right).max())
     assert errors[-1] < (1e-9 if integrator == 'rk4' else 3e-6)
     order = math.log2(errors[0] / errors[1]) / 2
-    assert order == pytest.approx(INTEGRATOR_TABLE[integrator].order, abs=0.2)
+    assert order == pytest.approx(TABLEAUX[integrator].order, abs=0.2)
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,9 @@ from typing import Any
 
 import bridge
 from bridge import (
-    INTEGRATOR_TABLE,
     STIFF_DECAY,
     fastest_decay,
     inertia_matrices,
-    record_integrator_step,
     resolve_plant,
 )
 import numpy as np
@@ -146,15 +144,6 @@ def test_functions_that_are_cut_into_parts_take_the_same_steps(
     assert any('@part1.' in ir for ir in emitted)
     reference = pfd.integrate(robot, np.zeros(3), 0.02, scene=scene).q[-1]
     np.testing.assert_allclose(end, reference, rtol=0, atol=ACCURATE)
-
-
-@pytest.mark.parametrize('name', INTEGRATOR_TABLE)
-def test_a_step_makes_its_evaluations_and_solves_only_with_damping(name: str) -> None:
-    integrator = INTEGRATOR_TABLE[name]
-    for damping, solutions in ((None, 0), (np.ones(2), integrator.solutions)):
-        instructions = record_integrator_step(integrator, 2, 1e-3, damping).instructions
-        calls = sum(instruction.op == 'call' for instruction in instructions)
-        assert calls == integrator.evaluations + solutions
 
 
 # Roundings of a few substeps, compared with the terms of a stage that are h lambda times as large.

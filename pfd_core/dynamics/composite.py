@@ -130,6 +130,32 @@ def record_inertia_matrix(plant: Plant) -> Program:
     return program_with_outputs(chain.recorder, H=H)
 
 
+def record_held(plant: Plant) -> Program:
+    """
+    Return the program of accelerations x of the joints that move, and of what holds the others.
+
+    Inputs are q, qd, tau and free; the output, (2, n), is x and lambda = H x + bias - tau.
+    """
+    chain = chain_of(plant)
+    y, n = right_side(chain), plant.robot.n
+    H = composite_bodies(chain)
+    add_rotors(chain.recorder, plant, H)
+    x = solution(factorise(H, free_input(chain.recorder, plant)), y)
+    held = [sum((H[max(i, j)][min(i, j)] * x[j] for j in range(n)), -y[i]) for i in range(n)]
+    return program_with_outputs(chain.recorder, x=[x, held])
+
+
+def record_solve(plant: Plant) -> Program:
+    """Return the program of (H + diag(rotor))^-1 tau, (n,), of the joints that move, from q."""
+    chain = chain_of(plant)
+    H = composite_bodies(chain)
+    add_rotors(chain.recorder, plant, H)
+    for row, rotor in zip(H, chain.inputs('rotor'), strict=True):
+        row[-1] = row[-1] + rotor
+    x = solution(factorise(H, free_input(chain.recorder, plant)), chain.inputs('tau'))
+    return program_with_outputs(chain.recorder, x=x)
+
+
 record_composite_body = partial(
     record_by_matrix, inertia_matrix=composite_bodies, parameters=GROUPED
 )

@@ -11,7 +11,7 @@ LLVM IR of adaptive steps: stages, error control, dense output and events in one
     @settle      impacts, modes and accelerations after an event
     @margin_at   the margin of all events at a part of a step
 
-pfd_core.simulation.step_control records the programs, and pfd_core.simulation.contact further ones
+pfd_core.simulation.step_control records the programs, and other modules there further ones
 for dry friction and joint stops; this module calls them in their order. All values that an attempt
 takes from the attempt before lie in arrays of the caller, so that a run can be split into calls
 after any attempt.

@@ -34,7 +34,7 @@ LONG = 32
 # Elements of a state up to which copies are straight-line code.
 UNROLLED = 16
 # All inputs that a program may have, in the order of a kernel's arguments.
-ORDER = ('q', 'qd', 'qdd', 'tau', 'wrench', 'free', 'p', 'motors', 'targets', 'before')
+ORDER = ('q', 'qd', 'qdd', 'tau', 'wrench', 'free', 'p', 'rotor', 'motors', 'targets', 'before')
 
 
 def inputs_of(program: Program) -> list[str]:

@@ -38,10 +38,12 @@ from pfd_core.kernels.ir import Code
 from pfd_core.kernels.lower import joined
 from pfd_core.kernels.matmul import LONGEST, PART, multiply
 from pfd_core.kernels.matrices import Matrices, Matrix, widths
-from pfd_core.kernels.simulate import HANDED, MOTION, MOTOR_TORQUE
+from pfd_core.kernels.simulate import MOTION, MOTOR_TORQUE
 from pfd_core.kernels.sines import WRAP_LIMIT, wrap_angle
 from pfd_core.machine.program import Program
 
+# Inputs that a `call` of a step hands over, by the name of its function.
+HANDED = {'qdd': (*MOTION, 'tau'), 'undamped': (*MOTION, 'tau'), 'solve': ('q', 'tau')}
 # Angles of at most this magnitude stay as they are [rad]: a stage rounds them little.
 ANGLE_LIMIT = 8.0
 # The torque that a step is given, by which its end is derived as well.

@@ -55,6 +55,12 @@ class Frame:
             raise ValueError(f'array {name!r} has {known} elements, not {size}')
         return first
 
+    def split(self, name: str, *parts: str) -> None:
+        """Name the equal parts of an array."""
+        first, size = self._places[name]
+        for k, part in enumerate(parts):
+            self._places[part] = first + k * size // len(parts), size // len(parts)
+
     def length(self, name: str) -> int:
         """Return the number of elements of an array."""
         return self._places[name][1]
@@ -99,7 +105,8 @@ class Script:
     places : dict
         Addresses of arrays that are parameters instead of parts of the frame.
     inline : bool
-        Whether LLVM inlines the function where it is called.
+        Whether LLVM inlines the function where it is called. The programs that it runs are written
+        into it, instead of calls.
 
     """
 
@@ -120,6 +127,7 @@ class Script:
         attribute = '' if inline else ' noinline'
         self.code = Code(f'define internal void @{name}({parameters}){attribute}', dtype, width)
         self._frame, self._dynamics, self._programs = frame, dynamics, programs
+        self._inline = inline
         self._places = dict(places)
         self._step = width * self.code.bytes
 
@@ -168,6 +176,11 @@ class Script:
     def run(self, name: str, **arrays: str) -> None:
         """Run a program on the arrays of its names, or on other arrays if given."""
         program = self._programs[name]
+        if self._inline:
+            values = operations(self.code, program, lambda x, k: self.element(arrays.get(x, x), k))
+            for key, output in program.outputs.items():
+                self.write(arrays.get(key, key), [values[place] for place, _ in output.places])
+            return
         sizes = program.inputs | {x: len(y.places) for x, y in program.outputs.items()}
         places = [
             self.at(arrays.get(key, key), sizes[key])

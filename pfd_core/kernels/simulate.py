@@ -39,11 +39,9 @@ from pfd_core.machine.program import Program
 # The rows of the state that every simulation has, and the arrays that it reports.
 MOTION = ('q', 'qd')
 REPORT = (*MOTION, 'qdd')
-# Inputs that a `call` hands over, by the name of its function; the frame has the others. The
-# torque is handed over where it changes within a step.
-HANDED = {'qdd': (*MOTION, 'tau'), 'undamped': (*MOTION, 'tau'), 'solve': ('q', 'tau')}
-# The row of the state that is the torque, where motors lag behind the commanded one.
-MOTOR_TORQUE = 'tau_motor'
+# Rows of the state in some simulations: the torque, where motors lag behind the commanded one;
+# rounding errors of the positions, for sums that keep them; 1 once a step had too many events.
+MOTOR_TORQUE, LOW_POSITION, UNFINISHED = 'tau_motor', 'q_low', 'unfinished'
 # Outputs of a control program that are no arrays: flags that are counted, and the end of the run.
 COUNTS, STOP = 'counts', 'stop'
 
@@ -55,9 +53,10 @@ class Steps:
 
     Attributes
     ----------
-    program : Program
-        An integrator's step on one lane for each joint. Its outputs are the rows of the state; it
-        reads qdd where it begins with the acceleration that the step before ended with.
+    n : int
+        Number of joints.
+    further : tuple of str
+        Rows of the state other than q, qd and qdd: zero before the first step.
     inputs : dict
         Elements of the inputs of the dynamics besides q and qd.
     written : tuple of str
@@ -65,6 +64,8 @@ class Steps:
         acceleration is also a row, else there is @accelerations.
     dtype, width
         As of Code.
+    shared : bool
+        Whether a substep begins with the acceleration qdd that the one before ended with.
     control : Program, optional
         A lowered or recorded program that computes the torque of each step, its output tau; else
         tau is an array. It reads the state, inputs, its own outputs of the step before, and
@@ -74,22 +75,19 @@ class Steps:
 
     """
 
-    program: Program
+    n: int
+    further: tuple[str, ...]
     inputs: Mapping[str, int]
     written: tuple[str, ...]
     dtype: str
     width: int = 1
+    shared: bool = False
     control: Program | None = None
-
-    @property
-    def further(self) -> tuple[str, ...]:
-        """Rows of the state other than q, qd and qdd: zero before the first step."""
-        return tuple(name for name in self.program.outputs if name not in (*MOTION, 'qdd'))
 
     @property
     def torque(self) -> str:
         """The row or input that is the torque at the beginning and the end of a step."""
-        return MOTOR_TORQUE if MOTOR_TORQUE in self.program.outputs else 'tau'
+        return MOTOR_TORQUE if MOTOR_TORQUE in self.further else 'tau'
 
     @property
     def rows(self) -> dict[str, int]:
@@ -97,7 +95,7 @@ class Steps:
         names = [*MOTION, *self.further, *(['qdd'] if 'qdd' in self.written else [])]
         if self.control is not None:
             names += [name for name in self.control.inputs if name in self.control.outputs]
-        return dict.fromkeys(names, self.program.lanes)
+        return dict.fromkeys(names, self.n)
 
     @property
     def arrays(self) -> tuple[str, ...]:
@@ -134,42 +132,9 @@ def simulation_functions(steps: Steps, dynamics: Mapping[str, Program], frame: F
     if 'qdd' not in steps.written:
         parts.append(_accelerations(steps, frame))
     if steps.width > 1:
-        sizes = sorted({steps.program.lanes, *steps.inputs.values()})
+        sizes = sorted({steps.n, *steps.inputs.values()})
         parts += [_copy(steps, size, inward) for size in sizes for inward in (True, False)]
     return [*parts, _simulate(steps, frame)]
-
-
-def smooth_step(steps: Steps, dynamics: Mapping[str, Program], frame: Frame) -> list[str]:
-    """
-    Return @advance and @accelerate of a scene without dry friction and joint stops.
-
-    Each lane of the integrator's program is a separate value, which holds one number, or one for
-    each of `width` arms. `dynamics` are the lowered programs of the functions that it calls.
-    """
-    s = Script('advance', frame, dynamics, steps.dtype, steps.width, inline=True)
-    if 'solve' in dynamics:
-        s.fill('zero', 0.0, steps.program.lanes)
-    values: list[list[str]] = []
-    for op, args, data, *_ in steps.program.instructions:
-        operands = [values[a] for a in args]
-        if op == 'call':
-            arrays = {'qd': 'zero'} if data == 'solve' else {}
-            for name, row in zip(HANDED[data], operands, strict=False):
-                arrays[name] = f'{name}.stage'
-                s.write(arrays[name], row)
-            s.evaluate('qdd.stage', data, **arrays)
-            values.append(s.read('qdd.stage'))
-        elif op == 'input':
-            values.append([s.element(name, k) for name, k in data])
-        elif op == 'constant':
-            values.append([s.code.constant(x) for x in data])
-        else:
-            values.append([s.code.op(op, *lane) for lane in zip(*operands, strict=True)])
-    for name, (_, places) in steps.program.outputs.items():
-        s.write(name, [values[register][k] for k, (register, _) in enumerate(places)])
-    end = Script('accelerate', frame, dynamics, steps.dtype, steps.width, inline=True)
-    end.evaluate('qdd', 'qdd', tau=steps.torque)
-    return [str(s), str(end)]
 
 
 def evaluations(
@@ -212,7 +177,7 @@ def simulation_module(parts: Sequence[str], steps: Steps, wrapped: bool) -> str:
 def new_frame(steps: Steps) -> Frame:
     """Return a frame with the state, the inputs of the dynamics, and results of the control."""
     frame = Frame()
-    sizes = steps.rows | {'qdd': steps.program.lanes} | dict(steps.inputs)
+    sizes = steps.rows | {'qdd': steps.n} | dict(steps.inputs)
     if steps.control is not None:
         sizes |= {name: len(places) for name, (_, places) in steps.control.outputs.items()}
     for name, size in sizes.items():
@@ -237,7 +202,7 @@ def _brake(steps: Steps, dynamics: Mapping[str, Program], frame: Frame) -> str:
         flag = code.let(f'and {code.flag} {braked}, {moving}')
         moves = code.let(f'or {code.flag} {moves}, {flag}') if moves else flag
     with code.when(code.any(moves), rarely=True):
-        s.fill('zero', 0.0, steps.program.lanes)
+        s.fill('zero', 0.0, steps.n)
         s.evaluate('load', 'momentum', qd='zero', qdd='qd')
         s.evaluate('after', 'inertial', qd='zero', tau='load')
         velocities = []
@@ -294,7 +259,7 @@ def _simulate(steps: Steps, frame: Frame) -> str:
                     unless_stopped.enter_context(code.when(code.negated(stop)))
             if 'free' in steps.inputs:
                 arms.call('brake')
-            if 'qdd' in steps.program.inputs:
+            if steps.shared:
                 arms.call('accelerate')
             with code.loop('%substeps'):
                 arms.call('advance')

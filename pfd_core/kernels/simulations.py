@@ -17,8 +17,9 @@ import hashlib
 from typing import Any
 
 from pfd_core.dynamics.numbers import PARAMETERS, count
+from pfd_core.forking import no_fork
 from pfd_core.kernels.adaptive import WRITTEN, AdaptivePair, adaptive_module, carried
-from pfd_core.kernels.contact import Contact, contact_step
+from pfd_core.kernels.contact import Contact
 from pfd_core.kernels.lower import lower, operations
 from pfd_core.kernels.native import Native
 from pfd_core.kernels.recipes import (
@@ -29,14 +30,13 @@ from pfd_core.kernels.recipes import (
     quantity,
     turned_joints,
 )
+from pfd_core.kernels.script import Frame
 from pfd_core.kernels.simulate import (
     MOTION,
     Steps,
-    evaluations,
     new_frame,
     simulation_functions,
     simulation_module,
-    smooth_step,
 )
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
@@ -55,7 +55,7 @@ class NativeSteps:
     steps: Steps
     arrays: tuple[str, ...]  # of the table of a plan
     work: int  # operations of the evaluations in one call of the integrator's step
-    operations: Callable[[], int]  # all of that step, see step_operations
+    operations: Callable[[], int]  # all of that step, if it has no events
     simulate: Callable[[int], None]  # @simulate (pfd_core.kernels.simulate)
     accelerations: Callable[..., None] | None  # @accelerations, unless accelerations are written
     digest: str  # of all its programs
@@ -98,36 +98,93 @@ class Plan:
         return self._numbers[FINITE]
 
 
+# Writes @advance and @accelerate, and what they call: from the steps, the lowered programs and
+# dynamics, the layout of the frame, and the elements of q that turn.
+Writer = Callable[
+    [Steps, Mapping[str, Program], Mapping[str, Program], Frame, Sequence[int]], list[str]
+]
+
+
+@dataclass(frozen=True)
+class StepCode:
+    """
+    One step of an integrator for a plant.
+
+    Attributes
+    ----------
+    plant : Plant
+        Robot and scene.
+    further : tuple of str
+        Rows of the state besides q and qd.
+    programs : dict
+        Recorded programs by name.
+    write : callable
+        See Writer.
+    calls : dict
+        How often a step without events runs each program and evaluates each of the dynamics.
+    settings : str
+        Everything that determines the programs and the functions, except the plant.
+    shared : bool
+        As of Steps.
+    contact, stops : bool
+        Whether the step has events of dry friction or joint stops; whether it has stops.
+    implicit : float
+        Time [s] by which the damping is multiplied that a smooth step solves with; above zero for
+        a step with events that solves with the damping; 0 for none.
+
+    """
+
+    plant: Plant
+    further: tuple[str, ...]
+    programs: Mapping[str, Program]
+    write: Writer
+    calls: Mapping[str, int]
+    settings: str
+    shared: bool = False
+    contact: bool = False
+    stops: bool = False
+    implicit: float = 0.0
+
+
 def compile_steps(
     spec: KernelSpec,
-    step_program: Program,
+    step: StepCode,
     *,
     written: tuple[str, ...],
     width: int = 1,
-    implicit: float = 0.0,
-    contact: Contact | None = None,
     control: Program | None = None,
 ) -> NativeSteps:
     """
     Compile the simulation of a robot by an integrator's step; `spec` is of a STEP.
 
-    `implicit` is the time [s] by which the viscosity of the plant that the step solves with is
-    multiplied; 0 for a step that calls the accelerations alone. With `contact` the step is that
-    of dry friction and joint stops, with programs that are not lowered yet, and `step_program`
-    has only its state. `written`, `width` and `control`, a recorded program, are as for Steps.
+    `written`, `width` and `control`, a recorded program, are as for Steps.
     """
-    sources = _sources(spec, implicit, contact)
-    inputs = {name: size for name, size in sources.inputs.items() if name not in MOTION}
-    if spec.plant.varied:
-        inputs[PARAMETERS] = count(spec.plant)
-    steps = Steps(step_program, inputs, written, spec.dtype, width, control)
-    lowered = cache(partial(_lowered, steps, sources))
+    sources = _dynamics(spec, step)
+    main = next(iter(sources.values()))
+    inputs = {
+        name: size
+        for name, size in main.inputs.items()
+        if name not in MOTION and (name != 'free' or step.plant.brakes)
+    }
+    if step.plant.varied:
+        inputs[PARAMETERS] = count(step.plant)
+    steps = Steps(
+        spec.robot.n, step.further, inputs, written, spec.dtype, width, step.shared, control
+    )
+    lowered = cache(partial(_lowered, steps, step, sources))
     sampled = [] if 'qdd' in written else ['accelerations']
-    native = sources.compile(
-        f'steps {width} {written}{sources.key} {step_program} {control}',
+    angles = turned_joints(spec.robot)
+    optimisation = main.optimisation
+    if step.contact:
+        # Steps cut at events have many branches.
+        optimisation = replace(optimisation, pipeline=not optimisation.long)
+    keys = {name: source.key for name, source in sources.items()}
+    native = main.compile(
+        f'steps {width} {written} {step.settings} {step.plant.digest} {keys} {control}',
         ['simulate', *sampled],
-        lambda: _steps_module(*lowered(), turned_joints(spec.robot)),
-        lambda: _digest(*lowered()),
+        lambda: _steps_module(*lowered(), step, angles),
+        optimisation,
+        described=lambda: _digest(*lowered(), step),
     )
     integer, pointer = ctypes.c_int64, ctypes.c_void_p
     simulate = ctypes.CFUNCTYPE(None, pointer)
@@ -135,12 +192,11 @@ def compile_steps(
     if sampled:
         accelerate = ctypes.CFUNCTYPE(None, integer, pointer)
         accelerations = accelerate(native['accelerations'])
-    calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
     return NativeSteps(
         steps,
         steps.arrays,
-        sources.main.work * calls,
-        partial(sources.step_operations, step_program),
+        sum(sources[name].work * count for name, count in step.calls.items() if name in sources),
+        lambda: _operations(*lowered()[1:], step.calls),
         simulate(native['simulate']),
         accelerations,
         native.facts.digest,
@@ -148,47 +204,95 @@ def compile_steps(
     )
 
 
-def _lowered(steps: Steps, sources: _Sources) -> tuple[Steps, dict[str, Program], Contact | None]:
-    """Return steps with a lowered control program, the dynamics, and the contact programs."""
+def _lowered(
+    steps: Steps, step: StepCode, sources: Mapping[str, Recipe]
+) -> tuple[Steps, dict[str, Program], dict[str, Program]]:
+    """Return steps with a lowered control program, the programs, and the dynamics."""
     if steps.control is not None:
         # Without fused operations: limited efforts are compared with those wanted.
         control = lower(steps.control, steps.dtype, fma=False).compiled
         # The table has all arrays in the recorded order, read or not.
         steps = replace(steps, control=replace(control, inputs=steps.control.inputs))
-    dynamics, contact = sources.further()
-    if contact is None:
-        return steps, {'qdd': sources.main.program, **dynamics}, None
-    return steps, dict(contact.dynamics), contact
+    programs = {
+        name: lower(program, steps.dtype, fma=False).compiled
+        for name, program in step.programs.items()
+    }
+    return steps, programs, {name: source.program for name, source in sources.items()}
 
 
 def _steps_module(
     steps: Steps,
+    programs: Mapping[str, Program],
     dynamics: Mapping[str, Program],
-    contact: Contact | None,
+    step: StepCode,
     angles: tuple[int, ...],
 ) -> str:
     """Return the module of @simulate."""
     frame = new_frame(steps)
-    if contact is None:
-        parts = evaluations(dynamics, steps.dtype, steps.width, angles)
-        parts += smooth_step(steps, dynamics, frame)
-    else:
-        parts = contact_step(steps, contact, frame, angles)
+    parts = step.write(steps, programs, dynamics, frame, angles)
     parts += simulation_functions(steps, dynamics, frame)
     return simulation_module(parts, steps, bool(angles))
 
 
-def _digest(steps: Steps, dynamics: Mapping[str, Program], contact: Contact | None) -> str:
+def _digest(
+    steps: Steps,
+    programs: Mapping[str, Program],
+    dynamics: Mapping[str, Program],
+    step: StepCode,
+) -> str:
     """Return the SHA-256 of all programs of a simulation, in hex."""
-    programs = dict(dynamics)
-    settings = [str(steps.program), steps.dtype]
+    found = dict(dynamics) | dict(programs)
     if steps.control is not None:
-        programs['control'] = steps.control
-    if contact is not None:
-        programs |= contact.programs
-        settings.append(f'{contact.h.hex()} {contact.pivots} {contact.segments} {contact.stages}')
-    settings += [f'{name} {digest(program)}' for name, program in programs.items()]
+        found['control'] = steps.control
+    settings = [step.settings, steps.dtype]
+    settings += [f'{name} {digest(program)}' for name, program in found.items()]
     return hashlib.sha256('\n'.join(settings).encode()).hexdigest()
+
+
+def _operations(
+    programs: Mapping[str, Program], dynamics: Mapping[str, Program], calls: Mapping[str, int]
+) -> int:
+    """Return the operations of a step, as compiled."""
+    found = dict(programs) | dict(dynamics)
+    return sum(sum(operations(found[name]).values()) * count for name, count in calls.items())
+
+
+def _dynamics(spec: KernelSpec, step: StepCode) -> dict[str, Recipe]:
+    """
+    Return the sources of the dynamics of a step by name, first of its accelerations.
+
+    Of a smooth step: `qdd`; `undamped` and `solve`, see `plants`; with brakes `momentum`, H qdd,
+    and `inertial`, H^-1 tau. Of a step with events: `accelerations` under torques of the joints,
+    without damping; `held`, see record_held; `motor`, torques of the motors; and `solve`,
+    (H + diag(rotor))^-1 tau, if it is implicit.
+    """
+    plant, dtype = spec.plant, spec.dtype
+    if not step.contact:
+        sources = {name: forward(spec, own) for name, own in plants(plant, step.implicit)}
+        return sources | (impulses(spec, plant) if plant.brakes else {})
+    moved = replace(plant.only(LINKS, INERTIA, JOINTS), brakes=True)
+    sources = {'accelerations': forward(spec, moved)}
+    sources['held'] = _recorded('record_held', moved, dtype)
+    if has_drives(plant):
+        sources['motor'] = motors(plant, dtype)
+    if step.stops or plant.brakes:
+        sources |= impulses(spec, plant)
+    if step.implicit:
+        sources['solve'] = _recorded('record_solve', moved, dtype)
+    return sources
+
+
+def _recorded(name: str, plant: Plant, dtype: str) -> Recipe:
+    """Return the recipe of a program of pfd_core.dynamics.composite."""
+
+    def record() -> Program:
+        with no_fork:
+            from pfd_core.dynamics import composite
+
+        program: Program = getattr(composite, name)(plant)
+        return program
+
+    return Recipe((name, plant.digest, dtype), record, dtype)
 
 
 @dataclass(frozen=True)
@@ -284,13 +388,12 @@ class _Sources:
         module: str,
         functions: Sequence[str],
         ir: Callable[[], str],
-        described: Callable[[], str] | None = None,
     ) -> Native:
         """Return native code as Recipe.compile; steps cut at events have many branches."""
         optimisation = self.main.optimisation
         if self.contact is not None:
             optimisation = replace(optimisation, pipeline=not optimisation.long)
-        return self.main.compile(module, functions, ir, optimisation, described=described)
+        return self.main.compile(module, functions, ir, optimisation)
 
     def further(self) -> tuple[dict[str, Program], Contact | None]:
         """Return the other programs, and dry friction and stops with lowered programs."""
@@ -302,43 +405,6 @@ class _Sources:
             for name, program in self.contact.programs.items()
         }
         return {}, replace(self.contact, programs=parts, dynamics=programs)
-
-    def step_operations(self, step: Program) -> int:
-        """
-        Return the operations of a step, as compiled: evaluations, and the step's own for n joints.
-
-        With dry friction and stops: of a step in which no joint rests, reverses or reaches its
-        stop.
-        """
-        if self.contact is None:
-            calls = [i.data for i in step.instructions if i.op == 'call']
-            evaluations = sum(self.others.get(name, self.main).work for name in calls)
-            own = sum(count for op, count in operations(step).items() if op != 'call')
-            return evaluations + own * step.lanes
-        parts, functions = self.contact.quiet_step()
-        own = sum(
-            sum(operations(lower(self.contact.programs[name], self.dtype).compiled).values())
-            for name in parts
-        )
-        return own + sum(self.others[name].work for name in functions if name in self.others)
-
-
-def _sources(spec: KernelSpec, implicit: float, contact: Contact | None) -> _Sources:
-    """
-    Return the sources of a simulation.
-
-    With `implicit` = c and a damping D in the scene there are `undamped`, the accelerations
-    without damping, and `solve`, the accelerations at rest under a torque alone, with rotors that
-    are heavier by c D: (H + c D)^-1 tau.
-    """
-    if contact is not None:
-        return _contact_sources(spec, contact)
-    main, *stiff = ((name, forward(spec, own)) for name, own in plants(spec.plant, implicit))
-    settings = f' implicit {implicit.hex()}' if stiff else ''
-    others = dict(stiff)
-    if spec.plant.brakes:
-        others |= impulses(spec, spec.plant)
-    return _Sources(main[1], settings, others, main[1].inputs, spec.dtype)
 
 
 def impulses(spec: KernelSpec, plant: Plant) -> dict[str, Recipe]:
@@ -359,22 +425,15 @@ def plants(plant: Plant, implicit: float) -> Iterator[tuple[str, Plant]]:
 
 
 def _contact_sources(spec: KernelSpec, contact: Contact) -> _Sources:
-    """Return the sources of a simulation with dry friction and joint stops."""
+    """Return the sources of adaptive steps with dry friction and joint stops."""
     plant, dtype = spec.plant, spec.dtype
-    brakes = plant.brakes
-    heavier = None
-    if contact.implicit and plant.viscosity is not None:
-        heavier = _heavier(plant, contact.implicit)
-        plant = plant.only(LINKS, INERTIA, JOINTS, MOTORS)
     others = {'motor': motors(plant, dtype)} if has_drives(plant) else {}
+    brakes = plant.brakes
     plant = plant.only(LINKS, INERTIA, VISCOSITY, JOINTS)
-    held = replace(plant, brakes=True)
-    main = forward(spec, held)
+    main = forward(spec, replace(plant, brakes=True))
     others |= {'braked': main, 'inverse': quantity(plant, 'inverse_dynamics', dtype)}
     if 'hits' in contact.programs or brakes:
         others |= impulses(spec, plant)
-    if heavier is not None:
-        others['stiff'] = forward(spec, _at_rest(held, heavier))
     inputs = {k: size for k, size in main.inputs.items() if k != 'free' or brakes}
     settings = f' {" ".join(inputs)} {contact.key}'
     return _Sources(main, settings, others, inputs, dtype, contact)

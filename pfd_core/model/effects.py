@@ -8,7 +8,7 @@ A record holds the physics of an effect; its fields, with units and checks, are 
 integrator, YAML, the parameters of the node, reports and the table in
 docs/guides/model-quantities.md are derived from the records. A new effect of a joint is a record
 here and one of its field, and a field of Scene. One that acts over a step, as dry friction does
-(STEP), also changes pfd_core.simulation.contact.modes, and its law for joints in motion
+(STEP), also changes pfd_core.simulation.dry, and its law for joints in motion
 pfd_core.dynamics.drives.
 
 The effects add to the joint torques of the rigid links:

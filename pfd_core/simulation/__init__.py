@@ -3,26 +3,32 @@
 """
 Time: the motion of an arm, or of many arms at once, in native code.
 
-    rows            further rows of the state: compensated positions, motor torques
-    integrators     one step of qdd = f(q, qd, t); the table of integrators
+    tableaux        integrators as data; INTEGRATORS
+    stages          the programs of a segment of any length: stages, end, lag of motors, sums
+    flags           flags in recorded programs
+    dry             dry friction, joint stops and rest: loads, modes, margins, events
+    box             which joints at rest move, and impacts: one box problem
+    search          the search for an event on the step map
+    native          a step in native code, from event to event
+    rows            torques of lagging motors in a linearised step
+    integrators     integrators as functions, of a linearised step
     stiffness       the integrator that 'auto' selects
-    contact/        dry friction, joint stops and impacts within a step, fixed or adaptive
     feedback        laws that compute torques from the state, within native code
     state           SimulationState: a state as one record; double buffering of steps
+    trajectory      Trajectory: the states that a rollout returns
     linearisation   A and B of a step
     simulation      settings, copies and reset of Simulator and Ensemble
     simulator       Simulator: one arm, step by step or in a rollout
     motors          MotorSimulator: efforts within the limits of motors, on a state of the caller
     ensemble        Ensemble: many arms, in rollouts
-    trajectory      Trajectory: the states that a rollout returns
     embedded_pairs  Runge-Kutta pairs for adaptive steps as data; their dense output
     step_control    programs of adaptive steps: stages, estimated error, next size
+    dense_events    events within an adaptive step, on its dense output
     adaptive        integrate: one arm offline, to a tolerance; AdaptiveTrajectory. The loop over
                     the steps is native code (kernels.adaptive)
 
-A new integrator is a function and a row of integrators.TABLE (INTEGRATORS are its names); with
-friction and stops it is refused until contact.schemes has a Scheme for it and simulation.SCHEMES
-a row. A new adaptive one is its coefficients and a row of embedded_pairs.PAIRS, a new law of
-feedback a class in `feedback` and its program there, a new row of the state a class in `rows` and
-a line of integrators.record_step.
+A new integrator is a row of tableaux.TABLEAUX (INTEGRATORS are its names), for every scene; its
+linearised step is a function and a row of integrators.TABLE. A new adaptive one is its
+coefficients and a row of embedded_pairs.PAIRS, a new law of feedback a class in `feedback` and its
+program there. A new law of dry friction is a line of dry.Law.size and dry.Law.bound.
 """

@@ -11,7 +11,7 @@ The state y = (q, qd) obeys y' = (qd, f(q, qd, tau)), f the forward dynamics. An
 (pfd_core.simulation.embedded_pairs) gives the steps, the dense output and estimates of the error,
 from which the sizes of the steps follow (pfd_core.simulation.step_control). A step ends where a
 joint with dry friction reverses, reaches a stop, or is released from rest
-(pfd_core.simulation.contact.dense_events). The loop is native code
+(pfd_core.simulation.dense_events). The loop is native code
 (pfd_core.kernels.adaptive); this module checks arguments and collects the output.
 The torque acts continuously, whereas a Simulator holds it for each step.
 """
@@ -39,10 +39,11 @@ from pfd_core.kernels.threads import address
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.scene_fields import INPUT
 from pfd_core.model.values import Array, choice, integer, real_array, real_number, switch
-from pfd_core.simulation.contact.dense_events import ROWS
-from pfd_core.simulation.contact.modes import PIVOTS
-from pfd_core.simulation.contact.programs import adaptive_contact_programs, has_contact
+from pfd_core.simulation.box import PIVOTS
+from pfd_core.simulation.dense_events import ROWS, dense_event_programs
+from pfd_core.simulation.dry import Law, has_contact, record_load
 from pfd_core.simulation.embedded_pairs import PAIRS, interpolate
+from pfd_core.simulation.native import mode_programs
 from pfd_core.simulation.step_control import SMALLEST_RTOL, SMALLEST_STEP, control_programs
 from pfd_core.simulation.trajectory import Trajectory
 
@@ -234,8 +235,10 @@ def _native(
     pair = PAIRS[integrator]
     programs = control_programs(pair, n)
     if has_contact(plant):
-        programs |= adaptive_contact_programs(plant)
-    contact = Contact(programs, (), 0.0, 0.0, PIVOTS * n, 0)
+        law = Law(plant, 'float64')
+        programs |= mode_programs(law) | {'load': record_load(law, damped=False)}
+        programs |= dense_event_programs(plant)
+    contact = Contact(programs, PIVOTS * n)
     spec = KernelSpec(robot, scene, method, 'float64', refine, STEP)
     return compile_adaptive(
         spec, AdaptivePair(tuple(pair.nodes.tolist()), pair.end, ROWS), contact

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from pfd_core.dynamics.numbers import PARAMETERS
 from pfd_core.dynamics.parameters import Arms
 from pfd_core.kernels.native import simd_width
-from pfd_core.kernels.simulate import REPORT
+from pfd_core.kernels.simulate import REPORT, UNFINISHED
 from pfd_core.kernels.simulations import NativeSteps
 from pfd_core.kernels.threads import (
     MAX_BLOCK_WORK,
@@ -54,7 +54,6 @@ from pfd_core.simulation.feedback import (
     law_arrays,
     record_law,
 )
-from pfd_core.simulation.rows import UnfinishedStep
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.trajectory import Trajectory
 
@@ -115,7 +114,7 @@ class Ensemble(Simulation):
             self._arms = Arms(robot, given_scene(scene), self.size, parameters)
         super().__init__(robot, scene, **settings)
 
-    def _written(self, step: Program, control: Program | None) -> tuple[str, ...]:
+    def _written(self, further: tuple[str, ...], control: Program | None) -> tuple[str, ...]:
         return REPORT
 
     def _load_native(self) -> None:
@@ -152,7 +151,7 @@ class Ensemble(Simulation):
         arrays = self._now.arrays
         finite = np.isfinite(arrays['q']).all(axis=1) & np.isfinite(arrays['qd']).all(axis=1)
         found = np.where(finite, 'ok', 'not_finite')
-        unfinished = arrays.get(UnfinishedStep.name)
+        unfinished = arrays.get(UNFINISHED)
         if unfinished is None:
             return found
         return np.where(unfinished.any(axis=1), 'too_many_events', found)

@@ -3,10 +3,9 @@
 """
 Integrators: one step of size h of qdd = f(q, qd, t), with constant commanded torque.
 
-To add an integrator, write its function over one lane per joint and its row in TABLE; for dry
-friction and stops also its Scheme (simulation.SCHEMES). A simulation then offers it under its
-name, and the tests measure its order. It sees the arm as a System, so it does not depend on where
-torques come from and how positions are summed.
+These functions serve linearised steps alone: a simulation takes steps by the coefficients in
+pfd_core.simulation.tableaux. They see the arm as a System, so they do not depend on where torques
+come from.
 
 An integrator that carries the acceleration at the end of a step on to the next does not evaluate
 f twice at one state; a simulation then adds one evaluation when the torque changes.
@@ -17,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-import math
 import operator
 from typing import Any
 
@@ -28,7 +26,8 @@ from pfd_core.dynamics.numbers import PARAMETERS
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model.values import Array
-from pfd_core.simulation.rows import CompensatedSum, LaggedTorque, UnfinishedStep
+from pfd_core.simulation.rows import LaggedTorque
+from pfd_core.simulation.tableaux import IMEX_DIAGONAL, IMEX_FIRST
 
 State = tuple[Any, ...]
 
@@ -116,11 +115,6 @@ def velocity_verlet(system: System, h: float, q: Any, qd: Any, a: Any) -> State:
     return q_end, qd + (h / 2) * (a + a_end), a_end
 
 
-# Diagonal coefficient of the two implicit stages, and weight of the first explicit one.
-IMEX_DIAGONAL = 1 - 1 / math.sqrt(2)
-IMEX_FIRST = 1 - 1 / (2 * IMEX_DIAGONAL)
-
-
 def imex2(system: System, h: float, q: Any, qd: Any) -> State:
     """
     Return q and qd after one step of ARS(2, 2, 2), with the damping D implicit.
@@ -155,7 +149,6 @@ TABLE = {
         imex2, ('q', 'qd'), order=2, evaluations=2, solutions=2, implicit=IMEX_DIAGONAL
     ),
 }
-INTEGRATORS = ('auto', *TABLE)
 
 
 def record_step(
@@ -164,9 +157,7 @@ def record_step(
     h: float,
     damping: Array | None = None,
     *,
-    compensated: bool = False,
     motor_lag: Array | None = None,
-    events: bool = False,
     carries: bool = True,
     places: NDArray[np.int64] | None = None,
 ) -> Program:
@@ -182,7 +173,6 @@ def record_step(
     recorder = Recorder(n)
     rows = [part for part in integrator.carried if carries or part != 'qdd']
     carried = {part: recorder.input(part, range(n)) for part in rows}
-    low = CompensatedSum(recorder) if compensated else None
     torque = None if motor_lag is None else LaggedTorque(recorder, motor_lag, h)
     solved = None
     if integrator.implicit and damping is not None:
@@ -196,7 +186,7 @@ def record_step(
 
     system = System(
         accelerations,
-        operator.add if low is None else low,
+        operator.add,
         None if solved is None else partial(recorder.call, 'solve'),
         solved,
     )
@@ -205,8 +195,8 @@ def record_step(
         carried['qdd'] = accelerations(carried['q'], carried['qd'], 0)
     moved = dict(zip(carried, integrator.step(system, h, *carried.values()), strict=True))
     end = {part: moved[part] for part in rows}
-    unfinished = UnfinishedStep(recorder) if events else None
-    end |= {row.name: row.end() for row in (low, torque, unfinished) if row is not None}
+    if torque is not None:
+        end[torque.name] = torque.end()
     for name, value in end.items():
         recorder.output(name, (n,), [(value, lane) for lane in range(n)])
     return recorder.program()

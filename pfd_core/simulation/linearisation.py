@@ -41,7 +41,7 @@ from pfd_core.kernels.linear_steps import compile_linear_step
 from pfd_core.kernels.spec import STEP_IN_MOTION, KernelSpec
 from pfd_core.model import Plant, Robot, Scene, resolve, scene_inputs
 from pfd_core.model.values import Array, quote, real_array
-from pfd_core.simulation.contact.programs import has_contact
+from pfd_core.simulation.dry import has_contact
 from pfd_core.simulation.integrators import TABLE, record_step
 
 # Values of Linearization.status.

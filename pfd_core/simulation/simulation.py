@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from pfd_core.dynamics.numbers import PARAMETERS
 from pfd_core.dynamics.parameters import Arms
 from pfd_core.forking import cached_property
-from pfd_core.kernels.contact import Contact
+from pfd_core.kernels.simulate import LOW_POSITION, MOTOR_TORQUE, UNFINISHED
 from pfd_core.kernels.simulations import NativeSteps, compile_steps
 from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.machine.program import Program
@@ -40,22 +40,12 @@ from pfd_core.model.values import (
     real_number,
     switch,
 )
-from pfd_core.simulation.contact.events import MOST_SEGMENTS
-from pfd_core.simulation.contact.modes import PIVOTS
-from pfd_core.simulation.contact.programs import contact_programs, has_contact
-from pfd_core.simulation.contact.schemes import RK4, VELOCITY_VERLET, imex2
-from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, record_step
 from pfd_core.simulation.linearisation import Linearization, LinearStep
-from pfd_core.simulation.rows import LaggedTorque, UnfinishedStep, decays
+from pfd_core.simulation.native import step_code
 from pfd_core.simulation.state import SimulationState
 from pfd_core.simulation.stiffness import check_damping, check_springs, chosen
+from pfd_core.simulation.tableaux import TABLEAUX
 
-# By the integrators whose steps can be cut at events of friction and stops.
-SCHEMES = {
-    'rk4': RK4,
-    'velocity_verlet': VELOCITY_VERLET,
-    'imex2': imex2(IMEX_DIAGONAL, IMEX_FIRST),
-}
 # A step of more substeps than this is better cut into several.
 SUBSTEPS_AT_MOST = 100_000
 # Larger angles [rad] have lost more than 2e-7 rad in float64 and 1e-4 rad in float32 already.
@@ -117,7 +107,7 @@ class Simulation(ABC):
         )
         varied = None
         if self._arms is not None:
-            self._plant, p = self._arms.with_inputs(TABLE[self.integrator].implicit * h)
+            self._plant, p = self._arms.with_inputs(TABLEAUX[self.integrator].implicit * h)
             varied, self._parameters, self._arms = self._plant, p.astype(dtype), None
         self.spec = KernelSpec(robot, self.scene, method, self.dtype, refine, STEP, inputs=varied)
         self._load_native()
@@ -145,56 +135,14 @@ class Simulation(ABC):
 
     def _compile(self, control: Program | None = None) -> NativeSteps:
         """Return the steps under given torques, or under those of a control program."""
-        integrator, h = TABLE[self.integrator], self.step_size / self.substeps
-        plant = self._plant
-        step = record_step(
-            integrator,
-            self.robot.n,
-            h,
-            plant.viscosity,
-            compensated=self.compensated,
-            motor_lag=plant.motor_lag,
-            events=has_contact(plant),
-            carries=not has_contact(plant),
-            places=plant.varied.get('viscosity'),
-        )
-        return compile_steps(
-            self.spec,
-            step,
-            written=self._written(step, control),
-            width=self._width,
-            implicit=integrator.implicit * h,
-            contact=self._contact(plant, h),
-            control=control,
-        )
+        h = self.step_size / self.substeps
+        step = step_code(self._plant, self.integrator, h, self.dtype, self.compensated)
+        written = self._written(step.further, control)
+        return compile_steps(self.spec, step, written=written, width=self._width, control=control)
 
     @abstractmethod
-    def _written(self, step: Program, control: Program | None) -> tuple[str, ...]:
-        """Return what native code writes after a step."""
-
-    def _contact(self, plant: Plant, h: float) -> Contact | None:
-        """Return the step with dry friction and joint stops, None if the scene has neither."""
-        if not has_contact(plant):
-            return None
-        implicit = TABLE[self.integrator].implicit
-        known = {
-            name: scheme
-            for name, scheme in SCHEMES.items()
-            if plant.viscosity is not None or not scheme.implicit
-        }
-        if self.integrator not in known:
-            raise ValueError(
-                f'integrator must be one of {sorted(known)} in a scene with friction or '
-                'joint_limits'
-                f'{" and without damping" * (plant.viscosity is None)}, got {self.integrator!r}'
-            )
-        scheme = known[self.integrator]
-        exact = None
-        if plant.motor_lag is not None:
-            exact = decays(plant.motor_lag, scheme.middle * h), decays(plant.motor_lag, h)
-        programs = contact_programs(plant, scheme, self.dtype, h, self.compensated, exact)
-        pivots = PIVOTS * self.robot.n
-        return Contact(programs, scheme.stages, h, implicit * h, pivots, MOST_SEGMENTS)
+    def _written(self, further: tuple[str, ...], control: Program | None) -> tuple[str, ...]:
+        """Return what native code writes after a step, of a state with further rows."""
 
     def __getstate__(self) -> dict[str, Any]:
         own = ('_native', '_plain', '_laws')
@@ -247,7 +195,7 @@ class Simulation(ABC):
 
         ValueError if the scene has no `motor_lag`: then torques act as they are commanded.
         """
-        found = self._now.arrays.get(LaggedTorque.name)
+        found = self._now.arrays.get(MOTOR_TORQUE)
         if found is None:
             raise ValueError('tau_motor needs a scene with motor_lag')
         tau_motor: Array = found.copy()
@@ -262,7 +210,7 @@ class Simulation(ABC):
         positions an angle keeps full precision after any number of turns.
         """
         arrays = self._now.arrays
-        return _split_turns(arrays['q'], arrays.get('q_low'), self.robot.turning)
+        return _split_turns(arrays['q'], arrays.get(LOW_POSITION), self.robot.turning)
 
     @property
     def time(self) -> float:
@@ -276,7 +224,7 @@ class Simulation(ABC):
         'ok', or why the state is not a number; `reset` clears it.
 
         'not_finite' once a state has overflowed, 'too_many_events' once a step had more impacts
-        and reversals of joints than pfd_core.simulation.contact.events.MOST_SEGMENTS.
+        and reversals of joints than pfd_core.simulation.native.MOST_SEGMENTS.
         """
         return self._now.status
 
@@ -306,7 +254,7 @@ class Simulation(ABC):
         tau_motor: ArrayLike | None,
     ) -> None:
         following.clear(start=real_number('time', time))
-        for name, value in (('q', q), ('qd', qd), (LaggedTorque.name, tau_motor)):
+        for name, value in (('q', q), ('qd', qd), (MOTOR_TORQUE, tau_motor)):
             if value is not None:
                 if name not in following.arrays:
                     raise ValueError(f'{name} was given, but the scene has no motor_lag')
@@ -404,7 +352,7 @@ class Simulation(ABC):
 
     def _why_not_finite(self, buffer: SimulationState) -> str:
         """Return the status of a state that is not a number."""
-        unfinished = buffer.arrays.get(UnfinishedStep.name)
+        unfinished = buffer.arrays.get(UNFINISHED)
         gave_up = unfinished is not None and bool(unfinished.any())
         return 'too_many_events' if gave_up else 'not_finite'
 

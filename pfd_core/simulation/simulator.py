@@ -24,13 +24,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.dynamics.bodies import KEPT, payload_inputs, payload_numbers
 from pfd_core.dynamics.numbers import PARAMETERS
+from pfd_core.kernels.simulate import MOTOR_TORQUE
 from pfd_core.kernels.simulations import NativeSteps, Plan
 from pfd_core.kernels.threads import address
 from pfd_core.machine.program import Program
 from pfd_core.model import Payload, Robot, Scene, check_joint_inertia, resolve
 from pfd_core.model.scene_fields import INPUT
 from pfd_core.model.values import Array, quote, real_array
-from pfd_core.simulation.rows import LaggedTorque
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.state import SimulationState
 from pfd_core.simulation.stiffness import check_springs
@@ -82,11 +82,11 @@ class Simulator(Simulation):
     # The last payload that a step was given, and its numbers.
     _carried: tuple[Payload | None, Array] | None = None
 
-    def _written(self, step: Program, control: Program | None) -> tuple[str, ...]:
+    def _written(self, further: tuple[str, ...], control: Program | None) -> tuple[str, ...]:
         if control is not None:
             return 'q', 'qd', 'acting'
         # Those from which qdd follows.
-        return tuple(name for name in ('q', 'qd', LaggedTorque.name) if name in step.outputs)
+        return 'q', 'qd', *(name for name in further if name == MOTOR_TORQUE)
 
     @property
     def _plain(self) -> NativeSteps:

@@ -35,8 +35,8 @@ from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.simulation.contact.modes import both, negated, sign_of
 from pfd_core.simulation.embedded_pairs import EmbeddedPair, dense_coefficients
+from pfd_core.simulation.flags import both, negated, sign_of
 
 # The next step is this fraction of the step at which the error would be 1, and at least and at
 # most these multiples of the last one (Hairer, Norsett, Wanner, equation II.4.13).

@@ -26,7 +26,7 @@ from pfd_core.machine.emulator import run
 from pfd_core.model import EFFECTS, Plant, Robot
 from pfd_core.model.effects import JOINTS
 from pfd_core.model.values import Array, choice
-from pfd_core.simulation.integrators import TABLE
+from pfd_core.simulation.tableaux import TABLEAUX
 
 # h lambda from which on 'auto' selects the implicit integrator.
 STIFF = 0.5
@@ -50,7 +50,7 @@ def chosen(name: str, plants: Iterable[Plant], h: float) -> str:
 
     One integrator for all arms: the stiffest of them decides. ValueError for an unknown name.
     """
-    if choice('integrator', name, ('auto', *TABLE)) != 'auto':
+    if choice('integrator', name, ('auto', *TABLEAUX)) != 'auto':
         return name
     return 'imex2' if any(h * fastest_decay(plant) > STIFF for plant in plants) else 'rk4'
 
@@ -62,7 +62,7 @@ def check_damping(plant: Plant, integrator: str, h: float, dtype: str) -> None:
     A stage is v = w - c h (H + c h D)^-1 D w, whose terms are h lambda times as large as v where
     the damping carries the torque: the relative error of v is up to u h lambda.
     """
-    if not TABLE[integrator].implicit or plant.viscosity is None:
+    if not TABLEAUX[integrator].implicit or plant.viscosity is None:
         return
     rate = fastest_decay(plant)
     if rate == np.inf:

@@ -27,7 +27,7 @@ class Trajectory:
         `qdd`, or the function that computes it.
     status : str
         'ok', 'not_finite' if a state overflowed, or 'too_many_events' if a step had more impacts
-        and reversals than pfd_core.simulation.contact.events.MOST_SEGMENTS.
+        and reversals than pfd_core.simulation.native.MOST_SEGMENTS.
     finite_steps : int or numpy.ndarray
         Number of leading steps with a finite state; (B,) for B arms.
 

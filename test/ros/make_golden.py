@@ -36,6 +36,8 @@ COMMON = {
 PUMA560 = {'robot': 'puma560', 'gravity': '[0.3, -1.2, -9.7]'}
 UR5 = {
     'robot': 'ur5',
+    # The model states none; a joint's own value turns it on.
+    'damping': 'false',
     'damping.shoulder_lift_joint': '3.0',
     'friction.elbow_joint': '1.5',
     'joint_limits': 'true',

@@ -16,7 +16,7 @@ motion between events is smooth, and events are as accurate as the steps. The na
 for the first change of sign (pfd_core.kernels.adaptive).
 
 All programs have as inputs the state at the beginning of the step, and there the outputs of
-`record_modes` and `record_directions` of pfd_core.simulation.contact.modes. One register holds one
+record_modes and record_directions of pfd_core.simulation.dry. One register holds one
 number; flags are 1 or 0.
 """
 
@@ -33,16 +33,8 @@ from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
-from pfd_core.simulation.contact.modes import (
-    any_of,
-    at_stops,
-    both,
-    either,
-    negated,
-    rough_joints,
-    sign_of,
-    smallest,
-)
+from pfd_core.simulation.dry import Law
+from pfd_core.simulation.flags import any_of, both, either, negated, sign_of, smallest
 
 # Rows of the dense output.
 ROWS = 7
@@ -126,7 +118,7 @@ def _look(plant: Plant) -> Program:
         changes.append(rise)
     dq, dqd = changes
     q_at, qd_at = [q[i] + dq[i] for i in range(n)], [qd[i] + dqd[i] for i in range(n)]
-    margins = [_reversal(direction[i], qd_at[i]) for i in rough_joints(plant)]
+    margins = [_reversal(direction[i], qd_at[i]) for i in Law(plant, 'float64').rough]
     margins += [where(moving[s.joint], s.margin(dq), 1.0) for s in _stops(plant, q)]
     held = [both(unbraked[i], negated(moving[i])) for i in range(n)]
     return program_with_outputs(
@@ -154,7 +146,7 @@ def _excess(plant: Plant) -> Program:
     )
     (margin,) = input_list(recorder, 'margin', 1)
     friction = np.zeros(n) if plant.static_friction is None else plant.static_friction
-    at_lower, at_upper = at_stops(plant, q)
+    at_lower, at_upper = Law(plant, 'float64').at_stops(q)
     margins = [margin]
     slack = ROUNDING * -smallest([-absolute(x) for x in (*torque, *load)])
     for i, bound in enumerate(friction.tolist()):
@@ -206,7 +198,7 @@ def _strike(plant: Plant) -> Program:
         for name in ('q', 'direction', 'moving', 'dq.at', 'q.at', 'qd.at')
     )
     q_end, qd_end = list(q_at), list(qd_at)
-    for i in rough_joints(plant):
+    for i in Law(plant, 'float64').rough:
         qd_end[i] = where(_reversal(direction[i], qd_at[i]), qd_at[i], 0.0)
     for stop in _stops(plant, q):
         i = stop.joint
@@ -230,7 +222,7 @@ def _stick(plant: Plant) -> Program:
     )
     zero = recorder.constant(0.0)
     wrong = [zero] * n
-    for i in rough_joints(plant):
+    for i in Law(plant, 'float64').rough:
         wrong[i] = sign_of(-_reversal(direction[i], qd_at[i]))
     for stop in _stops(plant, q):
         i = stop.joint
@@ -255,7 +247,7 @@ def _calm(plant: Plant) -> Program:
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
     q, qd, a = (input_list(recorder, name, n) for name in ('q', 'qd', 'qdd'))
-    at_lower, at_upper = at_stops(plant, q)
+    at_lower, at_upper = Law(plant, 'float64').at_stops(q)
     low = [
         both(
             sign_of(-(qd[i] * a[i])), sign_of((2 * LEAST_FLIGHT) * absolute(a[i]) - qd[i] * qd[i])

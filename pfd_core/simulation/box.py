@@ -1,7 +1,26 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Impacts at joint stops: velocities jump, positions stay.
+One box problem for joints at rest and for impacts at joint stops.
+
+    H x = c + lambda,   lower <= lambda <= upper where x = 0
+
+For joints at rest x are the accelerations, c = y - bias; for an impact x are the velocities after
+it, c = H qd. Both are the optimality conditions of a strictly convex function, x'Hx/2 - c'x plus
+convex terms of single joints, so the solution exists and is unique.
+
+A primal active set starts with all candidates at rest and changes one joint at a time (`pivot`):
+
+    released joints whose x has the wrong sign     the first one on the line from the last feasible
+                                                   x rests again
+    otherwise                                      the resting joint whose lambda exceeds its
+                                                   bounds most is released
+
+Each change with a nonzero step strictly decreases the objective, and a joint that rests again
+after a zero step is not released again, so no active set repeats (Nocedal and Wright, Numerical
+Optimization, 2nd ed., 16.5).
+
+In an impact velocities jump, positions stay:
 
     compression   v0: H v0 = H qd + p, p the impulses of the stops, 0 <= p where v0 = 0
     restitution   v = v0 + alpha H^-1 E p,  E = diag(restitution)
@@ -9,19 +28,16 @@ Impacts at joint stops: velocities jump, positions stay.
     again         where a joint still moves into its stop: compression of v, E = 0
     settling      a joint that would bounce below LEAST_HEIGHT takes e = 0, and all again from v0
 
-Compression is the problem of pfd_core.simulation.contact.modes with the joints at stops as
-candidates, those at rest there, too: a stop only pushes, and another joint's impact may throw a
-joint off it. Dry friction, whose torque is bounded, has no impulse. After it v0' p = 0: the
-kinetic energy falls by p' H^-1 p / 2 and rises again by alpha^2 (E p)' H^-1 E p / 2: bounded by
-alpha, an impact never adds energy, whatever the coefficients (Poisson's law alone does). Braked
-joints are excluded: H is the matrix of the others.
+The candidates of a compression are the joints at stops, those at rest there, too: a stop only
+pushes, and another joint's impact may throw a joint off it. Dry friction, whose torque is bounded,
+has no impulse. After it v0' p = 0: the kinetic energy falls by p' H^-1 p / 2 and rises again by
+alpha^2 (E p)' H^-1 E p / 2: bounded by alpha, an impact never adds energy, whatever the
+coefficients (Poisson's law alone does). Braked joints are excluded: H is the matrix of the others.
 
 A joint that bounces with e < 1 comes to rest after infinitely many bounces in a finite time. A
 bounce with the velocity v and the acceleration a into the stop has the height v^2 / (2 |a|). Below
 LEAST_HEIGHT it does not happen: the joint ends the impact at its stop, at rest, where the stop
 holds it from then on.
-
-The steps are programs, between which the native code evaluates H x and H^-1 x.
 
 One register holds one number; flags are 1 or 0.
 """
@@ -36,17 +52,21 @@ from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Recorder
-from pfd_core.model import Plant
-from pfd_core.simulation.contact.modes import (
+from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.simulation.dry import Law
+from pfd_core.simulation.flags import (
     any_of,
-    at_stops,
     both,
     either,
-    into_stops,
+    first_equal,
+    largest,
+    negated,
     sign_of,
+    smallest,
 )
 
+# Maximum number of pivots per joint. Random matrices of condition 1e8 need less than four.
+PIVOTS = 4
 # Height of the lowest bounce [rad or m]. It is a few thousand roundings of a position of order
 # one, and no sensor of a joint resolves it. What is left of the bounces under the acceleration a
 # takes less than 2 sqrt(2 LEAST_HEIGHT / a) / (1 - e): 0.03 ms at e = 0.97 under gravity.
@@ -56,43 +76,100 @@ LEAST_HEIGHT = 1e-12
 ROUNDINGS = 4
 
 
-def record_hits(plant: Plant, dtype: str) -> Program:
+def record_pivot(n: int) -> Program:
+    """
+    Return the program of one change of the active set.
+
+    Inputs, (n,): x, the solution for the set, torque = H x + bias, load = c + bias, and the
+    outputs of dry.record_modes and dry.record_directions. Outputs are the changed ones of these.
+    """
+    recorder = Recorder(1, 'sequential')
+    rows = ('x', 'torque', 'load', 'candidate', 'lower', 'upper')
+    x, torque, load, candidate, lower, upper = (input_list(recorder, r, n) for r in rows)
+    moving, direction, last, barred = (
+        input_list(recorder, name, n) for name in ('moving', 'direction', 'last', 'barred')
+    )
+    (busy,) = input_list(recorder, 'busy', 1)
+    zero, one = recorder.constant(0.0), recorder.constant(1.0)
+
+    # The fraction of the step to x at which the first released joint comes to zero.
+    wrong = [both(both(candidate[i], moving[i]), negated(direction[i] * x[i])) for i in range(n)]
+    ways = [last[i] - x[i] for i in range(n)]
+    shares = [where(absolute(ways[i]), last[i] / ways[i], 0.0) for i in range(n)]
+    parts = [where(wrong[i], shares[i], 2.0) for i in range(n)]
+    part = smallest(parts)
+    blocked = sign_of(2.0 - part)
+    held_again = list(map(both, first_equal(parts, part), [blocked] * n))
+    halfway = [where(held_again[i], 0.0, last[i] + part * (x[i] - last[i])) for i in range(n)]
+
+    # The sticking joint whose lambda exceeds its bounds most.
+    lam = [t - c for t, c in zip(torque, load, strict=True)]
+    above = [lam[i] - upper[i] for i in range(n)]
+    below = [lower[i] - lam[i] for i in range(n)]
+    waits = [both(both(candidate[i], negated(moving[i])), negated(barred[i])) for i in range(n)]
+    excess = [
+        where(waits[i], where(above[i] - below[i], above[i], below[i]), 0.0) for i in range(n)
+    ]
+    most = largest(excess)
+    goes_on = either(blocked, sign_of(most))
+    released = list(map(both, first_equal(excess, most), [sign_of(most)] * n))
+
+    def chosen(old: Lanes, blocked_value: Lanes, other: Lanes) -> Lanes:
+        result: Lanes = where(busy, where(blocked, blocked_value, other), old)
+        return result
+
+    sign = [where(above[i], -1.0, 1.0) for i in range(n)]
+    again = [where(held_again[i], 0.0, moving[i]) for i in range(n)]
+    more = [where(released[i], 1.0, moving[i]) for i in range(n)]
+    sent = [where(released[i], sign[i], direction[i]) for i in range(n)]
+    stuck = [
+        where(held_again[i], where(absolute(last[i]), barred[i], one), barred[i]) for i in range(n)
+    ]
+    back = [where(held_again[i], 0.0, direction[i]) for i in range(n)]
+    return program_with_outputs(
+        recorder,
+        moving=list(map(chosen, moving, again, more)),
+        direction=list(map(chosen, direction, back, sent)),
+        last=list(map(chosen, last, halfway, x)),
+        barred=list(map(chosen, barred, stuck, barred)),
+        busy=[where(busy, goes_on, zero)],
+    )
+
+
+def record_hits(law: Law) -> Program:
     """
     Return the program of `hits`, (1,): whether any joint moves into its stop.
 
     An arm with a complete step waits for the next one, independent of other arms. Output q,
     (n,), has joints on their stops that have passed them by rounding.
     """
-    n = plant.robot.n
+    n = law.n
     recorder = Recorder(1, 'sequential')
     q, qd = (input_list(recorder, name, n) for name in ('q', 'qd'))
     (rest,) = input_list(recorder, 'rest', 1)
-    into = [both(rest, flag) for flag in into_stops(plant, q, qd)]
-    assert plant.joint_limits is not None
+    into = [both(rest, flag) for flag in law.into_stops(q, qd)]
     on_stops = list(q)
-    for i, limits in enumerate(plant.joint_limits.tolist()):
-        for stop in filter(math.isfinite, limits):
-            near = max(
-                LEAST_HEIGHT, ROUNDINGS * float(np.spacing(np.dtype(dtype).type(abs(stop))))
-            )
+    for i, stops in enumerate(law.stops):
+        for _, stop in stops:
+            rounding = float(np.spacing(np.dtype(law.dtype).type(abs(stop))))
+            near = max(LEAST_HEIGHT, ROUNDINGS * rounding)
             touches = both(into[i], sign_of(near - absolute(q[i] - stop)))
             on_stops[i] = where(touches, stop, on_stops[i])
     return program_with_outputs(recorder, q=on_stops, hits=[any_of(into)])
 
 
-def record_compression(plant: Plant) -> Program:
+def record_compression(law: Law) -> Program:
     """
     Return the program of the beginning of a compression.
 
-    Inputs are q, unbraked and, (1,), hits. Outputs are as of `record_modes` of
-    pfd_core.simulation.contact.modes.
+    Inputs are q, unbraked and, (1,), hits. Outputs are as of dry.record_modes.
     """
-    n = plant.robot.n
+    n = law.n
     recorder = Recorder(1, 'sequential')
     q, unbraked = (input_list(recorder, name, n) for name in ('q', 'unbraked'))
     (hits,) = input_list(recorder, 'hits', 1)
     zeros = [recorder.constant(0.0)] * n
-    at_lower, at_upper = at_stops(plant, q)
+    at_lower, at_upper = law.at_stops(q)
     candidate = [both(unbraked[i], either(at_lower[i], at_upper[i])) for i in range(n)]
     return program_with_outputs(
         recorder,
@@ -107,13 +184,13 @@ def record_compression(plant: Plant) -> Program:
     )
 
 
-def record_impulses(plant: Plant) -> Program:
+def record_impulses(law: Law) -> Program:
     """
     Return the program of `thrown`, E p, and `impulse`, p, (n,), after a compression.
 
     Inputs are torque = H v0, load = H qd, candidate, moving and, (1,), hits: without any, p is 0.
     """
-    n = plant.robot.n
+    n = law.n
     recorder = Recorder(1, 'sequential')
     torque, load, candidate, moving = (
         input_list(recorder, name, n) for name in ('torque', 'load', 'candidate', 'moving')
@@ -121,12 +198,12 @@ def record_impulses(plant: Plant) -> Program:
     (hits,) = input_list(recorder, 'hits', 1)
     stopped = [both(hits, where(candidate[i], where(moving[i], 0.0, 1.0), 0.0)) for i in range(n)]
     p = [where(stopped[i], torque[i] - load[i], 0.0) for i in range(n)]
-    numbers = Numbers(recorder, plant)
+    numbers = Numbers(recorder, law.plant)
     thrown = [p[i] * numbers.known('restitution', i) for i in range(n)]
     return program_with_outputs(recorder, impulse=p, thrown=thrown)
 
 
-def record_restitution(plant: Plant) -> Program:
+def record_restitution(law: Law) -> Program:
     """
     Return the program of the velocities after a restitution.
 
@@ -134,7 +211,7 @@ def record_restitution(plant: Plant) -> Program:
     returned = H^-1 E p, unbraked and, (1,), hits. Outputs are qd, as before without a hit, and
     `still`, (1,): whether a joint still moves into its stop.
     """
-    n = plant.robot.n
+    n = law.n
     recorder = Recorder(1, 'sequential')
     names = ('q', 'before', 'x', 'impulse', 'thrown', 'returned', 'unbraked')
     q, qd, v0, p, thrown, returned, unbraked = (input_list(recorder, m, n) for m in names)
@@ -144,7 +221,7 @@ def record_restitution(plant: Plant) -> Program:
     # Both are above zero but for rounding.
     alpha = where(lost, where(gained - lost, sqrt(lost / gained), 1.0), 0.0)
     after = [where(hits, v0[i] + alpha * returned[i], qd[i]) for i in range(n)]
-    still = [both(unbraked[i], flag) for i, flag in enumerate(into_stops(plant, q, after))]
+    still = [both(unbraked[i], flag) for i, flag in enumerate(law.into_stops(q, after))]
     return program_with_outputs(recorder, qd=after, still=[any_of(still)])
 
 

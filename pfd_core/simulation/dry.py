@@ -1,0 +1,418 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Dry friction, joint stops and rest: the only module that knows these laws.
+
+    friction    sign(qd) F(qd), F(v) = Fc + (Fs - Fc) / (1 + (v / vs)^2), behind the motors
+    rest        a joint whose velocity is 0.0 is held while |lambda| <= Fs
+    stop        pushes a joint that is at it; a joint that begins beyond its stop may come back and
+                must not go further
+
+A segment of a step has fixed modes: each joint moves, with a direction of its friction, or rests.
+Margins are numbers that stay at or above zero in these modes. The segment ends at the first event:
+
+    reversal    s qd             of a joint that moves in direction s
+    stop        +-(q - q_stop)   of a joint that moves
+    release     Fs -+ lambda     of a joint that rests, on a side that no stop bounds
+
+A joint without friction that turns, perhaps beyond its stop, has a reversal, too: the search for
+an event then begins where it has turned. At the event the velocity is 0.0, or the position the
+stop, exactly.
+
+One register holds one number; flags are 1 or 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from pfd_core.dynamics.interface import input_list, program_with_outputs
+from pfd_core.dynamics.numbers import Numbers
+from pfd_core.forking import cached_property
+from pfd_core.kernels.simulate import UNFINISHED
+from pfd_core.machine.lanes import absolute, where
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.model import Plant, has_drives
+from pfd_core.simulation.flags import any_of, both, either, largest, negated, sign_of
+
+Row = list[Lanes]
+REVERSAL, STOP, RELEASE = 'reversal', 'stop', 'release'
+# A joint is released where lambda exceeds its bound by so many roundings of the largest torque:
+# the modes that follow then release it, too.
+SLACK = {'float64': 2.0**12, 'float32': 2.0**5}
+
+
+def has_contact(plant: Plant) -> bool:
+    """Return whether a plant has dry friction or joint stops."""
+    return plant.friction is not None or plant.joint_limits is not None
+
+
+@dataclass(frozen=True)
+class Margin:
+    """A number that stays at or above zero until an event."""
+
+    kind: str
+    joint: int
+    side: float = 0.0  # sign of the position, or of minus lambda, in the margin
+    stop: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """
+    Friction and stops of a plant, in a number format.
+
+    Attributes
+    ----------
+    plant : Plant
+        Robot and scene.
+    dtype : {'float64', 'float32'}
+        Number format.
+
+    """
+
+    plant: Plant
+    dtype: str
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.plant.robot.n
+
+    @property
+    def eps(self) -> float:
+        """Distance of one from the next number of the format."""
+        return float(np.finfo(self.dtype).eps)
+
+    @property
+    def drives(self) -> bool:
+        """Whether motors give other torques than the commanded ones."""
+        return has_drives(self.plant)
+
+    @cached_property
+    def stops(self) -> list[list[tuple[float, float]]]:
+        """For each joint its stops: the sign of the position in the margin, and the position."""
+        limits = self.plant.joint_limits
+        bounds = np.full((self.n, 2), [-np.inf, np.inf]) if limits is None else limits
+        return [
+            [(s, float(x)) for s, x in zip((1.0, -1.0), row, strict=True) if math.isfinite(x)]
+            for row in bounds
+        ]
+
+    @cached_property
+    def rough(self) -> list[int]:
+        """Joints that friction can hold at rest, even if they slide without friction."""
+        static = self.plant.static_friction
+        joints: list[int] = [] if static is None else np.flatnonzero(static).tolist()
+        return joints
+
+    @cached_property
+    def margins(self) -> list[Margin]:
+        """All margins, known when programs are recorded, so that each has a fixed place."""
+        found = []
+        for i, stops in enumerate(self.stops):
+            if i in self.rough or stops:
+                found += [Margin(REVERSAL, i), *(Margin(STOP, i, s, x) for s, x in stops)]
+                found += [Margin(RELEASE, i, s) for s in (1.0, -1.0)]
+        return found
+
+    def size(self, i: int, v: Lanes) -> Lanes:
+        """Return the friction of a joint that slides at a velocity."""
+        numbers, plant = Numbers(v.recorder, self.plant), self.plant
+        size = numbers('friction', i)
+        # A drop that varies, NaN, is not zero.
+        if plant.stribeck_rate is not None and plant.friction_drop[i] != 0:  # type: ignore[index]
+            u = v * numbers.known('stribeck_rate', i)
+            size = size + numbers.known('friction_drop', i) / (1.0 + u * u)
+        return size
+
+    def bound(self, i: int, recorder: Recorder) -> Lanes:
+        """Return the largest friction of a joint at rest."""
+        if i not in self.rough:
+            return recorder.constant(0.0)
+        return Numbers(recorder, self.plant)('static_friction', i)
+
+    def load(self, tau: Row, qd: Row, direction: Row, damped: bool) -> Row:
+        """Return torques of the motors less friction of sliding joints, then less damping."""
+        y = list(tau)
+        for i in self.rough:
+            y[i] = tau[i] - direction[i] * self.size(i, qd[i])
+        if self.plant.viscosity is None or not damped:
+            return y
+        numbers = Numbers(tau[0].recorder, self.plant)
+        return [
+            t - v * numbers.known('viscosity', i)
+            for i, (t, v) in enumerate(zip(y, qd, strict=True))
+        ]
+
+    def at_stops(self, q: Row) -> tuple[Row, Row]:
+        """Return flags of the joints at or beyond their lower, and their upper, stops."""
+        zero = q[0].recorder.constant(0.0)
+        lower, upper = [zero] * self.n, [zero] * self.n
+        for i, stops in enumerate(self.stops):
+            for s, x in stops:
+                (lower if s > 0 else upper)[i] = negated(s * (q[i] - x))
+        return lower, upper
+
+    def into_stops(self, q: Row, qd: Row) -> Row:
+        """Return flags of the joints that are at a stop and move into it."""
+        return [
+            either(both(a, sign_of(-v)), both(b, sign_of(v)))
+            for a, b, v in zip(*self.at_stops(q), qd, strict=True)
+        ]
+
+
+def read(recorder: Recorder, n: int, *names: str) -> list[Row]:
+    """Return some inputs of n numbers."""
+    return [input_list(recorder, name, n) for name in names]
+
+
+def single(recorder: Recorder, *names: str) -> Row:
+    """Return some inputs of one number."""
+    return [input_list(recorder, name, 1)[0] for name in names]
+
+
+def record_load(law: Law, damped: bool) -> Program:
+    """Return the program of y, (n,), from torques tau of the motors, qd and direction."""
+    recorder = Recorder(1, 'sequential')
+    tau, qd, direction = read(recorder, law.n, 'tau', 'qd', 'direction')
+    return program_with_outputs(recorder, y=law.load(tau, qd, direction, damped))
+
+
+def record_watch(law: Law) -> Program:
+    """
+    Return the program of `watch`, (1,): whether a joint may be at rest or at a stop.
+
+    If it is 0, the programs for such joints are skipped.
+    """
+    recorder = Recorder(1, 'sequential')
+    q, qd = read(recorder, law.n, 'q', 'qd')
+    flags = [negated(qd[i] * qd[i]) for i in law.rough]
+    flags += [negated(s * (q[i] - x)) for i, stops in enumerate(law.stops) for s, x in stops]
+    return program_with_outputs(recorder, watch=[any_of(flags)])
+
+
+def record_directions(n: int) -> Program:
+    """Return the program of `direction`, (n,), the signs of the velocities qd."""
+    recorder = Recorder(1, 'sequential')
+    (qd,) = read(recorder, n, 'qd')
+    direction = [where(v, 1.0, where(-v, -1.0, 0.0)) for v in qd]
+    return program_with_outputs(recorder, direction=direction)
+
+
+def record_modes(law: Law) -> Program:
+    """
+    Return the program of the modes in which a segment begins, for the box problem.
+
+    Inputs are q, qd, unbraked, 0 for a braked joint, and sticks, flags of the joints that are not
+    released in this step. Outputs, (n,): moving, 0 for a braked or resting joint; candidate,
+    joints that may rest; lower and upper, the bounds of a candidate's lambda; last and barred,
+    zeros. Output, (1,): busy, whether any joint is a candidate.
+    """
+    recorder, n = Recorder(1, 'sequential'), law.n
+    q, qd, unbraked, sticks = read(recorder, n, 'q', 'qd', 'unbraked', 'sticks')
+    zero = recorder.constant(0.0)
+    bound = [law.bound(i, recorder) for i in range(n)]
+    low, high = law.at_stops(q)
+    candidate = []
+    for i, v in enumerate(qd):
+        holds = either(sign_of(bound[i]), either(low[i], high[i]))
+        candidate.append(both(unbraked[i], both(negated(absolute(v)), holds)))
+    below, above = (list(map(either, sticks, side)) for side in (high, low))
+    return program_with_outputs(
+        recorder,
+        moving=[where(flag, 0.0, free) for flag, free in zip(candidate, unbraked, strict=True)],
+        candidate=candidate,
+        lower=[where(flag, -math.inf, -f) for flag, f in zip(below, bound, strict=True)],
+        upper=[where(flag, math.inf, f) for flag, f in zip(above, bound, strict=True)],
+        last=[zero] * n,
+        barred=[zero] * n,
+        busy=[any_of(candidate)],
+    )
+
+
+def record_held(n: int) -> Program:
+    """Return the program of `held`, (1,), whether a joint is held, and `slides`, if none is."""
+    recorder = Recorder(1, 'sequential')
+    moving, unbraked = read(recorder, n, 'moving', 'unbraked')
+    held = any_of(list(map(_rests, unbraked, moving)))
+    return program_with_outputs(recorder, held=[held], slides=[negated(held)])
+
+
+def record_first(n: int) -> Program:
+    """Return the program of K0, (n,): x.begin, which is known, for an arm with a joint at rest."""
+    recorder = Recorder(1, 'sequential')
+    K0, x = read(recorder, n, 'K0', 'x.begin')
+    (held,) = single(recorder, 'held')
+    return program_with_outputs(
+        recorder, K0=[where(held, b, a) for a, b in zip(K0, x, strict=True)]
+    )
+
+
+def _rests(unbraked: Lanes, moving: Lanes) -> Lanes:
+    return both(unbraked, negated(moving))
+
+
+def _stop_of(margin: Margin, q: Lanes) -> Lanes:
+    """Return the position that a joint at q must not pass: its stop, or where it is beyond it."""
+    result: Lanes = where(margin.side * (q - margin.stop), margin.stop, q)
+    return result
+
+
+class _Segment:
+    """The inputs of margins at a time of a segment, and the margins."""
+
+    def __init__(self, law: Law) -> None:
+        self.law, self.recorder, n = law, Recorder(1, 'sequential'), law.n
+        self.q0, self.q, self.v = read(self.recorder, n, 'q', 'q.end', 'qd.end')
+        self.direction, self.moving, self.unbraked, self.sticks = read(
+            self.recorder, n, 'direction', 'moving', 'unbraked', 'sticks'
+        )
+        self.torque, self.y = read(self.recorder, n, 'lambda', 'y.end')
+        self.sides = law.at_stops(self.q0)
+
+    @cached_property
+    def slack(self) -> Lanes:
+        """What lambda may exceed its bounds by."""
+        greatest = largest([absolute(x) for x in (*self.torque, *self.y)])
+        slack: Lanes = greatest * (self.law.eps * SLACK[self.law.dtype])
+        return slack
+
+    def margin(self, margin: Margin) -> tuple[Lanes, Lanes]:
+        """Return whether a margin has a part in the segment, and its value."""
+        i, s = margin.joint, margin.side
+        if margin.kind == REVERSAL:
+            direction = self.direction[i]
+            return both(self.moving[i], absolute(direction)), direction * self.v[i]
+        if margin.kind == STOP:
+            return self.moving[i], s * (self.q[i] - _stop_of(margin, self.q0[i]))
+        bounded = either(self.sticks[i], self.sides[0 if s > 0 else 1][i])
+        on = both(_rests(self.unbraked[i], self.moving[i]), negated(bounded))
+        return on, (self.law.bound(i, self.recorder) + self.slack) - s * self.torque[i]
+
+
+def record_detect(law: Law) -> Program:
+    """
+    Return the program of `seek` and `event`, (1,): whether a segment has an event in it.
+
+    Inputs are qd, rest, r, `loose`, whether a joint is released, and those of `record_margins`.
+    Output `turns`, (n,), flags joints without friction that have turned and may have been beyond
+    their stop: where the tangents of the margin at the beginning and the end meet, it is below
+    zero.
+    """
+    segment, n = _Segment(law), law.n
+    recorder = segment.recorder
+    (v0,), (r, rest, loose) = read(recorder, n, 'qd'), single(recorder, 'r', 'rest', 'loose')
+    turns = [recorder.constant(0.0)] * n
+    flags = [loose]
+    for margin in law.margins:
+        if margin.kind == RELEASE:
+            continue
+        on, value = segment.margin(margin)
+        i, s = margin.joint, margin.side
+        if margin.kind != REVERSAL or i in law.rough:
+            flags.append(both(on, sign_of(-value)))
+        if margin.kind == STOP and i not in law.rough:
+            begin = s * (segment.q0[i] - _stop_of(margin, segment.q0[i]))
+            falls, rises = s * v0[i], s * segment.v[i]
+            meet = begin * (falls - rises) + falls * ((value - begin) - rises * r)
+            dips = both(both(sign_of(-falls), sign_of(rises)), sign_of(meet))
+            turns[i] = turns[i] + both(on, dips)
+    seek = both(rest, any_of([*flags, *(turns[i] for i in range(n) if law.stops[i])]))
+    return program_with_outputs(recorder, seek=[seek], event=[seek], turns=turns)
+
+
+def record_loose(law: Law) -> Program:
+    """Return the program of `loose`, (1,): whether a joint is released in a segment."""
+    segment = _Segment(law)
+    margins = [segment.margin(margin) for margin in law.margins if margin.kind == RELEASE]
+    loose = any_of([both(on, sign_of(-value)) for on, value in margins])
+    return program_with_outputs(segment.recorder, loose=[loose])
+
+
+def record_margins(law: Law) -> Program:
+    """
+    Return the program of margins and their slopes at a time of the segment.
+
+    Inputs are q, the beginning; q.end, qd.end and qdd.end, the state; lambda and the torques y.end
+    of joints at rest; direction, moving, unbraked, sticks, turns. Outputs, one of each margin: g;
+    d, its slope in time, 0 for a release; and noise, what rounding makes of it. A margin that has
+    no part in the segment is 1.
+    """
+    segment, n = _Segment(law), law.n
+    recorder = segment.recorder
+    a, turns = read(recorder, n, 'qdd.end', 'turns')
+    zero = recorder.constant(0.0)
+    g, d, noise = [], [], []
+    for margin in law.margins:
+        on, value = segment.margin(margin)
+        i, slope, rough = margin.joint, zero, zero
+        if margin.kind == REVERSAL:
+            slope = segment.direction[i] * a[i]
+            if i not in law.rough:
+                on = both(on, turns[i])
+        elif margin.kind == STOP:
+            slope, rough = margin.side * segment.v[i], absolute(segment.q[i]) * law.eps
+        else:
+            rough = segment.slack * 0.5
+        g.append(where(on, value, 1.0))
+        d.append(where(on, slope, 0.0))
+        noise.append(where(on, rough, 0.0))
+    return program_with_outputs(recorder, g=g, d=d, noise=noise)
+
+
+def record_snap(law: Law, compensated: bool) -> Program:
+    """
+    Return the program of the state at an event.
+
+    A Taylor step of length delta, in which the search ended; then a velocity of zero, or the
+    position of the stop, exactly, for the margins flagged in `fired`. Inputs are the beginning, q
+    and qd; q.end, qd.end, qdd.end and r; sticks; and (1,) event, delta. Outputs are the changed
+    ones, with sums of positions also dq and `stopped`. A joint that was at rest and is back at
+    once has been released by rounding alone: it sticks for the rest of the step.
+    """
+    recorder, n = Recorder(1, 'sequential'), law.n
+    q0, v0, q, v, a, sticks = read(recorder, n, 'q', 'qd', 'q.end', 'qd.end', 'qdd.end', 'sticks')
+    (fired,) = read(recorder, len(law.margins), 'fired')
+    event, delta, r = single(recorder, 'event', 'delta', 'r')
+    way = [where(event, delta * (y + (0.5 * delta) * z), 0.0) for y, z in zip(v, a, strict=True)]
+    q = [x + y for x, y in zip(q, way, strict=True)]
+    v = [where(event, y + delta * z, y) for y, z in zip(v, a, strict=True)]
+    stopped = [recorder.constant(0.0)] * n
+    for margin, flag in zip(law.margins, fired, strict=True):
+        i, happens = margin.joint, both(event, flag)
+        still = negated(absolute(v0[i]))
+        if margin.kind == REVERSAL:
+            v[i] = where(happens, 0.0, v[i])
+        elif margin.kind == STOP:
+            stop = _stop_of(margin, q0[i])
+            q[i], still = where(happens, stop, q[i]), both(still, negated(absolute(q0[i] - stop)))
+            stopped[i] = either(stopped[i], happens)
+        else:
+            continue
+        sticks[i] = where(both(happens, still), 1.0, sticks[i])
+    outputs = {'q.end': q, 'qd.end': v, 'sticks': sticks, 'r': [where(event, r + delta, r)]}
+    if compensated:
+        (dq,) = read(recorder, n, 'dq')
+        outputs |= {'dq': [x + y for x, y in zip(dq, way, strict=True)], 'stopped': stopped}
+    return program_with_outputs(recorder, **outputs)
+
+
+def record_unfinished(n: int) -> Program:
+    """
+    Return the program of a step that had too many events; inputs are qd, unfinished and rest.
+
+    Outputs are qd, NaN, and unfinished, 1, for an arm whose step is incomplete.
+    """
+    recorder = Recorder(1, 'sequential')
+    qd, unfinished = read(recorder, n, 'qd', UNFINISHED)
+    (rest,) = single(recorder, 'rest')
+    return program_with_outputs(
+        recorder,
+        qd=[where(rest, math.nan, v) for v in qd],
+        unfinished=[where(rest, 1.0, flag) for flag in unfinished],
+    )

@@ -1,0 +1,406 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A step in native code, `width` arms at a time, each with segments of lengths of its own.
+
+    @advance       a step: segments from event to event, until it is complete
+    @accelerate    accelerations of a state between two steps
+    @hold          the modes in which a segment begins: directions, joints that rest
+    @impact        velocities after an impact at a stop
+    @segment       the state after a time r in fixed modes, and what holds resting joints there
+    @ends          the same, with margins and slopes
+
+    @advance:   while any rest > 0:
+                    watch, impact, hold, K0;  r = rest;  segment, detect
+                    if any seeks: margins;  while any seeks: narrow -> r, ends;  then snap
+                    commit
+
+A scene without dry friction and stops has no events: its @advance is the stages alone, in one
+function. The programs are those of pfd_core.simulation.stages, dry, box and search, the dynamics
+those of pfd_core.kernels.simulations.
+
+A program for rare states also runs in lanes that do not need it, and changes nothing there. K0 and
+slopes of all lanes come from one program, whatever their neighbours need: two programs of the same
+acceleration may round differently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from pfd_core.kernels.script import Frame, Script, procedure
+from pfd_core.kernels.simulate import LOW_POSITION, MOTOR_TORQUE, UNFINISHED, Steps, evaluations
+from pfd_core.kernels.simulations import StepCode
+from pfd_core.machine.program import Program
+from pfd_core.model import Plant
+from pfd_core.simulation import box, dry, search
+from pfd_core.simulation.dry import Law
+from pfd_core.simulation.stages import Segment
+from pfd_core.simulation.tableaux import TABLEAUX
+
+# Largest number of segments in a step. A joint that bounces to the least height
+# (pfd_core.simulation.box) under 800 rad/s^2 without loss has this many in 1 ms.
+MOST_SEGMENTS = 10_000
+
+
+def step_code(plant: Plant, integrator: str, h: float, dtype: str, compensated: bool) -> StepCode:
+    """
+    Return a step of length h [s] of an integrator, for pfd_core.kernels.simulations.
+
+    With `compensated` positions are sums.
+    """
+    tableau = TABLEAUX[integrator]
+    further = [LOW_POSITION] * compensated + [MOTOR_TORQUE] * (plant.motor_lag is not None)
+    settings = f'{integrator} {h.hex()} {compensated}'
+    if not dry.has_contact(plant):
+        segment = Segment(plant, tableau, h, compensated)
+        # Torques of motors without a lag beside others with one jump between two steps.
+        jumps = plant.motor_lag is not None and not plant.motor_lag.all()
+        shared = tableau.shared and not jumps
+        calls = segment.calls
+        function = 'qdd' if segment.damped else 'undamped'
+        calls[function] = calls.pop('accelerations') - shared
+        return StepCode(
+            plant,
+            tuple(further),
+            segment.programs(),
+            partial(_smooth, segment, shared),
+            {name: count for name, count in calls.items() if count},
+            settings,
+            shared=shared,
+            implicit=0.0 if segment.damped else tableau.implicit * h,
+        )
+    law = Law(plant, dtype)
+    segment = Segment(plant, tableau, h, compensated, law.load, loaded=not law.drives)
+    programs = event_programs(law, segment)
+    calls = {name: count for name, count in segment.calls.items() if count}
+    calls |= dict.fromkeys(('watch', 'directions', 'load', 'detect', 'commit'), 1)
+    if law.drives:
+        calls |= dict.fromkeys(('load', 'motor'), calls['accelerations'])
+    return StepCode(
+        plant,
+        (*further, UNFINISHED),
+        programs,
+        partial(_with_events, law, segment),
+        calls,
+        settings,
+        contact=True,
+        stops='hits' in programs,
+        implicit=float(not segment.damped),
+    )
+
+
+def event_programs(law: Law, segment: Segment) -> dict[str, Program]:
+    """Return the programs of segments with events, by name."""
+    programs = {
+        **mode_programs(law),
+        'held': dry.record_held(law.n),
+        'loose': dry.record_loose(law),
+        'aim': search.record_aim(law),
+        **segment.programs(),
+        'margins': dry.record_margins(law),
+        'detect': dry.record_detect(law),
+        'narrow': search.record_narrow(law),
+        'snap': dry.record_snap(law, segment.compensated),
+        'commit': segment.record_commit(),
+        'unfinished': dry.record_unfinished(law.n),
+    }
+    if segment.damped:
+        programs['first'] = dry.record_first(law.n)
+    else:
+        programs['load.undamped'] = dry.record_load(law, False)
+    return programs
+
+
+def mode_programs(law: Law) -> dict[str, Program]:
+    """Return the programs of the modes in which a segment begins, and of impacts."""
+    programs = {
+        'watch': dry.record_watch(law),
+        'directions': dry.record_directions(law.n),
+        'modes': dry.record_modes(law),
+        'pivot': box.record_pivot(law.n),
+        'load': dry.record_load(law, True),
+    }
+    if law.plant.joint_limits is not None:
+        programs |= {
+            'hits': box.record_hits(law),
+            'compression': box.record_compression(law),
+            'impulses': box.record_impulses(law),
+            'restitution': box.record_restitution(law),
+            'settling': box.record_settling(law.n),
+            'inelastic': box.record_inelastic(law.n),
+        }
+    return programs
+
+
+def _smooth(
+    segment: Segment,
+    shared: bool,
+    steps: Steps,
+    programs: Mapping[str, Program],
+    dynamics: Mapping[str, Program],
+    frame: Frame,
+    angles: Sequence[int],
+) -> list[str]:
+    """Return @advance and @accelerate of a scene without events, and what they call."""
+    script = partial(Script, frame=frame, dynamics=dynamics, dtype=steps.dtype, width=steps.width)
+    s = script('advance', programs=programs, inline=True)
+    function = 'qdd' if segment.damped else 'undamped'
+    begin, middle, _ = segment.tau
+    if segment.lags:
+        s.run('begin')
+    if not shared:
+        s.evaluate('K0', function, tau=begin)
+    if not segment.damped:
+        s.fill('zero', 0.0, steps.n)
+    first = {'K0': 'qdd'} if shared else {}
+    for stage in segment.stages:
+        s.run(stage.program, **first)
+        if stage.function == 'solve':
+            s.evaluate(stage.result, 'solve', q='q.stage', qd=stage.qd, tau='y')
+        else:
+            s.evaluate(stage.result, function, q='q.stage', qd=stage.qd, tau=middle)
+    s.run('finish', **first)
+    if shared:
+        s.copy(segment.stages[-1].result, 'qdd')
+    end = script('accelerate', inline=True)
+    end.evaluate('qdd', 'qdd', tau=steps.torque)
+    return [*evaluations(dynamics, steps.dtype, steps.width, angles), str(s), str(end)]
+
+
+def _with_events(
+    law: Law,
+    segment: Segment,
+    steps: Steps,
+    programs: Mapping[str, Program],
+    dynamics: Mapping[str, Program],
+    frame: Frame,
+    angles: Sequence[int],
+) -> list[str]:
+    """Return @advance and @accelerate of a scene with events, and what they call."""
+    writer = EventWriter(law, segment, steps, programs, dynamics, frame)
+    functions = evaluations(dynamics, steps.dtype, steps.width, angles)
+    functions += [procedure(k, p, steps.dtype, steps.width) for k, p in programs.items()]
+    return [*functions, *writer.functions()]
+
+
+@dataclass(frozen=True)
+class EventWriter:
+    """Writer of the functions of a step with events; programs and dynamics are lowered."""
+
+    law: Law
+    segment: Segment
+    steps: Steps
+    programs: Mapping[str, Program]
+    dynamics: Mapping[str, Program]
+    frame: Frame
+
+    def __post_init__(self) -> None:
+        """Lay out the arrays; an evaluation of `held` writes accelerations and lambda."""
+        for place, torque in (('begin', 'lambda.begin'), ('end', 'lambda.end')):
+            self.frame.place(f'rest.{place}', 2 * self.law.n)
+            self.frame.split(f'rest.{place}', f'x.{place}', torque)
+        for program in self.programs.values():
+            sizes = program.inputs | {name: len(x.places) for name, x in program.outputs.items()}
+            for name, size in sizes.items():
+                self.frame.place(name, size)
+
+    def functions(self) -> list[str]:
+        """Return all functions."""
+        parts = [self._hold(), *([self._impact()] if 'hits' in self.programs else [])]
+        parts += [self._segment(), self._ends(), self._advance(), self._accelerate()]
+        return list(map(str, parts))
+
+    def _script(self, name: str) -> Script:
+        return Script(
+            name, self.frame, self.dynamics, self.steps.dtype, self.steps.width, self.programs
+        )
+
+    def _load(self, s: Script, q: str, qd: str, tau: str, y: str, damped: bool = True) -> None:
+        """Write the torques of sliding joints at a state."""
+        if self.law.drives:
+            s.evaluate('motor', 'motor', q=q, qd=qd, tau=tau)
+            tau = 'motor'
+        s.run('load' if damped else 'load.undamped', qd=qd, tau=tau, y=y)
+
+    def _rest(self, s: Script, place: str, q: str, qd: str, tau: str) -> None:
+        """Evaluate accelerations and what holds the joints at rest."""
+        self._load(s, q, qd, tau, f'y.{place}')
+        s.evaluate(f'rest.{place}', 'held', q=q, qd=qd, tau=f'y.{place}', free='moving')
+
+    def _accelerations(
+        self, s: Script, result: str, q: str, qd: str, tau: str, damped: bool = True
+    ) -> None:
+        self._load(s, q, qd, tau, 'y', damped)
+        s.evaluate(result, 'accelerations', q=q, qd=qd, tau='y', free='moving')
+
+    def _unbrake(self, s: Script) -> None:
+        """Set `unbraked`, 1 for each joint without a closed brake."""
+        if 'free' in self.steps.inputs:
+            s.copy('free', 'unbraked')
+        else:
+            s.fill('unbraked', 1.0, self.law.n)
+
+    def _hold(self) -> Script:
+        s, n = self._script('hold'), self.law.n
+        s.run('directions')
+        s.copy('unbraked', 'moving')
+        s.fill('held', 0.0, 1)
+        s.fill('slides', 1.0, 1)
+        with s.when_any('watch'):
+            s.run('modes')
+            with s.when_any('busy'):
+                with s.while_any('busy', box.PIVOTS * n):
+                    self._rest(s, 'begin', 'q', 'qd', self.segment.tau[0])
+                    s.run('pivot', x='x.begin', torque='lambda.begin', load='zero')
+                s.run('held')
+        return s
+
+    def _compress(self, s: Script, hits: str, suffix: str) -> None:
+        """Write velocities after the compression of an impact, to arrays with a suffix."""
+        own = {x: f'{x}{suffix}' for x in ('x', 'load', 'candidate', 'moving')}
+        own |= {'torque': 'torque.impact'}
+
+        def solve() -> None:
+            arrays = {'tau': own['load'], 'free': own['moving']}
+            s.evaluate(own['x'], 'inertial', qd='zero', **arrays)
+
+        s.evaluate(own['load'], 'momentum', qd='zero', qdd='qd')
+        s.run('compression', hits=hits, **own)
+        solve()
+        with s.while_any('busy', box.PIVOTS * self.law.n):
+            s.evaluate(own['torque'], 'momentum', qd='zero', qdd=own['x'])
+            s.run('pivot', **own)
+            with s.when_any('busy'):
+                solve()
+
+    def _impact(self) -> Script:
+        s = self._script('impact')
+        self._compress(s, 'hits', '')
+        s.run('impulses', torque='torque.impact')
+        s.copy('qd', 'before')
+        # Each pass but the last removes the restitution of one joint at least.
+        with s.while_any('again', self.law.n + 1):
+            s.evaluate('returned', 'inertial', qd='zero', tau='thrown', free='unbraked')
+            s.run('restitution')
+            with s.when_any('still'):
+                self._compress(s, 'still', '.still')
+                s.run('inelastic', x='x.still', hits='still')
+            s.call('hold')
+            self._accelerations(s, 'qdd.impact', 'q', 'qd', self.segment.tau[0])
+            s.run('settling', qdd='qdd.impact')
+        return s
+
+    def _segment(self) -> Script:
+        s = self._script('segment')
+        for stage in self.segment.stages:
+            s.run(stage.program)
+            if stage.function == 'solve':
+                s.evaluate(stage.result, 'solve', q='q.stage', tau='y', free='moving')
+                continue
+            if self.law.drives:
+                damped = self.segment.damped
+                self._load(s, 'q.stage', stage.qd, self.segment.tau[1], 'y', damped)
+            arrays = {'q': 'q.stage', 'qd': stage.qd, 'tau': 'y', 'free': 'moving'}
+            s.evaluate(stage.result, 'accelerations', **arrays)
+        s.run('finish')
+        # What holds a joint at the end costs an evaluation, only while one rests.
+        with s.when_any('held'):
+            self._rest(s, 'end', 'q.end', 'qd.end', self.segment.tau[2])
+        return s
+
+    def _margins(self, s: Script, place: str = 'end', **arrays: str) -> None:
+        s.run('margins', **{'lambda': f'lambda.{place}', 'y.end': f'y.{place}'} | arrays)
+
+    @property
+    def _end(self) -> dict[str, str]:
+        """The array of the accelerations at the end, if the stages have them."""
+        slope = self.segment.slope
+        return {'qdd.end': slope} if slope else {}
+
+    def _ends(self) -> Script:
+        """Repeat a segment for the search: margins and slopes at its end."""
+        s = self._script('ends')
+        s.call('segment')
+        self._slopes(s)
+        return s
+
+    def _slopes(self, s: Script) -> None:
+        if not self.segment.slope:
+            # In every lane, so that slopes do not depend on neighbours.
+            self._accelerations(s, 'qdd.end', 'q.end', 'qd.end', self.segment.tau[2])
+        self._margins(s, **self._end)
+
+    def _advance(self) -> Script:
+        s, n, segment = self._script('advance'), self.law.n, self.segment
+        for name in ('sticks', 'zero', *(['stopped'] if segment.compensated else [])):
+            s.fill(name, 0.0, n)
+        s.fill('rest', segment.h, 1)
+        self._unbrake(s)
+        with s.while_any('rest', MOST_SEGMENTS):
+            s.run('watch')
+            if segment.lags:
+                s.run('begin')
+            if 'hits' in self.programs:
+                with s.when_any('watch'):
+                    s.run('hits')
+                    with s.when_any('hits'):
+                        s.call('impact')
+            s.call('hold')
+            self._first(s)
+            s.copy('rest', 'r')
+            s.call('segment')
+            s.fill('loose', 0.0, 1)
+            with s.when_any('held'):
+                s.run('loose', **{'lambda': 'lambda.end'})
+            s.run('detect')
+            with s.when_any('seek', rarely=True):
+                self._search(s)
+            s.run('commit')
+            if segment.compensated:
+                s.fill('stopped', 0.0, n)
+        with s.when_any('rest', rarely=True):
+            s.run('unfinished')
+        return s
+
+    def _first(self, s: Script) -> None:
+        """Write the accelerations of the first stage."""
+        if not self.segment.damped:
+            self._accelerations(s, 'K0', 'q', 'qd', self.segment.tau[0], damped=False)
+            return
+        with s.when_any('slides'):
+            self._accelerations(s, 'K0', 'q', 'qd', self.segment.tau[0])
+        with s.when_any('held'):
+            s.run('first')
+
+    def _search(self, s: Script) -> None:
+        segment = self.segment
+        slope = 'K0' if segment.damped else 'qdd.begin'
+        if not segment.damped:
+            self._accelerations(s, slope, 'q', 'qd', segment.tau[0])
+        self._slopes(s)
+        begin = {'q.end': 'q', 'qd.end': 'qd', 'qdd.end': slope}
+        self._margins(s, 'begin', **begin, g='g.L', d='d.L', noise='noise.L')
+        s.copy('r', 'span')
+        for name in ('L', 'count', 'delta'):
+            s.fill(name, 0.0, 1)
+        with s.while_any('seek', search.LOOKS):
+            s.run('narrow', h='span')
+            with s.when_any('seek'):
+                s.run('aim')
+                s.call('ends')
+        s.run('snap', **self._end)
+
+    def _accelerate(self) -> Script:
+        s = self._script('accelerate')
+        if self.segment.lags:
+            s.copy(MOTOR_TORQUE, self.segment.tau[0])
+        self._unbrake(s)
+        s.run('watch')
+        for name in ('sticks', 'zero'):
+            s.fill(name, 0.0, self.law.n)
+        s.call('hold')
+        self._accelerations(s, 'qdd', 'q', 'qd', self.segment.tau[0])
+        return s

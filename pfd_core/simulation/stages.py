@@ -1,0 +1,313 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The programs of a segment: a step of an integrator of any length r, with all joints in fixed modes.
+
+    stage1 ...   the states of the further stages, and the torques there
+    finish       the state at the end
+
+The accelerations of the first stage, K0, belong to the beginning, so that a segment that is
+repeated with another length keeps them. A scene without dry friction and stops has one segment a
+step, whose length h is then a constant of the programs.
+
+Motors follow the command u with time constants T: tau(t) = u + (tau(0) - u) exp(-t/T). Over a
+whole step the exponentials are constants, rounded correctly. For other lengths they are
+
+    exp(-z) = (1 - z/3) / (1 + 2 z/3 + z^2/6),   z = t/T
+
+of third order, which falls to zero with z, so that the lag is stable for any T (Hairer and Wanner,
+Solving Ordinary Differential Equations II, 2nd ed., IV.3).
+
+Compensated positions are sums q + q_low, whose second part holds the digits below q:
+q' = fl(q + y) with y = fl(dq + q_low), and q_low' = (q + y) - q' exactly (D. E. Knuth, The Art of
+Computer Programming 2, 4.2.2, theorem B). Only dq is rounded, never the sum.
+
+One register holds one number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Context, Decimal
+from typing import Any
+
+from pfd_core.dynamics.interface import input_list, program_with_outputs
+from pfd_core.dynamics.numbers import Numbers
+from pfd_core.kernels.simulate import LOW_POSITION, MOTOR_TORQUE
+from pfd_core.machine.lanes import where
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.model import Plant
+from pfd_core.simulation.tableaux import IMEX_FIRST, Tableau
+
+Row = list[Lanes]
+# Constants with the same bits on every machine, unlike exp of NumPy and C.
+EXACT = Context(prec=40)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A program, and the evaluation after it: the dynamics and its arrays."""
+
+    program: str
+    function: str  # 'accelerations' or 'solve'
+    qd: str
+    result: str
+
+
+@dataclass(frozen=True)
+class Segment:
+    """
+    An integrator's segment for a plant.
+
+    Attributes
+    ----------
+    plant : Plant
+        Robot and scene.
+    tableau : Tableau
+        The integrator.
+    h : float
+        Length of a whole step [s].
+    compensated : bool
+        Whether positions are sums.
+    load : callable or None
+        load(tau, qd, direction, damped) returns the torques of sliding joints under torques tau of
+        the motors. None for a scene without events.
+    loaded : bool
+        Whether the stages' programs apply `load` to the torques themselves: motors do not
+        change them.
+
+    """
+
+    plant: Plant
+    tableau: Tableau
+    h: float
+    compensated: bool
+    load: Callable[[Row, Row, Row, bool], Row] | None = None
+    loaded: bool = False
+
+    @property
+    def damped(self) -> bool:
+        """Whether accelerations include the damping; else stages solve with it."""
+        return not self.tableau.implicit or self.plant.viscosity is None
+
+    @property
+    def lags(self) -> bool:
+        """Whether motors follow the command with a lag."""
+        return self.plant.motor_lag is not None
+
+    @property
+    def tau(self) -> tuple[str, str, str]:
+        """Arrays of the torques at the beginning of a segment, at a stage and at the end."""
+        return ('tau.begin', 'tau.stage', 'tau.end') if self.lags else ('tau', 'tau', 'tau')
+
+    @property
+    def slope(self) -> str:
+        """The array of the accelerations at the end of a segment, empty if no stage has them."""
+        stage = self.tableau.slope if self.damped else None
+        return '' if stage is None else f'K{stage}'
+
+    @property
+    def calls(self) -> dict[str, int]:
+        """How often a segment runs its programs and evaluates its dynamics, without motors."""
+        solves = sum(stage.function == 'solve' for stage in self.stages)
+        programs = [*(stage.program for stage in self.stages), 'finish', *['begin'] * self.lags]
+        functions = {'accelerations': 1 + len(self.stages) - solves, 'solve': solves}
+        return dict.fromkeys(programs, 1) | functions
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """The programs and evaluations of a segment between K0 and `finish`, in order."""
+        if self.damped:
+            return tuple(
+                Stage(f'stage{k}', 'accelerations', 'qd.stage', f'K{k}')
+                for k in range(1, self.tableau.stages)
+            )
+        return (
+            Stage('stage1', 'solve', 'zero', 'X1'),
+            Stage('stage2', 'accelerations', 'V1', 'K1'),
+            Stage('stage3', 'solve', 'zero', 'X2'),
+        )
+
+    def programs(self) -> dict[str, Program]:
+        """Return the programs by name."""
+        record = self._explicit if self.damped else self._implicit
+        last = self.tableau.stages if self.damped else 4
+        programs = {f'stage{k}': record(k) for k in range(1, last)} | {'finish': record(last)}
+        if self.lags:
+            writer = _Writer(self)
+            programs['begin'] = writer.program({self.tau[0]: writer.torques(0.0)})
+        return programs
+
+    def record_commit(self) -> Program:
+        """
+        Return the program of the state after a segment; a lane with a complete step keeps its own.
+
+        Inputs are the state, q.end, qd.end, dq, `stopped`, flags of joints put onto their stops,
+        tau, and (1,) r and rest, the time left of the step. Outputs are the state and rest.
+        """
+        writer = _Writer(self)
+        r, rest = writer.number('r'), writer.number('rest')
+        old = {name: writer.read(name) for name in ('q', 'qd')}
+        new = {name: writer.read(f'{name}.end') for name in old}
+        if self.compensated:
+            old[LOW_POSITION], stopped = (writer.read(x) for x in (LOW_POSITION, 'stopped'))
+            q, low = compensated(old['q'], writer.read('dq'), old[LOW_POSITION])
+            new['q'] = [where(*each) for each in zip(stopped, new['q'], q, strict=True)]
+            new[LOW_POSITION] = [where(s, 0.0, x) for s, x in zip(stopped, low, strict=True)]
+        if self.lags:
+            old[MOTOR_TORQUE], new[MOTOR_TORQUE] = writer.read(MOTOR_TORQUE), writer.torques(1.0)
+        # By rounding, a search may end beyond the step.
+        left = where(rest - r, rest - r, 0.0)
+        state = {
+            name: [where(rest, *each) for each in zip(new[name], row, strict=True)]
+            for name, row in old.items()
+        }
+        return writer.program(state | {'rest': [where(rest, left, rest)]})
+
+    def _explicit(self, k: int) -> Program:
+        """Return the program of a stage, or of the end after the last one."""
+        writer, t = _Writer(self), self.tableau
+        q, v, r = writer.read('q'), writer.read('qd'), writer.r
+        rr = r * r
+        end = k == t.stages
+        A, A_bar, c = (t.b, t.b_bar, 1.0) if end else (t.A[k], t.A_bar[k], t.c[k])
+        pairs = enumerate(zip(A, A_bar, strict=True))
+        K = [writer.read(f'K{j}') if a or b else [] for j, (a, b) in pairs]
+        dq = plus(scaled(r * c, v), rr, zip(A_bar, K, strict=True))
+        qd = plus(v, r, zip(A, K, strict=True))
+        return writer.end(q, dq, qd) if end else writer.stage(c, added(q, dq), qd)
+
+    def _implicit(self, k: int) -> Program:
+        """Return the program of the stages of ARS(2, 2, 2) with a damping; see tableaux."""
+        writer, t = _Writer(self), self.tableau
+        c, d = t.implicit, IMEX_FIRST
+        q, v, r = writer.read('q'), writer.read('qd'), writer.r
+        K0, X1, V1, K1, X2 = (writer.read(x) for x in ('K0', 'X1', 'V1', 'K1', 'X2'))
+        cr = r * c
+        w1 = plus(v, r, [(c, K0)])
+        if k == 1:
+            return writer.solve(added(q, scaled(cr, v)), w1, cr)
+        if k == 2:
+            V1 = plus(w1, -cr, [(1.0, X1)])
+            return writer.stage(c, added(q, scaled(cr, V1)), V1, 'V1')
+        w2 = plus(v, r, [(d, K0), (1 - d, K1), (c - 1, X1)])
+        if k == 3:
+            return writer.solve(plus(q, r, [(d, v), (1 - d, V1)]), w2, cr)
+        V2 = plus(w2, -cr, [(1.0, X2)])
+        return writer.end(q, plus(scaled(r * (1 - c), V1), cr, [(1.0, V2)]), V2)
+
+
+class _Writer:
+    """Recorder of one program of a segment."""
+
+    def __init__(self, segment: Segment) -> None:
+        self._segment, self._recorder = segment, Recorder(1, 'sequential')
+
+    def read(self, name: str) -> Row:
+        """Return an input of a number for each joint."""
+        return input_list(self._recorder, name, self._segment.plant.robot.n)
+
+    def number(self, name: str) -> Lanes:
+        """Return an input of one number."""
+        return input_list(self._recorder, name, 1)[0]
+
+    @property
+    def r(self) -> Lanes:
+        """The length of the segment, a constant where it is always the whole step."""
+        if self._segment.load is None:
+            return self._recorder.constant(self._segment.h)
+        return self.number('r')
+
+    def program(self, outputs: Mapping[str, Row]) -> Program:
+        """Return the program with some outputs."""
+        return program_with_outputs(self._recorder, **outputs)
+
+    def torques(self, part: float) -> Row:
+        """Return the torques of lagging motors after a part of the segment."""
+        command, motor = self.read('tau'), self.read(MOTOR_TORQUE)
+        lag, h = self._segment.plant.motor_lag, self._segment.h
+        assert lag is not None
+        result = []
+        for u, tau, T in zip(command, motor, lag.tolist(), strict=True):
+            decay: Lanes | float = decayed(part * h, T)
+            if part and T and self._segment.load is not None:
+                z = self.r * (part / T)
+                short = (1.0 - z * (1 / 3)) / (1.0 + z * (2 / 3) + z * z * (1 / 6))
+                # No segment is longer than a step.
+                decay = where(h - self.r, short, decay)
+            result.append(u + decay * (tau - u) if T and part else tau if T else u)
+        return result
+
+    def stage(self, part: float, q: Row, qd: Row, name: str = 'qd.stage') -> Program:
+        """Return the program of a stage's state, after a part of the segment, and its torques."""
+        segment, outputs = self._segment, {'q.stage': q, name: qd}
+        if segment.lags:
+            outputs[segment.tau[1]] = self.torques(part)
+        if segment.loaded and segment.load is not None:
+            tau = outputs.get(segment.tau[1]) or self.read('tau')
+            outputs['y'] = segment.load(tau, qd, self.read('direction'), segment.damped)
+        return self.program(outputs)
+
+    def solve(self, q: Row, w: Row, cr: Lanes) -> Program:
+        """Return the program of an implicit stage: D w, and c r D if r varies."""
+        numbers = Numbers(self._recorder, self._segment.plant)
+        D = [numbers.known('viscosity', i) for i in range(len(w))]
+        outputs = {'q.stage': q, 'y': [x * d for x, d in zip(w, D, strict=True)]}
+        if self._segment.load is not None:
+            outputs['rotor'] = scaled(cr, D)
+        return self.program(outputs)
+
+    def end(self, q: Row, dq: Row, qd: Row) -> Program:
+        """Return the program of the end: the state itself in a scene without events."""
+        segment = self._segment
+        if segment.load is not None:
+            outputs = {'q.end': added(q, dq), 'qd.end': qd, 'dq': dq}
+            if segment.lags:
+                outputs[segment.tau[2]] = self.torques(1.0)
+            return self.program(outputs)
+        outputs = {'q': added(q, dq), 'qd': qd}
+        if segment.compensated:
+            outputs['q'], outputs[LOW_POSITION] = compensated(q, dq, self.read(LOW_POSITION))
+        if segment.lags:
+            outputs[MOTOR_TORQUE] = self.torques(1.0)
+        return self.program(outputs)
+
+
+def compensated(q: Row, dq: Row, low: Row) -> tuple[Row, Row]:
+    """Return positions after a change dq, and the digits below them."""
+    ends, lows = [], []
+    for x, d, small in zip(q, dq, low, strict=True):
+        y = d + small
+        end = x + y
+        change = end - x
+        ends.append(end)
+        lows.append((x - (end - change)) + (y - change))
+    return ends, lows
+
+
+def plus(x: Sequence[Lanes], r: Lanes | float, terms: Iterable[tuple[float, Row]]) -> Row:
+    """Return x + sum (r w) K, without terms of weight zero."""
+    total = list(x)
+    for w, K in terms:
+        if w:
+            total = added(total, scaled(r * w, K))
+    return total
+
+
+def scaled(factor: Lanes | float, x: Sequence[Any]) -> Row:
+    """Return a row times a number."""
+    return list(x) if isinstance(factor, float) and factor == 1.0 else [a * factor for a in x]
+
+
+def added(x: Sequence[Lanes], y: Sequence[Lanes]) -> Row:
+    """Return the sum of two rows."""
+    return [a + b for a, b in zip(x, y, strict=True)]
+
+
+def decayed(time: float, constant: float) -> float:
+    """Return exp(-time / constant), rounded correctly; 0 for a constant of zero."""
+    if not constant:
+        return 0.0
+    return float(EXACT.exp(EXACT.divide(Decimal(-time), Decimal(constant))))

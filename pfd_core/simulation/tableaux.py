@@ -1,0 +1,117 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Integrators as data: a step of length r of q'' = f(q, q'), with s evaluations f.
+
+    K_i = f(Q_i, V_i)
+    Q_i = q + r c_i v + r^2 sum_j Ab_ij K_j        V_i = v + r sum_j A_ij K_j
+    q'  = q + r v     + r^2 sum_j bb_j  K_j        v'  = v + r sum_j b_j  K_j
+
+A Runge-Kutta method has Ab = A A and bb = b A (Nystrom form); other methods state them.
+
+imex2 is ARS(2, 2, 2): U. M. Ascher, S. J. Ruuth, R. J. Spiteri, Implicit-explicit Runge-Kutta
+methods for time-dependent partial differential equations, Applied Numerical Mathematics 25 (1997),
+2.6. Without damping it is the explicit method of its row. With a damping D each stage solves
+
+    (H + c r D) V = H w,   V = w - c r (H + c r D)^-1 D w,   c the diagonal coefficient
+
+(pfd_core.simulation.stages). The positions take the weights of the velocities. It is L-stable in
+D.
+
+To add an integrator, write its row; every scene, friction and stops included, then takes it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+Row = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Tableau:
+    """
+    The coefficients of an explicit integrator.
+
+    Attributes
+    ----------
+    c, b : tuple of float
+        Times of the stages as parts of the step, (s,), and weights of K in v'.
+    A : tuple of tuple of float
+        Weights of K in the velocities of the stages, (s, s), zero from the diagonal on.
+    b_bar, A_bar : tuple
+        Weights of K in positions; default b A and A A.
+    order : int
+        Power of r with which the error of a motion falls.
+    implicit : float
+        Diagonal coefficient c of the implicit stages, in a scene with damping; 0 for none.
+    shared : bool
+        Whether the last evaluation of a step may serve as the first one of the next.
+
+    """
+
+    c: Row
+    A: tuple[Row, ...]
+    b: Row
+    order: int
+    b_bar: Row = ()
+    A_bar: tuple[Row, ...] = ()
+    implicit: float = 0.0
+    shared: bool = False
+
+    def __post_init__(self) -> None:
+        """Complete the weights of a Runge-Kutta method."""
+        A = np.array(self.A)
+        if not self.b_bar:
+            object.__setattr__(self, 'b_bar', tuple((np.array(self.b) @ A).tolist()))
+            object.__setattr__(self, 'A_bar', tuple(map(tuple, (A @ A).tolist())))
+
+    @property
+    def stages(self) -> int:
+        """The number of evaluations of a step."""
+        return len(self.c)
+
+    @property
+    def slope(self) -> int | None:
+        """The stage whose K is, to the method's order, the acceleration at the end, if any."""
+        return self.stages - 1 if self.c[-1] == 1 else None
+
+
+# Diagonal coefficient of the implicit stages of imex2, and weight of its first explicit stage.
+IMEX_DIAGONAL = 1 - 1 / math.sqrt(2)
+IMEX_FIRST = 1 - 1 / (2 * IMEX_DIAGONAL)
+
+TABLEAUX = {
+    'rk4': Tableau(
+        c=(0.0, 0.5, 0.5, 1.0),
+        A=((0.0,) * 4, (0.5, 0.0, 0.0, 0.0), (0.0, 0.5, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0)),
+        b=(1 / 6, 1 / 3, 1 / 3, 1 / 6),
+        order=4,
+    ),
+    # The forces of an arm depend on the velocity, which is predicted for the second evaluation.
+    'velocity_verlet': Tableau(
+        c=(0.0, 1.0),
+        A=((0.0, 0.0), (1.0, 0.0)),
+        b=(0.5, 0.5),
+        order=2,
+        A_bar=((0.0, 0.0), (0.5, 0.0)),
+        b_bar=(0.5, 0.0),
+        shared=True,
+    ),
+    'imex2': Tableau(
+        c=(0.0, IMEX_DIAGONAL),
+        A=((0.0, 0.0), (IMEX_DIAGONAL, 0.0)),
+        b=(IMEX_FIRST, 1 - IMEX_FIRST),
+        order=2,
+        A_bar=((0.0, 0.0), (IMEX_DIAGONAL**2, 0.0)),
+        b_bar=(
+            (1 - IMEX_DIAGONAL) * IMEX_DIAGONAL + IMEX_DIAGONAL * IMEX_FIRST,
+            IMEX_DIAGONAL * (1 - IMEX_FIRST),
+        ),
+        implicit=IMEX_DIAGONAL,
+    ),
+}
+INTEGRATORS = ('auto', *TABLEAUX)

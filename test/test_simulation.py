@@ -267,6 +267,16 @@ def test_a_simulation_continues_from_the_state_of_another_with_the_same_bits(
     assert one.time == pytest.approx(5.08)
 
 
+@pytest.mark.parametrize('kind', [pfd.Simulator, partial(pfd.Ensemble, size=2)])
+def test_what_native_code_was_made_for_cannot_be_changed(kind: Any) -> None:
+    sim = kind(pfd.load_robot('planar2'))
+    names = ('robot', 'scene', 'step_size', 'substeps', 'integrator', 'method', 'dtype')
+    for name in (*names, 'compensated', *(['size'] if sim.batch else [])):
+        before = getattr(sim, name)
+        with pytest.raises(AttributeError, match=name):
+            setattr(sim, name, before)
+
+
 def test_the_state_handed_out_is_a_copy() -> None:
     sim = pfd.Simulator(pfd.load_robot('planar2'))
     sim.q[:] = 7.0

@@ -108,10 +108,10 @@ class Ensemble(Simulation):
             raise ValueError(
                 f'an Ensemble takes a scene with a Payload or None, got payload={INPUT!r}'
             )
-        self.size = integer('size', size, 1, math.inf)
-        self.batch = (self.size,)
+        self._size = integer('size', size, 1, math.inf)
+        self._batch = (self._size,)
         if parameters is not None:
-            self._arms = Arms(robot, given_scene(scene), self.size, parameters)
+            self._arms = Arms(robot, given_scene(scene), self._size, parameters)
         super().__init__(robot, scene, **settings)
 
     def _written(self, further: tuple[str, ...], control: Program | None) -> tuple[str, ...]:
@@ -119,7 +119,7 @@ class Ensemble(Simulation):
 
     def _load_native(self) -> None:
         # One arm alone needs no vectors: scalar code takes half the time, with the same bits.
-        self._width = 1 if self.size == 1 else simd_width(self.dtype)
+        self._width = 1 if self._size == 1 else simd_width(self._dtype)
         super()._load_native()
         self._laws: dict[type[Law], NativeSteps] = {}
 
@@ -127,14 +127,19 @@ class Ensemble(Simulation):
         """Return the steps under a law of feedback, compiled at the first use of its kind."""
         kind = Feedback if isinstance(law, Feedback) else StateFeedback
         if kind not in self._laws:
-            self._laws[kind] = self._compile(record_law(kind, self.robot.n))
+            self._laws[kind] = self._compile(record_law(kind, self._robot.n))
         return self._laws[kind]
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         names = (*REPORT, *self._native.steps.further)
-        each = 2 * len(names) * self.robot.n * np.dtype(self.dtype).itemsize
-        _check_memory(f'size={self.size} arms', self.size * each)
-        return dict.fromkeys(names, (self.size, self.robot.n))
+        each = 2 * len(names) * self._robot.n * np.dtype(self._dtype).itemsize
+        _check_memory(f'size={self._size} arms', self._size * each)
+        return dict.fromkeys(names, (self._size, self._robot.n))
+
+    @property
+    def size(self) -> int:
+        """Number of arms B."""
+        return self._size
 
     @property
     def qdd(self) -> Array:
@@ -196,21 +201,21 @@ class Ensemble(Simulation):
         threads = thread_count(threads)
         taus, steps = self._torques(taus, steps)
         every = integer('every', every, 1)
-        shape = self.size, steps // every, self.robot.n
-        written = len(REPORT) * math.prod(shape) * np.dtype(self.dtype).itemsize
-        _check_memory(f'states of {self.size} arms at {steps // every} times', written)
+        shape = self._size, steps // every, self._robot.n
+        written = len(REPORT) * math.prod(shape) * np.dtype(self._dtype).itemsize
+        _check_memory(f'states of {self._size} arms at {steps // every} times', written)
         given = self._scene_inputs(wrench, brakes)
         if self._plant.varied:
             given[PARAMETERS] = self._parameters
         if feedback is None:
             native, given['tau'] = self._native, taus
         else:
-            given |= law_arrays(feedback, self.size, steps, self.robot.n, self.dtype)
+            given |= law_arrays(feedback, self._size, steps, self._robot.n, self._dtype)
             native, given['command'] = self._under(feedback), taus
         # One block: the C library would give the pages of three back when the caller drops them,
         # and the next rollout would take a third longer.
-        states = dict(zip(REPORT, np.empty((len(REPORT), *shape), self.dtype), strict=True))
-        finite_steps = np.zeros(self.size, np.int64)
+        states = dict(zip(REPORT, np.empty((len(REPORT), *shape), self._dtype), strict=True))
+        finite_steps = np.zeros(self._size, np.int64)
         begin = self._now.steps
         most = max(MAX_BLOCK_WORK // self._step_work, 1)
         for first, count, interval in pieces(steps, every, most):
@@ -222,7 +227,7 @@ class Ensemble(Simulation):
             finite = self._advance(native, arrays, count, interval, threads)
             finite_steps[finite_steps == first] += finite[finite_steps == first]
         now = self._now
-        time = now.start + self.step_size * np.arange(begin + every, now.steps + 1, every)
+        time = now.start + self._step_size * np.arange(begin + every, now.steps + 1, every)
         status = 'ok' if (finite_steps == steps).all() else self._why_not_finite(now)
         return Trajectory(time, states['q'], states['qd'], states['qdd'], status, finite_steps)
 
@@ -247,11 +252,11 @@ class Ensemble(Simulation):
         following = self._copied_state()
         arrays = arrays | following.arrays
         table = np.array([_table_row(arrays[name]) for name in native.arrays], np.int64)
-        finite = np.zeros(self.size, np.int64)
-        block = block_size(self.size, threads, native.steps.width, self._step_work * steps)
-        settings = steps, self.substeps, every
+        finite = np.zeros(self._size, np.int64)
+        block = block_size(self._size, threads, native.steps.width, self._step_work * steps)
+        settings = steps, self._substeps, every
         work = partial(_run_block, native, settings, table, finite)
-        run(work, self.size, block, threads)
+        run(work, self._size, block, threads)
         following.steps += steps
         if (finite < steps).any():
             following.status = self._why_not_finite(following)
@@ -261,21 +266,21 @@ class Ensemble(Simulation):
     def _torques(self, taus: ArrayLike | None, steps: int | None) -> tuple[Array, int]:
         """Return the torques, (B, steps, n) or the same of all steps, (B, n), and the steps."""
         steps = None if steps is None else integer('steps', steps, 0, STEPS_AT_MOST)
-        n = self.robot.n
+        n = self._robot.n
         if taus is None:
             if steps is None:
                 raise ValueError('steps is required without taus of several steps')
-            return np.broadcast_to(np.zeros(n, self.dtype), (self.size, n)), steps
-        array = real_array('taus', taus, self.dtype, joints=self.robot.joint_names)
+            return np.broadcast_to(np.zeros(n, self._dtype), (self._size, n)), steps
+        array = real_array('taus', taus, self._dtype, joints=self._robot.joint_names)
         if array.ndim not in (2, 3):
             raise ValueError(
-                f'taus must have shape (steps, {n}) or ({self.size}, steps, {n}), '
+                f'taus must have shape (steps, {n}) or ({self._size}, steps, {n}), '
                 f'got {array.shape}'
             )
         found = array.shape[-2]
         if steps not in (None, found):
             raise ValueError(f'taus has {found} steps, but steps={steps}')
-        return fit_shape('taus', array, (self.size, found, n), broadcast=True), found
+        return fit_shape('taus', array, (self._size, found, n), broadcast=True), found
 
 
 def pieces(steps: int, every: int, most: int) -> Iterator[tuple[int, int, int]]:

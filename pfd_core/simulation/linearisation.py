@@ -53,14 +53,37 @@ SAME = {'float64': 1e-9, 'float32': 1e-3}
 class Simulation(Protocol):
     """The part of a Simulator or an Ensemble that its linearised step needs."""
 
-    robot: Robot
-    scene: Scene
-    dtype: str
-    spec: KernelSpec
-    integrator: str
-    step_size: float
-    substeps: int
-    batch: tuple[int, ...]
+    @property
+    def robot(self) -> Robot:
+        """Chain."""
+
+    @property
+    def scene(self) -> Scene:
+        """Effects."""
+
+    @property
+    def dtype(self) -> str:
+        """Number format."""
+
+    @property
+    def spec(self) -> KernelSpec:
+        """Spec of the dynamics."""
+
+    @property
+    def integrator(self) -> str:
+        """Name of the integrator."""
+
+    @property
+    def step_size(self) -> float:
+        """Seconds per step."""
+
+    @property
+    def substeps(self) -> int:
+        """Steps of the integrator in a step."""
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """Leading dimensions of states."""
 
     @property
     def q(self) -> Array:

@@ -77,7 +77,7 @@ class MotorSimulator(Simulator):
     """A Simulator, with its parameters, whose efforts pass servos and are limited as by motors."""
 
     def _load_native(self) -> None:
-        self._native = self._compile(record_actuators(self.robot.n, self.scene.brakes))
+        self._native = self._compile(record_actuators(self._robot.n, self._scene.brakes))
 
     @cached_property
     def _plain(self) -> NativeSteps:
@@ -88,7 +88,7 @@ class MotorSimulator(Simulator):
         self, q: ArrayLike | None = None, qd: ArrayLike | None = None
     ) -> SimulationState:
         """Return a state at these positions and velocities, default zero, (n,)."""
-        state = SimulationState(self._shapes(), self.dtype)
+        state = SimulationState(self._shapes(), self._dtype)
         self._set(state, q, qd, 0.0, None)
         return state
 
@@ -141,12 +141,12 @@ class MotorSimulator(Simulator):
             If one of these is of another robot.
 
         """
-        n = self.robot.n
+        n = self._robot.n
         if not isinstance(motors, MotorState):
             raise ValueError(f'motors must be a MotorState, got {quote(motors)}')
         kinds = (
-            ('peaks', self.dtype, n),
-            ('before', self.dtype, n),
+            ('peaks', self._dtype, n),
+            ('before', self._dtype, n),
             ('counts', 'int64', len(FLAGS)),
         )
         for name, kind, size in kinds:
@@ -158,7 +158,7 @@ class MotorSimulator(Simulator):
                 and array.flags.carray
             ):
                 raise ValueError(f'motors.{name} must be an array ({size},) of {kind}')
-        rows = real_array('limits', limits, self.dtype, (len(MOTOR_ROWS), n), finite=False)
+        rows = real_array('limits', limits, self._dtype, (len(MOTOR_ROWS), n), finite=False)
         if not (rows >= 0.0).all():
             raise ValueError('limits must be zero or more')
         return Cycles(self, self._own(state), motors, rows.copy(order='C'))
@@ -166,15 +166,15 @@ class MotorSimulator(Simulator):
     def _check_state(self, state: SimulationState) -> None:
         if not isinstance(state, SimulationState):
             raise ValueError(f'state must be a SimulationState, got {quote(state)}')
-        if state.arrays['q'].shape != (self.robot.n,):
+        if state.arrays['q'].shape != (self._robot.n,):
             raise ValueError(
-                f'state must be of {self.robot.n} joints, got {state.arrays["q"].shape}'
+                f'state must be of {self._robot.n} joints, got {state.arrays["q"].shape}'
             )
 
     def _own(self, state: SimulationState) -> SimulationState:
         self._check_state(state)
         shapes = {name: array.shape for name, array in state.arrays.items()}
-        if shapes != self._shapes() or state.arrays['q'].dtype != self.dtype:
+        if shapes != self._shapes() or state.arrays['q'].dtype != self._dtype:
             raise ValueError('state must be of this scene: use converted(state)')
         return state
 

@@ -62,8 +62,7 @@ Self = TypeVar('Self', bound='Simulation')
 class Simulation(ABC):
     """Base of Simulator, which describes the parameters, and of Ensemble."""
 
-    # Leading dimensions of all states: (), or (B,) for an ensemble.
-    batch: tuple[int, ...] = ()
+    _batch: tuple[int, ...] = ()
     # Arms that native code moves at once.
     _width = 1
     _native: NativeSteps
@@ -84,36 +83,38 @@ class Simulation(ABC):
         refine: int = 0,
         compensated: bool | None = None,
     ) -> None:
-        self.robot = robot
-        self.scene = given_scene(scene)
-        given_payload = self.scene.payload == INPUT
+        self._robot = robot
+        self._scene = given_scene(scene)
+        given_payload = self._scene.payload == INPUT
         self._plant = resolve(robot, scene)
         plants = {'': self._plant} if self._arms is None else self._arms.plants()
         if not given_payload:
             _check(plants, check_joint_inertia)
-        self.step_size = real_number('step_size', step_size)
-        if self.step_size <= 0:
-            raise ValueError(f'step_size must be above zero seconds, got {self.step_size}')
-        self.substeps = integer('substeps', substeps, 1, SUBSTEPS_AT_MOST)
-        self.dtype = choice('dtype', dtype, DTYPES)
+        self._step_size = real_number('step_size', step_size)
+        if self._step_size <= 0:
+            raise ValueError(f'step_size must be above zero seconds, got {self._step_size}')
+        self._substeps = integer('substeps', substeps, 1, SUBSTEPS_AT_MOST)
+        self._dtype = choice('dtype', dtype, DTYPES)
         if not given_payload:
-            _check(plants, lambda plant: check_springs(plant, self.step_size, self.substeps))
-        h = self.step_size / self.substeps
-        self.integrator = chosen(integrator, plants.values(), h)
-        self.compensated = (
+            _check(plants, lambda plant: check_springs(plant, self._step_size, self._substeps))
+        h = self._step_size / self._substeps
+        self._integrator = chosen(integrator, plants.values(), h)
+        self._compensated = (
             _positions_grow(robot, dtype)
             if compensated is None
             else switch('compensated', compensated)
         )
         varied = None
         if self._arms is not None:
-            self._plant, p = self._arms.with_inputs(TABLEAUX[self.integrator].implicit * h)
+            self._plant, p = self._arms.with_inputs(TABLEAUX[self._integrator].implicit * h)
             varied, self._parameters, self._arms = self._plant, p.astype(dtype), None
-        self.spec = KernelSpec(robot, self.scene, method, self.dtype, refine, STEP, inputs=varied)
+        self._spec = KernelSpec(
+            robot, self._scene, method, self._dtype, refine, STEP, inputs=varied
+        )
         self._load_native()
-        _check(plants, lambda plant: check_damping(plant, self.integrator, h, dtype))
+        _check(plants, lambda plant: check_damping(plant, self._integrator, h, dtype))
         # Inputs other than the torque, in the order of the native code.
-        self._inputs = ('wrench',) * self.scene.external_wrench + ('free',) * self.scene.brakes
+        self._inputs = ('wrench',) * self._scene.external_wrench + ('free',) * self._scene.brakes
         self._inputs += (PARAMETERS,) * given_payload
         shapes = self._shapes()
         # The valid state lies in the buffer to which `_turn` points; native code uses the other.
@@ -131,14 +132,14 @@ class Simulation(ABC):
     @property
     def _step_work(self) -> int:
         """Operations of one step, on vector registers in an ensemble; at least 1."""
-        return max(self._native.work, 1) * self.substeps
+        return max(self._native.work, 1) * self._substeps
 
     def _compile(self, control: Program | None = None) -> NativeSteps:
         """Return the steps under given torques, or under those of a control program."""
-        h = self.step_size / self.substeps
-        step = step_code(self._plant, self.integrator, h, self.dtype, self.compensated)
+        h = self._step_size / self._substeps
+        step = step_code(self._plant, self._integrator, h, self._dtype, self._compensated)
         written = self._written(step.further, control)
-        return compile_steps(self.spec, step, written=written, width=self._width, control=control)
+        return compile_steps(self._spec, step, written=written, width=self._width, control=control)
 
     @abstractmethod
     def _written(self, further: tuple[str, ...], control: Program | None) -> tuple[str, ...]:
@@ -162,10 +163,57 @@ class Simulation(ABC):
     def __deepcopy__(self: Self, memo: dict[int, Any]) -> Self:
         return self.__copy__()
 
+    # What native code was made for: read-only.
+
+    @property
+    def robot(self) -> Robot:
+        """The chain."""
+        return self._robot
+
+    @property
+    def scene(self) -> Scene:
+        """Which effects are on."""
+        return self._scene
+
+    @property
+    def step_size(self) -> float:
+        """Seconds per step, over which the torque is constant."""
+        return self._step_size
+
+    @property
+    def substeps(self) -> int:
+        """Steps of the integrator in one step."""
+        return self._substeps
+
+    @property
+    def integrator(self) -> str:
+        """The integrator that 'auto' selected."""
+        return self._integrator
+
+    @property
+    def dtype(self) -> str:
+        """Number format."""
+        return self._dtype
+
+    @property
+    def compensated(self) -> bool:
+        """Whether positions are summed without loss."""
+        return self._compensated
+
+    @property
+    def spec(self) -> KernelSpec:
+        """Robot, scene, method, number format and refinement of the dynamics."""
+        return self._spec
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """Leading dimensions of all states: (), or (B,) for an ensemble."""
+        return self._batch
+
     @property
     def method(self) -> str:
         """The method that 'auto' selected."""
-        return self.spec.method
+        return self._spec.method
 
     @property
     def operations(self) -> int:
@@ -210,13 +258,13 @@ class Simulation(ABC):
         positions an angle keeps full precision after any number of turns.
         """
         arrays = self._now.arrays
-        return _split_turns(arrays['q'], arrays.get(LOW_POSITION), self.robot.turning)
+        return _split_turns(arrays['q'], arrays.get(LOW_POSITION), self._robot.turning)
 
     @property
     def time(self) -> float:
         """Time of the state [s]: the start plus whole steps, so that it does not drift."""
         now = self._now
-        return now.start + now.steps * self.step_size
+        return now.start + now.steps * self._step_size
 
     @property
     def status(self) -> str:
@@ -262,12 +310,12 @@ class Simulation(ABC):
                 target[...] = real_array(
                     name,
                     value,
-                    self.dtype,
+                    self._dtype,
                     target.shape,
                     broadcast=target.ndim > 1,
-                    joints=self.robot.joint_names,
+                    joints=self._robot.joint_names,
                 )
-        _check_angles(self.robot, following.arrays['q'], self.dtype)
+        _check_angles(self._robot, following.arrays['q'], self._dtype)
 
     def take_state(self, other: Simulation) -> None:
         """
@@ -278,7 +326,7 @@ class Simulation(ABC):
         """
         if not isinstance(other, Simulation):
             raise ValueError(f'other must be a Simulator or an Ensemble, got {quote(other)}')
-        if (other.robot, other.batch) != (self.robot, self.batch):
+        if (other.robot, other.batch) != (self._robot, self._batch):
             raise ValueError(
                 f'other must be a simulation of {_described(self)}, got one of {_described(other)}'
             )
@@ -327,12 +375,12 @@ class Simulation(ABC):
             derivative then.
 
         """
-        if self.spec.inputs is not None:
+        if self._spec.inputs is not None:
             raise ValueError(
                 'linearize takes no Ensemble with parameters: use a Simulator with the numbers of '
                 'the arm'
             )
-        if self.scene.payload == INPUT:
+        if self._scene.payload == INPUT:
             raise ValueError(
                 f'linearize takes a scene with a Payload or None, got payload={INPUT!r}'
             )
@@ -370,7 +418,7 @@ class Simulation(ABC):
         self, wrench: ArrayLike | None, brakes: ArrayLike | None
     ) -> dict[str, Array]:
         """Return the inputs that the scene needs, checked and the same for all steps."""
-        return scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes, self.batch)
+        return scene_inputs(self._scene, self._robot.n, self._dtype, wrench, brakes, self._batch)
 
 
 def _check(plants: Mapping[str, Plant], rule: Callable[[Plant], None]) -> None:

@@ -97,11 +97,11 @@ class Simulator(Simulation):
         # Beside the state, the inputs of the last step, which `qdd` needs.
         rows = ('q', 'qd', *self._native.steps.further, 'tau', 'free')
         shapes: dict[str, tuple[int, ...]] = {
-            **dict.fromkeys(rows, (self.robot.n,)),
+            **dict.fromkeys(rows, (self._robot.n,)),
             'wrench': (6,),
         }
-        if self.scene.payload == INPUT:
-            shapes[ROWS[PARAMETERS]] = payload_numbers(self.robot, None).shape
+        if self._scene.payload == INPUT:
+            shapes[ROWS[PARAMETERS]] = payload_numbers(self._robot, None).shape
         return shapes
 
     @property
@@ -122,7 +122,7 @@ class Simulator(Simulation):
     def _accelerations_of(self, state: SimulationState) -> Array:
         arrays = state.arrays
         if not state.steps:
-            return np.zeros(self.robot.n, self.dtype)
+            return np.zeros(self._robot.n, self._dtype)
         names = ('q', 'qd', self._native.steps.torque)
         rows = {name: arrays[name][np.newaxis] for name in names}
         inputs = {name: arrays[ROWS.get(name, name)] for name in self._inputs}
@@ -147,10 +147,10 @@ class Simulator(Simulation):
         # Before the table of numbers that are kept, which takes hashable objects only.
         if payload is not None and not isinstance(payload, Payload):
             raise ValueError(f'payload must be a Payload or None, got {quote(payload)}')
-        if self.scene.payload != INPUT:
+        if self._scene.payload != INPUT:
             raise ValueError("the scene takes no payload as an input: use Scene(payload='input')")
         return _payload_input(
-            self.robot, self.scene, self.dtype, self.step_size, self.substeps, payload
+            self._robot, self._scene, self._dtype, self._step_size, self._substeps, payload
         )
 
     def step(
@@ -177,7 +177,7 @@ class Simulator(Simulation):
             payload="input".
 
         """
-        row = real_array('tau', tau, self.dtype, (self.robot.n,), joints=self.robot.joint_names)
+        row = real_array('tau', tau, self._dtype, (self._robot.n,), joints=self._robot.joint_names)
         following = self._following(row, self._all_inputs(wrench, brakes, payload))
         self._advance(following, 1, self._plan(following, many=False))
 
@@ -211,7 +211,7 @@ class Simulator(Simulation):
         """
         # Copies: the caller may change the arguments before the accelerations are read.
         rows = real_array(
-            'taus', taus, self.dtype, ('steps', self.robot.n), joints=self.robot.joint_names
+            'taus', taus, self._dtype, ('steps', self._robot.n), joints=self._robot.joint_names
         ).copy(order='C')
         given = self._all_inputs(wrench, brakes, payload)
         inputs = {name: x.copy() for name, x in given.items()}
@@ -222,7 +222,7 @@ class Simulator(Simulation):
         motion = {'tau': rows} | states
         steps = np.arange(before + 1, before + len(rows) + 1)
         return Trajectory(
-            time=self._now.start + self.step_size * steps,
+            time=self._now.start + self._step_size * steps,
             q=motion['q'],
             qd=motion['qd'],
             _qdd=partial(
@@ -243,7 +243,7 @@ class Simulator(Simulation):
         self, wrench: ArrayLike | None, brakes: ArrayLike | None, payload: Payload | None
     ) -> dict[str, Array]:
         inputs = self._scene_inputs(wrench, brakes)
-        if payload is not None or self.scene.payload == INPUT:
+        if payload is not None or self._scene.payload == INPUT:
             if self._carried is None or self._carried[0] is not payload:
                 self._carried = payload, self._numbers_of(payload)
             inputs[PARAMETERS] = self._carried[1]
@@ -294,7 +294,7 @@ class Simulator(Simulation):
                 )
                 for name in self._plain.arrays
             ]
-            buffer.plans[many] = Plan(self._plain, self.substeps, rows)
+            buffer.plans[many] = Plan(self._plain, self._substeps, rows)
         return buffer.plans[many]
 
     def _advance(self, following: SimulationState, steps: int, plan: Plan) -> int:

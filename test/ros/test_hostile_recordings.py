@@ -126,7 +126,6 @@ DIFFERENT = {
     'other_robot',
     'row_other_verdict',
     'row_overflowed',
-    'settings_other_start',
     'terminal_escapes',
 }
 

@@ -269,3 +269,42 @@ def test_drives_that_compensate_gravity_hold_an_arm_whose_friction_is_below_it()
         sim = pfd.Simulator(robot, scene)
         sim.reset(q)
         assert (sim.rollout(np.zeros((200, 6))).q == q).all() == stays
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('integrator', pfd.INTEGRATORS[1:])
+def test_twelve_joints_with_everything_move_by_the_same_bits_in_any_lane(
+    integrator: str, dtype: str
+) -> None:
+    rng, n, arms, steps = np.random.default_rng(3), 12, 19, 120
+    scene = pfd.Scene(
+        armature=rng.uniform(0.3, 1, n),
+        friction=rng.uniform(0, 3, n),
+        damping=rng.uniform(0.1, 1, n),
+        joint_limits=[[-0.4, 0.4]] * n,
+        restitution=0.5,
+        motor_lag=rng.uniform(0, 0.01, n) * (rng.random(n) < 0.6),
+        brakes=True,
+    )
+    settings = {'integrator': integrator, 'dtype': dtype, 'compensated': True}
+    robot = random_chain(rng, n, 0.2)
+    q = rng.uniform(-0.35, 0.35, (arms, n))
+    qd = rng.normal(0, 1.5, (arms, n)) * (rng.random((arms, n)) < 0.7)
+    taus = np.repeat(rng.normal(0, 10, (arms, steps // 30, n)), 30, axis=1)
+    brakes = rng.random((arms, n)) < 0.1
+    many = pfd.Ensemble(robot, arms, scene, **settings)
+    many.reset(q, qd)
+    runs = many.rollout(taus, brakes=brakes)
+    assert runs.status == 'ok'
+    assert (runs.qd == 0.0)[~np.repeat(brakes[:, np.newaxis], steps, axis=1)].any()
+    one = pfd.Simulator(robot, scene, **settings)
+    for k in range(0, arms, 3):
+        one.reset(q[k], qd[k])
+        alone = one.rollout(taus[k], brakes=brakes[k])
+        for name in ('q', 'qd', 'qdd'):
+            np.testing.assert_array_equal(getattr(runs, name)[k], getattr(alone, name))
+    order = rng.permutation(arms)[:11]
+    some = pfd.Ensemble(robot, len(order), scene, **settings)
+    some.reset(q[order], qd[order])
+    np.testing.assert_array_equal(some.rollout(taus[order], brakes=brakes[order]).q, runs.q[order])

@@ -436,3 +436,43 @@ def test_a_stop_holds_a_joint_with_static_friction(friction: list[float]) -> Non
     assert (run.q <= 0.05).all()
     assert run.q[-1, 0] == 0.05
     assert run.qd[-1, 0] == 0.0
+
+
+# ---- a second of three joints of a PUMA 560, torques that change every 0.25 s ------------------
+
+ROTORS = [0.8, 4.0, 0.8]
+# Name -> integrator, sliding friction, other fields of the scene, largest torques, seed,
+# positions, and the largest error of a position after the second [rad].
+MOTIONS = {
+    'reversals': ('rk4', [6, 8, 3], {}, [25, 60, 15], 2, [0, 0.2, 0.3], 8e-12),
+    'joints that break away': ('rk4', [18, 40, 9], {}, [25, 60, 15], 4, [0, -0.3, 1.3], 4e-12),
+    'strong damping': (
+        'imex2',
+        [6, 8, 3],
+        {'damping': [50, 800, 100]},
+        [60, 120, 40],
+        2,
+        [0, 0.2, 0.3],
+        5e-7,
+    ),
+}
+
+
+@pytest.mark.parametrize('name', MOTIONS)
+def test_events_keep_the_accuracy_of_the_integrator(name: str) -> None:
+    integrator, friction, fields, torques, seed, q, largest = MOTIONS[name]
+    robot = pfd.load_robot('puma560', locked={f'joint{k}': 0.3 for k in (4, 5, 6)})
+    scene = pfd.Scene(armature=ROTORS, friction=friction, **fields)
+    signs = np.array([[1], [-1], [1], [-1]]) * np.array([1, -1, 1])
+    taus = np.random.default_rng(seed).uniform(0.4, 1, (4, 3)) * torques * signs
+    run = simulated(
+        robot, scene, q, [0.5, -0.5, 1.0], np.repeat(taus, 250, axis=0), integrator=integrator
+    )
+    state, events = (np.array(q, float), np.array([0.5, -0.5, 1.0])), 0
+    for tau in taus:
+        motion = pfd.integrate(
+            robot, tau, 0.25, scene=scene, q=state[0], qd=state[1], rtol=1e-12, atol=1e-14
+        )
+        state, events = (motion.q[-1], motion.qd[-1]), events + len(motion.events)
+    assert events > 0
+    assert np.abs(run.q[-1] - state[0]).max() < largest

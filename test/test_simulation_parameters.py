@@ -156,12 +156,13 @@ def test_each_arm_moves_as_a_simulator_with_its_bodies(names: list[str], refine:
 
 
 def test_the_gravity_of_each_arm_is_its_own() -> None:
-    gravity = drawn(-9.0, 9.0, 3)
-    many = pfd.Ensemble(CHAIN, SIZE, parameters={'gravity': gravity})
-    q, qd, taus = motion(4)
+    # With as many joints as gravity has components.
+    robot, gravity = random_chain(np.random.default_rng(35), 3), drawn(-9.0, 9.0, 3)
+    many = pfd.Ensemble(robot, SIZE, parameters={'gravity': gravity})
+    q, qd, taus = motion(3)
     found = moved(many, q, qd, taus)
     for b in SOME:
-        wanted = moved(pfd.Simulator(CHAIN, pfd.Scene(gravity=gravity[b])), q[b], qd[b], taus[b])
+        wanted = moved(pfd.Simulator(robot, pfd.Scene(gravity=gravity[b])), q[b], qd[b], taus[b])
         for row, right in zip(found[:, b], wanted, strict=True):
             np.testing.assert_allclose(row, right, rtol=0, atol=ROUNDING * np.abs(right).max())
 
@@ -284,6 +285,7 @@ def per_arm(shape: tuple[int, ...], *place: int, value: float, other: float = 1.
             {'links.center': np.ones((3, 2))},
             r"parameters\['links.center'\] must have shape \(3, 2, 3\) or .* got \(3, 2\)",
         ),
+        ({'gravity': -9.81}, r"parameters\['gravity'\] must have shape \(3, 3\) or .*, got \(\)"),
         ({'friction': 'model'}, r"parameters\['friction'\] must be an array of numbers"),
         (
             {'damping': per_arm((2,), 1, 0, value=np.nan)},

@@ -160,18 +160,17 @@ def _checked(
             known = isinstance(name, str) and name.partition('.')[0] in (*FIELDS, 'links')
             what = 'cannot differ among arms' if known else 'is unknown'
             raise ValueError(f'parameters: {quote(name)} {what}, only {", ".join(NAMES)} can')
-        shape = _shape(robot, name)
-        joints = robot.joint_names if shape == (robot.n,) else ()
-        array = real_array(
-            f'parameters[{name!r}]',
-            value,
-            shape=(size, *shape),
-            broadcast=True,
-            largest=LARGEST,
-            joints=joints,
-        )
-        found[name] = array + 0.0
-        if name in SCENE and shape == (robot.n,):
+        label, shape = f'parameters[{name!r}]', _shape(robot, name)
+        of_joints = name in SCENE and name != 'gravity'
+        joints = robot.joint_names if of_joints else ()
+        array = real_array(label, value, largest=LARGEST, joints=joints) + 0.0
+        # NumPy would make three components of gravity of one number.
+        if array.shape not in ((size, *shape), shape):
+            raise ValueError(
+                f'{label} must have shape {(size, *shape)} or {shape}, got {array.shape}'
+            )
+        found[name] = array = np.broadcast_to(array, (size, *shape))
+        if of_joints:
             _check_field(robot, name, array)
     if scene.payload == INPUT:
         raise ValueError(f'an Ensemble takes a scene with a Payload or None, got {INPUT!r}')

@@ -11,7 +11,8 @@ An ensemble: many simulations of one robot at once, one arm per SIMD lane.
     many = Ensemble(robot, 4096, parameters={'friction': friction})      (4096, n)
 
 The whole loop over the steps is in native code, also with feedback. Each arm moves by the same
-bits as in a Simulator, whatever the size of the ensemble and the number of threads.
+bits whatever the size of the ensemble and the number of threads, and as in a Simulator; with
+parameters, as in one with the numbers of the arm, up to rounding.
 """
 
 from __future__ import annotations

@@ -19,9 +19,9 @@ from pfd_ros.arm.events import StateChange
 from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.plant_settings import (
     INPUT,
+    check_joints_without_values,
     payload_changes,
     payload_numbers,
-    warn_of_joints_without_values,
 )
 from pfd_ros.arm.scene import payload_of, scene_of
 from pfd_ros.arm.setting_fields import check_joint_counts
@@ -169,7 +169,7 @@ class Arm:
         self._step_ns = settings.step_ns
         # Native code by the digest of the scene it was compiled for.
         self._compiled: dict[str, Compiled] = {}
-        warn_of_joints_without_values(settings, robot, self.names)
+        check_joints_without_values(settings, robot, self.names)
         first = scene_of(settings, self.order)
         # The payload at the start is a constant of the native code.
         self._first_payload = first.payload

@@ -140,17 +140,26 @@ def _with_effects(cls: type[T]) -> type[T]:
     return cls
 
 
-def warn_of_joints_without_values(settings: Any, robot: pfd.Robot, joints: Sequence[str]) -> None:
-    """Warn of effects of the model that have numbers for some joints and none for others.
+def check_joints_without_values(settings: Any, robot: pfd.Robot, joints: Sequence[str]) -> None:
+    """Check effects that have numbers for some joints and none for others.
 
+    ValueError for an effect that needs a number for each joint, a warning for one of the model.
     `joints` are in published order. Where no number is given, the scene warns.
     """
     for field in effect_fields():
         for name, parameter in joint_settings(field).items():
             numbers = getattr(settings, name)
-            if not (numbers and field.from_model and getattr(settings, field.name) is True):
+            if not numbers:
                 continue
             given = {joint for joint, number in zip(joints, numbers, strict=True) if number}
+            if field.above and len(given) < robot.n:
+                silent = [joint for joint in joints if joint not in given]
+                raise ValueError(
+                    f'{parameter} must be above 0 for each joint, but is 0 for {listed(silent)}: '
+                    f'give {parameter}.{silent[0]} and so on'
+                )
+            if not field.from_model or getattr(settings, field.name) is not True:
+                continue
             silent = [joint for joint in field.unstated(robot) if joint not in given]
             if silent:
                 warnings.warn(

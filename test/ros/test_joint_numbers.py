@@ -81,6 +81,10 @@ def test_a_number_of_one_joint_is_a_change_of_a_recorded_run(word: str, tmp_path
         ({'friction.elbow_joint': 'much'}, r"friction\.elbow_joint is 'much', expected a number"),
         ({'friction.elbow_joint': -1.0}, r'friction is -1\.0, expected 0\.0'),
         (
+            {'stribeck_velocity.elbow_joint': 0.1},
+            r"stribeck_velocity must be above 0 for each joint, but is 0 for \['shoulder_pan_j",
+        ),
+        (
             {'friction': {'elbow_joint': 1.0}, 'friction.elbow_joint': 1.0},
             r'friction\.elbow_joint is given twice',
         ),

@@ -74,7 +74,8 @@ def with_joint_numbers(settings: Settings, robot: pfd.Robot, numbers: JointNumbe
     for field in GROUPS.values():
         if field.name not in numbers:
             continue
-        values = list(joint_values(field, settings, robot, order))
+        before = joint_values(field, settings, robot, order)
+        values = list(before)
         for joint, number in numbers[field.name].items():
             if joint not in names:
                 raise ValueError(
@@ -82,7 +83,12 @@ def with_joint_numbers(settings: Settings, robot: pfd.Robot, numbers: JointNumbe
                     f'{listed(names)}'
                 )
             values[names.index(joint)] = number
-        # Numbers of one setting may be the default of another one after it.
         changed: dict[str, Any] = {field.name: tuple(values)}
+        # Numbers that are the default of another setting, after it, change there as well.
+        for other in GROUPS.values():
+            own_numbers = getattr(settings, other.name)
+            if own_numbers and other.metadata['joint_default'] == field.name:
+                pairs = zip(own_numbers, before, values, strict=True)
+                changed[other.name] = tuple(new if own == old else own for own, old, new in pairs)
         settings = dataclasses.replace(settings, **changed)
     return settings

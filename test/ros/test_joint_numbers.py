@@ -47,6 +47,18 @@ def test_joints_without_static_friction_of_their_own_have_their_friction() -> No
         assert arm.settings.static_friction == (0.0, 0.0, 3.0, 1.0, 0.0, 0.0)
 
 
+def test_static_friction_of_no_number_of_its_own_changes_with_the_friction_of_a_run(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / 'run.mcap'
+    given = {'friction.elbow_joint': 2.0, 'static_friction.elbow_joint': 3.0}
+    with LockstepArm('ur5', recording=path, **given) as arm:
+        arm.run(lambda t, q, qd: np.full(6, 5.0), 0.01)
+    found = what_if(path, ['friction.wrist_1_joint=1.0', 'friction.elbow_joint=1.5']).settings
+    assert found.joint_friction == (0.0, 0.0, 1.5, 1.0, 0.0, 0.0)
+    assert found.static_friction == (0.0, 0.0, 3.0, 1.0, 0.0, 0.0)
+
+
 def test_joints_with_neither_a_number_of_the_model_nor_their_own_are_warned_of() -> None:
     with (
         pytest.warns(pfd.PhysicsWarning, match=r"for \['shoulder_pan_joint', .*wrist_3_joint'\]"),

@@ -341,6 +341,9 @@ def test_an_arm_without_inertia_is_named() -> None:
     given = {'payload.mass': [1.0, 0.0], 'payload.center': [0.1, 0.0, 0.0]}
     with pytest.raises(ValueError, match=r'parameters, arm 1: link 2 .* has no inertia'):
         pfd.Ensemble(light, 2, parameters=given)
+    # All arms lack it, whatever their friction.
+    with pytest.raises(ValueError, match=r'^link 2 .* has no inertia'):
+        pfd.Ensemble(light, 2, parameters={'friction': [[1.0, 1.0], [2.0, 2.0]]})
 
 
 @pytest.mark.parametrize(

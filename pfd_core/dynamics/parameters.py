@@ -87,7 +87,7 @@ class Arms:
         self._stacked = replace(resolve(robot, scene, fields), links=links)
         # The inertia of the last joint, and the stiffness of springs and damping.
         loads = {'gravity', 'friction', 'static_friction', 'stribeck_velocity', 'restitution'}
-        self._decisive = size if numbers.keys() - loads else 1
+        self._decisive = bool(numbers.keys() - loads)
 
     def with_inputs(self, implicit: float) -> tuple[Plant, Array]:
         """
@@ -110,9 +110,11 @@ class Arms:
         """
         Return the plants of the arms, without inputs, by the beginnings of their errors.
 
-        The first arm alone stands for all where no check depends on what differs.
+        One plant stands for all where no check depends on what differs.
         """
-        return {label(arm): self._plant(arm) for arm in range(self._decisive)}
+        if not self._decisive:
+            return {'': self._plant(0)}
+        return {label(arm): self._plant(arm) for arm in range(self.size)}
 
     def _plant(self, arm: int) -> Plant:
         stacked, robot, payload = self._stacked, self._robots[arm], self._payloads[arm]

@@ -168,8 +168,8 @@ def test_an_arm_whose_last_link_has_no_inertia_is_refused_where_it_should_move(m
     robot = without_mass(pfd.load_robot('planar2'), [1])
     refused = (
         r"link 2 of 'planar2' \(moved by joint 'elbow'\) has no inertia about its joint and "
-        "'elbow' no armature, so its acceleration has no value: give one of them or a payload, or "
-        "lock 'elbow'"
+        "'elbow' no armature, so its acceleration has no value: give one of them, a payload with "
+        "inertia about its joint, or lock 'elbow'"
     )
     with pytest.raises(ValueError, match=refused):
         MOVED[moved](robot, None)

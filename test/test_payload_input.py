@@ -119,7 +119,7 @@ def test_an_arm_that_only_a_payload_gives_inertia_is_refused_without() -> None:
     arm = pfd.load_robot('planar2')
     light = without_mass(arm, [1])
     simulator = pfd.Simulator(light, INPUT)
-    with pytest.raises(ValueError, match='give one of them or a payload'):
+    with pytest.raises(ValueError, match='give one of them, a payload with inertia'):
         simulator.step([0.0, 0.0])
     simulator.step([0.0, 0.0], payload=pfd.Payload(1.0, (0.1, 0.0, 0.0)))
     assert simulator.status == 'ok'

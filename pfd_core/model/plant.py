@@ -295,7 +295,8 @@ def check_joint_inertia(plant: Plant) -> None:
             joint = quote(robot.joint_names[i])
             raise ValueError(
                 f'{link_label(robot, i)} has no {kind} and {joint} no armature, so its '
-                f'acceleration has no value: give one of them or a payload, or lock {joint}'
+                f'acceleration has no value: give one of them, a payload with {kind}, or '
+                f'lock {joint}'
             )
         if robot.masses[i] or robot.inertias[i].any():
             return

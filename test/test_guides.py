@@ -229,6 +229,8 @@ def test_the_readmes_quantities_are_those_of_one_equation_of_motion() -> None:
     q, qd, tau = np.random.default_rng(0).uniform(-1, 1, (3, 6))
     names = {'pfd': pfd, 'q': q, 'qd': qd, 'tau': tau, 'taus': np.zeros((10, 6))}
     exec(code, names)
-    qdd = pfd.forward_dynamics(names['robot'], q, qd, tau, scene=names['sim'].scene)
-    np.testing.assert_allclose(names['H'] @ qdd + names['bias'], tau, rtol=1e-10)
+    robot, scene = names['robot'], names['sim'].scene
+    qdd = pfd.forward_dynamics(robot, q, qd, tau, scene=scene)
+    bias = pfd.compile_kernel(robot, scene=scene, quantity='bias_torques')(q, qd)
+    np.testing.assert_allclose(names['H'] @ qdd + bias, tau, rtol=1e-10)
     assert (names['A'].shape, names['B'].shape) == ((12, 12), (12, 6))

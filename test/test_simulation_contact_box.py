@@ -207,6 +207,16 @@ def test_all_integrators_take_steps_with_friction_and_stops(
     assert run.qd[-1, 0] == pytest.approx(4 * left - np.sqrt(way), abs=1e-6)
 
 
+def test_an_arm_whose_step_ends_at_a_stop_waits_there_while_another_one_hits() -> None:
+    h = 2.0**-10
+    scene = pfd.Scene(gravity=None, joint_limits=[[-1.0, h]], restitution=[0.5])
+    arms = pfd.Ensemble(slider(1, 0), 2, scene, step_size=h, substeps=1)
+    arms.reset([[0.0], [h / 2]], [[1.0], [1.0]])
+    run = arms.rollout(steps=2)
+    assert run.q[..., 0].tolist() == [[h, h / 2], [3 * h / 4, h / 4]]
+    assert run.qd[..., 0].tolist() == [[1.0, -0.5], [-0.5, -0.5]]
+
+
 def test_stops_out_of_reach_leave_the_motion_as_it_is_with_lagging_motors() -> None:
     rng = np.random.default_rng(3)
     robot, n = random_chain(rng, 3), 3

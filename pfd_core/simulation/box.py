@@ -222,7 +222,8 @@ def record_restitution(law: Law) -> Program:
     alpha = where(lost, where(gained - lost, sqrt(lost / gained), 1.0), 0.0)
     after = [where(hits, v0[i] + alpha * returned[i], qd[i]) for i in range(n)]
     still = [both(unbraked[i], flag) for i, flag in enumerate(law.into_stops(q, after))]
-    return program_with_outputs(recorder, qd=after, still=[any_of(still)])
+    # An arm whose step ended at a stop has its impact in the next one, whatever its neighbours do.
+    return program_with_outputs(recorder, qd=after, still=[both(hits, any_of(still))])
 
 
 def record_settling(n: int) -> Program:

@@ -21,6 +21,11 @@ from mcap.writer import CompressionType, Writer
 GOLDEN = Path(__file__).resolve().parents[1] / 'data' / 'golden_2_puma560.mcap'
 STATES, CLOCK = '/joint_states', '/clock'
 NAMED, ARRAY, TAKEN = '/joint_commands', '/sim_arm/commands', '/sim_arm/applied_commands'
+# Inputs of the arm in GOLDEN, which a player withholds.
+WITHHELD = [NAMED, ARRAY] + [
+    f'/sim_arm/{name}'
+    for name in ('external_wrench', 'parameter_changes', 'payload', 'requests', 'set_state')
+]
 
 
 def flipped(data: bytes, at: int, bit: int = 0) -> bytes:

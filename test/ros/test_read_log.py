@@ -116,10 +116,10 @@ def test_joints_are_found_by_name_whatever_order_a_message_has(tmp_path: Path) -
 
 def test_only_the_requested_window_and_topics_are_read() -> None:
     whole = read_log(GOLDEN)['/joint_states']
-    log = read_log(GOLDEN, topics=['/joint_states'], start=1.0, end=2.0)
+    log = read_log(GOLDEN, topics=['/joint_states'], start=0.2, end=0.4)
     assert list(log) == ['/joint_states']
     begin = min(read_log(GOLDEN)[topic].log_time[0] for topic in log.topics)
-    inside = (whole.log_time - begin >= 1.0) & (whole.log_time - begin < 2.0)
+    inside = (whole.log_time - begin >= 0.2) & (whole.log_time - begin < 0.4)
     assert 0 < inside.sum() < len(whole)
     np.testing.assert_array_equal(log['/joint_states'].position, whole.position[inside])
     empty = read_log(GOLDEN, start=1e6)['/joint_states']
@@ -131,7 +131,7 @@ def test_only_topics_of_the_requested_types_are_read() -> None:
     log = read_log(GOLDEN, types=[kind])
     assert {log.topics[topic] for topic in log} == {kind}
     assert set(log.topics) == set(read_log(GOLDEN))
-    assert len(log['/joint_states']) == 269
+    assert len(log[STATES]) == len(load(GOLDEN).on(STATES))
     with pytest.raises(ValueError, match=r"types must be a list of names, got '.*': write \['"):
         read_log(GOLDEN, types=kind)
 

@@ -510,7 +510,7 @@ def test_a_log_that_was_cut_off_is_published_up_to_the_cut(
     path.write_bytes(data[: int(0.6 * len(data))])
     peer = peer_of(processes)
     listener = Listener(peer, (STATES, 'sensor_msgs/msg/JointState'))
-    player = start(processes, path, '--rate', '20', '--start-paused')
+    player = start(processes, path, '--rate', '2', '--start-paused')
     begin(peer, player, listener)
     paused(peer, False)
     assert listener.end_of(player) == 0

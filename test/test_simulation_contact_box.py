@@ -247,6 +247,27 @@ def test_a_motor_that_lags_breaks_a_joint_away_when_its_torque_reaches_the_frict
     assert np.abs(run.qd[run.time > away, 0] - wanted).max() < u / lag * 1e-3**2
 
 
+@pytest.mark.parametrize('lag', [1e-5, 1e-3, 1.0])
+def test_a_motor_that_lags_takes_a_joint_without_any_other_torque_off_its_stop(lag: float) -> None:
+    """Torque 1 - exp(-t/T) on 1 kg from rest: v = t - T (1 - exp(-t/T))."""
+    scene = pfd.Scene(gravity=None, joint_limits=[[0.0, 1.0]], motor_lag=[lag])
+    sim = pfd.Simulator(slider(1, 0), scene, step_size=1e-3, substeps=1)
+    run = sim.rollout(np.ones((100, 1)))
+    assert run.status == 'ok'
+    assert run.qd[-1, 0] == pytest.approx(0.1 + lag * np.expm1(-0.1 / lag), rel=1e-2)
+
+
+def test_two_joints_that_throw_each_other_off_their_stops_come_to_rest_there() -> None:
+    robot = random_chain(np.random.default_rng(0), 2, 0.0)
+    scene = pfd.Scene(gravity=None, joint_limits=[[-1.0, 0.0], [-1.0, 0.0]])
+    sim = pfd.Simulator(robot, scene, step_size=1e-3, substeps=1)
+    sim.reset([-1e-5, 0.0], [0.2, 0.0])
+    sim.rollout(np.full((5, 2), 5.0))
+    assert sim.status == 'ok'
+    assert not sim.q.any()
+    assert not sim.qd.any()
+
+
 def test_a_slow_joint_under_friction_moves_in_float32() -> None:
     """At 1000 m a step of 1e-5 m is a sixth of the last digit of a position in float32."""
     scene = pfd.Scene(gravity=None, friction=[1e-9])

@@ -44,6 +44,8 @@ REVERSAL, STOP, RELEASE = 'reversal', 'stop', 'release'
 # A joint is released where lambda exceeds its bound by so many roundings of the largest torque:
 # the modes that follow then release it, too.
 SLACK = {'float64': 2.0**12, 'float32': 2.0**5}
+# A time of so many roundings of the length of a segment is nothing.
+LENGTHS = 4.0
 
 
 def has_contact(plant: Plant) -> bool:
@@ -272,27 +274,23 @@ class _Segment:
         self.direction, self.moving, self.unbraked, self.sticks = read(
             self.recorder, n, 'direction', 'moving', 'unbraked', 'sticks'
         )
-        self.torque, self.y = read(self.recorder, n, 'lambda', 'y.end')
+        (self.torque,) = read(self.recorder, n, 'lambda')
         self.sides = law.at_stops(self.q0)
 
-    @cached_property
-    def slack(self) -> Lanes:
-        """What lambda may exceed its bounds by."""
-        greatest = largest([absolute(x) for x in (*self.torque, *self.y)])
-        slack: Lanes = greatest * (self.law.eps * SLACK[self.law.dtype])
-        return slack
-
     def margin(self, margin: Margin) -> tuple[Lanes, Lanes]:
-        """Return whether a margin has a part in the segment, and its value."""
+        """Return whether a margin that is no release has a part in the segment, and its value."""
         i, s = margin.joint, margin.side
         if margin.kind == REVERSAL:
             direction = self.direction[i]
             return both(self.moving[i], absolute(direction)), direction * self.v[i]
-        if margin.kind == STOP:
-            return self.moving[i], s * (self.q[i] - _stop_of(margin, self.q0[i]))
+        return self.moving[i], s * (self.q[i] - _stop_of(margin, self.q0[i]))
+
+    def release(self, margin: Margin, slack: Lanes) -> tuple[Lanes, Lanes]:
+        """Return the same of a release, by what lambda may exceed its bounds."""
+        i, s = margin.joint, margin.side
         bounded = either(self.sticks[i], self.sides[0 if s > 0 else 1][i])
         on = both(_rests(self.unbraked[i], self.moving[i]), negated(bounded))
-        return on, (self.law.bound(i, self.recorder) + self.slack) - s * self.torque[i]
+        return on, (self.law.bound(i, self.recorder) + slack) - s * self.torque[i]
 
 
 def record_detect(law: Law) -> Program:
@@ -327,29 +325,40 @@ def record_detect(law: Law) -> Program:
 
 
 def record_loose(law: Law) -> Program:
-    """Return the program of `loose`, (1,): whether a joint is released in a segment."""
+    """
+    Return the program of `loose`, (1,): whether a joint is released in a segment.
+
+    Inputs are those of `record_margins` at the end of the whole segment. Output `slack`, (1,), is
+    what lambda may exceed its bounds by, from the torques there: those at the beginning, of motors
+    with a lag, may all be zero.
+    """
     segment = _Segment(law)
-    margins = [segment.margin(margin) for margin in law.margins if margin.kind == RELEASE]
-    loose = any_of([both(on, sign_of(-value)) for on, value in margins])
-    return program_with_outputs(segment.recorder, loose=[loose])
+    (y,) = read(segment.recorder, law.n, 'y.end')
+    greatest = largest([absolute(x) for x in (*segment.torque, *y)])
+    slack = greatest * (law.eps * SLACK[law.dtype])
+    releases = [segment.release(margin, slack) for margin in law.margins if margin.kind == RELEASE]
+    loose = any_of([both(on, sign_of(-value)) for on, value in releases])
+    return program_with_outputs(segment.recorder, loose=[loose], slack=[slack])
 
 
 def record_margins(law: Law) -> Program:
     """
     Return the program of margins and their slopes at a time of the segment.
 
-    Inputs are q, the beginning; q.end, qd.end and qdd.end, the state; lambda and the torques y.end
-    of joints at rest; direction, moving, unbraked, sticks, turns. Outputs, one of each margin: g;
+    Inputs are q, the beginning; q.end, qd.end and qdd.end, the state; lambda of joints at rest;
+    direction, moving, unbraked, sticks, turns; and (1,) slack. Outputs, one of each margin: g;
     d, its slope in time, 0 for a release; and noise, what rounding makes of it. A margin that has
     no part in the segment is 1.
     """
     segment, n = _Segment(law), law.n
     recorder = segment.recorder
     a, turns = read(recorder, n, 'qdd.end', 'turns')
+    (slack,) = single(recorder, 'slack')
     zero = recorder.constant(0.0)
     g, d, noise = [], [], []
     for margin in law.margins:
-        on, value = segment.margin(margin)
+        released = margin.kind == RELEASE
+        on, value = segment.release(margin, slack) if released else segment.margin(margin)
         i, slope, rough = margin.joint, zero, zero
         if margin.kind == REVERSAL:
             slope = segment.direction[i] * a[i]
@@ -358,7 +367,7 @@ def record_margins(law: Law) -> Program:
         elif margin.kind == STOP:
             slope, rough = margin.side * segment.v[i], absolute(segment.q[i]) * law.eps
         else:
-            rough = segment.slack * 0.5
+            rough = slack * 0.5
         g.append(where(on, value, 1.0))
         d.append(where(on, slope, 0.0))
         noise.append(where(on, rough, 0.0))
@@ -371,14 +380,17 @@ def record_snap(law: Law, compensated: bool) -> Program:
 
     A Taylor step of length delta, in which the search ended; then a velocity of zero, or the
     position of the stop, exactly, for the margins flagged in `fired`. Inputs are the beginning, q
-    and qd; q.end, qd.end, qdd.end and r; sticks; and (1,) event, delta. Outputs are the changed
-    ones, with sums of positions also dq and `stopped`. A joint that was at rest and is back at
-    once has been released by rounding alone: it sticks for the rest of the step.
+    and qd; q.end, qd.end, qdd.end and r; sticks; and (1,) event, delta, and span, the length of
+    the segment. Outputs are the changed ones, with sums of positions also dq and `stopped`. A
+    joint that was at rest and is back at once has been released by rounding alone: it sticks for
+    the rest of the step. One that returns to its stop in no time is at rest there: two joints that
+    throw each other off their stops would do so for ever.
     """
     recorder, n = Recorder(1, 'sequential'), law.n
     q0, v0, q, v, a, sticks = read(recorder, n, 'q', 'qd', 'q.end', 'qd.end', 'qdd.end', 'sticks')
     (fired,) = read(recorder, len(law.margins), 'fired')
-    event, delta, r = single(recorder, 'event', 'delta', 'r')
+    event, delta, r, span = single(recorder, 'event', 'delta', 'r', 'span')
+    at_once = negated((r + delta) - span * (LENGTHS * law.eps))
     way = [where(event, delta * (y + (0.5 * delta) * z), 0.0) for y, z in zip(v, a, strict=True)]
     q = [x + y for x, y in zip(q, way, strict=True)]
     v = [where(event, y + delta * z, y) for y, z in zip(v, a, strict=True)]
@@ -390,7 +402,9 @@ def record_snap(law: Law, compensated: bool) -> Program:
             v[i] = where(happens, 0.0, v[i])
         elif margin.kind == STOP:
             stop = _stop_of(margin, q0[i])
-            q[i], still = where(happens, stop, q[i]), both(still, negated(absolute(q0[i] - stop)))
+            returns = negated(absolute(q0[i] - stop))
+            q[i], still = where(happens, stop, q[i]), both(still, returns)
+            v[i] = where(both(happens, both(returns, at_once)), 0.0, v[i])
             stopped[i] = either(stopped[i], happens)
         else:
             continue

@@ -312,7 +312,7 @@ class EventWriter:
         return s
 
     def _margins(self, s: Script, place: str = 'end', **arrays: str) -> None:
-        s.run('margins', **{'lambda': f'lambda.{place}', 'y.end': f'y.{place}'} | arrays)
+        s.run('margins', **{'lambda': f'lambda.{place}'} | arrays)
 
     @property
     def _end(self) -> dict[str, str]:

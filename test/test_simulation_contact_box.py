@@ -257,10 +257,16 @@ def test_a_motor_that_lags_takes_a_joint_without_any_other_torque_off_its_stop(l
     assert run.qd[-1, 0] == pytest.approx(0.1 + lag * np.expm1(-0.1 / lag), rel=1e-2)
 
 
-def test_two_joints_that_throw_each_other_off_their_stops_come_to_rest_there() -> None:
-    robot = random_chain(np.random.default_rng(0), 2, 0.0)
-    scene = pfd.Scene(gravity=None, joint_limits=[[-1.0, 0.0], [-1.0, 0.0]])
-    sim = pfd.Simulator(robot, scene, step_size=1e-3, substeps=1)
+@pytest.mark.parametrize(
+    ('seed', 'integrator', 'damping'), [(0, 'rk4', 0.0), (2, 'velocity_verlet', 1000.0)]
+)
+def test_two_joints_that_throw_each_other_off_their_stops_come_to_rest_there(
+    seed: int, integrator: str, damping: float
+) -> None:
+    robot = random_chain(np.random.default_rng(seed), 2, 0.0)
+    limits = [[-1.0, 0.0], [-1.0, 0.0]]
+    scene = pfd.Scene(gravity=None, damping=[damping, 0.0], joint_limits=limits)
+    sim = pfd.Simulator(robot, scene, step_size=1e-3, substeps=1, integrator=integrator)
     sim.reset([-1e-5, 0.0], [0.2, 0.0])
     sim.rollout(np.full((5, 2), 5.0))
     assert sim.status == 'ok'

@@ -44,8 +44,8 @@ REVERSAL, STOP, RELEASE = 'reversal', 'stop', 'release'
 # A joint is released where lambda exceeds its bound by so many roundings of the largest torque:
 # the modes that follow then release it, too.
 SLACK = {'float64': 2.0**12, 'float32': 2.0**5}
-# A time of so many roundings of the length of a segment is nothing.
-LENGTHS = 4.0
+# The part of a segment that a Taylor step to an event may be: shorter hops are not resolved.
+SHORT = 2.0**-16
 
 
 def has_contact(plant: Plant) -> bool:
@@ -383,14 +383,14 @@ def record_snap(law: Law, compensated: bool) -> Program:
     and qd; q.end, qd.end, qdd.end and r; sticks; and (1,) event, delta, and span, the length of
     the segment. Outputs are the changed ones, with sums of positions also dq and `stopped`. A
     joint that was at rest and is back at once has been released by rounding alone: it sticks for
-    the rest of the step. One that returns to its stop in no time is at rest there: two joints that
-    throw each other off their stops would do so for ever.
+    the rest of the step. One that returns to its stop sooner than a search resolves is at rest
+    there: two joints that throw each other off their stops would do so for ever.
     """
     recorder, n = Recorder(1, 'sequential'), law.n
     q0, v0, q, v, a, sticks = read(recorder, n, 'q', 'qd', 'q.end', 'qd.end', 'qdd.end', 'sticks')
     (fired,) = read(recorder, len(law.margins), 'fired')
     event, delta, r, span = single(recorder, 'event', 'delta', 'r', 'span')
-    at_once = negated((r + delta) - span * (LENGTHS * law.eps))
+    at_once = negated((r + delta) - span * SHORT)
     way = [where(event, delta * (y + (0.5 * delta) * z), 0.0) for y, z in zip(v, a, strict=True)]
     q = [x + y for x, y in zip(q, way, strict=True)]
     v = [where(event, y + delta * z, y) for y, z in zip(v, a, strict=True)]

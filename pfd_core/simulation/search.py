@@ -29,15 +29,15 @@ from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.simulation.dry import LENGTHS, RELEASE, Law, Row, read, single
+from pfd_core.simulation.dry import RELEASE, SHORT, Law, Row, read, single
 from pfd_core.simulation.flags import any_of, both, either, negated, sign_of, smallest
 
-# The part of a segment that a Taylor step may be; no event within any segment.
-SHORT, FAR = 2.0**-16, 1e30
+# No event within any segment.
+FAR = 1e30
 # Looks after which the bracket is halved; iterations of Newton's method on a cubic.
 COUNT, NEWTON = 8.0, 6
-# Roundings of a margin that are nothing.
-ROUNDINGS = 8.0
+# Roundings of a margin, and of the length of a segment, that are nothing.
+ROUNDINGS, LENGTHS = 8.0, 4.0
 # Most looks: 52 halvings use a bracket up.
 LOOKS = 70
 

@@ -231,13 +231,14 @@ class _Writer:
         assert lag is not None
         result = []
         for u, tau, T in zip(command, motor, lag.tolist(), strict=True):
-            decay: Lanes | float = decayed(part * h, T)
+            end = u + decayed(part * h, T) * (tau - u) if T and part else tau if T else u
             if part and T and self._segment.load is not None:
                 z = self.r * (part / T)
-                short = (1.0 - z * (1 / 3)) / (1.0 + z * (2 / 3) + z * z * (1 / 6))
+                # One less the exponential, so that no part of a step is too short for a change.
+                way = (z + z * z * (1 / 6)) / (1.0 + z * (2 / 3) + z * z * (1 / 6))
                 # No segment is longer than a step.
-                decay = where(h - self.r, short, decay)
-            result.append(u + decay * (tau - u) if T and part else tau if T else u)
+                end = where(h - self.r, tau + way * (u - tau), end)
+            result.append(end)
         return result
 
     def stage(self, part: float, q: Row, qd: Row, name: str = 'qd.stage') -> Program:

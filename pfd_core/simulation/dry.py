@@ -12,12 +12,13 @@ A segment of a step has fixed modes: each joint moves, with a direction of its f
 Margins are numbers that stay at or above zero in these modes. The segment ends at the first event:
 
     reversal    s qd             of a joint that moves in direction s
-    stop        +-(q - q_stop)   of a joint that moves
-    release     Fs -+ lambda     of a joint that rests, on a side that no stop bounds
+    release     Fs -+ lambda     of a joint that rests, on the nearer side that no stop bounds
+    stop        +-(q - q_stop)   of a joint that moves, of both its stops
 
-A joint without friction that turns, perhaps beyond its stop, has a reversal, too: the search for
-an event then begins where it has turned. At the event the velocity is 0.0, or the position the
-stop, exactly.
+A joint moves or rests, so the first two share a place. One with friction reaches the stop behind
+it only after a reversal, so its stops share one, too. A joint without friction that turns, perhaps
+beyond its stop, has a reversal: the search for an event then begins where it has turned. At the
+event the velocity is 0.0, or the position the stop, exactly.
 
 One register holds one number; flags are 1 or 0.
 """
@@ -40,7 +41,7 @@ from pfd_core.model import Plant, has_drives
 from pfd_core.simulation.flags import any_of, both, either, largest, negated, sign_of
 
 Row = list[Lanes]
-REVERSAL, STOP, RELEASE = 'reversal', 'stop', 'release'
+Stop = tuple[float, float]  # the sign of the position in the margin, and the position
 # A joint is released where lambda exceeds its bound by so many roundings of the largest torque:
 # the modes that follow then release it, too.
 SLACK = {'float64': 2.0**12, 'float32': 2.0**5}
@@ -57,10 +58,8 @@ def has_contact(plant: Plant) -> bool:
 class Margin:
     """A number that stays at or above zero until an event."""
 
-    kind: str
     joint: int
-    side: float = 0.0  # sign of the position, or of minus lambda, in the margin
-    stop: float = 0.0
+    stops: tuple[Stop, ...] = ()  # none for reversal or release; of two the one in its direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +95,8 @@ class Law:
         return has_drives(self.plant)
 
     @cached_property
-    def stops(self) -> list[list[tuple[float, float]]]:
-        """For each joint its stops: the sign of the position in the margin, and the position."""
+    def stops(self) -> list[list[Stop]]:
+        """For each joint its stops, the lower one first."""
         limits = self.plant.joint_limits
         bounds = np.full((self.n, 2), [-np.inf, np.inf]) if limits is None else limits
         return [
@@ -118,8 +117,8 @@ class Law:
         found = []
         for i, stops in enumerate(self.stops):
             if i in self.rough or stops:
-                found += [Margin(REVERSAL, i), *(Margin(STOP, i, s, x) for s, x in stops)]
-                found += [Margin(RELEASE, i, s) for s in (1.0, -1.0)]
+                groups = [stops] if i in self.rough and stops else [[stop] for stop in stops]
+                found += [Margin(i), *(Margin(i, tuple(group)) for group in groups)]
         return found
 
     def size(self, i: int, v: Lanes) -> Lanes:
@@ -241,7 +240,7 @@ def record_held(n: int) -> Program:
     """Return the program of `held`, (1,), whether a joint is held, and `slides`, if none is."""
     recorder = Recorder(1, 'sequential')
     moving, unbraked = read(recorder, n, 'moving', 'unbraked')
-    held = any_of(list(map(_rests, unbraked, moving)))
+    held = any_of(list(map(rests, unbraked, moving)))
     return program_with_outputs(recorder, held=[held], slides=[negated(held)])
 
 
@@ -255,14 +254,17 @@ def record_first(n: int) -> Program:
     )
 
 
-def _rests(unbraked: Lanes, moving: Lanes) -> Lanes:
+def rests(unbraked: Lanes, moving: Lanes) -> Lanes:
+    """Return whether friction or a stop holds a joint."""
     return both(unbraked, negated(moving))
 
 
-def _stop_of(margin: Margin, q: Lanes) -> Lanes:
-    """Return the position that a joint at q must not pass: its stop, or where it is beyond it."""
-    result: Lanes = where(margin.side * (q - margin.stop), margin.stop, q)
-    return result
+def _stop_of(margin: Margin, q: Lanes, direction: Lanes) -> tuple[Lanes, Lanes]:
+    """Return the sign of the margin of a stop, and where it is: at q for a joint beyond it."""
+    side, stop = (q.recorder.constant(x) for x in margin.stops[0])
+    if len(margin.stops) > 1:
+        side, stop = (where(direction, b, a) for a, b in zip(*margin.stops, strict=True))
+    return side, where(side * (q - stop), stop, q)
 
 
 class _Segment:
@@ -277,20 +279,28 @@ class _Segment:
         (self.torque,) = read(self.recorder, n, 'lambda')
         self.sides = law.at_stops(self.q0)
 
-    def margin(self, margin: Margin) -> tuple[Lanes, Lanes]:
-        """Return whether a margin that is no release has a part in the segment, and its value."""
-        i, s = margin.joint, margin.side
-        if margin.kind == REVERSAL:
-            direction = self.direction[i]
-            return both(self.moving[i], absolute(direction)), direction * self.v[i]
-        return self.moving[i], s * (self.q[i] - _stop_of(margin, self.q0[i]))
+    def resting(self, i: int) -> Lanes:
+        """Return whether a joint rests."""
+        return rests(self.unbraked[i], self.moving[i])
 
-    def release(self, margin: Margin, slack: Lanes) -> tuple[Lanes, Lanes]:
-        """Return the same of a release, by what lambda may exceed its bounds."""
-        i, s = margin.joint, margin.side
-        bounded = either(self.sticks[i], self.sides[0 if s > 0 else 1][i])
-        on = both(_rests(self.unbraked[i], self.moving[i]), negated(bounded))
-        return on, (self.law.bound(i, self.recorder) + slack) - s * self.torque[i]
+    def reversal(self, i: int) -> tuple[Lanes, Lanes]:
+        """Return whether the reversal of a joint has a part in the segment, and its margin."""
+        direction = self.direction[i]
+        return both(self.moving[i], absolute(direction)), direction * self.v[i]
+
+    def release(self, i: int, slack: Lanes) -> tuple[Lanes, Lanes]:
+        """Return the same of its release, by what lambda may exceed its bounds."""
+        low, high, torque = self.sides[0][i], self.sides[1][i], self.torque[i]
+        bounded = either(self.sticks[i], both(low, high))
+        toward = where(low, -torque, where(high, torque, absolute(torque)))
+        on = both(self.resting(i), negated(bounded))
+        return on, (self.law.bound(i, self.recorder) + slack) - toward
+
+    def stop(self, margin: Margin, q: Lanes) -> tuple[Lanes, Lanes]:
+        """Return the sign of the margin of a stop, and the margin of a joint at q."""
+        i = margin.joint
+        side, stop = _stop_of(margin, self.q0[i], self.direction[i])
+        return side, side * (q - stop)
 
 
 def record_detect(law: Law) -> Program:
@@ -308,14 +318,16 @@ def record_detect(law: Law) -> Program:
     turns = [recorder.constant(0.0)] * n
     flags = [loose]
     for margin in law.margins:
-        if margin.kind == RELEASE:
+        i = margin.joint
+        if not margin.stops:
+            on, value = segment.reversal(i)
+            if i in law.rough:
+                flags.append(both(on, sign_of(-value)))
             continue
-        on, value = segment.margin(margin)
-        i, s = margin.joint, margin.side
-        if margin.kind != REVERSAL or i in law.rough:
-            flags.append(both(on, sign_of(-value)))
-        if margin.kind == STOP and i not in law.rough:
-            begin = s * (segment.q0[i] - _stop_of(margin, segment.q0[i]))
+        on, (s, value) = segment.moving[i], segment.stop(margin, segment.q[i])
+        flags.append(both(on, sign_of(-value)))
+        if i not in law.rough:
+            _, begin = segment.stop(margin, segment.q0[i])
             falls, rises = s * v0[i], s * segment.v[i]
             meet = begin * (falls - rises) + falls * ((value - begin) - rises * r)
             dips = both(both(sign_of(-falls), sign_of(rises)), sign_of(meet))
@@ -336,7 +348,7 @@ def record_loose(law: Law) -> Program:
     (y,) = read(segment.recorder, law.n, 'y.end')
     greatest = largest([absolute(x) for x in (*segment.torque, *y)])
     slack = greatest * (law.eps * SLACK[law.dtype])
-    releases = [segment.release(margin, slack) for margin in law.margins if margin.kind == RELEASE]
+    releases = [segment.release(x.joint, slack) for x in law.margins if not x.stops]
     loose = any_of([both(on, sign_of(-value)) for on, value in releases])
     return program_with_outputs(segment.recorder, loose=[loose], slack=[slack])
 
@@ -354,20 +366,23 @@ def record_margins(law: Law) -> Program:
     recorder = segment.recorder
     a, turns = read(recorder, n, 'qdd.end', 'turns')
     (slack,) = single(recorder, 'slack')
-    zero = recorder.constant(0.0)
     g, d, noise = [], [], []
     for margin in law.margins:
-        released = margin.kind == RELEASE
-        on, value = segment.release(margin, slack) if released else segment.margin(margin)
-        i, slope, rough = margin.joint, zero, zero
-        if margin.kind == REVERSAL:
-            slope = segment.direction[i] * a[i]
-            if i not in law.rough:
-                on = both(on, turns[i])
-        elif margin.kind == STOP:
-            slope, rough = margin.side * segment.v[i], absolute(segment.q[i]) * law.eps
+        i = margin.joint
+        if margin.stops:
+            on, (side, value) = segment.moving[i], segment.stop(margin, segment.q[i])
+            slope, rough = side * segment.v[i], absolute(segment.q[i]) * law.eps
         else:
-            rough = slack * 0.5
+            resting, reversal, release = (
+                segment.resting(i),
+                segment.reversal(i),
+                segment.release(i, slack),
+            )
+            if i not in law.rough:
+                reversal = both(reversal[0], turns[i]), reversal[1]
+            on, value = (where(resting, b, a) for a, b in zip(reversal, release, strict=True))
+            slope = where(resting, 0.0, segment.direction[i] * a[i])
+            rough = where(resting, slack * 0.5, 0.0)
         g.append(where(on, value, 1.0))
         d.append(where(on, slope, 0.0))
         noise.append(where(on, rough, 0.0))
@@ -380,14 +395,16 @@ def record_snap(law: Law, compensated: bool) -> Program:
 
     A Taylor step of length delta, in which the search ended; then a velocity of zero, or the
     position of the stop, exactly, for the margins flagged in `fired`. Inputs are the beginning, q
-    and qd; q.end, qd.end, qdd.end and r; sticks; and (1,) event, delta, and span, the length of
-    the segment. Outputs are the changed ones, with sums of positions also dq and `stopped`. A
-    joint that was at rest and is back at once has been released by rounding alone: it sticks for
-    the rest of the step. One that returns to its stop sooner than a search resolves is at rest
-    there: two joints that throw each other off their stops would do so for ever.
+    and qd; q.end, qd.end, qdd.end and r; moving, direction, sticks; and (1,) event, delta, and
+    span, the length of the segment. Outputs are the changed ones, with sums of positions also dq
+    and `stopped`. A joint that was at rest and is back at once has been released by rounding
+    alone: it sticks for the rest of the step. One that returns to its stop sooner than a search
+    resolves is at rest there: two joints that throw each other off their stops would do so for
+    ever.
     """
     recorder, n = Recorder(1, 'sequential'), law.n
     q0, v0, q, v, a, sticks = read(recorder, n, 'q', 'qd', 'q.end', 'qd.end', 'qdd.end', 'sticks')
+    moving, direction = read(recorder, n, 'moving', 'direction')
     (fired,) = read(recorder, len(law.margins), 'fired')
     event, delta, r, span = single(recorder, 'event', 'delta', 'r', 'span')
     at_once = negated((r + delta) - span * SHORT)
@@ -396,18 +413,16 @@ def record_snap(law: Law, compensated: bool) -> Program:
     v = [where(event, y + delta * z, y) for y, z in zip(v, a, strict=True)]
     stopped = [recorder.constant(0.0)] * n
     for margin, flag in zip(law.margins, fired, strict=True):
-        i, happens = margin.joint, both(event, flag)
-        still = negated(absolute(v0[i]))
-        if margin.kind == REVERSAL:
-            v[i] = where(happens, 0.0, v[i])
-        elif margin.kind == STOP:
-            stop = _stop_of(margin, q0[i])
+        i = margin.joint
+        happens, still = both(both(event, flag), moving[i]), negated(absolute(v0[i]))
+        if margin.stops:
+            _, stop = _stop_of(margin, q0[i], direction[i])
             returns = negated(absolute(q0[i] - stop))
             q[i], still = where(happens, stop, q[i]), both(still, returns)
             v[i] = where(both(happens, both(returns, at_once)), 0.0, v[i])
             stopped[i] = either(stopped[i], happens)
         else:
-            continue
+            v[i] = where(happens, 0.0, v[i])
         sticks[i] = where(both(happens, still), 1.0, sticks[i])
     outputs = {'q.end': q, 'qd.end': v, 'sticks': sticks, 'r': [where(event, r + delta, r)]}
     if compensated:

@@ -29,7 +29,7 @@ from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.simulation.dry import RELEASE, SHORT, Law, Row, read, single
+from pfd_core.simulation.dry import SHORT, Law, Row, read, rests, single
 from pfd_core.simulation.flags import any_of, both, either, negated, sign_of, smallest
 
 # No event within any segment.
@@ -49,16 +49,16 @@ def record_narrow(law: Law) -> Program:
     Return the program of the bracket after a look, and of the end of the search.
 
     Inputs are the margins g, slopes d and noise at r, the same at L and R; scale, sizes of
-    margins; and (1,) L, R, r, h, the length of the segment, seek, count, delta. Outputs are the
-    bracket, `worn` if it is used up, `seek`, and at the end delta, the length of the Taylor step,
-    and `fired`, the margins that are zero there.
+    margins; moving and unbraked; and (1,) L, R, r, h, the length of the segment, seek, count,
+    delta. Outputs are the bracket, `worn` if it is used up, `seek`, and at the end delta, the
+    length of the Taylor step, and `fired`, the margins that are zero there.
     """
     recorder = Recorder(1, 'sequential')
     rows = ('g', 'd', 'g.L', 'd.L', 'g.R', 'd.R', 'noise', 'scale', 'fired')
     g, d, gL, dL, gR, dR, noise, scale, fired = read(recorder, len(law.margins), *rows)
     names = ('L', 'R', 'r', 'h', 'seek', 'count', 'delta')
     L, R, r, h, seek, count, delta = single(recorder, *names)
-    chords = [margin.kind == RELEASE for margin in law.margins]
+    chords = _chords(recorder, law)
     sizes = [absolute(a) + absolute(b) for a, b in zip(gL, g, strict=True)]
     scale = _taken(count, scale, sizes)
     hit = sign_of(-smallest(g))
@@ -71,7 +71,7 @@ def record_narrow(law: Law) -> Program:
 
     # Newton's steps as quotients; a release takes the chord of the bracket.
     steps = [
-        (b * w, a - b) if chord else (x, -slope)
+        (where(chord, b * w, x), where(chord, a - b, -slope))
         for chord, a, b, x, slope in zip(chords, gL, gR, g, d, strict=True)
     ]
     falls = [both(sign_of(-b), sign_of(low)) for b, (_, low) in zip(gR, steps, strict=True)]
@@ -83,7 +83,7 @@ def record_narrow(law: Law) -> Program:
     worn = negated(w - h * (LENGTHS * law.eps))
     done = both(seek, either(short, both(worn, hit)))
     fires = [
-        where(short, both(on, negated((top - way * low) - (e * w if chord else e))), sign_of(-b))
+        where(short, both(on, negated((top - way * low) - where(chord, e * w, e))), sign_of(-b))
         for chord, on, (top, low), e, b in zip(chords, falls, steps, rough, gR, strict=True)
     ]
     back = where(r + way, way, -r)
@@ -100,7 +100,11 @@ def record_narrow(law: Law) -> Program:
 
 
 def record_aim(law: Law) -> Program:
-    """Return the program of the next r; inputs are the bracket, seek, count and worn."""
+    """
+    Return the program of the next r.
+
+    Inputs are the bracket, seek, count, worn, moving and unbraked.
+    """
     recorder = Recorder(1, 'sequential')
     margins = read(recorder, len(law.margins), 'g.L', 'g.R', 'd.L', 'd.R')
     L, R, r, seek, count, worn = single(recorder, 'L', 'R', 'r', 'seek', 'count', 'worn')
@@ -110,13 +114,12 @@ def record_aim(law: Law) -> Program:
     # beginning of the segment has the root of its slope there, or a quarter.
     outside = negated(L)
     best = [one * 2.0, one, one, one, zero, zero, zero]
-    for margin, a, b, da, db in zip(law.margins, *margins, strict=True):
-        chord = margin.kind == RELEASE
-        begin = a if chord else where(absolute(a), a, where(outside, da * w, a))
+    for chord, a, b, da, db in zip(_chords(recorder, law), *margins, strict=True):
+        begin = where(absolute(a), a, where(outside, da * w, a))
         usual = both(sign_of(begin), sign_of(-b))
         top, low = where(usual, begin, 0.25), where(usual, begin - b, 1.0)
         nearer = where(-b, best[0] * low - top * best[1], 0.0)
-        row = [top, low, a, b, da, db, one if chord else zero]
+        row = [top, low, a, b, da, db, chord]
         best = [where(nearer, x, y) for x, y in zip(row, best, strict=True)]
     top, low, a, b, da, db, chord = best
     cubic = [a, da * w, 3.0 * (b - a) - w * (2.0 * da + db), 2.0 * (a - b) + w * (da + db)]
@@ -128,6 +131,16 @@ def record_aim(law: Law) -> Program:
     new = where(new - L, where(R - new, new, middle), middle)
     new = where(worn, R, where(count - COUNT, middle, new))
     return program_with_outputs(recorder, r=[where(seek, new, r)])
+
+
+def _chords(recorder: Recorder, law: Law) -> Row:
+    """Return for each margin whether it has no slope, that of a release."""
+    moving, unbraked = read(recorder, law.n, 'moving', 'unbraked')
+    zero = recorder.constant(0.0)
+    return [
+        zero if margin.stops else rests(unbraked[margin.joint], moving[margin.joint])
+        for margin in law.margins
+    ]
 
 
 def _taken(flag: Lanes, new: Row, old: Row) -> Row:

@@ -3,25 +3,23 @@
 """
 A batch, or an ensemble, on several threads.
 
-Its members are cut into equal parts of whole vector registers, one for each thread. The caller
-computes the first part and workers of a common pool the others, in native code without Python's
-lock. The same code computes a member from the same numbers in whichever part it lies: the bits of
-a result do not depend on the number of threads. A part is computed in blocks, between which a
-signal is answered. Work is counted in operations on vector registers.
-
-The pool is of the standard library, which joins its workers before the interpreter ends.
+It is cut into equal blocks of whole vector registers. The caller and workers of a common pool take
+the next block each, in native code without Python's lock; the bits of a result do not depend on
+the number of threads. Between two blocks a signal is answered. Work is counted in operations on
+vector registers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 import ctypes
-from functools import cache, partial
+from functools import cache
 import math
 import os
 from pathlib import Path, PurePosixPath
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -55,20 +53,17 @@ def cores() -> int:
     return count
 
 
-def _new_pool() -> ThreadPoolExecutor:
-    """Return a pool for all callers; it starts a worker when a task is submitted."""
-    return ThreadPoolExecutor(max(cores() - 1, 1), thread_name_prefix='pfd')
-
-
-def _replace_pool() -> None:
-    """Forget the workers, of which a forked process has none."""
+def _new_pool() -> None:
+    """Make the pool of all callers, which starts a worker when a task is submitted."""
     global _pool
-    _pool = _new_pool()
+    _pool = ThreadPoolExecutor(max(cores() - 1, 1), thread_name_prefix='pfd')
 
 
-_pool = _new_pool()
+_pool: ThreadPoolExecutor
+_new_pool()
 if hasattr(os, 'register_at_fork'):
-    os.register_at_fork(after_in_child=_replace_pool)
+    # A forked process has none of the workers.
+    os.register_at_fork(after_in_child=_new_pool)
 
 
 def thread_count(threads: object) -> int:
@@ -80,8 +75,8 @@ def block_size(count: int, threads: int, width: int, operations: int) -> int:
     """
     Return the size of a block of a batch, a multiple of the vector width.
 
-    It is the part of a thread, unless that has too little or too much work: `operations` on
-    registers for each register of `width` states.
+    It is the part of a thread, unless that has too little or too much work: each register of
+    `width` states takes so many operations.
     """
     least, most = (
         max(limit // max(operations, 1), 1) for limit in (MIN_BLOCK_WORK, MAX_BLOCK_WORK)
@@ -100,57 +95,39 @@ def run(work: Callable[[int, int], int], count: int, block: int, threads: int) -
     exception in the caller (KeyboardInterrupt) is passed on once the workers have ended their
     blocks.
     """
-    firsts = range(0, count, block)
-    threads = max(min(threads, len(firsts)), 1)
-    ends = [k * len(firsts) // threads for k in range(threads + 1)]
-    stopped = False
+    starts = range(0, count, block)
+    blocks = iter(starts)  # common to all threads
+    begun: list[None] = []
+    ended: SimpleQueue[int | BaseException] = SimpleQueue()
 
-    def compute(part: int) -> int:
+    def compute() -> int:
         flags = 0
-        for first in firsts[ends[part] : ends[part + 1]]:
-            if not stopped:
-                flags |= work(first, min(block, count - first))
+        for first in blocks:
+            flags |= work(first, min(block, count - first))
         return flags
 
-    flags = 0
-    # Known before a worker can begin: an interrupt leaves no part that nobody waits for.
-    parts: list[Future[int]] = [Future() for _ in range(1, threads)]
-    try:
-        for own, part in enumerate(parts, 1):
-            _submit(partial(_fulfil, part, partial(compute, own)))
-        flags = compute(0)
-        for own, part in enumerate(parts, 1):
-            if part.cancel():  # all workers are busy, or there is none
-                flags |= compute(own)
-    except BaseException:
-        stopped = True
-        raise
-    finally:
-        begun = [part for part in parts if not part.cancel()]
-        wait(begun)
-    for part in begun:
-        flags |= part.result()
-    return flags
-
-
-def _fulfil(result: Future[int], call: Callable[[], int]) -> None:
-    """Give a future the result of a call, unless it was cancelled before."""
-    if result.set_running_or_notify_cancel():
+    def help_caller() -> None:
+        begun.append(None)
         try:
-            result.set_result(call())
+            ended.put(compute())
         except BaseException as error:
-            result.set_exception(error)
+            ended.put(error)
 
-
-def _submit(task: Callable[[], None]) -> None:
-    """Submit a task to the pool; it is not run where no worker can be started."""
     try:
-        _pool.submit(task)
-    except RuntimeError:
-        # The interpreter is about to end, or the system starts no more threads. In the latter
-        # case the task is still in the queue, and must not be run later.
-        _pool.shutdown(cancel_futures=True)
-        _replace_pool()
+        # No worker can be had if the interpreter ends, or the system starts no more threads.
+        with suppress(RuntimeError):
+            for _ in range(1, min(threads, len(starts))):
+                _pool.submit(help_caller)
+        flags = compute()
+    finally:
+        for _ in blocks:  # after an exception nobody takes another one
+            pass
+        results = [ended.get() for _ in begun]
+    for result in results:
+        if isinstance(result, BaseException):
+            raise result
+        flags |= result
+    return flags
 
 
 def address(array: NDArray[Any]) -> int:
@@ -161,17 +138,14 @@ def address(array: NDArray[Any]) -> int:
 
 def batch_work(code: Native, rows: Sequence[NDArray[Any]]) -> Callable[[int, int], int]:
     """
-    Return work for `run`: @batch (pfd_core.kernels.generate) on some of the states.
+    Return work for `run`: @batch (pfd_core.kernels.generate) on inputs and output, (B, elements).
 
-    `rows` are inputs and output, (B, elements), as @batch takes them. Flag 1 is for an input that
-    is not finite.
+    Flag 1 is for an input that is not finite.
     """
-    table = np.array([(address(row), *row.strides) for row in rows], np.int64)
     batch = BATCH(code['batch'])
 
     def work(first: int, size: int) -> int:
-        own = table.copy()
-        own[:, 0] += first * own[:, 1]
-        return int(batch(size, address(own)))
+        table = np.array([(address(row[first:]), *row.strides) for row in rows], np.int64)
+        return int(batch(size, address(table)))
 
     return work

@@ -20,14 +20,10 @@ import functools
 from importlib import import_module
 import os
 import threading
-import time
 from typing import Any, TypeVar
 
 T = TypeVar('T')
 
-# When the first module of the package was imported. A source file that was written later may
-# differ from the running code.
-IMPORTED = time.time()
 # For work during which the process must not be forked, such as the import of a module.
 no_fork = threading.RLock()
 # Locks that are held at a fork, in the order in which a thread acquires them.

@@ -6,12 +6,10 @@ Results on disk, each under a digest of everything that determines it.
     <folder>/<SHA-256>.pfd        SHA-256 of name and contents, JSON, a zero byte, other bytes
 
 The folder is `pfd_ros` in the user's cache folder (XDG_CACHE_HOME, or ~/.cache). The environment
-variable PFD_CACHE names another one (`~` is expanded, a relative path begins at the current
-folder), or, if empty, disables the cache. Native code from disk is run, so the folder must belong
-to the user (or root) and must not be writable by others. A file is moved there whole, so that
-several processes may write at once. Above LIMIT bytes the least recently used files are removed.
-
-The cache never decides a result: a file that cannot be used is as good as none.
+variable PFD_CACHE names another one, or, if empty, disables the cache. Native code from disk is
+run, so the folder must belong to the user (or root) and must not be writable by others. A file is
+moved there whole, so that several processes may write at once. Above LIMIT bytes the least
+recently used files are removed. A file that cannot be used is as good as none.
 """
 
 from __future__ import annotations
@@ -25,12 +23,9 @@ import logging
 import os
 from pathlib import Path
 import sys
-import time
 from typing import Any, TypeVar
 
 import numpy as np
-
-from pfd_core.forking import IMPORTED
 
 VARIABLE = 'PFD_CACHE'
 REMEDY = f'set {VARIABLE} to a folder of your own, or to nothing'
@@ -51,23 +46,15 @@ def kept(
     """
     Return `use(*make())`, with what was made for the same key before if that can be used.
 
-    Parameters
-    ----------
-    key : sequence of str
-        Everything that determines what `make` returns, except the source of this package and the
-        versions of Python and NumPy; empty for a result that is not kept.
-    make : callable
-        Returns a JSON object and bytes.
-    use : callable
-        Returns the result. An exception that it raises for a kept entry makes that a miss.
-
+    `make` returns a JSON object and bytes. The key is everything that determines them, except the
+    source of this package and the versions of Python and NumPy. An exception that `use` raises
+    for a kept entry makes that a miss.
     """
-    source = SOURCE if key and folder() else None
-    if source is None:
+    if SOURCE is None or folder() is None:
         return use(*make())
     # Compiled code depends on how Python lays out its objects.
     python = sys.version, str(object.__basicsize__), np.__version__
-    name = digest(source, *python, *key)
+    name = digest(SOURCE, *python, *key)
     entry = read(name)
     if entry is not None:
         try:
@@ -78,7 +65,7 @@ def kept(
     made, payload = make()
     head = json.dumps(made).encode()
     # Modules are imported at their first use: one of them may be of a later edit.
-    if _source() == source:
+    if _source() == SOURCE:
         write(name, head + b'\0' + payload)
     return use(json.loads(head), payload)
 
@@ -191,22 +178,13 @@ def _warn(text: str) -> None:
 
 
 def _source() -> str | None:
-    """
-    Return the digest of the source files of this package, or None.
-
-    None is for a package without source files, and for files so new that they may have been
-    written after the package was imported. Times in the future come from a wrong clock.
-    """
-    try:
-        found = [
-            (str(path.relative_to(PACKAGE)), path.read_text('utf-8'), path.stat().st_mtime)
-            for path in sorted(PACKAGE.rglob('*.py'))
-        ]
-    except OSError:
-        return None
-    if not found or any(IMPORTED < changed <= time.time() for _, _, changed in found):
-        return None
-    return digest(*(part for name, text, _ in found for part in (name, text)))
+    """Return the digest of the source files of this package; None if they cannot be read."""
+    parts: list[str] = []
+    with suppress(OSError):
+        for path in sorted(PACKAGE.rglob('*.py')):
+            parts += str(path.relative_to(PACKAGE)), path.read_text('utf-8')
+        return digest(*parts) if parts else None
+    return None
 
 
 # At once, because source files may be edited while this process runs.

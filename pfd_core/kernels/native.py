@@ -192,7 +192,7 @@ def compile_kept(
         return Native(library, facts(**head), taken)
 
     versions = llvmlite.__version__, str(llvm.llvm_version_info)
-    return kept((*key, *versions, repr(target)) if key else (), make, use)
+    return kept((*key, *versions, repr(target)), make, use)
 
 
 def emit(ir: str, target: Target | None = None, optimisation: Optimisation | None = None) -> bytes:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack
-from itertools import zip_longest
+from itertools import chain, zip_longest
 
 from pfd_core.kernels.ir import Code, Variable
 from pfd_core.kernels.parts import split
@@ -33,6 +33,8 @@ TILE, PERIOD, CLOSE = 64, 4096, 128
 LONG = 32
 # Elements of a state up to which copies are straight-line code.
 UNROLLED = 16
+# An array of @batch: its address, and bytes from state to state and from element to element.
+Array = tuple[str, object, object]
 # All inputs that a program may have, in the order of a kernel's arguments.
 ORDER = ('q', 'qd', 'qdd', 'tau', 'wrench', 'free', 'p', 'rotor', 'motors', 'targets', 'before')
 
@@ -110,15 +112,7 @@ def operations(code: Code, program: Program, read: Callable[[str, int], str]) ->
     """
     Write a lowered program, and return the value of each of its registers.
 
-    Parameters
-    ----------
-    code : Code
-        The function that it becomes part of.
-    program : Program
-        A lowered program of one lane.
-    read : callable
-        (name, k) -> value: writes the reading of element k of an input.
-
+    `read(name, k)` writes the reading of element k of an input, and returns the value.
     """
     values: list[str] = []
     repeats: dict[int, _Repeat] = {}
@@ -145,11 +139,10 @@ def operations(code: Code, program: Program, read: Callable[[str, int], str]) ->
 
 class _Repeat:
     """
-    The repeated part of a program (pfd_core.machine.recorder) while it is written.
+    The repeated part of a program while it is written.
 
     It repeats until the number in its last row is not above a floor in any state, or a given
-    number of times; finished states keep their rows. A program reads the number of iterations as
-    row -1.
+    number of times; finished states keep their rows. Row -1 is the number of iterations.
     """
 
     def __init__(self, code: Code, operands: Sequence[str], at_most: int) -> None:
@@ -186,23 +179,11 @@ def evaluate(
     """
     Return `@evaluateW(inputs..., out)`, which runs @bodyW with wrapped angles.
 
-    Parameters
-    ----------
-    program : Program
-        A lowered program with one output.
-    dtype, width
-        As of Code.
-    angles : sequence of int
-        Elements of q that are turned; without any, no angle is wrapped.
-    suffix : str
-        End of the names of both functions.
-    check : bool
-        Whether the function has a result: zero for each state, or NaN where a sum of products of
-        its inputs is not finite, as for an infinite input or NaN. Such a sum may also overflow
-        for finite inputs. For one state nothing is written then.
-    inline : bool
-        Whether LLVM inlines the function where it is called; not if that is in several places.
-
+    `angles` are the elements of q that are turned, `suffix` ends the names of both functions. With
+    `check` the function has a result: zero for each state, or NaN where a sum of products of its
+    inputs is not finite, as for an infinite input or NaN; it may also overflow for finite inputs.
+    For one state nothing is written then. A function that is called in several places is not to be
+    inlined.
     """
     names = inputs_of(program)
     arrays = parameters([*names, 'out'])
@@ -292,8 +273,6 @@ def batch(program: Program, dtype: str, width: int, size: int) -> str:
     sizes = [*(program.inputs[name] for name in inputs_of(program)), size]
     table = _table(code, len(sizes))
     *inputs, (out, _, column) = table
-    with code.when(code.test('ult', '%count', 2 * TILE)):
-        code.ret('i64', code.call('i64', 'rows', 'i64 %count', 'ptr %table'))
     end = code.let(f'ptrtoint ptr {out} to i64')
     close = []
     for base, _, _ in inputs:
@@ -302,21 +281,17 @@ def batch(program: Program, dtype: str, width: int, size: int) -> str:
         close.append(code.test('ule', place, 2 * CLOSE))
     beside = [code.test('eq', row, code.bytes) for _, row, _ in table]
     periodic = code.test('eq', code.integer('and', column, PERIOD - 1), 0)
-    with code.when(code.negated(code.both(*beside, periodic, code.either(*close)))):
+    long = code.test('uge', '%count', 2 * TILE)
+    with code.when(code.negated(code.both(long, *beside, periodic, code.either(*close)))):
         code.ret('i64', code.call('i64', 'rows', 'i64 %count', 'ptr %table'))
     step, height = width * code.bytes, TILE * code.bytes
     tile = code.array(size * TILE // width)
-    own = code.array(3 * len(sizes), 'i64')
-    for k, (_, row, distance) in enumerate([*inputs, (tile, code.bytes, height)]):
-        code.store('i64', row, code.at(own, 3 * k + 1, 8))
-        code.store('i64', distance, code.at(own, 3 * k + 2, 8))
-    code.store('ptr', tile, code.at(own, 3 * len(inputs), 8))
     wrong = code.variable('i64', 0)
     final = code.integer('sub', '%count', TILE)
     with code.loop('%count', step=TILE) as begin:
         first = code.least(begin, final)
-        for k, (base, _, _) in enumerate(inputs):
-            code.store('ptr', code.at(base, first, code.bytes), code.at(own, 3 * k, 8))
+        here = [(code.at(base, first, code.bytes), row, own) for base, row, own in inputs]
+        own = table_of(code, [*here, (tile, code.bytes, height)])
         found = code.call('i64', 'rows', f'i64 {TILE}', f'ptr {own}')
         wrong.set(code.integer('or', wrong.get(), found))
         there = code.at(out, first, code.bytes)
@@ -328,15 +303,19 @@ def batch(program: Program, dtype: str, width: int, size: int) -> str:
     return f'{_rows(program, dtype, width, size)}\n{code}'
 
 
-def _table(code: Code, count: int) -> list[list[str]]:
-    """Return pointer and strides of each array in the table of @batch."""
-    return [
-        [
-            code.load(kind, code.at('%table', 3 * k + j, 8))
-            for j, kind in enumerate(('ptr', 'i64', 'i64'))
-        ]
-        for k in range(count)
-    ]
+def _table(code: Code, count: int) -> list[Array]:
+    """Return the arrays in the table of @batch."""
+    kinds = 'ptr', 'i64', 'i64'
+    numbers = [code.load(kind, code.at('%table', k, 8)) for k, kind in enumerate(kinds * count)]
+    return list(zip(numbers[::3], numbers[1::3], numbers[2::3], strict=True))
+
+
+def table_of(code: Code, arrays: Sequence[Array]) -> str:
+    """Return the address of a table for @batch on the stack."""
+    table = code.array(3 * len(arrays), 'i64')
+    for k, number in enumerate(chain.from_iterable(arrays)):
+        code.store('i64' if k % 3 else 'ptr', number, code.at(table, k, 8))
+    return table
 
 
 def _rows(program: Program, dtype: str, width: int, size: int) -> str:
@@ -391,30 +370,26 @@ def _rows(program: Program, dtype: str, width: int, size: int) -> str:
 
 
 def _few_states(
-    code: Code, table: Sequence[Sequence[str]], sizes: Sequence[int], near: Sequence[str]
+    code: Code, table: Sequence[Array], sizes: Sequence[int], near: Sequence[str]
 ) -> None:
-    """Evaluate a register of states, which the first state fills, and return from the function."""
-    S, bytes_, step = code.scalar, code.bytes, code.bytes * code.width
-    own = code.array(3 * len(near), 'i64')
-    for k, copy in enumerate(near):
-        for j, (kind, x) in enumerate((('ptr', copy), ('i64', bytes_), ('i64', step))):
-            code.store(kind, x, code.at(own, 3 * k + j, 8))
-    for (base, row, column), size, copy in zip(table[:-1], sizes, near, strict=False):
-        for e in _each(code, size):
-            code.write(code.spread(code.load(S, code.at(base, e, column), bytes_)), copy, e, step)
-        with code.when(code.test('ugt', '%count', 1)), code.loop('%count', start=1) as state:
-            there, here = code.at(base, state, row), code.at(copy, state, bytes_)
-            for e in _each(code, size):
-                x = code.load(S, code.at(there, e, column), bytes_)
-                code.store(S, x, code.at(here, e, step), bytes_)
-    found = code.call('i64', 'rows', f'i64 {code.width}', f'ptr {own}')
-    base, row, column = table[-1]
-    with code.loop('%count') as state:
-        here, there = code.at(near[-1], state, bytes_), code.at(base, state, row)
-        for e in _each(code, sizes[-1]):
-            x = code.load(S, code.at(here, e, step), bytes_)
-            code.store(S, x, code.at(there, e, column), bytes_)
+    """Evaluate a register of states, which the last state fills up; return from the function."""
+    own: list[Array] = [(copy, code.bytes, code.bytes * code.width) for copy in near]
+    for source, target, size in zip(table[:-1], own, sizes, strict=False):
+        _copy(code, code.width, size, source, target)
+    found = code.call('i64', 'rows', f'i64 {code.width}', f'ptr {table_of(code, own)}')
+    _copy(code, '%count', sizes[-1], own[-1], table[-1])
     code.ret('i64', found)
+
+
+def _copy(code: Code, states: object, size: int, source: Array, target: Array) -> None:
+    """Copy states of `size` elements one by one; the last one of the function fills the rest."""
+    last = code.integer('sub', '%count', 1)
+    with code.loop(states) as state:
+        (here, row, column), (there, other_row, other_column) = source, target
+        here, there = code.at(here, code.least(state, last), row), code.at(there, state, other_row)
+        for e in _each(code, size):
+            x = code.load(code.scalar, code.at(here, e, column), code.bytes)
+            code.store(code.scalar, x, code.at(there, e, other_column), code.bytes)
 
 
 def _each(code: Code, size: int, group: int = 1) -> Iterator[object]:
@@ -435,21 +410,9 @@ def _each(code: Code, size: int, group: int = 1) -> Iterator[object]:
 
 def to_columns(code: Code, start: str, row: object, near: str, size: int) -> None:
     """
-    Copy a register of states whose elements are neighbours, to columns of one element each.
+    Copy a register of states, `row` bytes apart, whose elements are neighbours, to columns.
 
-    Parameters
-    ----------
-    code : Code
-        Of more than one number in a register.
-    start : str
-        Address of the first state.
-    row : str or int
-        Bytes from state to state.
-    near : str
-        Address of the columns, which follow one another.
-    size : int
-        Elements of a state.
-
+    Columns of one element each follow one another at `near`.
     """
     S, bytes_, step = code.scalar, code.bytes, code.bytes * code.width
     states = [code.at(start, r, row) for r in range(code.width)]
@@ -490,19 +453,7 @@ def to_rows(code: Code, near: str, start: str, row: object, size: int) -> None:
 
 
 def declarations(dtype: str, widths: Collection[int], wrapped: bool) -> str:
-    """
-    Return what functions of a module refer to.
-
-    Parameters
-    ----------
-    dtype : str
-        Number format.
-    widths : collection of int
-        Numbers in the registers of all functions.
-    wrapped : bool
-        Whether angles are wrapped.
-
-    """
+    """Return what functions of a module refer to; `widths` are those of all their registers."""
     lines = [f'declare i64 @llvm.{name}.i64(i64, i64)' for name in ('umin', 'usub.sat')]
     for code in (Code('', dtype, width) for width in sorted(set(widths))):
         for name, operands in (('sqrt', 1), ('fabs', 1), ('fma', 3)):
@@ -521,19 +472,8 @@ def kernel_functions(
     """
     Return a module with @evaluate1 and @batch, to which an entry may be added.
 
-    Parameters
-    ----------
-    program : Program
-        A lowered program with one output.
-    dtype : str
-        Number format.
-    width : int
-        States in a register of @batch.
-    angles : sequence of int
-        Elements of q that are turned.
-    size : int
-        Elements of the result.
-
+    The program is lowered and has one output, of `size` elements; `angles` are the elements of q
+    that are turned, and `width` the states in a register of @batch.
     """
     functions = []
     for own in sorted({1, width}):

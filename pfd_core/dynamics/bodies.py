@@ -133,8 +133,7 @@ def links_of(
 
 @lru_cache(KEPT)
 def _own(robot: Robot) -> dict[str, Array]:
-    plant = Plant(robot, np.zeros(3))
-    return {kind: link_numbers(plant, kind) for kind in (CENTERED, GROUPED)}
+    return {kind: link_numbers(robot, kind) for kind in (CENTERED, GROUPED)}
 
 
 @lru_cache(KEPT)
@@ -146,7 +145,7 @@ def _reference(robot: Robot) -> tuple[list[Body], Tip, Array]:
 
 def _in_axes(robot: Robot, bodies: Robot) -> tuple[list[Body], Tip]:
     """Return the bodies of the links of a robot in the axes of another, and the tip."""
-    links, tip = centered_links(Plant(robot, np.zeros(3)), bodies=bodies)
+    links, tip = centered_links(robot, bodies=bodies)
     return [(x.m, x.center, x.J) for x in links], tip
 
 
@@ -166,7 +165,7 @@ def _on_last_link(tip: Tip, payload: Payload) -> Body:
 @lru_cache(KEPT)
 def _slopes(robot: Robot, i: int) -> Array:
     """Return the derivatives of all grouped parameters by a body on link i, (n, 10, 10)."""
-    links, _ = centered_links(Plant(robot, np.zeros(3)))
+    links, _ = centered_links(robot)
     none = _unit(NUMBERS)
     units = []
     for k in range(NUMBERS):

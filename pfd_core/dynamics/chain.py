@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 from pfd_core.dynamics.interface import input_list
 from pfd_core.dynamics.joints import Body, Joint, sum_of_angles
-from pfd_core.dynamics.links import GIVEN, GROUPED, JointAxes, Tip, centered_links
+from pfd_core.dynamics.links import GIVEN, GROUPED, Link, Tip, centered_links
 from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.lanes import cos, sin
 from pfd_core.machine.recorder import Lanes, Recorder
@@ -84,7 +84,7 @@ class Chain:
 def chain_of(plant: Plant, parameters: str = GROUPED, recorder: Recorder | None = None) -> Chain:
     """Return the chain of a plant at the input q, in a new recording if none is given."""
     recorder = Recorder(1, 'sequential') if recorder is None else recorder
-    axes, tip = centered_links(plant, moved=parameters != GIVEN)
+    axes, tip = centered_links(plant.robot, moved=parameters != GIVEN)
     joints = joints_at(recorder, axes, input_list(recorder, 'q', plant.robot.n))
     rows = Numbers(recorder, plant).all(parameters)
     links = [(row[0], row[1:4], symmetric_matrix(row[4:])) for row in rows]
@@ -98,12 +98,12 @@ def chain_of(plant: Plant, parameters: str = GROUPED, recorder: Recorder | None 
     return Chain(recorder, plant, joints, links, tip, parameters == GROUPED)
 
 
-def joints_at(recorder: Recorder, links: Sequence[JointAxes], q: Sequence[Lanes]) -> list[Joint]:
+def joints_at(recorder: Recorder, links: Sequence[Link], q: Sequence[Lanes]) -> list[Joint]:
     """Return the joints of links at positions q [rad or m]."""
     return [_joint(recorder, link, x) for link, x in zip(links, q, strict=True)]
 
 
-def _joint(recorder: Recorder, link: JointAxes, q: Lanes) -> Joint:
+def _joint(recorder: Recorder, link: Link, q: Lanes) -> Joint:
     turn, twist = (tuple(constants(recorder, angle)) for angle in (link.start, link.twist))
     r = constants(recorder, link.p)
     if link.slides:

@@ -124,7 +124,7 @@ def _joints_to(plant: Plant, frame: Frame) -> tuple[Recorder, list[Joint], LaneA
     """Return a recorder, the joints to a frame at the input q, and its pose on the last link."""
     recorder = Recorder(1, 'sequential')
     q = input_list(recorder, 'q', plant.robot.n)
-    links = centered_links(plant)[0][: frame.link]
+    links = centered_links(plant.robot)[0][: frame.link]
     R, p = frame.rotation, frame.translation
     if links:
         end = links[-1].end

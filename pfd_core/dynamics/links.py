@@ -31,13 +31,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from decimal import Context, Decimal, localcontext
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.machine.vectors import UPPER
-from pfd_core.model import Plant, Robot
+from pfd_core.model import Robot
 from pfd_core.model.geometry import product, rotation_x, rotation_z
 
 # Kinds of parameters of links, see pfd_core.dynamics.chain.
@@ -47,6 +47,8 @@ NUMBERS = 10
 
 Array = NDArray[Any]
 Angle = tuple[float, float]  # cosine and sine
+# Mass, first moment and inertia about the origin, of floats or Decimals.
+Body = tuple[Any, Array, Array]
 
 # Largest distance that an origin is moved along its axis, in lengths of the link: large distances
 # cause large first moments, whose cancellation loses digits.
@@ -64,8 +66,7 @@ DIGITS = 50
 KEPT = 64 * 2.0**-53
 
 
-@dataclass(frozen=True)
-class Tip:
+class Tip(NamedTuple):
     """Axes of frame i, (3, 3), and its origin, (3,) [m], in axes B_i: of frame n the tip."""
 
     rotation: Array
@@ -73,9 +74,9 @@ class Tip:
 
 
 @dataclass(frozen=True)
-class JointAxes:
+class Link:
     """
-    Axes B_i of one link.
+    A link by the parameters that the robot is given by, in its axes B_i.
 
     Attributes
     ----------
@@ -89,6 +90,12 @@ class JointAxes:
         (3,), origin of B_i at q_i = 0, in axes B_(i-1) [m].
     end : Tip
         Pose of frame i.
+    m : float
+        Mass [kg].
+    center, arm : ndarray
+        (3,), centre of mass, from the origins of B_i and of frame i [m].
+    J : ndarray
+        (3, 3), inertia about the centre of mass [kg m^2].
 
     """
 
@@ -97,67 +104,17 @@ class JointAxes:
     twist: Angle
     p: Array
     end: Tip
-
-
-@dataclass(frozen=True)
-class CenteredLink(JointAxes):
-    """
-    A link by the parameters that the robot is given by, in its axes B_i.
-
-    Attributes
-    ----------
-    m : float
-        Mass [kg].
-    center : ndarray
-        (3,), centre of mass [m].
-    arm : ndarray
-        (3,), the same from the origin of frame i, `end.p` [m].
-    J : ndarray
-        (3, 3), inertia about the centre of mass [kg m^2].
-
-    """
-
     m: float
     center: Array
     arm: Array
     J: Array
 
 
-@dataclass(frozen=True)
-class GroupedLink:
-    """
-    A link by grouped parameters, in its axes B_i.
-
-    Attributes
-    ----------
-    m : float
-        Mass [kg].
-    h : ndarray
-        (3,), first moment [kg m].
-    inertia : ndarray
-        (3, 3), about the origin [kg m^2].
-
-    """
-
-    m: float
-    h: Array
-    inertia: Array
-
-
-def grouped_links(plant: Plant) -> list[GroupedLink]:
-    """Return the grouped links of a plant, base to tip."""
-    centered, _ = centered_links(plant)
-    rounded = _grouped(centered, float)
-    with localcontext(Context(prec=DIGITS)):
-        exact = _grouped(centered, Decimal)
-    return [_link(*pair) for pair in zip(rounded, exact, strict=True)]
-
-
-def link_numbers(plant: Plant, kind: str) -> Array:
-    """Return the NUMBERS of each link of a plant, (n, NUMBERS), grouped or centred."""
+def link_numbers(robot: Robot, kind: str) -> Array:
+    """Return the NUMBERS of each link, (n, NUMBERS), by the kind of parameters."""
+    links, _ = centered_links(robot, moved=kind != GIVEN)
     if kind == GROUPED:
-        return np.array([body_numbers((x.m, x.h, x.inertia)) for x in grouped_links(plant)])
-    links, _ = centered_links(plant, moved=kind != GIVEN)
+        return _grouped_numbers(links)
     return np.array([body_numbers((x.m, x.center, x.J)) for x in links])
 
 
@@ -167,45 +124,46 @@ def body_numbers(body: Body) -> Array:
     return np.array([m, *vector, *(inertia[k] for k in UPPER)])
 
 
-# Mass, first moment and inertia about the origin, of objects: floats or Decimals.
-Body = tuple[Any, NDArray[Any], NDArray[Any]]
+def _grouped_numbers(links: Sequence[Link]) -> Array:
+    """Return grouped parameters; those that float64 has computed within KEPT, and masses, stay."""
+    rounded = _grouped(links, float)
+    with localcontext(Context(prec=DIGITS)):
+        exact = _grouped(links, Decimal)
+    scale = np.full(exact.shape, np.inf)
+    scale[:, 1:4] = np.abs(exact[:, 1:4]).max(axis=1, keepdims=True)
+    scale[:, 4:] = np.abs(exact[:, 9:])
+    near = np.abs(rounded - exact) <= KEPT * np.maximum(np.abs(exact), scale)
+    kept: Array = np.where(near, rounded, exact)
+    return kept
 
 
-def _grouped(links: Sequence[CenteredLink], number: Callable[[float], Any]) -> list[Body]:
-    """Return the grouped parameters of links, computed in one kind of numbers."""
+def _grouped(links: Sequence[Link], number: Callable[[float], Any]) -> Array:
+    """Return grouped parameters, (n, NUMBERS), computed in one kind of numbers."""
 
-    def numbers(values: Array) -> NDArray[Any]:
-        result: NDArray[Any] = np.array([number(x) for x in values.flat], dtype=object)
+    def numbers(values: Array) -> Array:
+        result: Array = np.array([number(x) for x in values.flat], dtype=object)
         return result.reshape(values.shape)
 
     bodies: list[Body] = []
     for link in links:
         m, center, J = number(link.m), numbers(link.center), numbers(link.J)
         bodies.append((m, m * center, J + m * moments(center, center)))
-    return grouped(links, bodies, numbers)
+    found = grouped(links, bodies, numbers)
+    return np.array([body_numbers(body) for body in found]).astype(np.float64)
 
 
 def grouped(
-    links: Sequence[JointAxes],
+    links: Sequence[Link],
     bodies: Sequence[Body],
-    numbers: Callable[[Array], NDArray[Any]],
+    numbers: Callable[[Array], Array],
     whole: bool = False,
 ) -> list[Body]:
     """
     Return bodies less the parts that move with the link before as well, which are added to it.
 
-    Parameters
-    ----------
-    links : sequence of JointAxes
-        Base to tip.
-    bodies : sequence of Body
-        Of each link, in its axes B_i; the first link keeps all of its own.
-    numbers : callable
-        Converts the axes of a link to the kind of numbers that the bodies have.
-    whole : bool
-        Whether a translational joint passes the whole inertia on, not the inertia about the
-        centre of mass: then the result is linear in the bodies.
-
+    Bodies are in axes B_i; `numbers` converts the axes to the kind of numbers that they have. The
+    result is linear in the bodies if a translational joint passes the `whole` inertia on, not the
+    inertia about the centre of mass.
     """
     result = list(bodies)
     for i in range(len(links) - 1, 0, -1):
@@ -215,37 +173,18 @@ def grouped(
     return result
 
 
-def _link(rounded: Body, exact: Body) -> GroupedLink:
-    """Return a grouped link; numbers that float64 has computed within KEPT stay as they are."""
-    (h, inertia), (exact_h, exact_inertia) = (
-        (h.astype(np.float64), inertia.astype(np.float64)) for _, h, inertia in (rounded, exact)
-    )
-    return GroupedLink(
-        m=float(rounded[0]),
-        h=_kept(h, exact_h, float(np.abs(exact_h).max())),
-        inertia=_kept(inertia, exact_inertia, abs(float(exact_inertia[2, 2]))),
-    )
-
-
-def _kept(rounded: Array, exact: Array, scale: float) -> Array:
-    near = np.abs(rounded - exact) <= KEPT * np.maximum(np.abs(exact), scale)
-    kept: Array = np.where(near, rounded, exact)
-    return kept
-
-
 def centered_links(
-    plant: Plant, moved: bool = True, bodies: Robot | None = None
-) -> tuple[list[CenteredLink], Tip]:
+    robot: Robot, moved: bool = True, bodies: Robot | None = None
+) -> tuple[list[Link], Tip]:
     """
-    Return the links of a plant, not grouped, base to tip, and the pose of frame n.
+    Return the links of a robot, not grouped, base to tip, and the pose of frame n.
 
     Unless origins are `moved` along their axes, that of B_i is the origin of frame i-1: then no
     number is a sum, and rotations of zeros and ones round nothing but `center`. The bodies of the
     links are the robot's, or, in the robot's axes, those of a robot with the same frames.
     """
-    robot = plant.robot
     bodies = robot if bodies is None else bodies
-    links: list[CenteredLink] = []
+    links: list[Link] = []
     before, twist, p = (1.0, 0.0), (1.0, 0.0), np.zeros(3)
     slid = 0.0  # distance that the origin of B_i was moved along its axis
     for i in range(robot.n):
@@ -264,11 +203,10 @@ def centered_links(
         )
         slides = robot.joint_types[i] == 'prismatic'
         end = Tip(product(rotation_x(*tilt), rotation_z(*following)), offset)
-        arm = product(Z.T, arm)
-        links.append(CenteredLink(slides, start, twist, p, end, m, center, arm, J))
+        links.append(Link(slides, start, twist, p, end, m, center, product(Z.T, arm), J))
         slid = _slide(offset, tilt) if moved else 0.0
         if moved and tilt[1] == 0 and i + 1 < robot.n:
-            slid = _level(-tilt[0] * float(offset[2]), _heights(robot, i + 1))
+            slid = _level(-tilt[0] * float(offset[2]), robot, i + 1)
         p = offset + slid * product(rotation_x(*tilt), np.array([0.0, 0.0, 1.0]))
         if slid and tilt[1]:
             p[1] = 0.0  # exactly, without the rounding of the line above
@@ -304,18 +242,15 @@ def _slide(offset: Array, tilt: Angle) -> float:
     return distance if abs(distance) <= REACH * float(np.sqrt(offset @ offset)) else 0.0
 
 
-def _heights(robot: Robot, i: int) -> tuple[float, float]:
-    """Return how far along its joint's axis the next origin and the centre of a link lie [m]."""
-    A, a = robot.rotations[i], robot.translations[i]
-    return float(a[2]), float((a + product(A, robot.centers[i]))[2])
-
-
-def _level(distance: float, heights: tuple[float, float]) -> float:
+def _level(distance: float, robot: Robot, i: int) -> float:
     """
     Return the distance along an axis parallel to the one before at which their origins meet, or 0.
 
-    An origin is moved only if the farthest of its neighbours comes NEARER times as near.
+    An origin is moved only if the farthest of its neighbours, the next origin and the centre of
+    link i, comes NEARER times as near.
     """
+    A, a = robot.rotations[i], robot.translations[i]
+    heights = float(a[2]), float((a + product(A, robot.centers[i]))[2])
     before = max(abs(x) for x in (distance, *heights))
     after = max(abs(x - distance) for x in heights)
     return distance if NEARER * after < before else 0.0
@@ -333,9 +268,7 @@ def _split(slides: bool, body: Body, whole: bool) -> tuple[Body, Body]:
     return (0, across, inertia - symmetric), (m, along, symmetric)
 
 
-def _to_previous_axes(
-    link: JointAxes, body: Body, numbers: Callable[[Array], NDArray[Any]]
-) -> Body:
+def _to_previous_axes(link: Link, body: Body, numbers: Callable[[Array], Array]) -> Body:
     """Return a body of B_i that does not depend on q_i, in axes B_(i-1)."""
     m, h, inertia = body
     R = rotation_x(*link.twist)
@@ -348,9 +281,9 @@ def _to_previous_axes(
     return m, h + m * p, inertia + shift
 
 
-def moments(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
+def moments(a: Array, b: Array) -> Array:
     """Return a.b 1 - b a' (3, 3): the inertia of a point at a for the first moment b."""
     products = (a * b).tolist()
     dot = math.fsum(products) if isinstance(products[0], float) else sum(products)
-    result: NDArray[Any] = dot * np.eye(3, dtype=a.dtype) - np.multiply.outer(b, a)
+    result: Array = dot * np.eye(3, dtype=a.dtype) - np.multiply.outer(b, a)
     return result

@@ -103,7 +103,7 @@ def values(plant: Plant, field: str) -> Array:
     if field in plant.links:
         return plant.links[field]
     found: Array = getattr(plant, field, None)  # type: ignore[assignment]
-    return link_numbers(plant, field) if found is None else found
+    return link_numbers(plant.robot, field) if found is None else found
 
 
 def count(plant: Plant) -> int:

@@ -65,30 +65,11 @@ def record_derivatives(
     """
     Return the program of the factors of d qdd / d(q, qd, tau) = [-X D, X T], from q, qd and tau.
 
-    Parameters
-    ----------
-    plant : Plant
-        Robot and scene.
-    method : str
-        A name in METHODS, which gives the qdd at which D is taken.
-    refine : int
-        Steps of iterative refinement of that qdd.
-    inverse : tuple of str and int, optional
-        Method and steps of refinement of X (pfd_core.dynamics.inverse); default those
-        of qdd.
-    dtype : str
-        Number format, to whose rounding an iterative method iterates.
-
-    Returns
-    -------
-    Program
-        Outputs `qdd`, (n,), `X`, (n, n), `D`, (n, 2 n), and with motor limits `T`, (n,).
-
-    Raises
-    ------
-    ValueError
-        For an unknown method, and for effects that act over a step of time.
-
+    D is taken at the qdd of a method, with `refine` steps of refinement; an iterative method
+    iterates to the rounding of `dtype`. X takes the method and the steps `inverse`, by default
+    those of qdd (pfd_core.dynamics.inverse). Outputs are `qdd`, (n,), `X`, (n, n), `D`, (n, 2 n),
+    and with motor limits `T`, (n,). ValueError for an unknown method and for effects that act over
+    a step of time.
     """
     check_instant(plant)
     n = plant.robot.n

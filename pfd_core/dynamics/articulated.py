@@ -46,6 +46,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 import math
 from typing import Any, NamedTuple
 
@@ -65,7 +66,7 @@ from pfd_core.dynamics.joints import (
     turned_back,
     with_axis,
 )
-from pfd_core.dynamics.links import GIVEN
+from pfd_core.dynamics.links import GIVEN, GROUPED
 from pfd_core.dynamics.newton_euler import less_wrench, right_side
 from pfd_core.dynamics.numbers import Numbers, rotors
 from pfd_core.machine.lanes import where
@@ -76,6 +77,7 @@ from pfd_core.machine.vectors import (
     array,
     cross,
     crossed_element,
+    crossing,
     dot,
     symmetric_sum,
 )
@@ -85,38 +87,26 @@ NONE = array([0.0] * 3)
 
 
 class Inertia(NamedTuple):
-    """
-    An articulated body: moment = J wd + K a, force = K' wd + M a, about and at one point.
+    """An articulated body about its origin: moment = J wd + K a, force = K' wd + M a."""
 
-    Attributes
-    ----------
-    J, M : LaneArray
-        (3, 3), symmetric [kg m^2, kg].
-    K : LaneArray
-        (3, 3) [kg m].
-
-    """
-
-    J: LaneArray
-    K: LaneArray
-    M: LaneArray
+    J: LaneArray  # (3, 3), symmetric [kg m^2]
+    K: LaneArray  # (3, 3) [kg m]
+    M: LaneArray  # (3, 3), symmetric [kg]
 
 
 @dataclass(frozen=True)
 class Handle:
     """
-    Articulated body of a joint, reduced to the joint's own motion.
+    Articulated body of a joint, in axes B_i, reduced to the joint's own motion.
 
     Attributes
     ----------
     body : Inertia
-        The whole body, in axes B_i.
+        The whole body.
     f, n : LaneArray
         (3,), force and moment that a unit acceleration of the joint takes: U.
-    d : Lanes
-        S.U + rotor, a pivot of H; infinite for a braked joint.
-    inverse : Lanes
-        1/d, or zero for a braked joint.
+    d, inverse : Lanes
+        S.U + rotor, a pivot of H, and 1/d; infinite and zero for a braked joint.
     kept : Lanes or float
         Share of U in the row of I - U g' along the joint: rotor/d, or one for a braked joint; the
         number 0.0 without rotors and brakes.
@@ -136,45 +126,24 @@ class Handle:
         return isinstance(self.kept, float)
 
 
-@dataclass(frozen=True)
-class Bias:
-    """
-    What velocities, gravity and the wrench add to the motion and the forces of links.
+class Bias(NamedTuple):
+    """What velocities, gravity and the wrench add to motions and forces."""
 
-    Attributes
-    ----------
-    base : LaneArray
-        (3,), acceleration of the base.
-    drifts : sequence of tuple
-        For each link c and b, (3,), angular and linear acceleration by velocities.
-    forces : sequence of Force
-        Force and moment of each link by velocities, less the wrench.
-
-    """
-
-    base: LaneArray
-    drifts: Sequence[tuple[LaneArray, LaneArray]]
-    forces: Sequence[Force]
+    base: LaneArray  # acceleration of the base, (3,)
+    drifts: Sequence[Force]  # of each link c and b, (3,)
+    forces: Sequence[Force]  # that each link needs at its velocity, less the wrench
 
 
-def record_articulated_body(plant: Plant) -> Program:
-    """Return the program of qdd and pivots, (n,), from q, qd and tau, parameters as given."""
-    return _record(chain_of(plant, GIVEN))
-
-
-def record_grouped_articulated_body(plant: Plant) -> Program:
-    """Return the program of qdd and pivots, (n,), from q, qd and tau, parameters grouped."""
-    return _record(chain_of(plant))
-
-
-def _record(chain: Chain) -> Program:
+def record_by_bodies(plant: Plant, *, parameters: str) -> Program:
+    """Return the program of qdd and pivots, (n,), from q, qd and tau, by a kind of parameters."""
+    chain = chain_of(plant, parameters)
     recorder, n = chain.recorder, len(chain.joints)
     bodies = chain.bodies()
     if chain.grouped:
         tau, bias = right_side(chain), Bias(NONE, [(NONE, NONE)] * n, [(NONE, NONE)] * n)
     else:
         tau, bias = _torques(chain), _bias(chain, bodies)
-    free = free_input(recorder, chain.plant)
+    free = free_input(recorder, plant)
     with recorder.section('articulated bodies'):
         handles = _handles(chain, bodies, free)
     with recorder.section('solve'):
@@ -214,8 +183,7 @@ def _handles(chain: Chain, bodies: Sequence[Body], free: Sequence[Lanes] | None)
     handles: list[Handle] = []
     for i in reversed(range(n)):
         joint, (m, h, J) = chain.joints[i], bodies[i]
-        K = array([[0.0, -h[2], h[1]], [h[2], 0.0, -h[0]], [-h[1], h[0], 0.0]])
-        body = Inertia(J, K, array([[m, 0.0, 0.0], [0.0, m, 0.0], [0.0, 0.0, m]]))
+        body = Inertia(J, crossing(h), array([[m, 0.0, 0.0], [0.0, m, 0.0], [0.0, 0.0, m]]))
         if handles:
             J, K, M = _moved(chain.joints[i + 1], _given_way(chain.joints[i + 1], handles[0]))
             body = Inertia(symmetric_sum(J, body.J), K + body.K, symmetric_sum(M, body.M))
@@ -308,3 +276,7 @@ def _accelerations(
             line[2] = line[2] + qdd[-1]
         w, a = w + c, a + b
     return qdd
+
+
+record_articulated_body = partial(record_by_bodies, parameters=GIVEN)
+record_grouped_articulated_body = partial(record_by_bodies, parameters=GROUPED)

@@ -95,17 +95,9 @@ def links_of(
     robot: Robot, robots: Sequence[Robot], payloads: Sequence[Payload | None]
 ) -> dict[str, Array]:
     """
-    Return the numbers of the links of some arms, by kind, (arms, n, NUMBERS).
+    Return the numbers of the links of some arms, by kind, (arms, n, NUMBERS), in a robot's axes.
 
-    Parameters
-    ----------
-    robot : Robot
-        In whose axes the numbers are.
-    robots : sequence of Robot
-        For each arm the bodies of its links; robots with the same frames.
-    payloads : sequence of Payload or None
-        For each arm the body on its last link.
-
+    Each arm has the bodies of one of `robots`, with the same frames, and one of `payloads`.
     """
     own = _own(robot)
     size, n = len(robots), robot.n

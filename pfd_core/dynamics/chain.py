@@ -37,33 +37,15 @@ from pfd_core.model import Plant
 
 @dataclass(frozen=True)
 class Chain:
-    """
-    A chain at the input q.
-
-    Attributes
-    ----------
-    recorder : Recorder
-        Of one lane.
-    plant : Plant
-        Robot and scene.
-    joints : list of Joint
-        Base to tip.
-    links : list of Body
-        Mass [kg] and inertia [kg m^2] of each link; between them its first moment [kg m], with
-        the inertia about the origin of B_i, if `grouped`, else its centre of mass [m], with the
-        inertia about this.
-    tip : Tip
-        Pose of frame n in axes B_n.
-    grouped : bool
-        Whether parameters are grouped.
-
-    """
+    """A chain at the input q."""
 
     recorder: Recorder
     plant: Plant
     joints: list[Joint]
+    # Mass [kg], first moment [kg m] and inertia about the origin of B_i [kg m^2], if parameters
+    # are grouped, else mass, centre of mass [m] and inertia about this.
     links: list[Body]
-    tip: Tip
+    tip: Tip  # pose of frame n in axes B_n
     grouped: bool
 
     def inputs(self, name: str) -> list[Lanes]:

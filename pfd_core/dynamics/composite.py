@@ -43,9 +43,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+import operator
 
 from pfd_core.dynamics.chain import Chain, chain_of
-from pfd_core.dynamics.factors import Matrix, add_rotors, factorise, solution
+from pfd_core.dynamics.factors import Matrix, add_rotors, factorise, solution, symmetric
 from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.joints import (
     along,
@@ -97,15 +98,7 @@ def record_by_matrix(
     """
     Return the program of qdd and pivots, (n,), from q, qd and tau.
 
-    Parameters
-    ----------
-    plant : Plant
-        Robot and scene.
-    inertia_matrix : callable
-        The lower triangle of H by rows.
-    parameters : str
-        Kind of the links' parameters, as for `chain_of`.
-
+    `inertia_matrix` gives the lower triangle of H by rows, from links by a kind of parameters.
     """
     chain = chain_of(plant, parameters)
     y = right_side(chain)
@@ -125,9 +118,7 @@ def record_inertia_matrix(plant: Plant) -> Program:
     with chain.recorder.section('inertia matrix'):
         rows = composite_bodies(chain)
         add_rotors(chain.recorder, plant, rows)
-    n = len(rows)
-    H = [[rows[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
-    return program_with_outputs(chain.recorder, H=H)
+    return program_with_outputs(chain.recorder, H=symmetric(rows))
 
 
 def record_held(plant: Plant) -> Program:
@@ -137,11 +128,12 @@ def record_held(plant: Plant) -> Program:
     Inputs are q, qd, tau and free; the output, (2, n), is x and lambda = H x + bias - tau.
     """
     chain = chain_of(plant)
-    y, n = right_side(chain), plant.robot.n
+    y = right_side(chain)
     H = composite_bodies(chain)
     add_rotors(chain.recorder, plant, H)
     x = solution(factorise(H, free_input(chain.recorder, plant)), y)
-    held = [sum((H[max(i, j)][min(i, j)] * x[j] for j in range(n)), -y[i]) for i in range(n)]
+    rows = zip(symmetric(H), y, strict=True)
+    held = [sum(map(operator.mul, row, x), -total) for row, total in rows]
     return program_with_outputs(chain.recorder, x=[x, held])
 
 

@@ -42,33 +42,15 @@ ITERATIONS_PER_JOINT = 20
 SPARE_ITERATIONS = 10
 
 
-def record_walker_orin_4(
-    plant: Plant, tolerance: float = TOLERANCE, at_most: int | None = None
-) -> Program:
+def record_walker_orin_4(plant: Plant, tolerance: float = TOLERANCE) -> Program:
     """
-    Return the program of conjugate gradients from zero.
+    Return the program of conjugate gradients from zero, without braked joints.
 
-    Parameters
-    ----------
-    plant : Plant
-        Robot and scene; equations and unknowns of braked joints are excluded.
-    tolerance : float
-        The iteration ends when the residual has fallen by this factor, at least 0 and below 1.
-    at_most : int, optional
-        Largest number of iterations; default 20 n + 10.
-
-    Returns
-    -------
-    Program
-        Outputs qdd, (n,), `iterations`, (1,), the number taken, and `converged`, (1,), one if the
-        residual fell below the tolerance. It is zero if the iterations ran out, if H was found not
-        positive definite (u'Hu <= 0; qdd is then the iterate so far) or with NaN and infinity.
-
-    Raises
-    ------
-    ValueError
-        If the tolerance is not in range or at_most is below 1.
-
+    The iteration ends when the residual has fallen by the factor `tolerance`, at least 0 and below
+    1, or after 20 n + 10 iterations. Outputs are qdd, (n,), `iterations`, (1,), the
+    number taken, and `converged`, (1,), one if the residual fell below the tolerance. It is zero
+    if the iterations ran out, if H was found not positive definite (u'Hu <= 0; qdd is then the
+    iterate so far) or with NaN and infinity. ValueError for a tolerance out of range.
     """
     if not 0 <= tolerance < 1:
         raise ValueError(f'tolerance must be at least 0 and below 1, got {tolerance}')
@@ -90,8 +72,8 @@ def record_walker_orin_4(
             return _step(state, t)
 
     start = (*[recorder.constant(0.0)] * n, *y, *y, first)
-    limit = ITERATIONS_PER_JOINT * n + SPARE_ITERATIONS if at_most is None else at_most
-    state, iterations = iterate(step, start, first, limit, floor=enough)
+    at_most = ITERATIONS_PER_JOINT * n + SPARE_ITERATIONS
+    state, iterations = iterate(step, start, first, at_most, floor=enough)
     with recorder.section('status'):
         # NaN is not above `enough`; like infinity, it fails the test of 1 / (1 + e).
         finite = where(1.0 / (1.0 + state[-1]), 1.0, 0.0)

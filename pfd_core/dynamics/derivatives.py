@@ -50,7 +50,7 @@ right angles: 45 operations for each pair of joints.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,6 +67,7 @@ from pfd_core.dynamics.joints import (
     inward_matrix,
     plus_cross,
     sum_of_angles,
+    to_base,
     turned_back,
     turned_matrix,
     unit_force,
@@ -81,71 +82,30 @@ NONE = array([0.0] * 3)
 
 
 class Body(NamedTuple):
-    """
-    The composite body of links j..n in axes and about the origin of B_j.
+    """The composite body of links j..n in axes and about the origin of B_j."""
 
-    Attributes
-    ----------
-    m : Lanes
-        Mass [kg].
-    h : LaneArray
-        (3,), first moment [kg m].
-    J : LaneArray
-        (3, 3), inertia [kg m^2].
-    P : LaneArray
-        (3,), twice the sum of v dm [kg m/s].
-    N : LaneArray
-        (3, 3), twice the sum of p v' dm [kg m^2/s].
-
-    """
-
-    m: Any
-    h: LaneArray
-    J: LaneArray
-    P: LaneArray
-    N: LaneArray
+    m: Any  # mass [kg]
+    h: LaneArray  # first moment, (3,) [kg m]
+    J: LaneArray  # inertia, (3, 3) [kg m^2]
+    P: LaneArray  # twice the sum of v dm, (3,) [kg m/s]
+    N: LaneArray  # twice the sum of p v' dm, (3, 3) [kg m^2/s]
 
 
 class Unit(NamedTuple):
-    """
-    Force of a unit acceleration of a joint, in the axes of this joint or of one before it.
+    """Force of a unit acceleration of a joint, in the axes of this joint or of one before it."""
 
-    Attributes
-    ----------
-    f, n : LaneArray
-        (3,), force and moment.
-    c : LaneArray
-        (3,), twice the sum of v x (acceleration) dm.
-
-    """
-
-    f: LaneArray
-    n: LaneArray
-    c: LaneArray
+    f: LaneArray  # force, (3,)
+    n: LaneArray  # moment, (3,)
+    c: LaneArray  # twice the sum of v x (acceleration) dm, (3,)
 
 
-@dataclass(frozen=True)
-class MovingChain:
-    """
-    A chain at the inputs q and qd, by composite bodies.
+class MovingChain(NamedTuple):
+    """A chain at the inputs q and qd, by composite bodies."""
 
-    Attributes
-    ----------
-    chain : Chain
-        In axes that parallel joints share.
-    rates : list of LaneArray
-        (3,), twice the angular velocity of each link.
-    bodies : list of Body
-        Links j..n, in axes B_j.
-    units : list of list of Unit
-        Row j holds the force of a unit acceleration of joint j in the axes B_i, i <= j.
-
-    """
-
-    chain: Chain
-    rates: list[LaneArray]
-    bodies: list[Body]
-    units: list[list[Unit]]
+    chain: Chain  # in axes that parallel joints share
+    rates: list[LaneArray]  # twice the angular velocity of each link, (3,)
+    bodies: list[Body]  # links j..n, in axes B_j
+    units: list[list[Unit]]  # row j: unit acceleration of joint j, in the axes B_i, i <= j
 
 
 def moving_chain(chain: Chain, qd: Sequence[Lanes]) -> MovingChain:
@@ -196,8 +156,7 @@ def _rates(joints: Sequence[Joint], qd: Sequence[Lanes]) -> list[LaneArray]:
     """Return twice the angular velocity of each link."""
     w, rates = NONE, []
     for joint, rate in zip(joints, qd, strict=True):
-        w = turned_back(joint, w)
-        w = w if joint.slides else with_axis(w, rate)
+        w = turned_back(joint, w) if joint.slides else with_axis(turned_back(joint, w), rate)
         rates.append(w + w)
     return rates
 
@@ -331,10 +290,9 @@ def minus_bias(
                 total = total - x * other
             y.append(total)
         if plant.external_wrench:
-            force = less_wrench(chain, (NONE, NONE))
-            for i in reversed(range(len(joints))):
-                y[i] = y[i] - along(joints[i], force)
-                force = _force_in(joints[i], force)
+            wrench = less_wrench(chain, (NONE, NONE))
+            felt = to_base(joints, len(joints) - 1, wrench, _force_in)
+            y = [total - along(*at) for total, at in zip(y[::-1], felt, strict=True)][::-1]
     return y
 
 
@@ -347,15 +305,8 @@ def by_positions(
     """
     Return the derivatives of the torques of links, gravity and wrench with respect to q, (n, n).
 
-    Parameters
-    ----------
-    moving : MovingChain
-        The chain.
-    qd, qdd : sequence of Lanes
-        Velocities and accelerations, (n,) [rad/s, rad/s^2 or m/s, m/s^2].
-    torques : sequence of Lanes, optional
-        The torques themselves, (n,) [N m or N], where they are known: qdd solves for them.
-
+    qd and qdd are velocities and accelerations, (n,) [rad/s, rad/s^2 or m/s, m/s^2]. The `torques`
+    themselves, (n,) [N m or N], are given where they are known: qdd solves for them.
     """
     recorder, joints = moving.chain.recorder, moving.chain.joints
     with recorder.section('motion'):
@@ -395,11 +346,8 @@ def _matrix(
         [felt(i, units[i]) for i in range(j)] for j, units in enumerate(moving.units)
     ]
     for j in range(len(joints)):
-        force = column(j)
-        result[j].append(along(joints[j], force))
-        for i in reversed(range(j)):
-            force = _force_in(joints[i + 1], force)
-            result[i].append(along(joints[i], force))
+        for i, at in zip(range(j, -1, -1), to_base(joints, j, column(j), _force_in), strict=True):
+            result[i].append(along(*at))
     return result
 
 

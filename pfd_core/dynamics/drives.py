@@ -63,16 +63,8 @@ def motor_torques(
     """
     Return the torques of the motors.
 
-    Parameters
-    ----------
-    plant : Plant
-        Robot and scene.
-    tau, qd : sequence of Lanes
-        Commanded torques [N m or N] and velocities [rad/s or m/s]: one row over lanes, or n
-        numbers.
-    gravity : callable, optional
-        Gravity torques of a model at the input q, in the order of tau; default on one processor.
-
+    Commanded torques [N m or N] and velocities [rad/s or m/s] are one row over lanes, or n
+    numbers. `gravity` gives the gravity torques of a model on lanes; by default on one processor.
     """
     if not has_drives(plant):
         return list(tau)

@@ -10,9 +10,8 @@ zero, and so are its x and all its factors, by which its row would change others
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from pfd_core.dynamics.numbers import rotors
 from pfd_core.machine.lanes import where
@@ -22,26 +21,19 @@ from pfd_core.model import Plant
 Matrix = list[list[Any]]  # by rows
 
 
-@dataclass(frozen=True)
-class Factors:
-    """
-    H = L' D L.
+class Factors(NamedTuple):
+    """H = L' D L."""
 
-    Attributes
-    ----------
-    L : list of list of Lanes
-        Rows of the lower triangle without its diagonal of ones; zeros for braked joints.
-    inverses, pivots : list of Lanes
-        1 / D and D; zero and infinite for braked joints.
-    free : sequence of Lanes or None
-        Zero for a braked joint.
+    L: Matrix  # rows of the lower triangle without its diagonal of ones
+    inverses: list[Lanes]  # 1 / D
+    pivots: list[Lanes]  # D
+    free: Sequence[Lanes] | None  # zero for a braked joint
 
-    """
 
-    L: Matrix
-    inverses: list[Lanes]
-    pivots: list[Lanes]
-    free: Sequence[Lanes] | None
+def symmetric(rows: Sequence[Sequence[Any]]) -> Matrix:
+    """Return all elements of a symmetric matrix, given by its lower triangle by rows."""
+    n = len(rows)
+    return [[rows[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
 
 
 def add_rotors(recorder: Recorder, plant: Plant, H: Matrix) -> None:

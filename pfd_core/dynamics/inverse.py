@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
-from pfd_core.dynamics.factors import Factors, Matrix, solution
+from pfd_core.dynamics.factors import Factors, Matrix, solution, symmetric
 from pfd_core.dynamics.methods import record_forward_dynamics
 from pfd_core.dynamics.refinement import record_residual
 from pfd_core.machine.recorder import Lanes, Recorder, inline
@@ -43,19 +43,7 @@ def inverse_inertia(
     """
     Return H^-1, (n, n), symmetric, with rows and columns of zeros for braked joints.
 
-    Parameters
-    ----------
-    recorder : Recorder
-        Of one lane.
-    plant : Plant
-        Robot and scene.
-    factors : Factors
-        Of H; no kernel has them if the method does not use them.
-    method : str
-        A name in METHODS.
-    steps : int
-        Steps of iterative refinement.
-
+    It is by a method, with steps of refinement; methods that take no factors leave those unread.
     """
     n = plant.robot.n
     zero, one = recorder.constant(0.0), recorder.constant(1.0)
@@ -68,7 +56,7 @@ def inverse_inertia(
         def solve(y: Sequence[Lanes]) -> list[Lanes]:
             return inline(recorder, program, at_rest | {'tau': y})['qdd']
 
-        X = _symmetric(map(solve, units))
+        X = symmetric([solve(unit) for unit in units])
     else:
 
         def solve(y: Sequence[Lanes]) -> list[Lanes]:
@@ -83,7 +71,6 @@ def inverse_inertia(
 def _by_factors(factors: Factors) -> Matrix:
     """Return H^-1, row after row of L X = D^-1 L'^-1, whose right side is triangular."""
     X: Matrix = []
-    n = len(factors.L)
     for L, diagonal in zip(factors.L, factors.inverses, strict=True):
         row: list[Lanes] = []
         for j in range(len(L)):
@@ -92,7 +79,7 @@ def _by_factors(factors: Factors) -> Matrix:
         for factor, x in zip(L, row, strict=True):
             diagonal = diagonal - factor * x
         X.append([*row, diagonal])
-    return [[X[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
+    return symmetric(X)
 
 
 def _refined(
@@ -111,15 +98,8 @@ def _refined(
         for unit, x in zip(units, X, strict=True):
             missed = inline(recorder, residual, at_rest | {'qdd': x, 'tau': unit})['residual']
             columns.append([a + d for a, d in zip(x, solve(missed), strict=True)])
-        X = _symmetric(columns)
+        X = symmetric(columns)
     return X
-
-
-def _symmetric(columns: Iterable[Sequence[Lanes]]) -> Matrix:
-    """Return the symmetric matrix of the elements on and above the diagonal of columns."""
-    above = list(columns)
-    n = len(above)
-    return [[above[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
 
 
 def fused_product(row: Iterable[Lanes], column: Iterable[Lanes]) -> Lanes:

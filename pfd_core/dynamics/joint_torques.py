@@ -38,17 +38,9 @@ def plus_joint_torques(
     plant: Plant, tau: Sequence[Lanes], qd: Sequence[Lanes], qdd: Sequence[Lanes] | None = None
 ) -> list[Lanes]:
     """
-    Return tau plus the torques of the effects.
+    Return tau [N m or N] plus the torques of the effects.
 
-    Parameters
-    ----------
-    plant : Plant
-        Robot and scene.
-    tau, qd : sequence of Lanes
-        Torques [N m or N] and velocities [rad/s or m/s]: one row over lanes, or n numbers.
-    qdd : sequence of Lanes, optional
-        Accelerations [rad/s^2 or m/s^2]; without them inertia is ignored.
-
+    Each argument is one row over lanes or n numbers. Without accelerations inertia is ignored.
     """
     return _combined(operator.add, plant, tau, qd, qdd)
 

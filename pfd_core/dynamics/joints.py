@@ -45,28 +45,14 @@ ABOUT_Z = (0, 1, 2)
 
 @dataclass(frozen=True)
 class Joint:
-    """
-    A joint at the input q: its link's axes B_i, seen from B_(i-1).
+    """A joint at the input q: its link's axes B_i, seen from B_(i-1)."""
 
-    Attributes
-    ----------
-    slides : bool
-        Whether it is translational.
-    turn, twist : tuple
-        Cosine and sine of theta_i and of alpha_(i-1).
-    square, parallel : bool
-        Whether alpha_(i-1) is 90 degrees, one way or the other, or 0 or 180 degrees, exactly.
-    r : LaneArray
-        (3,), origin of B_i from the origin of B_(i-1), in axes B_(i-1) [m].
-
-    """
-
-    slides: bool
-    turn: Planar
-    twist: Planar
-    square: bool
-    parallel: bool
-    r: LaneArray
+    slides: bool  # whether it is translational
+    turn: Planar  # theta_i
+    twist: Planar  # alpha_(i-1)
+    square: bool  # whether alpha_(i-1) is 90 degrees, one way or the other, exactly
+    parallel: bool  # whether alpha_(i-1) is 0 or 180 degrees, exactly
+    r: LaneArray  # origin of B_i from the origin of B_(i-1), (3,), in axes B_(i-1) [m]
 
 
 def sum_of_angles(a: Planar, b: Planar) -> Planar:

@@ -24,8 +24,7 @@ joints of a skew chain without a wrench, multiplications and additions: the bias
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from pfd_core.dynamics.chain import Chain, chain_of
 from pfd_core.dynamics.drives import commanded_torques, motor_torques
@@ -41,29 +40,14 @@ from pfd_core.machine.vectors import UPPER, array, constants, cross
 from pfd_core.model import Plant
 
 
-@dataclass(frozen=True)
-class Motion:
-    """
-    Motion of a link, in its axes B_i.
+class Motion(NamedTuple):
+    """Motion of a link, in its axes B_i."""
 
-    Attributes
-    ----------
-    w, wd : LaneArray
-        (3,), angular velocity [rad/s] and acceleration [rad/s^2].
-    a : LaneArray
-        (3,), acceleration of the origin, minus gravity [m/s^2].
-    squares : tuple
-        xx, xy, xz, yy, yz, zz of w w'.
-    W : LaneArray
-        (3, 3), [wd] + [w][w].
-
-    """
-
-    w: LaneArray
-    wd: LaneArray
-    a: LaneArray
-    squares: tuple[Any, ...]
-    W: LaneArray
+    w: LaneArray  # (3,), angular velocity [rad/s]
+    wd: LaneArray  # (3,), angular acceleration [rad/s^2]
+    a: LaneArray  # (3,), acceleration of the origin, minus gravity [m/s^2]
+    squares: tuple[Any, ...]  # xx, xy, xz, yy, yz, zz of w w'
+    W: LaneArray  # (3, 3), [wd] + [w][w]
 
 
 def record_inverse_dynamics(plant: Plant) -> Program:
@@ -138,25 +122,11 @@ def torques(
     loads: bool = True,
 ) -> list[Any]:
     """
-    Return the torques of rigid links at velocities and accelerations of the joints.
+    Return the torques of rigid links, of the joints from `first` on [N m or N].
 
-    Parameters
-    ----------
-    chain : Chain
-        Links, with parameters of either kind.
-    qd, qdd : sequence
-        Of all joints [rad/s or m/s, and per second]: values, or numbers known while recording;
-        without qdd the bias.
-    first : int
-        Joint at which the moving part of the chain begins; all before it are at rest.
-    loads : bool
-        Whether gravity and wrench act.
-
-    Returns
-    -------
-    list
-        Torques of the joints from `first` on [N m or N].
-
+    qd and qdd, (n,) [rad/s or m/s, and per second], are values or numbers known while recording;
+    without qdd these torques are the bias. Joints before `first` are at rest. Gravity and wrench
+    act if `loads`.
     """
     forces = [
         link_force(chain, i, motion)
@@ -193,20 +163,15 @@ def motions(
             line = a if joint.slides else wd
             line[2] = line[2] + qdd[i]
         squares = tuple(w[j] * w[k] for j, k in UPPER)
-        W = _spin(squares, wd)
+        xx, xy, xz, yy, yz, zz = squares
+        W = array(
+            [
+                [-(yy + zz), xy - wd[2], xz + wd[1]],
+                [xy + wd[2], -(xx + zz), yz - wd[0]],
+                [xz - wd[1], yz + wd[0], -(xx + yy)],
+            ]
+        )
         yield Motion(w, wd, a, squares, W)
-
-
-def _spin(squares: tuple[Any, ...], wd: LaneArray) -> LaneArray:
-    """Return W = [wd] + [w][w], (3, 3), from w w'."""
-    xx, xy, xz, yy, yz, zz = squares
-    return array(
-        [
-            [-(yy + zz), xy - wd[2], xz + wd[1]],
-            [xy + wd[2], -(xx + zz), yz - wd[0]],
-            [xz - wd[1], yz + wd[0], -(xx + yy)],
-        ]
-    )
 
 
 def link_force(chain: Chain, i: int, motion: Motion) -> Force:

@@ -50,17 +50,7 @@ VARYING = (
 
 
 class Numbers:
-    """
-    Numbers of a plant in a recording.
-
-    Parameters
-    ----------
-    recorder : Recorder
-        Of one lane where numbers vary.
-    plant : Plant
-        Robot and scene.
-
-    """
+    """Numbers of a plant in a recording, of one lane where numbers vary."""
 
     def __init__(self, recorder: Recorder, plant: Plant) -> None:
         self._recorder, self._plant = recorder, plant
@@ -128,17 +118,9 @@ def with_inputs(plant: Plant) -> Plant:
 
 def parameters(plant: Plant, arms: Plant, size: int) -> Array:
     """
-    Return `p` of some arms, (size, count).
+    Return `p` of some arms, (size, count), for a plant from `with_inputs`.
 
-    Parameters
-    ----------
-    plant : Plant
-        From `with_inputs`.
-    arms : Plant
-        The numbers of all arms: those that vary have a first axis of this size.
-    size : int
-        Number of arms.
-
+    `arms` holds the numbers of all arms: those that vary have a first axis of this size.
     """
     rows = []
     for field, places in plant.varied.items():

@@ -14,7 +14,7 @@ cache on disk has no values of the numbers that differ.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -80,8 +80,11 @@ class Arms:
         self._payloads: list[Payload | None] = [None] * size
         links: dict[str, Array] = {}
         if numbers.keys() - fields.keys():
-            self._robots = _robots(robot, numbers, size)
-            self._payloads = _payloads(scene, numbers, size)
+            nominal = scene.payload if isinstance(scene.payload, Payload) else None
+            if nominal is None and numbers.keys() & PAYLOAD.keys():
+                nominal = Payload(0.0)
+            self._robots = _replaced(robot, LINKS, numbers, size)
+            self._payloads = _replaced(nominal, PAYLOAD, numbers, size)
             links = links_of(robot, self._robots, self._payloads)
             scene = replace(scene, payload=INPUT)
         self._stacked = replace(resolve(robot, scene, fields), links=links)
@@ -97,13 +100,12 @@ class Arms:
         """
         stacked = replace(self._stacked, implicit=implicit)
         links = {kind: _common(x) for kind, x in stacked.links.items()}
-        effects = {name: _common(x) if _of_arms(name, x) else x for name, x in _effects(stacked)}
-        for name, x in effects.items():
+        plant = replace(_with_values(stacked, _common), links=links)
+        for name, x in plant.effects.items():
             # An integrator reads the viscosity of all joints at once.
             if EFFECT_OF[name].kind == VISCOSITY and np.isnan(x).any():
-                effects[name] = np.full_like(x, np.nan)
-        gravity = _common(stacked.gravity) if stacked.gravity.ndim == 2 else stacked.gravity
-        plant = with_inputs(replace(stacked, gravity=gravity, effects=effects, links=links))
+                plant = replace(plant, effects={**plant.effects, name: np.full_like(x, np.nan)})
+        plant = with_inputs(plant)
         return plant, parameters(plant, stacked, self.size)
 
     def plants(self) -> dict[str, Plant]:
@@ -117,14 +119,10 @@ class Arms:
         return {label(arm): self._plant(arm) for arm in range(self.size)}
 
     def _plant(self, arm: int) -> Plant:
-        stacked, robot, payload = self._stacked, self._robots[arm], self._payloads[arm]
-        return replace(
-            stacked,
-            robot=robot if payload is None else with_payload(robot, payload),
-            gravity=stacked.gravity[arm] if stacked.gravity.ndim == 2 else stacked.gravity,
-            effects={k: x[arm] if _of_arms(k, x) else x for k, x in _effects(stacked)},
-            links={},
-        )
+        robot, payload = self._robots[arm], self._payloads[arm]
+        loaded = robot if payload is None else with_payload(robot, payload)
+        plant = _with_values(self._stacked, lambda values: values[arm])
+        return replace(plant, robot=loaded, links={})
 
 
 def label(arm: int) -> str:
@@ -132,13 +130,14 @@ def label(arm: int) -> str:
     return f'parameters, arm {arm}: '
 
 
-def _effects(plant: Plant) -> list[tuple[str, Array]]:
-    return list(plant.effects.items())
-
-
-def _of_arms(name: str, values: Array) -> bool:
-    """Return whether the numbers of a field have an axis of arms."""
-    return name in SCENE and values.ndim == 2
+def _with_values(stacked: Plant, change: Callable[[Array], Array]) -> Plant:
+    """Return a plant with other numbers in place of those that have an axis of arms."""
+    effects = {
+        name: change(x) if name in SCENE and x.ndim == 2 else x
+        for name, x in stacked.effects.items()
+    }
+    gravity = change(stacked.gravity) if stacked.gravity.ndim == 2 else stacked.gravity
+    return replace(stacked, gravity=gravity, effects=effects)
 
 
 def _common(values: Array) -> Array:
@@ -213,32 +212,20 @@ def _check_field(robot: Robot, name: str, array: Array) -> None:
         raise
 
 
-def _robots(robot: Robot, numbers: Mapping[str, Array], size: int) -> list[Robot]:
-    """Return for each arm the robot with the bodies of its links."""
-    given = {key: numbers[name] for name, (_, key) in LINKS.items() if name in numbers}
-    if not given:
-        return [robot] * size
-    found = []
-    for arm in range(size):
-        changes: dict[str, Any] = {key: x[arm] for key, x in given.items()}
-        try:
-            found.append(replace(robot, **changes))
-        except ValueError as error:
-            raise ValueError(f'{label(arm)}{error}') from None
-    return found
-
-
-def _payloads(scene: Scene, numbers: Mapping[str, Array], size: int) -> list[Payload | None]:
-    """Return for each arm its payload."""
-    nominal = scene.payload if isinstance(scene.payload, Payload) else None
-    given = {key: numbers[name] for name, (_, key) in PAYLOAD.items() if name in numbers}
+def _replaced(
+    nominal: Any,
+    table: Mapping[str, tuple[tuple[int, ...], str]],
+    numbers: Mapping[str, Array],
+    size: int,
+) -> list[Any]:
+    """Return for each arm the robot, or the payload, with its own numbers."""
+    given = {key: numbers[name] for name, (_, key) in table.items() if name in numbers}
     if not given:
         return [nominal] * size
-    found: list[Payload | None] = []
+    found = []
     for arm in range(size):
-        changes: dict[str, Any] = {key: x[arm] for key, x in given.items()}
         try:
-            found.append(replace(nominal or Payload(0.0), **changes))
+            found.append(replace(nominal, **{key: x[arm] for key, x in given.items()}))
         except ValueError as error:
             raise ValueError(f'{label(arm)}{error}') from None
     return found

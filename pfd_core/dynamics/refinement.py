@@ -57,24 +57,9 @@ def record_refined(
     plant: Plant, method: str, steps: int, tolerance: float | None = None
 ) -> Program:
     """
-    Return the sequential program of a method with steps of refinement.
+    Return the sequential program of a method, with its qdd after steps of refinement.
 
-    Parameters
-    ----------
-    plant : Plant
-        Robot and scene.
-    method : str
-        A name in METHODS.
-    steps : int
-        Steps of refinement.
-    tolerance : float, optional
-        Relative residual at which an iterative method stops; default for double precision.
-
-    Returns
-    -------
-    Program
-        The outputs of the method, with qdd refined.
-
+    An iterative method stops at the tolerance, by default for double precision.
     """
     method_program = record_forward_dynamics(plant, method, 'sequential', tolerance)
     if steps == 0:

@@ -5,9 +5,8 @@ Lee and Chang 1987 on n lanes, corrected and as printed, and later parallel meth
 
 The machine that the paper supposes:
 
-    lanes       data moved between lanes; rows of work packed onto full rows of lanes
+    lanes       data moved between lanes, elements by name, rows packed onto full rows of lanes
     patterns    recurrences (FOHRA, FOIHRA), totals, row and column sweeps
-    board       elements by name on lanes
     networks    networks that join the lanes; the steps of a program on each
     prices      the time of arithmetic for weights of operations
     systolic    clocked array of cells
@@ -15,8 +14,8 @@ The machine that the paper supposes:
 The paper's procedures, in any edition:
 
     editions       our form, the paper's form, and every misprint that can be executed
-    chain          links, their pose, the equations of motion
-    newton_euler   NE1: torques, bias, H times a vector
+    chain          links and their pose
+    newton_euler   NE1: the equations of motion, torques, H times a vector
     composite      PCRBM: H by composite bodies, about the joints or the origin of the base
     solve          Cholesky, L L' and L D L', with column sweeps
     conjugate      PCGM: conjugate gradients
@@ -33,7 +32,7 @@ Since then, and for all of them:
 From an equation to its function:
 
     (1)                  newton_euler.record_inverse_dynamics
-    (2.a), (2.b)         chain.forward_equations
+    (2.a), (2.b)         newton_euler.forward_equations
     (3), (4)             patterns.prefix_affine, suffix_affine
     (5) to (7)           patterns.row_sweep
     (8.a) to (10)        composite.inertia_matrix

@@ -65,10 +65,9 @@ from pfd_core.machine.program import Instruction, Program, Steps
 from pfd_core.machine.recorder import Lanes
 from pfd_core.model import Plant
 from pfd_core.paper import networks
-from pfd_core.paper.chain import forward_equations, rotors
 from pfd_core.paper.composite import inertia_matrix
 from pfd_core.paper.lanes import gather
-from pfd_core.paper.newton_euler import torques
+from pfd_core.paper.newton_euler import forward_equations
 from pfd_core.paper.solve import held_joints
 from pfd_core.paper.systolic import DIRECTIONS, Array, Cell, Link, Place, Ports, Step, Trace
 
@@ -410,9 +409,8 @@ def record_pcrbm_array(plant: Plant, schedule: str) -> Program:
     cycles. The pivots are the radicands of the cells: H is positive definite exactly when all are
     above zero.
     """
-    recorder, chain, at, y = forward_equations(plant, schedule, torques)
-    rows = inertia_matrix(recorder, chain, at, rotors(recorder, plant))
-    n = recorder.lanes
+    chain, y = forward_equations(plant, schedule)
+    recorder, rows, n = chain.recorder, inertia_matrix(chain), chain.recorder.lanes
     if plant.brakes:
         rows, y, free = held_joints(rows, y)
         rows = [merge(where(on(free, [k]), rows[k], math.inf), rows[k]) for k in range(n)]

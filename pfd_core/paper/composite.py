@@ -72,7 +72,7 @@ from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.dynamics.methods import check_payload
 from pfd_core.machine.lanes import each, merge, on, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
+from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import (
     array,
     constants,
@@ -83,14 +83,7 @@ from pfd_core.machine.vectors import (
     symmetric_times,
 )
 from pfd_core.model import Plant, check_instant
-from pfd_core.paper.chain import (
-    Links,
-    Pose,
-    all_torques,
-    chain_on_lanes,
-    forward_equations,
-    rotors,
-)
+from pfd_core.paper.chain import Chain, chain_on_lanes
 from pfd_core.paper.editions import (
     A_3,
     A_8,
@@ -102,53 +95,42 @@ from pfd_core.paper.editions import (
     edition_of,
 )
 from pfd_core.paper.lanes import broadcast, packed, shift
-from pfd_core.paper.newton_euler import torques
+from pfd_core.paper.newton_euler import forward_equations, torques
 from pfd_core.paper.patterns import column_sweep, prefix, row_sweep, suffix, suffix_affine
 from pfd_core.paper.set_ordering import literal_factor
 from pfd_core.paper.solve import cholesky, held_joints, solve, transposed
+
+# The upper triangle of H: row i holds h_ij on lane j for j >= i.
+Rows = list[Lanes]
 
 
 def record_pcrbm(
     plant: Plant,
     schedule: str,
     *,
-    matrix: Callable[..., list[Lanes]] | None = None,
+    matrix: Callable[[Chain, Edition], Rows] | None = None,
     edition: Edition = OURS,
 ) -> Program:
     """
     Return the program of qdd and pivots, (n,), from q, qd and tau.
 
-    H is positive definite exactly when all pivots are above zero.
-
-    Parameters
-    ----------
-    plant : Plant
-        Robot and scene.
-    schedule : str
-        One of SCHEDULES.
-    matrix : callable, optional
-        H by rows, with the arguments of inertia_matrix, which is the default.
-    edition : Edition
-        Our form, or the paper's with any of its misprints.
-
+    H is positive definite exactly when all pivots are above zero. `matrix` gives H; default
+    inertia_matrix.
     """
-    recorder, chain, at, y = forward_equations(plant, schedule, torques, edition)
-    rows = (matrix or inertia_matrix)(recorder, chain, at, rotors(recorder, plant), edition)
-    free = None
+    chain, y = forward_equations(plant, schedule, edition)
+    rows, free = (matrix or inertia_matrix)(chain, edition), None
     if plant.brakes:
         rows, y, free = held_joints(rows, y)
     if not edition.printed:
-        qdd, pivots = solve(recorder, rows, y, free)
-        return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
-    with recorder.section('factorisation'):
-        if edition.has(CHOLESKY):
-            columns, roots, pivots = literal_factor(recorder, rows)
-        else:
-            columns, roots, pivots = cholesky(recorder, rows, free)
-    with recorder.section('column sweeps'):
+        qdd, pivots = solve(rows, y, free)
+        return program_with_outputs(chain.recorder, qdd=qdd, pivots=pivots)
+    with chain.recorder.section('factorisation'):
+        factors = literal_factor(rows) if edition.has(CHOLESKY) else cholesky(rows, free)
+        columns, roots, pivots = factors
+    with chain.recorder.section('column sweeps'):
         x = column_sweep(columns, y, roots)
-        qdd = column_sweep(transposed(columns, recorder.lanes), x, roots, downward=True)
-    return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
+        qdd = column_sweep(transposed(columns), x, roots, downward=True)
+    return program_with_outputs(chain.recorder, qdd=qdd, pivots=pivots)
 
 
 def record_pcrbm_1987(plant: Plant, schedule: str, *, misprints: Collection[str] = ()) -> Program:
@@ -160,46 +142,24 @@ def record_terms(plant: Plant, schedule: str) -> Program:
     """Return the program of H, (n, n), in our form, and of the bias by NE1, (n,), from q, qd."""
     check_instant(plant)
     check_payload(plant, 'terms')
-    recorder, chain, at = chain_on_lanes(plant, schedule)
-    bias = all_torques(plant, chain, at, input_row(recorder, 'qd'), None, torques, CORRECTED)
-    rows = inertia_matrix(recorder, chain, at, rotors(recorder, plant))
-    n = recorder.lanes
+    chain = chain_on_lanes(plant, schedule)
+    bias = torques(chain, input_row(chain.recorder, 'qd'), edition=CORRECTED)
+    rows, n = inertia_matrix(chain), chain.recorder.lanes
     elements = [(rows[min(i, j)], max(i, j)) for i in range(n) for j in range(n)]
-    recorder.output('H', (n, n), elements)
-    return program_with_outputs(recorder, bias=bias)
+    chain.recorder.output('H', (n, n), elements)
+    return program_with_outputs(chain.recorder, bias=bias)
 
 
-def inertia_matrix(
-    recorder: Recorder,
-    chain: Links,
-    pose: Pose,
-    rotors: Lanes | None = None,
-    edition: Edition = OURS,
-) -> list[Lanes]:
-    """
-    Return the upper triangle of H by rows: row i holds h_ij on lane j for j >= i.
-
-    Parameters
-    ----------
-    recorder : Recorder
-        On n lanes.
-    chain, pose : Links, Pose
-        Constants of the links and their pose.
-    rotors : Lanes or None
-        Inertia that each joint's rotor adds to the diagonal [kg m^2 or kg].
-    edition : Edition
-        Our form, or the paper's with any of its misprints.
-
-    """
-    F, n_jj, diagonal = composite_forces(recorder, chain, pose, rotors, edition)
-    n = recorder.lanes
+def inertia_matrix(chain: Chain, edition: Edition = OURS) -> Rows:
+    """Return the upper triangle of H by rows, with the inertia of the rotors."""
+    F, n_jj, diagonal = composite_forces(chain, edition)
+    recorder, n = chain.recorder, chain.recorder.lanes
     if n == 1:
         return [diagonal]
-    beyond = [range(i + 1, n) for i in range(n - 1)]
+    beyond = [(i, range(i + 1, n)) for i in range(n - 1)]
     with recorder.section('moments of the row sweep'):
-        terms = packed(
-            cross, [(broadcast(pose.p_star, i), on(F, lanes)) for i, lanes in enumerate(beyond)]
-        )
+        pairs = [(broadcast(chain.p_star, i), on(F, lanes)) for i, lanes in beyond]
+        terms = packed(cross, pairs)
     with recorder.section('row sweep'):
         moments = row_sweep(terms, n_jj)
     with recorder.section('elements of H'):
@@ -208,121 +168,104 @@ def inertia_matrix(
             felt = [merge(sliding, moments[i]) for i in range(n - 1)]
         else:
             felt = [F if i in chain.translational else moments[i] for i in range(n - 1)]
-        elements = packed(
-            dot, [(broadcast(pose.z, i), on(felt[i], lanes)) for i, lanes in enumerate(beyond)]
-        )
+        elements = packed(dot, [(broadcast(chain.z, i), on(felt[i], x)) for i, x in beyond])
     rows = [merge(h, on(diagonal, [i])) for i, h in enumerate(elements)]
     return [*rows, on(diagonal, [n - 1])]
 
 
-def composite_forces(
-    recorder: Recorder,
-    chain: Links,
-    pose: Pose,
-    rotors: Lanes | None = None,
-    edition: Edition = OURS,
-) -> tuple[LaneArray, LaneArray, Lanes]:
+def composite_forces(chain: Chain, edition: Edition = OURS) -> tuple[LaneArray, LaneArray, Lanes]:
     """Return F_j and n_jj, (3,) each, and h_jj, the diagonal of H, on lane j."""
-    M, c, E = _composite_bodies(recorder, chain, pose, edition)
-    with recorder.section('step 6'):
-        F, N = _forces(chain, pose, M, c, E, edition)
-    with recorder.section('equation (23)'):
+    M, c, E = _composite_bodies(chain, edition)
+    with chain.recorder.section('step 6'):
+        F, N = _forces(chain, M, c, E, edition)
+    with chain.recorder.section('equation (23)'):
         n_jj = cross(c, F)
         if N is not None:
             n_jj = array(merge(N + n_jj, n_jj))
-    with recorder.section('diagonal of H'):
-        diagonal = dot(pose.z, chain.by_kind(n_jj, F))
-        return F, n_jj, diagonal if rotors is None else diagonal + rotors
+    with chain.recorder.section('diagonal of H'):
+        diagonal = dot(chain.z, chain.by_kind(n_jj, F))
+        return F, n_jj, diagonal if chain.rotors is None else diagonal + chain.rotors
 
 
-def _composite_bodies(
-    recorder: Recorder, chain: Links, pose: Pose, edition: Edition
-) -> tuple[Lanes, LaneArray, LaneArray]:
+def _composite_bodies(chain: Chain, edition: Edition) -> tuple[Lanes, LaneArray, LaneArray]:
     """Return mass, centre of mass from o_(j-1) and inertia about it of links j..n."""
-    n = recorder.lanes
+    recorder, n = chain.recorder, chain.recorder.lanes
+    m, p_star, s, J = chain.m, chain.p_star, chain.s, chain.J
     whole = symmetric_matrix if edition.printed else array
     with recorder.section('equation (15)'):
-        M = suffix(add, chain.m)
+        M = suffix(add, m)
     with recorder.section('equations (16), (17)'):
-        c = pose.p_star + pose.s
+        c = p_star + s
         if n == 1:
-            return M, c, whole(pose.J)
+            return M, c, whole(J)
         beyond = on(shift(M, -1), range(n - 1))  # the last body is the last link itself
         mass = where(M, M, 1.0)
         if edition.printed:
             inverse = 1.0 / mass
             a = beyond * inverse
-            b = inverse * (chain.m * c + beyond * pose.p_star)
+            b = inverse * (m * c + beyond * p_star)
         else:
             a = beyond / mass
-            share = on(chain.m, range(n - 1)) / mass
-            b = pose.p_star + share * pose.s
+            share = on(m, range(n - 1)) / mass
+            b = p_star + share * s
     with recorder.section('equation (18)'):
         c = suffix_affine(a, merge(b, c), mul, mul)
     with recorder.section('equation (19)'):
         if edition.printed:
-            reach = pose.p_star - c
-            u, v = shift(c, -1) + reach, pose.s + reach
+            reach = p_star - c
+            u, v = shift(c, -1) + reach, s + reach
             first = on(M, range(n - 1)) if edition.has(A_3) else beyond
-            terms = first * parallel_axis(u) + pose.J + chain.m * parallel_axis(v)
+            terms = first * parallel_axis(u) + J + m * parallel_axis(v)
         else:
-            d = shift(c, -1) - pose.s
-            terms = pose.J + (beyond * share) * parallel_axis(d)
-        terms = merge(terms, pose.J)
+            terms = J + (beyond * share) * parallel_axis(shift(c, -1) - s)
+        terms = merge(terms, J)
     with recorder.section('equation (20)'):
         return M, c, suffix(add, whole(terms))
 
 
 def _forces(
-    chain: Links, pose: Pose, M: Lanes, c: LaneArray, E: LaneArray, edition: Edition
+    chain: Chain, M: Lanes, c: LaneArray, E: LaneArray, edition: Edition
 ) -> tuple[LaneArray, LaneArray | None]:
     """Return F_j, and N_j on the lanes of rotational joints, for qdd_j = 1: step 6."""
     as_printed = edition.has(STEP_6)
-    rotational = range(M.recorder.lanes) if as_printed else chain.rotational
+    rotational = range(chain.recorder.lanes) if as_printed else chain.rotational
     if not rotational:
-        return M * pose.z, None
-    z = on(pose.z, rotational)
+        return M * chain.z, None
+    z = on(chain.z, rotational)
     F = cross(z, M * c)
     N = E @ z if edition.printed else symmetric_times(E, z)
     if chain.translational and not as_printed:
-        F = merge(on(M, chain.translational) * pose.z, F)
+        F = merge(on(M, chain.translational) * chain.z, F)
     return F, N
 
 
 # About the origin of the base.
 
 
-def about_point(chain: Links, pose: Pose, c: LaneArray) -> tuple[LaneArray, LaneArray]:
+def about_point(chain: Chain, c: LaneArray) -> tuple[LaneArray, LaneArray]:
     """Return first moments, (3,) [kg m], and inertias, (6,), about a point; c are centres [m]."""
     h = chain.m * c
-    x, y, z = h[0] * c[0], h[1] * c[1], h[2] * c[2]
+    x, y, z = h * c
     xy, xz, yz = -(h[0] * c[1]), -(h[0] * c[2]), -(h[1] * c[2])
-    return h, pose.J + array([y + z, xy, xz, x + z, yz, x + y])
+    return h, chain.J + array([y + z, xy, xz, x + z, yz, x + y])
 
 
-def inertia_matrix_base_origin(
-    recorder: Recorder,
-    chain: Links,
-    pose: Pose,
-    rotors: Lanes | None = None,
-    edition: Edition = OURS,
-) -> list[Lanes]:
-    """Return the upper triangle of H by rows; arguments and result as inertia_matrix."""
-    n, zero = recorder.lanes, constants(recorder, [0.0] * 3)
+def inertia_matrix_base_origin(chain: Chain, edition: Edition = OURS) -> Rows:
+    """Return the upper triangle of H by rows; in our form only."""
+    recorder, n = chain.recorder, chain.recorder.lanes
+    zero = constants(recorder, [0.0] * 3)
     with recorder.section('base origin'):
-        o = prefix(add, pose.p_star)
-        v = zero
-        if chain.rotational:
-            v = cross(array(merge(shift(o, 1), zero)), pose.z)
-        w, v = chain.by_kind(pose.z, zero), chain.by_kind(v, pose.z)
-        links = about_point(chain, pose, o + pose.s)
+        o = prefix(add, chain.p_star)
+        v = cross(array(merge(shift(o, 1), zero)), chain.z) if chain.rotational else zero
+        w, v = chain.by_kind(chain.z, zero), chain.by_kind(v, chain.z)
+        links = about_point(chain, o + chain.s)
     with recorder.section('composite bodies'):
         M, h, inertia = (suffix(add, x) for x in (chain.m, *links))
         force = symmetric_times(inertia, w) + cross(h, v), M * v + cross(w, h)
     with recorder.section('elements of H'):
         around = [_pairs_at_distance((w, v), force, k) for k in range(n // 2 + 1)]
-        if rotors is not None:
-            around[0] = around[0] + rotors
+        if chain.rotors is not None:
+            around[0] = around[0] + chain.rotors
         return _rows(around)
 
 
@@ -347,7 +290,7 @@ def _pairs_at_distance(
     return result
 
 
-def _rows(around: list[Lanes]) -> list[Lanes]:
+def _rows(around: Rows) -> Rows:
     """Return the rows of H from the pairs at each distance around the lanes."""
     lanes = around[0].recorder.lanes
     rows = []

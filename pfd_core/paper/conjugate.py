@@ -52,11 +52,10 @@ from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes
 from pfd_core.model import Plant
-from pfd_core.paper.chain import forward_equations, rotors
 from pfd_core.paper.composite import composite_forces
 from pfd_core.paper.editions import OURS, STEP_4, STEP_7, STEP_16, Edition, edition_of
 from pfd_core.paper.lanes import broadcast
-from pfd_core.paper.newton_euler import inertia_times, torques
+from pfd_core.paper.newton_euler import forward_equations, inertia_times
 from pfd_core.paper.patterns import total
 
 # Walks through directions that rounding has made dependent take a multiple of n; the hardest
@@ -100,19 +99,19 @@ def record_pcgm(
         Our form, or the paper's with any of its misprints.
 
     """
-    recorder, chain, at, y = forward_equations(plant, schedule, torques, edition)
-    inertias = rotors(recorder, plant)
+    chain, y = forward_equations(plant, schedule, edition)
+    recorder = chain.recorder
     free = input_row(recorder, 'free') if plant.brakes else None
 
     def free_part(x: Lanes, held: float = 0.0) -> Any:
         return x if free is None else where(free, x, held)
 
     def times(u: Lanes) -> Any:
-        return free_part(inertia_times(chain, at, u, inertias, packs=not edition.printed))
+        return free_part(inertia_times(chain, u, packs=not edition.printed))
 
     inverse = None
     if jacobi:
-        _, _, diagonal = composite_forces(recorder, chain, at, inertias)
+        _, _, diagonal = composite_forces(chain)
         inverse = 1.0 / free_part(diagonal, math.inf)
 
     def scaled(w: Lanes) -> Any:

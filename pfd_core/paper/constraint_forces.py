@@ -86,9 +86,9 @@ from pfd_core.machine.vectors import (
     symmetric_matrix,
 )
 from pfd_core.model import Plant
-from pfd_core.paper.chain import Links, forward_equations, link_parameters
+from pfd_core.paper.chain import Chain, link_parameters
 from pfd_core.paper.lanes import shift
-from pfd_core.paper.newton_euler import torques
+from pfd_core.paper.newton_euler import forward_equations
 
 FIVE = range(5)
 UPPER_OF_FIVE = [(i, j) for i in FIVE for j in range(i, 5)]
@@ -159,7 +159,7 @@ class Joint:
         return array([*moved, *rest])
 
 
-def _joint(q: Lanes, chain: Links) -> Joint:
+def _joint(q: Lanes, chain: Chain) -> Joint:
     """Return the motion of the joints; that of the first, before which no link is, has no use."""
     turns, slides = (
         [lane for lane in lanes if lane] for lanes in (chain.rotational, chain.translational)
@@ -178,8 +178,8 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
     inertia. ValueError for a plant with rotors, brakes, or a link without mass or inertia.
     """
     _check(plant)
-    recorder, chain, _, y = forward_equations(plant, schedule, torques)
-    n = recorder.lanes
+    chain, y = forward_equations(plant, schedule)
+    recorder, n = chain.recorder, chain.recorder.lanes
     with recorder.section('joint rotation'):
         joint = _joint(input_row(recorder, 'q'), chain)
     slides = set(chain.translational)

@@ -85,10 +85,10 @@ from pfd_core.machine.vectors import (
 )
 from pfd_core.model import Plant, Robot
 from pfd_core.model.robot import own_inertia
-from pfd_core.paper.chain import Links, Pose, forward_equations
+from pfd_core.paper.chain import Chain
 from pfd_core.paper.composite import about_point
 from pfd_core.paper.lanes import broadcast, taken
-from pfd_core.paper.newton_euler import torques
+from pfd_core.paper.newton_euler import forward_equations
 from pfd_core.paper.solve import solve
 
 SIX = range(6)
@@ -167,8 +167,8 @@ class Cuts:
 
 def record_divide_and_conquer(plant: Plant, schedule: str) -> Program:
     """Return the program of qdd, (n,), from q, qd and tau, and of its pivots."""
-    recorder, chain, at, y = forward_equations(plant, schedule, torques)
-    free = None
+    chain, y = forward_equations(plant, schedule)
+    recorder, free = chain.recorder, None
     if plant.brakes:
         free = input_row(recorder, 'free')
         y = where(free, y, 0.0)
@@ -176,7 +176,7 @@ def record_divide_and_conquer(plant: Plant, schedule: str) -> Program:
     rotors = [recorder.constant(r) for r in (plant.inertia, lent) if r is not None and r.any()]
     columns = [y, *(recorder.constant(np.eye(recorder.lanes)[j]) for j in np.flatnonzero(lent))]
     with recorder.section('single links'):
-        joints, pieces = single_links(chain, at, rotors, array(columns), free)
+        joints, pieces = single_links(chain, rotors, array(columns), free)
     with recorder.section('joining'):
         levels = _joined(recorder.lanes, pieces)
     with recorder.section('parting'):
@@ -306,7 +306,7 @@ def _take(value: LaneArray, sources: Sequence[int], lanes: Sequence[int]) -> Lan
 
 
 def single_links(
-    chain: Links, pose: Pose, rotors: Sequence[Lanes], y: LaneArray, free: Lanes | None
+    chain: Chain, rotors: Sequence[Lanes], y: LaneArray, free: Lanes | None
 ) -> tuple[Joints, Pieces]:
     """
     Return each joint with its link, and as a separate piece.
@@ -323,7 +323,8 @@ def single_links(
         One for joints that move, zero for braked ones.
 
     """
-    h, J = about_point(chain, pose, pose.p_star + pose.s)
+    pose = chain
+    h, J = about_point(chain, pose.p_star + pose.s)
     # I S about o_(i-1), and u = X S, the acceleration of the origin of frame i for qdd_i = 1.
     zh = cross(pose.z, h)
     moment, force = symmetric_times(J, pose.z), zh
@@ -437,7 +438,7 @@ def without_rotors(
             felt = E * columns[i] * float(lent[i])
             row = on(merge(on(E - felt, [i]), -felt), range(i, n))
         rows.append(row)
-    z, pivots = solve(recorder, rows, E * x[0])
+    z, pivots = solve(rows, E * x[0])
     qdd = x[0]
     for j, column in columns.items():
         qdd = qdd + column * broadcast(z * float(lent[j]), j)

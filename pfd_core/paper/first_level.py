@@ -35,8 +35,7 @@ from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Robot
-from pfd_core.paper.board import Board
-from pfd_core.paper.lanes import shift
+from pfd_core.paper.lanes import Board, shift
 
 Structure = NDArray[np.float64]  # (n, 3, 3): 0, 1 or -1 where an element is known to be, else NaN
 Element = tuple[int, int]

@@ -6,26 +6,29 @@ Data moved between lanes.
     shift, broadcast, taken   each lane takes the value of another lane: one route a number
     collect                   each lane its own element of several values: free
     gather                    data from any lane to any lane
+    Board                     elements by name, wherever they lie
     packed                    the same work on many partly filled rows, on full rows of lanes
 
 `shift` leaves the lanes without a neighbour empty. A lane takes part in an operation when all its
 operands have a value there; pfd_core.machine.lanes empties and fills lanes.
 
-Packing: a step of n processors costs the same whether all of them work or one. Where an algorithm
-has rows of independent work that leave lanes idle (the pairs i < j of a triangle, a late level of
-a recurrence), their lanes can be laid side by side: k rows with m filled lanes in all take
+A step of n processors costs the same whether all of them work or one. Where an algorithm has rows
+of independent work that leave lanes idle (the pairs i < j of a triangle, a late level of a
+recurrence), their lanes can be laid side by side: k rows with m filled lanes in all take
 ceil(m / n) steps instead of k. The price is data moved between lanes, which the counts show as
 routes. One processor has nothing to pack, and the schedule `unpacked` does not pack either.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import Any
 
 from pfd_core.machine.lanes import each, merge, on
 from pfd_core.machine.recorder import Lanes, Recorder, lanes_of
 
+Name = Hashable
+Place = tuple[Lanes, int]  # a value, and the lane of an element
 Slot = tuple[int, int]  # a row of work, and the lane of it
 
 
@@ -38,11 +41,11 @@ def recorder_of(value: Any) -> Recorder:
 
 def taken(value: Any, sources: Mapping[int, int]) -> Any:
     """Return on each lane of `sources` the value of the lane that it names."""
+    return each(lambda x: _routed(x, sources), value)
 
-    def move(x: Lanes) -> Lanes:
-        return x.recorder.route(x, [sources.get(i) for i in range(x.recorder.lanes)], None)
 
-    return each(move, value)
+def _routed(value: Lanes, sources: Mapping[int, int], fill: Lanes | None = None) -> Lanes:
+    return value.recorder.route(value, [*map(sources.get, range(value.recorder.lanes))], fill)
 
 
 def shift(value: Any, by: int) -> Any:
@@ -70,18 +73,12 @@ def collect(values: Mapping[int, Lanes]) -> Lanes:
     return result
 
 
-def gather(places: Mapping[int, tuple[Lanes, int]]) -> Lanes:
+def gather(places: Mapping[int, Place]) -> Lanes:
     """
     Return on each lane of `places` the element that the mapping names.
 
     A lane can read any of its own registers, so that one route takes one element from each lane
     to all lanes that need it: as many routes as the busiest lane has elements to send.
-
-    Parameters
-    ----------
-    places : mapping
-        Lane to (value, lane of the element); at least one.
-
     """
     if not places:
         raise ValueError('gather: no lane is named, and a value needs at least one')
@@ -93,12 +90,43 @@ def gather(places: Mapping[int, tuple[Lanes, int]]) -> Lanes:
         for value, source in moving.values():
             sent.setdefault(source, value)
         now = {lane: source for lane, (x, source) in moving.items() if sent[source] == x}
-        row = collect(sent)
-        sources = [now.get(lane) for lane in range(row.recorder.lanes)]
-        result = row.recorder.route(row, sources, result)
+        result = _routed(collect(sent), now, result)
         moving = {lane: place for lane, place in moving.items() if lane not in now}
     assert result is not None
     return result
+
+
+class Board:
+    """Elements by name: `at` has the value and the lane of each. A step reads and puts rows."""
+
+    def __init__(self) -> None:
+        self.at: dict[Name, Place] = {}
+
+    def put(self, value: Lanes, names: Mapping[int, Name]) -> None:
+        """Store the elements of a value under names, by lane."""
+        self.at.update((name, (value, lane)) for lane, name in names.items())
+
+    def row(self, names: Mapping[int, Name]) -> Lanes:
+        """Return the named element on each lane; one on its own lane takes no route."""
+        return gather({lane: self.at[name] for lane, name in names.items()})
+
+    def lane(self, name: Name) -> int:
+        """Return the lane of an element."""
+        return self.at[name][1]
+
+
+def assigned(wishes: Sequence[Sequence[int]], n: int) -> list[int]:
+    """Return one of n lanes for each item: its first wish if that is free, its next, or any."""
+    chosen: dict[int, int] = {}
+    free = dict.fromkeys(range(n))
+    for wanted in (*zip(*wishes, strict=True), None):
+        for item in range(len(wishes)):
+            if item not in chosen:
+                lane = next(iter(free)) if wanted is None else wanted[item]
+                if lane in free:
+                    chosen[item] = lane
+                    del free[lane]
+    return [chosen[item] for item in range(len(wishes))]
 
 
 def packed(function: Callable[..., Any], rows: Sequence[tuple[Any, ...]]) -> list[Any]:
@@ -110,12 +138,7 @@ def packed(function: Callable[..., Any], rows: Sequence[tuple[Any, ...]]) -> lis
     function : callable
         Arithmetic without routes, on lane values or vectors of them.
     rows : sequence of tuple
-        Operands; a row is filled where all its operands have a value.
-
-    Returns
-    -------
-    list
-        The results, each with a value on the lanes that its row fills.
+        Operands; a row is filled where all its operands have a value, and so is its result.
 
     """
     recorder = recorder_of(rows[0][0])
@@ -125,9 +148,24 @@ def packed(function: Callable[..., Any], rows: Sequence[tuple[Any, ...]]) -> lis
     results: list[Any] = [None] * len(rows)
     for start in range(0, len(slots), recorder.lanes):
         places = _places(recorder.lanes, slots[start : start + recorder.lanes])
-        value = function(*(_side_by_side(members, places) for members in zip(*rows, strict=True)))
-        for k in sorted({row for row, _ in places.values()}):
-            results[k] = _spread(value, results[k], places, k)
+        # Of each row in this step, the lane of its work by the lane that the step does it on.
+        used = {
+            k: {lane: source for lane, (row, source) in places.items() if row == k}
+            for k in sorted({row for row, _ in places.values()})
+        }
+
+        def side_by_side(*members: Lanes, used: Mapping[int, Any] = used) -> Lanes:
+            row: Lanes | None = None
+            for k, sources in used.items():
+                row = _routed(members[k], sources, row)
+            assert row is not None
+            return row
+
+        value = function(*(each(side_by_side, *column) for column in zip(*rows, strict=True)))
+        for k, sources in used.items():
+            targets = {target: lane for lane, target in sources.items()}
+            known = () if results[k] is None else (results[k],)
+            results[k] = each(lambda x, *fill, by=targets: _routed(x, by, *fill), value, *known)
     return results
 
 
@@ -148,29 +186,3 @@ def _places(lanes: int, group: Sequence[Slot]) -> dict[int, Slot]:
     free = (lane for lane in range(lanes) if lane not in places)
     places.update(zip(free, homeless, strict=False))
     return places
-
-
-def _side_by_side(values: Sequence[Any], places: Mapping[int, Slot]) -> Any:
-    """Return one value whose lanes hold the elements at the given places."""
-
-    def gathered(*members: Lanes) -> Lanes:
-        row: Lanes | None = None
-        for k in sorted({which for which, _ in places.values()}):
-            own = {lane: source for lane, (which, source) in places.items() if which == k}
-            sources = [own.get(lane) for lane in range(members[k].recorder.lanes)]
-            row = members[k].recorder.route(members[k], sources, row)
-        assert row is not None
-        return row
-
-    return each(gathered, *values)
-
-
-def _spread(value: Any, known: Any, places: Mapping[int, Slot], k: int) -> Any:
-    """Return the result of row k with the lanes in `places` added to those known so far."""
-    own = {target: lane for lane, (which, target) in places.items() if which == k}
-
-    def placed(x: Lanes, *before: Lanes) -> Lanes:
-        sources = [own.get(lane) for lane in range(x.recorder.lanes)]
-        return x.recorder.route(x, sources, before[0] if before else None)
-
-    return each(placed, value) if known is None else each(placed, value, known)

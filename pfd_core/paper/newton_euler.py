@@ -1,9 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-NE1^(P): joint torques by the parallel Newton-Euler method, and H times a vector.
+The equations of motion on n lanes by NE1^(P), the parallel Newton-Euler method; H times a vector.
 
-With zq_i = z_(i-1) qd_i and sums over links as recurrences (base to tip: prefix, back: suffix)
+    H qdd = y,   y = torques of the motors - bias - torques of the joints at q, qd
+
+eqs (2.a), (2.b), where joints have no torques besides the motors'. With zq_i = z_(i-1) qd_i and
+sums over links as recurrences (base to tip: prefix, back: suffix)
 
     w_i  = sum of zq                              angular velocity, rotational joints only
     c_i  = w_(i-1) x zq_i
@@ -28,9 +31,9 @@ rotation,
 of which J appears in differences only. The matrix is from Balafoutis and Patel's serial methods
 (Dynamic Analysis of Robot Manipulators, 1991), the moment in differences of J is derived here.
 
-H u is NE1 with qd = 0, no gravity and no wrench. Step 7 of PCGM sets gravity to zero; its item (b)
-leaves out external forces, too. Otherwise the result is not linear in u. Every vector refers to a
-point of its link, so that the product is as accurate as H itself.
+H u is NE1 with qd = 0, no gravity and no wrench: W x = wd x x, N = J wd. Step 7 of PCGM sets
+gravity to zero; its item (b) leaves out external forces, too. Otherwise the result is not linear
+in u. Every vector refers to a point of its link, so that the product is as accurate as H itself.
 
 Parallel cost, rotational joints, n > 1 lanes, L = ceil(log2 n):
 
@@ -48,8 +51,9 @@ from functools import partial
 from operator import add
 from typing import Any
 
-from pfd_core.dynamics.drives import commanded_torques
-from pfd_core.dynamics.interface import input_row, program_with_outputs
+from pfd_core.dynamics.drives import commanded_torques, motor_torques
+from pfd_core.dynamics.interface import input_row, program_with_outputs, wrench_input
+from pfd_core.dynamics.joint_torques import plus_joint_torques
 from pfd_core.dynamics.methods import check_payload
 from pfd_core.machine.lanes import merge, on
 from pfd_core.machine.program import Program
@@ -57,129 +61,115 @@ from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import array, constants, cross, dot, symmetric_times
 from pfd_core.model import Plant, check_instant
 from pfd_core.model.values import Array
-from pfd_core.paper.chain import Links, Pose, all_torques, chain_on_lanes, compensation
-from pfd_core.paper.editions import CORRECTED
+from pfd_core.paper.chain import Chain, chain_on_lanes, gravity_torques
+from pfd_core.paper.editions import CORRECTED, OURS, Edition
 from pfd_core.paper.lanes import shift
 from pfd_core.paper.patterns import prefix, prefix_sum, suffix, suffix_sum
 
-Sum = Callable[[LaneArray], LaneArray]
-FROM_BASE, FROM_TIP = partial(prefix, add), partial(suffix, add)
-# W x for a vector x, added to another vector.
+# Sums over links from the base and from the tip, plain and with packed levels.
+PLAIN = partial(prefix, add), partial(suffix, add)
+PACKED = prefix_sum, suffix_sum
+# W x, added to another vector if there is one.
 Turned = Callable[..., LaneArray]
 
 
-def torques(
-    chain: Links,
-    pose: Pose,
-    qd: Lanes,
-    qdd: Lanes | None,
-    gravity: Array,
-    wrench: tuple[LaneArray, LaneArray] | None = None,
-    printed: bool = False,
-) -> Lanes:
+def forward_equations(plant: Plant, schedule: str, edition: Edition = OURS) -> tuple[Chain, Lanes]:
+    """Return the chain of a plant on n lanes and y [N m or N], from the inputs q, qd and tau."""
+    chain = chain_on_lanes(plant, schedule, edition)
+    qd, tau = input_row(chain.recorder, 'qd'), input_row(chain.recorder, 'tau')
+    (tau,) = motor_torques(plant, [tau], [qd], partial(gravity_torques, chain))
+    bias = torques(chain, qd, edition=edition)
+    with chain.recorder.section('right-hand side'):
+        return chain, tau - bias
+
+
+def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
     """
-    Return the torques of rigid links at the given velocities and accelerations.
+    Return the program of the commanded tau, (n,), from q, qd and qdd: eq. (1), by NE1.
+
+    Brakes and motor limits are ignored.
+    """
+    check_instant(plant)
+    check_payload(plant, 'inverse_dynamics')
+    chain = chain_on_lanes(plant, schedule)
+    qd, qdd = input_row(chain.recorder, 'qd'), input_row(chain.recorder, 'qdd')
+    tau = torques(chain, qd, qdd, CORRECTED)
+    (tau,) = commanded_torques(plant, [tau], partial(gravity_torques, chain))
+    return program_with_outputs(chain.recorder, tau=tau)
+
+
+def torques(chain: Chain, qd: Lanes, qdd: Lanes | None = None, edition: Edition = OURS) -> Lanes:
+    """
+    Return the torques of links, gravity, wrench and joints, tau_i on lane i - 1 [N m or N].
 
     Parameters
     ----------
-    chain, pose : Links, Pose
-        Constants of the links and their pose.
+    chain : Chain
+        The chain, with its scene.
     qd : Lanes
         Joint velocities [rad/s or m/s].
     qdd : Lanes or None
         Joint accelerations [rad/s^2 or m/s^2]; None for zero, which gives the bias.
-    gravity : numpy.ndarray
-        (3,), in base axes [m/s^2].
-    wrench : tuple of LaneArray or None
-        Force [N] and moment [N m] exerted on the last link about the origin of its frame,
-        (3,) each, in base axes, with a value on the last lane.
-    printed : bool
-        Whether to use the paper's form instead of ours.
-
-    Returns
-    -------
-    Lanes
-        Torque or force of joint i + 1 on lane i [N m or N].
+    edition : Edition
+        Our form or the paper's.
 
     """
-    recorder = qd.recorder
-    with recorder.section('newton_euler' if printed else 'omega'):
-        w, wd, slide = _rotation(chain, pose, qd, qdd)
-        W, N = (_terms_of_ne1 if printed else _one_matrix)(w, wd, pose.J)
-        t = W(pose.p_star)
-        if slide is not None:
-            t = merge(t + slide, t)
-        if gravity.any():
-            t = merge(on(t, [0]) - constants(recorder, gravity), t)
-        F = chain.m * W(pose.s, FROM_BASE(t))
-        return _torques_of(chain, pose, F, N, FROM_TIP, wrench)
+    recorder, plant, wrench = chain.recorder, chain.plant, None
+    if plant.external_wrench:
+        components = wrench_input(recorder)
+        with recorder.section('wrench'):
+            R = on(chain.R, [recorder.lanes - 1])
+            wrench = R @ components[:3], R @ components[3:]
+    with recorder.section('newton_euler' if edition.printed else 'omega'):
+        from_base, _ = PLAIN
+        zero = c = constants(recorder, [0.0] * 3)
+        zq = chain.z * qd
+        w = from_base(chain.by_kind(zq, zero))
+        if recorder.lanes > 1:
+            c = array(merge(cross(shift(w, 1), on(zq, range(1, recorder.lanes))), zero))
+        zqdd = 0.0 if qdd is None else chain.z * qdd
+        wd = from_base(chain.by_kind(c + zqdd, zero))
+        slide = on(c + c + zqdd, chain.translational) if chain.translational else 0.0
+        W, N = (_terms_of_ne1 if edition.printed else _one_matrix)(w, wd, chain.J)
+        tau = _along_joints(chain, W, N, slide, PLAIN, plant.gravity, wrench)
+    accelerations = None if qdd is None else [qdd]
+    return plus_joint_torques(plant, [tau], [qd], accelerations)[0]
 
 
-def inertia_times(
-    chain: Links, pose: Pose, u: Lanes, rotors: Lanes | None = None, packs: bool = False
-) -> Lanes:
+def inertia_times(chain: Chain, u: Lanes, packs: bool = False) -> Lanes:
     """
-    Return H u, (H u)_i on lane i [N m or N].
+    Return H u, (H u)_i on lane i - 1 [N m or N], with the inertia of the rotors.
 
     Parameters
     ----------
-    chain, pose : Links, Pose
-        Constants of the links and their pose.
+    chain : Chain
+        The chain, whose gravity, wrench and effects are ignored.
     u : Lanes
         Accelerations [rad/s^2 or m/s^2].
-    rotors : Lanes or None
-        Inertia that each joint's rotor adds to the diagonal [kg m^2 or kg].
     packs : bool
         Whether the levels of the sums over links are packed onto full rows of lanes: fewer
         additions (at n = 6 the sums take 24 instead of 36) for more routes.
 
     """
-    from_base, from_tip = (prefix_sum, suffix_sum) if packs else (FROM_BASE, FROM_TIP)
-    zu = pose.z * u
-    wd = from_base(chain.by_kind(zu, _zero(u)))
-    t = cross(wd, pose.p_star)
-    if chain.translational:
-        t = merge(t + on(zu, chain.translational), t)
-    F = chain.m * (from_base(array(t)) + cross(wd, pose.s))
-    tau = _torques_of(chain, pose, F, symmetric_times(pose.J, wd), from_tip)
-    return tau if rotors is None else tau + rotors * u
-
-
-def _zero(like: Lanes) -> LaneArray:
-    return constants(like.recorder, [0.0] * 3)
-
-
-def _rotation(
-    chain: Links, pose: Pose, qd: Lanes, qdd: Lanes | None
-) -> tuple[LaneArray, LaneArray, LaneArray | None]:
-    """Return w, wd and, for translational joints, the acceleration z qdd + 2 c of sliding."""
-    zero = c = _zero(qd)
-    zq = pose.z * qd
-    w = FROM_BASE(chain.by_kind(zq, zero))
-    n = qd.recorder.lanes
-    if n > 1:
-        c = array(merge(cross(shift(w, 1), on(zq, range(1, n))), zero))
-    zqdd = None if qdd is None else pose.z * qdd
-    wd = FROM_BASE(chain.by_kind(c if zqdd is None else c + zqdd, zero))
-    if not chain.translational:
-        return w, wd, None
-    return w, wd, array(on(c + c if zqdd is None else c + c + zqdd, chain.translational))
+    sums = PACKED if packs else PLAIN
+    zu = chain.z * u
+    wd = sums[0](chain.by_kind(zu, constants(chain.recorder, [0.0] * 3)))
+    slide = on(zu, chain.translational) if chain.translational else 0.0
+    N = symmetric_times(chain.J, wd)
+    tau = _along_joints(chain, lambda x, before=0.0: before + cross(wd, x), N, slide, sums)
+    return tau if chain.rotors is None else tau + chain.rotors * u
 
 
 def _terms_of_ne1(w: LaneArray, wd: LaneArray, J: LaneArray) -> tuple[Turned, LaneArray]:
     """Return W and N term by term."""
-
-    def W(x: LaneArray, before: Any = None) -> LaneArray:
-        first = cross(wd, x) if before is None else before + cross(wd, x)
-        return array(first + cross(w, cross(w, x)))
-
-    return W, symmetric_times(J, wd) + cross(w, symmetric_times(J, w))
+    N = symmetric_times(J, wd) + cross(w, symmetric_times(J, w))
+    return lambda x, before=0.0: (before + cross(wd, x)) + cross(w, cross(w, x)), N
 
 
 def _one_matrix(w: LaneArray, wd: LaneArray, J: LaneArray) -> tuple[Turned, LaneArray]:
     """Return W and N by the matrix of all terms of rotation."""
-    xx, yy, zz = (w[i] * w[i] for i in range(3))
-    yz, zx, xy = w[1] * w[2], w[2] * w[0], w[0] * w[1]
+    xx, yy, zz = w * w
+    yz, zx, xy = w[[1, 2, 0]] * w[[2, 0, 1]]
     W = array(
         [
             [-(yy + zz), xy - wd[2], zx + wd[1]],
@@ -195,35 +185,28 @@ def _one_matrix(w: LaneArray, wd: LaneArray, J: LaneArray) -> tuple[Turned, Lane
             Jzz * wd[2] + (Jyy - Jxx) * xy - Jxz * W[1, 2] + Jyz * W[0, 2] + Jxy * (xx - yy),
         ]
     )
-    return lambda x, before=None: W @ x if before is None else before + W @ x, N
+    return lambda x, before=0.0: before + W @ x, N
 
 
-def _torques_of(
-    chain: Links,
-    pose: Pose,
-    F: LaneArray,
+def _along_joints(
+    chain: Chain,
+    W: Turned,
     N: LaneArray,
-    from_tip: Sum,
+    slide: Any,
+    sums: tuple[Callable[[Any], Any], Callable[[Any], Any]],
+    gravity: Array | None = None,
     wrench: tuple[LaneArray, LaneArray] | None = None,
 ) -> Lanes:
-    """Return the joint torques of forces F on the centres of mass and moments N."""
+    """Return the torques of links with the terms W and N and accelerations of sliding."""
+    from_base, from_tip = sums
+    t = W(chain.p_star)
+    if chain.translational:
+        t = merge(t + slide, t)
+    if gravity is not None and gravity.any():
+        t = merge(on(t, [0]) - constants(chain.recorder, gravity), t)
+    F = chain.m * W(chain.s, from_base(array(t)))
     f = from_tip(F if wrench is None else merge(F - wrench[0], F))
-    n = cross(pose.s, F) + N + cross(pose.p_star, f)
+    n = cross(chain.s, F) + N + cross(chain.p_star, f)
     n = from_tip(n if wrench is None else merge(n - wrench[1], n))
     # One dot product on all lanes, of n or, for a translational joint, f.
-    return dot(pose.z, chain.by_kind(n, f))
-
-
-def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
-    """
-    Return the program of the commanded tau, (n,), from q, qd and qdd: eq. (1), by NE1.
-
-    Brakes and motor limits are ignored.
-    """
-    check_instant(plant)
-    check_payload(plant, 'inverse_dynamics')
-    recorder, chain, at = chain_on_lanes(plant, schedule)
-    qd, qdd = input_row(recorder, 'qd'), input_row(recorder, 'qdd')
-    tau = all_torques(plant, chain, at, qd, qdd, torques, CORRECTED)
-    (tau,) = commanded_torques(plant, [tau], compensation(plant, chain, at))
-    return program_with_outputs(recorder, tau=tau)
+    return dot(chain.z, chain.by_kind(n, f))

@@ -39,8 +39,7 @@ from typing import NamedTuple
 from pfd_core.machine.lanes import sqrt
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.paper.board import Board
-from pfd_core.paper.lanes import gather
+from pfd_core.paper.lanes import Board, gather
 
 Index = tuple[int, int]  # (k, i) of S_ki, counted from 1 as in the paper
 
@@ -151,7 +150,7 @@ def record_literal_cholesky(n: int, schedule: str) -> Program:
     rows = [
         recorder.input('H', [k * n + i if k >= i else None for k in range(n)]) for i in range(n)
     ]
-    L, radicands = _equations(recorder, rows)
+    L, radicands = _equations(rows)
     zero = (recorder.constant(0.0), 0)
     indices = [(k, i) for k in range(1, n + 1) for i in range(1, n + 1)]
     recorder.output('L', (n, n), [L.at.get(index, zero) for index in indices])
@@ -159,21 +158,21 @@ def record_literal_cholesky(n: int, schedule: str) -> Program:
     return recorder.program()
 
 
-def literal_factor(recorder: Recorder, rows: Sequence[Lanes]) -> tuple[list[Lanes], Lanes, Lanes]:
+def literal_factor(rows: Sequence[Lanes]) -> tuple[list[Lanes], Lanes, Lanes]:
     """
     Return the columns of L below the diagonal, the diagonal and the radicands, as printed.
 
     Row i of H holds h_ij on lane j for j >= i, and column j of L l_kj on lane k.
     """
-    n = recorder.lanes
-    L, radicands = _equations(recorder, rows)
+    n = len(rows)
+    L, radicands = _equations(rows)
     columns = [L.row({k: (k + 1, j + 1) for k in range(j + 1, n)}) for j in range(n - 1)]
     return columns, L.at[1, 1][0], radicands
 
 
-def _equations(recorder: Recorder, rows: Sequence[Lanes]) -> tuple[Board, Lanes]:
+def _equations(rows: Sequence[Lanes]) -> tuple[Board, Lanes]:
     """Return the elements (k, i) of L, counted from 1, and the radicands, l_kk on lane k - 1."""
-    n = recorder.lanes
+    recorder, n = rows[0].recorder, len(rows)
     H, sums, L = Board(), Board(), Board()
     for i, row in enumerate(rows, 1):
         H.put(row, {k - 1: (k, i) for k in range(i, n + 1)})

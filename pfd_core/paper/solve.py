@@ -15,7 +15,7 @@ z = D^-1 L^-1 y; L' x = z by the column sweep.
 
 Element (k, i), i <= k, needs the products l_kj v_ij for all j < i. They can be formed once column
 j is final and must be subtracted before column i is. Packed, a step forms and subtracts up to n
-products, of n different elements, wherever they lie (pfd_core.paper.board): the elements with most
+products, of n different elements, wherever they lie (pfd_core.paper.lanes.Board): the elements with most
 waiting products first, until none of the next column is left. Unpacked, a step is a column.
 
 Parallel cost: s + n - 1 multiplications, s + n - 1 additions, n divisions, no square root, with
@@ -35,53 +35,29 @@ Lane j holds row j of the lower triangle of H and of L, and y_j, z_j and x_j.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from heapq import nsmallest
 import math
+from operator import mul
 
 from pfd_core.dynamics.interface import input_row
 from pfd_core.machine.lanes import merge, on, sqrt, where
-from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.paper.board import Board, assigned
-from pfd_core.paper.lanes import broadcast, collect, gather, packed, shift
+from pfd_core.machine.recorder import Lanes
+from pfd_core.paper.lanes import Board, assigned, broadcast, collect, packed, shift
 from pfd_core.paper.patterns import column_sweep
 
-Element = tuple[int, int]  # row and column; row n is the right-hand side
+Element = tuple[int, int]  # row and column of H; row n is the right-hand side
 Products = list[tuple[Element, int]]  # an element, and the column of its product
 
 
-@dataclass(frozen=True)
-class Factors:
+def solve(rows: Sequence[Lanes], y: Lanes, free: Lanes | None = None) -> tuple[Lanes, Lanes]:
     """
-    A factorisation over lanes.
+    Return the solution of H x = y, and the pivots v_jj, by L D L'.
 
-    Attributes
-    ----------
-    columns : tuple of Lanes
-        Column j of L, j < n - 1: l_kj on lane k for k > j.
-    pivots : Lanes
-        v_jj on lane j. H is positive definite exactly when all are above zero; pivots after the
-        first other one have no meaning.
-    z : Lanes or None
-        D^-1 L^-1 y on lane j; None without a right-hand side.
-
-    """
-
-    columns: tuple[Lanes, ...]
-    pivots: Lanes
-    z: Lanes | None
-
-
-def solve(
-    recorder: Recorder, rows: Sequence[Lanes], y: Lanes, free: Lanes | None = None
-) -> tuple[Lanes, Lanes]:
-    """
-    Return the solution of H x = y and the pivots, by L D L'.
+    H is positive definite exactly when all pivots are above zero; pivots after the first other one
+    have no meaning.
 
     Parameters
     ----------
-    recorder : Recorder
-        On n lanes.
     rows : sequence of Lanes
         Row i of H holds h_ij on lane j for j >= i.
     y : Lanes
@@ -90,77 +66,75 @@ def solve(
         Zero for a row whose pivot is taken as infinite; the rest of that row is zero.
 
     """
+    recorder = y.recorder
     with recorder.section('factorisation'):
         # Unpacked, as one more row of H, y would take lanes that each column needs.
         apart = recorder.parallel and not recorder.packs
-        factors = factorise(recorder, rows, None if apart else y, free)
+        columns, pivots, z = _factors(rows, None if apart else y, free)
     with recorder.section('column sweeps'):
-        z = factors.z
         if z is None:
-            z = column_sweep(factors.columns, y) / factors.pivots
-        x = column_sweep(transposed(factors.columns, recorder.lanes), z, downward=True)
-    return x, factors.pivots
+            z = column_sweep(columns, y) / pivots
+        return column_sweep(transposed(columns), z, downward=True), pivots
 
 
-def factorise(
-    recorder: Recorder,
-    rows: Sequence[Lanes],
-    y: Lanes | None = None,
-    free: Lanes | None = None,
-) -> Factors:
-    """Return L D L' of a symmetric matrix; arguments as for solve."""
-    n = recorder.lanes
+def _factors(
+    rows: Sequence[Lanes], y: Lanes | None, free: Lanes | None
+) -> tuple[list[Lanes], Lanes, Lanes | None]:
+    """Return the columns of L below its diagonal, the pivots, and z where y is given."""
+    recorder, n = rows[0].recorder, len(rows)
+    # h_ki or y_i is ('v', k, i) with the products subtracted so far, and l_ki or z_i ('l', k, i).
     board = Board()
     for i, row in enumerate(rows):
-        board.put(row, {k: (k, i) for k in range(i, n)})
+        board.put(row, {k: ('v', k, i) for k in range(i, n)})
     if y is not None:
-        board.put(y, {i: (n, i) for i in range(n)})
-    left: list[Lanes] = []  # column j: l_kj on lane k, and z_j on lane j
-    right: list[Lanes] = []  # the same before its division: v_kj, and y_j
-    pivots: dict[int, Lanes] = {}
+        board.put(y, {i: ('v', n, i) for i in range(n)})
+    left: list[Lanes] = []  # column j of L on its lanes, and z_j on lane j
+    pivots: list[Lanes] = []
 
     def subtract(step: Products) -> None:
         """Form products and subtract them from their elements."""
-        at = [board.lane(e) for e, _ in step]
-        home = [i if k == n else k for (k, i), _ in step]
-        lanes = assigned(list(zip(at, home, strict=True)), n)
-        factors = dict(zip(lanes, step, strict=True))
-        product = gather({x: (left[j], i if k == n else k) for x, ((k, i), j) in factors.items()})
-        product = product * gather(
-            {x: (right[j], j if k == n else i) for x, ((k, i), j) in factors.items()}
+        at = [board.lane(('v', *e)) for e, _ in step]
+        # A product l_kj v_ij, or of the right-hand side l_ij v_nj.
+        owners = [i if k == n else k for (k, i), _ in step]
+        lanes = assigned(list(zip(at, owners, strict=True)), n)
+        product = board.row(
+            {x: ('l', k, j) for x, k, (_, j) in zip(lanes, owners, step, strict=True)}
+        ) * board.row(
+            {x: ('v', n if k == n else i, j) for x, ((k, i), j) in zip(lanes, step, strict=True)}
         )
+        board.put(product, dict(zip(lanes, step, strict=True)))
         sums = assigned(list(zip(at, lanes, strict=True)), n)
-        names = {x: e for x, (e, _) in zip(sums, step, strict=True)}
-        less = gather({x: (product, lane) for x, lane in zip(sums, lanes, strict=True)})
+        names = {x: ('v', *e) for x, (e, _) in zip(sums, step, strict=True)}
+        less = board.row(dict(zip(sums, step, strict=True)))
         board.put(board.row(names) - less, names)
 
     def divide(j: int) -> None:
         """Divide column j, whose products have all been subtracted, by its pivot."""
-        pivots[j] = pivot = board.row({j: (j, j)})
-        names: dict[int, Element] = {k: (k, j) for k in range(j + 1, n)}
-        names |= {} if y is None else {j: (n, j)}
-        if not names:
+        pivot = board.row({j: ('v', j, j)})
+        pivots.append(_or_infinite(pivot, free, j))
+        elements = {k: (k, j) for k in range(j + 1, n)} | ({} if y is None else {j: (n, j)})
+        if not elements:
             return
-        column = board.row(names)
+        column = board.row({lane: ('v', *e) for lane, e in elements.items()})
         if recorder.packs:
-            left.append(column / on(broadcast(_or_infinite(pivot, free, j), j), names))
+            left.append(column / on(broadcast(pivots[j], j), elements))
         else:  # a processor divides once and multiplies by the reciprocal
             inverse = 1.0 / pivot
             if free is not None:
                 inverse = where(on(free, [j]), inverse, 0.0)
-            left.append(column * on(broadcast(inverse, j), names))
-        right.append(column)
+            left.append(column * on(broadcast(inverse, j), elements))
+        board.put(column, {lane: ('v', *e) for lane, e in elements.items()})
+        board.put(left[j], {lane: ('l', *e) for lane, e in elements.items()})
 
     divide(0)
-    for m, steps in enumerate(_stages(n, y is not None, recorder.packs), start=1):
-        for step in steps:
+    done = {(k, i): 0 for i in range(1, n) for k in range(i, n + (y is not None))}
+    for m in range(1, n):
+        for step in (_longest_first if recorder.packs else _by_columns)(done, m, n):
             subtract(step)
         divide(m)
-    return Factors(
-        columns=tuple(on(left[j], range(j + 1, n)) for j in range(n - 1)),
-        pivots=collect({j: _or_infinite(pivot, free, j) for j, pivot in pivots.items()}),
-        z=None if y is None else collect(dict(enumerate(left))),
-    )
+    columns = [on(left[j], range(j + 1, n)) for j in range(n - 1)]
+    z = None if y is None else collect(dict(enumerate(left)))
+    return columns, collect(dict(enumerate(pivots))), z
 
 
 def _or_infinite(pivot: Lanes, free: Lanes | None, j: int) -> Lanes:
@@ -169,86 +143,79 @@ def _or_infinite(pivot: Lanes, free: Lanes | None, j: int) -> Lanes:
     return result
 
 
-def _stages(n: int, augmented: bool, packs: bool) -> Iterator[Iterator[Products]]:
-    """Yield the steps of the stages m = 1 .. n - 1, which begin when column m - 1 is final."""
-    elements = [(k, i) for i in range(1, n) for k in range(i, n + augmented)]
-    waiting: dict[Element, list[int]] = {e: [] for e in elements}
-    for m in range(1, n):
-        for e in elements:
-            if e[1] >= m:
-                waiting[e].append(m - 1)
-        yield _longest_first(waiting, m, n) if packs else _by_columns(n, augmented, m)
+# Steps when the columns before m are final, until column m has no product to come; `done` has the
+# products that each element has got.
 
 
-def _longest_first(waiting: dict[Element, list[int]], m: int, n: int) -> Iterator[Products]:
-    """Take products of the n elements with most, until none of column m is left."""
-    while any(waiting[e] for e in waiting if e[1] == m):
-        first = nsmallest(
-            n, (e for e in waiting if waiting[e]), key=lambda e: (-len(waiting[e]), e[1], e[0])
-        )
-        yield [(e, waiting[e].pop(0)) for e in first]
+def _longest_first(done: dict[Element, int], m: int, n: int) -> Iterator[Products]:
+    """Take products of the n elements for which most are waiting."""
+
+    def waiting(e: Element) -> int:
+        return min(m, e[1]) - done[e]
+
+    while any(waiting(e) for e in done if e[1] == m):
+        some = (e for e in done if waiting(e))
+        step = nsmallest(n, some, key=lambda e: (-waiting(e), e[1], e[0]))
+        yield [(e, done[e]) for e in step]
+        done.update((e, done[e] + 1) for e in step)
 
 
-def _by_columns(n: int, augmented: bool, m: int) -> Iterator[Products]:
-    """Take the products with column m - 1, a column of elements a step."""
+def _by_columns(done: dict[Element, int], m: int, n: int) -> Iterator[Products]:
+    """Take the products with column m - 1, of a column of elements a step."""
     for i in range(m, n):
         yield [((k, i), m - 1) for k in range(i, n)]
-    if augmented:
+    if (n, m) in done:
         yield [((n, i), m - 1) for i in range(m, n)]
 
 
-def transposed(columns: Sequence[Lanes], n: int) -> list[Lanes | None]:
+def transposed(columns: Sequence[Lanes]) -> list[Lanes | None]:
     """
     Return the columns of L': l_ji on lane i < j, for each j.
 
     By diagonals: each lane reads its element of the s-th one below the main diagonal (free),
     one route takes it s lanes down, and each lane reads the rows from its diagonals.
     """
+    n = len(columns) + 1
     diagonals = {
         s: shift(collect({k: columns[k - s] for k in range(s, n)}), -s) for s in range(1, n)
     }
     return [collect({i: diagonals[j - i] for i in range(j)}) if j else None for j in range(n)]
 
 
-def cholesky(
-    recorder: Recorder, rows: Sequence[Lanes], free: Lanes | None
-) -> tuple[list[Lanes], Lanes, Lanes]:
+def cholesky(rows: Sequence[Lanes], free: Lanes | None) -> tuple[list[Lanes], Lanes, Lanes]:
     """
     Return the columns of L below the diagonal, the diagonal and the radicands: L L', by columns.
 
     Equations (11), (12) with l_ij l_kj and l_ii instead of h_ij h_kj and h_ii.
     """
-    n = recorder.lanes
+    n = len(rows)
     columns: list[Lanes] = []
-    roots: dict[int, Lanes] = {}
-    radicands: dict[int, Lanes] = {}
+    roots: list[Lanes] = []
+    radicands: list[Lanes] = []
     for i, column in enumerate(rows):
         # l_kj l_ij on lane k; the last column has one lane, which already holds l_ij.
         factors = [(on(x, range(i, n)), broadcast(x, i) if i < n - 1 else x) for x in columns]
-        for product in packed(lambda a, b: a * b, factors) if factors else ():
+        for product in packed(mul, factors) if factors else ():
             column = column - product
-        radicands[i] = _or_infinite(on(column, [i]), free, i)
-        roots[i] = sqrt(radicands[i])
+        radicands.append(_or_infinite(on(column, [i]), free, i))
+        roots.append(sqrt(radicands[i]))
         if i < n - 1:
             columns.append(on(column, range(i + 1, n)) / broadcast(roots[i], i))
-    return columns, collect(roots), collect(radicands)
+    return columns, collect(dict(enumerate(roots))), collect(dict(enumerate(radicands)))
 
 
-def held_joints(rows: list[Lanes], y: Lanes) -> tuple[list[Lanes], Lanes, Lanes]:
+def held_joints(rows: Sequence[Lanes], y: Lanes) -> tuple[list[Lanes], Lanes, Lanes]:
     """
     Return H and y with the accelerations of braked joints set to zero, and the input `free`.
 
     Of a braked joint's equation the diagonal element remains. It may be zero, so that a solve
     takes its pivot as infinite, whose reciprocal is zero.
     """
-    recorder = y.recorder
-    with recorder.section('brakes'):
-        free = input_row(recorder, 'free')
-        n = recorder.lanes
-        held = []
-        for i in range(n):
-            beyond = on(rows[i], range(i + 1, n))
+    with y.recorder.section('brakes'):
+        free, n, held = input_row(y.recorder, 'free'), len(rows), []
+        for i, row in enumerate(rows):
+            beyond = on(row, range(i + 1, n))
             if i < n - 1:
                 beyond = where(free, where(broadcast(free, i), beyond, 0.0), 0.0)
-            held.append(merge(beyond, on(rows[i], [i])))
+            held.append(merge(beyond, on(row, [i])))
         return held, where(free, y, 0.0), free

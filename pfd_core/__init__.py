@@ -16,9 +16,8 @@ Subpackages in the order of data flow; each imports only from those above it.
 
 To change or add
 
-    an effect of a joint    an Effect in model.effects.EFFECTS, its Field in
-                            model.scene_fields.FIELDS, a field in model.scene. An effect
-                            on motors also needs its torque in dynamics.drives; dry
+    an effect of a joint    an Effect in model.effects.EFFECTS and a field of model.scene.Scene.
+                            An effect on motors also needs its torque in dynamics.drives; dry
                             friction its law in simulation.dry (Law.size, Law.bound) and,
                             for joints in motion, in dynamics.drives (_friction)
     rotor inertia           config/robots/*.yaml, read by model.yaml_files (_losses); of a URDF by

@@ -82,7 +82,6 @@ NAMES = {
     'Effect': 'pfd_core.model.effects:Effect',
     'JOINT_VALUES': 'pfd_core.model.effects:JOINTS',
     'MOTOR_VALUES': 'pfd_core.model.effects:MOTORS',
-    'EFFECT_NEEDS': 'pfd_core.model.effects:NEEDS',
     'STEP_VALUES': 'pfd_core.model.effects:STEP',
     'axis_rotation': 'pfd_core.model.geometry:axis_rotation',
     'cos_sin_degrees': 'pfd_core.model.geometry:cos_sin_degrees',
@@ -98,8 +97,8 @@ NAMES = {
     'ROBOT_JOINT_FIELDS': 'pfd_core.model.robot:JOINT_FIELDS',
     'ROBOT_LINK_FIELDS': 'pfd_core.model.robot:LINK_FIELDS',
     'SPIN_UP_TIME': 'pfd_core.model.rotors:SPIN_UP_TIME',
-    'EFFECT_FIELDS': 'pfd_core.model.scene_fields:FIELDS',
-    'EffectField': 'pfd_core.model.scene_fields:Field',
+    'EFFECT_FIELDS': 'pfd_core.model.effects:FIELDS',
+    'EffectField': 'pfd_core.model.effects:Field',
     'read_yaml': 'pfd_core.model.yaml_files:read_yaml',
     # pfd_core.dynamics: recorders of serial programs; tables of methods and quantities
     'record_derivatives': 'pfd_core.dynamics.acceleration:record_derivatives',

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from bridge import EFFECT_FIELDS, EFFECT_NEEDS, EffectField
+from bridge import EFFECT_FIELDS, EffectField
 import numpy as np
 
 import pfd_core as pfd
@@ -42,7 +42,7 @@ def example(field: EffectField, n: int, seed: int = 1) -> Any:
 def scene_with(*names: str, n: int, **others: Any) -> pfd.Scene:
     """Return a scene with these fields, and with those that they refine."""
     wanted = set(names)
-    while more := {EFFECT_NEEDS[name] for name in wanted if name in EFFECT_NEEDS} - wanted:
+    while more := {EFFECT_FIELDS[name].needs for name in wanted} - {''} - wanted:
         wanted |= more
     values = {name: example(EFFECT_FIELDS[name], n) for name in wanted}
     return pfd.Scene(**{'gravity': None, **values, **others})

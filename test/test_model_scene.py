@@ -117,20 +117,16 @@ def test_stops_are_the_models_or_given_with_one_restitution_or_many(robot: pfd.R
     assert not resolve_plant(robot, pfd.Scene(joint_limits=limits)).restitution.any()
 
 
-def test_a_joint_without_cogging_has_some_period_and_one_with_it_needs_periods(
-    robot: pfd.Robot,
-) -> None:
+def test_a_joint_without_cogging_has_some_period(robot: pfd.Robot) -> None:
     rows = [(0.5, 8.0, 0.1), (0.0, 0.0, 0.3), (-0.2, 3.0, 0.0), (0.1, 1.0, 0.0)]
     np.testing.assert_array_equal(
         resolve_plant(robot, pfd.Scene(cogging=rows)).cogging,
         [rows[0], (0.0, 1.0, 0.0), *rows[2:]],
     )
     assert resolve_plant(robot, pfd.Scene(cogging=[(0.0, 8.0, 1.0)] * 4)).cogging is None
-    with pytest.raises(ValueError, match="periods of cogging of joint 'joint4' must not be 0"):
-        resolve_plant(robot, pfd.Scene(cogging=[*rows[:3], (0.1, 0.0, 0.0)]))
 
 
-@pytest.mark.parametrize('periods', [1e-300, 1e-7, 1e7, -1e100])
+@pytest.mark.parametrize('periods', [0.0, 1e-300, 1e-7, 1e7, -1e100])
 def test_periods_whose_energy_or_angle_has_no_digits_are_refused(periods: float) -> None:
     scene = pfd.Scene(cogging=[(0.1, periods, 0.0), (0.0, 0.0, 0.0)])
     with pytest.raises(ValueError, match=r"cogging of joint 'shoulder' must be within 1e-06 and"):
@@ -274,7 +270,7 @@ def test_scenes_and_plants_stay_frozen_through_pickle_and_copies(robot: pfd.Robo
             r'cogging must be None or one row \(amplitude, periods, phase\) per joint',
         ),
         ({'cogging': [(1.0, 2.0)] * 4}, r'cogging must have shape \(n, 3\)'),
-        ({'torque_speed': 5}, "torque_speed must be None, 'model' or one table a joint"),
+        ({'torque_speed': 5}, "torque_speed must be None, 'model' or one table with rows"),
         ({'torque_speed': [None, [1, 2]]}, 'torque_speed of joint 2 must have shape'),
         ({'torque_speed': [np.zeros((0, 2))]}, 'torque_speed of joint 1 must have .* one row'),
         ({'torque_speed': [[(0, 1), (0, 0)]]}, 'speeds of torque_speed of joint 1 must rise'),

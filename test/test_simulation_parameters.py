@@ -293,7 +293,7 @@ def per_arm(shape: tuple[int, ...], *place: int, value: float, other: float = 1.
         ),
         (
             {'damping': per_arm((2,), 2, 1, value=-1.0)},
-            r"parameters, arm 2: damping of joint 'elbow' must not be negative, got \[-1\.0\]",
+            r"parameters, arm 2: damping of joint 'elbow' must not be negative, got -1.0",
         ),
         (
             {'friction': np.ones(2), 'static_friction': per_arm((2,), 1, 1, value=0.5)},

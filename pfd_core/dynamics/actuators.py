@@ -21,7 +21,7 @@ from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model.scene_fields import NO_EFFORT
+from pfd_core.model.effects import NO_EFFORT
 
 # Rows of the input `motors`, (7, n): E, F, W, V, p, d and the largest change of w in a cycle.
 MOTOR_ROWS = ('effort', 'torque_speed_effort', 'torque_speed', 'speed', 'p', 'd', 'jump')

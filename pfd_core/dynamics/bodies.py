@@ -41,8 +41,8 @@ from pfd_core.dynamics.links import (
 from pfd_core.dynamics.numbers import PARAMETERS, parameters, with_inputs
 from pfd_core.machine.vectors import UPPER
 from pfd_core.model import Payload, Plant, Robot, Scene
+from pfd_core.model.effects import INPUT
 from pfd_core.model.geometry import merged, product
-from pfd_core.model.scene_fields import INPUT
 from pfd_core.model.values import Array, quote
 
 # Robots whose parameters, and payloads whose numbers, are kept.

@@ -24,9 +24,8 @@ from numpy.typing import NDArray
 from pfd_core.dynamics.bodies import links_of
 from pfd_core.dynamics.numbers import parameters, with_inputs
 from pfd_core.model import Payload, Plant, Robot, Scene, resolve, with_payload
-from pfd_core.model.effects import EFFECT_OF, NEEDS, VISCOSITY
+from pfd_core.model.effects import EFFECT_OF, FIELDS, INPUT, VISCOSITY
 from pfd_core.model.robot import check_robot
-from pfd_core.model.scene_fields import FIELDS, INPUT
 from pfd_core.model.values import LARGEST, Array, quote, real_array
 
 # Fields of a scene that may differ among arms: those whose number no program depends on otherwise.
@@ -176,7 +175,7 @@ def _checked(
     if scene.payload == INPUT:
         raise ValueError(f'an Ensemble takes a scene with a Payload or None, got {INPUT!r}')
     for name in found:
-        needed, held = NEEDS.get(name, ''), None
+        needed, held = FIELDS[name].needs if name in FIELDS else '', None
         if name in PAYLOAD and name != 'payload.mass':
             needed, held = 'payload.mass', scene.payload
         elif needed:

@@ -26,7 +26,7 @@ from pfd_core.model import (
     in_motion,
     resolve,
 )
-from pfd_core.model.scene_fields import INPUT
+from pfd_core.model.effects import INPUT
 from pfd_core.model.values import DTYPES, choice, integer, quote
 
 # Forward dynamics at an instant of a step of a simulation, whose effects over time are the step's

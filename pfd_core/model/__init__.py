@@ -14,8 +14,8 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
                         conditions on a rotation and an inertia, with their tolerances
     robot               Robot: the chain in the frames of Lee and Chang, checked once; its frames;
                         Payload, and robots with a payload or with locked joints
-    scene_fields        the fields of a scene: units, checks, values by joint, values of a model
-    effects             the table of effects: torques, energies, where they act
+    effects             the table of effects: fields of a scene with units, checks and values of
+                        a model; torques, energies, where they act
     scene               Scene: which effects are on; scenes as YAML
     plant               Plant: a scene and a robot as numbers; resolve, which makes it of both;
                         plant.only, the plant with some kinds of effects
@@ -23,9 +23,8 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
 
 URDF and xacro are read by modules that `loading` imports at the first such file.
 
-A new effect of a joint is a record in `effects`, a record of its field in `scene_fields` and a
-field of Scene; all else follows from them. An effect of the motors has its torque in
-pfd_core.dynamics.drives as well.
+A new effect of a joint is a record in `effects` and a field of Scene; all else follows from them.
+An effect of the motors has its torque in pfd_core.dynamics.drives as well.
 """
 
 from pfd_core.model.effects import EFFECTS, Effect

@@ -1,15 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The table of effects: one record for each effect of a scene (EFFECTS).
+The table of effects: one record for each effect of a scene (EFFECTS), which holds its fields.
 
-A record holds the physics of an effect; its fields, with units and checks, are records in
-`pfd_core.model.scene_fields`. Methods, quantities, derivatives, energy, the choice of an
-integrator, YAML, the parameters of the node, reports and the table in
-docs/guides/model-quantities.md are derived from the records. A new effect of a joint is a record
-here and one of its field, and a field of Scene. One that acts over a step, as dry friction does
-(STEP), also changes pfd_core.simulation.dry, and its law for joints in motion
-pfd_core.dynamics.drives.
+An effect holds the physics, a field what users may give: units, checks, numbers for a robot.
+Methods, quantities, derivatives, energy, the choice of an integrator, YAML, the parameters of the
+node, reports and the table in docs/guides/model-quantities.md are derived from the records. A new
+effect of a joint is a record here, and a field of Scene with its lines in the docstring. An effect
+that acts over a step, as dry friction does (STEP), also changes pfd_core.simulation.dry, and its
+law for joints in motion pfd_core.dynamics.drives.
 
 The effects add to the joint torques of the rigid links:
 
@@ -22,20 +21,35 @@ one processor (one number for each joint). Each joint's torque depends on its ow
 and a conservative one is the derivative of its potential. `c` holds the numbers of the effect as
 constants by the names of the fields: a lane value, or a tuple of them for a field with columns. A
 field that refines another is None where it is not given or zero, so that it costs nothing.
+
+A field with a value a joint takes values of all joints, of some joints by name, or "model": the
+values that a robot states.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
+import math
 from typing import Any
+import warnings
 
 import numpy as np
 
 from pfd_core.forking import no_fork
-from pfd_core.model.robot import Robot
-from pfd_core.model.scene_fields import FIELDS, Field
-from pfd_core.model.values import Array, quote
+from pfd_core.model.robot import LIMIT_FIELDS, Payload, PhysicsWarning, Robot, unstated
+from pfd_core.model.rotors import estimated_armature
+from pfd_core.model.values import (
+    LARGEST,
+    Array,
+    Shape,
+    check_least,
+    quote,
+    quote_all,
+    real_array,
+    switch,
+)
 
 # Where an effect acts: on the links (in each Newton-Euler recursion), on the joint side of the
 # motors, on the motors (pfd_core.dynamics.drives), by brakes, or over a step of time
@@ -43,8 +57,271 @@ from pfd_core.model.values import Array, quote
 LINKS, JOINTS, MOTORS, BRAKES, STEP = 'links', 'joints', 'motors', 'brakes', 'step'
 # Two effects of the joints that a plant may keep alone: their numbers multiply qdd, and qd.
 INERTIA, VISCOSITY = 'inertia', 'viscosity'
+# Words for numbers in place of numbers: the robot's own, an estimate, and values at run time.
+MODEL, ESTIMATED, INPUT = 'model', 'estimated', 'input'
+# What a field of Scene holds: one number, or one row of numbers, a joint; acceleration of free
+# fall; True or False; one number for all joints or one a joint, from 0 to 1; a table a joint; a
+# Payload; and the gravity that the drives compensate, which Scene checks.
+PER_JOINT, VECTOR, SWITCH, SHARE = 'per joint', 'vector', 'switch', 'share'
+TABLES, PAYLOAD, COMPENSATION = 'tables', 'payload', 'compensation'
+# Multiple of its velocity limit at which a motor of the model drives its joint along no more. Up
+# to the limit it gives its full effort; docs/decisions/0032-one-table-of-effects.md.
+NO_EFFORT = 2.0
 
 FieldNumbers = Mapping[str, Array | None]  # by field of Scene
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of Scene, and of the parameters of the node."""
+
+    name: str
+    text: str  # what it holds, in a few words
+    # Units for joints that turn and that slide, '' without one; of columns separated by commas.
+    unit: str = ''
+    sliding_unit: str = ''
+    kind: str = PER_JOINT
+    model: tuple[str, ...] = ()  # fields of Robot for "model", one for each column
+    estimated: bool = False  # whether "estimated" means numbers from the robot's limits
+    columns: tuple[str, ...] = ()  # names of the numbers of a row; () for one number a joint
+    least: float = 0.0
+    above: bool = False  # whether the least number is excluded
+    infinite: bool = False  # whether infinity is allowed, for a joint without a limit
+    off: Any = None  # the value without the effect
+    needs: str = ''  # field without which it means nothing
+    # Number of a joint that values by joint leave out; NaN if the effect completes it.
+    left_out: float = 0.0
+    most: float = 1e6  # largest number that a parameter of the node may have
+
+    @property
+    def has_numbers(self) -> bool:
+        """Whether a plant has the numbers of the field, one or more for each joint."""
+        return self.kind in (PER_JOINT, SHARE, TABLES)
+
+    @property
+    def from_model(self) -> bool:
+        """Whether the model of a robot may state one number or row a joint."""
+        return self.kind == PER_JOINT and bool(self.model)
+
+    @property
+    def _words(self) -> tuple[str, ...]:
+        """The words that may take the place of a value."""
+        if self.kind == PAYLOAD:
+            return (INPUT,)
+        return (MODEL,) * bool(self.model) + (ESTIMATED,) * self.estimated
+
+    def units(self, column: int = 0) -> str:
+        """Return the units of a number: for joints that turn, and for joints that slide."""
+        both = (text.split(', ')[column] for text in (self.unit, self.sliding_unit) if text)
+        return ' or '.join(dict.fromkeys(both))
+
+    # What a user gives, checked.
+
+    def checked(self, value: Any) -> Any:
+        """
+        Return a user's value as None, a word, bool, float or tuples; ValueError names it.
+
+        Of a mapping of joints to numbers, rows or tables they are pairs, in the order of names.
+        """
+        if (value is None and self.off is None) or (
+            isinstance(value, str) and value in self._words
+        ):
+            return value
+        if self.kind == SWITCH:
+            return switch(self.name, value)
+        if self.kind == VECTOR:
+            return self._numbers(self.name, value, (3,))
+        if self.kind == PAYLOAD and not isinstance(value, Payload):
+            raise ValueError(
+                f'{self.name} must be a Payload, {INPUT!r} or None, got {quote(value)}'
+            )
+        if not self.has_numbers:
+            return value
+        if isinstance(value, Mapping) or _is_by_joint(value):
+            given = dict(value)
+            if not all(isinstance(joint, str) for joint in given):
+                raise ValueError(
+                    f'{self.name} must have names of joints as keys, got {quote(value)}'
+                )
+            pairs = ((j, self._of_joint(f'joint {quote(j)}', given[j])) for j in sorted(given))
+            return tuple(pairs) or self.off
+        if self.kind == SHARE and not _is_list(value):
+            return self._numbers(self.name, value, ())
+        if not _is_list(value):
+            row = f'one row ({", ".join(self.columns)})' if self.columns else 'one number'
+            row = 'one table with rows (speed, torque)' if self.kind == TABLES else row
+            words = ', '.join(map(repr, (self.off, *self._words)))
+            raise ValueError(f'{self.name} must be {words} or {row} per joint, got {quote(value)}')
+        if self.kind == TABLES:
+            return tuple(self._of_joint(f'joint {i}', rows) for i, rows in enumerate(value, 1))
+        return self._numbers(self.name, value, ('n', *self._row))
+
+    @property
+    def _row(self) -> tuple[int, ...]:
+        return (len(self.columns),) if self.columns else ()
+
+    def _of_joint(self, joint: str, value: Any) -> Any:
+        """Return the number, row or table of one joint; the speeds of a table rise."""
+        label = f'{self.name} of {joint}'
+        if self.kind != TABLES:
+            return self._numbers(label, value, self._row)
+        if value is None:
+            return None
+        rows = self._numbers(label, value, ('k', 2))
+        if not rows:
+            raise ValueError(f'{label} must have at least one row, or be None')
+        speeds, torques = zip(*rows, strict=True)
+        if any(b <= a for a, b in pairwise(speeds)):
+            raise ValueError(f'speeds of {label} must rise, got {quote(list(speeds))}')
+        if any(b > a for a, b in pairwise(torques)):
+            raise ValueError(f'torques of {label} must not rise, got {quote(list(torques))}')
+        return rows
+
+    def _numbers(self, label: str, value: Any, shape: Shape) -> Any:
+        """Return numbers of a shape within the bounds of the field, as a float or tuples."""
+        array = (
+            real_array(label, value, shape=shape, infinite=self.infinite, largest=LARGEST) + 0.0
+        )
+        check_least(label, array, self.least, above=self.above)
+        if self.kind == SHARE and (array > self.most).any():
+            raise ValueError(f'{label} must be from 0 to 1, got {quote(array.tolist())}')
+        return _tuples(array.tolist())
+
+    # Its numbers for a robot.
+
+    def resolved(self, robot: Robot, value: Any) -> Array | None:
+        """Return the value in a scene as numbers for a robot; None without the effect."""
+        if value is None or not self.has_numbers:
+            return None
+        if value == ESTIMATED:
+            return estimated_armature(robot)
+        if value == MODEL:
+            self._check_stated(robot)
+            value = _model_tables(robot) if self.kind == TABLES else self.of_model(robot)
+        elif isinstance(value, float):
+            value = [value] * robot.n
+        elif _is_by_joint(value):
+            value = self._of_all_joints(robot, dict(value))
+        if len(value) != robot.n:
+            rows = 'rows' if self.columns else 'numbers'
+            raise ValueError(
+                f'{self.name} of the scene has {len(value)} '
+                f'{"tables" if self.kind == TABLES else rows}, but {quote(robot.name)} has '
+                f'{robot.n} joints: {quote_all(robot.joint_names)}'
+            )
+        return _table_rows(value) if self.kind == TABLES else np.asarray(value, dtype=np.float64)
+
+    def of_model(self, robot: Robot) -> Array:
+        """Return the numbers of a robot's model, (n,) or (n, columns)."""
+        numbers = [getattr(robot, name) for name in self.model]
+        return np.stack(numbers, axis=1) if self.columns else numbers[0]
+
+    def unstated(self, robot: Robot) -> list[str]:
+        """Return the joints for which the model of a robot states no value of the field."""
+        keys = set(self.model)
+        # One end may be all that a joint is limited by; a motor has a torque and a speed, or none.
+        enough = 1 if self.kind == TABLES else len(keys)
+        found = [j for j in robot.joint_names if len(keys & unstated(robot, j)) >= enough]
+        return found if self.name != 'joint_limits' else _without_continuous(robot, found)
+
+    def _check_stated(self, robot: Robot) -> None:
+        """Raise ValueError if the model states nothing; warn if it does for some joints only."""
+        silent = self.unstated(robot)
+        label = f'{self.name} is {MODEL!r}, but the model of {quote(robot.name)} states none for'
+        if len(silent) == robot.n:
+            raise ValueError(
+                f'{label} any joint: give values by joint, {self._by_joint(silent[:1])}'
+            )
+        keys = set(self.model)
+        if keys & set(LIMIT_FIELDS.values()):
+            silent = _without_continuous(robot, silent)
+        if silent:
+            # A scene with values by joint has none of the model.
+            stated = [j for j in robot.joint_names if keys - unstated(robot, j)]
+            warnings.warn(
+                f'{label} {quote_all(silent)}, which have none: give the values of all joints, '
+                f'{self._by_joint([*stated[:1], silent[0]])}',
+                PhysicsWarning,
+                stacklevel=2,
+            )
+
+    def _by_joint(self, joints: list[str]) -> str:
+        """Return how values of some joints are given, in Python and in files and parameters."""
+        pairs = ', '.join(f'{quote(joint)}: ...' for joint in joints)
+        keys = ', '.join(f'{self.name}.{quote(joint)[1:-1]}' for joint in joints)
+        found = f'{self.name}={{{pairs}}} or {keys}'
+        return f'{found}, or {ESTIMATED!r}' if self.estimated else found
+
+    def _of_all_joints(self, robot: Robot, given: Mapping[str, Any]) -> list[Any]:
+        """Return values by joint as a list, with `left_out` or no limit for all other joints."""
+        label = f'{self.name} of the scene'
+        for joint in given:
+            if joint not in robot.joint_names:
+                raise ValueError(
+                    f'{label} names joint {quote(joint)}, but {quote(robot.name)} has '
+                    f'{quote_all(robot.joint_names)}'
+                )
+        if self.above and len(given) < robot.n:
+            missing = [joint for joint in robot.joint_names if joint not in given]
+            raise ValueError(f'{label} must have a value for each joint, not {quote_all(missing)}')
+        none: Any = math.inf if self.infinite else self.left_out
+        if self.columns:
+            none = (-none, none) if self.infinite else (none,) * len(self.columns)
+        if self.kind == TABLES:
+            none = None
+        return [given.get(joint, none) for joint in robot.joint_names]
+
+
+def _is_by_joint(value: Any) -> bool:
+    """Return whether a value is pairs of a joint and its value, as Scene keeps a mapping."""
+    if not isinstance(value, tuple) or not value:
+        return False
+    return all(isinstance(x, tuple) and len(x) == 2 and isinstance(x[0], str) for x in value)
+
+
+def _is_list(value: Any) -> bool:
+    """Return whether a value has a length; not so a string or a type of NumPy."""
+    try:
+        return not isinstance(value, (str, np.dtype)) and len(value) >= 0
+    except TypeError:
+        return False
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+def _without_continuous(robot: Robot, joints: list[str]) -> list[str]:
+    kinds = dict(zip(robot.joint_names, robot.joint_types, strict=True))
+    return [joint for joint in joints if kinds[joint] != 'continuous']
+
+
+def _table_rows(tables: Any) -> Array | None:
+    """Return the tables of all joints with the rows of the longest, (n, k, 2)."""
+    longest = max(len(table or ()) for table in tables)
+    if not longest:
+        return None
+    rows = np.full((len(tables), longest, 2), np.inf)
+    for i, table in enumerate(tables):
+        if table is not None:
+            rows[i, : len(table)] = table
+            rows[i, len(table) :, 1] = table[-1][1]
+    return rows
+
+
+def _model_tables(robot: Robot) -> list[list[tuple[float, float]] | None]:
+    """Return tables that fall from effort limits beyond velocity limits; None without one."""
+    tables: list[list[tuple[float, float]] | None] = []
+    limits = robot.velocity_limit.tolist(), robot.effort_limit.tolist()
+    for name, speed, torque in zip(robot.joint_names, *limits, strict=True):
+        limited = math.isfinite(speed) and math.isfinite(torque)
+        if limited and not speed < NO_EFFORT * speed:
+            raise ValueError(
+                f'torque_speed {MODEL!r} needs velocity limits above zero, joint {quote(name)} '
+                f'has {speed}'
+            )
+        tables.append([(speed, torque), (NO_EFFORT * speed, 0.0)] if limited else None)
+    return tables
 
 
 @dataclass(frozen=True)
@@ -54,22 +331,18 @@ class Effect:
 
     Attributes
     ----------
-    name, field : str
-        Name in tables and on pages, and the field of Scene that switches the effect on.
-    refined_by : tuple of str
-        Further fields of Scene.
-    acts : str
-        LINKS, JOINTS, MOTORS, BRAKES or STEP.
+    name, acts : str
+        Name in tables and on pages; LINKS, JOINTS, MOTORS, BRAKES or STEP.
+    first, more : Field, tuple of Field
+        The field of Scene that switches it on, and fields that refine it.
     at_rest, inertia : bool
         Whether it exerts a torque at zero velocity, as a function of q; whether the inertia matrix
-        depends on it. On the joints the number of `field` multiplies qdd then.
+        depends on it. On the joints the number of its first field multiplies qdd then.
     viscosity : bool
-        Whether the number of `field` multiplies qd; integrators may take it implicitly.
+        Whether the number of its first field multiplies qd; integrators may take it implicitly.
     torque, potential : callable or None
         (c, q, qd) -> the resisting torque [N m or N]; (c, q) -> the energy that it stores [J], if
         it is conservative.
-    needs : str
-        Name of the effect without which it means nothing.
     completed : callable or None
         From a robot and the numbers of all fields, which may differ among arms, to the numbers of
         this effect and of effects that need it; {} if it is off. By default it is off where the
@@ -78,21 +351,25 @@ class Effect:
     """
 
     name: str
-    field: str
-    acts: str = JOINTS
-    refined_by: tuple[str, ...] = ()
+    acts: str
+    first: Field
+    more: tuple[Field, ...] = ()
     at_rest: bool = False
     inertia: bool = False
     viscosity: bool = False
     torque: Callable[[Any, Any, Any], Any] | None = None
     potential: Callable[[Any, Any], Any] | None = None
-    needs: str = ''
     completed: Callable[[Robot, FieldNumbers], FieldNumbers] | None = None
 
     @property
+    def field(self) -> str:
+        """Name of the field of Scene that switches it on."""
+        return self.first.name
+
+    @property
     def fields(self) -> tuple[Field, ...]:
-        """Its fields in Scene: first the field that switches it on, then fields that refine it."""
-        return tuple(FIELDS[name] for name in (self.field, *self.refined_by))
+        """All its fields in Scene."""
+        return (self.first, *self.more)
 
     @property
     def kind(self) -> str:
@@ -106,11 +383,13 @@ class Effect:
         """Whether it acts on the joint side of the motors, at an instant or over a step."""
         return self.acts in (JOINTS, STEP)
 
-    def plant_numbers(self, robot: Robot, values: FieldNumbers) -> FieldNumbers:
-        """Return the numbers of the effect by field, {} if it is off."""
+    def numbers(self, robot: Robot, values: FieldNumbers) -> FieldNumbers:
+        """Return the numbers of the effect by field, from those of a scene; {} if it is off."""
+        if not self.first.has_numbers or self.first.needs:
+            return {}
         if self.completed is not None:
             return self.completed(robot, values)
-        acts = _limited if FIELDS[self.field].infinite else _acts
+        acts = _limited if self.first.infinite else _acts
         return {f.name: values[f.name] for f in self.fields} if acts(values[self.field]) else {}
 
 
@@ -171,8 +450,6 @@ def _cogging(robot: Robot, values: FieldNumbers) -> FieldNumbers:
     if rows is None or not _acts(rows[:, 0]):
         return {}
     for name, (amplitude, periods, _) in zip(robot.joint_names, rows.tolist(), strict=True):
-        if amplitude and not periods:
-            raise ValueError(f'periods of cogging of joint {quote(name)} must not be 0')
         if amplitude and not LEAST_PERIODS <= abs(periods) <= MOST_PERIODS:
             raise ValueError(
                 f'periods of cogging of joint {quote(name)} must be within {LEAST_PERIODS:g} and '
@@ -180,10 +457,6 @@ def _cogging(robot: Robot, values: FieldNumbers) -> FieldNumbers:
             )
     # A joint without cogging has some period, by which its energy is divided.
     return {'cogging': np.where(rows[:, :1] == 0, (0.0, 1.0, 0.0), rows)}
-
-
-def _torque_speed(robot: Robot, values: FieldNumbers) -> FieldNumbers:
-    return {'torque_speed': values['torque_speed']}
 
 
 # Torques and energies.
@@ -219,44 +492,194 @@ def _cogging_energy(c: Any, q: Any) -> Any:
 
 
 EFFECTS: tuple[Effect, ...] = (
-    Effect('gravity', 'gravity', LINKS, at_rest=True),
-    Effect('damping', 'damping', viscosity=True),
-    Effect('armature', 'armature', inertia=True),
-    Effect('payload', 'payload', LINKS, at_rest=True, inertia=True),
-    Effect('external wrench', 'external_wrench', LINKS),
-    Effect('brakes', 'brakes', BRAKES),
-    Effect('friction', 'friction', STEP, completed=_friction),
-    Effect('static friction', 'static_friction', STEP, needs='friction'),
-    Effect('Stribeck velocity', 'stribeck_velocity', STEP, needs='static friction'),
-    Effect('joint stops', 'joint_limits', STEP, completed=_stops),
-    Effect('restitution', 'restitution', STEP, needs='joint stops'),
+    Effect(
+        'gravity',
+        LINKS,
+        Field(
+            'gravity',
+            'Acceleration of free fall, base frame',
+            'm/s^2',
+            kind=VECTOR,
+            least=-math.inf,
+        ),
+        at_rest=True,
+    ),
+    Effect(
+        'damping',
+        JOINTS,
+        Field('damping', 'Viscous damping of the joint', 'N m s/rad', 'N s/m', model=('damping',)),
+        viscosity=True,
+    ),
+    Effect(
+        'armature',
+        JOINTS,
+        Field(
+            'armature',
+            'Rotor inertia of the joint times the square of its gear ratio',
+            'kg m^2',
+            'kg',
+            model=('armature',),
+            estimated=True,
+        ),
+        inertia=True,
+    ),
+    Effect(
+        'payload',
+        LINKS,
+        Field('payload', 'A body held by the last link', kind=PAYLOAD),
+        at_rest=True,
+        inertia=True,
+    ),
+    Effect(
+        'external wrench',
+        LINKS,
+        Field('external_wrench', 'Wrench on the last link as an input', kind=SWITCH, off=False),
+    ),
+    Effect(
+        'brakes',
+        BRAKES,
+        Field('brakes', 'Joints that can be braked at run time', kind=SWITCH, off=False),
+    ),
+    Effect(
+        'friction',
+        STEP,
+        Field('friction', 'Coulomb friction of the joint', 'N m', 'N', model=('friction',)),
+        completed=_friction,
+    ),
+    Effect(
+        'static friction',
+        STEP,
+        Field(
+            'static_friction',
+            'Friction that a resting joint can hold, at least and by default its Coulomb friction',
+            'N m',
+            'N',
+            left_out=math.nan,
+            needs='friction',
+        ),
+    ),
+    Effect(
+        'Stribeck velocity',
+        STEP,
+        Field(
+            'stribeck_velocity',
+            'Velocity at which static friction has fallen half-way to Coulomb friction',
+            'rad/s',
+            'm/s',
+            above=True,
+            needs='static_friction',
+        ),
+    ),
+    Effect(
+        'joint stops',
+        STEP,
+        Field(
+            'joint_limits',
+            'Stops at the position limits of the joint',
+            'rad',
+            'm',
+            model=('position_lower', 'position_upper'),
+            columns=('lower', 'upper'),
+            least=-math.inf,
+            infinite=True,
+        ),
+        completed=_stops,
+    ),
+    Effect(
+        'restitution',
+        STEP,
+        Field(
+            'restitution',
+            'Share of its velocity that a joint keeps when it bounces off its stop',
+            kind=SHARE,
+            off=0.0,
+            most=1.0,
+            needs='joint_limits',
+        ),
+    ),
     Effect(
         'springs',
-        'stiffness',
-        refined_by=('rest_position',),
+        JOINTS,
+        Field('stiffness', 'Stiffness of the spring of the joint', 'N m/rad', 'N/m'),
+        (
+            Field(
+                'rest_position',
+                'Position at which the spring of the joint is slack',
+                'rad',
+                'm',
+                least=-math.inf,
+                needs='stiffness',
+            ),
+        ),
         at_rest=True,
         torque=_spring_torque,
         potential=_spring_energy,
     ),
     Effect(
         'cogging',
-        'cogging',
+        JOINTS,
+        Field(
+            'cogging',
+            'Torque of the joint that goes through some periods a turn',
+            'N m, 1/turn, rad',
+            'N, 1/(2 pi m), rad',
+            columns=('amplitude', 'periods', 'phase'),
+            least=-math.inf,
+        ),
         at_rest=True,
         torque=_cogging_torque,
         potential=_cogging_energy,
         completed=_cogging,
     ),
-    Effect('effort limits', 'effort_limits', MOTORS),
-    # A table of zeros is a limit, too: it is never off.
-    Effect('torque-speed tables', 'torque_speed', MOTORS, completed=_torque_speed),
-    Effect('gravity compensation', 'gravity_compensation', MOTORS, at_rest=True),
-    Effect('motor lag', 'motor_lag', STEP),
+    Effect(
+        'effort limits',
+        MOTORS,
+        Field(
+            'effort_limits',
+            'Largest torque of the motor',
+            'N m',
+            'N',
+            model=('effort_limit',),
+            infinite=True,
+        ),
+    ),
+    Effect(
+        'torque-speed tables',
+        MOTORS,
+        Field(
+            'torque_speed',
+            'Largest driving torque of the motor by speed',
+            'rad/s, N m',
+            'm/s, N',
+            kind=TABLES,
+            model=('velocity_limit', 'effort_limit'),
+        ),
+        # A table of zeros is a limit, too: it is never off.
+        completed=lambda robot, values: {'torque_speed': values['torque_speed']},
+    ),
+    Effect(
+        'gravity compensation',
+        MOTORS,
+        Field(
+            'gravity_compensation',
+            'Gravity torques of a model that the drives add',
+            kind=COMPENSATION,
+            off=False,
+        ),
+        at_rest=True,
+    ),
+    Effect(
+        'motor lag',
+        STEP,
+        Field(
+            'motor_lag',
+            'Time constant with which the motor of the joint follows its effort',
+            's',
+            's',
+            most=10.0,
+        ),
+    ),
 )
-# Field of Scene, and name -> the effect.
+# Field of Scene -> its record, and the effect.
+FIELDS: Mapping[str, Field] = {field.name: field for effect in EFFECTS for field in effect.fields}
 EFFECT_OF: Mapping[str, Effect] = {f.name: effect for effect in EFFECTS for f in effect.fields}
-NAMED: Mapping[str, Effect] = {effect.name: effect for effect in EFFECTS}
-# Field of Scene -> the field without which it means nothing.
-NEEDS: Mapping[str, str] = {
-    **{name: effect.field for effect in EFFECTS for name in effect.refined_by},
-    **{effect.field: NAMED[effect.needs].field for effect in EFFECTS if effect.needs},
-}

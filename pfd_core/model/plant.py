@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 from pfd_core.model.effects import (
     EFFECT_OF,
     EFFECTS,
+    FIELDS,
     INERTIA,
+    INPUT,
     JOINTS,
     LINKS,
     MOTORS,
     STEP,
     VISCOSITY,
-    FieldNumbers,
 )
 from pfd_core.model.geometry import product
 from pfd_core.model.robot import (
@@ -39,7 +40,6 @@ from pfd_core.model.robot import (
     with_payload,
 )
 from pfd_core.model.scene import Scene, given_scene
-from pfd_core.model.scene_fields import FIELDS, INPUT
 from pfd_core.model.values import Array, FrozenArrays, frozen, quote, quote_all, read_only
 
 # The kinds of effects at an instant.
@@ -71,7 +71,7 @@ class Plant(FrozenArrays):
         Scene has no such field: at an instant no joint sticks.
     effects : mapping
         Field of Scene -> numbers of an effect that is on, (n,) or (n, columns), in the units of
-        its record in `pfd_core.model.scene_fields`. Static friction is there with friction, and
+        its record in `pfd_core.model.effects`. Static friction is there with friction, and
         restitution with joint limits. Each field is an attribute as well, `plant.damping`, and
         None where the effect is off. `torque_speed`, (n, k, 2), has rows (speed, torque). Rows
         beyond a joint's table have infinite speeds; a joint without a table has infinite torques.
@@ -203,6 +203,9 @@ def resolve(
     }
     gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
     gravity = np.array(arms.get('gravity', gravity))
+    effects: dict[str, Array | None] = {}
+    for effect in EFFECTS:
+        effects |= effect.numbers(robot, values)
     plant = Plant(
         robot=with_payload(robot, scene.payload) if isinstance(scene.payload, Payload) else robot,
         gravity=np.array(
@@ -211,19 +214,9 @@ def resolve(
         external_wrench=scene.external_wrench,
         brakes=scene.brakes,
         gravity_compensation=_compensation(robot, scene),
-        effects=_effects(robot, values),
+        effects={key: array for key, array in effects.items() if array is not None},
     )
     return plant if scene.payload == INPUT else _without_compensated_gravity(plant)
-
-
-def _effects(robot: Robot, values: FieldNumbers) -> dict[str, Array]:
-    """Return the numbers of all effects by field, from the numbers of a scene."""
-    effects: dict[str, Array] = {}
-    for effect in EFFECTS:
-        if not effect.needs and FIELDS[effect.field].has_numbers:
-            found = effect.plant_numbers(robot, values)
-            effects |= {key: array for key, array in found.items() if array is not None}
-    return effects
 
 
 def _without_compensated_gravity(plant: Plant) -> Plant:

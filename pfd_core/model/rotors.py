@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.model.robot import Robot, check_robot
-from pfd_core.model.values import LARGEST, Array, quote, real_array
+from pfd_core.model.values import LARGEST, Array, check_least, quote, real_array
 
 # Time in which a motor at full effort accelerates its rotor alone to the velocity limit, s.
 SPIN_UP_TIME = 0.035
@@ -41,8 +41,7 @@ def reflected_inertia(rotor_inertia: ArrayLike, gear_ratio: ArrayLike) -> Array:
     ratio = real_array(
         'gear_ratio', gear_ratio, shape=inertia.shape, broadcast=True, largest=LARGEST
     )
-    if (inertia < 0).any():
-        raise ValueError(f'rotor_inertia must not be negative, got {quote(inertia.tolist())}')
+    check_least('rotor_inertia', inertia)
     if (ratio == 0).any():
         raise ValueError(f'gear_ratio must not be zero, got {quote(ratio.tolist())}')
     reflected: Array = ratio * ratio * inertia

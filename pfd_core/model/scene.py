@@ -6,8 +6,8 @@ Scene: the effects that act on a robot, each checked by itself; scenes as YAML.
 A scene fits any robot with as many joints as its arrays have; `pfd_core.model.plant.resolve`
 combines both into a Plant. The default is rigid links and gravity, nothing else.
 
-The fields belong to the records in `pfd_core.model.scene_fields`, which check them. They are
-declared here as well, so that editors and type checkers know the arguments of Scene.
+The fields belong to the records in `pfd_core.model.effects`, which check them. They are declared
+here as well, so that editors and type checkers know the arguments of Scene.
 """
 
 from __future__ import annotations
@@ -24,9 +24,8 @@ import numpy as np
 from numpy.ma import MaskedArray
 from numpy.typing import ArrayLike
 
-from pfd_core.model.effects import EFFECTS, NAMED, NEEDS
+from pfd_core.model.effects import EFFECTS, ESTIMATED, FIELDS, INPUT, MODEL
 from pfd_core.model.robot import Payload
-from pfd_core.model.scene_fields import ESTIMATED, FIELDS, INPUT, MODEL, by_joint
 from pfd_core.model.values import (
     Array,
     choice,
@@ -147,9 +146,10 @@ class Scene:
         for key, field in FIELDS.items():
             object.__setattr__(self, key, field.checked(getattr(self, key)))
         object.__setattr__(self, 'gravity_compensation', _compensation(self.gravity_compensation))
-        for key, needed in NEEDS.items():
-            if getattr(self, key) != FIELDS[key].off and getattr(self, needed) is None:
-                raise ValueError(f'{key} was given without {needed}: give the scene both')
+        for key, field in FIELDS.items():
+            given = getattr(self, key) != field.off
+            if given and field.needs and getattr(self, field.needs) is None:
+                raise ValueError(f'{key} was given without {field.needs}: give the scene both')
 
     @property
     def digest(self) -> str:
@@ -165,15 +165,16 @@ class Scene:
         """
         if not isinstance(names, (set, frozenset, tuple, list)):
             raise ValueError(f'names must be a set of names of effects, got {quote(names)}')
+        known = [effect.name for effect in EFFECTS]
         for name in names:
-            choice('names', name, NAMED)
-        changes: dict[str, Any] = {
-            field.name: field.off
-            for effect in EFFECTS
-            if not _with_needed(effect.name).isdisjoint(names)
-            for field in effect.fields
-        }
-        return replace(self, **changes)
+            choice('names', name, known)
+        off: dict[str, Any] = {}
+        # A field comes after the field that it needs.
+        for effect in EFFECTS:
+            for field in effect.fields:
+                if effect.name in names or field.needs in off:
+                    off[field.name] = field.off
+        return replace(self, **off)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the scene to a YAML file, which `load_scene` reads as an equal scene."""
@@ -193,29 +194,30 @@ def _init_by_joint(self: Scene, *fields: Any, **named: Any) -> None:
 Scene.__init__ = _init_by_joint  # type: ignore[method-assign]
 
 
-def given_scene(scene: Scene | None, wrench: object = None) -> Scene:
+def by_joint(values: Mapping[str, Any]) -> dict[str, Any]:
     """
-    Return a scene, the default one for None, with an external wrench if one is given.
+    Return values by field, with `friction.elbow_joint` for one joint as friction of that joint.
 
-    ValueError for anything but a scene or None.
+    ValueError if a field is given for one joint and for all, or twice for one.
     """
-    if scene is None:
-        scene = _default_scene()
-    if not isinstance(scene, Scene):
-        raise ValueError(f'scene must be a Scene or None, got {quote(scene)}')
-    return scene if wrench is None else replace(scene, external_wrench=True)
-
-
-@lru_cache(1)
-def _default_scene() -> Scene:
-    # To check all fields takes as long as two hundred evaluations of a kernel.
-    return Scene()
-
-
-def _with_needed(name: str) -> set[str]:
-    """Return the names of an effect and of the effects that it needs."""
-    needed = NAMED[name].needs
-    return {name} | (_with_needed(needed) if needed else set())
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        name, dot, joint = key.partition('.')
+        if not dot or name not in FIELDS or not FIELDS[name].has_numbers:
+            name = key
+        else:
+            value = {joint: value}
+        if name not in found:
+            found[name] = dict(value) if isinstance(value, Mapping) else value
+            continue
+        table = found[name]
+        if not (isinstance(table, dict) and isinstance(value, Mapping)):
+            raise ValueError(f'{name} is given for all joints and for one: use one of them')
+        for joint in value:
+            if joint in table:
+                raise ValueError(f'{name} of joint {quote(joint)} is given twice')
+        table |= value
+    return found
 
 
 def _compensation(value: Any) -> bool | Scene:
@@ -236,6 +238,23 @@ def _compensation(value: Any) -> bool | Scene:
             f'the scene of {name} must have a Payload or None as payload, got {INPUT!r}'
         )
     return value
+
+
+# To check all fields takes as long as two hundred evaluations of a kernel.
+DEFAULT = Scene()
+
+
+def given_scene(scene: Scene | None, wrench: object = None) -> Scene:
+    """
+    Return a scene, the default one for None, with an external wrench if one is given.
+
+    ValueError for anything but a scene or None.
+    """
+    if scene is None:
+        scene = DEFAULT
+    if not isinstance(scene, Scene):
+        raise ValueError(f'scene must be a Scene or None, got {quote(scene)}')
+    return scene if wrench is None else replace(scene, external_wrench=True)
 
 
 # Scenes as YAML.
@@ -319,32 +338,29 @@ def scene_inputs(
     each only if the scene has it. ValueError for one that the scene lacks or of another type or
     shape. A `batch` has the leading dimensions to which they are broadcast.
     """
-    inputs = {}
-    if scene.external_wrench and wrench is not None:
-        inputs['wrench'] = _in_batch('wrench', real_array('wrench', wrench, dtype), 6, batch)
-    elif scene.external_wrench:
-        raise ValueError('the scene has external_wrench=True, so the call needs wrench=')
-    elif wrench is not None:
+    if wrench is not None and not scene.external_wrench:
         raise ValueError(
             'wrench was given, but the scene has external_wrench=False: '
             'use Scene(external_wrench=True)'
         )
-    if scene.brakes and brakes is not None:
+    if brakes is not None and not scene.brakes:
+        raise ValueError('brakes were given, but the scene has none: use Scene(brakes=True)')
+    inputs = {}
+    if scene.external_wrench:
+        if wrench is None:
+            raise ValueError('the scene has external_wrench=True, so the call needs wrench=')
+        inputs['wrench'] = _in_batch('wrench', real_array('wrench', wrench, dtype), 6, batch)
+    if brakes is not None:
         inputs['free'] = (~_in_batch('brakes', _braked(brakes), n, batch)).astype(dtype)
     elif scene.brakes:
         inputs['free'] = _all_free((*(batch or ()), n), dtype)
-    elif brakes is not None:
-        raise ValueError('brakes were given, but the scene has none: use Scene(brakes=True)')
     return inputs
 
 
 def _in_batch(name: str, array: Array, size: int, batch: tuple[int, ...] | None) -> Array:
     """Return an array with the leading dimensions `batch`, or as given without any."""
-    if batch is not None and array.shape == (*batch, size):
-        return array
-    if batch is None or array.shape[-1:] != (size,):
-        return fit_shape(name, array, (..., size))
-    return fit_shape(name, array, (*batch, size), broadcast=True)
+    fit_shape(name, array, (..., size))
+    return array if batch is None else fit_shape(name, array, (*batch, size), broadcast=True)
 
 
 @lru_cache(maxsize=16)

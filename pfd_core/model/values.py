@@ -91,6 +91,7 @@ def real_array(
     *,
     broadcast: bool = False,
     finite: bool = True,
+    infinite: bool = False,
     largest: float = math.inf,
     joints: Sequence[str] = (),
 ) -> Array:
@@ -99,15 +100,15 @@ def real_array(
 
     `shape` is one that they have, or to which they are `broadcast`, see `fit_shape`; default: any.
     ValueError if an element is complex, a bool, a string, a date, None, masked or has units, if it
-    is too large for the format, or, where `finite`, NaN, infinite or larger than `largest`; such
-    an error names one of the `joints` along the last dimension.
+    is too large for the format, or, where `finite`, NaN, infinite (unless `infinite`) or larger
+    than `largest`; such an error names one of the `joints` along the last dimension.
     """
     if type(value) is np.ndarray and value.dtype is _NATIVE[dtype]:
         array = value
     else:
         array = _converted(name, value, dtype, shape == ())
     if finite:
-        check_finite(name, array, largest, joints)
+        check_finite(name, array, largest, joints, infinite=infinite)
     return array if shape is None else fit_shape(name, array, shape, broadcast)
 
 
@@ -166,17 +167,24 @@ def choice(name: str, value: object, choices: Iterable[str]) -> str:
 
 
 def check_finite(
-    name: str, array: Array, largest: float = math.inf, joints: Sequence[str] = ()
+    name: str,
+    array: Array,
+    largest: float = math.inf,
+    joints: Sequence[str] = (),
+    *,
+    infinite: bool = False,
 ) -> None:
-    """Raise ValueError for a number not finite or above `largest`; names index and joint."""
+    """Raise ValueError for NaN, infinity or a size above `largest`; names index and joint."""
     bounded = largest < math.inf
     # The terms of a finite sum are finite.
     if array.size <= _FEW and not bounded and math.isfinite(sum(array.ravel().tolist())):
         return
-    right = np.abs(array) <= largest if bounded else np.isfinite(array)
+    right = np.isfinite(array) & (np.abs(array) <= largest) | (infinite & np.isinf(array))
     if right.all():
         return
     rule = f'finite and at most {largest:g} in size' if bounded else 'finite'
+    if infinite:
+        rule = f'at most {largest:g} in size, or infinite'
     if array.ndim == 0:
         raise ValueError(f'{name} must be {rule}, got {array}')
     first, *others = np.argwhere(~right).tolist()
@@ -186,6 +194,13 @@ def check_finite(
         f'{name} must be {rule}, got {array[tuple(first)]} at index {first}{joint} '
         f'({1 + len(others)} of {array.size} elements)'
     )
+
+
+def check_least(name: str, array: Array, least: float = 0.0, *, above: bool = False) -> None:
+    """Raise ValueError for a number below the least one, or, if `above`, equal to it."""
+    if (array <= least if above else array < least).any():
+        rule = f'be above {least:g}' if above else 'not be negative'
+        raise ValueError(f'{name} must {rule}, got {quote(array.tolist())}')
 
 
 def fit_shape(name: str, array: Array, shape: Shape, broadcast: bool = False) -> Array:

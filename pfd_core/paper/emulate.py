@@ -24,7 +24,7 @@ from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
-from pfd_core.model.scene_fields import INPUT
+from pfd_core.model.effects import INPUT
 from pfd_core.model.values import DTYPES, choice, common_shape, integer, real_array
 from pfd_core.paper import networks
 from pfd_core.paper.array import SECTION, STREAMS, solve_cycles, solve_steps, stream_steps

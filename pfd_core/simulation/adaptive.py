@@ -37,7 +37,7 @@ from pfd_core.kernels.simulations import AdaptiveSteps, compile_adaptive
 from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.kernels.threads import address
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
-from pfd_core.model.scene_fields import INPUT
+from pfd_core.model.effects import INPUT
 from pfd_core.model.values import Array, choice, integer, real_array, real_number, switch
 from pfd_core.simulation.box import PIVOTS
 from pfd_core.simulation.dense_events import ROWS, dense_event_programs

@@ -40,7 +40,7 @@ from pfd_core.kernels.threads import (
 )
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene, given_scene
-from pfd_core.model.scene_fields import INPUT
+from pfd_core.model.effects import INPUT
 from pfd_core.model.values import (
     LARGEST_INTEGER,
     Array,

@@ -28,7 +28,7 @@ from pfd_core.model import (
     resolve,
     scene_inputs,
 )
-from pfd_core.model.scene_fields import INPUT
+from pfd_core.model.effects import INPUT
 from pfd_core.model.values import (
     DTYPES,
     Array,

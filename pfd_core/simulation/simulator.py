@@ -29,7 +29,7 @@ from pfd_core.kernels.simulations import NativeSteps, Plan
 from pfd_core.kernels.threads import address
 from pfd_core.machine.program import Program
 from pfd_core.model import Payload, Robot, Scene, check_joint_inertia, resolve
-from pfd_core.model.scene_fields import INPUT
+from pfd_core.model.effects import INPUT
 from pfd_core.model.values import Array, quote, real_array
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.state import SimulationState

@@ -66,7 +66,7 @@ def payload_from(numbers: Sequence[float]) -> pfd.Payload:
 
 
 def effect_fields() -> Iterator[Any]:
-    """Yield the fields of the effects of the joints, `pfd_core.model.scene_fields.Field`."""
+    """Yield the fields of the effects of the joints, `pfd_core.model.effects.Field`."""
     for effect in pfd.EFFECTS:
         if effect.of_joints:
             yield from effect.fields

@@ -11,7 +11,8 @@ joints, 35 000 operations, AVX-512: one state in 2.6 s of compiler and 6.3 us as
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import count
 from typing import NamedTuple
 
 from pfd_core.machine.program import Instruction, Program
@@ -21,33 +22,24 @@ FREE = ('constant', 'input')
 
 
 class Part(NamedTuple):
-    """
-    A part of a program.
+    """A part of a program."""
 
-    Attributes
-    ----------
-    program : Program
-        Its operations, without outputs; it may read the input `frame`.
-    writes : list
-        (array, element, register) of what it writes, to the arrays `frame` and `out`.
-
-    """
-
-    program: Program
-    writes: list[tuple[str, int, int]]
+    program: Program  # its operations, without outputs; it may read the input `frame`
+    writes: list[tuple[str, int, int]]  # array `frame` or `out`, element, register
 
 
 def split(program: Program, size: int) -> list[Part]:
     """Return a program with one output and without loops in parts of `size` operations."""
     instructions = program.instructions
     work = [r for r, instruction in enumerate(instructions) if instruction.op not in FREE]
+    home = {register: k // size for k, register in enumerate(work)}
     groups = [work[k : k + size] for k in range(0, len(work), size)]
-    slots = _slots(program, groups)
+    slots, length = _slots(program, groups, home)
+    inputs = program.inputs | {'frame': length}
+    elements: list[list[tuple[int, int]]] = [[] for _ in groups]
     (output,) = program.outputs.values()
-    elements: dict[int, list[int]] = {}
     for k, (register, _) in enumerate(output.places):
-        elements.setdefault(register, []).append(k)
-    inputs = program.inputs | {'frame': max(slots.values(), default=0) + 1}
+        elements[home.get(register, -1)].append((k, register))
     parts = []
     for p, own in enumerate(groups):
         part: list[Instruction] = []
@@ -67,41 +59,30 @@ def split(program: Program, size: int) -> list[Part]:
             args = tuple(name(a, part, names) for a in instructions[register].args)
             names[register] = len(part)
             part.append(instructions[register]._replace(args=args))
-        results = set(own)
-        if p == len(groups) - 1:
-            results |= {r for r in elements if instructions[r].op in FREE}
         writes = [('frame', slots[r], names[r]) for r in own if r in slots]
-        for register in sorted(results & elements.keys()):
-            place = name(register, part, names)
-            writes += [('out', k, place) for k in elements[register]]
+        writes += [('out', k, name(r, part, names)) for k, r in elements[p]]
         parts.append(Part(Program(1, tuple(part), inputs, {}), writes))
     return parts
 
 
-def _slots(program: Program, groups: Sequence[Sequence[int]]) -> dict[int, int]:
+def _slots(
+    program: Program, groups: Sequence[Sequence[int]], home: Mapping[int, int]
+) -> tuple[dict[int, int], int]:
     """
-    Return the place in the frame of each register that a later part reads.
+    Return the place in the frame of each register that a later part reads, and the frame's size.
 
     A place is used again once its value has been read for the last time.
     """
-    read_last = {
-        argument: p
-        for p, registers in enumerate(groups)
-        for register in registers
-        for argument in program.instructions[register].args
-    }
-    leaving: list[list[int]] = [[] for _ in groups]
+    read_last: list[list[int]] = [[] for _ in groups]
+    last = {a: home[r] for r in home for a in program.instructions[r].args if a in home}
+    for register, p in last.items():
+        read_last[p].append(register)
     slots: dict[int, int] = {}
     spare: list[int] = []
-    top = 0
+    fresh = count()
     for p, registers in enumerate(groups):
         for register in registers:
-            end = read_last.get(register, p)
-            if end > p:
-                if not spare:
-                    spare.append(top)
-                    top += 1
-                slots[register] = spare.pop()
-                leaving[end].append(slots[register])
-        spare += leaving[p]
-    return slots
+            if last.get(register, p) > p:
+                slots[register] = spare.pop() if spare else next(fresh)
+        spare += [slots[register] for register in read_last[p] if register in slots]
+    return slots, next(fresh)

@@ -54,7 +54,7 @@ def record_everything() -> pfd.Program:
 def with_errors(program: pfd.Program, dtype: str) -> pfd.Program:
     """Return a program whose outputs are the values and their errors."""
     recorder = Recorder(1, 'sequential')
-    found = RoundingErrors(recorder, dtype).record(program, {})['z']
+    found = RoundingErrors(recorder, dtype).record(program)['z']
     zero = recorder.constant(0.0)
     rows: dict[str, list[Lanes]] = {
         'value': [z.value for z in found],

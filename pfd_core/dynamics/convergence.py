@@ -22,16 +22,16 @@ number.
 
 from __future__ import annotations
 
+from functools import reduce
 import math
+import operator
 
 from pfd_core.dynamics.interface import input_list, program_with_outputs
-from pfd_core.dynamics.methods import record_forward_dynamics
-from pfd_core.dynamics.refinement import record_residual
+from pfd_core.dynamics.refinement import record_residual, solver
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder, inline
 from pfd_core.model import Plant
-from pfd_core.model.effects import INERTIA
 
 # Largest correction of a converged answer, as a share of the accelerations. Ordinary states of the
 # included arms need 1e-5 in single precision. With a payload of 1e6 kg, 0.005 accepts errors of up
@@ -45,15 +45,11 @@ def record_small_correction(plant: Plant) -> Program:
 
     Inputs are the inputs of forward dynamics, and qdd, (n,).
     """
-    solve = record_forward_dynamics(plant.only(INERTIA), 'composite_body', 'sequential')
     recorder = Recorder(1, 'sequential')
-    n = plant.robot.n
-    zero, qdd = recorder.constant(0.0), input_list(recorder, 'qdd', n)
+    solve = solver(recorder, plant, 'composite_body')
+    qdd = input_list(recorder, 'qdd', plant.robot.n)
     found = inline(recorder, record_residual(plant), {})
-    rest = {'qd': [zero] * n, 'wrench': [zero] * 6}
-    delta, y = (
-        inline(recorder, solve, rest | {'tau': found[x]})['qdd'] for x in ('residual', 'tau')
-    )
+    delta, y = (solve(found[x])['qdd'] for x in ('residual', 'tau'))
     with recorder.section('convergence'):
         change = _size(delta)
         excess = change - CORRECTION * (_size(qdd) + _size(y))
@@ -79,8 +75,4 @@ def with_nan_unless_converged(program: Program, plant: Plant) -> Program:
 
 
 def _size(values: list[Lanes]) -> Lanes:
-    total = absolute(values[0])
-    for value in values[1:]:
-        total = total + absolute(value)
-    result: Lanes = total
-    return result
+    return reduce(operator.add, map(absolute, values))

@@ -23,12 +23,11 @@ One register holds one number.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from pfd_core.dynamics.factors import Factors, Matrix, solution, symmetric
-from pfd_core.dynamics.methods import record_forward_dynamics
-from pfd_core.dynamics.refinement import record_residual
+from pfd_core.dynamics.refinement import record_residual, solver
 from pfd_core.machine.recorder import Lanes, Recorder, inline
 from pfd_core.model import Plant
 from pfd_core.model.effects import INERTIA
@@ -48,23 +47,23 @@ def inverse_inertia(
     n = plant.robot.n
     zero, one = recorder.constant(0.0), recorder.constant(1.0)
     still = replace(plant.only(INERTIA), external_wrench=False)
-    at_rest = {'qd': [zero] * n}
     units = [[one if i == j else zero for i in range(n)] for j in range(n)]
-    if method in BY_COLUMNS:
-        program = record_forward_dynamics(still, method, 'sequential')
+    by_columns = solver(recorder, still, method) if method in BY_COLUMNS else None
 
-        def solve(y: Sequence[Lanes]) -> list[Lanes]:
-            return inline(recorder, program, at_rest | {'tau': y})['qdd']
+    def solve(y: Sequence[Lanes]) -> list[Lanes]:
+        return solution(factors, y) if by_columns is None else by_columns(y)['qdd']
 
-        X = symmetric([solve(unit) for unit in units])
-    else:
-
-        def solve(y: Sequence[Lanes]) -> list[Lanes]:
-            return solution(factors, y)
-
-        X = _by_factors(factors)
-    if steps:
-        X = _refined(recorder, still, X, units, solve, steps)
+    X = symmetric([solve(unit) for unit in units]) if by_columns else _by_factors(factors)
+    if not steps:
+        return X
+    residual = record_residual(still)
+    for _ in range(steps):
+        columns = []
+        for unit, x in zip(units, X, strict=True):
+            given = {'qd': [zero] * n, 'qdd': x, 'tau': unit}
+            missed = inline(recorder, residual, given)['residual']
+            columns.append([a + d for a, d in zip(x, solve(missed), strict=True)])
+        X = symmetric(columns)
     return X
 
 
@@ -80,26 +79,6 @@ def _by_factors(factors: Factors) -> Matrix:
             diagonal = diagonal - factor * x
         X.append([*row, diagonal])
     return symmetric(X)
-
-
-def _refined(
-    recorder: Recorder,
-    still: Plant,
-    X: Matrix,
-    units: Matrix,
-    solve: Callable[[Sequence[Lanes]], list[Lanes]],
-    steps: int,
-) -> Matrix:
-    """Return X with steps of refinement, of a plant without torques."""
-    residual = record_residual(still)
-    at_rest = {'qd': [recorder.constant(0.0)] * len(X)}
-    for _ in range(steps):
-        columns = []
-        for unit, x in zip(units, X, strict=True):
-            missed = inline(recorder, residual, at_rest | {'qdd': x, 'tau': unit})['residual']
-            columns.append([a + d for a, d in zip(x, solve(missed), strict=True)])
-        X = symmetric(columns)
-    return X
 
 
 def fused_product(row: Iterable[Lanes], column: Iterable[Lanes]) -> Lanes:

@@ -36,7 +36,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 import math
+import operator
 
 import numpy as np
 
@@ -66,7 +68,7 @@ def record_refined(
         return method_program
     residual = record_residual(plant)
     recorder = Recorder(1, 'sequential')
-    solved = _solver(recorder, plant, method, tolerance)
+    solved = solver(recorder, plant, method, tolerance)
     results = inline(recorder, method_program, {})
     qdd = results['qdd']
     for _ in range(steps):
@@ -89,15 +91,15 @@ def record_error(plant: Plant, method: str, dtype: str, tolerance: float | None 
     qdd = input_list(recorder, 'qdd', plant.robot.n)
     with recorder.section('exact residual'):
         r = _exact_residual(recorder, plant, dtype)
-    results = _solver(recorder, plant, method, tolerance)(r)
+    results = solver(recorder, plant, method, tolerance)(r)
     with recorder.section('error estimate'):
         right = [a + d for a, d in zip(qdd, results['qdd'], strict=True)]
         error = _estimate(recorder, right, results)
     return program_with_outputs(recorder, error=[error])
 
 
-def _solver(
-    recorder: Recorder, plant: Plant, method: str, tolerance: float | None
+def solver(
+    recorder: Recorder, plant: Plant, method: str, tolerance: float | None = None
 ) -> Callable[[Sequence[Lanes]], Mapping[str, list[Lanes]]]:
     """Return a function that records a method for torques at rest: its qdd is H^-1 of them."""
     solve = record_forward_dynamics(plant.only(INERTIA), method, 'sequential', tolerance)
@@ -140,14 +142,12 @@ def _exact_residual(recorder: Recorder, plant: Plant, dtype: str) -> list[Lanes]
         motors = replace(plant, gravity_compensation=None)
         record = load('paper.newton_euler.record_inverse_dynamics')
         torques = record(motors, 'sequential')
-    missing = RoundingErrors(recorder, dtype).record(_residual(plant, torques), {})['residual']
+    missing = RoundingErrors(recorder, dtype).record(_residual(plant, torques))['residual']
     return [x.value if x.error is None else x.value + x.error for x in missing]
 
 
 def _estimate(
-    recorder: Recorder,
-    qdd: Sequence[Lanes],
-    results: Mapping[str, Sequence[Lanes]],
+    recorder: Recorder, qdd: Sequence[Lanes], results: Mapping[str, Sequence[Lanes]]
 ) -> Lanes:
     """Return max |delta| / max |qdd|; infinity for a correction that is not sound."""
     infinity = recorder.constant(math.inf)
@@ -155,9 +155,7 @@ def _estimate(
     change, scale = _largest(sizes), _largest([absolute(a) for a in qdd])
     error: Lanes = where(change, change / scale, 0.0)
     # Comparisons lose NaN, a sum keeps it: one over the sum is zero or NaN for the rest.
-    total = sizes[0]
-    for size in sizes[1:]:
-        total = total + size
+    total = reduce(operator.add, sizes)
     error = where(1.0 / (1.0 + total), error, infinity)
     for name in ('pivots', 'converged'):
         for sound in results.get(name, ()):
@@ -166,7 +164,4 @@ def _estimate(
 
 
 def _largest(values: Sequence[Lanes]) -> Lanes:
-    result: Lanes = values[0]
-    for value in values[1:]:
-        result = where(value - result, value, result)
-    return result
+    return reduce(lambda most, value: where(value - most, value, most), values)

@@ -15,7 +15,6 @@ In the order from recording to result:
     vectors      cross and dot products, symmetric matrices of lane values
     iteration    a part of a program that is repeated until it has converged
     program      Program, Instruction, Output; step counts (Steps), string form
-    extension    further instructions appended to a program, equal expressions once
     rounding_errors   program -> recording of its values with their rounding errors
     derivative   program -> program of its Jacobians or directional derivatives
     emulator     runs a program in lock-step on NumPy or mpmath numbers

@@ -36,9 +36,9 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
-from pfd_core.machine.extension import Extension
 from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes, Recorder
 
 MODES = ('tangent', 'adjoint')
 Element = tuple[str, int]  # name of an input and flat index of one of its elements
@@ -50,24 +50,11 @@ def derivative(
     program: Program, outputs: Sequence[str], inputs: Sequence[str], mode: str = 'tangent'
 ) -> Program:
     """
-    Return a program with the Jacobians of outputs with respect to inputs.
+    Return a sequential program with the Jacobians of outputs with respect to inputs.
 
-    Parameters
-    ----------
-    program : Program
-        A sequential program.
-    outputs, inputs : sequence of str
-        Names of outputs and of inputs of the program.
-    mode : {'tangent', 'adjoint'}
-        Direction of the sweeps. The results are equal but for rounding; tangents are cheaper
-        for few inputs, adjoints for few outputs.
-
-    Returns
-    -------
-    Program
-        The outputs named, and for each output y and each input x an output `d {y}/d {x}`, of
-        shape (*y.shape, elements of x). Elements that are zero for all inputs are outputs,
-        too.
+    Its outputs are those named, and for each output y and each input x `d {y}/d {x}`, of shape
+    (*y.shape, elements of x), with elements that are zero for all inputs. The modes are equal but
+    for rounding; tangents are cheaper for few inputs, adjoints for few outputs.
 
     Raises
     ------
@@ -77,8 +64,7 @@ def derivative(
 
     """
     _check(program, outputs, inputs, mode)
-    active = _active(program, outputs, inputs)
-    extension = Extension(program)
+    active, extension = _active(program, outputs, inputs), _Extension(program)
     places = dict.fromkeys(r for y in outputs for r, _ in program.outputs[y].places)
     rows: dict[int, Mapping[Element, Any]]  # register of an element of y -> derivatives
     if mode == 'tangent':
@@ -100,33 +86,18 @@ def directional(
     program: Program, outputs: Sequence[str], inputs: Sequence[str], mode: str = 'tangent'
 ) -> Program:
     """
-    Return a program with one derivative of outputs, or of a weighted sum of them.
+    Return a sequential program with one derivative of outputs, or of a weighted sum of them.
 
-    Parameters
-    ----------
-    program, outputs, inputs, mode
-        As in `derivative`.
-
-    Returns
-    -------
-    Program
-        The outputs named. In tangent mode each input x has a further input `d {x}`, and each
-        output y a further output `d {y}` = sum over x of (d y/d x) d x. In adjoint mode each y
-        has a further input `d {y}` and each x an output `d {x}`, (elements of x,), = sum over y
-        of (d y/d x)' d y.
-
-    Raises
-    ------
-    ValueError
-        As in `derivative`, and if the program has one of the further names already.
-
+    In tangent mode each input x has a further input `d {x}`, and each output y a further output
+    `d {y}` = sum over x of (d y/d x) d x. In adjoint mode each y has a further input `d {y}` and
+    each x an output `d {x}`, (elements of x,), = sum over y of (d y/d x)' d y. ValueError as for
+    `derivative`, and if the program has one of the further names already.
     """
     _check(program, outputs, inputs, mode)
     taken = {f'd {name}' for name in (*inputs, *outputs)} & {*program.inputs, *outputs}
     if taken:
         raise ValueError(f'the program has {sorted(taken)} already: rename inputs and outputs')
-    active = _active(program, outputs, inputs)
-    extension = Extension(program)
+    active, extension = _active(program, outputs, inputs), _Extension(program)
     if mode == 'tangent':
         seeds = {
             r: {GIVEN: extension.further_input(f'd {x}', k, program.inputs[x])}
@@ -152,8 +123,55 @@ def directional(
     return extension.extended(outputs)
 
 
+class _Extension(Recorder):
+    """
+    Appends instructions, written as formulas on its values, to a sequential program.
+
+    Its own instructions keep their registers. Equal expressions share a register, also with the
+    program, and its zeros, ones and signs are known numbers in `values`, which cost no operation.
+    """
+
+    def __init__(self, program: Program) -> None:
+        super().__init__(1, 'sequential')
+        self.old = program
+        self._instructions = list(program.instructions)
+        self._inputs = dict(program.inputs)
+        self._written: dict[tuple[Any, ...], int] = {}
+        self.values: list[Any] = []
+        for register, (op, args, data, *_) in enumerate(program.instructions):
+            known = op == 'constant' and data[0] in (0.0, 1.0, -1.0)
+            self.values.append(float(data[0]) if known else Lanes(self, (register,), 1))
+            self._written.setdefault(_key(op, args, data), register)
+
+    def write(self, op: str, args: tuple[int, ...], data: Any, active: int) -> int:
+        """Return the register of an expression, appended now or there before."""
+        key = _key(op, args, data)
+        if key not in self._written:
+            self._written[key] = super().write(op, args, data, active)
+        return self._written[key]
+
+    def lift(self, value: object) -> Lanes:
+        """Return a value as it is, and a number as a constant; there is only one zero."""
+        return super().lift(value + 0.0 if isinstance(value, (int, float)) else value)
+
+    def further_input(self, name: str, element: int, size: int) -> Lanes:
+        """Return one element of a further input, whose size is given."""
+        self._inputs[name] = size
+        return self.input(name, [element])
+
+    def extended(self, outputs: Sequence[str]) -> Program:
+        """Return the program with these of its outputs and the further ones."""
+        kept = {name: self.old.outputs[name] for name in outputs}
+        return Program(1, tuple(self._instructions), self._inputs, kept | self._outputs)
+
+
+def _key(op: str, args: tuple[int, ...], data: Any) -> tuple[Any, ...]:
+    # As strings, because 0.0 == -0.0.
+    return op, args, str(data) if op == 'constant' else data
+
+
 def _tangents(
-    extension: Extension, active: Sequence[int], seeds: Mapping[int, Mapping[Element, Any]]
+    extension: _Extension, active: Sequence[int], seeds: Mapping[int, Mapping[Element, Any]]
 ) -> dict[int, Mapping[Element, Any]]:
     """Return the tangents of active registers by direction, without zeros."""
     tangents = dict(seeds)
@@ -207,7 +225,7 @@ def _sums(program: Program) -> Iterator[tuple[int, tuple[int, list[tuple[float, 
 
 
 def _adjoints(
-    extension: Extension, active: Sequence[int], weights: Mapping[int, Any]
+    extension: _Extension, active: Sequence[int], weights: Mapping[int, Any]
 ) -> dict[Element, Any]:
     """Return the adjoints of the elements of the inputs for given ones of some registers."""
     adjoints = dict.fromkeys(active, 0.0)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ def run(
     observe: Callable[[list[Any]], None] | None = None,
 ) -> dict[str, Any]:
     """
-    Run a program and return its outputs.
+    Run a program and return its outputs by name, arrays (..., *shape).
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ def run(
         Numbers of the machine. NumPy's longdouble must have at least 64 bits of mantissa, as on
         x86 and on 64-bit ARM under Linux.
     digits : int, optional
-        Compute with mpmath numbers of this many decimal digits instead.
+        Compute with mpmath numbers, objects of type mpf, of this many decimal digits instead.
     functions : mapping, optional
         Name to function, for each `call` of the program: of two rows, (lanes, ...), to one.
     route : callable, optional
@@ -58,12 +59,6 @@ def run(
     observe : callable, optional
         Called before a loop and after each iteration, with the rows, (lanes, ...), of the loop's
         state.
-
-    Returns
-    -------
-    dict
-        Name of each output to an array (..., *shape) of the machine's numbers; objects of
-        type mpmath.mpf when `digits` is given.
 
     """
     arithmetic: Any = _Mpmath(digits) if digits is not None else _Floats(dtype)
@@ -79,8 +74,7 @@ def run(
     batch = next(iter(values.values())).shape[:-1]
     machine = _Machine(program, values, batch, arithmetic, functions or {}, route, observe)
     with arithmetic.context():
-        machine.run()
-    registers = machine.registers
+        registers = machine.run()
     return {
         name: np.stack([registers[r][lane] for r, lane in output.places], axis=-1).reshape(
             (*batch, *output.shape)
@@ -89,63 +83,47 @@ def run(
     }
 
 
+@dataclass
 class _Machine:
     """Registers of one run, and the state of the loop that is running."""
 
-    def __init__(
-        self,
-        program: Program,
-        inputs: Mapping[str, Any],
-        batch: tuple[int, ...],
-        arithmetic: Any,
-        functions: Mapping[str, Callable[[Any, Any], Any]],
-        route: Carrier | None,
-        observe: Callable[[list[Any]], None] | None,
-    ) -> None:
-        self.program = program
-        self.inputs = inputs
-        self.batch = batch
-        self.arithmetic = arithmetic
-        self.zero = arithmetic.number(0.0)
-        self.functions = functions
-        self.carry = route
-        self.observe = observe
-        self.registers: list[Any] = [None] * len(program.instructions)
-        self.rows: list[Any] = []  # the state of the loop, its `go` last
-        self.floor: Any = None
-        self.iterations: Any = None
-        self.turn = 0
+    program: Program
+    inputs: Mapping[str, Any]
+    batch: tuple[int, ...]
+    arithmetic: Any
+    functions: Mapping[str, Callable[[Any, Any], Any]]
+    carry: Carrier | None
+    observe: Callable[[list[Any]], None] | None
 
-    def run(self) -> None:
-        """Execute the instructions in order, repeating loops."""
-        at = 0
-        while at < len(self.registers):
-            instruction = self.program.instructions[at]
-            if instruction.op == 'loop':
-                *self.rows, self.floor = (self.registers[a] for a in instruction.args)
-                self.iterations = np.zeros(self.batch)
-                self.turn = 0
+    def run(self) -> list[Any]:
+        """Execute the instructions in order, repeating loops; return the registers."""
+        instructions = self.program.instructions
+        self.registers: list[Any] = [None] * len(instructions)
+        at = turn = 0
+        while at < len(instructions):
+            one = instructions[at]
+            if one.op == 'loop':
+                # The state of the loop, its `go` last.
+                *self.rows, self.floor = (self.registers[a] for a in one.args)
+                self.iterations, turn = np.zeros(self.batch), 0
                 self._show()
-            elif instruction.op == 'end':
-                if self._turn(instruction):
-                    at = instruction.args[0]
+            elif one.op == 'end':
+                self._iterate([self.registers[a] for a in one.args[1:]])
+                turn += 1
+                if np.any(self._going()) and turn < instructions[one.args[0]].data:
+                    at = one.args[0]
             else:
-                self.registers[at] = self._execute(instruction)
+                self.registers[at] = self._execute(one)
             at += 1
+        return self.registers
 
-    def _turn(self, end: Instruction) -> bool:
-        """Write the next state of unfinished problems; return whether to iterate again."""
+    def _iterate(self, following: Sequence[Any]) -> None:
+        """Write the next state of unfinished problems."""
         going = self._going()
-        following = [self.registers[a] for a in end.args[1:]]
-        self.rows = [
-            np.where(going, after, before)
-            for before, after in zip(self.rows, following, strict=True)
-        ]
+        pairs = zip(self.rows, following, strict=True)
+        self.rows = [np.where(going, after, before) for before, after in pairs]
         self.iterations = self.iterations + going
-        self.turn += 1
         self._show()
-        at_most = self.program.instructions[end.args[0]].data
-        return bool(np.any(self._going())) and self.turn < at_most
 
     def _show(self) -> None:
         if self.observe:
@@ -157,14 +135,21 @@ class _Machine:
     def _execute(self, instruction: Instruction) -> Any:
         """Return the row that one instruction leaves in its register."""
         op, args, data, active, _ = instruction
-        number = self.arithmetic.number
+        number, zero = self.arithmetic.number, self.arithmetic.number(0.0)
         if op == 'constant':
             return np.stack([np.full(self.batch, number(value)) for value in data])
         if op == 'input':
-            zero = np.full(self.batch, self.zero)
-            return np.stack([zero if k is None else self.inputs[name][..., k] for name, k in data])
+            off = np.full(self.batch, zero)
+            return np.stack([off if k is None else self.inputs[name][..., k] for name, k in data])
         if op == 'route':
-            return self._route(self.registers[args[0]], self.registers[args[1]], data, active)
+            value, row = self.registers[args[0]], self.registers[args[1]].copy()
+            words = [value] * len(data) if self.carry is None else self.carry(data, value)
+            for lane, source in enumerate(data):
+                if source is not None:
+                    row[lane] = words[lane][source]
+                elif not active >> lane & 1:
+                    row[lane] = zero
+            return row
         if op == 'call':
             return self.functions[data](*(self.registers[a] for a in args))
         if op in ('state', 'result'):
@@ -179,16 +164,6 @@ class _Machine:
         on = [lane for lane in range(lanes) if active >> lane & 1]
         row = np.zeros_like(operands[0])
         row[on] = meaning(*(operand[on] for operand in operands))
-        return row
-
-    def _route(self, value: Any, fill: Any, sources: Any, active: int) -> Any:
-        row = fill.copy()
-        words = [value] * len(sources) if self.carry is None else self.carry(sources, value)
-        for lane, source in enumerate(sources):
-            if source is not None:
-                row[lane] = words[lane][source]
-            elif not active >> lane & 1:
-                row[lane] = self.zero
         return row
 
 
@@ -227,9 +202,7 @@ class _Mpmath:
             ) from error
         if digits < 1:
             raise ValueError(f'digits must be at least 1, got {digits}')
-        self.mp = mpmath
-        self.digits = digits
-        self.number = mpmath.mpf
+        self.mp, self.digits, self.number = mpmath, digits, mpmath.mpf
         # Where mpmath raises or leaves the real numbers, the machine has NaN and infinity.
         self._functions = {
             'sqrt': np.frompyfunc(lambda x: mpmath.sqrt(x) if x >= 0 else mpmath.nan, 1, 1),

@@ -27,6 +27,7 @@ Array = NDArray[Any]
 # a b and its rounding are then multiples of 2^-1066: no part is smaller than 2^-106 a b.
 REACH = 2.0**480
 BEYOND = 2.0**1000
+# Splits a number of 53 digits into two of 26.
 _SPLIT = 2.0**27 + 1.0
 
 
@@ -34,23 +35,10 @@ def fused(a: Array, b: Array, c: Array) -> Array:
     """
     Return a b + c with one rounding, to nearest, ties to even.
 
-    Parameters
-    ----------
-    a, b, c : ndarray of float64 or of float32
-        Any shapes that broadcast; one number format.
-
-    Returns
-    -------
-    ndarray
-        The bits of IEEE 754, signs of zeros and infinities included; NaN for any NaN result.
-
-    Raises
-    ------
-    ValueError
-        If the number formats are not one of the two, or differ.
-
+    Arrays that broadcast, all of float64 or all of float32 (else ValueError), give the bits of
+    IEEE 754, signs of zeros and infinities included, and NaN for any NaN result.
     """
-    a, b, c = (np.asarray(x) for x in (a, b, c))
+    a, b, c = np.broadcast_arrays(a, b, c)
     if a.dtype not in (np.float64, np.float32) or not a.dtype == b.dtype == c.dtype:
         raise ValueError(
             'a, b and c must all be float64 or all float32, '
@@ -58,26 +46,21 @@ def fused(a: Array, b: Array, c: Array) -> Array:
         )
     with np.errstate(all='ignore'):
         if a.dtype == np.float32:
-            product = a.astype(np.float64) * b
-            result: Array = _sum_to_odd(product, c.astype(np.float64)).astype(np.float32)
-            return result
-        return _fused_double(*np.broadcast_arrays(a, b, c))
-
-
-def _fused_double(a: Array, b: Array, c: Array) -> Array:
-    high, low = _exact_product(a, b)
-    t, t_rest = _exact_sum(c, low)
-    v, v_rest = _exact_sum(high, t)
-    result = np.asarray(v + _sum_to_odd(t_rest, v_rest))
-    x, y = np.abs(a), np.abs(b)
-    inside = (x <= REACH) & (y <= REACH) & (x >= 1 / REACH) & (y >= 1 / REACH)
-    inside &= np.abs(c) <= BEYOND
-    # A product that is an exact zero, infinite or NaN leaves the sum nothing to lose.
-    plain = ~inside & ((a == 0) | (b == 0) | ~np.isfinite(a) | ~np.isfinite(b))
-    result[plain] = (a * b + c)[plain]
-    for index in np.argwhere(~inside & ~plain):
-        k = tuple(index)
-        result[k] = _by_fractions(float(a[k]), float(b[k]), float(c[k]))
+            result: Array = _sum_to_odd(a.astype(np.float64) * b, c.astype(np.float64))
+            return result.astype(np.float32)
+        p = a * b
+        (a1, a2), (b1, b2) = _halves(a), _halves(b)
+        t, t_rest = _exact_sum(c, a2 * b2 - (((p - a1 * b1) - a2 * b1) - a1 * b2))
+        v, v_rest = _exact_sum(p, t)
+        result = np.asarray(v + _sum_to_odd(t_rest, v_rest))
+        x, y = np.abs(a), np.abs(b)
+        least, most = np.minimum(x, y), np.maximum(x, y)
+        inside = (most <= REACH) & (least >= 1 / REACH) & (np.abs(c) <= BEYOND)
+        # A product that is an exact zero, infinite or NaN leaves the sum nothing to lose.
+        plain = ~inside & ((least == 0) | ~np.isfinite(most))
+        result[plain] = (p + c)[plain]
+    for index in map(tuple, np.argwhere(~inside & ~plain)):
+        result[index] = _by_fractions(float(a[index]), float(b[index]), float(c[index]))
     return result
 
 
@@ -86,13 +69,6 @@ def _exact_sum(a: Array, b: Array) -> tuple[Array, Array]:
     s = a + b
     part = s - a
     return s, (a - (s - part)) + (b - part)
-
-
-def _exact_product(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return a b rounded, and the rounding error."""
-    p = a * b
-    (a1, a2), (b1, b2) = _halves(a), _halves(b)
-    return p, a2 * b2 - (((p - a1 * b1) - a2 * b1) - a1 * b2)
 
 
 def _halves(a: Array) -> tuple[Array, Array]:

@@ -28,22 +28,12 @@ def iterate(
     floor: Lanes | None = None,
 ) -> tuple[tuple[Lanes, ...], Lanes]:
     """
-    Record a part that is repeated while `go` is above `floor` on lane 0.
+    Record a part that is repeated while `go` is above `floor`, default zero, on lane 0.
 
-    Parameters
-    ----------
-    step : callable
-        step(*state) returns the next state and the next `go`; it is recorded once.
-    state : tuple of Lanes
-        State before the first iteration.
-    go : Lanes
-        The control unit reads lane 0 before each iteration. A problem whose `go` is at the floor
-        or below, or NaN, is finished and keeps its state while other problems of its batch
-        continue.
-    at_most : int
-        Largest number of iterations, at least 1.
-    floor : Lanes, optional
-        Default zero.
+    step(*state) returns the next state and the next `go`, and is recorded once; it is run at most
+    `at_most` times. The control unit reads lane 0 of `go` before each iteration. A problem whose
+    `go` is at the floor or below, or NaN, is finished and keeps its state while other problems of
+    its batch continue.
 
     Returns
     -------

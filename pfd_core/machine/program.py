@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-import math
 import operator
 from typing import Any, NamedTuple
 
@@ -24,29 +23,17 @@ class Instruction(NamedTuple):
     """
     One operation on registers.
 
-    Attributes
-    ----------
-    op : str
-        A name in OPERATIONS.
-    args : tuple of int
-        Registers that it reads.
-    data : object
-        input: (name, flat index or None per lane); constant: one float per lane;
-        route: the lane each lane takes its value from, None for its own lane of the second
-        operand; call: the function's name; loop: the largest number of iterations; state, result:
-        index of a row of the loop's state, -1 for the number of iterations; otherwise None.
-    active : int
-        Bit i is set when lane i takes part.
-    section : str
-        Part of the algorithm that it belongs to.
-
+    `data` is, of an input, (name, flat index or None) per lane; of a constant, one float per lane;
+    of a route, the lane each lane takes its value from, None for its own lane of the second
+    operand; of a call, the function's name; of a loop, the largest number of iterations; of a
+    state or result, the index of a row of the loop's state, -1 for the number of iterations.
     """
 
-    op: str
-    args: tuple[int, ...] = ()
+    op: str  # a name in OPERATIONS
+    args: tuple[int, ...] = ()  # registers that it reads
     data: Any = None
-    active: int = 1
-    section: str = ''
+    active: int = 1  # bit i is set when lane i takes part
+    section: str = ''  # part of the algorithm that it belongs to
 
 
 class Output(NamedTuple):
@@ -81,26 +68,12 @@ class Steps:
 
 @dataclass(frozen=True)
 class Program:
-    """
-    A recorded algorithm.
+    """A recorded algorithm."""
 
-    Attributes
-    ----------
-    lanes : int
-        Lanes of every register, one a processor; 1 for a sequential program.
-    instructions : tuple of Instruction
-        Instruction k writes register k.
-    inputs : dict
-        Name to number of elements.
-    outputs : dict
-        Name to Output.
-
-    """
-
-    lanes: int
-    instructions: tuple[Instruction, ...]
-    inputs: dict[str, int]
-    outputs: dict[str, Output]
+    lanes: int  # of every register, one a processor; 1 for a sequential program
+    instructions: tuple[Instruction, ...]  # instruction k writes register k
+    inputs: dict[str, int]  # name to number of elements
+    outputs: dict[str, Output]  # by name
 
     def __str__(self) -> str:
         """Return the program as a string, one instruction a line, sections as comments."""
@@ -108,23 +81,20 @@ class Program:
 
     def _lines(self) -> Iterator[str]:
         section = ''
-        for register, instruction in enumerate(self.instructions):
-            if instruction.section != section:
-                section = instruction.section
+        for register, (op, args, data, active, own) in enumerate(self.instructions):
+            if own != section:
+                section = own
                 yield f'; {section}'
-            yield self._line(register, instruction)
+            words = [f'%{register} =', op, *(f'%{a}' for a in args)]
+            if data is not None:
+                words.append(_show(data))
+            if active != (1 << self.lanes) - 1:
+                busy = (lane for lane in range(self.lanes) if active >> lane & 1)
+                words.append('on ' + ','.join(map(str, busy)))
+            yield ' '.join(words)
         for name, output in self.outputs.items():
             places = ' '.join(f'%{register}.{lane}' for register, lane in output.places)
             yield f'output {name}{list(output.shape)} = {places}'
-
-    def _line(self, register: int, instruction: Instruction) -> str:
-        words = [f'%{register} =', instruction.op, *(f'%{a}' for a in instruction.args)]
-        if instruction.data is not None:
-            words.append(_show(instruction.data))
-        if instruction.active != (1 << self.lanes) - 1:
-            busy = (lane for lane in range(self.lanes) if instruction.active >> lane & 1)
-            words.append('on ' + ','.join(map(str, busy)))
-        return ' '.join(words)
 
     def count(
         self,
@@ -138,9 +108,8 @@ class Program:
         Parameters
         ----------
         processors : int, optional
-            Processors that execute the program as it is. With fewer processors than lanes an
-            instruction takes several steps, ceil(busy lanes / processors); with one its
-            operations are counted. Default: one per lane.
+            Processors, default one a lane. With fewer of them an instruction takes
+            ceil(busy lanes / processors) steps; with one its operations are counted.
         section : str, optional
             Count only this part of the program, a section of some instruction.
         iterations : int
@@ -158,14 +127,11 @@ class Program:
             known = tuple(dict.fromkeys(one.section for one in self.instructions))
             if not isinstance(section, str) or section not in known:
                 raise ValueError(f'section must be one of {known} or None, got {section!r:.100}')
-        work: Counter[tuple[str, int]] = Counter()
+        totals: Counter[str | None] = Counter()
         for instruction, times in runs(self, iterations, section):
-            work[OPERATIONS[instruction.op].cost or '', busy_lanes(instruction)] += times
-        totals = dict.fromkeys((*COSTS, ''), 0)
-        for (cost, lanes), times in work.items():
-            totals[cost] += times * math.ceil(lanes / processors)
-        del totals['']
-        return Steps(**totals)
+            steps = -(-_busy_lanes(instruction) // processors)
+            totals[OPERATIONS[instruction.op].cost] += times * steps
+        return Steps(**{cost: totals[cost] for cost in COSTS})
 
 
 def runs(
@@ -191,7 +157,7 @@ def renamed(program: Program, instructions: list[Instruction], names: list[int])
     return Program(program.lanes, tuple(instructions), program.inputs, outputs)
 
 
-def busy_lanes(instruction: Instruction) -> int:
+def _busy_lanes(instruction: Instruction) -> int:
     """Return the number of lanes an instruction works on; 0 for a route that moves nothing."""
     if instruction.op == 'route':
         return sum(

@@ -53,24 +53,15 @@ class Lanes:
     """
     One value per lane, while recording.
 
-    Attributes
-    ----------
-    recorder : Recorder
-        Writes the operations on this value.
-    registers : tuple of int
-        One register for all lanes on n processors, one per lane on one processor. The entry of a
-        lane without a value has no meaning.
-    defined : int
-        Bit i is set when lane i has a value.
-
+    `registers` is one register for all lanes on n processors, and one per lane on one processor,
+    where the entry of a lane without a value has no meaning. Bit i of `defined` is set when lane i
+    has a value.
     """
 
     __slots__ = ('defined', 'recorder', 'registers')
 
     def __init__(self, recorder: Recorder, registers: tuple[int, ...], defined: int) -> None:
-        self.recorder = recorder
-        self.registers = registers
-        self.defined = defined
+        self.recorder, self.registers, self.defined = recorder, registers, defined
 
     def __bool__(self) -> bool:
         raise TypeError(
@@ -127,22 +118,10 @@ class Lanes:
 
 class Recorder:
     """
-    Writes a program while an algorithm runs.
+    Writes a program on some lanes, by one of SCHEDULES, while an algorithm runs.
 
-    Parameters
-    ----------
-    lanes : int
-        Number of lanes, at least 1.
-    schedule : str
-        One of SCHEDULES.
-
-    Attributes
-    ----------
-    lanes : int
-        Lanes of a value.
-    parallel, packs : bool
-        Whether an instruction serves all lanes; whether partly filled rows of lanes are packed.
-
+    `parallel` is whether an instruction serves all lanes, `packs` whether partly filled rows of
+    lanes are packed, `all` the mask of all lanes.
     """
 
     def __init__(self, lanes: int, schedule: str = 'parallel') -> None:
@@ -178,13 +157,7 @@ class Recorder:
         """
         Return a row of an input: lane i holds element `elements[i]` of the flattened array.
 
-        Parameters
-        ----------
-        name : str
-            Name of the input array.
-        elements : sequence of int or None
-            One flat index per lane; None leaves the lane without a value.
-
+        None leaves a lane without a value.
         """
         used = [element for element in elements if element is not None]
         self._inputs[name] = max(self._inputs.get(name, 0), *(element + 1 for element in used))
@@ -291,9 +264,8 @@ class Recorder:
             value = self.lift(element)
             if not value.defined >> lane & 1:
                 raise ValueError(f'output {name}: lane {lane} has no value')
-            places.append(
-                (value.registers[0], lane) if self.parallel else (value.registers[lane], 0)
-            )
+            own = (value.registers[0], lane) if self.parallel else (value.registers[lane], 0)
+            places.append(own)
         self._outputs[name] = Output(shape, tuple(places))
 
     def program(self) -> Program:
@@ -310,22 +282,9 @@ def inline(
     recorder: Recorder, program: Program, inputs: Mapping[str, Sequence[Lanes]]
 ) -> dict[str, list[Lanes]]:
     """
-    Record a sequential program into another recording.
+    Record a sequential program into another recording of one lane; return outputs by name.
 
-    Parameters
-    ----------
-    recorder : Recorder
-        Of one lane.
-    program : Program
-        Sequential.
-    inputs : mapping
-        Values for some of the program's inputs; the others stay inputs.
-
-    Returns
-    -------
-    dict
-        Name of each output to its elements.
-
+    `inputs` are values for some of the program's inputs; the others stay inputs.
     """
     values: list[Lanes] = []
     for section, instructions in groupby(program.instructions, attrgetter('section')):

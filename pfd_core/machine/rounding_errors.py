@@ -22,15 +22,15 @@ Horner scheme, for the errors of products and sums carried along.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from fractions import Fraction
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from pfd_core.machine.lanes import where
-from pfd_core.machine.program import Instruction, Program
+from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 
 # pi / 2 to 60 digits.
@@ -41,99 +41,58 @@ SMALLEST_TERM = 1e-3
 WITH_ERRORS = 2
 
 
-@dataclass(frozen=True)
-class Approximate:
-    """
-    A value, and its exact value less this value; None for a known zero.
-
-    A number that is known while recording has its exact value, too.
-    """
+class Approximate(NamedTuple):
+    """A value, and its exact value less this value; None for a known zero."""
 
     value: Lanes
     error: Lanes | None = None
-    exact: Fraction | None = None
+    exact: Fraction | None = None  # of a number that is known while recording
 
 
 class RoundingErrors:
-    """
-    Records operations with their rounding errors.
-
-    Parameters
-    ----------
-    recorder : Recorder
-        Of one lane.
-    dtype : {'float64', 'float32'}
-        Number format in which the recording is run.
-
-    """
+    """Records operations with their rounding errors on one lane, to be run in a number format."""
 
     def __init__(self, recorder: Recorder, dtype: str) -> None:
         self.recorder = recorder
         self.number = np.dtype(dtype).type
         self.digits = np.finfo(dtype).nmant
         self._zero = recorder.constant(0.0)
-        self._numbers: dict[tuple[int, ...], float] = {self._zero.registers: 0.0}
         self._sines: dict[tuple[int, ...], tuple[Approximate, Approximate]] = {}
+        self._rules: Mapping[str, Callable[..., Approximate]] = {
+            'neg': self.negative,
+            'add': self.sum,
+            'sub': lambda a, b: self.sum(a, self.negative(b)),
+            'mul': self.product,
+            'div': self._quotient,
+            'sqrt': self._root,
+            'select': self._selected,
+            'sin': lambda x: self._sine_and_cosine(x)[0],
+            'cos': lambda x: self._sine_and_cosine(x)[1],
+        }
 
-    def record(
-        self, program: Program, inputs: Mapping[str, Sequence[Lanes]]
-    ) -> dict[str, list[Approximate]]:
-        """
-        Record a sequential program without loops.
-
-        Parameters
-        ----------
-        program : Program
-            The program; its constants are exact.
-        inputs : mapping
-            Exact values of some of its inputs; the others stay inputs.
-
-        Returns
-        -------
-        dict
-            Name of each output to its elements.
-
-        """
+    def record(self, program: Program) -> dict[str, list[Approximate]]:
+        """Record a sequential program without loops and return its outputs by name."""
         found: list[Approximate] = []
-        for instruction in program.instructions:
-            if instruction.op == 'input':
-                name, k = instruction.data[0]
-                given = inputs[name][k] if name in inputs else self.recorder.input(name, [k])
-                found.append(Approximate(given))
+        for op, args, data, *_ in program.instructions:
+            if op == 'input':
+                name, k = data[0]
+                found.append(Approximate(self.recorder.input(name, [k])))
+            elif op == 'constant':
+                x = data[0]
+                found.append(self.constant(Fraction(x) if math.isfinite(x) else x))
+            elif op in self._rules:
+                found.append(self._rules[op](*(found[a] for a in args)))
             else:
-                found.append(self._apply(instruction, [found[a] for a in instruction.args]))
+                raise ValueError(f'the rounding error of {op} is not known')
         return {
             name: [found[register] for register, _ in output.places]
             for name, output in program.outputs.items()
         }
 
-    def _apply(self, instruction: Instruction, operands: Sequence[Approximate]) -> Approximate:
-        op = instruction.op
-        if op == 'constant':
-            return self.constant(Fraction(x) if math.isfinite(x := instruction.data[0]) else x)
-        if op == 'neg':
-            return self.negative(*operands)
-        if op == 'add':
-            return self.sum(*operands)
-        if op == 'sub':
-            return self.sum(operands[0], self.negative(operands[1]))
-        if op == 'mul':
-            return self.product(*operands)
-        if op == 'div':
-            return self._quotient(*operands)
-        if op == 'sqrt':
-            return self._root(*operands)
-        if op == 'select':
-            return self._selected(*operands)
-        if op in ('sin', 'cos'):
-            return self._sine_and_cosine(*operands)[op == 'cos']
-        raise ValueError(f'the rounding error of {op} is not known')
-
     def constant(self, exact: Fraction | float) -> Approximate:
         """Return a number with the rounding to the number format as its error."""
         value = float(self.number(float(exact)))
         row = self.recorder.constant(value)
-        self._numbers[row.registers] = value
         if not isinstance(exact, Fraction):
             return Approximate(row)
         rest = float(self.number(float(exact - Fraction(value))))
@@ -150,9 +109,8 @@ class RoundingErrors:
         if a.exact is not None and b.exact is not None:
             # Not by operations: lowering folds those of constants in float64.
             return self.constant(a.exact + b.exact)
-        if self._number(a) == 0 or self._number(b) == 0:
-            kept, zero = (b, a) if self._number(a) == 0 else (a, b)
-            return Approximate(kept.value, self._added(kept.error, zero.error))
+        if a.exact == 0 or b.exact == 0:
+            return b if a.exact == 0 else a
         s = a.value + b.value
         part = s - a.value
         rounding: Lanes = (a.value - (s - part)) + (b.value - part)
@@ -163,21 +121,16 @@ class RoundingErrors:
         if a.exact is not None and b.exact is not None:
             return self.constant(a.exact * b.exact)
         for factor, other in ((a, b), (b, a)):
-            number = self._number(factor)
-            if number is not None and factor.error is None:
-                if number == 0:
-                    return Approximate(self._zero)
-                if abs(number) == 1:
-                    return other if number == 1 else self.negative(other)
+            if factor.exact == 0:
+                return factor
+            if factor.exact is not None and abs(factor.exact) == 1:
+                return other if factor.exact == 1 else self.negative(other)
         p = self._fma(a.value, b.value, self._zero)
         error = self._fma(a.value, b.value, -p)
         for factor, other in ((a, b), (b, a)):
             if other.error is not None:
                 error = self._fma(factor.value, other.error, error)
         return Approximate(p, error)
-
-    def _number(self, a: Approximate) -> float | None:
-        return self._numbers.get(a.value.registers)
 
     def _or_zero(self, error: Lanes | None) -> Lanes:
         return self._zero if error is None else error

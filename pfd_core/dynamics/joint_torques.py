@@ -83,27 +83,25 @@ def _terms(
     plant: Plant, qd: Sequence[Lanes], qdd: Sequence[Lanes] | None
 ) -> Iterator[Iterator[Lanes]]:
     """Yield the torques of each effect, in the order of `qd`; each is recorded when it is read."""
+    recorder = qd[0].recorder
+    numbers, joints = Numbers(recorder, plant), _joints(plant, qd)
     if plant.viscosity is not None:
-        yield map(operator.mul, _rows(plant, 'viscosity', qd), qd)
+        yield map(operator.mul, (numbers('viscosity', row) for row in joints), qd)
     for effect in _acting(plant):
         if effect.torque is not None:
-            yield map(effect.torque, _constants(effect, plant, qd), _positions(qd), qd)
+            row = len(qd) == 1 and recorder.lanes > 1
+            q = [input_row(recorder, 'q')] if row else input_list(recorder, 'q', len(qd))
+            yield map(effect.torque, _constants(effect, plant, qd), q, qd)
     if plant.inertia is not None and qdd is not None:
-        yield map(operator.mul, _rows(plant, 'inertia', qd), qdd)
+        yield map(operator.mul, (numbers('inertia', row) for row in joints), qdd)
 
 
 def _acting(plant: Plant) -> Iterator[Effect]:
     return (effect for effect in EFFECTS if effect.field in plant.effects)
 
 
-def _rows(plant: Plant, field: str, like: Sequence[Lanes]) -> Iterator[Lanes]:
-    """Yield the numbers of a field, (n,): one row over lanes, or n numbers."""
-    numbers = Numbers(like[0].recorder, plant)
-    return (numbers(field, joints) for joints in _joints(plant, like))
-
-
 def _joints(plant: Plant, like: Sequence[Lanes]) -> NDArray[np.int64]:
-    """Return the joints of each entry of `like`."""
+    """Return the joints of each entry of `like`: one row over lanes, or n numbers."""
     return np.arange(plant.robot.n).reshape(len(like), -1)
 
 
@@ -121,10 +119,3 @@ def _constants(effect: Effect, plant: Plant, like: Sequence[Lanes]) -> Iterator[
             else:
                 c[field.name] = numbers(field.name, joints)
         yield SimpleNamespace(**c)
-
-
-def _positions(qd: Sequence[Lanes]) -> list[Lanes]:
-    """Return the input q in the order of `qd`."""
-    recorder = qd[0].recorder
-    one_row = len(qd) == 1 and recorder.lanes > 1
-    return [input_row(recorder, 'q')] if one_row else input_list(recorder, 'q', len(qd))

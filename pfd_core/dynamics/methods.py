@@ -15,8 +15,7 @@ the paper's NE1 (pfd_core.paper.newton_euler).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from pfd_core.forking import load
@@ -29,120 +28,75 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Method:
-    """
-    A method of forward dynamics; a call returns its program.
-
-    Attributes
-    ----------
-    name : str
-        Its name.
-    title : str
-        What it is called on pages.
-    record : str
-        'module.function' of pfd_core, a function of a plant, and of a schedule for n lanes.
-    parts : mapping
-        Further arguments of the function by name, which are such functions as well.
-    serial : bool
-        Whether it is for one processor; the others have a lane for each joint.
-    iterative : bool
-        Whether it has a repeated part, with the outputs `iterations` and `converged` and the
-        argument `tolerance`.
-    payload : bool
-        Whether it takes numbers of a plant as inputs, such as those of a payload.
-    compiled : bool
-        Whether kernels offer it; the others are emulated and counted only.
-
-    """
+    """A method of forward dynamics; a call returns its program."""
 
     name: str
-    title: str
-    record: str
-    parts: Mapping[str, str] = field(default_factory=dict)
-    serial: bool = False
+    title: str  # what it is called on pages
+    record: str  # 'module.function' of pfd_core, of a plant, and of a schedule for n lanes
+    serial: bool = False  # for one processor; the others have a lane for each joint
+    # Whether it has a repeated part, the outputs `iterations` and `converged`, and the argument
+    # `tolerance`.
     iterative: bool = False
-    payload: bool = False
-    compiled: bool = True
+    payload: bool = False  # whether it takes numbers of a plant as inputs
+    compiled: bool = True  # whether kernels offer it; the others are emulated and counted only
 
     def __call__(self, plant: Plant, schedule: str, **options: Any) -> Program:
         """Record the program; `options` are further arguments of the method's function."""
-        parts = {name: load(path) for name, path in self.parts.items()}
         place = () if self.serial else (schedule,)
-        program: Program = load(self.record)(plant, *place, **parts | options)
+        program: Program = load(self.record)(plant, *place, **options)
         return program
 
 
-BASE_ORIGIN = {'matrix': 'paper.composite.inertia_matrix_base_origin'}
+def _serial(name: str, title: str, module: str, **properties: bool) -> Method:
+    return Method(name, title, f'dynamics.{module}.record_{name}', serial=True, **properties)
+
+
+def _on_lanes(name: str, title: str, module: str, **properties: bool) -> Method:
+    return Method(name, title, f'paper.{module}.record_{name}', **properties)
+
+
 _ROWS = (
-    *(
-        Method(
-            f'walker_orin_{k}',
-            f"Walker and Orin's method {k}",
-            f'dynamics.{module}.record_walker_orin_{k}',
-            serial=True,
-            iterative=k == 4,
-        )
-        for k, module in enumerate(('composite', 'composite', 'composite', 'conjugate'), 1)
-    ),
-    Method(
-        'articulated_body',
-        "Featherstone's articulated-body method",
-        'dynamics.articulated.record_articulated_body',
-        serial=True,
-    ),
-    Method('pcrbm', 'Parallel composite rigid bodies', 'paper.composite.record_pcrbm'),
-    Method(
-        'pcrbm_array',
-        'Parallel composite rigid bodies with the triangular array',
-        'paper.array.record_pcrbm_array',
-    ),
-    Method(
-        'pcgm',
-        'Parallel conjugate gradients',
-        'paper.conjugate.record_pcgm',
-        iterative=True,
-    ),
-    Method(
-        'pcrbm_base_origin',
-        'PCRBM about the base origin',
-        'paper.composite.record_pcrbm',
-        BASE_ORIGIN,
-    ),
-    Method(
-        'divide_and_conquer',
-        'Divide and conquer, after Featherstone 1999',
-        'paper.divide_and_conquer.record_divide_and_conquer',
+    _serial('walker_orin_1', "Walker and Orin's method 1", 'composite'),
+    _serial('walker_orin_2', "Walker and Orin's method 2", 'composite'),
+    _serial('walker_orin_3', "Walker and Orin's method 3", 'composite'),
+    _serial('walker_orin_4', "Walker and Orin's method 4", 'conjugate', iterative=True),
+    _serial('articulated_body', "Featherstone's articulated-body method", 'articulated'),
+    _on_lanes('pcrbm', 'Parallel composite rigid bodies', 'composite'),
+    _on_lanes('pcrbm_array', 'Parallel composite rigid bodies with the triangular array', 'array'),
+    _on_lanes('pcgm', 'Parallel conjugate gradients', 'conjugate', iterative=True),
+    _on_lanes('pcrbm_base_origin', 'PCRBM about the base origin', 'composite'),
+    _on_lanes(
+        'divide_and_conquer', 'Divide and conquer, after Featherstone 1999', 'divide_and_conquer'
     ),
     # It needs links with a mass and an inertia.
-    Method(
+    _on_lanes(
         'constraint_forces',
         "Constraint forces, after Fijany, Sharf and D'Eleuterio 1995",
-        'paper.constraint_forces.record_constraint_forces',
+        'constraint_forces',
         compiled=False,
     ),
-    Method(
+    _serial(
         'composite_body',
         'Composite bodies with grouped parameters, for kernels',
-        'dynamics.composite.record_composite_body',
-        serial=True,
+        'composite',
         payload=True,
     ),
-    Method(
+    _serial(
         'grouped_articulated_body',
         'Articulated bodies with grouped parameters, for kernels',
-        'dynamics.articulated.record_grouped_articulated_body',
-        serial=True,
+        'articulated',
         payload=True,
     ),
-    Method(
+    _on_lanes(
         'pcrbm_1987',
         'PCRBM step by step as in the paper, for comparison',
-        'paper.composite.record_pcrbm_1987',
+        'composite',
         compiled=False,
     ),
-    Method(
+    _on_lanes(
         'pcgm_1987',
         'PCGM step by step as in the paper, for comparison',
-        'paper.conjugate.record_pcgm_1987',
+        'conjugate',
         compiled=False,
     ),
 )

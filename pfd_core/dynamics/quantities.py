@@ -52,45 +52,20 @@ ENERGY = _fields(lambda effect: effect.at_rest or effect.inertia)
 
 @dataclass(frozen=True)
 class Quantity:
-    """
-    A quantity of a kernel; a call returns its program, if it has one algorithm.
-
-    Attributes
-    ----------
-    name : str
-        Its name.
-    text : str
-        What it is, for the documentation.
-    arguments : tuple of str
-        Arguments of a call by position; a wrench is one by name.
-    shape : tuple of int or str
-        Shape of the result for n joints, such as (6, 'n').
-    effects : tuple of str
-        Fields of Scene that it depends on.
-    method : str
-        Its algorithm; empty if it has one of METHODS, and steps of refinement.
-    record : str
-        'module.function' of pfd_core, a function of a plant, or of a plant and a frame;
-        empty without an algorithm.
-    of_frame : bool
-        Whether it refers to a frame.
-    wrench : bool
-        Whether a wrench is an argument in every scene.
-    instant : bool
-        Whether effects that act over a step of time are refused.
-
-    """
+    """A quantity of a kernel; a call returns its program, if it has one algorithm."""
 
     name: str
-    text: str
-    arguments: tuple[str, ...]
-    shape: tuple[int | str, ...]
-    effects: tuple[str, ...]
-    method: str = ''
+    text: str  # what it is, for the documentation
+    arguments: tuple[str, ...]  # of a call by position; a wrench is one by name
+    shape: tuple[int | str, ...]  # of the result for n joints, such as (6, 'n')
+    effects: tuple[str, ...]  # fields of Scene that it depends on
+    method: str = ''  # its algorithm; empty if it has one of METHODS, and steps of refinement
+    # 'module.function' of pfd_core, of a plant, or of a plant and a frame; empty without an
+    # algorithm.
     record: str = ''
-    of_frame: bool = False
-    wrench: bool = False
-    instant: bool = False
+    of_frame: bool = False  # whether it refers to a frame
+    wrench: bool = False  # whether a wrench is an argument in every scene
+    instant: bool = False  # whether effects that act over a step of time are refused
 
     def __call__(self, plant: Plant, frame: str | None = None) -> Program:
         """Record the program."""
@@ -101,6 +76,18 @@ class Quantity:
         place = (plant.robot.frame(frame),) if self.of_frame else ()
         program: Program = load(self.record)(plant, *place)
         return program
+
+
+def _of_frame(
+    name: str,
+    text: str,
+    shape: tuple[int | str, ...],
+    record: str,
+    arguments: tuple[str, ...] = ('q',),
+    wrench: bool = False,
+) -> Quantity:
+    path = f'dynamics.frames.{record}'
+    return Quantity(name, text, arguments, shape, (), 'kinematics', path, True, wrench)
 
 
 STATE = ('q', 'qd', 'tau')
@@ -156,46 +143,22 @@ _ROWS = (
         'link_velocities',
         'dynamics.energy.record_energy',
     ),
-    Quantity(
+    _of_frame(
         'wrench_torques',
         "J' k of a wrench k on the frame, in its axes, about its origin",
-        ('q',),
         ('n',),
-        (),
-        'kinematics',
-        'dynamics.frames.record_wrench_torques',
-        of_frame=True,
+        'record_wrench_torques',
         wrench=True,
     ),
-    Quantity(
-        'tip_pose',
-        'homogeneous transform of the frame to the base link',
-        ('q',),
-        (4, 4),
-        (),
-        'kinematics',
-        'dynamics.frames.record_pose',
-        of_frame=True,
+    _of_frame(
+        'tip_pose', 'homogeneous transform of the frame to the base link', (4, 4), 'record_pose'
     ),
-    Quantity(
+    _of_frame(
         'tip_jacobian',
         "J of the frame's origin, linear first, in axes of the base link",
-        ('q',),
         (6, 'n'),
-        (),
-        'kinematics',
-        'dynamics.frames.record_jacobian',
-        of_frame=True,
+        'record_jacobian',
     ),
-    Quantity(
-        'tip_velocity',
-        'J qd',
-        ('q', 'qd'),
-        (6,),
-        (),
-        'kinematics',
-        'dynamics.frames.record_velocity',
-        of_frame=True,
-    ),
+    _of_frame('tip_velocity', 'J qd', (6,), 'record_velocity', arguments=('q', 'qd')),
 )
 QUANTITIES = {row.name: row for row in _ROWS}

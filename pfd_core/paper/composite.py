@@ -138,6 +138,11 @@ def record_pcrbm_1987(plant: Plant, schedule: str, *, misprints: Collection[str]
     return record_pcrbm(plant, schedule, edition=edition_of('pcrbm_1987', misprints))
 
 
+def record_pcrbm_base_origin(plant: Plant, schedule: str) -> Program:
+    """Return the same program, with H about the base origin."""
+    return record_pcrbm(plant, schedule, matrix=inertia_matrix_base_origin)
+
+
 def record_terms(plant: Plant, schedule: str) -> Program:
     """Return the program of H, (n, n), in our form, and of the bias by NE1, (n,), from q, qd."""
     check_instant(plant)

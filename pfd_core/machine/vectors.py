@@ -4,7 +4,7 @@
 Vectors and matrices of lane values, for which NumPy has no product.
 
 A 3-vector is an object array (3,), a matrix (3, 3); `R @ v` is NumPy's. A symmetric matrix is
-kept as its six different elements, object array (6,): xx, xy, xz, yy, yz, zz.
+kept as its different elements, the upper triangle by rows: of (3, 3) xx, xy, xz, yy, yz, zz.
 
 Costs, multiplications and additions: cross 6 and 3, dot 3 and 2, R @ v 9 and 6,
 R @ R' 27 and 18, symmetric @ v 9 and 6.
@@ -12,6 +12,8 @@ R @ R' 27 and 18, symmetric @ v 9 and 6.
 
 from __future__ import annotations
 
+from itertools import combinations_with_replacement
+import math
 from typing import Any
 
 import numpy as np
@@ -19,8 +21,13 @@ from numpy.typing import ArrayLike
 
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 
-# Rows and columns of the six elements of a symmetric matrix, in their order.
-UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+def upper(m: int) -> tuple[tuple[int, int], ...]:
+    """Return row and column of each element of an upper triangle, (m, m), by rows."""
+    return tuple(combinations_with_replacement(range(m), 2))
+
+
+UPPER = upper(3)
 
 
 def array(values: Any) -> LaneArray:
@@ -63,9 +70,17 @@ def symmetric_times(s: LaneArray, v: LaneArray) -> LaneArray:
 
 
 def symmetric_matrix(s: LaneArray) -> LaneArray:
-    """Return the matrix, (3, 3), of the six elements of a symmetric one."""
-    xx, xy, xz, yy, yz, zz = s
-    return array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    """Return the matrix, (m, m), of the different elements of a symmetric one."""
+    m = math.isqrt(2 * len(s))
+    S = np.empty((m, m), dtype=object)
+    for (i, j), element in zip(upper(m), s, strict=True):
+        S[i, j] = S[j, i] = element
+    return S
+
+
+def symmetric_product(X: LaneArray, Y: LaneArray) -> LaneArray:
+    """Return the different elements of X Y', where that is symmetric."""
+    return array([X[i] @ Y[j] for i, j in upper(len(X))])
 
 
 def symmetric_sum(S: LaneArray, T: LaneArray) -> LaneArray:
@@ -82,8 +97,7 @@ def crossed_element(p: LaneArray, X: LaneArray, i: int, j: int) -> Lanes:
 
 def rotated_symmetric(R: LaneArray, s: LaneArray) -> LaneArray:
     """Return the six elements of R S R^T (45 multiplications, 30 additions)."""
-    RS = R @ symmetric_matrix(s)
-    return array([dot(RS[i], R[j]) for i in range(3) for j in range(i, 3)])
+    return symmetric_product(R @ symmetric_matrix(s), R)
 
 
 def parallel_axis(d: LaneArray) -> LaneArray:

@@ -100,7 +100,7 @@ def chain_on_lanes(plant: Plant, schedule: str, edition: Edition = OURS) -> Chai
     A, a, s, J = link_parameters(robot, keep_tip=plant.external_wrench)
     p = np.array([product(A[i].T, a[i]) for i in range(robot.n)])
     A, p = rows(recorder, A), rows(recorder, p)
-    m, s, J = recorder.constant(robot.masses), rows(recorder, s), rows(recorder, upper_of(J))
+    m, s, J = recorder.constant(robot.masses), rows(recorder, s), rows(recorder, J)
     turning, sliding = (tuple(np.flatnonzero(x).tolist()) for x in (robot.turning, ~robot.turning))
     q = input_row(recorder, 'q')
     with recorder.section('joint rotation'):
@@ -123,7 +123,7 @@ def chain_on_lanes(plant: Plant, schedule: str, edition: Edition = OURS) -> Chai
 
 def link_parameters(robot: Robot, keep_tip: bool) -> tuple[Array, Array, Array, Array]:
     """
-    Return A, (n, 3, 3), a and s, (n, 3), and J, (n, 3, 3), of the links.
+    Return A, (n, 3, 3), a and s, (n, 3), and the different elements of J, (n, 6), of the links.
 
     Only an external wrench refers to the tip's frame. If it need not be kept, frame n is laid on
     the last joint's axis, where its offset and rotation vanish.
@@ -134,18 +134,13 @@ def link_parameters(robot: Robot, keep_tip: bool) -> tuple[Array, Array, Array, 
         s[-1] = a[-1] + product(A[-1], s[-1])
         J[-1] = product(A[-1], J[-1], A[-1].T)
         A[-1], a[-1] = np.eye(3), 0.0
-    return A, a, s, J
+    return A, a, s, np.stack([J[:, i, k] for i, k in UPPER], axis=1)
 
 
 def rows(recorder: Recorder, values: Array) -> LaneArray:
     """Return constants of the links, (n, *shape), as an array of that shape over lanes."""
     flat = [recorder.constant(row) for row in values.reshape(len(values), -1).T]
     return array(flat).reshape(values.shape[1:])
-
-
-def upper_of(S: Array) -> Array:
-    """Return the six different elements of symmetric matrices, (n, 6)."""
-    return np.stack([S[:, i, k] for i, k in UPPER], axis=1)
 
 
 def gravity_torques(chain: Chain, model: Plant) -> list[Lanes]:

@@ -67,9 +67,8 @@ plants are refused.
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Collection, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -78,96 +77,21 @@ from pfd_core.machine.lanes import cos, merge, on, sin
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, lanes_of
 from pfd_core.machine.vectors import (
-    UPPER,
     array,
     crossing,
     dot,
     rotated_symmetric,
     symmetric_matrix,
+    symmetric_product,
+    upper,
 )
 from pfd_core.model import Plant
-from pfd_core.paper.chain import Chain, link_parameters
+from pfd_core.paper.chain import Chain, link_parameters, rows
 from pfd_core.paper.lanes import shift
 from pfd_core.paper.newton_euler import forward_equations
 
 FIVE = range(5)
-UPPER_OF_FIVE = [(i, j) for i in FIVE for j in range(i, 5)]
 E, T = 4, 5  # places of the components e and t
-
-
-@dataclass(frozen=True)
-class Body:
-    """
-    Constants of one link on each lane, and the inverse of its inertia.
-
-    Attributes
-    ----------
-    A : LaneArray
-        (3, 3), orientation of its outer frame in the axes of its inner joint.
-    J : LaneArray
-        (6,), inverse of the inertia about the centre of mass, in the axes of the outer frame
-        [1/(kg m^2)].
-    m : Lanes
-        Inverse of the mass [1/kg].
-    inner, outer : LaneArray
-        (3,), from the centre of mass to the inner joint, in its axes, and to the outer frame [m].
-
-    """
-
-    A: LaneArray
-    J: LaneArray
-    m: Lanes
-    inner: LaneArray
-    outer: LaneArray
-
-
-@dataclass(frozen=True)
-class Joint:
-    """
-    The motion of each joint between two links at q: the transformation G.
-
-    Attributes
-    ----------
-    turn : tuple of Lanes or None
-        Cosine and sine on the lanes of rotational joints.
-    slide : Lanes or None
-        Displacement on the lanes of translational joints [m].
-
-    """
-
-    turn: tuple[Lanes, Lanes] | None
-    slide: Lanes | None
-
-    def across(self, v: Any, back: bool) -> LaneArray:
-        """
-        Return G v, or G' v if `back`, for the first five or six components.
-
-        8 multiplications, 4 additions.
-        """
-        nx, ny, fx, fy, *rest = v
-        moved = array([nx, ny, fx, fy])
-        if self.turn is not None:
-            c, s = self.turn[0], self.turn[1] if back else -self.turn[1]
-            moved = array([c * nx + s * ny, c * ny - s * nx, c * fx + s * fy, c * fy - s * fx])
-        if self.slide is not None:
-            d = self.slide
-            slid = (
-                [nx, ny, fx + d * ny, fy - d * nx] if back else [nx - d * fy, ny + d * fx, fx, fy]
-            )
-            slid = on(array(slid), lanes_of(d.defined))
-            moved = slid if self.turn is None else array(merge(slid, moved))
-        return array([*moved, *rest])
-
-
-def _joint(q: Lanes, chain: Chain) -> Joint:
-    """Return the motion of the joints; that of the first, before which no link is, has no use."""
-    turns, slides = (
-        [lane for lane in lanes if lane] for lanes in (chain.rotational, chain.translational)
-    )
-    angle = on(q, turns) if turns else None
-    return Joint(
-        None if angle is None else (cos(angle), sin(angle)), on(q, slides) if slides else None
-    )
 
 
 def record_constraint_forces(plant: Plant, schedule: str) -> Program:
@@ -179,21 +103,23 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
     """
     _check(plant)
     chain, y = forward_equations(plant, schedule)
-    recorder, n = chain.recorder, chain.recorder.lanes
+    recorder, n = chain.recorder, plant.robot.n
     with recorder.section('joint rotation'):
-        joint = _joint(input_row(recorder, 'q'), chain)
+        joint = _joint(chain, input_row(recorder, 'q'))
     slides = set(chain.translational)
     with recorder.section('link constants'):
-        own = _ordered(_at_inner(_bodies(recorder, plant, range(n))), slides, slides)
+        body = _bodies(recorder, plant, range(n))
+        J = rotated_symmetric(body.A, body.J)
+        own = _ordered(_at_point(J, body.m, body.inner), slides, slides)
         if n > 1:
             # Lane i has its link i and, for the joint between them, link i - 1.
-            before = _bodies(recorder, plant, [max(i - 1, 0) for i in range(n)])
+            later, before = range(1, n), _bodies(recorder, plant, [0, *range(n - 1)])
             outer = _at_point(before.J, before.m, before.outer)  # in the axes of the outer frame
-            outer = _ordered(on(outer, range(1, n)), slides, slides)
-            through = _through(before)
-            through = _ordered(on(through, range(1, n)), {i + 1 for i in slides}, slides)
+            outer = _ordered(on(outer, later), slides, slides)
+            through = on(_through(before), later)
+            through = _ordered(through, {i + 1 for i in slides}, slides)
     with recorder.section('joint equations'):
-        A = array([own[k] for k in UPPER_OF_FIVE])
+        A = array([own[k] for k in upper(5)])
         r = -own[:5, T] * y
         C: LaneArray | None = None
         if n > 1:
@@ -208,7 +134,11 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
             A, r, C = _eliminated(A, r, C, stride)
             stride *= 2
     with recorder.section('constraint forces'):
-        forces, pivot = _solved(A, r)
+        K, inverse = _factored(A)
+        forces = inverse * _forward(K, r)
+        for i in reversed(FIVE):
+            for j in range(i + 1, 5):
+                forces[i] = forces[i] - K[j, i] * forces[j]
     with recorder.section('accelerations'):
         f = array([*forces, y])
         qdd = own[T] @ f
@@ -217,7 +147,7 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
             at_outer = outer[T] @ moved - through[:, T] @ array([*shift(forces, 1), shift(y, 1)])
             qdd = merge(qdd + at_outer, qdd)
             qdd = merge(qdd - shift(through[T] @ moved, -1), qdd)
-    return program_with_outputs(recorder, qdd=qdd, pivots=pivot)
+    return program_with_outputs(recorder, qdd=qdd, pivots=inverse[-1])
 
 
 def _check(plant: Plant) -> None:
@@ -237,49 +167,87 @@ def _check(plant: Plant) -> None:
             )
 
 
+class Joint(NamedTuple):
+    """
+    The motion of each joint at q, the transformation G between two links.
+
+    `turn` is cosine and sine on the lanes of rotational joints, `slide` the displacement [m] on
+    the others.
+    """
+
+    turn: tuple[Lanes, Lanes] | None
+    slide: Lanes | None
+
+    def across(self, v: Any, back: bool) -> LaneArray:
+        """
+        Return G v, or G' v if `back`, for the first five or six components.
+
+        8 multiplications, 4 additions.
+        """
+        nx, ny, fx, fy, *rest = v
+        moved = array([nx, ny, fx, fy])
+        if self.turn is not None:
+            c, s = self.turn[0], self.turn[1] if back else -self.turn[1]
+            moved = array([c * nx + s * ny, c * ny - s * nx, c * fx + s * fy, c * fy - s * fx])
+        if self.slide is not None:
+            d, slid = self.slide, [nx, ny, fx, fy]
+            if back:
+                slid[2:] = fx + d * ny, fy - d * nx
+            else:
+                slid[:2] = nx - d * fy, ny + d * fx
+            slid = on(array(slid), lanes_of(d.defined))
+            moved = slid if self.turn is None else merge(slid, moved)
+        return array([*moved, *rest])
+
+
+def _joint(chain: Chain, q: Lanes) -> Joint:
+    """Return the motion of the joints; that of the first, before which no link is, has no use."""
+    turns, slides = ([i for i in lanes if i] for lanes in (chain.rotational, chain.translational))
+    angle = on(q, turns) if turns else None
+    turn = None if angle is None else (cos(angle), sin(angle))
+    return Joint(turn, on(q, slides) if slides else None)
+
+
 # The inverse of a link's inertia between its joints, (6, 6), moments before forces.
 
 
-def _bodies(recorder: Recorder, plant: Plant, links: Collection[int]) -> Body:
+class Body(NamedTuple):
+    """
+    Constants of one link on each lane.
+
+    `A` is the orientation of its outer frame in the axes of its inner joint, `J`, (6,), the
+    inverse of the inertia about the centre of mass in the axes of the outer frame [1/(kg m^2)],
+    `m` the inverse of the mass [1/kg]; `inner` and `outer` lead from the centre of mass to the
+    inner joint, in its axes, and to the outer frame [m].
+    """
+
+    A: LaneArray
+    J: LaneArray
+    m: Lanes
+    inner: LaneArray
+    outer: LaneArray
+
+
+def _bodies(recorder: Recorder, plant: Plant, links: Sequence[int]) -> Body:
     """Return the constants of the given links, one a lane."""
     at = list(links)
-    A, a, s, J = (x[at] for x in link_parameters(plant.robot, plant.external_wrench))
-
-    def rows(values: Any) -> LaneArray:
-        return array([recorder.constant(values[:, k]) for k in range(values.shape[1])])
-
-    R = rows(A.reshape(-1, 9)).reshape(3, 3)
-    centre = rows(s)
-    inertia = array([recorder.constant(J[:, i, k]) for i, k in UPPER])
-    return Body(
-        A=R,
-        J=_inverse(inertia),
-        m=1.0 / recorder.constant(plant.robot.masses[at]),
-        inner=-(R @ centre + rows(a)),
-        outer=-centre,
-    )
-
-
-def _inverse(S: LaneArray) -> LaneArray:
-    """Return the inverse of a symmetric matrix, (6,) (21 multiplications, 8 additions, 1 div)."""
-    xx, xy, xz, yy, yz, zz = S
+    parameters = link_parameters(plant.robot, plant.external_wrench)
+    A, a, centre, (xx, xy, xz, yy, yz, zz) = (rows(recorder, x[at]) for x in parameters)
     first = array([yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy])
     others = [xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy]
     scale = 1.0 / dot(array([xx, xy, xz]), first)
-    return array([scale * x for x in (*first, *others)])
-
-
-def _at_inner(body: Body) -> LaneArray:
-    """Return E_ii in the axes of the inner joint (75 multiplications, 48 additions)."""
-    return _at_point(rotated_symmetric(body.A, body.J), body.m, body.inner)
+    J = array([scale * x for x in (*first, *others)])
+    m = 1.0 / recorder.constant(plant.robot.masses[at])
+    return Body(A, J, m, -(A @ centre + a), -centre)
 
 
 def _at_point(J: LaneArray, m: Lanes, p: LaneArray) -> LaneArray:
     """Return E between a point and itself (30 multiplications, 18 additions)."""
     whole, px = symmetric_matrix(J), crossing(p)
     mixed = whole @ px
-    lever = [px[i] @ mixed[:, j] for i, j in UPPER]
-    force = array([m - x if i == j else -x for (i, j), x in zip(UPPER, lever, strict=True)])
+    force = -symmetric_product(px, mixed.T)
+    for k in (0, 3, 5):  # the diagonal
+        force[k] = m + force[k]
     return np.block([[whole, mixed], [mixed.T, symmetric_matrix(force)]])
 
 
@@ -293,8 +261,7 @@ def _through(body: Body) -> LaneArray:
 
 def _ordered(X: LaneArray, rows: Collection[int], columns: Collection[int]) -> LaneArray:
     """Return X with components in the order n_x, n_y, f_x, f_y, e, t by each lane's joints."""
-    first = _components(X, rows)
-    return array(_components(first.T, columns).T)
+    return array(_components(_components(X, rows).T, columns).T)
 
 
 def _components(X: LaneArray, translational: Collection[int]) -> LaneArray:
@@ -309,40 +276,10 @@ def _seen_from_link(joint: Joint, outer: LaneArray) -> LaneArray:
     """Return the upper triangle of W' G' E_oo G W (72 multiplications, 36 additions)."""
     half = array([*(joint.across(outer[k, :5], back=True) for k in range(4)), outer[E, :5]])
     whole = [joint.across(half[:, k], back=True) for k in FIVE]
-    return array([whole[j][i] for i, j in UPPER_OF_FIVE])
+    return array([whole[j][i] for i, j in upper(5)])
 
 
 # The block tridiagonal system.
-
-
-def _factored(A: LaneArray) -> tuple[LaneArray, LaneArray]:
-    """
-    Return the lower K, (5, 5), and 1/D, (5,), of a symmetric A = K D K', (15,).
-
-    30 multiplications, 20 additions, 5 divisions.
-    """
-    rest: dict[tuple[int, int], Any] = dict(zip(UPPER_OF_FIVE, A, strict=True))
-    K = np.empty((5, 5), dtype=object)
-    inverse = []
-    for k in FIVE:
-        inverse.append(1.0 / rest[k, k])
-        for i in range(k + 1, 5):
-            K[i, k] = rest[k, i] * inverse[k]
-        for i in range(k + 1, 5):
-            for j in range(i, 5):
-                rest[i, j] = rest[i, j] - K[i, k] * rest[k, j]
-    return K, array(inverse)
-
-
-def _forward(K: LaneArray, B: LaneArray) -> LaneArray:
-    """Return K^-1 B, (5, k) or (5,): 10 multiplications and additions for each column."""
-    rows: list[Any] = []
-    for i in FIVE:
-        row = B[i]
-        for j in range(i):
-            row = row - K[i, j] * rows[j]
-        rows.append(row)
-    return array(rows)
 
 
 def _eliminated(
@@ -352,8 +289,8 @@ def _eliminated(
     K, inverse = _factored(A)
     P, Q, w = _forward(K, C.T), _forward(K, shift(C, -stride)), _forward(K, r)
     scaled_P, scaled_Q = (inverse[:, None] * X for X in (P, Q))
-    from_left = array([*_upper(scaled_Q, Q), *(scaled_Q.T @ w)])
-    from_right = array([*_upper(scaled_P, P), *(scaled_P.T @ w)])
+    from_left = array([*symmetric_product(scaled_Q.T, Q.T), *(scaled_Q.T @ w)])
+    from_right = array([*symmetric_product(scaled_P.T, P.T), *(scaled_P.T @ w)])
     mine = array([*A, *r])
     mine = merge(mine - shift(from_left, stride), mine)
     mine = merge(mine - shift(from_right, -stride), mine)
@@ -361,16 +298,26 @@ def _eliminated(
     return mine[:15], mine[15:], None if last else -shift(P.T @ scaled_Q, stride)
 
 
-def _upper(X: LaneArray, Y: LaneArray) -> list[Lanes]:
-    """Return the upper triangle of the symmetric X' Y."""
-    return [X[:, i] @ Y[:, j] for i, j in UPPER_OF_FIVE]
+def _factored(A: LaneArray) -> tuple[LaneArray, LaneArray]:
+    """
+    Return the lower K, (5, 5), and 1/D, (5,), of a symmetric A = K D K', (15,).
+
+    30 multiplications, 20 additions, 5 divisions.
+    """
+    S = symmetric_matrix(A)
+    K, inverse = np.empty((5, 5), dtype=object), np.empty(5, dtype=object)
+    for k in FIVE:
+        inverse[k] = 1.0 / S[k, k]
+        K[k + 1 :, k] = S[k, k + 1 :] * inverse[k]
+        for i in range(k + 1, 5):
+            S[i, i:] = S[i, i:] - K[i, k] * S[k, i:]
+    return K, inverse
 
 
-def _solved(A: LaneArray, r: LaneArray) -> tuple[LaneArray, Lanes]:
-    """Return A^-1 r, (5,), and 1 over the last pivot (55 multiplications, 40 additions, 5 div)."""
-    K, inverse = _factored(A)
-    x = list(inverse * _forward(K, r))
-    for i in reversed(FIVE):
-        for j in range(i + 1, 5):
-            x[i] = x[i] - K[j, i] * x[j]
-    return array(x), inverse[-1]
+def _forward(K: LaneArray, B: LaneArray) -> LaneArray:
+    """Return K^-1 B, (5, k) or (5,): 10 multiplications and additions for each column."""
+    w: LaneArray = B.copy()
+    for i in FIVE:
+        for j in range(i):
+            w[i] = w[i] - K[i, j] * w[j]
+    return w

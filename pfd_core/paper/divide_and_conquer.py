@@ -64,8 +64,8 @@ holds N, nu and A, its last C, beta.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +73,7 @@ from numpy.typing import NDArray
 from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.lanes import absolute, merge, on, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
+from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import (
     array,
     constants,
@@ -81,7 +81,9 @@ from pfd_core.machine.vectors import (
     crossing,
     dot,
     symmetric_matrix,
+    symmetric_product,
     symmetric_times,
+    upper,
 )
 from pfd_core.model import Plant, Robot
 from pfd_core.model.robot import own_inertia
@@ -91,51 +93,14 @@ from pfd_core.paper.lanes import broadcast, taken
 from pfd_core.paper.newton_euler import forward_equations
 from pfd_core.paper.solve import solve
 
-SIX = range(6)
-UPPER_OF_SIX = [(i, j) for i in SIX for j in range(i, 6)]
+UPPER_OF_SIX = upper(6)
 # A joint is light if its own link has less than this share of the inertia it may have to move:
 # 1/D then exceeds the other joints' share of C, and digits are lost in this proportion.
 LIGHT = 1e-6
 
 
-@dataclass(frozen=True)
-class Joints:
-    """
-    Every joint with its own link.
-
-    Attributes
-    ----------
-    IS, u : LaneArray
-        (6,), I S and X S.
-    D, inverse : Lanes
-        S' I S with rotors, and 1/D; infinity and zero for a braked joint.
-    y : LaneArray
-        (k,), right-hand sides.
-
-    """
-
-    IS: LaneArray
-    u: LaneArray
-    D: Lanes
-    inverse: Lanes
-    y: LaneArray
-
-
-@dataclass(frozen=True)
-class Pieces:
-    """
-    Pieces of the chain.
-
-    Attributes
-    ----------
-    C, N : LaneArray
-        (21,), upper triangles, C on the last lane of each piece, N on the first.
-    beta, nu : LaneArray
-        (6, k), beta on the last lane, nu on the first.
-    A : LaneArray
-        (6, 6), on the first lane.
-
-    """
+class Pieces(NamedTuple):
+    """C, (21,), and beta, (6, k), on the last lane of each; N, nu and A, (6, 6), on its first."""
 
     C: LaneArray
     beta: LaneArray
@@ -144,25 +109,27 @@ class Pieces:
     A: LaneArray
 
 
-@dataclass(frozen=True)
-class Cuts:
-    """
-    The cuts of one level.
+class Cuts(NamedTuple):
+    """The cuts of a level: the first and last lanes of the pieces on their two sides."""
 
-    Attributes
-    ----------
-    joins : sequence of tuple
-        Lanes b1, e1, b2, e2 of each: the inner piece on b1..e1, the outer on b2..e2.
-    G, V, g : LaneArray
-        (6, 6), (6, 6), (6, k): a = G a_b + V' phi_e + g on lane e1, and on lane b2 phi with
-        the two inputs exchanged.
+    b1: tuple[int, ...]
+    e1: tuple[int, ...]
+    b2: tuple[int, ...]
+    e2: tuple[int, ...]
 
-    """
+    def sides(
+        self, inner: LaneArray, lanes: Sequence[int], outer: LaneArray, others: Sequence[int]
+    ) -> LaneArray:
+        """Return `inner` of one lane of each cut on its lane e1, `outer` of another on b2."""
+        return array(merge(_moved(inner, lanes, self.e1), _moved(outer, others, self.b2)))
 
-    joins: Sequence[tuple[int, int, int, int]]
-    G: LaneArray
-    V: LaneArray
-    g: LaneArray
+
+def _moved(value: LaneArray, sources: Sequence[int], lanes: Sequence[int]) -> Any:
+    return taken(value, dict(zip(lanes, sources, strict=True)))
+
+
+# a = G a_b + V' phi_e + g on lane e1 of a cut; phi on lane b2, with the two inputs exchanged.
+Level = tuple[Cuts, LaneArray, LaneArray, LaneArray]
 
 
 def record_divide_and_conquer(plant: Plant, schedule: str) -> Program:
@@ -174,176 +141,52 @@ def record_divide_and_conquer(plant: Plant, schedule: str) -> Program:
         y = where(free, y, 0.0)
     lent = lent_rotors(plant)
     rotors = [recorder.constant(r) for r in (plant.inertia, lent) if r is not None and r.any()]
-    columns = [y, *(recorder.constant(np.eye(recorder.lanes)[j]) for j in np.flatnonzero(lent))]
+    unit = np.eye(recorder.lanes)
+    columns = array([y, *(recorder.constant(unit[j]) for j in np.flatnonzero(lent))])
     with recorder.section('single links'):
-        joints, pieces = single_links(chain, rotors, array(columns), free)
+        (IS, u, D, inverse), pieces = _single_links(chain, rotors, columns, free)
+    levels: list[Level] = []
     with recorder.section('joining'):
-        levels = _joined(recorder.lanes, pieces)
+        stride = 1
+        while stride < recorder.lanes:
+            level, pieces = _join(pieces, stride, recorder.lanes)
+            levels.append(level)
+            stride *= 2
     with recorder.section('parting'):
-        a, phi = _parted(recorder, levels, len(columns))
+        a = phi = array([[recorder.constant(0.0)] * len(columns)] * 6)
+        for level in reversed(levels):
+            a, phi = _part(level, a, phi)
     with recorder.section('accelerations'):
-        felt = joints.y - joints.IS @ a + joints.u @ phi
-        x = felt * joints.inverse
+        x = (columns - IS @ a + u @ phi) * inverse
     if not lent.any():
-        return program_with_outputs(recorder, qdd=x[0], pivots=joints.D)
+        return program_with_outputs(recorder, qdd=x[0], pivots=D)
     with recorder.section('lent rotors'):
-        qdd, pivots = without_rotors(recorder, lent, x, joints.D)
+        qdd, pivots = _without_rotors(lent, x, D)
     return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
 
 
-def _joined(n: int, pieces: Pieces) -> list[Cuts]:
-    """Return the cuts of all levels, from single links to the whole chain."""
-    levels = []
-    stride = 1
-    while stride < n:
-        joins = [
-            (b, b + stride - 1, b + stride, min(b + 2 * stride, n) - 1)
-            for b in range(0, n - stride, 2 * stride)
-        ]
-        whole, halves = 2 * stride >= n, 4 * stride >= n
-        cuts, pieces = _join(pieces, joins, whole, halves)
-        levels.append(cuts)
-        stride *= 2
-    return levels
-
-
-def _join(
-    pieces: Pieces, joins: Sequence[tuple[int, int, int, int]], whole: bool, halves: bool
-) -> tuple[Cuts, Pieces]:
-    """
-    Return the cuts of one level, for the way down, and the joined pieces.
-
-    The whole chain has no neighbours, and each of its halves only one: C, N or A that no cut
-    reads are excluded.
-    """
-    C, beta, N, nu, A = pieces.C, pieces.beta, pieces.N, pieces.nu, pieces.A
-    base, first, last, tip = zip(*joins, strict=True)
-    P = _full(_at_cuts(first, C, first, last, N, last))
-    Q = _full(_at_cuts(first, N, last, last, C, first))
-    g = _at_cuts(first, beta, first, last, nu, last)
-    g = g + P @ _at_cuts(first, nu, last, last, beta, first)
-    T = -(P @ Q)
-    for i in SIX:
-        T[i, i] = 1.0 + T[i, i]
-    if whole:
-        return Cuts(joins, T[:0], T[:0], solve_pivoted(T, g)), pieces
-    F = _at_cuts(first, A, base, last, A.T, last)
-    B = _at_cuts(first, A, last, last, A.T, base)
-    x = solve_pivoted(T, np.hstack([P, F, g]))
-    G, g = x[:, 6:12], x[:, 12:]
-    V = B @ x[:, :6]
-    side = _at_cuts(first, C, tip, last, N, base)
-    side = side + array([V[i] @ B[j] for i, j in UPPER_OF_SIX])
-    vector = _at_cuts(first, beta, tip, last, nu, base) + B @ g
-    joined = Pieces(
-        C=merge(_take(side, first, tip), C),
-        beta=merge(_take(vector, first, tip), beta),
-        N=merge(_take(side, last, base), N),
-        nu=merge(_take(vector, last, base), nu),
-        A=A if halves else _through(pieces, joins, G),
-    )
-    return Cuts(joins, G, V, g), joined
-
-
-def _through(
-    pieces: Pieces, joins: Sequence[tuple[int, int, int, int]], G: LaneArray
-) -> LaneArray:
-    """Return A of the joined pieces: three rows of A_2 G from either lane of the cut."""
-    A = pieces.A
-    base, first, last, _ = zip(*joins, strict=True)
-    # On lane b2, G is T'^-1 A_2', so that the other rows are rows of G' A_1.
-    left = _at_cuts(first, A[:3], last, last, G[:, 3:].T, last)
-    right = _at_cuts(first, G, first, last, A, base)
-    rows = left @ right
-    return array(merge(np.vstack([_take(rows, first, base), _take(rows, last, base)]), A))
-
-
-def _parted(recorder: Recorder, levels: Sequence[Cuts], k: int) -> tuple[LaneArray, LaneArray]:
-    """Return a_b and phi_e of every single link, (6, k) each."""
-    zero = recorder.constant(0.0)
-    a = phi = array([[zero] * k for _ in SIX])
-    for cuts in reversed(levels):
-        base, first, last, tip = zip(*cuts.joins, strict=True)
-        own = cuts.g
-        if len(cuts.G):
-            own = own + cuts.G @ _at_cuts(first, a, base, last, phi, tip)
-            own = own + cuts.V.T @ _at_cuts(first, phi, tip, last, a, base)
-        a, phi = (
-            array(merge(_take(own, first, last), a)),
-            array(merge(_take(own, last, first), phi)),
-        )
-    return a, phi
-
-
-def _full(upper: LaneArray) -> LaneArray:
-    """Return a symmetric matrix, (6, 6), from its upper triangle, (21,)."""
-    S = np.empty((6, 6), dtype=object)
-    for (i, j), element in zip(UPPER_OF_SIX, upper, strict=True):
-        S[i, j] = S[j, i] = element
-    return S
-
-
-def _at_cuts(
-    first: Sequence[int],
-    inner: LaneArray,
-    inner_from: Sequence[int],
-    last: Sequence[int],
-    outer: LaneArray,
-    outer_from: Sequence[int],
-) -> LaneArray:
-    """Return the inner values on the lanes `first` of the cuts and the outer ones on `last`."""
-    return array(merge(_take(inner, inner_from, first), _take(outer, outer_from, last)))
-
-
-def _take(value: LaneArray, sources: Sequence[int], lanes: Sequence[int]) -> LaneArray:
-    """Return on each of the lanes the value of its source; the other lanes are empty."""
-    if list(sources) == list(lanes):
-        return array(on(value, lanes))
-    return array(taken(value, dict(zip(lanes, sources, strict=True))))
-
-
-# Single links: the smallest pieces.
-
-
-def single_links(
+def _single_links(
     chain: Chain, rotors: Sequence[Lanes], y: LaneArray, free: Lanes | None
-) -> tuple[Joints, Pieces]:
-    """
-    Return each joint with its link, and as a separate piece.
-
-    Parameters
-    ----------
-    chain, pose : Links, Pose
-        Constants of the links and their pose.
-    rotors : sequence of Lanes
-        Inertias to add at the joint [kg m^2 or kg].
-    y : LaneArray
-        (k,), columns of right-hand sides [N m or N].
-    free : Lanes or None
-        One for joints that move, zero for braked ones.
-
-    """
-    pose = chain
-    h, J = about_point(chain, pose.p_star + pose.s)
-    # I S about o_(i-1), and u = X S, the acceleration of the origin of frame i for qdd_i = 1.
-    zh = cross(pose.z, h)
-    moment, force = symmetric_times(J, pose.z), zh
-    angular, linear = pose.z, cross(pose.z, pose.p_star)
+) -> tuple[tuple[Any, ...], Pieces]:
+    """Return I S, u, D and 1/D of every joint with its own link, and these as pieces."""
+    h, J = about_point(chain, chain.p_star + chain.s)
+    zh = cross(chain.z, h)
+    moment, force = symmetric_times(J, chain.z), zh
+    angular, linear = chain.z, cross(chain.z, chain.p_star)
     if chain.translational:
         moment = chain.by_kind(moment, -zh)
-        force = chain.by_kind(force, on(chain.m, chain.translational) * pose.z)
-        angular = chain.by_kind(angular, constants(chain.m.recorder, [0.0] * 3))
-        linear = chain.by_kind(linear, pose.z)
+        force = chain.by_kind(force, on(chain.m, chain.translational) * chain.z)
+        angular = chain.by_kind(angular, constants(chain.recorder, [0.0] * 3))
+        linear = chain.by_kind(linear, chain.z)
     IS, u = array([*moment, *force]), array([*angular, *linear])
-    # The torque of a unit acceleration of the joint, from its own link.
-    D = dot(pose.z, chain.by_kind(moment, force))
+    D = dot(chain.z, chain.by_kind(moment, force))
     for rotor in rotors:
         D = D + rotor
     inverse = 1.0 / D
     if free is not None:
         inverse, D = where(free, inverse, 0.0), where(free, D, math.inf)
     k, ku = inverse * IS, inverse * u
-    hx, px = crossing(h), crossing(pose.p_star)
+    hx, px = crossing(h), crossing(chain.p_star)
     zero, one = np.zeros((3, 3)).astype(object), np.eye(3).astype(object)
     inertia = np.block([[symmetric_matrix(J), hx], [hx.T, one * chain.m]])
     X = np.block([[one, zero], [px.T, one]])
@@ -352,12 +195,65 @@ def single_links(
         beta=np.multiply.outer(ku, y),
         N=array([IS[i] * k[j] - inertia[i, j] for i, j in UPPER_OF_SIX]),
         nu=-np.multiply.outer(k, y),
-        A=array([[-(u[i] * k[j] - X[i, j]) for j in SIX] for i in SIX]),
+        A=-(np.multiply.outer(u, k) - X),
     )
-    return Joints(IS, u, D, inverse, y), pieces
+    return (IS, u, D, inverse), pieces
 
 
-# The 6 x 6 problems at the cuts.
+def _join(pieces: Pieces, stride: int, n: int) -> tuple[Level, Pieces]:
+    """
+    Return the cuts of a level, for the way down, and the joined pieces.
+
+    The whole chain has no neighbours, and each of its halves only one: C, N or A that no cut
+    reads are left out.
+    """
+    C, beta, N, nu, A = pieces
+    joins = [
+        (b, b + stride - 1, b + stride, min(b + 2 * stride, n) - 1)
+        for b in range(0, n - stride, 2 * stride)
+    ]
+    cuts = Cuts(*zip(*joins, strict=True))
+    b1, e1, b2, e2 = cuts
+    P = symmetric_matrix(cuts.sides(C, e1, N, b2))
+    Q = symmetric_matrix(cuts.sides(N, b2, C, e1))
+    g = cuts.sides(beta, e1, nu, b2) + P @ cuts.sides(nu, b2, beta, e1)
+    T = -(P @ Q)
+    for i in range(6):
+        T[i, i] = 1.0 + T[i, i]
+    if 2 * stride >= n:
+        return (cuts, T[:0], T[:0], solve_pivoted(T, g)), pieces
+    F, B = cuts.sides(A, b1, A.T, b2), cuts.sides(A, b2, A.T, b1)
+    x = solve_pivoted(T, np.hstack([P, F, g]))
+    G, g = x[:, 6:12], x[:, 12:]
+    V = B @ x[:, :6]
+    side = cuts.sides(C, e2, N, b1) + symmetric_product(V, B)
+    vector = cuts.sides(beta, e2, nu, b1) + B @ g
+    if 4 * stride < n:
+        # Three rows of A_2 G from either lane: on b2, G is T'^-1 A_2', so that the other rows
+        # are rows of G' A_1.
+        rows = cuts.sides(A[:3], b2, G[:, 3:].T, b2) @ cuts.sides(G, e1, A, b1)
+        A = merge(np.vstack([_moved(rows, e1, b1), _moved(rows, b2, b1)]), A)
+    joined = Pieces(
+        C=merge(_moved(side, e1, e2), C),
+        beta=merge(_moved(vector, e1, e2), beta),
+        N=merge(_moved(side, b2, b1), N),
+        nu=merge(_moved(vector, b2, b1), nu),
+        A=A,
+    )
+    return (cuts, G, V, g), joined
+
+
+def _part(level: Level, a: LaneArray, phi: LaneArray) -> tuple[LaneArray, LaneArray]:
+    """Return a_b and phi_e, (6, k), of the pieces of a level, from those of the next level."""
+    cuts, G, V, own = level
+    b1, e1, b2, e2 = cuts
+    if len(G):  # nothing acts on the whole chain
+        own = own + G @ cuts.sides(a, b1, phi, e2)
+        own = own + V.T @ cuts.sides(phi, e2, a, b1)
+    return (
+        array(merge(_moved(own, e1, b2), a)),
+        array(merge(_moved(own, b2, e1), phi)),
+    )
 
 
 def solve_pivoted(T: LaneArray, B: LaneArray) -> LaneArray:
@@ -372,28 +268,19 @@ def solve_pivoted(T: LaneArray, B: LaneArray) -> LaneArray:
     Parallel cost: m (m^2 - 1) / 3 + m^2 k multiplications, m (m^2 - 1) / 3 + m (m - 1) k
     additions, including m (m - 1) / 2 comparisons, and m divisions.
     """
-    m = len(T)
-    rows = [list(row) for row in np.hstack([T, B])]
+    m, rows = len(T), np.hstack([T, B])
     for k in range(m):
-        for r in range(k + 1, m):  # the row with the larger element leads
-            larger = absolute(rows[r][k]) - absolute(rows[k][k])
-            for j in range(k, len(rows[k])):
-                x, y = rows[k][j], rows[r][j]
-                rows[k][j], rows[r][j] = where(larger, y, x), where(larger, x, y)
-        inverse = 1.0 / rows[k][k]
-        rows[k][k + 1 :] = [inverse * x for x in rows[k][k + 1 :]]
         for r in range(k + 1, m):
-            _subtract_row(rows, r, k, range(k + 1, len(rows[k])))
+            larger = absolute(rows[r, k]) - absolute(rows[k, k])
+            x, y = rows[k, k:].copy(), rows[r, k:].copy()
+            rows[k, k:], rows[r, k:] = where(larger, y, x), where(larger, x, y)
+        rows[k, k + 1 :] = (1.0 / rows[k, k]) * rows[k, k + 1 :]
+        for r in range(k + 1, m):
+            rows[r, k + 1 :] = rows[r, k + 1 :] - rows[r, k] * rows[k, k + 1 :]
     for k in range(m - 1, 0, -1):
         for r in range(k):
-            _subtract_row(rows, r, k, range(m, len(rows[k])))
-    return array([row[m:] for row in rows])
-
-
-def _subtract_row(rows: list[list[Lanes]], r: int, k: int, columns: range) -> None:
-    """Subtract from row r its element in column k times row k, whose own element there is one."""
-    for j in columns:
-        rows[r][j] = rows[r][j] - rows[r][k] * rows[k][j]
+            rows[r, m:] = rows[r, m:] - rows[r, k] * rows[k, m:]
+    return rows[:, m:]
 
 
 # Rotors lent to light joints.
@@ -423,20 +310,16 @@ def _most_inertia(robot: Robot, j: int) -> float:
     return float((turned + robot.masses[j:] * reach**2).sum())
 
 
-def without_rotors(
-    recorder: Recorder, lent: NDArray[np.float64], x: LaneArray, D: Lanes
-) -> tuple[Lanes, Lanes]:
+def _without_rotors(lent: NDArray[np.float64], x: LaneArray, D: Lanes) -> tuple[Lanes, Lanes]:
     """Return qdd and the pivots without the lent rotors, from x_0 and X, (k,)."""
-    n = recorder.lanes
-    E, zero = recorder.constant(lent), recorder.constant(0.0)
-    borrowers = [int(j) for j in np.flatnonzero(lent)]
-    columns = dict(zip(borrowers, x[1:], strict=True))
+    E, zero = D.recorder.constant(lent), D.recorder.constant(0.0)
+    columns = dict(zip(np.flatnonzero(lent).tolist(), x[1:], strict=True))
     rows = []
-    for i in range(n):
-        row = merge(on(D, [i]), on(zero, range(i, n)))
+    for i, rotor in enumerate(lent.tolist()):
+        row = merge(on(D, [i]), on(zero, range(i, len(lent))))
         if i in columns:
-            felt = E * columns[i] * float(lent[i])
-            row = on(merge(on(E - felt, [i]), -felt), range(i, n))
+            felt = E * columns[i] * rotor
+            row = on(merge(on(E - felt, [i]), -felt), range(i, len(lent)))
         rows.append(row)
     z, pivots = solve(rows, E * x[0])
     qdd = x[0]

@@ -15,7 +15,7 @@ z = D^-1 L^-1 y; L' x = z by the column sweep.
 
 Element (k, i), i <= k, needs the products l_kj v_ij for all j < i. They can be formed once column
 j is final and must be subtracted before column i is. Packed, a step forms and subtracts up to n
-products, of n different elements, wherever they lie (pfd_core.paper.lanes.Board): the elements with most
+products, of n different elements (pfd_core.paper.lanes.Board): the elements with most
 waiting products first, until none of the next column is left. Unpacked, a step is a column.
 
 Parallel cost: s + n - 1 multiplications, s + n - 1 additions, n divisions, no square root, with

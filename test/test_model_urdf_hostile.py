@@ -148,8 +148,6 @@ BOMB = '<!DOCTYPE r [<!ENTITY a0 "x">{}]><robot name="&a30;"><link name="a"/></r
     [
         (BOMB, 'a URDF has no <!DOCTYPE>'),
         ('<!DOCTYPE robot SYSTEM "file:///etc/passwd"><robot/>', 'a URDF has no <!DOCTYPE>'),
-        ('<robot>' + '<link name="a">' * 1000 + '</link>' * 1000 + '</robot>', 'than 50 deep'),
-        ('<robot>' + '<visual/>' * 200_001 + '</robot>', 'more than 200000 elements'),
         (
             '<robot>' + ''.join(f'<link name="{i}"/>' for i in range(501)) + '</robot>',
             '501 links',
@@ -158,7 +156,7 @@ BOMB = '<!DOCTYPE r [<!ENTITY a0 "x">{}]><robot name="&a30;"><link name="a"/></r
         ('<robot name="\0"/>', 'not well-formed XML'),
         ('<robot>' + ' ' * (16 * 2**20) + '</robot>', 'characters, more than'),
     ],
-    ids=range(8),
+    ids=range(6),
 )
 def test_hostile_xml_is_refused_in_a_short_line(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message) as caught:

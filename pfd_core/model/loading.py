@@ -130,7 +130,7 @@ def load_robot(
 
 def read_urdf(source: str | PathLike[str]) -> Urdf | None:
     """
-    Parse a URDF, once for `load_robot` and for its <ros2_control> blocks and mimic joints.
+    Parse a URDF, once for `load_robot` and for other readers of its links and joints.
 
     The source is as for `load_robot`, and so are the errors; None if it is a robot in YAML.
     """

@@ -75,12 +75,12 @@ _NOT_NEGATIVE = ('masses', *JOINT_FIELDS[2:])
 _REMARKS = ('source', 'accepted', 'snapped_joints', 'frames', 'silent')
 # Values of joints for which the model states none. They are told from equal ones that are given by
 # being these very arrays.
-_SILENT = dict.fromkeys(JOINT_FIELDS, frozen(np.inf)) | {'position_lower': frozen(-np.inf)}
-_SILENT |= dict.fromkeys(('damping', 'friction', 'armature'), frozen(0.0))
+UNSTATED = dict.fromkeys(JOINT_FIELDS, frozen(np.inf)) | {'position_lower': frozen(-np.inf)}
+UNSTATED |= dict.fromkeys(('damping', 'friction', 'armature'), frozen(0.0))
 
 
 def _unstated(key: str) -> Array:
-    return _SILENT[key]
+    return UNSTATED[key]
 
 
 class PhysicsWarning(UserWarning):
@@ -228,7 +228,7 @@ class Robot(FrozenArrays):
         object.__setattr__(self, 'frames', _with_ends(self))
         for key, names in silent.items():
             pairs = zip(self.joint_names, getattr(self, key).tolist(), strict=True)
-            silent[key] = tuple(j for j, x in pairs if j in names and x == _SILENT[key])
+            silent[key] = tuple(j for j, x in pairs if j in names and x == UNSTATED[key])
         object.__setattr__(
             self, 'silent', MappingProxyType({k: v for k, v in silent.items() if v})
         )
@@ -340,9 +340,9 @@ def _check_names(robot: Robot) -> None:
 def _silent(robot: Robot) -> dict[str, Sequence[str]]:
     """Return the joints without a stated number by field, as given or by the fields not given."""
     if robot.silent is None:
-        return {k: robot.joint_names for k, none in _SILENT.items() if getattr(robot, k) is none}
+        return {k: robot.joint_names for k, none in UNSTATED.items() if getattr(robot, k) is none}
     given = robot.silent
-    right = isinstance(given, Mapping) and given.keys() <= _SILENT.keys()
+    right = isinstance(given, Mapping) and given.keys() <= UNSTATED.keys()
     if not right or not all(isinstance(joints, (tuple, list)) for joints in given.values()):
         raise ValueError(f'silent must map {JOINT_FIELDS} to joints, got {quote(given)}')
     return dict(robot.silent)

@@ -13,10 +13,9 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from itertools import islice
-import math
 import re
 import sys
-from typing import Any
+from typing import NamedTuple
 import xml.etree.ElementTree as ElementTree
 
 from pfd_core.model.robot import JOINT_TYPES, locked_positions
@@ -54,25 +53,23 @@ KNOWN: Mapping[str, tuple[str, ...]] = {
 # Names of the format and of other tools that are not read here, and are no misspelt ones.
 FOREIGN = {'visual', 'collision', 'material', 'gazebo', 'ros2_control', 'safety_controller'}
 FOREIGN |= {'calibration'}
-# Published URDFs have up to 1 MB and some 150 links, and nest 6 deep.
-MOST_CHARACTERS = 16 * 2**20
-MOST_ELEMENTS, MOST_LINKS, DEEPEST = 200_000, 500, 50
+# Published URDFs have up to 1 MB and some 150 links.
+MOST_CHARACTERS, MOST_LINKS = 16 * 2**20, 500
 # Longest name that is compared with the names that are read, and most of these.
 LONGEST_NAME, MOST_COMPARED = 40, 10_000
 
+Element = ElementTree.Element
 Triple = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class Origin:
+class Origin(NamedTuple):
     """A frame in another: x, y, z [m], and roll, pitch, yaw [rad] about its fixed axes."""
 
-    xyz: Triple = (0.0, 0.0, 0.0)
-    rpy: Triple = (0.0, 0.0, 0.0)
+    xyz: Triple
+    rpy: Triple
 
 
-@dataclass(frozen=True)
-class Inertial:
+class Inertial(NamedTuple):
     """Mass [kg], the frame at the centre of mass, and the inertia in it by `INERTIA_KEYS`."""
 
     mass: float
@@ -80,20 +77,7 @@ class Inertial:
     inertia: tuple[float, ...]
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Limits and friction of a joint, as `Robot` has them."""
-
-    lower: float = -math.inf
-    upper: float = math.inf
-    velocity: float = math.inf
-    effort: float = math.inf
-    damping: float = 0.0
-    friction: float = 0.0
-
-
-@dataclass(frozen=True)
-class Mimic:
+class Mimic(NamedTuple):
     """A joint at position multiplier * (position of the joint `leader`) + offset [rad, m]."""
 
     leader: str
@@ -101,14 +85,12 @@ class Mimic:
     offset: float
 
 
-@dataclass(frozen=True)
-class Joint:
+class Joint(NamedTuple):
     """
     A joint.
 
-    `mimic` is the rule by which it follows another joint, `limited` is false for a revolute or
-    prismatic joint without the <limit> that the format requires, and `silent` has the names of the
-    limits that the file does not state.
+    `limits` has the numbers that the file states of lower, upper, velocity, effort, damping and
+    friction. `limited` is false without the <limit> that the format requires of the kind.
     """
 
     name: str
@@ -117,35 +99,9 @@ class Joint:
     child: str
     origin: Origin
     axis: Triple
-    limits: Limits
-    mimic: Mimic | None
+    limits: Mapping[str, float]
     limited: bool
-    silent: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True)
-class ControlledJoint:
-    """A joint of a <ros2_control> block; all initial values of its position, as strings."""
-
-    name: str
-    command_interfaces: frozenset[str]
-    initial_positions: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class ControlHardware:
-    """A <hardware> of a <ros2_control> block: its plugin, and its parameters as strings."""
-
-    plugin: str
-    parameters: Mapping[str, str]
-
-
-@dataclass(frozen=True)
-class ControlBlock:
-    """A <ros2_control> block; where two of its joints have one name, the last one counts."""
-
-    hardware: tuple[ControlHardware, ...]
-    joints: Mapping[str, ControlledJoint]
+    mimic: Mimic | None
 
 
 @dataclass(frozen=True)
@@ -163,9 +119,6 @@ class Urdf:
         Name -> joint, with angles as written.
     armature : mapping
         Name of a joint -> inertia of its rotors at the joint [kg m^2, kg].
-    control : tuple of ControlBlock
-        The <ros2_control> blocks. Their values are strings: a block that nobody uses may hold
-        anything.
     text, source : str
         The URDF itself, xacro expanded, and its origin.
     misspelt : tuple of str
@@ -177,7 +130,6 @@ class Urdf:
     links: Mapping[str, Inertial | None]
     joints: Mapping[str, Joint]
     armature: Mapping[str, float]
-    control: tuple[ControlBlock, ...] = ()
     text: str = field(default='', repr=False)
     source: str = 'URDF text'
     misspelt: tuple[str, ...] = ()
@@ -209,28 +161,19 @@ def parse_urdf(text: str, source: str = 'URDF text') -> Urdf:
 
     ValueError if the text is no XML or no <robot>, or a link or joint breaks the format.
     """
-    root = _parsed(text)
-    if root.tag != 'robot':
-        raise ValueError(f'a URDF starts with <robot>, this string with <{quote(root.tag)[1:-1]}>')
-    links: dict[str, Inertial | None] = {}
-    for element in root.findall('link'):
-        name = _name(element, links)
-        links[name] = _inertial(element, f'link {quote(name)}')
+    root = _root(text)
+    links = {name: _inertial(e, f'link {quote(name)}') for name, e in _named(root, 'link').items()}
     if not links:
         raise ValueError('the URDF has no <link>; if it is xacro, load the .xacro file')
     if len(links) > MOST_LINKS:
         raise ValueError(f'the URDF has {len(links)} links, more than the {MOST_LINKS} supported')
-    joints: dict[str, Joint] = {}
-    for element in root.findall('joint'):
-        name = _name(element, joints)
-        joints[name] = _joint(element, name)
+    joints = {name: _joint(element, name) for name, element in _named(root, 'joint').items()}
     unread = islice(_unread(root), MOST_COMPARED)
     return Urdf(
         name=root.get('name') or 'robot',
         links=links,
         joints=joints,
         armature=_armature(root, joints),
-        control=tuple(map(_control_block, root.findall('ros2_control'))),
         text=text,
         source=source,
         misspelt=tuple(place for place, name, known in unread if _resembles(name, known)),
@@ -238,54 +181,37 @@ def parse_urdf(text: str, source: str = 'URDF text') -> Urdf:
 
 
 class _Builder(ElementTree.TreeBuilder):
-    """Builds a tree of elements, with bounds on depth and size and without entities."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.depth = self.count = 0
+    """Builds a tree of elements without entities, which could expand to any size."""
 
     def doctype(self, *_: object) -> None:
-        """Refuse a document type, whose entities could expand to any size."""
+        """Refuse a document type."""
         raise ValueError('a URDF has no <!DOCTYPE>')
 
-    def start(self, tag: Any, attributes: Any) -> Any:
-        """Open an element."""
-        self.depth += 1
-        self.count += 1
-        space, _, name = tag.rpartition('}')
-        if 'xacro' in space:
-            raise ValueError(
-                f'the URDF has <xacro:{quote(name)[1:-1]}>, which is not expanded: load '
-                'the .xacro file, or run `xacro FILE > robot.urdf` first'
-            )
-        if self.depth > DEEPEST or self.count > MOST_ELEMENTS:
-            raise ValueError(
-                f'the URDF has more than {MOST_ELEMENTS} elements or nests them more than '
-                f'{DEEPEST} deep'
-            )
-        return super().start(tag, attributes)
 
-    def end(self, tag: Any) -> Any:
-        """Close an element."""
-        self.depth -= 1
-        return super().end(tag)
-
-
-def _parsed(text: str) -> ElementTree.Element:
+def _root(text: str) -> Element:
+    """Return the <robot> of a text."""
     if len(text) > MOST_CHARACTERS:
         raise ValueError(
             f'the URDF has {len(text)} characters, more than the {MOST_CHARACTERS} supported'
         )
     try:
-        return ElementTree.fromstring(text.strip(), ElementTree.XMLParser(target=_Builder()))
+        root = ElementTree.fromstring(text.strip(), ElementTree.XMLParser(target=_Builder()))
     except (ElementTree.ParseError, UnicodeEncodeError) as error:
         problem = quote(str(error))[1:-1]
         raise ValueError(f'the URDF is not well-formed XML: {problem}') from error
+    for element in root.iter():
+        space, _, name = element.tag.rpartition('}')
+        if 'xacro' in space:
+            raise ValueError(
+                f'the URDF has <xacro:{quote(name)[1:-1]}>, which is not expanded: load '
+                'the .xacro file, or run `xacro FILE > robot.urdf` first'
+            )
+    if root.tag != 'robot':
+        raise ValueError(f'a URDF starts with <robot>, this string with <{quote(root.tag)[1:-1]}>')
+    return root
 
 
-def _unread(
-    element: ElementTree.Element, outer: str = ''
-) -> Iterator[tuple[str, str, tuple[str, ...]]]:
+def _unread(element: Element, outer: str = '') -> Iterator[tuple[str, str, tuple[str, ...]]]:
     """Yield place and name of attributes and elements that are not read, and names that are."""
     known, name = KNOWN[element.tag], element.get('name')
     place = f'{outer}<{element.tag}{"" if name is None else f" name={quote(name)}"}>'
@@ -308,16 +234,19 @@ def _resembles(name: str, known: tuple[str, ...]) -> bool:
     )
 
 
-def _name(element: ElementTree.Element, taken: Mapping[str, object]) -> str:
-    name = element.get('name')
-    if not name:
-        raise ValueError(f'the URDF has a <{element.tag}> without a name')
-    if name in taken:
-        raise ValueError(f'the URDF has two {element.tag}s named {quote(name)}')
-    return name
+def _named(root: Element, tag: str) -> dict[str, Element]:
+    found: dict[str, Element] = {}
+    for element in root.findall(tag):
+        name = element.get('name')
+        if not name:
+            raise ValueError(f'the URDF has a <{tag}> without a name')
+        if name in found:
+            raise ValueError(f'the URDF has two {tag}s named {quote(name)}')
+        found[name] = element
+    return found
 
 
-def _only(parent: ElementTree.Element, tag: str, label: str) -> ElementTree.Element | None:
+def _only(parent: Element, tag: str, label: str) -> Element | None:
     """Return the one child with a tag, or None; ValueError for two, as readers differ on them."""
     found = parent.findall(tag)
     if len(found) > 1:
@@ -325,10 +254,8 @@ def _only(parent: ElementTree.Element, tag: str, label: str) -> ElementTree.Elem
     return found[0] if found else None
 
 
-def _number(
-    element: ElementTree.Element, key: str, label: str, silent: float | None = None
-) -> float:
-    """Return the number in an attribute; `silent` is the default of an optional one."""
+def _number(element: Element, key: str, label: str, silent: float | None = None) -> float:
+    """Return the number in an attribute; `silent` is that of an optional one."""
     text = element.get(key)
     where = f'<{element.tag} {key}> of {label}'
     if text is None:
@@ -339,7 +266,7 @@ def _number(
 
 
 def _triple(
-    element: ElementTree.Element | None, key: str, label: str, silent: Triple = (0.0, 0.0, 0.0)
+    element: Element | None, key: str, label: str, silent: Triple = (0.0, 0.0, 0.0)
 ) -> Triple:
     text = None if element is None else element.get(key)
     if element is None or text is None:
@@ -352,12 +279,12 @@ def _triple(
     return x, y, z
 
 
-def _origin(parent: ElementTree.Element, label: str) -> Origin:
+def _origin(parent: Element, label: str) -> Origin:
     element = _only(parent, 'origin', label)
     return Origin(_triple(element, 'xyz', label), _triple(element, 'rpy', label))
 
 
-def _inertial(link: ElementTree.Element, label: str) -> Inertial | None:
+def _inertial(link: Element, label: str) -> Inertial | None:
     element = _only(link, 'inertial', label)
     if element is None:
         return None
@@ -371,7 +298,7 @@ def _inertial(link: ElementTree.Element, label: str) -> Inertial | None:
     )
 
 
-def _joint(element: ElementTree.Element, name: str) -> Joint:
+def _joint(element: Element, name: str) -> Joint:
     label, kind = f'joint {quote(name)}', element.get('type', '')
     if kind not in (*JOINT_TYPES, *NOT_A_CHAIN, 'fixed'):
         raise ValueError(
@@ -385,23 +312,17 @@ def _joint(element: ElementTree.Element, name: str) -> Joint:
     empty = written is not None and written.get('xyz') is None
     if kind in JOINT_TYPES and (empty or not any(axis)):
         raise ValueError(f'<axis xyz> of {label} must be three numbers, not all 0')
-    origin = _origin(element, label)
-    mimic = _mimic(element, label)
-    limits, silent = _limits(element, kind, label)
+    mimic, rule = _only(element, 'mimic', label), None
+    if mimic is not None:
+        factors = _number(mimic, 'multiplier', label, 1.0), _number(mimic, 'offset', label, 0.0)
+        rule = Mimic(mimic.get('joint', ''), *factors)
+    limits, origin = _limits(element, kind, label), _origin(element, label)
     limited = kind not in ('revolute', 'prismatic') or element.find('limit') is not None
-    return Joint(name, kind, parent, child, origin, axis, limits, mimic, limited, silent)
+    return Joint(name, kind, parent, child, origin, axis, limits, limited, rule)
 
 
-def _mimic(element: ElementTree.Element, label: str) -> Mimic | None:
-    mimic = _only(element, 'mimic', label)
-    if mimic is None:
-        return None
-    factor, offset = _number(mimic, 'multiplier', label, 1.0), _number(mimic, 'offset', label, 0.0)
-    return Mimic(mimic.get('joint', ''), factor, offset)
-
-
-def _limits(element: ElementTree.Element, kind: str, label: str) -> tuple[Limits, frozenset[str]]:
-    """Return the limits of a joint, and the names of those that its elements do not state."""
+def _limits(element: Element, kind: str, label: str) -> dict[str, float]:
+    """Return the limits and losses that a joint states."""
     limit, dynamics = _only(element, 'limit', label), _only(element, 'dynamics', label)
     found: dict[str, float] = {}
     if limit is not None:
@@ -410,19 +331,15 @@ def _limits(element: ElementTree.Element, kind: str, label: str) -> tuple[Limits
         found = ends if kind in ('revolute', 'prismatic') else {}
         found |= {key: _number(limit, key, label) for key in ('velocity', 'effort')}
     if dynamics is not None:
-        found |= {key: _number(dynamics, key, label, 0.0) for key in ('damping', 'friction')}
-    silent = {key for key in KNOWN['limit'] if key not in found}
-    silent |= {key for key in KNOWN['dynamics'] if dynamics is None or dynamics.get(key) is None}
+        keys = (key for key in KNOWN['dynamics'] if dynamics.get(key) is not None)
+        found |= {key: _number(dynamics, key, label) for key in keys}
     for key, value in found.items():
         if value < 0 and key not in ('lower', 'upper'):
             raise ValueError(f'<{key}> of {label} must not be negative, got {value}')
-        if abs(value) == LARGEST_LIMIT:
-            found[key] = math.copysign(math.inf, value)
-            silent.add(key)
-    return Limits(**found), frozenset(silent)
+    return {key: value for key, value in found.items() if abs(value) != LARGEST_LIMIT}
 
 
-def _armature(root: ElementTree.Element, joints: Collection[str]) -> dict[str, float]:
+def _armature(root: Element, joints: Collection[str]) -> dict[str, float]:
     """Return the armature of each joint whose transmissions state a rotor."""
     found: dict[str, float] = {}
     for transmission in root.findall('transmission'):
@@ -442,7 +359,7 @@ def _armature(root: ElementTree.Element, joints: Collection[str]) -> dict[str, f
     return found
 
 
-def _rotor(actuator: ElementTree.Element, label: str) -> float | None:
+def _rotor(actuator: Element, label: str) -> float | None:
     """Return the inertia of an actuator's rotor at its joint, or None if it states none."""
     # By their names without a namespace; a number is in the attribute `value` or in the text.
     texts = {str(e.tag).rpartition('}')[2]: e.get('value', e.text or '') for e in actuator}
@@ -455,27 +372,3 @@ def _rotor(actuator: ElementTree.Element, label: str) -> float | None:
             except ValueError as error:
                 raise ValueError(f'{label}: {error}') from error
     return None
-
-
-def _control_block(block: ElementTree.Element) -> ControlBlock:
-    hardware = tuple(
-        ControlHardware((each.findtext('plugin') or '').strip(), _params(each))
-        for each in block.findall('hardware')
-    )
-    joints = [
-        ControlledJoint(
-            joint.get('name', ''),
-            frozenset(kind.get('name', '') for kind in joint.findall('command_interface')),
-            tuple(
-                (param.text or '').strip()
-                for state in joint.findall("state_interface[@name='position']")
-                for param in state.findall("param[@name='initial_value']")
-            ),
-        )
-        for joint in block.findall('joint')
-    ]
-    return ControlBlock(hardware, {joint.name: joint for joint in joints})
-
-
-def _params(element: ElementTree.Element) -> dict[str, str]:
-    return {p.get('name', ''): (p.text or '').strip() for p in element.findall('param')}

@@ -10,7 +10,6 @@ joint between them are welded, and all is brought to the frames of a Robot.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 import math
 from typing import Any, NamedTuple
 import warnings
@@ -36,6 +35,7 @@ from pfd_core.model.geometry import (
 from pfd_core.model.robot import (
     JOINT_TYPES,
     LIMIT_FIELDS,
+    UNSTATED,
     Frame,
     PhysicsWarning,
     Robot,
@@ -43,9 +43,12 @@ from pfd_core.model.robot import (
     locked_positions,
 )
 from pfd_core.model.urdf import NOT_A_CHAIN, Inertial, Joint, Origin, Urdf
-from pfd_core.model.values import LARGEST, MOST_NAMES, Array, quote, quote_all, real_number
+from pfd_core.model.values import LARGEST, MOST_NAMES, quote, quote_all, real_number
 
+AT_ORIGIN: Placement = (np.eye(3), np.zeros(3))
 NO_BODY: Body = (0.0, np.zeros(3), np.zeros((3, 3)))
+# Of a joint in URDF -> field of Robot.
+STATED = {**LIMIT_FIELDS, 'damping': 'damping', 'friction': 'friction'}
 
 
 class TreeError(ValueError):
@@ -61,9 +64,9 @@ class TreeError(ValueError):
 
     """
 
-    def __init__(self, text: str, positions: Mapping[str, float] | None = None) -> None:
+    def __init__(self, text: str, joints: Iterable[Joint] = ()) -> None:
         super().__init__(text)
-        self.positions = dict(positions or {})
+        self.positions = _places(joints)
         self.joints = tuple(self.positions)
 
 
@@ -86,73 +89,55 @@ def robot_from_urdf(
     locked: Mapping[str, float] | None,
     right_angle: float,
 ) -> Robot:
-    """
-    Return the chain between two links of a URDF; arguments, errors and warnings as `load_robot`.
-
-    Raises
-    ------
-    ValueError
-        If these choices leave no single chain, or a link is no body.
-
-    Warns
-    -----
-    PhysicsWarning
-        If a link between two moving joints has no <inertial>, and so no mass, or a revolute or
-        prismatic joint has no <limit>, and so may move without bound, or elements or attributes
-        have names that resemble known ones, as `xyzs` does.
-
-    """
+    """Return the chain between two links of a URDF; arguments, errors, warnings: `load_robot`."""
     slack = real_number('right_angle', right_angle, largest=LARGEST)
-    urdf, snapped_joints = _with_right_angles(urdf, slack)
     if urdf.misspelt:
         _warn(f'{quote(urdf.name)}: not read, misspelt? {quote_all(urdf.misspelt)}')
     given = locked_positions({} if locked is None else locked)
     at = urdf.with_followers(given)
     chain = find_chain(urdf, base, tip, at)
     for name, position in given.items():
-        limits = urdf.joints[name].limits
-        check_locked_position(name, position, limits.lower, limits.upper)
-    turns = {joint.name: axis_rotation(joint.axis) for joint in chain.joints}
-    frames = _link_frames(chain, turns, at)
-    placements = _placements(chain, turns, frames)
+        check_locked_position(name, position, *_bounds(urdf.joints[name]))
+    frames = _link_frames(chain, at, slack)
+    placements = _placements(chain, frames, slack)
     length = max(float(np.abs(p).max()) for _, p in placements)
-    bodies = _bodies(urdf, chain, frames, length)
-    for joint in chain.joints:
+    bodies = _bodies(urdf, chain, frames, length, slack)
+    joints = chain.joints
+    for joint in joints:
         if not joint.limited:
             _warn(
                 f'joint {quote(joint.name)} is {joint.kind} and has no <limit>: it is taken as '
                 'unlimited. If it is meant, give it infinite limits'
             )
-    own = {**LIMIT_FIELDS, 'damping': 'damping', 'friction': 'friction'}
     numbers: dict[str, Any] = {
-        key: np.array([getattr(joint.limits, name) for joint in chain.joints])
-        for name, key in own.items()
+        key: np.array([joint.limits.get(name, UNSTATED[key]) for joint in joints])
+        for name, key in STATED.items()
     }
+    silent = {
+        key: [j.name for j in joints if name not in j.limits] for name, key in STATED.items()
+    }
+    silent['armature'] = [j.name for j in joints if j.name not in urdf.armature]
     return Robot(
         name=urdf.name,
-        joint_names=tuple(joint.name for joint in chain.joints),
-        joint_types=tuple(joint.kind for joint in chain.joints),
+        joint_names=tuple(joint.name for joint in joints),
+        joint_types=tuple(joint.kind for joint in joints),
         base=chain.base,
         tip=chain.tip,
         source=urdf.source,
-        snapped_joints=snapped_joints,
+        snapped_joints=tuple(
+            name for name, j in urdf.joints.items() if _snapped(j.origin, slack) != j.origin
+        ),
         **welded_frames(placements, bodies),
         **numbers,
-        armature=np.array([urdf.armature.get(joint.name, 0.0) for joint in chain.joints]),
+        armature=np.array([urdf.armature.get(joint.name, 0.0) for joint in joints]),
         frames=_carried_frames(chain, frames, placements, length),
-        silent={
-            **{
-                key: [j.name for j in chain.joints if name in j.silent]
-                for name, key in own.items()
-            },
-            'armature': [j.name for j in chain.joints if j.name not in urdf.armature],
-        },
+        silent=silent,
     )
 
 
-def _warn(text: str) -> None:
-    """Warn the caller of load_robot."""
-    warnings.warn(text, PhysicsWarning, stacklevel=4)
+def _warn(text: str, calls: int = 3) -> None:
+    """Warn the caller of load_robot, which is so many calls away."""
+    warnings.warn(text, PhysicsWarning, stacklevel=1 + calls)
 
 
 # The chain.
@@ -168,20 +153,27 @@ def find_chain(
     link stay, welded to it; a joint there that could move must be locked. ValueError if the links
     and joints are no tree, or these choices do not leave exactly one chain of supported joints.
     """
+    label = quote(urdf.name)
     above = {joint.child: joint for joint in urdf.joints.values()}
     children: dict[str, list[Joint]] = {link: [] for link in urdf.links}
     root = _root(urdf, above, children)
     for role, link in (('base', base), ('tip', tip)):
-        if link is not None and (not isinstance(link, str) or link not in urdf.links):
+        if link is not None and link not in urdf.links:
             raise ValueError(
-                f'{role} {quote(link)} is not a link of {quote(urdf.name)}; it has '
-                f'{quote_all(urdf.links)}'
+                f'{role} {quote(link)} is not a link of {label}; it has {quote_all(urdf.links)}'
             )
-    _check_locked(urdf, locked)
+    for name in locked:
+        kind = urdf.joints[name].kind if name in urdf.joints else None
+        if kind not in JOINT_TYPES:
+            found = 'has no such joint' if kind is None else f'has it as a {kind} joint'
+            movable = [joint.name for joint in urdf.joints.values() if joint.kind in JOINT_TYPES]
+            raise ValueError(
+                f'cannot lock {quote(name)}: {label} {found}; joints that can be locked: '
+                f'{quote_all(movable)}'
+            )
     free = {j.name for j in urdf.joints.values() if j.kind != 'fixed' and j.name not in locked}
-    base = root if base is None else base
     # The base may be a leaf: the chain starts at the topmost link that is welded to it.
-    held = base
+    held = base = root if base is None else base
     while held in above and above[held].name not in free:
         held = above[held].parent
     below = _below(held, children)
@@ -189,24 +181,28 @@ def find_chain(
     for joint in below:
         carriers[joint.child] = joint if joint.name in free else carriers[joint.parent]
     moving = [joint for joint in urdf.joints.values() if carriers.get(joint.child) is joint]
-    tip = _last_link(urdf, base, moving, carriers) if tip is None else tip
+    tip = _last_link(label, base, moving, carriers) if tip is None else tip
     if tip not in carriers:
-        raise ValueError(f'tip {quote(tip)} is not below base {quote(base)} in {quote(urdf.name)}')
+        raise ValueError(f'tip {quote(tip)} is not below base {quote(base)} in {label}')
     chain: list[Joint] = []
     carrier = carriers[tip]
     while carrier is not None:
         chain.insert(0, carrier)
         carrier = carriers[carrier.parent]
     if not chain:
-        raise ValueError(
-            f'no joint moves between {quote(base)} and {quote(tip)} in {quote(urdf.name)}'
+        raise ValueError(f'no joint moves between {quote(base)} and {quote(tip)} in {label}')
+    # Links that are neither moved by the chain nor part of its base are excluded.
+    carried = {link: by for link, by in carriers.items() if by is None or by in chain}
+    moved = {joint.child for joint in _below(chain[0].child, children)}
+    others = [joint for joint in moving if joint not in chain and joint.child in moved]
+    if others:
+        raise TreeError(
+            f'{label} is a tree, not a chain: {quote_all(j.name for j in others)} also '
+            f'move what {quote(chain[0].name)} carries to {quote(tip)}; {_how_to_lock(others)}',
+            others,
         )
-    _refuse_branches(urdf, tip, chain, moving, carriers)
     for joint in chain:
         _check_kind(joint)
-    # Links that are neither moved by the chain nor part of its base are excluded.
-    own = {joint.name for joint in chain}
-    carried = {link: by for link, by in carriers.items() if by is None or by.name in own}
     return Chain(base, tip, held, chain, [j for j in below if j.child in carried], carried)
 
 
@@ -230,11 +226,12 @@ def _root(urdf: Urdf, above: Mapping[str, Joint], children: dict[str, list[Joint
         raise ValueError(
             f'a URDF must have one link without a parent, got {quote_all(roots) or "a loop"}'
         )
-    loop = urdf.joints.keys() - {joint.name for joint in _below(roots[0], children)}
+    tree = {joint.name for joint in _below(roots[0], children)}
+    loop = [name for name in urdf.joints if name not in tree]
     if loop:
         raise ValueError(
-            f'joints {quote_all(j for j in urdf.joints if j in loop)} form a closed loop apart '
-            f'from the rest of {quote(urdf.name)}'
+            f'joints {quote_all(loop)} form a closed loop apart from the rest of '
+            f'{quote(urdf.name)}'
         )
     return roots[0]
 
@@ -248,58 +245,22 @@ def _below(link: str, children: Mapping[str, list[Joint]]) -> list[Joint]:
 
 
 def _last_link(
-    urdf: Urdf, base: str, moving: list[Joint], carriers: Mapping[str, Joint | None]
+    label: str, base: str, moving: list[Joint], carriers: Mapping[str, Joint | None]
 ) -> str:
     """Return the link that the last joint moves; ValueError if the chain has several ends."""
     if not moving:
-        raise ValueError(f'no joint moves below {quote(base)} in {quote(urdf.name)}')
-    before = {id(carriers[joint.parent]) for joint in moving}
-    ends = [joint for joint in moving if id(joint) not in before]
+        raise ValueError(f'no joint moves below {quote(base)} in {label}')
+    before = [carriers[joint.parent] for joint in moving]
+    ends = [joint for joint in moving if joint not in before]
     if len(ends) > 1:
         raise TreeError(
-            f'{quote(urdf.name)} is a tree, not a chain: it ends in joints '
-            f'{quote_all(j.name for j in ends)}; choose one end with tip={quote(ends[0].child)} '
-            '(and a base, if the ends part at a link that should stand still), or '
-            f'{_how_to_lock(ends)}',
-            _places(ends),
+            f'{label} is a tree, not a chain: it ends in joints '
+            f'{quote_all(j.name for j in ends)}; choose one end with '
+            f'tip={quote(ends[0].child)} (and a base, if the ends part at a link that should '
+            f'stand still), or {_how_to_lock(ends)}',
+            ends,
         )
     return ends[0].child
-
-
-def _refuse_branches(
-    urdf: Urdf,
-    tip: str,
-    chain: list[Joint],
-    moving: list[Joint],
-    carriers: Mapping[str, Joint | None],
-) -> None:
-    """Raise TreeError if a joint outside the chain moves a link that the chain carries."""
-    own = {joint.name for joint in chain}
-
-    def on_chain(joint: Joint) -> bool:
-        by = carriers[joint.parent]
-        while by is not None and by.name not in own:
-            by = carriers[by.parent]
-        return by is not None
-
-    others = [joint for joint in moving if joint.name not in own and on_chain(joint)]
-    if others:
-        raise TreeError(
-            f'{quote(urdf.name)} is a tree, not a chain: {quote_all(j.name for j in others)} also '
-            f'move what {quote(chain[0].name)} carries to {quote(tip)}; {_how_to_lock(others)}',
-            _places(others),
-        )
-
-
-def _check_locked(urdf: Urdf, locked: Mapping[str, float]) -> None:
-    for name in locked:
-        joint = urdf.joints.get(name)
-        if joint is None or joint.kind not in JOINT_TYPES:
-            kind = 'has no such joint' if joint is None else f'has it as a {joint.kind} joint'
-            raise ValueError(
-                f'cannot lock {quote(name)}: {quote(urdf.name)} {kind}; joints that can be '
-                f'locked: {quote_all(_movable(urdf.joints.values()))}'
-            )
 
 
 def _check_kind(joint: Joint) -> None:
@@ -317,74 +278,63 @@ def _check_kind(joint: Joint) -> None:
         )
 
 
-def _movable(joints: Iterable[Joint]) -> list[str]:
-    return [joint.name for joint in joints if joint.kind in JOINT_TYPES]
+def _bounds(joint: Joint) -> tuple[float, float]:
+    return joint.limits.get('lower', -math.inf), joint.limits.get('upper', math.inf)
 
 
 def _places(joints: Iterable[Joint]) -> dict[str, float]:
     """Return the position next to zero [rad, m] within the limits of joints that can move."""
-    movable = [joint for joint in joints if joint.kind in JOINT_TYPES]
-    return {j.name: min(max(0.0, j.limits.lower), j.limits.upper) for j in movable}
+    movable = {j.name: _bounds(j) for j in joints if j.kind in JOINT_TYPES}
+    return {name: min(max(0.0, lower), upper) for name, (lower, upper) in movable.items()}
 
 
 def _how_to_lock(joints: Iterable[Joint]) -> str:
-    places = _places(joints)
-    pairs = [f'{quote(name)}: {x}' for name, x in places.items()][:MOST_NAMES]
-    return f'lock them, locked={{{", ".join(pairs)}{", ..." if len(places) > MOST_NAMES else ""}}}'
+    pairs = [f'{quote(name)}: {x}' for name, x in _places(joints).items()]
+    more = ', ...' if len(pairs) > MOST_NAMES else ''
+    return f'lock them, locked={{{", ".join(pairs[:MOST_NAMES])}{more}}}'
 
 
 # Its frames and bodies.
 
 
-def _with_right_angles(urdf: Urdf, slack: float) -> tuple[Urdf, tuple[str, ...]]:
-    """Return a URDF with exact right angles [rad], and the joints that this changed."""
+def _snapped(origin: Origin, slack: float) -> Origin:
+    """Return a frame with exact right angles for angles that are within `slack` [rad] of them."""
 
     def exact(angle: float) -> float:
         right = round(angle / (math.pi / 2)) * (math.pi / 2)
         return right if abs(angle - right) <= slack else angle
 
-    def straight(origin: Origin) -> Origin:
-        roll, pitch, yaw = map(exact, origin.rpy)
-        return replace(origin, rpy=(roll, pitch, yaw))
-
-    links = {
-        name: body and replace(body, origin=straight(body.origin))
-        for name, body in urdf.links.items()
-    }
-    joints = {
-        name: replace(joint, origin=straight(joint.origin)) for name, joint in urdf.joints.items()
-    }
-    changed = tuple(n for n, joint in joints.items() if joint.origin != urdf.joints[n].origin)
-    return replace(urdf, links=links, joints=joints), changed
+    roll, pitch, yaw = map(exact, origin.rpy)
+    return Origin(origin.xyz, (roll, pitch, yaw))
 
 
-def _placed(origin: Origin) -> Placement:
-    return rotation_rpy(*origin.rpy), np.array(origin.xyz)
+def _placed(origin: Origin, slack: float) -> Placement:
+    xyz, rpy = _snapped(origin, slack)
+    return rotation_rpy(*rpy), np.array(xyz)
 
 
-def _link_frames(
-    chain: Chain, turns: Mapping[str, Array], locked: Mapping[str, float]
-) -> dict[str, Placement]:
+def _link_frames(chain: Chain, locked: Mapping[str, float], slack: float) -> dict[str, Placement]:
     """
     Return the frame of each link in the frame of the moving joint that carries it.
 
     The axis of a moving joint is z of its frame. Fixed links are given in the frame of
     the topmost one.
     """
-    frames: dict[str, Placement] = {chain.held: (np.eye(3), np.zeros(3))}
+    frames: dict[str, Placement] = {chain.held: AT_ORIGIN}
     for joint in chain.below:
-        if joint.name in turns:
-            frames[joint.child] = (snapped(turns[joint.name].T), np.zeros(3))
+        if joint in chain.joints:
+            frames[joint.child] = snapped(axis_rotation(joint.axis).T), np.zeros(3)
         else:
             motion = _motion(joint, locked.get(joint.name, 0.0))
-            frames[joint.child] = chained(frames[joint.parent], _placed(joint.origin), motion)
+            at = _placed(joint.origin, slack)
+            frames[joint.child] = chained(frames[joint.parent], at, motion)
     return frames
 
 
 def _motion(joint: Joint, position: float) -> Placement:
     """Return the frame of the child link of a joint at a position [rad, m], from that at zero."""
     if joint.kind == 'fixed':
-        return np.eye(3), np.zeros(3)
+        return AT_ORIGIN
     turn = axis_rotation(joint.axis)
     if joint.kind == 'prismatic':
         return np.eye(3), position * turn[:, 2]
@@ -392,14 +342,12 @@ def _motion(joint: Joint, position: float) -> Placement:
     return product(turn, about_z, turn.T), np.zeros(3)
 
 
-def _placements(
-    chain: Chain, turns: Mapping[str, Array], frames: Mapping[str, Placement]
-) -> list[Placement]:
+def _placements(chain: Chain, frames: Mapping[str, Placement], slack: float) -> list[Placement]:
     """Return each joint's frame in the previous joint's frame, and the tip in the last one."""
-    placements = [
-        chained(frames[joint.parent], _placed(joint.origin), (turns[joint.name], np.zeros(3)))
-        for joint in chain.joints
-    ]
+    placements = []
+    for joint in chain.joints:
+        axis = axis_rotation(joint.axis), np.zeros(3)
+        placements.append(chained(frames[joint.parent], _placed(joint.origin, slack), axis))
     placements[0] = chained(inverse(frames[chain.base]), placements[0])
     placements.append(frames[chain.tip])
     length = max(float(np.abs(p).max()) for _, p in placements)
@@ -410,55 +358,51 @@ def _carried_frames(
     chain: Chain, frames: Mapping[str, Placement], placements: list[Placement], length: float
 ) -> dict[str, Frame]:
     """Return the frames of all links fixed to a link of the chain or to the base."""
-    numbers = {joint.name: k for k, joint in enumerate(chain.joints, 1)}
     # The base link, and frames 1 to n of the Robot, in the frames in which links are given.
     ends = [frames[chain.base], *placements[1:]]
     carried = {}
     for link, carrier in chain.carriers.items():
-        k = 0 if carrier is None else numbers[carrier.name]
+        k = 0 if carrier is None else 1 + chain.joints.index(carrier)
         R, p = chained(inverse(ends[k]), frames[link])
         carried[link] = Frame(k, R, without_residue(p, length))
     return carried
 
 
 def _bodies(
-    urdf: Urdf, chain: Chain, frames: Mapping[str, Placement], length: float
+    urdf: Urdf, chain: Chain, frames: Mapping[str, Placement], length: float, slack: float
 ) -> list[Body]:
     """Return the links that each moving joint carries, welded to one body, in its frame."""
-    bodies = {joint.name: NO_BODY for joint in chain.joints}
-    massive: set[str] = set()
+    bodies: dict[str, Body] = {}
     for link, carrier in chain.carriers.items():
         inertial = urdf.links[link]
-        if carrier is None or inertial is None:
-            continue
-        mass, center, J = _body(f'link {quote(link)}', inertial, length)
-        R, p = frames[link]
-        body = (mass, p + product(R, center), product(R, J, R.T))
-        bodies[carrier.name] = merged(bodies[carrier.name], body)
-        massive.add(carrier.name)
-    last = max((k for k, j in enumerate(chain.joints) if j.name in massive), default=-1)
+        if carrier is not None and inertial is not None:
+            mass, center, J = _body(f'link {quote(link)}', inertial, length, slack)
+            R, p = frames[link]
+            body = mass, p + product(R, center), product(R, J, R.T)
+            bodies[carrier.name] = merged(bodies.get(carrier.name, NO_BODY), body)
+    last = max((k for k, joint in enumerate(chain.joints) if joint.name in bodies), default=-1)
+    found = []
     for k, joint in enumerate(chain.joints):
         label = f'link {quote(joint.child)}, moved by joint {quote(joint.name)}, has no <inertial>'
         if k > last:
             raise ValueError(f'{label}, and neither has any later link: add an <inertial>')
-        if joint.name not in massive:
-            warnings.warn(
+        if joint.name not in bodies:
+            _warn(
                 f'{label}, nor has anything fixed to it: it is taken as massless. If it is meant, '
                 'give it one of mass 0',
-                PhysicsWarning,
-                stacklevel=4,
+                calls=4,
             )
-    return [
-        (mass, without_residue(center, length), without_residue(J, float(np.abs(J).max())))
-        for mass, center, J in bodies.values()
-    ]
+        mass, center, J = bodies.get(joint.name, NO_BODY)
+        small = float(np.abs(J).max())
+        found.append((mass, without_residue(center, length), without_residue(J, small)))
+    return found
 
 
-def _body(label: str, inertial: Inertial, length: float) -> Body:
+def _body(label: str, inertial: Inertial, length: float, slack: float) -> Body:
     """Return the body of one link in the link's frame; ValueError for an impossible one."""
     if inertial.mass < 0:
         raise ValueError(f'<mass value> of {label} must not be negative, got {inertial.mass} kg')
-    R, center = _placed(inertial.origin)
+    R, center = _placed(inertial.origin, slack)
     ixx, ixy, ixz, iyy, iyz, izz = inertial.inertia
     J = symmetric(ixx, iyy, izz, ixy, iyz, ixz)
     longest = max(length, float(np.abs(center).max()))

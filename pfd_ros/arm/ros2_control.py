@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 import re
+import xml.etree.ElementTree as ElementTree
 
 import pfd_core as pfd
 from pfd_ros.arm.events import STATES, Source
@@ -29,6 +30,8 @@ CODE_DEFAULTS = {
     'trigger_joint_command_threshold': '1e-5',
 }
 NUMBER = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?', re.ASCII)
+# Elements of a joint with an initial value of its position.
+INITIAL_POSITION = "state_interface[@name='position']/param[@name='initial_value']"
 UNREAD = 'ros2_control:=false leaves the block unread'
 
 
@@ -98,17 +101,23 @@ def read_ros2_control(urdf: pfd.Urdf, moving: Collection[str]) -> Ros2Control:
     ragged: set[str] = set()
     takes_effort: set[str] = set()
     positions: dict[str, float] = {}
-    for block in urdf.control:
-        if not block.joints.keys().isdisjoint(moving):
-            found = set(filter(None, (_hardware(h.plugin, h.parameters) for h in block.hardware)))
+    for block in ElementTree.fromstring(urdf.text.strip()).findall('ros2_control'):
+        # Where two joints have one name, the last one counts.
+        joints = {joint.get('name', ''): joint for joint in block.findall('joint')}
+        commands = {
+            name: {kind.get('name', '') for kind in joint.findall('command_interface')}
+            for name, joint in joints.items()
+        }
+        if not joints.keys().isdisjoint(moving):
+            found = set(filter(None, map(_hardware, block.findall('hardware'))))
             hardware |= found
-            kinds = [joint.command_interfaces for joint in block.joints.values()]
             if found:
-                ragged |= frozenset().union(*kinds) - kinds[0].intersection(*kinds)
-        for name, joint in block.joints.items():
-            takes_effort.update({name} if 'effort' in joint.command_interfaces else ())
-            for text in joint.initial_positions:
-                position = _number(f'initial_value of joint {cut(name)!r}', text)
+                kinds = list(commands.values())
+                ragged |= set().union(*kinds) - kinds[0].intersection(*kinds)
+        for name, joint in joints.items():
+            takes_effort.update({name} if 'effort' in commands[name] else ())
+            for value in joint.findall(INITIAL_POSITION):
+                position = _number(f'initial_value of joint {cut(name)!r}', _text(value))
                 if positions.setdefault(name, position) != position:
                     raise ValueError(
                         f'<ros2_control> has two initial values for joint {cut(name)!r}; {UNREAD}'
@@ -121,8 +130,14 @@ def read_ros2_control(urdf: pfd.Urdf, moving: Collection[str]) -> Ros2Control:
     return Ros2Control(one, frozenset(takes_effort), positions, frozenset(ragged))
 
 
-def _hardware(plugin: str, given: Mapping[str, str]) -> Hardware | None:
+def _text(element: ElementTree.Element | None) -> str:
+    return ((element is not None and element.text) or '').strip()
+
+
+def _hardware(element: ElementTree.Element) -> Hardware | None:
     """Return hardware that talks over topics, None for other hardware."""
+    plugin = _text(element.find('plugin'))
+    given = {param.get('name', ''): _text(param) for param in element.findall('param')}
     if plugin not in TOPIC_HARDWARE and given.keys().isdisjoint(CODE_DEFAULTS):
         return None
     commands, states, threshold = ({**CODE_DEFAULTS, **given}[key] for key in CODE_DEFAULTS)

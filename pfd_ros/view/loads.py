@@ -44,14 +44,14 @@ class Loads:
 
     def __init__(self, urdf: pfd.Urdf, joints: Sequence[str], effort: NDArray[np.float64]) -> None:
         limits = [urdf.joints[name].limits for name in joints]
-        ends = np.array([item.effort for item in limits])
+        ends = np.array([item.get('effort', np.inf) for item in limits])
         known = np.isfinite(ends) & (ends > 0)
         largest = np.max(np.abs(np.nan_to_num(effort)), axis=0, initial=0.0)
         # Without a scale a torque has no colour.
         self._ends = np.where(known, ends, np.where(largest > 0, largest, np.nan))
         self.unlimited = tuple(np.array(joints, object)[~known])
-        self._lower = np.array([item.lower for item in limits])
-        self._upper = np.array([item.upper for item in limits])
+        self._lower = np.array([item.get('lower', -np.inf) for item in limits])
+        self._upper = np.array([item.get('upper', np.inf) for item in limits])
 
     def colours(self, position: NDArray[np.float64], effort: NDArray[np.float64]) -> list[Colour]:
         """Return the colour of each joint at positions and efforts (joints,)."""

@@ -190,7 +190,6 @@ NAMES = {
     'kernel_objects': 'pfd_core.kernels:objects',  # a module: after one that imports it
     # pfd_core.simulation: integrators, stiffness, ensembles
     'EMBEDDED_PAIRS': 'pfd_core.simulation.embedded_pairs:PAIRS',
-    'dense_coefficients': 'pfd_core.simulation.embedded_pairs:dense_coefficients',
     'interpolate_dense': 'pfd_core.simulation.embedded_pairs:interpolate',
     'IMEX_DIAGONAL': 'pfd_core.simulation.tableaux:IMEX_DIAGONAL',
     'IntegratedSystem': 'pfd_core.simulation.integrators:System',

@@ -12,7 +12,7 @@ import math
 import pickle
 from typing import Any
 
-from bridge import EMBEDDED_PAIRS, dense_coefficients, interpolate_dense
+from bridge import EMBEDDED_PAIRS, interpolate_dense
 import mpmath
 import numpy as np
 import pinocchio as pin
@@ -23,6 +23,7 @@ from zoo import random_chain, to_pinocchio
 import pfd_core as pfd
 
 DOP853 = EMBEDDED_PAIRS['dop853']
+MATRIX, END = np.array(DOP853.tableau.A), DOP853.end
 # Sums of products of up to eight coefficients, which are doubles, up to 4e2 and cancel.
 ROUNDED_COEFFICIENTS = 1e-12
 
@@ -54,9 +55,9 @@ def with_a_leaf(tree: Tree) -> Iterator[Tree]:
 
 def stage_weights(tree: Tree) -> np.ndarray:
     """Return the elementary weights of a tree at each stage."""
-    product = np.ones(len(DOP853.nodes))
+    product = np.ones(len(MATRIX))
     for branch in tree:
-        product *= DOP853.matrix @ stage_weights(branch)
+        product *= MATRIX @ stage_weights(branch)
     return product
 
 
@@ -76,19 +77,19 @@ def misfits(weights: np.ndarray, order: int, part: float = 1.0) -> list[float]:
 
 
 def test_the_nodes_are_the_sums_of_the_rows() -> None:
-    np.testing.assert_allclose(DOP853.matrix.sum(1), DOP853.nodes, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(MATRIX.sum(1), DOP853.tableau.c, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize('order', range(1, 9))
 def test_the_step_meets_all_order_conditions_up_to_order_8(order: int) -> None:
-    assert max(misfits(DOP853.matrix[DOP853.end], order)) < ROUNDED_COEFFICIENTS
+    assert max(misfits(np.array(DOP853.tableau.b), order)) < ROUNDED_COEFFICIENTS
 
 
 @pytest.mark.parametrize(('estimate', 'order'), [(0, 5), (1, 3)])
 def test_an_error_estimate_is_the_difference_to_a_method_of_its_order(
     estimate: int, order: int
 ) -> None:
-    other = DOP853.matrix[DOP853.end] - DOP853.estimates[estimate]
+    other = MATRIX[END] - DOP853.estimates[estimate]
     for k in range(1, order + 1):
         assert max(misfits(other, k)) < ROUNDED_COEFFICIENTS
     assert max(misfits(other, order + 1)) > 1e-5
@@ -97,8 +98,10 @@ def test_an_error_estimate_is_the_difference_to_a_method_of_its_order(
 @pytest.mark.parametrize('part', [0.0, 0.1, 0.5, 0.77, 1.0])
 def test_the_dense_output_meets_all_order_conditions_up_to_order_7(part: float) -> None:
     # With the unit matrix as slopes the rise is the weights.
-    coefficients = dense_coefficients(DOP853, 1.0, np.eye(len(DOP853.nodes)))
-    weights = interpolate_dense(coefficients[np.newaxis], np.array([[part]]))[0][0]
+    first, last = np.eye(len(MATRIX))[[0, END]]
+    rise = MATRIX[END]
+    rows = np.vstack([rise, first - rise, 2 * rise - (first + last), DOP853.tail])
+    weights = interpolate_dense(rows[np.newaxis], np.array([[part]]))[0][0]
     for order in range(1, 8):
         assert max(misfits(weights, order, part)) < 10 * ROUNDED_COEFFICIENTS
 

@@ -25,8 +25,6 @@ Modules in the order of data flow; each imports only from those above it.
     compile        compile_kernel; forward_dynamics, inverse_dynamics, which keep their kernels
     script         functions that call programs and dynamics on named arrays
     simulate       @simulate: steps of one arm, or of an arm in each lane of a register
-    contact        dry friction and joint stops in adaptive steps
-    adaptive       steps of an embedded pair, with error control and events
     simulations    compile_steps, compile_adaptive: whole simulations in native code
     matrices       loops over matrices in memory
     linear_step    @linear_step: an integrator's step, with its derivatives

@@ -204,7 +204,7 @@ class Script:
             yield
 
     @contextmanager
-    def while_any(self, name: str, at_most: int) -> Iterator[None]:
+    def while_any(self, name: str, at_most: object) -> Iterator[None]:
         """Repeat the body while a number is above zero for any of the arms, at least once."""
         again = self.code.variable('i1', 'true')
         with self.code.loop(at_most, again=again):

@@ -4,7 +4,7 @@
 Simulations in native code: the programs of a step and its dynamics, over all steps of a rollout.
 
     compile_steps        arms in the lanes of a register  (pfd_core.kernels.simulate)
-    compile_adaptive     one arm, adaptive steps          (pfd_core.kernels.adaptive)
+    compile_adaptive     one arm, adaptive steps          (pfd_core.simulation.adaptive_steps)
 """
 
 from __future__ import annotations
@@ -14,14 +14,11 @@ import ctypes
 from dataclasses import dataclass, replace
 from functools import cache, partial
 import hashlib
-from typing import Any
 
 from pfd_core.dynamics.numbers import PARAMETERS, count
 from pfd_core.forking import no_fork
-from pfd_core.kernels.adaptive import WRITTEN, AdaptivePair, adaptive_module, carried
-from pfd_core.kernels.contact import Contact
 from pfd_core.kernels.lower import lower, operations
-from pfd_core.kernels.native import Native
+from pfd_core.kernels.native import Native, Optimisation
 from pfd_core.kernels.recipes import (
     Recipe,
     digest,
@@ -41,7 +38,7 @@ from pfd_core.kernels.simulate import (
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, has_drives
-from pfd_core.model.effects import INERTIA, JOINTS, LINKS, MOTORS, VISCOSITY
+from pfd_core.model.effects import INERTIA, JOINTS, LINKS, MOTORS
 from pfd_core.model.values import Array
 
 # Where the result, and the table, of one arm lie behind the numbers of its plan.
@@ -161,29 +158,19 @@ def compile_steps(
     """
     sources = _dynamics(spec, step)
     main = next(iter(sources.values()))
-    inputs = {
-        name: size
-        for name, size in main.inputs.items()
-        if name not in MOTION and (name != 'free' or step.plant.brakes)
-    }
-    if step.plant.varied:
-        inputs[PARAMETERS] = count(step.plant)
+    inputs = _inputs(main, step.plant)
     steps = Steps(
         spec.robot.n, step.further, inputs, written, spec.dtype, width, step.shared, control
     )
     lowered = cache(partial(_lowered, steps, step, sources))
     sampled = [] if 'qdd' in written else ['accelerations']
     angles = turned_joints(spec.robot)
-    optimisation = main.optimisation
-    if step.contact:
-        # Steps cut at events have many branches.
-        optimisation = replace(optimisation, pipeline=not optimisation.long)
     keys = {name: source.key for name, source in sources.items()}
     native = main.compile(
         f'steps {width} {written} {step.settings} {step.plant.digest} {keys} {control}',
         ['simulate', *sampled],
         lambda: _steps_module(*lowered(), step, angles),
-        optimisation,
+        _branching(main) if step.contact else None,
         described=lambda: _digest(*lowered(), step),
     )
     integer, pointer = ctypes.c_int64, ctypes.c_void_p
@@ -297,114 +284,56 @@ def _recorded(name: str, plant: Plant, dtype: str) -> Recipe:
 
 @dataclass(frozen=True)
 class AdaptiveSteps:
-    """Adaptive steps of one arm in native code; pointers are given as addresses."""
+    """Adaptive steps of one arm in native code."""
 
     work: int  # operations of the evaluations in one attempt
-    inputs: tuple[str, ...]  # of the dynamics, besides the state
-    arrays: tuple[str, ...]  # that both functions take before the output arrays
-    begin: Callable[..., None]  # @begin (pfd_core.kernels.adaptive)
-    run: Callable[..., int]  # @adaptive, without the interpreter's lock
-    begin_law: Callable[..., None]  # the same with a law in Python, with the lock
-    run_law: Callable[..., int]
+    frame: Frame  # with the arrays that the caller sets and reads
+    size: int  # its elements
+    run: int  # the address of @adaptive
     native: Native  # owner of the code
 
 
-def compile_adaptive(spec: KernelSpec, pair: AdaptivePair, contact: Contact) -> AdaptiveSteps:
+def compile_adaptive(
+    spec: KernelSpec, step: StepCode, frame_of: Callable[[int, Mapping[str, int]], Frame]
+) -> AdaptiveSteps:
     """
     Compile adaptive steps of a robot; `spec` is of a STEP in float64.
 
-    `contact` has the programs of the steps, not lowered yet, and in scenes with dry friction or
-    joint stops the programs of events.
+    `frame_of` returns a frame for a number of joints and the elements of the inputs.
     """
-    if 'modes' in contact.programs:
-        sources = _contact_sources(spec, contact)
-    else:
-        main = forward(spec)
-        sources = _Sources(
-            main, f' {contact.key}', {'braked': main}, main.inputs, spec.dtype, contact
-        )
-    inputs = {name: size for name, size in sources.inputs.items() if name not in MOTION}
+    sources = _dynamics(spec, step)
+    main = next(iter(sources.values()))
+    steps = Steps(spec.robot.n, (), _inputs(main, step.plant), (), spec.dtype)
+    frame = frame_of(steps.n, steps.inputs)
 
     def ir() -> str:
-        _, lowered = sources.further()
-        assert lowered is not None
-        return adaptive_module(pair, lowered, inputs, turned_joints(spec.robot))
+        programs = {k: lower(program, spec.dtype).compiled for k, program in step.programs.items()}
+        dynamics = {k: source.program for k, source in sources.items()}
+        angles = turned_joints(spec.robot)
+        parts = step.write(steps, programs, dynamics, frame, angles)
+        return simulation_module(parts, steps, bool(angles))
 
-    native = sources.compile(f'adaptive {pair}{sources.key}', ['begin', 'adaptive'], ir)
-    arrays, integer = carried(contact, inputs), ctypes.c_int64
-    # The law is an object of Python, or a null pointer.
-    state: list[Any] = [ctypes.c_void_p] * (4 + len(arrays))
-    own: list[Any] = [integer, integer, *state, *([ctypes.c_void_p] * len(WRITTEN))]
-    begin, run = (native[name] for name in ('begin', 'adaptive'))
-    return AdaptiveSteps(
-        sources.main.work * len(pair.nodes),
-        tuple(inputs),
-        arrays,
-        ctypes.CFUNCTYPE(None, *state)(begin),
-        ctypes.CFUNCTYPE(integer, *own)(run),
-        ctypes.PYFUNCTYPE(None, *state)(begin),
-        ctypes.PYFUNCTYPE(integer, *own)(run),
-        native,
-    )
+    keys = {name: source.key for name, source in sources.items()}
+    module = f'adaptive {step.settings} {step.plant.digest} {keys}'
+    native = main.compile(module, ['adaptive', 'size'], ir, _branching(main))
+    size = ctypes.CFUNCTYPE(ctypes.c_int64)(native['size'])()
+    work = sum(sources[name].work * count for name, count in step.calls.items())
+    return AdaptiveSteps(work, frame, size, native['adaptive'], native)
 
 
-@dataclass(frozen=True)
-class _Sources:
-    """
-    Sources of the functions of a simulation.
+def _inputs(main: Recipe, plant: Plant) -> dict[str, int]:
+    """Return the elements of the inputs of the dynamics besides the state."""
+    inputs = {
+        name: size
+        for name, size in main.inputs.items()
+        if name not in MOTION and (name != 'free' or plant.brakes)
+    }
+    return inputs | ({PARAMETERS: count(plant)} if plant.varied else {})
 
-    Attributes
-    ----------
-    main : Recipe
-        The dynamics that a step evaluates most.
-    settings : str
-        Everything that determines the module except the sources and the step's program.
-    others : dict
-        Sources of other functions, by the names that the step calls them.
-    inputs : dict
-        Elements of the inputs of the dynamics.
-    dtype : str
-        Number format.
-    contact : Contact or None
-        Dry friction and joint stops, with lowered programs.
 
-    """
-
-    main: Recipe
-    settings: str
-    others: Mapping[str, Recipe]
-    inputs: Mapping[str, int]
-    dtype: str
-    contact: Contact | None = None
-
-    @property
-    def key(self) -> str:
-        """Everything that determines the module except the main source and the step's program."""
-        others = {name: source.key for name, source in self.others.items()}
-        return f'{self.settings} {others}'
-
-    def compile(
-        self,
-        module: str,
-        functions: Sequence[str],
-        ir: Callable[[], str],
-    ) -> Native:
-        """Return native code as Recipe.compile; steps cut at events have many branches."""
-        optimisation = self.main.optimisation
-        if self.contact is not None:
-            optimisation = replace(optimisation, pipeline=not optimisation.long)
-        return self.main.compile(module, functions, ir, optimisation)
-
-    def further(self) -> tuple[dict[str, Program], Contact | None]:
-        """Return the other programs, and dry friction and stops with lowered programs."""
-        programs = {name: other.program for name, other in self.others.items()}
-        if self.contact is None:
-            return programs, None
-        parts = {
-            name: lower(program, self.dtype).compiled
-            for name, program in self.contact.programs.items()
-        }
-        return {}, replace(self.contact, programs=parts, dynamics=programs)
+def _branching(main: Recipe) -> Optimisation:
+    """Return the effort of the compiler for steps with many branches."""
+    return replace(main.optimisation, pipeline=not main.optimisation.long)
 
 
 def impulses(spec: KernelSpec, plant: Plant) -> dict[str, Recipe]:
@@ -422,21 +351,6 @@ def plants(plant: Plant, implicit: float) -> Iterator[tuple[str, Plant]]:
     if implicit and plant.viscosity is not None:
         yield 'undamped', plant.only(LINKS, INERTIA, JOINTS, MOTORS)
         yield 'solve', _at_rest(plant, _heavier(plant, implicit))
-
-
-def _contact_sources(spec: KernelSpec, contact: Contact) -> _Sources:
-    """Return the sources of adaptive steps with dry friction and joint stops."""
-    plant, dtype = spec.plant, spec.dtype
-    others = {'motor': motors(plant, dtype)} if has_drives(plant) else {}
-    brakes = plant.brakes
-    plant = plant.only(LINKS, INERTIA, VISCOSITY, JOINTS)
-    main = forward(spec, replace(plant, brakes=True))
-    others |= {'braked': main, 'inverse': quantity(plant, 'inverse_dynamics', dtype)}
-    if 'hits' in contact.programs or brakes:
-        others |= impulses(spec, plant)
-    inputs = {k: size for k, size in main.inputs.items() if k != 'free' or brakes}
-    settings = f' {" ".join(inputs)} {contact.key}'
-    return _Sources(main, settings, others, inputs, dtype, contact)
 
 
 def _heavier(plant: Plant, time: float) -> Array:

@@ -22,10 +22,9 @@ Time: the motion of an arm, or of many arms at once, in native code.
     motors          MotorSimulator: efforts within the limits of motors, on a state of the caller
     ensemble        Ensemble: many arms, in rollouts
     embedded_pairs  Runge-Kutta pairs for adaptive steps as data; their dense output
-    step_control    programs of adaptive steps: stages, estimated error, next size
-    dense_events    events within an adaptive step, on its dense output
-    adaptive        integrate: one arm offline, to a tolerance; AdaptiveTrajectory. The loop over
-                    the steps is native code (kernels.adaptive)
+    step_control    programs of adaptive steps: estimated error, next size, dense output
+    adaptive_steps  adaptive steps in native code, on the segments and events of `native`
+    adaptive        integrate: one arm offline, to a tolerance; AdaptiveTrajectory
 
 A new integrator is a row of tableaux.TABLEAUX (INTEGRATORS are its names), for every scene; its
 linearised step is a function and a row of integrators.TABLE. A new adaptive one is its

@@ -10,41 +10,37 @@ Adaptive integration of one arm in double precision, for offline runs and refere
 The state y = (q, qd) obeys y' = (qd, f(q, qd, tau)), f the forward dynamics. An embedded pair
 (pfd_core.simulation.embedded_pairs) gives the steps, the dense output and estimates of the error,
 from which the sizes of the steps follow (pfd_core.simulation.step_control). A step ends where a
-joint with dry friction reverses, reaches a stop, or is released from rest
-(pfd_core.simulation.dense_events). The loop is native code
-(pfd_core.kernels.adaptive); this module checks arguments and collects the output.
+joint with dry friction reverses, reaches a stop, or is released from rest, as in fixed steps. The
+loop is native code (pfd_core.simulation.adaptive_steps); this module checks arguments and collects
+the output.
 The torque acts continuously, whereas a Simulator holds it for each step.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+import ctypes
 from dataclasses import dataclass, field
 from functools import lru_cache
 import math
 import time
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.dynamics.bodies import payload_inputs
-from pfd_core.kernels.adaptive import CONTROL, COUNTS, STATUSES, WRITTEN, AdaptivePair
 from pfd_core.kernels.compile import CACHED_KERNELS
-from pfd_core.kernels.contact import Contact
 from pfd_core.kernels.objects import supported
-from pfd_core.kernels.simulate import REPORT
 from pfd_core.kernels.simulations import AdaptiveSteps, compile_adaptive
 from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.kernels.threads import address
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.effects import INPUT
 from pfd_core.model.values import Array, choice, integer, real_array, real_number, switch
-from pfd_core.simulation.box import PIVOTS
-from pfd_core.simulation.dense_events import ROWS, dense_event_programs
-from pfd_core.simulation.dry import Law, has_contact, record_load
-from pfd_core.simulation.embedded_pairs import PAIRS, interpolate
-from pfd_core.simulation.native import mode_programs
-from pfd_core.simulation.step_control import SMALLEST_RTOL, SMALLEST_STEP, control_programs
+from pfd_core.simulation.adaptive_steps import WRITTEN, adaptive_code, adaptive_frame
+from pfd_core.simulation.embedded_pairs import PAIRS, ROWS, interpolate
+from pfd_core.simulation.step_control import SMALLEST_RTOL, SMALLEST_STEP, STATUSES
 from pfd_core.simulation.trajectory import Trajectory
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
@@ -197,7 +193,7 @@ def integrate(
     if not SMALLEST_RTOL <= rtol < 1:
         raise ValueError(f'rtol must be at least {SMALLEST_RTOL} and below 1, got {rtol}')
     max_steps = integer('max_steps', max_steps, 1)
-    wants_dense = switch('dense', dense)
+    dense = switch('dense', dense)
     scene = given_scene(scene)
     try:
         steps = _native(robot, scene, integrator, method, refine)
@@ -209,16 +205,26 @@ def integrate(
         inputs |= payload_inputs(robot, scene, 'float64', None)
     if not callable(tau):
         tau = real_array('tau', tau, shape=(n,))
+    start = {
+        name: real_array(name, value, shape=(n,))
+        for name, value in (('q', q), ('qd', qd))
+        if value is not None
+    }
     settings = {
         'duration': duration,
         'longest': min(duration, _above_zero('max_step', max_step, finite=False)),
         'smallest': SMALLEST_STEP * duration,
         'rtol': max(SHARE * rtol, SMALLEST_RTOL),
         'atol': SHARE * atol,
+        'wanted': dense,
     }
-    run = _Run(steps, settings, _start(n, inputs, q, qd), inputs, tau)
-    run.advance(max_steps, wants_dense)
-    return run.trajectory(wants_dense)
+    run = _Run(steps, tau)
+    for name, values in (settings | start | inputs).items():
+        run[name][:] = values
+    if 'free' in inputs:
+        run['qd'][inputs['free'] == 0] = 0.0  # braked joints do not move
+    run.advance(max_steps)
+    return run.trajectory()
 
 
 @lru_cache(CACHED_KERNELS, typed=True)
@@ -226,105 +232,66 @@ def _native(
     robot: Robot, scene: Scene, integrator: str, method: str, refine: int
 ) -> AdaptiveSteps:
     """Return the native code for a robot in a scene; ValueError for a scene with motor lag."""
-    plant, n = resolve(robot, scene), robot.n
+    plant = resolve(robot, scene)
     if plant.motor_lag is not None:
         raise ValueError(
             "'motor_lag' of the scene acts over a step of time, not at an instant: simulate with "
             'Simulator or Ensemble, or leave it out of the scene'
         )
-    pair = PAIRS[integrator]
-    programs = control_programs(pair, n)
-    if has_contact(plant):
-        law = Law(plant, 'float64')
-        programs |= mode_programs(law) | {'load': record_load(law, damped=False)}
-        programs |= dense_event_programs(plant)
-    contact = Contact(programs, PIVOTS * n)
     spec = KernelSpec(robot, scene, method, 'float64', refine, STEP)
-    return compile_adaptive(
-        spec, AdaptivePair(tuple(pair.nodes.tolist()), pair.end, ROWS), contact
-    )
-
-
-def _start(
-    n: int, inputs: dict[str, Array], q: ArrayLike | None, qd: ArrayLike | None
-) -> dict[str, Array]:
-    """Return the state at the start; braked joints do not move."""
-    state = {name: np.zeros(n) for name in ('q', 'qd')}
-    for name, value in (('q', q), ('qd', qd)):
-        if value is not None:
-            state[name][:] = real_array(name, value, shape=(n,))
-    if 'free' in inputs:
-        state['qd'][inputs['free'] == 0] = 0.0
-    return state
+    return compile_adaptive(spec, adaptive_code(plant, PAIRS[integrator]), adaptive_frame)
 
 
 class _Run:
-    """One run: the arrays that native code advances, and its output."""
+    """One run: the frame that native code advances, and the rows that it writes."""
 
-    def __init__(
-        self,
-        steps: AdaptiveSteps,
-        settings: dict[str, float],
-        start: dict[str, Array],
-        inputs: dict[str, Array],
-        tau: ArrayLike | TorqueLaw,
-    ) -> None:
-        n = len(start['q'])
-        self._steps = steps
-        self._control = np.array([settings.get(name, 0.0) for name in CONTROL])
-        self._counts = np.zeros(len(COUNTS), np.int64)
-        # Time, state and torques of a law; without a law only the constant torques are used.
-        self._asked = np.zeros(1 + 3 * n)
-        torques = self._asked[1 + 2 * n :]
-        law = None
+    def __init__(self, steps: AdaptiveSteps, tau: ArrayLike | TorqueLaw) -> None:
+        self._steps, self._numbers = steps, np.zeros(steps.size)
+        self._frame = steps.frame
+        law = callable(tau)
+        # With a law native code keeps the interpreter's lock.
+        kind = ctypes.PYFUNCTYPE if law else ctypes.CFUNCTYPE
+        pointer = ctypes.c_void_p
+        self._run = kind(None, ctypes.c_int64, pointer, pointer)(steps.run)
+        self._law = None
         if callable(tau):
             if not supported():
                 raise ValueError('tau must be an array: this Python cannot be called back')
-            law = _checked_law(tau, self._asked, n)
+            self._law = _checked_law(tau, self['asked'], self['tau'])
+            self._integer('law')[:] = id(self._law)
         else:
-            torques[:] = tau
-        given = inputs | start | {'tau': torques}
-        self._arrays = {
-            name: np.ascontiguousarray(given[name]) if name in given else np.zeros(n)
-            for name in steps.arrays
-        }
-        self._law = law
-        self._rows: list[dict[str, Array]] = []
+            self['tau'][:] = tau
+        self._rows: list[Array] = []
 
-    @property
-    def _state(self) -> list[int]:
-        """Addresses that both native functions take."""
-        own = (self._asked, self._counts, self._control, *self._arrays.values())
-        return [0 if self._law is None else id(self._law), *(address(x) for x in own)]
+    def __getitem__(self, name: str) -> Array:
+        """Return an array of the frame."""
+        size = self._frame.length(name)
+        first = self._frame.place(name, size)
+        return self._numbers[first : first + size]
 
-    def advance(self, max_steps: int, dense: bool) -> None:
+    def _integer(self, name: str) -> Any:
+        return self[name].view(np.int64)
+
+    def advance(self, max_steps: int) -> None:
         """Take steps up to the end, or as many as are allowed."""
-        steps, state = self._steps, self._state
-        begin, run = steps.begin, steps.run
-        if self._law is not None:
-            begin, run = steps.begin_law, steps.run_law
-        begin(*state)
-        n = len(self._arrays['q'])
-        # A run may end before its first step.
-        self._begun = {
-            'time': np.zeros(1),
-            **{name: np.empty(0) for name in ('size', 'event')},
-            'dense': np.empty((0, ROWS, 2 * n)),
-        }
-        self._begun |= {name: self._arrays[name][np.newaxis].copy() for name in REPORT}
+        self['begins'][:] = 1.0
+        length = sum(map(self._frame.length, self._written))
         tried = 0
-        count = max(1, FIRST_OPERATIONS // max(1, steps.work))
+        count = max(1, FIRST_OPERATIONS // max(1, self._steps.work))
         while tried < max_steps and not self.status:
             count = min(count, max_steps - tried, MOST_ATTEMPTS)
             began = time.perf_counter()
-            shapes = {**dict.fromkeys(WRITTEN, (count,)), **dict.fromkeys(REPORT, (count, n))}
-            shapes['dense'] = (count if dense else 1, ROWS, 2 * n)
-            out = {name: np.empty(shapes[name]) for name in WRITTEN}
-            accepted = run(count, dense, *state, *(address(x) for x in out.values()))
-            self._rows.append({name: x[:accepted] for name, x in out.items()})
+            # The first call writes the start, too.
+            out = np.empty((count + 1, length))
+            self._run(count, address(self._numbers), address(out))
+            self._rows.append(out[: self._integer('rows')[0]])
             tried += count
             spent = max(time.perf_counter() - began, 1e-9)
             count = max(1, min(2 * count, int(count * PIECE_SECONDS / spent)))
+
+    @property
+    def _written(self) -> tuple[str, ...]:
+        return WRITTEN if self['wanted'] > 0 else WRITTEN[:-1]
 
     @property
     def status(self) -> str:
@@ -332,35 +299,39 @@ class _Run:
         return STATUSES[self._count('status')]
 
     def _count(self, name: str) -> int:
-        return int(self._counts[COUNTS.index(name)])
+        return int(self[name][0])
 
-    def trajectory(self, dense: bool) -> AdaptiveTrajectory:
+    def trajectory(self) -> AdaptiveTrajectory:
         """Return the output as a trajectory."""
-        whole = {
-            name: np.concatenate([x[name] for x in [self._begun, *self._rows] if name in x])
-            for name in WRITTEN
-        }
-        steps, stiff = len(whole['size']), self._count('stiff')
+        whole, end = {}, 0
+        for name in self._written:
+            begin, end = end, end + self._frame.length(name)
+            whole[name] = np.concatenate([rows[:, begin:end] for rows in self._rows])
+        steps, stiff = len(whole['time']) - 1, self._count('stiff')
         out_of_steps = 'too_stiff' if 2 * stiff > steps else 'too_many_steps'
+        times, dense = whole['time'][:, 0], whole.get('dense')
+        if dense is not None:
+            dense = dense[1:].reshape(steps, ROWS, dense.shape[1] // ROWS)
         return AdaptiveTrajectory(
-            time=whole['time'],
+            time=times,
             q=whole['q'],
             qd=whole['qd'],
-            _qdd=whole['qdd'],
+            _qdd=whole['K0'],
             status=self.status or out_of_steps,
             finite_steps=steps,
             evaluations=self._count('evaluations'),
             rejected_steps=self._count('rejected'),
             stiff_steps=stiff,
-            events=whole['time'][1:][whole['event'] > 0],
-            _sizes=whole['size'],
-            _dense=whole['dense'] if dense else None,
+            events=times[whole['happened'][:, 0] > 0],
+            _sizes=whole['length'][1:, 0],
+            _dense=dense,
         )
 
 
-def _checked_law(tau: TorqueLaw, asked: Array, n: int) -> Callable[[], None]:
-    """Return the function that native code calls: it reads and writes the array `asked`."""
-    q, qd, torques = asked[1 : 1 + n], asked[1 + n : 1 + 2 * n], asked[1 + 2 * n :]
+def _checked_law(tau: TorqueLaw, asked: Array, torques: Array) -> Callable[[], None]:
+    """Return the function that native code calls: it reads `asked` and writes the torques."""
+    n = len(torques)
+    q, qd = asked[1 : 1 + n], asked[1 + n :]
 
     def law() -> None:
         # Copies: the caller's function may keep or change its arguments.

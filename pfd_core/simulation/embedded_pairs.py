@@ -1,15 +1,17 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Embedded Runge-Kutta pairs as data: steps with an error estimate and a dense output.
+Embedded pairs as data: Runge-Kutta methods with estimates of their error and a dense output.
 
-For y' = f(t, y) a step of size h evaluates stage i at the state y plus h times a weighted sum of
-the slopes of the stages before it:
+The tableau has all stages: those of the step; stage `end` at its end, whose state is the end of
+the step and whose acceleration begins the next one; and stages for the dense output alone.
 
-    k[i] = f(t + nodes[i] h, y + h sum_j matrix[i, j] k[j]),  j < i
+    error     r sum_j e_j K_j of the velocities, of the positions with e A in place of e
+    at x      y + x (F0 + (1 - x) (F1 + x (F2 + (1 - x) (F3 + ...)))),  x from 0 to 1
 
-The row `end` of the matrix holds the weights of the step itself, so that this stage is the first
-one of the next step. Rows after it serve the dense output alone.
+F0 is the rise over the step, F1 and F2 follow from the slopes at its ends, the other rows are
+r sum_j D_kj K_j. Weights e and rows of D sum up to zero, so that the velocity at the beginning has
+no part in the sums for the positions: r^2 sum_j (e A)_j K_j.
 
 DOP853 is the pair of Dormand and Prince with 12 stages, order 8, error estimates of orders 5 and
 3 and a dense output of order 7: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
@@ -21,14 +23,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from pfd_core.model.values import Array
+from pfd_core.simulation.tableaux import Tableau
 
 # Coefficients of a row by column; zero where a column is missing.
 Row = Mapping[int, float]
+# Rows of a dense output.
+ROWS = 7
 
 # fmt: off
 NODES = (
@@ -127,65 +131,40 @@ class EmbeddedPair:
 
     Attributes
     ----------
-    order : int
-        Order of the step; the norm of the error falls with this power of h.
+    tableau : Tableau
+        All stages, and the weights of the step.
     end : int
-        Row of the matrix with the weights of the step, and stage at the end of the step.
-    nodes : numpy.ndarray
-        (s,), times of the stages in units of h.
-    matrix : numpy.ndarray
-        (s, s), lower triangular without a diagonal.
+        The stage at the end of the step.
     estimates : numpy.ndarray
         (2, s), weights of the estimate of higher order and of the one of lower order.
-    dense : numpy.ndarray
-        (4, s), weights of the four coefficients of the dense output of highest degree.
+    tail : numpy.ndarray
+        (4, s), weights of the rows of the dense output after the third.
 
     """
 
-    order: int
+    tableau: Tableau
     end: int
-    nodes: Array
-    matrix: Array
     estimates: Array
-    dense: Array
+    tail: Array
 
 
-def _rows(rows: Sequence[Row], columns: int) -> Array:
-    array = np.zeros((len(rows), columns))
+def _filled(rows: Sequence[Row]) -> Array:
+    """Return rows as an array with a column for each stage."""
+    array = np.zeros((len(rows), len(NODES)))
     for k, row in enumerate(rows):
         array[k, list(row)] = list(row.values())
-    array.flags.writeable = False
     return array
 
 
 def _dop853() -> EmbeddedPair:
-    stages, end = len(NODES), 12
+    end, A = 12, _filled(STAGES)
     weights = STAGES[end]
-    third = {j: weights.get(j, 0.0) - THIRD_ORDER_WEIGHTS.get(j, 0.0) for j in weights}
-    nodes = np.array(NODES)
-    nodes.flags.writeable = False
-    return EmbeddedPair(
-        order=8,
-        end=end,
-        nodes=nodes,
-        matrix=_rows(STAGES, stages),
-        estimates=_rows((FIFTH_ORDER_ERROR, third), stages),
-        dense=_rows(DENSE, stages),
-    )
+    third = {j: weights[j] - THIRD_ORDER_WEIGHTS.get(j, 0.0) for j in weights}
+    tableau = Tableau(NODES, tuple(map(tuple, A.tolist())), tuple(A[end].tolist()), order=8)
+    return EmbeddedPair(tableau, end, _filled((FIFTH_ORDER_ERROR, third)), _filled(DENSE))
 
 
 PAIRS = {'dop853': _dop853()}
-
-
-def dense_coefficients(pair: EmbeddedPair, size: Any, stages: Array) -> Array:
-    """
-    Return the coefficients (7, m) of the dense output of a step from its slopes (s, m).
-
-    Size and slopes are numbers, or values over lanes that a program is recorded with.
-    """
-    rise = size * (pair.matrix[pair.end] @ stages)
-    first, last = size * stages[0], size * stages[pair.end]
-    return np.vstack([rise, first - rise, 2 * rise - (first + last), size * (pair.dense @ stages)])
 
 
 def interpolate(coefficients: Array, part: Array) -> tuple[Array, Array]:

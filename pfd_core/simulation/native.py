@@ -213,9 +213,10 @@ class EventWriter:
         parts += [self._segment(), self._ends(), self._advance(), self._accelerate()]
         return list(map(str, parts))
 
-    def _script(self, name: str) -> Script:
+    def _script(self, name: str, first: Sequence[str] = ()) -> Script:
+        steps, programs = self.steps, self.programs
         return Script(
-            name, self.frame, self.dynamics, self.steps.dtype, self.steps.width, self.programs
+            name, self.frame, self.dynamics, steps.dtype, steps.width, programs, first=first
         )
 
     def _load(self, s: Script, q: str, qd: str, tau: str, y: str, damped: bool = True) -> None:
@@ -328,7 +329,7 @@ class EventWriter:
         return s
 
     def _slopes(self, s: Script) -> None:
-        if not self.segment.slope:
+        if not self._end:
             # In every lane, so that slopes do not depend on neighbours.
             self._accelerations(s, 'qdd.end', 'q.end', 'qd.end', self.segment.tau[2])
         self._margins(s, **self._end)
@@ -340,30 +341,38 @@ class EventWriter:
         s.fill('rest', segment.h, 1)
         self._unbrake(s)
         with s.while_any('rest', MOST_SEGMENTS):
-            s.run('watch')
-            if segment.lags:
-                s.run('begin')
-            if 'hits' in self.programs:
-                with s.when_any('watch'):
-                    s.run('hits')
-                    with s.when_any('hits'):
-                        s.call('impact')
-            s.call('hold')
-            self._first(s)
+            self._begin(s)
             s.copy('rest', 'r')
             s.call('segment')
-            s.fill('loose', 0.0, 1)
-            with s.when_any('held'):
-                s.run('loose', **{'lambda': 'lambda.end'})
-            s.run('detect')
-            with s.when_any('seek', rarely=True):
-                self._search(s)
+            self._find(s)
             s.run('commit')
             if segment.compensated:
                 s.fill('stopped', 0.0, n)
         with s.when_any('rest', rarely=True):
             s.run('unfinished')
         return s
+
+    def _begin(self, s: Script) -> None:
+        """Write the modes in which a segment begins, after impacts, and accelerations."""
+        s.run('watch')
+        if self.segment.lags:
+            s.run('begin')
+        if 'hits' in self.programs:
+            with s.when_any('watch'):
+                s.run('hits')
+                with s.when_any('hits'):
+                    s.call('impact')
+        s.call('hold')
+        self._first(s)
+
+    def _find(self, s: Script) -> None:
+        """Shorten a segment to its first event, if it has one."""
+        s.fill('loose', 0.0, 1)
+        with s.when_any('held'):
+            s.run('loose', **{'lambda': 'lambda.end'})
+        s.run('detect')
+        with s.when_any('seek', rarely=True):
+            self._search(s)
 
     def _first(self, s: Script) -> None:
         """Write the accelerations of the first stage."""
@@ -391,6 +400,9 @@ class EventWriter:
             with s.when_any('seek'):
                 s.run('aim')
                 s.call('ends')
+        self._snap(s)
+
+    def _snap(self, s: Script) -> None:
         s.run('snap', **self._end)
 
     def _accelerate(self) -> Script:

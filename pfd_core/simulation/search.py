@@ -8,8 +8,8 @@ with other lengths r, so that an event has the accuracy of the integrator. One l
 segment of length r; L < R is the bracket, with all margins at or above zero at L.
 
     narrow   the bracket, and Newton's step: the least one of the margins that are below zero at R,
-             from their slopes at r. If it is shorter than SHORT of the segment the search ends: a
-             Taylor step reaches it
+             from their slopes at r. If it is a part below `short` of the segment, the search
+             ends: a Taylor step reaches it
     aim      the next r: the first root of the cubic Hermite interpolants in the bracket, in which
              roots at the beginning are no events; of the chord for a margin without slope
 
@@ -29,7 +29,7 @@ from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.simulation.dry import SHORT, Law, Row, read, rests, single
+from pfd_core.simulation.dry import Law, Row, read, rests, single
 from pfd_core.simulation.flags import any_of, both, either, negated, sign_of, smallest
 
 # No event within any segment.
@@ -79,7 +79,7 @@ def record_narrow(law: Law) -> Program:
     turned = any_of(
         [both(sign_of(-(x + e)), negated(on)) for x, e, on in zip(g, rough, falls, strict=True)]
     )
-    short = both(negated(absolute(way) - h * SHORT), negated(turned))
+    short = both(negated(absolute(way) - h * law.short), negated(turned))
     worn = negated(w - h * (LENGTHS * law.eps))
     done = both(seek, either(short, both(worn, hit)))
     fires = [

@@ -1,14 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Step size control: the programs of adaptive steps, which native code calls in turn.
+The programs of adaptive steps around the stages of an embedded pair.
 
-    first_size    the size of the first step, from the slope at the start
-    attempt       the size of the next attempt: whole steps up to the end
-    stage1 ...    position and velocity of each stage of an embedded pair
-    judge         error of the attempt, whether it is accepted, next size
-    stiffness     whether stability, not accuracy, may have limited the step
-    dense         coefficients of the dense output
+    first_size  the size of the first step, from the slope at the start
+    plan      the length of the next attempt: whole steps up to the end
+    judge     its error, whether it is accepted, the next size, and whether it is stiff
+    dense     rows of the dense output
+    keep      whether all numbers at the end are finite
+    clock     the time after the step
 
 The error of a step is the root mean square over the state of estimate / (atol + rtol |state|). A
 step with an error above 1 is rejected and tried again with a smaller size; the size of the next
@@ -17,27 +17,28 @@ not finite the error is NaN: the step is rejected, until its size is below the s
 is a power of two, so that its root is a sequence of square roots, with the same bits on every
 processor.
 
-The slope of the position is the velocity v of a stage (v0 = qd), the slope of the velocity its
-acceleration a. Native code calls the programs (pfd_core.kernels.adaptive).
-
 One register holds one number; flags are 1 or 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 import math
-from typing import Any
 
 import numpy as np
 
-from pfd_core.dynamics.interface import input_list, program_with_outputs
+from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.simulation.embedded_pairs import EmbeddedPair, dense_coefficients
-from pfd_core.simulation.flags import both, negated, sign_of
+from pfd_core.model.values import Array
+from pfd_core.simulation.dry import Row, read, single
+from pfd_core.simulation.embedded_pairs import ROWS, EmbeddedPair
+from pfd_core.simulation.flags import both, either, negated, sign_of
+from pfd_core.simulation.stages import added, plus, scaled
 
+STATUSES = ('', 'ok', 'not_finite', 'step_too_small')
 # The next step is this fraction of the step at which the error would be 1, and at least and at
 # most these multiples of the last one (Hairer, Norsett, Wanner, equation II.4.13).
 SAFETY, SHRINK, GROW = 0.9, 1 / 3, 6.0
@@ -50,73 +51,211 @@ SMALLEST_RTOL = 1e-14
 # Size of a step times the largest eigenvalue of the system at which DOP853 becomes unstable
 # (Hairer, Wanner, Solving Ordinary Differential Equations II, section IV.2; program dop853.f).
 STABLE = 6.1
+LARGEST, SMALL = float(np.finfo(float).max), 2.0**-100
 
 
 def control_programs(pair: EmbeddedPair, n: int) -> dict[str, Program]:
     """Return the programs of adaptive steps of n joints by a pair, by name."""
-    stages = {f'stage{k}': _stage(pair, n, k) for k in range(1, len(pair.nodes))}
     return {
         'first_size': _first_size(pair, n),
-        'attempt': _attempt(),
-        **stages,
+        'plan': _plan(),
         'judge': _judge(pair, n),
-        'stiffness': _stiffness(pair, n),
         'dense': _dense(pair, n),
+        'keep': _keep(n),
+        'clock': _clock(),
     }
 
 
-def _read(recorder: Recorder, n: int, *names: str) -> Any:
-    return np.array([input_list(recorder, name, n) for name in names], dtype=object)
-
-
-def _single(recorder: Recorder, *names: str) -> list[Lanes]:
-    return [input_list(recorder, name, 1)[0] for name in names]
-
-
-def _velocities(stages: int) -> list[str]:
-    """Return the names of the velocities of the first stages."""
-    return ['qd', *(f'qd{k}' for k in range(1, stages))]
-
-
-def _accelerations(stages: int) -> list[str]:
-    """Return the names of the accelerations of the first stages."""
-    return ['qdd', *(f'qdd{k}' for k in range(1, stages))]
-
-
-def _weighted(weights: Any, rows: Any) -> Any:
-    """Return weighted sums of rows, without rows of weight zero."""
-    used = np.flatnonzero(weights)
-    total = float(weights[used[0]]) * rows[used[0]]
-    for j in used[1:]:
-        total = total + float(weights[j]) * rows[j]
-    return total
-
-
-def _stage(pair: EmbeddedPair, n: int, k: int) -> Program:
-    """Return the program of position `at` and velocity `qd<k>` of a stage."""
+def _first_size(pair: EmbeddedPair, n: int) -> Program:
+    """Return the program of `size` and `grow` at the start (Hairer, Norsett, Wanner, II.4)."""
     recorder = Recorder(1, 'sequential')
-    used = np.flatnonzero(pair.matrix[k, :k])
-    weights = pair.matrix[k, used]
-    q, qd = _read(recorder, n, 'q', 'qd')
-    (h,) = _single(recorder, 'h')
-    v = _read(recorder, n, *(_velocities(k)[j] for j in used))
-    a = _read(recorder, n, *(_accelerations(k)[j] for j in used))
-    at, end = q + h * _weighted(weights, v), qd + h * _weighted(weights, a)
-    name = 'q.end' if k == pair.end else f'at{k}'
-    return program_with_outputs(recorder, **{name: list(at), f'qd{k}': list(end)})
+    q, qd, a = read(recorder, n, 'q', 'qd', 'K0')
+    longest, smallest = single(recorder, 'longest', 'smallest')
+    speed = sqrt(_mean_square([*qd, *a], _scales(recorder, [*q, *qd])))
+    size = _smaller(longest, _larger(smallest, _root(0.01 / speed, pair.tableau.order)))
+    known = both(sign_of(speed), sign_of(LARGEST - speed))
+    return program_with_outputs(
+        recorder,
+        size=[where(known, size, longest)],
+        grow=[recorder.constant(GROW)],
+        status=_status(recorder, not_finite=negated(_finite([*q, *qd, *a]))),
+    )
 
 
-def _scales(recorder: Recorder, *states: Any) -> Any:
+def _plan() -> Program:
+    """
+    Return the program of the length r and the end `time.end` of the next attempt.
+
+    The last steps are equal, since a remainder might be below the smallest step. Output `goes` is
+    0, and `status` says why, if there is none.
+    """
+    recorder = Recorder(1, 'sequential')
+    time, size, duration, smallest, error, status, failed = single(
+        recorder, 'time', 'size', 'duration', 'smallest', 'error', 'status', 'failed'
+    )
+    left = duration - time
+    close = sign_of(2.0 * size - left)
+    last = both(close, negated(left / size - (1.0 + ROUNDED_TIME)))
+    r = where(last, left, where(close, 0.5 * left, size))
+    small = both(sign_of(smallest - size), negated(status))
+    known = sign_of(error + 1.0)
+    ended = _status(recorder, step_too_small=both(small, known), not_finite=small)
+    status = where(small, ended[0], status)
+    nothing = [recorder.constant(0.0)]
+    return program_with_outputs(
+        recorder,
+        r=[r],
+        length=[r],
+        whole=[r],
+        **{'time.end': [where(last, duration, time + r)]},
+        status=[status],
+        goes=[negated(either(status, failed))],
+        event=nothing,
+        accepted=nothing,
+    )
+
+
+def _judge(pair: EmbeddedPair, n: int) -> Program:
+    """
+    Return the program of the error of an attempt, and of `size` and `grow` of the next one.
+
+    The two estimates are combined as in section II.10 of Hairer, Norsett, Wanner. A step is stiff
+    if it is as long as stability permits: the last two stages, q.stage and q.end, have the same
+    time, and their slopes and states differ by the largest eigenvalue (Hairer, Wanner, section
+    IV.2). Outputs `rejected` and `stiff` are counts.
+    """
+    recorder = Recorder(1, 'sequential')
+    tableau, end = pair.tableau, pair.end
+    A = np.array(tableau.A)
+    q, v, q_end, v_end = read(recorder, n, 'q', 'qd', 'q.end', 'qd.end')
+    r, grow, longest, rejected, stiff = single(
+        recorder, 'r', 'grow', 'longest', 'rejected', 'stiff'
+    )
+    K = read(recorder, n, *(f'K{j}' for j in range(end + 1)))
+    scales = _scales(recorder, [*q, *v], [*q_end, *v_end])
+    high, low = (
+        _mean_square([*_sum(r, e @ A, K), *_sum(1.0, e, K)], scales) for e in pair.estimates
+    )
+    finite = _finite([*q_end, *v_end, *K[end]])
+    error = where(finite, r * high / sqrt(where(high, high + 0.01 * low, 1.0)), math.nan)
+    accepted = both(sign_of(2.0 - error), negated(error - 1.0))
+    factor = SAFETY / _root(error, tableau.order)
+    factor = where(factor - SHRINK, _smaller(factor, recorder.constant(GROW)), SHRINK)
+    factor = where(error, factor, where(accepted, GROW, SHRINK))
+
+    before = *read(recorder, n, 'q.stage', 'qd.stage'), K[end - 1]
+    change = [
+        [x - y for x, y in zip(*rows, strict=True)]
+        for rows in zip((q_end, v_end, K[end]), before, strict=True)
+    ]
+    states, slopes = (_mean_square([*a, *b]) for a, b in pairwise(change))
+    fast = sign_of((r * r) * slopes - STABLE**2 * states)
+    return program_with_outputs(
+        recorder,
+        error=[error],
+        accepted=[accepted],
+        kept=[accepted],
+        size=[_smaller(longest, r * _smaller(factor, grow))],
+        grow=[where(accepted, GROW, 1.0)],
+        rejected=[rejected + negated(accepted)],
+        stiff=[stiff + both(accepted, fast)],
+    )
+
+
+def _dense(pair: EmbeddedPair, n: int) -> Program:
+    """Return the program of the rows `dense<k>.q` and `dense<k>.qd` of the dense output."""
+    recorder = Recorder(1, 'sequential')
+    A, b = np.array(pair.tableau.A), np.array(pair.tableau.b)
+    v, v_end = read(recorder, n, 'qd', 'qd.end')
+    (r,) = single(recorder, 'r')
+    K = read(recorder, n, *(f'K{j}' for j in range(len(A))))
+    outputs: dict[str, Row] = {'length': [r]}
+    parts = (
+        ('q', added(scaled(r, v), _sum(r * r, b @ A, K)), v, v_end, r * r, A),
+        ('qd', _sum(r, b, K), K[0], K[pair.end], r, np.eye(len(A))),
+    )
+    for part, rise, first, last, factor, weights in parts:
+        a, z = scaled(r, first), scaled(r, last)
+        rows = [rise, [x - y for x, y in zip(a, rise, strict=True)]]
+        rows.append([2.0 * x - (y + w) for x, y, w in zip(rise, a, z, strict=True)])
+        rows += [_sum(factor, row @ weights, K) for row in pair.tail]
+        outputs |= {f'dense{k}.{part}': row for k, row in enumerate(rows)}
+    return program_with_outputs(recorder, **outputs)
+
+
+def _keep(n: int) -> Program:
+    """Return the program of `kept`, (1,): whether all numbers of a step are finite."""
+    recorder = Recorder(1, 'sequential')
+    names = [f'dense{k}.{part}' for k in range(ROWS) for part in ('q', 'qd')]
+    numbers = [x for row in read(recorder, n, 'q.end', 'qd.end', *names) for x in row]
+    r, size, error, rejected = single(recorder, 'r', 'size', 'error', 'rejected')
+    kept = _finite(numbers)
+    return program_with_outputs(
+        recorder,
+        kept=[kept],
+        size=[where(kept, size, r * SHRINK)],
+        error=[where(kept, error, math.nan)],
+        rejected=[rejected + negated(kept)],
+    )
+
+
+def _clock() -> Program:
+    """
+    Return the program of the time after a step, and of the status.
+
+    Output `moved` flags a step that takes time. The others have put joints to rest.
+    """
+    recorder = Recorder(1, 'sequential')
+    time, end, r, whole, duration, rejected = single(
+        recorder, 'time', 'time.end', 'r', 'whole', 'duration', 'rejected'
+    )
+    new = where(whole - r, _smaller(time + r, end), end)
+    moved = sign_of(new - time)
+    return program_with_outputs(
+        recorder,
+        time=[new],
+        moved=[moved],
+        rejected=[rejected + negated(moved)],
+        status=_status(recorder, ok=negated(duration - new)),
+    )
+
+
+def _status(recorder: Recorder, **flags: Lanes) -> Row:
+    """Return the number of the first status whose flag is set, or 0."""
+    number = recorder.constant(0.0)
+    for name, flag in reversed(flags.items()):
+        number = where(flag, float(STATUSES.index(name)), number)
+    return [number]
+
+
+def _finite(values: Sequence[Lanes]) -> Lanes:
+    """Return whether all of some numbers are finite."""
+    total = values[0] * SMALL
+    for x in values[1:]:
+        total = total + x * SMALL
+    return sign_of(LARGEST - absolute(total))
+
+
+def _sum(factor: Lanes | float, weights: Array, K: Sequence[Row]) -> Row:
+    """Return a factor times a weighted sum of rows, without rows of weight zero."""
+    (w, first), *others = [(w, row) for w, row in zip(weights, K, strict=False) if w]
+    return scaled(factor, plus(scaled(float(w), first), 1.0, others))
+
+
+def _scales(recorder: Recorder, *states: Row) -> Row:
     """Return atol + rtol times the largest absolute value of states, for each element."""
-    atol, rtol = _single(recorder, 'atol', 'rtol')
+    atol, rtol = single(recorder, 'atol', 'rtol')
     largest = [absolute(x) for x in states[0]]
     for state in states[1:]:
         largest = [_larger(absolute(x), y) for x, y in zip(state, largest, strict=True)]
-    return np.array([atol + rtol * x for x in largest], dtype=object)
+    return [atol + rtol * x for x in largest]
 
 
-def _mean_square(values: Sequence[Lanes]) -> Lanes:
-    total: Lanes = values[0] * values[0]
+def _mean_square(values: Sequence[Lanes], scales: Sequence[Lanes] = ()) -> Lanes:
+    """Return the mean square of some numbers, as multiples of scales if there are any."""
+    if scales:
+        values = [x / scale for x, scale in zip(values, scales, strict=True)]
+    total = values[0] * values[0]
     for x in values[1:]:
         total = total + x * x
     mean: Lanes = total * (1 / len(values))
@@ -138,110 +277,3 @@ def _larger(a: Lanes, b: Lanes) -> Lanes:
 def _smaller(a: Lanes, b: Lanes) -> Lanes:
     result: Lanes = where(b - a, a, b)
     return result
-
-
-def _first_size(pair: EmbeddedPair, n: int) -> Program:
-    """Return the program of `size` and `grow` at the start (Hairer, Norsett, Wanner, II.4)."""
-    recorder = Recorder(1, 'sequential')
-    q, qd, a = _read(recorder, n, 'q', 'qd', 'qdd')
-    longest, smallest = _single(recorder, 'longest', 'smallest')
-    scales = _scales(recorder, [*q, *qd])
-    speed = sqrt(_mean_square(np.array([*qd, *a], dtype=object) / scales))
-    size = _smaller(longest, _larger(smallest, _root(0.01 / speed, pair.order)))
-    known = both(sign_of(speed), sign_of(float(np.finfo(float).max) - speed))
-    return program_with_outputs(
-        recorder, size=[where(known, size, longest)], grow=[recorder.constant(GROW)]
-    )
-
-
-def _attempt() -> Program:
-    """
-    Return the program of the size `h` and the end `time.end` of the next attempt.
-
-    The last steps are equal, since a remainder might be below the smallest step.
-    """
-    recorder = Recorder(1, 'sequential')
-    time, size, duration = _single(recorder, 'time', 'size', 'duration')
-    left = duration - time
-    close = sign_of(2.0 * size - left)
-    last = both(close, negated(left / size - (1.0 + ROUNDED_TIME)))
-    h = where(last, left, where(close, 0.5 * left, size))
-    return program_with_outputs(recorder, h=[h], **{'time.end': [where(last, duration, time + h)]})
-
-
-def _judge(pair: EmbeddedPair, n: int) -> Program:
-    """
-    Return the program of `error`, `accepted`, and `size` and `grow` of the next attempt.
-
-    The two estimates are combined as in section II.10 of Hairer, Norsett, Wanner. `finite` is 0,
-    or NaN if a number of the end of the step is not finite.
-    """
-    recorder = Recorder(1, 'sequential')
-    end = pair.end
-    q, qd, q_end, qd_end = _read(recorder, n, 'q', 'qd', 'q.end', f'qd{end}')
-    h, grow, longest, finite = _single(recorder, 'h', 'grow', 'longest', 'finite')
-    scales = _scales(recorder, [*q, *qd], [*q_end, *qd_end])
-    used = np.flatnonzero(pair.estimates.any(axis=0))
-    slopes = [
-        [*v, *a]
-        for v, a in zip(
-            _read(recorder, n, *(_velocities(end)[j] for j in used)),
-            _read(recorder, n, *(_accelerations(end)[j] for j in used)),
-            strict=True,
-        )
-    ]
-    rows = np.array(slopes, dtype=object)
-    high, low = (
-        _mean_square(_weighted(weights[used], rows) / scales) for weights in pair.estimates
-    )
-    error = h * high / sqrt(where(high, high + 0.01 * low, 1.0)) + finite
-    accepted = both(sign_of(2.0 - error), negated(error - 1.0))
-    factor = SAFETY / _root(error, pair.order)
-    factor = where(factor - SHRINK, _smaller(factor, recorder.constant(GROW)), SHRINK)
-    factor = where(error, factor, where(accepted, GROW, SHRINK))
-    return program_with_outputs(
-        recorder,
-        error=[error],
-        accepted=[accepted],
-        size=[_smaller(longest, h * _smaller(factor, grow))],
-        grow=[where(accepted, GROW, 1.0)],
-    )
-
-
-def _stiffness(pair: EmbeddedPair, n: int) -> Program:
-    """
-    Return the program of `stiff`: whether the step is as long as stability permits.
-
-    The last two stages have the same time; their slopes and states differ by the largest
-    eigenvalue (Hairer, Wanner, section IV.2).
-    """
-    recorder = Recorder(1, 'sequential')
-    end = pair.end
-    before, after = (
-        _read(recorder, n, *names)
-        for names in (
-            (f'at{end - 1}', f'qd{end - 1}', f'qdd{end - 1}'),
-            ('q.end', f'qd{end}', f'qdd{end}'),
-        )
-    )
-    (h,) = _single(recorder, 'h')
-    change = after - before
-    states = _mean_square([*change[0], *change[1]])
-    slopes = _mean_square([*change[1], *change[2]])
-    return program_with_outputs(recorder, stiff=[sign_of((h * h) * slopes - STABLE**2 * states)])
-
-
-def _dense(pair: EmbeddedPair, n: int) -> Program:
-    """Return the program of the rows `dense<k>.q` and `dense<k>.qd` of the dense output."""
-    recorder = Recorder(1, 'sequential')
-    stages = len(pair.nodes)
-    (h,) = _single(recorder, 'h')
-    outputs: dict[str, list[Lanes]] = {}
-    for part, names in (('q', _velocities(stages)), ('qd', _accelerations(stages))):
-        used = [j for j in range(stages) if pair.matrix[pair.end, j] or pair.dense[:, j].any()]
-        used = sorted({0, pair.end, *used})
-        rows = np.zeros((stages, n), dtype=object)
-        rows[used] = _read(recorder, n, *(names[j] for j in used))
-        for k, row in enumerate(dense_coefficients(pair, h, rows)):
-            outputs[f'dense{k}.{part}'] = list(row)
-    return program_with_outputs(recorder, **outputs)

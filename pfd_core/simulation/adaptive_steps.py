@@ -1,0 +1,395 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Adaptive steps of one arm in native code, on the segments and events of pfd_core.simulation.native.
+
+    @adaptive    attempts of steps, until the end, a status, or as many as the caller allows
+    @segment     the stages of an embedded pair, of any length r, up to the slope at the end
+    @dense       further stages, and the dense output of a segment
+    @look        in a scene with events: the first part of a segment that has one
+    @settle      impacts, modes and accelerations after an event
+    @ask         torques of a law in Python
+
+    attempt:    plan -> r;  segment, judge;  if accepted:
+                    dense, look -> r or less;  if an event was seen: detect, search, snap
+                    commit; after an event: settle; write a row
+
+A step may be long, so that an event may begin and end in it. Its dense output is looked at LOOKS
+times. It only shortens the segment: events are those of the segment itself, as in fixed steps.
+The stages of a segment repeated by the search replace those before it, and the dense output.
+
+All arrays lie in a frame of the caller, so that a run can be split after any attempt. A law of
+torques is a Python object that is called without arguments: it reads time and state from the array
+`asked` and writes `tau`. If it raises, `failed` is set, no further call is made, and the exception
+is left to the caller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from functools import partial
+import math
+
+from pfd_core.dynamics.interface import program_with_outputs
+from pfd_core.kernels.ir import Code
+from pfd_core.kernels.script import Frame, Script, procedure
+from pfd_core.kernels.simulate import MOTION, Steps, evaluations
+from pfd_core.kernels.simulations import StepCode
+from pfd_core.machine.lanes import where
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Recorder
+from pfd_core.model import Plant
+from pfd_core.simulation.dry import Law, has_contact, read, rests, single
+from pfd_core.simulation.embedded_pairs import ROWS, EmbeddedPair
+from pfd_core.simulation.flags import any_of, both, either, negated, sign_of
+from pfd_core.simulation.native import EventWriter, event_programs
+from pfd_core.simulation.stages import Segment, added
+from pfd_core.simulation.step_control import control_programs
+
+# What is written of each step, in this order: its end; the length of its dense output; whether an
+# event ended it; and the dense output.
+WRITTEN = ('time', 'q', 'qd', 'K0', 'length', 'happened', 'dense')
+# Numbers that the caller sets, and counts that it reads.
+SETTINGS = ('duration', 'longest', 'smallest', 'rtol', 'atol', 'wanted', 'begins')
+COUNTS = ('status', 'evaluations', 'rejected', 'stiff', 'failed')
+# Equal parts of a step, at whose ends its dense output is looked at.
+LOOKS = 8
+
+COPY = 'llvm.memcpy.p0.p0.i64'
+DECLARATIONS = f"""declare ptr @pfd.call(ptr)
+declare void @pfd.decref(ptr)
+declare void @{COPY}(ptr, ptr, i64, i1)"""
+
+
+def adaptive_frame(n: int, inputs: Mapping[str, int]) -> Frame:
+    """Return a frame that begins with what is written, and has what the caller sets and reads."""
+    frame = Frame()
+    sizes = dict.fromkeys(('time', 'length', 'happened', *SETTINGS, *COUNTS), 1)
+    sizes |= dict.fromkeys(('q', 'qd', 'K0'), n) | {'dense': 2 * ROWS * n}
+    # An integer and an address.
+    sizes |= {'rows': 1, 'law': 1, 'asked': 1 + 2 * n, 'tau': n} | dict(inputs)
+    for name in dict.fromkeys([*WRITTEN, *sizes]):
+        frame.place(name, sizes[name])
+    frame.split('dense', *_dense_rows())
+    return frame
+
+
+def adaptive_code(plant: Plant, pair: EmbeddedPair) -> StepCode:
+    """Return adaptive steps of a plant by a pair, for pfd_core.kernels.simulations."""
+    law = Law(plant, 'float64', adaptive=True)
+    segment = Segment(plant, pair.tableau, 0.0, False, law.load)
+    programs = control_programs(pair, law.n)
+    if has_contact(plant):
+        programs |= event_programs(law, segment)
+        programs |= {'look': _look(law.n), 'looked': _looked(law), 'noted': _noted(law)}
+    else:
+        programs |= segment.programs()
+    for name in (f'stage{pair.end}', 'commit', 'unfinished'):
+        programs.pop(name, None)
+    return StepCode(
+        plant,
+        (),
+        programs,
+        partial(_write, law, segment, pair),
+        {'accelerations' if has_contact(plant) else 'qdd': pair.tableau.stages},
+        'adaptive',
+        contact=has_contact(plant),
+        stops='hits' in programs,
+    )
+
+
+def _write(
+    law: Law,
+    segment: Segment,
+    pair: EmbeddedPair,
+    steps: Steps,
+    programs: Mapping[str, Program],
+    dynamics: Mapping[str, Program],
+    frame: Frame,
+    angles: Sequence[int],
+) -> list[str]:
+    """Return @adaptive and @size, the number of elements of its frame, and what they call."""
+    writer = AdaptiveWriter(law, segment, steps, programs, dynamics, frame, pair)
+    functions = evaluations(dynamics, steps.dtype, steps.width, angles)
+    functions += [procedure(k, p, steps.dtype, steps.width) for k, p in programs.items()]
+    return [*functions, *writer.functions(), DECLARATIONS]
+
+
+def _dense_rows() -> list[str]:
+    return [f'dense{k}.{part}' for k in range(ROWS) for part in ('q', 'qd')]
+
+
+@dataclass(frozen=True)
+class AdaptiveWriter(EventWriter):
+    """Writer of the functions of adaptive steps; programs and dynamics are lowered."""
+
+    pair: EmbeddedPair
+
+    def __post_init__(self) -> None:
+        """Lay out the arrays."""
+        super().__post_init__()
+        if self.events:
+            self.frame.place('rest.look', 2 * self.law.n)
+            self.frame.split('rest.look', 'x.look', 'lambda.look')
+        for name in ('part', 'zero'):
+            self.frame.place(name, 1 if name == 'part' else self.law.n)
+
+    @property
+    def events(self) -> bool:
+        """Whether the scene has friction or stops."""
+        return 'detect' in self.programs
+
+    def functions(self) -> list[str]:
+        """Return all functions."""
+        parts = [self._ask(), self._segment(), self._dense()]
+        if self.events:
+            parts += [self._hold(), *([self._impact()] if 'hits' in self.programs else [])]
+            parts += [self._ends(), self._look(), self._settle()]
+        parts.append(self._attempts())
+        entry = Code('define void @adaptive(i64 %attempts, ptr %frame, ptr %out)')
+        entry.call('void', 'attempts', 'i64 %attempts', 'ptr %out', 'ptr %frame')
+        entry.ret()
+        size = Code('define i64 @size()')
+        size.ret('i64', self.frame.size)
+        return [*map(str, parts), str(entry), str(size)]
+
+    # Accelerations.
+
+    def _ask(self) -> Script:
+        """Write the torques of the law at a state, after `part` of the segment."""
+        s = Script('ask', self.frame, {}, 'float64', 1, places={'q': '%q', 'qd': '%qd'})
+        code = s.code
+        ahead = code.op('mul', s.element('part', 0), s.element('r', 0))
+        now = code.op('add', s.element('time', 0), ahead)
+        state = [x for name in MOTION for x in s.read(name)]
+        answered, nothing = code.variable('i1', 'false'), code.constant(0.0)
+        for x in state:
+            nothing = code.op('fma', x, code.constant(0.0), nothing)
+        finite = code.let(f'fcmp ord double {nothing}, {nothing}')
+        fine = code.negated(code.above(s.element('failed', 0)))
+        with code.when(code.both(finite, fine)):
+            s.write('asked', [now, *state])
+            result = code.call('ptr', 'pfd.call', f'ptr {code.load("ptr", s.at("law"))}')
+            answered.set(code.test('ne', result, 'null', 'ptr'))
+            with code.when(answered.get()):
+                code.call('void', 'pfd.decref', f'ptr {result}')
+            with code.when(code.negated(answered.get())):
+                s.fill('failed', 1.0, 1)
+        with code.when(code.negated(answered.get())):
+            s.fill('tau', math.nan, self.law.n)
+        return s
+
+    def _asked(self, s: Script, q: str, qd: str) -> None:
+        """Count an evaluation, and ask the law for its torques, if there is one."""
+        code = s.code
+        count = code.op('add', s.element('evaluations', 0), code.constant(1.0))
+        s.write('evaluations', [count])
+        law = code.load('ptr', s.at('law'))
+        with code.when(code.test('ne', law, 'null', 'ptr'), rarely=True):
+            s.call('ask', places=[s.at(q, self.law.n), s.at(qd, self.law.n)])
+
+    def _load(self, s: Script, q: str, qd: str, tau: str, y: str, damped: bool = True) -> None:
+        self._asked(s, q, qd)
+        super()._load(s, q, qd, tau, y, damped)
+
+    def _slope(self, s: Script, result: str, q: str, qd: str) -> None:
+        """Write the accelerations of a state."""
+        if self.events:
+            self._accelerations(s, result, q, qd, 'tau')
+        else:
+            self._asked(s, q, qd)
+            s.evaluate(result, 'qdd', q=q, qd=qd)
+
+    # Segments.
+
+    @property
+    def _end(self) -> dict[str, str]:
+        return {'qdd.end': f'K{self.pair.end}'}
+
+    def _stages(self, s: Script, stages: range) -> None:
+        for k in stages:
+            s.run(f'stage{k}')
+            s.fill('part', self.pair.tableau.c[k], 1)
+            self._slope(s, f'K{k}', 'q.stage', 'qd.stage')
+
+    def _segment(self) -> Script:
+        s = self._script('segment')
+        self._stages(s, range(1, self.pair.end))
+        s.run('finish')
+        s.fill('part', 1.0, 1)
+        self._slope(s, f'K{self.pair.end}', 'q.end', 'qd.end')
+        if self.events:
+            with s.when_any('held'):
+                self._rest(s, 'end', 'q.end', 'qd.end', 'tau')
+        return s
+
+    def _dense(self) -> Script:
+        s = self._script('dense_output')
+        self._stages(s, range(self.pair.end + 1, self.pair.tableau.stages))
+        s.run('dense')
+        return s
+
+    # Events.
+
+    def _look(self) -> Script:
+        s = self._script('look_at_parts')
+        s.copy('q', 'q.look')
+        s.copy('qd', 'qd.look')
+        s.fill('part', 0.0, 1)
+        with s.while_any('looks', LOOKS):
+            s.run('look')
+            own = {name: f'{name}.look' for name in ('lambda', 'loose', 'turns', 'slack', 'seek')}
+            s.fill('loose.look', 0.0, 1)
+            with s.when_any('held'):
+                self._rest(s, 'look', 'q.look', 'qd.look', 'tau')
+                s.run('loose', **own, **{'y.end': 'y.look'})
+            before = {'q': 'q.before', 'qd': 'qd.before', 'r': 'r.look', 'event': 'seek.look'}
+            s.run('detect', **own, **before, **{'q.end': 'q.look', 'qd.end': 'qd.look'})
+            s.run('looked')
+        with s.when_any('shorter'):
+            s.call('segment')
+        return s
+
+    def _snap(self, s: Script) -> None:
+        with s.when_any('wanted'):
+            s.call('dense_output')
+        super()._snap(s)
+
+    def _settle(self) -> Script:
+        s = self._script('settle')
+        s.fill('part', 0.0, 1)
+        self._begin(s)
+        return s
+
+    # Steps.
+
+    def _attempts(self) -> Script:
+        s = self._script('attempts', ('i64 %attempts', 'ptr %out'))
+        s.code.store('i64', 0, s.at('rows'))
+        with s.when_any('begins', rarely=True):
+            if self.events:
+                self._unbrake(s)
+                s.fill('rest', 1.0, 1)
+                s.call('settle')
+            else:
+                self._slope(s, 'K0', 'q', 'qd')
+            s.run('first_size')
+            s.fill('begins', 0.0, 1)
+            self._write(s)
+        with s.while_any('goes', '%attempts'):
+            s.run('plan')
+            with s.when_any('goes'):
+                s.call('segment')
+                s.run('judge')
+            with s.when_any('accepted'):
+                with nullcontext() if self.events else s.when_any('wanted'):
+                    s.call('dense_output')
+                    if self.events:
+                        s.call('look_at_parts')
+                        with s.when_any('found', rarely=True):
+                            self._find(s)
+                            seen = s.code.negated(s.any('event'))
+                            with s.code.when(s.code.both(seen, s.any('shorter'), s.any('wanted'))):
+                                s.call('dense_output')
+                    s.run('keep')
+                with s.when_any('kept'):
+                    self._commit(s)
+        return s
+
+    def _commit(self, s: Script) -> None:
+        """Make the end of a step the state."""
+        for source, target in (('q.end', 'q'), ('qd.end', 'qd'), (f'K{self.pair.end}', 'K0')):
+            s.copy(source, target)
+        s.run('clock')
+        if self.events:
+            s.copy('lambda.end', 'lambda.begin')
+            s.run('noted')
+            with s.when_any('settles'):
+                s.call('settle')
+        with s.when_any('moved'):
+            self._write(s)
+
+    def _write(self, s: Script) -> None:
+        """Write a row, with the dense output if it is wanted."""
+        code = s.code
+        whole, short = (8 * sum(map(self.frame.length, x)) for x in (WRITTEN, WRITTEN[:-1]))
+        size = code.let(f'select i1 {s.any("wanted")}, i64 {whole}, i64 {short}')
+        rows = code.load('i64', s.at('rows'))
+        out = code.at('%out', rows, size)
+        code.call('void', COPY, f'ptr {out}', f'ptr {s.at(WRITTEN[0])}', f'i64 {size}', 'i1 false')
+        code.store('i64', code.integer('add', rows, 1), s.at('rows'))
+
+
+def _look(n: int) -> Program:
+    """
+    Return the program of the state at the next part of a step, q.look and qd.look.
+
+    The last one is moved to q.before and qd.before. Output r.look, (1,), is the time between.
+    """
+    recorder = Recorder(1, 'sequential')
+    (part, r) = single(recorder, 'part', 'r')
+    part = part + 1 / LOOKS
+    rest = 1.0 - part
+    outputs = {'part': [part], 'r.look': [r * (1 / LOOKS)]}
+    for name in MOTION:
+        begin, end, before = read(recorder, n, name, f'{name}.end', f'{name}.look')
+        rows = read(recorder, n, *(f'dense{k}.{name}' for k in range(ROWS)))
+        rise = [recorder.constant(0.0)] * n
+        for k in reversed(range(ROWS)):
+            factor = part if k % 2 == 0 else rest
+            rise = [factor * (x + row) for x, row in zip(rise, rows[k], strict=True)]
+        at = added(begin, rise)
+        outputs[f'{name}.look'] = [where(rest, *x) for x in zip(at, end, strict=True)]
+        outputs[f'{name}.before'] = before
+    return program_with_outputs(recorder, **outputs)
+
+
+def _looked(law: Law) -> Program:
+    """
+    Return the program of what follows a look.
+
+    Outputs are `looks`, whether there is another one; `found`, whether a margin was below zero;
+    and then r, shortened, and `shorter`, whether it is. A joint that has turned before its stop
+    does so in the next step, which begins before it.
+    """
+    recorder = Recorder(1, 'sequential')
+    part, r, found = single(recorder, 'part', 'r', 'seek.look')
+    (turns,) = read(recorder, law.n, 'turns.look')
+    before = both(any_of(turns), sign_of(part - 1.5 / LOOKS))
+    part = where(before, part - 1 / LOOKS, part)
+    shorter = both(found, sign_of(1.0 - part))
+    return program_with_outputs(
+        recorder,
+        looks=[both(negated(found), sign_of(1.0 - part))],
+        found=[found],
+        r=[where(shorter, part * r, r)],
+        shorter=[shorter],
+    )
+
+
+def _noted(law: Law) -> Program:
+    """
+    Return the program of the flags after a step.
+
+    Outputs, (1,): `happened`, whether an event ended it that a user knows, and `settles`, whether
+    the modes may change; (n,), sticks: only for a step of no length.
+    """
+    recorder = Recorder(1, 'sequential')
+    (fired,) = read(recorder, len(law.margins), 'fired')
+    sticks, moving, unbraked = read(recorder, law.n, 'sticks', 'moving', 'unbraked')
+    event, r, span, moved = single(recorder, 'event', 'r', 'span', 'moved')
+    known = []
+    for margin, flag in zip(law.margins, fired, strict=True):
+        i = margin.joint
+        if not margin.stops and i not in law.rough:
+            flag = both(flag, rests(unbraked[i], moving[i]))
+        known.append(flag)
+    at_once = both(event, negated(r - span * law.short))
+    return program_with_outputs(
+        recorder,
+        happened=[both(event, both(moved, any_of(known)))],
+        settles=[either(event, any_of(sticks))],
+        sticks=[both(at_once, flag) for flag in sticks],
+    )

@@ -179,7 +179,9 @@ def check_finite(
     # The terms of a finite sum are finite.
     if array.size <= _FEW and not bounded and math.isfinite(sum(array.ravel().tolist())):
         return
-    right = np.isfinite(array) & (np.abs(array) <= largest) | (infinite & np.isinf(array))
+    right = np.abs(array) <= largest if bounded else np.isfinite(array)
+    if infinite:
+        right |= np.isinf(array)
     if right.all():
         return
     rule = f'finite and at most {largest:g} in size' if bounded else 'finite'

@@ -19,24 +19,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import math
 
-from pfd_core.kernels.generate import given as arguments_of
+from pfd_core.kernels.generate import Array, given, table_of
 from pfd_core.kernels.ir import Code
 from pfd_core.kernels.objects import (
     ALIGNED,
     CONTIGUOUS,
-    DATA,
-    DESCR,
-    DIMENSIONS,
-    FLAGS,
     FORTRAN,
-    HEADER,
     ITEMS,
-    NDIM,
+    LENGTH,
     OPTIONS,
     SLOTS,
-    STRIDES,
-    TYPE,
     WRITEABLE,
+    ArrayObject,
 )
 
 # States from which other threads may run Python meanwhile.
@@ -56,17 +50,9 @@ def entry(inputs: Mapping[str, int], dtype: str, shape: Sequence[int]) -> str:
     """
     Return `ptr @entry(self, args, count, names)` around @evaluate1 and @batch.
 
-    Parameters
-    ----------
-    inputs : mapping
-        Elements of each input of the program, in the order in which a kernel takes them. Where
-        other inputs than of a state and `wrench` are among them, which a call does not have as
-        arrays, every call is handed on.
-    dtype : str
-        Number format.
-    shape : sequence of int
-        Of the result of one state.
-
+    `inputs` has the elements of each input, in the order in which a kernel takes them; `shape` is
+    that of the result of one state. Inputs that a call does not have as arrays, brakes and
+    payload, are converted in Python.
     """
     names = ['none', 'one', 'ndarray', dtype, *(f'name.{name}' for name in (*SLOTS, *OPTIONS))]
     objects = [f'@pfd.{name} = external global i8' for name in names]
@@ -84,7 +70,7 @@ def _arguments() -> str:
         with code.when(code.test('ult', k, '%count')):
             code.store('ptr', code.load('ptr', code.at('%args', k, 8)), place)
     with code.when(code.test('ne', '%names', 'null', 'ptr')):
-        count = code.load('i64', code.at('%names', HEADER))
+        count = code.load('i64', code.at('%names', LENGTH))
         with code.when(code.test('ne', count, 0)), code.loop(count) as i:
             name = code.load('ptr', code.at(code.at('%names', ITEMS), i, 8))
             place = code.at('%args', code.integer('add', '%count', i), 8)
@@ -128,38 +114,38 @@ def _run(sizes: Mapping[str, int], dtype: str, shape: Sequence[int]) -> str:
     arrays = [values[slot] for slot in inputs]
     for array in arrays:
         _require_array(code, dtype, array, ALIGNED)
-    ndim = _field(code, arrays[0], NDIM, 'i32')
+    ndim = _field(code, arrays[0], 'ndim')
     single = code.test('eq', ndim, 1, 'i32')
     code.unless(code.either(single, code.test('eq', ndim, 2, 'i32')), *REFUSAL)
     count = code.variable('i64', 1)
     with code.when(code.negated(single)):
-        count.set(code.load('i64', _field(code, arrays[0], DIMENSIONS, 'ptr')))
+        count.set(code.load('i64', _field(code, arrays[0], 'dimensions')))
     states = count.get()
     code.unless(code.test('ne', states, 0), *REFUSAL)
-    table = code.array(3 * len(sizes) + 3, 'i64')
-    rows = [code.at(table, 3 * k, 8) for k in range(len(sizes) + 1)]
     batch = _Batch(code, single, states)
-    places = [
-        batch.place(array, ndim, (sizes[name],), row)
-        for array, name, row in zip(arrays, sizes, rows, strict=False)
-    ]
+    rows, ends = [], []
+    for array, name in zip(arrays, inputs.values(), strict=True):
+        row, end = batch.place(array, ndim, (sizes[name],))
+        rows.append(row)
+        ends.append(end)
     axes = code.let(f'add i32 {ndim}, {len(shape) - 1}')
     result = code.variable('ptr', values['out'])
     fresh = code.test('eq', values['out'], '@pfd.none', 'ptr')
-    given = code.negated(fresh)
+    own = code.negated(fresh)
     with code.when(fresh):
         result.set(batch.new(dtype, shape, axes, arrays[0]))
-    with code.when(given):
+    with code.when(own):
         _require_array(code, dtype, result.get(), ALIGNED | WRITEABLE)
     out = result.get()
-    begin, end = batch.place(out, axes, shape, rows[-1])
-    with code.when(given):
-        for other_begin, other_end in places:
-            before = code.test('ule', other_end, begin, 'ptr')
-            code.unless(code.either(before, code.test('ule', end, other_begin, 'ptr')), *REFUSAL)
+    last, end = batch.place(out, axes, shape)
+    with code.when(own):
+        for (begin, *_), its_end in zip(rows, ends, strict=True):
+            before = code.test('ule', its_end, last[0], 'ptr')
+            code.unless(code.either(before, code.test('ule', end, begin, 'ptr')), *REFUSAL)
+    rows.append(last)
     wrong = code.variable('i1', 'true')
     with code.when(batch.alone):
-        one = arguments_of([(code.load('ptr', row), code.bytes) for row in rows])
+        one = given([(address, code.bytes) for address, *_ in rows])
         nothing = code.call(code.type, 'evaluate1', *one)
         wrong.set(code.let(f'fcmp uno {code.type} {nothing}, {nothing}'))
     with code.when(code.negated(batch.alone)):
@@ -167,7 +153,7 @@ def _run(sizes: Mapping[str, int], dtype: str, shape: Sequence[int]) -> str:
         thread = code.variable('ptr', 'null')
         with code.when(many):
             thread.set(code.call('ptr', 'pfd.save'))
-        found = code.call('i64', 'batch', f'i64 {states}', f'ptr {table}')
+        found = code.call('i64', 'batch', f'i64 {states}', f'ptr {table_of(code, rows)}')
         wrong.set(code.test('ne', found, 0))
         with code.when(many):
             code.call('void', 'pfd.restore', f'ptr {thread.get()}')
@@ -175,7 +161,7 @@ def _run(sizes: Mapping[str, int], dtype: str, shape: Sequence[int]) -> str:
         with code.when(fresh):
             code.call('void', 'pfd.decref', f'ptr {out}')
         code.ret(*REFUSAL)
-    with code.when(given):
+    with code.when(own):
         code.call('void', 'pfd.incref', f'ptr {out}')
     code.ret('ptr', out)
     return str(code)
@@ -205,7 +191,7 @@ class _Batch:
             distance = code.integer('mul', column, math.prod(shape[k:]))
             code.store('i64', distance, code.at(strides, k, 8))
         own = code.let(f'select i1 {self._single}, ptr {code.at(lengths, 1, 8)}, ptr {lengths}')
-        contiguous = code.let(f'and i32 {_field(code, like, FLAGS, "i32")}, {CONTIGUOUS}')
+        contiguous = code.let(f'and i32 {_field(code, like, "flags")}, {CONTIGUOUS}')
         columns = code.test('eq', contiguous, FORTRAN, 'i32')
         # Without strides the array is in C order.
         order = code.let(f'select i1 {columns}, ptr {strides}, ptr null')
@@ -220,16 +206,16 @@ class _Batch:
         code.unless(code.test('ne', array, 'null', 'ptr'), *REFUSAL)
         return array
 
-    def place(self, array: str, axes: str, shape: Sequence[int], row: str) -> tuple[str, str]:
+    def place(self, array: str, axes: str, shape: Sequence[int]) -> tuple[Array, str]:
         """
-        Write the row of an array in the table of @batch; return where the array begins and ends.
+        Return the row of an array in the table of @batch, and where the array ends.
 
         The function returns unless the array has the axes and the shape, its elements and states
         follow one another as @batch expects it, and elements of one state are neighbours.
         """
         code = self._code
-        code.unless(code.test('eq', _field(code, array, NDIM, 'i32'), axes, 'i32'), *REFUSAL)
-        lengths, strides = (_field(code, array, k, 'ptr') for k in (DIMENSIONS, STRIDES))
+        code.unless(code.test('eq', _field(code, array, 'ndim'), axes, 'i32'), *REFUSAL)
+        lengths, strides = (_field(code, array, name) for name in ('dimensions', 'strides'))
         first = code.let(f'select i1 {self._single}, i64 0, i64 8')
         own_lengths, own_strides = (code.at(axis, first) for axis in (lengths, strides))
         count = code.let(f'select i1 {self._single}, i64 1, i64 {code.load("i64", lengths)}')
@@ -249,24 +235,22 @@ class _Batch:
         distance = code.let(f'select i1 {self.alone}, i64 0, i64 {code.load("i64", strides)}')
         adjacent = [code.test('eq', stride, code.bytes) for stride in (column, distance)]
         forward = code.test('sge', code.integer('or', column, distance), 0)
-        fits += [code.either(*adjacent), forward]
-        code.unless(code.both(*fits), *REFUSAL)
-        base = _field(code, array, DATA, 'ptr')
-        for k, (kind, x) in enumerate((('ptr', base), ('i64', distance), ('i64', column))):
-            code.store(kind, x, code.at(row, k, 8))
+        code.unless(code.both(*fits, code.either(*adjacent), forward), *REFUSAL)
+        base = _field(code, array, 'data')
         last = code.integer('mul', code.integer('sub', self._states, 1), distance)
         size = code.integer('add', code.integer('mul', column, elements - 1), code.bytes)
-        return base, code.at(base, code.integer('add', last, size))
+        return (base, distance, column), code.at(base, code.integer('add', last, size))
 
 
-def _field(code: Code, array: str, offset: int, kind: str) -> str:
-    """Return a field of an array, or of another object."""
-    return code.load(kind, code.at(array, offset))
+def _field(code: Code, array: str, name: str) -> str:
+    """Return a field of an array."""
+    field = getattr(ArrayObject, name)
+    return code.load('i32' if field.size == 4 else 'ptr', code.at(array, field.offset))
 
 
 def _require_array(code: Code, dtype: str, array: str, flags: int) -> None:
     """Return from the function unless an object is an array of a number format with flags."""
-    code.unless(code.test('eq', _field(code, array, TYPE, 'ptr'), '@pfd.ndarray', 'ptr'), *REFUSAL)
-    own = code.let(f'and i32 {_field(code, array, FLAGS, "i32")}, {flags}')
-    same = code.test('eq', _field(code, array, DESCR, 'ptr'), f'@pfd.{dtype}', 'ptr')
+    code.unless(code.test('eq', _field(code, array, 'type'), '@pfd.ndarray', 'ptr'), *REFUSAL)
+    own = code.let(f'and i32 {_field(code, array, "flags")}, {flags}')
+    same = code.test('eq', _field(code, array, 'descr'), f'@pfd.{dtype}', 'ptr')
     code.unless(code.both(code.test('eq', own, flags, 'i32'), same), *REFUSAL)

@@ -30,12 +30,9 @@ SIGNATURE = (
     'kernel(q, qd=None, tau=None, wrench=None, out=None, *, brakes=None, payload=None, threads=1)'
 )
 
-# Fields of a NumPy array (PyArrayObject_fields of its C API): offsets in bytes, the first behind
-# Python's header; and the first item of a tuple.
-HEADER: int = getattr(object, '__basicsize__', 16)
-TYPE, DATA, DIMENSIONS, STRIDES = HEADER - 8, HEADER, HEADER + 16, HEADER + 24
-NDIM, DESCR, FLAGS = HEADER + 8, HEADER + 40, HEADER + 48
-ITEMS: int = getattr(tuple, '__basicsize__', HEADER + 8)
+# The length and the first item of a tuple [B].
+LENGTH: int = getattr(object, '__basicsize__', 16)
+ITEMS: int = getattr(tuple, '__basicsize__', LENGTH + 8)
 CONTIGUOUS, FORTRAN, ALIGNED, WRITEABLE = 0x3, 0x2, 0x100, 0x400
 METH_FASTCALL_KEYWORDS = 0x82
 # PyArray_NewFromDescr in the table of NumPy's C API.
@@ -54,6 +51,22 @@ FUNCTIONS = {
 LOG = logging.getLogger('pfd_core')
 
 
+class ArrayObject(ctypes.Structure):
+    """A NumPy array (PyArrayObject_fields of its C API)."""
+
+    _fields_ = (
+        ('references', ctypes.c_ssize_t),
+        ('type', ctypes.c_void_p),
+        ('data', ctypes.c_void_p),
+        ('ndim', ctypes.c_int),
+        ('dimensions', ctypes.POINTER(ctypes.c_ssize_t)),
+        ('strides', ctypes.POINTER(ctypes.c_ssize_t)),
+        ('base', ctypes.c_void_p),
+        ('descr', ctypes.c_void_p),
+        ('flags', ctypes.c_int),
+    )
+
+
 class _MethodDef(ctypes.Structure):
     _fields_ = (
         ('name', ctypes.c_char_p),
@@ -69,8 +82,8 @@ def python_function(
     """
     Return @entry at an address as a function of Python; `fallback` where it is not `supported`.
 
-    `fallback`, a function written in Python with SIGNATURE and the docstring, gets the arguments
-    that @entry does not take; `owner` owns the code.
+    `fallback`, a function in Python, gets the arguments that @entry does not take; `owner` owns
+    the code.
     """
     if not supported():
         return fallback
@@ -132,10 +145,8 @@ def _tuples_are_as_expected() -> bool:
     probe = ('q', 'qd')
     if sys.getsizeof(probe) < ITEMS + 16:
         return False
-    numbers = (
-        ctypes.c_int64.from_address(id(probe) + at).value for at in (HEADER, ITEMS, ITEMS + 8)
-    )
-    return [*numbers] == [2, *map(id, probe)]
+    fields = (ctypes.c_ssize_t.from_address(id(probe) + k) for k in (LENGTH, ITEMS, ITEMS + 8))
+    return [field.value for field in fields] == [len(probe), *map(id, probe)]
 
 
 def _probes() -> list[NDArray[Any]]:
@@ -147,27 +158,19 @@ def _probes() -> list[NDArray[Any]]:
 
 def _is_as_expected(probe: NDArray[Any]) -> bool:
     """Return whether the fields of an array are its attributes."""
-    if FLAGS + ctypes.sizeof(ctypes.c_int) > type(probe).__basicsize__:
+    if ctypes.sizeof(ArrayObject) > type(probe).__basicsize__:
         return False
-
-    def field(offset: int, kind: Any) -> Any:
-        return kind.from_address(id(probe) + offset).value
-
-    own = probe.flags
-    flags = ALIGNED * own.aligned | WRITEABLE * own.writeable | FORTRAN * own.f_contiguous
-    word, number = ctypes.c_int64, ctypes.c_int
-    if (
-        field(TYPE, word) != id(type(probe))
-        or field(DATA, word) != probe.ctypes.data
-        or field(NDIM, number) != probe.ndim
-        or field(DESCR, word) != id(probe.dtype)
-        or field(FLAGS, number) & (ALIGNED | WRITEABLE | CONTIGUOUS) != flags | own.c_contiguous
-    ):
-        return False
-    # These are behind pointers, which are followed only if all else is as expected.
-    row = word * probe.ndim
-    lengths, strides = (row.from_address(field(at, word)) for at in (DIMENSIONS, STRIDES))
-    return (*lengths,) == probe.shape and (*strides,) == probe.strides
+    found, own, ndim = ArrayObject.from_address(id(probe)), probe.flags, probe.ndim
+    flags = ALIGNED * own.aligned | WRITEABLE * own.writeable
+    flags |= FORTRAN * own.f_contiguous | own.c_contiguous
+    expected = id(type(probe)), probe.ctypes.data, ndim, id(probe.dtype)
+    return (
+        (found.type, found.data, found.ndim, found.descr) == expected
+        and found.flags & (ALIGNED | WRITEABLE | CONTIGUOUS) == flags
+        # These are behind pointers, which are followed only if all else is as expected.
+        and (*found.dimensions[:ndim],) == probe.shape
+        and (*found.strides[:ndim],) == probe.strides
+    )
 
 
 register_symbols()

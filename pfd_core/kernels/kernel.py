@@ -15,7 +15,7 @@ Kernel.__call__, which converts its arguments or raises an error.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from inspect import signature
 import math
@@ -37,8 +37,6 @@ from pfd_core.model.values import check_finite, common_shape, real_array
 if TYPE_CHECKING:
     from pfd_core.machine.program import Program
 
-# The default number of threads.
-ONE_THREAD = 1
 # Inputs that a scene needs, by name in a call and in a program.
 SCENE_INPUTS = ('wrench', 'free', 'p')
 
@@ -73,12 +71,7 @@ class Kernel:
         """Return a kernel that has a slot for its call; a subclass has a call of its own."""
         return object.__new__(_NativeKernel if cls is Kernel else cls)
 
-    def __init__(
-        self,
-        spec: KernelSpec,
-        recipe: Recipe,
-        recreate: Callable[[], Kernel],
-    ) -> None:
+    def __init__(self, spec: KernelSpec, recipe: Recipe, recreate: Callable[[], Kernel]) -> None:
         self.spec = spec
         self.robot, self.scene, self.dtype = spec.robot, spec.scene, spec.dtype
         self._recipe, self._recreate = recipe, recreate
@@ -204,7 +197,7 @@ class Kernel:
                     f'{name} must be an array of {self.dtype} to be bound, got {found}'
                 )
         # A bound function is faster without options: the default ones are left out.
-        usual = {'brakes': None, 'payload': None, 'threads': ONE_THREAD}
+        usual = {'brakes': None, 'payload': None, 'threads': 1}
         options: dict[str, Any] = {'brakes': brakes, 'payload': payload, 'threads': threads}
         options = {name: x for name, x in options.items() if x is not usual[name]}
         bound = partial(self.__call__, q, qd, tau, wrench, out, **options)
@@ -256,28 +249,24 @@ class Kernel:
     ) -> NDArray[Any]:
         """Return the result for inputs; arguments and errors are those of a call."""
         batch = common_shape(arrays)
-        shape, size = (*batch, *self.shape), math.prod(self.shape)
+        size = math.prod(self.shape)
         if out is not None:
-            _check_result(out, shape, self.dtype)
+            _check_result(out, (*batch, *self.shape), self.dtype)
         if not batch:
             for name, value in arrays.items():
                 check_finite(name, value)
-        rows = None
-        if out is not None and not any(np.may_share_memory(out, x) for x in arrays.values()):
-            rows = _rows_in_place(out, size)
-        apart = rows is None
-        if rows is None:
+        result = out
+        if result is None or not _in_place(result, size, arrays.values()):
             result = _new_result(batch, self.shape, self.dtype, arrays['q'])
-            rows = result.reshape(-1, size)
+        rows = result.reshape(-1, size)
         given = [*(_as_rows(value, batch) for value in arrays.values()), rows]
         block = block_size(len(rows), threads, self._width, self._recipe.work)
         if run(batch_work(self._native, given), len(rows), block, threads):
             for name, value in arrays.items():
                 check_finite(name, value)
-        if out is None:
+        if out is None or out is result:
             return result
-        if apart:
-            out[...] = result
+        out[...] = result
         return out
 
     def _inputs(
@@ -328,9 +317,8 @@ class _NativeKernel(Kernel):
 
 def _as_rows(value: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
     """Return an input broadcast to a batch shape, with one row for each state."""
-    if not (len(shape) == 1 and value.ndim == 2 and value.shape[:1] == shape):
-        value = np.broadcast_to(value, (*shape, value.shape[-1])).reshape(-1, value.shape[-1])
-    return value if _adjacent(value) else np.ascontiguousarray(value)
+    rows = np.broadcast_to(value, (*shape, value.shape[-1])).reshape(-1, value.shape[-1])
+    return rows if _adjacent(rows) else np.ascontiguousarray(rows)
 
 
 def _adjacent(rows: NDArray[Any]) -> bool:
@@ -361,7 +349,8 @@ def _check_result(out: Any, shape: tuple[int, ...], dtype: str) -> None:
         raise ValueError('out must be writeable, got a read-only array')
 
 
-def _rows_in_place(out: NDArray[Any], size: int) -> NDArray[Any] | None:
-    """Return a result as rows of `size` elements in the same memory; None if that cannot be."""
+def _in_place(out: NDArray[Any], size: int, inputs: Iterable[NDArray[Any]]) -> bool:
+    """Return whether native code can write rows of `size` elements to an array."""
     rows = out.reshape(-1, size)
-    return rows if _adjacent(rows) and np.may_share_memory(rows, out) else None
+    apart = not any(np.may_share_memory(out, x) for x in inputs)
+    return apart and _adjacent(rows) and np.may_share_memory(rows, out)

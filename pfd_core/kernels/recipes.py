@@ -6,9 +6,9 @@ Recipes: how a spec becomes a program, and the program native code.
     spec -> recorded program -> lowered program -> LLVM IR -> native code
             dynamics            lower              generate   native
 
-All this takes far longer than to load native code from disk. A recipe therefore only knows how to
-do it, and keeps on disk what a kernel needs to know about its program (Facts). The program is
-recorded at the first look at it, and the modules that record, lower and write are imported then.
+All this takes far longer than to load native code from disk, where the facts about a program that
+a kernel needs are kept as well. A recipe therefore records its program at the first look at it,
+and imports the modules that record, lower and write only then.
 """
 
 from __future__ import annotations
@@ -51,20 +51,10 @@ class Facts(NamedTuple):
 
 class Recipe:
     """
-    A lowered program with one output, recorded at the first look at it.
+    A lowered program with one output, recorded at the first look at it by `record`.
 
-    Parameters
-    ----------
-    key : tuple of str
-        Everything that determines the program, except the source of this package: a plant's
-        digest, a method, a number format.
-    record : callable
-        Records the program.
-    dtype : str
-        Number format.
-    outputs : collection of str, optional
-        The outputs that are wanted; several become one, in which they follow each other.
-
+    The key is everything that determines the program, except the source of this package. `outputs`
+    are those that are wanted, default all; several become one, in which they follow each other.
     """
 
     def __init__(
@@ -82,8 +72,6 @@ class Recipe:
         with no_fork:
             from pfd_core.kernels.lower import lower
 
-        # A recording has no cycles of references; to look for them would take a third of the time
-        # of a long program.
         with uncollected():
             return lower(self._record(), self._dtype, self._outputs)
 
@@ -146,20 +134,10 @@ class Recipe:
         """
         Return native code of the program.
 
-        Parameters
-        ----------
-        module : str
-            Everything that determines the IR except the program, such as the name of a kind of
-            module.
-        functions : sequence of str
-            The functions whose addresses are needed.
-        ir : callable
-            Writes the module of LLVM IR; called only if its object is not on disk.
-        optimisation : Optimisation, optional
-            The effort of the compiler; default: the property `optimisation`.
-        described : callable, optional
-            Returns the digest of all programs of the module; default: that of the program alone.
-
+        `module` is everything that determines the IR except the program, such as the name of a
+        kind of module; `functions` are those whose addresses are needed. `ir` writes the module if
+        its object is not on disk, and `described` returns the digest of all its programs, default
+        that of this one.
         """
         own = vars(self)
 
@@ -340,10 +318,10 @@ def turned_joints(robot: Robot) -> tuple[int, ...]:
 @contextmanager
 def uncollected() -> Iterator[None]:
     """
-    Switch off the collection of reference cycles.
+    Do not look for cycles of references, which a recording has none of.
 
-    The collector is common to all threads, so threads do this in turn, and no process forks
-    meanwhile.
+    That would take a third of the time of a long program. The collector is common to all threads:
+    they do this in turn, and no process forks meanwhile.
     """
     with no_fork:
         running = gc.isenabled()

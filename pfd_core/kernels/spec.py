@@ -44,46 +44,20 @@ class KernelSpec:
     Robot, scene, method, number format, refinement and quantity of a kernel.
 
     Two specs are equal where their kernels are the same, so a spec can be a key of a cache.
-
-    Attributes
-    ----------
-    robot : Robot
-        The chain.
-    scene : Scene
-        Which effects are on; reduced to the effects of the quantity.
-    method : str
-        A name in METHODS, also where 'auto' was given, or the one method of the quantity.
-    dtype : str
-        'float64' or 'float32'.
-    refine : int
-        Steps of iterative refinement, including a step selected by 'auto'.
-    quantity : str
-        A name in QUANTITIES, or STEP or STEP_IN_MOTION.
-    frame : str or None
-        The frame of a quantity of a frame, where None is given the tip.
-    inputs : Plant or None
-        The plant in place of that of the scene, with numbers that are inputs.
-    plant : Plant
-        The robot in its scene, with the effects at the instants at which the kernel is evaluated.
-    place : str
-        Digest of the frame, '' without one: equal robots may have different frames.
-
-    Raises
-    ------
-    ValueError
-        If a field is not one of these, or does not fit the robot.
-
+    ValueError if a field is not one of these, or does not fit the robot.
     """
 
     robot: Robot
-    scene: Scene
-    method: str = 'auto'
+    scene: Scene  # reduced to the effects of the quantity
+    method: str = 'auto'  # resolved to a name in METHODS, or the one method of the quantity
     dtype: str = 'float64'
-    refine: int = 0
-    quantity: str = 'forward_dynamics'
-    frame: str | None = None
-    inputs: Plant | None = None
+    refine: int = 0  # steps of refinement, including a step selected by 'auto'
+    quantity: str = 'forward_dynamics'  # a name in QUANTITIES, or STEP or STEP_IN_MOTION
+    frame: str | None = None  # of a quantity of a frame, where None is given the tip
+    inputs: Plant | None = None  # in place of the plant of the scene, with numbers that are inputs
+    # The robot in its scene, with the effects at the instants at which the kernel is evaluated.
     plant: Plant = field(init=False, repr=False, compare=False)
+    # Digest of the frame, '' without one: equal robots may have different frames.
     place: str = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -116,15 +90,9 @@ class KernelSpec:
         if self.inputs is not None:
             # The method is that of the scene, whatever the inputs.
             plant = PLANTS[self.quantity](self.inputs) if of_step else self.inputs
-        resolved: dict[str, Any] = {
-            'scene': scene,
-            'method': method,
-            'refine': int(refine),
-            'frame': frame,
-            'plant': plant,
-            'place': place,
-        }
-        for key, value in resolved.items():
+        names = 'scene', 'method', 'refine', 'frame', 'plant', 'place'
+        resolved = scene, method, int(refine), frame, plant, place
+        for key, value in zip(names, resolved, strict=True):
             object.__setattr__(self, key, value)
 
     def __reduce__(self) -> tuple[type[KernelSpec], tuple[Any, ...]]:

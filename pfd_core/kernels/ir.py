@@ -51,24 +51,11 @@ class Variable:
 
 class Code:
     """
-    One function of LLVM IR.
+    One function of LLVM IR, whose `head` is its definition up to the opening brace.
 
-    Parameters
-    ----------
-    head : str
-        Its definition up to the opening brace.
-    dtype : {'float64', 'float32'}
-        Number format.
-    width : int
-        Numbers in a register.
-
-    Attributes
-    ----------
-    bytes : int
-        Size of a number, and the alignment of arrays: NumPy guarantees no more.
-    scalar, type, flag, index : str
-        LLVM types: of one number; of `width` numbers, of truth values and of 64-bit integers.
-
+    `scalar`, `type`, `flag` and `index` are LLVM types: of one number, and of `width` numbers,
+    truth values and 64-bit integers in a register. `bytes` is the size of a number, and the
+    alignment of arrays: NumPy guarantees no more.
     """
 
     def __init__(self, head: str, dtype: str = 'float64', width: int = 1) -> None:
@@ -148,11 +135,11 @@ class Code:
 
     def load(self, kind: str, address: str, align: int = 0) -> str:
         """Return the value at an address, which is aligned as usual for its type by default."""
-        return self.let(f'load {kind}, ptr {address}{_aligned(align)}')
+        return self.let(f'load {kind}, ptr {address}' + (f', align {align}' if align else ''))
 
     def store(self, kind: str, value: object, address: str, align: int = 0) -> None:
         """Write a value to an address."""
-        self.do(f'store {kind} {value}, ptr {address}{_aligned(align)}')
+        self.do(f'store {kind} {value}, ptr {address}' + (f', align {align}' if align else ''))
 
     def call(self, kind: str, name: str, *arguments: str) -> str:
         """Call a function, whose arguments are types and values; return its result, if any."""
@@ -164,15 +151,11 @@ class Code:
 
     # Numbers.
 
-    def number(self, value: float) -> str:
-        """Return the bits of one number as LLVM writes them."""
-        if self.dtype == 'float32':
-            (value,) = struct.unpack('f', struct.pack('f', value))
-        return '0x' + struct.pack('>d', value).hex().upper()
-
     def constant(self, value: float) -> str:
         """Return a register of equal numbers."""
-        bits = self.number(value)
+        if self.dtype == 'float32':
+            (value,) = struct.unpack('f', struct.pack('f', value))
+        bits = '0x' + struct.pack('>d', value).hex().upper()
         return bits if self.width == 1 else f'splat ({self.scalar} {bits})'
 
     def read(self, base: str, k: object, stride: object) -> str:
@@ -279,7 +262,3 @@ class Code:
     def _fresh(self, prefix: str) -> str:
         self._names += 1
         return f'{prefix}{self._names}'
-
-
-def _aligned(bytes_: int) -> str:
-    return f', align {bytes_}' if bytes_ else ''

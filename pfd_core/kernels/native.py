@@ -39,10 +39,7 @@ _V4 = (*_V3, 'avx512bw', 'avx512cd', 'avx512dq', 'avx512f', 'avx512vl')
 LEVELS = {'x86-64-v2': _V2, 'x86-64-v3': _V3, 'x86-64-v4': _V4}
 # IR passes that are worth their time around straight-line code, which is as short as it gets.
 PASSES = (
-    'always_inliner',
-    'sroa',
-    'instruction_combine',
-    'simplify_cfg',
+    *('always_inliner', 'sroa', 'instruction_combine', 'simplify_cfg'),
     'global_dead_code_eliminate',
 )
 # Held by llvmlite during each call of LLVM, reentrant; None if an llvmlite has no such lock.
@@ -131,6 +128,22 @@ def missing_features(level: str) -> list[str]:
     return [name for name in LEVELS[level] if not here.get(name)]
 
 
+def _features_of_machine() -> dict[str, bool]:
+    """Return the features that LLVM knows, and whether this machine has them."""
+    try:
+        return dict(llvm.get_host_cpu_features())
+    except RuntimeError:  # LLVM cannot query every processor; the name is enough then
+        return {}
+
+
+def _target(cpu: str, features: dict[str, bool]) -> Target:
+    """Return a processor of this machine's kind, whose widest registers are used."""
+    if features.get('avx512f'):
+        features = features | {'prefer-256-bit': False}
+    flat = ','.join(f'{"+" if on else "-"}{name}' for name, on in sorted(features.items()))
+    return Target(llvm.get_process_triple(), cpu, flat)
+
+
 def simd_width(dtype: str, target: Target | None = None) -> int:
     """Return how many numbers one vector register holds; by default, of the current target."""
     bits = (current() if target is None else target).vector_bits
@@ -151,17 +164,9 @@ def compile_kept(
     """
     Return native code of a module, from disk if it was compiled before.
 
-    Parameters
-    ----------
-    key : sequence of str
-        Everything that determines what `source` returns, as for pfd_core.kernels.cache.kept.
-    source : callable
-        Returns the IR, how hard to try, and a JSON object that is kept with the code.
-    functions : sequence of str
-        The functions whose addresses are needed.
-    facts : callable
-        Returns the `facts` of the code; its arguments are the members of the JSON object.
-
+    The key is everything that determines what `source` returns: the IR, how hard to try, and a
+    JSON object that is kept with the code, whose members make `facts`. `functions` are those whose
+    addresses are needed.
     """
     target, seconds = current(), 0.0
 
@@ -211,22 +216,6 @@ def emit(ir: str, target: Target | None = None, optimisation: Optimisation | Non
     _optimise(module, machine, optimisation)
     with nullcontext() if optimisation.reorder or target.vector_bits < 512 else _order_kept():
         return bytes(machine.emit_object(module))
-
-
-def _features_of_machine() -> dict[str, bool]:
-    """Return the features that LLVM knows, and whether this machine has them."""
-    try:
-        return dict(llvm.get_host_cpu_features())
-    except RuntimeError:  # LLVM cannot query every processor; the name is enough then
-        return {}
-
-
-def _target(cpu: str, features: dict[str, bool]) -> Target:
-    """Return a processor of this machine's kind, whose widest registers are used."""
-    if features.get('avx512f'):
-        features = features | {'prefer-256-bit': False}
-    flat = ','.join(f'{"+" if on else "-"}{name}' for name, on in sorted(features.items()))
-    return Target(llvm.get_process_triple(), cpu, flat)
 
 
 def _machine(target: Target, level: int = 2) -> Any:

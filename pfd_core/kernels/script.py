@@ -27,15 +27,7 @@ from pfd_core.machine.program import Program
 
 
 class Frame:
-    """
-    Layout of named arrays in one block of memory.
-
-    Attributes
-    ----------
-    size : int
-        Elements of all arrays.
-
-    """
+    """Layout of named arrays in one block of memory, of `size` elements."""
 
     def __init__(self) -> None:
         self._places: dict[str, tuple[int, int]] = {}
@@ -86,28 +78,13 @@ def procedure(name: str, program: Program, dtype: str, width: int) -> str:
 
 class Script:
     """
-    Writer of `void @name(first..., ptr frame)`.
+    Writer of `void @name(first..., ptr frame, places...)`.
 
-    Parameters
-    ----------
-    name : str
-        Of the function.
-    frame : Frame
-        Layout of the arrays; further arrays are added to it.
-    dynamics : dict
-        Lowered programs of dynamics by name; @evaluate_name runs one.
-    dtype, width
-        As of Code.
-    programs : dict
-        Further lowered programs by name; @name runs one, see `procedure`.
-    first : sequence of str
-        Parameters before the frame, as `i64 %steps`.
-    places : dict
-        Addresses of arrays that are parameters instead of parts of the frame.
-    inline : bool
-        Whether LLVM inlines the function where it is called. The programs that it runs are written
-        into it, instead of calls.
-
+    `dynamics` and `programs` are lowered programs by name; @evaluate_name and @name run them (see
+    `procedure`). Further arrays are added to the frame. `first` are other parameters, as
+    `i64 %steps`; `places` has the addresses of arrays that are parameters instead of parts of the
+    frame. Into a function that is inlined where it is called, programs are written instead of
+    calls.
     """
 
     def __init__(

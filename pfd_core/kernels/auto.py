@@ -9,19 +9,19 @@ its limit in LIMITS is taken, cheapest first. If none is, the answer is refined 
 the inertia matrix: their other factor, the derivatives of inverse dynamics, is the same for all
 methods. A measurement is kept on disk.
 
-The cheapest is the serial method whose kernel has the fewest operations. The matrix of
-composite bodies grows with n^2 and its factors with n^3, articulated bodies with n, from a higher
-start. Ordinary arms of up to seven joints are cheaper by the former, chains of sixteen and more by
-the latter, by at least a tenth; in between it depends on the zeros of the chain, and both are
-recorded, lowered and counted.
+The cheapest is the serial method whose kernel has the fewest operations: composite bodies for
+ordinary arms of up to seven joints, whose work grows with n^3, articulated bodies for chains of
+sixteen and more, each by at least a tenth. In between it depends on the zeros of the chain, and
+both are recorded, lowered and counted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 import math
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,8 +34,6 @@ from pfd_core.model.values import Array, integer, quote
 
 if TYPE_CHECKING:
     from pfd_core.machine.program import Program
-
-T = TypeVar('T')
 
 FEW_JOINTS, MANY_JOINTS = 'composite_body', 'grouped_articulated_body'
 # Steps of refinement; the second one hardly finds a digit to correct, and each adds its code.
@@ -114,7 +112,8 @@ def roundings(plant: Plant, method: str, inverse: bool = False) -> float:
     if not inverse:
         bare = replace(bare, gravity=plant.gravity)
     name = 'roundings of H^-1' if inverse else 'roundings'
-    return _kept((name, bare.digest, method), lambda: _roundings(bare, method, inverse))
+    found: float = _kept((name, bare.digest, method), lambda: _roundings(bare, method, inverse))
+    return found
 
 
 def cost(plant: Plant, method: str) -> int:
@@ -128,17 +127,14 @@ def cost(plant: Plant, method: str) -> int:
 
 
 def _cheapest(plant: Plant) -> str:
-    def cheapest() -> str:
-        return min((FEW_JOINTS, MANY_JOINTS), key=lambda method: cost(plant, method))
+    """Return the cheaper of both methods."""
+    methods = FEW_JOINTS, MANY_JOINTS
+    found: str = _kept(('cheapest', plant.digest), lambda: min(methods, key=partial(cost, plant)))
+    return found
 
-    return _kept(('cheapest', plant.digest), cheapest)
 
-
-def _kept(key: tuple[str, ...], compute: Callable[[], T]) -> T:
-    def found(head: dict[str, T], _: bytes) -> T:
-        return head['found']
-
-    return kept(key, lambda: ({'found': compute()}, b''), found)
+def _kept(key: tuple[str, ...], compute: Callable[[], object]) -> Any:
+    return kept(key, lambda: ({'found': compute()}, b''), lambda head, _: head['found'])
 
 
 def _bodies(plant: Plant) -> Plant:

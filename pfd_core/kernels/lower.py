@@ -19,23 +19,12 @@ from pfd_core.machine.program import Instruction, Output, Program
 
 @dataclass(frozen=True)
 class Stages:
-    """
-    A program on its way to a kernel.
+    """A program on its way to a kernel."""
 
-    Attributes
-    ----------
-    recorded : Program
-        The sequential recording of the algorithm.
-    folded : Program
-        The recording partially evaluated for one robot and scene; a sine is still one operation.
-    compiled : Program
-        The program of the native code: sines written out, additions fused with the
-        products they add, operations in their final order.
-
-    """
-
-    recorded: Program
-    folded: Program
+    recorded: Program  # the sequential recording of the algorithm
+    folded: Program  # partially evaluated for one robot and scene; a sine is still one operation
+    # The program of the native code: sines written out, additions fused with the products they
+    # add, operations in their final order.
     compiled: Program
 
 
@@ -43,24 +32,10 @@ def lower(
     recorded: Program, dtype: str, outputs: Collection[str] | None = None, fma: bool = True
 ) -> Stages:
     """
-    Simplify a recording, write out its sines and order its operations.
+    Simplify a sequential recording, write out its sines and order its operations.
 
-    Parameters
-    ----------
-    recorded : Program
-        A sequential recording.
-    dtype : {'float64', 'float32'}
-        Number format the kernel computes in.
-    outputs : collection of str, optional
-        The outputs to keep; default all.
-    fma : bool
-        Whether additions take in multiplications, with one rounding for both.
-
-    Raises
-    ------
-    ValueError
-        If the program is a parallel one, or has none of the outputs.
-
+    `outputs` are those to keep, default all. With `fma` additions take in multiplications, with
+    one rounding for both. ValueError if the program is a parallel one, or has none of the outputs.
     """
     if recorded.lanes != 1:
         raise ValueError(f'recorded must be a sequential program, got {recorded.lanes} lanes')
@@ -91,14 +66,11 @@ def joined(program: Program) -> Program:
 
 def multiplied(program: Program) -> Program:
     """
-    Return a program with the output `derivatives`, (n, 3n), in the place of its factors.
+    Return a program with the output `derivatives`, [-X D, X T], in the place of its factors.
 
-    The factors are X (n, n), D (n, 2n) and, if there are motors, the diagonal T (n,):
-
-        derivatives = [-X D, X T]
-
-    Native code computes the product by a loop, with the same bits. Nothing is folded: the loop
-    does not know which factors are zero.
+    They are X (n, n), D (n, 2n) and, if there are motors, the diagonal T (n,). Native code
+    computes the product by a loop, with the same bits. Nothing is folded: the loop does not know
+    which factors are zero.
     """
     instructions = list(program.instructions)
 

@@ -18,17 +18,14 @@ minimax polynomial for each of sin r and cos r, and the sum of angles r and k pi
 product is zero and the other exact.
 
 Error, for |x| <= WRAP_LIMIT, in units in the last place of the result: at most 1.36 in float64
-(the worst case of every rounding, added up; the largest seen in 5e7 arguments is 1.33) and at
-most 1.40 in float32 (the largest of all its arguments). Where the result comes from the sine's
-polynomial it is below 1.1. No result exceeds one in magnitude, and the sine of -0 is -0. Both take
-24 multiplications and 30 additions in float64, 21 and 30 in float32. A kernel fuses these, which
-leaves 36 operations and signs. The errors are then at most 1.42 in float32 (the largest of all its
-arguments) and have been seen up to 1.34 in float64 (4e7 arguments; no bound was added up for the
-fused form); the rest holds as well. `sincos` guarantees 1.5 for all of these.
+(the worst case of every rounding, added up) and 1.40 in float32 (the largest of all arguments);
+1.1 where the result comes from the sine's polynomial. A kernel fuses multiplications and
+additions: then it is at most 1.42 in float32 (of all arguments) and has been seen up to 1.34 in
+float64 (4e7 arguments). `sincos` guarantees 1.5 for all of these. No result exceeds one in
+magnitude, and the sine of -0 is -0.
 
-How the coefficients were fitted, in 50 digits: the polynomials are minimax, by Remez exchange on
-1500 points, in the relative error of sin r and cos r for |r| up to 0.785398164 in float64 and
-0.7916 in float32. A coefficient that has been rounded can be compensated by those after it: they
+The polynomials are minimax, fitted in 50 digits by Remez exchange on 1500 points, in the relative
+error of sin r and cos r for |r| up to 0.785398164 in float64 and 0.7916 in float32. Coefficients
 were rounded one at a time, lowest power first, and the rest was fitted again. Parts of pi/2 are
 multiples of 2^-36 and 2^-73 in float64, of 2^-7, 2^-19, 2^-24, 2^-33 and 2^-41 in float32, each
 rounded down but the last of these, so that k times a part is exact for every k up to 65535; what
@@ -107,21 +104,10 @@ _CONSTANTS = {
 
 def sincos(x: Any, dtype: str) -> tuple[Any, Any]:
     """
-    Sine and cosine of an angle.
+    Return sine and cosine of an angle [rad], within 1.5 units in the last place.
 
-    Parameters
-    ----------
-    x : array or lane value
-        Angle in radians, any shape, at most WRAP_LIMIT in magnitude: above it the result
-        loses its accuracy, so wrap it first. NaN and infinity give NaN.
-    dtype : {'float64', 'float32'}
-        Number format of x; all arithmetic is done in it.
-
-    Returns
-    -------
-    sine, cosine : like x
-        Within 1.5 units in the last place.
-
+    The angle is an array or a lane value of the format `dtype`, at most WRAP_LIMIT in magnitude:
+    above it the result loses its accuracy. NaN and infinity give NaN.
     """
     c = _CONSTANTS[dtype]
     k = _round(x * c.two_over_pi, 1.5 * c.unit)

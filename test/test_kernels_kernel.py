@@ -354,26 +354,3 @@ def test_a_kernel_has_the_signature_of_its_call() -> None:
     names = ['q', 'qd', 'tau', 'wrench', 'out', 'brakes', 'payload', 'threads']
     assert list(inspect.signature(kernel).parameters) == names
     assert list(inspect.signature(kernel.__call__).parameters) == names
-
-
-TWO = np.zeros(2)
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'options', 'message'),
-    [
-        ((TWO, 1.0, TWO), {}, r'qd must have shape \(2,\) or \(B, 2\), got \(\)'),
-        ((TWO, TWO, [0.0, np.nan]), {}, r'tau must be finite, got nan at index \[1\]'),
-        (('one', TWO, TWO), {}, "q must be an array of numbers, got 'one'"),
-        ((np.zeros((2, 2)), np.zeros((3, 2)), TWO), {}, 'must agree in their batch, got q'),
-        ((TWO, TWO, TWO), {'out': np.zeros(3)}, r'out must be an array of float64 \(2,\), got'),
-        ((TWO, TWO, TWO), {'out': np.zeros(2, 'f4')}, r'out must be .* got float32 \(2,\)'),
-        ((TWO, TWO, TWO, np.zeros(6)), {}, 'wrench was given, but .*external_wrench=True'),
-        ((TWO, TWO, TWO), {'brakes': [True, False]}, 'brakes were given, but .*brakes=True'),
-    ],
-)
-def test_an_error_states_what_was_given_and_what_is_expected(
-    arguments: Any, options: Any, message: str
-) -> None:
-    with pytest.raises(ValueError, match=message):
-        pfd.compile_kernel(pfd.load_robot('planar2'))(*arguments, **options)

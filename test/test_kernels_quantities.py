@@ -71,19 +71,6 @@ def test_a_kernel_has_the_bits_of_the_emulator_alone_and_in_any_batch(
     np.testing.assert_array_equal(call(kernel, stacked), wanted[:36].reshape(4, 9, *shape))
 
 
-def test_a_bound_kernel_evaluates_in_place() -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), quantity='wrench_torques')
-    for shape in ((), (9,)):
-        given = {
-            name: x.reshape(*shape, -1) for name, x in arguments(kernel, *shape or (1,)).items()
-        }
-        out = np.empty((*shape, *kernel.shape))
-        step = kernel.bind(**given, out=out)
-        given['q'][...] += 0.5
-        assert step() is out
-        np.testing.assert_array_equal(out, call(kernel, given))
-
-
 def test_a_result_at_any_stride_is_written_in_place() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'), quantity='inertia_matrix')
     q = arguments(kernel)['q']
@@ -150,49 +137,8 @@ def test_bad_options_are_named(options: dict[str, Any], message: str) -> None:
         pfd.compile_kernel(pfd.load_robot('planar2'), **options)
 
 
-@pytest.mark.parametrize(
-    ('quantity', 'given', 'message'),
-    [
-        ('inertia_matrix', {'q': 0, 'qd': 0}, 'the kernel takes q, got q, qd'),
-        ('inertia_matrix', {'q': 0, 'tau': 0}, 'the kernel takes q, got q, tau'),
-        ('bias_torques', {'q': 0}, 'the kernel takes q, qd, got q'),
-        ('bias_torques', {'q': 0, 'tau': 0}, 'the kernel takes q, qd, got q, tau'),
-        ('inverse_dynamics', {'q': 0, 'qd': 0}, 'the kernel takes q, qd, qdd, got q, qd'),
-        ('wrench_torques', {'q': 0}, 'needs wrench='),
-        ('inertia_matrix', {'q': 0, 'wrench': 0}, 'wrench was given, but'),
-        ('inertia_matrix', {'q': 0, 'brakes': 0}, 'brakes were given, but'),
-        (
-            'inertia_matrix',
-            {'q': 0, 'out': np.zeros(4)},
-            r'out must be .* \(2, 2\), got .* \(4,\)',
-        ),
-    ],
-)
-def test_arguments_that_do_not_fit_the_quantity_are_named(
-    quantity: str, given: dict[str, Any], message: str
-) -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), quantity=quantity)
-    sizes = {'wrench': np.zeros(6), 'brakes': np.zeros(2, bool)}
-    arrays = {
-        name: sizes.get(name, np.zeros(2)) if isinstance(value, int) else value
-        for name, value in given.items()
-    }
-    with pytest.raises(ValueError, match=message):
-        kernel(**arrays)
-
-
 def test_only_forward_dynamics_has_an_error_estimate() -> None:
     robot = pfd.load_robot('planar2')
     kernel = pfd.compile_kernel(robot, quantity='derivatives', refine=1)
     with pytest.raises(ValueError, match='derivatives has no error estimate, only'):
         kernel.error_estimate(*np.zeros((3, 2)))
-
-
-def test_a_wrench_is_never_taken_for_a_torque() -> None:
-    # Both have six elements on an arm of six joints.
-    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
-    six = np.zeros(6)
-    with pytest.raises(ValueError, match='takes q, qd, tau'):
-        kernel(six, six, wrench=six)
-    with pytest.raises(ValueError, match='takes q, qd, tau'):
-        kernel.bind(six, six, wrench=six, out=np.empty(6))

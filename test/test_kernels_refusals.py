@@ -77,6 +77,13 @@ CALLS = {
     'gravity(q, qd)': 'ValueError q',
     'gravity(q, None, tau)': 'ValueError q',
     'gravity()': 'TypeError q',
+    'gravity(q, wrench=w)': 'ValueError wrench',
+    'gravity(q, brakes=[False] * 6)': 'ValueError brakes',
+    'gravity(q, out=np.zeros(4))': 'ValueError out',
+    'push(q)': 'ValueError wrench',
+    'torque(q, qd)': 'ValueError q',
+    # A wrench is never taken for a torque, although both have six elements here.
+    'k(q, qd, wrench=w)': 'ValueError q',
     'force(q, qd, tau)': 'ValueError wrench',
     'torque(q, qd, tau, brakes=[False] * 6)': 'ValueError brakes',
     'hand(q, qd, tau, payload=1.0)': 'ValueError payload',
@@ -119,6 +126,7 @@ CALLS = {
     'k.bind(q, qd, np.float32(tau), out)': 'ValueError tau',
     'k.bind(q, bad(qd, np.nan), tau, out)': 'ValueError qd',
     'k.bind(q, qd, tau, out, w)': 'ValueError wrench',
+    'k.bind(q, qd, out=out, wrench=w)': 'ValueError q',
     'k.bind(q, qd, tau, out, threads=None)': 'ValueError threads',
     'k.bind(q, qd, tau, out, q=q)': 'TypeError q',
 }
@@ -137,7 +145,9 @@ def kernels() -> dict[str, pfd.Kernel]:
     # Of inverse dynamics brakes have no effect.
     for name, scene in (('torque', scenes['brake']), ('free_torque', scenes['k'])):
         found[name] = pfd.compile_kernel(robot, scene=scene, quantity='inverse_dynamics')
-    return found | {'gravity': pfd.compile_kernel(robot, quantity='gravity_torques')}
+    for name, quantity in (('gravity', 'gravity_torques'), ('push', 'wrench_torques')):
+        found[name] = pfd.compile_kernel(robot, quantity=quantity)
+    return found
 
 
 def frozen(x: np.ndarray) -> np.ndarray:

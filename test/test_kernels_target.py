@@ -111,11 +111,6 @@ def test_a_processor_whose_features_llvm_cannot_detect_is_named_alone(
     host_target.cache_clear()
 
 
-def test_ir_that_is_no_module_is_refused() -> None:
-    with pytest.raises(RuntimeError, match='expected value token'):
-        bridge.emit_object('define double @f(double %x) { ret double }', host_target())
-
-
 def module(kernel: pfd.Kernel, width: int) -> str:
     """Return the module of a kernel without its entry from Python."""
     angles, size = turned_joints(kernel.robot), kernel.robot.n

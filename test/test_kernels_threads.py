@@ -87,14 +87,6 @@ def test_an_absurd_number_of_threads_is_cut_to_the_cores() -> None:
     assert thread_count(np.int64(10**8)) == bridge.cores()
 
 
-def test_blocks_are_whole_registers_and_enough_for_every_thread() -> None:
-    for count in (1, 100, 4096, 65536):
-        for number in (1, 2, 3, 16):
-            size = block_size(count, number, 8, 600)
-            assert size % 8 == 0
-            assert size < count // number + 8 or size == 8
-
-
 def test_a_block_is_worth_a_worker_and_answers_a_signal_in_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

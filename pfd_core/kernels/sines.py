@@ -190,24 +190,15 @@ TWO_PI_BITS = 125  # 2 pi is then a 128-bit integer
 # Binary digits of a significand, and the offset of the exponent when it is an integer.
 DIGITS = 53
 OFFSET = 1075
-
-
-def _pi(bits: int) -> int:
-    """Return pi 2^bits, at most 1 off, after Machin: pi = 16 atan 1/5 - 4 atan 1/239."""
-    guard = 32
-    total = 0
-    for factor, d in ((16, 5), (-4, 239)):
-        power = (factor << (bits + guard)) // d
-        n = 1
-        while power not in (0, -1):
-            total += power // n if n % 4 == 1 else -(power // n)
-            power //= d * d
-            n += 2
-    return total >> guard
-
-
-TURNS = (1 << (2 * TABLE_BITS + 64)) // _pi(TABLE_BITS + 65)  # 2^1280 / 2 pi
-TWO_PI = (_pi(TWO_PI_BITS + 32) >> 30) + 1 >> 1  # to nearest
+# 1 / 2 pi, cut off, and 2 pi, rounded to nearest.
+TURNS = int(
+    '28be60db9391054a7f09d5f47d4d377036d8a5664f10e4107f9458eaf7aef1586dc91b8e909374b8'
+    '01924bba827464873f877ac72c4a69cfba208d7d4baed1213a671c09ad17df904e64758e60d4ce7d'
+    '272117e2ef7e4a0ec7fe25fff7816603fbcbc462d6829b47db4d9fb3c9f2c26dd3d18fd9a797fa8b'
+    '5d49eeb1faf97c5ecf41ce7de294a4ba9afed7ec47e357421580cc11bf1edaeafc33ef0826bd0d87',
+    16,
+)
+TWO_PI = 0xC90FDAA22168C234C4C6628B80DC1CD1
 
 
 def wrap_angle(limit: float = WRAP_LIMIT) -> str:

@@ -33,12 +33,16 @@ class Method:
     name: str
     title: str  # what it is called on pages
     record: str  # 'module.function' of pfd_core, of a plant, and of a schedule for n lanes
-    serial: bool = False  # for one processor; the others have a lane for each joint
     # Whether it has a repeated part, the outputs `iterations` and `converged`, and the argument
     # `tolerance`.
     iterative: bool = False
     payload: bool = False  # whether it takes numbers of a plant as inputs
     compiled: bool = True  # whether kernels offer it; the others are emulated and counted only
+
+    @property
+    def serial(self) -> bool:
+        """Whether it is for one processor; the others have a lane for each joint."""
+        return self.record.startswith('dynamics.')
 
     def __call__(self, plant: Plant, schedule: str, **options: Any) -> Program:
         """Record the program; `options` are further arguments of the method's function."""
@@ -47,56 +51,73 @@ class Method:
         return program
 
 
-def _serial(name: str, title: str, module: str, **properties: bool) -> Method:
-    return Method(name, title, f'dynamics.{module}.record_{name}', serial=True, **properties)
-
-
-def _on_lanes(name: str, title: str, module: str, **properties: bool) -> Method:
-    return Method(name, title, f'paper.{module}.record_{name}', **properties)
-
-
 _ROWS = (
-    _serial('walker_orin_1', "Walker and Orin's method 1", 'composite'),
-    _serial('walker_orin_2', "Walker and Orin's method 2", 'composite'),
-    _serial('walker_orin_3', "Walker and Orin's method 3", 'composite'),
-    _serial('walker_orin_4', "Walker and Orin's method 4", 'conjugate', iterative=True),
-    _serial('articulated_body', "Featherstone's articulated-body method", 'articulated'),
-    _on_lanes('pcrbm', 'Parallel composite rigid bodies', 'composite'),
-    _on_lanes('pcrbm_array', 'Parallel composite rigid bodies with the triangular array', 'array'),
-    _on_lanes('pcgm', 'Parallel conjugate gradients', 'conjugate', iterative=True),
-    _on_lanes('pcrbm_base_origin', 'PCRBM about the base origin', 'composite'),
-    _on_lanes(
-        'divide_and_conquer', 'Divide and conquer, after Featherstone 1999', 'divide_and_conquer'
+    Method(
+        'walker_orin_1', "Walker and Orin's method 1", 'dynamics.composite.record_walker_orin_1'
+    ),
+    Method(
+        'walker_orin_2', "Walker and Orin's method 2", 'dynamics.composite.record_walker_orin_2'
+    ),
+    Method(
+        'walker_orin_3', "Walker and Orin's method 3", 'dynamics.composite.record_walker_orin_3'
+    ),
+    Method(
+        'walker_orin_4',
+        "Walker and Orin's method 4",
+        'dynamics.conjugate.record_walker_orin_4',
+        iterative=True,
+    ),
+    Method(
+        'articulated_body',
+        "Featherstone's articulated-body method",
+        'dynamics.articulated.record_articulated_body',
+    ),
+    Method('pcrbm', 'Parallel composite rigid bodies', 'paper.composite.record_pcrbm'),
+    Method(
+        'pcrbm_array',
+        'Parallel composite rigid bodies with the triangular array',
+        'paper.array.record_pcrbm_array',
+    ),
+    Method('pcgm', 'Parallel conjugate gradients', 'paper.conjugate.record_pcgm', iterative=True),
+    Method(
+        'pcrbm_base_origin',
+        'PCRBM about the base origin',
+        'paper.composite.record_pcrbm_base_origin',
+    ),
+    Method(
+        'divide_and_conquer',
+        'Divide and conquer, after Featherstone 1999',
+        'paper.divide_and_conquer.record_divide_and_conquer',
     ),
     # It needs links with a mass and an inertia.
-    _on_lanes(
+    Method(
         'constraint_forces',
         "Constraint forces, after Fijany, Sharf and D'Eleuterio 1995",
-        'constraint_forces',
+        'paper.constraint_forces.record_constraint_forces',
         compiled=False,
     ),
-    _serial(
+    Method(
         'composite_body',
         'Composite bodies with grouped parameters, for kernels',
-        'composite',
+        'dynamics.composite.record_composite_body',
         payload=True,
     ),
-    _serial(
+    Method(
         'grouped_articulated_body',
         'Articulated bodies with grouped parameters, for kernels',
-        'articulated',
+        'dynamics.articulated.record_grouped_articulated_body',
         payload=True,
     ),
-    _on_lanes(
+    Method(
         'pcrbm_1987',
         'PCRBM step by step as in the paper, for comparison',
-        'composite',
+        'paper.composite.record_pcrbm_1987',
         compiled=False,
     ),
-    _on_lanes(
+    Method(
         'pcgm_1987',
         'PCGM step by step as in the paper, for comparison',
-        'conjugate',
+        'paper.conjugate.record_pcgm_1987',
         compiled=False,
     ),
 )

@@ -86,8 +86,7 @@ def _of_frame(
     arguments: tuple[str, ...] = ('q',),
     wrench: bool = False,
 ) -> Quantity:
-    path = f'dynamics.frames.{record}'
-    return Quantity(name, text, arguments, shape, (), 'kinematics', path, True, wrench)
+    return Quantity(name, text, arguments, shape, (), 'kinematics', record, True, wrench)
 
 
 STATE = ('q', 'qd', 'tau')
@@ -147,18 +146,27 @@ _ROWS = (
         'wrench_torques',
         "J' k of a wrench k on the frame, in its axes, about its origin",
         ('n',),
-        'record_wrench_torques',
+        'dynamics.frames.record_wrench_torques',
         wrench=True,
     ),
     _of_frame(
-        'tip_pose', 'homogeneous transform of the frame to the base link', (4, 4), 'record_pose'
+        'tip_pose',
+        'homogeneous transform of the frame to the base link',
+        (4, 4),
+        'dynamics.frames.record_pose',
     ),
     _of_frame(
         'tip_jacobian',
         "J of the frame's origin, linear first, in axes of the base link",
         (6, 'n'),
-        'record_jacobian',
+        'dynamics.frames.record_jacobian',
     ),
-    _of_frame('tip_velocity', 'J qd', (6,), 'record_velocity', arguments=('q', 'qd')),
+    _of_frame(
+        'tip_velocity',
+        'J qd',
+        (6,),
+        'dynamics.frames.record_velocity',
+        arguments=('q', 'qd'),
+    ),
 )
 QUANTITIES = {row.name: row for row in _ROWS}

@@ -15,7 +15,6 @@ Serial dynamics: the algorithms that kernels are made of, each recorded once as 
     chain          the chain at the input q: joints and links, grouped or as given
 
     joint_torques  torques of the joints themselves, from pfd_core.model.effects
-    gravity        gravity torques and potential energy, from first moments
     drives         motor torques: gravity compensation, limits, friction of sliding joints
     actuators      servos and limits of motors, which decide once a control cycle
 
@@ -24,7 +23,7 @@ Serial dynamics: the algorithms that kernels are made of, each recorded once as 
     composite      H by composite bodies or by columns, and qdd
     articulated    qdd by articulated bodies
     conjugate      qdd by conjugate gradients
-    energy         kinetic and potential energy
+    energy         kinetic and potential energy, gravity torques
     frames         pose, Jacobian and velocity of a frame, joint torques of a wrench on it
 
     derivatives    d inverse dynamics / d(q, qd), over composite bodies that move

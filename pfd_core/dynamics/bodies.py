@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +51,7 @@ KEPT = 64
 
 def with_payload_input(plant: Plant) -> Plant:
     """Return a plant that has the numbers that a payload changes as inputs."""
-    links = {kind: numbers.copy() for kind, numbers in _own(plant.robot).items()}
+    links = {kind: numbers.copy() for kind, numbers in _own(plant.robot).numbers.items()}
     links[CENTERED][-1] = np.nan
     links[GROUPED][_slopes(plant.robot, plant.robot.n - 1).any(axis=2)] = np.nan
     return with_inputs(replace(plant, links=links))
@@ -101,20 +101,21 @@ def links_of(
     """
     own = _own(robot)
     size, n = len(robots), robot.n
-    centered = np.tile(own[CENTERED], (size, 1, 1))
+    centered = np.tile(own.numbers[CENTERED], (size, 1, 1))
     changes = np.zeros((size, n, NUMBERS))
-    links, tip, before = _reference(robot)
     for k, (other, payload) in enumerate(zip(robots, payloads, strict=True)):
-        bodies = links
+        bodies = own.bodies
         if other is not robot:
             bodies, _ = _in_axes(robot, other)
             centered[k] = [body_numbers(body) for body in bodies]
-            changes[k] = np.array([_about_origin(body) for body in bodies]) - before
+            changes[k] = np.array([_about_origin(body) for body in bodies]) - own.about_origins
         if payload is not None:
-            held = _on_last_link(tip, payload)
+            R = own.tip.rotation
+            center = own.tip.p + product(R, np.asarray(payload.center))
+            held = payload.mass, center, product(R, np.asarray(payload.inertia), R.T)
             centered[k, -1] = body_numbers(merged(bodies[-1], held))
             changes[k, -1] = changes[k, -1] + _about_origin(held)
-    found = np.tile(own[GROUPED], (size, 1, 1))
+    found = np.tile(own.numbers[GROUPED], (size, 1, 1))
     for i in range(n):
         if changes[:, i].any():
             slopes = np.moveaxis(_slopes(robot, i), 2, 0)
@@ -123,16 +124,20 @@ def links_of(
     return {CENTERED: centered, GROUPED: found}
 
 
-@lru_cache(KEPT)
-def _own(robot: Robot) -> dict[str, Array]:
-    return {kind: link_numbers(robot, kind) for kind in (CENTERED, GROUPED)}
+class _Own(NamedTuple):
+    """Bodies of the links of a robot."""
+
+    bodies: list[Body]
+    tip: Tip
+    about_origins: Array  # (n, NUMBERS)
+    numbers: dict[str, Array]  # by kind, (n, NUMBERS)
 
 
 @lru_cache(KEPT)
-def _reference(robot: Robot) -> tuple[list[Body], Tip, Array]:
-    """Return the bodies of the links of a robot, the tip, and the bodies about the origins."""
-    links, tip = _in_axes(robot, robot)
-    return links, tip, np.array([_about_origin(body) for body in links])
+def _own(robot: Robot) -> _Own:
+    bodies, tip = _in_axes(robot, robot)
+    numbers = {kind: link_numbers(robot, kind) for kind in (CENTERED, GROUPED)}
+    return _Own(bodies, tip, np.array([_about_origin(body) for body in bodies]), numbers)
 
 
 def _in_axes(robot: Robot, bodies: Robot) -> tuple[list[Body], Tip]:
@@ -145,13 +150,6 @@ def _about_origin(body: Body) -> Array:
     """Return mass, first moment and inertia about the origin of a body about its centre."""
     m, center, J = body
     return body_numbers((m, m * center, J + m * moments(center, center)))
-
-
-def _on_last_link(tip: Tip, payload: Payload) -> Body:
-    """Return a payload as a body in the axes of the last link."""
-    center = tip.p + product(tip.rotation, np.asarray(payload.center))
-    J = product(tip.rotation, np.asarray(payload.inertia), tip.rotation.T)
-    return payload.mass, center, J
 
 
 @lru_cache(KEPT)

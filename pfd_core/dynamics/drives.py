@@ -30,7 +30,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pfd_core.dynamics.gravity import gravity_torques
+from pfd_core.dynamics.energy import gravity_torques
 from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, merge, on, where
 from pfd_core.machine.program import Program

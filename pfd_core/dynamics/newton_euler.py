@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 
 from pfd_core.dynamics.chain import Chain, chain_of
 from pfd_core.dynamics.drives import commanded_torques, motor_torques
-from pfd_core.dynamics.gravity import gravity_torques
+from pfd_core.dynamics.energy import gravity_torques
 from pfd_core.dynamics.interface import program_with_outputs, wrench_input
 from pfd_core.dynamics.joint_torques import minus_joint_torques, plus_joint_torques
 from pfd_core.dynamics.joints import Force, along, force_in, force_sum, from_tip, turned_back

@@ -36,5 +36,6 @@ A new effect of a joint is a record in pfd_core.model.effects, and nothing in he
 effect of the motors has its torques in `drives` as well, an effect of the links or of gravity in
 `newton_euler` (on n lanes in pfd_core.paper.newton_euler). A new
 method is a function and a row of `methods`, a new quantity a function and a row of `quantities`.
-Modules that the tables name are imported at their first use.
+Modules that the tables name are imported at their first use. One register of a serial program
+holds one number.
 """

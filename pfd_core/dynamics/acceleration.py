@@ -15,18 +15,16 @@ for the gravity that the drives compensate.
 A braked joint has zeros in its row and its column of X. At a motor limit, where the torque has
 no derivative, it is taken on the side that the program selects.
 
-X is computed as pfd_core.dynamics.inverse describes.
-
 Carpentier and Mansard 2018 (derivatives of forward dynamics by derivatives of inverse dynamics
 and H^-1).
 
 Cost: the product X D takes 2 n^3 multiplications, factors and X n^3 / 2 and all else n^2.
-One register holds one number.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from pfd_core.dynamics.chain import chain_of
@@ -39,12 +37,12 @@ from pfd_core.dynamics.derivatives import (
     moving_chain,
 )
 from pfd_core.dynamics.drives import record_motor_torques
-from pfd_core.dynamics.factors import Factors, Matrix, factorise, solution
+from pfd_core.dynamics.factors import Matrix, factorise, solution
 from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.inverse import inverse_inertia
 from pfd_core.dynamics.joint_torques import minus_joint_torques, record_joint_torques
 from pfd_core.dynamics.numbers import rotors
-from pfd_core.dynamics.refinement import record_refined, record_residual
+from pfd_core.dynamics.refinement import record_refined, refined
 from pfd_core.machine.derivative import derivative
 from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Program
@@ -84,10 +82,10 @@ def record_derivatives(
     torques = minus_joint_torques(plant, motors['tau'], qd)
     if method == OWN_METHOD:
         y = minus_bias(moving, by_qd, torques, qd)
-        qdd = _refined(recorder, plant, factors, y, refine)
+        qdd = refined(plant, solution(factors, y), partial(solution, factors), refine)
     else:
-        refined = record_refined(plant, method, refine, TOLERANCES[dtype])
-        answer = with_nan_unless_converged(refined, plant)
+        program = record_refined(plant, method, refine, TOLERANCES[dtype])
+        answer = with_nan_unless_converged(program, plant)
         qdd = inline(recorder, answer, {})['qdd']
     by_q = by_positions(moving, qd, qdd, _minus_inertia(recorder, plant, torques, qdd))
     with recorder.section('joints and drives'):
@@ -143,14 +141,3 @@ def _with_joints_and_drives(
             total = total - array(motors[by]).reshape(n, n)
         D.append(total)
     return [[*row, *row_qd] for row, row_qd in zip(*D, strict=True)]
-
-
-def _refined(
-    recorder: Recorder, plant: Plant, factors: Factors, y: Sequence[Lanes], steps: int
-) -> list[Lanes]:
-    """Return qdd with steps of refinement, as in pfd_core.dynamics.refinement."""
-    qdd = solution(factors, y)
-    for _ in range(steps):
-        r = inline(recorder, record_residual(plant), {'qdd': qdd})['residual']
-        qdd = [a + d for a, d in zip(qdd, solution(factors, r), strict=True)]
-    return qdd

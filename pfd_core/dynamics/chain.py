@@ -11,7 +11,7 @@ The parameters of links are of one of three kinds; algorithms are the same for a
     GIVEN       the same with origins as the robot has them: for rotations of zeros and ones no
                 number of the robot is rounded before the first operation
 
-Everything of link i is in axes B_i (pfd_core.dynamics.links); one register holds one number.
+Everything of link i is in axes B_i (pfd_core.dynamics.links).
 """
 
 from __future__ import annotations

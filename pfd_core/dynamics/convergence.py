@@ -16,8 +16,7 @@ The check is no part of the counted algorithm. pfd_core.emulate runs it after th
 the status; a kernel contains it and answers NaN, because it returns an array and no status. Where
 H does not factor in the number format, delta is NaN, and the answer is rejected.
 
-Cost: one inverse dynamics, one inertia matrix with its factors, two solves. One register holds one
-number.
+Cost: one inverse dynamics, one inertia matrix with its factors, two solves.
 """
 
 from __future__ import annotations

@@ -17,8 +17,6 @@ pfd_core.dynamics.refinement does for accelerations.
 A factor loses digits with the condition number of H. Articulated bodies keep them where joints
 are coaxial, a refined column also where the tip is heavy
 (docs/decisions/0017-derivatives.md).
-
-One register holds one number.
 """
 
 from __future__ import annotations

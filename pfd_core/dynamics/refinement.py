@@ -28,8 +28,6 @@ parameters, would have the same rounding that refinement removes
 
 Wilkinson 1963; Skeel 1980: one step in the same precision is enough if the residual is accurate
 relative to its own terms.
-
-One register holds one number.
 """
 
 from __future__ import annotations
@@ -66,17 +64,23 @@ def record_refined(
     method_program = record_forward_dynamics(plant, method, 'sequential', tolerance)
     if steps == 0:
         return method_program
-    residual = record_residual(plant)
     recorder = Recorder(1, 'sequential')
     solved = solver(recorder, plant, method, tolerance)
     results = inline(recorder, method_program, {})
-    qdd = results['qdd']
+    qdd = refined(plant, results['qdd'], lambda torques: solved(torques)['qdd'], steps)
+    return program_with_outputs(recorder, **results | {'qdd': qdd})
+
+
+def refined(
+    plant: Plant, qdd: Sequence[Lanes], solve: Callable[[list[Lanes]], list[Lanes]], steps: int
+) -> Sequence[Lanes]:
+    """Return accelerations after steps of refinement; `solve` gives those by torques at rest."""
+    recorder = qdd[0].recorder
     for _ in range(steps):
-        r = inline(recorder, residual, {'qdd': qdd})['residual']
-        delta = solved(r)['qdd']
+        delta = solve(inline(recorder, record_residual(plant), {'qdd': qdd})['residual'])
         with recorder.section('correction'):
             qdd = [a + d for a, d in zip(qdd, delta, strict=True)]
-    return program_with_outputs(recorder, **results | {'qdd': qdd})
+    return qdd
 
 
 def record_error(plant: Plant, method: str, dtype: str, tolerance: float | None = None) -> Program:

@@ -126,6 +126,7 @@ NAMES = {
     'PCRBM_A_3': 'pfd_core.paper.editions:A_3',
     'PCRBM_A_8': 'pfd_core.paper.editions:A_8',
     'PCRBM_CHOLESKY': 'pfd_core.paper.editions:CHOLESKY',
+    'MISPRINTS_AS_PRINTED': 'pfd_core.paper.editions:AS_PRINTED',
     'MISPRINTS_OF': 'pfd_core.paper.editions:OF_PROCEDURE',
     'PCRBM_STEP_6': 'pfd_core.paper.editions:STEP_6',
     'record_pcrbm_1987': 'pfd_core.paper.composite:record_pcrbm_1987',

@@ -8,6 +8,7 @@ import math
 
 from bridge import (
     FORWARD_METHODS,
+    MISPRINTS_AS_PRINTED,
     MISPRINTS_OF,
     PCGM_STEP_4,
     PCGM_STEP_7,
@@ -93,6 +94,30 @@ def test_pcrbm_of_1987_agrees_in_fifty_digits_after_steps_of_any_kind(schedule: 
         )['qdd']
         program = record_pcrbm_1987(resolve_plant(robot), schedule)
         assert error(run_program(program, given, digits=50)['qdd'], wanted) < FIFTY_DIGITS
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_emulate_runs_the_edition_with_misprints_and_does_not_call_it_right(method: str) -> None:
+    robot = pfd.load_robot('ur5')
+    state = np.random.default_rng(3).normal(size=(3, 6))
+    run = pfd.emulate(robot, *state, method=method, edition='printed')
+    assert run.status == 'wrong'
+    assert 'set ordering' in run.steps_by_section or 'step 5' in run.steps_by_section
+    record = record_pcrbm_1987 if method == 'pcrbm_1987' else record_pcgm_1987
+    wanted = record(resolve_plant(robot), 'parallel', misprints=MISPRINTS_AS_PRINTED[method])
+    assert run.program == wanted
+
+
+def test_one_joint_as_printed_is_right() -> None:
+    run = pfd.emulate(chain(1), [0.3], [0.2], [1.0], method='pcrbm_1987', edition='printed')
+    assert run.status == 'ok'
+
+
+@pytest.mark.parametrize('method', [*METHODS, 'pcrbm_array', 'composite_body'])
+def test_steps_are_the_sum_of_the_steps_of_sections(method: str) -> None:
+    state = np.random.default_rng(4).normal(size=(3, 6))
+    run = pfd.emulate(uniform_chain_robot(6), *state, method=method)
+    assert sum(run.steps_by_section.values(), pfd.Steps()) == run.steps
 
 
 # ---- misprints -------------------------------------------------------------------------------
@@ -291,6 +316,9 @@ def test_the_totals_of_1987_are_those_of_the_docstrings(n: int) -> None:
 
 def test_six_joints_of_1987_take_366_and_351_with_pairs_packed_and_391_and_361_without() -> None:
     # Divisions are multiplications, as in the paper, and R_i is given.
+    run = pfd.emulate(uniform_chain_robot(6), *[[0.1] * 6] * 3, method='pcrbm_1987')
+    steps = run.steps - run.steps_by_section['joint rotation']
+    assert (steps.multiplications + steps.divisions, steps.additions) == (366, 351)
     for schedule, wanted in (('parallel', (366, 351, 6)), ('unpacked', (391, 361, 6))):
         found = arithmetic(record_pcrbm_1987(resolve_plant(chain(6)), schedule).count())
         assert (found[0] + found[2] - 12, found[1] - 6, found[3]) == wanted

@@ -113,6 +113,14 @@ def test_fifty_digits_of_two_methods_agree() -> None:
         ({'tau': [np.nan, 0.0]}, 'tau must be finite'),
         ({'wrench': np.zeros(5)}, r'wrench must have shape \(6,\) or \(B, 6\), got \(5,\)'),
         ({'dtype': 'float16'}, "dtype must be one of .* got 'float16'"),
+        (
+            {'edition': 'second'},
+            r"edition must be one of \('corrected', 'printed'\), got 'second'",
+        ),
+        (
+            {'edition': 'printed'},
+            r"edition 'printed' needs one of the methods .*'pcrbm_1987'.*, got 'pcrbm'",
+        ),
         ({'scene': pfd.Scene(external_wrench=True)}, 'the call needs wrench='),
     ],
 )

@@ -40,7 +40,7 @@ from pfd_core.paper.array import (
     solve_steps,
     stream_steps,
 )
-from pfd_core.paper.emulate import arithmetic, in_sections, processors_of
+from pfd_core.paper.emulate import arithmetic, processors_of
 
 KINDS = ('multiplications', 'additions', 'square_roots')
 PRINTED_AT = 6
@@ -161,6 +161,17 @@ def steps_of(
         on_cells = list(FACTORISATION)
     feeding = stream_steps(one.n, p or program.lanes, network)
     return steps - in_sections(program, on_cells, p, network) + cycles + feeding
+
+
+def in_sections(
+    program: Program,
+    sections: Iterable[str],
+    processors: int | None = None,
+    network: str = 'crossbar',
+) -> Steps:
+    """Return the steps of sections of a program, which may lack some of them."""
+    counts = networks.by_section(program, network, processors)
+    return sum((counts[name] for name in sections if name in counts), Steps())
 
 
 def flat(prefix: str, steps: Steps) -> dict[str, int]:

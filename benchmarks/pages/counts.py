@@ -28,7 +28,6 @@ from pfd_core.kernels.sines import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.model import Robot, resolve
 from pfd_core.paper.conjugate import record_pcgm
-from pfd_core.paper.emulate import in_sections
 
 SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 32, 48, 64)
 # Joints, and numbers of processors: divisors, and for 6 joints also 4.
@@ -89,7 +88,7 @@ def counted_parts(n: int) -> Iterator[dict[str, Any]]:
             row = {'system': system, 'title': paper.title_of(system), 'remark': '', **part}
             row |= {f'claimed_{kind}': int(value(part[kind], n)) for kind in KINDS[:2]}
             for prefix, program in recorded.items():
-                row |= paper.flat(prefix, in_sections(program, part['sections']))
+                row |= paper.flat(prefix, paper.in_sections(program, part['sections']))
             yield row
 
 

@@ -69,7 +69,7 @@ from pfd_core.paper.composite import inertia_matrix
 from pfd_core.paper.lanes import gather
 from pfd_core.paper.newton_euler import forward_equations
 from pfd_core.paper.solve import held_joints
-from pfd_core.paper.systolic import DIRECTIONS, Array, Cell, Link, Place, Ports, Step, Trace
+from pfd_core.paper.systolic import Array, Cell, Link, Ports, Step, Trace, into, out_of
 
 FLAG, TURN = '*', 'turn'
 MULTIPLY, DIVIDE, ROOT, STORE = 'multiply and subtract', 'divide', 'square root', 'store'
@@ -80,7 +80,6 @@ STREAMS = f'streams of the {SECTION}'
 
 # The streams of one matrix: for each row k, h_kk, h_(k+1)k ... h_nk, and y_k if there is one.
 Problem = Sequence[Sequence[Any]]
-Streams = dict[Link, dict[int, Any]]
 
 
 class Item(NamedTuple):
@@ -91,10 +90,10 @@ class Item(NamedTuple):
 
 
 class Registers(NamedTuple):
-    """State of a cell: u, the last result or the last item from below, a root's radicand."""
+    """State of a cell."""
 
     u: Any = None
-    last: Any = None
+    last: Any = None  # the last result, or the last item from below
     radicand: Any = None
 
 
@@ -177,58 +176,35 @@ def triangle(n: int, circular: Cell, square: Cell, *, back: bool) -> Array:
     """
     rows = range(1, n + 1)
     cells = {(k, i): square if i < k else circular for k in rows for i in range(1, k + 1)}
-    links = {_into((k, 1), 'left') for k in rows}
-    links |= {_out_of(place, way) for place in cells for way in ('right', 'up')}
+    links = {into((k, 1), 'left') for k in rows}
+    links |= {out_of(place, way) for place in cells for way in ('right', 'up')}
     if back:
-        links |= {_out_of(place, 'left') for place in cells}
-        links |= {_out_of((k, i), 'down') for k, i in cells if i < k}
+        links |= {out_of(place, 'left') for place in cells}
+        links |= {out_of((k, i), 'down') for k, i in cells if i < k}
     else:
-        links |= {_into((k, k), 'down') for k in rows}
+        links |= {into((k, k), 'down') for k in rows}
     return Array(cells, links)
-
-
-def _out_of(place: Place, direction: str) -> Link:
-    """Return the link that leads from a place in a direction."""
-    up, right = DIRECTIONS[direction]
-    return Link(place, (place[0] + up, place[1] + right))
-
-
-def _into(place: Place, direction: str) -> Link:
-    """Return the link on which a place receives items from a direction."""
-    link = _out_of(place, direction)
-    return Link(link.target, link.source)
 
 
 def clock(problems: Sequence[Problem], interval: int | None = None, turn: bool = False) -> Trace:
     """
-    Run the corrected array.
+    Run the corrected array on one matrix or several of the same size.
 
-    Parameters
-    ----------
-    problems : sequence of Problem
-        One matrix or several of the same size.
-    interval : int, optional
-        Cycles from one problem to the next; default the fewest possible.
-    turn : bool
-        Whether to run back and solve: one problem with a right-hand side.
-
-    Raises
-    ------
-    ValueError
-        If the interval is shorter than the longest stream.
-
+    A problem follows the one before after `interval` cycles, by default the fewest possible. With
+    `turn` the array runs back and solves: one problem with a right-hand side. ValueError for an
+    interval that is shorter than the longest stream.
     """
     n, length = len(problems[0]), len(problems[0][0])
     interval = length if interval is None else interval
     if interval < length:
         raise ValueError(f'interval must be at least {length} cycles, got {interval}')
-    streams: Streams = {_into((k, 1), 'left'): {} for k in range(1, n + 1)}
+    streams: dict[Link, dict[int, Any]] = {into((k, 1), 'left'): {} for k in range(1, n + 1)}
     for p, problem in enumerate(problems):
         for k, stream in enumerate(streams.values(), 1):
             items = [Item(value, '' if m else FLAG) for m, value in enumerate(problem[k - 1])]
             stream.update(enumerate(items, 2 * k - 1 + p * interval))
     if turn:
-        streams[_into((n, 1), 'left')][2 * n + 1] = Item(None, TURN)
+        streams[into((n, 1), 'left')][2 * n + 1] = Item(None, TURN)
     return triangle(n, circular, square, back=True).run(streams)
 
 
@@ -237,53 +213,25 @@ def clock(problems: Sequence[Problem], interval: int | None = None, turn: bool =
 
 @dataclass(frozen=True)
 class Factors:
-    """
-    Factors of a matrix, and the solution.
+    """Factors of a matrix, and the solution."""
 
-    Attributes
-    ----------
-    L : numpy.ndarray
-        (n, n), lower triangle; NaN where a root or a quotient does not exist.
-    z, x : numpy.ndarray or None
-        (n,), L^-1 y and H^-1 y; None without a right-hand side, and x None without a solve.
-    status : str
-        'ok'. Of the corrected array else 'not_positive_definite'. Of the printed one 'ok' if
-        L L' = H within rounding, else 'wrong_matrix', 'negative_radicand' if some l_kk does not
-        exist, 'not_finite' if an h_ii that divides is zero.
-    trace : Trace
-        Record of the run; `trace.cycles` is its time.
-
-    """
-
-    L: NDArray[Any]
-    z: NDArray[Any] | None
-    x: NDArray[Any] | None
+    L: NDArray[Any]  # (n, n), lower triangle; NaN where a root or a quotient does not exist
+    z: NDArray[Any] | None  # (n,), L^-1 y; None without a right-hand side
+    x: NDArray[Any] | None  # (n,), H^-1 y; None without a solve
+    # 'ok'. Of the corrected array else 'not_positive_definite'. Of the printed one 'ok' if L L' is
+    # H within rounding, else 'wrong_matrix', 'negative_radicand' if some l_kk does not exist,
+    # 'not_finite' if an h_ii that divides is zero.
     status: str
-    trace: Trace
+    trace: Trace  # record of the run
 
 
 def factor(H: ArrayLike, y: ArrayLike | None = None) -> Factors:
-    """
-    Factor a matrix on the array, with the forward substitution of a right-hand side.
-
-    Parameters
-    ----------
-    H : array_like
-        (n, n), symmetric: floats or mpmath numbers; the lower triangle is read.
-    y : array_like, optional
-        (n,).
-
-    Raises
-    ------
-    ValueError
-        If an argument has the wrong shape or is not finite.
-
-    """
+    """Factor a matrix on the array, with the forward substitution of y; see `pipeline`."""
     return pipeline([H], None if y is None else [y])[0]
 
 
 def solve(H: ArrayLike, y: ArrayLike) -> Factors:
-    """Solve H x = y on the array; arguments and errors as for factor."""
+    """Solve H x = y on the array; see `pipeline`."""
     return pipeline([H], [y], turn=True)[0]
 
 
@@ -299,13 +247,11 @@ def pipeline(
     Parameters
     ----------
     matrices : sequence of array_like
-        (n, n) each, of one size.
+        (n, n) each, symmetric, of floats or mpmath numbers; the lower triangle is read.
     right_sides : sequence of array_like, optional
         (n,) each, one for each matrix.
-    interval : int, optional
-        Cycles between them, at least n, and n + 1 with right-hand sides; default the least.
-    turn : bool
-        Whether to run back and solve: one matrix with a right-hand side.
+    interval, turn
+        As for `clock`.
 
     Raises
     ------
@@ -319,7 +265,7 @@ def pipeline(
     n, dtype = len(checked[0]), checked[0].dtype
     if {len(H) for H in checked} != {n}:
         raise ValueError(f'matrices must have one size, got {[len(H) for H in checked]}')
-    problems = [[[H[m, k] for m in range(k, n)] for k in range(n)] for H in checked]
+    problems = [[[*H[k:, k]] for k in range(n)] for H in checked]
     if right_sides is not None:
         if len(right_sides) != len(checked):
             raise ValueError(
@@ -330,9 +276,20 @@ def pipeline(
                 row.append(value)
     with np.errstate(all='ignore'):
         trace = clock(problems, interval, turn)
-    return [
-        _sorted(trace, p, n, dtype, right_sides is not None, turn) for p in range(len(checked))
-    ]
+    found = []
+    for p in range(len(problems)):
+        L, (z, x) = np.zeros((n, n), dtype), np.empty((2, n), dtype)
+        for k, stream in enumerate(problems[p]):
+            items = trace.leaving((k + 1, k + 1), 'right')[p * len(stream) :][: len(stream)]
+            L[k:, k] = [item.value for item in items[: n - k]]
+            z[k] = items[-1].value
+            if turn:
+                x[k] = trace.leaving((k + 1, 1), 'left')[0].value
+        sound = np.isfinite(np.diag(L).astype(np.float64)).all()
+        status = 'ok' if sound else 'not_positive_definite'
+        forward = z if right_sides is not None else None
+        found.append(Factors(L, forward, x if turn else None, status, trace))
+    return found
 
 
 def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
@@ -348,40 +305,21 @@ def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any
     return found
 
 
-def _sorted(trace: Trace, p: int, n: int, dtype: Any, forward: bool, turn: bool) -> Factors:
-    """Return the factors of the p-th problem from the items that left the array."""
-    L = np.zeros((n, n), dtype)
-    z, x = np.empty((2, n), dtype)
-    for k in range(n):
-        length = n - k + forward
-        items = trace.leaving((k + 1, k + 1), 'right')[p * length : (p + 1) * length]
-        L[k:, k] = [item.value for item in items[: n - k]]
-        if forward:
-            z[k] = items[-1].value
-        if turn:
-            x[k] = trace.leaving((k + 1, 1), 'left')[0].value
-    sound = np.isfinite(np.diag(L).astype(np.float64)).all()
-    status = 'ok' if sound else 'not_positive_definite'
-    return Factors(L, z if forward else None, x if turn else None, status, trace)
-
-
 def literal_array(H: ArrayLike) -> Factors:
-    """Run the printed design on a matrix; arguments and errors as for factor."""
+    """Factor a matrix on the printed design, with no right-hand side; see `pipeline`."""
     H = _finite('H', H, np.shape(H)[:1] * 2)
-    n = len(H)
-    streams: Streams = {}
-    for k in range(n):
-        below = [Item(H[m, k]) for m in range(k, n)] + [Item(None, FLAG)]
-        left = [Item(H[m, k]) for m in range(k + 1, n)] + [Item(H[k, k])]
-        streams[_into((k + 1, k + 1), 'down')] = dict(enumerate(below, 3 * k + 1))
-        streams[_into((k + 1, 1), 'left')] = dict(enumerate(left, 2 * k + 2))
+    streams: dict[Link, dict[int, Any]] = {}
+    for k in range(len(H)):
+        below = [Item(h) for h in H[k:, k]] + [Item(None, FLAG)]
+        left = [Item(h) for h in H[k + 1 :, k]] + [Item(H[k, k])]
+        streams[into((k + 1, k + 1), 'down')] = dict(enumerate(below, 3 * k + 1))
+        streams[into((k + 1, 1), 'left')] = dict(enumerate(left, 2 * k + 2))
     with np.errstate(all='ignore'):
-        trace = triangle(n, printed_circular, printed_square, back=False).run(streams)
+        trace = triangle(len(H), printed_circular, printed_square, back=False).run(streams)
     L = np.zeros_like(H)
-    for k in range(n):
+    for k in range(len(H)):
         *off_diagonal, diagonal = trace.leaving((k + 1, k + 1), 'right')
-        L[k + 1 :, k] = [item.value for item in off_diagonal]
-        L[k, k] = diagonal.value
+        L[k:, k] = [item.value for item in (diagonal, *off_diagonal)]
     return Factors(L, None, None, _status_of(H, L), trace)
 
 
@@ -410,7 +348,7 @@ def record_pcrbm_array(plant: Plant, schedule: str) -> Program:
     above zero.
     """
     chain, y = forward_equations(plant, schedule)
-    recorder, rows, n = chain.recorder, inertia_matrix(chain), chain.recorder.lanes
+    recorder, rows, n = chain.recorder, inertia_matrix(chain), plant.robot.n
     if plant.brakes:
         rows, y, free = held_joints(rows, y)
         rows = [merge(where(on(free, [k]), rows[k], math.inf), rows[k]) for k in range(n)]

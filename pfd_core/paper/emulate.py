@@ -10,7 +10,6 @@ processor. With `digits` the program runs on mpmath numbers and gives the refere
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -23,11 +22,12 @@ from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Program, Steps
-from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
+from pfd_core.model import Robot, Scene, check_instant, given_scene, resolve, scene_inputs
 from pfd_core.model.effects import INPUT
 from pfd_core.model.values import DTYPES, choice, common_shape, integer, real_array
 from pfd_core.paper import networks
 from pfd_core.paper.array import SECTION, STREAMS, solve_cycles, solve_steps, stream_steps
+from pfd_core.paper.editions import AS_PRINTED
 
 # mpmath computes with more digits, but for hours.
 MOST_DIGITS = 10_000
@@ -44,13 +44,16 @@ class Run:
         Accelerations, (..., n) [rad/s^2 or m/s^2]; mpmath numbers with `digits`.
     steps : Steps
         Lock-step counts of the program as written, on the processors that ran it.
+    steps_by_section : dict
+        The same for each part of the program that takes any.
     utilisation : float
         Share of the processors' arithmetic steps that did useful work, 0 to 1; cells of the
         triangular array count as processors.
     status : str
         'ok'; 'not_positive_definite' if a pivot of H was not above zero; 'not_converged' if an
         iterative method ran into its limit, or its answer does not satisfy the equations of
-        motion (pfd_core.dynamics.convergence); 'not_finite'.
+        motion (pfd_core.dynamics.convergence); 'wrong' if an answer of the printed edition does
+        not; 'not_finite'.
     iterations, cycles : int or None
         Iterations of an iterative method (of a batch, the most), cycles of the array; None for
         the others.
@@ -61,6 +64,7 @@ class Run:
 
     qdd: NDArray[Any]
     steps: Steps
+    steps_by_section: dict[str, Steps]
     utilisation: float
     status: str
     iterations: int | None
@@ -99,6 +103,7 @@ def emulate(
     network: str = 'crossbar',
     dtype: str = 'float64',
     digits: int | None = None,
+    edition: str = 'corrected',
 ) -> Run:
     """
     Run forward dynamics on the emulated SIMD computer.
@@ -122,6 +127,9 @@ def emulate(
         Numbers of the machine. An iterative method stops at the rounding of this format.
     digits : int, optional
         Compute with mpmath numbers of this many decimal digits instead.
+    edition : {'corrected', 'printed'}
+        'printed' runs one of the paper's procedures with its misprints
+        (pfd_core.paper.editions).
 
     Raises
     ------
@@ -132,24 +140,33 @@ def emulate(
     choice('method', method, FORWARD)
     choice('dtype', dtype, DTYPES)
     choice('network', network, networks.NETWORKS)
+    printed = choice('edition', edition, ('corrected', 'printed')) == 'printed'
+    if printed and method not in AS_PRINTED:
+        raise ValueError(
+            f"edition 'printed' needs one of the methods {tuple(AS_PRINTED)}, got {method!r}"
+        )
     if digits is not None:
         digits = integer('digits', digits, 1, MOST_DIGITS)
     if processors is not None:
         processors = integer('processors', processors, 1, robot.n)
-    scene = given_scene(scene, wrench)
-    if scene.payload == INPUT:
-        raise ValueError(f'emulate takes a scene with a Payload or None, got payload={INPUT!r}')
-    # In mpmath numbers, of any digits, the residual falls as far as in double precision.
-    tolerance = TOLERANCES.get('float64' if digits else dtype)
     if method in SERIAL and processors not in (None, 1):
         raise ValueError(
             f'processors must be 1 for the serial method {method!r}, got {processors}'
         )
+    scene = given_scene(scene, wrench)
+    if scene.payload == INPUT:
+        raise ValueError(f'emulate takes a scene with a Payload or None, got payload={INPUT!r}')
     plant = resolve(robot, scene)
     schedule = 'sequential' if processors == 1 else 'parallel'
-    program = record_forward_dynamics(plant, method, schedule, tolerance)
-    p = processors or program.lanes
-    check = record_small_correction(plant) if 'converged' in program.outputs else None
+    if printed:
+        check_instant(plant)
+        program = FORWARD[method](plant, schedule, misprints=AS_PRINTED[method])
+    else:
+        # In mpmath numbers, of any digits, the residual falls as far as in double precision.
+        tolerance = TOLERANCES.get('float64' if digits else dtype)
+        program = record_forward_dynamics(plant, method, schedule, tolerance)
+    checked = printed or 'converged' in program.outputs
+    check = record_small_correction(plant) if checked else None
     given: dict[str, ArrayLike] = {'q': q, 'qd': qd, 'tau': tau}
     given |= scene_inputs(scene, robot.n, 'float64', wrench, brakes)
     if wrench is not None:
@@ -164,44 +181,25 @@ def emulate(
     iterations = None
     if 'iterations' in result:
         iterations = int(np.max(np.asarray(result['iterations'], dtype=np.float64), initial=0))
-    steps = _steps(method, program, robot.n, p, iterations or 1, network)
+    p = processors or program.lanes
+    sections = networks.by_section(program, network, p, iterations or 1)
+    if method == 'pcrbm_array':
+        # The cells work side by side: there the cycles count, not the operations of all cells,
+        # and routes bring H to the rows of the array, not to one lane.
+        sections |= {SECTION: solve_steps(robot.n), STREAMS: stream_steps(robot.n, p, network)}
+    steps = sum(sections.values(), Steps())
     work = arithmetic(program.count(1, iterations=iterations or 1))
     units = processors_of(method, robot.n, p)
     return Run(
         qdd=result['qdd'],
         steps=steps,
+        steps_by_section={name: own for name, own in sections.items() if own != Steps()},
         utilisation=work / (arithmetic(steps) * units) if arithmetic(steps) else 0.0,
-        status=_status(result),
+        status=_status(result, printed),
         iterations=iterations,
         cycles=solve_cycles(robot.n) if method == 'pcrbm_array' else None,
         program=program,
     )
-
-
-def _steps(method: str, program: Program, n: int, p: int, iterations: int, network: str) -> Steps:
-    """
-    Return the steps that a method's program takes on a machine of p processors.
-
-    The cells of the triangular array work side by side: there the cycles count, not the operations
-    of all cells, and routes bring H to the rows of the array, not to one lane.
-    """
-    steps = networks.steps(program, network, p, iterations=iterations)
-    if method != 'pcrbm_array':
-        return steps
-    on_cells = in_sections(program, (STREAMS, SECTION), p, network)
-    return steps - on_cells + solve_steps(n) + stream_steps(n, p, network)
-
-
-def in_sections(
-    program: Program,
-    sections: Sequence[str],
-    processors: int | None = None,
-    network: str = 'crossbar',
-) -> Steps:
-    """Return the steps of sections; a program may lack some of them."""
-    present = {one.section for one in program.instructions}
-    counts = (networks.steps(program, network, processors, s) for s in sections if s in present)
-    return sum(counts, Steps())
 
 
 def processors_of(method: str, n: int, processors: int) -> int:
@@ -228,14 +226,16 @@ def _checked(
     }
 
 
-def _status(result: dict[str, Any]) -> str:
-    def values(name: str) -> NDArray[np.float64]:
-        return np.asarray(result[name], dtype=np.float64)
+def _status(result: dict[str, Any], printed: bool) -> str:
+    def positive(*names: str) -> bool:
+        """Return whether results are above zero, as far as the program has them."""
+        found = (np.asarray(result[name], np.float64) for name in names if name in result)
+        return all((values > 0).all() for values in found)
 
-    if 'pivots' in result and not (values('pivots') > 0).all():
+    if printed:
+        return 'ok' if positive('small') else 'wrong'
+    if not positive('pivots'):
         return 'not_positive_definite'
-    if not np.isfinite(values('qdd')).all():
+    if not np.isfinite(np.asarray(result['qdd'], np.float64)).all():
         return 'not_finite'
-    if 'converged' in result and not (values('converged') * values('small') > 0).all():
-        return 'not_converged'
-    return 'ok'
+    return 'ok' if positive('converged', 'small') else 'not_converged'

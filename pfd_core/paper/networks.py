@@ -23,12 +23,6 @@ link first sends the waiting word with the longest remaining path. This schedule
 always the shortest. No schedule on these paths takes less than the longest path or the most words
 on a link. A machine whose links must all work in the same direction in a step takes more.
 
-    steps         the steps of a program on a network
-    route_steps   the steps of a route
-    hops          its hops from node to node, step by step
-    carry         the route, executed hop by hop; a hop that the network does not have is an error
-    carrier       the same as a function for the emulator
-
 A new network is a function of the number of lanes, and a row of NETWORKS.
 
 Sources: Siegel, "Analysis techniques for SIMD machine interconnection networks", IEEE Trans.
@@ -40,13 +34,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from heapq import heappop, heappush
 import math
 from typing import Any, NamedTuple
 
 from pfd_core.machine.program import Program, Steps, runs
+from pfd_core.model.values import choice
 
 Sources = Sequence[int | None]  # the data of a route: the lane each lane takes its value from
 
@@ -63,166 +58,127 @@ class Hop(NamedTuple):
     word: int
 
 
-@dataclass(frozen=True)
-class Wiring:
-    """
-    A network for a number of lanes.
+class Wiring(NamedTuple):
+    """A network for a number of lanes."""
 
-    Attributes
-    ----------
-    places : tuple of int
-        Node of each lane.
-    links : tuple of tuple of int
-        For each node the nodes that it has a link to.
-    shared : bool
-        Whether all links together carry one word a step.
+    places: tuple[int, ...]  # node of each lane
+    links: tuple[tuple[int, ...], ...]  # for each node the nodes that it has a link to
+    shared: bool = False  # whether all links together carry one word a step
 
-    """
 
-    places: tuple[int, ...]
-    links: tuple[tuple[int, ...], ...]
-    shared: bool = False
+def _wired(lanes: int, nodes: int, ends: Callable[[int], Iterable[int]]) -> Wiring:
+    """Return a network in which lane i is on node i, and node i has links to ends(i)."""
+    links = (tuple(dict.fromkeys(j for j in ends(i) if j != i)) for i in range(nodes))
+    return Wiring(tuple(range(lanes)), tuple(links))
 
 
 def _bits(lanes: int) -> int:
     return (lanes - 1).bit_length()
 
 
-def _all_to_all(lanes: int, shared: bool) -> Wiring:
-    links = tuple(tuple(j for j in range(lanes) if j != i) for i in range(lanes))
-    return Wiring(tuple(range(lanes)), links, shared)
-
-
-def _distinct(node: int, targets: Iterable[int]) -> tuple[int, ...]:
-    return tuple(dict.fromkeys(target for target in targets if target != node))
+def _crossbar(lanes: int) -> Wiring:
+    return _wired(lanes, lanes, lambda i: range(lanes))
 
 
 def _pm2i(lanes: int) -> Wiring:
-    nodes, strides = 1 << _bits(lanes), [1 << k for k in range(_bits(lanes))]
-    links = (
-        _distinct(i, ((i + sign * stride) % nodes for stride in strides for sign in (1, -1)))
-        for i in range(nodes)
+    bits, nodes = _bits(lanes), 1 << _bits(lanes)
+    return _wired(
+        lanes, nodes, lambda i: ((i + by) % nodes for k in range(bits) for by in (1 << k, -1 << k))
     )
-    return Wiring(tuple(range(lanes)), tuple(links))
 
 
 def _cube(lanes: int) -> Wiring:
-    nodes = 1 << _bits(lanes)
-    links = tuple(tuple(i ^ 1 << k for k in range(_bits(lanes))) for i in range(nodes))
-    return Wiring(tuple(i ^ i >> 1 for i in range(lanes)), links)
+    bits = _bits(lanes)
+    found = _wired(lanes, 1 << bits, lambda i: (i ^ 1 << k for k in range(bits)))
+    return found._replace(places=tuple(i ^ i >> 1 for i in range(lanes)))
 
 
 def _mesh(lanes: int) -> Wiring:
     width = math.isqrt(lanes - 1) + 1
     height = -(-lanes // width)
-    links = []
-    for i in range(width * height):
+
+    def ends(i: int) -> Iterator[int]:
         row, column = divmod(i, width)
-        across = [i + d for d in (1, -1) if 0 <= column + d < width]
-        along = [i + d * width for d in (1, -1) if 0 <= row + d < height]
-        links.append((*across, *along))
-    return Wiring(tuple(range(lanes)), tuple(links))
+        yield from (i + d for d in (1, -1) if 0 <= column + d < width)
+        yield from (i + d * width for d in (1, -1) if 0 <= row + d < height)
+
+    return _wired(lanes, width * height, ends)
 
 
 def _ring(lanes: int) -> Wiring:
-    links = (_distinct(i, ((i + 1) % lanes, (i - 1) % lanes)) for i in range(lanes))
-    return Wiring(tuple(range(lanes)), tuple(links))
+    return _wired(lanes, lanes, lambda i: ((i + 1) % lanes, (i - 1) % lanes))
 
 
 def _shuffle(lanes: int) -> Wiring:
-    bits = _bits(lanes)
-    nodes = 1 << bits
-    links = (
-        _distinct(i, (i ^ 1, (i << 1 | i >> bits - 1) & nodes - 1) if bits else ())
-        for i in range(nodes)
-    )
-    return Wiring(tuple(range(lanes)), tuple(links))
+    bits, nodes = _bits(lanes), 1 << _bits(lanes)
+    if not bits:
+        return _crossbar(lanes)
+    return _wired(lanes, nodes, lambda i: (i ^ 1, (i << 1 | i >> bits - 1) & nodes - 1))
 
 
 NETWORKS: dict[str, Callable[[int], Wiring]] = {
-    'crossbar': lambda lanes: _all_to_all(lanes, shared=False),
+    'crossbar': _crossbar,
     'pm2i': _pm2i,
     'cube': _cube,
     'mesh': _mesh,
     'ring': _ring,
     'shuffle': _shuffle,
-    'bus': lambda lanes: _all_to_all(lanes, shared=True),
+    'bus': lambda lanes: _crossbar(lanes)._replace(shared=True),
 }
-
-
-def check_network(network: object) -> None:
-    """Raise ValueError if a name is not in NETWORKS."""
-    if not isinstance(network, str) or network not in NETWORKS:
-        raise ValueError(f'network must be one of {tuple(NETWORKS)}, got {network!r:.100}')
 
 
 @cache
 def wiring(network: str, lanes: int) -> Wiring:
     """Return a network for a number of lanes; ValueError for an unknown one."""
-    check_network(network)
+    choice('network', network, NETWORKS)
     return NETWORKS[network](lanes)
 
 
 @cache
-def _parents(network: str, lanes: int, source: int) -> tuple[int, ...]:
+def _parents(network: str, lanes: int, source: int) -> dict[int, int]:
     """Return the previous node on the shortest path from a source to each node."""
     links = wiring(network, lanes).links
-    parents = {source: source}
-    front = [source]
-    while front:
-        reached = []
-        for node in front:
-            for target in links[node]:
-                if target not in parents:
-                    parents[target] = node
-                    reached.append(target)
-        front = reached
-    return tuple(parents[node] for node in range(len(links)))
+    parents, front = {source: source}, [source]
+    for node in front:  # breadth first: `front` grows
+        for target in links[node]:
+            if target not in parents:
+                parents[target] = node
+                front.append(target)
+    return parents
 
 
 def hops(network: str, sources: Sources) -> Iterator[list[Hop]]:
-    """
-    Yield the hops of each step of a route.
-
-    Parameters
-    ----------
-    network : str
-        A name in NETWORKS.
-    sources : sequence of int or None
-        For each lane the lane that it takes its value from, or None.
-
-    """
+    """Yield the hops of each step of a route; ValueError for an unknown network."""
     net = wiring(network, len(sources))
-    # (word, node) -> nodes that the word goes to from there, and its longest path from there.
+    targets: dict[int, list[int]] = {}  # of each word
+    for lane, word in enumerate(sources):
+        if word is not None and word != lane:
+            targets.setdefault(word, []).append(net.places[lane])
+    if net.shared:
+        for word, nodes in targets.items():
+            yield [Hop(net.places[word], node, word) for node in nodes]
+        return
+    # Of each word the nodes that it goes to from a node, and its longest path from there.
     onward: dict[tuple[int, int], list[int]] = {}
     ahead: dict[tuple[int, int], int] = {}
-    roots: dict[int, int] = {}
-    for lane, word in enumerate(sources):
-        if word is None or word == lane:
-            continue
-        root = roots.setdefault(word, net.places[word])
+    for word, nodes in targets.items():
+        root = net.places[word]
         parents = _parents(network, len(sources), root)
-        node, length = net.places[lane], 0
-        while ahead.get((word, node), -1) < length:
-            known = (word, node) in ahead
-            ahead[word, node] = length
-            if node == root:
-                break
-            if not known:
-                onward.setdefault((word, parents[node]), []).append(node)
-            node, length = parents[node], length + 1
-    waiting: dict[tuple[int, int], list[tuple[int, int]]] = {}
+        for end in nodes:
+            node, length = end, 0
+            while node != root and ahead.get((word, node), -1) < length:
+                if (word, node) not in ahead:
+                    onward.setdefault((word, parents[node]), []).append(node)
+                ahead[word, node] = length
+                node, length = parents[node], length + 1
+    waiting: dict[tuple[int, int], list[tuple[int, int]]] = {}  # words by link
 
     def queue(word: int, node: int) -> None:
         for target in onward.get((word, node), ()):
             heappush(waiting.setdefault((node, target), []), (-ahead[word, target], word))
 
-    if net.shared:
-        for word, root in roots.items():
-            yield [Hop(root, target, word) for target in onward[word, root]]
-        return
-    for word, root in roots.items():
-        queue(word, root)
+    for word in targets:
+        queue(word, net.places[word])
     while waiting:
         step = [Hop(*link, heappop(words)[1]) for link, words in waiting.items()]
         waiting = {link: words for link, words in waiting.items() if words}
@@ -250,7 +206,7 @@ def steps(
     Other arguments and errors are as for Program.count. ValueError for an unknown network, and for
     any but a crossbar with fewer processors than lanes.
     """
-    check_network(network)
+    choice('network', network, NETWORKS)
     counted = program.count(processors, section, iterations)
     if network == 'crossbar':
         return counted
@@ -268,41 +224,33 @@ def steps(
     )
 
 
+def by_section(
+    program: Program,
+    network: str = 'crossbar',
+    processors: int | None = None,
+    iterations: int = 1,
+) -> dict[str, Steps]:
+    """Return the steps of each section of a program; arguments and errors as for `steps`."""
+    names = dict.fromkeys(one.section for one in program.instructions)
+    return {name: steps(program, network, processors, name, iterations) for name in names}
+
+
 def carrier(network: str) -> Callable[[Sources, Sequence[Any]], list[Mapping[int, Any]]]:
     """Return the function that executes a route of the emulator hop by hop on a network."""
-    check_network(network)
+    choice('network', network, NETWORKS)
     return lambda sources, words: carry(network, len(sources), hops(network, sources), words)
 
 
 def carry(
-    network: str,
-    lanes: int,
-    steps: Iterable[Iterable[Hop]],
-    words: Sequence[Any],
+    network: str, lanes: int, steps: Iterable[Iterable[Hop]], words: Sequence[Any]
 ) -> list[Mapping[int, Any]]:
     """
     Execute the hops of a route and return what each lane then holds.
 
-    Parameters
-    ----------
-    network, lanes : str, int
-        The network and its number of lanes.
-    steps : iterable
-        Hops of each step, as from `hops`.
-    words : sequence
-        The value on each lane.
-
-    Returns
-    -------
-    list of dict
-        For each lane the words at its node: the lane a word comes from, to its value.
-
-    Raises
-    ------
-    NetworkError
-        If a hop has no link, a link carries two words in a step, a node sends a word that it does
-        not hold, or a bus carries two words in a step.
-
+    `steps` are the hops of each step, as from `hops`, and `words` the value on each lane. The
+    result has, for each lane, the words at its node: the lane a word comes from, to its value.
+    NetworkError if a hop has no link, a link carries two words in a step, a node sends a word that
+    it does not hold, or a bus carries two words in a step.
     """
     net = wiring(network, lanes)
     held: list[dict[int, Any]] = [{} for _ in net.links]

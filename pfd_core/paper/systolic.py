@@ -26,11 +26,10 @@ from typing import Any, NamedTuple
 Place = tuple[int, int]
 
 DIRECTIONS = {'left': (0, -1), 'right': (0, 1), 'up': (1, 0), 'down': (-1, 0)}
-OPPOSITE = {'left': 'right', 'right': 'left', 'up': 'down', 'down': 'up'}
 
 
 class LinkError(ValueError):
-    """A cell uses a link that the array does not have."""
+    """An array, a stream or a cell uses a link that cannot be or is not there."""
 
 
 class Link(NamedTuple):
@@ -39,70 +38,47 @@ class Link(NamedTuple):
     source: Place
     target: Place
 
-    def direction(self) -> str:
-        """Return the direction; LinkError if the ends are not neighbours."""
-        way = (self.target[0] - self.source[0], self.target[1] - self.source[1])
-        for name, step in DIRECTIONS.items():
-            if way == step:
-                return name
-        raise LinkError(f'link {self} does not join neighbours: links go one place at a time')
-
     def __str__(self) -> str:
         return f'{self.source} -> {self.target}'
 
 
-class Ports:
+def out_of(place: Place, direction: str) -> Link:
+    """Return the link that leads from a place in a direction."""
+    up, right = DIRECTIONS[direction]
+    return Link(place, (place[0] + up, place[1] + right))
+
+
+def into(place: Place, direction: str) -> Link:
+    """Return the link on which a place receives items from a direction."""
+    link = out_of(place, direction)
+    return Link(link.target, link.source)
+
+
+class Ports(dict[str, Any]):
     """
-    The latches of one cell in one cycle.
+    The latches of one cell in one cycle, by direction: the item that came, None if nothing did.
 
-    `ports['left']` is the item that came from the left, None if nothing came, and a LinkError
-    if there is no such link; `'left' in ports` is whether the link exists.
+    There is a key for each link of the cell; `get` returns None without a link, too.
     """
 
-    __slots__ = ('_items', '_linked', '_place')
+    def __init__(self, place: Place, items: Mapping[str, Any]) -> None:
+        super().__init__(items)
+        self.place = place
 
-    def __init__(
-        self, place: Place, linked: frozenset[str], items: Mapping[str, Any] | None = None
-    ) -> None:
-        self._place = place
-        self._linked = linked
-        self._items = items or {}
-
-    def __contains__(self, direction: object) -> bool:
-        return direction in self._linked
-
-    def __getitem__(self, direction: str) -> Any:
-        if direction not in self._linked:
-            raise LinkError(
-                f'cell {self._place} reads from {direction!r}, but only has links from '
-                f'{sorted(self._linked)}: declare the link, or read another one'
-            )
-        return self._items.get(direction)
-
-    def get(self, direction: str) -> Any:
-        """Return the item that came from a direction; None also where there is no link."""
-        return self._items.get(direction)
+    def __missing__(self, direction: str) -> Any:
+        raise LinkError(
+            f'cell {self.place} reads from {direction!r}, but only has links from {sorted(self)}: '
+            'declare the link, or read another one'
+        )
 
 
 @dataclass(frozen=True)
 class Step:
-    """
-    The work of a cell in one cycle.
+    """The work of a cell in one cycle."""
 
-    Attributes
-    ----------
-    state : object
-        State for the next cycle.
-    sent : mapping
-        Direction to the item that is put into the latch there.
-    action : str
-        Name of the computation or of storing; empty if the cell only passed items on.
-
-    """
-
-    state: Any
-    sent: Mapping[str, Any] = field(default_factory=dict)
-    action: str = ''
+    state: Any  # for the next cycle
+    sent: Mapping[str, Any] = field(default_factory=dict)  # direction to item
+    action: str = ''  # the computation; empty if the cell only passed items on
 
 
 # A cell's program: its state (None at first) and its latches to its step.
@@ -110,38 +86,26 @@ Cell = Callable[[Any, Ports], Step]
 
 
 class Emission(NamedTuple):
-    """An item that left the array: cycle, sending cell and direction."""
+    """An item that left the array."""
 
     cycle: int
-    place: Place
+    place: Place  # of the cell that sent it
     direction: str
     item: Any
 
 
 @dataclass(frozen=True)
 class Trace:
-    """
-    Record of a run of an array.
+    """Record of a run of an array."""
 
-    Attributes
-    ----------
-    actions : tuple of dict
-        actions[t - 1] holds the place and the action of every cell that acted in cycle t.
-    emitted : tuple of Emission
-        Items that left the array, in order of time.
-    states : dict
-        State of each cell at the end.
-
-    """
-
-    actions: tuple[dict[Place, str], ...]
-    emitted: tuple[Emission, ...]
-    states: dict[Place, Any]
+    actions: tuple[dict[Place, str], ...]  # of cycle t at t - 1: each cell that acted, and how
+    emitted: tuple[Emission, ...]  # in order of time
+    states: dict[Place, Any]  # at the end
 
     @property
     def cycles(self) -> int:
         """The last cycle in which a cell acted."""
-        return max((t + 1 for t, acting in enumerate(self.actions) if acting), default=0)
+        return max((t for t, acting in enumerate(self.actions, 1) if acting), default=0)
 
     @property
     def utilisation(self) -> float:
@@ -159,33 +123,26 @@ class Trace:
 
 class Array:
     """
-    Cells and the links between them.
+    Cells by place, and the links between neighbours, one end of which at least is a cell.
 
-    Parameters
-    ----------
-    cells : mapping
-        Place to the cell's program.
-    links : iterable of Link
-        Joined neighbours, source and target; one end at least is a cell.
-
-    Raises
-    ------
-    LinkError
-        If a link does not join neighbours, or touches no cell.
-
+    LinkError for another link. Equal links are one link: there is one latch on it.
     """
 
     def __init__(self, cells: Mapping[Place, Cell], links: Iterable[Link]) -> None:
         self.cells = dict(cells)
-        self.links = frozenset(links)  # equal links are one link: there is one latch on it
-        linked: dict[Place, set[str]] = {place: set() for place in self.cells}
-        for link in self.links:
-            came_from = OPPOSITE[link.direction()]
-            if link.target in linked:
-                linked[link.target].add(came_from)
-            elif link.source not in linked:
-                raise LinkError(f'link {link} touches no cell of the array')
-        self._linked = {place: frozenset(found) for place, found in linked.items()}
+        self.links = frozenset(links)
+        self._in, self._out = (
+            {
+                place: {
+                    way: end(place, way) for way in DIRECTIONS if end(place, way) in self.links
+                }
+                for place in self.cells
+            }
+            for end in (into, out_of)
+        )
+        own = (found.values() for ends in (self._in, self._out) for found in ends.values())
+        for link in sorted(self.links.difference(*own)):
+            raise LinkError(f'link {link} must join a cell with a neighbouring place')
 
     def run(self, streams: Mapping[Link, Mapping[int, Any]], at_most: int = 100_000) -> Trace:
         """
@@ -196,14 +153,7 @@ class Array:
         streams : mapping
             For a link from outside, cycle to item; cycles count from 1.
         at_most : int
-            Largest number of cycles of a run.
-
-        Raises
-        ------
-        LinkError
-            If a stream or a cell uses a link that is not there.
-        ValueError
-            If the array is still busy after `at_most` cycles.
+            Largest number of cycles of a run; ValueError if the array is busy for longer.
 
         """
         arriving: dict[int, dict[Link, Any]] = {}
@@ -215,37 +165,37 @@ class Array:
             for cycle, item in items.items():
                 arriving.setdefault(cycle, {})[link] = item
         states: dict[Place, Any] = dict.fromkeys(self.cells)
-        latches: dict[Place, dict[str, Any]] = {}
+        latches: dict[Link, Any] = {}
         actions: list[dict[Place, str]] = []
         emitted: list[Emission] = []
         while latches or arriving:
             cycle = len(actions) + 1
             if cycle > at_most:
                 raise ValueError(f'the array is still busy after {at_most} cycles')
-            for link, item in arriving.pop(cycle, {}).items():
-                latches.setdefault(link.target, {})[OPPOSITE[link.direction()]] = item
+            latches |= arriving.pop(cycle, {})
             steps = {
-                place: self.cells[place](states[place], Ports(place, self._linked[place], items))
-                for place, items in latches.items()
+                place: self.cells[place](
+                    states[place],
+                    Ports(place, {way: latches.get(x) for way, x in self._in[place].items()}),
+                )
+                for place in dict.fromkeys(link.target for link in latches)
             }
             latches = {}
             for place, step in steps.items():
                 states[place] = step.state
                 for direction, item in step.sent.items():
-                    target = self._target(place, direction)
-                    if target in self.cells:
-                        latches.setdefault(target, {})[OPPOSITE[direction]] = item
+                    link = self._sent(place, direction)
+                    if link.target in self.cells:
+                        latches[link] = item
                     else:
                         emitted.append(Emission(cycle, place, direction, item))
             actions.append({place: step.action for place, step in steps.items() if step.action})
         return Trace(tuple(actions), tuple(emitted), states)
 
-    def _target(self, place: Place, direction: str) -> Place:
-        """Return the place in a direction from a cell; LinkError if no link leads there."""
-        if direction not in DIRECTIONS:
-            raise LinkError(f'cell {place} sends {direction!r}, expected one of {[*DIRECTIONS]}')
-        up, right = DIRECTIONS[direction]
-        target = (place[0] + up, place[1] + right)
-        if Link(place, target) not in self.links:
-            raise LinkError(f'cell {place} sends {direction}, but has no link to {target}')
-        return target
+    def _sent(self, place: Place, direction: str) -> Link:
+        ends = self._out[place]
+        if direction not in ends:
+            raise LinkError(
+                f'cell {place} sends {direction!r}, but only has links to {sorted(ends)}'
+            )
+        return ends[direction]

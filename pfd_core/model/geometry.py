@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from pfd_core.model.values import Array, quote
 
 Placement = tuple[Array, Array]  # axes, (3, 3), and origin, (3,) [m], of a frame in another
+AT_ORIGIN: Placement = (np.eye(3), np.zeros(3))
 Body = tuple[float, Array, Array]  # mass [kg], its centre, (3,) [m], inertia about it, (3, 3)
 
 # Sine and cosine of the double nearest a multiple of pi/2 differ from 0 and 1 by at most 1 ulp of

@@ -17,9 +17,9 @@ from importlib.util import find_spec
 from os import PathLike, fspath
 from pathlib import Path
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from pfd_core.forking import no_fork
+from pfd_core.forking import load, no_fork
 from pfd_core.model.robot import Robot, lock
 from pfd_core.model.scene import Scene, scene_from_yaml
 from pfd_core.model.values import quote
@@ -108,16 +108,17 @@ def load_robot(
     for role, name in (('base', base), ('tip', tip)):
         if name is not None and not isinstance(name, str):
             raise ValueError(f'{role} must be the name of a link or None, got {quote(name)}')
+    urdf: Any = source
     if isinstance(source, (str, PathLike)):
         text, origin, is_urdf = _read(source)
-        urdf = _parsed(text, origin) if is_urdf else None
-    else:
-        urdf = _checked(source)
+        urdf = load('model.urdf.parse_urdf')(text, origin) if is_urdf else None
+    elif not isinstance(source, load('model.urdf.Urdf')):
+        raise _no_source(source)
     if urdf is not None:
-        with no_fork:
-            from pfd_core.model.urdf_robot import robot_from_urdf
-
-        return robot_from_urdf(urdf, base=base, tip=tip, locked=locked, right_angle=right_angle)
+        from_urdf: Robot = load('model.urdf_robot.robot_from_urdf')(
+            urdf, base=base, tip=tip, locked=locked, right_angle=right_angle
+        )
+        return from_urdf
     robot = robot_from_yaml(text, origin)
     for role, asked, has in (('base', base, robot.base), ('tip', tip, robot.tip)):
         if asked not in (None, has):
@@ -135,7 +136,8 @@ def read_urdf(source: str | PathLike[str]) -> Urdf | None:
     The source is as for `load_robot`, and so are the errors; None if it is a robot in YAML.
     """
     text, origin, is_urdf = _read(source)
-    return _parsed(text, origin) if is_urdf else None
+    urdf: Urdf | None = load('model.urdf.parse_urdf')(text, origin) if is_urdf else None
+    return urdf
 
 
 def urdf_of(source: str | PathLike[str]) -> str:
@@ -145,12 +147,9 @@ def urdf_of(source: str | PathLike[str]) -> str:
     The source is as for `load_robot`, which reads the same robot from the URDF, to rounding.
     """
     text, origin, is_urdf = _read(source)
-    if is_urdf:
-        return text
-    with no_fork:
-        from pfd_core.model.urdf_writer import robot_to_urdf
-
-    return robot_to_urdf(robot_from_yaml(text, origin))
+    if not is_urdf:
+        text = load('model.urdf_writer.robot_to_urdf')(robot_from_yaml(text, origin))
+    return text
 
 
 def load_scene(source: str | PathLike[str]) -> Scene:
@@ -164,10 +163,7 @@ def load_scene(source: str | PathLike[str]) -> Scene:
         return scene_from_yaml(source, 'YAML text')
     if not _is_path(source):
         raise ValueError(f'source must be a path or a YAML string, got {quote(source)}')
-    path = Path(source)
-    if not _is_there(path):
-        raise ValueError(f'no scene file {quote(str(path))} (looked in {quote(str(Path.cwd()))})')
-    return scene_from_yaml(_text(path), str(path))
+    return scene_from_yaml(_text('scene', Path(source)), str(source))
 
 
 def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
@@ -183,36 +179,17 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
     if not _is_path(source):
         raise _no_source(source)
     path, endings = Path(source), (*URDF, XACRO, *YAML)
-    if not _is_there(path):
-        if path.suffix not in endings and len(path.parts) == 1:
-            raise ValueError(
-                f'unknown robot {quote(str(source))}: known are {", ".join(known_robots())}; or '
-                'give the path of a .urdf, .xacro or .yaml file'
-            )
-        raise ValueError(f'no robot file {quote(str(path))} (looked in {quote(str(Path.cwd()))})')
-    if path.suffix not in endings:
+    if path.suffix not in endings and _is_there(path):
         raise ValueError(f'{quote(str(path))} must end in {", ".join(endings)}')
-    text = _text(path)
+    if path.suffix not in endings and len(path.parts) == 1:
+        raise ValueError(
+            f'unknown robot {quote(str(source))}: known are {", ".join(known_robots())}; or '
+            'give the path of a .urdf, .xacro or .yaml file'
+        )
+    text = _text('robot', path)
     if path.suffix == XACRO:
         return _expanded(path), str(path), True
     return text, str(path), path.suffix in URDF
-
-
-def _parsed(text: str, origin: str) -> Urdf:
-    with no_fork:
-        from pfd_core.model.urdf import parse_urdf
-
-    return parse_urdf(text, origin)
-
-
-def _checked(source: object) -> Urdf:
-    """Return a source that is no text and no path; ValueError if it is no Urdf."""
-    with no_fork:
-        from pfd_core.model.urdf import Urdf
-
-    if not isinstance(source, Urdf):
-        raise _no_source(source)
-    return source
 
 
 def _no_source(source: object) -> ValueError:
@@ -232,8 +209,10 @@ def _is_there(path: Path) -> bool:
         return False
 
 
-def _text(path: Path) -> str:
+def _text(noun: str, path: Path) -> str:
     """Return the text of a file; ValueError for a pipe, a device and a file that is too large."""
+    if not _is_there(path):
+        raise ValueError(f'no {noun} file {quote(str(path))} (looked in {quote(str(Path.cwd()))})')
     try:
         if not path.is_file():
             raise OSError(errno.EINVAL, 'it is not a regular file')

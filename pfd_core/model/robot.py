@@ -62,25 +62,22 @@ LINK_FIELDS: dict[str, tuple[int, ...]] = {
     'centers': (3,),
     'inertias': (3, 3),
 }
-# Limits by their names in URDF and YAML.
+# Limits, and all numbers of a joint, by their names in URDF and YAML.
 LIMIT_FIELDS = {
     'lower': 'position_lower',
     'upper': 'position_upper',
     'velocity': 'velocity_limit',
     'effort': 'effort_limit',
 }
-JOINT_FIELDS = (*LIMIT_FIELDS.values(), 'damping', 'friction', 'armature')
+STATED = LIMIT_FIELDS | {key: key for key in ('damping', 'friction', 'armature')}
+JOINT_FIELDS = tuple(STATED.values())
 _NOT_NEGATIVE = ('masses', *JOINT_FIELDS[2:])
 # Fields that change no motion: robots that differ in these alone are equal.
 _REMARKS = ('source', 'accepted', 'snapped_joints', 'frames', 'silent')
-# Values of joints for which the model states none. They are told from equal ones that are given by
-# being these very arrays.
-UNSTATED = dict.fromkeys(JOINT_FIELDS, frozen(np.inf)) | {'position_lower': frozen(-np.inf)}
-UNSTATED |= dict.fromkeys(('damping', 'friction', 'armature'), frozen(0.0))
-
-
-def _unstated(key: str) -> Array:
-    return UNSTATED[key]
+# Numbers of joints for which the model states none; the default of a field is none for all.
+UNSTATED = dict.fromkeys(JOINT_FIELDS, 0.0) | dict.fromkeys(LIMIT_FIELDS.values(), math.inf)
+UNSTATED['position_lower'] = -math.inf
+_SILENT: Any = object()
 
 
 class PhysicsWarning(UserWarning):
@@ -199,20 +196,20 @@ class Robot(FrozenArrays):
     inertias: Array
     base_rotation: Array = field(default_factory=partial(np.eye, 3))
     base_position: Array = field(default_factory=partial(np.zeros, 3))
-    armature: Array = field(default_factory=partial(_unstated, 'armature'))
-    position_lower: Array = field(default_factory=partial(_unstated, 'position_lower'))
-    position_upper: Array = field(default_factory=partial(_unstated, 'position_upper'))
-    velocity_limit: Array = field(default_factory=partial(_unstated, 'velocity_limit'))
-    effort_limit: Array = field(default_factory=partial(_unstated, 'effort_limit'))
-    damping: Array = field(default_factory=partial(_unstated, 'damping'))
-    friction: Array = field(default_factory=partial(_unstated, 'friction'))
+    armature: Array = _SILENT
+    position_lower: Array = _SILENT
+    position_upper: Array = _SILENT
+    velocity_limit: Array = _SILENT
+    effort_limit: Array = _SILENT
+    damping: Array = _SILENT
+    friction: Array = _SILENT
     base: str = 'base'
     tip: str = 'tip'
     source: str = ''
     accepted: tuple[str, ...] = ()
     snapped_joints: tuple[str, ...] = ()
     frames: Mapping[str, Frame] = field(default_factory=dict)
-    silent: Mapping[str, Sequence[str]] = None  # type: ignore[assignment]
+    silent: Mapping[str, Sequence[str]] = _SILENT
 
     def __post_init__(self) -> None:
         _check_names(self)
@@ -229,9 +226,8 @@ class Robot(FrozenArrays):
         for key, names in silent.items():
             pairs = zip(self.joint_names, getattr(self, key).tolist(), strict=True)
             silent[key] = tuple(j for j, x in pairs if j in names and x == UNSTATED[key])
-        object.__setattr__(
-            self, 'silent', MappingProxyType({k: v for k, v in silent.items() if v})
-        )
+        kept = {key: names for key, names in silent.items() if names}
+        object.__setattr__(self, 'silent', MappingProxyType(kept))
         # Symmetrize to the bit.
         J = self.inertias
         object.__setattr__(self, 'inertias', frozen((J + J.transpose(0, 2, 1)) / 2))
@@ -282,6 +278,23 @@ def check_robot(robot: object) -> None:
 def unstated(robot: Robot, joint: str) -> set[str]:
     """Return the fields for which the model of a robot states no number of a joint."""
     return {key for key, joints in robot.silent.items() if joint in joints}
+
+
+def stated(robot: Robot, index: int) -> dict[str, float]:
+    """Return the numbers that the model states of a joint, by their names in files."""
+    silent = unstated(robot, robot.joint_names[index])
+    keys = {name: key for name, key in STATED.items() if key not in silent}
+    return {name: float(getattr(robot, key)[index]) for name, key in keys.items()}
+
+
+def from_stated(joints: Sequence[str], rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
+    """Return fields of `Robot` from the numbers that a file states of each joint, by name."""
+    found: dict[str, Any] = {'silent': {}}
+    for name, key in STATED.items():
+        found[key] = [row.get(name, UNSTATED[key]) for row in rows]
+        pairs = zip(joints, rows, strict=True)
+        found['silent'][key] = [joint for joint, row in pairs if name not in row]
+    return found
 
 
 def link_label(robot: Robot, index: int) -> str:
@@ -339,19 +352,19 @@ def _check_names(robot: Robot) -> None:
 
 def _silent(robot: Robot) -> dict[str, Sequence[str]]:
     """Return the joints without a stated number by field, as given or by the fields not given."""
-    if robot.silent is None:
-        return {k: robot.joint_names for k, none in UNSTATED.items() if getattr(robot, k) is none}
     given = robot.silent
+    if given is _SILENT:
+        return {k: robot.joint_names for k in JOINT_FIELDS if getattr(robot, k) is _SILENT}
     right = isinstance(given, Mapping) and given.keys() <= UNSTATED.keys()
     if not right or not all(isinstance(joints, (tuple, list)) for joints in given.values()):
         raise ValueError(f'silent must map {JOINT_FIELDS} to joints, got {quote(given)}')
-    return dict(robot.silent)
+    return dict(given)
 
 
 def _check_numbers(robot: Robot, key: str, shape: tuple[int, ...]) -> None:
     """Replace a field by a read-only copy; a scalar is broadcast to all joints."""
-    label = f'{quote(robot.name)}: {key}'
-    array = real_array(label, getattr(robot, key), finite=False)
+    label, value = f'{quote(robot.name)}: {key}', getattr(robot, key)
+    array = real_array(label, UNSTATED[key] if value is _SILENT else value, finite=False)
     if array.ndim == 0 and shape == (robot.n,):
         array = np.full(shape, array)
     if array.shape != shape:

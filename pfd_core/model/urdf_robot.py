@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 import warnings
 
 import numpy as np
 
 from pfd_core.model.geometry import (
+    AT_ORIGIN,
     Body,
     Placement,
     axis_rotation,
@@ -34,21 +35,17 @@ from pfd_core.model.geometry import (
 )
 from pfd_core.model.robot import (
     JOINT_TYPES,
-    LIMIT_FIELDS,
-    UNSTATED,
     Frame,
     PhysicsWarning,
     Robot,
     check_locked_position,
+    from_stated,
     locked_positions,
 )
 from pfd_core.model.urdf import NOT_A_CHAIN, Inertial, Joint, Origin, Urdf
 from pfd_core.model.values import LARGEST, MOST_NAMES, quote, quote_all, real_number
 
-AT_ORIGIN: Placement = (np.eye(3), np.zeros(3))
 NO_BODY: Body = (0.0, np.zeros(3), np.zeros((3, 3)))
-# Of a joint in URDF -> field of Robot.
-STATED = {**LIMIT_FIELDS, 'damping': 'damping', 'friction': 'friction'}
 
 
 class TreeError(ValueError):
@@ -109,17 +106,12 @@ def robot_from_urdf(
                 f'joint {quote(joint.name)} is {joint.kind} and has no <limit>: it is taken as '
                 'unlimited. If it is meant, give it infinite limits'
             )
-    numbers: dict[str, Any] = {
-        key: np.array([joint.limits.get(name, UNSTATED[key]) for joint in joints])
-        for name, key in STATED.items()
-    }
-    silent = {
-        key: [j.name for j in joints if name not in j.limits] for name, key in STATED.items()
-    }
-    silent['armature'] = [j.name for j in joints if j.name not in urdf.armature]
+    names = tuple(joint.name for joint in joints)
+    rotors = {name: {'armature': inertia} for name, inertia in urdf.armature.items()}
+    numbers = [{**joint.limits, **rotors.get(joint.name, {})} for joint in joints]
     return Robot(
         name=urdf.name,
-        joint_names=tuple(joint.name for joint in joints),
+        joint_names=names,
         joint_types=tuple(joint.kind for joint in joints),
         base=chain.base,
         tip=chain.tip,
@@ -128,10 +120,8 @@ def robot_from_urdf(
             name for name, j in urdf.joints.items() if _snapped(j.origin, slack) != j.origin
         ),
         **welded_frames(placements, bodies),
-        **numbers,
-        armature=np.array([urdf.armature.get(joint.name, 0.0) for joint in joints]),
+        **from_stated(names, numbers),
         frames=_carried_frames(chain, frames, placements, length),
-        silent=silent,
     )
 
 

@@ -11,14 +11,12 @@ lacks is LARGEST_LIMIT: most readers of the format know no infinity.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 import math
 import xml.etree.ElementTree as ElementTree
 
-import numpy as np
-
 from pfd_core.model.geometry import Placement, chained, product
-from pfd_core.model.robot import LIMIT_FIELDS, Robot, check_robot, unstated
+from pfd_core.model.robot import LIMIT_FIELDS, UNSTATED, Robot, check_robot, stated
 from pfd_core.model.urdf import INERTIA_KEYS, LARGEST_LIMIT, parse_urdf
 from pfd_core.model.values import Array, quote
 from pfd_core.model.yaml_files import ELEMENTS
@@ -53,9 +51,9 @@ def robot_to_urdf(robot: Robot) -> str:
             at = chained(ends[frame.link], frame.placement) if frame.link else frame.placement
             _add(root, 'link', name=name)
             _add_connection(root, f'{name}_fixed', 'fixed', names[frame.link], name, at)
-    for joint, rotor in zip(robot.joint_names, robot.armature.tolist(), strict=True):
-        if 'armature' not in unstated(robot, joint):
-            _add_rotor(root, joint, rotor)
+    for i, joint in enumerate(robot.joint_names):
+        if 'armature' in (numbers := stated(robot, i)):
+            _add_rotor(root, joint, numbers['armature'])
     ElementTree.indent(root)
     text = f'<?xml version="1.0"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
     try:
@@ -71,7 +69,7 @@ def _add_link(root: ElementTree.Element, robot: Robot, i: int, name: str) -> Non
     inertial = _add(_add(root, 'link', name=name), 'inertial')
     _add(inertial, 'origin', xyz=_text(p + product(R, robot.centers[i])), rpy='0 0 0')
     _add(inertial, 'mass', value=_text([robot.masses[i]]))
-    _add(inertial, 'inertia', {key: _text([J[ELEMENTS[key[1:]]]]) for key in INERTIA_KEYS})
+    _add(inertial, 'inertia', _texts({key: J[ELEMENTS[key[1:]]] for key in INERTIA_KEYS}))
 
 
 def _add_joint(
@@ -80,15 +78,17 @@ def _add_joint(
     kind = robot.joint_types[i]
     joint = _add_connection(root, robot.joint_names[i], kind, parent, child, at)
     _add(joint, 'axis', xyz='0 0 1')
-    limits = {key: float(getattr(robot, field)[i]) for key, field in LIMIT_FIELDS.items()}
+    numbers = stated(robot, i)
+    limits = {key: numbers.get(key, UNSTATED[field]) for key, field in LIMIT_FIELDS.items()}
     if kind == 'continuous':
         del limits['lower'], limits['upper']
     if kind != 'continuous' or min(limits.values()) < math.inf:
-        written = np.clip(list(limits.values()), -LARGEST_LIMIT, LARGEST_LIMIT)
-        _add(joint, 'limit', {key: _text([x]) for key, x in zip(limits, written, strict=True)})
-    losses = {'damping', 'friction'} - unstated(robot, robot.joint_names[i])
+        for key, limit in limits.items():
+            limits[key] = min(max(limit, -LARGEST_LIMIT), LARGEST_LIMIT)
+        _add(joint, 'limit', _texts(limits))
+    losses = {key: x for key, x in numbers.items() if key in ('damping', 'friction')}
     if losses:
-        _add(joint, 'dynamics', {key: _text([getattr(robot, key)[i]]) for key in sorted(losses)})
+        _add(joint, 'dynamics', _texts(losses))
 
 
 def _add_connection(
@@ -120,6 +120,10 @@ def _roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
     if level < GIMBAL_LOCK:
         return math.atan2(-yz, yy), pitch, 0.0
     return math.atan2(zy, zz), pitch, math.atan2(yx, xx)
+
+
+def _texts(numbers: Mapping[str, float]) -> dict[str, str]:
+    return {key: _text([number]) for key, number in numbers.items()}
 
 
 def _text(numbers: Iterable[float]) -> str:

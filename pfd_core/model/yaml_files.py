@@ -35,13 +35,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from functools import lru_cache
-import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 
 from pfd_core.model.geometry import (
+    AT_ORIGIN,
+    Body,
     Placement,
     cos_sin_degrees,
     product,
@@ -50,7 +51,14 @@ from pfd_core.model.geometry import (
     symmetric,
     welded_frames,
 )
-from pfd_core.model.robot import JOINT_FIELDS, LIMIT_FIELDS, Frame, Robot, check_robot, unstated
+from pfd_core.model.robot import (
+    LIMIT_FIELDS,
+    Frame,
+    Robot,
+    check_robot,
+    from_stated,
+    stated,
+)
 from pfd_core.model.values import Array, number_from_text, quote, real_number, switch
 
 # Four hundred joints are stored in 26 000 nodes and 330 kB; PyYAML reads 20 000 nodes a second.
@@ -58,7 +66,6 @@ MOST_NODES = 30_000
 MOST_CHARACTERS = 1_000_000
 
 ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}
-UNLIMITED = dict.fromkeys(LIMIT_FIELDS, math.inf) | {'lower': -math.inf}
 LOSSES = ('damping', 'friction', 'armature')
 PLACED_BY = ('dh', 'modified_dh', 'frame')
 ROW = ('a', 'd', 'alpha_deg', 'theta_deg')
@@ -166,12 +173,10 @@ def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
             'center': robot.centers[i].tolist(),
             'inertia': {key: float(robot.inertias[i][at]) for key, at in ELEMENTS.items()},
         }
-        # Of numbers that the model does not state, nothing is written.
-        silent = unstated(robot, name)
-        stated = {k: at for k, at in LIMIT_FIELDS.items() if at not in silent}
-        if stated:
-            joint['limits'] = {k: float(getattr(robot, at)[i]) for k, at in stated.items()}
-        joint |= {key: float(getattr(robot, key)[i]) for key in LOSSES if key not in silent}
+        numbers = stated(robot, i)
+        limits = {key: numbers.pop(key) for key in LIMIT_FIELDS if key in numbers}
+        joint |= {'limits': limits} if limits else {}
+        joint |= numbers
         if name in robot.accepted:
             joint['accept_unphysical_inertia'] = True
         joints.append(joint)
@@ -203,51 +208,47 @@ def robot_from_yaml(text: str, source: str) -> Robot:
     if not isinstance(rows, list):
         raise ValueError(f'joints of {quote(name)} must be a list, got {quote(rows)}')
     joints = [_joint(i, row) for i, row in enumerate(rows)]
-    fields: dict[str, Any] = {key: np.array([j[key] for j in joints]) for key in JOINT_FIELDS}
-    ends = {role: _end(role, document.get(role, role)) for role in ('base', 'tip')}
+    names = tuple(joint.name for joint in joints)
+    (base, first), (tip, last) = (_end(end, document.get(end, end)) for end in ('base', 'tip'))
+    further = document.get('frames', {})
+    if not isinstance(further, Mapping):
+        raise ValueError(f'frames must be a table of frames by name, got {quote(further)}')
     return Robot(
         name=name,
-        joint_names=tuple(j['name'] for j in joints),
-        joint_types=tuple(j['type'] for j in joints),
-        base=ends['base'][0],
-        tip=ends['tip'][0],
+        joint_names=names,
+        joint_types=tuple(joint.kind for joint in joints),
+        base=base,
+        tip=tip,
         source=document.get('source', source),
-        accepted=tuple(j['name'] for j in joints if j['accepted']),
-        **_frames(name, joints, ends['base'][1], ends['tip'][1]),
-        **fields,
-        frames=_further_frames(document.get('frames', {})),
-        silent={k: [j['name'] for j in joints if k in j['silent']] for k in JOINT_FIELDS},
+        accepted=tuple(joint.name for joint in joints if joint.accepted),
+        **_chain(name, joints, first, last),
+        **from_stated(names, [joint.numbers for joint in joints]),
+        frames={frame: _frame(f'frame {quote(frame)}', row) for frame, row in further.items()},
     )
 
 
-def _further_frames(value: Any) -> dict[str, Frame]:
-    if not isinstance(value, Mapping):
-        raise ValueError(f'frames must be a table of frames by name, got {quote(value)}')
-    found = {}
-    for name, row in value.items():
-        label = f'frame {quote(name)}'
-        link = _number(f'link of {label}', table(label, row, ('link',), FRAME)['link'])
-        if not link.is_integer():
-            raise ValueError(f'link of {label} must be a whole number, got {link}')
-        found[name] = Frame(int(link), *_placement(label, row))
-    return found
+def _frame(label: str, row: Any) -> Frame:
+    link = _number(f'link of {label}', table(label, row, ('link',), FRAME)['link'])
+    if not link.is_integer():
+        raise ValueError(f'link of {label} must be a whole number, got {link}')
+    return Frame(int(link), *_placement(label, row))
 
 
-def _frames(
-    name: str, joints: list[dict[str, Any]], base: Placement | None, tip: Placement | None
+def _chain(
+    name: str, joints: list[Joint], base: Placement | None, tip: Placement | None
 ) -> dict[str, Any]:
     """Return the fields of `Robot` for frames, masses, centres and inertias."""
-    ways = {j['placed_by'] for j in joints}
+    ways = {joint.way for joint in joints}
     if len(ways) > 1:
         raise ValueError(
             f'joints of {quote(name)} must all be placed the same way, got {sorted(ways)}'
         )
-    R0, p0 = base or (np.eye(3), np.zeros(3))
-    frames, bodies = [j['frame'] for j in joints], [j['body'] for j in joints]
+    R0, p0 = base or AT_ORIGIN
+    frames, bodies = [joint.frame for joint in joints], [joint.body for joint in joints]
     if ways == {'modified_dh'}:
         R, p = frames[0]
         first = (product(R0, R), p0 + product(R0, p))
-        return welded_frames([first, *frames[1:], tip or (np.eye(3), np.zeros(3))], bodies)
+        return welded_frames([first, *frames[1:], tip or AT_ORIGIN], bodies)
     if tip is not None:
         raise ValueError(
             f'tip of {quote(name)} must be the name of a link: its position is given by the '
@@ -264,7 +265,19 @@ def _frames(
     }
 
 
-def _joint(index: int, row: Any) -> dict[str, Any]:
+class Joint(NamedTuple):
+    """A joint of a file, and the link that it moves."""
+
+    name: str
+    kind: str
+    way: str  # of PLACED_BY
+    frame: Placement
+    body: Body
+    numbers: Mapping[str, float]  # that the file states, by their names in STATED
+    accepted: bool
+
+
+def _joint(index: int, row: Any) -> Joint:
     name = row.get('name', f'number {index + 1}') if isinstance(row, Mapping) else index + 1
     label = f'joint {quote(name)}'
     keys = ('name', 'type', 'mass')
@@ -280,25 +293,18 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
         raise ValueError(
             f'accept_unphysical_inertia of {label} must be true or false, got {quote(accepted)}'
         )
-    losses, unstated = _losses(label, row)
-    return {
-        'name': row['name'],
-        'type': row['type'],
-        'placed_by': ways[0],
-        'frame': _placed(label, ways[0], row[ways[0]]),
-        'body': (
-            _number(f'mass of {label}', row['mass']),
-            _numbers(f'center of {label}', row.get('center', [0, 0, 0]), (3,)),
-            symmetric(*elements),
-        ),
-        'accepted': accepted in ('true', 'True'),
-        'silent': {LIMIT_FIELDS[k] for k in UNLIMITED if k not in limits} | unstated,
-        **{
-            LIMIT_FIELDS[k]: _number(f'limit {k} of {label}', value, infinite=True)
-            for k, value in (UNLIMITED | dict(limits)).items()
-        },
-        **losses,
-    }
+    mass = _number(f'mass of {label}', row['mass'])
+    center = _numbers(f'center of {label}', row.get('center', [0, 0, 0]), (3,))
+    numbers = {k: _number(f'limit {k} of {label}', x, infinite=True) for k, x in limits.items()}
+    return Joint(
+        row['name'],
+        row['type'],
+        ways[0],
+        _placed(label, ways[0], row[ways[0]]),
+        (mass, center, symmetric(*elements)),
+        numbers | _losses(label, row),
+        accepted in ('true', 'True'),
+    )
 
 
 def _placed(label: str, way: str, value: Any) -> Placement:
@@ -315,24 +321,22 @@ def _placed(label: str, way: str, value: Any) -> Placement:
     return product(twist, turn), along_x + product(twist, along_z)
 
 
-def _losses(label: str, row: Mapping[str, Any]) -> tuple[dict[str, float], set[str]]:
-    """Return damping, friction and armature at the joint with the rotor, and those silent."""
-    own = {k: _number(f'{k} of {label}', row.get(k, 0.0)) for k in LOSSES}
-    silent = set(LOSSES) - row.keys()
+def _losses(label: str, row: Mapping[str, Any]) -> dict[str, float]:
+    """Return damping, friction and armature at the joint, with the rotor's, as far as stated."""
+    found = {key: _number(f'{key} of {label}', row[key]) for key in LOSSES if key in row}
     if 'rotor' not in row:
-        return own, silent
+        return found
     if 'armature' in row:
         raise ValueError(f'{label} has both rotor and armature; give one of them')
     motor = f'rotor of {label}'
     given = table(motor, row['rotor'], ('inertia', 'gear_ratio'), ('damping', 'friction'))
     rotor = {key: _number(f'{key} of {motor}', value) for key, value in given.items()}
     gear = abs(rotor['gear_ratio'])
-    at_joint = {
-        'damping': own['damping'] + rotor.get('damping', 0.0) * gear**2,
-        'friction': own['friction'] + rotor.get('friction', 0.0) * gear,
-        'armature': rotor['inertia'] * gear**2,
-    }
-    return at_joint, silent - rotor.keys() - {'armature'}
+    found['armature'] = rotor['inertia'] * gear**2
+    for key, power in (('damping', 2), ('friction', 1)):
+        if key in rotor:
+            found[key] = found.get(key, 0.0) + rotor[key] * gear**power
+    return found
 
 
 def _end(role: str, value: Any) -> tuple[str, Placement | None]:

@@ -37,7 +37,7 @@ import warnings
 
 import numpy as np
 
-from pfd_core.forking import no_fork
+from pfd_core.forking import load
 from pfd_core.model.robot import LIMIT_FIELDS, Payload, PhysicsWarning, Robot, unstated
 from pfd_core.model.rotors import estimated_armature
 from pfd_core.model.values import (
@@ -69,6 +69,10 @@ TABLES, PAYLOAD, COMPENSATION = 'tables', 'payload', 'compensation'
 NO_EFFORT = 2.0
 
 FieldNumbers = Mapping[str, Array | None]  # by field of Scene
+
+
+class ByJoint(tuple[tuple[str, Any], ...]):
+    """Pairs of a joint and its value, as Scene keeps a mapping."""
 
 
 @dataclass(frozen=True)
@@ -137,14 +141,14 @@ class Field:
             )
         if not self.has_numbers:
             return value
-        if isinstance(value, Mapping) or _is_by_joint(value):
+        if isinstance(value, (Mapping, ByJoint)):
             given = dict(value)
             if not all(isinstance(joint, str) for joint in given):
                 raise ValueError(
                     f'{self.name} must have names of joints as keys, got {quote(value)}'
                 )
             pairs = ((j, self._of_joint(f'joint {quote(j)}', given[j])) for j in sorted(given))
-            return tuple(pairs) or self.off
+            return ByJoint(pairs) or self.off
         if self.kind == SHARE and not _is_list(value):
             return self._numbers(self.name, value, ())
         if not _is_list(value):
@@ -200,7 +204,7 @@ class Field:
             value = _model_tables(robot) if self.kind == TABLES else self.of_model(robot)
         elif isinstance(value, float):
             value = [value] * robot.n
-        elif _is_by_joint(value):
+        elif isinstance(value, ByJoint):
             value = self._of_all_joints(robot, dict(value))
         if len(value) != robot.n:
             rows = 'rows' if self.columns else 'numbers'
@@ -272,13 +276,6 @@ class Field:
         return [given.get(joint, none) for joint in robot.joint_names]
 
 
-def _is_by_joint(value: Any) -> bool:
-    """Return whether a value is pairs of a joint and its value, as Scene keeps a mapping."""
-    if not isinstance(value, tuple) or not value:
-        return False
-    return all(isinstance(x, tuple) and len(x) == 2 and isinstance(x[0], str) for x in value)
-
-
 def _is_list(value: Any) -> bool:
     """Return whether a value has a length; not so a string or a type of NumPy."""
     try:
@@ -326,39 +323,23 @@ def _model_tables(robot: Robot) -> list[list[tuple[float, float]] | None]:
 
 @dataclass(frozen=True)
 class Effect:
-    """
-    One effect of a scene.
+    """One effect of a scene."""
 
-    Attributes
-    ----------
-    name, acts : str
-        Name in tables and on pages; LINKS, JOINTS, MOTORS, BRAKES or STEP.
-    first, more : Field, tuple of Field
-        The field of Scene that switches it on, and fields that refine it.
-    at_rest, inertia : bool
-        Whether it exerts a torque at zero velocity, as a function of q; whether the inertia matrix
-        depends on it. On the joints the number of its first field multiplies qdd then.
-    viscosity : bool
-        Whether the number of its first field multiplies qd; integrators may take it implicitly.
-    torque, potential : callable or None
-        (c, q, qd) -> the resisting torque [N m or N]; (c, q) -> the energy that it stores [J], if
-        it is conservative.
-    completed : callable or None
-        From a robot and the numbers of all fields, which may differ among arms, to the numbers of
-        this effect and of effects that need it; {} if it is off. By default it is off where the
-        numbers of its first field are all zero, or infinite if infinity means no limit.
-
-    """
-
-    name: str
-    acts: str
-    first: Field
-    more: tuple[Field, ...] = ()
-    at_rest: bool = False
+    name: str  # in tables and on pages
+    acts: str  # LINKS, JOINTS, MOTORS, BRAKES or STEP
+    first: Field  # the field of Scene that switches it on
+    more: tuple[Field, ...] = ()  # fields that refine it
+    at_rest: bool = False  # whether it exerts a torque at zero velocity, as a function of q
+    # Whether the inertia matrix depends on it. On the joints its number multiplies qdd then.
     inertia: bool = False
-    viscosity: bool = False
+    viscosity: bool = False  # whether its number multiplies qd; integrators may take it implicitly
+    # (c, q, qd) -> the resisting torque [N m or N]; (c, q) -> the energy that it stores [J], if it
+    # is conservative.
     torque: Callable[[Any, Any, Any], Any] | None = None
     potential: Callable[[Any, Any], Any] | None = None
+    # From a robot and the numbers of all fields, which may differ among arms, to the numbers of
+    # this effect and of effects that need it; {} if it is off. By default it is off where the
+    # numbers of its first field are all zero, or infinite if infinity means no limit.
     completed: Callable[[Robot, FieldNumbers], FieldNumbers] | None = None
 
     @property
@@ -389,19 +370,14 @@ class Effect:
             return {}
         if self.completed is not None:
             return self.completed(robot, values)
-        acts = _limited if self.first.infinite else _acts
-        return {f.name: values[f.name] for f in self.fields} if acts(values[self.field]) else {}
+        found = values[self.field]
+        limit = np.isfinite if self.first.infinite else np.any
+        if found is None or not limit(found).any():
+            return {}
+        return {field.name: values[field.name] for field in self.fields}
 
 
 # Numbers of the effects for a robot.
-
-
-def _acts(values: Array | None) -> bool:
-    return values is not None and bool(values.any())
-
-
-def _limited(values: Array | None) -> bool:
-    return values is not None and bool(np.isfinite(values).any())
 
 
 def _friction(robot: Robot, values: FieldNumbers) -> FieldNumbers:
@@ -435,7 +411,7 @@ def _stops(robot: Robot, values: FieldNumbers) -> FieldNumbers:
                 f'joint_limits of joint {quote(name)} must be a lower limit below an upper one, '
                 f'got {lower} and {upper}; lock a joint that cannot move'
             )
-    if not _limited(limits):
+    if not np.isfinite(limits).any():
         return {}
     return {'joint_limits': limits, 'restitution': values['restitution']}
 
@@ -447,7 +423,7 @@ LEAST_PERIODS, MOST_PERIODS = 1e-6, 1e6
 
 def _cogging(robot: Robot, values: FieldNumbers) -> FieldNumbers:
     rows = values['cogging']
-    if rows is None or not _acts(rows[:, 0]):
+    if rows is None or not rows[:, 0].any():
         return {}
     for name, (amplitude, periods, _) in zip(robot.joint_names, rows.tolist(), strict=True):
         if amplitude and not LEAST_PERIODS <= abs(periods) <= MOST_PERIODS:
@@ -476,19 +452,13 @@ def _spring_energy(c: Any, q: Any) -> Any:
 
 
 def _cogging_torque(c: Any, q: Any, qd: Any) -> Any:
-    with no_fork:
-        from pfd_core.machine.lanes import sin
-
     amplitude, periods, phase = c.cogging
-    return amplitude * sin(periods * q + phase)
+    return amplitude * load('machine.lanes.sin')(periods * q + phase)
 
 
 def _cogging_energy(c: Any, q: Any) -> Any:
-    with no_fork:
-        from pfd_core.machine.lanes import cos
-
     amplitude, periods, phase = c.cogging
-    return -amplitude / periods * cos(periods * q + phase)
+    return -amplitude / periods * load('machine.lanes.cos')(periods * q + phase)
 
 
 EFFECTS: tuple[Effect, ...] = (

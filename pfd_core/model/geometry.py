@@ -169,23 +169,12 @@ def merged(first: Body, second: Body) -> Body:
 
 def welded_frames(placements: list[Placement], bodies: list[Body]) -> dict[str, Any]:
     """
-    Bring a chain from the frames of its joints to the frames of Lee and Chang.
+    Return the fields of `Robot` for frames, masses, centres and inertias of a chain.
 
-    Joint i turns about, or slides along, z of a separate frame, with which link i moves; frame i
-    of the paper is the frame of joint i+1 at rest on link i, frame 0 that of the first joint.
-
-    Parameters
-    ----------
-    placements : list of Placement
-        n + 1 of them: joint 1 in the base link, joint 2 in joint 1, ..., the tip in joint n.
-    bodies : list of Body
-        n links, each in the frame of its joint.
-
-    Returns
-    -------
-    dict
-        The fields of `Robot` for frames, masses, centres and inertias.
-
+    `placements` are n + 1: joint 1 in the base link, joint 2 in joint 1, ..., the tip in joint n;
+    `bodies` are n links, each in the frame of its joint. Joint i turns about, or slides along, z
+    of a separate frame, with which link i moves; frame i of the paper is the frame of joint i+1 at
+    rest on link i, frame 0 that of the first joint.
     """
     ends = placements[1:]
     return {

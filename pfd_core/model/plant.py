@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-import hashlib
 from types import MappingProxyType
 from typing import Any
 
@@ -40,7 +39,7 @@ from pfd_core.model.robot import (
     with_payload,
 )
 from pfd_core.model.scene import Scene, given_scene
-from pfd_core.model.values import Array, FrozenArrays, frozen, quote, quote_all, read_only
+from pfd_core.model.values import Array, FrozenArrays, digest_of, quote, quote_all
 
 # The kinds of effects at an instant.
 INSTANT = (LINKS, INERTIA, VISCOSITY, JOINTS, MOTORS)
@@ -51,56 +50,37 @@ LEFT = 16 * 2.0**-53
 @dataclass(frozen=True, eq=False)
 class Plant(FrozenArrays):
     """
-    A scene as numbers for one robot; an effect that is off is None.
+    A scene as numbers for one robot.
 
-    Attributes
-    ----------
-    robot : Robot
-        The chain with its payload fixed to it, unless the payload is an input.
-    gravity : ndarray
-        (3,) [m/s^2], in the axes of frame 0; zeros without gravity.
-    external_wrench, brakes : bool
-        Whether a wrench on the last link, and joints held at run time, are inputs.
-    implicit : float
-        Time [s] by which a step multiplies the viscosity, see `implicit_inertia`; 0 for none.
-    gravity_compensation : Plant or None
-        The robot and gravity whose gravity torques the drives add.
-    sliding_friction : ndarray or None
-        (n, 3) [N m, N m, rad/s; N, N, m/s]: Coulomb friction, the friction at rest towards which
-        it rises, and the velocity at which it has risen half-way, of joints that stay in motion.
-        Scene has no such field: at an instant no joint sticks.
-    effects : mapping
-        Field of Scene -> numbers of an effect that is on, (n,) or (n, columns), in the units of
-        its record in `pfd_core.model.effects`. Static friction is there with friction, and
-        restitution with joint limits. Each field is an attribute as well, `plant.damping`, and
-        None where the effect is off. `torque_speed`, (n, k, 2), has rows (speed, torque). Rows
-        beyond a joint's table have infinite speeds; a joint without a table has infinite torques.
-    links : mapping
-        Numbers of the links in place of the robot's (pfd_core.dynamics.bodies), where some vary.
-    varied : mapping
-        Field -> place in the input of parameters of each number that varies, -1 for a constant.
-        The plant has NaN for such a number (pfd_core.dynamics.numbers).
-
+    Each field of Scene with numbers is an attribute as well, `plant.damping`: its numbers, (n,) or
+    (n, columns), in the units of its record in `pfd_core.model.effects`, and None where its effect
+    is off. Static friction is there with friction, and restitution with joint limits. The rows
+    (speed, torque) of `torque_speed`, (n, k, 2), have infinite speeds beyond a joint's table, and
+    infinite torques for a joint without a table.
     """
 
-    robot: Robot
-    gravity: Array
+    robot: Robot  # with its payload fixed to it, unless the payload is an input
+    gravity: Array  # (3,) [m/s^2], in the axes of frame 0; zeros without gravity
+    # Whether a wrench on the last link, and joints held at run time, are inputs.
     external_wrench: bool = False
     brakes: bool = False
+    # Time [s] by which a step multiplies the viscosity, see `implicit_inertia`; 0 for none.
     implicit: float = 0.0
+    # The robot and gravity whose gravity torques the drives add.
     gravity_compensation: Plant | None = None
+    # (n, 3) [N m, N m, rad/s; N, N, m/s]: Coulomb friction, the friction at rest towards which it
+    # rises, and the velocity at which it has risen half-way, of joints that stay in motion. Scene
+    # has no such field: at an instant no joint sticks.
     sliding_friction: Array | None = None
-    effects: Mapping[str, Array] = field(default_factory=dict)
+    effects: Mapping[str, Array] = field(default_factory=dict)  # by field of Scene, if on
+    # Numbers of the links in place of the robot's (pfd_core.dynamics.bodies), where some vary.
     links: Mapping[str, Array] = field(default_factory=dict)
+    # Field -> place in the input of parameters of each number that varies, -1 for a constant. The
+    # plant has NaN for such a number (pfd_core.dynamics.numbers).
     varied: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for key, value in vars(self).items():
-            if isinstance(value, np.ndarray):
-                object.__setattr__(self, key, frozen(value))
-            elif isinstance(value, Mapping):
-                kept = {name: read_only(array) for name, array in value.items()}
-                object.__setattr__(self, key, MappingProxyType(kept))
+        self.__setstate__(vars(self))
 
     def __getattr__(self, name: str) -> Array | None:
         """Return the numbers of a field of Scene, None where its effect is off."""
@@ -167,17 +147,10 @@ class Plant(FrozenArrays):
     @property
     def digest(self) -> str:
         """SHA-256 of all numbers and switches, on which the recorded programs depend."""
-        state = hashlib.sha256()
         values = {item.name: getattr(self, item.name) for item in fields(self)}
         for key in ('effects', 'links', 'varied'):
             values |= {f'{key}.{name}': array for name, array in values.pop(key).items()}
-        for name, value in sorted(values.items()):
-            if isinstance(value, (Robot, Plant)):
-                value = value.digest
-            exact = isinstance(value, np.ndarray)
-            text = value.astype('<f8').tobytes() if exact else repr(value).encode()
-            state.update(f'{name}='.encode() + text)
-        return state.hexdigest()
+        return digest_of({key: getattr(x, 'digest', x) for key, x in sorted(values.items())})
 
 
 def resolve(

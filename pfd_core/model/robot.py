@@ -45,6 +45,7 @@ from pfd_core.model.values import (
     LARGEST,
     Array,
     FrozenArrays,
+    digest_of,
     frozen,
     integer,
     quote,
@@ -255,13 +256,8 @@ class Robot(FrozenArrays):
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all numbers and names except frames, as 64 hexadecimal digits."""
-        state = hashlib.sha256()
-        for key in (item.name for item in fields(self) if item.name not in _REMARKS):
-            value = getattr(self, key)
-            exact = isinstance(value, np.ndarray)
-            text = value.astype('<f8').tobytes() if exact else repr(value).encode()
-            state.update(f'{key}='.encode() + text)
-        return state.hexdigest()
+        kept = (item.name for item in fields(self) if item.name not in _REMARKS)
+        return digest_of({key: getattr(self, key) for key in kept})
 
     def __repr__(self) -> str:
         pairs = zip(self.joint_names, self.joint_types, strict=True)

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.ma import MaskedArray
 from numpy.typing import ArrayLike
 
-from pfd_core.model.effects import EFFECTS, ESTIMATED, FIELDS, INPUT, MODEL
+from pfd_core.model.effects import EFFECTS, ESTIMATED, FIELDS, INPUT, MODEL, ByJoint
 from pfd_core.model.robot import Payload
 from pfd_core.model.values import (
     Array,
@@ -269,9 +269,9 @@ def scene_to_yaml(scene: Scene) -> str:
 
 def _plain(value: Any) -> Any:
     """Return a value of a scene as dict, list, float, bool, str and None."""
+    if isinstance(value, ByJoint):
+        return {joint: _plain(item) for joint, item in value}
     if isinstance(value, tuple):
-        if value and isinstance(value[0], tuple) and isinstance(value[0][0], str):
-            return {joint: _plain(item) for joint, item in value}
         return [_plain(item) for item in value]
     if not isinstance(value, (Scene, Payload)):
         return value

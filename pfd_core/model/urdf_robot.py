@@ -140,8 +140,7 @@ def find_chain(
     Return the chain of joints between two links, the root and the last one by default.
 
     The base is fixed: links above it and other branches on it are cut off. Branches on a moving
-    link stay, welded to it; a joint there that could move must be locked. ValueError if the links
-    and joints are no tree, or these choices do not leave exactly one chain of supported joints.
+    link stay, welded to it; a joint there that could move must be locked.
     """
     label = quote(urdf.name)
     above = {joint.child: joint for joint in urdf.joints.values()}

@@ -12,11 +12,13 @@ Every error names the argument, states what is expected and quotes the value.
     common_shape                the batch shape of several arrays
     quote, quote_all            values and names in errors: on one line, and cut
     frozen, FrozenArrays        read-only arrays, and frozen dataclasses that hold them
+    digest_of                   the digest of such a dataclass
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+import hashlib
 import math
 import numbers
 import operator
@@ -284,21 +286,21 @@ def _is_real(value: object) -> bool:
     return isinstance(value, numbers.Real) and not isinstance(value, (bool, np.timedelta64))
 
 
-def frozen(values: ArrayLike) -> NDArray[np.float64]:
+def frozen(values: ArrayLike) -> Array:
     """Return a read-only copy of numbers, with +0.0 for -0.0: equal robots have equal bits."""
-    # Adding 0.0 copies, and turns -0.0 into 0.0.
-    copy: NDArray[np.float64] = np.asarray(values, dtype=np.float64) + 0.0
+    copy: Array = np.add(values, 0)
     copy.setflags(write=False)
     return copy
 
 
-def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """Return a read-only copy of an array, as `frozen` where it has real numbers."""
-    if array.dtype.kind == 'f':
-        return frozen(array)
-    copy: NDArray[Any] = array.copy()
-    copy.setflags(write=False)
-    return copy
+def digest_of(values: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of numbers, names and what has a digest, as 64 hexadecimal digits."""
+    state = hashlib.sha256()
+    for name, value in values.items():
+        exact = isinstance(value, np.ndarray)
+        text = value.astype('<f8').tobytes() if exact else repr(value).encode()
+        state.update(f'{name}='.encode() + text)
+    return state.hexdigest()
 
 
 class FrozenArrays:
@@ -318,18 +320,15 @@ class FrozenArrays:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields; a read-only view of a dict cannot be pickled itself."""
-        views = {k: dict(v) for k, v in vars(self).items() if isinstance(v, MappingProxyType)}
-        return vars(self) | views
+        return {k: dict(v) if isinstance(v, Mapping) else v for k, v in vars(self).items()}
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
-        """Take the fields over; NumPy restores pickled arrays as writable ones."""
-        for key, value in state.items():
-            if type(value) is dict:
-                kept: Any = MappingProxyType({k: _refrozen(item) for k, item in value.items()})
-            else:
-                kept = _refrozen(value)
-            object.__setattr__(self, key, kept)
+        """Take the fields over, read-only: NumPy restores pickled arrays as writable ones."""
+        for key, value in dict(state).items():
+            object.__setattr__(self, key, _read_only(value))
 
 
-def _refrozen(value: Any) -> Any:
-    return read_only(value) if isinstance(value, np.ndarray) else value
+def _read_only(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return MappingProxyType({key: _read_only(item) for key, item in value.items()})
+    return frozen(value) if isinstance(value, np.ndarray) else value

@@ -27,6 +27,14 @@ PER_JOINT = 'per joint'
 T = TypeVar('T')
 # Setting -> the setting whose numbers it has where it has none of its own.
 DEFAULTS = {'static_friction': 'joint_friction'}
+# Settings of effects that every recording has; those of later effects are in it where given.
+RECORDED = frozenset(
+    {
+        *('damping', 'joint_damping', 'armature', 'joint_armature', 'friction', 'joint_friction'),
+        *('static_friction', 'stribeck_velocity', 'joint_limits', 'restitution', 'stiffness'),
+        *('rest_position', 'cogging_amplitude', 'cogging_periods', 'cogging_phase', 'motor_lag'),
+    }
+)
 # Fields that other values need other native code for.
 PAYLOAD = ('payload_mass', 'payload_center', 'payload_inertia')
 COMPILED = frozenset({'gravity_compensation', *PAYLOAD})
@@ -116,6 +124,11 @@ def _effect_settings() -> Iterator[tuple[str, str, Any]]:
                     joint_default=_of_model(field) if field.model else DEFAULTS.get(name),
                 ),
             )
+
+
+def later_effects() -> dict[str, Any]:
+    """Return the settings of effects that older recordings lack, and their values without them."""
+    return {name: field.default for name, _, field in _effect_settings() if name not in RECORDED}
 
 
 def _of_model(field: Any) -> Callable[[Any, pfd.Robot], NDArray[Any]]:

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import pfd_core as pfd
 from pfd_ros.arm.events import MOST_STEPS
 from pfd_ros.arm.noise import LARGEST_SEED
-from pfd_ros.arm.plant_settings import PlantSettings
+from pfd_ros.arm.plant_settings import PlantSettings, later_effects
 from pfd_ros.arm.setting_fields import check_values, setting, typed
 from pfd_ros.messages import convert
 from pfd_ros.messages.convert import NANOSECONDS
@@ -46,6 +46,7 @@ ABSENT: dict[str, Any] = {
     'recording_flush_period': 0.1,
     'recording_max_size': 0,
     'recording_max_duration': 0.0,
+    **later_effects(),
 }
 # Names of `position_sums`: whether the simulator compensates; None lets it choose.
 POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}

@@ -47,7 +47,7 @@ class Page(NamedTuple):
 PAGES: Sequence[Page] = (
     Page('speed', 'times of forward dynamics and other quantities compared with peers'),
     Page('error', 'time against error: integrators, and an arm under a controller'),
-    Page('scene', 'operations and error of each effect of a scene'),
+    Page('scene', 'error without each effect of a scene'),
     Page('hard-cases', 'errors of ill-conditioned arms, and over thousands of states'),
     Page('derivatives', 'errors of derivatives and linearised steps'),
     Page('counts', 'steps of every method on emulated processors compared with the paper'),

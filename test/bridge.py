@@ -468,8 +468,8 @@ PATCHED = {
     # pfd_core.simulation: integrators, stiffness, ensembles
     'ADAPTIVE_FIRST_OPERATIONS': 'pfd_core.simulation.adaptive:FIRST_OPERATIONS',
     'ADAPTIVE_PIECE_SECONDS': 'pfd_core.simulation.adaptive:PIECE_SECONDS',
-    'ensemble_pieces': 'pfd_core.simulation.ensemble:pieces',
-    'ensemble_run_blocks': 'pfd_core.simulation.ensemble:run',
+    'rollout_pieces': 'pfd_core.simulation.simulation:pieces',
+    'rollout_run_blocks': 'pfd_core.simulation.simulation:run',
     'Simulator_compile': 'pfd_core.simulation.simulator:Simulator._compile',
     # pfd_ros.arm: settings, events, engine, and the rules for commands
     'Arm_advance': 'pfd_ros.arm.arm:Arm.advance',

@@ -162,7 +162,6 @@ METHODS: dict[str, dict[str, dict[str, Any]]] = {
         'linearize': STATES,
         'reset': {},
         'rollout': {'steps': 2},
-        'take_state': {},
     },
     'Kernel': {'__call__': STATES, 'bind': STATES | {'out': OUT}, 'error_estimate': STATES},
     'MotorSimulator': {
@@ -180,7 +179,6 @@ METHODS: dict[str, dict[str, dict[str, Any]]] = {
         'rollout': {'taus': np.zeros((2, 2))},
         'set_inputs': {'state': MOTION},
         'step': {'tau': STATE},
-        'take_state': {},
     },
     'Program': {'count': {}},
     'Robot': {'frame': {}},
@@ -191,7 +189,6 @@ METHODS: dict[str, dict[str, dict[str, Any]]] = {
         'reset': {},
         'rollout': {'taus': np.zeros((2, 2))},
         'step': {'tau': STATE},
-        'take_state': {},
     },
     'Urdf': {'with_followers': {'locked': {}}},
 }
@@ -232,16 +229,6 @@ def test_a_wrong_argument_of_a_public_method_is_named(
         for line in problems(f'{owner}.{name}', getattr(one, name), valid)
     ]
     assert not found, '\n'.join(found)
-
-
-def test_a_state_of_another_robot_or_number_of_arms_is_not_taken() -> None:
-    sim = pfd.Simulator(ROBOT)
-    sim.reset(q=[1.0, 2.0])
-    others = (pfd.Simulator(pfd.load_robot('puma560')), pfd.Ensemble(ROBOT, 3))
-    for other in others:
-        with pytest.raises(ValueError, match=r"other must be .* one arm, .*'planar2'"):
-            sim.take_state(other)
-    assert sim.q.tolist() == [1.0, 2.0]
 
 
 def test_batches_that_do_not_agree_are_named_by_emulate() -> None:

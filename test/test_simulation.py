@@ -246,27 +246,6 @@ def test_no_steps_give_an_empty_trajectory() -> None:
     assert trajectory.status == 'ok'
 
 
-@pytest.mark.parametrize('integrator', INTEGRATORS)
-def test_a_simulation_continues_from_the_state_of_another_with_the_same_bits(
-    integrator: str,
-) -> None:
-    robot = pfd.load_robot('planar2')
-    taus = np.random.default_rng(2).normal(size=(40, 2))
-    one, same = (pfd.Simulator(robot, integrator=integrator) for _ in range(2))
-    damped = pfd.Simulator(robot, pfd.Scene(damping=(1.0, 1.0)), integrator=integrator)
-    one.reset([0.3, -0.2], time=5.0)
-    one.rollout(taus)
-    for other in (same, damped):
-        other.step([9.0, 9.0])
-        other.take_state(one)
-        np.testing.assert_array_equal([other.q, other.qd], [one.q, one.qd])
-        assert other.time == one.time
-    wanted, found, less = (each.rollout(taus).q for each in (one, same, damped))
-    np.testing.assert_array_equal(found, wanted)
-    assert np.abs(less - wanted).max() > 1e-6
-    assert one.time == pytest.approx(5.08)
-
-
 @pytest.mark.parametrize('kind', [pfd.Simulator, partial(pfd.Ensemble, size=2)])
 def test_what_native_code_was_made_for_cannot_be_changed(kind: Any) -> None:
     sim = kind(pfd.load_robot('planar2'))

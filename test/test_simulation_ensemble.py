@@ -326,39 +326,38 @@ def test_a_state_that_does_not_fit_is_refused() -> None:
         many.reset(None, [np.inf, 0.0])
 
 
-def test_pieces_of_a_rollout_are_short_and_write_the_states_of_the_whole() -> None:
-    for steps, every, most in product(range(25), (1, 2, 3, 5, 7, 50), (1, 2, 3, 4, 7, 100)):
-        end, written = 0, []
-        for first, count, interval in bridge.ensemble_pieces(steps, every, most):
-            assert first == end
-            # Python looks for signals after each piece.
-            assert 1 <= count <= most
-            end += count
-            own = list(range(first + interval, end + 1, interval))
-            assert len(own) == end // every - first // every
-            written += own
-        assert end == steps
-        assert written == list(range(every, steps + 1, every))
+def pieces_of(size: int) -> Callable[[int, int], Any]:
+    """Return a function that cuts a rollout into pieces of so many steps."""
+    return lambda steps, _: ((k, min(k + size, steps)) for k in range(0, steps, size))
 
 
-@pytest.mark.parametrize('every', one_fast([1, 3, 5], 3))
+def test_pieces_cover_a_rollout_and_grow_no_faster_than_twofold() -> None:
+    for steps, first in product((0, 1, 2, 7, 100), (0, 1, 3, 1000)):
+        pieces = list(bridge.rollout_pieces(steps, first))
+        ends = [0, *(until for _, until in pieces)]
+        assert [begin for begin, _ in pieces] == ends[:-1]
+        assert ends[-1] == steps
+        counts = [until - begin for begin, until in pieces]
+        assert all(1 <= two <= 2 * one for one, two in itertools.pairwise(counts))
+        assert not counts or counts[0] <= max(first, 1)
+
+
+@pytest.mark.parametrize('every', one_fast([1, 3, 5, 7, 8], 3))
 @pytest.mark.parametrize('integrator', pfd.INTEGRATORS)
 def test_the_bits_do_not_depend_on_the_pieces(
     integrator: str, every: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     many = pfd.Ensemble(pfd.load_robot('planar2'), 19, integrator=integrator)
     q, qd, taus = sequences(2, 19)
+    taus[6, 4] = 1e308
     law = pfd.StateFeedback(np.ones((2, 4)), taus / 10)
     found = []
-    pieces = bridge.ensemble_pieces
-    for most in (len(taus[0]), 1, 2, 3, 4, 7):
-        monkeypatch.setattr(
-            *bridge.target('ensemble_pieces'),
-            lambda steps, every, _, most=most: pieces(steps, every, most),
-        )
+    for size in (len(taus[0]), 1, 2, 3, 4, 7):
+        monkeypatch.setattr(*bridge.target('rollout_pieces'), pieces_of(size))
         many.reset(q, qd)
         runs = many.rollout(taus, feedback=law, every=every)
         found.append([runs.time, runs.q, runs.qd, runs.qdd, runs.finite_steps, many.q, many.qdd])
+        assert runs.finite_steps.tolist() == [STEPS] * 6 + [4] + [STEPS] * 12
     whole, *others = found
     for other in others:
         for one, two in zip(whole, other, strict=True):
@@ -371,10 +370,8 @@ def test_an_interrupted_rollout_leaves_time_and_states_together(
     many = pfd.Ensemble(pfd.load_robot('planar2'), 40)
     _, _, taus = sequences(2, 40)
     whole = many.rollout(taus)
-    pieces, run = bridge.ensemble_pieces, bridge.run_blocks
-    monkeypatch.setattr(
-        *bridge.target('ensemble_pieces'), lambda steps, every, _: pieces(steps, every, 2)
-    )
+    run = bridge.run_blocks
+    monkeypatch.setattr(*bridge.target('rollout_pieces'), pieces_of(2))
     # Blocks of one vector.
     monkeypatch.setattr(*bridge.target('MAX_BLOCK_WORK'), 1)
     runs, done = itertools.count(), []
@@ -392,7 +389,7 @@ def test_an_interrupted_rollout_leaves_time_and_states_together(
 
         return run(work_or_stop, *arguments)
 
-    monkeypatch.setattr(*bridge.target('ensemble_run_blocks'), interrupted)
+    monkeypatch.setattr(*bridge.target('rollout_run_blocks'), interrupted)
     many.reset()
     with pytest.raises(KeyboardInterrupt):
         many.rollout(taus)

@@ -87,6 +87,23 @@ def test_one_call_has_the_bits_of_single_steps_in_a_copied_state() -> None:
     )
 
 
+def test_a_state_continues_in_another_scene_with_all_digits_of_its_positions() -> None:
+    motor = pfd.MotorSimulator(ROBOT)
+    same = pfd.MotorSimulator(ROBOT, pfd.Scene(friction=(0.0, 0.0), brakes=True))
+    state, out = motor.new_state((0.3, -0.2)), np.empty((2, 40, 3, 2))
+    rows, counters = efforts(80).reshape(2, 40, 2), pfd.MotorState(np.zeros(2))
+    motor.bind(state, counters, LIMITS).run(rows[0], out[0])
+    assert state.arrays['q_low'].any()
+    other = same.converted(state)
+    assert (other.start, other.steps) == (0.0, 0)
+    same.set_inputs(other)
+    for one, its in ((motor, state), (same, other)):
+        run = np.empty((40, 3, 2))
+        one.bind(its, pfd.MotorState(np.zeros(2)), LIMITS).run(rows[1], run)
+        out = np.concatenate([out, run[np.newaxis]])
+    assert out[-1].tobytes() == out[-2].tobytes()
+
+
 def test_a_run_ends_after_the_first_step_that_is_not_finite() -> None:
     motor = pfd.MotorSimulator(ROBOT)
     state, counters = motor.new_state(), pfd.MotorState(np.zeros(2))

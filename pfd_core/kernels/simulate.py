@@ -3,28 +3,27 @@
 """
 Steps of a simulation in native code: `width` arms at a time, one arm in each lane.
 
-    @simulate(plan)                 arms, steps, substeps, every, table, finite
-    @accelerations(steps, table)    qdd of states that were written before, of one arm
+    @simulate(plan)         some steps of some arms
+    @accelerations(plan)    qdd of states that were written before, each of them an arm here
 
-A plan is a block of these six integers: one argument, since ctypes takes 70 ns to pass each. The
-table holds for each of `Steps.arrays` its address, and the bytes from arm to arm, from element to
-element and from step to step. Each step takes its torque, or runs a control program that
-computes it; brings braked joints to rest; takes `substeps` steps of the integrator; and writes
-each `every`-th state. `finite` receives for each arm the number of steps after which its state was
-finite.
+A plan is a block of 64-bit integers (PLAN): one argument, since ctypes takes 70 ns to pass each.
+Its table has for each of `Steps.arrays` the address, and the bytes from arm to arm, from element
+to element and from step to step. An array that changes from step to step is read before each step,
+any other once. In a step a control program, if there is one, computes the torque; braked joints
+are brought to rest; the integrator takes `substeps` steps; and each `every`-th state is written.
+`finite` receives for each arm the number of steps after which its state was finite.
 
 Every operation on an arm is the same for each width, in the same order: so are the bits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
 from pfd_core.kernels.generate import (
     body,
-    declarations,
     evaluate,
     given,
     inputs_of,
@@ -44,6 +43,9 @@ REPORT = (*MOTION, 'qdd')
 MOTOR_TORQUE, LOW_POSITION, UNFINISHED = 'tau_motor', 'q_low', 'unfinished'
 # Outputs of a control program that are no arrays: flags that are counted, and the end of the run.
 COUNTS, STOP = 'counts', 'stop'
+# Arms from `first` to before `end`, steps from `begin` to before `until`; the last two are
+# addresses. The rows that are written are counted from step 0, and `finite` from `begin`.
+PLAN = ('first', 'end', 'begin', 'until', 'substeps', 'every', 'table', 'finite')
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,8 @@ class Steps:
     inputs : dict
         Elements of the inputs of the dynamics besides q and qd.
     written : tuple of str
-        What is written after a step: rows of the state, qdd, or outputs of `control`. With qdd the
-        acceleration is also a row, else there is @accelerations.
+        What is written after a step: rows of the state, or outputs of `control`. Without qdd in
+        it no step computes the acceleration at its end, and there is @accelerations.
     dtype, width
         As of Code.
     shared : bool
@@ -90,34 +92,38 @@ class Steps:
         return MOTOR_TORQUE if MOTOR_TORQUE in self.further else 'tau'
 
     @property
-    def rows(self) -> dict[str, int]:
-        """Arrays that a run reads at its beginning and writes at its end, and their elements."""
-        names = [*MOTION, *self.further, *(['qdd'] if 'qdd' in self.written else [])]
-        if self.control is not None:
-            names += [name for name in self.control.inputs if name in self.control.outputs]
-        return dict.fromkeys(names, self.n)
+    def _controlled(self) -> Mapping[str, object]:
+        return {} if self.control is None else self.control.outputs
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Arrays that a run reads at its beginning and writes at its end."""
+        own = () if self.control is None else self.control.inputs
+        return (*REPORT, *self.further, *(name for name in own if name in self._controlled))
+
+    @property
+    def given(self) -> dict[str, int]:
+        """Arrays that are only read, and their elements."""
+        names = dict(self.inputs) | ({} if self.control is None else dict(self.control.inputs))
+        off = {*self.rows, *self._controlled}
+        return {name: size for name, size in names.items() if name not in off}
 
     @property
     def arrays(self) -> tuple[str, ...]:
-        """The arrays of the table of @simulate."""
-        names = [*self.rows, *self.held]
-        if self.control is None:
-            names.append('tau')
-        else:
-            names += [name for name in self.control.inputs if name not in names]
-            names += [COUNTS] if COUNTS in self.control.outputs else []
-        return (*names, *(f'{name}.out' for name in self.written))
+        """The arrays of the table."""
+        counts = [COUNTS] * (COUNTS in self._controlled)
+        return (*self.rows, *self.given, *counts, *(f'{name}.out' for name in self.written))
 
-    @property
-    def held(self) -> tuple[str, ...]:
-        """Inputs that are the same for all steps of a run."""
-        return tuple(name for name in self.inputs if name != 'tau')
-
-    @property
-    def sampled(self) -> tuple[str, ...]:
-        """The arrays of the table of @accelerations; the torque is a row in each."""
-        given = [self.torque if name == 'tau' else name for name in self.inputs]
-        return (*MOTION, *given, 'qdd')
+    def frame(self) -> Frame:
+        """Return a frame with the state, the inputs, and the results of the control."""
+        frame = Frame()
+        sizes = dict.fromkeys(self.rows, self.n) | self.given
+        if self.control is not None:
+            outputs = self.control.outputs
+            sizes |= {k: len(x.places) for k, x in outputs.items() if k not in (COUNTS, STOP)}
+        for name, size in sizes.items():
+            frame.place(name, size)
+        return frame
 
 
 def simulation_functions(steps: Steps, dynamics: Mapping[str, Program], frame: Frame) -> list[str]:
@@ -129,11 +135,10 @@ def simulation_functions(steps: Steps, dynamics: Mapping[str, Program], frame: F
     H^-1 tau of the free joints.
     """
     parts = [_brake(steps, dynamics, frame)] if 'free' in steps.inputs else []
-    if 'qdd' not in steps.written:
-        parts.append(_accelerations(steps, frame))
     if steps.width > 1:
-        sizes = sorted({steps.n, *steps.inputs.values()})
+        sizes = sorted({steps.n, *steps.given.values()})
         parts += [_copy(steps, size, inward) for size in sizes for inward in (True, False)]
+    parts += [] if 'qdd' in steps.written else [_accelerations(steps, frame)]
     return [*parts, _simulate(steps, frame)]
 
 
@@ -158,31 +163,6 @@ def evaluations(
         code.ret()
         parts.append(str(code))
     return parts
-
-
-def simulation_module(parts: Sequence[str], steps: Steps, wrapped: bool) -> str:
-    """Return functions with what they refer to; `wrapped` states whether angles are wrapped."""
-    code = Code('', steps.dtype, steps.width)
-    further = []
-    if code.width > 1:
-        kind, flags = f'<{code.width} x ptr>', code.flag
-        further = [
-            f'declare {code.index} @{_least(code)}({code.index}, {code.index})',
-            f'declare {code.type} @{_gather(code)}({kind}, {flags}, {code.type})',
-        ]
-    widths = {1, steps.width}
-    return '\n\n'.join([*parts, *further, declarations(steps.dtype, widths, wrapped)])
-
-
-def new_frame(steps: Steps) -> Frame:
-    """Return a frame with the state, the inputs of the dynamics, and results of the control."""
-    frame = Frame()
-    sizes = steps.rows | {'qdd': steps.n} | dict(steps.inputs)
-    if steps.control is not None:
-        sizes |= {name: len(places) for name, (_, places) in steps.control.outputs.items()}
-    for name, size in sizes.items():
-        frame.place(name, size)
-    return frame
 
 
 def _brake(steps: Steps, dynamics: Mapping[str, Program], frame: Frame) -> str:
@@ -214,46 +194,38 @@ def _brake(steps: Steps, dynamics: Mapping[str, Program], frame: Frame) -> str:
 
 
 def _accelerations(steps: Steps, frame: Frame) -> str:
-    """Return `void @accelerations(steps, table)`, of one arm."""
-    head = 'define void @accelerations(i64 %steps, ptr %table)'
-    arms = _Arms(head, steps, steps.sampled, frame)
-    with arms.code.loop('%steps') as t:
-        for name in steps.sampled[:-1]:
-            arms.take(name, t)
+    arms = _Arms('accelerations', steps, frame)
+    with arms.each():
         arms.call('accelerate')
-        arms.give('qdd', 'qdd', t)
+        arms.give('qdd', 'qdd')
     arms.code.ret()
     return str(arms.code)
 
 
 def _simulate(steps: Steps, frame: Frame) -> str:
-    names = ('arms', 'steps', 'substeps', 'every')
-    parameters = ', '.join([*(f'i64 %{name}' for name in names), 'ptr %table', 'ptr %finite'])
-    entry = Code('define void @simulate(ptr %plan)')
-    given = [
-        f'{kind} {entry.load(kind, entry.at("%plan", k, 8))}'
-        for k, kind in enumerate(['i64'] * len(names) + ['ptr', 'ptr'])
-    ]
-    entry.call('void', 'run', *given)
-    entry.ret()
-    arms = _Arms(f'define internal void @run({parameters})', steps, steps.arrays, frame)
-    code = arms.code
-    with code.loop('%arms', step=steps.width) as first:
-        arms.begin(first, code.integer('sub', code.integer('sub', '%arms', 1), first))
-        for name in (*steps.rows, *steps.held):
-            arms.take(name)
+    arms = _Arms('simulate', steps, frame)
+    code, plan, control = arms.code, arms.plan, steps.control
+    controlled = () if control is None else tuple(control.outputs)
+    # The control's outputs are those before a step, also before one that it stops.
+    before = [name for name in steps.written if name in controlled]
+    after = [name for name in steps.written if name not in controlled]
+    with arms.each():
+        row = code.variable('i64', code.integer('udiv', plan['begin'], plan['every']))
+        past = code.integer('urem', plan['begin'], plan['every'])
+        wait = code.variable('i64', code.integer('add', past, 1))
+        finite = code.variable(code.flag, 'true' if code.width == 1 else 'splat (i1 true)')
         reached = code.variable(code.index, 'zeroinitializer')
-        row, wait = code.variable('i64', 0), code.variable('i64', 1)
-        stops = steps.control is not None and STOP in steps.control.outputs
-        again = code.variable('i1', 'true') if stops else None
-        with code.loop('%steps', again=again) as t, ExitStack() as unless_stopped:
-            due = code.test('eq', wait.get(), '%every')
-            if steps.control is None:
-                arms.take('tau', t)
-            else:
-                stop = arms.control(steps.control, t)
+        again = code.variable('i1', 'true') if STOP in controlled else None
+        loop = code.loop(plan['until'], start=plan['begin'], again=again)
+        with loop as t, ExitStack() as unless_stopped:
+            due = code.test('eq', wait.get(), plan['every'])
+            for name in steps.given:
+                with code.when(arms.changes(name)):
+                    arms.take(name, t)
+            if control is not None:
+                stop = arms.control(control)
                 with code.when(due):
-                    arms.write([x for x in steps.written if x in steps.control.outputs], row.get())
+                    arms.write(before, row.get())
                 if again is not None:
                     again.set('false')
                     unless_stopped.enter_context(code.when(code.negated(stop)))
@@ -261,22 +233,19 @@ def _simulate(steps: Steps, frame: Frame) -> str:
                 arms.call('brake')
             if steps.shared:
                 arms.call('accelerate')
-            with code.loop('%substeps'):
+            with code.loop(plan['substeps']):
                 arms.call('advance')
-            finite = arms.finite()
+            finite.set(code.let(f'and {code.flag} {finite.get()}, {arms.finite()}'))
             if again is not None:
-                again.set(code.any(finite))
-            counts = code.let(f'icmp eq {code.index} {reached.get()}, {_everywhere(code, t)}')
-            counts = code.let(f'and {code.flag} {counts}, {finite}')
-            counts = code.let(f'zext {code.flag} {counts} to {code.index}')
-            reached.set(code.let(f'add {code.index} {reached.get()}, {counts}'))
-            if 'qdd' in steps.written:
-                final = code.test('eq', t, code.integer('sub', '%steps', 1))
-                with code.when(code.either(due, final)):
+                again.set(code.any(finite.get()))
+            one = code.let(f'zext {code.flag} {finite.get()} to {code.index}')
+            reached.set(code.let(f'add {code.index} {reached.get()}, {one}'))
+            if 'qdd' in after:
+                last = code.test('eq', t, code.integer('sub', plan['until'], 1))
+                with code.when(code.either(due, last)):
                     arms.call('accelerate')
             with code.when(due):
-                controlled = () if steps.control is None else steps.control.outputs
-                arms.write([x for x in steps.written if x not in controlled], row.get())
+                arms.write(after, row.get())
             row.set(code.integer('add', row.get(), code.let(f'zext i1 {due} to i64')))
             later = code.integer('add', wait.get(), 1)
             wait.set(code.let(f'select i1 {due}, i64 1, i64 {later}'))
@@ -284,50 +253,45 @@ def _simulate(steps: Steps, frame: Frame) -> str:
             arms.give(name, name)
         arms.report(reached.get())
     code.ret()
-    return f'{code}\n\n{entry}'
-
-
-@dataclass(frozen=True)
-class _Array:
-    """An array of the table: its address, and bytes between arms, elements and steps."""
-
-    base: str
-    arm: str
-    element: str
-    step: str
+    return str(code)
 
 
 class _Arms:
-    """
-    Writer of a function that moves `width` arms from the arrays of a table into a frame and back.
+    """Writer of a function that moves arms from the arrays of a plan into a frame and back."""
 
-    `take`, `give` and `control` use the arms of `begin`, at first the first one.
-    """
-
-    def __init__(self, head: str, steps: Steps, names: Sequence[str], frame: Frame) -> None:
+    def __init__(self, name: str, steps: Steps, frame: Frame) -> None:
+        head = f'define void @{name}(ptr %plan)'
         self.code = code = Code(head, steps.dtype, steps.width)
-        self._frame, self._near = frame, code.array(frame.size)
-        self._step = code.width * code.bytes
-        kinds = ('ptr', 'i64', 'i64', 'i64')
-        self._table = {
-            name: _Array(
-                *(code.load(kind, code.at('%table', 4 * k + j, 8)) for j, kind in enumerate(kinds))
-            )
-            for k, name in enumerate(names)
+        self._steps, self._frame, self._near = steps, frame, code.array(frame.size)
+        self._register = code.width * code.bytes
+        kinds = ['i64'] * (len(PLAN) - 2) + ['ptr', 'ptr']
+        self.plan = {
+            name: code.load(kind, code.at('%plan', k, 8))
+            for k, (name, kind) in enumerate(zip(PLAN, kinds, strict=True))
         }
-        self._first: object = 0
-        self._last: object = 0
-        # For each lane its arm, counted from the first one.
-        self._numbers = ''
+        # Of each array the address, and bytes between arms, elements and steps.
+        self._table = {
+            name: [
+                code.load(kind, code.at(self.plan['table'], 4 * k + j, 8))
+                for j, kind in enumerate(('ptr', 'i64', 'i64', 'i64'))
+            ]
+            for k, name in enumerate(steps.arrays)
+        }
 
-    def begin(self, first: str, last: str) -> None:
-        """Go to the arms from `first` on, of which `last` more are there."""
-        code = self.code
-        self._first, self._last = first, last
-        if code.width > 1:
-            lanes = f'<{", ".join(f"i64 {lane}" for lane in range(code.width))}>'
-            arguments = f'{code.index} {lanes}', f'{code.index} {_everywhere(code, last)}'
-            self._numbers = code.call(code.index, _least(code), *arguments)
+    @contextmanager
+    def each(self) -> Iterator[None]:
+        """Repeat the body for `width` arms each, which are in the frame then."""
+        code, end = self.code, self.plan['end']
+        with code.loop(end, start=self.plan['first'], step=code.width) as self._first:
+            # So many further arms are there.
+            self._last = code.integer('sub', code.integer('sub', end, 1), self._first)
+            for name in (*self._steps.rows, *self._steps.given):
+                self.take(name)
+            yield
+
+    def changes(self, name: str) -> str:
+        """Return an i1, whether an array changes from step to step."""
+        return self.code.test('ne', self._table[name][-1], 0)
 
     def take(self, name: str, step: object = 0) -> None:
         """Copy an array at a step into the frame."""
@@ -354,68 +318,46 @@ class _Arms:
                 nothing = code.op('fma', self._element(name, k), code.constant(0.0), nothing)
         return code.let(f'fcmp ord {code.type} {nothing}, {nothing}')
 
-    def control(self, program: Program, step: str) -> str:
+    def control(self, program: Program) -> str:
         """Run a control program; return an i1, whether the run ends here."""
-        code = self.code
-        starts = {name: self._start(name, step) for name in program.inputs if name in self._table}
-
-        def read(name: str, k: int) -> str:
-            if name in self._frame:
-                return self._element(name, k)
-            return self._gathered(name, code.at(starts[name], k, self._table[name].element))
-
-        values = operations(code, program, read)
-        stop = 'false'
+        code, stop = self.code, 'false'
+        values = operations(code, program, self._element)
         for name, (_, places) in program.outputs.items():
             for k, (register, _) in enumerate(places):
                 if name == STOP:
                     stop = code.above(values[register])
                 elif name == COUNTS:
-                    place = code.at(self._table[COUNTS].base, k, 8)
+                    place = code.at(self._table[COUNTS][0], k, 8)
                     one = code.let(f'zext i1 {code.above(values[register])} to i64')
                     code.store('i64', code.integer('add', code.load('i64', place), one), place)
                 else:
                     first = self._frame.place(name, len(places))
-                    code.write(values[register], self._near, first + k, self._step)
+                    code.write(values[register], self._near, first + k, self._register)
         return stop
 
     def report(self, reached: str) -> None:
-        """Write a number for each arm to %finite; lanes beyond the last arm repeat it."""
+        """Write a number for each arm to `finite`; lanes beyond the last arm repeat it."""
         code = self.code
-        lanes = code.array(1, code.index)
+        lanes, there = code.array(1, code.index), code.at(self.plan['finite'], self._first, 8)
         code.store(code.index, reached, lanes)
         with code.loop(code.width) as lane:
-            place = code.at(code.at('%finite', self._first, 8), code.least(lane, self._last), 8)
-            code.store('i64', code.load('i64', code.at(lanes, lane, 8)), place)
+            number = code.load('i64', code.at(lanes, lane, 8))
+            code.store('i64', number, code.at(there, code.least(lane, self._last), 8))
 
     def _element(self, name: str, k: int) -> str:
         first = self._frame.place(name, self._frame.length(name))
-        return self.code.read(self._near, first + k, self._step)
-
-    def _start(self, name: str, step: object) -> str:
-        code, array = self.code, self._table[name]
-        return code.at(code.at(array.base, self._first, array.arm), step, array.step)
-
-    def _gathered(self, name: str, place: str) -> str:
-        """Return the number at an address, and behind it those of the other arms."""
-        code, arm = self.code, self._table[name].arm
-        if code.width == 1:
-            return code.load(code.scalar, place, code.bytes)
-        offsets = code.let(f'mul {code.index} {self._numbers}, {_everywhere(code, arm)}')
-        places = code.let(f'getelementptr i8, ptr {place}, {code.index} {offsets}')
-        addresses = f'<{code.width} x ptr> align {code.bytes} {places}'
-        flags = f'{code.flag} splat (i1 true)'
-        return code.call(code.type, _gather(code), addresses, flags, f'{code.type} poison')
+        return self.code.read(self._near, first + k, self._register)
 
     def _move(self, name: str, there: str, step: object, inward: bool) -> None:
-        code, size, array = self.code, self._frame.length(name), self._table[there]
-        start = self._start(there, step)
-        near = code.at(self._near, self._frame.place(name, size), self._step)
+        code, size = self.code, self._frame.length(name)
+        base, arm, element, later = self._table[there]
+        start = code.at(code.at(base, self._first, arm), step, later)
+        near = code.at(self._near, self._frame.place(name, size), self._register)
         if code.width == 1:
-            _move(code, size, (start, array.element), (near, code.bytes), inward)
+            _move(code, size, (start, element), (near, code.bytes), inward)
             return
-        strides = f'i64 {array.arm}', f'i64 {array.element}'
         function = f'arms_{"in" if inward else "out"}{size}'
+        strides = f'i64 {arm}', f'i64 {element}'
         code.call('void', function, f'ptr {start}', *strides, f'ptr {near}', f'i64 {self._last}')
 
 
@@ -454,19 +396,3 @@ def _move(
     for k in range(size):
         value = code.load(code.scalar, code.at(source[0], k, source[1]), code.bytes)
         code.store(code.scalar, value, code.at(target[0], k, target[1]), code.bytes)
-
-
-def _everywhere(code: Code, integer: object) -> str:
-    """Return an i64 in all lanes."""
-    if code.width == 1:
-        return str(integer)
-    one = code.let(f'insertelement {code.index} poison, i64 {integer}, i64 0')
-    return code.shuffle(code.index, one, 'poison', [0] * code.width)
-
-
-def _least(code: Code) -> str:
-    return f'llvm.umin.v{code.width}i64'
-
-
-def _gather(code: Code) -> str:
-    return f'llvm.masked.gather.{code.suffix}.v{code.width}p0'

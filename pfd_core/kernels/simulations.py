@@ -9,15 +9,20 @@ Simulations in native code: the programs of a step and its dynamics, over all st
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import ctypes
 from dataclasses import dataclass, replace
 from functools import cache, partial
 import hashlib
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pfd_core.dynamics.numbers import PARAMETERS, count
 from pfd_core.forking import no_fork
-from pfd_core.kernels.lower import lower, operations
+from pfd_core.kernels.generate import declarations
+from pfd_core.kernels.lower import lower
 from pfd_core.kernels.native import Native, Optimisation
 from pfd_core.kernels.recipes import (
     Recipe,
@@ -28,21 +33,17 @@ from pfd_core.kernels.recipes import (
     turned_joints,
 )
 from pfd_core.kernels.script import Frame
-from pfd_core.kernels.simulate import (
-    MOTION,
-    Steps,
-    new_frame,
-    simulation_functions,
-    simulation_module,
-)
+from pfd_core.kernels.simulate import MOTION, PLAN, Steps, simulation_functions
 from pfd_core.kernels.spec import KernelSpec
+from pfd_core.kernels.threads import address
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, has_drives
 from pfd_core.model.effects import INERTIA, JOINTS, LINKS, MOTORS
 from pfd_core.model.values import Array
 
-# Where the result, and the table, of one arm lie behind the numbers of its plan.
-FINITE, TABLE = 6, 7
+# A row of the table of a plan: an address, and bytes from arm to arm, element and step.
+Row = tuple[int, int, int, int]
+UNTIL, TABLE = PLAN.index('until'), len(PLAN)
 
 
 @dataclass(frozen=True)
@@ -52,47 +53,80 @@ class NativeSteps:
     steps: Steps
     arrays: tuple[str, ...]  # of the table of a plan
     work: int  # operations of the evaluations in one call of the integrator's step
-    operations: Callable[[], int]  # all of that step, if it has no events
     simulate: Callable[[int], None]  # @simulate (pfd_core.kernels.simulate)
-    accelerations: Callable[..., None] | None  # @accelerations, unless accelerations are written
+    accelerations: Callable[[int], None] | None  # @accelerations, unless they are written
     digest: str  # of all its programs
     native: Native  # owner of the code
 
 
+def table_row(array: Array) -> Row:
+    """Return the row of an array, ([arms, [steps,]] elements)."""
+    *outer, element = array.strides
+    arm, step = (*outer, 0, 0)[:2]
+    return address(array), arm, element, step
+
+
 class Plan:
     """
-    What one call of @simulate does with one arm.
+    What @simulate and @accelerations do with some arms.
 
     Parameters
     ----------
     native : NativeSteps
         The code.
+    rows : mapping
+        Row of each array by name. What lacks one is read from, and written to, a spare number.
     substeps : int
         Steps of the integrator in a step.
-    rows : iterable
-        For each of its arrays the address, and bytes from element to element and step to step.
+    arms : int
+        Number of arms.
+    every : int
+        Steps between two states that are written.
 
     """
 
     def __init__(
-        self, native: NativeSteps, substeps: int, rows: Iterable[tuple[int, int, int]]
+        self,
+        native: NativeSteps,
+        rows: Mapping[str, Row],
+        substeps: int = 1,
+        arms: int = 1,
+        every: int = 1,
     ) -> None:
-        self._simulate = native.simulate
-        table = [x for place, element, step in rows for x in (place, 0, element, step)]
-        self._numbers = (ctypes.c_int64 * (TABLE + len(table)))(1, 1, substeps, 1, 0, 0, 0, *table)
-        self._at = ctypes.addressof(self._numbers)
-        self._numbers[4] = self._at + 8 * TABLE
-        self._numbers[5] = self._at + 8 * FINITE
+        self._native = native
+        count = TABLE + 4 * len(native.arrays)
+        self._numbers, self._finite = array('q', bytes(8 * (count + 1 + arms))), count + 1
+        self._at, _ = self._numbers.buffer_info()
+        spare = self._at + 8 * count
+        table = [x for name in native.arrays for x in rows.get(name, (spare, 0, 0, 0))]
+        head = [0, arms, 0, 1, substeps, every, self._at + 8 * TABLE, spare + 8]
+        self._numbers[:count] = array('q', head + table)
+
+    @property
+    def finite(self) -> NDArray[np.int64]:
+        """Number of steps of the last run after which each arm's state was finite, (arms,)."""
+        return np.frombuffer(self._numbers, np.int64)[self._finite :]
 
     def move(self, k: int, place: int) -> None:
         """Set the address of an array."""
         self._numbers[TABLE + 4 * k] = place
 
     def run(self, steps: int) -> int:
-        """Take some steps, at least one; return the number after which the state was finite."""
-        self._numbers[1] = steps
-        self._simulate(self._at)
-        return self._numbers[FINITE]
+        """Take some steps, at least one, of one arm; return after how many it was finite."""
+        self._numbers[UNTIL] = steps
+        self._native.simulate(self._at)
+        return self._numbers[self._finite]
+
+    def run_block(self, begin: int, until: int, first: int, size: int) -> int:
+        """Take the steps from `begin` to before `until` of some of the arms."""
+        head = array('q', [first, first + size, begin, until]) + self._numbers[4:TABLE]
+        self._native.simulate(head.buffer_info()[0])
+        return 0
+
+    def accelerations(self) -> None:
+        """Write qdd of each arm."""
+        assert self._native.accelerations is not None
+        self._native.accelerations(self._at)
 
 
 # Writes @advance and @accelerate, and what they call: from the steps, the lowered programs and
@@ -117,8 +151,8 @@ class StepCode:
         Recorded programs by name.
     write : callable
         See Writer.
-    calls : dict
-        How often a step without events runs each program and evaluates each of the dynamics.
+    evaluations : int
+        How often a step without events evaluates the dynamics.
     settings : str
         Everything that determines the programs and the functions, except the plant.
     shared : bool
@@ -135,7 +169,7 @@ class StepCode:
     further: tuple[str, ...]
     programs: Mapping[str, Program]
     write: Writer
-    calls: Mapping[str, int]
+    evaluations: int
     settings: str
     shared: bool = False
     contact: bool = False
@@ -173,19 +207,13 @@ def compile_steps(
         _branching(main) if step.contact else None,
         described=lambda: _digest(*lowered(), step),
     )
-    integer, pointer = ctypes.c_int64, ctypes.c_void_p
-    simulate = ctypes.CFUNCTYPE(None, pointer)
-    accelerations = None
-    if sampled:
-        accelerate = ctypes.CFUNCTYPE(None, integer, pointer)
-        accelerations = accelerate(native['accelerations'])
+    function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
     return NativeSteps(
         steps,
         steps.arrays,
-        sum(sources[name].work * count for name, count in step.calls.items() if name in sources),
-        lambda: _operations(*lowered()[1:], step.calls),
-        simulate(native['simulate']),
-        accelerations,
+        main.work * step.evaluations,
+        function(native['simulate']),
+        function(native['accelerations']) if sampled else None,
         native.facts.digest,
         native,
     )
@@ -215,10 +243,11 @@ def _steps_module(
     angles: tuple[int, ...],
 ) -> str:
     """Return the module of @simulate."""
-    frame = new_frame(steps)
+    frame = steps.frame()
     parts = step.write(steps, programs, dynamics, frame, angles)
     parts += simulation_functions(steps, dynamics, frame)
-    return simulation_module(parts, steps, bool(angles))
+    parts.append(declarations(steps.dtype, {1, steps.width}, bool(angles)))
+    return '\n\n'.join(parts)
 
 
 def _digest(
@@ -234,14 +263,6 @@ def _digest(
     settings = [step.settings, steps.dtype]
     settings += [f'{name} {digest(program)}' for name, program in found.items()]
     return hashlib.sha256('\n'.join(settings).encode()).hexdigest()
-
-
-def _operations(
-    programs: Mapping[str, Program], dynamics: Mapping[str, Program], calls: Mapping[str, int]
-) -> int:
-    """Return the operations of a step, as compiled."""
-    found = dict(programs) | dict(dynamics)
-    return sum(sum(operations(found[name]).values()) * count for name, count in calls.items())
 
 
 def _dynamics(spec: KernelSpec, step: StepCode) -> dict[str, Recipe]:
@@ -311,13 +332,13 @@ def compile_adaptive(
         dynamics = {k: source.program for k, source in sources.items()}
         angles = turned_joints(spec.robot)
         parts = step.write(steps, programs, dynamics, frame, angles)
-        return simulation_module(parts, steps, bool(angles))
+        return '\n\n'.join([*parts, declarations(spec.dtype, {1}, bool(angles))])
 
     keys = {name: source.key for name, source in sources.items()}
     module = f'adaptive {step.settings} {step.plant.digest} {keys}'
     native = main.compile(module, ['adaptive', 'size'], ir, _branching(main))
     size = ctypes.CFUNCTYPE(ctypes.c_int64)(native['size'])()
-    work = sum(sources[name].work * count for name, count in step.calls.items())
+    work = main.work * step.evaluations
     return AdaptiveSteps(work, frame, size, native['adaptive'], native)
 
 

@@ -93,7 +93,7 @@ def adaptive_code(plant: Plant, pair: EmbeddedPair) -> StepCode:
         (),
         programs,
         partial(_write, law, segment, pair),
-        {'accelerations' if has_contact(plant) else 'qdd': pair.tableau.stages},
+        pair.tableau.stages,
         'adaptive',
         contact=has_contact(plant),
         stops='hits' in programs,

@@ -17,8 +17,7 @@ parameters, as in one with the numbers of the arm, up to rounding.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from functools import partial
+from collections.abc import Mapping
 import math
 import os
 from typing import Any
@@ -31,23 +30,10 @@ from pfd_core.dynamics.parameters import Arms
 from pfd_core.kernels.native import simd_width
 from pfd_core.kernels.simulate import REPORT, UNFINISHED
 from pfd_core.kernels.simulations import NativeSteps
-from pfd_core.kernels.threads import (
-    MAX_BLOCK_WORK,
-    address,
-    block_size,
-    run,
-    thread_count,
-)
-from pfd_core.machine.program import Program
+from pfd_core.kernels.threads import thread_count
 from pfd_core.model import Robot, Scene, given_scene
 from pfd_core.model.effects import INPUT
-from pfd_core.model.values import (
-    LARGEST_INTEGER,
-    Array,
-    fit_shape,
-    integer,
-    real_array,
-)
+from pfd_core.model.values import LARGEST_INTEGER, Array, fit_shape, integer, real_array
 from pfd_core.simulation.feedback import (
     Feedback,
     Law,
@@ -115,20 +101,17 @@ class Ensemble(Simulation):
             self._arms = Arms(robot, given_scene(scene), self._size, parameters)
         super().__init__(robot, scene, **settings)
 
-    def _written(self, further: tuple[str, ...], control: Program | None) -> tuple[str, ...]:
-        return REPORT
-
     def _load_native(self) -> None:
         # One arm alone needs no vectors: scalar code takes half the time, with the same bits.
         self._width = 1 if self._size == 1 else simd_width(self._dtype)
-        super()._load_native()
+        self._native = self._compile(REPORT)
         self._laws: dict[type[Law], NativeSteps] = {}
 
     def _under(self, law: Law) -> NativeSteps:
         """Return the steps under a law of feedback, compiled at the first use of its kind."""
         kind = Feedback if isinstance(law, Feedback) else StateFeedback
         if kind not in self._laws:
-            self._laws[kind] = self._compile(record_law(kind, self._robot.n))
+            self._laws[kind] = self._compile(REPORT, record_law(kind, self._robot.n))
         return self._laws[kind]
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
@@ -213,56 +196,12 @@ class Ensemble(Simulation):
         else:
             given |= law_arrays(feedback, self._size, steps, self._robot.n, self._dtype)
             native, given['command'] = self._under(feedback), taus
-        # One block: the C library would give the pages of three back when the caller drops them,
-        # and the next rollout would take a third longer.
-        states = dict(zip(REPORT, np.empty((len(REPORT), *shape), self._dtype), strict=True))
-        finite_steps = np.zeros(self._size, np.int64)
-        begin = self._now.steps
-        most = max(MAX_BLOCK_WORK // self._step_work, 1)
-        for first, count, interval in pieces(steps, every, most):
-            rows = slice(first // every, (first + count) // every)
-            arrays = {
-                name: array[:, first : first + count] if array.ndim == 3 else array
-                for name, array in given.items()
-            } | {f'{name}.out': array[:, rows] for name, array in states.items()}
-            finite = self._advance(native, arrays, count, interval, threads)
-            finite_steps[finite_steps == first] += finite[finite_steps == first]
-        now = self._now
-        time = now.start + self._step_size * np.arange(begin + every, now.steps + 1, every)
-        status = 'ok' if (finite_steps == steps).all() else self._why_not_finite(now)
-        return Trajectory(time, states['q'], states['qd'], states['qdd'], status, finite_steps)
+        time, runs, status, finite_steps = self._rollout(native, given, steps, every, threads)
+        return Trajectory(time, runs['q'], runs['qd'], runs['qdd'], status, finite_steps)
 
     def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
         """Advance the state by one step."""
         self.rollout(tau[:, np.newaxis], wrench=wrench, brakes=brakes)
-
-    def _advance(
-        self,
-        native: NativeSteps,
-        arrays: dict[str, Array],
-        steps: int,
-        every: int,
-        threads: int,
-    ) -> Array:
-        """
-        Advance all arms by some steps, or none if the caller is interrupted.
-
-        Arrays are (B, n) or (B, steps, n), strided as they are; states are written after `every`
-        steps. Returns after how many steps each arm's state was finite, (B,).
-        """
-        following = self._copied_state()
-        arrays = arrays | following.arrays
-        table = np.array([_table_row(arrays[name]) for name in native.arrays], np.int64)
-        finite = np.zeros(self._size, np.int64)
-        block = block_size(self._size, threads, native.steps.width, self._step_work * steps)
-        settings = steps, self._substeps, every
-        work = partial(_run_block, native, settings, table, finite)
-        run(work, self._size, block, threads)
-        following.steps += steps
-        if (finite < steps).any():
-            following.status = self._why_not_finite(following)
-        self._turn ^= 1
-        return finite
 
     def _torques(self, taus: ArrayLike | None, steps: int | None) -> tuple[Array, int]:
         """Return the torques, (B, steps, n) or the same of all steps, (B, n), and the steps."""
@@ -284,43 +223,6 @@ class Ensemble(Simulation):
         return fit_shape('taus', array, (self._size, found, n), broadcast=True), found
 
 
-def pieces(steps: int, every: int, most: int) -> Iterator[tuple[int, int, int]]:
-    """
-    Cut a rollout into pieces, between which Python looks for signals.
-
-    Yields the first step of each piece, its number of steps, at most `most`, and the interval at
-    which it writes states: after `every`, 2 `every`, ... steps of the whole rollout. The interval
-    is counted from the beginning of the piece.
-    """
-    if every <= most:
-        most -= most % every
-    first = 0
-    while first < steps:
-        count = min(most, steps - first)
-        interval = every
-        if every > most:
-            count = min(count, every - first % every)
-            interval = count + ((first + count) % every > 0)
-        yield first, count, interval
-        first += count
-
-
-def _run_block(
-    native: NativeSteps,
-    settings: tuple[int, int, int],
-    table: NDArray[np.int64],
-    finite: NDArray[np.int64],
-    first: int,
-    size: int,
-) -> int:
-    """Run a block of arms on a table of arrays, by steps, substeps and `every`."""
-    own = table.copy()
-    own[:, 0] += first * own[:, 1]
-    plan = np.array([size, *settings, address(own), address(finite[first:])])
-    native.simulate(address(plan))
-    return 0
-
-
 def _check_memory(what: str, needed: int) -> None:
     """Raise ValueError for more bytes than the memory has: an allocation might succeed."""
     there = LARGEST_INTEGER
@@ -330,9 +232,3 @@ def _check_memory(what: str, needed: int) -> None:
         raise ValueError(
             f'{what} take {needed // 10**9} GB, but this machine has {there // 10**9} GB'
         )
-
-
-def _table_row(array: Array) -> tuple[int, int, int, int]:
-    """Return the address, and the strides from arm to arm, element to element, step to step."""
-    arm, *step, element = array.strides
-    return address(array), arm, element, step[0] if step else 0

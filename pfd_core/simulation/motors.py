@@ -26,11 +26,12 @@ from pfd_core.dynamics.actuators import (
     record_actuators,
 )
 from pfd_core.forking import cached_property
+from pfd_core.kernels.simulate import MOTION
 from pfd_core.kernels.simulations import NativeSteps, Plan
 from pfd_core.model import Payload
 from pfd_core.model.values import Array, quote, real_array
-from pfd_core.simulation.simulator import ROWS, Simulator
-from pfd_core.simulation.state import SimulationState
+from pfd_core.simulation.simulator import Simulator
+from pfd_core.simulation.state import SimulationState, native_rows
 
 # What is written after each step, and the flag of an effort that jumped.
 OUT = ('q.out', 'qd.out', 'acting.out')
@@ -77,12 +78,13 @@ class MotorSimulator(Simulator):
     """A Simulator, with its parameters, whose efforts pass servos and are limited as by motors."""
 
     def _load_native(self) -> None:
-        self._native = self._compile(record_actuators(self._robot.n, self._scene.brakes))
+        actuators = record_actuators(self._robot.n, self._scene.brakes)
+        self._native = self._compile((*MOTION, 'acting'), actuators)
 
     @cached_property
     def _plain(self) -> NativeSteps:
         # Without actuators, for `step` and `rollout`.
-        return self._compile()
+        return self._compile_plain()
 
     def new_state(
         self, q: ArrayLike | None = None, qd: ArrayLike | None = None
@@ -118,7 +120,7 @@ class MotorSimulator(Simulator):
         """Set inputs of the next steps of a state; they are as for `step`."""
         arrays = self._own(state).arrays
         for name, value in self._all_inputs(wrench, brakes, payload).items():
-            arrays[ROWS.get(name, name)][:] = value
+            arrays[name][:] = value
 
     def bind(self, state: SimulationState, motors: MotorState, limits: ArrayLike) -> Cycles:
         """
@@ -192,17 +194,11 @@ class Cycles:
         )
         size, n = limits.itemsize, simulator.robot.n
         native = simulator._native
-        places = {
-            **state.at,
-            'motors': limits.ctypes.data,
-            'targets': self._no_targets.ctypes.data,
-            'wanted': motors.before.ctypes.data,
-            'peaks': motors.peaks.ctypes.data,
-            'counts': motors.counts.ctypes.data,
-        }
-        steps = {'efforts': n * size, **dict.fromkeys(OUT, 3 * n * size)}
-        rows = [(places.get(ROWS.get(x, x), 0), size, steps.get(x, 0)) for x in native.arrays]
-        self._plan = Plan(native, simulator.substeps, rows)
+        own = {'motors': limits.ravel(), 'targets': self._no_targets.ravel()}
+        own |= {'wanted': motors.before, 'peaks': motors.peaks, 'counts': motors.counts}
+        rows = state.rows | native_rows(own) | {'efforts': (0, 0, size, n * size)}
+        rows |= dict.fromkeys(OUT, (0, 0, size, 3 * n * size))
+        self._plan = Plan(native, rows, simulator.substeps)
         self._target_index, self._effort_index, *self._out_indices = (
             native.arrays.index(name) for name in ('targets', 'efforts', *OUT)
         )

@@ -59,15 +59,12 @@ def step_code(plant: Plant, integrator: str, h: float, dtype: str, compensated: 
         # Torques of motors without a lag beside others with one jump between two steps.
         jumps = plant.motor_lag is not None and not plant.motor_lag.all()
         shared = tableau.shared and not jumps
-        calls = segment.calls
-        function = 'qdd' if segment.damped else 'undamped'
-        calls[function] = calls.pop('accelerations') - shared
         return StepCode(
             plant,
             tuple(further),
             segment.programs(),
             partial(_smooth, segment, shared),
-            {name: count for name, count in calls.items() if count},
+            1 + len(segment.stages) - shared,
             settings,
             shared=shared,
             implicit=0.0 if segment.damped else tableau.implicit * h,
@@ -75,16 +72,12 @@ def step_code(plant: Plant, integrator: str, h: float, dtype: str, compensated: 
     law = Law(plant, dtype)
     segment = Segment(plant, tableau, h, compensated, law.load, loaded=not law.drives)
     programs = event_programs(law, segment)
-    calls = {name: count for name, count in segment.calls.items() if count}
-    calls |= dict.fromkeys(('watch', 'directions', 'load', 'detect', 'commit'), 1)
-    if law.drives:
-        calls |= dict.fromkeys(('load', 'motor'), calls['accelerations'])
     return StepCode(
         plant,
         (*further, UNFINISHED),
         programs,
         partial(_with_events, law, segment),
-        calls,
+        1 + len(segment.stages),
         settings,
         contact=True,
         stops='hits' in programs,

@@ -5,19 +5,22 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
+from functools import partial
+import math
+import time
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.dynamics.numbers import PARAMETERS
 from pfd_core.dynamics.parameters import Arms
 from pfd_core.forking import cached_property
 from pfd_core.kernels.simulate import LOW_POSITION, MOTOR_TORQUE, UNFINISHED
-from pfd_core.kernels.simulations import NativeSteps, compile_steps
+from pfd_core.kernels.simulations import NativeSteps, Plan, compile_steps
 from pfd_core.kernels.spec import STEP, KernelSpec
+from pfd_core.kernels.threads import address, block_size, run
 from pfd_core.machine.program import Program
 from pfd_core.model import (
     Plant,
@@ -32,30 +35,31 @@ from pfd_core.model.effects import INPUT
 from pfd_core.model.values import (
     DTYPES,
     Array,
-    check_finite,
     choice,
     integer,
-    quote,
     real_array,
     real_number,
     switch,
 )
 from pfd_core.simulation.linearisation import Linearization, LinearStep
 from pfd_core.simulation.native import step_code
-from pfd_core.simulation.state import SimulationState
+from pfd_core.simulation.state import (
+    SimulationState,
+    check_angles,
+    native_rows,
+    positions_grow,
+    split_turns,
+)
 from pfd_core.simulation.stiffness import check_damping, check_springs, chosen
 from pfd_core.simulation.tableaux import TABLEAUX
 
 # A step of more substeps than this is better cut into several.
 SUBSTEPS_AT_MOST = 100_000
-# Larger angles [rad] have lost more than 2e-7 rad in float64 and 1e-4 rad in float32 already.
-LARGEST_ANGLE = {'float64': 2.0**30, 'float32': 2.0**10}
-# 2 pi as a sum. Products with up to 2^30 turns are exact, except for the last part.
-FULL_TURN = (
-    float.fromhex('0x1.921fb40000000p+2'),
-    float.fromhex('0x1.4442d00000000p-22'),
-    float.fromhex('0x1.8469898cc5170p-46'),
-)
+# A rollout runs in pieces, between which Python looks for signals. A piece may take this many
+# seconds, by the time that the one before took; the first has this many operations, as if no step
+# had events. A step is never cut.
+PIECE_SECONDS = 0.05
+FIRST_WORK = 10_000_000
 Self = TypeVar('Self', bound='Simulation')
 
 
@@ -100,7 +104,7 @@ class Simulation(ABC):
         h = self._step_size / self._substeps
         self._integrator = chosen(integrator, plants.values(), h)
         self._compensated = (
-            _positions_grow(robot, dtype)
+            positions_grow(robot, dtype)
             if compensated is None
             else switch('compensated', compensated)
         )
@@ -113,9 +117,6 @@ class Simulation(ABC):
         )
         self._load_native()
         _check(plants, lambda plant: check_damping(plant, self._integrator, h, dtype))
-        # Inputs other than the torque, in the order of the native code.
-        self._inputs = ('wrench',) * self._scene.external_wrench + ('free',) * self._scene.brakes
-        self._inputs += (PARAMETERS,) * given_payload
         shapes = self._shapes()
         # The valid state lies in the buffer to which `_turn` points; native code uses the other.
         self._buffers = SimulationState(shapes, dtype), SimulationState(shapes, dtype)
@@ -125,25 +126,15 @@ class Simulation(ABC):
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         """Return the arrays of a state buffer by name: the rows of the state, and others."""
 
+    @abstractmethod
     def _load_native(self) -> None:
         """Set what belongs to this process: native code."""
-        self._native = self._compile()
 
-    @property
-    def _step_work(self) -> int:
-        """Operations of one step, on vector registers in an ensemble; at least 1."""
-        return max(self._native.work, 1) * self._substeps
-
-    def _compile(self, control: Program | None = None) -> NativeSteps:
+    def _compile(self, written: tuple[str, ...], control: Program | None = None) -> NativeSteps:
         """Return the steps under given torques, or under those of a control program."""
         h = self._step_size / self._substeps
         step = step_code(self._plant, self._integrator, h, self._dtype, self._compensated)
-        written = self._written(step.further, control)
         return compile_steps(self._spec, step, written=written, width=self._width, control=control)
-
-    @abstractmethod
-    def _written(self, further: tuple[str, ...], control: Program | None) -> tuple[str, ...]:
-        """Return what native code writes after a step, of a state with further rows."""
 
     def __getstate__(self) -> dict[str, Any]:
         own = ('_native', '_plain', '_laws')
@@ -216,16 +207,6 @@ class Simulation(ABC):
         return self._spec.method
 
     @property
-    def operations(self) -> int:
-        """
-        Operations of one step of the integrator, as compiled: evaluations and all around them.
-
-        With dry friction and stops: of a step in which no joint rests, reverses or reaches its
-        stop. A comparison counts with its selection, a changed sign separately.
-        """
-        return self._native.operations()
-
-    @property
     def q(self) -> Array:
         """Joint positions, (n,) or (B, n) [rad or m]; a copy."""
         q: Array = self._now.arrays['q'].copy()
@@ -258,7 +239,7 @@ class Simulation(ABC):
         positions an angle keeps full precision after any number of turns.
         """
         arrays = self._now.arrays
-        return _split_turns(arrays['q'], arrays.get(LOW_POSITION), self._robot.turning)
+        return split_turns(arrays['q'], arrays.get(LOW_POSITION), self._robot.turning)
 
     @property
     def time(self) -> float:
@@ -315,25 +296,7 @@ class Simulation(ABC):
                     broadcast=target.ndim > 1,
                     joints=self._robot.joint_names,
                 )
-        _check_angles(self._robot, following.arrays['q'], self._dtype)
-
-    def take_state(self, other: Simulation) -> None:
-        """
-        Take over state and time of another simulation of the same robot, in any scene.
-
-        Parts of the state that only this simulation has, as of an effect, become zero.
-        ValueError for a simulation of another robot or of another number of arms.
-        """
-        if not isinstance(other, Simulation):
-            raise ValueError(f'other must be a Simulator or an Ensemble, got {quote(other)}')
-        if (other.robot, other.batch) != (self._robot, self._batch):
-            raise ValueError(
-                f'other must be a simulation of {_described(self)}, got one of {_described(other)}'
-            )
-        following = self._buffers[1 - self._turn]
-        following.clear(start=other.time)
-        following.take_rows(other._now)
-        self._turn ^= 1
+        check_angles(self._robot, following.arrays['q'], self._dtype)
 
     def linearize(
         self,
@@ -398,6 +361,57 @@ class Simulation(ABC):
     def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
         """Advance the state by one step, under torques (n,) or (B, n)."""
 
+    def _rollout(
+        self,
+        native: NativeSteps,
+        given: Mapping[str, Array],
+        steps: int,
+        every: int = 1,
+        threads: int = 1,
+    ) -> tuple[Array, dict[str, Array], str, NDArray[np.int64]]:
+        """
+        Advance all arms by some steps, under arrays (arms, [steps,] elements).
+
+        Returns the times of the states after `every`, 2 `every`, ... steps, what native code
+        writes then, (arms, times, n), the status, and the finite steps of each arm.
+        """
+        now, names, arms = self._now, native.steps.written, math.prod(self._batch)
+        begun = now.steps
+        # One block: the C library would give the pages of several back when the caller drops them,
+        # and the next rollout would take a third longer.
+        shape = len(names), arms, steps // every, self._robot.n
+        written = np.empty(shape, self._dtype)
+        place, (apart, arm, step, element) = address(written), written.strides
+        rows = native_rows(given) | {
+            f'{name}.out': (place + k * apart, arm, element, step) for k, name in enumerate(names)
+        }
+        finite_steps, finite = np.full(arms, steps), True
+        width, work = native.steps.width, max(native.work, 1) * self._substeps
+        for begin, until in pieces(steps, FIRST_WORK // (work * -(-arms // width))):
+            following = self._copied_state()
+            for name in following.arrays.keys() & given.keys():
+                last = given[name][0]
+                following.arrays[name][:] = last[until - 1] if last.ndim > 1 else last
+            plan = Plan(native, following.rows | rows, self._substeps, arms, every)
+            block = block_size(arms, threads, width, work * (until - begin))
+            run(partial(plan.run_block, begin, until), arms, block, threads)
+            reached = plan.finite
+            if reached.min() < until - begin:
+                finite = False
+                own = np.where(reached < until - begin, begin + reached, steps)
+                finite_steps = np.minimum(finite_steps, own)
+            self._make_valid(following, until - begin, finite)
+        times = now.start + self._step_size * np.arange(begun + every, begun + steps + 1, every)
+        status = 'ok' if finite else self._why_not_finite(self._now)
+        return times, dict(zip(names, written, strict=True)), status, finite_steps
+
+    def _make_valid(self, following: SimulationState, steps: int, finite: bool) -> None:
+        """Make a buffer that native code has advanced the valid state."""
+        following.steps += steps
+        if not finite:
+            following.status = self._why_not_finite(following)
+        self._turn ^= 1
+
     def _why_not_finite(self, buffer: SimulationState) -> str:
         """Return the status of a state that is not a number."""
         unfinished = buffer.arrays.get(UNFINISHED)
@@ -430,31 +444,13 @@ def _check(plants: Mapping[str, Plant], rule: Callable[[Plant], None]) -> None:
             raise ValueError(f'{label}{error}') from error
 
 
-def _described(simulation: Simulation) -> str:
-    """Return robot and number of arms of a simulation, for errors."""
-    robot = simulation.robot
-    arms = f'{simulation.batch[0]} arms' if simulation.batch else 'one arm'
-    return f'{arms}, robot {quote(robot.name)} ({robot.n} joints, digest {robot.digest[:8]})'
-
-
-def _split_turns(q: Array, low: Array | None, turning: Array) -> tuple[Array, Array]:
-    """
-    Return angles from -pi to pi in float64, and numbers of whole turns, of positions q + low.
-
-    Where `turning` is False the joint slides: its position is returned, with 0 turns.
-    """
-    angle = q.astype(np.float64)
-    turns = np.where(turning, np.rint(angle / sum(FULL_TURN)), 0.0)
-    for part in FULL_TURN:
-        angle = angle - turns * part
-    return angle if low is None else angle + low, turns.astype(np.int64)
-
-
-def _positions_grow(robot: Robot, dtype: str) -> bool:
-    """Return whether positions lose digits that show: angles without limit, or few digits."""
-    return dtype == 'float32' or 'continuous' in robot.joint_types
-
-
-def _check_angles(robot: Robot, q: Array, dtype: str) -> None:
-    """Raise ValueError for an angle above LARGEST_ANGLE; names the joint."""
-    check_finite('q', np.where(robot.turning, q, 0.0), LARGEST_ANGLE[dtype], robot.joint_names)
+def pieces(steps: int, first: int) -> Iterator[tuple[int, int]]:
+    """Cut a rollout into pieces of PIECE_SECONDS, the first one of so many steps."""
+    begin, count = 0, max(first, 1)
+    while begin < steps:
+        until = min(begin + count, steps)
+        began = time.perf_counter()
+        yield begin, until
+        spent = max(time.perf_counter() - began, 1e-9)
+        count = max(1, min(2 * count, int((until - begin) * PIECE_SECONDS / spent)))
+        begin = until

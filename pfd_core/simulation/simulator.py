@@ -14,35 +14,24 @@ give the same bits, step by step or in one rollout.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import lru_cache, partial
-import time
+from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pfd_core.dynamics.bodies import KEPT, payload_inputs, payload_numbers
-from pfd_core.dynamics.numbers import PARAMETERS
-from pfd_core.kernels.simulate import MOTOR_TORQUE
+from pfd_core.dynamics.bodies import payload_inputs, payload_numbers
+from pfd_core.forking import cached_property
+from pfd_core.kernels.simulate import MOTION, MOTOR_TORQUE
 from pfd_core.kernels.simulations import NativeSteps, Plan
-from pfd_core.kernels.threads import address
-from pfd_core.machine.program import Program
-from pfd_core.model import Payload, Robot, Scene, check_joint_inertia, resolve
+from pfd_core.model import Payload, check_joint_inertia, resolve
 from pfd_core.model.effects import INPUT
 from pfd_core.model.values import Array, quote, real_array
 from pfd_core.simulation.simulation import Simulation
-from pfd_core.simulation.state import SimulationState
+from pfd_core.simulation.state import SimulationState, native_rows
 from pfd_core.simulation.stiffness import check_springs
 from pfd_core.simulation.trajectory import Trajectory
-
-# A rollout runs in pieces, between which Python looks for signals. A piece may take this many
-# seconds, by the time that the one before took; the first has this many operations, a loop's
-# counted once. A step is never cut.
-PIECE_SECONDS = 0.05
-FIRST_OPERATIONS = 1_000_000
-# Array of a state for an input of another name: recorded states have a payload.
-ROWS = {PARAMETERS: 'payload'}
 
 
 class Simulator(Simulation):
@@ -82,11 +71,12 @@ class Simulator(Simulation):
     # The last payload that a step was given, and its numbers.
     _carried: tuple[Payload | None, Array] | None = None
 
-    def _written(self, further: tuple[str, ...], control: Program | None) -> tuple[str, ...]:
-        if control is not None:
-            return 'q', 'qd', 'acting'
-        # Those from which qdd follows.
-        return 'q', 'qd', *(name for name in further if name == MOTOR_TORQUE)
+    def _load_native(self) -> None:
+        self._native = self._compile_plain()
+
+    def _compile_plain(self) -> NativeSteps:
+        # What is written are the states from which qdd follows.
+        return self._compile((*MOTION, *[MOTOR_TORQUE] * (self._plant.motor_lag is not None)))
 
     @property
     def _plain(self) -> NativeSteps:
@@ -95,13 +85,13 @@ class Simulator(Simulation):
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         # Beside the state, the inputs of the last step, which `qdd` needs.
-        rows = ('q', 'qd', *self._native.steps.further, 'tau', 'free')
+        rows = (*MOTION, *self._native.steps.further, 'tau', 'free')
         shapes: dict[str, tuple[int, ...]] = {
             **dict.fromkeys(rows, (self._robot.n,)),
             'wrench': (6,),
         }
         if self._scene.payload == INPUT:
-            shapes[ROWS[PARAMETERS]] = payload_numbers(self._robot, None).shape
+            shapes['payload'] = payload_numbers(self._robot, None).shape
         return shapes
 
     @property
@@ -120,13 +110,10 @@ class Simulator(Simulation):
         return self._accelerations_of(self._now)
 
     def _accelerations_of(self, state: SimulationState) -> Array:
-        arrays = state.arrays
         if not state.steps:
             return np.zeros(self._robot.n, self._dtype)
-        names = ('q', 'qd', self._native.steps.torque)
-        rows = {name: arrays[name][np.newaxis] for name in names}
-        inputs = {name: arrays[ROWS.get(name, name)] for name in self._inputs}
-        qdd: Array = _accelerations(self._native, rows, inputs)[0]
+        arrays = state.arrays | {'q': state.arrays['q'][np.newaxis]}
+        qdd: Array = _accelerations(self._native, arrays)[0]
         return qdd
 
     def prepare_payload(self, payload: Payload | None) -> None:
@@ -149,9 +136,24 @@ class Simulator(Simulation):
             raise ValueError(f'payload must be a Payload or None, got {quote(payload)}')
         if self._scene.payload != INPUT:
             raise ValueError("the scene takes no payload as an input: use Scene(payload='input')")
-        return _payload_input(
-            self._robot, self._scene, self._dtype, self._step_size, self._substeps, payload
-        )
+        (numbers,) = payload_inputs(self._robot, self._scene, self._dtype, payload).values()
+        if not self._moves_alone:
+            self._check_payload(payload)
+        return numbers
+
+    @cached_property
+    def _moves_alone(self) -> bool:
+        """Whether the arm can be simulated without payload, and so with any."""
+        try:
+            self._check_payload(None)
+        except ValueError:
+            return False
+        return True
+
+    def _check_payload(self, payload: Payload | None) -> None:
+        plant = resolve(self._robot, replace(self._scene, payload=payload))
+        check_joint_inertia(plant)
+        check_springs(plant, self._step_size, self._substeps)
 
     def step(
         self,
@@ -178,8 +180,14 @@ class Simulator(Simulation):
 
         """
         row = real_array('tau', tau, self._dtype, (self._robot.n,), joints=self._robot.joint_names)
-        following = self._following(row, self._all_inputs(wrench, brakes, payload))
-        self._advance(following, 1, self._plan(following, many=False))
+        inputs = self._all_inputs(wrench, brakes, payload)
+        following = self._copied_state()
+        following.arrays['tau'][:] = row
+        for name, value in inputs.items():
+            following.arrays[name][:] = value
+        if following.plan is None:
+            following.plan = Plan(self._plain, following.rows, self._substeps)
+        self._make_valid(following, 1, following.plan.run(1) == 1)
 
     def rollout(
         self,
@@ -213,26 +221,17 @@ class Simulator(Simulation):
         rows = real_array(
             'taus', taus, self._dtype, ('steps', self._robot.n), joints=self._robot.joint_names
         ).copy(order='C')
-        given = self._all_inputs(wrench, brakes, payload)
-        inputs = {name: x.copy() for name, x in given.items()}
-        before = self._now.steps
-        steps_of = self._plain.steps
-        states = {name: np.empty_like(rows) for name in steps_of.written}
-        finite_steps = self._run_pieces(rows, inputs, states)
-        motion = {'tau': rows} | states
-        steps = np.arange(before + 1, before + len(rows) + 1)
+        inputs = {name: x.copy() for name, x in self._all_inputs(wrench, brakes, payload).items()}
+        given = {name: x[np.newaxis] for name, x in (inputs | {'tau': rows}).items()}
+        time, written, status, (finite_steps,) = self._rollout(self._plain, given, len(rows))
+        motion = {name: x[0] for name, x in written.items()}
         return Trajectory(
-            time=self._now.start + self._step_size * steps,
+            time=time,
             q=motion['q'],
             qd=motion['qd'],
-            _qdd=partial(
-                _accelerations,
-                self._native,
-                {name: motion[name] for name in ('q', 'qd', steps_of.torque)},
-                inputs,
-            ),
-            status='ok' if finite_steps == len(rows) else self._why_not_finite(self._now),
-            finite_steps=finite_steps,
+            _qdd=partial(_accelerations, self._plain, inputs | {'tau': rows} | motion),
+            status=status,
+            finite_steps=int(finite_steps),
         )
 
     def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
@@ -246,120 +245,18 @@ class Simulator(Simulation):
         if payload is not None or self._scene.payload == INPUT:
             if self._carried is None or self._carried[0] is not payload:
                 self._carried = payload, self._numbers_of(payload)
-            inputs[PARAMETERS] = self._carried[1]
+            inputs['payload'] = self._carried[1]
         return inputs
 
-    def _run_pieces(self, rows: Array, inputs: dict[str, Array], states: dict[str, Array]) -> int:
-        """Take a step for each row of torques; return after how many the state was finite."""
-        given = {'tau': rows} | {f'{name}.out': x for name, x in states.items()}
-        places = [(self._plain.arrays.index(name), address(x)) for name, x in given.items()]
-        done = finite_steps = 0
-        count = max(1, FIRST_OPERATIONS // self._step_work)
-        while done < len(rows):
-            count = min(count, len(rows) - done)
-            begin = time.perf_counter()
-            following = self._following(rows[done + count - 1], inputs)
-            plan = self._plan(following, many=True)
-            for k, place in places:
-                plan.move(k, place + done * rows.strides[0])
-            finite = self._advance(following, count, plan)
-            finite_steps += finite if finite_steps == done else 0
-            done += count
-            spent = max(time.perf_counter() - begin, 1e-9)
-            count = max(1, min(2 * count, int(count * PIECE_SECONDS / spent)))
-        return finite_steps
 
-    def _following(self, tau: Array, inputs: dict[str, Array]) -> SimulationState:
-        """Return the buffer to advance: the valid state with the inputs of the next step."""
-        following = self._copied_state()
-        following.arrays['tau'][:] = tau
-        for name, value in inputs.items():
-            following.arrays[ROWS.get(name, name)][:] = value
-        return following
+def _accelerations(native: NativeSteps, arrays: Mapping[str, Array]) -> Array:
+    """
+    Return the accelerations of some states: of each row of the array q, (states, n).
 
-    def _plan(self, buffer: SimulationState, many: bool) -> Plan:
-        """
-        Return the plan for steps of a buffer.
-
-        It is for one step, under the torque in the buffer, which writes its rows over that state:
-        the same numbers. For `many` the caller sets the addresses of torques and written rows.
-        """
-        if many not in buffer.plans:
-            q = buffer.arrays['q']
-            rows = [
-                (
-                    buffer.at[ROWS.get(name, name).removesuffix('.out')],
-                    q.itemsize,
-                    q.nbytes if many and (name == 'tau' or name.endswith('.out')) else 0,
-                )
-                for name in self._plain.arrays
-            ]
-            buffer.plans[many] = Plan(self._plain, self._substeps, rows)
-        return buffer.plans[many]
-
-    def _advance(self, following: SimulationState, steps: int, plan: Plan) -> int:
-        """
-        Run native code on a buffer, by its plan, and make its state the valid one.
-
-        Returns the number of leading steps with a finite state.
-        """
-        finite = plan.run(steps)
-        following.steps += steps
-        if finite < steps:
-            following.status = self._why_not_finite(following)
-        self._turn ^= 1
-        return finite
-
-
-@lru_cache(KEPT)
-def _payload_input(
-    robot: Robot,
-    scene: Scene,
-    dtype: str,
-    step_size: float,
-    substeps: int,
-    payload: Payload | None,
-) -> Array:
-    """Return the numbers of a payload in native code; ValueError if it cannot be simulated."""
-    (numbers,) = payload_inputs(robot, scene, dtype, payload).values()
-    if not _moves_alone(robot, scene, step_size, substeps):
-        _check(robot, replace(scene, payload=payload), step_size, substeps)
-    return numbers
-
-
-@lru_cache(KEPT)
-def _moves_alone(robot: Robot, scene: Scene, step_size: float, substeps: int) -> bool:
-    """Return whether the arm can be simulated without payload, and so with any."""
-    try:
-        _check(robot, replace(scene, payload=None), step_size, substeps)
-    except ValueError:
-        return False
-    return True
-
-
-def _check(robot: Robot, scene: Scene, step_size: float, substeps: int) -> None:
-    plant = resolve(robot, scene)
-    check_joint_inertia(plant)
-    check_springs(plant, step_size, substeps)
-
-
-def one_arm_table(arrays: Sequence[Array]) -> NDArray[np.int64]:
-    """Return the table of native code of arrays of one arm: (elements,) or (steps, elements)."""
-    rows = []
-    for array in arrays:
-        *step, element = array.strides
-        rows.append((address(array), 0, element, step[0] if step else 0))
-    return np.array(rows, np.int64)
-
-
-def _accelerations(
-    native: NativeSteps, rows: Mapping[str, Array], inputs: Mapping[str, Array]
-) -> Array:
-    """Return the accelerations of states in rows, (steps, n), under inputs that stay the same."""
-    assert native.accelerations is not None
-    qdd = np.empty_like(rows['q'])
+    The torque and the other inputs are arrays with a row for each state, or the same for all.
+    """
+    qdd: Array = np.empty_like(arrays['q'])
     if len(qdd):
-        arrays = {**rows, **inputs, 'qdd': qdd}
-        table = one_arm_table([arrays[name] for name in native.steps.sampled])
-        native.accelerations(len(qdd), address(table))
+        rows = native_rows({**arrays, 'qdd': qdd})
+        Plan(native, rows, arms=len(qdd)).accelerations()
     return qdd

@@ -109,14 +109,6 @@ class Segment:
         return '' if stage is None else f'K{stage}'
 
     @property
-    def calls(self) -> dict[str, int]:
-        """How often a segment runs its programs and evaluates its dynamics, without motors."""
-        solves = sum(stage.function == 'solve' for stage in self.stages)
-        programs = [*(stage.program for stage in self.stages), 'finish', *['begin'] * self.lags]
-        functions = {'accelerations': 1 + len(self.stages) - solves, 'solve': solves}
-        return dict.fromkeys(programs, 1) | functions
-
-    @property
     def stages(self) -> tuple[Stage, ...]:
         """The programs and evaluations of a segment between K0 and `finish`, in order."""
         if self.damped:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The state of a simulation as one record, and double buffering.
+The state of a simulation as one record, double buffering, and positions of many turns.
 
 A simulation holds its valid state and a second buffer for native code.
 A step copies the valid state to the second buffer and advances it there; then one assignment
@@ -16,8 +16,21 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.kernels.simulations import Plan
-from pfd_core.model.values import Array
+from pfd_core.dynamics.numbers import PARAMETERS
+from pfd_core.kernels.simulations import Plan, Row, table_row
+from pfd_core.model import Robot
+from pfd_core.model.values import Array, check_finite
+
+# Name in native code of an array with another name here: recorded states have a payload.
+NATIVE = {'payload': PARAMETERS}
+# Larger angles [rad] have lost more than 2e-7 rad in float64 and 1e-4 rad in float32 already.
+LARGEST_ANGLE = {'float64': 2.0**30, 'float32': 2.0**10}
+# 2 pi as a sum. Products with up to 2^30 turns are exact, except for the last part.
+FULL_TURN = (
+    float.fromhex('0x1.921fb40000000p+2'),
+    float.fromhex('0x1.4442d00000000p-22'),
+    float.fromhex('0x1.8469898cc5170p-46'),
+)
 
 
 class SimulationState:
@@ -28,16 +41,16 @@ class SimulationState:
     ----------
     arrays : dict of numpy.ndarray
         State and last inputs by name; views of one block.
-    at : dict of int
-        Their addresses: NumPy takes longer to return one than an arm takes to step.
+    rows : dict
+        Their rows in native code: NumPy takes longer to return them than an arm takes to step.
     start : float
         Time of the state before the first step [s].
     steps : int
         Steps since.
     status : str
         'ok', or 'not_finite' or 'too_many_events', see Simulation.status.
-    plans : dict
-        What native code does with the arrays in one step (False) or many; never copied.
+    plan : Plan or None
+        What native code does with the arrays in one step; never copied.
 
     """
 
@@ -50,9 +63,9 @@ class SimulationState:
             name: part.reshape(shape)
             for (name, shape), part in zip(shapes.items(), parts, strict=True)
         }
-        self.at: dict[str, int] = {name: x.ctypes.data for name, x in self.arrays.items()}
+        self.rows = native_rows(self.arrays)
         self.start, self.steps, self.status = 0.0, 0, 'ok'
-        self.plans: dict[bool, Plan] = {}
+        self.plan: Plan | None = None
 
     def clear(self, start: float) -> None:
         """Set all arrays to zero and begin at a time [s]."""
@@ -87,3 +100,31 @@ def _restored(shapes: dict[str, tuple[int, ...]], dtype: str, state: Any) -> Sim
     buffer = SimulationState(shapes, dtype)
     buffer._block[:], buffer.start, buffer.steps, buffer.status = state
     return buffer
+
+
+def native_rows(arrays: Mapping[str, Array]) -> dict[str, Row]:
+    """Return the rows of arrays, ([arms, [steps,]] elements), by their names in native code."""
+    return {NATIVE.get(name, name): table_row(array) for name, array in arrays.items()}
+
+
+def split_turns(q: Array, low: Array | None, turning: Array) -> tuple[Array, Array]:
+    """
+    Return angles from -pi to pi in float64, and numbers of whole turns, of positions q + low.
+
+    Where `turning` is False the joint slides: its position is returned, with 0 turns.
+    """
+    angle = q.astype(np.float64)
+    turns = np.where(turning, np.rint(angle / sum(FULL_TURN)), 0.0)
+    for part in FULL_TURN:
+        angle = angle - turns * part
+    return angle if low is None else angle + low, turns.astype(np.int64)
+
+
+def positions_grow(robot: Robot, dtype: str) -> bool:
+    """Return whether positions lose digits that show: angles without limit, or few digits."""
+    return dtype == 'float32' or 'continuous' in robot.joint_types
+
+
+def check_angles(robot: Robot, q: Array, dtype: str) -> None:
+    """Raise ValueError for an angle above LARGEST_ANGLE; names the joint."""
+    check_finite('q', np.where(robot.turning, q, 0.0), LARGEST_ANGLE[dtype], robot.joint_names)

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The effects that a motion needs within a tolerance, and what each of them costs.
+"""The effects that a motion needs within a tolerance.
 
 The full scene is taken for the truth. The motion is cut into short windows. At the start of each
 window every scene begins at the state of the motion, and runs through the window under its
@@ -9,14 +9,13 @@ large as its motion. The error of a scene is its largest difference of a joint p
 full scene, with the same integrator and step.
 
 Errors of effects do not add, so the search simulates each candidate as a whole: it removes effects
-one at a time, the one with the least error per operation saved first, while the error stays within
-the tolerance. It may miss a smaller scene in which the errors of effects cancel.
+one at a time, the one with the least error first, while the error stays within the tolerance. It
+may miss a smaller scene in which the errors of effects cancel.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 import math
@@ -43,12 +42,11 @@ class Row(NamedTuple):
 
     `error` is the largest difference of a joint position [rad or m], infinite if the simulation
     overflows or is impossible. `where` is its joint and time, or why the arm cannot be simulated,
-    or INERT, or '' without an error. `operations` are those of a compiled step without events.
+    or INERT, or '' without an error.
     """
 
     error: float
     where: str
-    operations: int
 
 
 class Advice(NamedTuple):
@@ -122,28 +120,28 @@ def advise(
     # The integrator that 'auto' selects in the full scene, so that all scenes have the same.
     settings = {**motion.settings, 'integrator': whole.integrator}
     length = max(1, round(window / whole.step_size))
-    starts: dict[int, pfd.Simulator] = {}
+    starts: dict[int, NDArray[Any] | None] = {}
     truth = _positions(whole, motion, length, starts)
     if not np.isfinite(truth).all():
         raise ValueError(
             f'{motion.name}: the simulation of the full scene overflows, so that no smaller scene '
             'can be compared with it'
         )
-    rows = {scene: Row(0.0, '', whole.operations)}
+    rows = {scene: Row(0.0, '')}
     names = [effect.name for effect in pfd.EFFECTS if scene.without({effect.name}) != scene]
 
     def compared(smaller: pfd.Scene) -> Row:
         try:
             simulator = pfd.Simulator(robot, smaller, **settings)
         except ValueError as error:  # such as a massless link without the armature
-            return Row(math.inf, str(error), whole.operations)
+            return Row(math.inf, str(error))
         if simulator.code_digest == whole.code_digest:
-            return Row(0.0, INERT, whole.operations)
+            return Row(0.0, INERT)
         off = np.abs(_positions(simulator, motion, length, starts) - truth)
         off[np.isnan(off)] = math.inf
         k, joint = np.unravel_index(np.argmax(off), off.shape)
         where = f'{robot.joint_names[joint]}, {(k + 1) * simulator.step_size:.3f} s'
-        return Row(float(off[k, joint]), where if off.any() else '', simulator.operations)
+        return Row(float(off[k, joint]), where if off.any() else '')
 
     def row(smaller: pfd.Scene) -> Row:
         if smaller not in rows:
@@ -156,17 +154,11 @@ def advise(
     alone = {name: row(scene.without({name})) for name in names}
     small = scene
     while True:
-        smaller = [small.without({name}) for name in names]
-        prices = {
-            one: row(one).error / max(1, saved)
-            for one in smaller
-            if one != small
-            and row(one).error <= tolerance
-            and (saved := row(small).operations - row(one).operations) >= 0
-        }
-        if not prices:
+        smaller = {small.without({name}) for name in names} - {small}
+        errors = {one: row(one).error for one in smaller if row(one).error <= tolerance}
+        if not errors:
             break
-        small = min(prices, key=prices.__getitem__)
+        small = min(errors, key=errors.__getitem__)
     kept = tuple(name for name in names if small.without({name}) != small)
     unseen = tuple(
         name
@@ -177,27 +169,30 @@ def advise(
 
 
 def _positions(
-    simulator: pfd.Simulator, motion: Motion, length: int, starts: dict[int, pfd.Simulator]
+    simulator: pfd.Simulator,
+    motion: Motion,
+    length: int,
+    starts: dict[int, NDArray[Any] | None],
 ) -> NDArray[Any]:
     """Return the positions (K, n) after the steps of a motion, in windows of `length` steps.
 
-    A window starts from its simulator in `starts`; without one from the state of the motion, and
-    the simulator is put there.
+    A window starts from the state of the motion. `starts` has the torques of motors with a lag
+    then, of each window; the first simulator, of the full scene, adds them.
     """
     q = np.empty_like(motion.taus)
     wrench = np.zeros(6) if simulator.scene.external_wrench else None
+    lags = simulator.scene.motor_lag is not None
     # A rollout has the same brakes throughout.
     changes = 1 + np.flatnonzero((motion.braked[1:] != motion.braked[:-1]).any(axis=1))
     cuts = {*range(0, len(q), length), *changes.tolist(), len(q)}
     for first, end in pairwise(sorted(cuts)):
-        if first in starts:
-            simulator.take_state(starts[first])
-        elif first % length == 0:
+        if first % length == 0:
             state = motion.q[first], motion.qd[first]
-            # A simulation that is at this state continues with the rest of its state, too.
-            if not np.array_equal((simulator.q, simulator.qd), state):
-                simulator.reset(*state)
-            starts[first] = copy(simulator)
+            if first not in starts:
+                # A simulation that is at this state continues with the torques of its motors.
+                continues = lags and np.array_equal((simulator.q, simulator.qd), state)
+                starts[first] = simulator.tau_motor if continues else None
+            simulator.reset(*state, tau_motor=starts[first] if lags else None)
         brakes = motion.braked[first] if simulator.scene.brakes else None
         q[first:end] = simulator.rollout(motion.taus[first:end], wrench, brakes=brakes).q
     return q
@@ -205,13 +200,10 @@ def _positions(
 
 def lines(advice: Advice) -> Iterator[str]:
     """Yield the table of effects as text, and the effects that the motion does not test."""
-    full = advice.rows[FULL].operations
-    yield f'{"without":20} {"error":>8}  {"operations":>10}  kept  largest error at'
+    yield f'{"without":20} {"error":>8}  kept  largest error at'
     for name, row in advice.rows.items():
-        count, kept = f'{full - row.operations:+}', 'yes' if name in advice.kept else 'no'
-        if name in (FULL, SMALLEST):
-            count, kept = str(row.operations), ''
-        yield f'{name:20} {row.error:8.1e}  {count:>10}  {kept:4}  {row.where}'.rstrip()
+        kept = 'yes' if name in advice.kept else '' if name in (FULL, SMALLEST) else 'no'
+        yield f'{name:20} {row.error:8.1e}  {kept:4}  {row.where}'.rstrip()
     if advice.unseen:
         yield f'not tested: {", ".join(advice.unseen)}; the motion is the same without'
         yield 'test with a motion that needs them, or keep them'

@@ -39,6 +39,7 @@ NAN, INF = float('nan'), float('inf')
 SETTINGS: dict[str, Any] = {
     'robot': 'planar2',
     'initial_positions': START,
+    'position_sums': 'plain',
     **UNLIMITED,
 }
 SMALL = st.floats(-2.0, 2.0, width=32)
@@ -80,7 +81,8 @@ class Model:
 
     def simulator_of(self, *, compensated: bool) -> pfd.Simulator:
         scene = pfd.Scene(gravity_compensation=compensated, brakes=True)
-        return pfd.Simulator(pfd.load_robot('planar2'), scene, step_size=STEP_NS * 1e-9)
+        robot, step_size = pfd.load_robot('planar2'), STEP_NS * 1e-9
+        return pfd.Simulator(robot, scene, step_size=step_size, compensated=False)
 
     @property
     def waiting(self) -> bool:
@@ -145,7 +147,7 @@ class Model:
 
     def compensate_gravity(self, compensated: bool) -> None:
         changed = self.simulator_of(compensated=compensated)
-        changed.take_state(self.simulator)
+        changed.reset(self.simulator.q, self.simulator.qd)
         self.simulator = changed
 
     def cycle(self) -> list[float]:

@@ -93,14 +93,15 @@ class Plan:
         arms: int = 1,
         every: int = 1,
     ) -> None:
-        self._native = native
+        self._simulate, self._accelerations = native.simulate, native.accelerations
         count = TABLE + 4 * len(native.arrays)
         self._numbers, self._finite = array('q', bytes(8 * (count + 1 + arms))), count + 1
         self._at, _ = self._numbers.buffer_info()
         spare = self._at + 8 * count
-        table = [x for name in native.arrays for x in rows.get(name, (spare, 0, 0, 0))]
-        head = [0, arms, 0, 1, substeps, every, self._at + 8 * TABLE, spare + 8]
-        self._numbers[:count] = array('q', head + table)
+        plan = [0, arms, 0, 1, substeps, every, self._at + 8 * TABLE, spare + 8]
+        for name in native.arrays:
+            plan += rows.get(name, (spare, 0, 0, 0))
+        self._numbers[:count] = array('q', plan)
 
     @property
     def finite(self) -> NDArray[np.int64]:
@@ -114,19 +115,19 @@ class Plan:
     def run(self, steps: int) -> int:
         """Take some steps, at least one, of one arm; return after how many it was finite."""
         self._numbers[UNTIL] = steps
-        self._native.simulate(self._at)
+        self._simulate(self._at)
         return self._numbers[self._finite]
 
     def run_block(self, begin: int, until: int, first: int, size: int) -> int:
         """Take the steps from `begin` to before `until` of some of the arms."""
         head = array('q', [first, first + size, begin, until]) + self._numbers[4:TABLE]
-        self._native.simulate(head.buffer_info()[0])
+        self._simulate(head.buffer_info()[0])
         return 0
 
     def accelerations(self) -> None:
         """Write qdd of each arm."""
-        assert self._native.accelerations is not None
-        self._native.accelerations(self._at)
+        assert self._accelerations is not None
+        self._accelerations(self._at)
 
 
 # Writes @advance and @accelerate, and what they call: from the steps, the lowered programs and

@@ -95,6 +95,8 @@ def run(work: Callable[[int, int], int], count: int, block: int, threads: int) -
     exception in the caller (KeyboardInterrupt) is passed on once the workers have ended their
     blocks.
     """
+    if 0 < count <= block:
+        return work(0, count)
     starts = range(0, count, block)
     blocks = iter(starts)  # common to all threads
     begun: list[None] = []

@@ -385,7 +385,7 @@ class Simulation(ABC):
         rows = native_rows(given) | {
             f'{name}.out': (place + k * apart, arm, element, step) for k, name in enumerate(names)
         }
-        finite_steps, finite = np.full(arms, steps), True
+        finite_steps, finite = np.zeros(arms, np.int64), True
         width, work = native.steps.width, max(native.work, 1) * self._substeps
         for begin, until in pieces(steps, FIRST_WORK // (work * -(-arms // width))):
             following = self._copied_state()
@@ -395,11 +395,11 @@ class Simulation(ABC):
             plan = Plan(native, following.rows | rows, self._substeps, arms, every)
             block = block_size(arms, threads, width, work * (until - begin))
             run(partial(plan.run_block, begin, until), arms, block, threads)
-            reached = plan.finite
-            if reached.min() < until - begin:
-                finite = False
-                own = np.where(reached < until - begin, begin + reached, steps)
-                finite_steps = np.minimum(finite_steps, own)
+            if begin:
+                finite_steps += np.where(finite_steps == begin, plan.finite, 0)
+            else:
+                finite_steps = plan.finite
+            finite = bool(finite_steps.min() == until)
             self._make_valid(following, until - begin, finite)
         times = now.start + self._step_size * np.arange(begun + every, begun + steps + 1, every)
         status = 'ok' if finite else self._why_not_finite(self._now)

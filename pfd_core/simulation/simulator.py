@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from pfd_core.dynamics.bodies import payload_inputs, payload_numbers
 from pfd_core.forking import cached_property
 from pfd_core.kernels.simulate import MOTION, MOTOR_TORQUE
-from pfd_core.kernels.simulations import NativeSteps, Plan
+from pfd_core.kernels.simulations import NativeSteps, Plan, table_row
 from pfd_core.model import Payload, check_joint_inertia, resolve
 from pfd_core.model.effects import INPUT
 from pfd_core.model.values import Array, quote, real_array
@@ -110,10 +110,9 @@ class Simulator(Simulation):
         return self._accelerations_of(self._now)
 
     def _accelerations_of(self, state: SimulationState) -> Array:
-        if not state.steps:
-            return np.zeros(self._robot.n, self._dtype)
-        arrays = state.arrays | {'q': state.arrays['q'][np.newaxis]}
-        qdd: Array = _accelerations(self._native, arrays)[0]
+        qdd = np.zeros(self._robot.n, self._dtype)
+        if state.steps:
+            Plan(self._native, state.rows | {'qdd': table_row(qdd)}).accelerations()
         return qdd
 
     def prepare_payload(self, payload: Payload | None) -> None:

@@ -62,23 +62,34 @@ SCENE_NUMBERS = {
 STOPS = {'joint_limits': [[-0.35, 0.4]] * 2}
 
 
+# Arms whose second joints are equal.
+FIRST_JOINT = {name: np.where([True, False], x, 0.75) for name, x in SCENE_NUMBERS.items()}
+
+
 @pytest.mark.parametrize('integrator', one_fast(['rk4', 'velocity_verlet', 'imex2'], 'imex2'))
 @pytest.mark.parametrize(
-    ('names', 'effects'),
+    ('numbers', 'names', 'effects'),
     [
-        pytest.param(['damping', 'armature'], {}, id='smooth'),
-        pytest.param(['stiffness', 'rest_position'], {'damping': [1.0, 2.0]}, id='springs'),
+        pytest.param(SCENE_NUMBERS, ['damping', 'armature'], {}, id='smooth'),
+        pytest.param(FIRST_JOINT, ['damping', 'armature'], {}, id='first joint'),
         pytest.param(
-            ['damping', 'friction'], {'motor_lag': [0.01, 0.0], 'brakes': True}, id='friction'
+            SCENE_NUMBERS, ['stiffness', 'rest_position'], {'damping': [1.0, 2.0]}, id='springs'
         ),
-        pytest.param(list(SCENE_NUMBERS), STOPS, id='everything'),
+        pytest.param(
+            SCENE_NUMBERS,
+            ['damping', 'friction'],
+            {'motor_lag': [0.01, 0.0], 'brakes': True},
+            id='friction',
+        ),
+        pytest.param(FIRST_JOINT, ['damping', 'friction'], {}, id='friction of the first joint'),
+        pytest.param(SCENE_NUMBERS, list(SCENE_NUMBERS), STOPS, id='everything'),
     ],
 )
 def test_each_arm_has_the_bits_of_a_simulator_with_its_numbers(
-    names: list[str], effects: dict[str, Any], integrator: str
+    numbers: dict[str, Array], names: list[str], effects: dict[str, Any], integrator: str
 ) -> None:
     robot = pfd.load_robot('planar2')
-    given = {name: SCENE_NUMBERS[name] for name in names}
+    given = {name: numbers[name] for name in names}
     many = pfd.Ensemble(robot, SIZE, pfd.Scene(**effects), parameters=given, integrator=integrator)
     q, qd, taus = motion(2)
     found = moved(many, q, qd, taus)

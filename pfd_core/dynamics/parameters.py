@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from pfd_core.dynamics.bodies import links_of
 from pfd_core.dynamics.numbers import parameters, with_inputs
 from pfd_core.model import Payload, Plant, Robot, Scene, resolve, with_payload
-from pfd_core.model.effects import EFFECT_OF, FIELDS, INPUT, VISCOSITY
+from pfd_core.model.effects import FIELDS, INPUT
 from pfd_core.model.robot import check_robot
 from pfd_core.model.values import LARGEST, Array, quote, real_array
 
@@ -99,12 +99,7 @@ class Arms:
         """
         stacked = replace(self._stacked, implicit=implicit)
         links = {kind: _common(x) for kind, x in stacked.links.items()}
-        plant = replace(_with_values(stacked, _common), links=links)
-        for name, x in plant.effects.items():
-            # An integrator reads the viscosity of all joints at once.
-            if EFFECT_OF[name].kind == VISCOSITY and np.isnan(x).any():
-                plant = replace(plant, effects={**plant.effects, name: np.full_like(x, np.nan)})
-        plant = with_inputs(plant)
+        plant = with_inputs(replace(_with_values(stacked, _common), links=links))
         return plant, parameters(plant, stacked, self.size)
 
     def plants(self) -> dict[str, Plant]:

@@ -372,14 +372,7 @@ def plants(plant: Plant, implicit: float) -> Iterator[tuple[str, Plant]]:
     yield 'qdd', plant
     if implicit and plant.viscosity is not None:
         yield 'undamped', plant.only(LINKS, INERTIA, JOINTS, MOTORS)
-        yield 'solve', _at_rest(plant, _heavier(plant, implicit))
-
-
-def _heavier(plant: Plant, time: float) -> Array:
-    """Return the joints' inertia plus a time [s] times their viscosity."""
-    assert plant.viscosity is not None
-    added: Array = time * plant.viscosity
-    return added if plant.inertia is None else plant.inertia + added
+        yield 'solve', _at_rest(plant, replace(plant, implicit=implicit).implicit_inertia)
 
 
 def _at_rest(plant: Plant, inertia: Array | None = None) -> Plant:

@@ -69,11 +69,11 @@ class Steps:
     shared : bool
         Whether a substep begins with the acceleration qdd that the one before ended with.
     control : Program, optional
-        A lowered or recorded program that computes the torque of each step, its output tau; else
-        tau is an array. It reads the state, inputs, its own outputs of the step before, and
-        further arrays. Each number above 0 of its output `counts` adds one to an element of the
-        array `counts`, and if `stop` is above 0 the run ends before the step. A run with `stop`,
-        which is of one arm, also ends after a step whose state is not finite.
+        A recorded program that computes the torque of each step, its output tau; else tau is an
+        array. It reads the state, inputs, its own outputs of the step before, and further arrays.
+        Each number above 0 of its output `counts` adds one to an element of the array `counts`,
+        and if `stop` is above 0 the run ends before the step. A run with `stop`, which is of one
+        arm, also ends after a step whose state is not finite.
 
     """
 
@@ -126,20 +126,22 @@ class Steps:
         return frame
 
 
-def simulation_functions(steps: Steps, dynamics: Mapping[str, Program], frame: Frame) -> list[str]:
+def simulation_functions(
+    steps: Steps, control: Program | None, dynamics: Mapping[str, Program], frame: Frame
+) -> list[str]:
     """
     Return @simulate and what it calls, and @accelerations if accelerations are not written.
 
-    They call @advance, which takes a frame through a step, and @accelerate, which writes its qdd
-    between two steps. In scenes with brakes `dynamics` has `momentum`, H qdd, and `inertial`,
-    H^-1 tau of the free joints.
+    `control` is the lowered control program. They call @advance, which takes a frame through a
+    step, and @accelerate, which writes its qdd between two steps. In scenes with brakes `dynamics`
+    has `momentum`, H qdd, and `inertial`, H^-1 tau of the free joints.
     """
     parts = [_brake(steps, dynamics, frame)] if 'free' in steps.inputs else []
     if steps.width > 1:
         sizes = sorted({steps.n, *steps.given.values()})
         parts += [_copy(steps, size, inward) for size in sizes for inward in (True, False)]
     parts += [] if 'qdd' in steps.written else [_accelerations(steps, frame)]
-    return [*parts, _simulate(steps, frame)]
+    return [*parts, _simulate(steps, control, frame)]
 
 
 def evaluations(
@@ -202,9 +204,9 @@ def _accelerations(steps: Steps, frame: Frame) -> str:
     return str(arms.code)
 
 
-def _simulate(steps: Steps, frame: Frame) -> str:
+def _simulate(steps: Steps, control: Program | None, frame: Frame) -> str:
     arms = _Arms('simulate', steps, frame)
-    code, plan, control = arms.code, arms.plan, steps.control
+    code, plan = arms.code, arms.plan
     controlled = () if control is None else tuple(control.outputs)
     # The control's outputs are those before a step, also before one that it stops.
     before = [name for name in steps.written if name in controlled]

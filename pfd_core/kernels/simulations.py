@@ -13,14 +13,14 @@ from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 import ctypes
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 import hashlib
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.dynamics.numbers import PARAMETERS, count
-from pfd_core.forking import no_fork
+from pfd_core.forking import load
 from pfd_core.kernels.generate import declarations
 from pfd_core.kernels.lower import lower
 from pfd_core.kernels.native import Native, Optimisation
@@ -197,16 +197,40 @@ def compile_steps(
     steps = Steps(
         spec.robot.n, step.further, inputs, written, spec.dtype, width, step.shared, control
     )
-    lowered = cache(partial(_lowered, steps, step, sources))
-    sampled = [] if 'qdd' in written else ['accelerations']
-    angles = turned_joints(spec.robot)
+
+    @cache
+    def lowered() -> dict[str, Program]:
+        # Without fused operations: limited efforts are compared with those wanted.
+        own = dict(step.programs) | ({} if control is None else {'control': control})
+        return {k: lower(program, spec.dtype, fma=False).compiled for k, program in own.items()}
+
+    def dynamics() -> dict[str, Program]:
+        return {name: source.program for name, source in sources.items()}
+
+    def ir() -> str:
+        programs, frame, angles = dict(lowered()), steps.frame(), turned_joints(spec.robot)
+        law = programs.pop('control', None)
+        parts = step.write(steps, programs, dynamics(), frame, angles)
+        parts += simulation_functions(steps, law, dynamics(), frame)
+        return '\n\n'.join([*parts, declarations(spec.dtype, {1, width}, bool(angles))])
+
+    def described() -> str:
+        found = dynamics() | lowered()
+        if control is not None:
+            found['control'] = replace(found['control'], inputs=control.inputs)
+        settings = [f'{name} {digest(program)}' for name, program in found.items()]
+        return hashlib.sha256(
+            '\n'.join([step.settings, spec.dtype, *settings]).encode()
+        ).hexdigest()
+
     keys = {name: source.key for name, source in sources.items()}
+    sampled = [] if 'qdd' in written else ['accelerations']
     native = main.compile(
         f'steps {width} {written} {step.settings} {step.plant.digest} {keys} {control}',
         ['simulate', *sampled],
-        lambda: _steps_module(*lowered(), step, angles),
+        ir,
         _branching(main) if step.contact else None,
-        described=lambda: _digest(*lowered(), step),
+        described,
     )
     function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
     return NativeSteps(
@@ -218,52 +242,6 @@ def compile_steps(
         native.facts.digest,
         native,
     )
-
-
-def _lowered(
-    steps: Steps, step: StepCode, sources: Mapping[str, Recipe]
-) -> tuple[Steps, dict[str, Program], dict[str, Program]]:
-    """Return steps with a lowered control program, the programs, and the dynamics."""
-    if steps.control is not None:
-        # Without fused operations: limited efforts are compared with those wanted.
-        control = lower(steps.control, steps.dtype, fma=False).compiled
-        # The table has all arrays in the recorded order, read or not.
-        steps = replace(steps, control=replace(control, inputs=steps.control.inputs))
-    programs = {
-        name: lower(program, steps.dtype, fma=False).compiled
-        for name, program in step.programs.items()
-    }
-    return steps, programs, {name: source.program for name, source in sources.items()}
-
-
-def _steps_module(
-    steps: Steps,
-    programs: Mapping[str, Program],
-    dynamics: Mapping[str, Program],
-    step: StepCode,
-    angles: tuple[int, ...],
-) -> str:
-    """Return the module of @simulate."""
-    frame = steps.frame()
-    parts = step.write(steps, programs, dynamics, frame, angles)
-    parts += simulation_functions(steps, dynamics, frame)
-    parts.append(declarations(steps.dtype, {1, steps.width}, bool(angles)))
-    return '\n\n'.join(parts)
-
-
-def _digest(
-    steps: Steps,
-    programs: Mapping[str, Program],
-    dynamics: Mapping[str, Program],
-    step: StepCode,
-) -> str:
-    """Return the SHA-256 of all programs of a simulation, in hex."""
-    found = dict(dynamics) | dict(programs)
-    if steps.control is not None:
-        found['control'] = steps.control
-    settings = [step.settings, steps.dtype]
-    settings += [f'{name} {digest(program)}' for name, program in found.items()]
-    return hashlib.sha256('\n'.join(settings).encode()).hexdigest()
 
 
 def _dynamics(spec: KernelSpec, step: StepCode) -> dict[str, Recipe]:
@@ -293,15 +271,9 @@ def _dynamics(spec: KernelSpec, step: StepCode) -> dict[str, Recipe]:
 
 def _recorded(name: str, plant: Plant, dtype: str) -> Recipe:
     """Return the recipe of a program of pfd_core.dynamics.composite."""
-
-    def record() -> Program:
-        with no_fork:
-            from pfd_core.dynamics import composite
-
-        program: Program = getattr(composite, name)(plant)
-        return program
-
-    return Recipe((name, plant.digest, dtype), record, dtype)
+    return Recipe(
+        (name, plant.digest, dtype), lambda: load(f'dynamics.composite.{name}')(plant), dtype
+    )
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,6 @@ POSES = 64
 ELEMENTS = 100_000
 # Positions of a joint, for the slope of its torque.
 SAMPLES = 1000
-GOLDEN_RATIO = (5**0.5 - 1) / 2
 
 
 def chosen(name: str, plants: Iterable[Plant], h: float) -> str:
@@ -115,8 +114,7 @@ def steepest_slopes(plant: Plant) -> Array | None:
     if 'q' not in program.inputs:
         return None
     lower, upper = _ranges(plant.robot)
-    unit = (0.5 + GOLDEN_RATIO * np.arange(SAMPLES)) % 1.0
-    q = lower + unit[:, np.newaxis] * (upper - lower)
+    q = lower + _spread(SAMPLES, 1) * (upper - lower)
     at = {'q': q, 'qd': np.zeros_like(q), 'd q': np.ones_like(q)}
     slopes = run(directional(program, ['tau'], ['q']), at)['d tau']
     largest: Array = np.abs(slopes).max(axis=0)
@@ -145,21 +143,21 @@ def inertia_matrices(plant: Plant, q: Array) -> Array:
     """
     robot, (count, n) = plant.robot, q.shape
     H = np.zeros((count, n, n)) + (0.0 if plant.inertia is None else np.diag(plant.inertia))
+    angles = np.where(robot.turning, q, 0.0)[:, :, np.newaxis]
+    slides = q[:, :, np.newaxis] - angles
+    cosines, sines = np.cos(angles), np.sin(angles)
     R: Array = np.broadcast_to(np.eye(3), (count, 3, 3))
     p = np.zeros((count, 3))
-    axes, points = np.zeros((n, count, 3)), np.zeros((n, count, 3))
-    turning = robot.turning
+    axes, points = np.zeros((2, n, count, 3))
     for i in range(n):
-        axes[i], points[i] = R[:, :, 2], p
-        if turning[i]:
-            R = R @ _turned(q[:, i])
-        else:
-            p = p + q[:, i, np.newaxis] * R[:, :, 2]
-        p = p + R @ robot.translations[i]
+        x, y, z = np.moveaxis(R, 2, 0)
+        axes[i], points[i] = z, p
+        c, s = cosines[:, i], sines[:, i]
+        R = np.stack([c * x + s * y, c * y - s * x, z], axis=2)
+        p = p + slides[:, i] * z + R @ robot.translations[i]
         R = R @ robot.rotations[i]
         center = p + R @ robot.centers[i]
-        turns = turning[: i + 1, np.newaxis, np.newaxis]
-        reached = axes[: i + 1]
+        turns, reached = robot.turning[: i + 1, np.newaxis, np.newaxis], axes[: i + 1]
         Jv = np.where(turns, np.cross(reached, center - points[: i + 1]), reached)
         Jw = np.where(turns, reached, 0.0)
         inertia = R @ robot.inertias[i] @ R.transpose(0, 2, 1)
@@ -168,33 +166,28 @@ def inertia_matrices(plant: Plant, q: Array) -> Array:
     return H
 
 
-def _turned(angle: Array) -> Array:
-    """Return rotations about z (K, 3, 3) by angles (K,)."""
-    R = np.zeros((len(angle), 3, 3))
-    R[:, 0, 0] = R[:, 1, 1] = np.cos(angle)
-    R[:, 1, 0] = np.sin(angle)
-    R[:, 0, 1] = -R[:, 1, 0]
-    R[:, 2, 2] = 1.0
-    return R
-
-
 def _poses(robot: Robot) -> Array:
+    """Return up to POSES positions, spread evenly over whole turns and over the ways of slides."""
+    n = robot.n
+    lower, upper = _ranges(robot)
+    count = max(1, min(POSES, ELEMENTS // n**2))
+    positions: Array = lower + _spread(count, n) * (upper - lower)
+    return positions
+
+
+def _spread(count: int, n: int) -> Array:
     """
-    Return up to POSES positions, spread evenly over whole turns and over the ways of slides.
+    Return points (count, n) of the unit cube, spread evenly.
 
     An additive recurrence with powers of the root of x^(n+1) = x + 1, whose points are the same
     in any version of NumPy.
     """
-    n = robot.n
     root = 2.0
     for _ in range(60):
         root = (1.0 + root) ** (1.0 / (n + 1))
     steps = root ** -np.arange(1.0, n + 1)
-    count = max(1, min(POSES, ELEMENTS // n**2))
-    unit = (0.5 + np.arange(1, count + 1)[:, np.newaxis] * steps) % 1.0
-    lower, upper = _ranges(robot)
-    positions: Array = lower + unit * (upper - lower)
-    return positions
+    points: Array = (0.5 + np.arange(1, count + 1)[:, np.newaxis] * steps) % 1.0
+    return points
 
 
 def _ranges(robot: Robot) -> tuple[Array, Array]:

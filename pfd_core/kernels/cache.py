@@ -9,7 +9,7 @@ The folder is `pfd_ros` in the user's cache folder (XDG_CACHE_HOME, or ~/.cache)
 variable PFD_CACHE names another one, or, if empty, disables the cache. Native code from disk is
 run, so the folder must belong to the user (or root) and must not be writable by others. A file is
 moved there whole, so that several processes may write at once. Above LIMIT bytes the least
-recently used files are removed. A file that cannot be used is as good as none.
+recently used files are removed.
 """
 
 from __future__ import annotations
@@ -44,29 +44,26 @@ def kept(
     use: Callable[[dict[str, Any], bytes], T],
 ) -> T:
     """
-    Return `use(*make())`, with what was made for the same key before if that can be used.
+    Return `use(*make())`, with what was made for the same key before if there is an entry for it.
 
     `make` returns a JSON object and bytes. The key is everything that determines them, except the
-    source of this package and the versions of Python and NumPy. An exception that `use` raises
-    for a kept entry makes that a miss.
+    source of this package and the versions of Python and NumPy. An entry that is damaged, or of
+    another name, is as good as none.
     """
     if SOURCE is None or folder() is None:
-        return use(*make())
+        made, payload = make()
+        return use(made, payload)
     # Compiled code depends on how Python lays out its objects.
     python = sys.version, str(object.__basicsize__), np.__version__
     name = digest(SOURCE, *python, *key)
     entry = read(name)
-    if entry is not None:
-        try:
-            head, _, payload = entry.partition(b'\0')
-            return use(json.loads(head), payload)
-        except Exception as error:
-            LOG.info('the cache entry %s cannot be used (%r): it is made again', name, error)
-    made, payload = make()
-    head = json.dumps(made).encode()
-    # Modules are imported at their first use: one of them may be of a later edit.
-    if _source() == SOURCE:
-        write(name, head + b'\0' + payload)
+    if entry is None:
+        made, payload = make()
+        entry = json.dumps(made).encode() + b'\0' + payload
+        # Modules are imported at their first use: one of them may be of a later edit.
+        if _source() == SOURCE:
+            write(name, entry)
+    head, _, payload = entry.partition(b'\0')
     return use(json.loads(head), payload)
 
 

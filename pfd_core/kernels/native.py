@@ -181,9 +181,6 @@ def compile_kept(
 
     def use(head: dict[str, Any], code: bytes) -> Native:
         start = time.perf_counter()
-        # LLVM also links objects for other processors.
-        if _header(code) != _header(_empty_object(target)):
-            raise ValueError(f'expected an object for {target.triple}')
         # JITLink places code, constants and table next to each other. Each module has its own
         # linker, because a common one would not free everything.
         linker = llvm.create_lljit_compiler(_machine(target), use_jit_link=True)
@@ -224,17 +221,6 @@ def _machine(target: Target, level: int = 2) -> Any:
     return llvm.Target.from_triple(target.triple).create_target_machine(
         cpu=target.cpu, features=target.features, opt=level, reloc='pic', codemodel='small'
     )
-
-
-@cache
-def _empty_object(target: Target) -> bytes:
-    return bytes(_machine(target).emit_object(llvm.parse_assembly('')))
-
-
-def _header(code: bytes) -> bytes:
-    """Return the first bytes of an object, which are the same in each one for a processor."""
-    # ELF up to e_machine, Mach-O up to filetype; COFF begins with the machine.
-    return code[: {b'\x7fELF': 20, b'\xcf\xfa\xed\xfe': 16}.get(code[:4], 2)]
 
 
 def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:

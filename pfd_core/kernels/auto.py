@@ -134,7 +134,8 @@ def _cheapest(plant: Plant) -> str:
 
 
 def _kept(key: tuple[str, ...], compute: Callable[[], object]) -> Any:
-    return kept(key, lambda: ({'found': compute()}, b''), lambda head, _: head['found'])
+    head, _ = kept(key, lambda: ({'found': compute()}, b''))
+    return head['found']
 
 
 def _bodies(plant: Plant) -> Plant:

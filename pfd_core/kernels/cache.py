@@ -23,7 +23,7 @@ import logging
 import os
 from pathlib import Path
 import sys
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -35,24 +35,19 @@ CHECKSUM = hashlib.sha256().digest_size
 PACKAGE = Path(__file__).parents[1]
 
 LOG = logging.getLogger('pfd_core')
-T = TypeVar('T')
 
 
 def kept(
-    key: Sequence[str],
-    make: Callable[[], tuple[dict[str, Any], bytes]],
-    use: Callable[[dict[str, Any], bytes], T],
-) -> T:
+    key: Sequence[str], make: Callable[[], tuple[dict[str, Any], bytes]]
+) -> tuple[dict[str, Any], bytes]:
     """
-    Return `use(*make())`, with what was made for the same key before if there is an entry for it.
+    Return the JSON object and the bytes of an entry, which `make` returns if there is none.
 
-    `make` returns a JSON object and bytes. The key is everything that determines them, except the
-    source of this package and the versions of Python and NumPy. An entry that is damaged, or of
-    another name, is as good as none.
+    The key is everything that determines them, except the source of this package and the versions
+    of Python and NumPy. An entry that is damaged, or of another name, is as good as none.
     """
     if SOURCE is None or folder() is None:
-        made, payload = make()
-        return use(made, payload)
+        return make()
     # Compiled code depends on how Python lays out its objects.
     python = sys.version, str(object.__basicsize__), np.__version__
     name = digest(SOURCE, *python, *key)
@@ -64,7 +59,7 @@ def kept(
         if _source() == SOURCE:
             write(name, entry)
     head, _, payload = entry.partition(b'\0')
-    return use(json.loads(head), payload)
+    return json.loads(head), payload
 
 
 def digest(*parts: str) -> str:

@@ -179,22 +179,19 @@ def compile_kept(
         seconds = time.perf_counter() - start
         return own, code
 
-    def use(head: dict[str, Any], code: bytes) -> Native:
-        start = time.perf_counter()
-        # JITLink places code, constants and table next to each other. Each module has its own
-        # linker, because a common one would not free everything.
-        linker = llvm.create_lljit_compiler(_machine(target), use_jit_link=True)
-        builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
-        for name, address in _symbols.items():
-            builder.import_symbol(name, address)
-        for name in functions:
-            builder.export_symbol(name)
-        library = builder.link(linker, 'kernel')
-        taken = seconds + time.perf_counter() - start
-        return Native(library, facts(**head), taken)
-
     versions = llvmlite.__version__, str(llvm.llvm_version_info)
-    return kept((*key, *versions, repr(target)), make, use)
+    head, code = kept((*key, *versions, repr(target)), make)
+    start = time.perf_counter()
+    # JITLink places code, constants and table next to each other. Each module has its own
+    # linker, because a common one would not free everything.
+    linker = llvm.create_lljit_compiler(_machine(target), use_jit_link=True)
+    builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
+    for name, address in _symbols.items():
+        builder.import_symbol(name, address)
+    for name in functions:
+        builder.export_symbol(name)
+    library = builder.link(linker, 'kernel')
+    return Native(library, facts(**head), seconds + time.perf_counter() - start)
 
 
 def emit(ir: str, target: Target | None = None, optimisation: Optimisation | None = None) -> bytes:

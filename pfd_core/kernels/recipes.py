@@ -91,11 +91,8 @@ class Recipe:
     @cached_property
     def facts(self) -> Facts:
         """The facts about the program, from disk where there is no code that has them."""
-        return kept(
-            (*self.key, 'facts'),
-            lambda: (self._facts()._asdict(), b''),
-            lambda head, _: Facts(**head),
-        )
+        head, _ = kept((*self.key, 'facts'), lambda: (self._facts()._asdict(), b''))
+        return Facts(**head)
 
     @property
     def inputs(self) -> dict[str, int]:

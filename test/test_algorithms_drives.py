@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from bridge import (
     FORWARD_METHODS,
     SERIAL_METHODS,
@@ -169,23 +167,6 @@ def test_a_limited_arm_is_one_that_is_given_limited_torques() -> None:
     clipped = sims[1].rollout(np.clip(taus, -np.array(limits), limits))
     np.testing.assert_array_equal(limited.q, clipped.q)
     np.testing.assert_array_equal(limited.qdd, clipped.qdd)
-
-
-@pytest.mark.parametrize('integrator', one_fast(['rk4', 'imex2']))
-def test_an_arm_with_drives_moves_alone_as_in_an_ensemble(integrator: str) -> None:
-    rng = np.random.default_rng(70)
-    robot = random_chain(rng, 4, joint_types=['revolute', 'prismatic', 'revolute', 'continuous'])
-    scene = replace(scenes(4)['all'], external_wrench=False)
-    q, taus = rng.uniform(-1, 1, (3, 4)), rng.uniform(-9, 9, (3, 40, 4))
-    arms = pfd.Ensemble(robot, 3, scene, integrator=integrator)
-    arms.reset(q=q)
-    together = arms.rollout(taus)
-    for i in range(3):
-        sim = pfd.Simulator(robot, scene, integrator=integrator)
-        sim.reset(q=q[i])
-        alone = sim.rollout(taus[i])
-        np.testing.assert_array_equal(alone.q, together.q[i])
-        np.testing.assert_array_equal(alone.qd, together.qd[i])
 
 
 # ---- gravity compensation --------------------------------------------------------------------

@@ -89,15 +89,6 @@ def test_a_batch_is_emulated_at_once() -> None:
         assert alone.iterations <= together.iterations
 
 
-def test_fifty_digits_of_two_methods_agree() -> None:
-    # Base axes and the array: no rounding of a twist's sine between them.
-    robot = pfd.load_robot('puma560')
-    state = np.random.default_rng(5).normal(size=(3, 6))
-    a, b = (pfd.emulate(robot, *state, method=m, digits=50).qdd for m in ('pcrbm', 'pcrbm_array'))
-    scale = max(abs(x) for x in a)
-    assert max(abs(x - y) for x, y in zip(a, b, strict=True)) < 1e-45 * scale
-
-
 @pytest.mark.parametrize(
     ('options', 'message'),
     [

@@ -3,9 +3,9 @@
 """
 Quantities of a robot in a scene: the table QUANTITIES, one row each.
 
-Kernels, the outputs of the node and the tables of the documentation follow from the rows. A new
-quantity is a row, which names the function that records its program; its module is imported when
-the quantity is first recorded.
+Kernels and the outputs of the node follow from the rows; docs/guides/model-quantities.md describes
+them. A new quantity is a row, which names the function that records its program; its module is
+imported when the quantity is first recorded.
 
 Each program is recorded for one processor, with one output. Every argument is an input of the
 program, with n elements (wrench: 6), also where no output depends on it.
@@ -55,7 +55,6 @@ class Quantity:
     """A quantity of a kernel; a call returns its program, if it has one algorithm."""
 
     name: str
-    text: str  # what it is, for the documentation
     arguments: tuple[str, ...]  # of a call by position; a wrench is one by name
     shape: tuple[int | str, ...]  # of the result for n joints, such as (6, 'n')
     effects: tuple[str, ...]  # fields of Scene that it depends on
@@ -79,25 +78,17 @@ class Quantity:
 
 
 def _of_frame(
-    name: str,
-    text: str,
-    shape: tuple[int | str, ...],
-    record: str,
-    arguments: tuple[str, ...] = ('q',),
-    wrench: bool = False,
+    name: str, shape: tuple[int | str, ...], record: str, *arguments: str, wrench: bool = False
 ) -> Quantity:
-    return Quantity(name, text, arguments, shape, (), 'kinematics', record, True, wrench)
+    return Quantity(name, arguments, shape, (), 'kinematics', record, True, wrench)
 
 
 STATE = ('q', 'qd', 'tau')
 _ROWS = (
-    Quantity('forward_dynamics', 'accelerations qdd', STATE, ('n',), EVERYTHING, instant=True),
-    Quantity(
-        'derivatives', 'd qdd / d (q, qd, tau)', STATE, ('n', '3n'), EVERYTHING, instant=True
-    ),
+    Quantity('forward_dynamics', STATE, ('n',), EVERYTHING, instant=True),
+    Quantity('derivatives', STATE, ('n', '3n'), EVERYTHING, instant=True),
     Quantity(
         'inverse_dynamics',
-        'commanded torques tau, without limits of the motors',
         ('q', 'qd', 'qdd'),
         ('n',),
         UNBRAKED,
@@ -107,7 +98,6 @@ _ROWS = (
     ),
     Quantity(
         'inertia_matrix',
-        'H, with the rotors',
         ('q',),
         ('n', 'n'),
         BODIES,
@@ -116,7 +106,6 @@ _ROWS = (
     ),
     Quantity(
         'bias_torques',
-        'inverse dynamics at qdd = 0',
         ('q', 'qd'),
         ('n',),
         BIAS,
@@ -126,7 +115,6 @@ _ROWS = (
     ),
     Quantity(
         'gravity_torques',
-        'g, with springs and cogging',
         ('q',),
         ('n',),
         AT_REST,
@@ -134,39 +122,11 @@ _ROWS = (
         'dynamics.newton_euler.record_gravity_torques',
     ),
     Quantity(
-        'energy',
-        'kinetic and potential energy [J]',
-        ('q', 'qd'),
-        (2,),
-        ENERGY,
-        'link_velocities',
-        'dynamics.energy.record_energy',
+        'energy', ('q', 'qd'), (2,), ENERGY, 'link_velocities', 'dynamics.energy.record_energy'
     ),
-    _of_frame(
-        'wrench_torques',
-        "J' k of a wrench k on the frame, in its axes, about its origin",
-        ('n',),
-        'dynamics.frames.record_wrench_torques',
-        wrench=True,
-    ),
-    _of_frame(
-        'tip_pose',
-        'homogeneous transform of the frame to the base link',
-        (4, 4),
-        'dynamics.frames.record_pose',
-    ),
-    _of_frame(
-        'tip_jacobian',
-        "J of the frame's origin, linear first, in axes of the base link",
-        (6, 'n'),
-        'dynamics.frames.record_jacobian',
-    ),
-    _of_frame(
-        'tip_velocity',
-        'J qd',
-        (6,),
-        'dynamics.frames.record_velocity',
-        arguments=('q', 'qd'),
-    ),
+    _of_frame('wrench_torques', ('n',), 'dynamics.frames.record_wrench_torques', 'q', wrench=True),
+    _of_frame('tip_pose', (4, 4), 'dynamics.frames.record_pose', 'q'),
+    _of_frame('tip_jacobian', (6, 'n'), 'dynamics.frames.record_jacobian', 'q'),
+    _of_frame('tip_velocity', (6,), 'dynamics.frames.record_velocity', 'q', 'qd'),
 )
 QUANTITIES = {row.name: row for row in _ROWS}

@@ -58,7 +58,6 @@ NAMES = {
     'pattern_suffix': 'pfd_core.paper.patterns:suffix',
     'pattern_suffix_affine': 'pfd_core.paper.patterns:suffix_affine',
     'pattern_total': 'pfd_core.paper.patterns:total',
-    'PriceWeights': 'pfd_core.paper.prices:Weights',
     'Instruction': 'pfd_core.machine.program:Instruction',
     'ProgramOutput': 'pfd_core.machine.program:Output',
     'LaneArray': 'pfd_core.machine.recorder:LaneArray',

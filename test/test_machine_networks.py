@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Networks: the steps of routes in closed form, every hop checked, and the price of a run."""
+"""Networks: the steps of routes in closed form, and every hop checked."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from bridge import (
     Lanes,
     NetworkError,
     NetworkHop,
-    PriceWeights,
     Recorder,
     carry_messages,
     iterate,
@@ -225,12 +224,6 @@ def test_the_orientation_recurrence_takes_the_shifts_of_its_levels(L: int) -> No
         'cube': 9 * (2 * L - 1),
         'ring': 9 * (2**L - 1),
     }
-
-
-def test_the_time_of_arithmetic_is_the_weighted_sum_of_its_steps() -> None:
-    steps = pfd.Steps(multiplications=2, additions=3, divisions=5, square_roots=7, routes=11)
-    assert PriceWeights().arithmetic(steps) == 2 + 3 + 4 * 5 + 4 * 7
-    assert PriceWeights(2.0, 0.5, 8.0, 16.0).arithmetic(steps) == 4 + 1.5 + 40 + 112
 
 
 def test_choices_cost_no_step() -> None:

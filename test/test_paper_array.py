@@ -273,7 +273,8 @@ def test_the_procedure_takes_a_third_of_the_additions_that_the_paper_prints(n: i
     assert taken <= n * (n - 1) // 2  # what section 2.4 says of the procedure
     assert sum(len(state.picked) for state in states) == (n**3 - n) // 6
     assert states[-1].N == 0
-    assert all(terms[0].last == i - 1 for (_, i), terms in states[-1].sets.items())
+    last = {index: states[-1].terms(index) for index in states[-1].additions}
+    assert last == {(k, i): [f'a_{k}{i}^({i - 1},0)'] for k, i in last}
 
 
 @pytest.mark.parametrize('n', EVERY_SIZE)
@@ -361,6 +362,6 @@ def test_the_sets_of_the_page_are_those_of_appendix_c_and_four_processors_add_th
     for k, (state, added) in enumerate(zip(set_ordering(4), (4, 4, 2, 0), strict=True), 1):
         own = [x for x in rows if x['iteration'] == k]
         assert {x['set']: x['terms'] for x in own} == {
-            'S_{}{}'.format(*index): list(map(str, terms)) for index, terms in state.sets.items()
+            'S_{}{}'.format(*index): state.terms(index) for index in state.additions
         }
         assert sorted(x['worker'] for x in own if x['worker']) == list(range(1, added + 1))

@@ -140,11 +140,11 @@ def _sets(n: int) -> Iterator[dict[str, Any]]:
     states = set_ordering(n)
     for k, state in enumerate(states):
         picked = states[k + 1].picked if k + 1 < len(states) else ()
-        for index in sorted(state.sets, key=lambda index: -state.additions[index]):
+        for index in sorted(state.additions, key=lambda index: -state.additions[index]):
             yield {
                 'iteration': k + 1,
                 'set': 'S_{}{}'.format(*index),
-                'terms': [str(term) for term in state.sets[index]],
+                'terms': state.terms(index),
                 'worker': picked.index(index) + 1 if index in picked else None,
             }
 

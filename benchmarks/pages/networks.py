@@ -4,8 +4,7 @@
 Time of every system on every network, over the price of a route.
 
 The time of a recording is a line over t_r: its arithmetic, and its steps of routes times t_r.
-texts/networks.md defines both, and the networks. Weights of arithmetic are the defaults of
-pfd_core.paper.prices.
+texts/networks.md defines both, and the networks.
 """
 
 from __future__ import annotations
@@ -18,12 +17,12 @@ from benchmarks.cases.paper import BEST_KNOWN, PRINTED_AT, Recording
 from benchmarks.run import each
 from benchmarks.table import Row, lines_of, page, table
 from pfd_core.dynamics.methods import ITERATIVE, METHODS, SERIAL
-from pfd_core.paper.prices import Weights
 
 SIZES = (2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 64)
 # Prices t_r/t_m over n.
 PRICES = (0.0, 0.25, 1.0, 4.0)
-WEIGHTS = Weights()
+# Times of arithmetic, t_m = 1; sines, which the paper takes as given, have none.
+WEIGHTS = {'multiplications': 1.0, 'additions': 1.0, 'divisions': 4.0, 'square_roots': 4.0}
 NETWORKS = {
     'crossbar': 'crossbar',
     'pm2i': 'PM2I',
@@ -86,7 +85,7 @@ def _row(system: str, one: Recording) -> dict[str, Any]:
         'title': paper.title_of(one.method, one.edition),
         'n': one.n,
         'packing': SCHEDULES[one.schedule],
-        'arithmetic': WEIGHTS.arithmetic(on['crossbar']),
+        'arithmetic': sum(t * getattr(on['crossbar'], kind) for kind, t in WEIGHTS.items()),
         **{network: steps.routes for network, steps in on.items()},
     }
 
@@ -125,8 +124,8 @@ def text(data: dict[str, Any]) -> str:
     return page(
         'networks',
         n=PRINTED_AT,
-        division=f'{WEIGHTS.division:g}',
-        root=f'{WEIGHTS.square_root:g}',
+        division=f'{WEIGHTS["divisions"]:g}',
+        root=f'{WEIGHTS["square_roots"]:g}',
         lines=table(
             {'recording': _recording, 'arithmetic': lambda x: f'{x["arithmetic"]:g}'}
             | {title: network for network, title in NETWORKS.items()},

@@ -8,7 +8,6 @@ The machine that the paper supposes:
     lanes       data moved between lanes, elements by name, rows packed onto full rows of lanes
     patterns    recurrences (FOHRA, FOIHRA), totals, row and column sweeps
     networks    networks that join the lanes; the steps of a program on each
-    prices      the time of arithmetic for weights of operations
     systolic    clocked array of cells
 
 The paper's procedures, in any edition:

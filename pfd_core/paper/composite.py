@@ -70,7 +70,7 @@ from operator import add, mul
 
 from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.dynamics.methods import check_payload
-from pfd_core.machine.lanes import each, merge, on, where
+from pfd_core.machine.lanes import merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import (
@@ -94,7 +94,7 @@ from pfd_core.paper.editions import (
     Edition,
     edition_of,
 )
-from pfd_core.paper.lanes import broadcast, packed, shift
+from pfd_core.paper.lanes import broadcast, packed, recorder_of, shift, taken
 from pfd_core.paper.newton_euler import forward_equations, torques
 from pfd_core.paper.patterns import column_sweep, prefix, row_sweep, suffix, suffix_affine
 from pfd_core.paper.set_ordering import literal_factor
@@ -275,37 +275,32 @@ def inertia_matrix_base_origin(chain: Chain, edition: Edition = OURS) -> Rows:
 
 
 def _pairs_at_distance(
-    motion: tuple[LaneArray, LaneArray], force: tuple[LaneArray, LaneArray], k: int
+    motion: tuple[LaneArray, ...], force: tuple[LaneArray, ...], k: int
 ) -> Lanes:
     """Return h of (j, (j - k) mod n) on lane j, w . n + v . f."""
-    n = motion[0][0].recorder.lanes
+    n = recorder_of(motion).lanes
     if k > 0:
         # Of a pair, the motion is of the joint nearer the base, the force of the farther one.
-        inner = range(k, n)
-        nearer = [(j - k) if j in inner else None for j in range(n)]
-        farther = [None if j in inner else (j - k) % n for j in range(n)]
-        motion, force = (
-            tuple(each(lambda x, by=by: x.recorder.route(x, by, x), y) for y in pair)
-            for pair, by in ((motion, nearer), (force, farther))
-        )
+        nearer, farther = {j: j - k for j in range(k, n)}, {j: (j - k) % n for j in range(k)}
+        motion = tuple(merge(taken(x, nearer), x) for x in motion)
+        force = tuple(merge(taken(x, farther), x) for x in force)
         if 2 * k == n:
             # At half of an even circle the other half would make the same pairs again.
-            force = (on(force[0], inner), force[1])
+            force = (on(force[0], nearer), force[1])
     result: Lanes = dot(motion[0], force[0]) + dot(motion[1], force[1])
     return result
 
 
 def _rows(around: Rows) -> Rows:
     """Return the rows of H from the pairs at each distance around the lanes."""
-    lanes = around[0].recorder.lanes
+    n = around[0].recorder.lanes
     rows = []
-    for i in range(lanes):
+    for i in range(n):
         row = on(around[0], [i])
-        for j in range(i + 1, lanes):
-            if 2 * (j - i) <= lanes:
+        for j in range(i + 1, n):
+            if 2 * (j - i) <= n:
                 row = merge(on(around[j - i], [j]), row)
             else:  # the short way round ends on lane i
-                sources = [i if lane == j else None for lane in range(lanes)]
-                row = row.recorder.route(around[lanes - j + i], sources, row)
+                row = merge(taken(around[n - j + i], {j: i}), row)
         rows.append(row)
     return rows

@@ -83,10 +83,8 @@ def record_pcgm(
 
     Parameters
     ----------
-    plant : Plant
-        The robot in its scene.
-    schedule : str
-        One of SCHEDULES; in the paper's form nothing is packed.
+    plant, schedule : Plant, str
+        Robot and scene; one of SCHEDULES. In the paper's form nothing is packed.
     start : bool
         Whether an input `start`, (n,), is the first estimate of qdd instead of zero.
     jacobi : bool
@@ -109,21 +107,16 @@ def record_pcgm(
     def times(u: Lanes) -> Any:
         return free_part(inertia_times(chain, u, packs=not edition.printed))
 
-    inverse = None
+    P: Any = 1.0
     if jacobi:
-        _, _, diagonal = composite_forces(chain)
-        inverse = 1.0 / free_part(diagonal, math.inf)
-
-    def scaled(w: Lanes) -> Any:
-        return w if inverse is None else w * inverse
-
+        P = 1.0 / free_part(composite_forces(chain)[2], math.inf)
     w = free_part(y)
     x = free_part(input_row(recorder, 'start')) if start else recorder.constant(0.0)
     if start and not edition.has(STEP_4):
         with recorder.section('step 4'):
             w = w - times(x)
     with recorder.section('first inner product'):
-        v = scaled(w)
+        v = w * P
         e = total(w * v)
         floor = None if edition.printed else (tolerance * tolerance) * e
 
@@ -136,7 +129,7 @@ def record_pcgm(
             g = broadcast(e / ut if edition.printed else where(ut, e / ut, 0.0), 0)
         with recorder.section('steps 9 to 11'):
             x, w = x + g * u, w - g * t
-            v = scaled(w)
+            v = w * P
         with recorder.section('step 12'):
             after = total(w * v)
         with recorder.section('steps 14, 15'):

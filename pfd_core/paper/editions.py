@@ -22,93 +22,44 @@ from pfd_core.model.values import choice
 
 
 class Misprint(NamedTuple):
-    """
-    A misprint that can be executed.
+    """A misprint that can be executed."""
 
-    Attributes
-    ----------
-    name : str
-        Its equation or step.
-    procedure : str
-        The method of 1987 that has it.
-    breaks : str
-        What it makes wrong.
-    appendix : bool
-        Whether Appendix A prints it and the procedure has the right form.
-
-    """
-
-    name: str
-    procedure: str
-    breaks: str
-    appendix: bool = False
+    name: str  # its equation or step
+    procedure: str  # the method of 1987 that has it
+    breaks: str  # what it makes wrong
+    appendix: bool = False  # whether only Appendix A prints it, where the procedure is right
 
 
 CHOLESKY, STEP_6 = 'equations (11), (12)', 'step 6'
 A_3, A_8 = 'equation (A.3)', 'equation (A.8)'
 STEP_4, STEP_7, STEP_16 = 'step 4', 'step 7', 'step 16'
+PCRBM, PCGM = 'pcrbm_1987', 'pcgm_1987'
 MISPRINTS = (
-    Misprint(
-        CHOLESKY,
-        'pcrbm_1987',
-        'h_ij h_kj and h_ii are printed where l_ij l_kj and l_ii are needed',
-    ),
-    Misprint(
-        STEP_6,
-        'pcrbm_1987',
-        'a translational joint has F_j and N_j of a rotational joint',
-    ),
-    Misprint(
-        A_3,
-        'pcrbm_1987',
-        'the first bracket of (19) has the factor M_j instead of M_(j+1)',
-        appendix=True,
-    ),
-    Misprint(
-        A_8,
-        'pcrbm_1987',
-        '(26) depends on the type of joint j instead of joint i',
-        appendix=True,
-    ),
-    Misprint(
-        STEP_4,
-        'pcgm_1987',
-        'w_0 = tau - b for any x_0, where tau - b - H x_0 is needed',
-    ),
-    Misprint(STEP_7, 'pcgm_1987', 'x_1 = t overwrites the iterate'),
-    Misprint(
-        STEP_16,
-        'pcgm_1987',
-        'the loop goes back to step 5 and repeats the inner product of step 12',
-    ),
+    Misprint(CHOLESKY, PCRBM, 'h_ij h_kj and h_ii are printed for l_ij l_kj and l_ii'),
+    Misprint(STEP_6, PCRBM, 'a translational joint has F_j and N_j of a rotational joint'),
+    Misprint(A_3, PCRBM, 'the first bracket of (19) has the factor M_j for M_(j+1)', True),
+    Misprint(A_8, PCRBM, '(26) depends on the type of joint j instead of joint i', True),
+    Misprint(STEP_4, PCGM, 'w_0 = tau - b for any x_0, where tau - b - H x_0 is needed'),
+    Misprint(STEP_7, PCGM, 'x_1 = t overwrites the iterate'),
+    Misprint(STEP_16, PCGM, 'back to step 5, which repeats the inner product of step 12'),
 )
 # The misprints of each procedure, as it is printed and with Appendix A.
 AS_PRINTED = {
     procedure: tuple(x.name for x in MISPRINTS if x.procedure == procedure and not x.appendix)
-    for procedure in ('pcrbm_1987', 'pcgm_1987')
+    for procedure in (PCRBM, PCGM)
 }
 OF_PROCEDURE = {
     procedure: tuple(x.name for x in MISPRINTS if x.procedure == procedure)
-    for procedure in AS_PRINTED
+    for procedure in (PCRBM, PCGM)
 }
 
 
 @dataclass(frozen=True)
 class Edition:
-    """
-    A form of the paper's procedures.
+    """A form of the paper's procedures."""
 
-    Attributes
-    ----------
-    printed : bool
-        Whether the equations are the paper's own, corrected; else our form.
-    misprints : frozenset of str
-        Misprints that are taken as printed.
-
-    """
-
-    printed: bool = False
-    misprints: frozenset[str] = frozenset()
+    printed: bool = False  # whether the equations are the paper's own, corrected; else our form
+    misprints: Collection[str] = ()  # that are taken as printed
 
     def has(self, misprint: str) -> bool:
         """Return whether a misprint is taken as printed."""
@@ -122,4 +73,4 @@ def edition_of(procedure: str, misprints: Collection[str]) -> Edition:
     """Return the paper's form of a procedure with some misprints; ValueError for another name."""
     for name in misprints:
         choice('misprint', name, OF_PROCEDURE[procedure])
-    return Edition(printed=True, misprints=frozenset(misprints))
+    return Edition(printed=True, misprints=misprints)

@@ -32,10 +32,10 @@ from numpy.typing import NDArray
 
 from pfd_core.machine.lanes import merge, on
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Recorder
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Robot
-from pfd_core.paper.lanes import Board, shift
+from pfd_core.paper.lanes import collect, shift
 
 Structure = NDArray[np.float64]  # (n, 3, 3): 0, 1 or -1 where an element is known to be, else NaN
 Element = tuple[int, int]
@@ -55,15 +55,7 @@ def structure_of(robot: Robot) -> Structure:
 
 
 def record_fohra(structure: Structure) -> Program:
-    """
-    Return the program of `products`, (n, 3, 3), the 0R_i, from `R`, (n 9,), the R_i.
-
-    Parameters
-    ----------
-    structure : numpy.ndarray
-        (n, 3, 3), elements of R_i known to be 0, 1 or -1; NaN for all others.
-
-    """
+    """Return the program of `products`, (n, 3, 3), the 0R_i, from `R`, (n 9,), the R_i."""
     n = len(structure)
     recorder = Recorder(n)
     elements = [recorder.input('R', [9 * i + k for i in range(n)]) for k in range(9)]
@@ -82,37 +74,32 @@ def record_fohra(structure: Structure) -> Program:
 
 def _first_level(left: LaneArray, right: LaneArray, structure: Structure) -> LaneArray:
     """Return R_(i-1) R_i on the lanes from 1 on; every element stays on its lane."""
-    n = len(structure)
-    lanes = range(1, n)
-    recorder = right[0, 0].recorder
-    board = Board()
-    for e in NINE:
-        for name, matrix in (('left', left), ('right', right)):
-            board.put(matrix[e], {i: (name, e, i) for i in lanes})
-            board.put(-matrix[e], {i: (f'-{name}', e, i) for i in lanes})
-    board.put(recorder.constant(0.0), {i: ('zero', i) for i in lanes})
+    lanes = range(1, len(structure))
     terms = {i: {e: list(_terms(structure[i - 1], structure[i], e)) for e in NINE} for i in lanes}
-    products = {
-        i: [t for own in terms[i].values() for t in own if t[0] == 'product'] for i in lanes
-    }
-    for step in _side_by_side(products):
-        board.put(
-            board.row({i: ('left', a, i) for i, (_, a, _) in step.items()})
-            * board.row({i: ('right', b, i) for i, (_, _, b) in step.items()}),
-            {i: (*term, i) for i, term in step.items()},
+    sides = {'left': left, '-left': -left, 'right': right, '-right': -right}
+    values = {(side, e): X[e] for side, X in sides.items() for e in NINE}
+    products: dict[Any, Lanes] = {}
+
+    def value(i: int, term: Any) -> Lanes:
+        return values[term] if term in values else products[i, term]
+
+    tasks = {i: [t for own in terms[i].values() for t in own if t not in values] for i in lanes}
+    for step in _side_by_side(tasks):
+        row = collect({i: left[a] for i, (_, a, _) in step.items()}) * collect(
+            {i: right[b] for i, (_, _, b) in step.items()}
         )
-    sums: dict[Any, Any] = {
-        (e, i): (*own[0], i) if own else ('zero', i) for i in lanes for e, own in terms[i].items()
+        products |= dict.fromkeys(step.items(), row)
+    zero = left[0, 0].recorder.constant(0.0)
+    sums = {
+        (i, e): value(i, own[0]) if own else zero for i in lanes for e, own in terms[i].items()
     }
     more = {i: [(e, t) for e, own in terms[i].items() for t in own[1:]] for i in lanes}
     for step in _side_by_side(more):
-        total = board.row({i: sums[e, i] for i, (e, _) in step.items()}) + board.row(
-            {i: (*term, i) for i, (_, term) in step.items()}
+        row = collect({i: sums[i, e] for i, (e, _) in step.items()}) + collect(
+            {i: value(i, term) for i, (_, term) in step.items()}
         )
-        names = {i: ('sum', e, term, i) for i, (e, term) in step.items()}
-        board.put(total, names)
-        sums |= {(e, i): names[i] for i, (e, _) in step.items()}
-    return array([board.row({i: sums[e, i] for i in lanes}) for e in NINE]).reshape(3, 3)
+        sums |= {(i, e): row for i, (e, _) in step.items()}
+    return array([collect({i: sums[i, e] for i in lanes}) for e in NINE]).reshape(3, 3)
 
 
 def _terms(first: NDArray[Any], second: NDArray[Any], e: Element) -> Iterator[tuple[Any, ...]]:

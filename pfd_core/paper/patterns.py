@@ -25,14 +25,14 @@ order for x(i) = x(i-1) a(i); with matrix coefficients on the left it must be X(
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from operator import add
+from operator import add, matmul
 from typing import Any
 
 import numpy as np
 
 from pfd_core.machine.lanes import merge, on
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
-from pfd_core.machine.vectors import dot
+from pfd_core.machine.vectors import array, dot
 from pfd_core.paper.lanes import broadcast, packed, recorder_of, taken
 
 Combine = Callable[[Any, Any], Any]
@@ -68,15 +68,8 @@ def prefix_affine(a: Any, b: Any, times: Combine, product: Combine) -> Any:
     """
     Return X(0) = b(0), X(i) = a(i) X(i-1) + b(i) on lane i.
 
-    Parameters
-    ----------
-    a, b
-        Coefficient and term of each lane.
-    times : callable
-        times(a, x): a coefficient applied to a value.
-    product : callable
-        product(a, a'): the coefficient that applies a' first and then a.
-
+    times(a, x) is a coefficient applied to a value, and product(a, a') the coefficient that
+    applies a' first and then a.
     """
     return _affine(a, b, times, product, downward=False)
 
@@ -120,13 +113,13 @@ def _sums(x: LaneArray, downward: bool) -> LaneArray:
     values: LaneArray = np.ravel(x)
     for sources in levels(recorder, downward):
         sums = packed(add, [(taken(value, sources), value) for value in values])
-        values = np.array([merge(a, b) for a, b in zip(sums, values, strict=True)], dtype=object)
+        values = array(list(map(merge, sums, values)))
     return values.reshape(x.shape)
 
 
 def product(R: LaneArray) -> LaneArray:
     """Return the matrix products R(0) R(1) .. R(i), (3, 3), on lane i: FOHRA, eq. (13)."""
-    swept: LaneArray = prefix(lambda left, right: left @ right, R)
+    swept: LaneArray = prefix(matmul, R)
     return swept
 
 
@@ -138,28 +131,15 @@ def prefix_product(R: LaneArray) -> LaneArray:
     for sources in levels(recorder, downward=False):
         left = taken(R, sources)
         elements = packed(dot, [(left[i], R[:, j]) for i in range(3) for j in range(3)])
-        R = np.array(
-            [merge(new, old) for new, old in zip(elements, np.ravel(R), strict=True)], dtype=object
-        ).reshape(3, 3)
+        R = array(list(map(merge, elements, np.ravel(R)))).reshape(3, 3)
     return R
 
 
 def row_sweep(terms: Sequence[Any], x0: Any) -> list[Any]:
     """
-    Return the rows x(i,j) = x(i+1,j) + terms[i](j) for j > i, with x(j,j) = x0(j).
+    Return the rows x(i,j) = x(i+1,j) + a(i,j) for j > i, with the diagonal x(j,j) = x0(j).
 
-    Parameters
-    ----------
-    terms : sequence
-        terms[i] holds a(i,j) on lane j for j > i; n - 1 rows or more.
-    x0
-        The diagonal, x(j,j) on lane j.
-
-    Returns
-    -------
-    list
-        Row i holds x(i,j) on lane j for j >= i.
-
+    terms[i] holds a(i,j) on lane j for j > i, and row i of the result x(i,j) for j >= i.
     """
     n = recorder_of(x0).lanes
     rows = [x0]
@@ -183,18 +163,14 @@ def column_sweep(
     Parameters
     ----------
     columns : sequence of Lanes or None
-        columns[j] holds t_ij on lane i for i > j, or for i < j if the sweep goes downward; None
-        for the last column swept.
-    b : Lanes
-        Right-hand side, b_i on lane i.
-    diagonal : Lanes or None
-        t_ii on lane i; None means ones.
+        columns[j] holds t_ij on lane i; the last column swept, which has none, may be None.
+    b, diagonal : Lanes
+        Right-hand side, b_i on lane i, and t_ii; no diagonal means ones.
     downward : bool
         Whether T is upper triangular, and x is found from the last element to the first.
 
     """
-    n = b.recorder.lanes
-    x = b
+    n, x = b.recorder.lanes, b
     for j in range(n - 1, -1, -1) if downward else range(n):
         if diagonal is not None:
             x = merge(on(x, [j]) / diagonal, x)

@@ -34,7 +34,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 from pfd_core.machine.lanes import sqrt
 from pfd_core.machine.program import Program
@@ -44,107 +43,53 @@ from pfd_core.paper.lanes import Board, gather
 Index = tuple[int, int]  # (k, i) of S_ki, counted from 1 as in the paper
 
 
-class Term(NamedTuple):
-    """
-    a_ki^(j), or the sum a_ki^(C,0) of the terms 0 to C.
-
-    Attributes
-    ----------
-    set : tuple of int
-        (k, i).
-    last : int
-        j, or C for a sum.
-    summed : bool
-        Whether it is a sum. a_ki^(0,0) is the term a_ki^(0) itself and is written so.
-
-    """
-
-    set: Index
-    last: int
-    summed: bool = False
-
-    def __str__(self) -> str:
-        k, i = self.set
-        return f'a_{k}{i}^({self.last}{",0" if self.summed else ""})'
-
-
 @dataclass(frozen=True)
 class State:
-    """
-    The procedure as one iteration, Steps 2 to 5, leaves it.
+    """The procedure as one iteration, Steps 2 to 5, leaves it."""
 
-    Attributes
-    ----------
-    order : tuple of (k, i)
-        The sets that took part, longest first, as Step 2 orders them: S^(1), S^(2), ...
-    picked : tuple of (k, i)
-        Sets that got an addition, the l-th from the l-th processor.
-    sets : dict
-        (k, i) to the remaining terms, the running sum last.
-    additions : dict
-        (k, i) to NA(S_ki), the number of additions to come; C_ki is i - 1 - NA(S_ki).
-
-    """
-
-    order: tuple[Index, ...]
-    picked: tuple[Index, ...]
-    sets: dict[Index, tuple[Term, ...]]
-    additions: dict[Index, int]
+    order: tuple[Index, ...]  # sets that took part, longest first, as Step 2 orders them
+    picked: tuple[Index, ...]  # sets that got an addition, the l-th from the l-th processor
+    additions: dict[Index, int]  # NA(S_ki), the additions to come; C_ki is i - 1 - NA(S_ki)
 
     @property
     def N(self) -> int:
         """The number of sets that the next iteration considers."""
         return sum(more > 0 for more in self.additions.values())
 
+    def terms(self, index: Index) -> list[str]:
+        """Return the terms of a set that remain, the sum a_ki^(C,0) of the first ones last."""
+        k, i = index
+        summed = i - 1 - self.additions[index]
+        upper = [*map(str, range(i - 1, summed, -1)), f'{summed},0' if summed else '0']
+        return [f'a_{k}{i}^({j})' for j in upper]
+
     def __str__(self) -> str:
         """Return the sets as Appendix C prints them, in descending order."""
         ordered = sorted(self.order, key=lambda index: -self.additions[index])
-        return '\n'.join(
-            f'S_{k}{i} = {{{", ".join(map(str, self.sets[k, i]))}}}' for k, i in ordered
-        )
+        return '\n'.join(f'S_{k}{i} = {{{", ".join(self.terms((k, i)))}}}' for k, i in ordered)
 
 
 def set_ordering(n: int) -> tuple[State, ...]:
     """Run Procedure Set-Ordering for n rows; return its state after Step 1 and each iteration."""
     if n < 1:
         raise ValueError(f'n must be at least 1, got {n}')
-    order = tuple((k, i) for i in range(n, 1, -1) for k in range(n, i - 1, -1))
-    sets = {(k, i): tuple(Term((k, i), j) for j in range(i - 1, -1, -1)) for k, i in order}
-    states = [State(order, (), sets, {(k, i): i - 1 for k, i in order})]
+    order = [(k, i) for i in range(n, 1, -1) for k in range(n, i - 1, -1)]
+    additions = {(k, i): i - 1 for k, i in order}
+    states = [State(tuple(order), (), additions)]
     while states[-1].N > 0:
-        states.append(_iteration(states[-1], n))
+        left = [index for index in order if additions[index]]
+        order = sorted(left, key=additions.__getitem__, reverse=True)
+        additions = additions | {index: additions[index] - 1 for index in order[:n]}
+        states.append(State(tuple(order), tuple(order[:n]), additions))
     return tuple(states)
-
-
-def _iteration(state: State, n: int) -> State:
-    """Return the state after Steps 2 to 5."""
-    sets, additions = dict(state.sets), dict(state.additions)
-    left = [index for index in state.order if additions[index]]
-    order = sorted(left, key=lambda index: -additions[index])
-    picked = order[:n]
-    for k, i in picked:
-        sets[k, i] = (*sets[k, i][:-2], Term((k, i), i - additions[k, i], summed=True))
-        additions[k, i] -= 1
-    return State(tuple(order), tuple(picked), sets, additions)
 
 
 def record_literal_cholesky(n: int, schedule: str) -> Program:
     """
     Return the program of equations (11) and (12), in the order of Procedure Set-Ordering.
 
-    Parameters
-    ----------
-    n : int
-        Size of the matrix, at least 1.
-    schedule : str
-        One of SCHEDULES.
-
-    Returns
-    -------
-    Program
-        Input `H`, (n n,), whose lower triangle is read; outputs `L`, (n, n), which is
-        in general not the Cholesky factor, and `radicands`, (n,), the operands of the roots.
-
+    Its input is `H`, (n n,), whose lower triangle is read; its outputs are `L`, (n, n), in general
+    not the Cholesky factor, and `radicands`, (n,), the operands of the roots.
     """
     recorder = Recorder(n, schedule)
     rows = [

@@ -15,8 +15,8 @@ z = D^-1 L^-1 y; L' x = z by the column sweep.
 
 Element (k, i), i <= k, needs the products l_kj v_ij for all j < i. They can be formed once column
 j is final and must be subtracted before column i is. Packed, a step forms and subtracts up to n
-products, of n different elements (pfd_core.paper.lanes.Board): the elements with most
-waiting products first, until none of the next column is left. Unpacked, a step is a column.
+products, of n different elements (pfd_core.paper.lanes.Board): the elements with most waiting
+products first, until none of the next column is left. Unpacked, a step is a column.
 
 Parallel cost: s + n - 1 multiplications, s + n - 1 additions, n divisions, no square root, with
 
@@ -82,40 +82,37 @@ def _factors(
 ) -> tuple[list[Lanes], Lanes, Lanes | None]:
     """Return the columns of L below its diagonal, the pivots, and z where y is given."""
     recorder, n = rows[0].recorder, len(rows)
-    # h_ki or y_i is ('v', k, i) with the products subtracted so far, and l_ki or z_i ('l', k, i).
-    board = Board()
+    # V has h_ki or y_i with the products subtracted so far, L l_ki or z_i, by (k, i).
+    V, L, products = Board(), Board(), Board()
     for i, row in enumerate(rows):
-        board.put(row, {k: ('v', k, i) for k in range(i, n)})
+        V.put(row, {k: (k, i) for k in range(i, n)})
     if y is not None:
-        board.put(y, {i: ('v', n, i) for i in range(n)})
+        V.put(y, {i: (n, i) for i in range(n)})
     left: list[Lanes] = []  # column j of L on its lanes, and z_j on lane j
     pivots: list[Lanes] = []
 
     def subtract(step: Products) -> None:
         """Form products and subtract them from their elements."""
-        at = [board.lane(('v', *e)) for e, _ in step]
-        # A product l_kj v_ij, or of the right-hand side l_ij v_nj.
-        owners = [i if k == n else k for (k, i), _ in step]
+        at = [V.lane(e) for e, _ in step]
+        # l_kj v_ij, or of the right-hand side l_ij v_nj.
+        factors = [((i, j), (n, j)) if k == n else ((k, j), (i, j)) for (k, i), j in step]
+        owners = [k for (k, _), _ in factors]
         lanes = assigned(list(zip(at, owners, strict=True)), n)
-        product = board.row(
-            {x: ('l', k, j) for x, k, (_, j) in zip(lanes, owners, step, strict=True)}
-        ) * board.row(
-            {x: ('v', n if k == n else i, j) for x, ((k, i), j) in zip(lanes, step, strict=True)}
-        )
-        board.put(product, dict(zip(lanes, step, strict=True)))
-        sums = assigned(list(zip(at, lanes, strict=True)), n)
-        names = {x: ('v', *e) for x, (e, _) in zip(sums, step, strict=True)}
-        less = board.row(dict(zip(sums, step, strict=True)))
-        board.put(board.row(names) - less, names)
+        one, other = (dict(zip(lanes, names, strict=True)) for names in zip(*factors, strict=True))
+        products.put(L.row(one) * V.row(other), dict(zip(lanes, step, strict=True)))
+        sums = dict(zip(assigned(list(zip(at, lanes, strict=True)), n), step, strict=True))
+        elements = {lane: e for lane, (e, _) in sums.items()}
+        less = products.row(sums)
+        V.put(V.row(elements) - less, elements)
 
     def divide(j: int) -> None:
         """Divide column j, whose products have all been subtracted, by its pivot."""
-        pivot = board.row({j: ('v', j, j)})
+        pivot = V.row({j: (j, j)})
         pivots.append(_or_infinite(pivot, free, j))
         elements = {k: (k, j) for k in range(j + 1, n)} | ({} if y is None else {j: (n, j)})
         if not elements:
             return
-        column = board.row({lane: ('v', *e) for lane, e in elements.items()})
+        column = V.row(elements)
         if recorder.packs:
             left.append(column / on(broadcast(pivots[j], j), elements))
         else:  # a processor divides once and multiplies by the reciprocal
@@ -123,8 +120,8 @@ def _factors(
             if free is not None:
                 inverse = where(on(free, [j]), inverse, 0.0)
             left.append(column * on(broadcast(inverse, j), elements))
-        board.put(column, {lane: ('v', *e) for lane, e in elements.items()})
-        board.put(left[j], {lane: ('l', *e) for lane, e in elements.items()})
+        V.put(column, elements)
+        L.put(left[j], elements)
 
     divide(0)
     done = {(k, i): 0 for i in range(1, n) for k in range(i, n + (y is not None))}

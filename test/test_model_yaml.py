@@ -316,7 +316,7 @@ def nested(levels: int) -> str:
         (ROWS.replace('mass: 1,', 'mass: .nan,'), "mass of joint 'a' must be a number"),
         (ROWS.replace('mass: 1,', 'mass: 1, accept_unphysical_inertia: maybe,'), 'true or false'),
         (ROWS.replace('[0, 0, 1e-3]', '[[0], 0, 1e-3]'), "center of joint 'b' must"),
-        (ROWS.replace('[0, 0, 1e-3]', '{x: 1}'), "center of joint 'b' must have shape"),
+        (ROWS.replace('[0, 0, 1e-3]', '{x: 1}'), "center of joint 'b' must be a number, a list"),
         (ROWS.replace('name: a', 'name: [a]'), 'joint_names must be'),
         (ROWS.replace('robot: two', 'robot: [two]'), 'a robot needs a name'),
         (ROWS.replace('robot: two', 'robot: two\nbase: [a]'), 'base must be a mapping'),

@@ -371,8 +371,9 @@ class Effect:
         if self.completed is not None:
             return self.completed(robot, values)
         found = values[self.field]
-        limit = np.isfinite if self.first.infinite else np.any
-        if found is None or not limit(found).any():
+        # A table of zeros is a limit, too.
+        limits = self.first.infinite or self.first.kind == TABLES
+        if found is None or not (np.isfinite(found) if limits else found).any():
             return {}
         return {field.name: values[field.name] for field in self.fields}
 
@@ -624,8 +625,6 @@ EFFECTS: tuple[Effect, ...] = (
             kind=TABLES,
             model=('velocity_limit', 'effort_limit'),
         ),
-        # A table of zeros is a limit, too: it is never off.
-        completed=lambda robot, values: {'torque_speed': values['torque_speed']},
     ),
     Effect(
         'gravity compensation',

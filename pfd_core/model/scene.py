@@ -34,7 +34,7 @@ from pfd_core.model.values import (
     quote,
     real_array,
 )
-from pfd_core.model.yaml_files import read_yaml, table, yaml_text
+from pfd_core.model.yaml_files import numbers, read_yaml, table, yaml_text
 
 # Values of all joints, or of some by their names.
 JointValues: TypeAlias = ArrayLike | Mapping[str, Any]
@@ -300,23 +300,18 @@ def _scene_of(label: str, value: Any) -> Scene:
     for key, item in table(label, value, (), tuple(item.name for item in fields(Scene))).items():
         if key == 'payload' and isinstance(item, Mapping):
             body = table(key, item, ('mass',), ('center', 'inertia'))
-            given[key] = Payload(**{k: _value(f'payload {k}', x) for k, x in body.items()})
+            given[key] = Payload(**{k: numbers(f'payload {k}', x, _word) for k, x in body.items()})
         elif key == 'gravity_compensation' and isinstance(item, Mapping):
             given[key] = _scene_of(key, item)
         elif isinstance(item, Mapping) and FIELDS[key].has_numbers:
-            given[key] = {joint: _value(f'{key}.{joint}', entry) for joint, entry in item.items()}
+            given[key] = {joint: numbers(f'{key}.{joint}', x, _word) for joint, x in item.items()}
         else:
-            given[key] = _value(key, item)
+            given[key] = numbers(key, item, _word)
     return Scene(**given)
 
 
-def _value(key: str, item: Any) -> Any:
-    """Return a string as a number or a keyword's value; also each element of a list."""
-    if isinstance(item, list):
-        return [_value(key, entry) for entry in item]
-    if not isinstance(item, str):
-        raise ValueError(f'{key} must be a number, a list or a word, got a table')
-    return WORDS[item] if item in WORDS else number_from_text(key, item, infinite=True)
+def _word(label: str, text: str) -> Any:
+    return WORDS[text] if text in WORDS else number_from_text(label, text, infinite=True)
 
 
 # Inputs that a scene adds at run time.

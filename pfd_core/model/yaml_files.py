@@ -33,8 +33,8 @@ in that frame of `Robot`, or fixed to the base link, 0, and placed in its frame.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from functools import lru_cache
+from collections.abc import Callable, Mapping
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,7 +59,7 @@ from pfd_core.model.robot import (
     from_stated,
     stated,
 )
-from pfd_core.model.values import Array, number_from_text, quote, real_number, switch
+from pfd_core.model.values import Array, number_from_text, quote, real_array, real_number, switch
 
 # Four hundred joints are stored in 26 000 nodes and 330 kB; PyYAML reads 20 000 nodes a second.
 MOST_NODES = 30_000
@@ -148,6 +148,15 @@ def table(
     return value
 
 
+def numbers(label: str, value: Any, read: Callable[[str, str], Any] = number_from_text) -> Any:
+    """Return a string as a number, by `read`; also each element of a list."""
+    if isinstance(value, list):
+        return [numbers(label, item, read) for item in value]
+    if not isinstance(value, str):
+        raise ValueError(f'{label} must be a number, a list or a word, got a table')
+    return read(label, value)
+
+
 def yaml_text(document: Mapping[str, Any]) -> str:
     """Return a document as YAML, of whose numbers `read_yaml` gives the same floats."""
     # PyYAML writes the shortest digits that read back as the same float.
@@ -173,10 +182,10 @@ def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
             'center': robot.centers[i].tolist(),
             'inertia': {key: float(robot.inertias[i][at]) for key, at in ELEMENTS.items()},
         }
-        numbers = stated(robot, i)
-        limits = {key: numbers.pop(key) for key in LIMIT_FIELDS if key in numbers}
+        given = stated(robot, i)
+        limits = {key: given.pop(key) for key in LIMIT_FIELDS if key in given}
         joint |= {'limits': limits} if limits else {}
-        joint |= numbers
+        joint |= given
         if name in robot.accepted:
             joint['accept_unphysical_inertia'] = True
         joints.append(joint)
@@ -222,7 +231,7 @@ def robot_from_yaml(text: str, source: str) -> Robot:
         source=document.get('source', source),
         accepted=tuple(joint.name for joint in joints if joint.accepted),
         **_chain(name, joints, first, last),
-        **from_stated(names, [joint.numbers for joint in joints]),
+        **from_stated(names, [joint.stated for joint in joints]),
         frames={frame: _frame(f'frame {quote(frame)}', row) for frame, row in further.items()},
     )
 
@@ -273,7 +282,7 @@ class Joint(NamedTuple):
     way: str  # of PLACED_BY
     frame: Placement
     body: Body
-    numbers: Mapping[str, float]  # that the file states, by their names in STATED
+    stated: Mapping[str, float]  # numbers that the file states, by their names in STATED
     accepted: bool
 
 
@@ -287,22 +296,23 @@ def _joint(index: int, row: Any) -> Joint:
         raise ValueError(f'{label} must have exactly one of {", ".join(PLACED_BY)}, got {ways}')
     limits = table(f'limits of {label}', row.get('limits', {}), (), tuple(LIMIT_FIELDS))
     inertia = table(f'inertia of {label}', row.get('inertia', {}), (), tuple(ELEMENTS))
-    elements = [_number(f'inertia {k} of {label}', inertia.get(k, 0.0)) for k in ELEMENTS]
+    elements = [_number(f'inertia {k} of {label}', inertia.get(k, '0')) for k in ELEMENTS]
     accepted = row.get('accept_unphysical_inertia', 'false')
     if accepted not in ('true', 'True', 'false', 'False'):
         raise ValueError(
             f'accept_unphysical_inertia of {label} must be true or false, got {quote(accepted)}'
         )
     mass = _number(f'mass of {label}', row['mass'])
-    center = _numbers(f'center of {label}', row.get('center', [0, 0, 0]), (3,))
-    numbers = {k: _number(f'limit {k} of {label}', x, infinite=True) for k, x in limits.items()}
+    center = _array(f'center of {label}', row.get('center', ['0'] * 3), (3,))
+    limit = partial(number_from_text, infinite=True)
+    limited = {k: _number(f'limit {k} of {label}', x, limit) for k, x in limits.items()}
     return Joint(
         row['name'],
         row['type'],
         ways[0],
         _placed(label, ways[0], row[ways[0]]),
         (mass, center, symmetric(*elements)),
-        numbers | _losses(label, row),
+        limited | _losses(label, row),
         accepted in ('true', 'True'),
     )
 
@@ -348,28 +358,17 @@ def _end(role: str, value: Any) -> tuple[str, Placement | None]:
 
 
 def _placement(label: str, frame: Mapping[str, Any]) -> Placement:
-    rotation = frame.get('rotation', np.eye(3))
-    translation = frame.get('translation', np.zeros(3))
-    return (
-        _numbers(f'rotation in {label}', rotation, (3, 3)),
-        _numbers(f'translation in {label}', translation, (3,)),
-    )
+    R, p = AT_ORIGIN
+    if 'rotation' in frame:
+        R = _array(f'rotation in {label}', frame['rotation'], (3, 3))
+    if 'translation' in frame:
+        p = _array(f'translation in {label}', frame['translation'], (3,))
+    return R, p
 
 
-def _number(label: str, value: Any, *, infinite: bool = False) -> float:
-    """Return a number from its text, or a default from the number itself."""
-    if isinstance(value, str):
-        return number_from_text(label, value, infinite=infinite)
-    return real_number(label, value, finite=not infinite)
+def _number(label: str, text: Any, read: Callable[[str, str], float] = number_from_text) -> float:
+    return real_number(label, numbers(label, text, read), finite=False)
 
 
-def _numbers(label: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Return nested lists of texts as an array of a shape."""
-    try:
-        array = np.asarray(value, dtype=object)
-    except ValueError:
-        array = np.zeros(())
-    if array.shape != shape:
-        raise ValueError(f'{label} must have shape {shape}, got {quote(value)}')
-    flat = [_number(label, item) for item in array.ravel()]
-    return np.array(flat, dtype=np.float64).reshape(shape)
+def _array(label: str, texts: Any, shape: tuple[int, ...]) -> Array:
+    return real_array(label, numbers(label, texts), shape=shape)

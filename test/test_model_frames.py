@@ -65,17 +65,6 @@ def test_frames_keep_their_poses_when_joints_are_locked(indices: list[int]) -> N
         assert relative(found, pose(robot, name, q)) < DYNAMICS, name
 
 
-def test_locking_in_the_file_and_in_the_robot_gives_the_same_frames() -> None:
-    locked = {'j1': 0.4, 'j3': -0.1, 'j6': 0.2}
-    first, second = (
-        pfd.load_robot(ODD_ARM, locked=locked),
-        pfd.lock(pfd.load_robot(ODD_ARM), locked),
-    )
-    q = np.array([0.3, -1.0, 2.0])
-    for name in first.frames:
-        assert relative(pose(second, name, q), pose(first, name, q)) < DYNAMICS, name
-
-
 def test_a_payload_leaves_frames_alone() -> None:
     _, robot = carried(4)
     assert pfd.with_payload(robot, pfd.Payload(1.0, (0, 0, 0.1))).frames == robot.frames

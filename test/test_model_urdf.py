@@ -109,13 +109,6 @@ def test_limits_and_friction_come_from_the_file() -> None:
     np.testing.assert_array_equal(robot.armature, np.zeros(6))
 
 
-def test_locking_in_the_file_and_in_the_robot_is_the_same() -> None:
-    positions = {'j2': 0.7, 'j3': -0.1, 'j5': 2.0}
-    ours = pfd.lock(pfd.load_robot(ODD_ARM), positions)
-    assert_same_physics(ours, ODD_ARM, positions)
-    assert ours.joint_names == pfd.load_robot(ODD_ARM, locked=positions).joint_names
-
-
 def test_links_fixed_beyond_the_tip_keep_their_mass() -> None:
     whole, cut = pfd.load_robot(ODD_ARM, tip='hand'), pfd.load_robot(ODD_ARM, tip='wrist')
     assert cut.masses[-1] == whole.masses[-1] == pytest.approx(0.8 + 0.5, rel=DYNAMICS)

@@ -103,13 +103,3 @@ def test_without_the_package_a_xacro_file_is_refused_with_the_way_to_get_it(
     path = xacro_file(tmp_path, ARM)
     with pytest.raises(ValueError, match=r'needs the package xacro, .*`pip install xacro`'):
         pfd.load_robot(path)
-
-
-def test_a_xacro_file_is_a_regular_file_of_bounded_size(tmp_path: Path) -> None:
-    (tmp_path / 'folder.xacro').mkdir()
-    with pytest.raises(ValueError, match='it is not a regular file'):
-        pfd.load_robot(tmp_path / 'folder.xacro')
-    with pytest.raises(ValueError, match='no robot file'):
-        pfd.load_robot(tmp_path / 'absent.xacro')
-    with pytest.raises(ValueError, match='it is larger than 16777216 bytes'):
-        pfd.load_robot(xacro_file(tmp_path, ' ' * (2**24 + 1)))

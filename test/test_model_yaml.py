@@ -120,14 +120,10 @@ def test_planar2_is_the_double_pendulum_of_the_textbook() -> None:
     np.testing.assert_allclose(load, [1.5 * m * g * l * c1 + outer, outer], rtol=DYNAMICS)
 
 
-@pytest.mark.parametrize('name', ['puma560', 'panda', 'planar2', ODD_ARM])
-def test_stored_known_robots_come_back_whole(name: str, tmp_path: Path) -> None:
-    robot = pfd.load_robot(name)
-    path = tmp_path / 'stored.yaml'
-    path.write_text(pfd.robot_to_yaml(robot), encoding='utf-8')
-    again = pfd.load_robot(path)
-    assert again == robot
-    assert (again.source, again.accepted) == (robot.source, robot.accepted)
+def test_a_stored_robot_keeps_its_source_and_the_inertias_that_it_accepts() -> None:
+    robot = pfd.load_robot('puma560')
+    again = pfd.load_robot(pfd.robot_to_yaml(robot))
+    assert (again, again.source, again.accepted) == (robot, robot.source, robot.accepted)
 
 
 def dh(a: float, d: float, alpha: float, theta: float) -> np.ndarray:

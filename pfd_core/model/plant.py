@@ -160,13 +160,9 @@ def resolve(
     Return a scene as numbers for a robot; gravity alone without a scene.
 
     `arms` are fields of the scene whose numbers differ among some arms, with an axis of arms in
-    front; the plant then has the numbers of all arms.
-
-    An effect that is off, or whose numbers are all zero, or infinite for a limit, has no numbers.
-    With payload="input" the plant is that of the robot without payload, see
-    pfd_core.dynamics.bodies.with_payload_input.
-    ValueError if the scene has numbers for another number of joints, a static friction below the
-    Coulomb friction, or stops between which a joint cannot move.
+    front; the plant then has the numbers of all arms. With payload="input" the plant is that of
+    the robot without payload, see pfd_core.dynamics.bodies.with_payload_input. ValueError if the
+    numbers do not fit the robot or each other.
     """
     check_robot(robot)
     scene = given_scene(scene)
@@ -249,10 +245,8 @@ def check_joint_inertia(plant: Plant) -> None:
     """
     Raise ValueError if a joint and all that it moves have no inertia; names link and joint.
 
-    The diagonal element of the joint-space inertia of the last joint is the same in all positions:
-    Izz + m (x^2 + y^2) + rotor of a joint that turns about z, m + rotor of one that slides. Zero
-    makes the matrix singular in all positions. So does a zero of a joint before it, if all links
-    beyond are without mass and inertia.
+    Its element of the joint-space inertia is then zero, and the matrix singular, in all positions:
+    Izz + m (x^2 + y^2) + rotor of a joint that turns about z, m + rotor of one that slides.
     """
     robot, rotors = plant.robot, plant.inertia
     for i in reversed(range(robot.n)):

@@ -195,11 +195,7 @@ Scene.__init__ = _init_by_joint  # type: ignore[method-assign]
 
 
 def by_joint(values: Mapping[str, Any]) -> dict[str, Any]:
-    """
-    Return values by field, with `friction.elbow_joint` for one joint as friction of that joint.
-
-    ValueError if a field is given for one joint and for all, or twice for one.
-    """
+    """Return values by field, with `friction.elbow_joint` as friction of that joint, once."""
     found: dict[str, Any] = {}
     for key, value in values.items():
         name, dot, joint = key.partition('.')
@@ -245,11 +241,7 @@ DEFAULT = Scene()
 
 
 def given_scene(scene: Scene | None, wrench: object = None) -> Scene:
-    """
-    Return a scene, the default one for None, with an external wrench if one is given.
-
-    ValueError for anything but a scene or None.
-    """
+    """Return a scene, the default one for None, with an external wrench if one is given."""
     if scene is None:
         scene = DEFAULT
     if not isinstance(scene, Scene):
@@ -283,9 +275,8 @@ def scene_from_yaml(text: str, source: str) -> Scene:
     """
     Return the scene of a YAML string; ValueError, which names the `source`, if it has none.
 
-    The string is a table of the fields of Scene: `null` is None, `true` and `false` are truth
-    values, `model` is the robot's own, all else numbers and lists of numbers; `payload` is `input`
-    or a table of the fields of Payload, and `gravity_compensation` may be a table of a scene.
+    The string is a table of the fields of Scene, with WORDS, numbers and lists of numbers; a
+    `payload` may be a table of its fields, and `gravity_compensation` a table of a scene.
     """
     document = read_yaml(text, source)
     try:

@@ -303,12 +303,7 @@ def _placed(origin: Origin, slack: float) -> Placement:
 
 
 def _link_frames(chain: Chain, locked: Mapping[str, float], slack: float) -> dict[str, Placement]:
-    """
-    Return the frame of each link in the frame of the moving joint that carries it.
-
-    The axis of a moving joint is z of its frame. Fixed links are given in the frame of
-    the topmost one.
-    """
+    """Return the frame of each link in its moving joint's, whose z is the axis, or in `held`'s."""
     frames: dict[str, Placement] = {chain.held: AT_ORIGIN}
     for joint in chain.below:
         if joint in chain.joints:

@@ -209,10 +209,9 @@ def check_least(name: str, array: Array, least: float = 0.0, *, above: bool = Fa
 
 def fit_shape(name: str, array: Array, shape: Shape, broadcast: bool = False) -> Array:
     """
-    Return an array of a shape, broadcast to it on demand; ValueError for another shape.
+    Return an array of a shape, or broadcast to it; ValueError for another shape.
 
-    In the shape, a str names a dimension of any length, and a leading ... means any number
-    of dimensions; not so in a shape to broadcast to.
+    A str names a dimension of any length, a leading ... a batch; not so if it is broadcast.
     """
     if array.shape == shape:
         return array

@@ -154,7 +154,8 @@ def advise(
     alone = {name: row(scene.without({name})) for name in names}
     small = scene
     while True:
-        smaller = {small.without({name}) for name in names} - {small}
+        # In the order of the table: of effects whose errors are equal the first goes.
+        smaller = [one for name in names if (one := small.without({name})) != small]
         errors = {one: row(one).error for one in smaller if row(one).error <= tolerance}
         if not errors:
             break

@@ -17,9 +17,11 @@ import bridge
 from bridge import TARGET_LEVELS, host_target, missing_features
 from contact_oracle import Motion
 import numpy as np
+from numpy.polynomial import Polynomial
 import pinocchio as pin
 import pytest
 from sampling import one_fast
+from scipy.optimize import brentq
 from test_simulation_contact_random import random_case, random_start
 import yaml
 from zoo import Array, random_chain, slider, to_pinocchio
@@ -240,6 +242,110 @@ def test_chains_of_impacts_end_and_pass_no_stop(seed: int, stribeck: bool) -> No
     assert (run.q <= case.limits[:, 1]).all()
 
 
+@pytest.mark.parametrize('beyond', [1e-9, 1e-3, 0.3])
+@pytest.mark.parametrize(
+    ('speed', 'force', 'wanted', 'events'),
+    [
+        # At rest, pushed further out: the stop holds the joint where it is.
+        (0.0, -1.0, lambda q, t: q, 0),
+        (0.0, 1.0, lambda q, t: q + t**2 / 2, 0),
+        (0.5, 0.0, lambda q, t: q + 0.5 * t, 0),
+        # Further out: an impact at the start.
+        (-0.5, 0.0, lambda q, t: q + 0.25 * t, 0),
+        # Back into the range, out again, and an impact at the stop.
+        (2.0, -2.0, lambda q, t: bounced(q, t), 1),
+    ],
+)
+def test_a_joint_that_starts_beyond_its_stop_may_return_and_goes_no_further(
+    beyond: float, speed: float, force: float, wanted: Callable[..., float], events: int
+) -> None:
+    scene = pfd.Scene(gravity=None, joint_limits=[[0.0, 9.0]], restitution=[0.5])
+    for rtol in (1e-3, 1e-9, 1e-13):
+        run = pfd.integrate(
+            slider(1, 0), [force], 2.5, scene=scene, q=[-beyond], qd=[speed], rtol=rtol
+        )
+        assert run.status == 'ok'
+        assert run.q.min() == -beyond
+        assert len(run.events) == events
+        assert run.q[-1, 0] == pytest.approx(wanted(-beyond, 2.5), abs=1e-11)
+
+
+def bounced(q: float, t: float) -> float:
+    """Return where a mass of 1 kg is after a bounce at 0, from q with 2 m/s under -2 N."""
+    root = np.sqrt(1 + q)
+    left = t - 1 - root
+    return root * left - left**2
+
+
+@pytest.mark.parametrize(('speed', 'force'), [(1.0, 1e2), (1e3, 1e8), (1e4, 1e6)])
+def test_a_joint_that_enters_its_range_and_leaves_it_in_one_step_hits_its_stop(
+    speed: float, force: float
+) -> None:
+    way = 1e-3 * speed**2 / force
+    scene = pfd.Scene(gravity=None, joint_limits=[[0.0, np.inf]], restitution=[0.5])
+    hit = (speed + np.sqrt(speed**2 - 2 * force * way)) / force
+    for rtol in (0.5, 1e-3, 1e-9):
+        run = pfd.integrate(
+            slider(1, 0), [-force], 1.1 * hit, scene=scene, q=[-way], qd=[speed], rtol=rtol
+        )
+        np.testing.assert_allclose(run.events, [hit], rtol=1e-12)
+
+
+@pytest.mark.parametrize('rtol', one_fast([1e-3, 1e-9, 1e-13], 1e-9))
+@pytest.mark.parametrize('gap', [1e-12, 1e-9, 1e-3])
+def test_a_joint_that_turns_in_front_of_its_stop_has_no_event(gap: float, rtol: float) -> None:
+    speed, force = 1.0, 2.0
+    scene = pfd.Scene(joint_limits=[[-(speed**2) / (2 * force) - gap, np.inf]], gravity=None)
+    run = pfd.integrate(slider(1, 0), [force], 2.0, scene=scene, qd=[-speed], rtol=rtol)
+    assert run.events.size == 0
+    assert run.q[-1, 0] == pytest.approx(-2.0 * speed + force * 2.0, abs=1e-12)
+
+
+@pytest.mark.parametrize('rtol', one_fast([1e-1, 1e-3, 1e-9, 1e-13], 1e-3))
+def test_a_block_driven_to_and_fro_from_rest_is_released_at_each_turn(rtol: float) -> None:
+    # Under the torque v' less friction F it does not rest, and a step may be as long as the run:
+    # its velocity is v(t) -+ F t + c.
+    v = Polynomial.fromroots([0.0, 1.0, 2.0, 3.0])
+    friction, duration = 0.01, 3.5
+    turns, sign, rest = [], -1.0, v + Polynomial([0.0, friction])
+    for near in (1.0, 2.0, 3.0):
+        turns.append(brentq(rest, near - 0.2, near + 0.2))
+        rest += 2 * sign * friction * Polynomial([-turns[-1], 1.0])
+        sign = -sign
+    run = pfd.integrate(
+        slider(1, 0),
+        lambda t, q, qd: [v.deriv()(t)],
+        duration,
+        scene=pfd.Scene(gravity=None, friction=[friction]),
+        rtol=rtol,
+        atol=rtol,
+    )
+    assert run.status == 'ok'
+    np.testing.assert_allclose(run.events, turns, rtol=0, atol=1e-12)
+    assert run.qd[-1, 0] == pytest.approx(rest(duration), abs=1e-11)
+
+
+def test_an_arm_that_friction_holds_takes_one_step() -> None:
+    for scene in (
+        pfd.Scene(friction=[50.0, 50.0]),
+        pfd.Scene(friction=[50.0, 50.0], joint_limits=[[0.0, 1.0]] * 2),
+    ):
+        run = pfd.integrate(pfd.load_robot('planar2'), np.zeros(2), 1e4, scene=scene)
+        assert (run.status, run.finite_steps, len(run.events)) == ('ok', 1, 0)
+        np.testing.assert_array_equal(run.at([0.0, 5e3, 1e4]).q, 0.0)
+
+
+def test_states_before_an_event_lead_to_it() -> None:
+    scene = pfd.Scene(friction=[0.5, 0.2], joint_limits=[[-2, 2]] * 2, restitution=0.5)
+    run = pfd.integrate(
+        pfd.load_robot('planar2'), [1.0, 0.5], 4.0, scene=scene, qd=[3.0, -2.0], rtol=1e-10
+    )
+    assert run.events.size > 10
+    just_before = run.at(run.events * (1 - 1e-12))
+    at_events = np.isin(run.time, run.events)
+    np.testing.assert_allclose(just_before.q, run.q[at_events], rtol=0, atol=1e-10)
+
+
 def test_motors_brakes_and_wrench_act_in_a_scene_with_events_as_in_the_simulator() -> None:
     robot = random_chain(np.random.default_rng(8), 3)
     settings: dict[str, Any] = {
@@ -302,6 +408,41 @@ def test_an_exception_of_a_law_ends_the_run_and_is_passed_on() -> None:
         with pytest.raises(ZeroDivisionError, match='as planned'):
             pfd.integrate(pfd.load_robot('planar2'), law, 1.0, scene=scene)
         assert sum(t > 0.5 for t in calls) == 1
+
+
+def test_a_torque_that_is_not_finite_is_a_status_where_friction_holds_the_joint_too() -> None:
+    def law(t: float, q: Array, qd: Array) -> Array:
+        return np.array([np.nan if t > 0.5 else 0.0, 0.0])
+
+    scene = pfd.Scene(gravity=None, friction=[5.0, 0.1])
+    run = pfd.integrate(pfd.load_robot('planar2'), law, 1.0, scene=scene, qd=[0.0, 3.0])
+    assert run.status == 'not_finite'
+    assert run.time[-1] == pytest.approx(0.5, abs=1e-12)
+    assert np.isfinite(run.q).all()
+
+
+@pytest.mark.parametrize('dense', [True, False])
+def test_a_law_of_constant_torques_is_a_constant_torque_and_called_once_an_evaluation(
+    dense: bool,
+) -> None:
+    calls: list[float] = []
+
+    def law(t: float, q: Array, qd: Array) -> list[float]:
+        calls.append(t)
+        return [1.0, 0.5]
+
+    settings: Any = {
+        'scene': pfd.Scene(friction=[0.5, 0.2], joint_limits=[[-2, 2]] * 2, restitution=0.5),
+        'qd': [3.0, -2.0],
+        'dense': dense,
+    }
+    robot = pfd.load_robot('planar2')
+    run = pfd.integrate(robot, law, 4.0, **settings)
+    constant = pfd.integrate(robot, [1.0, 0.5], 4.0, **settings)
+    assert run.events.size > 10
+    assert run.evaluations == constant.evaluations == len(calls)
+    for name in ('time', 'q', 'qd', 'qdd', 'events'):
+        np.testing.assert_array_equal(getattr(run, name), getattr(constant, name))
 
 
 @pytest.mark.parametrize('law', [False, True])

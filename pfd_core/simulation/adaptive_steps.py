@@ -21,7 +21,8 @@ The stages of a segment repeated by the search replace those before it, and the 
 All arrays lie in a frame of the caller, so that a run can be split after any attempt. A law of
 torques is a Python object that is called without arguments: it reads time and state from the array
 `asked` and writes `tau`. If it raises, `failed` is set, no further call is made, and the exception
-is left to the caller.
+is left to the caller. `lost` is NaN in an attempt with a torque that is not finite, of a joint at
+rest, too; else 0.
 """
 
 from __future__ import annotations
@@ -56,6 +57,8 @@ SETTINGS = ('duration', 'longest', 'smallest', 'rtol', 'atol', 'wanted', 'begins
 COUNTS = ('status', 'evaluations', 'rejected', 'stiff', 'failed')
 # Equal parts of a step, at whose ends its dense output is looked at.
 LOOKS = 8
+# Part of a segment that a Taylor step to an event may be: such a step adds less than rounding.
+SHORT = 2.0**-26
 
 COPY = 'llvm.memcpy.p0.p0.i64'
 DECLARATIONS = f"""declare ptr @pfd.call(ptr)
@@ -78,7 +81,7 @@ def adaptive_frame(n: int, inputs: Mapping[str, int]) -> Frame:
 
 def adaptive_code(plant: Plant, pair: EmbeddedPair) -> StepCode:
     """Return adaptive steps of a plant by a pair, for pfd_core.kernels.simulations."""
-    law = Law(plant, 'float64', adaptive=True)
+    law = Law(plant, 'float64', SHORT)
     segment = Segment(plant, pair.tableau, 0.0, False, law.load)
     programs = control_programs(pair, law.n)
     if has_contact(plant):
@@ -164,9 +167,8 @@ class AdaptiveWriter(EventWriter):
         ahead = code.op('mul', s.element('part', 0), s.element('r', 0))
         now = code.op('add', s.element('time', 0), ahead)
         state = [x for name in MOTION for x in s.read(name)]
-        answered, nothing = code.variable('i1', 'false'), code.constant(0.0)
-        for x in state:
-            nothing = code.op('fma', x, code.constant(0.0), nothing)
+        answered = code.variable('i1', 'false')
+        nothing = _nothing(code, code.constant(0.0), state)
         finite = code.let(f'fcmp ord double {nothing}, {nothing}')
         fine = code.negated(code.above(s.element('failed', 0)))
         with code.when(code.both(finite, fine)):
@@ -179,6 +181,7 @@ class AdaptiveWriter(EventWriter):
                 s.fill('failed', 1.0, 1)
         with code.when(code.negated(answered.get())):
             s.fill('tau', math.nan, self.law.n)
+        s.write('lost', [_nothing(code, s.element('lost', 0), s.read('tau'))])
         return s
 
     def _asked(self, s: Script, q: str, qd: str) -> None:
@@ -322,6 +325,13 @@ class AdaptiveWriter(EventWriter):
         code.store('i64', code.integer('add', rows, 1), s.at('rows'))
 
 
+def _nothing(code: Code, nothing: str, values: Sequence[str]) -> str:
+    """Return a zero, or NaN if a value is not finite."""
+    for x in values:
+        nothing = code.op('fma', x, code.constant(0.0), nothing)
+    return nothing
+
+
 def _look(n: int) -> Program:
     """
     Return the program of the state at the next part of a step, q.look and qd.look.
@@ -351,13 +361,15 @@ def _looked(law: Law) -> Program:
     Return the program of what follows a look.
 
     Outputs are `looks`, whether there is another one; `found`, whether a margin was below zero;
-    and then r, shortened, and `shorter`, whether it is. A joint that has turned before its stop
-    does so in the next step, which begins before it.
+    and then r, shortened, and `shorter`, whether it is. A step from which a margin at the end does
+    not tell an event ends before it: where a joint has turned in front of its stop, or begins
+    beyond it, so that it has another stop until it is back.
     """
     recorder = Recorder(1, 'sequential')
     part, r, found = single(recorder, 'part', 'r', 'seek.look')
-    (turns,) = read(recorder, law.n, 'turns.look')
-    before = both(any_of(turns), sign_of(part - 1.5 / LOOKS))
+    q, turns = read(recorder, law.n, 'q', 'turns.look')
+    beyond = [sign_of(s * (x - q[i])) for i, stops in enumerate(law.stops) for s, x in stops]
+    before = both(any_of([*turns, *beyond]), sign_of(part - 1.5 / LOOKS))
     part = where(before, part - 1 / LOOKS, part)
     shorter = both(found, sign_of(1.0 - part))
     return program_with_outputs(

@@ -45,10 +45,8 @@ Stop = tuple[float, float]  # the sign of the position in the margin, and the po
 # A joint is released where lambda exceeds its bound by so many roundings of the largest torque:
 # the modes that follow then release it, too.
 SLACK = {'float64': 2.0**12, 'float32': 2.0**5}
-# The part of a segment that a Taylor step to an event may be: shorter hops are not resolved. An
-# adaptive step is longer, and its tolerance may be a few roundings.
+# Of steps of a fixed size, the attribute of Law.
 SHORT = 2.0**-16
-ADAPTIVE_SHORT = 2.0**-26
 
 
 def has_contact(plant: Plant) -> bool:
@@ -75,14 +73,14 @@ class Law:
         Robot and scene.
     dtype : {'float64', 'float32'}
         Number format.
-    adaptive : bool
-        Whether steps may be as long as the motion is smooth.
+    short : float
+        The part of a segment that a Taylor step to an event may be: shorter hops are not resolved.
 
     """
 
     plant: Plant
     dtype: str
-    adaptive: bool = False
+    short: float = SHORT
 
     @property
     def n(self) -> int:
@@ -93,11 +91,6 @@ class Law:
     def eps(self) -> float:
         """Distance of one from the next number of the format."""
         return float(np.finfo(self.dtype).eps)
-
-    @property
-    def short(self) -> float:
-        """The part of a segment below which a search does not resolve times."""
-        return ADAPTIVE_SHORT if self.adaptive else SHORT
 
     @property
     def drives(self) -> bool:
@@ -425,9 +418,6 @@ def record_snap(law: Law, compensated: bool) -> Program:
     for margin, flag in zip(law.margins, fired, strict=True):
         i = margin.joint
         happens, still = both(both(event, flag), moving[i]), negated(absolute(v0[i]))
-        if law.adaptive:
-            # In a step of any length a joint may start and come back without a fault.
-            still = both(still, at_once)
         if margin.stops:
             _, stop = _stop_of(margin, q0[i], direction[i])
             returns = negated(absolute(q0[i] - stop))

@@ -70,7 +70,7 @@ def _first_size(pair: EmbeddedPair, n: int) -> Program:
     """Return the program of `size` and `grow` at the start (Hairer, Norsett, Wanner, II.4)."""
     recorder = Recorder(1, 'sequential')
     q, qd, a = read(recorder, n, 'q', 'qd', 'K0')
-    longest, smallest = single(recorder, 'longest', 'smallest')
+    longest, smallest, lost = single(recorder, 'longest', 'smallest', 'lost')
     speed = sqrt(_mean_square([*qd, *a], _scales(recorder, [*q, *qd])))
     size = _smaller(longest, _larger(smallest, _root(0.01 / speed, pair.tableau.order)))
     known = both(sign_of(speed), sign_of(LARGEST - speed))
@@ -78,7 +78,7 @@ def _first_size(pair: EmbeddedPair, n: int) -> Program:
         recorder,
         size=[where(known, size, longest)],
         grow=[recorder.constant(GROW)],
-        status=_status(recorder, not_finite=negated(_finite([*q, *qd, *a]))),
+        status=_status(recorder, not_finite=negated(_finite([*q, *qd, *a, lost]))),
     )
 
 
@@ -111,6 +111,7 @@ def _plan() -> Program:
         status=[status],
         goes=[negated(either(status, failed))],
         event=nothing,
+        lost=nothing,
         accepted=nothing,
     )
 
@@ -128,15 +129,15 @@ def _judge(pair: EmbeddedPair, n: int) -> Program:
     tableau, end = pair.tableau, pair.end
     A = np.array(tableau.A)
     q, v, q_end, v_end = read(recorder, n, 'q', 'qd', 'q.end', 'qd.end')
-    r, grow, longest, rejected, stiff = single(
-        recorder, 'r', 'grow', 'longest', 'rejected', 'stiff'
+    r, grow, longest, rejected, stiff, lost = single(
+        recorder, 'r', 'grow', 'longest', 'rejected', 'stiff', 'lost'
     )
     K = read(recorder, n, *(f'K{j}' for j in range(end + 1)))
     scales = _scales(recorder, [*q, *v], [*q_end, *v_end])
     high, low = (
         _mean_square([*_sum(r, e @ A, K), *_sum(1.0, e, K)], scales) for e in pair.estimates
     )
-    finite = _finite([*q_end, *v_end, *K[end]])
+    finite = _finite([*q_end, *v_end, *K[end], lost])
     error = where(finite, r * high / sqrt(where(high, high + 0.01 * low, 1.0)), math.nan)
     accepted = both(sign_of(2.0 - error), negated(error - 1.0))
     factor = SAFETY / _root(error, tableau.order)
@@ -188,8 +189,8 @@ def _keep(n: int) -> Program:
     recorder = Recorder(1, 'sequential')
     names = [f'dense{k}.{part}' for k in range(ROWS) for part in ('q', 'qd')]
     numbers = [x for row in read(recorder, n, 'q.end', 'qd.end', *names) for x in row]
-    r, size, error, rejected = single(recorder, 'r', 'size', 'error', 'rejected')
-    kept = _finite(numbers)
+    r, size, error, rejected, lost = single(recorder, 'r', 'size', 'error', 'rejected', 'lost')
+    kept = _finite([*numbers, lost])
     return program_with_outputs(
         recorder,
         kept=[kept],

@@ -307,7 +307,8 @@ class AdaptiveWriter(EventWriter):
             s.copy(source, target)
         s.run('clock')
         if self.events:
-            s.copy('lambda.end', 'lambda.begin')
+            for name in ('lambda', 'y'):
+                s.copy(f'{name}.end', f'{name}.begin')
             s.run('noted')
             with s.when_any('settles'):
                 s.call('settle')

@@ -36,6 +36,8 @@ def example(field: EffectField, n: int, seed: int = 1) -> Any:
         numbers[:, 0] = -numbers[:, 0]
     if field.name == 'static_friction':
         numbers += 1.5
+    if field.most == 1:
+        numbers *= 0.1  # shares
     return numbers if field.columns else numbers[:, 0]
 
 

@@ -187,7 +187,7 @@ class Field:
             real_array(label, value, shape=shape, infinite=self.infinite, largest=LARGEST) + 0.0
         )
         check_least(label, array, self.least, above=self.above)
-        if self.kind == SHARE and (array > self.most).any():
+        if self.most == 1 and (array > 1).any():
             raise ValueError(f'{label} must be from 0 to 1, got {quote(array.tolist())}')
         return _tuples(array.tolist())
 
@@ -539,6 +539,16 @@ EFFECTS: tuple[Effect, ...] = (
             'm/s',
             above=True,
             needs='static_friction',
+        ),
+    ),
+    Effect(
+        'load friction',
+        STEP,
+        Field(
+            'load_friction',
+            'Share of the torque of the motor that friction takes, as in gears',
+            '1',
+            most=1.0,
         ),
     ),
     Effect(

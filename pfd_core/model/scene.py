@@ -86,6 +86,9 @@ class Scene:
     stribeck_velocity : None or array_like
         Velocity v_s at which static friction F_s has fallen half-way to Coulomb friction F_c,
         (n,) [rad/s]: F_c + (F_s - F_c)/(1 + (v/v_s)^2). None: it drops at once.
+    load_friction : None or array_like
+        Friction that depends on load, (n,), from 0 to 1: the share mu of the torque of the motor
+        that friction takes, mu |tau|, moving or at rest, besides `friction`.
     joint_limits : None, "model" or array_like
         Stops, lower and upper, (n, 2) [rad]; infinite for none; "model" for the robot's own.
     restitution : float or array_like
@@ -133,6 +136,7 @@ class Scene:
     joint_limits: JointValues | str | None = None
     static_friction: JointValues | None = None
     stribeck_velocity: JointValues | None = None
+    load_friction: JointValues | None = None
     restitution: JointValues = 0.0
     stiffness: JointValues | None = None
     rest_position: JointValues | None = None

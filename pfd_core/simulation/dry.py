@@ -3,8 +3,9 @@
 """
 Dry friction, joint stops and rest: the only module that knows these laws.
 
-    friction    sign(qd) F(qd), F(v) = Fc + (Fs - Fc) / (1 + (v / vs)^2), behind the motors
-    rest        a joint whose velocity is 0.0 is held while |lambda| <= Fs
+    friction    sign(qd) F(qd, tau), F(v, tau) = Fc + mu |tau| + (Fs - Fc) / (1 + (v / vs)^2), tau
+                the torque of the motor
+    rest        a joint whose velocity is 0.0 is held while |lambda| <= F(0, tau)
     stop        pushes a joint that is at it; a joint that begins beyond its stop may come back and
                 must not go further
 
@@ -12,8 +13,12 @@ A segment of a step has fixed modes: each joint moves, with a direction of its f
 Margins are numbers that stay at or above zero in these modes. The segment ends at the first event:
 
     reversal    s qd             of a joint that moves in direction s
-    release     Fs -+ lambda     of a joint that rests, on the nearer side that no stop bounds
+    release     F -+ lambda      of a joint that rests, on the nearer side that no stop bounds
     stop        +-(q - q_stop)   of a joint that moves, of both its stops
+
+The bounds of rest are those of the motor's torque, which may change within a segment. Friction by
+the reaction of the joint, mu |lambda|, is refused: what moves would solve no convex problem, and
+may have no solution or several (Painleve). mu |tau| is known before it is decided what moves.
 
 A joint moves or rests, so the first two share a place. One with friction reaches the stop behind
 it only after a reversal, so its stops share one, too. A joint without friction that turns, perhaps
@@ -51,7 +56,7 @@ SHORT = 2.0**-16
 
 def has_contact(plant: Plant) -> bool:
     """Return whether a plant has dry friction or joint stops."""
-    return plant.friction is not None or plant.joint_limits is not None
+    return not plant.effects.keys().isdisjoint(('friction', 'load_friction', 'joint_limits'))
 
 
 @dataclass(frozen=True)
@@ -110,9 +115,19 @@ class Law:
     @cached_property
     def rough(self) -> list[int]:
         """Joints that friction can hold at rest, even if they slide without friction."""
-        static = self.plant.static_friction
-        joints: list[int] = [] if static is None else np.flatnonzero(static).tolist()
-        return joints
+        sizes = [self.plant.effects.get(x) for x in ('static_friction', 'load_friction')]
+        given = [x for x in sizes if x is not None]
+        return [i for i in range(self.n) if any(x[i] != 0 for x in given)]
+
+    @property
+    def loaded(self) -> bool:
+        """Whether friction depends on the torques of the motors."""
+        return self.plant.load_friction is not None
+
+    def share(self, i: int) -> float:
+        """Return the share of the motor's torque that friction of a joint takes."""
+        shares = self.plant.load_friction
+        return 0.0 if shares is None else float(shares[i])
 
     @cached_property
     def margins(self) -> list[Margin]:
@@ -124,27 +139,38 @@ class Law:
                 found += [Margin(i), *(Margin(i, tuple(group)) for group in groups)]
         return found
 
-    def size(self, i: int, v: Lanes) -> Lanes:
-        """Return the friction of a joint that slides at a velocity."""
+    def size(self, i: int, v: Lanes, tau: Lanes) -> Lanes:
+        """Return the friction of a joint that slides at a velocity, under a motor's torque."""
         numbers, plant = Numbers(v.recorder, self.plant), self.plant
-        size = numbers('friction', i)
+        size = self._with_load(i, 'friction', tau)
         # A drop that varies, NaN, is not zero.
         if plant.stribeck_rate is not None and plant.friction_drop[i] != 0:  # type: ignore[index]
             u = v * numbers.known('stribeck_rate', i)
             size = size + numbers.known('friction_drop', i) / (1.0 + u * u)
         return size
 
-    def bound(self, i: int, recorder: Recorder) -> Lanes:
-        """Return the largest friction of a joint at rest."""
-        if i not in self.rough:
-            return recorder.constant(0.0)
-        return Numbers(recorder, self.plant)('static_friction', i)
+    def bound(self, i: int, tau: Lanes) -> Lanes:
+        """Return the largest friction of a joint at rest, under a motor's torque."""
+        return self._with_load(i, 'static_friction', tau)
+
+    def resting_torques(self, recorder: Recorder, name: str) -> Row:
+        """Return the torques of the motors of resting joints, which `load` leaves as they are."""
+        # Only friction that depends on them needs the array.
+        return (
+            read(recorder, self.n, name)[0] if self.loaded else [recorder.constant(0.0)] * self.n
+        )
+
+    def _with_load(self, i: int, field: str, tau: Lanes) -> Lanes:
+        size, share = tau.recorder.constant(0.0), self.share(i)
+        if field in self.plant.effects:
+            size = Numbers(tau.recorder, self.plant)(field, i)
+        return size + share * absolute(tau) if share else size
 
     def load(self, tau: Row, qd: Row, direction: Row, damped: bool) -> Row:
         """Return torques of the motors less friction of sliding joints, then less damping."""
         y = list(tau)
         for i in self.rough:
-            y[i] = tau[i] - direction[i] * self.size(i, qd[i])
+            y[i] = tau[i] - direction[i] * self.size(i, qd[i], tau[i])
         if self.plant.viscosity is None or not damped:
             return y
         numbers = Numbers(tau[0].recorder, self.plant)
@@ -213,18 +239,21 @@ def record_modes(law: Law) -> Program:
     Return the program of the modes in which a segment begins, for the box problem.
 
     Inputs are q, qd, unbraked, 0 for a braked joint, and sticks, flags of the joints that are not
-    released in this step. Outputs, (n,): moving, 0 for a braked or resting joint; candidate,
-    joints that may rest; lower and upper, the bounds of a candidate's lambda; last and barred,
-    zeros. Output, (1,): busy, whether any joint is a candidate.
+    released in this step; and, if friction depends on load, y.begin, outputs of `load`. Outputs,
+    (n,): moving, 0 for a braked or resting joint; candidate, joints that may rest; lower and
+    upper, the bounds of a candidate's lambda; last and barred, zeros. Output, (1,): busy, whether
+    any joint is a candidate.
     """
     recorder, n = Recorder(1, 'sequential'), law.n
     q, qd, unbraked, sticks = read(recorder, n, 'q', 'qd', 'unbraked', 'sticks')
     zero = recorder.constant(0.0)
-    bound = [law.bound(i, recorder) for i in range(n)]
+    bound = [law.bound(i, t) for i, t in enumerate(law.resting_torques(recorder, 'y.begin'))]
     low, high = law.at_stops(q)
     candidate = []
     for i, v in enumerate(qd):
-        holds = either(sign_of(bound[i]), either(low[i], high[i]))
+        # A motor without torque, whose friction is zero, may have one in a moment.
+        rough = recorder.constant(1.0) if law.share(i) else sign_of(bound[i])
+        holds = either(rough, either(low[i], high[i]))
         candidate.append(both(unbraked[i], both(negated(absolute(v)), holds)))
     below, above = (list(map(either, sticks, side)) for side in (high, low))
     return program_with_outputs(
@@ -280,6 +309,7 @@ class _Segment:
             self.recorder, n, 'direction', 'moving', 'unbraked', 'sticks'
         )
         (self.torque,) = read(self.recorder, n, 'lambda')
+        self.y = law.resting_torques(self.recorder, 'y.end')
         self.sides = law.at_stops(self.q0)
 
     def resting(self, i: int) -> Lanes:
@@ -297,7 +327,7 @@ class _Segment:
         bounded = either(self.sticks[i], both(low, high))
         toward = where(low, -torque, where(high, torque, absolute(torque)))
         on = both(self.resting(i), negated(bounded))
-        return on, (self.law.bound(i, self.recorder) + slack) - toward
+        return on, (self.law.bound(i, self.y[i]) + slack) - toward
 
     def stop(self, margin: Margin, q: Lanes) -> tuple[Lanes, Lanes]:
         """Return the sign of the margin of a stop, and the margin of a joint at q."""

@@ -244,6 +244,8 @@ class EventWriter:
         s.fill('held', 0.0, 1)
         s.fill('slides', 1.0, 1)
         with s.when_any('watch'):
+            if self.law.loaded:
+                self._load(s, 'q', 'qd', self.segment.tau[0], 'y.begin')
             s.run('modes')
             with s.when_any('busy'):
                 with s.while_any('busy', box.PIVOTS * n):
@@ -306,7 +308,7 @@ class EventWriter:
         return s
 
     def _margins(self, s: Script, place: str = 'end', **arrays: str) -> None:
-        s.run('margins', **{'lambda': f'lambda.{place}'} | arrays)
+        s.run('margins', **{'lambda': f'lambda.{place}', 'y.end': f'y.{place}'} | arrays)
 
     @property
     def _end(self) -> dict[str, str]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from bridge import LockstepArm, scene_of, what_if
+from bridge import LockstepArm, read_recording, scene_of, what_if
 import numpy as np
 import pytest
 
@@ -82,6 +82,21 @@ def test_a_number_of_one_joint_is_a_change_of_a_recorded_run(word: str, tmp_path
         arm.run(lambda t, q, qd: np.full(6, 5.0), 0.05)
     found = what_if(path, [word]).settings
     assert found.joint_friction == (0.0, 0.0, 3.0, 0.0, 0.0, 0.0)
+
+
+def test_a_run_with_load_friction_verifies_and_may_have_another_share(tmp_path: Path) -> None:
+    path, ends = tmp_path / 'run.mcap', []
+    for share in (0.0, 0.2):
+        given = {'armature': 'estimated', 'load_friction.elbow_joint': share}
+        with LockstepArm('ur5', recording=path if share else '', **given) as arm:
+            ends.append(arm.run(lambda t, q, qd: np.full(6, 20.0), 0.05).qd[-1, 2])
+    assert abs(ends[1] - ends[0]) > 1e-3
+    summary = read_recording(path, verify=True)
+    assert summary.complete
+    assert summary.settings is not None
+    assert summary.settings.load_friction == (0.0, 0.0, 0.2, 0.0, 0.0, 0.0)
+    found = what_if(path, ['load_friction.elbow_joint=0.1']).settings
+    assert found.load_friction == (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -152,6 +152,22 @@ def test_an_integer_for_a_number_is_refused_with_the_way_to_write_it(
     arm.stop()
 
 
+def test_a_node_with_load_friction_of_one_joint_moves_and_its_recording_verifies(
+    processes: Processes, peer_of
+) -> None:
+    given = ('-p', 'robot:=planar2', '-p', 'load_friction.elbow:=0.2', '-p', 'recording:=arm.mcap')
+    arm = processes.arm(*given)
+    peer = peer_of(processes)
+    peer.connect()
+    peer.command(['shoulder', 'elbow'], [5.0, 2.0])
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [5.0, 2.0])
+    peer.wait(lambda: min(map(abs, peer.states[-1].velocity)) > 0.01)
+    arm.stop()
+    summary = read_recording(processes.folder / 'arm.mcap', verify=True)
+    assert summary.settings is not None
+    assert summary.settings.load_friction == (0.0, 0.2)
+
+
 @pytest.mark.slow
 def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
     processes: Processes, peer_of

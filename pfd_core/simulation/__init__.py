@@ -14,10 +14,10 @@ Time: the motion of an arm, or of many arms at once, in native code.
     integrators     integrators as functions, of a linearised step
     stiffness       the integrator that 'auto' selects
     feedback        laws that compute torques from the state, within native code
-    state           SimulationState: a state as one record; double buffering of steps
+    state           SimulationState: a state as one record; double buffering; many turns
     trajectory      Trajectory: the states that a rollout returns
     linearisation   A and B of a step
-    simulation      settings, copies and reset of Simulator and Ensemble
+    simulation      settings, state and runs of native code of Simulator and Ensemble
     simulator       Simulator: one arm, step by step or in a rollout
     motors          MotorSimulator: efforts within the limits of motors, on a state of the caller
     ensemble        Ensemble: many arms, in rollouts

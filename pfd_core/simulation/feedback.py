@@ -110,12 +110,8 @@ def law_arrays(law: Law, size: int, steps: int, n: int, dtype: str) -> dict[str,
     arrays = {f'{name}.ref': array(name, size, steps, n) for name in ('q', 'qd')}
     if isinstance(law, Feedback):
         return arrays | {name: array(name, size, n) for name in ('kp', 'kd')}
-    return arrays | {'gain': _flattened(array('gain', size, steps, n, 2 * n))}
-
-
-def _flattened(matrices: Array) -> Array:
-    """Return matrices (B, steps, n, m) as (B, steps, n m); broadcast dimensions stay so."""
-    arms, steps = (1 if stride == 0 else None for stride in matrices.strides[:2])
-    once = np.ascontiguousarray(matrices[:arms, :steps])
-    flat = once.reshape(*once.shape[:2], once.shape[2] * once.shape[3])
-    return np.broadcast_to(flat, (*matrices.shape[:2], flat.shape[-1]))
+    # Rows of the table of native code have one axis: what arms or steps share stays broadcast.
+    gain = array('gain', size, steps, n, 2 * n)
+    once = gain[tuple(slice(None if stride else 1) for stride in gain.strides[:2])]
+    flat = once.reshape(*once.shape[:2], 2 * n * n)
+    return arrays | {'gain': np.broadcast_to(flat, (size, steps, 2 * n * n))}

@@ -146,19 +146,11 @@ class MotorSimulator(Simulator):
         n = self._robot.n
         if not isinstance(motors, MotorState):
             raise ValueError(f'motors must be a MotorState, got {quote(motors)}')
-        kinds = (
-            ('peaks', self._dtype, n),
-            ('before', self._dtype, n),
-            ('counts', 'int64', len(FLAGS)),
-        )
-        for name, kind, size in kinds:
+        kinds = {'peaks': (self._dtype, n), 'before': (self._dtype, n)}
+        for name, (kind, size) in (kinds | {'counts': ('int64', len(FLAGS))}).items():
             array = getattr(motors, name)
-            if not (
-                isinstance(array, np.ndarray)
-                and array.dtype == kind
-                and array.shape == (size,)
-                and array.flags.carray
-            ):
+            fits = isinstance(array, np.ndarray) and array.flags.carray
+            if not fits or (array.dtype, array.shape) != (kind, (size,)):
                 raise ValueError(f'motors.{name} must be an array ({size},) of {kind}')
         rows = real_array('limits', limits, self._dtype, (len(MOTOR_ROWS), n), finite=False)
         if not (rows >= 0.0).all():
@@ -189,29 +181,20 @@ class Cycles:
     ) -> None:
         self.state = state
         self._simulator, self._motors, self._limits = simulator, motors, limits
-        self._no_targets = self._targets = np.full(
-            (len(TARGET_ROWS), simulator.robot.n), np.nan, simulator.dtype
-        )
-        size, n = limits.itemsize, simulator.robot.n
-        native = simulator._native
-        own = {'motors': limits.ravel(), 'targets': self._no_targets.ravel()}
+        n, size, native = simulator.robot.n, limits.itemsize, simulator._native
+        self._targets = np.full((len(TARGET_ROWS), n), np.nan, limits.dtype)
+        own = {'motors': limits.ravel(), 'targets': self._targets.ravel()}
         own |= {'wanted': motors.before, 'peaks': motors.peaks, 'counts': motors.counts}
         rows = state.rows | native_rows(own) | {'efforts': (0, 0, size, n * size)}
         rows |= dict.fromkeys(OUT, (0, 0, size, 3 * n * size))
         self._plan = Plan(native, rows, simulator.substeps)
-        self._target_index, self._effort_index, *self._out_indices = (
-            native.arrays.index(name) for name in ('targets', 'efforts', *OUT)
-        )
+        self._indices = [native.arrays.index(name) for name in ('efforts', *OUT)]
         self._row, self._places = n * size, (0, 0)
 
     def set_targets(self, position: Array | None = None, velocity: Array | None = None) -> None:
         """Set the targets of the servos, (n,) each; NaN or no argument removes the target."""
-        self._targets = self._no_targets
-        if position is not None or velocity is not None:
-            self._targets = self._no_targets.copy()
-            for row, values in zip(self._targets, (position, velocity), strict=True):
-                row[:] = np.nan if values is None else values
-        self._plan.move(self._target_index, self._targets.ctypes.data)
+        for row, values in zip(self._targets, (position, velocity), strict=True):
+            row[:] = np.nan if values is None else values
 
     def run(self, efforts: Array, out: Array) -> int:
         """
@@ -221,30 +204,25 @@ class Cycles:
         each step. The run ends after the first step that is not finite, and the state cannot be
         used then; and before a step whose effort jumps, with the efforts wanted in `out`.
         """
-        n = self._simulator.robot.n
-        for name, array, shape in (
-            ('efforts', efforts, (len(efforts), n)),
-            ('out', out, (len(efforts), 3, n)),
-        ):
-            if array.shape != shape or array.dtype != self._simulator.dtype:
+        dtype, shape = self._simulator.dtype, (len(efforts), self._simulator.robot.n)
+        wanted = {'efforts': (efforts, shape), 'out': (out, (shape[0], 3, shape[1]))}
+        for name, (array, own) in wanted.items():
+            if array.shape != own or array.dtype != dtype:
                 raise ValueError(
-                    f'{name} must be {shape} of {self._simulator.dtype}, got {array.shape} of '
-                    f'{array.dtype}'
+                    f'{name} must be {own} of {dtype}, got {array.shape} of {array.dtype}'
                 )
             if not array.flags.c_contiguous:
                 raise ValueError(f'{name} must be C-ordered')
-        return (
-            self.run_at(efforts.ctypes.data, out.ctypes.data, len(efforts)) if len(efforts) else 0
-        )
+        return self.run_at(efforts.ctypes.data, out.ctypes.data, len(efforts)) if shape[0] else 0
 
     def run_at(self, efforts: int, out: int, steps: int) -> int:
         """Do as `run`, on arrays given by their addresses, without checks."""
         state, motors = self.state, self._motors
         if self._places != (efforts, out):
             self._places = efforts, out
-            self._plan.move(self._effort_index, efforts)
-            for k, index in enumerate(self._out_indices):
-                self._plan.move(index, out + k * self._row)
+            places = efforts, *range(out, out + 3 * self._row, self._row)
+            for index, place in zip(self._indices, places, strict=True):
+                self._plan.move(index, place)
         motors.counts[JUMPED] = 0
         finite = self._plan.run(steps)
         state.steps += finite

@@ -99,7 +99,8 @@ class Steps:
     def rows(self) -> tuple[str, ...]:
         """Arrays that a run reads at its beginning and writes at its end."""
         own = () if self.control is None else self.control.inputs
-        return (*REPORT, *self.further, *(name for name in own if name in self._controlled))
+        qdd = ['qdd'] * ('qdd' in self.written)
+        return (*MOTION, *qdd, *self.further, *(name for name in own if name in self._controlled))
 
     @property
     def given(self) -> dict[str, int]:
@@ -111,13 +112,13 @@ class Steps:
     @property
     def arrays(self) -> tuple[str, ...]:
         """The arrays of the table."""
-        counts = [COUNTS] * (COUNTS in self._controlled)
-        return (*self.rows, *self.given, *counts, *(f'{name}.out' for name in self.written))
+        others = [COUNTS] * (COUNTS in self._controlled) + ['qdd'] * ('qdd' not in self.written)
+        return (*self.rows, *self.given, *others, *(f'{name}.out' for name in self.written))
 
     def frame(self) -> Frame:
         """Return a frame with the state, the inputs, and the results of the control."""
         frame = Frame()
-        sizes = dict.fromkeys(self.rows, self.n) | self.given
+        sizes = dict.fromkeys((*self.rows, 'qdd'), self.n) | self.given
         if self.control is not None:
             outputs = self.control.outputs
             sizes |= {k: len(x.places) for k, x in outputs.items() if k not in (COUNTS, STOP)}
@@ -287,8 +288,11 @@ class _Arms:
         with code.loop(end, start=self.plan['first'], step=code.width) as self._first:
             # So many further arms are there.
             self._last = code.integer('sub', code.integer('sub', end, 1), self._first)
-            for name in (*self._steps.rows, *self._steps.given):
+            for name in self._steps.rows:
                 self.take(name)
+            for name in self._steps.given:
+                with code.when(code.negated(self.changes(name))):
+                    self.take(name)
             yield
 
     def changes(self, name: str) -> str:

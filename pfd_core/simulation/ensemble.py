@@ -196,8 +196,8 @@ class Ensemble(Simulation):
         else:
             given |= law_arrays(feedback, self._size, steps, self._robot.n, self._dtype)
             native, given['command'] = self._under(feedback), taus
-        time, runs, status, finite_steps = self._rollout(native, given, steps, every, threads)
-        return Trajectory(time, runs['q'], runs['qd'], runs['qdd'], status, finite_steps)
+        time, (q, qd, qdd), status, finite = self._rollout(native, given, steps, every, threads)
+        return Trajectory(time, q, qd, qdd, status, finite)
 
     def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
         """Advance the state by one step."""

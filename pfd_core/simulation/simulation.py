@@ -368,12 +368,12 @@ class Simulation(ABC):
         steps: int,
         every: int = 1,
         threads: int = 1,
-    ) -> tuple[Array, dict[str, Array], str, NDArray[np.int64]]:
+    ) -> tuple[Array, Array, str, NDArray[np.int64]]:
         """
         Advance all arms by some steps, under arrays (arms, [steps,] elements).
 
         Returns the times of the states after `every`, 2 `every`, ... steps, what native code
-        writes then, (arms, times, n), the status, and the finite steps of each arm.
+        writes then, (arrays, arms, times, n), the status, and the finite steps of each arm.
         """
         now, names, arms = self._now, native.steps.written, math.prod(self._batch)
         begun = now.steps
@@ -403,7 +403,7 @@ class Simulation(ABC):
             self._make_valid(following, until - begin, finite)
         times = now.start + self._step_size * np.arange(begun + every, begun + steps + 1, every)
         status = 'ok' if finite else self._why_not_finite(self._now)
-        return times, dict(zip(names, written, strict=True)), status, finite_steps
+        return times, written, status, finite_steps
 
     def _make_valid(self, following: SimulationState, steps: int, finite: bool) -> None:
         """Make a buffer that native code has advanced the valid state."""

@@ -223,7 +223,7 @@ class Simulator(Simulation):
         inputs = {name: x.copy() for name, x in self._all_inputs(wrench, brakes, payload).items()}
         given = {name: x[np.newaxis] for name, x in (inputs | {'tau': rows}).items()}
         time, written, status, (finite_steps,) = self._rollout(self._plain, given, len(rows))
-        motion = {name: x[0] for name, x in written.items()}
+        motion = dict(zip(self._plain.steps.written, written[:, 0], strict=True))
         return Trajectory(
             time=time,
             q=motion['q'],

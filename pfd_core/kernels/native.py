@@ -46,8 +46,8 @@ PASSES = (
 LLVM_LOCK = getattr(llvm.ffi.lib, '_lock', None)
 # The newest LLVM that is known to have the option: LLVM ends the process at an unknown one.
 NEWEST_WITH_SCHEDULER_OPTION = 22
-# Addresses in this process that every module may refer to, by their names.
-_symbols: dict[str, int] = {}
+# Addresses in this process, which stay valid, to which every module may refer by their names.
+SYMBOLS: dict[str, int] = {}
 
 
 @dataclass(frozen=True)
@@ -150,11 +150,6 @@ def simd_width(dtype: str, target: Target | None = None) -> int:
     return bits // (64 if dtype == 'float64' else 32)
 
 
-def add_symbol(name: str, address: int) -> None:
-    """Let every module refer to an address of this process, which stays valid, by name."""
-    _symbols[name] = address
-
-
 def compile_kept(
     key: Sequence[str],
     source: Callable[[], tuple[str, Optimisation, dict[str, Any]]],
@@ -186,7 +181,7 @@ def compile_kept(
     # linker, because a common one would not free everything.
     linker = llvm.create_lljit_compiler(_machine(target), use_jit_link=True)
     builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
-    for name, address in _symbols.items():
+    for name, address in SYMBOLS.items():
         builder.import_symbol(name, address)
     for name in functions:
         builder.export_symbol(name)

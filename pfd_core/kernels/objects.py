@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.kernels.native import add_symbol
+from pfd_core.kernels.native import SYMBOLS
 
 # Arguments of a kernel's call by position; q, qd and tau are the inputs of a state in their order.
 SLOTS = ('q', 'qd', 'tau', 'wrench', 'out')
@@ -46,6 +46,15 @@ FUNCTIONS = {
     'occurred': 'PyErr_Occurred',
     'save': 'PyEval_SaveThread',
     'restore': 'PyEval_RestoreThread',
+}
+
+# Objects, by their names in modules. A name in a call is the same object wherever it is written.
+OBJECTS: dict[str, Any] = {
+    'none': None,
+    'one': 1,
+    'ndarray': np.ndarray,
+    **{dtype: np.dtype(dtype) for dtype in ('float64', 'float32')},
+    **{f'name.{name}': sys.intern(name) for name in (*SLOTS, *OPTIONS)},
 }
 
 LOG = logging.getLogger('pfd_core')
@@ -98,21 +107,9 @@ def python_function(
     return function
 
 
-def register_symbols() -> None:
-    """Give the linker the addresses of the objects and functions that modules refer to."""
-    for name, function in FUNCTIONS.items():
-        address = ctypes.cast(getattr(ctypes.pythonapi, function), ctypes.c_void_p).value
-        add_symbol(f'pfd.{name}', address or 0)
-    add_symbol('pfd.new', _numpy_function(NEW))
-    objects: dict[str, Any] = {'none': None, 'one': 1, 'ndarray': np.ndarray}
-    objects |= {dtype: np.dtype(dtype) for dtype in ('float64', 'float32')}
-    objects |= {f'name.{name}': interned for name, interned in _NAMES.items()}
-    for name, value in objects.items():
-        add_symbol(f'pfd.{name}', id(value))
-
-
-# A name in a call is the same object wherever it is written; this keeps it.
-_NAMES = {name: sys.intern(name) for name in (*SLOTS, *OPTIONS)}
+def _address(function: str) -> int:
+    """Return the address of a function of Python's C API."""
+    return ctypes.cast(getattr(ctypes.pythonapi, function), ctypes.c_void_p).value or 0
 
 
 def _numpy_function(k: int) -> int:
@@ -173,4 +170,6 @@ def _is_as_expected(probe: NDArray[Any]) -> bool:
     )
 
 
-register_symbols()
+SYMBOLS.update({f'pfd.{name}': id(value) for name, value in OBJECTS.items()})
+SYMBOLS.update({f'pfd.{name}': _address(function) for name, function in FUNCTIONS.items()})
+SYMBOLS['pfd.new'] = _numpy_function(NEW)

@@ -16,7 +16,9 @@ finite values, up to the sign of a zero; fusing leaves out roundings.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from contextlib import suppress
 import math
+import operator
 
 from pfd_core.machine.program import Instruction, Program, renamed
 
@@ -24,6 +26,17 @@ COMMUTATIVE = ('add', 'mul')
 # Inputs and the markers of a loop have no value to simplify. A loop runs at least once, so an
 # expression inside it may be shared after it, and an expression before it inside.
 UNFOLDED = ('input', 'loop', 'state', 'end', 'result')
+# Operations on constants.
+SCALAR: dict[str, Callable[..., float]] = {
+    'add': operator.add,
+    'sub': operator.sub,
+    'mul': operator.mul,
+    'div': operator.truediv,
+    'neg': operator.neg,
+    'sqrt': math.sqrt,
+    'sin': math.sin,
+    'cos': math.cos,
+}
 # Cycles from operands to result on recent processors; only the order of magnitude matters.
 LATENCY = {'add': 4, 'sub': 4, 'mul': 4, 'fma': 4, 'div': 16, 'sqrt': 20, 'select': 4}
 
@@ -114,9 +127,11 @@ class _Folder:
         """Return a register that holds `op(*args)`."""
         numbers = [value for a in args if (value := self._value(a)) is not None]
         if len(numbers) == len(args) and op in SCALAR:
-            result = SCALAR[op](*numbers)
-            if math.isfinite(result):
-                return self._constant(result)
+            # A result that is not finite is not folded.
+            with suppress(ZeroDivisionError, ValueError, OverflowError):
+                result = SCALAR[op](*numbers)
+                if math.isfinite(result):
+                    return self._constant(result)
         simpler = self._rules[op](*args) if op in self._rules else None
         return self._write(op, args) if simpler is None else simpler
 
@@ -220,30 +235,6 @@ class _Folder:
 
 def _key(op: str, args: tuple[int, ...], data: object = None) -> tuple[object, ...]:
     return op, tuple(sorted(args)) if op in COMMUTATIVE else args, data
-
-
-def _quiet(function: Callable[..., float]) -> Callable[..., float]:
-    """Return the function, with NaN where Python raises; such a result is not folded."""
-
-    def call(*numbers: float) -> float:
-        try:
-            return function(*numbers)
-        except (ZeroDivisionError, ValueError, OverflowError):
-            return math.nan
-
-    return call
-
-
-SCALAR: dict[str, Callable[..., float]] = {
-    'add': lambda a, b: a + b,
-    'sub': lambda a, b: a - b,
-    'mul': lambda a, b: a * b,
-    'div': _quiet(lambda a, b: a / b),
-    'neg': lambda a: -a,
-    'sqrt': _quiet(math.sqrt),
-    'sin': _quiet(math.sin),
-    'cos': _quiet(math.cos),
-}
 
 
 def fuse(program: Program) -> Program:

@@ -55,10 +55,7 @@ def record_motor_torques(plant: Plant) -> Program:
 
 
 def motor_torques(
-    plant: Plant,
-    tau: Sequence[Lanes],
-    qd: Sequence[Lanes],
-    gravity: Gravity | None = None,
+    plant: Plant, tau: Sequence[Lanes], qd: Sequence[Lanes], gravity: Gravity | None = None
 ) -> list[Lanes]:
     """
     Return the torques of the motors.
@@ -111,17 +108,16 @@ def _friction(qd: Lanes, rows: Array) -> Lanes:
     return result
 
 
-def _tables(plant: Plant) -> list[Array | None]:
-    """Return for each joint its bounds, rows (speed, torque), (k, 2); None without bounds."""
-    n = plant.robot.n
+def _tables(plant: Plant) -> list[Array]:
+    """Return for each joint its bounds, rows (speed, torque), (k, 2); no rows without bounds."""
+    n, none = plant.robot.n, np.zeros((0, 2))
     efforts = np.full(n, np.inf) if plant.effort_limits is None else plant.effort_limits
-    if plant.torque_speed is None:
-        return [np.array([[0.0, most]]) if most < np.inf else None for most in efforts]
-    found: list[Array | None] = []
-    for rows, most in zip(plant.torque_speed, efforts, strict=True):
+    given = [none] * n if plant.torque_speed is None else plant.torque_speed
+    found = []
+    for rows, most in zip(given, efforts, strict=True):
         own = rows[np.isfinite(rows[:, 0])]
         table = cut_off(own, float(most)) if len(own) else np.array([[0.0, most]])
-        found.append(table if np.isfinite(table).all() else None)
+        found.append(table if np.isfinite(table).all() else none)
     return found
 
 
@@ -140,10 +136,10 @@ def cut_off(rows: Array, most: float) -> Array:
     return np.array([corner, *rows[k:]]) if corner[0] < speed[k] else rows[k:]
 
 
-def _limited(tau: Lanes, qd: Lanes, tables: Sequence[Array | None]) -> Lanes:
-    """Return torques within the tables of the joints on each lane; None for no limit."""
-    constant = [i for i, table in enumerate(tables) if table is not None and len(table) == 1]
-    falling = [i for i, table in enumerate(tables) if table is not None and len(table) > 1]
+def _limited(tau: Lanes, qd: Lanes, tables: Sequence[Array]) -> Lanes:
+    """Return torques within the tables of the joints on each lane."""
+    constant = [i for i, table in enumerate(tables) if len(table) == 1]
+    falling = [i for i, table in enumerate(tables) if len(table) > 1]
     limited = tau
     if constant:
         most = _on_lanes(tables, constant)[0, 1]
@@ -154,16 +150,14 @@ def _limited(tau: Lanes, qd: Lanes, tables: Sequence[Array | None]) -> Lanes:
     return limited
 
 
-def _on_lanes(tables: Sequence[Array | None], lanes: Sequence[int]) -> Array:
+def _on_lanes(tables: Sequence[Array], lanes: Sequence[int]) -> Array:
     """Return the tables of some lanes, (k, 2, lanes), with rows appended that change nothing."""
-    longest = max(len(table) for i in lanes if (table := tables[i]) is not None)
+    longest = max(len(tables[i]) for i in lanes)
     result = np.zeros((longest, 2, len(tables)))
     for i in lanes:
         table = tables[i]
-        if table is not None:
-            more = longest - len(table)
-            speed = np.append(table[:, 0], table[-1, 0] + np.arange(1, more + 1))
-            result[:, :, i] = np.stack([speed, np.append(table[:, 1], [table[-1, 1]] * more)], 1)
+        more = range(1, longest - len(table) + 1)
+        result[:, :, i] = np.vstack([table, *(table[-1] + [k, 0.0] for k in more)])
     return result
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import product
 
-from bridge import FORWARD_METHODS, MACHINE_SCHEDULES, resolve_plant, run_program
+from bridge import FORWARD_METHODS, resolve_plant, run_program
 from closed_forms import SIZES, by_section, chain, levels, routes_by_section
 import numpy as np
 from oracle import Oracle, chains, every, jacobi_condition, relative
@@ -46,21 +46,6 @@ def constraint_matrix(oracle: Oracle, q: Array) -> Array:
             kept = [0, 1, 2, 3, 4] if slides else [0, 1, 3, 4, 5]
             J[5 * i : 5 * i + 5, 6 * link : 6 * link + 6] = sign * rows[kept]
     return np.asarray(J @ inverse @ J.T)
-
-
-@pytest.mark.sweep
-@pytest.mark.parametrize(
-    ('n', 'share', 'schedule'),
-    [
-        *((n, share, 'unpacked') for n in (1, 2, 3, 6, 9) for share in (0.0, 0.4, 1.0)),
-        *((5, 0.4, schedule) for schedule in MACHINE_SCHEDULES),
-    ],
-)
-def test_accelerations_are_pinocchios_but_for_the_condition_of_the_constraints(
-    n: int, share: float, schedule: str
-) -> None:
-    rng = np.random.default_rng(n)
-    assert_within_the_condition(random_chain(rng, n, share), rng, schedule)
 
 
 def assert_within_the_condition(robot: pfd.Robot, rng: np.random.Generator, schedule: str) -> None:

@@ -118,12 +118,6 @@ def test_a_direction_without_inertia_ends_the_iteration_soundly() -> None:
     np.testing.assert_array_equal(found['qdd'], 0.0)
 
 
-def test_nan_is_not_called_converged() -> None:
-    program = FORWARD_METHODS['pcgm'](resolve_plant(revolute(3)), 'parallel')
-    found = run_program(program, {'q': np.full(3, np.nan), 'qd': np.zeros(3), 'tau': np.ones(3)})
-    assert found['converged'] == 0
-
-
 def packed_sums(n: int) -> int:
     """Return the additions of the four sums of vectors in a product with H, packed."""
     return sum(4 * math.ceil(3 * (n - 2**k) / n) for k in range(math.ceil(math.log2(n))))

@@ -77,8 +77,10 @@ def record_derivatives(
     by_qd = by_velocities(moving)
     with recorder.section('solve'):
         factors = factorise(inertia_matrix(moving), free_input(recorder, plant))
-    motors = inline(recorder, _record_motors(plant), {})
-    joints = inline(recorder, _record_joints(plant), {})
+    of_motors = record_motor_torques(plant)
+    of_motors = _with_derivatives(of_motors) if has_drives(plant) else of_motors
+    motors = inline(recorder, of_motors, {})
+    joints = inline(recorder, _with_derivatives(record_joint_torques(plant)), {})
     torques = minus_joint_torques(plant, motors['tau'], qd)
     if method == OWN_METHOD:
         y = minus_bias(moving, by_qd, torques, qd)
@@ -110,19 +112,9 @@ def _minus_inertia(
     return [t - rotor * a for t, rotor, a in zip(torques, own, qdd, strict=True)]
 
 
-def _record_motors(plant: Plant) -> Program:
-    program = record_motor_torques(plant)
-    if not has_drives(plant):
-        return program
-    return derivative(
-        program, ['tau'], [name for name in ('q', 'qd', 'tau') if name in program.inputs]
-    )
-
-
-def _record_joints(plant: Plant) -> Program:
-    """Return the program of the derivatives of the torques that the joints themselves take."""
-    program = record_joint_torques(plant)
-    return derivative(program, ['tau'], [name for name in ('q', 'qd') if name in program.inputs])
+def _with_derivatives(torques: Program) -> Program:
+    """Return the program of torques tau and of their derivatives by its inputs."""
+    return derivative(torques, ['tau'], [x for x in ('q', 'qd', 'tau') if x in torques.inputs])
 
 
 def _with_joints_and_drives(

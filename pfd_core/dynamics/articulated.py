@@ -45,7 +45,6 @@ discussed in pfd_core.paper.divide_and_conquer.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 import math
 from typing import Any, NamedTuple
@@ -94,30 +93,16 @@ class Inertia(NamedTuple):
     M: LaneArray  # (3, 3), symmetric [kg]
 
 
-@dataclass(frozen=True)
-class Handle:
-    """
-    Articulated body of a joint, in axes B_i, reduced to the joint's own motion.
+class Handle(NamedTuple):
+    """Articulated body of a joint, in axes B_i, reduced to the joint's own motion."""
 
-    Attributes
-    ----------
-    body : Inertia
-        The whole body.
-    f, n : LaneArray
-        (3,), force and moment that a unit acceleration of the joint takes: U.
-    d, inverse : Lanes
-        S.U + rotor, a pivot of H, and 1/d; infinite and zero for a braked joint.
-    kept : Lanes or float
-        Share of U in the row of I - U g' along the joint: rotor/d, or one for a braked joint; the
-        number 0.0 without rotors and brakes.
-
-    """
-
-    body: Inertia
-    f: LaneArray
-    n: LaneArray
-    d: Lanes
-    inverse: Lanes
+    body: Inertia  # the whole body
+    f: LaneArray  # force that a unit acceleration of the joint takes, (3,): U
+    n: LaneArray  # and its moment, (3,)
+    d: Lanes  # S.U + rotor, a pivot of H; infinite for a braked joint
+    inverse: Lanes  # 1/d; zero for a braked joint
+    # Share of U in the row of I - U g' along the joint: rotor/d, or one for a braked joint; the
+    # number 0.0 without rotors and brakes.
     kept: Any
 
     @property

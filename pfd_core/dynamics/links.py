@@ -28,7 +28,6 @@ Khalil and Kleinfinger 1987 (that they cut the cost of the recursions).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from decimal import Context, Decimal, localcontext
 import math
 from typing import Any, NamedTuple
@@ -73,41 +72,18 @@ class Tip(NamedTuple):
     p: Array
 
 
-@dataclass(frozen=True)
-class Link:
-    """
-    A link by the parameters that the robot is given by, in its axes B_i.
+class Link(NamedTuple):
+    """A link by the parameters that the robot is given by, in its axes B_i."""
 
-    Attributes
-    ----------
-    slides : bool
-        Whether its joint is translational.
-    start : tuple of float
-        Cosine and sine of theta_i at q_i = 0.
-    twist : tuple of float
-        Cosine and sine of alpha_(i-1), from the axis of joint i - 1 to the axis of joint i.
-    p : ndarray
-        (3,), origin of B_i at q_i = 0, in axes B_(i-1) [m].
-    end : Tip
-        Pose of frame i.
-    m : float
-        Mass [kg].
-    center, arm : ndarray
-        (3,), centre of mass, from the origins of B_i and of frame i [m].
-    J : ndarray
-        (3, 3), inertia about the centre of mass [kg m^2].
-
-    """
-
-    slides: bool
-    start: Angle
-    twist: Angle
-    p: Array
-    end: Tip
-    m: float
-    center: Array
-    arm: Array
-    J: Array
+    slides: bool  # whether its joint is translational
+    start: Angle  # theta_i at q_i = 0
+    twist: Angle  # alpha_(i-1), from the axis of joint i - 1 to the axis of joint i
+    p: Array  # origin of B_i at q_i = 0, in axes B_(i-1), (3,) [m]
+    end: Tip  # pose of frame i
+    m: float  # mass [kg]
+    center: Array  # centre of mass, (3,) [m]
+    arm: Array  # the same from the origin of frame i [m]
+    J: Array  # inertia about the centre of mass, (3, 3) [kg m^2]
 
 
 def link_numbers(robot: Robot, kind: str) -> Array:

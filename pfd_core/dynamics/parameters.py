@@ -49,25 +49,11 @@ NAMES = (*SCENE, *PAYLOAD, *LINKS)
 
 class Arms:
     """
-    Arms of one robot in one scene that differ in some numbers.
+    Arms of one robot, whose frames all have, in one scene, that differ in some numbers.
 
-    Parameters
-    ----------
-    robot : Robot
-        The chain; its frames are those of all arms.
-    scene : Scene
-        Which effects are on, and the numbers that are not given.
-    size : int
-        Number of arms B.
-    given : mapping
-        Name, as in NAMES, -> numbers of the arms, (B, ...), or of all arms, (...).
-
-    Raises
-    ------
-    ValueError
-        If a name is unknown or cannot differ among arms, or a value is not one that a scene, a
-        payload or a robot takes; names the arm and the joint.
-
+    `given` maps names, as in NAMES, to numbers of the arms, (size, ...), or of all arms, (...).
+    ValueError for a name that is unknown or cannot differ among arms, and for a value that a
+    scene, a payload or a robot does not take; it names the arm and the joint.
     """
 
     def __init__(self, robot: Robot, scene: Scene, size: int, given: Mapping[str, Any]) -> None:

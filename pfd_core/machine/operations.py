@@ -32,34 +32,20 @@ Partial = tuple[float, Callable[..., Any]]
 
 @dataclass(frozen=True)
 class Operation:
-    """
-    One row of the table.
+    """One row of the table."""
 
-    Attributes
-    ----------
-    name : str
-        Name in a program.
-    arity : int
-        Number of registers that it reads; -1 if that varies.
-    cost : str or None
-        Column of the step counts; None is free (data moved within a lane, a lane switched off,
-        a sign bit changed).
-    meaning : callable or None
-        The operation on NumPy arrays; None where the emulator supplies it (data movement).
-    llvm : str or None
-        LLVM instruction on operands `{0}`, `{1}`, ... of type `{type}`, whose name in intrinsics
-        is `{suffix}`; None where the kernel writer supplies it or no kernel has the operation.
-    partials : tuple of Partial
-        For each operand the partial derivative of the result; empty where the operation has none,
-        and its derivative is refused.
-
-    """
-
-    name: str
-    arity: int
+    name: str  # in a program
+    arity: int  # number of registers that it reads; -1 if that varies
+    # Column of the step counts; None is free (data moved within a lane, a lane switched off, a
+    # sign bit changed).
     cost: str | None = None
+    # The operation on NumPy arrays; None where the emulator supplies it (data movement).
     meaning: Callable[..., Any] | None = None
+    # LLVM instruction on operands `{0}`, `{1}`, ... of type `{type}`, whose name in intrinsics is
+    # `{suffix}`; None where the kernel writer supplies it or no kernel has the operation.
     llvm: str | None = None
+    # For each operand the partial derivative of the result; empty where the operation has none,
+    # and its derivative is refused.
     partials: tuple[Partial, ...] = ()
 
 

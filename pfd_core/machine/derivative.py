@@ -200,7 +200,7 @@ def _tangents(
 def _tangent(op: str, z: Any, operands: Sequence[Any], tangents: Sequence[Any]) -> Any:
     """Return the tangent of the result of an operation."""
     if op == 'select':
-        return z.apply('select', operands[0], *tangents)
+        return z.recorder.apply('select', operands[0], *tangents)
     if op == 'mul' and operands[0] is operands[1]:  # tangents of a square share 2 a
         return (operands[0] + operands[0]) * tangents[0]
     total: Any = 0.0
@@ -266,7 +266,7 @@ def _adjoints(
 def _share(op: str, z: Any, operands: Sequence[Any], k: int, g: Any) -> Any:
     """Return the share of an operand in the adjoint g of the result of an operation."""
     if op == 'select':
-        return z.apply('select', operands[0], *((g, 0.0), (0.0, g))[k])
+        return z.recorder.apply('select', operands[0], *((g, 0.0), (0.0, g))[k])
     if op == 'mul' and operands[0] is operands[1]:
         return 0.0 if k else g * (operands[0] + operands[0])
     sign, partial = OPERATIONS[op].partials[k]

@@ -16,6 +16,7 @@ nothing. pfd_core.paper.lanes moves data between lanes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -52,11 +53,7 @@ def merge(new: Any, old: Any) -> Any:
 
 def where(condition: Lanes, chosen: Any, other: Any) -> Any:
     """Return `chosen` on the lanes where the condition is above zero and `other` elsewhere."""
-    recorder = condition.recorder
-
-    def choose(x: Any, y: Any) -> Lanes:
-        return recorder.apply('select', condition, recorder.lift(x), recorder.lift(y))
-
+    choose = partial(condition.recorder.apply, 'select', condition)
     return each(choose, chosen, other) if isinstance(chosen, np.ndarray) else choose(chosen, other)
 
 

@@ -11,7 +11,7 @@ Every meaning is a correctly rounded IEEE 754 operation, except `sin` and `cos`:
 replaces these two by the other rows before it is compiled (pfd_core.kernels.sines).
 
 Partial derivatives are a sign and a formula on values with `+ - *`: z is the result of the
-operation, a, b and c its operands; z.apply records any other operation. Equal expressions are
+operation, a, b and c its operands; z.recorder records any other operation. Equal expressions are
 recorded once: all derivatives of a quotient share 1 / b. Source: Griewank and Walther, Evaluating
 Derivatives, 2nd ed. 2008.
 """
@@ -62,7 +62,7 @@ def _second(z: Any, a: Any, b: Any, *operands: Any) -> Any:
 
 
 def _reciprocal(z: Any, a: Any, b: Any) -> Any:
-    return z.apply('div', 1.0, b)
+    return z.recorder.apply('div', 1.0, b)
 
 
 OPERATIONS = {
@@ -114,10 +114,14 @@ OPERATIONS = {
             'square_roots',
             np.sqrt,
             'call {type} @llvm.sqrt.{suffix}({type} {0})',
-            ((1.0, lambda z, a: z.apply('div', 0.5, z)),),
+            ((1.0, lambda z, a: z.recorder.apply('div', 0.5, z)),),
         ),
-        Operation('sin', 1, 'sines', np.sin, None, ((1.0, lambda z, a: z.apply('cos', a)),)),
-        Operation('cos', 1, 'sines', np.cos, None, ((-1.0, lambda z, a: z.apply('sin', a)),)),
+        Operation(
+            'sin', 1, 'sines', np.sin, None, ((1.0, lambda z, a: z.recorder.apply('cos', a)),)
+        ),
+        Operation(
+            'cos', 1, 'sines', np.cos, None, ((-1.0, lambda z, a: z.recorder.apply('sin', a)),)
+        ),
         # The rows of a function that is recorded elsewhere: accelerations, for an integrator.
         Operation('call', -1),
         # A repeated part: `loop` (its initial rows), `state` (a row as this iteration finds it),

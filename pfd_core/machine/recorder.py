@@ -96,10 +96,6 @@ class Lanes:
     def __neg__(self) -> Lanes:
         return self.recorder.apply('neg', self)
 
-    def apply(self, op: str, *operands: object) -> Lanes:
-        """Record any operation of the table on values and numbers."""
-        return self.recorder.apply(op, *map(self.recorder.lift, operands))
-
     def _binary(self, op: str, left: object, right: object) -> Any:
         other = right if left is self else left
         if isinstance(other, np.ndarray):
@@ -113,7 +109,7 @@ class Lanes:
                 return 0.0
         elif op == 'mul' and other in (1.0, -1.0):
             return self if other == 1.0 else -self
-        return self.apply(op, left, right)
+        return self.recorder.apply(op, left, right)
 
 
 class Recorder:
@@ -210,16 +206,16 @@ class Recorder:
             return self.constant(float(value))
         raise TypeError(f'expected a value over lanes or a number, got {type(value).__name__}')
 
-    def apply(self, op: str, *operands: Lanes) -> Lanes:
-        """Record an operation on the lanes where every operand has a value."""
+    def apply(self, op: str, *operands: object) -> Lanes:
+        """Record an operation on values and numbers, on the lanes where every one has a value."""
         if len(operands) != OPERATIONS[op].arity:
             raise ValueError(f'{op} takes {OPERATIONS[op].arity} operands, got {len(operands)}')
-        defined = self.all
-        for operand in operands:
-            defined &= operand.defined
+        rows, defined = [self.lift(operand) for operand in operands], self.all
+        for row in rows:
+            defined &= row.defined
         if not defined:
             raise ValueError(f'{op}: no lane has a value in every operand')
-        return self._row(op, operands, None, defined)
+        return self._row(op, rows, None, defined)
 
     def copy(self, instruction: Instruction, values: Sequence[Lanes]) -> Lanes:
         """Record an instruction of another program, whose register k is `values[k]` here."""

@@ -278,28 +278,6 @@ def test_pcgm_of_1987_has_its_closed_forms(n: int, literal: bool) -> None:
     assert unpacked == program  # no pairs, nothing to pack
 
 
-@pytest.mark.parametrize('n', EVERY_SIZE[1:])
-def test_the_totals_of_1987_are_those_of_the_docstrings(n: int) -> None:
-    L, h = levels(n), math.ceil((n - 1) / 2)
-    given = np.array((12, 6, 0, 0))
-    whole = arithmetic(record_pcrbm_1987(resolve_plant(chain(n)), 'parallel').count()) - given
-    assert tuple(whole) == (
-        31 * L + 9 * h + products(n, True) + 2 * n + 208,
-        46 * L + 5 * h + (n * n + 9 * n) // 2 + 153,
-        3 * n,
-        n,
-    )
-    program = record_pcgm_1987(resolve_plant(chain(n)), 'parallel')
-    for iterations in (0, n):
-        whole = arithmetic(program.count(iterations=iterations)) - given
-        assert tuple(whole) == (
-            27 * L + 151 + 47 * iterations,
-            34 * L + 108 + (14 * L + 32) * iterations,
-            2 * iterations,
-            0,
-        )
-
-
 def test_six_joints_of_1987_take_366_and_351_with_pairs_packed_and_391_and_361_without() -> None:
     # Divisions are multiplications, as in the paper, and R_i is given.
     run = pfd.emulate(uniform_chain_robot(6), *[[0.1] * 6] * 3, method='pcrbm_1987')

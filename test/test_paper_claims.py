@@ -18,7 +18,6 @@ from bridge import (
     FORWARD_METHODS,
     MISPRINTS_OF,
     Recorder,
-    array_solve,
     pattern_prefix_affine,
     record_inverse_dynamics,
     resolve_plant,
@@ -257,23 +256,6 @@ def test_one_square_root_is_enough_only_for_the_wrong_matrix(n: int) -> None:
     state = [[0.1] * n] * 3
     for method, roots in (('pcrbm_1987', n), ('pcrbm', 0)):
         assert pfd.emulate(uniform_chain(n), *state, method=method).steps.square_roots == roots
-
-
-@pytest.mark.parametrize('n', [2, 3, 6, 9])
-def test_column_sweeps_take_what_the_paper_counts(n: int) -> None:
-    run = pfd.emulate(uniform_chain(n), *[[0.1] * n] * 3, method='pcrbm_1987')
-    steps = run.program.count(section='column sweeps')
-    # Two triangles: a division a column, and a product and a difference for all but the last.
-    assert (steps.divisions, steps.multiplications) == (2 * n, 2 * (n - 1))
-    assert steps.additions == 2 * (n - 1)
-
-
-def test_the_array_takes_a_time_in_proportion_to_n() -> None:
-    def cycles(n: int) -> int:
-        H = [[2.0 if i == j else 0.0 for j in range(n)] for i in range(n)]
-        return array_solve(H, [1.0] * n).trace.cycles
-
-    assert [cycles(n) for n in (2, 4, 8, 16)] == [8, 18, 38, 78]
 
 
 @pytest.mark.parametrize('n', [2, 6, 24])

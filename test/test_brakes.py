@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from itertools import product
 
-from bridge import FORWARD_METHODS, ITERATIVE_METHODS, resolve_plant, run_program
+from bridge import ITERATIVE_METHODS, run_program
 import numpy as np
 from oracle import Oracle
 import pytest
@@ -99,16 +99,6 @@ def test_refinement_takes_a_braked_joint_without_mass() -> None:
     qdd, error = kernel.error_estimate(*state, brakes=held)
     assert error < 1e-12  # rounding times the condition of H; infinite where a pivot is zero
     np.testing.assert_array_equal(qdd[held], 0.0)
-
-
-def test_scaled_conjugate_gradients_take_a_braked_joint_without_mass() -> None:
-    robot, held = massless_from(2), np.arange(3) >= 2
-    state = random_state(np.random.default_rng(4), 3)
-    program = FORWARD_METHODS['pcgm'](resolve_plant(robot, BRAKES), 'parallel', jacobi=True)
-    given = dict(zip(('q', 'qd', 'tau'), state, strict=True)) | {'free': 1.0 - held}
-    found = run_program(program, given)['qdd']
-    wanted = struck_out(robot, *state, held)
-    assert np.abs(found - wanted).max() < ACCELERATION * 1e3 * np.abs(wanted).max()
 
 
 @pytest.mark.parametrize('method', sorted(set(pfd.METHODS) - set(ITERATIVE_METHODS)))

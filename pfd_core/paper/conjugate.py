@@ -4,19 +4,19 @@
 PCGM: H qdd = tau - bias by conjugate gradients, H times a vector by the Newton-Euler method.
 
     1 to 3  0R_i, z_i, p*_i, s_i, J_i, bias
-    4       y = tau - b,  w_0 = y - H x_0,  v_0 = P w_0,  u_0 = v_0       (printed: w_0 = y)
-    5, 6    e_0 = w_0' v_0;  stop if it is zero
+    4       y = tau - b,  w_0 = y - H x_0,  u_0 = w_0                     (printed: w_0 = y)
+    5, 6    e_0 = w_0' w_0;  stop if it is zero
     7       t = H u by NE1                                                (printed: also x_1 = t)
     8       g = e / u't
     9, 10   x <- x + g u;  stop after n iterations
-    11      w <- w - g t,  v = P w
-    12, 13  e' = w' v;  stop if it is zero
-    14, 15  u <- v + (e'/e) u
+    11      w <- w - g t
+    12, 13  e' = w' w;  stop if it is zero
+    14, 15  u <- w + (e'/e) u
     16      back to step 7                                                (printed: 5)
 
-Lee and Chang 1987, section 3 and Appendix B, after Walker and Orin 1982, method 4. The
-preconditioner P, the inverse diagonal of H or 1, is ours. The misprints are in
-pfd_core.paper.editions; steps 11 to 15 also run in the last iteration, as item (d) counts them.
+Lee and Chang 1987, section 3 and Appendix B, after Walker and Orin 1982, method 4. The misprints
+are in pfd_core.paper.editions; steps 11 to 15 also run in the last iteration, as item (d) counts
+them.
 
 The paper's form ends after n iterations, which give the answer in exact arithmetic only: with
 rounding e is hardly ever zero beyond one joint, and the directions lose their orthogonality, so
@@ -26,9 +26,8 @@ stops at e <= tolerance^2 e_0; a direction with u't <= 0 ends the iteration. The
 that the stop reads is no measure of the error.
 
 Parallel cost of an iteration, rotational joints, L = ceil(log2 n), n > 1: 47 multiplications,
-14 L + 32 additions and 2 divisions, Jacobi scaling 1 more multiplication; back to step 5 as
-printed 1 multiplication and L additions more. The paper prints 49, divisions among them, and
-14 L + 30.
+14 L + 32 additions and 2 divisions; back to step 5 as printed 1 multiplication and L additions
+more. The paper prints 49, divisions among them, and 14 L + 30.
 Before the iteration the paper's form takes 27 L + 151 multiplications and 34 L + 108 additions
 with R_i given, for which it prints 27 L + 124 and 34 L + 87. Our form packs the sums in H u: with
 k iterations at n = 6 it takes 182 + 47 k multiplications, 2 k divisions, 189 + 62 k additions and
@@ -43,7 +42,6 @@ are broadcast.
 from __future__ import annotations
 
 from collections.abc import Collection
-import math
 from typing import Any
 
 from pfd_core.dynamics.interface import input_row, program_with_outputs
@@ -52,7 +50,6 @@ from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes
 from pfd_core.model import Plant
-from pfd_core.paper.composite import composite_forces
 from pfd_core.paper.editions import OURS, STEP_4, STEP_7, STEP_16, Edition, edition_of
 from pfd_core.paper.lanes import broadcast
 from pfd_core.paper.newton_euler import forward_equations, inertia_times
@@ -73,7 +70,6 @@ def record_pcgm(
     schedule: str,
     *,
     start: bool = False,
-    jacobi: bool = False,
     tolerance: float = TOLERANCE,
     at_most: int | None = None,
     edition: Edition = OURS,
@@ -87,10 +83,8 @@ def record_pcgm(
         Robot and scene; one of SCHEDULES. In the paper's form nothing is packed.
     start : bool
         Whether an input `start`, (n,), is the first estimate of qdd instead of zero.
-    jacobi : bool
-        Whether to scale by the diagonal of H, which composite bodies give.
     tolerance : float
-        Stop when the (scaled) residual has fallen by this factor; our form only.
+        Stop when the residual has fallen by this factor; our form only.
     at_most : int, optional
         Largest number of iterations; default default_limit(n), or n in the paper's form.
     edition : Edition
@@ -101,23 +95,19 @@ def record_pcgm(
     recorder = chain.recorder
     free = input_row(recorder, 'free') if plant.brakes else None
 
-    def free_part(x: Lanes, held: float = 0.0) -> Any:
-        return x if free is None else where(free, x, held)
+    def free_part(x: Lanes) -> Any:
+        return x if free is None else where(free, x, 0.0)
 
     def times(u: Lanes) -> Any:
         return free_part(inertia_times(chain, u, packs=not edition.printed))
 
-    P: Any = 1.0
-    if jacobi:
-        P = 1.0 / free_part(composite_forces(chain)[2], math.inf)
     w = free_part(y)
     x = free_part(input_row(recorder, 'start')) if start else recorder.constant(0.0)
     if start and not edition.has(STEP_4):
         with recorder.section('step 4'):
             w = w - times(x)
     with recorder.section('first inner product'):
-        v = w * P
-        e = total(w * v)
+        e = total(w * w)
         floor = None if edition.printed else (tolerance * tolerance) * e
 
     def step(x: Lanes, w: Lanes, u: Lanes, e: Lanes) -> tuple[tuple[Lanes, ...], Any]:
@@ -129,19 +119,18 @@ def record_pcgm(
             g = broadcast(e / ut if edition.printed else where(ut, e / ut, 0.0), 0)
         with recorder.section('steps 9 to 11'):
             x, w = x + g * u, w - g * t
-            v = w * P
         with recorder.section('step 12'):
-            after = total(w * v)
+            after = total(w * w)
         with recorder.section('steps 14, 15'):
-            u = v + broadcast(after / e, 0) * u
+            u = w + broadcast(after / e, 0) * u
         if edition.has(STEP_16):
             with recorder.section('step 5'):
-                after = total(w * v)
+                after = total(w * w)
         return (x, w, u, after), after if edition.printed else where(ut, after, 0.0)
 
     if at_most is None:
         at_most = recorder.lanes if edition.printed else default_limit(recorder.lanes)
-    (x, _, _, last), iterations = iterate(step, (x, w, v, e), e, at_most, floor=floor)
+    (x, _, _, last), iterations = iterate(step, (x, w, w, e), e, at_most, floor=floor)
     converged = recorder.constant(1.0)
     if floor is not None:
         with recorder.section('convergence'):

@@ -65,7 +65,7 @@ Lane j holds link j + 1, the composite body of links j + 1..n, and column j of H
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from operator import add, mul
 
 from pfd_core.dynamics.interface import input_row, program_with_outputs
@@ -104,22 +104,31 @@ from pfd_core.paper.solve import cholesky, held_joints, solve, transposed
 Rows = list[Lanes]
 
 
-def record_pcrbm(
-    plant: Plant,
-    schedule: str,
-    *,
-    matrix: Callable[[Chain, Edition], Rows] | None = None,
-    edition: Edition = OURS,
-) -> Program:
+def record_pcrbm(plant: Plant, schedule: str, *, edition: Edition = OURS) -> Program:
     """
     Return the program of qdd and pivots, (n,), from q, qd and tau.
 
-    H is positive definite exactly when all pivots are above zero. `matrix` gives H; default
-    inertia_matrix.
+    H is positive definite exactly when all pivots are above zero.
     """
     chain, y = forward_equations(plant, schedule, edition)
-    rows, free = (matrix or inertia_matrix)(chain, edition), None
-    if plant.brakes:
+    return _solved(chain, inertia_matrix(chain, edition), y, edition)
+
+
+def record_pcrbm_1987(plant: Plant, schedule: str, *, misprints: Collection[str] = ()) -> Program:
+    """Return the same program in the paper's form, with misprints taken as printed by name."""
+    return record_pcrbm(plant, schedule, edition=edition_of('pcrbm_1987', misprints))
+
+
+def record_pcrbm_base_origin(plant: Plant, schedule: str) -> Program:
+    """Return the same program, with H about the base origin."""
+    chain, y = forward_equations(plant, schedule)
+    return _solved(chain, inertia_matrix_base_origin(chain), y)
+
+
+def _solved(chain: Chain, rows: Rows, y: Lanes, edition: Edition = OURS) -> Program:
+    """Return the program of the solution of H qdd = y: steps 9 and 10."""
+    free = None
+    if chain.plant.brakes:
         rows, y, free = held_joints(rows, y)
     if not edition.printed:
         qdd, pivots = solve(rows, y, free)
@@ -131,16 +140,6 @@ def record_pcrbm(
         x = column_sweep(columns, y, roots)
         qdd = column_sweep(transposed(columns), x, roots, downward=True)
     return program_with_outputs(chain.recorder, qdd=qdd, pivots=pivots)
-
-
-def record_pcrbm_1987(plant: Plant, schedule: str, *, misprints: Collection[str] = ()) -> Program:
-    """Return the same program in the paper's form, with misprints taken as printed by name."""
-    return record_pcrbm(plant, schedule, edition=edition_of('pcrbm_1987', misprints))
-
-
-def record_pcrbm_base_origin(plant: Plant, schedule: str) -> Program:
-    """Return the same program, with H about the base origin."""
-    return record_pcrbm(plant, schedule, matrix=inertia_matrix_base_origin)
 
 
 def record_terms(plant: Plant, schedule: str) -> Program:
@@ -255,8 +254,8 @@ def about_point(chain: Chain, c: LaneArray) -> tuple[LaneArray, LaneArray]:
     return h, chain.J + array([y + z, xy, xz, x + z, yz, x + y])
 
 
-def inertia_matrix_base_origin(chain: Chain, edition: Edition = OURS) -> Rows:
-    """Return the upper triangle of H by rows; in our form only."""
+def inertia_matrix_base_origin(chain: Chain) -> Rows:
+    """Return the upper triangle of H by rows, with the inertia of the rotors."""
     recorder, n = chain.recorder, chain.recorder.lanes
     zero = constants(recorder, [0.0] * 3)
     with recorder.section('base origin'):

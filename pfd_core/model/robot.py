@@ -88,7 +88,7 @@ class PhysicsWarning(UserWarning):
 @dataclass(frozen=True, eq=False)
 class Frame(FrozenArrays):
     """
-    A frame fixed to a link of a robot.
+    A frame fixed to a link of a robot; ValueError for numbers that are none.
 
     Attributes
     ----------
@@ -97,11 +97,6 @@ class Frame(FrozenArrays):
     rotation, translation : ndarray
         (3, 3) and (3,) [m]: its axes and origin in frame `link` of the robot; for 0 not in frame
         0, but in the frame of the base link.
-
-    Raises
-    ------
-    ValueError
-        If the link is no index, the rotation none or a number not finite.
 
     """
 
@@ -135,7 +130,9 @@ class Robot(FrozenArrays):
     """
     A chain of n joints; joint i and link i have index i-1.
 
-    Two robots are equal when their numbers and names are (their `digest`).
+    Two robots are equal when their numbers and names are (their `digest`). ValueError, with its
+    name, for a wrong shape, name or number; PhysicsWarning for principal moments of inertia that
+    violate the triangle inequality.
 
     Attributes
     ----------
@@ -174,16 +171,6 @@ class Robot(FrozenArrays):
         armature, friction or another field with a number a joint -> names of the joints for which
         the model states none. By default all joints for fields that are not given. A number other
         than 0, or infinity for a limit, is never silent.
-
-    Raises
-    ------
-    ValueError
-        If a shape, a name or a number is wrong, with its name.
-
-    Warns
-    -----
-    PhysicsWarning
-        If principal moments of inertia violate the triangle inequality.
 
     """
 
@@ -431,7 +418,7 @@ def _with_ends(robot: Robot) -> Mapping[str, Frame]:
 @dataclass(frozen=True)
 class Payload:
     """
-    A body fixed rigidly to the last link.
+    A body fixed rigidly to the last link; ValueError for numbers that no body can have.
 
     Attributes
     ----------
@@ -441,11 +428,6 @@ class Payload:
         Centre of mass, (3,) [m], from the origin of the tip's frame, in its axes.
     inertia : array_like
         (3, 3) [kg m^2], about the centre of mass, in the axes of the tip's frame.
-
-    Raises
-    ------
-    ValueError
-        If a number is not finite, the mass is negative or no body can have the inertia.
 
     """
 
@@ -481,19 +463,8 @@ def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
     """
     Return the robot with some joints fixed and the links on either side of them welded.
 
-    Parameters
-    ----------
-    robot : Robot
-        The chain.
-    positions : mapping
-        Name of each joint to lock -> its position [rad, m].
-
-    Raises
-    ------
-    ValueError
-        If a joint is unknown, a position is not a finite number or beyond the limits of its
-        joint, or no joint would move.
-
+    `positions` maps the name of each joint to lock to its position [rad, m]. ValueError if a joint
+    is unknown, a position is no finite number within the limits, or no joint would move.
     """
     check_robot(robot)
     at = locked_positions(positions)

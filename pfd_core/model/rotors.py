@@ -23,19 +23,9 @@ def reflected_inertia(rotor_inertia: ArrayLike, gear_ratio: ArrayLike) -> Array:
     """
     Return the armature of joints, ratio^2 * inertia, for `Scene(armature=...)`.
 
-    Parameters
-    ----------
-    rotor_inertia : array_like
-        Of each rotor about its own axis, (n,) [kg m^2].
-    gear_ratio : array_like
-        Turns of the rotor per turn of its joint, (n,), or one for all; of a joint that slides,
-        angle per distance [rad/m]. Its sign does not matter.
-
-    Raises
-    ------
-    ValueError
-        If a number is not finite, an inertia is negative or a ratio zero.
-
+    `rotor_inertia` is that of each rotor about its own axis, (n,) [kg m^2]; `gear_ratio` the turns
+    of the rotor per turn of its joint, (n,), or one for all, of either sign; of a joint that
+    slides, angle per distance [rad/m]. ValueError for a negative inertia or a ratio of zero.
     """
     inertia = real_array('rotor_inertia', rotor_inertia, shape=('n',), largest=LARGEST)
     ratio = real_array(

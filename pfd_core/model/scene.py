@@ -60,6 +60,8 @@ class Scene:
     model states no value of any joint, and warns of single joints without one.
 
     Units are for revolute joints; for prismatic joints read m, N, kg for rad, N m, kg m^2.
+    ValueError if a value has a wrong type, a number is out of its range, or an effect lacks the
+    effect that it refines.
 
     Attributes
     ----------
@@ -117,12 +119,6 @@ class Scene:
     motor_lag : None or array_like
         Time constants of first-order lags of the motor torques, (n,) [s]; gravity compensation
         and limits act after the lag.
-
-    Raises
-    ------
-    ValueError
-        If a value has a wrong type, a number is out of its range, or an effect lacks the effect
-        that it refines.
 
     """
 

@@ -176,19 +176,24 @@ def welded_frames(placements: list[Placement], bodies: list[Body]) -> dict[str, 
     of a separate frame, with which link i moves; frame i of the paper is the frame of joint i+1 at
     rest on link i, frame 0 that of the first joint.
     """
-    ends = placements[1:]
+    bodies = [
+        (mass, product(A.T, c - a), product(A.T, J, A))
+        for (A, a), (mass, c, J) in zip(placements[1:], bodies, strict=True)
+    ]
+    R, p = placements[0]
+    return link_fields(placements[1:], bodies) | {'base_rotation': R, 'base_position': p}
+
+
+def link_fields(placements: list[Placement], bodies: list[Body]) -> dict[str, Any]:
+    """Return the fields of `Robot` for the frames of links, each in the one before, and bodies."""
+    rotations, translations = zip(*placements, strict=True) if placements else ((), ())
+    masses, centers, inertias = zip(*bodies, strict=True) if bodies else ((), (), ())
     return {
-        'rotations': np.array([A for A, _ in ends]),
-        'translations': np.array([a for _, a in ends]),
-        'masses': np.array([mass for mass, _, _ in bodies]),
-        'centers': np.array(
-            [product(A.T, c - a) for (A, a), (_, c, _) in zip(ends, bodies, strict=True)]
-        ),
-        'inertias': np.array(
-            [product(A.T, J, A) for (A, _), (_, _, J) in zip(ends, bodies, strict=True)]
-        ),
-        'base_rotation': placements[0][0],
-        'base_position': placements[0][1],
+        'rotations': np.array(rotations),
+        'translations': np.array(translations),
+        'masses': np.array(masses),
+        'centers': np.array(centers),
+        'inertias': np.array(inertias),
     }
 
 

@@ -36,6 +36,7 @@ from pfd_core.model.geometry import (
     check_inertia,
     check_rotation,
     inverse,
+    link_fields,
     merged,
     product,
     rotation_z,
@@ -453,10 +454,10 @@ def with_payload(robot: Robot, payload: Payload) -> Robot:
     check_robot(robot)
     if not isinstance(payload, Payload):
         raise ValueError(f'payload must be a Payload, got {quote(payload)}')
-    body = (payload.mass, np.asarray(payload.center), np.asarray(payload.inertia))
-    changed = {key: getattr(robot, key).copy() for key in ('masses', 'centers', 'inertias')}
-    _set_body(changed, robot.n - 1, merged(_body(robot, robot.n - 1), body))
-    return replace(robot, **changed)
+    body = payload.mass, np.asarray(payload.center), np.asarray(payload.inertia)
+    placements, bodies = _links(robot)
+    bodies[-1] = merged(bodies[-1], body)
+    return replace(robot, **link_fields(placements, bodies))
 
 
 def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
@@ -506,33 +507,32 @@ def check_locked_position(name: str, position: float, lower: float, upper: float
 
 def _lock_one(robot: Robot, index: int, position: float) -> Robot:
     """Return the robot with one joint fixed; frame i takes the place of frame i-1."""
-    R, p = robot.rotations[index], robot.translations[index]
+    placements, bodies = _links(robot)
+    R, p = placements[index]
     if robot.joint_types[index] == 'prismatic':
         p = p + position * np.array([0.0, 0.0, 1.0])
     else:
         turn = snapped(rotation_z(math.cos(position), math.sin(position)))
         R, p = product(turn, R), product(turn, p)
-    changed: dict[str, Any] = {key: getattr(robot, key).copy() for key in LINK_FIELDS}
-    if index == 0:
-        # The link is welded to the base, which does not move: its mass plays no part.
-        changed['base_rotation'] = product(robot.base_rotation, R)
-        changed['base_position'] = robot.base_position + product(robot.base_rotation, p)
-        weld = changed['base_rotation'], changed['base_position']
+    A, a = placements[index - 1] if index else (robot.base_rotation, robot.base_position)
+    before = product(A, R), a + product(A, p)
+    # Of the first link, which is welded to the base, the mass plays no part: the base is at rest.
+    weld = inverse((R, p)) if index else before
+    changed: dict[str, Any] = {}
+    if index:
+        mass, center, J = bodies[index - 1]
+        inner = mass, product(R.T, center - p), product(R.T, J, R)
+        bodies[index] = merged(inner, bodies[index])
+        placements[index] = before
     else:
-        weld = inverse((R, p))
-        mass, center, J = _body(robot, index - 1)
-        inner = (mass, product(R.T, center - p), product(R.T, J, R))
-        _set_body(changed, index, merged(inner, _body(robot, index)))
-        A, a = robot.rotations[index - 1], robot.translations[index - 1]
-        changed['rotations'][index] = product(A, R)
-        changed['translations'][index] = a + product(A, p)
-    for key in LINK_FIELDS:
-        changed[key] = np.delete(changed[key], max(index - 1, 0), axis=0)
-    for key in JOINT_FIELDS:
-        changed[key] = np.delete(getattr(robot, key), index, axis=0)
+        changed = {'base_rotation': before[0], 'base_position': before[1]}
+    for links in (placements, bodies):
+        del links[max(index - 1, 0)]
+    changed |= link_fields(placements, bodies)
+    kept = [i for i in range(robot.n) if i != index]
+    changed |= {key: getattr(robot, key)[kept] for key in JOINT_FIELDS}
     for key in ('joint_names', 'joint_types'):
-        entries = getattr(robot, key)
-        changed[key] = entries[:index] + entries[index + 1 :]
+        changed[key] = tuple(getattr(robot, key)[i] for i in kept)
     if index > 0 and robot.joint_names[index] in robot.accepted:
         changed['accepted'] = (*robot.accepted, robot.joint_names[index - 1])
     # Frames of link 1 come to the base link, or, beyond the first joint, frames of the link before
@@ -547,9 +547,8 @@ def _lock_one(robot: Robot, index: int, position: float) -> Robot:
     return replace(robot, **changed)
 
 
-def _body(robot: Robot, index: int) -> Body:
-    return float(robot.masses[index]), robot.centers[index], robot.inertias[index]
-
-
-def _set_body(arrays: dict[str, Any], index: int, body: Body) -> None:
-    arrays['masses'][index], arrays['centers'][index], arrays['inertias'][index] = body
+def _links(robot: Robot) -> tuple[list[Placement], list[Body]]:
+    """Return the frames of the links, each in the one before, and their bodies."""
+    placements = list(zip(robot.rotations, robot.translations, strict=True))
+    bodies = zip(robot.masses.tolist(), robot.centers, robot.inertias, strict=True)
+    return placements, list(bodies)

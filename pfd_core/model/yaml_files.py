@@ -45,6 +45,7 @@ from pfd_core.model.geometry import (
     Body,
     Placement,
     cos_sin_degrees,
+    link_fields,
     product,
     rotation_x,
     rotation_z,
@@ -263,15 +264,7 @@ def _chain(
             f'tip of {quote(name)} must be the name of a link: its position is given by the '
             f"last joint's {next(iter(ways), 'frame')}"
         )
-    return {
-        'rotations': np.array([R for R, _ in frames]),
-        'translations': np.array([p for _, p in frames]),
-        'masses': np.array([mass for mass, _, _ in bodies]),
-        'centers': np.array([center for _, center, _ in bodies]),
-        'inertias': np.array([J for _, _, J in bodies]),
-        'base_rotation': R0,
-        'base_position': p0,
-    }
+    return link_fields(frames, bodies) | {'base_rotation': R0, 'base_position': p0}
 
 
 class Joint(NamedTuple):

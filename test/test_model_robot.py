@@ -4,16 +4,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 import copy
 from dataclasses import FrozenInstanceError, fields, replace
 import pickle
+from typing import Any
 
-from bridge import axis_rotation, cos_sin_degrees, matrix_product, merged_body, snapped_rotation
+from bridge import (
+    axis_rotation,
+    cos_sin_degrees,
+    matrix_product,
+    merged_body,
+    resolve_plant,
+    snapped_rotation,
+)
 import numpy as np
 import pinocchio as pin
 import pytest
 from tolerances import DYNAMICS
-from zoo import random_chain, random_inertia, random_rotation, random_state, to_pinocchio
+from zoo import ODD_ARM, random_chain, random_inertia, random_rotation, random_state, to_pinocchio
 
 import pfd_core as pfd
 
@@ -114,30 +123,48 @@ def test_arrays_are_copies_that_cannot_change() -> None:
         robot.name = 'other'
 
 
-def copies(value: object) -> dict[str, object]:
-    """Return a value pickled, and copied in each way there is."""
-    return {
-        'pickle': pickle.loads(pickle.dumps(value)),
-        'old pickle': pickle.loads(pickle.dumps(value, protocol=0)),
-        'deepcopy': copy.deepcopy(value),
-        'copy': copy.copy(value),
-        'replace': replace(value),
-    }
+def arrays(value: Any) -> Iterator[np.ndarray]:
+    """Yield all arrays in a record, also those of its records and mappings."""
+    if isinstance(value, np.ndarray):
+        yield value
+    elif isinstance(value, Mapping):
+        with pytest.raises(TypeError, match='does not support item assignment'):
+            value['other'] = 0  # type: ignore[index]
+        for item in value.values():
+            yield from arrays(item)
+    elif hasattr(value, 'digest'):
+        for item in fields(value):
+            yield from arrays(getattr(value, item.name))
 
 
-def test_a_robot_stays_frozen_through_pickle_and_copies() -> None:
-    robot = random_chain(np.random.default_rng(2), 3)
-    for way, again in copies(robot).items():
-        assert again == robot, way
-        for item in fields(robot):
-            value = getattr(again, item.name)
-            if isinstance(value, np.ndarray):
-                assert value.tobytes() == getattr(robot, item.name).tobytes()
-                with pytest.raises(ValueError, match='read-only'):
-                    value[...] = 0.0
+ARM = pfd.load_robot(ODD_ARM)
+LOADS = pfd.Scene(
+    damping='model', armature=[1, 2, 3, 4, 5, 6], payload=pfd.Payload(1.0, [0, 0, 1])
+)
+
+
+@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
+@pytest.mark.parametrize('kind', ['robot', 'frame', 'scene', 'plant'])
+def test_records_stay_frozen_through_pickle_and_copies(kind: str) -> None:
+    value = {
+        'robot': ARM,
+        'frame': ARM.frame('tool'),
+        'scene': LOADS,
+        'plant': resolve_plant(ARM, LOADS),
+    }[kind]
+    ways = (
+        lambda x: pickle.loads(pickle.dumps(x)),
+        lambda x: pickle.loads(pickle.dumps(x, protocol=0)),
+        *(copy.deepcopy, copy.copy, replace),
+    )
+    for again in (way(value) for way in ways):
+        assert (again, again.digest) == (value, value.digest)
+        for mine, other in zip(arrays(again), arrays(value), strict=True):
+            assert mine.tobytes() == other.tobytes()
+            with pytest.raises(ValueError, match='read-only'):
+                mine[...] = 0.0
         with pytest.raises(FrozenInstanceError):
-            again.name = 'other'
-        assert again.digest == robot.digest
+            setattr(again, fields(again)[0].name, None)
 
 
 def test_an_unpickled_robot_is_not_warned_of_twice() -> None:

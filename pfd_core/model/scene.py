@@ -345,8 +345,9 @@ def scene_inputs(
 
 def _in_batch(name: str, array: Array, size: int, batch: tuple[int, ...] | None) -> Array:
     """Return an array with the leading dimensions `batch`, or as given without any."""
-    fit_shape(name, array, (..., size))
-    return array if batch is None else fit_shape(name, array, (*batch, size), broadcast=True)
+    if batch is None or array.shape[-1:] != (size,):
+        return fit_shape(name, array, (..., size))
+    return fit_shape(name, array, (*batch, size), broadcast=True)
 
 
 @lru_cache(maxsize=16)

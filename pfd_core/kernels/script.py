@@ -24,6 +24,7 @@ from types import MappingProxyType
 from pfd_core.kernels.generate import inputs_of, operations
 from pfd_core.kernels.ir import Code
 from pfd_core.machine.program import Program
+from pfd_core.model.values import Array
 
 
 class Frame:
@@ -56,6 +57,10 @@ class Frame:
     def length(self, name: str) -> int:
         """Return the number of elements of an array."""
         return self._places[name][1]
+
+    def arrays(self, block: Array) -> dict[str, Array]:
+        """Return the arrays by name, as parts of a block of memory of one arm."""
+        return {name: block[first : first + size] for name, (first, size) in self._places.items()}
 
 
 def procedure(name: str, program: Program, dtype: str, width: int) -> str:

@@ -24,7 +24,6 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 import math
 import time
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -217,14 +216,20 @@ def integrate(
         'rtol': max(SHARE * rtol, SMALLEST_RTOL),
         'atol': SHARE * atol,
         'wanted': dense,
+        'begins': True,
     }
-    run = _Run(steps, tau)
+    arrays = steps.frame.arrays(np.zeros(steps.size))
+    law = None
+    if callable(tau):
+        law = _checked_law(tau, arrays['asked'], arrays['tau'])
+    else:
+        arrays['tau'][:] = tau
     for name, values in (settings | start | inputs).items():
-        run[name][:] = values
+        arrays[name][:] = values
     if 'free' in inputs:
-        run['qd'][inputs['free'] == 0] = 0.0  # braked joints do not move
-    run.advance(max_steps)
-    return run.trajectory()
+        arrays['qd'][inputs['free'] == 0] = 0.0  # braked joints do not move
+    rows = _advanced(steps, arrays, law, max_steps)
+    return _trajectory(rows, arrays, n)
 
 
 @lru_cache(CACHED_KERNELS, typed=True)
@@ -239,97 +244,64 @@ def _native(
             'Simulator or Ensemble, or leave it out of the scene'
         )
     spec = KernelSpec(robot, scene, method, 'float64', refine, STEP)
-    return compile_adaptive(spec, adaptive_code(plant, PAIRS[integrator]), adaptive_frame)
+    return compile_adaptive(spec, adaptive_code(plant, integrator), adaptive_frame)
 
 
-class _Run:
-    """One run: the frame that native code advances, and the rows that it writes."""
+def _advanced(
+    steps: AdaptiveSteps, arrays: dict[str, Array], law: Callable[[], None] | None, max_steps: int
+) -> dict[str, Array]:
+    """Take steps up to the end, or as many as are allowed; return what is written of them."""
+    # With a law native code keeps the interpreter's lock.
+    kind, pointer = ctypes.CFUNCTYPE if law is None else ctypes.PYFUNCTYPE, ctypes.c_void_p
+    run = kind(None, ctypes.c_int64, pointer, pointer)(steps.run)
+    arrays['law'].view(np.int64)[:] = 0 if law is None else id(law)
+    names = WRITTEN if arrays['wanted'] else WRITTEN[:-1]
+    ends = np.cumsum([len(arrays[name]) for name in names])
+    pieces, tried = [], 0
+    count = max(1, FIRST_OPERATIONS // max(1, steps.work))
+    while tried < max_steps and not arrays['status']:
+        count = min(count, max_steps - tried, MOST_ATTEMPTS)
+        began = time.perf_counter()
+        # The first call writes the start, too.
+        out = np.empty((count + 1, ends[-1]))
+        run(count, address(arrays['time']), address(out))
+        written = out[: arrays['rows'].view(np.int64)[0]]
+        pieces.append(np.split(written, ends[:-1], axis=1))
+        tried += count
+        spent = max(time.perf_counter() - began, 1e-9)
+        count = max(1, min(2 * count, int(count * PIECE_SECONDS / spent)))
+    return {
+        name: np.concatenate(x) for name, x in zip(names, zip(*pieces, strict=True), strict=True)
+    }
 
-    def __init__(self, steps: AdaptiveSteps, tau: ArrayLike | TorqueLaw) -> None:
-        self._steps, self._numbers = steps, np.zeros(steps.size)
-        self._frame = steps.frame
-        law = callable(tau)
-        # With a law native code keeps the interpreter's lock.
-        kind = ctypes.PYFUNCTYPE if law else ctypes.CFUNCTYPE
-        pointer = ctypes.c_void_p
-        self._run = kind(None, ctypes.c_int64, pointer, pointer)(steps.run)
-        self._law = None
-        if callable(tau):
-            if not supported():
-                raise ValueError('tau must be an array: this Python cannot be called back')
-            self._law = _checked_law(tau, self['asked'], self['tau'])
-            self._integer('law')[:] = id(self._law)
-        else:
-            self['tau'][:] = tau
-        self._rows: list[Array] = []
 
-    def __getitem__(self, name: str) -> Array:
-        """Return an array of the frame."""
-        size = self._frame.length(name)
-        first = self._frame.place(name, size)
-        return self._numbers[first : first + size]
-
-    def _integer(self, name: str) -> Any:
-        return self[name].view(np.int64)
-
-    def advance(self, max_steps: int) -> None:
-        """Take steps up to the end, or as many as are allowed."""
-        self['begins'][:] = 1.0
-        length = sum(map(self._frame.length, self._written))
-        tried = 0
-        count = max(1, FIRST_OPERATIONS // max(1, self._steps.work))
-        while tried < max_steps and not self.status:
-            count = min(count, max_steps - tried, MOST_ATTEMPTS)
-            began = time.perf_counter()
-            # The first call writes the start, too.
-            out = np.empty((count + 1, length))
-            self._run(count, address(self._numbers), address(out))
-            self._rows.append(out[: self._integer('rows')[0]])
-            tried += count
-            spent = max(time.perf_counter() - began, 1e-9)
-            count = max(1, min(2 * count, int(count * PIECE_SECONDS / spent)))
-
-    @property
-    def _written(self) -> tuple[str, ...]:
-        return WRITTEN if self['wanted'] > 0 else WRITTEN[:-1]
-
-    @property
-    def status(self) -> str:
-        """The status in native code, empty while the run is not over."""
-        return STATUSES[self._count('status')]
-
-    def _count(self, name: str) -> int:
-        return int(self[name][0])
-
-    def trajectory(self) -> AdaptiveTrajectory:
-        """Return the output as a trajectory."""
-        whole, end = {}, 0
-        for name in self._written:
-            begin, end = end, end + self._frame.length(name)
-            whole[name] = np.concatenate([rows[:, begin:end] for rows in self._rows])
-        steps, stiff = len(whole['time']) - 1, self._count('stiff')
-        out_of_steps = 'too_stiff' if 2 * stiff > steps else 'too_many_steps'
-        times, dense = whole['time'][:, 0], whole.get('dense')
-        if dense is not None:
-            dense = dense[1:].reshape(steps, ROWS, dense.shape[1] // ROWS)
-        return AdaptiveTrajectory(
-            time=times,
-            q=whole['q'],
-            qd=whole['qd'],
-            _qdd=whole['K0'],
-            status=self.status or out_of_steps,
-            finite_steps=steps,
-            evaluations=self._count('evaluations'),
-            rejected_steps=self._count('rejected'),
-            stiff_steps=stiff,
-            events=times[whole['happened'][:, 0] > 0],
-            _sizes=whole['length'][1:, 0],
-            _dense=dense,
-        )
+def _trajectory(rows: dict[str, Array], arrays: dict[str, Array], n: int) -> AdaptiveTrajectory:
+    """Return what is written, and the counts of the run, as a trajectory."""
+    status, evaluations, rejected, stiff = (
+        int(arrays[name][0]) for name in ('status', 'evaluations', 'rejected', 'stiff')
+    )
+    times, steps = rows['time'][:, 0], len(rows['time']) - 1
+    out_of_steps = 'too_stiff' if 2 * stiff > steps else 'too_many_steps'
+    return AdaptiveTrajectory(
+        time=times,
+        q=rows['q'],
+        qd=rows['qd'],
+        _qdd=rows['K0'],
+        status=STATUSES[status] or out_of_steps,
+        finite_steps=steps,
+        evaluations=evaluations,
+        rejected_steps=rejected,
+        stiff_steps=stiff,
+        events=times[rows['happened'][:, 0] > 0],
+        _sizes=rows['length'][1:, 0],
+        _dense=rows['dense'][1:].reshape(steps, ROWS, 2 * n) if 'dense' in rows else None,
+    )
 
 
 def _checked_law(tau: TorqueLaw, asked: Array, torques: Array) -> Callable[[], None]:
     """Return the function that native code calls: it reads `asked` and writes the torques."""
+    if not supported():
+        raise ValueError('tau must be an array: this Python cannot be called back')
     n = len(torques)
     q, qd = asked[1 : 1 + n], asked[1 + n :]
 

@@ -35,17 +35,17 @@ import math
 
 from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.kernels.ir import Code
-from pfd_core.kernels.script import Frame, Script, procedure
-from pfd_core.kernels.simulate import MOTION, Steps, evaluations
+from pfd_core.kernels.script import Frame, Script
+from pfd_core.kernels.simulate import MOTION
 from pfd_core.kernels.simulations import StepCode
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model import Plant
 from pfd_core.simulation.dry import Law, has_contact, read, rests, single
-from pfd_core.simulation.embedded_pairs import ROWS, EmbeddedPair
+from pfd_core.simulation.embedded_pairs import PAIRS, ROWS, EmbeddedPair
 from pfd_core.simulation.flags import any_of, both, either, negated, sign_of
-from pfd_core.simulation.native import EventWriter, event_programs
+from pfd_core.simulation.native import EventWriter, event_programs, write_functions
 from pfd_core.simulation.stages import Segment, added
 from pfd_core.simulation.step_control import control_programs
 
@@ -79,8 +79,9 @@ def adaptive_frame(n: int, inputs: Mapping[str, int]) -> Frame:
     return frame
 
 
-def adaptive_code(plant: Plant, pair: EmbeddedPair) -> StepCode:
-    """Return adaptive steps of a plant by a pair, for pfd_core.kernels.simulations."""
+def adaptive_code(plant: Plant, integrator: str) -> StepCode:
+    """Return adaptive steps of a plant by a pair of PAIRS, for pfd_core.kernels.simulations."""
+    pair = PAIRS[integrator]
     law = Law(plant, 'float64', SHORT)
     segment = Segment(plant, pair.tableau, 0.0, False, law.load)
     programs = control_programs(pair, law.n)
@@ -95,29 +96,12 @@ def adaptive_code(plant: Plant, pair: EmbeddedPair) -> StepCode:
         plant,
         (),
         programs,
-        partial(_write, law, segment, pair),
+        partial(write_functions, partial(AdaptiveWriter, law, segment, pair=pair)),
         pair.tableau.stages,
-        'adaptive',
+        integrator,
         contact=has_contact(plant),
         stops='hits' in programs,
     )
-
-
-def _write(
-    law: Law,
-    segment: Segment,
-    pair: EmbeddedPair,
-    steps: Steps,
-    programs: Mapping[str, Program],
-    dynamics: Mapping[str, Program],
-    frame: Frame,
-    angles: Sequence[int],
-) -> list[str]:
-    """Return @adaptive and @size, the number of elements of its frame, and what they call."""
-    writer = AdaptiveWriter(law, segment, steps, programs, dynamics, frame, pair)
-    functions = evaluations(dynamics, steps.dtype, steps.width, angles)
-    functions += [procedure(k, p, steps.dtype, steps.width) for k, p in programs.items()]
-    return [*functions, *writer.functions(), DECLARATIONS]
 
 
 def _dense_rows() -> list[str]:
@@ -156,7 +140,7 @@ class AdaptiveWriter(EventWriter):
         entry.ret()
         size = Code('define i64 @size()')
         size.ret('i64', self.frame.size)
-        return [*map(str, parts), str(entry), str(size)]
+        return [*map(str, parts), str(entry), str(size), DECLARATIONS]
 
     # Accelerations.
 

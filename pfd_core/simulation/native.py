@@ -26,7 +26,7 @@ acceleration may round differently.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -76,7 +76,7 @@ def step_code(plant: Plant, integrator: str, h: float, dtype: str, compensated: 
         plant,
         (*further, UNFINISHED),
         programs,
-        partial(_with_events, law, segment),
+        partial(write_functions, partial(EventWriter, law, segment)),
         1 + len(segment.stages),
         settings,
         contact=True,
@@ -88,7 +88,11 @@ def step_code(plant: Plant, integrator: str, h: float, dtype: str, compensated: 
 def event_programs(law: Law, segment: Segment) -> dict[str, Program]:
     """Return the programs of segments with events, by name."""
     programs = {
-        **mode_programs(law),
+        'watch': dry.record_watch(law),
+        'directions': dry.record_directions(law.n),
+        'modes': dry.record_modes(law),
+        'pivot': box.record_pivot(law.n),
+        'load': dry.record_load(law, True),
         'held': dry.record_held(law.n),
         'loose': dry.record_loose(law),
         'aim': search.record_aim(law),
@@ -104,18 +108,6 @@ def event_programs(law: Law, segment: Segment) -> dict[str, Program]:
         programs['first'] = dry.record_first(law.n)
     else:
         programs['load.undamped'] = dry.record_load(law, False)
-    return programs
-
-
-def mode_programs(law: Law) -> dict[str, Program]:
-    """Return the programs of the modes in which a segment begins, and of impacts."""
-    programs = {
-        'watch': dry.record_watch(law),
-        'directions': dry.record_directions(law.n),
-        'modes': dry.record_modes(law),
-        'pivot': box.record_pivot(law.n),
-        'load': dry.record_load(law, True),
-    }
     if law.plant.joint_limits is not None:
         programs |= {
             'hits': box.record_hits(law),
@@ -163,20 +155,18 @@ def _smooth(
     return [*evaluations(dynamics, steps.dtype, steps.width, angles), str(s), str(end)]
 
 
-def _with_events(
-    law: Law,
-    segment: Segment,
+def write_functions(
+    writer: Callable[..., EventWriter],
     steps: Steps,
     programs: Mapping[str, Program],
     dynamics: Mapping[str, Program],
     frame: Frame,
     angles: Sequence[int],
 ) -> list[str]:
-    """Return @advance and @accelerate of a scene with events, and what they call."""
-    writer = EventWriter(law, segment, steps, programs, dynamics, frame)
+    """Return the functions of a writer, and the programs and dynamics that they call."""
     functions = evaluations(dynamics, steps.dtype, steps.width, angles)
     functions += [procedure(k, p, steps.dtype, steps.width) for k, p in programs.items()]
-    return [*functions, *writer.functions()]
+    return [*functions, *writer(steps, programs, dynamics, frame).functions()]
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model.values import Array
 from pfd_core.simulation.dry import Row, read, single
 from pfd_core.simulation.embedded_pairs import ROWS, EmbeddedPair
-from pfd_core.simulation.flags import both, either, negated, sign_of
+from pfd_core.simulation.flags import both, either, largest, negated, sign_of, smallest
 from pfd_core.simulation.stages import added, plus, scaled
 
 STATUSES = ('', 'ok', 'not_finite', 'step_too_small')
@@ -70,13 +70,13 @@ def _first_size(pair: EmbeddedPair, n: int) -> Program:
     """Return the program of `size` and `grow` at the start (Hairer, Norsett, Wanner, II.4)."""
     recorder = Recorder(1, 'sequential')
     q, qd, a = read(recorder, n, 'q', 'qd', 'K0')
-    longest, smallest, lost = single(recorder, 'longest', 'smallest', 'lost')
+    longest, least, lost = single(recorder, 'longest', 'smallest', 'lost')
     speed = sqrt(_mean_square([*qd, *a], _scales(recorder, [*q, *qd])))
-    size = _smaller(longest, _larger(smallest, _root(0.01 / speed, pair.tableau.order)))
+    size = largest([least, _root(0.01 / speed, pair.tableau.order)])
     known = both(sign_of(speed), sign_of(LARGEST - speed))
     return program_with_outputs(
         recorder,
-        size=[where(known, size, longest)],
+        size=[where(known, smallest([longest, size]), longest)],
         grow=[recorder.constant(GROW)],
         status=_status(recorder, not_finite=negated(_finite([*q, *qd, *a, lost]))),
     )
@@ -90,14 +90,14 @@ def _plan() -> Program:
     0, and `status` says why, if there is none.
     """
     recorder = Recorder(1, 'sequential')
-    time, size, duration, smallest, error, status, failed = single(
+    time, size, duration, least, error, status, failed = single(
         recorder, 'time', 'size', 'duration', 'smallest', 'error', 'status', 'failed'
     )
     left = duration - time
     close = sign_of(2.0 * size - left)
     last = both(close, negated(left / size - (1.0 + ROUNDED_TIME)))
     r = where(last, left, where(close, 0.5 * left, size))
-    small = both(sign_of(smallest - size), negated(status))
+    small = both(sign_of(least - size), negated(status))
     known = sign_of(error + 1.0)
     ended = _status(recorder, step_too_small=both(small, known), not_finite=small)
     status = where(small, ended[0], status)
@@ -141,7 +141,7 @@ def _judge(pair: EmbeddedPair, n: int) -> Program:
     error = where(finite, r * high / sqrt(where(high, high + 0.01 * low, 1.0)), math.nan)
     accepted = both(sign_of(2.0 - error), negated(error - 1.0))
     factor = SAFETY / _root(error, tableau.order)
-    factor = where(factor - SHRINK, _smaller(factor, recorder.constant(GROW)), SHRINK)
+    factor = where(factor - SHRINK, factor, SHRINK)
     factor = where(error, factor, where(accepted, GROW, SHRINK))
 
     before = *read(recorder, n, 'q.stage', 'qd.stage'), K[end - 1]
@@ -156,7 +156,7 @@ def _judge(pair: EmbeddedPair, n: int) -> Program:
         error=[error],
         accepted=[accepted],
         kept=[accepted],
-        size=[_smaller(longest, r * _smaller(factor, grow))],
+        size=[smallest([longest, r * smallest([factor, grow])])],
         grow=[where(accepted, GROW, 1.0)],
         rejected=[rejected + negated(accepted)],
         stiff=[stiff + both(accepted, fast)],
@@ -210,7 +210,7 @@ def _clock() -> Program:
     time, end, r, whole, duration, rejected = single(
         recorder, 'time', 'time.end', 'r', 'whole', 'duration', 'rejected'
     )
-    new = where(whole - r, _smaller(time + r, end), end)
+    new = where(whole - r, smallest([time + r, end]), end)
     moved = sign_of(new - time)
     return program_with_outputs(
         recorder,
@@ -246,10 +246,8 @@ def _sum(factor: Lanes | float, weights: Array, K: Sequence[Row]) -> Row:
 def _scales(recorder: Recorder, *states: Row) -> Row:
     """Return atol + rtol times the largest absolute value of states, for each element."""
     atol, rtol = single(recorder, 'atol', 'rtol')
-    largest = [absolute(x) for x in states[0]]
-    for state in states[1:]:
-        largest = [_larger(absolute(x), y) for x, y in zip(state, largest, strict=True)]
-    return [atol + rtol * x for x in largest]
+    sizes = [largest([absolute(x) for x in each]) for each in zip(*states, strict=True)]
+    return [atol + rtol * x for x in sizes]
 
 
 def _mean_square(values: Sequence[Lanes], scales: Sequence[Lanes] = ()) -> Lanes:
@@ -268,13 +266,3 @@ def _root(x: Lanes, order: int) -> Lanes:
     for _ in range(int(math.log2(order))):
         x = sqrt(x)
     return x
-
-
-def _larger(a: Lanes, b: Lanes) -> Lanes:
-    result: Lanes = where(a - b, a, b)
-    return result
-
-
-def _smaller(a: Lanes, b: Lanes) -> Lanes:
-    result: Lanes = where(b - a, a, b)
-    return result

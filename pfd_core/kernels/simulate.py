@@ -27,7 +27,6 @@ from pfd_core.kernels.generate import (
     evaluate,
     given,
     inputs_of,
-    operations,
     to_columns,
     to_rows,
 )
@@ -120,8 +119,7 @@ class Steps:
         frame = Frame()
         sizes = dict.fromkeys((*self.rows, 'qdd'), self.n) | self.given
         if self.control is not None:
-            outputs = self.control.outputs
-            sizes |= {k: len(x.places) for k, x in outputs.items() if k not in (COUNTS, STOP)}
+            sizes |= {name: len(x.places) for name, x in self.control.outputs.items()}
         for name, size in sizes.items():
             frame.place(name, size)
         return frame
@@ -138,11 +136,14 @@ def simulation_functions(
     has `momentum`, H qdd, and `inertial`, H^-1 tau of the free joints.
     """
     parts = [_brake(steps, dynamics, frame)] if 'free' in steps.inputs else []
-    if steps.width > 1:
-        sizes = sorted({steps.n, *steps.given.values()})
-        parts += [_copy(steps, size, inward) for size in sizes for inward in (True, False)]
+    sizes = sorted({steps.n, *steps.given.values()})
+    parts += [_copy(steps, size, inward) for size in sizes for inward in (True, False)]
+    if control is not None:
+        s = Script('control', frame, {}, steps.dtype, steps.width, {'law': control}, inline=True)
+        s.run('law')
+        parts.append(str(s))
     parts += [] if 'qdd' in steps.written else [_accelerations(steps, frame)]
-    return [*parts, _simulate(steps, control, frame)]
+    return [*parts, _simulate(steps, frame)]
 
 
 def evaluations(
@@ -205,10 +206,10 @@ def _accelerations(steps: Steps, frame: Frame) -> str:
     return str(arms.code)
 
 
-def _simulate(steps: Steps, control: Program | None, frame: Frame) -> str:
+def _simulate(steps: Steps, frame: Frame) -> str:
     arms = _Arms('simulate', steps, frame)
     code, plan = arms.code, arms.plan
-    controlled = () if control is None else tuple(control.outputs)
+    controlled = () if steps.control is None else tuple(steps.control.outputs)
     # The control's outputs are those before a step, also before one that it stops.
     before = [name for name in steps.written if name in controlled]
     after = [name for name in steps.written if name not in controlled]
@@ -225,13 +226,16 @@ def _simulate(steps: Steps, control: Program | None, frame: Frame) -> str:
             for name in steps.given:
                 with code.when(arms.changes(name)):
                     arms.take(name, t)
-            if control is not None:
-                stop = arms.control(control)
+            if controlled:
+                arms.call('control')
                 with code.when(due):
                     arms.write(before, row.get())
-                if again is not None:
-                    again.set('false')
-                    unless_stopped.enter_context(code.when(code.negated(stop)))
+            if COUNTS in controlled:
+                arms.count()
+            if again is not None:
+                again.set('false')
+                stop = code.above(arms.element(STOP, 0))
+                unless_stopped.enter_context(code.when(code.negated(stop)))
             if 'free' in steps.inputs:
                 arms.call('brake')
             if steps.shared:
@@ -321,25 +325,16 @@ class _Arms:
         code, nothing = self.code, self.code.constant(0.0)
         for name in MOTION:
             for k in range(self._frame.length(name)):
-                nothing = code.op('fma', self._element(name, k), code.constant(0.0), nothing)
+                nothing = code.op('fma', self.element(name, k), code.constant(0.0), nothing)
         return code.let(f'fcmp ord {code.type} {nothing}, {nothing}')
 
-    def control(self, program: Program) -> str:
-        """Run a control program; return an i1, whether the run ends here."""
-        code, stop = self.code, 'false'
-        values = operations(code, program, self._element)
-        for name, (_, places) in program.outputs.items():
-            for k, (register, _) in enumerate(places):
-                if name == STOP:
-                    stop = code.above(values[register])
-                elif name == COUNTS:
-                    place = code.at(self._table[COUNTS][0], k, 8)
-                    one = code.let(f'zext i1 {code.above(values[register])} to i64')
-                    code.store('i64', code.integer('add', code.load('i64', place), one), place)
-                else:
-                    first = self._frame.place(name, len(places))
-                    code.write(values[register], self._near, first + k, self._register)
-        return stop
+    def count(self) -> None:
+        """Add one to the numbers in the table whose flags in the frame are set."""
+        code, (base, *_) = self.code, self._table[COUNTS]
+        for k in range(self._frame.length(COUNTS)):
+            place = code.at(base, k, 8)
+            one = code.let(f'zext i1 {code.above(self.element(COUNTS, k))} to i64')
+            code.store('i64', code.integer('add', code.load('i64', place), one), place)
 
     def report(self, reached: str) -> None:
         """Write a number for each arm to `finite`; lanes beyond the last arm repeat it."""
@@ -350,7 +345,8 @@ class _Arms:
             number = code.load('i64', code.at(lanes, lane, 8))
             code.store('i64', number, code.at(there, code.least(lane, self._last), 8))
 
-    def _element(self, name: str, k: int) -> str:
+    def element(self, name: str, k: int) -> str:
+        """Return one element of an array of the frame."""
         first = self._frame.place(name, self._frame.length(name))
         return self.code.read(self._near, first + k, self._register)
 
@@ -359,9 +355,6 @@ class _Arms:
         base, arm, element, later = self._table[there]
         start = code.at(code.at(base, self._first, arm), step, later)
         near = code.at(self._near, self._frame.place(name, size), self._register)
-        if code.width == 1:
-            _move(code, size, (start, element), (near, code.bytes), inward)
-            return
         function = f'arms_{"in" if inward else "out"}{size}'
         strides = f'i64 {arm}', f'i64 {element}'
         code.call('void', function, f'ptr {start}', *strides, f'ptr {near}', f'i64 {self._last}')
@@ -378,27 +371,21 @@ def _copy(steps: Steps, size: int, inward: bool) -> str:
     name = f'arms_{"in" if inward else "out"}{size}'
     head = f'define internal void @{name}({parameters}) noinline'
     code = Code(head, steps.dtype, steps.width)
-    whole = code.test('uge', '%last', code.width - 1)
-    dense = code.test('eq', '%element', code.bytes)
-    with code.when(code.both(whole, dense)):
-        if inward:
-            to_columns(code, '%start', '%arm', '%near', size)
-        else:
-            to_rows(code, '%near', '%start', '%arm', size)
-        code.ret()
+    if code.width > 1:
+        whole = code.test('uge', '%last', code.width - 1)
+        dense = code.test('eq', '%element', code.bytes)
+        with code.when(code.both(whole, dense)):
+            if inward:
+                to_columns(code, '%start', '%arm', '%near', size)
+            else:
+                to_rows(code, '%near', '%start', '%arm', size)
+            code.ret()
     with code.loop(code.width) as lane:
-        there = code.at('%start', code.least(lane, '%last'), '%arm')
-        here = code.at('%near', lane, code.bytes)
-        _move(code, size, (there, '%element'), (here, code.width * code.bytes), inward)
+        there = code.at('%start', code.least(lane, '%last'), '%arm'), '%element'
+        here = code.at('%near', lane, code.bytes), code.width * code.bytes
+        source, target = (there, here) if inward else (here, there)
+        for k in range(size):
+            value = code.load(code.scalar, code.at(source[0], k, source[1]), code.bytes)
+            code.store(code.scalar, value, code.at(target[0], k, target[1]), code.bytes)
     code.ret()
     return str(code)
-
-
-def _move(
-    code: Code, size: int, there: tuple[str, object], here: tuple[str, object], inward: bool
-) -> None:
-    """Copy numbers between two arrays, each an address and bytes from number to number."""
-    source, target = (there, here) if inward else (here, there)
-    for k in range(size):
-        value = code.load(code.scalar, code.at(source[0], k, source[1]), code.bytes)
-        code.store(code.scalar, value, code.at(target[0], k, target[1]), code.bytes)

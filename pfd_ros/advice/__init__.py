@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Advice on a scene.
 
-It says which effects a motion needs within a tolerance, and what each of them costs:
+It says which effects a motion needs within a tolerance, and the error without each:
 
     motions   motions to simulate again: of a recording, or sines
     scene     the table of effects, and the search for a smaller scene

@@ -22,7 +22,7 @@ from pfd_ros.text import one_line
 HELP = 'the HTML page of a log, or advice on the effects that a simulated motion needs'
 EXAMPLE = 'pfd report log run.mcap'
 LOG = 'one HTML page of a log: what went wrong first, and its curves; opens without network'
-SCENE = 'which effects of a scene a motion needs within a tolerance, and what each of them costs'
+SCENE = 'which effects of a scene a motion needs within a tolerance, and the error without each'
 SINE = 'sine'
 
 

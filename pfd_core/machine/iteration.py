@@ -11,8 +11,9 @@ of the state at the start of an iteration, `result` reads it after the last iter
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import count
 
-from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.recorder import Lanes, Recorder, lanes_of
 
 # At this relative residual an iteration stops, by number format: the recursive residual has fallen
 # to rounding. It would continue to fall where the true one has stopped.
@@ -64,8 +65,8 @@ def iterate(
     ]
     end = recorder.write('end', (loop, *_registers(kept), _lane0(again)), None, recorder.all)
     iterations = recorder.write('result', (end,), -1, recorder.all)
-    count = Lanes(recorder, (iterations,) * len(go.registers), recorder.all)
-    return _rows_of(recorder, 'result', end, state), count
+    result = _rows_of(recorder, 'result', end, state)
+    return result, Lanes(recorder, (iterations,) * len(go.registers), recorder.all)
 
 
 def _lane0(go: Lanes) -> int:
@@ -74,19 +75,22 @@ def _lane0(go: Lanes) -> int:
     return go.registers[0]
 
 
+def _held(row: Lanes) -> tuple[int, ...]:
+    """Return the places of the registers that hold a row: one for all lanes, or one for each."""
+    return (0,) if row.recorder.parallel else lanes_of(row.defined)
+
+
 def _registers(rows: Sequence[Lanes]) -> list[int]:
-    return [register for row in rows for register in row.recorder.registers_of(row)]
+    return [row.registers[place] for row in rows for place in _held(row)]
 
 
 def _rows_of(recorder: Recorder, op: str, marker: int, like: Sequence[Lanes]) -> tuple[Lanes, ...]:
     """Return the rows of a loop's state, `op` at its marker, on the lanes of the rows `like`."""
-    rows = []
-    member = 0
+    rows, members = [], count()
     for row in like:
-        registers = []
-        for _ in recorder.registers_of(row):
-            active = row.defined if recorder.parallel else 1
-            registers.append(recorder.write(op, (marker,), member, active))
-            member += 1
-        rows.append(recorder.rows(registers, row.defined))
+        registers = [-1] * len(row.registers)
+        active = row.defined if recorder.parallel else 1
+        for place in _held(row):
+            registers[place] = recorder.write(op, (marker,), next(members), active)
+        rows.append(Lanes(recorder, tuple(registers), row.defined))
     return tuple(rows)

@@ -183,19 +183,6 @@ class Recorder:
             registers[lane] = self.write(op, args, own, 1)
         return Lanes(self, tuple(registers), defined)
 
-    def registers_of(self, value: Lanes) -> list[int]:
-        """Return the registers that hold a value: one, or one for each lane with a value."""
-        if self.parallel:
-            return [value.registers[0]]
-        return [value.registers[lane] for lane in lanes_of(value.defined)]
-
-    def rows(self, registers: Sequence[int], defined: int) -> Lanes:
-        """Return the value on some lanes that `registers`, as of registers_of, hold."""
-        if self.parallel:
-            return Lanes(self, tuple(registers), defined)
-        own = dict(zip(lanes_of(defined), registers, strict=True))
-        return Lanes(self, tuple(own.get(lane, -1) for lane in range(self.lanes)), defined)
-
     def lift(self, value: object) -> Lanes:
         """Return a value over lanes as it is, and a number as a constant on all lanes."""
         if isinstance(value, Lanes):

@@ -204,7 +204,7 @@ def _tangent(op: str, z: Any, operands: Sequence[Any], tangents: Sequence[Any]) 
     if op == 'mul' and operands[0] is operands[1]:  # tangents of a square share 2 a
         return (operands[0] + operands[0]) * tangents[0]
     total: Any = 0.0
-    # Of a b + c that of c comes first, so that a kernel fuses the products with it.
+    # As the product rule is written, (dc + da b) + a db: what a kernel fuses depends on it.
     for k in (2, 0, 1) if op == 'fma' else range(len(operands)):
         if tangents[k] != 0.0:
             sign, partial = OPERATIONS[op].partials[k]

@@ -34,12 +34,13 @@ SCENE = (
     *('restitution', 'stiffness', 'rest_position'),
 )
 # Shapes of the numbers of bodies, and the fields of Robot and of Payload that hold them.
-LINKS: Mapping[str, tuple[tuple[int, ...], str]] = {
+Bodies = Mapping[str, tuple[tuple[int, ...], str]]
+LINKS: Bodies = {
     'links.mass': ((), 'masses'),
     'links.center': ((3,), 'centers'),
     'links.inertia': ((3, 3), 'inertias'),
 }
-PAYLOAD: Mapping[str, tuple[tuple[int, ...], str]] = {
+PAYLOAD: Bodies = {
     'payload.mass': ((), 'mass'),
     'payload.center': ((3,), 'center'),
     'payload.inertia': ((3, 3), 'inertia'),
@@ -156,12 +157,9 @@ def _checked(
     if scene.payload == INPUT:
         raise ValueError(f'an Ensemble takes a scene with a Payload or None, got {INPUT!r}')
     for name in found:
-        needed, held = FIELDS[name].needs if name in FIELDS else '', None
-        if name in PAYLOAD and name != 'payload.mass':
-            needed, held = 'payload.mass', scene.payload
-        elif needed:
-            held = getattr(scene, needed)
-        if needed and held is None and needed not in found:
+        rest = 'payload.mass' if name in PAYLOAD and name != 'payload.mass' else ''
+        needed = FIELDS[name].needs if name in FIELDS else rest
+        if needed and needed not in found and getattr(scene, needed.partition('.')[0]) is None:
             raise ValueError(
                 f'parameters: {name} was given without {needed}, which the scene lacks as well'
             )
@@ -192,12 +190,7 @@ def _check_field(robot: Robot, name: str, array: Array) -> None:
         raise
 
 
-def _replaced(
-    nominal: Any,
-    table: Mapping[str, tuple[tuple[int, ...], str]],
-    numbers: Mapping[str, Array],
-    size: int,
-) -> list[Any]:
+def _replaced(nominal: Any, table: Bodies, numbers: Mapping[str, Array], size: int) -> list[Any]:
     """Return for each arm the robot, or the payload, with its own numbers."""
     given = {key: numbers[name] for name, (_, key) in table.items() if name in numbers}
     if not given:

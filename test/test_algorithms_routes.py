@@ -4,7 +4,8 @@
 Routes of the methods on n lanes, with one lane per link, as closed forms by hand.
 
 A recurrence on vectors takes a shift of each component in each of L = ceil(log2 n) levels; a row
-of pairs i < j takes a broadcast of each component of link i. Packed routes are our own numbers.
+of pairs i < j takes a broadcast of each component of link i. Packed routes are stored in docs and
+compared in test_paper_networks.
 """
 
 from __future__ import annotations
@@ -89,24 +90,3 @@ EXPECTED = {
 def test_routes_with_one_lane_per_link_have_their_closed_forms(method: str, n: int) -> None:
     found = routes_by_section(FORWARD_METHODS[method](resolve_plant(chain(n)), 'unpacked'))
     assert found == {section: count for section, count in EXPECTED[method](n).items() if count}
-
-
-# Not derived: our own numbers, which change if a packing does.
-GOLDEN = {
-    'pcrbm': (378, 174),
-    'pcrbm_array': (350, 169),
-    'pcrbm_base_origin': (345, 189),
-    'pcgm': (330, 125),
-    'divide_and_conquer': (913, 780),
-    'pcrbm_1987': (255, 183),
-    'pcgm_1987': (125, 125),
-}
-
-
-@pytest.mark.parametrize('method', GOLDEN)
-def test_packed_routes_of_six_joints_are_our_golden_numbers(method: str) -> None:
-    plant = resolve_plant(chain(6))
-    found = tuple(
-        FORWARD_METHODS[method](plant, s).count().routes for s in ('parallel', 'unpacked')
-    )
-    assert found == GOLDEN[method]

@@ -200,16 +200,6 @@ def test_a_method_has_the_same_bits_on_every_network(method: str, network: str) 
     )
 
 
-def test_emulate_counts_the_routes_of_its_network() -> None:
-    robot = uniform_chain_robot(6)
-    state = np.random.default_rng(43).normal(size=(3, 6))
-    crossbar, ring = (pfd.emulate(robot, *state, network=name) for name in ('crossbar', 'ring'))
-    np.testing.assert_array_equal(crossbar.qdd, ring.qdd)
-    assert crossbar.steps.multiplications == ring.steps.multiplications
-    # Of an earlier study with other code.
-    assert (crossbar.steps.routes, ring.steps.routes) == (378, 735)
-
-
 @pytest.mark.parametrize('L', range(1, 5))
 def test_the_orientation_recurrence_takes_the_shifts_of_its_levels(L: int) -> None:
     # Nine words a level: 1 step each on PM2I, 1 and then 2 on the cube, 2^k on the ring.

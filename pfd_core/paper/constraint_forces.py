@@ -48,11 +48,7 @@ Parallel cost in addition to pose and bias, for rotational joints and n > 1:
     constraint forces  55 and 40, 5 divisions
     accelerations      32 and 27, 7 routes
 
-Elimination: 515 = 30 for K and D, 10 x 11 for P, Q and w, 50 for D^-1 P and D^-1 Q, and
-5 (15 + 15 + 25 + 5 + 5) for the products; 430 = 20 + 110 + 4 x 65, and 40 for the sums; a level
-routes 25 elements of C to the left, and 15 + 5 and 15 + 5 and 25 results. The last level makes no
-C. Link constants depend on the robot alone, but are counted: 60 and 34 for 1/J, 1/m and the
-inner points of two links a lane, 75 and 48, 30 and 18, 90 and 54 for E_ii, E_oo and E_io.
+The last level makes no C. Link constants depend on the robot alone, but are counted.
 
 Accuracy: the error grows with the condition of the block system, which depends on the inertias of
 the links and not on H, and is far above the condition of H. A link with inertia about one axis

@@ -186,6 +186,10 @@ def test_both_forms_of_values_by_joint_may_be_mixed_in_any_order() -> None:
         ({'friction': {'elbow': 1.0}}, "friction of the scene names joint 'elbow', but 'ur5' has"),
         ({'friction.elbow': 1.0}, "friction of the scene names joint 'elbow', but 'ur5' has"),
         ({'friction': {1: 1.0}}, 'friction must have names of joints as keys'),
+        (
+            {'joint_limits.a': [1.0]},
+            r"joint_limits of joint 'a' must be \(lower, upper\), got \[1",
+        ),
         *(
             ({f'{key}.elbow_joint': value}, f"{key} of joint 'elbow_joint'")
             for key, value in {

@@ -93,8 +93,8 @@ class Field:
     infinite: bool = False  # whether infinity is allowed, for a joint without a limit
     off: Any = None  # the value without the effect
     needs: str = ''  # field without which it means nothing
-    # Number of a joint that values by joint leave out; NaN if the effect completes it.
-    left_out: float = 0.0
+    # Number or row of a joint that values by joint leave out; NaN if the effect completes it.
+    left_out: Any = 0.0
     most: float = 1e6  # largest number that a parameter of the node may have
 
     @property
@@ -167,6 +167,8 @@ class Field:
     def _of_joint(self, joint: str, value: Any) -> Any:
         """Return the number, row or table of one joint; the speeds of a table rise."""
         label = f'{self.name} of {joint}'
+        if self.columns and not (_is_list(value) and len(value) == len(self.columns)):
+            raise ValueError(f'{label} must be ({", ".join(self.columns)}), got {quote(value)}')
         if self.kind != TABLES:
             return self._numbers(label, value, self._row)
         if value is None:
@@ -257,7 +259,7 @@ class Field:
         return f'{found}, or {ESTIMATED!r}' if self.estimated else found
 
     def _of_all_joints(self, robot: Robot, given: Mapping[str, Any]) -> list[Any]:
-        """Return values by joint as a list, with `left_out` or no limit for all other joints."""
+        """Return values by joint as a list, with `left_out` for all other joints."""
         label = f'{self.name} of the scene'
         for joint in given:
             if joint not in robot.joint_names:
@@ -268,12 +270,7 @@ class Field:
         if self.above and len(given) < robot.n:
             missing = [joint for joint in robot.joint_names if joint not in given]
             raise ValueError(f'{label} must have a value for each joint, not {quote_all(missing)}')
-        none: Any = math.inf if self.infinite else self.left_out
-        if self.columns:
-            none = (-none, none) if self.infinite else (none,) * len(self.columns)
-        if self.kind == TABLES:
-            none = None
-        return [given.get(joint, none) for joint in robot.joint_names]
+        return [given.get(joint, self.left_out) for joint in robot.joint_names]
 
 
 def _is_list(value: Any) -> bool:
@@ -563,6 +560,7 @@ EFFECTS: tuple[Effect, ...] = (
             columns=('lower', 'upper'),
             least=-math.inf,
             infinite=True,
+            left_out=(-math.inf, math.inf),
         ),
         completed=_stops,
     ),
@@ -606,6 +604,7 @@ EFFECTS: tuple[Effect, ...] = (
             'N, 1/(2 pi m), rad',
             columns=('amplitude', 'periods', 'phase'),
             least=-math.inf,
+            left_out=(0.0, 0.0, 0.0),
         ),
         at_rest=True,
         torque=_cogging_torque,
@@ -622,6 +621,7 @@ EFFECTS: tuple[Effect, ...] = (
             'N',
             model=('effort_limit',),
             infinite=True,
+            left_out=math.inf,
         ),
     ),
     Effect(
@@ -634,6 +634,7 @@ EFFECTS: tuple[Effect, ...] = (
             'm/s, N',
             kind=TABLES,
             model=('velocity_limit', 'effort_limit'),
+            left_out=None,
         ),
     ),
     Effect(

@@ -109,11 +109,9 @@ def load_robot(
         if name is not None and not isinstance(name, str):
             raise ValueError(f'{role} must be the name of a link or None, got {quote(name)}')
     urdf: Any = source
-    if isinstance(source, (str, PathLike)):
+    if isinstance(source, (str, PathLike)) or not isinstance(source, load('model.urdf.Urdf')):
         text, origin, is_urdf = _read(source)
         urdf = load('model.urdf.parse_urdf')(text, origin) if is_urdf else None
-    elif not isinstance(source, load('model.urdf.Urdf')):
-        raise _no_source(source)
     if urdf is not None:
         from_urdf: Robot = load('model.urdf_robot.robot_from_urdf')(
             urdf, base=base, tip=tip, locked=locked, right_angle=right_angle
@@ -161,12 +159,11 @@ def load_scene(source: str | PathLike[str]) -> Scene:
     """
     if isinstance(source, str) and '\n' in source:
         return scene_from_yaml(source, 'YAML text')
-    if not _is_path(source):
-        raise ValueError(f'source must be a path or a YAML string, got {quote(source)}')
-    return scene_from_yaml(_text('scene', Path(source)), str(source))
+    path = _path(source, 'a path or a YAML string')
+    return scene_from_yaml(_text('scene', path), str(path))
 
 
-def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
+def _read(source: object) -> tuple[str, str, bool]:
     """Return the text of a robot, its origin, and whether it is URDF."""
     if isinstance(source, str):
         if source.lstrip().startswith('<'):
@@ -176,9 +173,7 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
         known = _robot_files().get(source)
         if known is not None:
             return known.read_text('utf-8'), str(known), False
-    if not _is_path(source):
-        raise _no_source(source)
-    path, endings = Path(source), (*URDF, XACRO, *YAML)
+    path, endings = _path(source, 'a name, a path or a string'), (*URDF, XACRO, *YAML)
     if path.suffix not in endings and _is_there(path):
         raise ValueError(f'{quote(str(path))} must end in {", ".join(endings)}')
     if path.suffix not in endings and len(path.parts) == 1:
@@ -192,14 +187,11 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
     return text, str(path), path.suffix in URDF
 
 
-def _no_source(source: object) -> ValueError:
-    return ValueError(f'source must be a name, a path or a string, got {quote(source)}')
-
-
-def _is_path(source: object) -> bool:
-    """Return whether a value can be the path of a file."""
+def _path(source: object, expected: str) -> Path:
     text = fspath(source) if isinstance(source, (str, PathLike)) else ''
-    return isinstance(text, str) and bool(text)
+    if not isinstance(text, str) or not text:
+        raise ValueError(f'source must be {expected}, got {quote(source)}')
+    return Path(text)
 
 
 def _is_there(path: Path) -> bool:

@@ -152,11 +152,12 @@ BOMB = '<!DOCTYPE r [<!ENTITY a0 "x">{}]><robot name="&a30;"><link name="a"/></r
             '<robot>' + ''.join(f'<link name="{i}"/>' for i in range(501)) + '</robot>',
             '501 links',
         ),
+        ('<robot>' + '<a>' * 200_000 + '</a>' * 200_000 + '</robot>', 'the URDF has no <link>'),
         ('<robot name="\ud800"/>', 'not well-formed XML'),
         ('<robot name="\0"/>', 'not well-formed XML'),
         ('<robot>' + ' ' * (16 * 2**20) + '</robot>', 'characters, more than'),
     ],
-    ids=range(6),
+    ids=range(7),
 )
 def test_hostile_xml_is_refused_in_a_short_line(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message) as caught:

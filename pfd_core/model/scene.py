@@ -56,8 +56,8 @@ class Scene:
 
     A field with one value a joint, (n, ...), may also be a mapping of some joints to their values,
     ``friction={'elbow_joint': 3.0}``, or be given joint by joint,
-    ``**{'friction.elbow_joint': 3.0}``; the others have none. "model" is refused for a robot whose
-    model states no value of any joint, and warns of single joints without one.
+    ``**{'friction.elbow_joint': 3.0}``; the others have none. "model" takes the values of the
+    robot; it is refused for a robot that states none, and warns of single joints without one.
 
     Units are for revolute joints; for prismatic joints read m, N, kg for rad, N m, kg m^2.
     ValueError if a value has a wrong type, a number is out of its range, or an effect lacks the
@@ -68,20 +68,18 @@ class Scene:
     gravity : array_like or None
         Acceleration of free fall, (3,) [m/s^2], in the frame of the base link.
     damping : None, "model" or array_like
-        Viscous friction of the joints, (n,) [N m s/rad]; "model" for the robot's own.
+        Viscous friction of the joints, (n,) [N m s/rad].
     armature : None, "model", "estimated" or array_like
-        Rotor inertia at the joints, (n,) [kg m^2]: inertia of the rotor times the square of
-        the gear ratio; "model" for the robot's own; "estimated" for an estimate by
-        `estimated_armature` at joints whose model states none.
+        Rotor inertia times the square of the gear ratio, (n,) [kg m^2]; "estimated" for an
+        estimate by `estimated_armature` at joints whose model states none.
     payload : Payload, "input" or None
-        A body fixed to the last link; "input" makes its numbers inputs at run time, so that a
-        change of payload needs no compilation.
+        A body fixed to the last link; "input": given at run time, without a new compilation.
     external_wrench : bool
         Whether a force and a moment on the last link are inputs.
     brakes : bool
         Whether joints can be braked at run time; a braked joint does not accelerate.
     friction : None, "model" or array_like
-        Coulomb friction of a joint in motion, (n,) [N m]; "model" for the robot's own.
+        Coulomb friction of a joint in motion, (n,) [N m].
     static_friction : None or array_like
         Friction that a resting joint can hold, (n,) [N m], at least `friction`, its default, also
         of joints that values by joint leave out.
@@ -92,7 +90,7 @@ class Scene:
         Friction that depends on load, (n,), from 0 to 1: the share mu of the torque of the motor
         that friction takes, mu |tau|, moving or at rest, besides `friction`.
     joint_limits : None, "model" or array_like
-        Stops, lower and upper, (n, 2) [rad]; infinite for none; "model" for the robot's own.
+        Stops, lower and upper, (n, 2) [rad]; infinite for none.
     restitution : float or array_like
         Coefficient of restitution of the stops, from 0 to 1, one for all joints or (n,).
     stiffness : None or array_like
@@ -105,17 +103,15 @@ class Scene:
         torque a sin(k q + p), with stable equilibria where k q + p is a multiple of 2 pi; for
         prismatic joints k is per 2 pi m. Steps are bounded as for springs of stiffness a k.
     effort_limits : None, "model" or array_like
-        Largest torque of the motors, including gravity compensation, (n,) [N m]; infinite
-        for none; "model" for the robot's own.
+        Largest torque of the motors with gravity compensation, (n,) [N m]; infinite for none.
     torque_speed : None, "model" or sequence
         Per joint None or a table of rows (speed, torque), (k, 2) [rad/s, N m]: the largest
         driving torque, linear between the rows and constant beyond them; speeds increase,
         torques do not. The braking torque is limited by the first row at any speed. "model": the
         robot's effort limit up to its velocity limit, then linear to zero at twice that speed.
     gravity_compensation : bool or Scene
-        Whether the motors add gravity torques to the commanded torques: True for the
-        robot without its payload, in the gravity of this scene; a scene for its own gravity and
-        payload.
+        Whether the motors add gravity torques to the commanded ones: True for the robot without
+        its payload, in the gravity of this scene; a scene for its own gravity and payload.
     motor_lag : None or array_like
         Time constants of first-order lags of the motor torques, (n,) [s]; gravity compensation
         and limits act after the lag.

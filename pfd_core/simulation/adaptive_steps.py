@@ -3,12 +3,12 @@
 """
 Adaptive steps of one arm in native code, on the segments and events of pfd_core.simulation.native.
 
-    @adaptive    attempts of steps, until the end, a status, or as many as the caller allows
-    @segment     the stages of an embedded pair, of any length r, up to the slope at the end
-    @dense       further stages, and the dense output of a segment
-    @look        in a scene with events: the first part of a segment that has one
-    @settle      impacts, modes and accelerations after an event
-    @ask         torques of a law in Python
+    @adaptive       attempts of steps, until the end, a status, or as many as the caller allows
+    @segment        the stages of an embedded pair, of any length r, up to the slope at the end
+    @dense_output   further stages, and the dense output of a segment
+    @look_at_parts  in a scene with events: the first part of a segment that has one
+    @settle         impacts, modes and accelerations after an event
+    @ask            torques of a law in Python
 
     attempt:    plan -> r;  segment, judge;  if accepted:
                     dense, look -> r or less;  if an event was seen: detect, search, snap
@@ -270,20 +270,24 @@ class AdaptiveWriter(EventWriter):
             with s.when_any('goes'):
                 s.call('segment')
                 s.run('judge')
-            with s.when_any('accepted'):
-                with nullcontext() if self.events else s.when_any('wanted'):
-                    s.call('dense_output')
-                    if self.events:
-                        s.call('look_at_parts')
-                        with s.when_any('found', rarely=True):
-                            self._find(s)
-                            seen = s.code.negated(s.any('event'))
-                            with s.code.when(s.code.both(seen, s.any('shorter'), s.any('wanted'))):
-                                s.call('dense_output')
-                    s.run('keep')
-                with s.when_any('kept'):
-                    self._commit(s)
+                with s.when_any('accepted'):
+                    with nullcontext() if self.events else s.when_any('wanted'):
+                        s.call('dense_output')
+                        if self.events:
+                            self._cut(s)
+                        s.run('keep')
+                    with s.when_any('kept'):
+                        self._commit(s)
         return s
+
+    def _cut(self, s: Script) -> None:
+        """Shorten a step to its first event, if it has one."""
+        s.call('look_at_parts')
+        with s.when_any('found', rarely=True):
+            self._find(s)
+            seen = s.code.negated(s.any('event'))
+            with s.code.when(s.code.both(seen, s.any('shorter'), s.any('wanted'))):
+                s.call('dense_output')
 
     def _commit(self, s: Script) -> None:
         """Make the end of a step the state."""

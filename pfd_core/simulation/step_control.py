@@ -112,7 +112,6 @@ def _plan() -> Program:
         goes=[negated(either(status, failed))],
         event=nothing,
         lost=nothing,
-        accepted=nothing,
     )
 
 

@@ -20,7 +20,15 @@ import pytest
 
 import pfd_core as pfd
 
-EVERYTHING = pfd.Scene(external_wrench=True, brakes=True, damping=[0.1, 0.2])
+# With rows of the state besides q and qd, which a step needs of the step before.
+EVERYTHING = pfd.Scene(
+    external_wrench=True,
+    brakes=True,
+    damping=[0.1, 0.2],
+    motor_lag=[0.02, 0.0],
+    friction=[0.2, 0.1],
+    joint_limits=[(-0.3, 0.4), (-0.5, 0.6)],
+)
 WRENCH = np.arange(6) / 7
 COPIES: dict[str, Callable[[Any], Any]] = {
     'pickle': lambda x: pickle.loads(pickle.dumps(x)),
@@ -51,7 +59,9 @@ def moved(**settings: Any) -> pfd.Simulator:
 
 def facts(sim: pfd.Simulator) -> tuple[Any, ...]:
     """Return all public values of a simulation, as bits."""
-    return sim.q.tobytes(), sim.qd.tobytes(), sim.qdd.tobytes(), sim.time, sim.status, sim.method
+    lagging = sim.tau_motor.tobytes() if sim.scene.motor_lag else b''
+    arrays = sim.q.tobytes(), sim.qd.tobytes(), sim.qdd.tobytes(), lagging
+    return *arrays, sim.time, sim.status, sim.method
 
 
 def go_on(sim: pfd.Simulator, settings: dict[str, Any]) -> tuple[Any, ...]:

@@ -44,6 +44,7 @@ def assert_same(runs: pfd.Trajectory, b: int, alone: pfd.Trajectory) -> None:
 def test_every_arm_moves_as_it_would_alone(size: int, integrator: str, dtype: str) -> None:
     robot = pfd.load_robot('planar2')
     options = {'integrator': integrator, 'dtype': dtype, 'substeps': 3}
+    options['scene'] = pfd.Scene(damping=[20.0, 10.0])
     many, one = pfd.Ensemble(robot, size, **options), pfd.Simulator(robot, **options)
     q, qd, taus = sequences(2, size, dtype)
     many.reset(q, qd, time=1.5)
@@ -146,7 +147,11 @@ def test_a_matrix_of_gains_acts_on_the_whole_state(shape: str, dtype: str) -> No
     [
         pfd.Scene(),
         pfd.Scene(
-            friction=[0.3, 0.2], joint_limits=[[-1, 1], [-1, 1]], external_wrench=True, brakes=True
+            friction=[0.3, 0.2],
+            joint_limits=[[-1, 1], [-1, 1]],
+            motor_lag=[0.02, 0.0],
+            external_wrench=True,
+            brakes=True,
         ),
     ],
     ids=['smooth', 'rough'],

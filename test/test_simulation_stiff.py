@@ -115,22 +115,6 @@ def test_a_damped_rod_coasts_as_in_its_closed_form(damping: float, integrator: s
     assert abs(trajectory.qd[-1, 0]) <= math.exp(-rate) + COASTING
 
 
-@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
-def test_an_ensemble_moves_by_the_bits_of_a_simulator(dtype: str) -> None:
-    robot, scene = pfd.load_robot('planar2'), pfd.Scene(damping=[1e3, 1e3])
-    sim = pfd.Simulator(robot, scene, integrator='imex2', dtype=dtype)
-    many = pfd.Ensemble(robot, 5, scene, integrator='imex2', dtype=dtype)
-    starts = np.array([0.1, -0.7]) + 0.1 * np.arange(5)[:, np.newaxis]
-    many.reset(q=starts)
-    runs = many.rollout(np.ones((20, 2)))
-    for k, q in enumerate(starts):
-        sim.reset(q=q)
-        alone = sim.rollout(np.ones((20, 2)))
-        np.testing.assert_array_equal(runs.q[k], alone.q)
-        np.testing.assert_array_equal(runs.qd[k], alone.qd)
-        np.testing.assert_array_equal(runs.qdd[k], alone.qdd)
-
-
 def test_functions_that_are_cut_into_parts_take_the_same_steps(
     emitted: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 from typing import Any
 
 from bridge import (
-    Lanes,
     Recorder,
     RoundingErrors,
     lane_cos,
@@ -55,13 +54,8 @@ def with_errors(program: pfd.Program, dtype: str) -> pfd.Program:
     """Return a program whose outputs are the values and their errors."""
     recorder = Recorder(1, 'sequential')
     found = RoundingErrors(recorder, dtype).record(program)['z']
-    zero = recorder.constant(0.0)
-    rows: dict[str, list[Lanes]] = {
-        'value': [z.value for z in found],
-        'error': [zero if z.error is None else z.error for z in found],
-    }
-    for name, values in rows.items():
-        recorder.output(name, (len(values),), [(value, 0) for value in values])
+    for k, name in enumerate(('value', 'error')):
+        recorder.output(name, (len(found),), [(z[k], 0) for z in found])
     return recorder.program()
 
 

@@ -147,7 +147,7 @@ def _exact_residual(recorder: Recorder, plant: Plant, dtype: str) -> list[Lanes]
         record = load('paper.newton_euler.record_inverse_dynamics')
         torques = record(motors, 'sequential')
     missing = RoundingErrors(recorder, dtype).record(_residual(plant, torques))['residual']
-    return [x.value if x.error is None else x.value + x.error for x in missing]
+    return [x.value + x.error for x in missing]
 
 
 def _estimate(

@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,10 +42,10 @@ WITH_ERRORS = 2
 
 
 class Approximate(NamedTuple):
-    """A value, and its exact value less this value; None for a known zero."""
+    """A value, and its exact value less this value."""
 
     value: Lanes
-    error: Lanes | None = None
+    error: Any = 0.0  # a value, or the number zero
     exact: Fraction | None = None  # of a number that is known while recording
 
 
@@ -56,7 +56,6 @@ class RoundingErrors:
         self.recorder = recorder
         self.number = np.dtype(dtype).type
         self.digits = np.finfo(dtype).nmant
-        self._zero = recorder.constant(0.0)
         self._sines: dict[tuple[int, ...], tuple[Approximate, Approximate]] = {}
         self._rules: Mapping[str, Callable[..., Approximate]] = {
             'neg': self.negative,
@@ -96,13 +95,13 @@ class RoundingErrors:
         if not isinstance(exact, Fraction):
             return Approximate(row)
         rest = float(self.number(float(exact - Fraction(value))))
-        return Approximate(row, self.recorder.constant(rest) if rest else None, exact)
+        return Approximate(row, self.recorder.constant(rest) if rest else 0.0, exact)
 
     def negative(self, a: Approximate) -> Approximate:
         """Return -a."""
         if a.exact is not None:
             return self.constant(-a.exact)
-        return Approximate(-a.value, None if a.error is None else -a.error)
+        return Approximate(-a.value, 0.0 - a.error)
 
     def sum(self, a: Approximate, b: Approximate) -> Approximate:
         """Return a + b."""
@@ -114,7 +113,7 @@ class RoundingErrors:
         s = a.value + b.value
         part = s - a.value
         rounding: Lanes = (a.value - (s - part)) + (b.value - part)
-        return Approximate(s, self._added(self._added(a.error, b.error), rounding))
+        return Approximate(s, a.error + b.error + rounding)
 
     def product(self, a: Approximate, b: Approximate) -> Approximate:
         """Return a b."""
@@ -125,43 +124,32 @@ class RoundingErrors:
                 return factor
             if factor.exact is not None and abs(factor.exact) == 1:
                 return other if factor.exact == 1 else self.negative(other)
-        p = self._fma(a.value, b.value, self._zero)
+        p = self._fma(a.value, b.value, 0.0)
         error = self._fma(a.value, b.value, -p)
         for factor, other in ((a, b), (b, a)):
-            if other.error is not None:
+            if other.error != 0.0:
                 error = self._fma(factor.value, other.error, error)
         return Approximate(p, error)
 
-    def _or_zero(self, error: Lanes | None) -> Lanes:
-        return self._zero if error is None else error
-
-    def _fma(self, a: Lanes, b: Lanes, c: Lanes) -> Lanes:
+    def _fma(self, a: Lanes, b: Lanes, c: Lanes | float) -> Lanes:
         return self.recorder.apply('fma', a, b, c)
-
-    def _added(self, a: Lanes | None, b: Lanes | None) -> Lanes | None:
-        if a is None or b is None:
-            return b if a is None else a
-        result: Lanes = a + b
-        return result
 
     def _quotient(self, a: Approximate, b: Approximate) -> Approximate:
         c = a.value / b.value
-        rest = self._added(self._fma(-c, b.value, a.value), a.error)
-        if b.error is not None:
-            rest = self._fma(-c, b.error, self._or_zero(rest))
-        return Approximate(c, None if rest is None else rest / b.value)
+        rest = self._fma(-c, b.value, a.value) + a.error
+        if b.error != 0.0:
+            rest = self._fma(-c, b.error, rest)
+        return Approximate(c, rest / b.value)
 
     def _root(self, a: Approximate) -> Approximate:
         s = self.recorder.apply('sqrt', a.value)
-        rest = self._added(self._fma(-s, s, a.value), a.error)
-        return Approximate(s, where(s, self._or_zero(rest) / (s + s), 0.0))
+        rest = self._fma(-s, s, a.value) + a.error
+        return Approximate(s, where(s, rest / (s + s), 0.0))
 
     def _selected(self, c: Approximate, a: Approximate, b: Approximate) -> Approximate:
         value = where(c.value, a.value, b.value)
-        if a.error is None and b.error is None:
-            return Approximate(value)
-        errors = (self._or_zero(x.error) for x in (a, b))
-        return Approximate(value, where(c.value, *errors))
+        exact = a.error == b.error == 0.0
+        return Approximate(value, 0.0 if exact else where(c.value, a.error, b.error))
 
     def _sine_and_cosine(self, x: Approximate) -> tuple[Approximate, Approximate]:
         key = x.value.registers
@@ -178,7 +166,7 @@ class RoundingErrors:
         angle = self.product(Approximate(k), self.constant(HALF_PI))
         r = self.sum(x, self.negative(angle))
         # The reduction may leave an error that is not small compared with r.
-        return k, self.sum(Approximate(r.value), Approximate(self._or_zero(r.error)))
+        return k, self.sum(Approximate(r.value), Approximate(r.error))
 
     def _turned(self, k: Lanes, r: Approximate) -> tuple[Approximate, Approximate]:
         """Return sine and cosine of r + k pi / 2."""
@@ -197,10 +185,8 @@ class RoundingErrors:
 
     def _combined(self, c: Lanes, a: Approximate, s: Lanes, b: Approximate) -> Approximate:
         """Return c a + s b, where one of c and s is zero and the other 1 or -1."""
-        zero = self._zero
-        value = self._fma(c, a.value, self._fma(s, b.value, zero))
-        error = self._fma(c, self._or_zero(a.error), self._fma(s, self._or_zero(b.error), zero))
-        return Approximate(value, error)
+        value = self._fma(c, a.value, self._fma(s, b.value, 0.0))
+        return Approximate(value, self._fma(c, a.error, self._fma(s, b.error, 0.0)))
 
     def _series(self, z: Approximate, power: int) -> Approximate:
         """Return -1/power! + z/(power + 2)! - ..., for z up to (pi / 4)^2."""

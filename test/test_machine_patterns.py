@@ -22,13 +22,12 @@ from bridge import (
     pattern_gather,
     pattern_prefix,
     pattern_prefix_affine,
+    pattern_product,
     pattern_row_sweep,
     pattern_suffix,
     pattern_suffix_affine,
-    prefix_product,
-    prefix_sum,
+    pattern_sums,
     run_program,
-    suffix_sum,
     vector_array,
     vector_cross,
 )
@@ -268,10 +267,11 @@ def packed_rounds(n: int, elements: int) -> int:
 @on_each_schedule
 @downward_or_not
 def test_packed_sums_are_the_sums_of_every_component(schedule: str, downward: bool) -> None:
-    pattern = suffix_sum if downward else prefix_sum
     for n in LENGTHS:
         a = np.arange(1.0, 3 * n + 1).reshape(n, 3)
-        y, steps = outcome(n, schedule, lambda r: on_all(r, pattern(rows(r, 'a', 3))), a=a)
+        y, steps = outcome(
+            n, schedule, lambda r: on_all(r, pattern_sums(rows(r, 'a', 3), downward)), a=a
+        )
         # Whole numbers add up exactly.
         np.testing.assert_array_equal(y.reshape(n, 3), in_order(a, downward, np.add))
         many = {'parallel': packed_rounds(n, 3), 'sequential': 3 * (n - 1)}
@@ -283,7 +283,7 @@ def test_packed_products_are_the_products_in_order(schedule: str) -> None:
     for n in LENGTHS:
         R = rotations(np.random.default_rng(n), n)
         y, steps = outcome(
-            n, schedule, lambda r: on_all(r, prefix_product(rows(r, 'R', 3, 3))), R=R
+            n, schedule, lambda r: on_all(r, pattern_product(rows(r, 'R', 3, 3))), R=R
         )
         np.testing.assert_allclose(y.reshape(n, 3, 3), in_order(R, False, np.matmul), **PRODUCTS)
         if schedule == 'parallel':

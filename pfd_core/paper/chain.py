@@ -111,7 +111,7 @@ def chain_on_lanes(plant: Plant, schedule: str, edition: Edition = OURS) -> Chai
             R = array([cosine * A[0] - sine * A[1], sine * A[0] + cosine * A[1], A[2]])
             R = array(merge(R, A))
     with recorder.section('orientation'):
-        R = patterns.product(R) if edition.printed else patterns.prefix_product(R)
+        R = patterns.product(R, packs=not edition.printed)
     with recorder.section('link vectors'):
         z = merge(shift(R[:, 2], 1), constants(recorder, [0.0, 0.0, 1.0]))
         p_star = R @ p

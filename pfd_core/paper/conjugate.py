@@ -31,9 +31,7 @@ more. The paper prints 49, divisions among them, and 14 L + 30.
 Before the iteration the paper's form takes 27 L + 151 multiplications and 34 L + 108 additions
 with R_i given, for which it prints 27 L + 124 and 34 L + 87. Our form packs the sums in H u: with
 k iterations at n = 6 it takes 182 + 47 k multiplications, 2 k divisions, 189 + 62 k additions and
-214 + 116 k routes in all. The paper has 499 and 621 for k = 6 and counts no routes; in float64 six
-joints take 7 to 13 iterations to converge, which is 525 to 819 and 623 to 995, seen on 3000 states
-of three arms.
+214 + 116 k routes in all; the paper has 499 and 621 for k = 6 and counts no routes.
 
 Lane i holds link i + 1 and component i + 1 of every vector of n numbers; sums lie on lane 0 and
 are broadcast.

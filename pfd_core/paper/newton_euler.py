@@ -48,7 +48,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from operator import add
 from typing import Any
 
 from pfd_core.dynamics.drives import commanded_torques, motor_torques
@@ -64,11 +63,8 @@ from pfd_core.model.values import Array
 from pfd_core.paper.chain import Chain, chain_on_lanes, gravity_torques
 from pfd_core.paper.editions import CORRECTED, OURS, Edition
 from pfd_core.paper.lanes import shift
-from pfd_core.paper.patterns import prefix, prefix_sum, suffix, suffix_sum
+from pfd_core.paper.patterns import sums
 
-# Sums over links from the base and from the tip, plain and with packed levels.
-PLAIN = partial(prefix, add), partial(suffix, add)
-PACKED = prefix_sum, suffix_sum
 # W x, added to another vector if there is one.
 Turned = Callable[..., LaneArray]
 
@@ -121,17 +117,16 @@ def torques(chain: Chain, qd: Lanes, qdd: Lanes | None = None, edition: Edition 
             R = on(chain.R, [recorder.lanes - 1])
             wrench = R @ components[:3], R @ components[3:]
     with recorder.section('newton_euler' if edition.printed else 'omega'):
-        from_base, _ = PLAIN
         zero = c = constants(recorder, [0.0] * 3)
         zq = chain.z * qd
-        w = from_base(chain.by_kind(zq, zero))
+        w = sums(chain.by_kind(zq, zero), packs=False)
         if recorder.lanes > 1:
             c = array(merge(cross(shift(w, 1), on(zq, range(1, recorder.lanes))), zero))
         zqdd = 0.0 if qdd is None else chain.z * qdd
-        wd = from_base(chain.by_kind(c + zqdd, zero))
+        wd = sums(chain.by_kind(c + zqdd, zero), packs=False)
         slide = on(c + c + zqdd, chain.translational) if chain.translational else 0.0
         W, N = (_terms_of_ne1 if edition.printed else _one_matrix)(w, wd, chain.J)
-        tau = _along_joints(chain, W, N, slide, PLAIN, plant.gravity, wrench)
+        tau = _along_joints(chain, W, N, slide, False, plant.gravity, wrench)
     accelerations = None if qdd is None else [qdd]
     return plus_joint_torques(plant, [tau], [qd], accelerations)[0]
 
@@ -151,12 +146,11 @@ def inertia_times(chain: Chain, u: Lanes, packs: bool = False) -> Lanes:
         additions (at n = 6 the sums take 24 instead of 36) for more routes.
 
     """
-    sums = PACKED if packs else PLAIN
     zu = chain.z * u
-    wd = sums[0](chain.by_kind(zu, constants(chain.recorder, [0.0] * 3)))
+    wd = sums(chain.by_kind(zu, constants(chain.recorder, [0.0] * 3)), packs=packs)
     slide = on(zu, chain.translational) if chain.translational else 0.0
     N = symmetric_times(chain.J, wd)
-    tau = _along_joints(chain, lambda x, before=0.0: before + cross(wd, x), N, slide, sums)
+    tau = _along_joints(chain, lambda x, before=0.0: before + cross(wd, x), N, slide, packs)
     return tau if chain.rotors is None else tau + chain.rotors * u
 
 
@@ -193,20 +187,19 @@ def _along_joints(
     W: Turned,
     N: LaneArray,
     slide: Any,
-    sums: tuple[Callable[[Any], Any], Callable[[Any], Any]],
+    packs: bool,
     gravity: Array | None = None,
     wrench: tuple[LaneArray, LaneArray] | None = None,
 ) -> Lanes:
     """Return the torques of links with the terms W and N and accelerations of sliding."""
-    from_base, from_tip = sums
     t = W(chain.p_star)
     if chain.translational:
         t = merge(t + slide, t)
     if gravity is not None and gravity.any():
         t = merge(on(t, [0]) - constants(chain.recorder, gravity), t)
-    F = chain.m * W(chain.s, from_base(array(t)))
-    f = from_tip(F if wrench is None else merge(F - wrench[0], F))
+    F = chain.m * W(chain.s, sums(array(t), packs=packs))
+    f = sums(F if wrench is None else merge(F - wrench[0], F), True, packs)
     n = cross(chain.s, F) + N + cross(chain.p_star, f)
-    n = from_tip(n if wrench is None else merge(n - wrench[1], n))
+    n = sums(n if wrench is None else merge(n - wrench[1], n), True, packs)
     # One dot product on all lanes, of n or, for a translational joint, f.
     return dot(chain.z, chain.by_kind(n, f))

@@ -7,7 +7,7 @@ The parallel patterns of the paper, over lanes. L = ceil(log2 n).
     suffix      X(i) = x(i) * X(i+1)             the same, downward      L levels
     prefix_affine, suffix_affine
                 X(i) = a(i) X(i-1) + b(i)        FOIHRA, eqs (3), (4)    L levels
-    prefix_sum, suffix_sum, prefix_product       FOHRA, its levels packed onto full rows of lanes
+    sums, product        FOHRA for vectors and matrices, levels packed onto full rows of lanes
     total       sum of x(i) on lane 0            tree                    L levels
     row_sweep   x(i,j) = x(i+1,j) + a(i,j)       eqs (5) to (7)          n - 1 steps
     column_sweep
@@ -95,39 +95,25 @@ def total(x: Lanes) -> Lanes:
     return result
 
 
-def prefix_sum(x: LaneArray) -> LaneArray:
-    """Return the sums of each component of x over lanes 0..i, on lane i: packed FOHRA."""
-    return _sums(x, downward=False)
-
-
-def suffix_sum(x: LaneArray) -> LaneArray:
-    """Return the sums of each component of x over lanes i..n-1, on lane i: packed FOHRA."""
-    return _sums(x, downward=True)
-
-
-def _sums(x: LaneArray, downward: bool) -> LaneArray:
+def sums(x: LaneArray, downward: bool = False, packs: bool = True) -> LaneArray:
+    """Return the sums of each component of x over lanes 0..i, or i..n-1 if downward, on lane i."""
     recorder = recorder_of(x)
-    if not recorder.packs:
+    if not (packs and recorder.packs):
         swept: LaneArray = (suffix if downward else prefix)(add, x)
         return swept
     values: LaneArray = np.ravel(x)
     for sources in levels(recorder, downward):
-        sums = packed(add, [(taken(value, sources), value) for value in values])
-        values = array(list(map(merge, sums, values)))
+        added = packed(add, [(taken(value, sources), value) for value in values])
+        values = array(list(map(merge, added, values)))
     return values.reshape(x.shape)
 
 
-def product(R: LaneArray) -> LaneArray:
+def product(R: LaneArray, packs: bool = True) -> LaneArray:
     """Return the matrix products R(0) R(1) .. R(i), (3, 3), on lane i: FOHRA, eq. (13)."""
-    swept: LaneArray = prefix(matmul, R)
-    return swept
-
-
-def prefix_product(R: LaneArray) -> LaneArray:
-    """Return the same products, the elements of each level packed."""
     recorder = recorder_of(R)
-    if not recorder.packs:
-        return product(R)
+    if not (packs and recorder.packs):
+        swept: LaneArray = prefix(matmul, R)
+        return swept
     for sources in levels(recorder, downward=False):
         left = taken(R, sources)
         elements = packed(dot, [(left[i], R[:, j]) for i in range(3) for j in range(3)])

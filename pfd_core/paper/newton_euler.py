@@ -48,7 +48,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from pfd_core.dynamics.drives import commanded_torques, motor_torques
 from pfd_core.dynamics.interface import input_row, program_with_outputs, wrench_input
@@ -124,7 +123,7 @@ def torques(chain: Chain, qd: Lanes, qdd: Lanes | None = None, edition: Edition 
             c = array(merge(cross(shift(w, 1), on(zq, range(1, recorder.lanes))), zero))
         zqdd = 0.0 if qdd is None else chain.z * qdd
         wd = sums(chain.by_kind(c + zqdd, zero), packs=False)
-        slide = on(c + c + zqdd, chain.translational) if chain.translational else 0.0
+        slide = c + c + zqdd if chain.translational else c
         W, N = (_terms_of_ne1 if edition.printed else _one_matrix)(w, wd, chain.J)
         tau = _along_joints(chain, W, N, slide, False, plant.gravity, wrench)
     accelerations = None if qdd is None else [qdd]
@@ -148,9 +147,8 @@ def inertia_times(chain: Chain, u: Lanes, packs: bool = False) -> Lanes:
     """
     zu = chain.z * u
     wd = sums(chain.by_kind(zu, constants(chain.recorder, [0.0] * 3)), packs=packs)
-    slide = on(zu, chain.translational) if chain.translational else 0.0
     N = symmetric_times(chain.J, wd)
-    tau = _along_joints(chain, lambda x, before=0.0: before + cross(wd, x), N, slide, packs)
+    tau = _along_joints(chain, lambda x, before=0.0: before + cross(wd, x), N, zu, packs)
     return tau if chain.rotors is None else tau + chain.rotors * u
 
 
@@ -186,7 +184,7 @@ def _along_joints(
     chain: Chain,
     W: Turned,
     N: LaneArray,
-    slide: Any,
+    slide: LaneArray,
     packs: bool,
     gravity: Array | None = None,
     wrench: tuple[LaneArray, LaneArray] | None = None,
@@ -194,7 +192,7 @@ def _along_joints(
     """Return the torques of links with the terms W and N and accelerations of sliding."""
     t = W(chain.p_star)
     if chain.translational:
-        t = merge(t + slide, t)
+        t = merge(t + on(slide, chain.translational), t)
     if gravity is not None and gravity.any():
         t = merge(on(t, [0]) - constants(chain.recorder, gravity), t)
     F = chain.m * W(chain.s, sums(array(t), packs=packs))

@@ -107,7 +107,8 @@ class MotorSimulator(Simulator):
         """
         self._check_state(state)
         result = self.new_state()
-        result.take_rows(state)
+        for name in result.arrays.keys() & state.arrays.keys():
+            result.arrays[name][...] = state.arrays[name]
         return result
 
     def set_inputs(

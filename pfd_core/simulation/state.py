@@ -78,12 +78,6 @@ class SimulationState:
         twin.copy_from(self)
         return twin
 
-    def take_rows(self, other: SimulationState) -> None:
-        """Take over the arrays that another buffer has by the same names; the rest stays."""
-        for name, target in self.arrays.items():
-            if name in other.arrays:
-                target[...] = other.arrays[name]
-
     def copy_from(self, other: SimulationState) -> None:
         """Become equal to another buffer of the same shapes."""
         self._block[:] = other._block

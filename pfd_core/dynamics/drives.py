@@ -46,8 +46,8 @@ def record_motor_torques(plant: Plant) -> Program:
     """
     Return the program of the motor torques tau, (n,), from q, qd and the commanded tau.
 
-    A step with dry friction, which acts on the joint side of the motors, adds its torques to these
-    and passes both to the plant without effects of its motors.
+    A step with dry friction, which acts on the joint side of the motors, subtracts its torques
+    from these and passes the difference to the plant without effects of its motors.
     """
     recorder = Recorder(1, 'sequential')
     qd, tau = (input_list(recorder, name, plant.robot.n) for name in ('qd', 'tau'))
@@ -58,7 +58,7 @@ def motor_torques(
     plant: Plant, tau: Sequence[Lanes], qd: Sequence[Lanes], gravity: Gravity | None = None
 ) -> list[Lanes]:
     """
-    Return the torques of the motors.
+    Return the torques of the motors, less the friction that does not depend on them.
 
     Commanded torques [N m or N] and velocities [rad/s or m/s] are one row over lanes, or n
     numbers. `gravity` gives the gravity torques of a model on lanes; by default on one processor.

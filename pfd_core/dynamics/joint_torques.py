@@ -14,7 +14,8 @@ In forward dynamics qdd is unknown: each method adds the inertia of the joints t
 or to the pivot of its joint.
 
 Parallel cost: 1 multiplication and 1 addition for viscosity, inertia and springs each; 1 addition
-more for springs whose rest positions are not zero.
+more for springs whose rest positions are not zero; 2 multiplications, 2 additions and 1 sine for
+cogging.
 """
 
 from __future__ import annotations

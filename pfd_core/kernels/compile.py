@@ -71,7 +71,7 @@ def compile_kernel(
         If an argument is not one of these, or does not fit the robot.
 
     """
-    quantity_named(quantity)  # quantities of a step belong to simulations
+    quantity_named(quantity)  # a spec may also be of a step, for simulations
     spec = KernelSpec(robot, given_scene(scene), method, dtype, refine, quantity, frame)
     return compile_spec(spec)
 

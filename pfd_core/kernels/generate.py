@@ -223,8 +223,8 @@ def _wrap_angles(
     """
     Place a copy of q with wrapped angles if one of them is beyond the limit of @wrap_angle.
 
-    No angle is beyond it if no sum of their squares is; NaN takes the branch. Such angles are
-    rare: 16 000 turns of a joint.
+    If the sum of their squares is not beyond the square of the limit, none is; NaN takes the
+    branch. Such angles are rare: 16 000 turns of a joint.
     """
     squares = code.constant(0.0)
     for k in angles:
@@ -470,7 +470,7 @@ def kernel_functions(
     program: Program, dtype: str, width: int, angles: Sequence[int], size: int
 ) -> list[str]:
     """
-    Return a module with @evaluate1 and @batch, to which an entry may be added.
+    Return the functions @evaluate1 and @batch of a module, to which an entry may be added.
 
     The program is lowered and has one output, of `size` elements; `angles` are the elements of q
     that are turned, and `width` the states in a register of @batch.

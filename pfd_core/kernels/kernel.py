@@ -76,7 +76,7 @@ class Kernel:
         self.robot, self.scene, self.dtype = spec.robot, spec.scene, spec.dtype
         self._recipe, self._recreate = recipe, recreate
         self._width = simd_width(spec.dtype)
-        # Before the facts about its program, which are kept with the code.
+        # First: the facts that are read next are loaded with the code.
         name = f'kernel {self._width}'
         self._native = recipe.compile(name, ['entry', 'batch'], lambda: self.ir)
         self.shape, self.operations = tuple(recipe.facts.shape), recipe.facts.operations

@@ -198,7 +198,7 @@ def recipe_of(spec: KernelSpec) -> Recipe:
     if spec.quantity == 'derivatives':
         return derivatives(spec)
     row = QUANTITIES.get(spec.quantity)
-    if row is None or not row.method:
+    if row is None or not row.method:  # a step, or forward dynamics: the spec has the method
         return forward(spec)
     return quantity(spec.plant, spec.quantity, spec.dtype, spec.frame, spec.place)
 

@@ -9,8 +9,8 @@ Sine and cosine in the machine's operations, and angles beyond their range.
     wrap_angle      LLVM IR that brings a larger angle into [-pi, pi]
 
 Every operation is rounded correctly and the order is fixed, so the bits are the same on every
-machine, in the emulator and in a kernel. The table of operations counts sine and cosine as one
-step each.
+machine, in the emulator and in a kernel. Counts of operations (machine.operations) have sine and
+cosine as one step each.
 
 Method: x = k pi/2 + r with the nearest integer k, where pi/2 is cut into parts so short that k
 times a part is exact (Cody and Waite, Software Manual for the Elementary Functions, 1980), a
@@ -28,8 +28,8 @@ The polynomials are minimax, fitted in 50 digits by Remez exchange on 1500 point
 error of sin r and cos r for |r| up to 0.785398164 in float64 and 0.7916 in float32. Coefficients
 were rounded one at a time, lowest power first, and the rest was fitted again. Parts of pi/2 are
 multiples of 2^-36 and 2^-73 in float64, of 2^-7, 2^-19, 2^-24, 2^-33 and 2^-41 in float32, each
-rounded down but the last of these, so that k times a part is exact for every k up to 65535; what
-is left is a further part.
+rounded down, the last of these to the nearest, so that k times a part is exact for every k up to
+65535; what is left is a further part.
 """
 
 from __future__ import annotations

@@ -3,10 +3,10 @@
 """
 A batch, or an ensemble, on several threads.
 
-It is cut into equal blocks of whole vector registers. The caller and workers of a common pool take
-the next block each, in native code without Python's lock; the bits of a result do not depend on
-the number of threads. Between two blocks a signal is answered. Work is counted in operations on
-vector registers.
+It is cut into equal blocks of whole vector registers; the last may be shorter. The caller and
+workers of a common pool take the next block each, in native code without Python's lock; the bits
+of a result do not depend on the number of threads. Between two blocks a signal is answered. Work
+is counted in operations on vector registers.
 """
 
 from __future__ import annotations

@@ -7,8 +7,10 @@ An effect holds the physics, a field what users may give: units, checks, numbers
 Methods, quantities, derivatives, energy, the choice of an integrator, YAML, the parameters of the
 node, reports and the table in docs/guides/model-quantities.md are derived from the records. A new
 effect of a joint is a record here, and a field of Scene with its lines in the docstring. An effect
-that acts over a step, as dry friction does (STEP), also changes pfd_core.simulation.dry, and its
-law for joints in motion pfd_core.dynamics.drives.
+on motors also needs its torque in pfd_core.dynamics.drives. An effect that acts over a step (STEP)
+needs its law in pfd_core.simulation: dry friction and stops in dry, friction of joints in motion
+in dynamics.drives, too, the lag of motors in stages. A torque that reads that of the motor is such
+an effect: `torque` is a function of q and qd only.
 
 The effects add to the joint torques of the rigid links:
 
@@ -64,8 +66,8 @@ MODEL, ESTIMATED, INPUT = 'model', 'estimated', 'input'
 # Payload; and the gravity that the drives compensate, which Scene checks.
 PER_JOINT, VECTOR, SWITCH, SHARE = 'per joint', 'vector', 'switch', 'share'
 TABLES, PAYLOAD, COMPENSATION = 'tables', 'payload', 'compensation'
-# Multiple of its velocity limit at which a motor of the model drives its joint along no more. Up
-# to the limit it gives its full effort; docs/decisions/0032-one-table-of-effects.md.
+# Multiple of its velocity limit at which a motor of the model has no driving torque left. Up to
+# the limit it gives its full effort; docs/decisions/0032-one-table-of-effects.md.
 NO_EFFORT = 2.0
 
 FieldNumbers = Mapping[str, Array | None]  # by field of Scene

@@ -56,8 +56,9 @@ class Scene:
 
     A field with one value a joint, (n, ...), may also be a mapping of some joints to their values,
     ``friction={'elbow_joint': 3.0}``, or be given joint by joint,
-    ``**{'friction.elbow_joint': 3.0}``; the others have none. "model" takes the values of the
-    robot; it is refused for a robot that states none, and warns of single joints without one.
+    ``**{'friction.elbow_joint': 3.0}``; the others have none, or what the field says.
+    "model" takes the values of the robot; it is refused for a robot that states none, and warns of
+    single joints without one.
 
     Units are for revolute joints; for prismatic joints read m, N, kg for rad, N m, kg m^2.
     ValueError if a value has a wrong type, a number is out of its range, or an effect lacks the

@@ -21,12 +21,12 @@ PCRBM: forward dynamics by parallel composite rigid bodies, which give the inert
 
 Lee and Chang 1987, sections 2.3 (eqs (8.a), (8.b), (9.a), (9.b), (10)), 2.4 and 2.5; Appendix A
 has (15) to (20) as eqs (A.1), (A.2), (A.3) and (21) to (26) as eqs (A.4), (A.5), (A.6), (A.7),
-(A.8). Corrected: step 6 has the translational
-branch of Appendix A, which the paper leaves out there; (26) has the type of joint i, where the
-last formula of Appendix A has the type of joint j; (11), (12) as in pfd_core.paper.solve; a
-massless end of the chain (M_j = 0) divides by one instead of zero, since c_j is then unused. The
-misprints are in pfd_core.paper.editions. (20) adds all nine elements of a symmetric matrix, as
-item (b) counts.
+(A.8). Corrected: step 6 has the translational branch of Appendix A, which the paper leaves out
+there; (26) has the type of joint i, where the last formula of Appendix A has the type of joint j;
+(11), (12) as in pfd_core.paper.solve; a massless end of the chain (M_j = 0) divides by one instead
+of zero, since c_j is then unused. The misprints are in pfd_core.paper.editions. (20) adds all nine
+elements of a symmetric matrix, as item (b) counts. The paper's b_j are vectors in step 4 and
+matrices in step 5.
 
 Our form has, instead of steps 4 and 5, with the sums of six elements,
 

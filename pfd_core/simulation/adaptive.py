@@ -262,7 +262,7 @@ def _advanced(
     while tried < max_steps and not arrays['status']:
         count = min(count, max_steps - tried, MOST_ATTEMPTS)
         began = time.perf_counter()
-        # The first call writes the start, too.
+        # The first call writes the start, too. The frame begins with the time.
         out = np.empty((count + 1, ends[-1]))
         run(count, address(arrays['time']), address(out))
         written = out[: arrays['rows'].view(np.int64)[0]]

@@ -18,8 +18,7 @@ To change or add
 
     an effect of a joint    an Effect in model.effects.EFFECTS and a field of model.scene.Scene.
                             An effect on motors also needs its torque in dynamics.drives; dry
-                            friction its law in simulation.dry (Law.size, Law.bound) and,
-                            for joints in motion, in dynamics.drives (_friction)
+                            friction its law in simulation.dry (Law.size, Law.bound)
     rotor inertia           config/robots/*.yaml, read by model.yaml_files (_losses); of a URDF by
                             model.urdf (_armature); estimated by model.rotors; acts with
                             Scene(armature=...)
@@ -27,8 +26,8 @@ To change or add
                             misprints
     a method                a module of dynamics or paper, a row of dynamics.methods
     a quantity              a module of dynamics and a row of dynamics.quantities
-    an integrator           a row of simulation.tableaux.TABLEAUX, for every scene; for its
-                            linearised step also a row of simulation.integrators.TABLE
+    an integrator           a row of simulation.tableaux.TABLEAUX, for every scene and for
+                            linearised steps
     sine and cosine         kernels.sines
     threads of batches      kernels.threads: thread_count, block_size
 

@@ -1,13 +1,15 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A and B of a step by differences in 50 digits."""
+"""A and B of a step by differences in 50 digits, of integrators written a second time."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
-from bridge import IMEX_DIAGONAL, INTEGRATOR_TABLE, IntegratedSystem, resolve_plant
+from bridge import IMEX_DIAGONAL, resolve_plant
 from mpmath import mp, mpf
 import numpy as np
 
@@ -16,6 +18,52 @@ import pfd_core as pfd
 DIGITS = 50
 # Step of the central differences in 50 digits: their error is its square.
 TINY = mpf(10) ** -18
+Step = tuple[Any, Any]
+Accelerations = Callable[[Any, Any], Any]
+
+
+def rk4(f: Accelerations, h: float, q: Any, qd: Any) -> Step:
+    """Return q and qd after one step of the classical Runge-Kutta method."""
+    a = f(q, qd)
+    v2 = qd + (h / 2) * a
+    a2 = f(q + (h / 2) * qd, v2)
+    v3 = qd + (h / 2) * a2
+    a3 = f(q + (h / 2) * v2, v3)
+    v4 = qd + h * a3
+    a4 = f(q + h * v3, v4)
+    return q + (h / 6) * (qd + 2 * v2 + 2 * v3 + v4), qd + (h / 6) * (a + 2 * a2 + 2 * a3 + a4)
+
+
+def velocity_verlet(f: Accelerations, h: float, q: Any, qd: Any) -> Step:
+    """Return q and qd after one step of velocity Verlet, with a predicted velocity."""
+    a = f(q, qd)
+    end = q + h * (qd + (h / 2) * a)
+    return end, qd + (h / 2) * (a + f(end, qd + h * a))
+
+
+def imex2(f: Accelerations, h: float, q: Any, qd: Any, solve: Accelerations, damping: Any) -> Step:
+    """
+    Return q and qd after one step of ARS(2, 2, 2), with the damping D implicit.
+
+    An implicit stage (H + c h D) v = H w is v = w - c h (H + c h D)^-1 D w.
+    """
+    c = IMEX_DIAGONAL
+    d = 1 - 1 / (2 * c)
+    a = f(q, qd)
+    w1 = qd + (c * h) * a
+    x = solve(q + (c * h) * qd, damping * w1)
+    v1 = w1 - (c * h) * x
+    a1 = f(q + (c * h) * v1, v1)
+    w2 = qd + h * (d * a + (1 - d) * a1) - ((1 - c) * h) * x
+    v2 = w2 - (c * h) * solve(q + h * (d * qd + (1 - d) * v1), damping * w2)
+    return q + h * ((1 - c) * v1 + c * v2), v2
+
+
+INTEGRATORS: dict[str, Callable[..., Step]] = {
+    'rk4': rk4,
+    'velocity_verlet': velocity_verlet,
+    'imex2': imex2,
+}
 
 
 def ends(
@@ -28,14 +76,13 @@ def ends(
     wrench: Any = None,
 ) -> Any:
     """Return the states (B, 2n) after a step from q, qd and tau (B, 3n), in 50 digits."""
-    n = robot.n
+    n, step = robot.n, INTEGRATORS[integrator]
     q, qd, tau = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
-    row = INTEGRATOR_TABLE[integrator]
     plant = resolve_plant(robot, scene)
-    implicit = row.implicit > 0 and plant.damping is not None
+    implicit = integrator == 'imex2'
     explicit = replace(scene, damping=None) if implicit else scene
 
-    def accelerations(q: Any, qd: Any, at: float) -> Any:
+    def accelerations(q: Any, qd: Any) -> Any:
         return pfd.emulate(robot, q, qd, tau, scene=explicit, wrench=wrench, digits=DIGITS).qdd
 
     def solve(q: Any, y: Any) -> Any:
@@ -44,15 +91,12 @@ def ends(
         rest = pfd.Scene(gravity=None, armature=heavier, payload=scene.payload)
         return pfd.emulate(robot, q, 0 * q, y, scene=rest, digits=DIGITS).qdd
 
-    system = IntegratedSystem(
-        accelerations, solve=solve if implicit else None, damping=plant.damping
-    )
-    parts = [q, qd]
-    if 'qdd' in row.carried:
-        parts.append(accelerations(q, qd, 0))
+    if implicit:
+        assert plant.damping is not None
+        step = partial(step, solve=solve, damping=plant.damping)
     for _ in range(substeps):
-        parts = [*row.step(system, h, *parts)]
-    return np.concatenate(parts[:2], axis=1)
+        q, qd = step(accelerations, h, q, qd)
+    return np.concatenate([q, qd], axis=1)
 
 
 def exact(

@@ -8,14 +8,7 @@ from dataclasses import FrozenInstanceError, replace
 import pickle
 from typing import Any
 
-from bridge import (
-    STEP_IN_MOTION_KIND,
-    STEP_KIND,
-    Frame,
-    KernelSpec,
-    plant_in_motion,
-    resolve_plant,
-)
+from bridge import STEP_KIND, Frame, KernelSpec, resolve_plant
 import numpy as np
 import pytest
 
@@ -86,7 +79,5 @@ def test_the_effects_over_time_belong_to_the_step_that_evaluates_the_kernel() ->
     step = KernelSpec(ARM, FRICTION, quantity=STEP_KIND)
     damped = pfd.Scene(damping=FRICTION.damping)
     assert step.plant.digest == resolve_plant(ARM, damped).digest
-    moving = KernelSpec(ARM, FRICTION, quantity=STEP_IN_MOTION_KIND)
-    assert moving.plant.digest == plant_in_motion(plant).digest
     with pytest.raises(ValueError, match='quantity must be one of'):
         pfd.compile_kernel(ARM, quantity=STEP_KIND)

@@ -58,16 +58,15 @@ def record_derivatives(
     method: str = OWN_METHOD,
     refine: int = 0,
     dtype: str = 'float64',
-    inverse: tuple[str, int] | None = None,
 ) -> Program:
     """
     Return the program of the factors of d qdd / d(q, qd, tau) = [-X D, X T], from q, qd and tau.
 
     D is taken at the qdd of a method, with `refine` steps of refinement; an iterative method
-    iterates to the rounding of `dtype`. X takes the method and the steps `inverse`, by default
-    those of qdd (pfd_core.dynamics.inverse). Outputs are `qdd`, (n,), `X`, (n, n), `D`, (n, 2 n),
-    and with motor limits `T`, (n,). ValueError for an unknown method and for effects that act over
-    a step of time.
+    iterates to the rounding of `dtype`. X takes the same method and steps
+    (pfd_core.dynamics.inverse). Outputs are `qdd`, (n,), `X`, (n, n), `D`, (n, 2 n), and with
+    motor limits `T`, (n,). ValueError for an unknown method and for effects that act over a step
+    of time.
     """
     check_instant(plant)
     n = plant.robot.n
@@ -93,7 +92,7 @@ def record_derivatives(
     with recorder.section('joints and drives'):
         D = _with_joints_and_drives({'q': by_q, 'qd': by_qd}, joints, motors)
     with recorder.section('inverse'):
-        X = inverse_inertia(recorder, plant, factors, *(inverse or (method, refine)))
+        X = inverse_inertia(recorder, plant, factors, method, refine)
     results = {'qdd': qdd, 'X': X, 'D': D}
     if 'd tau/d tau' in motors:
         by_tau = motors['d tau/d tau'][:: n + 1]

@@ -71,14 +71,10 @@ def motor_torques(
             tau = [t + g for t, g in zip(tau, _compensated(model, tau, gravity), strict=True)]
         tables = _tables(plant)
         joints = np.arange(plant.robot.n).reshape(len(tau), -1)
-        motors = [
+        return [
             _limited(t, rate, [tables[i] for i in row])
             for t, rate, row in zip(tau, qd, joints, strict=True)
         ]
-        if plant.sliding_friction is None:
-            return motors
-        rows = (plant.sliding_friction[row] for row in joints)
-        return [t - _friction(v, row) for t, v, row in zip(motors, qd, rows, strict=True)]
 
 
 def commanded_torques(
@@ -94,18 +90,6 @@ def commanded_torques(
 
 def _compensated(model: Plant, tau: Sequence[Lanes], gravity: Gravity | None) -> Sequence[Lanes]:
     return gravity_torques(tau[0].recorder, model) if gravity is None else gravity(model)
-
-
-def _friction(qd: Lanes, rows: Array) -> Lanes:
-    """Return the friction of joints in motion, from rows (Fc, Fs, vs), (lanes, 3); 0 at rest."""
-    constant = qd.recorder.constant
-    sliding, static, velocity = rows.T
-    size: Lanes = constant(sliding)
-    if (static != sliding).any():
-        u = qd * constant(1.0 / velocity)
-        size = size + constant(static - sliding) / (1.0 + u * u)
-    result: Lanes = where(qd, size, where(-qd, -size, constant(np.zeros(len(rows)))))
-    return result
 
 
 def _tables(plant: Plant) -> list[Array]:

@@ -26,9 +26,7 @@ Modules in the order of data flow; each imports only from those above it.
     script         functions that call programs and dynamics on named arrays
     simulate       @simulate: steps of one arm, or of an arm in each lane of a register
     simulations    compile_steps, compile_adaptive: whole simulations in native code
-    matrices       loops over matrices in memory
-    linear_step    @linear_step: an integrator's step, with its derivatives
-    linear_steps   compile_linear_step: the derivatives of a step of a simulation
+    tangents       compile_tangents: the derivatives of a step, by its scripts on dual numbers
 
 A new pass is a function of simplify and a line of lower; a new quantity a program and a row of
 pfd_core.dynamics.quantities.

@@ -36,7 +36,8 @@ UNROLLED = 16
 # An array of @batch: its address, and bytes from state to state and from element to element.
 Array = tuple[str, object, object]
 # All inputs that a program may have, in the order of a kernel's arguments.
-ORDER = ('q', 'qd', 'qdd', 'tau', 'wrench', 'free', 'p', 'rotor', 'motors', 'targets', 'before')
+_NAMES = ('q', 'qd', 'qdd', 'tau', 'wrench', 'free', 'p', 'rotor', 'motors', 'targets', 'before')
+ORDER = (*_NAMES, *(f'{name}.d' for name in ('q', 'qd', 'qdd', 'tau', 'rotor')))
 
 
 def inputs_of(program: Program) -> list[str]:

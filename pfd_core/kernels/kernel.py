@@ -94,7 +94,7 @@ class Kernel:
 
     @property
     def quantity(self) -> str:
-        """The result: a name in QUANTITIES, or STEP or STEP_IN_MOTION of kernels.spec."""
+        """The result: a name in QUANTITIES, or STEP of kernels.spec."""
         return self.spec.quantity
 
     @property

@@ -83,7 +83,7 @@ def _body(factors: Program, dtype: str, width: int) -> str:
     return str(code)
 
 
-def multiply(dtype: str, width: int, n: int, motors: bool, suffix: str = '') -> str:
+def multiply(dtype: str, width: int, n: int, motors: bool) -> str:
     """
     Return `void @multiplyW(X, D, T, out)`, in tiles whose numbers take part in several products.
 
@@ -93,7 +93,7 @@ def multiply(dtype: str, width: int, n: int, motors: bool, suffix: str = '') -> 
     """
     lanes = _lanes(dtype, width, n)
     arrays = f'ptr %X, ptr %D, ptr %T, {parameters(["out"])}'
-    code = Code(f'define internal void @multiply{width}{suffix}({arrays})', dtype, lanes)
+    code = Code(f'define internal void @multiply{width}({arrays})', dtype, lanes)
     step = width * code.bytes
     across = lanes if width == 1 else 1
     few = n <= FEW_JOINTS

@@ -24,7 +24,6 @@ import numpy as np
 
 from pfd_core.dynamics.quantities import QUANTITIES
 from pfd_core.forking import cached_property, no_fork
-from pfd_core.kernels.auto import select
 from pfd_core.kernels.cache import kept
 from pfd_core.kernels.native import Native, Optimisation, compile_kept
 from pfd_core.kernels.spec import KernelSpec
@@ -249,29 +248,20 @@ def quantity(
     return Recipe((name, plant.digest, place, dtype), record, dtype)
 
 
-def derivatives(spec: KernelSpec, plant: Plant | None = None) -> ProductRecipe:
-    """
-    Return the recipe of d qdd / d(q, qd, tau), (n, 3n), of a plant as for `forward`.
-
-    The accelerations are those of the spec. The method of a step is chosen by other rules than the
-    method of the inverse inertia, which is one for all functions of a step.
-    """
-    plant = spec.plant if plant is None else plant
-    method, refine, dtype = spec.method, spec.refine, spec.dtype
-    of_step = spec.quantity != 'derivatives'
-    inverse = select(spec.plant, use='derivatives') if of_step else (method, refine)
+def derivatives(spec: KernelSpec) -> ProductRecipe:
+    """Return the recipe of d qdd / d(q, qd, tau), (n, 3n)."""
+    plant, method, refine, dtype = spec.plant, spec.method, spec.refine, spec.dtype
 
     def record() -> Program:
         with no_fork:
             from pfd_core.dynamics.acceleration import record_derivatives
 
-        return record_derivatives(plant, method, refine, dtype, inverse)
+        return record_derivatives(plant, method, refine, dtype)
 
     n = plant.robot.n
     # The factors, and a copy of the result.
     check_stack(f'a kernel of derivatives for {n} joints', 6 * n * n)
-    how = (method, str(refine), *map(str, inverse))
-    return ProductRecipe(('derivatives', plant.digest, *how, dtype), record, dtype)
+    return ProductRecipe(('derivatives', plant.digest, method, str(refine), dtype), record, dtype)
 
 
 def motors(plant: Plant, dtype: str) -> Recipe:

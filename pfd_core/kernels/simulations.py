@@ -191,9 +191,9 @@ def compile_steps(
 
     `written`, `width` and `control`, a recorded program, are as for Steps.
     """
-    sources = _dynamics(spec, step)
+    sources = step_dynamics(spec, step)
     main = next(iter(sources.values()))
-    inputs = _inputs(main, step.plant)
+    inputs = step_inputs(main, step.plant)
     steps = Steps(
         spec.robot.n, step.further, inputs, written, spec.dtype, width, step.shared, control
     )
@@ -229,7 +229,7 @@ def compile_steps(
         f'steps {width} {written} {step.settings} {step.plant.digest} {keys} {control}',
         ['simulate', *sampled],
         ir,
-        _branching(main) if step.contact else None,
+        branching(main) if step.contact else None,
         described,
     )
     function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
@@ -244,7 +244,7 @@ def compile_steps(
     )
 
 
-def _dynamics(spec: KernelSpec, step: StepCode) -> dict[str, Recipe]:
+def step_dynamics(spec: KernelSpec, step: StepCode) -> dict[str, Recipe]:
     """
     Return the sources of the dynamics of a step by name, first of its accelerations.
 
@@ -295,9 +295,9 @@ def compile_adaptive(
 
     `frame_of` returns a frame for a number of joints and the elements of the inputs.
     """
-    sources = _dynamics(spec, step)
+    sources = step_dynamics(spec, step)
     main = next(iter(sources.values()))
-    steps = Steps(spec.robot.n, (), _inputs(main, step.plant), (), spec.dtype)
+    steps = Steps(spec.robot.n, (), step_inputs(main, step.plant), (), spec.dtype)
     frame = frame_of(steps.n, steps.inputs)
 
     def ir() -> str:
@@ -309,13 +309,13 @@ def compile_adaptive(
 
     keys = {name: source.key for name, source in sources.items()}
     module = f'adaptive {step.settings} {step.plant.digest} {keys}'
-    native = main.compile(module, ['adaptive', 'size'], ir, _branching(main))
+    native = main.compile(module, ['adaptive', 'size'], ir, branching(main))
     size = ctypes.CFUNCTYPE(ctypes.c_int64)(native['size'])()
     work = main.work * step.evaluations
     return AdaptiveSteps(work, frame, size, native['adaptive'], native)
 
 
-def _inputs(main: Recipe, plant: Plant) -> dict[str, int]:
+def step_inputs(main: Recipe, plant: Plant) -> dict[str, int]:
     """Return the elements of the inputs of the dynamics besides the state."""
     inputs = {
         name: size
@@ -325,7 +325,7 @@ def _inputs(main: Recipe, plant: Plant) -> dict[str, int]:
     return inputs | ({PARAMETERS: count(plant)} if plant.varied else {})
 
 
-def _branching(main: Recipe) -> Optimisation:
+def branching(main: Recipe) -> Optimisation:
     """Return the effort of the compiler for steps with many branches."""
     return replace(main.optimisation, pipeline=not main.optimisation.long)
 

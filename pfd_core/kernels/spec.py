@@ -9,7 +9,6 @@ are compiled once. The quantities are rows of pfd_core.dynamics.quantities.QUANT
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -23,19 +22,14 @@ from pfd_core.model import (
     Scene,
     check_joint_inertia,
     given_scene,
-    in_motion,
     resolve,
 )
 from pfd_core.model.effects import INPUT
 from pfd_core.model.values import DTYPES, choice, integer, quote
 
 # Forward dynamics at an instant of a step of a simulation, whose effects over time are the step's
-# own: of all joints, and of joints in motion or braked.
-STEP, STEP_IN_MOTION = 'step', 'step_in_motion'
-PLANTS: Mapping[str, Callable[[Plant], Plant]] = {
-    STEP: lambda plant: plant.only(*INSTANT),
-    STEP_IN_MOTION: in_motion,
-}
+# own.
+STEP = 'step'
 
 
 @dataclass(frozen=True)
@@ -52,7 +46,7 @@ class KernelSpec:
     method: str = 'auto'  # resolved to a name in METHODS, or the one method of the quantity
     dtype: str = 'float64'
     refine: int = 0  # steps of refinement, including a step selected by 'auto'
-    quantity: str = 'forward_dynamics'  # a name in QUANTITIES, or STEP or STEP_IN_MOTION
+    quantity: str = 'forward_dynamics'  # a name in QUANTITIES, or STEP
     frame: str | None = None  # of a quantity of a frame, where None is given the tip
     inputs: Plant | None = None  # in place of the plant of the scene, with numbers that are inputs
     # The robot in its scene, with the effects at the instants at which the kernel is evaluated.
@@ -61,8 +55,8 @@ class KernelSpec:
     place: str = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        # The quantities of a step have the options of forward dynamics.
-        of_step = isinstance(self.quantity, str) and self.quantity in PLANTS
+        # A step has the options of forward dynamics.
+        of_step = isinstance(self.quantity, str) and self.quantity == STEP
         name = 'forward_dynamics' if of_step else self.quantity
         check_options(name, self.method, self.refine, self.frame)
         quantity = quantity_named(name)
@@ -75,7 +69,7 @@ class KernelSpec:
 
             plant = with_payload_input(plant)
         if of_step:
-            plant = PLANTS[self.quantity](plant)
+            plant = plant.only(*INSTANT)
         frame, place = None, ''
         if quantity.of_frame:
             frame = self.robot.tip if self.frame is None else self.frame
@@ -89,7 +83,7 @@ class KernelSpec:
             method, refine = select(plant, self.method, refine, use)
         if self.inputs is not None:
             # The method is that of the scene, whatever the inputs.
-            plant = PLANTS[self.quantity](self.inputs) if of_step else self.inputs
+            plant = self.inputs.only(*INSTANT) if of_step else self.inputs
         names = 'scene', 'method', 'refine', 'frame', 'plant', 'place'
         resolved = scene, method, int(refine), frame, plant, place
         for key, value in zip(names, resolved, strict=True):

@@ -35,7 +35,6 @@ from pfd_core.model.plant import (
     check_instant,
     check_joint_inertia,
     has_drives,
-    in_motion,
     resolve,
 )
 from pfd_core.model.robot import Frame, Payload, PhysicsWarning, Robot, lock, with_payload
@@ -58,7 +57,6 @@ __all__ = [
     'estimated_armature',
     'given_scene',
     'has_drives',
-    'in_motion',
     'known_robots',
     'load_robot',
     'load_scene',

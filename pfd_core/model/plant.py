@@ -68,10 +68,6 @@ class Plant(FrozenArrays):
     implicit: float = 0.0
     # The robot and gravity whose gravity torques the drives add.
     gravity_compensation: Plant | None = None
-    # (n, 3) [N m, N m, rad/s; N, N, m/s]: Coulomb friction, the friction at rest towards which it
-    # rises, and the velocity at which it has risen half-way, of joints that stay in motion. Scene
-    # has no such field: at an instant no joint sticks.
-    sliding_friction: Array | None = None
     effects: Mapping[str, Array] = field(default_factory=dict)  # by field of Scene, if on
     # Numbers of the links in place of the robot's (pfd_core.dynamics.bodies), where some vary.
     links: Mapping[str, Array] = field(default_factory=dict)
@@ -141,7 +137,7 @@ class Plant(FrozenArrays):
         if LINKS not in kinds:
             off['gravity'] = np.zeros(3)
         if MOTORS not in kinds:
-            off |= {'gravity_compensation': None, 'sliding_friction': None}
+            off['gravity_compensation'] = None
         return replace(self, **off, effects=kept)
 
     @property
@@ -209,26 +205,9 @@ def _compensation(robot: Robot, scene: Scene) -> Plant | None:
 
 def has_drives(plant: Plant) -> bool:
     """Return whether motors give other torques than the commanded ones."""
-    if plant.gravity_compensation is not None or plant.sliding_friction is not None:
+    if plant.gravity_compensation is not None:
         return True
     return any(EFFECT_OF[name].acts == MOTORS for name in plant.effects)
-
-
-def in_motion(plant: Plant) -> Plant:
-    """
-    Return the plant of joints that stay in motion, or are held by brakes.
-
-    Dry friction is a torque that depends on the velocity then, and stops are out of reach.
-    """
-    smooth = replace(plant.only(*INSTANT), brakes=True)
-    if plant.friction is None or plant.static_friction is None:
-        return smooth
-    # Without a Stribeck velocity, friction falls to the sliding value at once.
-    static, velocity = plant.friction, np.ones_like(plant.friction)
-    if plant.stribeck_velocity is not None:
-        static, velocity = plant.static_friction, plant.stribeck_velocity
-    friction = np.stack([plant.friction, static, velocity], axis=1)
-    return replace(smooth, sliding_friction=friction)
 
 
 def check_instant(plant: Plant) -> None:

@@ -10,8 +10,7 @@ Time: the motion of an arm, or of many arms at once, in native code.
     box             which joints at rest move, and impacts: one box problem
     search          the search for an event on the step map
     native          a step in native code, from event to event
-    rows            torques of lagging motors in a linearised step
-    integrators     integrators as functions, of a linearised step
+    dual            the same step on dual numbers, with the derivative of an event's time
     stiffness       the integrator that 'auto' selects
     feedback        laws that compute torques from the state, within native code
     state           SimulationState: a state as one record; double buffering; many turns
@@ -26,8 +25,8 @@ Time: the motion of an arm, or of many arms at once, in native code.
     adaptive_steps  adaptive steps in native code, on the segments and events of `native`
     adaptive        integrate: one arm offline, to a tolerance; AdaptiveTrajectory
 
-A new integrator is a row of tableaux.TABLEAUX (INTEGRATORS are its names), for every scene; its
-linearised step is a function and a row of integrators.TABLE. A new adaptive one is its
-coefficients and a row of embedded_pairs.PAIRS, a new law of feedback a class in `feedback` and its
-program there. A new law of dry friction is a line of dry.Law.size and dry.Law.bound.
+A new integrator is a row of tableaux.TABLEAUX (INTEGRATORS are its names), for every scene and for
+linearised steps. A new adaptive one is its coefficients and a row of embedded_pairs.PAIRS, a new
+law of feedback a class in `feedback` and its program there. A new law of dry friction is a line of
+dry.Law.size and dry.Law.bound.
 """

@@ -29,6 +29,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import ClassVar
 
 from pfd_core.kernels.script import Frame, Script, procedure
 from pfd_core.kernels.simulate import LOW_POSITION, MOTOR_TORQUE, UNFINISHED, Steps, evaluations
@@ -45,12 +46,23 @@ from pfd_core.simulation.tableaux import TABLEAUX
 MOST_SEGMENTS = 10_000
 
 
-def step_code(plant: Plant, integrator: str, h: float, dtype: str, compensated: bool) -> StepCode:
+def step_code(
+    plant: Plant,
+    integrator: str,
+    h: float,
+    dtype: str,
+    compensated: bool,
+    *,
+    short: float = dry.SHORT,
+    writer: type[EventWriter] | None = None,
+) -> StepCode:
     """
     Return a step of length h [s] of an integrator, for pfd_core.kernels.simulations.
 
-    With `compensated` positions are sums.
+    With `compensated` positions are sums. `short` is as of Law, and `writer` a kind of EventWriter
+    that writes the step otherwise.
     """
+    writer = writer or EventWriter
     tableau = TABLEAUX[integrator]
     further = [LOW_POSITION] * compensated + [MOTOR_TORQUE] * (plant.motor_lag is not None)
     settings = f'{integrator} {h.hex()} {compensated}'
@@ -63,20 +75,20 @@ def step_code(plant: Plant, integrator: str, h: float, dtype: str, compensated: 
             plant,
             tuple(further),
             segment.programs(),
-            partial(_smooth, segment, shared),
+            partial(_smooth, writer.kind, segment, shared),
             1 + len(segment.stages) - shared,
             settings,
             shared=shared,
             implicit=0.0 if segment.damped else tableau.implicit * h,
         )
-    law = Law(plant, dtype)
+    law = Law(plant, dtype, short=short)
     segment = Segment(plant, tableau, h, compensated, law.load, loaded=not law.drives)
     programs = event_programs(law, segment)
     return StepCode(
         plant,
         (*further, UNFINISHED),
         programs,
-        partial(write_functions, partial(EventWriter, law, segment)),
+        partial(write_functions, partial(writer, law, segment)),
         1 + len(segment.stages),
         settings,
         contact=True,
@@ -121,6 +133,7 @@ def event_programs(law: Law, segment: Segment) -> dict[str, Program]:
 
 
 def _smooth(
+    kind: type[Script],
     segment: Segment,
     shared: bool,
     steps: Steps,
@@ -130,7 +143,7 @@ def _smooth(
     angles: Sequence[int],
 ) -> list[str]:
     """Return @advance and @accelerate of a scene without events, and what they call."""
-    script = partial(Script, frame=frame, dynamics=dynamics, dtype=steps.dtype, width=steps.width)
+    script = partial(kind, frame=frame, dynamics=dynamics, dtype=steps.dtype, width=steps.width)
     s = script('advance', programs=programs, inline=True)
     function = 'qdd' if segment.damped else 'undamped'
     begin, middle, _ = segment.tau
@@ -179,6 +192,7 @@ class EventWriter:
     programs: Mapping[str, Program]
     dynamics: Mapping[str, Program]
     frame: Frame
+    kind: ClassVar[type[Script]] = Script
 
     def __post_init__(self) -> None:
         """Lay out the arrays; an evaluation of `held` writes accelerations and lambda."""
@@ -198,7 +212,7 @@ class EventWriter:
 
     def _script(self, name: str, first: Sequence[str] = ()) -> Script:
         steps, programs = self.steps, self.programs
-        return Script(
+        return self.kind(
             name, self.frame, self.dynamics, steps.dtype, steps.width, programs, first=first
         )
 

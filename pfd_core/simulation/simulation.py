@@ -328,14 +328,13 @@ class Simulation(ABC):
         -------
         Linearization
             The pair of A, (2n, 2n) or (B, 2n, 2n), and B, (2n, n) or (B, 2n, n), 3n where motors
-            lag, with the status of each joint: 'moving', 'held' or 'one_sided'.
+            lag, with the status of each joint: 'moving', 'held', 'event' or 'one_sided'. They are
+            NaN for a step with too many events.
 
         Raises
         ------
         ValueError
-            If an argument is not one of these, a brake closes on a joint in motion, or a joint
-            comes to rest, breaks loose or reaches its stop within the step, which has no
-            derivative then.
+            If an argument is not one of these.
 
         """
         if self._spec.inputs is not None:
@@ -347,11 +346,7 @@ class Simulation(ABC):
             raise ValueError(
                 f'linearize takes a scene with a Payload or None, got payload={INPUT!r}'
             )
-        state = {'q': q, 'qd': qd, 'tau': tau}
-        found = self._linear_step.matrices(self, state, wrench, brakes)
-        if brakes is not None:
-            self._linear_step.add_brakes(found[0], q, qd, brakes)
-        return found
+        return self._linear_step.matrices({'q': q, 'qd': qd, 'tau': tau}, wrench, brakes)
 
     @cached_property
     def _linear_step(self) -> LinearStep:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
+from typing import Any
 
 from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, where
@@ -47,34 +48,33 @@ def record_actuators(n: int, brakes: bool = False) -> Program:
     rows = {name: input_list(recorder, name, n) for name in names}
     motors = input_list(recorder, 'motors', len(MOTOR_ROWS) * n)
     targets = input_list(recorder, 'targets', len(TARGET_ROWS) * n)
-    half, zero, one, two, none = (recorder.constant([x]) for x in (0.5, 0.0, 1.0, 2.0, math.nan))
-    free = input_list(recorder, 'free', n) if brakes else [one] * n
+    free = input_list(recorder, 'free', n) if brakes else [recorder.constant(1.0)] * n
     wanted, limited, excess = [], [], []
-    cut, fast, stop = zero, zero, zero
+    stop: Any = 0.0
+    cut = fast = 0.0
     for k in range(n):
         motor = dict(zip(MOTOR_ROWS, motors[k::n], strict=True))
         q, qd, before = rows['q'][k], rows['qd'][k], rows['wanted'][k]
         w = _followed(rows['efforts'][k], q, qd, targets[k::n], motor['p'], motor['d'])
         # Halves: a difference of the largest numbers would overflow.
-        jump = two * absolute(half * w - half * before)
-        stop = where(jump - motor['jump'], where(free[k], one, stop), stop)
+        jump = 2.0 * absolute(0.5 * w - 0.5 * before)
+        stop = where(jump - motor['jump'], where(free[k], 1.0, stop), stop)
         t, beyond = _limited(w, qd, motor)
-        cut = where(w - t, one, where(t - w, one, cut))
-        fast = where(beyond, one, fast)
+        cut = where(w - t, 1.0, where(t - w, 1.0, cut))
+        fast = where(beyond, 1.0, fast)
         wanted.append(w)
         limited.append(t)
         excess.append(beyond)
 
-    def unless_stopped(new: Lanes, old: Lanes) -> Lanes:
-        result: Lanes = where(stop, old, new)
-        return result
+    def unless_stopped(new: Any, old: Any) -> Any:
+        return where(stop, old, new)
 
     return program_with_outputs(
         recorder,
         tau=list(map(unless_stopped, limited, rows['tau'])),
         # The first effort of a joint that comes off its brake may be any.
         wanted=[
-            unless_stopped(where(f, w, none), before)
+            unless_stopped(where(f, w, math.nan), before)
             for f, w, before in zip(free, wanted, rows['wanted'], strict=True)
         ],
         peaks=[
@@ -82,7 +82,7 @@ def record_actuators(n: int, brakes: bool = False) -> Program:
             for x, peak in zip(excess, rows['peaks'], strict=True)
         ],
         acting=[where(stop, w, t) for w, t in zip(wanted, limited, strict=True)],
-        counts=[unless_stopped(cut, zero), unless_stopped(fast, zero), stop],
+        counts=[unless_stopped(cut, 0.0), unless_stopped(fast, 0.0), stop],
         stop=[stop],
     )
 
@@ -92,12 +92,10 @@ def _followed(
 ) -> Lanes:
     """Return the effort of a servo with a target, and tau without one."""
     position, velocity = target
-    constant = tau.recorder.constant
-    zero, one = constant([0.0]), constant([1.0])
     # NaN is not above zero.
-    there, moving = absolute(position) + one, absolute(velocity) + one
-    p, d = where(there, p, zero), where(there, d, where(moving, d, zero))
-    position, velocity = where(there, position, zero), where(moving, velocity, zero)
+    there, moving = absolute(position) + 1.0, absolute(velocity) + 1.0
+    p, d = where(there, p, 0.0), where(there, d, where(moving, d, 0.0))
+    position, velocity = where(there, position, 0.0), where(moving, velocity, 0.0)
     effort = tau + p * (position - q) + d * (velocity - qd)
     result: Lanes = where(there, effort, where(moving, effort, tau))
     return result
@@ -106,15 +104,13 @@ def _followed(
 def _limited(t: Lanes, qd: Lanes, motor: Mapping[str, Lanes]) -> tuple[Lanes, Lanes]:
     """Return the limited effort of a joint, and its speed in excess of V as a multiple of V."""
     most, full, falling, speed = (motor[name] for name in MOTOR_ROWS[:4])
-    constant = t.recorder.constant
-    zero = constant([0.0])
     t = where(t - most, most, t)
     t = where(-most - t, -most, t)
     rate = absolute(qd)
-    left = constant([NO_EFFORT]) - rate / falling
-    there = full * where(left, left, zero)
+    left = NO_EFFORT - rate / falling
+    there = full * where(left, left, 0.0)
     driven = where(t - there, there, t)
     braking = where(-there - t, -there, t)
     fast = rate - speed
     t = where(fast, where(qd, driven, braking), t)
-    return t, where(fast, rate / speed, zero)
+    return t, where(fast, rate / speed, 0.0)

@@ -65,9 +65,8 @@ def with_nan_unless_converged(program: Program, plant: Plant) -> Program:
     results = inline(recorder, program, {})
     small = inline(recorder, record_small_correction(plant), {'qdd': results['qdd']})['small']
     with recorder.section('convergence'):
-        nan = recorder.constant(math.nan)
         results['qdd'] = [
-            where(results['converged'][0], where(small[0], value, nan), nan)
+            where(results['converged'][0], where(small[0], value, math.nan), math.nan)
             for value in results['qdd']
         ]
     return program_with_outputs(recorder, **results)

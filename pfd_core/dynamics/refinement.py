@@ -98,7 +98,7 @@ def record_error(plant: Plant, method: str, dtype: str, tolerance: float | None 
     results = solver(recorder, plant, method, tolerance)(r)
     with recorder.section('error estimate'):
         right = [a + d for a, d in zip(qdd, results['qdd'], strict=True)]
-        error = _estimate(recorder, right, results)
+        error = _estimate(right, results)
     return program_with_outputs(recorder, error=[error])
 
 
@@ -150,20 +150,17 @@ def _exact_residual(recorder: Recorder, plant: Plant, dtype: str) -> list[Lanes]
     return [x.value + x.error for x in missing]
 
 
-def _estimate(
-    recorder: Recorder, qdd: Sequence[Lanes], results: Mapping[str, Sequence[Lanes]]
-) -> Lanes:
+def _estimate(qdd: Sequence[Lanes], results: Mapping[str, Sequence[Lanes]]) -> Lanes:
     """Return max |delta| / max |qdd|; infinity for a correction that is not sound."""
-    infinity = recorder.constant(math.inf)
     sizes = [absolute(d) for d in results['qdd']]
     change, scale = _largest(sizes), _largest([absolute(a) for a in qdd])
     error: Lanes = where(change, change / scale, 0.0)
     # Comparisons lose NaN, a sum keeps it: one over the sum is zero or NaN for the rest.
     total = reduce(operator.add, sizes)
-    error = where(1.0 / (1.0 + total), error, infinity)
+    error = where(1.0 / (1.0 + total), error, math.inf)
     for name in ('pivots', 'converged'):
         for sound in results.get(name, ()):
-            error = where(sound, error, infinity)
+            error = where(sound, error, math.inf)
     return error
 
 

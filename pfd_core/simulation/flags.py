@@ -35,8 +35,13 @@ def negated(a: Lanes) -> Lanes:
 
 
 def any_of(flags: Sequence[Lanes]) -> Lanes:
-    """Return the number of flags that are set, in a sum of few levels."""
-    level = list(flags)
+    """Return the number of flags that are set."""
+    return total(flags)
+
+
+def total(values: Sequence[Lanes]) -> Lanes:
+    """Return the sum of some numbers, in few levels."""
+    level = list(values)
     while len(level) > 1:
         pairs = zip(level[::2], level[1::2], strict=False)
         level = [a + b for a, b in pairs] + level[len(level) // 2 * 2 :]

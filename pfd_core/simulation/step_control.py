@@ -35,7 +35,15 @@ from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model.values import Array
 from pfd_core.simulation.dry import Row, read, single
 from pfd_core.simulation.embedded_pairs import ROWS, EmbeddedPair
-from pfd_core.simulation.flags import both, either, largest, negated, sign_of, smallest
+from pfd_core.simulation.flags import (
+    both,
+    either,
+    largest,
+    negated,
+    sign_of,
+    smallest,
+    total,
+)
 from pfd_core.simulation.stages import added, plus, scaled
 
 STATUSES = ('', 'ok', 'not_finite', 'step_too_small')
@@ -230,10 +238,7 @@ def _status(recorder: Recorder, **flags: Lanes) -> Row:
 
 def _finite(values: Sequence[Lanes]) -> Lanes:
     """Return whether all of some numbers are finite."""
-    total = values[0] * SMALL
-    for x in values[1:]:
-        total = total + x * SMALL
-    return sign_of(LARGEST - absolute(total))
+    return sign_of(LARGEST - absolute(total([x * SMALL for x in values])))
 
 
 def _sum(factor: Lanes | float, weights: Array, K: Sequence[Row]) -> Row:
@@ -253,10 +258,10 @@ def _mean_square(values: Sequence[Lanes], scales: Sequence[Lanes] = ()) -> Lanes
     """Return the mean square of some numbers, as multiples of scales if there are any."""
     if scales:
         values = [x / scale for x, scale in zip(values, scales, strict=True)]
-    total = values[0] * values[0]
+    square = values[0] * values[0]
     for x in values[1:]:
-        total = total + x * x
-    mean: Lanes = total * (1 / len(values))
+        square = square + x * x
+    mean: Lanes = square * (1 / len(values))
     return mean
 
 

@@ -21,6 +21,9 @@ START = np.array([0.0, 0.2, 0.3]), np.array([0.5, -0.5, 1.0])
 # Errors of a position [rad] after a second of steps of 1 ms, and rounding.
 LARGEST = {'rk4': 2e-11, 'velocity_verlet': 5e-6, 'imex2': 5e-6}
 ROUNDING = 1e-13
+# Of derivatives against central differences: of joints that stay in motion or have an event; of
+# joints at rest the differences are across a kink.
+DERIVATIVES = {'moving': 1e-6, 'event': 1e-6, 'held': 5e-5, 'one_sided': 5e-5}
 
 
 def puma() -> pfd.Robot:
@@ -213,6 +216,43 @@ def test_an_arm_has_the_same_bits_alone_and_in_every_lane(integrator: str) -> No
         run = sim.rollout(taus[k])
         for name in ('q', 'qd', 'qdd'):
             assert getattr(run, name).tobytes() == getattr(runs, name)[k].tobytes(), name
+
+
+@pytest.mark.parametrize('integrator', TABLEAUX)
+@pytest.mark.parametrize('friction', [None, [3.0, 4.0, 1.5]], ids=['load only', 'dry, too'])
+def test_a_and_b_are_the_differences_of_a_step_with_load_friction(
+    integrator: str, friction: list[float] | None
+) -> None:
+    scene = pfd.Scene(
+        armature=ROTORS,
+        damping=[5.0] * 3,
+        friction=friction,
+        load_friction=[0.2, 0.15, 0.1],
+        gravity_compensation=True,
+    )
+    sim = simulator(puma(), scene, step_size=2e-3, integrator=integrator)
+    rng, seen = np.random.default_rng(3), set()
+    for k in range(40):
+        at = [rng.uniform(-1, 1, 3), rng.normal(size=3), rng.uniform(-1, 1, 3) * [60, 90, 30]]
+        # Joints that reverse in the step, and joints at rest.
+        at[1] *= 0.02 if k % 2 else 1.0
+        if k % 4 == 0:
+            at[1][k // 4 % 3] = 0.0
+        A, B = found = sim.linearize(*at)
+        columns = []
+        for j, change in enumerate(np.repeat([1e-6, 1e-6, 1e-5], 3)):
+            ends = []
+            for sign in (1, -1):
+                q, qd, tau = (np.concatenate(at) + sign * change * np.eye(9)[j]).reshape(3, 3)
+                sim.reset(q, qd)
+                sim.step(tau)
+                ends.append(np.concatenate([sim.q, sim.qd]))
+            columns.append((ends[0] - ends[1]) / (2 * change))
+        wrong = np.abs(np.hstack([A, B]) - np.transpose(columns)).max(axis=0).reshape(3, 3)
+        for status, own in zip(found.status, wrong.max(axis=0), strict=True):
+            assert own < DERIVATIVES[status], (k, status)
+        seen |= set(found.status.tolist())
+    assert {'moving', 'event'} < seen
 
 
 @pytest.mark.parametrize('value', [1.5, -0.1])

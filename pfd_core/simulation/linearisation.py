@@ -31,7 +31,7 @@ from pfd_core.kernels.spec import KernelSpec
 from pfd_core.kernels.tangents import compile_tangents
 from pfd_core.model import Robot, Scene, resolve, scene_inputs
 from pfd_core.model.values import Array, real_array
-from pfd_core.simulation.dry import has_contact
+from pfd_core.simulation.dry import Law, has_contact
 from pfd_core.simulation.dual import CONSTANT, PLAIN, dual_step
 
 # Values of Linearization.status.
@@ -226,8 +226,7 @@ class LinearStep:
             low, high = plant.joint_limits.T
             lower, upper = free & (q <= low), free & (q >= high)
         grips = lower | upper
-        if plant.static_friction is not None:
-            grips = grips | (plant.static_friction > 0)
+        grips[:, Law(plant, 'float64').rough] = True
         return free & (x['qd'] == 0) & grips, lower, upper
 
     def _add_limits(

@@ -193,7 +193,7 @@ METHODS: dict[str, dict[str, dict[str, Any]]] = {
     'Urdf': {'with_followers': {'locked': {}}},
 }
 # Of the simulations among themselves.
-INTERNAL = {'take_step', 'clear', 'copy_from'}
+INTERNAL = {'clear', 'copy_from'}
 
 
 def public_methods(owner: type) -> set[str]:

@@ -10,7 +10,7 @@ Simulations in native code: the programs of a step and its dynamics, over all st
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import ctypes
 from dataclasses import dataclass, replace
 from functools import cache
@@ -248,22 +248,35 @@ def step_dynamics(spec: KernelSpec, step: StepCode) -> dict[str, Recipe]:
     """
     Return the sources of the dynamics of a step by name, first of its accelerations.
 
-    Of a smooth step: `qdd`; `undamped` and `solve`, see `plants`; with brakes `momentum`, H qdd,
-    and `inertial`, H^-1 tau. Of a step with events: `accelerations` under torques of the joints,
-    without damping; `held`, see record_held; `motor`, torques of the motors; and `solve`,
-    (H + diag(rotor))^-1 tau, if it is implicit.
+    Of a smooth step: `qdd`; if it is implicit, `undamped` and `solve`, (H + c h D)^-1 tau. Of a
+    step with events: `accelerations` under torques of the joints, without damping; `held`, see
+    record_held; `motor`, torques of the motors; and `solve`, (H + diag(rotor))^-1 tau, if it is
+    implicit. With brakes or stops `momentum`, H qdd, and `inertial`, H^-1 tau of the free joints.
     """
     plant, dtype = spec.plant, spec.dtype
+    still = replace(plant.only(INERTIA), external_wrench=False)
+    impulses = {
+        'momentum': quantity(replace(still, brakes=False), 'inverse_dynamics', dtype),
+        'inertial': forward(spec, replace(still, brakes=True)),
+    }
     if not step.contact:
-        sources = {name: forward(spec, own) for name, own in plants(plant, step.implicit)}
-        return sources | (impulses(spec, plant) if plant.brakes else {})
+        sources = {'qdd': forward(spec)}
+        heavier = replace(plant, implicit=step.implicit).implicit_inertia
+        if heavier is not None:
+            varied = dict(plant.varied)
+            if 'implicit_inertia' in varied:
+                varied['inertia'] = varied['implicit_inertia']
+            solved = replace(still, effects={'armature': heavier}, varied=varied)
+            sources['undamped'] = forward(spec, plant.only(LINKS, INERTIA, JOINTS, MOTORS))
+            sources['solve'] = forward(spec, solved)
+        return sources | (impulses if plant.brakes else {})
     moved = replace(plant.only(LINKS, INERTIA, JOINTS), brakes=True)
     sources = {'accelerations': forward(spec, moved)}
     sources['held'] = _recorded('record_held', moved, dtype)
     if has_drives(plant):
         sources['motor'] = motors(plant, dtype)
     if step.stops or plant.brakes:
-        sources |= impulses(spec, plant)
+        sources |= impulses
     if step.implicit:
         sources['solve'] = _recorded('record_solve', moved, dtype)
     return sources
@@ -328,31 +341,3 @@ def step_inputs(main: Recipe, plant: Plant) -> dict[str, int]:
 def branching(main: Recipe) -> Optimisation:
     """Return the effort of the compiler for steps with many branches."""
     return replace(main.optimisation, pipeline=not main.optimisation.long)
-
-
-def impulses(spec: KernelSpec, plant: Plant) -> dict[str, Recipe]:
-    """Return the sources of `momentum`, H qdd, and `inertial`, H^-1 tau of the free joints."""
-    still = _at_rest(plant)
-    return {
-        'momentum': quantity(replace(still, brakes=False), 'inverse_dynamics', spec.dtype),
-        'inertial': forward(spec, replace(still, brakes=True)),
-    }
-
-
-def plants(plant: Plant, implicit: float) -> Iterator[tuple[str, Plant]]:
-    """Yield the plants of the functions that a step may call, by name; `implicit` as above."""
-    yield 'qdd', plant
-    if implicit and plant.viscosity is not None:
-        yield 'undamped', plant.only(LINKS, INERTIA, JOINTS, MOTORS)
-        yield 'solve', _at_rest(plant, replace(plant, implicit=implicit).implicit_inertia)
-
-
-def _at_rest(plant: Plant, inertia: Array | None = None) -> Plant:
-    """Return a plant on which no torque acts but inertia, of the joints given or its own."""
-    still = replace(plant.only(INERTIA), external_wrench=False)
-    if inertia is None:
-        return still
-    varied = dict(plant.varied)
-    if 'implicit_inertia' in varied:
-        varied['inertia'] = varied['implicit_inertia']
-    return replace(still, effects={'armature': inertia}, varied=varied)

@@ -199,10 +199,6 @@ class Ensemble(Simulation):
         time, (q, qd, qdd), status, finite = self._rollout(native, given, steps, every, threads)
         return Trajectory(time, q, qd, qdd, status, finite)
 
-    def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
-        """Advance the state by one step."""
-        self.rollout(tau[:, np.newaxis], wrench=wrench, brakes=brakes)
-
     def _torques(self, taus: ArrayLike | None, steps: int | None) -> tuple[Array, int]:
         """Return the torques, (B, steps, n) or the same of all steps, (B, n), and the steps."""
         steps = None if steps is None else integer('steps', steps, 0, STEPS_AT_MOST)

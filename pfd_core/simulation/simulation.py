@@ -352,10 +352,6 @@ class Simulation(ABC):
     def _linear_step(self) -> LinearStep:
         return LinearStep(self)
 
-    @abstractmethod
-    def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
-        """Advance the state by one step, under torques (n,) or (B, n)."""
-
     def _rollout(
         self,
         native: NativeSteps,

@@ -233,10 +233,6 @@ class Simulator(Simulation):
             finite_steps=int(finite_steps),
         )
 
-    def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
-        """Advance the state by one step."""
-        self.step(tau, wrench, brakes=brakes)
-
     def _all_inputs(
         self, wrench: ArrayLike | None, brakes: ArrayLike | None, payload: Payload | None
     ) -> dict[str, Array]:

@@ -172,7 +172,7 @@ FACTOR, BODIES = ('composite_body', 0), ('grouped_articulated_body', 0)
 
 
 def inverse(plant: Plant, how: tuple[str, int], given: dict[str, Array], **options: Any) -> Any:
-    return run_program(record_derivatives(plant, inverse=how), given, **options)['X']
+    return run_program(record_derivatives(plant, *how), given, **options)['X']
 
 
 def by_unit_torques(plant: Plant, given: dict[str, Array]) -> Any:

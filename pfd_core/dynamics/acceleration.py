@@ -54,10 +54,7 @@ OWN_METHOD = 'composite_body'
 
 
 def record_derivatives(
-    plant: Plant,
-    method: str = OWN_METHOD,
-    refine: int = 0,
-    dtype: str = 'float64',
+    plant: Plant, method: str = OWN_METHOD, refine: int = 0, dtype: str = 'float64'
 ) -> Program:
     """
     Return the program of the factors of d qdd / d(q, qd, tau) = [-X D, X T], from q, qd and tau.

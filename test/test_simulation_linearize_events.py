@@ -30,7 +30,7 @@ KINDS = ('slides', 'turns', 'reaches its stop', 'is held', 'rests at its stop', 
 # unit by which two of them differ; and from which there is an event between them.
 EXACT, UNEVEN, PASSED = 1e-6, 10.0, 1e-3
 # The same of the limit by the velocity of a joint that rests at its stop, where hops are rounded.
-NEXT_TO_STOP = 3e-5
+NEXT_TO_STOP = 1e-3
 # Changes of positions and velocities, and of torques relative to gravity's. The time of an event
 # is rounded in a simulation, which imex2 shows most; and a hop off a stop that is shorter than a
 # part of the step is none: there velocities change by HOP.
@@ -78,10 +78,11 @@ class Case:
         more: list[dict[str, Any]] = [
             {},
             {'stribeck_velocity': rng.uniform(0.05, 0.3, n)},
+            {'load_friction': rng.uniform(0.05, 0.3, n)},
             {'motor_lag': np.append(rng.choice([0.0, 0.02], n - 1), 0.003)},
             {'gravity_compensation': True, 'effort_limits': 5 * self.torque},
         ]
-        effects |= more[rng.integers(len(more))]
+        effects |= more[(seed + list(robots()).index(name)) % len(more)]
         self.limits = effects['joint_limits']
         settings: dict[str, Any] = {'integrator': integrator, 'substeps': int(rng.integers(1, 3))}
         self.sim = pfd.Simulator(robot, pfd.Scene(**effects), step_size=H, **settings)

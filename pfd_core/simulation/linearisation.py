@@ -37,11 +37,11 @@ from pfd_core.simulation.dual import CONSTANT, PLAIN, dual_step
 # Values of Linearization.status.
 MOVING, HELD, ONE_SIDED, EVENT = 'moving', 'held', 'one_sided', 'event'
 WIDEST = f'U{len(ONE_SIDED)}'
-# Velocity [rad/s or m/s] of a limit: the joint comes to rest at once, which rounds nothing.
-# Positions and impulses are, so an arm with a joint at its stop has limits that are extrapolated
-# from SLOW and twice SLOW: there a joint leaves its stop by many roundings, and does not bounce
-# (pfd_core.simulation.box).
-INSTANT, SLOW = 2.0**-200, 2.0**-21
+# Velocity [rad/s or m/s] of a limit: the joint comes to rest at once, which rounds nothing. But
+# positions and impulses are rounded, so an arm with a joint at its stop takes SLOW: there the
+# joint leaves its stop by many roundings, and does not bounce (pfd_core.simulation.box). Such a
+# limit has three digits.
+INSTANT, SLOW = 2.0**-200, 2.0**-20
 # Distance from a stop [rad or m] at which the step is compared with that from the stop.
 NEAR = 2.0**-30
 # Difference of the limits of a column, relative to 1 + its largest entry, from which it counts.
@@ -251,10 +251,6 @@ class LinearStep:
         each = np.arange(len(arm))
         by_velocity = column >= n
         slope = np.where(by_velocity[:, np.newaxis], S[each, :, column], A[arm, :, column])
-        again = np.flatnonzero(np.abs(change) == SLOW)
-        if len(again):
-            twice = self._changed(x, arm[again], column[again], 2 * change[again])
-            slope[again] = 2 * slope[again] - twice[each[: len(again)], :, column[again]]
         # The time that such a joint moves.
         slope[np.abs(slope) < np.sqrt(INSTANT)] = 0
 

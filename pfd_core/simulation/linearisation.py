@@ -10,12 +10,15 @@ approximates: the step itself runs on dual numbers (pfd_core.simulation.dual). A
 takes its step in float64 here, from a state and with stops rounded to float32.
 
 One-sided derivatives. A joint that begins at rest, held by friction or a stop, comes to rest again
-if it is given a small velocity d: at once if d is small, by a torque that depends on the sign of
-d. Column d of A has one limit for d > 0 and another one for d < 0. Each is the column at a
-velocity of +-NEAR h, where the joint comes to rest within the step; its mean with the other is in
-A, and 'one_sided' says that they differ by more than KINK. If a velocity breaks the joint loose,
-the state after the step jumps; A has the other limit then. The column by the position of a joint
-at its stop is the limit from beyond the stop, where the joint is at its stop as well.
+if it is given a small velocity d, after a time that is proportional to d. The torque that stops it
+depends on the sign of d, so the column of A by this velocity has two limits: the columns of two
+steps that begin with velocities of almost zero. A has their mean, and 'one_sided' says that they
+differ by more than KINK. Where a velocity breaks the joint loose, the state after the step jumps;
+A has the other limit then. The column by the position of a joint at its stop is the limit from
+beyond the stop, where the joint is at its stop as well.
+
+A step of a simulation takes a hop off a stop for none if it is shorter than its search resolves,
+and its impulse is lost. Limits here have the impulse, as all longer hops have it.
 """
 
 from __future__ import annotations
@@ -100,7 +103,7 @@ class Linearization(tuple[Array, Array]):
         One of each joint, (n,) or (B, n)::
 
           'moving'       A and B are derivatives by its position, velocity and torque
-          'held'         they are, too; friction, a stop or a brake holds the joint for the step
+          'held'         they are to 1e-4; friction, a stop or a brake holds the joint in the step
           'event'        they are, too; the joint comes to rest, breaks loose, reverses or hits its
                          stop in the step, so they hold for smaller changes
           'one_sided'    the joint begins at rest or at its stop, and its columns differ from the

@@ -86,6 +86,20 @@ def test_a_motor_holds_a_weight_between_that_over_1_plus_mu_and_over_1_minus_mu(
     np.testing.assert_allclose(run.q[-1], [force * 0.1**2 / 2], rtol=1e-9, atol=0.0)
 
 
+def test_friction_takes_its_share_of_the_torque_that_compensates_gravity_too() -> None:
+    scene, push, speed, t = pfd.Scene(load_friction=[MU], gravity_compensation=True), 3.0, 1.0, 0.1
+    rail = slider(0.0, 1.0)
+    sim = simulator(rail, scene)
+    sim.reset(qd=[speed])
+    runs = (
+        sim.rollout(np.full((100, 1), push)),
+        pfd.integrate(rail, [push], t, scene=scene, qd=[speed]),
+    )
+    for run in runs:
+        force = push - MU * (push + 9.81)
+        np.testing.assert_allclose(run.q[-1], [speed * t + force * t**2 / 2], rtol=ROUNDING)
+
+
 def test_a_wheel_starts_with_the_first_torque_of_a_motor_with_lag() -> None:
     lag = 0.02
     scene = pfd.Scene(gravity=None, load_friction=[MU], motor_lag=[lag])

@@ -185,9 +185,15 @@ def resolve(
 
 
 def _without_compensated_gravity(plant: Plant) -> Plant:
-    """Return a plant without gravity if its drives take exactly that away, without limits."""
+    """
+    Return a plant without gravity if its drives take exactly that away.
+
+    Not where limits or friction depend on the torques of the motors.
+    """
     model = plant.gravity_compensation
-    if model is None or any(EFFECT_OF[name].acts == MOTORS for name in plant.effects):
+    if model is None or plant.load_friction is not None:
+        return plant
+    if any(EFFECT_OF[name].acts == MOTORS for name in plant.effects):
         return plant
     if model.robot != plant.robot or (model.gravity != plant.gravity).any():
         return plant

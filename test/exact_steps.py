@@ -18,7 +18,7 @@ import pfd_core as pfd
 DIGITS = 50
 # Step of the central differences in 50 digits: their error is its square.
 TINY = mpf(10) ** -18
-Step = tuple[Any, Any]
+Step = tuple[Any, ...]
 Accelerations = Callable[[Any, Any], Any]
 
 
@@ -34,11 +34,17 @@ def rk4(f: Accelerations, h: float, q: Any, qd: Any) -> Step:
     return q + (h / 6) * (qd + 2 * v2 + 2 * v3 + v4), qd + (h / 6) * (a + 2 * a2 + 2 * a3 + a4)
 
 
-def velocity_verlet(f: Accelerations, h: float, q: Any, qd: Any) -> Step:
-    """Return q and qd after one step of velocity Verlet, with a predicted velocity."""
-    a = f(q, qd)
+def velocity_verlet(f: Accelerations, h: float, q: Any, qd: Any, a: Any = None) -> Step:
+    """
+    Return q, qd and the acceleration after one step of velocity Verlet.
+
+    The acceleration, at a predicted velocity, is the first one of the next substep.
+    """
+    if a is None:
+        a = f(q, qd)
     end = q + h * (qd + (h / 2) * a)
-    return end, qd + (h / 2) * (a + f(end, qd + h * a))
+    last = f(end, qd + h * a)
+    return end, qd + (h / 2) * (a + last), last
 
 
 def imex2(f: Accelerations, h: float, q: Any, qd: Any, solve: Accelerations, damping: Any) -> Step:
@@ -94,9 +100,10 @@ def ends(
     if implicit:
         assert plant.damping is not None
         step = partial(step, solve=solve, damping=plant.damping)
+    parts: Step = q, qd
     for _ in range(substeps):
-        q, qd = step(accelerations, h, q, qd)
-    return np.concatenate([q, qd], axis=1)
+        parts = step(accelerations, h, *parts)
+    return np.concatenate(parts[:2], axis=1)
 
 
 def exact(

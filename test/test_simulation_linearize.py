@@ -53,10 +53,9 @@ CASES: dict[str, tuple[pfd.Robot, pfd.Scene]] = {
 }
 
 
-@pytest.mark.parametrize('substeps', [1, 2])
+@pytest.mark.parametrize('substeps', [pytest.param(1, marks=pytest.mark.slow), 2])
 @pytest.mark.parametrize('integrator', INTEGRATORS)
-@pytest.mark.parametrize('case', CASES)
-@pytest.mark.slow
+@pytest.mark.parametrize('case', ['planar2', pytest.param('sliding', marks=pytest.mark.slow)])
 def test_a_and_b_are_the_derivatives_of_the_step_in_fifty_digits(
     case: str, integrator: str, substeps: int
 ) -> None:

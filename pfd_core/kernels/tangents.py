@@ -222,7 +222,7 @@ class TangentSource(Recipe):
             for name, source in self._sources.items()
         }
         frame = DualFrame()
-        for name, size in (dict.fromkeys(steps.rows, n) | inputs).items():
+        for name, size in (dict.fromkeys((*steps.rows, 'qdd'), n) | inputs).items():
             frame.place(name, size)
         # Torques of springs and cogging change from turn to turn, and so do stops.
         turns = 'q' in record_joint_torques(plant.only(JOINTS)).inputs

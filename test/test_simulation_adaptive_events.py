@@ -187,6 +187,19 @@ def test_a_block_breaks_away_when_the_torque_of_a_law_exceeds_its_friction() -> 
     assert run.q[-1, 0] == pytest.approx(1.5**3 / 6, abs=1e-11)
 
 
+@pytest.mark.parametrize('after', [0.5 + 1e-7, 1.0, 100.0])
+@pytest.mark.parametrize('jump', [1e-3, 1 / 3, 1.9])
+def test_a_block_breaks_away_when_the_torque_of_a_law_jumps_above_its_friction(
+    jump: float, after: float
+) -> None:
+    law: Callable[..., Array] = lambda t, q, qd: np.array([after if t >= jump else 0.1])  # noqa: E731
+    run = pfd.integrate(
+        slider(1, 0), law, 2.0, scene=pfd.Scene(gravity=None, friction=[0.5]), rtol=1e-13
+    )
+    np.testing.assert_allclose(run.events, [jump], rtol=0, atol=EXACT)
+    assert run.qd[-1, 0] == pytest.approx((after - 0.5) * (2.0 - jump), rel=1e-12)
+
+
 def test_the_centrifugal_torque_takes_a_joint_off_its_stop_when_it_exceeds_the_motor_s() -> None:
     # While the elbow is on its stop the arm is one body: w = a t, and the elbow needs the torque
     # of a and w^2.

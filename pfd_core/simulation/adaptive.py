@@ -175,7 +175,9 @@ def integrate(
         Whether the run has states between the steps; costs three evaluations a step, in a scene
         without dry friction and stops.
     max_step : float
-        Largest step [s], for torques with pulses that a longer step would not see.
+        Largest step [s], for torques with pulses that a longer step would not see. The steps of a
+        joint at rest grow with any torque that it holds: a law that swings needs one below its
+        period.
     max_steps : int
         Steps to try at most, accepted or rejected.
 

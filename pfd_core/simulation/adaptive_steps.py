@@ -82,7 +82,7 @@ def adaptive_frame(n: int, inputs: Mapping[str, int]) -> Frame:
 def adaptive_code(plant: Plant, integrator: str) -> StepCode:
     """Return adaptive steps of a plant by a pair of PAIRS, for pfd_core.kernels.simulations."""
     pair = PAIRS[integrator]
-    law = Law(plant, 'float64', SHORT)
+    law = Law(plant, 'float64', SHORT, jumps=True)
     segment = Segment(plant, pair.tableau, 0.0, False, law.load)
     programs = control_programs(pair, law.n)
     if has_contact(plant):

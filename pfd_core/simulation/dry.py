@@ -80,12 +80,15 @@ class Law:
         Number format.
     short : float
         The part of a segment that a Taylor step to an event may be: shorter hops are not resolved.
+    jumps : bool
+        Whether torques may jump within a segment.
 
     """
 
     plant: Plant
     dtype: str
     short: float = SHORT
+    jumps: bool = False
 
     @property
     def n(self) -> int:

@@ -15,6 +15,10 @@ segment of length r; L < R is the bracket, with all margins at or above zero at 
 
 After COUNT looks the bracket is halved instead, and the search ends where it is used up.
 
+Where torques may jump, a release may have no root, and a chord tells nothing of a wide bracket.
+The search then ends in one of the width `short`, or, if the margin is not small there, in one used
+up.
+
 A margin below zero whose slope rises has its root further back: it fires only with a falling
 slope, and the search does not end while there is one.
 
@@ -30,7 +34,7 @@ from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.simulation.dry import Law, Row, read, rests, single
-from pfd_core.simulation.flags import any_of, both, either, negated, sign_of, smallest
+from pfd_core.simulation.flags import any_of, both, either, largest, negated, sign_of, smallest
 
 # No event within any segment.
 FAR = 1e30
@@ -38,6 +42,8 @@ FAR = 1e30
 COUNT, NEWTON = 8.0, 6
 # Roundings of a margin, and of the length of a segment, that are nothing.
 ROUNDINGS, LENGTHS = 8.0, 4.0
+# Part of its first size above which the margin of a release jumps in a bracket of width `short`.
+LEAP = 2.0**-8
 # Most looks: 52 halvings use a bracket up.
 LOOKS = 70
 
@@ -71,7 +77,7 @@ def record_narrow(law: Law) -> Program:
 
     # Newton's steps as quotients; a release takes the chord of the bracket.
     steps = [
-        (where(chord, b * w, x), where(chord, a - b, -slope))
+        (where(chord, where(hit, b, a) * w, x), where(chord, a - b, -slope))
         for chord, a, b, x, slope in zip(chords, gL, gR, g, d, strict=True)
     ]
     falls = [both(sign_of(-b), sign_of(low)) for b, (_, low) in zip(gR, steps, strict=True)]
@@ -80,6 +86,13 @@ def record_narrow(law: Law) -> Program:
         [both(sign_of(-(x + e)), negated(on)) for x, e, on in zip(g, rough, falls, strict=True)]
     )
     short = both(negated(absolute(way) - h * law.short), negated(turned))
+    if law.jumps:
+        wide = sign_of(w - h * law.short)
+        leaps = [
+            both(both(chord, on), either(wide, sign_of(largest([a, -b]) - z * LEAP)))
+            for chord, on, a, b, z in zip(chords, falls, gL, gR, scale, strict=True)
+        ]
+        short = both(short, negated(any_of(leaps)))
     worn = negated(w - h * (LENGTHS * law.eps))
     done = both(seek, either(short, both(worn, hit)))
     fires = [

@@ -167,6 +167,20 @@ def test_a_ball_comes_to_rest_after_all_of_its_bounces_and_stays() -> None:
     assert run.events[-1] == pytest.approx(wanted, abs=1e-5)
 
 
+@pytest.mark.parametrize('duration', [1e2, 1e4, 1e7])
+def test_a_ball_bounces_in_a_long_run_as_in_a_short_one(duration: float) -> None:
+    restitution, speed = 0.9, 1.0
+    wanted = [1.0]
+    while (restitution * speed) ** 2 / 2 > 1e-12:  # the height of the next bounce [m]
+        speed *= restitution
+        wanted.append(wanted[-1] + 2 * speed)
+    scene = pfd.Scene(gravity=None, joint_limits=[[0.0, np.inf]], restitution=[restitution])
+    run = pfd.integrate(slider(1, 0), [-1.0], duration, scene=scene, q=[0.5])
+    assert run.status == 'ok'
+    np.testing.assert_allclose(run.events, wanted, rtol=0, atol=1e-12)
+    assert run.q[-1] == run.qd[-1] == 0
+
+
 @pytest.mark.parametrize('rtol', one_fast([1e-3, 1e-9, 1e-13], 1e-9))
 def test_a_sliding_block_stops_by_coulomb_friction_and_stays(rtol: float) -> None:
     mass, friction, speed = 2.0, 3.0, 1.5

@@ -209,13 +209,15 @@ def _keep(n: int) -> Program:
 
 def _clock() -> Program:
     """
-    Return the program of the time after a step, and of the status.
+    Return the program of the time after a step, of the size of the next one, and of the status.
 
-    Output `moved` flags a step that takes time. The others have put joints to rest.
+    A step that an event cuts does not let the next one grow: a step in a parabola has no error,
+    and the search resolves a part of a step. Output `moved` flags a step that takes time. The
+    others have put joints to rest.
     """
     recorder = Recorder(1, 'sequential')
-    time, end, r, whole, duration, rejected = single(
-        recorder, 'time', 'time.end', 'r', 'whole', 'duration', 'rejected'
+    time, end, r, whole, duration, rejected, size, event = single(
+        recorder, 'time', 'time.end', 'r', 'whole', 'duration', 'rejected', 'size', 'event'
     )
     new = where(whole - r, smallest([time + r, end]), end)
     moved = sign_of(new - time)
@@ -223,6 +225,7 @@ def _clock() -> Program:
         recorder,
         time=[new],
         moved=[moved],
+        size=[where(event, smallest([size, whole]), size)],
         rejected=[rejected + negated(moved)],
         status=_status(recorder, ok=negated(duration - new)),
     )

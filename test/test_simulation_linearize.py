@@ -370,6 +370,21 @@ def test_the_velocity_of_a_held_wrist_moves_a_whole_arm_by_its_momentum(integrat
     np.testing.assert_allclose(columns, wanted, rtol=0, atol=tolerance * np.abs(wanted).max())
 
 
+@pytest.mark.slow
+def test_a_velocity_that_frees_another_joint_for_a_moment_is_linearised() -> None:
+    robot = pfd.load_robot('puma560')
+    scene = pfd.Scene(friction='model', armature='model')
+    sim = pfd.Simulator(robot, scene, integrator='rk4')
+    q, rest = np.array([0.8, -0.2, 0.6, 0.8, -0.5, -0.9]), np.zeros(6)
+    # The first two are held by little less than their friction.
+    loads = [-24.92, 8.7, -9.25, 0.2, -0.8, 0.44]
+    tau = pfd.compile_kernel(robot, quantity='gravity_torques')(q) + loads
+    found = sim.linearize(q, rest, tau)
+    assert found.status.tolist() == ['held', 'held', 'one_sided', 'held', 'held', 'held']
+    wanted = differences(sim, [q, rest, tau])[:, 8]
+    np.testing.assert_allclose(found.A[:, 8], wanted, rtol=0, atol=DIFFERENCES)
+
+
 def test_a_linearisation_is_a_pair_that_can_be_copied_and_pickled() -> None:
     many = pfd.Ensemble(pfd.load_robot('planar2'), 3, ROUGHLY)
     q, qd = np.full((3, 2), 0.2), np.array([(0.5, 0.5), (0.5, 0.0), (0.6, -0.4)])
@@ -398,6 +413,16 @@ def test_open_brakes_change_no_derivative_and_a_braked_joint_is_held() -> None:
     assert opened.status.tolist() == ['moving', 'moving']
     at[1][1] = 0.0  # a brake that closes in motion is an impact
     assert sim.linearize(*at, brakes=[False, True]).status.tolist() == ['moving', 'held']
+
+
+def test_a_brake_hands_the_momentum_of_its_joint_to_one_that_friction_holds() -> None:
+    scene = pfd.Scene(brakes=True, friction=[20.0, 5.0])
+    sim = pfd.Simulator(pfd.load_robot('planar2'), scene, integrator='rk4')
+    q, rest, brakes = np.array([0.3, 0.4]), np.zeros(2), [False, True]
+    found = sim.linearize(q, rest, rest, brakes=brakes)
+    assert found.status.tolist() == ['held', 'held']
+    wanted = differences(sim, [q, rest, rest], brakes=brakes)
+    np.testing.assert_allclose(np.hstack(found), wanted, rtol=0, atol=DIFFERENCES)
 
 
 # A state without events.

@@ -40,11 +40,14 @@ from pfd_core.simulation.dual import CONSTANT, PLAIN, dual_step
 # Values of Linearization.status.
 MOVING, HELD, ONE_SIDED, EVENT = 'moving', 'held', 'one_sided', 'event'
 WIDEST = f'U{len(ONE_SIDED)}'
-# Velocity [rad/s or m/s] of a limit: the joint comes to rest at once, which rounds nothing. But
-# positions and impulses are rounded, so an arm with a joint at its stop takes SLOW: there the
+# Velocity [rad/s or m/s] of a limit: the joint comes to rest so soon that the step is straight,
+# but not within a rounding of the step's length, where the search for events makes several one.
+# Positions and impulses are rounded, so an arm with a joint at its stop takes SLOW: there the
 # joint leaves its stop by many roundings, and does not bounce (pfd_core.simulation.box). Such a
 # limit has three digits.
-INSTANT, SLOW = 2.0**-200, 2.0**-20
+INSTANT, SLOW = 2.0**-40, 2.0**-20
+# Entries of a limit that are the time in which the joint comes to rest.
+SOON = 1e-10
 # Distance from a stop [rad or m] at which the step is compared with that from the stop.
 NEAR = 2.0**-30
 # Difference of the limits of a column, relative to 1 + its largest entry, from which it counts.
@@ -230,7 +233,10 @@ class LinearStep:
             lower, upper = free & (q <= low), free & (q >= high)
         grips = lower | upper
         grips[:, Law(plant, 'float64').rough] = True
-        return free & (x['qd'] == 0) & grips, lower, upper
+        still = x['qd'] == 0
+        rests = free & still & grips
+        # A brake hands the momentum of its joint to the others.
+        return rests | (still & ~free & rests.any(axis=-1, keepdims=True)), lower, upper
 
     def _add_limits(
         self, x: Mapping[str, Array], end: Array, A: Array, status: NDArray[np.str_]
@@ -254,8 +260,7 @@ class LinearStep:
         each = np.arange(len(arm))
         by_velocity = column >= n
         slope = np.where(by_velocity[:, np.newaxis], S[each, :, column], A[arm, :, column])
-        # The time that such a joint moves.
-        slope[np.abs(slope) < np.sqrt(INSTANT)] = 0
+        slope[np.abs(slope) < SOON] = 0
 
         size = 1 + np.abs(slope).max(axis=-1)
         apart = np.abs(S[..., -2] - end[arm] - change[:, np.newaxis] * slope).max(axis=-1)

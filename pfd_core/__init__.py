@@ -26,7 +26,7 @@ To change or add
                             misprints
     a method                a module of dynamics or paper, a row of dynamics.methods
     a quantity              a module of dynamics and a row of dynamics.quantities
-    an integrator           a row of simulation.tableaux.TABLEAUX, for every scene and for
+    an explicit integrator  a row of simulation.tableaux.TABLEAUX, for every scene and for
                             linearised steps
     sine and cosine         kernels.sines
     threads of batches      kernels.threads: thread_count, block_size

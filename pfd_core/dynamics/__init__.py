@@ -15,7 +15,7 @@ Serial dynamics: the algorithms that kernels are made of, each recorded once as 
     chain          the chain at the input q: joints and links, grouped or as given
 
     joint_torques  torques of the joints themselves, from pfd_core.model.effects
-    drives         motor torques: gravity compensation, limits, friction of sliding joints
+    drives         motor torques: gravity compensation, effort limits, torque-speed tables
     actuators      servos and limits of motors, which decide once a control cycle
 
     newton_euler   torques of links: inverse dynamics, bias, y = tau - bias

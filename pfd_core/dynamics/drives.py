@@ -6,8 +6,6 @@ The drives: torques of the motors under commanded torques tau.
     t = tau + g(q)                      gravity compensation, of the model in the scene
     t in [-L_0, L(|qd|)] along qd       torque-speed table L, falling from L_0 at rest
     t in [-E, E]                        effort limits E
-    t - sign(qd) F(qd)                  dry friction of joints in motion, behind the motor:
-                                        F(v) = Fc + (Fs - Fc) / (1 + (v / vs)^2)
 
 Both limits are one table: L is cut off at E. A driving torque is limited by L at the speed, a
 braking torque by L_0 only, because back-EMF then adds to the voltage. At rest both limits are
@@ -18,9 +16,9 @@ lanes (one row for all joints) and on one processor (a list with one number per 
 dynamics subtracts g and ignores the limits: `commanded_torques`.
 
 Parallel cost: 1 addition for compensation, and the gravity torques; 2 additions for effort
-limits; 3 additions for a table and 1 multiplication and 2 additions for each row after the first;
-1 addition for friction, and 2 multiplications, 2 additions and 1 division where it depends on the
-velocity. Selections are not counted.
+limits; 3 additions for a table and 1 multiplication and 2 additions for each row after the first.
+Selections are not counted. Dry friction acts behind the motors, over a step:
+pfd_core.simulation.dry.
 """
 
 from __future__ import annotations
@@ -58,7 +56,7 @@ def motor_torques(
     plant: Plant, tau: Sequence[Lanes], qd: Sequence[Lanes], gravity: Gravity | None = None
 ) -> list[Lanes]:
     """
-    Return the torques of the motors, less the friction that does not depend on them.
+    Return the torques of the motors.
 
     Commanded torques [N m or N] and velocities [rad/s or m/s] are one row over lanes, or n
     numbers. `gravity` gives the gravity torques of a model on lanes; by default on one processor.

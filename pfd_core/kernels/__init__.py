@@ -15,7 +15,7 @@ Modules in the order of data flow; each imports only from those above it.
     matmul         the same, of a result that is the product of a program's outputs
     cache          results on disk, under a digest of everything that determines them
     native         IR -> native code in this process, for its processor or PFD_TARGET_CPU
-    threads        a batch or an ensemble in equal parts on several threads
+    threads        a batch or an ensemble in blocks, which several threads take in turn
     objects        objects of Python and NumPy as native code sees them; functions made of it
     entry          a kernel's call as a native function of Python
     auto           the method that 'auto' selects

@@ -39,7 +39,7 @@ From an equation to its function:
     (13)                 patterns.product
     (14)                 chain.chain_on_lanes
     (15) to (20)         composite._composite_bodies
-    (21), (22)           composite._forces
+    (21), (22)           composite._forces: F_j and N_j of one joint serve all f_ij
     (23)                 composite.composite_forces
     (24) to (26)         composite.inertia_matrix
     (27)                 newton_euler.torques

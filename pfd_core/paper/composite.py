@@ -13,9 +13,10 @@ PCRBM: forward dynamics by parallel composite rigid bodies, which give the inert
           E_j = E_(j+1) + b_j, by FOHRA                                     eq. (20)
     6     F_j = z_(j-1) x M_j c_j,  N_j = E_j z_(j-1)      rotational       eq. (21)
           F_j = M_j z_(j-1),        N_j = 0                translational    eqs (A.4), (A.5)
-    7     n_jj = N_j + c_j x F_j,   n_ij = n_(i+1)j + p*_i x F_j            eqs (22) to (25)
+    7     f_ij = F_j                                                        eq. (22)
+          n_jj = N_j + c_j x F_j,   n_ij = n_(i+1)j + p*_i x F_j            eqs (23) to (25)
     8     h_ij = z_(i-1) . n_ij  (joint i rotational),                      eq. (26)
-                 z_(i-1) . F_j   (joint i translational)
+                 z_(i-1) . f_ij  (joint i translational)
     9     y = tau - b, b by NE1                                             eq. (27)
     10    H qdd = y by Cholesky and column sweeps                           eq. (28)
 

@@ -54,7 +54,7 @@ Accuracy: the error grows with the condition of the block system, which depends 
 the links and not on H, and is far above the condition of H. A link with inertia about one axis
 only makes the system singular. On 80 random chains of up to 12 joints in float64, whose H has
 conditions of 25 in the median and 920 at most after Jacobi scaling, the system has 3900 and 2e5;
-qdd has relative errors of 4e-12 in the median, 5e-10 in nine of ten and 2e-8 at most. PCRBM has
+qdd has relative errors of 4e-12 in the median, 6e-10 in nine of ten and 2e-8 at most. PCRBM has
 2e-15 and 4e-14 there.
 
 The method needs links with a mass and an inertia, and joints without rotors and brakes; other

@@ -56,10 +56,15 @@ OF_PROCEDURE = {
 
 @dataclass(frozen=True)
 class Edition:
-    """A form of the paper's procedures."""
+    """
+    A form of the paper's procedures.
 
-    printed: bool = False  # whether the equations are the paper's own, corrected; else our form
-    misprints: Collection[str] = ()  # that are taken as printed
+    `printed` selects the paper's equations, which are correct without `misprints`; else our form.
+    `misprints` are those that the paper's form takes as printed.
+    """
+
+    printed: bool = False
+    misprints: Collection[str] = ()
 
     def has(self, misprint: str) -> bool:
         """Return whether a misprint is taken as printed."""

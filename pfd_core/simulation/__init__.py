@@ -25,8 +25,8 @@ Time: the motion of an arm, or of many arms at once, in native code.
     adaptive_steps  adaptive steps in native code, on the segments and events of `native`
     adaptive        integrate: one arm offline, to a tolerance; AdaptiveTrajectory
 
-A new integrator is a row of tableaux.TABLEAUX (INTEGRATORS are its names), for every scene and for
-linearised steps. A new adaptive one is its coefficients and a row of embedded_pairs.PAIRS, a new
-law of feedback a class in `feedback` and its program there. A new law of dry friction is a line of
-dry.Law.size and dry.Law.bound.
+A new explicit integrator is a row of tableaux.TABLEAUX, for every scene and for linearised steps;
+INTEGRATORS are the names of the rows, and 'auto'. A new adaptive one is its coefficients and a row
+of embedded_pairs.PAIRS, a new law of feedback a class in `feedback` and its program there. A new
+law of dry friction is a line of dry.Law.size and dry.Law.bound.
 """

@@ -1,13 +1,15 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Dry friction, joint stops and rest: the only module that knows these laws.
+Dry friction, joint stops and rest: the torques of a segment of a step, and the events that end it.
 
     friction    sign(qd) F(qd, tau), F(v, tau) = Fc + mu |tau| + (Fs - Fc) / (1 + (v / vs)^2), tau
                 the torque of the motor
     rest        a joint whose velocity is 0.0 is held while |lambda| <= F(0, tau)
     stop        pushes a joint that is at it; a joint that begins beyond its stop may come back and
                 must not go further
+
+Which joints begin to move, and impacts, are in pfd_core.simulation.box.
 
 A segment of a step has fixed modes: each joint moves, with a direction of its friction, or rests.
 Margins are numbers that stay at or above zero in these modes. The segment ends at the first event:
@@ -50,7 +52,7 @@ Stop = tuple[float, float]  # the sign of the position in the margin, and the po
 # A joint is released where lambda exceeds its bound by so many roundings of the largest torque:
 # the modes that follow then release it, too.
 SLACK = {'float64': 2.0**12, 'float32': 2.0**5}
-# Of steps of a fixed size, the attribute of Law.
+# Default of Law.short, for steps of a fixed size.
 SHORT = 2.0**-16
 
 
@@ -146,7 +148,7 @@ class Law:
         """Return the friction of a joint that slides at a velocity, under a motor's torque."""
         numbers, plant = Numbers(v.recorder, self.plant), self.plant
         size = self._with_load(i, 'friction', tau)
-        # A drop that varies, NaN, is not zero.
+        # A drop that varies among arms is NaN here, so it counts as not zero.
         if plant.stribeck_rate is not None and plant.friction_drop[i] != 0:  # type: ignore[index]
             u = v * numbers.known('stribeck_rate', i)
             size = size + numbers.known('friction_drop', i) / (1.0 + u * u)
@@ -157,7 +159,7 @@ class Law:
         return self._with_load(i, 'static_friction', tau)
 
     def resting_torques(self, recorder: Recorder, name: str) -> Row:
-        """Return the torques of the motors of resting joints, which `load` leaves as they are."""
+        """Return an array as the motor torques of joints at rest: `load` takes nothing there."""
         # Only friction that depends on them needs the array.
         return (
             read(recorder, self.n, name)[0] if self.loaded else [recorder.constant(0.0)] * self.n

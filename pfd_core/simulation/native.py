@@ -93,6 +93,7 @@ def step_code(
         settings,
         contact=True,
         stops='hits' in programs,
+        # Only whether it is zero counts: each segment has a length of its own.
         implicit=float(not segment.damped),
     )
 

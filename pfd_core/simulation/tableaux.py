@@ -11,14 +11,16 @@ A Runge-Kutta method has Ab = A A and bb = b A (Nystrom form); other methods sta
 
 imex2 is ARS(2, 2, 2): U. M. Ascher, S. J. Ruuth, R. J. Spiteri, Implicit-explicit Runge-Kutta
 methods for time-dependent partial differential equations, Applied Numerical Mathematics 25 (1997),
-2.6. Without damping it is the explicit method of its row. With a damping D each stage solves
+2.6. Without damping it is the explicit method of its row. With a damping D it is partly implicit:
+each stage solves
 
     (H + c r D) V = H w,   V = w - c r (H + c r D)^-1 D w,   c the diagonal coefficient
 
 (pfd_core.simulation.stages). The positions take the weights of the velocities. It is L-stable in
 D.
 
-To add an integrator, write its row; every scene, friction and stops included, then takes it.
+A new explicit integrator is a row, and every scene takes it, friction and stops included. The
+implicit stages are those of imex2 alone.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ Row = tuple[float, ...]
 @dataclass(frozen=True)
 class Tableau:
     """
-    The coefficients of an explicit integrator.
+    The coefficients of an integrator: explicit, but for the damping where `implicit` is not zero.
 
     Attributes
     ----------
@@ -63,7 +65,7 @@ class Tableau:
     shared: bool = False
 
     def __post_init__(self) -> None:
-        """Complete the weights of a Runge-Kutta method."""
+        """Write bb = b A and Ab = A A where no other weights of the positions are given."""
         A = np.array(self.A)
         if not self.b_bar:
             object.__setattr__(self, 'b_bar', tuple((np.array(self.b) @ A).tolist()))

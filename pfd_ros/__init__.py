@@ -9,7 +9,7 @@ Subpackages in the order of data flow; each imports only from those above it:
     arm          the simulated arm without ROS, clock or thread: settings, events, engine
     recording    the MCAP file of a run, written and read
     replay       a recording inspected and simulated again, bit for bit
-    advice       the effects of a scene that a motion needs, and what each costs
+    advice       the effects of a scene that a motion needs, and the error without each
     motion       measures of the motion of a joint, from samples
     page         a log as one HTML page: what went wrong first, and its curves
     node         the arm on its topics, in real time; parameters, threads, log lines

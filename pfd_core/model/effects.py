@@ -8,9 +8,9 @@ Methods, quantities, derivatives, energy, the choice of an integrator, YAML, the
 node, reports and the table in docs/guides/model-quantities.md are derived from the records. A new
 effect of a joint is a record here, and a field of Scene with its lines in the docstring. An effect
 on motors also needs its torque in pfd_core.dynamics.drives. An effect that acts over a step (STEP)
-needs its law in pfd_core.simulation: dry friction and stops in dry, friction of joints in motion
-in dynamics.drives, too, the lag of motors in stages. A torque that reads that of the motor is such
-an effect: `torque` is a function of q and qd only.
+needs its law in pfd_core.simulation: dry friction and stops in dry, the lag of motors in stages. A
+torque that depends on the torque of the motor is such an effect: `torque` is a function of q and
+qd only.
 
 The effects add to the joint torques of the rigid links:
 

@@ -129,8 +129,8 @@ class Plant(FrozenArrays):
         """
         Return the plant with effects of these kinds alone.
 
-        LINKS is gravity; MOTORS includes gravity compensation and the sliding friction of joints
-        in motion. The inputs stay: a wrench, brakes and parameters.
+        LINKS is gravity; MOTORS includes gravity compensation. The inputs stay: a wrench, brakes
+        and parameters.
         """
         kept = {name: x for name, x in self.effects.items() if EFFECT_OF[name].kind in kinds}
         off: dict[str, Any] = {}

@@ -362,6 +362,19 @@ def test_an_arm_that_friction_holds_takes_one_step() -> None:
         np.testing.assert_array_equal(run.at([0.0, 5e3, 1e4]).q, 0.0)
 
 
+def test_the_state_at_the_end_of_a_run_is_after_the_impact_that_ends_it() -> None:
+    scene = pfd.Scene(gravity=None, joint_limits=[[0.0, np.inf]], restitution=[0.5])
+    runs = [
+        pfd.integrate(slider(1, 0), [-1.0], 3.0, scene=scene, q=[0.5], max_steps=steps)
+        for steps in range(1, 12)
+    ]
+    assert sum(run.time[-1] in run.events for run in runs) > 3
+    for run in runs:
+        at = run.at(run.time)
+        for name in ('q', 'qd', 'qdd'):
+            np.testing.assert_array_equal(getattr(at, name), getattr(run, name))
+
+
 def test_states_before_an_event_lead_to_it() -> None:
     scene = pfd.Scene(friction=[0.5, 0.2], joint_limits=[[-2, 2]] * 2, restitution=0.5)
     run = pfd.integrate(

@@ -118,6 +118,9 @@ class AdaptiveTrajectory(Trajectory):
         rise, slope = interpolate(self._dense[step], part)
         q, qd = np.hsplit(begin + rise, 2)
         qdd = np.hsplit(slope / size, 2)[1]
+        # The last step may end with an impact, after which no other step begins.
+        for found, row in ((q, self.q), (qd, self.qd), (qdd, self.qdd)):
+            found[points == end] = row[-1]
         return Trajectory(points.copy(), q, qd, qdd, 'ok', len(points))
 
 

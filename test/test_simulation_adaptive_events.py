@@ -297,6 +297,14 @@ def test_a_joint_that_starts_beyond_its_stop_may_return_and_goes_no_further(
         assert run.q[-1, 0] == pytest.approx(wanted(-beyond, 2.5), abs=1e-11)
 
 
+@pytest.mark.parametrize('rtol', one_fast([1e-3, 1e-6, 1e-9, 1e-12], 1e-12))
+def test_a_joint_that_turns_beyond_its_stop_is_held_where_it_turns(rtol: float) -> None:
+    scene = pfd.Scene(gravity=None, joint_limits=[[0.0, 9.0]], restitution=[0.5])
+    run = pfd.integrate(slider(1, 0), [-1.0], 0.5, scene=scene, q=[-0.1], qd=[0.1], rtol=rtol)
+    assert run.q[-1, 0] == pytest.approx(-0.1 + 0.1**2 / 2, abs=EXACT)
+    assert run.qd[-1] == 0
+
+
 def bounced(q: float, t: float) -> float:
     """Return where a mass of 1 kg is after a bounce at 0, from q with 2 m/s under -2 N."""
     root = np.sqrt(1 + q)

@@ -348,7 +348,7 @@ def record_detect(law: Law) -> Program:
     Inputs are qd, rest, r, `loose`, whether a joint is released, and those of `record_margins`.
     Output `turns`, (n,), flags joints without friction that have turned and may have been beyond
     their stop: where the tangents of the margin at the beginning and the end meet, it is below
-    zero.
+    zero; or they began beyond it, on their way back, and must not go further from where they turn.
     """
     segment, n = _Segment(law), law.n
     recorder = segment.recorder
@@ -369,7 +369,9 @@ def record_detect(law: Law) -> Program:
             falls, rises = s * v0[i], s * segment.v[i]
             meet = begin * (falls - rises) + falls * ((value - begin) - rises * r)
             dips = both(both(sign_of(-falls), sign_of(rises)), sign_of(meet))
-            turns[i] = turns[i] + both(on, dips)
+            ((_, place),) = margin.stops
+            back = both(sign_of(s * (place - segment.q0[i])), sign_of(falls))
+            turns[i] = turns[i] + both(on, either(dips, both(back, sign_of(-rises))))
     seek = both(rest, any_of([*flags, *(turns[i] for i in range(n) if law.stops[i])]))
     return program_with_outputs(recorder, seek=[seek], event=[seek], turns=turns)
 

@@ -16,7 +16,7 @@ import numpy as np
 from oracle import Oracle
 import pinocchio as pin
 import pytest
-from zoo import random_chain
+from zoo import random_chain, slider
 
 import pfd_core as pfd
 
@@ -383,6 +383,13 @@ def test_a_velocity_that_frees_another_joint_for_a_moment_is_linearised() -> Non
     assert found.status.tolist() == ['held', 'held', 'one_sided', 'held', 'held', 'held']
     wanted = differences(sim, [q, rest, tau])[:, 8]
     np.testing.assert_allclose(found.A[:, 8], wanted, rtol=0, atol=DIFFERENCES)
+
+
+def test_a_and_b_of_a_step_with_too_many_events_are_nan() -> None:
+    scene = pfd.Scene(joint_limits=[[0.0, 10.0]], restitution=1.0)
+    sim = pfd.Simulator(slider(0.0, 1.0), scene, step_size=1.0, substeps=1, integrator='rk4')
+    # A ball that bounces for ever, to this height.
+    assert np.isnan(np.hstack(sim.linearize([1e-10], [0.0], [0.0]))).all()
 
 
 def test_a_linearisation_is_a_pair_that_can_be_copied_and_pickled() -> None:

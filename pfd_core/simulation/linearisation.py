@@ -200,8 +200,9 @@ class LinearStep:
         x = {name: value.reshape(-1, value.shape[-1]) for name, value in x.items()}
         S = self._evaluated(x)
         rows = S.shape[-2]
-        A, B = S[..., :rows].copy(), S[..., rows : rows + n]
-        A[S[:, n, -1] > 0] = np.nan
+        A, B = S[..., :rows].copy(), S[..., rows : rows + n].copy()
+        too_many = S[:, n, -1] > 0
+        A[too_many] = B[too_many] = np.nan
         rests, lower, upper = self._resting(x)
         status = np.full(x['q'].shape, MOVING, WIDEST)
         status[rests & (S[:, n : 2 * n, -2] == 0)] = HELD

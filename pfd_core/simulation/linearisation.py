@@ -113,6 +113,10 @@ class Linearization(tuple[Array, Array]):
                          derivatives for some changes: a velocity that breaks it loose, a position
                          away from its stop; by its velocity A has the mean of both limits
 
+        No status states the kinks of motors. There A and B have the limit of one side: at a
+        torque of exactly the effort limit that of smaller torques, at a corner of a torque-speed
+        table or, with load friction, a torque of zero either.
+
     """
 
     status: Array

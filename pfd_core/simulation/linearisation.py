@@ -107,11 +107,12 @@ class Linearization(tuple[Array, Array]):
 
           'moving'       A and B are derivatives by its position, velocity and torque
           'held'         they are to 1e-4; friction, a stop or a brake holds the joint in the step
-          'event'        they are, too; the joint comes to rest, breaks loose, reverses or hits its
-                         stop in the step, so they hold for smaller changes
+          'event'        they are derivatives; the joint comes to rest, breaks loose, reverses or
+                         hits its stop in the step, so they hold for smaller changes
           'one_sided'    the joint begins at rest or at its stop, and its columns differ from the
                          derivatives for some changes: a velocity that breaks it loose, a position
-                         away from its stop; by its velocity A has the mean of both limits
+                         away from its stop; by its velocity A has the mean of both limits, or
+                         the limit without a jump
 
         No status states the kinks of motors. There A and B have the limit of one side: at a
         torque of exactly the effort limit that of smaller torques, at a corner of a torque-speed

@@ -89,7 +89,7 @@ class Scene:
         (n,) [rad/s]: F_c + (F_s - F_c)/(1 + (v/v_s)^2). None: it drops at once.
     load_friction : None or array_like
         Friction that depends on load, (n,), from 0 to 1: the share mu of the torque of the motor
-        that friction takes, mu |tau|, moving or at rest, besides `friction`.
+        that friction takes, ``mu * |tau|``, moving or at rest, besides `friction`.
     joint_limits : None, "model" or array_like
         Stops, lower and upper, (n, 2) [rad]; infinite for none.
     restitution : float or array_like

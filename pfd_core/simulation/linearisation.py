@@ -1,13 +1,15 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Linearisation of a simulation's step: x' = A x + B tau, exact to rounding, also through events.
+Linearisation of a simulation's step: x' = A x + B tau, also through events.
 
     x = (q, qd), and tau_motor where motors lag;  x' is the state after one step of the simulation
 
 A and B are the derivatives of the numbers that a step computes, not of the motion that it
 approximates: the step itself runs on dual numbers (pfd_core.simulation.dual). A float32 simulation
-takes its step in float64 here, from a state and with stops rounded to float32.
+takes its step in float64 here, from a state and with stops rounded to float32. Without events they
+are exact to rounding. The search for an event ends nearer to it here (dry.Law.short) than in a
+simulation, whose states are uneven by what that leaves; differences of its steps show this.
 
 One-sided derivatives. A joint that begins at rest, held by friction or a stop, comes to rest again
 if it is given a small velocity d, after a time that is proportional to d. The torque that stops it

@@ -308,7 +308,9 @@ class Simulation(ABC):
         brakes: ArrayLike | None = None,
     ) -> Linearization:
         """
-        Return A and B of one step: d x' / d x and d x' / d tau, x = (q, qd), exact to rounding.
+        Return A and B of one step: d x' / d x and d x' / d tau, x = (q, qd).
+
+        They are exact to rounding, in a step with events up to what the search for these leaves.
 
         `A, B = simulation.linearize(q, qd, tau)`; the `status` of the result states for each joint
         whether they are derivatives in both directions. The result does not depend on the

@@ -1,169 +1,188 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The inputs and outputs of the arm: events come in, take effect, and messages go out.
+"""Messages by role, the one table of roles, and the verdicts about inputs.
 
-Wall time and thread order reach the arm only as events. Everything else follows from the
-settings, the events and the number of the cycle, so a recording of the events proves a run.
+A role is the purpose of a message; topics may be remapped, roles are fixed and in recordings. An
+input comes to the engine, is checked and takes effect in the cycle that follows. An output is
+computed in a cycle, so a replay computes it again. An aside is neither: any thread may add one to
+a recording, and a replay passes over it.
 
-A new kind of input is a new `Source`, with its rule in `validation.py`. It needs no queue, no
-separate numbering and no separate row: an `Arrival` and a `ValidationRow` hold every kind.
+A new input is a row here and a rule in `engine.RULES`, a new output a row here and a writer in
+`outputs`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import IntEnum
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 # Most steps of one request; a request that lasts for ever is `resume`.
 MOST_STEPS = 1_000_000
-# Farther and faster than any joint goes, rad or m, rad/s or m/s; a simulation from there, or a
-# servo to it, would not stay finite.
-LARGEST_POSITION, LARGEST_VELOCITY = 1e6, 1e4
 
 
-class Source(IntEnum):
-    """The topic or service an event came from; the numbers are in recordings and stay."""
-
-    NAMED = 0
-    ARRAY = 1
-    SET_STATE = 2
-    REQUEST = 3
-    PARAMETERS = 4
-    WRENCH = 5
-    PAYLOAD = 6
-    TICK = 7
-
-
-# The sources whose messages are commands for the joints.
-COMMANDS = frozenset({Source.NAMED, Source.ARRAY})
-# The sources that an inactive arm refuses.
-MOVING = COMMANDS | {Source.SET_STATE}
-
-
-class Verdict(IntEnum):
-    """Validation results; the numbers are written into recordings and do not change."""
-
-    ACCEPTED = 0
-    MALFORMED = 1
-    NO_NAMES = 2
-    RAGGED = 3
-    INFINITE = 4
-    STALE = 5
-    DUPLICATE_NAMES = 6
-    NO_EFFORT = 7
-    UNKNOWN_NAMES = 8
-    ALL_NAN = 9
-    WRONG_SIZE = 10
-    NOT_FINITE = 11
-    # Not validated: dropped for newer events before the next cycle.
-    OVERFLOWED = 12
-    # Understood, but not possible now.
-    REFUSED = 13
-
-    @property
-    def label(self) -> str:
-        """The name in log lines, diagnostics and tests."""
-        return self.name.lower()
-
-
-class Arrival(NamedTuple):
-    """A message that came in: its topic, its number there from 1, its bytes as they travelled."""
-
-    source: Source
-    sequence: int
-    payload: bytes
-
-
-class Overflow(NamedTuple):
-    """Messages of one source that were dropped before the arm saw them, by sequence number."""
-
-    source: Source
-    sequences: Sequence[int]
-
-
-Event: TypeAlias = Arrival | Overflow
-
-
-@dataclass(frozen=True)
-class Request:
-    """A request for the arm as a whole.
+class Message(NamedTuple):
+    """A message, in and out, live and recorded.
 
     Attributes
     ----------
-    name
-        One of pfd_ros.arm.requests.REQUESTS.
-    count
-        Steps, of a request to step.
+    role
+        A name in ROLES.
+    data
+        The bytes as they travel (CDR).
+    cycle
+        The cycle that took an input, or that an output shows; 0 for asides. It is the number of
+        the message in a recording.
     """
-
-    name: str
-    count: int = 1
-
-
-@dataclass(frozen=True)
-class SettingsChange:
-    """The `Settings` from the next cycle on, and the `Plant` if they need another one."""
-
-    settings: Any
-    plant: Any = None
-
-
-@dataclass(frozen=True)
-class WrenchChange:
-    """Force and moment on the last link, (6,) in N and N m, in its frame, about its origin."""
-
-    wrench: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class StateChange:
-    """The joints that jump, by index in the model, where to, rad or m, and with which velocity."""
-
-    joints: tuple[int, ...]
-    positions: tuple[float, ...]
-    velocities: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class ClockTick:
-    """The time of a followed clock, ns."""
-
-    stamp_ns: int
-
-
-class ValidationRow(NamedTuple):
-    """The cycle in which a message was validated or dropped, the result, and its CRC-32.
-
-    The checksum of a message that was dropped is 0.
-    """
-
-    cycle: int
-    source: Source
-    sequence: int
-    verdict: Verdict
-    crc32: int = 0
-
-
-# The fields of a ValidationRow as they are labelled in recordings.
-TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict', 'crc32')
-
-# Roles of the outputs: validation rows, the arm's state, the clock tick, a new payload.
-TAKEN, STATES, CLOCK = 'taken', 'joint_states', 'clock'
-PAYLOAD_IN_USE = 'payload_in_use'
-# Everything that changes while the arm runs, as bytes: only in recordings.
-ARM_STATE = 'arm_state'
-# A state that the sensors drop: recorded, not published; it is numbered with the others.
-DROPPED_STATES = 'dropped_states'
-NUMBERED_AS_STATES = frozenset({STATES, DROPPED_STATES})
-# For viewers, recorded and not published: the URDF, and the frames of its links.
-DESCRIPTION, TF_STATIC, TF = 'robot_description', 'tf_static', 'tf'
-
-
-class Output(NamedTuple):
-    """A message of the arm: its role, its number among the messages of that role, its bytes."""
 
     role: str
-    number: int
     data: bytes
+    cycle: int = 0
+
+
+class Verdict(NamedTuple):
+    """The result of the rules for an input; true if it was accepted.
+
+    Attributes
+    ----------
+    label
+        'accepted', or the rule that it broke, one of LABELS.
+    detail
+        For people, on one line.
+    remarks
+        What an accepted input has besides, such as unknown names beside known ones: verdicts
+        that did not refuse it.
+    """
+
+    label: str
+    detail: str = ''
+    remarks: tuple[Verdict, ...] = ()
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the input takes effect."""
+        return self.label == 'accepted'
+
+    def __bool__(self) -> bool:
+        return self.label == 'accepted'
+
+
+LABELS = (
+    *('accepted', 'malformed', 'no_names', 'ragged', 'infinite', 'stale', 'future'),
+    *('duplicate_names', 'no_effort', 'unknown_names', 'all_nan', 'wrong_size', 'not_finite'),
+    # Understood, but not possible now.
+    'refused',
+)
+# Labels of remarks alone: joints that are welded; a joint commanded again in the same period.
+LOCKED_JOINTS, OVERWRITTEN = 'locked_joints', 'overwritten'
+ACCEPTED = Verdict('accepted')
+# A driver sends NaN until a controller has claimed the joint: no command, no error, an answer.
+ALL_NAN = Verdict('all_nan', 'every number is NaN')
+INACTIVE = Verdict('refused', 'the arm is inactive')
+# In lockstep the arm goes on after one of these; a refusal is by a reflex that has braked it.
+ANSWERS = frozenset({'accepted', 'all_nan', 'refused'})
+
+
+def malformed(error: Exception) -> Verdict:
+    """Return the verdict about an input whose rule raised an exception."""
+    return Verdict('malformed', ' '.join(str(error).split())[:200] or type(error).__name__)
+
+
+INPUT, OUTPUT, ASIDE = 'input', 'output', 'aside'
+
+
+class Role(NamedTuple):
+    """What the messages of a role have in common.
+
+    Attributes
+    ----------
+    type
+        Their ROS type.
+    topic
+        As the node names it, before remapping; `~` is the node's name.
+    kind
+        INPUT, OUTPUT or ASIDE.
+    quantity
+        The row of pfd.QUANTITIES that it holds, '' for none.
+    optional
+        Whether the parameter `outputs` enables it.
+    latched
+        Whether the last message reaches subscribers that come later.
+    service
+        Whether it is an input that comes from services; its topic is in recordings only.
+    """
+
+    type: str
+    topic: str
+    kind: str
+    quantity: str = ''
+    optional: bool = False
+    latched: bool = False
+    service: bool = False
+
+
+JOINT_STATE, FLOAT_ARRAY = 'sensor_msgs/msg/JointState', 'std_msgs/msg/Float64MultiArray'
+STRING, TICK = 'std_msgs/msg/String', 'rosgraph_msgs/msg/Clock'
+POSE, WRENCH_STAMPED = 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/WrenchStamped'
+INERTIA, TRANSFORMS = 'geometry_msgs/msg/InertiaStamped', 'tf2_msgs/msg/TFMessage'
+DIAGNOSTIC_ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
+TRANSITION = 'lifecycle_msgs/msg/TransitionEvent'
+
+NAMED, ARRAY, SET_STATE = 'joint_commands', 'commands', 'set_state'
+REQUESTS, PARAMETERS = 'requests', 'parameters'
+PAYLOAD, WRENCH, CLOCK_TICKS = 'payload', 'external_wrench', 'clock_ticks'
+REJECTED, PAYLOAD_IN_USE, STATES = 'rejected', 'payload_in_use', 'joint_states'
+TRUE_STATES, ACCELERATION = 'true_states', 'acceleration'
+TIP_POSE, TIP_WRENCH, ENERGY = 'tip_pose', 'tip_wrench', 'energy'
+CLOCK, TF, TF_STATIC, DESCRIPTION = 'clock', 'tf', 'tf_static', 'robot_description'
+REJECTED_COUNTS, DIAGNOSTICS = 'rejected_counts', 'diagnostics'
+TRANSITIONS = 'transition_event'
+
+
+def _shown(role: str, kind: str, quantity: str = '') -> dict[str, Role]:
+    return {role: Role(kind, f'~/{role}', OUTPUT, quantity, optional=True)}
+
+
+ROLES: dict[str, Role] = {
+    NAMED: Role(JOINT_STATE, 'joint_commands', INPUT),
+    ARRAY: Role(FLOAT_ARRAY, '~/commands', INPUT),
+    SET_STATE: Role(JOINT_STATE, '~/set_state', INPUT),
+    REQUESTS: Role(STRING, '~/requests', INPUT, service=True),
+    PARAMETERS: Role(STRING, '~/parameter_changes', INPUT, service=True),
+    WRENCH: Role(WRENCH_STAMPED, '~/external_wrench', INPUT),
+    PAYLOAD: Role(INERTIA, '~/payload', INPUT, latched=True),
+    CLOCK_TICKS: Role(TICK, '/clock', INPUT),
+    # In the order in which a cycle puts them out.
+    REJECTED: Role(STRING, '~/rejected', OUTPUT),
+    PAYLOAD_IN_USE: Role(INERTIA, '~/payload_in_use', OUTPUT, latched=True),
+    STATES: Role(JOINT_STATE, 'joint_states', OUTPUT),
+    **_shown(TRUE_STATES, JOINT_STATE),
+    **_shown(ACCELERATION, FLOAT_ARRAY),
+    **_shown('external_torques', JOINT_STATE, 'wrench_torques'),
+    **_shown('inertia_matrix', FLOAT_ARRAY, 'inertia_matrix'),
+    **_shown('bias_torques', JOINT_STATE, 'bias_torques'),
+    **_shown('gravity_torques', JOINT_STATE, 'gravity_torques'),
+    # A topic of ROS 2 has one type.
+    **_shown('external_torques_array', FLOAT_ARRAY, 'wrench_torques'),
+    **_shown('bias_torques_array', FLOAT_ARRAY, 'bias_torques'),
+    **_shown('gravity_torques_array', FLOAT_ARRAY, 'gravity_torques'),
+    **_shown('tip_jacobian', FLOAT_ARRAY, 'tip_jacobian'),
+    **_shown(TIP_POSE, POSE, 'tip_pose'),
+    **_shown(TIP_WRENCH, WRENCH_STAMPED),
+    **_shown(ENERGY, FLOAT_ARRAY, 'energy'),
+    CLOCK: Role(TICK, '/clock', OUTPUT),
+    TF: Role(TRANSFORMS, '/tf', OUTPUT),
+    TF_STATIC: Role(TRANSFORMS, '/tf_static', ASIDE, latched=True),
+    DESCRIPTION: Role(STRING, 'robot_description', ASIDE, latched=True),
+    # How many refused inputs of a flood were not recorded.
+    REJECTED_COUNTS: Role(STRING, '~/rejected_counts', ASIDE),
+    DIAGNOSTICS: Role(DIAGNOSTIC_ARRAY, '/diagnostics', ASIDE),
+    TRANSITIONS: Role(TRANSITION, '~/transition_event', ASIDE),
+}
+ALL = frozenset(ROLES)
+INPUTS = tuple(role for role, row in ROLES.items() if row.kind == INPUT)
+OUTPUTS = tuple(role for role, row in ROLES.items() if row.kind == OUTPUT)
+ASIDES = frozenset(role for role, row in ROLES.items() if row.kind == ASIDE)
+# The outputs that the parameter `outputs` enables.
+OPTIONAL = tuple(role for role, row in ROLES.items() if row.optional)
+COMMANDS = frozenset({NAMED, ARRAY})
+# What an inactive arm refuses.
+MOVING = COMMANDS | {SET_STATE}

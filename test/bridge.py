@@ -348,6 +348,11 @@ NAMES = {
     # pfd_ros.motion: measures of the motion of a joint
     'overshoot': 'pfd_ros.motion.metrics:overshoot',
     'settling_time': 'pfd_ros.motion.metrics:settling_time',
+    'joint_divergence': 'pfd_ros.motion.symptoms:divergence',
+    'joint_offset': 'pfd_ros.motion.symptoms:offset',
+    'oscillation': 'pfd_ros.motion.symptoms:oscillation',
+    'saturation': 'pfd_ros.motion.symptoms:saturation',
+    'symptoms': 'pfd_ros.motion.symptoms:symptoms',
     # pfd_ros.page: a log as an HTML page
     'read_contents': 'pfd_ros.page.reading:read_contents',
     # pfd_ros.node: the arm on its topics

@@ -96,7 +96,6 @@ PINNED = (
     'test_stable_gains',
     'test_step_timer',
     'test_stepping',
-    'test_testing_symptoms',
     'test_throttled_log',
     'test_view',
     'test_view_geometry',

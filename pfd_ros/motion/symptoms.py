@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Diagnosis of a joint that missed its target: measures of its motion, and one line.
+"""Diagnosis of the motion of a joint: measures, and one line.
 
 All take samples of one joint, once a control period. With the error e = q - target:
 
@@ -15,7 +15,12 @@ All take samples of one joint, once a control period. With the error e = q - tar
 
 Growth and divergence are measured before the first sample at the torque limit, if there are
 enough. A turning point is right to half a control period, and so are the times between two of
-them.
+them. Efforts are cut to their limits, so commanded efforts and measured ones give one diagnosis.
+
+A joint that follows a moving reference turns as often as the reference. It oscillates if its error
+turns more than twice as often, at a share STEADY of the speed of the reference. If no target is
+known, turns below REFERENCE_RATE whose amplitude is steady or irregular may be those of a
+reference, and are no oscillation.
 """
 
 from __future__ import annotations
@@ -30,6 +35,8 @@ from pfd_ros.motion.metrics import Array, first_beyond
 
 # Least reversal of a turn, as a share of the largest in the motion: noise is smaller.
 REVERSAL = 0.05
+# A signal whose samples differ by a smaller share of the largest one is constant.
+CONSTANT = 1e-9
 # Fewest turns of an oscillation: two periods. A step has two.
 FEWEST_TURNS = 5
 # Of a divergence: its fewest samples, and the share of them that move away.
@@ -38,16 +45,24 @@ MOSTLY = 0.9
 # Share of the samples at the end of a motion, and most change of a steady error there.
 TAIL = 0.1
 STEADY = 0.1
-# An amplitude is steady if its logarithm changes by less than this.
+# An amplitude is steady if its logarithm changes by less than this, and irregular if the logarithm
+# is farther than this share of its change from a line.
 LEVEL = 1.0
+IRREGULAR = 0.3
+# Arms are seldom asked to turn more often than this [Hz].
+REFERENCE_RATE = 5.0
 
 
 class Oscillation(NamedTuple):
-    """Frequency [Hz], amplitude at the end in the unit of the signal, and its growth [1/s]."""
+    """Frequency [Hz], amplitude at the end in the unit of the signal, and its growth [1/s].
+
+    `scatter` is the standard deviation of the logarithm of the amplitude about its growth.
+    """
 
     frequency: float
     amplitude: float
     growth: float
+    scatter: float
 
 
 def turns(values: Array) -> list[int]:
@@ -56,7 +71,7 @@ def turns(values: Array) -> list[int]:
     span = float(np.ptp(values)) if len(values) else 0.0
     least = REVERSAL * span
     found: list[int] = []
-    if span == 0.0:
+    if not span > CONSTANT * float(np.abs(values).max(initial=0.0)):
         return found
     low = high = 0
     rising = 0
@@ -82,8 +97,9 @@ def oscillation(time: Array, values: Array) -> Oscillation | None:
     halves = np.abs(np.diff(heights)) / 2
     frequency = (len(found) - 1) / (2 * (at[-1] - at[0]))
     middle = (at[:-1] + at[1:]) / 2
-    growth = float(np.polyfit(middle - middle[0], np.log(halves), 1)[0])
-    return Oscillation(float(frequency), float(halves[-2:].mean()), growth)
+    line = np.polyfit(middle - middle[0], np.log(halves), 1)
+    scatter = float(np.std(np.log(halves) - np.polyval(line, middle - middle[0])))
+    return Oscillation(float(frequency), float(halves[-2:].mean()), float(line[0]), scatter)
 
 
 def divergence(time: Array, error: Array, qd: Array) -> float | None:
@@ -113,9 +129,10 @@ def symptoms(
     qd: Array,
     tau: Array,
     *,
-    target: float | None,
+    target: float | Array | None,
     limits: Sequence[tuple[str, Array, float, float]],
     period: float,
+    commanded: bool = True,
 ) -> str:
     """Return the diagnosis of one joint, on one line.
 
@@ -124,51 +141,71 @@ def symptoms(
     time, q, qd, tau
         Its samples, (N,).
     target
-        Target position, or None.
+        Target position, a reference (N,), or None.
     limits
         Of each limit its name, the samples that it bounds, and the bounds.
     period
         The control period, s.
+    commanded
+        Whether the joint was ever commanded: it is braked until then.
     """
-    seconds = float(time[-1] - time[0])
-    effort = next(bounds for bounds in limits if bounds[0] == 'effort')
-    first_full = first_beyond(effort[1], *effort[2:])
+    if not commanded:
+        return 'never commanded: braked'
+    lower, upper = next(bounds[2:] for bounds in limits if bounds[0] == 'effort')
+    tau = np.clip(tau, lower, upper)
+    first_full = first_beyond(tau, lower, upper)
     # A saturated motion has lost the rates of the loop.
     free = slice(first_full)
+    moves = target is not None and float(np.ptp(target)) > 0.0
+    speed = np.gradient(target, time) if moves else np.zeros(len(qd))
     error = None if target is None else q - target
-    rest = None if error is None else offset(error)
-    leaving = None if error is None else divergence(time[free], error[free], qd[free])
-    waves, early = oscillation(time, qd), oscillation(time[free], qd[free])
+    waves, early = oscillation(time, qd - speed), oscillation(time[free], (qd - speed)[free])
+    if waves is not None and (target is None or moves) and _of_reference(waves, time, speed):
+        waves = None
+    rests = None if moves or error is None else offset(error)
+    leaves = None if moves or error is None else divergence(time[free], error[free], qd[free])
     phrases = []
-    if rest is not None and (waves is None or waves.amplitude < STEADY * np.abs(qd).max()):
-        phrases.append(
-            f'rests {abs(rest):.4g} {"above" if rest > 0 else "below"} its target with a torque '
-            f'of {tau[-1]:.4g}'
-        )
-    elif leaving is not None and early is None:
-        phrases.append(f'moves away from its target, growing by {leaving:.3g} /s')
+    if rests is not None and (waves is None or waves.amplitude < STEADY * np.abs(qd).max()):
+        side = 'above' if rests > 0 else 'below'
+        phrases.append(f'rests {abs(rests):.4g} {side} its target with a torque of {tau[-1]:.4g}')
+    elif leaves is not None and early is None:
+        phrases.append(f'moves away from its target, growing by {leaves:.3g} /s')
     elif waves is not None:
-        growth, length = waves.growth, seconds
+        growth, seconds = waves.growth, float(time[-1] - time[0])
         if early is not None and first_full is not None:
-            growth, length = early.growth, float(time[first_full] - time[0])
-        phrases.append(_wave_text(waves, 1.0 / period, growth, length))
+            growth, seconds = early.growth, float(time[first_full] - time[0])
+        phrases.append(_wave_text(waves, 1.0 / period, growth, seconds))
+    elif error is not None and moves:
+        k = int(np.argmax(np.abs(error)))
+        far = f'{abs(error[k]):.4g}, farthest at t = {time[k]:.6g} s'
+        phrases.append(f'follows its reference within {far}')
     elif error is not None:
-        away = error[-1] * qd[-1] > 0.0
-        phrases.append(
-            f'still moves {"away from" if away else "to"} its target at {abs(qd[-1]):.3g} /s'
-        )
-    share = saturation(tau, effort[3])
+        way = 'away from' if error[-1] * qd[-1] > 0.0 else 'to'
+        phrases.append(f'still moves {way} its target at {abs(qd[-1]):.3g} /s')
+    share = saturation(tau, upper)
     if share:
-        phrases.append(f'at the torque limit {effort[3]:.4g} for {100 * share:.3g} % of the time')
+        phrases.append(f'at the torque limit {upper:.4g} for {100 * share:.3g} % of the time')
     hits = [
-        (k, f'{kind} {values[k]:.4g} beyond its limit {bound:.4g} at t = {time[k]:.6g} s')
-        for kind, values, lower, upper in limits
-        if (k := first_beyond(values, lower, upper)) is not None
-        for bound in [lower if values[k] <= lower else upper]
+        (k, f'{kind} {values[k]:.4g} at or beyond its limit {bound:.4g} at t = {time[k]:.6g} s')
+        for kind, given, low, high in limits
+        for values in [tau if kind == 'effort' else given]
+        if (k := first_beyond(values, low, high)) is not None
+        for bound in [low if values[k] <= low else high]
     ]
     if hits:
         phrases.append(f'first {min(hits)[1]}')
     return '; '.join(phrases) or 'no oscillation, no limit reached'
+
+
+def _of_reference(waves: Oscillation, time: Array, speed: Array) -> bool:
+    """Return whether turns may be those of a reference; its speed (N,) is zero if not known."""
+    seconds = float(time[-1] - time[0])
+    if speed.any():
+        turned = len(turns(speed)) / (2 * seconds)
+        return waves.frequency <= 2 * turned or waves.amplitude <= STEADY * np.abs(speed).max()
+    change = abs(waves.growth) * seconds
+    regular = change > LEVEL and waves.scatter < IRREGULAR * change
+    return waves.frequency < REFERENCE_RATE and not regular
 
 
 def _wave_text(waves: Oscillation, rate: float, growth: float, seconds: float) -> str:

@@ -47,7 +47,7 @@ setup(
         (f'share/{NAME}/launch', glob('launch/*.launch.py')),
     ],
     zip_safe=False,
-    install_requires=['numpy', 'pin', 'mcap>=1.6', 'llvmlite>=0.45', 'PyYAML'],
+    install_requires=['numpy', 'pin', 'mcap>=1.6', 'llvmlite>=0.45', 'PyYAML', 'rosbags>=0.11.9'],
     extras_require={
         # Not in install_requires: on a machine with its own ROS 2 these wheels would lie over it.
         'ros': ROS,
@@ -70,7 +70,6 @@ setup(
             'pytest',
             'pytest-timeout',
             'pytest-xdist',
-            'rosbags',
             'ruff',
             'scipy',
             'xacro',

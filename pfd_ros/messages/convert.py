@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.messages.cdr import HEADER, STAMP, CdrReader, CdrWriter, time_bytes
-from pfd_ros.messages.cdr import NANOSECONDS as NANOSECONDS  # other subpackages take it from here
+from pfd_ros.messages.old_cdr import HEADER, STAMP, CdrReader, CdrWriter, time_bytes
+from pfd_ros.messages.old_cdr import NANOSECONDS as NANOSECONDS  # other subpackages take it from here
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 FLOAT_ARRAY = 'std_msgs/msg/Float64MultiArray'

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from itertools import chain
 from typing import NamedTuple
 
-from pfd_ros.messages.cdr import CdrWriter
+from pfd_ros.messages.old_cdr import CdrWriter
 
 
 class Status(NamedTuple):

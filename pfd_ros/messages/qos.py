@@ -8,53 +8,32 @@ the numbers of rmw, later their names.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import yaml
 
-# An infinite duration of DDS.
+# Bound of a text from outside; messages that a publisher keeps, at most and by default.
+TEXT_BYTES, MOST_DEPTH, DEFAULT_DEPTH = 1 << 16, 10_000, 10
 _INFINITE = {'sec': 9223372036, 'nsec': 854775807}
-# Seconds from which a duration is infinite; older versions of rmw had 2147483647.
-_INFINITE_SECONDS = 2147483647
-# Names and numbers of the policies that are not the default.
-_KEEP_ALL, _BEST_EFFORT = ('keep_all', '2'), ('best_effort', '2')
-_TRANSIENT_LOCAL, _MANUAL = ('transient_local', '1'), ('manual_by_topic', '3')
-# Bounds of a text from outside, and of the messages that a publisher keeps.
-TEXT_BYTES = 1 << 16
-PROFILES = 1024
-MOST_DEPTH = 10_000
-DEFAULT_DEPTH = 10
 
 
-@dataclass(frozen=True)
-class Qos:
-    """The QoS that a publisher offers; durations in ns, None is infinite."""
+class Qos(NamedTuple):
+    """What a publisher offers."""
 
     depth: int = DEFAULT_DEPTH
     keep_all: bool = False
     reliable: bool = True
     transient_local: bool = False
-    deadline_ns: int | None = None
-    lifespan_ns: int | None = None
-    manual_liveliness: bool = False
-    lease_ns: int | None = None
 
 
-def qos_text(
-    depth: int,
-    history: str = 'keep_last',
-    reliability: str = 'reliable',
-    durability: str = 'volatile',
-) -> str:
-    """Return the text of a QoS profile; the other policies have their defaults."""
+def qos_text(qos: Qos) -> str:
+    """Return the text of a profile; deadline, lifespan and liveliness have their defaults."""
     profile = {
-        'history': history,
-        'depth': depth,
-        'reliability': reliability,
-        'durability': durability,
-        'deadline': dict(_INFINITE),
-        'lifespan': dict(_INFINITE),
+        'history': 'keep_all' if qos.keep_all else 'keep_last',
+        'depth': qos.depth,
+        'reliability': 'reliable' if qos.reliable else 'best_effort',
+        'durability': 'transient_local' if qos.transient_local else 'volatile',
+        **{name: dict(_INFINITE) for name in ('deadline', 'lifespan')},
         'liveliness': 'automatic',
         'liveliness_lease_duration': dict(_INFINITE),
         'avoid_ros_namespace_conventions': False,
@@ -65,80 +44,29 @@ def qos_text(
 def offered_qos(text: str) -> Qos | None:
     """Return the strongest of the recorded offers, which each recorded subscription accepts.
 
-    None if the text lists no offer.
-
-    Raises
-    ------
-    ValueError
-        If the text is not a list of QoS profiles.
+    None if the text lists no offer. ValueError if it is not a list of QoS profiles.
     """
     if len(text) > TEXT_BYTES:
         raise ValueError(f'QoS profiles of {len(text)} characters, expected at most {TEXT_BYTES}')
     try:
         # All scalars are strings; the loader in C would overflow the stack of nested lists.
-        table = yaml.load(text, yaml.BaseLoader)
+        rows = yaml.load(text, yaml.BaseLoader) or []
     except (yaml.YAMLError, RecursionError) as error:
         raise ValueError(f'QoS profiles are not YAML: {error}') from error
-    if not table:
-        return None
-    if not isinstance(table, list) or not all(isinstance(row, dict) for row in table):
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise ValueError('QoS profiles are not a list of tables')
-    if len(table) > PROFILES:
-        raise ValueError(f'{len(table)} QoS profiles, expected at most {PROFILES}')
-    offers = [_qos(row) for row in table]
-    return Qos(
-        depth=max(offer.depth for offer in offers),
-        keep_all=any(offer.keep_all for offer in offers),
-        reliable=any(offer.reliable for offer in offers),
-        transient_local=any(offer.transient_local for offer in offers),
-        deadline_ns=_shortest(offer.deadline_ns for offer in offers),
-        # No subscription asks for a lifespan; the longest loses no message.
-        lifespan_ns=_longest([offer.lifespan_ns for offer in offers]),
-        manual_liveliness=any(offer.manual_liveliness for offer in offers),
-        lease_ns=_shortest(offer.lease_ns for offer in offers),
-    )
-
-
-def _qos(row: dict[str, Any]) -> Qos:
-    depth = _whole(row.get('depth', '0'), 'depth')
-    return Qos(
-        # 0 means the default of the middleware.
-        depth=min(depth, MOST_DEPTH) or DEFAULT_DEPTH,
-        keep_all=row.get('history') in _KEEP_ALL,
-        reliable=row.get('reliability') not in _BEST_EFFORT,
-        transient_local=row.get('durability') in _TRANSIENT_LOCAL,
-        deadline_ns=_nanoseconds(row, 'deadline'),
-        lifespan_ns=_nanoseconds(row, 'lifespan'),
-        manual_liveliness=row.get('liveliness') in _MANUAL,
-        lease_ns=_nanoseconds(row, 'liveliness_lease_duration'),
-    )
-
-
-def _nanoseconds(row: dict[str, Any], name: str) -> int | None:
-    """Return a duration in ns, None if it is infinite or the default, which is infinite."""
-    value = row.get(name, {})
-    if not isinstance(value, dict):
-        raise ValueError(f'{name} of a QoS profile is {_shown(value)}, expected a table')
-    seconds, rest = (_whole(value.get(key, '0'), name) for key in ('sec', 'nsec'))
-    found = seconds * 10**9 + rest
-    return None if found == 0 or seconds >= _INFINITE_SECONDS else found
-
-
-def _whole(value: Any, name: str) -> int:
-    if not isinstance(value, str) or not value.isascii() or not value.isdigit() or len(value) > 20:
-        raise ValueError(f'{name} of a QoS profile is {_shown(value)}, expected a number')
-    return int(value)
-
-
-def _shown(value: Any) -> str:
-    # Written out, a list of aliases to lists of aliases could have any length.
-    return repr(value[:80]) if isinstance(value, str) else f'a {type(value).__name__}'
-
-
-def _shortest(durations: Any) -> int | None:
-    return min((value for value in durations if value is not None), default=None)
-
-
-def _longest(durations: list[int | None]) -> int | None:
-    found = [value for value in durations if value is not None]
-    return max(found) if len(found) == len(durations) else None
+    offers = []
+    for row in rows:
+        depth = row.get('depth', '0')
+        if not (isinstance(depth, str) and depth.isascii() and depth.isdigit()) or len(depth) > 20:
+            raise ValueError('depth of a QoS profile is not a number')
+        offers.append(
+            Qos(
+                # 0 means the default of the middleware.
+                min(int(depth), MOST_DEPTH) or DEFAULT_DEPTH,
+                row.get('history') in ('keep_all', '2'),
+                row.get('reliability') not in ('best_effort', '2'),
+                row.get('durability') in ('transient_local', '1'),
+            )
+        )
+    return Qos(*(max(values) for values in zip(*offers, strict=True))) if offers else None

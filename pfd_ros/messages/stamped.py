@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.messages.cdr import STAMP, CdrReader, CdrWriter, time_bytes
+from pfd_ros.messages.old_cdr import STAMP, CdrReader, CdrWriter, time_bytes
 from pfd_ros.messages.convert import INERTIA, POSE, WRENCH, headed, read_time
 
 # The names of the numbers of each type, in their order; m, quaternions, N, N m, kg, kg m^2.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.messages.cdr import TIME, CdrReader, CdrWriter, time_bytes
+from pfd_ros.messages.old_cdr import TIME, CdrReader, CdrWriter, time_bytes
 from pfd_ros.messages.convert import read_time
 
 # The numbers of a transform: translation in m, and a quaternion.

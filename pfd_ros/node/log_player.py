@@ -44,7 +44,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from pfd_ros.messages.convert import NANOSECONDS, encode_clock
-from pfd_ros.messages.qos import MOST_DEPTH, Qos
+from pfd_ros.messages.old_qos import MOST_DEPTH, Qos
 from pfd_ros.messages.topics import message_class
 from pfd_ros.node.endpoints import NonblockingPublisher
 from pfd_ros.node.main import STATUS_BASE, Stop

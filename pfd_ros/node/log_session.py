@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.messages.qos import qos_text
+from pfd_ros.messages.old_qos import qos_text
 from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.recording.format import (
     CHANNELS,

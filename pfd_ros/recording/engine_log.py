@@ -10,7 +10,7 @@ from pathlib import Path
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ARM_STATE, TAKEN
 from pfd_ros.arm.outputs import roles_of
-from pfd_ros.messages.qos import qos_text
+from pfd_ros.messages.old_qos import qos_text
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import CHANNELS, FOLLOWED, SOURCE_OF_ROLE
 from pfd_ros.recording.mcap_file import Topic

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.settings import SIMULATED, WALL
-from pfd_ros.messages.columns import MOST_PADDING, PADDED, read_columns
+from pfd_ros.messages.old_columns import MOST_PADDING, PADDED, read_columns
 from pfd_ros.messages.convert import JOINT_FIELDS, JOINT_STATE, NANOSECONDS
 from pfd_ros.messages.definitions import parse_definition
 from pfd_ros.recording.bags import Bag, BagMessage, BagTopic, bag_of, definition_of

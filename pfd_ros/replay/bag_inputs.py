@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 import pfd_core as pfd
 from pfd_ros.arm.events import STATES, TAKEN, Source, ValidationRow, Verdict
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.cdr import CdrReader
+from pfd_ros.messages.old_cdr import CdrReader
 from pfd_ros.messages.convert import (
     FLOAT_ARRAY,
     JOINT_STATE,

@@ -28,7 +28,7 @@ from pfd_ros.arm.events import (
     Verdict,
 )
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.cdr import STAMP, time_bytes
+from pfd_ros.messages.old_cdr import STAMP, time_bytes
 from pfd_ros.messages.convert import NANOSECONDS, decode_floats, encode_floats
 from pfd_ros.messages.stamped import effort_encoder
 from pfd_ros.recording.format import ROLE_OF_SOURCE, SOURCE_OF_ROLE

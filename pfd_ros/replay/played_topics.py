@@ -20,7 +20,7 @@ from pfd_ros.arm.events import TAKEN
 from pfd_ros.arm.settings import OUTPUTS
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.messages.definitions import full_text, parse_definition
-from pfd_ros.messages.qos import Qos, offered_qos
+from pfd_ros.messages.old_qos import Qos, offered_qos
 from pfd_ros.recording.bags import Bag, BagTopic
 from pfd_ros.recording.format import (
     CHANNELS,

@@ -1,0 +1,176 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of type sensor_msgs/JointState: bytes to arrays and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pfd_ros.messages.cdr import HEADER, NANOSECONDS, STAMP, TIME, Reader, Writer
+
+# Units of the arrays, of a joint that turns or slides.
+JOINT_UNITS = {
+    'position': ('rad', 'm'),
+    'velocity': ('rad/s', 'm/s'),
+    'effort': ('N m', 'N'),
+}
+JOINT_FIELDS = tuple(JOINT_UNITS)
+# Frame and names of the last message that was decoded, as bytes and as values. Senders do not
+# change them, and decoding names takes longer than all else. One tuple: threads may share it.
+_NO_HEAD: tuple[bytes, str, tuple[str, ...]] = b'\xff', '', ()
+_last_head = _NO_HEAD
+
+
+class Joints(NamedTuple):
+    """A JointState: rad, rad/s and N m, or m, m/s and N; the arrays may be ragged."""
+
+    stamp_ns: int
+    names: tuple[str, ...]
+    position: NDArray[Any]
+    velocity: NDArray[Any]
+    effort: NDArray[Any]
+    frame_id: str = ''
+
+
+def decode_joints(data: bytes) -> Joints:
+    """Return the fields of a JointState.
+
+    Raises
+    ------
+    ValueError
+        If the bytes are not such a message.
+    """
+    global _last_head
+    reader = Reader(data)
+    stamp_ns = reader.time()
+    head, frame_id, names = _last_head
+    # Bytes of the other byte order, in which lengths read otherwise, begin otherwise.
+    if reader.order == '<' and data.startswith(head, reader.at):
+        reader.at += len(head)
+    else:
+        start, frame_id, names = reader.at, reader.string(), reader.strings()
+        if reader.order == '<':
+            _last_head = data[start : reader.at], frame_id, names
+    return Joints(stamp_ns, names, reader.numbers(), reader.numbers(), reader.numbers(), frame_id)
+
+
+def encode_joints(
+    names: Sequence[str],
+    position: ArrayLike = (),
+    velocity: ArrayLike = (),
+    effort: ArrayLike = (),
+    stamp_ns: int = 0,
+    frame_id: str = '',
+) -> bytes:
+    """Return a JointState; the arrays have one number a name, or none."""
+    writer = Writer()
+    writer.header(stamp_ns, frame_id)
+    writer.strings(names)
+    for values in (position, velocity, effort):
+        writer.numbers(values)
+    return bytes(writer.data)
+
+
+class JointEncoder:
+    """Writes JointStates of one arm: laid out once, then stamp and numbers each time.
+
+    Parameters
+    ----------
+    names
+        Joint names in the order of the numbers.
+    frame_id
+        header.frame_id.
+    fixed
+        Positions of further joints, which come after the others and do not move.
+    fields
+        The arrays that are written, of JOINT_FIELDS and in their order; the others are empty.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        frame_id: str = '',
+        fixed: Mapping[str, float] | None = None,
+        fields: Sequence[str] = JOINT_FIELDS,
+    ) -> None:
+        at_rest = dict(fixed or {})
+        count = len(names) + len(at_rest)
+        writer = Writer()
+        writer.header(0, frame_id)
+        writer.strings((*names, *at_rest))
+        starts = []
+        for name in JOINT_FIELDS:
+            values = np.zeros(count if name in fields else 0)
+            if name == 'position' and name in fields:
+                values[len(names) :] = list(at_rest.values())
+            start = writer.numbers(values)
+            if name in fields:
+                starts.append(start)
+        self._data = writer.data
+        # From one array to the next are its numbers, its count and four bytes: padding, or the
+        # count of an empty array.
+        self._numbers: NDArray[Any] = np.ndarray(
+            (len(starts), len(names)), '<f8', self._data, starts[0], (8 * count + 8, 8)
+        )
+
+    def encode(self, stamp_ns: int, numbers: NDArray[Any]) -> bytes:
+        """Return the message of the numbers, (fields, names)."""
+        TIME.pack_into(self._data, STAMP, *divmod(stamp_ns, NANOSECONDS))
+        self._numbers[:] = numbers
+        return bytes(self._data)
+
+
+class JointColumns(NamedTuple):
+    """The JointStates of k messages with equal names: stamps (k,) in ns, the others (k, count)."""
+
+    names: tuple[str, ...]
+    frame_id: str
+    stamps_ns: NDArray[Any]
+    position: NDArray[Any]
+    velocity: NDArray[Any]
+    effort: NDArray[Any]
+
+
+def decode_joint_columns(messages: Sequence[bytes]) -> JointColumns | None:
+    """Return JointStates as `decode_joints` does, all at once, as a recording of one arm has them.
+
+    None if there is none, or if they differ in more than stamps and numbers.
+
+    Raises
+    ------
+    ValueError
+        If the first message is not a JointState.
+    """
+    if not messages:
+        return None
+    first = messages[0]
+    joints = decode_joints(first)
+    size = len(first)
+    reader = Reader(first)
+    reader.time(), reader.string(), reader.strings()
+    spans = [(0, len(HEADER)), (STAMP + TIME.size, reader.at)]
+    columns = []
+    for _ in JOINT_FIELDS:
+        before = reader.at
+        count = reader.length(8)
+        spans.append((before + (-before) % 4, reader.at))
+        start = reader.take(8 * count, 8) if count else reader.at
+        columns.append(slice(start, reader.at))
+    # Padding between fields has any value.
+    if reader.order != '<' or any(len(data) != size for data in messages):
+        return None
+    rows = np.frombuffer(b''.join(messages), np.uint8).reshape(len(messages), size)
+    for start, end in spans:
+        if (rows[:, start:end] != rows[0, start:end]).any():
+            return None
+    times = np.ascontiguousarray(rows[:, STAMP : STAMP + TIME.size]).view('<i4,<u4')[:, 0]
+    nanoseconds = times['f1'].astype(np.int64)
+    if (nanoseconds >= NANOSECONDS).any():
+        return None
+    stamps_ns = times['f0'].astype(np.int64) * NANOSECONDS + nanoseconds
+    numbers = [np.ascontiguousarray(rows[:, span]).view('<f8').astype('f8') for span in columns]
+    return JointColumns(joints.names, joints.frame_id, stamps_ns, *numbers)

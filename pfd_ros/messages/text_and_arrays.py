@@ -1,0 +1,114 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of type std_msgs/String and std_msgs/Float64MultiArray: bytes to values and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pfd_ros.messages.cdr import HEADER, Reader, Writer
+
+# The beginning of a Float64MultiArray without a layout, and the place of its first number.
+_NO_LAYOUT, _FIRST_NUMBER = HEADER + bytes(8), 20
+
+
+def encode_string(text: str) -> bytes:
+    """Return a String; halves of surrogate pairs, which UTF-8 has not, are written as escapes."""
+    writer = Writer()
+    writer.string(text.encode(errors='backslashreplace').decode())
+    return bytes(writer.data)
+
+
+def decode_string(data: bytes) -> str:
+    """Return the text of a String; ValueError if the bytes are not such a message."""
+    return Reader(data).string()
+
+
+class LabelledArray(NamedTuple):
+    """A Float64MultiArray: label and size of each dimension, and the numbers in one row."""
+
+    labels: tuple[str, ...]
+    sizes: tuple[int, ...]
+    values: NDArray[Any]
+
+
+def decode_array(data: bytes) -> LabelledArray:
+    """Return layout and numbers of a Float64MultiArray, not compared with each other.
+
+    Raises
+    ------
+    ValueError
+        If the bytes are not such a message.
+    """
+    reader = Reader(data)
+    labels, sizes = [], []
+    for _ in range(reader.length(12)):
+        labels.append(reader.string())
+        sizes.append(reader.integer())
+        reader.integer()
+    reader.integer()
+    return LabelledArray(tuple(labels), tuple(sizes), reader.numbers())
+
+
+def decode_floats(data: bytes) -> NDArray[Any]:
+    """Return the numbers of a Float64MultiArray, (count,); its layout is skipped.
+
+    The array may be read-only.
+    """
+    # Most publishers leave the layout empty; then everything has its place.
+    if data.startswith(_NO_LAYOUT) and len(data) > _FIRST_NUMBER:
+        count = int.from_bytes(data[len(_NO_LAYOUT) : len(_NO_LAYOUT) + 4], 'little')
+        if len(data) == _FIRST_NUMBER + 8 * count:
+            return np.frombuffer(data, '<f8', count, _FIRST_NUMBER)
+    return decode_array(data).values
+
+
+def encode_floats(values: ArrayLike) -> bytes:
+    """Return a Float64MultiArray of numbers (count,), without a layout."""
+    numbers = np.asarray(values, '<f8')
+    return _floats_head(numbers.size) + numbers.tobytes()
+
+
+@lru_cache(16)
+def _floats_head(count: int) -> bytes:
+    """Return a message without a layout up to its numbers."""
+    writer = Writer()
+    writer.integer(0)
+    writer.integer(0)
+    start = writer.numbers(np.zeros(count))
+    return bytes(writer.data[:start])
+
+
+class ArrayEncoder:
+    """Writes messages of type Float64MultiArray of one layout.
+
+    Parameters
+    ----------
+    layout
+        A word for each dimension, and the name of each of its places: the label of the dimension
+        is `word: name,name`.
+    """
+
+    def __init__(self, layout: Sequence[tuple[str, Sequence[str]]]) -> None:
+        writer = Writer()
+        writer.integer(len(layout))
+        shape = [len(names) for _, names in layout]
+        for place, (word, names) in enumerate(layout):
+            writer.string(f'{word}: {",".join(names)}')
+            writer.integer(len(names))
+            writer.integer(math.prod(shape[place:]))
+        writer.integer(0)
+        start = writer.numbers(np.zeros(math.prod(shape)))
+        self._data = writer.data
+        self._numbers = np.frombuffer(self._data, '<f8', offset=start).reshape(shape)
+
+    def encode(self, values: NDArray[Any]) -> bytes:
+        """Return the message; the values have the shape of the layout."""
+        self._numbers[:] = values
+        return bytes(self._data)

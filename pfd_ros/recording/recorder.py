@@ -1,98 +1,70 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Record all inputs and outputs of the arm in one MCAP file, on a separate thread.
+"""Record the inputs and outputs of an engine in one MCAP file, on a thread.
 
-Callers only append to a queue, bounded in messages and bytes. The thread empties it once a chunk,
-after half of the flush period, and syncs once a second, so that a killed process loses less than
-a flush period and a power cut little more than a second. It does so between two steps of the arm,
-if the stepping thread calls `between_steps`, and else a little later.
-A fault of the disk or of the thread is reported and does not stop the arm.
+Messages are in the order in which the engine returned them, and the number of each is its cycle.
+Asides, which any thread may add, have the number 0. Nothing is dropped: a disk that cannot keep
+up ends the recording, and the file is complete up to there. A fault of the disk is reported and
+does not stop the arm.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
+import errno
 import json
-import math
+import os
 from pathlib import Path
-from queue import Empty, SimpleQueue
 import threading
 import time
-from typing import Any, TypeAlias
+from typing import Any
+import zlib
 
-from pfd_ros.recording.block_writer import NewMessage
-from pfd_ros.recording.format import MESSAGE_BYTES, SEQUENCE_MASK, EndKey
-from pfd_ros.recording.mcap_file import FileHead, Topic
-from pfd_ros.recording.run_files import Limits, RunFiles, Timed
-from pfd_ros.recording.sink import FileLostError
+from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
+
+import pfd_core as pfd
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import ASIDES, CLOCK, CLOCK_TICKS, ROLES, Message
+from pfd_ros.messages.qos import qos_text
+from pfd_ros.messages.types import definition, type_hash
+from pfd_ros.recording import format as names
+from pfd_ros.recording.format import EndKey, HeadKey
+from pfd_ros.recording.provenance import PROGRAM, robot_text, versions
 from pfd_ros.text import one_line
 
-# Within which a recorded message is in the file.
-FLUSH_SECONDS = 0.1
-# A chunk is closed after this share of that time: the rest is for the compression, and a processor
-# that has other work.
-FLUSH_SHARE = 0.6
-# Longest time between two rounds while messages come, which bounds the queue.
-ROUND_SECONDS = 0.1
-# While none come: the first one after a pause is in the file at once.
-IDLE_SECONDS = 0.015
-# Time that a round waits for the end of a step.
-PATIENCE = 0.005
-SYNC_SECONDS = 1.0
-# A round ends at either bound, so that flushes are on time under load.
-ROUND_MESSAGES = 1 << 12
-ROUND_BYTES = 1 << 22
-# About 40 MB of states: more than a minute at 1 kHz without the disk.
-QUEUE_LIMIT = 1 << 17
-# Memory for waiting messages.
-QUEUE_BYTES = 1 << 26
-# ros2 launch and docker stop wait 10 s between the first signal and SIGKILL.
+# Within which a message is in the file, and on the disk.
+FLUSH_SECONDS, SYNC_SECONDS = 0.1, 1.0
+# `ros2 launch` and `docker stop` wait 10 s between the first signal and SIGKILL.
 CLOSE_SECONDS = 8.0
-# Longest wait for a disk: some wake up slowly, and network drives come back.
+# Longest wait of a run without real time for a disk that does not respond.
 STALL_SECONDS = 30.0
-# A longer interval between two checks is a pause of this process, not of the disk.
-_CHECK_SECONDS = 0.1
-_READABLE = '; the part written so far is readable'
-
-# Name of the topic, sequence number and bytes.
-Message: TypeAlias = tuple[Hashable, int, bytes]
-# Time on the steady clock and simulated time [ns], messages of one moment, and their bytes.
-_Moment: TypeAlias = tuple[int, int | None, Sequence[Message], int]
+# Messages that wait for the disk, with what Python needs for each.
+QUEUE_BYTES, EACH_BYTES = 1 << 26, 200
+# Compressing a chunk keeps the interpreter busy for a millisecond.
+CHUNK_BYTES = 1 << 18
+READABLE = '; the part written so far is readable'
 
 
-class LogRecorder:
+class Recorder:
     """An open recording.
 
     Parameters
     ----------
     path
         The file; it must not exist.
+    engine
+        Of the run, before its first cycle.
     topics
-        The channels.
-    head
-        Written first, so that a truncated file still has its settings, robot and topics.
+        Full name of the topic of each role that is recorded.
     report
-        Called once, with one line, if the recording fails. It may be called on any thread.
-    opening
-        The first messages, in the file at once.
-    limits
-        When a new file begins; None for one file.
-    flush_seconds
-        Time after which a recorded message is in the file, s.
-    names
-        What messages call each topic; default: its index in `topics`.
-    limit, limit_bytes
-        Largest number of messages and bytes that wait for the disk.
+        Called once, with one line, if the recording fails; on any thread.
 
     Attributes
     ----------
-    recorded, dropped
-        Number of recorded and dropped messages, by index in `topics`. After closing or a failure
-        their sum is the number of messages before it.
-    path
-        The file that is being written.
+    recorded
+        Number of written messages by role.
     error
         The reported line, or ''.
 
@@ -101,351 +73,228 @@ class LogRecorder:
     OSError
         If the file exists or cannot be written.
     ValueError
-        If a message definition is not installed, two topics have one name, or the name is not
-        valid for a file.
+        If two roles have one topic, or the name is not valid for a file.
     """
 
     def __init__(
         self,
-        path: Path,
-        topics: Sequence[Topic],
-        head: FileHead,
-        report: Callable[[str], None],
-        opening: Sequence[Message] = (),
-        limits: Limits | None = None,
-        flush_seconds: float = FLUSH_SECONDS,
-        names: Sequence[Hashable] = (),
-        limit: int = QUEUE_LIMIT,
-        limit_bytes: int = QUEUE_BYTES,
+        path: Path | str,
+        engine: Engine,
+        topics: Mapping[str, str],
+        report: Callable[[str], object] = print,
     ) -> None:
-        self.topics = tuple(topics)
-        self.dropped = [0] * len(topics)
-        self.recorded = [0] * len(topics)
+        if len({*topics.values()}) < len(topics):
+            raise ValueError(f'topics is {dict(topics)}, expected another topic for each role')
+        self.recorded: Counter[str] = Counter()
         self.error = ''
-        self._flush_seconds = flush_seconds * FLUSH_SHARE
-        self._idle_seconds = min(IDLE_SECONDS, self._flush_seconds / 2)
-        self._base = head.base
         self._report = report
-        self._limits = limit, limit_bytes
-        # Replaceable messages leave half of the queue to vital ones: up to there all have room.
-        self._free, self._free_bytes = limit // 2, limit_bytes // 2
-        self._capacities = [
-            (limit, limit_bytes) if topic.vital else (self._free, self._free_bytes)
-            for topic in topics
-        ]
-        names = names or range(len(topics))
-        self._places = {name: place for place, name in enumerate(names)}
-        # For recording, failing and closing; the writing thread locks it only briefly.
+        self._simulated = engine.state.settings.log_time == 'simulated'
+        # Log times must not decrease, so the wall clock is read once.
+        self._wall_ns = time.time_ns() - time.monotonic_ns()
+        self._queue: deque[tuple[int, int, Sequence[Message], int]] = deque()
         self._lock = threading.Lock()
-        self._queue: deque[_Moment] = deque()
-        self._waiting = self._waiting_bytes = 0
-        self._rounds = 0
+        self._bytes = self._crc = self._last_ns = self._drains = 0
         self._seen, self._checked, self._stalled = 0, time.monotonic(), 0.0
-        self._last_ns = 0
-        self._simulated_ns = self._base.start_ns
-        self._closed = False
-        self._finished = False
-        # A round is due from this time on.
-        self._due = math.inf
-        # A signal is an item: faster than an Event, whose code is in Python.
-        self._wake: SimpleQueue[None] = SimpleQueue()
-        self._ending: Callable[[], Mapping[str, str]] = dict
-        # The state of the whole arm, with which a new file may begin, and for each such message in
-        # the queue the messages that were dropped before it.
-        self._state_topic = None if limits is None else limits.state
-        self._dropped_before: deque[tuple[int, ...]] = deque()
-        first = self._opening(opening) if opening else []
-        file = RunFiles(path, self.topics, head, first, limits)
-        self.path = file.path
-        self.recorded[:] = file.counts
-        came = map(sum, zip(file.counts, self.dropped, strict=True))
-        # Messages that came, dropped or not.
-        self._offered = dict(zip(names, came, strict=True))
-        self._thread = threading.Thread(
-            target=self._run, args=(file,), name='recording', daemon=True
-        )
+        self._closing = threading.Event()
+        self._totals: Mapping[str, Any] = {}
+        # The process may change its folder.
+        self._path = os.path.abspath(path)
         try:
+            self._stream = open(self._path, 'xb')  # noqa: SIM115
+        except FileExistsError as error:
+            hint = 'the file exists and is not overwritten; choose another name'
+            raise FileExistsError(errno.EEXIST, hint, str(path)) from error
+        try:
+            self._writer = Writer(
+                self._stream, CHUNK_BYTES, CompressionType.ZSTD, enable_data_crcs=True
+            )
+            self._ids = self._write_head(engine, topics)
+            self._thread = threading.Thread(target=self._run, name='recording', daemon=True)
             self._thread.start()
-        except BaseException:
-            file.sink.discard()
+        except BaseException as error:
+            with suppress(OSError):  # what is buffered may not fit either
+                self._stream.close()
+            with suppress(OSError):
+                os.unlink(self._path)
+            if isinstance(error, OSError):
+                raise OSError(error.errno, error.strerror, str(path)) from error
             raise
 
-    @property
-    def failed(self) -> bool:
-        """Whether the recording ended before it was closed."""
-        self._check_thread()
-        return bool(self.error)
-
-    @property
-    def backlog(self) -> float:
-        """Filled share of the queue, 0 to 1; 0 once the recording has failed.
-
-        One thread only may read it, repeatedly while it waits for the disk: here a disk that does
-        not respond for STALL_SECONDS becomes a failure.
-        """
-        self._check_stall()
-        if self.failed:
-            return 0.0
-        return self.waiting_share
-
-    @property
-    def waiting_share(self) -> float:
-        """Filled share of the queue, 0 to 1, for any thread."""
-        most, most_bytes = self._limits
-        return max(self._waiting / most, self._waiting_bytes / most_bytes)
-
-    def record(self, name: Hashable, sequence: int, data: bytes) -> None:
-        """Queue one message at the simulated time of the last state; as `record_all`."""
-        self.record_all(((name, sequence, data),))
-
-    def record_all(self, messages: Sequence[Message], simulated_ns: int | None = None) -> None:
-        """Queue messages that belong to one moment, and so have one log time.
-
-        A message counts as dropped if the queue is full or the recording failed. After `close`
-        messages are not recorded and not counted.
+    def put(self, messages: Sequence[Message], stamp_ns: int) -> None:
+        """Record the messages of one step, or asides; they have one log time.
 
         Parameters
         ----------
         messages
-            Name of the topic, sequence number and bytes of each; not changed afterwards.
-        simulated_ns
-            Simulated time of the moment, ns; default: as in the last call.
+            Not changed afterwards.
+        stamp_ns
+            Simulated time after the step, ns.
         """
-        # Part of a step of the arm: all that can wait is left to the writing thread.
+        if not messages or self.error or self._closing.is_set():
+            return
+        size = sum([len(message.data) + EACH_BYTES for message in messages])
         with self._lock:
-            if self._closed:
-                return
-            if simulated_ns is None:
-                simulated_ns = self._simulated_ns
-            else:
-                self._simulated_ns = simulated_ns
-            offered, size = self._offered, 0
-            for name, _, data in messages:
-                offered[name] += 1
-                size += len(data)
-            waiting, waiting_bytes = self._waiting + len(messages), self._waiting_bytes + size
-            if waiting > self._free or waiting_bytes > self._free_bytes or size > MESSAGE_BYTES:
-                messages, size = self._with_room(messages)
-                waiting = self._waiting + len(messages)
-                waiting_bytes = self._waiting_bytes + size
-            elif self._state_topic is not None:
-                for name, _, _ in messages:
-                    if self._places[name] == self._state_topic:
-                        self._dropped_before.append(tuple(self.dropped))
-            self._waiting, self._waiting_bytes = waiting, waiting_bytes
-            if messages:
-                self._queue.append((time.monotonic_ns(), simulated_ns, messages, size))
+            wall_ns = self._wall_ns + time.monotonic_ns()
+            self._queue.append((wall_ns, stamp_ns, messages, size))
+            self._bytes += size
+        if self._bytes > QUEUE_BYTES:
+            self._fail('the disk is too slow')
 
-    def between_steps(self) -> None:
-        """Let a round that is due begin: the caller has nothing to do for a moment.
+    @property
+    def waiting_share(self) -> float:
+        """Filled share of the queue, 0 to 1; 0 once the recording has failed.
 
-        For the thread that steps the arm, after a step: the interpreter runs one thread at a time.
+        A run without real time waits while it is high. One thread may read it, repeatedly: a disk
+        that does not respond for STALL_SECONDS becomes a failure here.
         """
-        if time.monotonic() >= self._due:
-            self._due = math.inf
-            self._wake.put(None)
-
-    def _with_room(self, messages: Sequence[Message]) -> tuple[list[Message], int]:
-        """Return messages that the queue has room for, and their bytes; count the others."""
-        waiting, waiting_bytes = self._waiting, self._waiting_bytes
-        kept, total = list[Message](), 0
-        for message in messages:
-            topic, size = self._places[message[0]], len(message[2])
-            most, most_bytes = self._capacities[topic]
-            room = waiting < most and waiting_bytes + size <= most_bytes and size <= MESSAGE_BYTES
-            if self.error or not room:
-                self.dropped[topic] += 1
-                continue
-            waiting, waiting_bytes, total = waiting + 1, waiting_bytes + size, total + size
-            kept.append(message)
-            if topic == self._state_topic:
-                self._dropped_before.append(tuple(self.dropped))
-        return kept, total
-
-    def _opening(self, opening: Sequence[Message]) -> list[Timed]:
-        """Return the first messages with their times, but for those that are too long."""
-        messages = [message for message in opening if len(message[2]) <= MESSAGE_BYTES]
-        for name, _, data in opening:
-            self.dropped[self._places[name]] += len(data) > MESSAGE_BYTES
-        moment = time.monotonic_ns(), self._simulated_ns, messages, 0
-        return [Timed(*message) for message in self._timed([moment])]
-
-    def close(
-        self,
-        ending: Callable[[], Mapping[str, str]] = dict,
-        timeout: float = CLOSE_SECONDS,
-    ) -> None:
-        """Write the queue, a last metadata record and the index, and close the file.
-
-        Parameters
-        ----------
-        ending
-            Called for the values of that record once everything else is written; the digests of
-            the topics are added.
-        timeout
-            Longest time to wait, s: a disk that hangs is a failure like others.
-        """
-        with self._lock:
-            if not self._closed:
-                self._ending = ending
-                self._closed = True
-        self._wake.put(None)
-        self._thread.join(timeout)
-        if self._thread.is_alive():
-            self._fail(f'closing took longer than {timeout:g} s (slow disk){_READABLE}')
-        self._check_thread()
-
-    def close_run(self, totals: Callable[[], Mapping[str, Any]]) -> None:
-        """Close the recording of a run; `totals` is called once everything else is written."""
-        self.close(lambda: self._run_ending(totals()))
-
-    def _run_ending(self, totals: Mapping[str, Any]) -> dict[str, str]:
-        """Return the values of the last record: totals of the run, and counts by topic."""
-        names = [topic.name for topic in self.topics]
-        values: dict[str, Any] = {
-            EndKey.TOTALS: totals,
-            EndKey.RECORDED: dict(zip(names, self.recorded, strict=True)),
-            EndKey.DROPPED: dict(zip(names, self.dropped, strict=True)),
-        }
-        return {name: json.dumps(value) for name, value in values.items()}
-
-    def _check_thread(self) -> None:
-        # In this order: the thread sets `_finished` before it ends.
-        if not self._thread.is_alive() and not self._finished:
-            self._fail(f'its thread ended unexpectedly{_READABLE}')
-
-    def _check_stall(self) -> None:
-        now = time.monotonic()
-        self._stalled += min(now - self._checked, _CHECK_SECONDS)
-        self._checked = now
-        if self._rounds != self._seen:
-            self._seen, self._stalled = self._rounds, 0.0
+        now, drains = time.monotonic(), self._drains
+        # A longer time between two calls is a pause of this process, not of the disk.
+        waited = self._stalled + min(now - self._checked, 0.1)
+        self._stalled = waited if drains == self._seen and self._bytes else 0.0
+        self._checked, self._seen = now, drains
         if self._stalled > STALL_SECONDS:
-            self._fail(f'the disk did not respond for {STALL_SECONDS:g} s{_READABLE}')
+            self._fail(f'the disk did not respond for {STALL_SECONDS:g} s')
+        return 0.0 if self.error else self._bytes / QUEUE_BYTES
 
-    def _fail(self, cause: str) -> None:
-        """End the recording, once: count the queue as dropped, free its memory, report."""
+    def close(self, totals: Mapping[str, Any]) -> None:
+        """Write what waits, the end and the index, and close the file; `totals` as `totals_of`."""
+        self._totals = totals
+        self._closing.set()
+        self._thread.join(CLOSE_SECONDS)
+        if self._thread.is_alive():
+            self._fail(f'closing took longer than {CLOSE_SECONDS:g} s')
+
+    def _write_head(self, engine: Engine, topics: Mapping[str, str]) -> dict[str, int]:
+        """Write settings, robot and channels; return the channel of each role."""
+        writer = self._writer
+        writer.start(names.PROFILE, f'pfd_ros {pfd.__version__} {LIBRARY_IDENTIFIER}')
+        wall, simulated = 'wall time', 'simulated time after the step'
+        values = {
+            HeadKey.VERSIONS: {**versions(), PROGRAM: engine.program},
+            HeadKey.TOPICS: dict(topics),
+            HeadKey.TIMES: {
+                'log_time': simulated if self._simulated else wall,
+                'publish_time': wall if self._simulated else simulated,
+                'sequence': 'cycle that took an input or computed an output, modulo 2^32',
+            },
+        }
+        writer.add_metadata(
+            names.HEAD,
+            {
+                HeadKey.FORMAT: names.FORMAT,
+                HeadKey.SETTINGS: engine.state.settings.to_json(),
+                **{key: json.dumps(value) for key, value in values.items()},
+            },
+        )
+        text = robot_text(engine.robot).encode()
+        writer.add_attachment(0, 0, names.ROBOT, 'application/yaml', text)
+        ids, schemas = dict[str, int](), dict[str, int]()
+        for role, topic in topics.items():
+            kind, latched = ROLES[role].type, ROLES[role].latched
+            if kind not in schemas:
+                described = names.SCHEMA_ENCODING, definition(kind).encode()
+                schemas[kind] = writer.register_schema(kind, *described)
+            ids[role] = writer.register_channel(
+                topic,
+                names.MESSAGE_ENCODING,
+                schemas[kind],
+                {
+                    names.QOS_KEY: qos_text(
+                        1, durability='transient_local' if latched else 'volatile'
+                    ),
+                    names.TYPE_HASH_KEY: type_hash(kind),
+                },
+            )
+        writer.flush()
+        return ids
+
+    def _fail(self, why: str) -> None:
+        """End the recording, once: free the queue and report."""
         with self._lock:
             if self.error:
                 return
-            self.error = f'recording stopped: {cause}'
+            self.error = one_line(f'recording {self._path} stopped: {why}{READABLE}')
             self._queue.clear()
-            self._waiting = self._waiting_bytes = 0
-            # From here on each message is looked at, and dropped.
-            self._free = -1
-            for topic, count in enumerate(self._offered.values()):
-                self.dropped[topic] = count - self.recorded[topic]
-        with suppress(Exception):
-            self._report(self.error)
+        self._report(self.error)
 
-    def _run(self, file: RunFiles) -> None:
+    def _run(self) -> None:
         try:
-            self._write(file)
-            file.sink.close()
-            self._finished = True
-        except BaseException as error:
-            self._fail(_line(error))
-        finally:
-            with suppress(OSError):
-                file.sink.close()
-
-    def _write(self, file: RunFiles) -> None:
-        # The first messages, and those after a pause, are flushed at once.
-        flushed, synced, pause = -math.inf, time.monotonic(), 0.0
-        while not self._closed:
-            with suppress(Empty):
-                self._wake.get(timeout=pause)
-            self._due = math.inf
-            drained = self._drain(file)
-            now = time.monotonic()
-            due = flushed + self._flush_seconds
-            if file.waiting and (now >= due or file.waiting >= ROUND_BYTES):
-                self._flush(file)
-                flushed, due = now, now + self._flush_seconds
-            if now - synced >= SYNC_SECONDS:
-                file.sink.sync()
-                synced = now
-            if self._behind():
-                pause = 0.0
-            elif drained:
-                now = time.monotonic()
-                self._due = min(due, now + ROUND_SECONDS)
-                pause = max(0.0, self._due - now) + PATIENCE
-            else:
-                pause = self._idle_seconds
-        while self._queue:
-            self._drain(file)
-            self._flush(file)
-        # From here on the counts for `ending` are final.
-        self._flush(file)
-        file.finish(self._ending())
-
-    def _behind(self) -> bool:
-        """Whether the queue holds more than one round takes."""
-        return self._waiting >= ROUND_MESSAGES or self._waiting_bytes >= ROUND_BYTES
-
-    def _drain(self, file: RunFiles) -> bool:
-        """Move messages from the queue to the file, a round at most; return whether some came."""
-        self._rounds += 1
-        moments: list[_Moment] = []
-        count = size = 0
-        # Until the queue is empty; a failure on another thread empties it, too.
-        with suppress(IndexError):
-            while count < ROUND_MESSAGES and file.waiting + size < ROUND_BYTES:
-                moments.append(self._queue.popleft())
-                count += len(moments[-1][2])
-                size += moments[-1][3]
-        if not moments:
-            return False
-        with self._lock:
+            synced = time.monotonic()
+            while not (self.error or self._closing.wait(0.0 if self._queue else FLUSH_SECONDS)):
+                self._drain()
+                if time.monotonic() - synced >= SYNC_SECONDS:
+                    self._sync()
+                    synced = time.monotonic()
+            while self._queue and not self.error:
+                self._drain()
             if not self.error:
-                self._waiting -= count
-                self._waiting_bytes -= size
-        if self._state_topic is None:
-            file.add_all(self._timed(moments))
-        else:
-            self._add_to_files(file, [*self._timed(moments)])
-        return True
+                self._write_end()
+        except Exception as error:  # a fault of the disk does not stop the arm
+            known = isinstance(error, OSError) and error.strerror
+            self._fail(str(known or error or type(error).__name__))
+        finally:
+            with suppress(OSError):  # what is still buffered does not fit either
+                self._stream.close()
 
-    def _timed(self, moments: Iterable[_Moment]) -> Iterator[NewMessage]:
-        """Yield the messages of moments with their times, and the topic as their channel."""
-        places, base, last_ns = self._places, self._base, self._last_ns
-        for steady_ns, simulated_ns, messages, _ in moments:
-            wall_ns = base.at(steady_ns)
-            if simulated_ns is None:
-                log_ns = published_ns = wall_ns
-            elif base.simulated:
-                log_ns, published_ns = max(0, simulated_ns), wall_ns
-            else:
-                log_ns, published_ns = wall_ns, max(0, simulated_ns)
-            # Log times increase in file order.
-            log_ns = self._last_ns = last_ns = max(log_ns, last_ns)
-            for name, sequence, data in messages:
-                yield places[name], log_ns, published_ns, sequence & SEQUENCE_MASK, data
+    def _drain(self) -> None:
+        """Write what waits, for one flush period at most: more may come all the time."""
+        add, ids, until = self._writer.add_message, self._ids, time.monotonic() + FLUSH_SECONDS
+        with suppress(IndexError):  # until the queue is empty
+            while time.monotonic() < until:
+                wall_ns, stamp_ns, messages, size = self._queue.popleft()
+                times = (stamp_ns, wall_ns) if self._simulated else (wall_ns, stamp_ns)
+                # An aside of another thread may be late.
+                self._last_ns = log_ns = max(self._last_ns, times[0])
+                for role, data, cycle in messages:
+                    number = 0 if role in ASIDES else cycle & names.SEQUENCE_MASK
+                    add(ids[role], log_ns, data, times[1], number)
+                    self._crc = zlib.crc32(data, self._crc)
+                    self.recorded[role] += 1
+                with self._lock:
+                    self._bytes -= size
+        self._writer.flush()
+        self._drains += 1
 
-    def _add_to_files(self, file: RunFiles, messages: Sequence[NewMessage]) -> None:
-        """Add messages, and begin a new file with a state of the whole arm where it is time."""
-        begin = 0
-        for k, message in enumerate(messages):
-            if message[0] == self._state_topic:
-                file.add_all(messages[begin:k])
-                self._flush(file)
-                file.begin_state(Timed(*message), self._dropped_before.popleft())
-                self.path = file.path
-                begin = k
-        file.add_all(messages[begin:])
+    def _write_end(self) -> None:
+        end = {
+            EndKey.TOTALS: self._totals,
+            EndKey.RECORDED: self.recorded,
+            EndKey.CRC: self._crc,
+        }
+        # A metadata record is written at once, before a chunk that is still open.
+        self._writer.flush()
+        self._writer.add_metadata(
+            names.END, {key: json.dumps(value) for key, value in end.items()}
+        )
+        self._writer.finish()
+        self._sync()
 
-    def _flush(self, file: RunFiles) -> None:
-        file.flush()
-        with self._lock:
-            if self.error:
-                raise TimeoutError('closing timed out')
-            self.recorded[:] = file.counts
+    def _sync(self) -> None:
+        """Bring the file to the disk; an error if another program has taken it."""
+        self._stream.flush()
+        os.fdatasync(self._stream.fileno())
+        own = os.fstat(self._stream.fileno())
+        try:
+            same = os.path.samestat(os.stat(self._path), own)
+        except (FileNotFoundError, NotADirectoryError):
+            same = False
+        except PermissionError:  # the folder is not readable any more
+            same = True
+        if not same or own.st_size != self._stream.tell():
+            raise RuntimeError('the file was removed, moved, replaced or truncated')
 
 
-def _line(error: BaseException) -> str:
-    text = one_line(error, 300)
-    if isinstance(error, FileLostError):
-        return text
-    known = isinstance(error, OSError)
-    return (text if known else f'{type(error).__name__}: {text}') + _READABLE
+def totals_of(engine: Engine) -> dict[str, Any]:
+    """Return what the end of a recording states about the run."""
+    state = engine.state
+    return {'cycles': state.cycle, 'steps': state.step, 'failure': state.failure}
+
+
+def topic_names(roles: Collection[str], node: str = 'sim_arm') -> dict[str, str]:
+    """Return the topic of each role in a run without ROS, in the order of ROLES."""
+    found = {}
+    for role in [role for role in ROLES if role in roles]:
+        # The arm's own clock may have a channel too, and a file has one for a topic.
+        topic = '~/clock_ticks' if role == CLOCK_TICKS and CLOCK in roles else ROLES[role].topic
+        found[role] = f'/{topic.lstrip("/")}'.replace('/~', f'/{node}')
+    return found

@@ -61,8 +61,8 @@ def robot_text(robot: pfd.Robot) -> str:
     return pfd.robot_to_yaml(replace(robot, frames=frames), frames=True)
 
 
-def cause(recorded: Mapping[str, str], program: str) -> str:
-    """Return why a recording and its replay differ: another program, or other data or processor.
+def cause(recorded: Mapping[str, str], program: str, altered: bool | None) -> str:
+    """Return why a recording and its replay differ: other data, program or processor.
 
     Parameters
     ----------
@@ -70,6 +70,8 @@ def cause(recorded: Mapping[str, str], program: str) -> str:
         Versions in the head of the recording.
     program
         Digest of the program of the replay.
+    altered
+        Whether the messages are others than those recorded; None if that is unknown.
     """
     here = versions() | {PROGRAM: program}
 
@@ -77,9 +79,11 @@ def cause(recorded: Mapping[str, str], program: str) -> str:
         there = cut(recorded.get(name) or 'unknown')
         return f'{name} {there}, here {cut(here[name] or "unknown")}'
 
+    if altered:
+        return 'cause: other data, the messages are not the recorded ones'
     if recorded.get(PROGRAM) != program:
         named = [n for n in ('pfd', COMMIT, 'llvmlite', 'numpy') if recorded.get(n) != here[n]]
         return f'cause: another program, {"; ".join(map(both, [PROGRAM, *named]))}'
-    if recorded.get(PROCESSOR) != here[PROCESSOR]:
-        return f'cause: the same program, other data or processor; {both(PROCESSOR)}'
-    return 'cause: other data; program and processor are the same'
+    if altered is None:
+        return f'cause: not the program; other data, or {both(PROCESSOR)}'
+    return f'cause: not the program, the settings or the data; {both(PROCESSOR)}'

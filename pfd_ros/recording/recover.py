@@ -1,95 +1,59 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-recover: all readable messages of an MCAP file that was cut off or damaged, as a new whole file.
+"""recover: all readable messages of an MCAP file that was cut off or damaged, as a new whole file.
 
-The frames of the records lead through the file. Where one is damaged, the index leads to the next
-chunk, unless the checksum of the index differs or no chunk begins there. A chunk is left out if
-its checksum differs or it cannot be unpacked. A last chunk that was cut off is unpacked up to the
-cut. Metadata, attachments, schemas and channels are copied, schemas and channels also from the
-index; nothing is added.
+The frames of the records lead through the file, and where one is damaged the index, if the file
+has one, leads to the next chunk. A chunk that was cut off or is damaged is left out. Metadata,
+attachments, schemas and channels are copied, schemas and channels also from the index; nothing is
+added.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
-from itertools import chain
 import os
 from pathlib import Path
-import struct
-from typing import BinaryIO
-import zlib
+from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    Channel,
-    ChunkIndex,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    Schema,
-)
+from mcap.reader import SeekingReader
+from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message, Metadata, Schema
+from mcap.writer import Writer
 
-from pfd_ros.recording.block_writer import BlockWriter, NewMessage
-from pfd_ros.recording.format import MAGIC, RECORD_BYTES
-from pfd_ros.recording.mcap_stream import (
+from pfd_ros.files import new_file
+from pfd_ros.recording.format import LogError, damage_named
+from pfd_ros.recording.mcap_records import (
     FRAME,
-    IN_SUMMARY,
-    McapStream,
-    MessageBlock,
-    message_block,
-    parse_record,
-    records_in_chunk,
-    records_in_truncated_chunk,
+    MAGIC,
+    RECORD_BYTES,
+    opened,
+    parsed,
+    records,
+    records_of,
+    unpacked,
 )
-from pfd_ros.recording.reader import LogError, damage_named, opened
-from pfd_ros.recording.sink import new_file
 
+# Parts of a file with records that are copied, or that hold such.
+COPIED = frozenset(
+    {
+        *(Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK),
+        *(Opcode.METADATA, Opcode.ATTACHMENT),
+    }
+)
 # Lost parts that are kept: a hostile file could have any number.
-MOST_LOST = 10
-# Bytes of the footer, of the checksum at its end, and of the record that ends the data.
-_FOOTER, _CRC, _DATA_END = 20, 4, 4
-# Channel and number of bytes of a message index, before its entries.
-_MESSAGE_INDEX = struct.Struct('<HI')
-_BLOCK = 1 << 20
-_DATA = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.ATTACHMENT)
+MOST_LOST = 1000
 
 
-@dataclass
-class Recovered:
-    """
-    The result of a recovery.
+class Recovered(NamedTuple):
+    """The number of messages in the new file, and the parts that could not be read."""
 
-    Attributes
-    ----------
-    messages : int
-        Messages in the new file.
-    lost : list of str
-        Parts of the file that could not be read; the first MOST_LOST of `lost_parts`.
-    lost_parts : int
-        Their number.
-
-    """
-
-    messages: int = 0
-    lost: list[str] = field(default_factory=list)
-    lost_parts: int = 0
-
-    def lose(self, part: str) -> None:
-        """Note a part that could not be read."""
-        self.lost_parts += 1
-        if len(self.lost) < MOST_LOST:
-            self.lost.append(part)
+    messages: int
+    lost: list[str]
 
 
 def recover(source: Path, target: Path) -> Recovered:
-    """
-    Write all readable messages of an MCAP file to a new one.
+    """Write all readable messages of an MCAP file to a new one.
 
     Raises
     ------
@@ -99,191 +63,132 @@ def recover(source: Path, target: Path) -> Recovered:
         If the target exists: nothing is overwritten.
     OSError
         If a file cannot be read or written; the target is removed then.
-
     """
-    found = Recovered()
+    lost: list[str] = []
     with damage_named(source), opened(source) as stream:
-        size = os.fstat(stream.fileno()).st_size
         if stream.read(len(MAGIC)) != MAGIC:
             raise LogError(f'{source} is not an MCAP file: nothing to recover')
         with new_file(target) as written:
-            index = _Index(stream, size)
-            stream.seek(len(MAGIC))
-            read = chain(index.records, _readable(stream, size, found, index))
-            _copy(read, written, found, index)
-        if not found.lost_parts:
-            _check_rest(stream, size, found)
-    return found
+            messages = _copy(stream, written, lost)
+    if not lost:  # outside the chunks only checksums of the whole file show damage
+        try:
+            for _ in records(source, expansion=float('inf')):
+                pass
+        except LogError as error:
+            lost.append(f'data outside the chunks, which cannot be checked: {error}')
+    return Recovered(messages, lost[:MOST_LOST])
 
 
-def _check_rest(stream: BinaryIO, size: int, found: Recovered) -> None:
-    """Note damage outside the chunks, which only checksums of the whole file show."""
+def _copy(stream: BinaryIO, written: BinaryIO, lost: list[str]) -> int:
+    """Copy the readable records; return the number of messages."""
+    size = os.fstat(stream.fileno()).st_size
+    writer, messages = Writer(written, enable_data_crcs=True), 0
+    channels: dict[int, Channel] = {}
+    schemas: dict[int, Schema] = {}
+    chunks: list[int] = []
     stream.seek(0)
-    try:
-        for _ in McapStream(stream, size):
-            pass
-    except Exception as error:  # damage has as many exceptions as parsers
-        why = str(error) or 'the end is missing'
-        found.lose(f'data outside the chunks, which cannot be checked: {why}')
-
-
-class _Index:
-    """The profile of a file, and by its summary schemas, channels and first bytes of chunks."""
-
-    def __init__(self, stream: BinaryIO, size: int) -> None:
-        self.records: list[McapRecord] = []
-        self.chunks: list[int] = []
-        self.profile = ''
-        with suppress(Exception):
-            stream.seek(len(MAGIC))
-            kind, length = FRAME.unpack(stream.read(FRAME.size))
-            header: Header = parse_record(kind, stream.read(min(length, RECORD_BYTES)))
-            self.profile = header.profile
-        with suppress(Exception):  # damage has as many exceptions as parsers
-            end = size - len(MAGIC)
-            stream.seek(end - _FOOTER)
-            footer: Footer = parse_record(Opcode.FOOTER, stream.read(_FOOTER))
-            at = footer.summary_start
-            # 0 means that the writer computed none.
-            if footer.summary_crc not in (0, _crc_of(stream, at, end - _CRC)):
-                return
-            while at and at + FRAME.size < size:
-                stream.seek(at)
-                kind, length = FRAME.unpack(stream.read(FRAME.size))
-                if kind not in IN_SUMMARY or length > min(RECORD_BYTES, size - at):
-                    break
-                body = stream.read(length)
-                if kind == Opcode.CHUNK_INDEX:
-                    chunk: ChunkIndex = parse_record(Opcode.CHUNK_INDEX, body)
-                    if _begins_there(stream, chunk):
-                        self.chunks.append(chunk.chunk_start_offset)
-                elif kind in _DATA:
-                    self.records.append(parse_record(Opcode(kind), body))
-                at += FRAME.size + length
-        self.chunks.sort()
-
-    def next_chunk(self, at: int) -> int | None:
-        """Return the first byte of the first chunk behind another one."""
-        place = bisect_right(self.chunks, at)
-        return self.chunks[place] if place < len(self.chunks) else None
-
-
-def _crc_of(stream: BinaryIO, begin: int, end: int) -> int:
-    stream.seek(begin)
-    crc, left = 0, end - begin
-    while left > 0 and (block := stream.read(min(left, _BLOCK))):
-        crc = zlib.crc32(block, crc)
-        left -= len(block)
-    return crc
-
-
-def _begins_there(stream: BinaryIO, chunk: ChunkIndex) -> bool:
-    """Return whether a chunk begins where the index says."""
-    stream.seek(chunk.chunk_start_offset)
-    frame = FRAME.pack(Opcode.CHUNK, chunk.chunk_length - FRAME.size)
-    return stream.read(FRAME.size) == frame
-
-
-def _copy(
-    records: Iterator[McapRecord | MessageBlock],
-    written: BinaryIO,
-    found: Recovered,
-    index: _Index,
-) -> None:
-    writer = BlockWriter(written)
-    writer.start(index.profile, 'pfd recover')
-    # A damaged file may name a channel before its schema.
-    schemas: dict[int, int] = {0: 0}
-    channels: dict[int, int] = {}
-    for record in records:
-        if isinstance(record, Schema) and record.id not in schemas:
-            schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-        elif isinstance(record, Channel) and record.id not in channels:
-            if record.schema_id not in schemas:
-                found.lose(f'topic {record.topic!r}, whose schema is lost')
-                continue
-            channels[record.id] = writer.register_channel(
-                record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
-            )
-        elif isinstance(record, MessageBlock):
-            kept: list[NewMessage] = []
-            for message in record.messages():
-                if message.channel_id not in channels:
-                    found.lose(f'a message of channel {message.channel_id}, which is lost')
-                    continue
-                times = message.log_time, message.publish_time
-                channel = channels[message.channel_id]
-                kept.append((channel, *times, message.sequence, message.data))
-            writer.add_messages(kept)
-            found.messages += len(kept)
+    with suppress(Exception):  # damage has as many exceptions as parsers
+        summary = SeekingReader(stream, record_size_limit=RECORD_BYTES).get_summary()
+        if summary is not None:
+            channels, schemas = summary.channels, summary.schemas
+            chunks = [index.chunk_start_offset for index in summary.chunk_indexes]
+            chunks = [place for place in chunks if _begins_chunk(stream, place)]
+    # Numbers in the new file, whose writer counts anew.
+    new_channels: dict[int, int] = {}
+    new_schemas: dict[int, int] = {0: 0}
+    started = False
+    for record in _readable(stream, size, sorted(chunks), lost):
+        if not started:
+            writer.start(record.profile if isinstance(record, Header) else '', 'pfd recover')
+            started = True
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
         elif isinstance(record, Metadata):
+            writer.flush()  # it comes after the messages before it
             writer.add_metadata(record.name, record.metadata)
         elif isinstance(record, Attachment):
-            writer.add_attachment(
-                record.create_time, record.log_time, record.name, record.media_type, record.data
+            times = record.create_time, record.log_time
+            writer.add_attachment(*times, record.name, record.media_type, record.data)
+        elif isinstance(record, Message):
+            number = record.channel_id
+            if number not in new_channels:
+                channel = channels.get(number)
+                if channel is None or channel.schema_id not in {0, *schemas}:
+                    lost.append(f'a message of channel {number}, which is lost')
+                    continue
+                if channel.schema_id not in new_schemas:
+                    schema = schemas[channel.schema_id]
+                    new_schemas[schema.id] = writer.register_schema(
+                        schema.name, schema.encoding, schema.data
+                    )
+                new_channels[number] = writer.register_channel(
+                    channel.topic,
+                    channel.message_encoding,
+                    new_schemas[channel.schema_id],
+                    channel.metadata,
+                )
+            times = record.log_time, record.publish_time
+            writer.add_message(
+                new_channels[number], times[0], record.data, times[1], record.sequence
             )
+            messages += 1
+    if not started:
+        writer.start('', 'pfd recover')
     writer.finish()
+    return messages
 
 
 def _readable(
-    stream: BinaryIO, size: int, found: Recovered, index: _Index
-) -> Iterator[McapRecord | MessageBlock]:
-    """Yield the records that can be read, and note what cannot."""
-    begin = len(MAGIC)
+    stream: BinaryIO, size: int, chunks: list[int], lost: list[str]
+) -> Iterator[McapRecord]:
+    """Yield the records that can be read, and note the parts that cannot.
+
+    Parameters
+    ----------
+    chunks
+        Places of the chunks by the index, increasing; none without an index.
+    """
+    at = len(MAGIC)
     while True:
-        stream.seek(begin)
+        stream.seek(at)
         frame = stream.read(FRAME.size)
-        at = begin + FRAME.size
-        if len(frame) < FRAME.size:
-            found.lose(f'the end, from byte {begin} on')
+        begin = at + FRAME.size
+        kind, length = FRAME.unpack(frame) if len(frame) == FRAME.size else (0, 0)
+        if kind == Opcode.FOOTER and begin + length + len(MAGIC) == size:
             return
-        kind, length = FRAME.unpack(frame)
-        following = index.next_chunk(begin)
-        if kind == Opcode.DATA_END and (length == _DATA_END or following is None):
-            stream.seek(-len(MAGIC), os.SEEK_END)
-            if stream.read() != MAGIC:
-                found.lose(f'the index, from byte {begin} on')
-            return
-        if following is None and kind == length == 0:
-            found.lose(f'the end, from byte {begin} on, which is zero')
-            return
-        if following is None and length > size - at:
-            found.lose(f'the end, from byte {begin} on')
-            if kind == Opcode.CHUNK:
-                yield from records_in_truncated_chunk(stream.read(min(size - at, RECORD_BYTES)))
-            return
-        damage = ''
-        if length > min(RECORD_BYTES, size - at):
-            damage = 'longer than any record'
-        else:
-            records: list[McapRecord | MessageBlock] = []
-            try:
-                # A chunk whole, or its checksum means nothing.
-                records = list(_records_of(kind, stream.read(length)))
-            except Exception as error:  # damage has as many exceptions as parsers
-                damage = str(error) or type(error).__name__
-            yield from records
-        # The index is used only where the frame failed: it may be the damaged one.
-        if damage and following is not None and (at + length > following or not length):
-            found.lose(f'{following - begin} bytes at byte {begin}: their length is damaged')
-            begin = following
+        following = next((place for place in chunks if place > at), None)
+        end = size if following is None else following
+        # A disk without power leaves zeros.
+        if not kind or begin + length > end or length > RECORD_BYTES:
+            if following is None:
+                lost.append(f'the end, from byte {at} on')
+                return
+            lost.append(f'{following - at} bytes at byte {at}: their length is damaged')
+            at = following
             continue
-        if damage:
-            found.lose(f'{length} bytes at byte {at}: {damage}')
-        begin = at + length
+        at = begin + length
+        if kind not in COPIED:
+            continue
+        try:
+            found = [parsed(kind, stream.read(length))]
+            if isinstance(found[0], Chunk):
+                found = _records_of(found[0])
+        except Exception as error:  # damage has as many exceptions as parsers
+            lost.append(f'{length} bytes at byte {begin}: {error or type(error).__name__}')
+        else:
+            yield from found
 
 
-def _records_of(kind: int, body: bytes) -> Iterator[McapRecord | MessageBlock]:
-    """Yield the records to copy of a record in the data section; an exception if it is damaged."""
-    if kind == Opcode.CHUNK:
-        yield from records_in_chunk(parse_record(Opcode.CHUNK, body))
-    elif kind == Opcode.MESSAGE:
-        yield message_block(body)
-    elif kind in _DATA:
-        yield parse_record(Opcode(kind), body)
-    elif kind == Opcode.MESSAGE_INDEX:
-        _, length = _MESSAGE_INDEX.unpack_from(body)
-        if _MESSAGE_INDEX.size + length != len(body):
-            raise ValueError('record MESSAGE_INDEX has inconsistent fields')
-    elif kind != Opcode.HEADER:
-        raise ValueError(f'unknown kind of record {kind:#04x}')
+def _begins_chunk(stream: BinaryIO, place: int) -> bool:
+    """Return whether a chunk begins where an index says, which may be damaged."""
+    stream.seek(place)
+    return stream.read(1) == bytes([Opcode.CHUNK])
+
+
+def _records_of(chunk: Chunk) -> list[McapRecord]:
+    """Return the records of a chunk as a whole, or its checksum means nothing."""
+    if chunk.uncompressed_size > RECORD_BYTES:
+        raise ValueError(f'a chunk holds {chunk.uncompressed_size} bytes')
+    return list(records_of(unpacked(chunk)))

@@ -24,7 +24,7 @@ from pfd_ros.page.contents import Contents, Plot
 from pfd_ros.page.curves import Drawn
 from pfd_ros.page.findings import NOTE, Finding
 from pfd_ros.page.packing import packed_times, packed_values
-from pfd_ros.recording.sink import new_file
+from pfd_ros.files import new_file
 from pfd_ros.text import cut
 
 # Of the curves of a page, characters: coarser curves are drawn beyond it.

@@ -134,5 +134,7 @@ def _robot(data: bytes) -> pfd.Robot:
     text = data.decode()
     # A single line would be the name of a file.
     if '\n' not in text or len(data) > ROBOT_BYTES:
-        raise ValueError(f'{ROBOT} has {len(data)} bytes, expected a robot of {ROBOT_BYTES} at most')
+        raise ValueError(
+            f'{ROBOT} has {len(data)} bytes, expected a robot of {ROBOT_BYTES} at most'
+        )
     return pfd.load_robot(text)

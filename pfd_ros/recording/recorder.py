@@ -27,7 +27,7 @@ from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ASIDES, CLOCK, CLOCK_TICKS, ROLES, Message
-from pfd_ros.messages.qos import qos_text
+from pfd_ros.messages.qos import Qos, qos_text
 from pfd_ros.messages.types import definition, type_hash
 from pfd_ros.recording import format as names
 from pfd_ros.recording.format import EndKey, HeadKey
@@ -168,11 +168,18 @@ class Recorder:
         """Write settings, robot and channels; return the channel of each role."""
         writer = self._writer
         writer.start(names.PROFILE, f'pfd_ros {pfd.__version__} {LIBRARY_IDENTIFIER}')
-        wall, simulated = 'wall time', 'simulated time after the step'
+        settings = engine.state.settings
+        wall, simulated = (
+            'wall time',
+            'simulated time: start_ns + cycle * step_ns, until a failure',
+        )
         values = {
             HeadKey.VERSIONS: {**versions(), PROGRAM: engine.program},
             HeadKey.TOPICS: dict(topics),
             HeadKey.TIMES: {
+                'start_ns': settings.start_ns,
+                'step_ns': settings.step_ns,
+                'simulated': self._simulated,
                 'log_time': simulated if self._simulated else wall,
                 'publish_time': wall if self._simulated else simulated,
                 'sequence': 'cycle that took an input or computed an output, modulo 2^32',
@@ -182,7 +189,7 @@ class Recorder:
             names.HEAD,
             {
                 HeadKey.FORMAT: names.FORMAT,
-                HeadKey.SETTINGS: engine.state.settings.to_json(),
+                HeadKey.SETTINGS: settings.to_json(),
                 **{key: json.dumps(value) for key, value in values.items()},
             },
         )
@@ -199,9 +206,7 @@ class Recorder:
                 names.MESSAGE_ENCODING,
                 schemas[kind],
                 {
-                    names.QOS_KEY: qos_text(
-                        1, durability='transient_local' if latched else 'volatile'
-                    ),
+                    names.QOS_KEY: qos_text(Qos(1, transient_local=latched)),
                     names.TYPE_HASH_KEY: type_hash(kind),
                 },
             )

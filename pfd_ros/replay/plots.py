@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pfd_ros.messages.convert import JOINT_UNITS
-from pfd_ros.recording.sink import new_file
+from pfd_ros.files import new_file
 from pfd_ros.replay.compare import Comparison
 from pfd_ros.replay.what_if import WhatIf
 from pfd_ros.text import cut, listed

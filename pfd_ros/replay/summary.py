@@ -1,151 +1,113 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The summary of a recording, for people."""
+"""The summary of a recording, without a simulation: what happened, by counts and times."""
 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
-from pfd_ros.arm.events import STATES, Verdict
+from pfd_ros.arm.events import INPUTS, REJECTED, REJECTED_COUNTS, STATES
 from pfd_ros.arm.settings import Settings
-from pfd_ros.recording.run_parts import parts_after, parts_between
+from pfd_ros.messages.text_and_arrays import decode_string
+from pfd_ros.recording.format import EndKey, damage_named
+from pfd_ros.recording.log import Log
+from pfd_ros.recording.mcap_records import EXPANSION
+from pfd_ros.recording.provenance import versions
 from pfd_ros.text import one_line
 
-# Gaps that a summary names.
-_SHOWN = 3
+# Software whose versions may change the bits.
+DECISIVE = ('pfd', 'numpy', 'llvmlite')
 
 
-@dataclass
-class Summary:
-    """Counts, times and the failure of a recorded run, if any; verified by a replay or not."""
+class Summary(NamedTuple):
+    """A recorded run.
+
+    Attributes
+    ----------
+    counts
+        Messages by role.
+    rejected
+        Refused inputs by role and rule, such as 'commands wrong_size', with those of a flood that
+        were only counted.
+    cycles
+        The last cycle.
+    seconds
+        Wall time from the first message to the last, s.
+    failure
+        Why the simulation stopped, or ''.
+    """
 
     path: Path
     settings: Settings
-    complete: bool = False
-    # Whether the file has the node's end record, with the counts and digests of all messages.
-    ended: bool = False
-    versions: dict[str, str] = field(default_factory=dict)
-    # Up to the last recorded state. A failed arm did not move after step `stopped_at`.
-    steps: int = 0
-    states: int = 0
-    # Recorded states that the sensors dropped.
-    unpublished: int = 0
-    lost: dict[str, int] = field(default_factory=dict)
-    # Messages that were never written; the lost end of a cut-off file does not count.
-    dropped: int = 0
-    verdicts: Counter[Verdict] = field(default_factory=Counter)
-    waiting: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
-    stopped_at: int | None = None
-    failure: str = ''
-    obstacle: str = ''
-    # Steps whose inputs are missing: the first one, and the one after which a recorded state of
-    # the whole arm allows the replay to continue.
-    gaps: list[tuple[int, int]] = field(default_factory=list)
-    # False if a closed file lacks its beginning.
-    beginning: bool = True
-    # States within gaps, which a replay did not compare.
-    uncompared: int = 0
-    # Number of the file in its run, the step before its first step, and whether a file follows.
-    part: int = 1
-    start: int = 0
-    continues: bool = False
-
-    @property
-    def missing(self) -> int:
-        """States that were published but not recorded."""
-        return self.lost.get(STATES, 0)
-
-    @property
-    def absent(self) -> list[str]:
-        """Everything that a complete recording has and this one lacks."""
-        return RunSummary([self]).absent
-
-    @property
-    def lacking(self) -> list[str]:
-        """Everything that this file should have and lacks."""
-        found = []
-        if not self.complete:
-            found.append('the end of the file, which was not closed')
-        elif not self.ended:
-            found.append(
-                'the end record of the node, without which messages at the end may be missing'
-            )
-        if not self.beginning:
-            found.append('the beginning of the log')
-        found += [f'inputs of steps {first} to {last}' for first, last in self.gaps[:_SHOWN]]
-        lost = max(self.dropped, sum(self.lost.values()))
-        if lost:
-            found.append(f'{lost} messages that were not recorded')
-        return found
-
-    @property
-    def simulated(self) -> int:
-        """Steps in the file until the arm stopped, or to the last one."""
-        return max(0, (self.steps if self.stopped_at is None else self.stopped_at) - self.start)
-
-    @property
-    def seconds(self) -> float:
-        """Wall time from the first recorded state to the last, s."""
-        return (self.last_ns - self.first_ns) / 1e9
-
-    @property
-    def rate(self) -> float:
-        """Recorded states per second of wall time, Hz; 0 with fewer than two states."""
-        published = self.states + self.missing
-        return (published - 1) / self.seconds if published > 1 and self.seconds > 0 else 0.0
+    versions: dict[str, str]
+    counts: Counter[str]
+    rejected: Counter[str]
+    cycles: int
+    seconds: float
+    failure: str
+    complete: bool
 
 
-@dataclass
-class RunSummary:
-    """The files of one run, in their order."""
+def summarize(path: Path | str, expansion: float = EXPANSION) -> Summary:
+    """Read a recording to its end.
 
-    parts: list[Summary]
+    Raises
+    ------
+    LogError
+        If the file is no recording of this edition, or is damaged.
+    OSError
+        If it cannot be read.
+    """
+    log = Log(path, expansion)
+    counts, rejected, walls, cycles = Counter[str](), Counter[str](), list[int](), 0
+    wall = 2 if log.settings.log_time == 'simulated' else 1
+    with damage_named(log.path):
+        for entry in log.timed():
+            role, data, cycle = entry[0]
+            counts[role] += 1
+            cycles = max(cycles, cycle)
+            walls = [walls[0] if walls else entry[wall], entry[wall]]
+            if role in (REJECTED, REJECTED_COUNTS):
+                kind, _, rest = decode_string(data).partition('\n')
+                rejected[kind] += int(rest.split()[0]) if role == REJECTED_COUNTS else 1
+    totals = log.end.get(EndKey.TOTALS, {})
+    return Summary(
+        log.path,
+        log.settings,
+        log.versions,
+        counts,
+        rejected,
+        totals.get('cycles', cycles),
+        (walls[1] - walls[0]) / 1e9 if walls else 0.0,
+        totals.get('failure', ''),
+        log.complete,
+    )
 
-    @property
-    def compared(self) -> int:
-        """States that a replay compared."""
-        return sum(part.states - part.uncompared for part in self.parts)
 
-    @property
-    def merged(self) -> Summary:
-        """The run as one file: its counts are sums."""
-        first, last = self.parts[0], self.parts[-1]
-        lost: Counter[str] = Counter()
-        for part in self.parts:
-            lost.update(part.lost)
-        return replace(
-            last,
-            path=first.path,
-            complete=all(part.complete for part in self.parts),
-            ended=all(part.ended for part in self.parts),
-            states=sum(part.states for part in self.parts),
-            unpublished=sum(part.unpublished for part in self.parts),
-            lost=dict(lost),
-            dropped=sum(part.dropped for part in self.parts),
-            verdicts=sum((part.verdicts for part in self.parts), Counter[Verdict]()),
-            first_ns=next((part.first_ns for part in self.parts if part.first_ns), 0),
-            last_ns=max(part.last_ns for part in self.parts),
-            obstacle=next((part.obstacle for part in self.parts if part.obstacle), ''),
-            gaps=[gap for part in self.parts for gap in part.gaps],
-            beginning=all(part.beginning for part in self.parts),
-            uncompared=sum(part.uncompared for part in self.parts),
-            part=first.part,
-            start=first.start,
-        )
-
-    @property
-    def absent(self) -> list[str]:
-        """Everything that a complete recording has and this one lacks."""
-        found, number = [], 0
-        for part in self.parts:
-            found += parts_between(number, part.part)
-            place = f' ({one_line(part.path.name)})' if len(self.parts) > 1 else ''
-            found += [f'{lacking}{place}' for lacking in part.lacking]
-            number = part.part
-        if self.parts[-1].continues:
-            found.append(parts_after(number))
-        return found
+def lines(found: Summary) -> list[str]:
+    """Return the lines that describe a recorded run."""
+    settings, states = found.settings, found.counts[STATES]
+    inputs = ', '.join(f'{found.counts[role]} {role}' for role in INPUTS if found.counts[role])
+    rate = f', {(states - 1) / found.seconds:.2f} Hz' if states > 1 and found.seconds > 0 else ''
+    text = [
+        f'{found.path}: {settings.robot}',
+        f'duration   {found.cycles * settings.step_size:.3f} s simulated, '
+        f'{found.seconds:.3f} s on the clock',
+        f'cycles     {found.cycles} of {settings.step_size:g} s',
+        f'states     {states}{rate}',
+        f'inputs     {inputs or "none"}',
+    ]
+    text += [f'rejected   {count} {kind}' for kind, count in sorted(found.rejected.items())]
+    if found.failure:
+        text.append(f'FAILED     the simulation stopped: {found.failure}')
+    if not found.complete:
+        text.append('cut off    the file was not closed; the summary is up to the cut')
+    here = versions()
+    text += [
+        f'note       recorded with {name} {found.versions[name]}, this is {here[name]}'
+        for name in DECISIVE
+        if name in found.versions and found.versions[name] != here[name]
+    ]
+    return [one_line(line) for line in text]

@@ -11,7 +11,7 @@ from pfd_ros.messages.convert import JOINT_STATE, NANOSECONDS, JointStateEncoder
 from pfd_ros.messages.definitions import full_text
 from pfd_ros.recording.block_writer import BlockWriter
 from pfd_ros.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
-from pfd_ros.recording.sink import new_file
+from pfd_ros.files import new_file
 from pfd_ros.testing.trajectory import Rows
 
 TOPIC = '/joint_states'

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.recording.sink import new_file
+from pfd_ros.files import new_file
 from pfd_ros.view.logged_arm import Content, fill
 from pfd_ros.view.server import page
 

@@ -67,7 +67,7 @@ class Log:
         If it cannot be read.
     """
 
-    def __init__(self, path: Path | str, expansion: int = EXPANSION) -> None:
+    def __init__(self, path: Path | str, expansion: float = EXPANSION) -> None:
         self.path, self._expansion = Path(path), expansion
         self.head: dict[str, str] = {}
         self.end: dict[str, Any] = {}
@@ -75,7 +75,7 @@ class Log:
         robot = b''
         with damage_named(self.path):
             found = None
-            for record in records(self.path, expansion):
+            for record in records(self.path, expansion=expansion):
                 if isinstance(record, Metadata) and record.name == HEAD:
                     found = record.metadata
                 elif isinstance(record, Attachment) and record.name == ROBOT:
@@ -107,7 +107,7 @@ class Log:
         channels: dict[int, str | None] = {}
         self.end, self._closed, last = {}, False, 0
         with damage_named(self.path):
-            for record in records(self.path, self._expansion):
+            for record in records(self.path, expansion=self._expansion):
                 if isinstance(record, Record):
                     role = channels.get(record.channel_id)
                     if role is None:
@@ -134,7 +134,5 @@ def _robot(data: bytes) -> pfd.Robot:
     text = data.decode()
     # A single line would be the name of a file.
     if '\n' not in text or len(data) > ROBOT_BYTES:
-        raise ValueError(
-            f'{ROBOT} has {len(data)} bytes, expected a robot of {ROBOT_BYTES} at most'
-        )
+        raise ValueError(f'{ROBOT} has {len(data)} bytes, expected at most {ROBOT_BYTES}')
     return pfd.load_robot(text)

@@ -39,7 +39,7 @@ RECORD_BYTES, TEXT_BYTES, CHANNELS = 1 << 28, 1 << 22, 4096
 # Bounds of all unpacked chunks: so many times the file, and bytes beyond that.
 EXPANSION, SLACK_BYTES = 200, 1 << 24
 _PIECE = 1 << 20
-_FRAME, _PREFIX = struct.Struct('<BQ'), struct.Struct('<HIQQ')
+FRAME, _PREFIX = struct.Struct('<BQ'), struct.Struct('<HIQQ')
 _TEXTS: dict[int, Any] = {
     Opcode.HEADER: kinds.Header,
     Opcode.SCHEMA: Schema,
@@ -137,7 +137,7 @@ def _all(reader: _Reader, left: float, size: int) -> Iterator[McapRecord]:
     known: set[tuple[type, int]] = set()
     footer = None
     for found in reader.records:
-        unpacked: Iterator[McapRecord] = iter((found,))
+        inner: Iterator[McapRecord] = iter((found,))
         if isinstance(found, Chunk):
             if found.uncompressed_size > min(left, RECORD_BYTES):
                 raise LogError(
@@ -146,8 +146,8 @@ def _all(reader: _Reader, left: float, size: int) -> Iterator[McapRecord]:
                     'the bound with read_log(..., expansion=1000)'
                 )
             left -= found.uncompressed_size
-            unpacked = _records_of(_unpacked(found))
-        for record in unpacked:
+            inner = records_of(unpacked(found))
+        for record in inner:
             if isinstance(record, Footer):
                 footer = record
                 continue
@@ -196,10 +196,10 @@ class _Reader(StreamReader):
         body = self._stream.read(length)
         if len(body) < length:
             raise EndOfFile
-        return _parsed(opcode, body)
+        return parsed(opcode, body)
 
 
-def _parsed(opcode: int, body: bytes) -> McapRecord:
+def parsed(opcode: int, body: bytes) -> McapRecord:
     """Return the record of a body."""
     if opcode == Opcode.MESSAGE:
         if len(body) < _PREFIX.size:
@@ -221,7 +221,7 @@ def _parsed(opcode: int, body: bytes) -> McapRecord:
     return record
 
 
-def _unpacked(chunk: Chunk) -> bytes:
+def unpacked(chunk: Chunk) -> bytes:
     """Return the records of a chunk, whose size and checksum were stated."""
     size = chunk.uncompressed_size
     packed = BytesIO(chunk.data)
@@ -241,12 +241,12 @@ def _unpacked(chunk: Chunk) -> bytes:
     return data
 
 
-def _records_of(data: bytes) -> Iterator[McapRecord]:
+def records_of(data: bytes) -> Iterator[McapRecord]:
     """Yield the schemas, channels and messages of an unpacked chunk."""
-    at, size, frame, prefix, head = 0, len(data), _FRAME.unpack_from, _PREFIX.unpack_from, 22
+    at, size, frame, prefix, head = 0, len(data), FRAME.unpack_from, _PREFIX.unpack_from, 22
     message = Opcode.MESSAGE
     while at < size:
-        if size - at < _FRAME.size:
+        if size - at < FRAME.size:
             raise ValueError('a chunk ends within a record')
         opcode, length = frame(data, at)
         begin = at + 9
@@ -257,4 +257,4 @@ def _records_of(data: bytes) -> Iterator[McapRecord]:
             channel, sequence, log_ns, publish_ns = prefix(data, begin)
             yield Message(channel, log_ns, data[begin + head : at], publish_ns, sequence)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
-            yield _parsed(opcode, data[begin:at])
+            yield parsed(opcode, data[begin:at])

@@ -19,13 +19,12 @@ import os
 from pathlib import Path
 import threading
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 import zlib
 
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 import pfd_core as pfd
-from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ASIDES, CLOCK, CLOCK_TICKS, ROLES, Message
 from pfd_ros.messages.qos import Qos, qos_text
 from pfd_ros.messages.types import definition, type_hash
@@ -33,6 +32,9 @@ from pfd_ros.recording import format as names
 from pfd_ros.recording.format import EndKey, HeadKey
 from pfd_ros.recording.provenance import PROGRAM, robot_text, versions
 from pfd_ros.text import one_line
+
+if TYPE_CHECKING:
+    from pfd_ros.arm.engine import Engine
 
 # Within which a message is in the file, and on the disk.
 FLUSH_SECONDS, SYNC_SECONDS = 0.1, 1.0

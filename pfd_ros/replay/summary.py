@@ -62,13 +62,12 @@ def summarize(path: Path | str, expansion: float = EXPANSION) -> Summary:
     """
     log = Log(path, expansion)
     counts, rejected, walls, cycles = Counter[str](), Counter[str](), list[int](), 0
-    wall = 2 if log.settings.log_time == 'simulated' else 1
+    simulated = log.settings.log_time == 'simulated'
     with damage_named(log.path):
-        for entry in log.timed():
-            role, data, cycle = entry[0]
+        for (role, data, cycle), log_ns, publish_ns in log.timed():
             counts[role] += 1
             cycles = max(cycles, cycle)
-            walls = [walls[0] if walls else entry[wall], entry[wall]]
+            walls[1:] = [publish_ns if simulated else log_ns]
             if role in (REJECTED, REJECTED_COUNTS):
                 kind, _, rest = decode_string(data).partition('\n')
                 rejected[kind] += int(rest.split()[0]) if role == REJECTED_COUNTS else 1
@@ -80,7 +79,7 @@ def summarize(path: Path | str, expansion: float = EXPANSION) -> Summary:
         counts,
         rejected,
         totals.get('cycles', cycles),
-        (walls[1] - walls[0]) / 1e9 if walls else 0.0,
+        (walls[-1] - walls[0]) / 1e9 if walls else 0.0,
         totals.get('failure', ''),
         log.complete,
     )

@@ -296,7 +296,7 @@ def _core() -> str:
 
 
 def _ros() -> str:
-    log = importlib.import_module('pfd_ros.recording.log_arrays')
+    log = importlib.import_module('pfd_ros.recording.arrays')
     return '\n'.join(
         _directive(f'{log.__name__}.{name}', getattr(log, name))
         for name in ('read_log', 'LogArrays', 'TopicArrays')

@@ -47,7 +47,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pfd_ros.recording.log_arrays import read_log
+    from pfd_ros.recording.arrays import read_log
 
 __all__ = ['read_log']
 
@@ -55,7 +55,7 @@ __all__ = ['read_log']
 def __getattr__(name: str) -> Any:
     # Imported lazily: `pfd --help` and the node do not need it.
     if name == 'read_log':
-        from pfd_ros.recording.log_arrays import read_log
+        from pfd_ros.recording.arrays import read_log
 
         return read_log
     raise AttributeError(f'module {__name__!r} has no attribute {name!r}')

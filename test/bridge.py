@@ -311,7 +311,7 @@ NAMES = {
     'RECORD_BYTES': 'pfd_ros.recording.format:RECORD_BYTES',
     'ROBOT_ATTACHMENT': 'pfd_ros.recording.format:ROBOT',
     'ROLE_OF_SOURCE': 'pfd_ros.recording.format:ROLE_OF_SOURCE',
-    'TopicArrays': 'pfd_ros.recording.log_arrays:TopicArrays',
+    'TopicArrays': 'pfd_ros.recording.arrays:TopicArrays',
     'FileHead': 'pfd_ros.recording.mcap_file:FileHead',
     'TimeBase': 'pfd_ros.recording.mcap_file:TimeBase',
     'RecordedTopic': 'pfd_ros.recording.mcap_file:Topic',

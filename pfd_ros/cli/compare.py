@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pfd_ros.cli.terminal import print_json, print_lines
 from pfd_ros.messages.convert import JOINT_FIELDS
-from pfd_ros.recording.log_arrays import read_log
+from pfd_ros.recording.arrays import read_log
 from pfd_ros.replay.compare import Comparison, compare
 
 HELP = 'compare two logs, joint by joint'

@@ -75,7 +75,7 @@ from pfd_ros.recording.format import (
     Part,
 )
 from pfd_ros.recording.head import Ending, read_ending, read_part, strict_json
-from pfd_ros.recording.log_arrays import LogArrays, TopicArrays, read_parts
+from pfd_ros.recording.arrays import LogArrays, TopicArrays, read_parts
 from pfd_ros.recording.reader import LogError, damage_named
 from pfd_ros.text import cut, one_line
 

@@ -118,7 +118,9 @@ class TopicArrays(Fields):
 
     def rows(self, joint: str) -> NDArray[np.intp]:
         """Return the indices of the messages that name a joint, (k,)."""
-        return np.flatnonzero(np.isin(self.groups, [k for k, x in enumerate(self.lists) if joint in x]))
+        return np.flatnonzero(
+            np.isin(self.groups, [k for k, x in enumerate(self.lists) if joint in x])
+        )
 
     @cached_property
     def stamp_ns(self) -> NDArray[np.int64] | None:
@@ -339,7 +341,7 @@ def _arrays(
         settings = _table(head, HeadKey.SETTINGS)
         roles = {str(topic): role for role, topic in _table(head, HeadKey.TOPICS).items()}
         times = _table(head, HeadKey.TIMES)
-        simulated = next((name for name in times if str(times[name]).startswith('simulated')), '')
+        simulated = 'log_time' if times.get('simulated') else 'publish_time'
         end = {key: json.loads(text) for key, text in bag.end.items()}
         robot = _robot(bag)
     read: dict[str, TopicArrays | LogError] = {}
@@ -522,6 +524,6 @@ class _Topic:
             for group in np.unique(groups):
                 source = [k for k, name in enumerate(lists[group][: part.shape[1]]) if name]
                 columns = [place[lists[group][k]] for k in source]
-                chosen = np.flatnonzero(groups == group)
-                rows[np.ix_(chosen, columns)] = part[np.ix_(chosen, source)]
+                chosen = np.flatnonzero(groups == group)[:, None]
+                rows[chosen, columns] = part[chosen, source]
             at += len(part)

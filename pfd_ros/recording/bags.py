@@ -174,7 +174,9 @@ class Bag:
             known = {row[1] for row in database.execute('PRAGMA table_info(topics)')}
             # The first version of rosbag2 has no QoS.
             qos = 'offered_qos_profiles' if 'offered_qos_profiles' in known else "''"
-            rows = database.execute(f'SELECT id, name, type, serialization_format, {qos} FROM topics')
+            rows = database.execute(
+                f'SELECT id, name, type, serialization_format, {qos} FROM topics'
+            )
             names = {}
             for number, *texts in rows.fetchmany(TOPICS + 1):
                 if not all(isinstance(text, str) for text in texts):
@@ -271,7 +273,9 @@ def _numbered(folder: Path) -> list[Path]:
             f'{folder} has no {DESCRIPTION} and is not one log; it has {found}: name a file, or '
             'run `ros2 bag reindex`'
         )
-    return sorted(files, key=lambda path: int(part[2]) if (part := _NUMBERED.fullmatch(path.stem)) else 0)
+    return sorted(
+        files, key=lambda path: int(part[2]) if (part := _NUMBERED.fullmatch(path.stem)) else 0
+    )
 
 
 def in_order(messages: Iterator[BagMessage], late_ns: int) -> Iterator[BagMessage]:

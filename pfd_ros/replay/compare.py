@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.messages.convert import JOINT_FIELDS, JOINT_STATE
-from pfd_ros.recording.log_arrays import LogArrays, TopicArrays
+from pfd_ros.recording.arrays import LogArrays, TopicArrays
 from pfd_ros.text import listed
 
 Array = NDArray[Any]

@@ -51,7 +51,7 @@ from pfd_ros.messages.stamped import (
 )
 from pfd_ros.recording.bags import Bag
 from pfd_ros.recording.format import EXTERNAL_WRENCH, SOURCE_OF_ROLE, HeadKey
-from pfd_ros.recording.log_arrays import LogArrays
+from pfd_ros.recording.arrays import LogArrays
 from pfd_ros.recording.reader import damage_named
 from pfd_ros.text import cut, listed, one_line
 from pfd_ros.view.motion import Motion

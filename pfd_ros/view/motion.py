@@ -14,7 +14,7 @@ import pfd_core as pfd
 from pfd_ros.arm.events import DESCRIPTION, STATES
 from pfd_ros.arm.link_frames import parsed_urdf
 from pfd_ros.messages.convert import INERTIA, JOINT_STATE, NANOSECONDS, STRING, WRENCH
-from pfd_ros.recording.log_arrays import LogArrays, TopicArrays, read_log
+from pfd_ros.recording.arrays import LogArrays, TopicArrays, read_log
 from pfd_ros.text import listed
 
 # The types that a view reads; all others stay in the file.

@@ -7,7 +7,6 @@ from __future__ import annotations
 import argparse
 import ast
 from collections.abc import Iterable, Iterator, Sequence
-import dataclasses
 from functools import partial
 import importlib
 import inspect
@@ -20,8 +19,8 @@ import pfd_core as pfd
 from pfd_core.dynamics.methods import FORWARD
 import pfd_ros
 from pfd_ros import testing
-from pfd_ros.arm.setting_fields import parameter_name
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.setting_fields import Row
+from pfd_ros.arm.settings import FIELDS, Settings
 from pfd_ros.cli.doctor import EXTRAS
 from pfd_ros.cli.main import commands_of, parser
 from pfd_ros.node import endpoints, services
@@ -80,49 +79,45 @@ def block(text: str) -> str:
 # Parameters.
 
 
-def _owner(field: dataclasses.Field[Any]) -> str:
-    """Return the class of the table of settings that has a field."""
+def _owner(row: Row) -> str:
+    """Return the class of the table of settings that has a setting."""
     (found,) = (
         base.__name__
         for base in reversed(Settings.__mro__)
-        if field.name in vars(base).get('__annotations__', {})
+        if row.field in vars(base).get('__annotations__', {})
     )
     return found
 
 
-def _default(field: dataclasses.Field[Any]) -> str:
-    value = list(field.default) if isinstance(field.default, tuple) else field.default
-    return json.dumps(value)
+def _default(row: Row) -> str:
+    return json.dumps(list(row.default) if isinstance(row.default, tuple) else row.default)
 
 
-def _meaning(field: dataclasses.Field[Any]) -> str:
+def _meaning(row: Row) -> str:
     """Return the description of a parameter, the values it may have, and whether it may change."""
-    span, values = field.metadata['range'], field.metadata['values']
-    text = cell(field.metadata['text'])
-    if values:
-        text += f'; one of {", ".join(code(json.dumps(x).strip(QUOTE)) for x in values)}'
-    elif span is not None:
-        text += f'; {span[0]:g} to {span[1]:g}'
-    return text + '; dynamic' * field.metadata['dynamic']
+    text = cell(row.description)
+    if row.values:
+        text += f'; one of {", ".join(code(json.dumps(x).strip(QUOTE)) for x in row.values)}'
+    elif row.range is not None:
+        text += f'; {row.range[0]:g} to {row.range[1]:g}'
+    return text + '; dynamic' * row.dynamic
 
 
-def _parameter(field: dataclasses.Field[Any]) -> tuple[str, str, str]:
-    name, per_joint = parameter_name(field), field.metadata['per_joint']
-    if not per_joint:
-        return code(name), code(_default(field)), _meaning(field)
-    default = code('0.0') if field.metadata['joint_default'] is None else 'of the model'
-    return code(f'{name}.<joint>'), default, _meaning(field)
+def _parameter(row: Row) -> tuple[str, str, str]:
+    if not row.per_joint:
+        return code(row.name), code(_default(row)), _meaning(row)
+    default = code('0.0') if row.joint_default is None else 'of the model'
+    return code(f'{row.name}.<joint>'), default, _meaning(row)
 
 
 def _parameters() -> str:
     """Return the parameters of the node, by the tables of settings."""
-    fields = dataclasses.fields(Settings)
-    assert {_owner(field) for field in fields} == set(SETTINGS)
+    assert {_owner(row) for row in FIELDS} == set(SETTINGS)
     return '\n'.join(
         f'## {title}\n\n'
         + table(
             ('parameter', 'default', 'meaning'),
-            (_parameter(field) for field in fields if _owner(field) == owner),
+            (_parameter(row) for row in FIELDS if _owner(row) == owner),
         )
         for owner, title in SETTINGS.items()
     )

@@ -27,38 +27,9 @@ PER_JOINT = 'per joint'
 T = TypeVar('T')
 # Setting -> the setting whose numbers it has where it has none of its own.
 DEFAULTS = {'static_friction': 'joint_friction'}
-# Settings of effects that every recording has; those of later effects are in it where given.
-RECORDED = frozenset(
-    {
-        *('damping', 'joint_damping', 'armature', 'joint_armature', 'friction', 'joint_friction'),
-        *('static_friction', 'stribeck_velocity', 'joint_limits', 'restitution', 'stiffness'),
-        *('rest_position', 'cogging_amplitude', 'cogging_periods', 'cogging_phase', 'motor_lag'),
-    }
-)
 # Fields that other values need other native code for.
 PAYLOAD = ('payload_mass', 'payload_center', 'payload_inertia')
 COMPILED = frozenset({'gravity_compensation', *PAYLOAD})
-# Values of `payload_changes`.
-INPUT, CONSTANT = 'input', 'constant'
-PAYLOAD_CHANGES = ('auto', INPUT, CONSTANT)
-
-
-def payload_changes(wanted: str, method: str) -> str:
-    """Return `payload_changes` with 'auto' resolved for a method of forward dynamics.
-
-    Raises
-    ------
-    ValueError
-        If the method takes no payload as an input.
-    """
-    if wanted == 'auto':
-        return INPUT if method in pfd.PAYLOAD_METHODS else CONSTANT
-    if wanted == INPUT and method not in pfd.PAYLOAD_METHODS:
-        raise ValueError(
-            f'payload_changes is {INPUT!r}, but {method} takes no payload as an input: '
-            f'use {CONSTANT!r}, or one of the methods {list(pfd.PAYLOAD_METHODS)}'
-        )
-    return wanted
 
 
 def payload_numbers(payload: pfd.Payload) -> tuple[float, ...]:
@@ -124,11 +95,6 @@ def _effect_settings() -> Iterator[tuple[str, str, Any]]:
                     joint_default=_of_model(field) if field.model else DEFAULTS.get(name),
                 ),
             )
-
-
-def later_effects() -> dict[str, Any]:
-    """Return the settings of effects that older recordings lack, and their values without them."""
-    return {name: field.default for name, _, field in _effect_settings() if name not in RECORDED}
 
 
 def _of_model(field: Any) -> Callable[[Any, pfd.Robot], NDArray[Any]]:
@@ -246,12 +212,6 @@ class PlantSettings:
         LARGEST_INERTIA,
         name='payload.inertia',
         dynamic=True,
-    )
-    payload_changes: str = setting(
-        'auto',
-        'A payload that changes while the arm runs: input of the compiled step, constant of a new '
-        'one, or auto, which is input where the method permits it',
-        values=PAYLOAD_CHANGES,
     )
     external_wrench: bool = setting(
         False, 'Take forces and moments on the last link from ~/external_wrench'

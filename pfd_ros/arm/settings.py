@@ -3,27 +3,27 @@
 """The settings of a run: one frozen table, checked once, written into every recording.
 
 A new setting is a new field of `Settings` or of one of its base classes, which group the settings
-in the documentation. The node declares its parameters from the fields, and a replay reads them
-from the file, so both run the same simulation.
+in the documentation. FIELDS lists them all: the parameters of the node, the arguments of the test
+fixture, the keys of what-if and the documentation come from it. A replay reads the settings from
+the recording, so it runs the same simulation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass
 import json
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import pfd_core as pfd
-from pfd_ros.arm.events import MOST_STEPS
+from pfd_ros.arm.events import MOST_STEPS, OPTIONAL
 from pfd_ros.arm.noise import LARGEST_SEED
-from pfd_ros.arm.plant_settings import PlantSettings, later_effects
-from pfd_ros.arm.setting_fields import check_values, setting, typed
-from pfd_ros.messages import convert
-from pfd_ros.messages.convert import NANOSECONDS
-from pfd_ros.text import listed
+from pfd_ros.arm.plant_settings import PlantSettings
+from pfd_ros.arm.setting_fields import Row, check_values, rows_of, setting, typed
+from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.text import cut, listed
 
 # How far a product of step size and rate may lie from a whole number before it is refused:
 # decimal fractions such as 1/3 kHz carry that much rounding.
@@ -32,37 +32,34 @@ WHOLE = 1e-6
 SLOWEST_FACTOR = 1e-6
 # Least share of the steps that are published; less is a mistake.
 SLOWEST_SHARE = 1e-12
-
 # The time of day when the node is configured: simulated time then never goes back from one run to
 # the next, as controllers that outlive a run need.
 TIME_OF_DAY = -1.0
-
 # Values of `recording_time`.
 WALL, SIMULATED = 'wall', 'simulated'
-# Settings that older recordings lack, and the values that apply to them.
-ABSENT: dict[str, Any] = {
-    'recording_time': WALL,
-    'recording_tf_rate': 0.0,
-    'recording_flush_period': 0.1,
-    'recording_max_size': 0,
-    'recording_max_duration': 0.0,
-    **later_effects(),
-}
-# Names of `position_sums`: whether the simulator compensates; None lets it choose.
+# Values of `position_sums`: whether the simulator compensates; None lets it choose.
 POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
-
-
 # Longest delay of commands and of states, s: a line of this length is kept.
 LONGEST_DELAY = 1.0
-# Stiffer than any servo; the efforts of a servo stay finite with it.
-LARGEST_GAIN = 1e9
-# Far more than any sensor errs by; sums with it stay finite.
-LARGEST_ERROR = 1e6
+# Stiffer than any servo, and far more than any sensor errs by; sums with them stay finite.
+LARGEST_GAIN, LARGEST_ERROR = 1e9, 1e6
+# Parameters of earlier versions, and why there are none.
+REMOVED = {
+    'recording_flush_period': 'a recorded message is in the file after 0.1 s',
+    'recording_max_size': 'a run has one file',
+    'recording_max_duration': 'a run has one file',
+    'recording_state_period': 'a replay starts at the beginning of a recording',
+    'payload_changes': 'a payload that changes is an input of the compiled step where it can be',
+}
+
+
+def _gain(description: str) -> Any:
+    return setting((), description, 0.0, LARGEST_GAIN, dynamic=True, per_joint=True)
 
 
 @dataclass(frozen=True)
 class CommandSettings:
-    """The part of the settings that is about commands."""
+    """The settings of commands."""
 
     lockstep: bool = setting(
         False, 'After each published state wait for a command with its stamp, or without a stamp'
@@ -78,35 +75,25 @@ class CommandSettings:
     )
     effort_limits: bool = setting(
         True,
-        "Cut efforts to the model's limits; joints without one get a wide one; limits of the "
+        "Limit efforts to the model's limits; a joint without one gets a wide one; limits of the "
         'scene file replace these',
         dynamic=True,
     )
     torque_speed: bool = setting(
         True,
-        "Cut efforts to the model's torque-speed tables: the effort limit up to the velocity "
+        "Limit efforts to the model's torque-speed tables: the effort limit up to the velocity "
         'limit, no driving effort from twice that on; tables of the scene file replace these',
         dynamic=True,
     )
-    servo_p: tuple[float, ...] = setting(
-        (),
-        'Gain of the servo that follows commanded positions, N m/rad or N/m; 0 is no servo',
-        0.0,
-        LARGEST_GAIN,
-        dynamic=True,
-        per_joint=True,
+    servo_p: tuple[float, ...] = _gain(
+        'Gain of the servo that follows commanded positions, N m/rad or N/m; 0 is no servo'
     )
-    servo_d: tuple[float, ...] = setting(
-        (),
-        'Gain of the servo on velocities, N m s/rad or N s/m; 0 follows no velocity',
-        0.0,
-        LARGEST_GAIN,
-        dynamic=True,
-        per_joint=True,
+    servo_d: tuple[float, ...] = _gain(
+        'Gain of the servo on velocities, N m s/rad or N s/m; 0 follows no velocity'
     )
     command_timeout: float = setting(
         0.0,
-        'Simulated time without a command after which `on_timeout` acts, s; 0 is never',
+        'Time without a command until on_timeout acts, s; 0 is never',
         0.0,
         1e6,
         dynamic=True,
@@ -138,7 +125,7 @@ class CommandSettings:
 
 @dataclass(frozen=True)
 class DescriptionSettings:
-    """The part of the settings that is about the model outside of the arm."""
+    """The settings of the model outside of the arm."""
 
     ros2_control: bool = setting(
         True,
@@ -157,22 +144,19 @@ class DescriptionSettings:
     )
 
 
-def _error(name: str, text: str) -> Any:
-    """Return the field of a standard deviation or a step: 0 for none."""
-    return setting(0.0, text, 0.0, LARGEST_ERROR, name=name, dynamic=True)
+def _error(name: str, description: str) -> Any:
+    return setting(0.0, description, 0.0, LARGEST_ERROR, name=name, dynamic=True)
 
 
 def _bias(kind: str, unit: str) -> Any:
-    """Return the field of numbers that are added to measured values, one for each joint."""
     text = f'Added to the measured {kind} of each joint, {unit}'
-    return setting(
-        (), text, -LARGEST_ERROR, LARGEST_ERROR, name=f'bias.{kind}', dynamic=True, per_joint=True
-    )
+    span = -LARGEST_ERROR, LARGEST_ERROR
+    return setting((), text, *span, name=f'bias.{kind}', dynamic=True, per_joint=True)
 
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """The part of the settings that is about measured states."""
+    """The settings of measured states."""
 
     seed: int = setting(0, 'Seed of all noise', 0, LARGEST_SEED)
     noise_position: float = _error(
@@ -208,38 +192,12 @@ class SensorSettings:
     )
 
 
-class OutputKind(NamedTuple):
-    """The type of an output's messages, and the quantity of pfd_core that it is, '' for none."""
-
-    type: str
-    quantity: str = ''
-
-
-# The outputs in addition to joint_states. The topic of each is `~/<name>`, and its role is the
-# name; in the order in which a cycle puts them out. The names are in recordings and stay.
-OUTPUTS = {
-    'true_states': OutputKind(convert.JOINT_STATE),
-    'acceleration': OutputKind(convert.FLOAT_ARRAY),
-    'external_torques': OutputKind(convert.JOINT_STATE, 'wrench_torques'),
-    'inertia_matrix': OutputKind(convert.FLOAT_ARRAY, 'inertia_matrix'),
-    'bias_torques': OutputKind(convert.JOINT_STATE, 'bias_torques'),
-    'gravity_torques': OutputKind(convert.JOINT_STATE, 'gravity_torques'),
-    'external_torques_array': OutputKind(convert.FLOAT_ARRAY, 'wrench_torques'),
-    'bias_torques_array': OutputKind(convert.FLOAT_ARRAY, 'bias_torques'),
-    'gravity_torques_array': OutputKind(convert.FLOAT_ARRAY, 'gravity_torques'),
-    'tip_jacobian': OutputKind(convert.FLOAT_ARRAY, 'tip_jacobian'),
-    'tip_pose': OutputKind(convert.POSE, 'tip_pose'),
-    'tip_wrench': OutputKind(convert.WRENCH),
-    'energy': OutputKind(convert.FLOAT_ARRAY, 'energy'),
-}
-
-
 @dataclass(frozen=True)
 class OutputSettings:
     """The settings of outputs in addition to joint_states."""
 
     outputs: tuple[str, ...] = setting(
-        (), 'Published with each state, on ~/<name>; empty means nothing', values=tuple(OUTPUTS)
+        (), 'Published with each state, on ~/<name>; empty means nothing', values=OPTIONAL
     )
 
 
@@ -263,8 +221,7 @@ class Settings(
     base_link: str = setting('', "First link of the chain; '' takes the root of the model")
     tip_link: str = setting('', "Last link of the chain; '' takes the only leaf of the model")
     joints: tuple[str, ...] = setting(
-        (),
-        'Order of the joints that move, in states and ~/commands; empty is the order of the model',
+        (), 'Order of the moving joints in states and ~/commands; empty is the order of the model'
     )
     locked: tuple[str, ...] = setting((), 'Joints to weld, such as the joints of a gripper')
     locked_positions: tuple[float, ...] = setting(
@@ -325,34 +282,6 @@ class Settings(
         0.0,
         1e5,
     )
-    recording_state_period: float = setting(
-        5.0,
-        'Simulated time between two recorded states of the whole arm, from which a replay can '
-        'start, s; 0 records none',
-        0.0,
-        1e6,
-    )
-    recording_flush_period: float = setting(
-        0.1,
-        'Time after which a recorded message is in the file, s; a killed process loses at most '
-        'this much',
-        0.01,
-        10.0,
-    )
-    recording_max_size: int = setting(
-        0,
-        'Size of a file of the recording, bytes, after which a new file begins at the next '
-        'recorded state of the whole arm; 0 is one file',
-        0,
-        1 << 62,
-    )
-    recording_max_duration: float = setting(
-        0.0,
-        'Simulated time in a file of the recording, s, after which a new file begins; 0 is one '
-        'file',
-        0.0,
-        1e6,
-    )
 
     def __post_init__(self) -> None:
         """Check every value, so that the users of settings need not."""
@@ -375,11 +304,6 @@ class Settings(
                 f'real_time_factor is {self.real_time_factor!r}, '
                 f'expected 0 or {SLOWEST_FACTOR!r} and more'
             )
-        if self.splits and not self.recording_state_period:
-            raise ValueError(
-                'recording_max_size and recording_max_duration need recording_state_period above '
-                '0: each file begins with a recorded state of the whole arm'
-            )
         self.check_plant()
         if not self.robot:
             raise ValueError('robot is empty; name one that `pfd robots` lists, or a file')
@@ -389,6 +313,38 @@ class Settings(
             )
         _ = self.publish_every, self.clock_every
         _ = self.state_delay_steps, self.command_delay_steps
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> Settings:
+        """Return settings from values by field, perhaps from outside; others have their default.
+
+        Raises
+        ------
+        ValueError
+            If a name is not known, or a value has the wrong type or is refused.
+        """
+        if not isinstance(values, Mapping):
+            raise ValueError(f'the settings are {type(values).__name__}, expected a JSON object')
+        kinds = {row.field: row.type for row in FIELDS}
+        unknown = [str(name) for name in values if name not in kinds]
+        if unknown:
+            raise ValueError(
+                f'unknown settings {listed(sorted(unknown))}; the file is from another version '
+                'of pfd'
+            )
+        return cls(**{name: typed(name, value, kinds[name]) for name, value in values.items()})
+
+    @classmethod
+    def from_json(cls, text: str) -> Settings:
+        """Return the settings of `to_json`; ValueError for other texts, as `from_values`."""
+        try:
+            return cls.from_values(json.loads(text))
+        except RecursionError:
+            raise ValueError('the settings are nested too deeply') from None
+
+    def to_json(self) -> str:
+        """Return the settings as JSON text; every number comes back with the same bits."""
+        return json.dumps(dataclasses.asdict(self), sort_keys=True)
 
     @property
     def compensated(self) -> bool | None:
@@ -463,25 +419,6 @@ class Settings(
         return max(1, round(1.0 / max(steps, SLOWEST_SHARE))) if steps else 0
 
     @property
-    def save_every(self) -> int:
-        """Steps from one recorded state of the whole arm to the next; 0 is never."""
-        period = self.recording_state_period
-        if self.recording_max_duration:
-            period = min(period, self.recording_max_duration)
-        return max(1, round(period / self.step_size)) if period else 0
-
-    @property
-    def splits(self) -> bool:
-        """Whether the recording may have several files."""
-        return self.recording_max_size > 0 or self.recording_max_duration > 0.0
-
-    @property
-    def states_per_file(self) -> int:
-        """Recorded states of the whole arm in a file of `recording_max_duration`; 0: no limit."""
-        steps = round(self.recording_max_duration / self.step_size)
-        return max(1, steps // self.save_every) if self.recording_max_duration else 0
-
-    @property
     def state_delay_steps(self) -> int:
         """Steps by which measured states are late."""
         return self._whole_steps('delay.state', self.delay_state)
@@ -519,8 +456,34 @@ class Settings(
         return whole
 
 
+FIELDS = rows_of(Settings)
+PER_JOINT = tuple(row for row in FIELDS if row.per_joint)
+_DYNAMIC = {row.field: row.type for row in FIELDS if row.dynamic}
+
+
+def typed_changes(values: Any) -> dict[str, Any]:
+    """Return new values of dynamic settings by field, each of the field's type.
+
+    Raises
+    ------
+    ValueError
+        If this is no such table.
+    """
+    if not isinstance(values, dict) or not values:
+        raise ValueError('expected a table of values by setting')
+    strange = [name for name in values if name not in _DYNAMIC]
+    if strange:
+        raise ValueError(f'{listed(strange)} cannot change while the arm runs')
+    return {name: typed(name, value, _DYNAMIC[name]) for name, value in values.items()}
+
+
+def timeout_steps(seconds: float, step_size: float) -> float:
+    """Return the whole steps after which a timeout is over, one at least; 0 s is never: inf."""
+    return max(1, math.ceil(seconds / step_size - WHOLE)) if seconds else math.inf
+
+
 def check_servo(settings: CommandSettings) -> None:
-    """Check that there is a servo for what needs one; once the joints are known.
+    """Check that there is a servo for what needs one, once the joints are known.
 
     Raises
     ------
@@ -531,46 +494,119 @@ def check_servo(settings: CommandSettings) -> None:
         raise ValueError("on_timeout is 'hold', expected servo_p above 0 for every joint")
 
 
-def timeout_steps(seconds: float, step_size: float) -> float:
-    """Return the whole steps after which a timeout is over, one at least; 0 s is never: inf."""
-    return max(1, math.ceil(seconds / step_size - WHOLE)) if seconds else math.inf
-
-
-def to_json(settings: Settings) -> str:
-    """Return the settings as JSON text; every number comes back with the same bits."""
-    return json.dumps(dataclasses.asdict(settings), sort_keys=True)
-
-
-def from_values(values: Mapping[str, Any]) -> Settings:
-    """Return settings from a mapping; a field that is not in it keeps its default.
-
-    Parameters
-    ----------
-    values
-        Name -> value; lists and tuples are the same.
+def check_joint_counts(settings: Settings, count: int) -> None:
+    """Check that each setting with a number for each joint has `count` of them, or none.
 
     Raises
     ------
     ValueError
-        If a name is not known, or a value has the wrong type or is refused.
+        If one has another number of them.
     """
-    if not isinstance(values, Mapping):
-        raise ValueError(f'the settings are {type(values).__name__}, expected a JSON object')
-    kinds = {field.name: str(field.type) for field in dataclasses.fields(Settings)}
-    unknown = [str(name) for name in values if name not in kinds]
-    if unknown:
+    for row in PER_JOINT:
+        given = len(getattr(settings, row.field))
+        if given not in (0, count):
+            raise ValueError(
+                f'{row.name} holds {given} numbers, expected {count}, one for each joint, or none'
+            )
+
+
+def joint_order(wanted: Sequence[str], robot: pfd.Robot) -> tuple[int, ...]:
+    """Return the index in the model of each joint, in the order in which joints are published.
+
+    Raises
+    ------
+    ValueError
+        If `wanted` is not empty and not a permutation of the robot's joints.
+    """
+    names = list(robot.joint_names)
+    if not wanted:
+        return tuple(range(robot.n))
+    if sorted(wanted) != sorted(names):
         raise ValueError(
-            f'unknown settings {listed(sorted(unknown))}; the file is from another version of pfd'
+            f'joints is {listed(wanted)}, expected each joint of {cut(robot.name)!r} once: {names}'
         )
-    return Settings(**{name: typed(name, value, kinds[name]) for name, value in values.items()})
+    return tuple(names.index(name) for name in wanted)
 
 
-def to_recorded(settings: Settings) -> dict[str, Any]:
-    """Return the values of settings by name, without the ones that `from_recorded` adds."""
-    values = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
-    return {k: v for k, v in values.items() if k not in ABSENT or v != ABSENT[k]}
+def joint_values(
+    row: Row, settings: Settings, robot: pfd.Robot, order: Sequence[int]
+) -> tuple[float, ...]:
+    """Return the numbers in use of a setting with one for each joint, in published order."""
+    given: tuple[float, ...] = getattr(settings, row.field)
+    default = row.joint_default
+    if given or default is None:
+        return given or (0.0,) * len(order)
+    if isinstance(default, str):
+        (other,) = (other for other in PER_JOINT if other.field == default)
+        return joint_values(other, settings, robot, order)
+    return tuple(default(settings, robot)[list(order)].tolist())
 
 
-def from_recorded(values: Mapping[str, Any]) -> Settings:
-    """Return settings from a recording, perhaps an older one; as `from_values`."""
-    return from_values({**ABSENT, **values})
+def split_joints(
+    values: Mapping[str, Any],
+) -> tuple[dict[str, Any], dict[str, dict[str, float]]]:
+    """Return settings of all joints, and the numbers of single joints by field.
+
+    Parameters
+    ----------
+    values
+        By name; of single joints `friction.elbow_joint`, or `friction` with a mapping of joints.
+
+    Raises
+    ------
+    ValueError
+        If a joint's number is none, or is given twice.
+    """
+    groups = {row.field: row for row in PER_JOINT} | {row.name: row for row in PER_JOINT}
+    plain: dict[str, Any] = {}
+    found: dict[str, dict[str, float]] = {}
+    for name, value in values.items():
+        group = max((one for one in groups if name.startswith(f'{one}.')), key=len, default='')
+        if isinstance(value, Mapping) and name in groups:
+            row, joints = groups[name], dict(value)
+        elif group and name not in groups:
+            row, joints = groups[group], {name.removeprefix(f'{group}.'): value}
+        else:
+            plain[name] = value
+            continue
+        table = found.setdefault(row.field, {})
+        for joint, number in joints.items():
+            label = f'{row.name}.{cut(str(joint))}'
+            if joint in table:
+                raise ValueError(f'{label} is given twice')
+            table[joint] = typed(label, number, 'float')
+    return plain, found
+
+
+def with_joint_numbers(
+    settings: Settings, robot: pfd.Robot, numbers: Mapping[str, Mapping[str, float]]
+) -> Settings:
+    """Return settings with the numbers of single joints by field; the other joints keep theirs.
+
+    Raises
+    ------
+    ValueError
+        If the robot has no such joint.
+    """
+    order = joint_order(settings.joints, robot)
+    names = [robot.joint_names[i] for i in order]
+    for row in PER_JOINT:
+        if row.field not in numbers:
+            continue
+        before = joint_values(row, settings, robot, order)
+        values = list(before)
+        for joint, number in numbers[row.field].items():
+            if joint not in names:
+                raise ValueError(
+                    f'{row.name}.{cut(str(joint))}: no such joint; joints are {listed(names)}'
+                )
+            values[names.index(joint)] = number
+        changed: dict[str, Any] = {row.field: tuple(values)}
+        # Numbers that are the default of another setting, after it, change there as well.
+        for other in PER_JOINT:
+            own = getattr(settings, other.field)
+            if own and other.joint_default == row.field:
+                pairs = zip(own, before, values, strict=True)
+                changed[other.field] = tuple(new if was == old else was for was, old, new in pairs)
+        settings = dataclasses.replace(settings, **changed)
+    return settings

@@ -179,6 +179,8 @@ class LogArrays:
         Whether the file was closed properly, rather than cut off.
     head, end : mapping
         Metadata of a recording of ours: its texts, and the values of its end; {} for other logs.
+    bag : Bag
+        The files and the topics with their definitions.
     """
 
     path: Path
@@ -191,7 +193,7 @@ class LogArrays:
     complete: bool
     head: Mapping[str, str] = field(repr=False)
     end: Mapping[str, Any] = field(repr=False)
-    _bag: Bag = field(repr=False)
+    bag: Bag = field(repr=False)
     _span_ns: tuple[float, float] = field(repr=False)
     _read: Mapping[str, TopicArrays | LogError] = field(repr=False)
 
@@ -229,7 +231,7 @@ class LogArrays:
     def messages(self, topic: str) -> list[bytes]:
         """Return the bytes of all messages of a topic, read again, malformed ones included."""
         first, last = self._span_ns
-        found = [m for m in self._bag.messages([topic]) if first <= m.log_ns < last]
+        found = [m for m in self.bag.messages([topic]) if first <= m.log_ns < last]
         return [message.data for message in sorted(found, key=lambda m: m.log_ns)]
 
     def to_pandas(self, topic: str) -> Any:

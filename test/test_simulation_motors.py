@@ -135,19 +135,24 @@ def test_a_step_of_many_substeps_has_the_bits_of_a_simulator() -> None:
 
 @pytest.mark.parametrize(
     ('position', 'velocity'),
-    [((0.4, np.nan), None), (None, (0.3, -0.2)), ((0.4, 0.1), (0.3, np.nan))],
+    [
+        ((0.4, np.nan), (np.nan, np.nan)),
+        ((np.nan, np.nan), (0.3, -0.2)),
+        ((0.4, 0.1), (0.3, np.nan)),
+    ],
 )
 def test_servos_follow_their_targets(position, velocity) -> None:
     p, d = np.array([50.0, 20.0]), np.array([5.0, 2.0])
     motor = pfd.MotorSimulator(ROBOT)
     limits = np.array([INF, INF, INF, INF, p, d, INF])
-    bound = motor.bind(motor.new_state((0.1, 0.2)), pfd.MotorState(np.zeros(2)), limits)
-    bound.set_targets(position, velocity)
+    targets = np.full((2, 2), np.nan)
+    state, counters = motor.new_state((0.1, 0.2)), pfd.MotorState(np.zeros(2))
+    bound = motor.bind(state, counters, limits, targets)
+    # They are read where they are, in each run.
+    targets[:] = there, rate = np.array([position, velocity])
     out, rows = np.empty((100, 3, 2)), efforts(100, 1.0)
     bound.run(rows, out)
     q, qd = (np.vstack([start, out[:-1, k]]) for k, start in enumerate(((0.1, 0.2), ZEROS)))
-    none = np.full(2, np.nan)
-    there, rate = (np.array(none if x is None else x) for x in (position, velocity))
     # A joint with a position alone goes to rest there, one with a velocity alone is damped.
     wanted = rows + np.where(np.isnan(there), 0.0, p * (there - q))
     driven = ~np.isnan(there) | ~np.isnan(rate)
@@ -211,6 +216,16 @@ def test_a_run_of_no_rows_changes_nothing() -> None:
     assert state.arrays['q'].tolist() == [0.1, 0.2]
 
 
+@pytest.mark.parametrize(
+    'targets',
+    [np.zeros(2), np.zeros((2, 2), 'float32'), np.zeros((2, 4))[:, ::2], [[0.0] * 2] * 2],
+)
+def test_targets_of_another_shape_type_or_order_are_refused(targets) -> None:
+    motor = pfd.MotorSimulator(ROBOT)
+    with pytest.raises(ValueError, match=r'targets must be an array \(2, 2\)'):
+        motor.bind(motor.new_state(), pfd.MotorState(np.zeros(2)), ENDLESS, targets)
+
+
 def test_native_code_computes_the_recorded_program() -> None:
     program = record_actuators(2)
     rng = np.random.default_rng(5)
@@ -221,8 +236,7 @@ def test_native_code_computes_the_recorded_program() -> None:
         )
         targets = np.where(rng.random((2, 2)) < 0.5, rng.normal(size=(2, 2)), np.nan)
         motor, counters = pfd.MotorSimulator(ROBOT), pfd.MotorState(np.zeros(2), before)
-        bound = motor.bind(motor.new_state(q, qd), counters, limits)
-        bound.set_targets(*targets)
+        bound = motor.bind(motor.new_state(q, qd), counters, limits, targets)
         out = np.empty((1, 3, 2))
         bound.run(tau[np.newaxis], out)
         inputs = {'q': q, 'qd': qd, 'efforts': tau, 'wanted': before}

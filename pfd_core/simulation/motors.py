@@ -123,7 +123,13 @@ class MotorSimulator(Simulator):
         for name, value in self._all_inputs(wrench, brakes, payload).items():
             arrays[name][:] = value
 
-    def bind(self, state: SimulationState, motors: MotorState, limits: ArrayLike) -> Cycles:
+    def bind(
+        self,
+        state: SimulationState,
+        motors: MotorState,
+        limits: ArrayLike,
+        targets: Array | None = None,
+    ) -> Cycles:
         """
         Return the function that runs steps of a state in place.
 
@@ -137,6 +143,9 @@ class MotorSimulator(Simulator):
             Rows (7, n): the largest effort [N m or N]; the effort and the speed of the
             torque-speed line; the full speed [rad/s or m/s]; gains of the servo [N m/rad and N m
             s/rad]; the largest change of an effort from step to step. inf for no limit.
+        targets : numpy.ndarray, optional
+            Positions and velocities that the servos follow (2, n), NaN for none. It is read in
+            place in each step.
 
         Raises
         ------
@@ -156,7 +165,13 @@ class MotorSimulator(Simulator):
         rows = real_array('limits', limits, self._dtype, (len(MOTOR_ROWS), n), finite=False)
         if not (rows >= 0.0).all():
             raise ValueError('limits must be zero or more')
-        return Cycles(self, self._own(state), motors, rows.copy(order='C'))
+        shape = (len(TARGET_ROWS), n)
+        if targets is None:
+            targets = np.full(shape, np.nan, self._dtype)
+        fits = isinstance(targets, np.ndarray) and targets.flags.carray
+        if not fits or targets.dtype != self._dtype or targets.shape != shape:
+            raise ValueError(f'targets must be an array {shape} of {self._dtype}, C-ordered')
+        return Cycles(self, self._own(state), motors, rows.copy(order='C'), targets)
 
     def _check_state(self, state: SimulationState) -> None:
         if not isinstance(state, SimulationState):
@@ -178,24 +193,25 @@ class Cycles:
     """Native code bound to a state; see MotorSimulator.bind."""
 
     def __init__(
-        self, simulator: MotorSimulator, state: SimulationState, motors: MotorState, limits: Array
+        self,
+        simulator: MotorSimulator,
+        state: SimulationState,
+        motors: MotorState,
+        limits: Array,
+        targets: Array,
     ) -> None:
         self.state = state
         self._simulator, self._motors, self._limits = simulator, motors, limits
         n, size, native = simulator.robot.n, limits.itemsize, simulator._native
-        self._targets = np.full((len(TARGET_ROWS), n), np.nan, limits.dtype)
-        own = {'motors': limits.ravel(), 'targets': self._targets.ravel()}
+        # Native code reads them where they are.
+        self._targets = targets
+        own = {'motors': limits.ravel(), 'targets': targets.ravel()}
         own |= {'wanted': motors.before, 'peaks': motors.peaks, 'counts': motors.counts}
         rows = state.rows | native_rows(own) | {'efforts': (0, 0, size, n * size)}
         rows |= dict.fromkeys(OUT, (0, 0, size, 3 * n * size))
         self._plan = Plan(native, rows, simulator.substeps)
         self._indices = [native.arrays.index(name) for name in ('efforts', *OUT)]
         self._row, self._places = n * size, (0, 0)
-
-    def set_targets(self, position: Array | None = None, velocity: Array | None = None) -> None:
-        """Set the targets of the servos, (n,) each; NaN or no argument removes the target."""
-        for row, values in zip(self._targets, (position, velocity), strict=True):
-            row[:] = np.nan if values is None else values
 
     def run(self, efforts: Array, out: Array) -> int:
         """

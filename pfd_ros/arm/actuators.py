@@ -4,10 +4,11 @@
 
     effort = commanded effort + p (target - position) + d (target velocity - velocity)
 
-within the limits of the motors. The effort is computed once per cycle and is constant over it, so
-the effort in joint_states is exactly the effort that acted. It is the effort after the limits,
-without friction and without the torque of gravity compensation: commands and states have one
-convention. Motors with a lag follow it.
+within the limits of the motors. Native code computes the effort once a step, and it is constant
+over the step: the effort in joint_states is exactly the effort that acted. It is the effort after
+the limits, without friction and without the torque of gravity compensation: commands and states
+have one convention. Motors with a lag follow it. A reflex, if there is one, brakes all joints in
+the step in which an effort would jump.
 
 See docs/decisions/0033-one-state-one-step.md and 0032-one-table-of-effects.md.
 """
@@ -21,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.actuator_command import Gains
-from pfd_ros.arm.settings import Settings, check_servo
-from pfd_ros.arm.state import ActuatorState
+from pfd_ros.arm.plant import in_model_order
+from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.state import State
 from pfd_ros.text import cut
 
 # For a joint whose model states no limit: the weight of all links at an arm of 5 m, N m or N, and
@@ -48,18 +49,16 @@ def _stated(limits: NDArray[Any], wide: float) -> NDArray[Any]:
 
 
 class Actuators:
-    """The actuators of one arm: what its settings decide; their state is an ActuatorState.
-
-    All arrays are in model order.
+    """What the settings decide about the actuators; arrays in model order.
 
     Attributes
     ----------
-    gains
-        Of the servos, None if all are zero.
+    p, d, servo
+        Gains of the servos (n,), N m/rad and N m s/rad or N/m and N s/m; whether one is not zero.
+    largest_jump
+        Largest change of an effort in a step, N m or N, beyond which a reflex acts; inf for none.
     limits
         Limits of the motors and gains, (7, n), as pfd_core.MotorSimulator.bind takes them.
-    largest_jump
-        Largest change of an effort in a cycle, N m or N, beyond which a reflex acts; inf for none.
 
     Parameters
     ----------
@@ -72,20 +71,14 @@ class Actuators:
     """
 
     def __init__(
-        self,
-        settings: Settings,
-        robot: pfd.Robot,
-        order: Sequence[int],
-        scene: pfd.Scene | None = None,
+        self, settings: Settings, robot: pfd.Robot, order: NDArray[Any], scene: pfd.Scene
     ) -> None:
-        check_servo(settings)
-        p, d = (in_model_order(x, order) for x in (settings.servo_p, settings.servo_d))
-        self.gains = Gains(p, d) if p.any() or d.any() else None
+        self.p, self.d = (in_model_order(x, order) for x in (settings.servo_p, settings.servo_d))
+        self.servo = bool(self.p.any() or self.d.any())
         rate = settings.reflex_effort_rate
         self.largest_jump = rate * settings.step_size if rate else np.inf
         full, speeds = effort_limits(robot), speed_limits(robot)
         endless = np.full(robot.n, np.inf)
-        scene = scene or pfd.Scene()
         table = settings.torque_speed and scene.torque_speed is None
         # The first row of a torque-speed table is the largest torque at any speed.
         limited = table or (settings.effort_limits and scene.effort_limits is None)
@@ -94,38 +87,26 @@ class Actuators:
                 full if limited else endless,
                 *((full, speeds) if table else (endless, endless)),
                 speeds,
-                p,
-                d,
+                self.p,
+                self.d,
                 np.full(robot.n, self.largest_jump),
             ]
         )
 
 
-def trip(
-    state: ActuatorState, wanted: NDArray[Any], names: Sequence[str], largest_jump: float
-) -> None:
-    """Trip the reflex: one of the wanted efforts (n,) jumped."""
+def trip(state: State, wanted: NDArray[Any], names: Sequence[str], largest_jump: float) -> None:
+    """Note why the reflex acts: one of the wanted efforts (n,) jumped."""
     # Halves: a difference of the largest numbers would overflow.
     halves = np.abs(0.5 * wanted - 0.5 * state.motors.before)
     joint = int(np.nanargmax(halves))
-    jump = 2.0 * float(halves[joint])
-    state.tripped = True
     state.trips += 1
-    state.reflex = (
-        f'the effort of {cut(names[joint])!r} changed by {jump:.6g} in one step, '
-        f'limit {largest_jump:.6g}'
+    state.tripped = (
+        f'the effort of {cut(names[joint])!r} changed by {2.0 * float(halves[joint]):.6g} '
+        f'in one step, limit {largest_jump:.6g}'
     )
 
 
-def restart(state: ActuatorState) -> None:
+def restart(state: State) -> None:
     """Discard the last efforts, and end a reflex."""
-    state.tripped = False
+    state.tripped = ''
     state.motors.before[:] = np.nan
-
-
-def in_model_order(values: Sequence[float], order: Sequence[int]) -> NDArray[Any]:
-    """Return a setting with a number for each joint in model order, (n,); zeros if it is empty."""
-    numbers = np.zeros(len(order))
-    if values:
-        numbers[list(order)] = values
-    return numbers

@@ -2,251 +2,268 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rules for commands: which joints a command changes, and how.
 
-A joint is braked until the first command with a number for it. A command changes the joints that
-it names and no others; a message that violates a rule changes nothing. An effort alone is a
-torque. A position, a velocity or both are the target of the joint's servo, and their effort is fed
-forward. NaN keeps the joint's last position, velocity or effort; if all its numbers are NaN, the
-joint is unchanged, and stays braked if it was. An empty array means no number of its kind, so
-that an effort alone ends a servo. In a command without names NaN rejects the message.
+A joint is braked until the first command with a number for it. An effort alone is a torque or a
+force; a position, a velocity or both are the target of its servo, and an effort beside them is fed
+forward. NaN keeps the last number of its kind, since drivers send it before a controller has
+claimed the joint; an empty array means none. Infinity refuses the message. In commands without
+names every number must be finite.
+
+Names that the arm has not are ignored, and counted, beside names that it has.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 import math
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.arm.actuator_command import Command, Gains
-from pfd_ros.arm.events import (
-    LARGEST_POSITION,
-    LARGEST_VELOCITY,
-    ClockTick,
-    Request,
-    SettingsChange,
-    StateChange,
-    Verdict,
-    WrenchChange,
-)
-from pfd_ros.messages.convert import JointMessage
-from pfd_ros.text import NAME_COUNT, cut, listed
+from pfd_ros.arm.events import ALL_NAN, LOCKED_JOINTS, OVERWRITTEN, Verdict
+from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, VELOCITY
+from pfd_ros.messages.joints import JOINT_FIELDS, Joints, decode_joints
+from pfd_ros.messages.text_and_arrays import decode_floats
+from pfd_ros.text import listed
 
-# A driver sends NaN until a controller has claimed the joint: no command and no error.
-QUIET = frozenset({Verdict.ACCEPTED, Verdict.ALL_NAN})
-ERRORS = frozenset({Verdict.INFINITE, Verdict.NOT_FINITE})
+if TYPE_CHECKING:
+    from pfd_ros.arm.engine import Engine, Ruling
+
+# Farther and faster than any joint goes, rad or m, rad/s or m/s; a simulation from there, or a
+# servo to it, would not stay finite.
+LARGEST_POSITION, LARGEST_VELOCITY = 1e6, 1e4
+# A free-running arm notes stamps that are so far ahead of it, ns: no clock is that wrong.
+FAR_AHEAD_NS = 1_000_000_000
 
 
-class Validation(NamedTuple):
-    """The validation result of a message, and its effect.
+def array(engine: Engine, data: bytes) -> Ruling:
+    """Check a command without names: one finite effort for each joint, published order."""
+    efforts = decode_floats(data)
+    if len(efforts) != len(engine.names):
+        return Verdict('wrong_size', f'{len(efforts)} numbers for {len(engine.names)} joints')
+    # The terms of a finite sum are finite; for a few joints faster than NumPy.
+    if not math.isfinite(sum(efforts.tolist())) and not np.isfinite(efforts).all():
+        return Verdict('not_finite', 'contains a number that is not finite')
+    if engine.state.tripped:
+        return Verdict('refused', engine.state.tripped)
+    return command, (engine.all_joints, efforts)
 
-    Attributes
-    ----------
-    verdict
-        Whether the message acts, or the rule it broke.
-    detail
-        For people: the names and numbers that broke the rule.
-    unknown, unknown_count
-        The first few names of joints that the arm does not have, cut short; the count of all.
-    locked
-        Names of locked joints, for which a command has no effect.
-    effect
-        Of an accepted message.
-    """
 
-    verdict: Verdict
-    detail: str = ''
-    unknown: tuple[str, ...] = ()
-    unknown_count: int = 0
-    locked: tuple[str, ...] = ()
-    effect: Command | Request | StateChange | SettingsChange | WrenchChange | ClockTick | None = (
-        None
+def named(engine: Engine, data: bytes) -> Ruling:
+    """Check a command by joint name."""
+    joints = decode_joints(data)
+    names, servo, place = joints.names, engine.actuators.servo, engine.place
+    if not names:
+        return Verdict('no_names', 'no joint names; ~/commands takes efforts without names')
+    broken = broken_rule(joints, engine.state.since_ns)
+    if broken is not None:
+        return broken
+    ahead = _ahead(engine, joints.stamp_ns)
+    if ahead is not None and engine.lockstep:
+        return ahead
+    remarks: tuple[Verdict, ...] = () if ahead is None else (ahead,)
+    kinds = [kind for kind in JOINT_FIELDS if len(getattr(joints, kind))]
+    if 'effort' not in kinds and (not servo or not kinds):
+        only = f', got only {" and ".join(kinds)}' if kinds else ''
+        return Verdict('no_effort', f'expected one effort for each name{only}')
+    known = [k for k, name in enumerate(names) if name in place]
+    if len(known) < len(names):
+        others = [name for name in names if name not in place]
+        strange = [name for name in others if name not in engine.locked]
+        welded = _commanded(joints, engine.locked, servo)
+        if len(strange) == len(names):
+            return Verdict('unknown_names', f'none of {listed(strange)} is a joint of the arm')
+        if not known:
+            return Verdict('refused', f'locked: {listed(welded)}') if welded else ALL_NAN
+        if strange:
+            remarks += (Verdict('unknown_names', f'unknown joints {listed(strange)}'),)
+        if welded:
+            remarks += (Verdict(LOCKED_JOINTS, f'locked: {listed(welded)}'),)
+    index = [place[names[k]] for k in known]
+    found = _numbers(engine, joints, known, index)
+    if isinstance(found, Verdict):
+        return found
+    if engine.state.tripped:
+        return Verdict('refused', engine.state.tripped)
+    return command, (*found, remarks)
+
+
+def _ahead(engine: Engine, stamp_ns: int) -> Verdict | None:
+    """Return the verdict about a stamp that is later than the state of the arm."""
+    state = engine.state
+    now_ns = engine.stamp_ns
+    if state.until_ns is not None:
+        now_ns = max(now_ns, state.until_ns)
+    if stamp_ns <= (now_ns if engine.lockstep else now_ns + FAR_AHEAD_NS):
+        return None
+    return Verdict(
+        'future',
+        f'stamp {stamp_ns} ns, the arm is at {now_ns} ns: set use_sim_time of the sender to true',
     )
 
 
-def named_values_rule(message: JointMessage, since_ns: int | None = None) -> Validation | None:
-    """Return the validation result of a message by joint name that breaks a rule for its arrays.
+def _commanded(joints: Joints, among: Collection[str], servo: bool) -> list[str]:
+    """Return the names among some joints for which a message has a number that counts."""
+    arrays = (joints.position, joints.velocity, joints.effort) if servo else (joints.effort,)
+    kinds = [values for values in arrays if len(values)]
+    return [
+        name
+        for k, name in enumerate(joints.names)
+        if name in among and any(values[k] == values[k] for values in kinds)
+    ]
+
+
+def _numbers(engine: Engine, joints: Joints, known: list[int], index: list[int]) -> Any:
+    """Check the numbers of a command for the joints that the arm has.
 
     Parameters
     ----------
-    message
+    engine, joints
+        The arm, and the command.
+    known, index
+        The places of these joints in the command and in the model, (k,).
+
+    Returns
+    -------
+    tuple or Verdict
+        Of the joints with a number: their places in the model, and effort, position and velocity,
+        with NaN for no number, or None if the command has none of its kind.
+    """
+    servo, gains = engine.actuators.servo, engine.actuators
+    if not servo and math.isfinite(sum(joints.effort.tolist())):  # as almost always
+        return index, joints.effort[known], None, None
+    places = np.array(index)
+    none = np.full(len(known), np.nan)
+    effort, position, velocity = (
+        values[known] if len(values) else none
+        for values in (joints.effort, joints.position, joints.velocity)
+    )
+    if servo:
+        far = too_far(position, velocity)
+        if far is not None:
+            return far
+        # NaN is the one number that differs from itself: no command.
+        asked = (position == position) | (velocity == velocity)
+        position = np.where(gains.p[places] > 0.0, position, np.nan)
+        velocity = np.where(gains.d[places] > 0.0, velocity, np.nan)
+        given = (effort == effort) | (position == position) | (velocity == velocity)
+        if (asked & ~given).any():
+            idle = [joints.names[known[k]] for k in np.flatnonzero(asked & ~given)]
+            return Verdict(
+                'no_effort', f'no effort for {listed(idle)}, and no servo gain for their targets'
+            )
+    else:
+        given = effort == effort
+    if not given.any():
+        return ALL_NAN
+    return (
+        places[given],
+        effort[given] if len(joints.effort) else None,
+        position[given] if servo and len(joints.position) else None,
+        velocity[given] if servo and len(joints.velocity) else None,
+    )
+
+
+def command(
+    engine: Engine,
+    joints: Any,
+    effort: NDArray[Any] | None,
+    position: NDArray[Any] | None = None,
+    velocity: NDArray[Any] | None = None,
+    remarks: tuple[Verdict, ...] = (),
+) -> tuple[Verdict, ...]:
+    """Let a command act on some joints, or be lost; return what there is to remark.
+
+    Parameters
+    ----------
+    joints
+        Their places in the model, as an index of k elements.
+    effort, position, velocity
+        Their numbers (k,), N m, rad, rad/s or N, m, m/s. NaN keeps the last one, None is no
+        feed-forward and no target.
+    """
+    state, link = engine.state, engine.link
+    state.sent += 1
+    following = state.cycle + 1
+    if state.period == following:
+        remarks += _overwritten(engine, joints)
+    else:
+        state.period, state.touched = following, joints
+    if engine.direct and position is None and velocity is None:  # as almost always
+        engine.newest_effort[joints] = effort
+        state.heard = following
+        return remarks
+    if link.drop and link.loses(state):
+        return remarks
+    newest, alone = state.newest, position is None and velocity is None
+    # The first target has come, or perhaps the last one goes.
+    changed = engine.braked or engine.targets == alone
+    if alone and not engine.targets:  # such efforts hold no NaN
+        newest[EFFORT, joints] = effort
+    else:
+        for row, values, none in (
+            (EFFORT, effort, 0.0),
+            (POSITION, position, np.nan),
+            (VELOCITY, velocity, np.nan),
+        ):
+            last = newest[row, joints]
+            kept = none if values is None else np.where(values == values, values, last)
+            newest[row, joints] = kept
+    newest[BRAKE, joints] = 0.0
+    if changed:
+        engine.note_inputs()
+    if link.delay:
+        link.send(state)
+    else:  # it is one array: it acts already
+        state.heard = following
+    return remarks
+
+
+def _overwritten(engine: Engine, joints: Any) -> tuple[Verdict, ...]:
+    """Note the joints of a second command for one cycle; return a remark if some are again."""
+    state, every = engine.state, np.arange(len(engine.names))
+    again = np.intersect1d(every[state.touched], every[joints])
+    state.touched = np.union1d(every[state.touched], every[joints])
+    if not len(again):
+        return ()
+    names = [engine.robot.joint_names[k] for k in again]
+    return (Verdict(OVERWRITTEN, f'{listed(names)} commanded again before the next step'),)
+
+
+def broken_rule(joints: Joints, since_ns: int | None = None) -> Verdict | None:
+    """Return the rule about arrays, stamp or names that a message by joint name breaks.
+
+    Parameters
+    ----------
+    joints
         The message.
     since_ns
-        Simulated time of the last start, reset or jump; messages stamped before it are stale.
-        Stamp 0 means now. None accepts any stamp.
+        Messages stamped before this time are stale. Stamp 0 means now; None accepts any stamp.
     """
-    names = message.names
-    for kind, values in kinds_of(message).items():
+    names = joints.names
+    for kind in JOINT_FIELDS:
+        values = getattr(joints, kind)
         if len(values) not in (0, len(names)):
-            return Validation(
-                Verdict.RAGGED, f'{len(names)} names and {len(values)} numbers in {kind}'
-            )
+            return Verdict('ragged', f'{len(names)} names and {len(values)} numbers in {kind}')
         # The terms of a finite sum are finite; for a few joints faster than NumPy.
         if not math.isfinite(sum(values.tolist())) and np.isinf(values).any():
-            return Validation(Verdict.INFINITE, f'{kind} contains inf')
-    if since_ns is not None and 0 != message.stamp_ns < since_ns:
-        return Validation(
-            Verdict.STALE, f'stamp {message.stamp_ns} ns, expected {since_ns} ns or later'
-        )
+            return Verdict('infinite', f'{kind} contains inf')
+    if since_ns is not None and 0 != joints.stamp_ns < since_ns:
+        return Verdict('stale', f'stamp {joints.stamp_ns} ns, expected {since_ns} ns or later')
     if len(set(names)) < len(names):
-        return Validation(Verdict.DUPLICATE_NAMES, 'a joint is named twice')
+        return Verdict('duplicate_names', 'a joint is named twice')
     return None
 
 
-def kinds_of(message: JointMessage) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a message by name."""
-    return {
-        'position': message.position,
-        'velocity': message.velocity,
-        'effort': message.effort,
-    }
-
-
-def too_far(position: NDArray[Any], velocity: NDArray[Any]) -> Validation | None:
-    """Return the validation result of positions and velocities that no joint can have."""
+def too_far(position: NDArray[Any], velocity: NDArray[Any]) -> Verdict | None:
+    """Return the verdict about positions and velocities that no joint can have."""
     for kind, values, bound in (
         ('position', position, LARGEST_POSITION),
         ('velocity', velocity, LARGEST_VELOCITY),
     ):
         beyond = values[np.abs(values) > bound]
         if len(beyond):
-            return Validation(
-                Verdict.REFUSED, f'{kind} {beyond[0]:g}, expected {bound:g} at most in magnitude'
+            return Verdict(
+                'refused', f'{kind} {beyond[0]:g}, expected {bound:g} at most in magnitude'
             )
     return None
-
-
-def validate_named(
-    message: JointMessage,
-    index: Mapping[str, int],
-    since_ns: int,
-    gains: Gains | None = None,
-    locked: Collection[str] = (),
-) -> Validation:
-    """Validate a command by joint name.
-
-    Parameters
-    ----------
-    message
-        The command.
-    index
-        Index of each joint in the model, by name.
-    since_ns
-        Simulated time of the last start, reset or jump, or of the state that a command in
-        lockstep must answer; commands stamped before it are stale. Stamp 0 means now.
-    gains
-        Gains of the servos; without them, and for a joint with a gain of zero, positions and
-        velocities are ignored.
-    locked
-        Joints that are welded: models of controllers have them, and commands may name them.
-    """
-    if not message.names:
-        return Validation(
-            Verdict.NO_NAMES, 'no joint names; ~/commands takes efforts without names'
-        )
-    broken = named_values_rule(message, since_ns)
-    if broken is not None:
-        return broken
-    kinds = [kind for kind, values in kinds_of(message).items() if len(values)]
-    if 'effort' not in kinds and (gains is None or not kinds):
-        only = f', got only {" and ".join(kinds)}' if kinds else ''
-        return Validation(Verdict.NO_EFFORT, f'expected one effort for each name{only}')
-    known = [place for place, name in enumerate(message.names) if name in index]
-    strange = [name for name in message.names if name not in index and name not in locked]
-    welded = _commanded(message, locked, gains) if locked else ()
-    unknown = tuple(cut(name) for name in strange[:NAME_COUNT])
-    if len(strange) == len(message.names):
-        validation = Validation(
-            Verdict.UNKNOWN_NAMES, f'none of {listed(strange)} is a joint of the arm'
-        )
-    elif known:
-        joints = np.array([index[message.names[place]] for place in known])
-        validation = _validate_numbers(message, known, joints, gains)
-    elif welded:
-        validation = Validation(Verdict.REFUSED, f'locked: {listed(welded)}')
-    else:
-        validation = Validation(Verdict.ALL_NAN, 'every number is NaN')
-    return validation._replace(unknown=unknown, unknown_count=len(strange), locked=welded)
-
-
-def _commanded(
-    message: JointMessage, joints: Collection[str], gains: Gains | None
-) -> tuple[str, ...]:
-    """Return the names among some joints for which a message has a number that counts."""
-    arrays = kinds_of(message) if gains is not None else {'effort': message.effort}
-    kinds = [values for values in arrays.values() if len(values)]
-    return tuple(
-        name
-        for place, name in enumerate(message.names)
-        if name in joints and any(values[place] == values[place] for values in kinds)
-    )
-
-
-def _validate_numbers(
-    message: JointMessage, known: list[int], joints: NDArray[Any], gains: Gains | None
-) -> Validation:
-    """Validate the numbers of a command for the joints that the arm has.
-
-    Parameters
-    ----------
-    message, gains
-        As in `validate_named`.
-    known
-        Indices in the message of the joints.
-    joints
-        Their indices in the model, (k,).
-    """
-    if gains is None and math.isfinite(sum(message.effort.tolist())):
-        # The usual case, made fast: efforts alone, without NaN.
-        return Validation(Verdict.ACCEPTED, effect=Command(joints, message.effort[known]))
-    none = np.full(len(known), np.nan)
-    effort, position, velocity = (
-        values[known] if len(values) else none
-        for values in (message.effort, message.position, message.velocity)
-    )
-    if gains is None:
-        given = effort == effort
-    else:
-        far = too_far(position, velocity)
-        if far is not None:
-            return far
-        asked = (position == position) | (velocity == velocity)
-        position = np.where(gains.p[joints] > 0.0, position, np.nan)
-        velocity = np.where(gains.d[joints] > 0.0, velocity, np.nan)
-        # NaN is the one number that differs from itself: no command.
-        given = (effort == effort) | (position == position) | (velocity == velocity)
-        if (asked & ~given).any():
-            idle = [message.names[known[k]] for k in np.flatnonzero(asked & ~given)]
-            return Validation(
-                Verdict.NO_EFFORT,
-                f'no effort for {listed(idle)}, and no servo gain for their targets',
-            )
-    if not given.any():
-        return Validation(Verdict.ALL_NAN, 'every number is NaN')
-    servo = gains is not None
-    command = Command(
-        joints[given],
-        effort[given] if len(message.effort) else None,
-        position[given] if servo and len(message.position) else None,
-        velocity[given] if servo and len(message.velocity) else None,
-    )
-    return Validation(Verdict.ACCEPTED, effect=command)
-
-
-def validate_array(efforts: NDArray[Any], order: NDArray[Any]) -> Validation:
-    """Validate a command without names: one finite effort for each joint, or it is dropped whole.
-
-    Parameters
-    ----------
-    efforts
-        The numbers of the message.
-    order
-        Index in the model of each number, in the order of the parameter `joints`, (n,).
-    """
-    if len(efforts) != len(order):
-        return Validation(Verdict.WRONG_SIZE, f'{len(efforts)} numbers for {len(order)} joints')
-    # For a few joints faster than NumPy; the terms of a finite sum are finite.
-    if not math.isfinite(sum(efforts.tolist())) and not np.isfinite(efforts).all():
-        return Validation(Verdict.NOT_FINITE, 'contains a number that is not finite')
-    return Validation(Verdict.ACCEPTED, effect=Command(order, efforts))

@@ -1,86 +1,100 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The engine: from the events of a cycle to its messages.
+"""The engine: events in, one cycle, messages out. No ROS, clock, thread or file.
 
-No ROS, clock, thread or file: the node feeds it from its topics, the replay from a recording,
-and the same events in the same cycles give the same bytes. One cycle is
+    messages, verdicts = engine.step(events)
 
-    events since the last cycle   ->   a validation result for each, in order
-    accepted commands             ->   the actuator command
-    actuator command              ->   one step of the arm, or a change to another state
-    outputs                       ->   validation rows, a new payload, state, outputs, clock
+An event is a message with an input's role. Its rule checks it, and it takes effect in the cycle
+that follows; the messages that come back are the events with that cycle, then the outputs of the
+cycle. While the arm waits (in a pause, in lockstep for an answer, for a tick of a followed clock),
+events are taken and no cycle runs. The same events in the same cycles give the same bytes: a
+recording of the returned messages in their order is a proof of the run.
 
-`take` validates events; `step` advances the simulation. While the arm waits (in a pause, or in
-lockstep for an answer to the last state), events are taken and no cycle runs. Callers that need no
-rows or no bytes use `accept` or `command`, `advance` and `measured` instead, for the same run.
-
-Cycles are counted from 1 and never restart. States and clock ticks are numbered by the cycle
-alone: the simulated time of a failed arm is stopped, and it continues to publish.
+A rule changes nothing: it returns a verdict, or the function that changes the state with its
+arguments. So whatever it raises, the state is as it was; and a rule that is called on another
+thread ahead, with its result thrown away, has compiled all that the change needs.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Sequence
-import math
-from typing import Any, NamedTuple
-from zlib import crc32
+from collections.abc import Callable, Collection, Sequence
+from copy import deepcopy
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm import actuators, command_link, wrench
-from pfd_ros.arm.actuator_command import ActuatorCommand, Command, all_braked, free, zero_effort
+from pfd_ros.arm import actuators, commands, other_inputs, wrench
 from pfd_ros.arm.actuators import Actuators
-from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.changes import payload_message
-from pfd_ros.arm.command_link import CommandLink
-from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.events import (
-    ARM_STATE,
+    ACCEPTED,
+    ALL,
+    ALL_NAN,
+    ANSWERS,
+    ARRAY,
     CLOCK,
+    CLOCK_TICKS,
     COMMANDS,
-    DROPPED_STATES,
+    INACTIVE,
+    INPUTS,
+    MOVING,
+    NAMED,
+    OPTIONAL,
+    PARAMETERS,
+    PAYLOAD,
+    PAYLOAD_IN_USE,
+    REJECTED,
+    REJECTED_COUNTS,
+    REQUESTS,
+    SET_STATE,
     STATES,
-    TAKEN,
-    TAKEN_COLUMNS,
     TF,
-    Arrival,
-    ClockTick,
-    Event,
-    Output,
-    Overflow,
-    Request,
-    SettingsChange,
-    Source,
-    StateChange,
-    ValidationRow,
+    TIP_WRENCH,
+    WRENCH,
+    Message,
     Verdict,
-    WrenchChange,
+    malformed,
 )
-from pfd_ros.arm.link_frames import LinkFrames
-from pfd_ros.arm.outputs import extra_outputs
-from pfd_ros.arm.pace import Pace, needs_event
+from pfd_ros.arm.link import Link, stop
+from pfd_ros.arm.outputs import Outputs
+from pfd_ros.arm.plant import Plant, Plants, in_model_order
+from pfd_ros.arm.plant_settings import check_joints_without_values
 from pfd_ros.arm.sensors import Sensors
-from pfd_ros.arm.settings import Settings
-from pfd_ros.arm.state import ArmState, JointArrays
-from pfd_ros.arm.validation import Validator
-from pfd_ros.messages import convert
+from pfd_ros.arm.settings import Settings, check_joint_counts, joint_order
+from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, State
+from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.joints import JointEncoder
+from pfd_ros.messages.numbers import encode_clock, encode_numbers
+from pfd_ros.messages.text_and_arrays import encode_string
+from pfd_ros.messages.types import INERTIA
+from pfd_ros.text import cut
 
-# Rows of one message: a flood may have dropped a million commands before a cycle.
-MOST_ROWS = 4096
-OVERFLOWED = Validation(Verdict.OVERFLOWED, 'newer ones came before the next step')
+if TYPE_CHECKING:
+    from pfd_ros.arm.frames import LinkFrames
 
-
-class Taken(NamedTuple):
-    """The validation rows of some events, and the validations for counts and log lines.
-
-    A validation comes with its source and the number of messages that were validated like that.
-    """
-
-    outputs: list[Output]
-    validations: list[tuple[Source, Validation, int]]
+# What a rule returns: a verdict, or a function of the engine and the arguments of its call.
+Ruling: TypeAlias = Verdict | tuple[Callable[..., tuple[Verdict, ...] | None], tuple[Any, ...]]
+RULES: dict[str, Callable[[Engine, bytes], Ruling]] = {
+    NAMED: commands.named,
+    ARRAY: commands.array,
+    SET_STATE: other_inputs.set_state,
+    REQUESTS: other_inputs.request,
+    PARAMETERS: other_inputs.parameters,
+    WRENCH: wrench.rule,
+    PAYLOAD: other_inputs.payload,
+    CLOCK_TICKS: other_inputs.tick,
+}
+# No message that means something is longer.
+LARGEST = 1 << 16
+# What is refused is recorded up to so many bytes of a role and label in a simulated second, and
+# counted beyond that: a flood must not fill the disk. A message has some bytes of overhead.
+REFUSED_BYTES, OVERHEAD = 1 << 16, 100
+# The largest time of a stamp, ns: its seconds have 31 bits.
+LAST_NS = (1 << 31) * NANOSECONDS - 1
+# Settings that may differ between the run that saved a state and the run that continues from it.
+PER_RUN = frozenset({'start_time', 'real_time_factor', 'recording'})
 
 
 class Engine:
@@ -92,19 +106,27 @@ class Engine:
         Settings of the run.
     robot
         From `load_robot` or out of a recording.
-    rows
-        Whether validation rows and the whole state are encoded, which only recordings hold.
+    roles
+        What anybody needs: nothing else is encoded, and the arm moves with the same bits.
     frames
-        The frames of the links, which only recordings hold; None for none.
+        The frames of the links, for recordings; None for none.
 
     Attributes
     ----------
-    arm
-        The simulated arm, which holds the state.
-    publish_every
-        Cycles from one state to the next.
-    frames
-        As given.
+    state
+        Everything that changes while the arm runs.
+    robot, names, order
+        The robot; the name and the index in the model of each joint, in published order.
+    place
+        The index in the model of each joint by name.
+    locked
+        The position of each joint that is published though it is welded, by name.
+    start
+        Positions (n,) in model order, rad or m, before the first step and after a reset.
+    plants, plant
+        The plants of the settings, and the one of the settings now.
+    actuators, sensors, link
+        What the settings now decide about them; no sensors where states are measured exactly.
 
     Raises
     ------
@@ -116,76 +138,146 @@ class Engine:
         self,
         settings: Settings,
         robot: pfd.Robot,
-        *,
-        rows: bool = True,
+        roles: Collection[str] = ALL,
         frames: LinkFrames | None = None,
     ) -> None:
-        self.arm = Arm(settings, robot)
-        self._rows, self.frames = rows, frames
-        self._frames_every = 0 if frames is None or TF not in frames.roles else frames.every
-        self._save_every = settings.save_every if rows else 0
-        self.publish_every = settings.publish_every
-        self._clock_every = settings.clock_every if settings.publish_clock else 0
-        self._step_ns = settings.step_ns
-        self.pace = Pace(settings.lockstep, settings.wait_for_controller, settings.follows_clock)
-        self._rules = Validator(self.arm, self.pace)
-        # Place in published order of each joint of the model, None if the two are the same.
-        place = np.argsort(self.arm.order)
-        self._free = free(robot.n)
-        self._zero_effort = ActuatorCommand(np.zeros(robot.n), self._free)
-        self._published = None if list(place) == list(range(robot.n)) else place
-        self._encoder = convert.JointStateEncoder(
-            self.arm.names, settings.frame_id, settings.published_locks, self.arm.order
+        check_joint_counts(settings, robot.n)
+        self.robot, self.frames, self.roles = robot, frames, frozenset(roles)
+        self.order = np.array(joint_order(settings.joints, robot))
+        self.names = tuple(robot.joint_names[k] for k in self.order)
+        self.place = {name: k for k, name in enumerate(robot.joint_names)}
+        self.locked = settings.published_locks
+        check_joints_without_values(settings, robot, self.names)
+        same = list(self.order) == list(range(robot.n))
+        self.all_joints: Any = slice(None) if same else self.order
+        if len(settings.initial_positions) not in (0, robot.n):
+            raise ValueError(
+                f'initial_positions holds {len(settings.initial_positions)} numbers, expected '
+                f'{robot.n}, one for each of {list(self.names)}, or none'
+            )
+        self.start = in_model_order(settings.initial_positions, self.order)
+        self.plants = Plants(settings, robot, self.order)
+        plant = self.plants.prepare(settings)
+        simulator = plant.simulator
+        settings = replace(
+            settings,
+            integrator=simulator.integrator,
+            method=simulator.method,
+            position_sums='compensated' if simulator.compensated else 'plain',
+            recording_time=settings.log_time,
         )
-        self._derive()
+        self.lockstep, self._step_ns = settings.lockstep, settings.step_ns
+        self._encoder = JointEncoder(self.names, settings.frame_id, self.locked)
+        self._inputs = self.roles.intersection(INPUTS)
+        self._every, self._delay = settings.publish_every, settings.state_delay_steps
+        clock = settings.publish_clock and CLOCK in self.roles
+        self._clock_every = settings.clock_every if clock else 0
+        tf = frames is not None and TF in frames.roles and TF in self.roles
+        self._tf_every = frames.every if tf and frames is not None else 0
+        self._second = max(1, round(1.0 / settings.step_size))
+        waits = settings.lockstep and settings.wait_for_controller
+        count, none = robot.n, np.full(robot.n, np.nan)
+        acting = np.array([np.zeros(count), np.ones(count), none, none])
+        self.state = State(
+            robot=robot.digest,
+            first=settings,
+            settings=settings,
+            simulation=simulator.new_state(self.start),
+            motors=pfd.MotorState(np.zeros(count)),
+            acting=acting,
+            newest=acting.copy() if settings.command_delay_steps else acting,
+            rows=np.zeros((self._delay + 2, 3, count)),
+            origin_ns=settings.start_ns,
+            since_ns=settings.start_ns,
+            reset_ns=settings.start_ns,
+            active=settings.autostart,
+            waits=waits,
+            commanded=waits,
+        )
+        self.state.rows[0, 0] = self.start
+        self._derive_all(plant)
+
+    def _derive_all(self, plant: Plant) -> None:
+        settings = self.state.settings
+        driven = Actuators(settings, self.robot, self.order, plant.scene)
+        self.derive(plant, driven, Sensors(settings, self.order))
+
+    def derive(self, plant: Plant, driven: Actuators, sensors: Sensors) -> None:
+        """Take over what follows from the settings, and bind native code to the state."""
         state = self.state
-        state.pace.active = settings.autostart
-        self.pace.begin(state.pace)
-        if self.sensors is not None:
-            self.sensors.restart(state)
-
-    def _derive(self) -> None:
-        """Set the constants that follow from the settings as they are now."""
-        settings, arm = self.settings, self.arm
-        self._link = CommandLink(settings)
-        self.actuators = Actuators(settings, arm.robot, arm.order, arm.scene)
-        arm.set_limits(self.actuators.limits)
-        sensors = Sensors(settings, arm.order)
-        # None where states are measured as they are.
+        self.plant, self.actuators, self.link = plant, driven, Link(state.settings)
         self.sensors = None if sensors.exact else sensors
-        self._extra = extra_outputs(settings, arm)
-        self._plain = self.sensors is None and not self.pace.follows_clock
+        self._exact = sensors.exact and isinstance(self.all_joints, slice)
+        self._watched, self._wrenched = not self.link.idle, plant.scene.external_wrench
+        self._tells = plant.payload != state.told
+        enabled = {*state.settings.outputs, *(TIP_WRENCH,) * self._wrenched}
+        further = [role for role in OPTIONAL if role in enabled and role in self.roles]
+        self._further = Outputs(self, further) if further else None
+        self._bind()
+
+    def _bind(self) -> None:
+        state = self.state
+        self._native = self.plant.simulator.bind(
+            state.simulation, state.motors, self.actuators.limits, state.acting[POSITION:]
+        )
+        # Efforts and targets are read where they are, and rows are written where they are.
+        self._effort_at, self.newest_effort = state.acting.ctypes.data, state.newest[EFFORT]
+        at = [row.ctypes.data for row in state.rows]
+        self._following = [((k + 1) % len(at), at[(k + 1) % len(at)]) for k in range(len(at))]
+        self.note_inputs()
+
+    def note_inputs(self) -> None:
+        """Note that brakes or targets are others: native code gets them before the next step."""
+        newest = self.state.newest
+        self.braked = bool(newest[BRAKE].any())
+        self.targets = bool((newest[POSITION:] == newest[POSITION:]).any())
+        self._stale = True
+        # Then an effort alone is written in place, and that is all.
+        self.direct = not (self.braked or self.targets or self.link.drop or self.link.delay)
 
     @property
-    def state(self) -> ArmState:
-        """Everything that changes while the arm runs."""
-        return self.arm.state
-
-    @property
-    def settings(self) -> Settings:
-        """The settings as they are now: events change the dynamic ones."""
-        return self.arm.state.settings
-
-    @property
-    def cycles(self) -> int:
-        """Number of the last cycle, 0 before the first."""
-        return self.arm.state.cycle
+    def stamp_ns(self) -> int:
+        """Simulated time, ns: whole steps, so that it never drifts."""
+        return self.state.origin_ns + self.state.step * self._step_ns
 
     @property
     def waiting(self) -> bool:
         """Whether the next cycle has to wait for an event."""
-        # Simulated time of a failed arm is stopped; its cycles continue.
-        state = self.arm.state
-        steps = state.cycle + 1 - state.step
-        if self.pace.forbids(state.pace, self.arm.stamp_ns + steps * self._step_ns):
+        state = self.state
+        if not state.active:
             return True
-        return needs_event(state.pace) and not state.jumps
+        if state.first.follows_clock:
+            # Simulated time of a failed arm is stopped; its cycles continue.
+            following_ns = state.origin_ns + (state.cycle + 1) * self._step_ns
+            if state.until_ns is None or following_ns > state.until_ns:
+                return True
+        return (state.waits or (state.paused and not state.left)) and state.jump is None
 
-    def save(self) -> ArmState:
+    @property
+    def program(self) -> str:
+        """Digest of the compiled program of the plant and its outputs, the same everywhere."""
+        return self.plant.program
+
+    def measured(self) -> NDArray[Any]:
+        """Return measured positions, velocities and efforts, (3, n), published order."""
+        found: NDArray[Any] = self._measured().copy()
+        return found
+
+    def _measured(self) -> NDArray[Any]:
+        state = self.state
+        row: NDArray[Any] = state.rows[state.now]
+        if self._exact:
+            return row
+        if self.sensors is not None:
+            row = self.sensors.measured(state)
+        published: NDArray[Any] = row[:, self.all_joints]
+        return published
+
+    def save(self) -> State:
         """Return a copy of the state: a run that is restored to it has the same bits."""
-        return self.state.copy()
+        return deepcopy(self.state)
 
-    def restore(self, state: ArmState) -> None:
+    def restore(self, state: State) -> None:
         """Continue from a copy of a state.
 
         Raises
@@ -193,379 +285,237 @@ class Engine:
         ValueError
             If the state is of another robot, or of an arm with other settings at its start.
         """
-        self.arm.restore(state)
-        self._derive()
-
-    def run_cycle(self, events: Iterable[Event] = ()) -> Taken:
-        """Run the next cycle on the events since the last one; return all outputs of it."""
-        taken = self.take(events)
-        return Taken(taken.outputs + self.step(), taken.validations)
-
-    def take(self, events: Iterable[Event]) -> Taken:
-        """Validate events and apply them to the next cycle; return their validation rows."""
-        outputs: list[Output] = []
-        validations: list[tuple[Source, Validation, int]] = []
-        rows: list[ValidationRow] = []
-        cycle = self.state.cycle + 1
-        for event in events:
-            if isinstance(event, Overflow):
-                validations.append((event.source, OVERFLOWED, len(event.sequences)))
-                if self._rows:
-                    outputs.extend(self._overflow_messages(event, cycle))
-                continue
-            validation = self.accept(event)
-            validations.append((event.source, validation, 1))
-            if self._rows:
-                checksum, verdict = crc32(event.payload), validation.verdict
-                rows.append(ValidationRow(cycle, event.source, event.sequence, verdict, checksum))
-        if rows:
-            outputs.append(self._rows_message(rows))
-        return Taken(outputs, validations)
-
-    def _rows_message(self, rows: Sequence[ValidationRow]) -> Output:
-        self.state.row_messages += 1
-        return Output(TAKEN, self.state.row_messages, convert.encode_rows(rows, TAKEN_COLUMNS))
-
-    def _overflow_messages(self, event: Overflow, cycle: int) -> Iterator[Output]:
-        """Yield the messages about events that were dropped before a cycle."""
-        for start in range(0, len(event.sequences), MOST_ROWS):
-            some = event.sequences[start : start + MOST_ROWS]
-            yield self._rows_message(
-                [ValidationRow(cycle, event.source, x, Verdict.OVERFLOWED) for x in some]
+        if state.robot != self.state.robot:
+            raise ValueError(
+                f'the state is of a robot with the digest {state.robot[:12]!r}, expected '
+                f'{cut(self.robot.name)!r} with {self.state.robot[:12]!r}'
             )
+        names = [f.name for f in fields(Settings) if f.name not in PER_RUN]
+        theirs, ours = ([getattr(x.first, name) for name in names] for x in (state, self.state))
+        for name, their, our in zip(names, theirs, ours, strict=True):
+            if their != our and not name.startswith('recording_'):
+                raise ValueError(
+                    f'the state is of an arm with {name}={cut(repr(their))}, expected '
+                    f'{cut(repr(our))}'
+                )
+        plant = self.plants.prepare(state.settings)
+        self.state = deepcopy(state)
+        self._derive_all(plant)
 
-    def accept(self, event: Arrival) -> Validation:
-        """Validate one message and apply it to the next cycle, without a row."""
-        validation = self.validate(event)
-        self._apply(event.source, validation)
-        return validation
+    def prepare(self, role: str, data: bytes) -> None:
+        """Compile what an event needs, ahead and on any thread; it takes no effect."""
+        try:
+            RULES[role](self, data)
+        except Exception:  # step will say so
+            return
 
-    def validate(self, event: Arrival) -> Validation:
-        """Return the validation result of a message, without applying its effect."""
-        return self._rules.validate(event, self.actuators.gains)
-
-    def command(self, efforts: NDArray[Any]) -> Validation:
-        """Validate and apply efforts (n,) in published order.
-
-        For callers that neither record nor publish the command: it has no bytes.
-        """
-        validation = self._rules.validate_efforts(efforts)
-        self._apply(Source.ARRAY, validation)
-        return validation
-
-    def stretch(self, efforts: NDArray[Any], commands: Sequence[int]) -> NDArray[Any] | None:
-        """Run a cycle for each row of efforts, in one native call.
-
-        Equal to `command` and `advance` in turn, bit for bit. Nothing is done if anything besides
-        effort commands acts: delay, drop-out, errors of sensors, pause, jump, followed clock, or
-        a wrench with an end.
-
-        Parameters
-        ----------
-        efforts
-            (cycles, n), published order.
-        commands
-            Indices of the rows that begin with a command, from 0 on; each other row repeats the
-            row before it.
+    def step(
+        self, events: Sequence[Message] = (), run: bool = True
+    ) -> tuple[list[Message], list[Verdict]]:
+        """Take events, and with `run` do the next cycle if it need not wait.
 
         Returns
         -------
-        numpy.ndarray or None
-            q, qd and the applied efforts, (cycles, 3, n), model order. If the arm fails, there
-            are fewer rows, and the last is not finite. None if nothing was done.
+        list of Message
+            The events with their cycle, what was refused, and the outputs, as far as they are
+            among the roles, in the order in which they are to be recorded.
+        list of Verdict
+            One for each event.
         """
-        if not self._may_stretch(_longest_gap(commands, len(efforts))):
-            return None
-        if not np.isfinite(efforts).all():
-            return None
-        if self._published is not None:
-            efforts = efforts[:, self._published]
-        state = self.arm.state
-        begin, step = state.cycle, state.step
-        if state.wrench is not None:
-            wrench.advance(state.wrench)
-        rows = self.arm.run(efforts, self._zero_effort)
-        jumped = self.arm.jumped is not None
-        state.cycle = cycle = begin + len(rows) + jumped
-        taken = bisect_left(commands, cycle - begin)
-        last = commands[taken - 1]
-        self._end_stretch(efforts[last].copy(), begin + 1 + last, taken)
-        if jumped:
-            self._trip()
-            rows = np.append(rows, [(state.q, state.qd, state.tau)], axis=0)
-        published = cycle - cycle % self.publish_every
-        if self.pace.lockstep:
-            state.pace.commanded = True
-            state.pace.waits = published == cycle
-            if published > begin:
-                ended = step + min(published - begin, state.step - step)
-                state.since_ns = state.origin_ns + ended * self._step_ns
-        return rows
+        messages: list[Message] = []
+        verdicts = [self._take(event[0], event[1], messages) for event in events]
+        if run and not self.waiting:
+            self._cycle(self.state)
+            self._add_outputs(self.state, messages)
+        return messages, verdicts
 
-    def encode_states(self, stamps_ns: NDArray[Any], rows: NDArray[Any]) -> bytes | None:
-        """Return the messages of the states of a stretch, one after the other.
-
-        None if cycles have other messages too, but for clock ticks and frames.
-
-        Parameters
-        ----------
-        stamps_ns, rows
-            (k,) and (k, 3, n), as `stretch` returns them.
-        """
-        if self._extra is not None or self.arm.plant.payload != self.arm.state.payload:
-            return None
-        return self._encoder.encode_all(stamps_ns, *np.moveaxis(rows, 1, 0))
-
-    def answer(self, efforts: NDArray[Any]) -> bool:
-        """Command efforts (n,), published order, and run one cycle, as `stretch` does.
-
-        Returns whether it was possible; if not, nothing was done.
-        """
-        # For a few joints faster than NumPy; the terms of a finite sum are finite.
-        if not self._may_stretch(1) or not math.isfinite(sum(efforts.tolist())):
-            return False
-        if self._published is not None:
-            efforts = efforts[self._published]
-        arm = self.arm
-        state = arm.state
-        if state.wrench is not None:
-            wrench.advance(state.wrench)
-        state.cycle = cycle = state.cycle + 1
-        wanted = arm.advance(efforts, self._zero_effort)
-        self._end_stretch(wanted, cycle, 1)
-        if arm.jumped is not None:
-            self._trip()
-        if self.pace.lockstep:
-            pace = state.pace
-            pace.commanded = True
-            pace.waits = not cycle % self.publish_every
-            if pace.waits:
-                state.since_ns = arm.stamp_ns
-        return True
-
-    def _end_stretch(self, effort: NDArray[Any], heard: int, commands: int) -> None:
-        state = self.arm.state
-        link = state.link
-        link.actuation = link.newest = ActuatorCommand(effort, self._free)
-        link.heard, link.timed_out = heard, False
-        link.sent += commands
-
-    def _may_stretch(self, gap: int) -> bool:
-        """Return whether nothing but commands, with at most `gap` cycles between, will act."""
-        if not self._plain:
-            return False
-        state = self.arm.state
-        pace = state.pace
-        return not (
-            state.failure
-            or pace.paused
-            or not pace.active
-            or state.jumps
-            or state.link.line
-            or state.actuators.tripped
-            or (state.wrench is not None and state.wrench.left is not None)
-            or not self._link.passes_all(gap)
-        )
-
-    def _apply(self, source: Source, validation: Validation) -> None:
-        effect, state = validation.effect, self.state
-        if source in COMMANDS:
-            self.pace.answer(state.pace, validation.verdict)
-        if isinstance(effect, Command):
-            self._link.send(state.link, effect, state.cycle + 1)
-        elif isinstance(effect, StateChange):
-            state.jumps.append(effect)
-            self._discard_commands(zero_effort(state.link.actuation))
-        elif isinstance(effect, SettingsChange):
-            self._set(effect)
-        elif isinstance(effect, ClockTick):
-            self._follow(effect)
-        elif isinstance(effect, WrenchChange):
-            if state.wrench is not None:
-                wrench.put(state.wrench, effect, state.settings)
-        elif effect is not None:
-            self._request(effect)
-
-    def _request(self, request: Request) -> None:
+    def _take(self, role: str, data: bytes, messages: list[Message]) -> Verdict:
+        """Check an event and let it act; add its messages, and return its verdict."""
         state = self.state
-        if request.name == 'reset':
-            self._reset()
-        elif request.name == 'deactivate':
-            self._discard_commands(all_braked(len(state.q)))
-        elif request.name == 'clear_wrench' and state.wrench is not None:
-            wrench.clear(state.wrench)
-        self.pace.request(state.pace, request)
-
-    def _reset(self) -> None:
-        """Let the next step end in the initial state, without anything from before."""
-        state = self.state
-        self.arm.clear_failure(state.cycle)
-        state.jumps = [None]
-        state.link.sent = 0
-        self._discard_commands(all_braked(len(state.q)))
-        state.reset_ns = state.since_ns
-        if state.wrench is not None:
-            wrench.clear(state.wrench)
-
-    def _discard_commands(self, actuation: ActuatorCommand) -> None:
-        """Continue with an actuator command; drop all commands from before the next step."""
-        state = self.state
-        command_link.clear(state.link, actuation)
-        actuators.restart(state.actuators)
-        state.since_ns = self.arm.stamp_ns + self._step_ns
-
-    def _set(self, change: SettingsChange) -> None:
-        """Take over other values of dynamic settings; all others are as before."""
-        measured, jump = self.sensors is not None, self.actuators.largest_jump
-        self.arm.change(change.settings, change.plant)
-        self._derive()
-        state = self.state
-        if np.isinf(jump):
-            # A reflex looks at efforts from the next one on.
-            state.actuators.motors.before[:] = np.nan
-        if self.sensors is None:
-            state.sensed = []
-        elif not measured:
-            state.sensed = [(state.q, state.qd, state.tau)]
-
-    def _follow(self, tick: ClockTick) -> None:
-        state = self.state
-        if state.pace.until_ns is None:
-            # Simulated time continues there, without a step.
-            state.origin_ns = tick.stamp_ns - state.step * self._step_ns
-            state.since_ns = tick.stamp_ns
-        state.pace.until_ns = tick.stamp_ns
-
-    def step(self) -> list[Output]:
-        """Run the next cycle on the events that were taken; return its state and its tick."""
-        role = self.advance()
-        outputs: list[Output] = []
-        new_payload = payload_message(self.arm)
-        if new_payload is not None:
-            outputs.append(new_payload)
-        self._add_state_and_tick(outputs, role)
-        if self._save_every and self.cycles % self._save_every == 0:
-            saved = convert.encode_bytes(self.state.to_bytes())
-            outputs.append(Output(ARM_STATE, self.cycles // self._save_every, saved))
-        return outputs
-
-    def advance(self) -> str:
-        """Run the next cycle on the events that were taken, without a message of its outputs.
-
-        Returns the role of this cycle's state, '' if it has none.
-        """
-        state = self.state
-        state.cycle += 1
-        if state.jumps and state.jumps[0] is None:
-            state.epoch = state.cycle
-        actuation = state.link.actuation if state.failure else self._actuate(state)
-        if state.wrench is not None:
-            wrench.advance(state.wrench)
-        if state.jumps:
-            state.braked = actuation.braked
-            self.arm.jump(state.jumps)
-            state.jumps = []
-            if self.sensors is not None:
-                self.sensors.restart(state)
+        waited = state.waits
+        ruling: Ruling
+        if len(data) > LARGEST:
+            ruling = Verdict('malformed', f'{len(data)} bytes, expected {LARGEST} at most')
+            # As much of it as a replay needs to refuse it, too.
+            data = data[: LARGEST + 1]
+        elif not state.active and role in MOVING:
+            ruling = INACTIVE
         else:
-            self.arm.advance(actuation.effort, actuation)
-            if self.arm.jumped is not None:
-                self._trip()
-            if self.sensors is not None:
-                self.sensors.sample(state)
-        role = self._state_role(state)
-        self.pace.stepped(state.pace, published=role == STATES)
-        if state.pace.waits:
-            state.since_ns = self.arm.stamp_ns
-        return role
+            try:
+                ruling = RULES[role](self, data)
+            except MemoryError:
+                raise
+            except Exception as error:  # a rule has changed nothing
+                ruling = malformed(error)
+        if isinstance(ruling, Verdict):
+            verdict = ruling
+        else:
+            change, arguments = ruling
+            remarks = change(self, *arguments)
+            verdict = self._remarked(role, remarks) if remarks else ACCEPTED
+        if self.lockstep and role in COMMANDS and verdict.label in ANSWERS:
+            state.commanded |= verdict.accepted
+            state.waits = False
+        if not verdict.accepted:
+            event = Message(role, data, state.cycle + 1)
+            self._add_refused(messages, event, verdict, state.waits != waited)
+        elif role in self._inputs:
+            messages.append(Message(role, data, state.cycle + 1))
+        return verdict
 
-    def _state_role(self, state: ArmState) -> str:
-        """Return the role of this cycle's state, '' if it has none."""
-        if state.cycle % self.publish_every:
-            return ''
-        dropped = self.sensors is not None and self.sensors.drops(state)
-        return DROPPED_STATES if dropped else STATES
+    def _remarked(self, role: str, remarks: tuple[Verdict, ...]) -> Verdict:
+        """Count the remarks about an accepted event; return its verdict."""
+        noted = self.state.noted
+        for remark in remarks:
+            kind = f'{role} {remark.label}'
+            noted[kind] = noted.get(kind, 0) + 1
+        return Verdict(ACCEPTED.label, '; '.join(remark.detail for remark in remarks), remarks)
 
-    def _actuate(self, state: ArmState) -> ActuatorCommand:
-        """Let the commands that are due reach the actuators; return what these want.
+    def _add_refused(
+        self, messages: list[Message], event: Message, verdict: Verdict, changed: bool
+    ) -> None:
+        """Add an event and its rejection; floods that change nothing are counted."""
+        state, kind = self.state, f'{event.role} {verdict.label}'
+        used, more = state.refused.get(kind, (0, 0))
+        if used > REFUSED_BYTES and not changed:
+            state.refused[kind] = used, more + 1
+            return
+        state.refused[kind] = used + len(event.data) + OVERHEAD, more
+        if event.role in self._inputs:
+            messages.append(event)
+        if REJECTED in self.roles and verdict.label != ALL_NAN.label:
+            # The first line is verified; the rest has words of libraries, which change.
+            rejection = encode_string(f'{kind}\n{verdict.detail}')
+            messages.append(Message(REJECTED, rejection, event.cycle))
 
-        A failed arm has no actuators: a gap in its cycles changes nothing.
-        """
-        link, driven = state.link, state.actuators
-        if self._link.advance(link, state.cycle, state.q):
-            # The reflex ignores jumps that the watchdog causes.
-            actuators.restart(driven)
-        if state.jumps:
-            return zero_effort(link.actuation)
-        return link.actuation
+    def _cycle(self, state: State) -> None:
+        state.cycle += 1
+        if state.origin_ns + state.cycle * self._step_ns > LAST_NS:
+            self._fail(f'simulated time is at its end: stamps hold {LAST_NS // NANOSECONDS} s')
+        if self._watched and not state.failure and self.link.advance(state):
+            self.note_inputs()
+        if self._wrenched and wrench.advance(state):
+            self._stale = True
+        if state.jump is not None:
+            self._jump(state)
+        elif not state.failure:
+            self._advance(state)
+        if state.left:
+            state.left -= 1
 
-    def _trip(self) -> None:
-        """Let the reflex brake all joints for the step that was not done."""
-        state, wanted, brakes = self.state, self.arm.jumped, all_braked(len(self._free))
-        assert wanted is not None
-        self.arm.jumped = None
-        names = self.arm.robot.joint_names
-        actuators.trip(state.actuators, wanted, names, self.actuators.largest_jump)
-        command_link.clear(state.link, brakes)
-        self.arm.advance(brakes.effort, brakes)
+    def _advance(self, state: State) -> None:
+        """Do one step; a reflex does it again, braked."""
+        following, at = self._following[state.now]
+        try:
+            if self._stale:
+                self._set_inputs(state)
+            done = self._native.run_at(self._effort_at, at, 1)
+        except (ValueError, ArithmeticError) as error:
+            self._fail(f'step {state.step + 1} failed: {error}')
+            return
+        if done:
+            state.step += 1
+            state.now = following
+            if state.age < self._delay:
+                state.age += 1
+        elif state.motors.jumped:
+            # Native code has ended before the step; the efforts that it wanted are in the row.
+            wanted = state.rows[following, 2]
+            actuators.trip(state, wanted, self.robot.joint_names, self.actuators.largest_jump)
+            stop(state, brake=True)
+            self.note_inputs()
+            self._advance(state)
+        elif state.simulation.status == 'too_many_events':
+            self._fail(f'step {state.step + 1} has too many impacts and reversals of joints')
+        else:
+            self._fail(f'the state after step {state.step + 1} is not finite')
 
-    def measured(self) -> JointArrays:
-        """Return the positions, velocities and efforts of this cycle's state, in model order."""
-        state = self.state
-        if self.sensors is None:
-            return state.q, state.qd, state.tau
-        return self.sensors.measured(state)
+    def _set_inputs(self, state: State) -> None:
+        self.plant.simulator.set_inputs(
+            state.simulation,
+            wrench=state.wrench[0] if self._wrenched else None,
+            brakes=state.acting[BRAKE] > 0.0,
+            **self.plant.inputs,
+        )
+        # Only once they are checked: an error must come again.
+        self._stale = False
 
-    def present(self) -> list[Output]:
+    def _fail(self, why: str) -> None:
+        if not self.state.failure:
+            self.state.failure = why
+            self.state.failures += 1
+
+    def _jump(self, state: State) -> None:
+        """Do a step that ends in another state, unless the arm has failed."""
+        target, state.jump = state.jump, None
+        if state.failure or target is None:
+            return
+        state.step += 1
+        state.now, state.age = (state.now + 1) % len(state.rows), 0
+        state.simulation = self.plant.simulator.new_state(*target)
+        arrays = state.simulation.arrays
+        state.rows[state.now] = arrays['q'], arrays['qd'], np.zeros(len(self.order))
+        self._bind()
+
+    def discard_commands(self, *, brake: bool = False) -> None:
+        """Drop all commands from before the next step; the brakes are closed or as they are."""
+        stop(self.state, brake=brake)
+        actuators.restart(self.state)
+        self.state.since_ns = self.stamp_ns + self._step_ns
+        self.note_inputs()
+
+    def _add_outputs(self, state: State, messages: list[Message]) -> None:
+        cycle = state.cycle
+        if state.refused and cycle % self._second == 0:
+            messages.extend(self.counts())
+        if self._tells and not state.failure:
+            state.told, self._tells = self.plant.payload, False
+            if PAYLOAD_IN_USE in self.roles:
+                numbers = state.told or (0.0,) * 10
+                data = encode_numbers(INERTIA, self.stamp_ns, self.robot.tip, numbers)
+                messages.append(Message(PAYLOAD_IN_USE, data, cycle))
+        if cycle % self._every == 0:
+            shown = self.sensors is None or not self.sensors.drops(state)
+            self._show(messages, shown)
+            if shown:
+                state.waits = self.lockstep and state.commanded
+        if self._clock_every and cycle % self._clock_every == 0:
+            messages.append(Message(CLOCK, encode_clock(self.stamp_ns), cycle))
+        if self._tf_every and cycle % self._tf_every == 0 and self.frames is not None:
+            data = self.frames.encode(self.stamp_ns, state.rows[state.now, 0])
+            messages.append(Message(TF, data, cycle))
+        if state.waits:
+            state.since_ns = self.stamp_ns
+
+    def _show(self, messages: list[Message], shown: bool = True) -> None:
+        """Add the state of this cycle, if it is shown at all, and its further outputs."""
+        cycle = self.state.cycle
+        if shown and STATES in self.roles:
+            data = self._encoder.encode(self.stamp_ns, self._measured())
+            messages.append(Message(STATES, data, cycle))
+        if self._further is not None:
+            messages.extend(Message(role, x, cycle) for role, x in self._further.messages())
+
+    def present(self) -> list[Message]:
         """Return the state, its other outputs and the tick again, for readers that missed them.
 
         They are not part of the run: no cycle, and nothing to record.
         """
-        arm = self.arm
-        state = self._encoder.encode(arm.stamp_ns, *self.measured())
-        found = [Output(STATES, 0, state), *self._further_outputs(0)]
+        messages: list[Message] = []
+        self._show(messages)
         if self._clock_every:
-            found.append(Output(CLOCK, 0, convert.encode_clock(arm.stamp_ns)))
-        return found
+            messages.append(Message(CLOCK, encode_clock(self.stamp_ns), self.state.cycle))
+        return messages
 
-    def skip_cycles(self, cycle: int) -> None:
-        """Pass over the cycles up to `cycle`, for an arm that failed and gets no events.
+    def counts(self) -> list[Message]:
+        """Return asides about what was refused since the last second and is not recorded.
 
-        The arm is the same in each of them: a gap of any length costs nothing.
+        The counts begin anew.
         """
-        if not self.state.failure:
-            raise RuntimeError('only a failed arm skips cycles')
-        state, skipped = self.state, cycle - self.state.cycle
-        if skipped > 0:
-            state.cycle = cycle
-            state.pace.left = max(0, state.pace.left - skipped)
-            if state.wrench is not None:
-                wrench.advance(state.wrench, skipped)
-
-    def _add_state_and_tick(self, outputs: list[Output], role: str) -> None:
-        """Add the state of this cycle, its further outputs, the clock tick and the frames."""
-        arm, cycle = self.arm, self.state.cycle
-        if role:
-            state = self._encoder.encode(arm.stamp_ns, *self.measured())
-            number = cycle // self.publish_every
-            outputs.append(Output(role, number, state))
-            if self._extra is not None:
-                outputs.extend(self._further_outputs(number))
-        if self._clock_every and cycle % self._clock_every == 0:
-            tick = convert.encode_clock(arm.stamp_ns)
-            outputs.append(Output(CLOCK, cycle // self._clock_every, tick))
-        if self._frames_every and cycle % self._frames_every == 0:
-            assert self.frames is not None
-            data = self.frames.encode(arm.stamp_ns, arm.q)
-            outputs.append(Output(TF, cycle // self._frames_every, data))
-
-    def _further_outputs(self, number: int) -> list[Output]:
-        messages = [] if self._extra is None else self._extra.messages()
-        return [Output(role, number, data) for role, data in messages]
-
-
-def _longest_gap(commands: Sequence[int], cycles: int) -> int:
-    """Return the largest number of cycles from a command to the next one, or to the end."""
-    if len(commands) == cycles:
-        return 1
-    return max(int(gap) for gap in np.diff([*commands, cycles]))
+        found = [
+            Message(REJECTED_COUNTS, encode_string(f'{kind}\n{more} more in this second'))
+            for kind, (_, more) in self.state.refused.items()
+            if more and REJECTED_COUNTS in self.roles
+        ]
+        self.state.refused.clear()
+        return found

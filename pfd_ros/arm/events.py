@@ -15,6 +15,20 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from pfd_ros.messages.types import CLOCK as TICK
+from pfd_ros.messages.types import (
+    DIAGNOSTICS as DIAGNOSTIC_ARRAY,
+)
+from pfd_ros.messages.types import (
+    FLOAT_ARRAY,
+    INERTIA,
+    JOINT_STATE,
+    POSE,
+    STRING,
+    TRANSFORMS,
+)
+from pfd_ros.messages.types import WRENCH as WRENCH_STAMPED
+
 # Most steps of one request; a request that lasts for ever is `resume`.
 MOST_STEPS = 1_000_000
 
@@ -119,11 +133,6 @@ class Role(NamedTuple):
     service: bool = False
 
 
-JOINT_STATE, FLOAT_ARRAY = 'sensor_msgs/msg/JointState', 'std_msgs/msg/Float64MultiArray'
-STRING, TICK = 'std_msgs/msg/String', 'rosgraph_msgs/msg/Clock'
-POSE, WRENCH_STAMPED = 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/WrenchStamped'
-INERTIA, TRANSFORMS = 'geometry_msgs/msg/InertiaStamped', 'tf2_msgs/msg/TFMessage'
-DIAGNOSTIC_ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
 TRANSITION = 'lifecycle_msgs/msg/TransitionEvent'
 
 NAMED, ARRAY, SET_STATE = 'joint_commands', 'commands', 'set_state'

@@ -22,160 +22,139 @@ Kernels are compiled before the first step.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 import math
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.events import ARM_STATE, CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES
-from pfd_ros.arm.settings import OUTPUTS, Settings
-from pfd_ros.messages.convert import (
-    JOINT_STATE,
-    POSE,
-    WRENCH,
-    ArrayEncoder,
-    JointStateEncoder,
-)
-from pfd_ros.messages.stamped import StampedEncoder, effort_encoder, stamped_encoder
+from pfd_ros.arm.events import ACCELERATION, ENERGY, ROLES, TIP_WRENCH, TRUE_STATES
+from pfd_ros.arm.state import ACTED
+from pfd_ros.messages.joints import JointEncoder
+from pfd_ros.messages.numbers import NumbersEncoder
+from pfd_ros.messages.text_and_arrays import ArrayEncoder
+from pfd_ros.messages.types import JOINT_STATE, POSE, WRENCH
+
+if TYPE_CHECKING:
+    from pfd_ros.arm.engine import Engine
 
 TWIST_AXES = ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')
 ENERGIES = ('kinetic', 'potential', 'power')
-Writer: TypeAlias = Callable[[], bytes]
+Values = Callable[[], NDArray[Any]]
+# From the stamp of the cycle to the message.
+Writer = Callable[[int], bytes]
 
 
-def roles_of(settings: Settings) -> frozenset[str]:
-    """Return the roles of all outputs of an arm but validation rows."""
-    roles = {STATES, PAYLOAD_IN_USE, *settings.outputs}
-    if settings.publish_clock:
-        roles.add(CLOCK)
-    if settings.drop_state:
-        roles.add(DROPPED_STATES)
-    if settings.save_every:
-        roles.add(ARM_STATE)
-    return frozenset(roles)
+class Outputs:
+    """Writes some outputs of an arm, whose plant is as it is now.
 
+    Parameters
+    ----------
+    engine
+        The engine of the arm.
+    roles
+        The outputs, in their order.
+    """
 
-class ExtraOutputs:
-    """The outputs of an arm that its settings enable."""
-
-    def __init__(self, settings: Settings, arm: Arm) -> None:
-        self.arm, self.frame_id, self.locked = arm, settings.frame_id, settings.published_locks
-        self.columns = list(arm.order)
+    def __init__(self, engine: Engine, roles: Iterable[str]) -> None:
+        self.engine = engine
         # In model order, as kernels are bound to them.
-        self.q, self.qd = np.zeros((2, arm.robot.n))
+        self.q, self.qd, self.tau = self._row = np.zeros((3, engine.robot.n))
         self.wrench = np.zeros(6)
-        self._writers = [
-            (name, _WRITERS.get(name, _quantity)(self, name))
-            for name in OUTPUTS
-            if name in settings.outputs
-        ]
+        self._writers = [(role, _WRITERS.get(role, _quantity)(self, role)) for role in roles]
 
     def messages(self) -> list[tuple[str, bytes]]:
         """Return the messages about the state as it is now, by role."""
-        state = self.arm.state
-        self.q[:], self.qd[:] = state.q, state.qd
-        self.wrench[:] = 0.0 if state.wrench is None else state.wrench.acting
-        return [(name, write()) for name, write in self._writers]
+        state, stamp_ns = self.engine.state, self.engine.stamp_ns
+        self._row[:], self.wrench[:] = state.rows[state.now], state.wrench[ACTED]
+        return [(role, write(stamp_ns)) for role, write in self._writers]
 
-    def bound(self, output: str) -> Callable[[], NDArray[Any]]:
+    def bound(self, role: str) -> Values:
         """Return a function without arguments that evaluates the kernel of an output."""
-        kernel = self.arm.kernels[output]
+        plant = self.engine.plant
+        kernel = plant.kernels[role]
         row = pfd.QUANTITIES[kernel.quantity]
         names = (*row.arguments, *('wrench',) * row.wrench)
-        arguments = {name: getattr(self, name) for name in names}
         # Quantities without bodies have no payload.
-        takes = kernel.scene.payload is not None
-        payload = self.arm.plant.payload_input if takes else {}
-        bound: Callable[[], NDArray[Any]] = kernel.bind(
-            **arguments, out=np.zeros(kernel.shape), **payload
+        payload = plant.inputs if kernel.scene.payload is not None else {}
+        bound: Values = kernel.bind(
+            **{name: getattr(self, name) for name in names}, out=np.zeros(kernel.shape), **payload
         )
         return bound
 
-    def stamped(self, encoder: StampedEncoder, value: Callable[[], NDArray[Any]]) -> Writer:
-        """Return the function that writes a message with a stamp."""
-        return lambda: encoder.encode(self.arm.stamp_ns, _finite(value()))
+
+def _true_states(given: Outputs, role: str) -> Writer:
+    engine, settings = given.engine, given.engine.state.first
+    encoder = JointEncoder(engine.names, settings.frame_id, settings.published_locks)
+    return lambda stamp_ns: encoder.encode(stamp_ns, given._row[:, engine.order])
 
 
-def extra_outputs(settings: Settings, arm: Arm) -> ExtraOutputs | None:
-    """Return the outputs that the settings enable, or None."""
-    return ExtraOutputs(settings, arm) if settings.outputs else None
+def _acceleration(given: Outputs, role: str) -> Writer:
+    engine = given.engine
+    encoder = ArrayEncoder([('joint', engine.names)])
+
+    def write(stamp_ns: int) -> bytes:
+        if engine.state.failure:
+            return encoder.encode(np.zeros(len(engine.names)))
+        qdd = engine.plant.simulator.accelerations(engine.state.simulation)
+        return encoder.encode(_finite(qdd[engine.order]))
+
+    return write
 
 
-def _array(
-    layout: Sequence[tuple[str, Sequence[str]]], value: Callable[[], NDArray[Any]]
-) -> Writer:
-    encoder = ArrayEncoder(layout)
-    return lambda: encoder.encode(_finite(value()))
+def _tip_wrench(given: Outputs, role: str) -> Writer:
+    encoder = NumbersEncoder(WRENCH, given.engine.robot.tip)
+    return lambda stamp_ns: encoder.encode(stamp_ns, given.wrench)
 
 
-def _true_states(given: ExtraOutputs, output: str) -> Writer:
-    arm = given.arm
-    encoder = JointStateEncoder(arm.names, given.frame_id, given.locked, arm.order)
-    return lambda: encoder.encode(arm.stamp_ns, arm.q, arm.qd, arm.tau)
+def _energy(given: Outputs, role: str) -> Writer:
+    encoder, evaluate = ArrayEncoder([('item', ENERGIES)]), given.bound(role)
+    order = given.engine.order
+
+    def write(stamp_ns: int) -> bytes:
+        power = 0.0
+        # One after the other: the order in which NumPy and newer Pythons sum is theirs.
+        for each in (given.tau * given.qd)[order].tolist():
+            power += each
+        return encoder.encode(_finite(np.append(evaluate(), power)))
+
+    return write
 
 
-def _acceleration(given: ExtraOutputs, output: str) -> Writer:
-    layout = [('joint', given.arm.names)]
-    return _array(layout, lambda: given.arm.acceleration[given.columns])
-
-
-def _tip_wrench(given: ExtraOutputs, output: str) -> Writer:
-    return given.stamped(stamped_encoder(WRENCH, given.arm.robot.tip), lambda: given.wrench)
-
-
-def _energy(given: ExtraOutputs, output: str) -> Writer:
-    evaluate, arm = given.bound(output), given.arm
-
-    def value() -> NDArray[Any]:
-        return np.append(evaluate(), _power((arm.tau * arm.qd)[given.columns]))
-
-    return _array([('item', ENERGIES)], value)
-
-
-def _quantity(given: ExtraOutputs, output: str) -> Writer:
+def _quantity(given: Outputs, role: str) -> Writer:
     """Write a quantity of the model: an axis of n elements has the joints in published order."""
-    kind, arm, evaluate = OUTPUTS[output], given.arm, given.bound(output)
-    if kind.type == POSE:
-        encoder = stamped_encoder(POSE, arm.robot.base)
-        return given.stamped(encoder, lambda: position_and_quaternion(evaluate()))
-    joints = arm.names, given.columns
+    row, engine, evaluate = ROLES[role], given.engine, given.bound(role)
+    if row.type == POSE:
+        pose = NumbersEncoder(POSE, engine.robot.base)
+        return lambda stamp_ns: pose.encode(stamp_ns, _finite(position_and_quaternion(evaluate())))
+    joints = engine.names, engine.order
     axes = [
         joints if length == 'n' else (TWIST_AXES, range(len(TWIST_AXES)))
-        for length in pfd.QUANTITIES[kind.quantity].shape
+        for length in pfd.QUANTITIES[row.quantity].shape
     ]
     order = np.ix_(*(places for _, places in axes))
-    if kind.type == JOINT_STATE:
-        encoder = effort_encoder(arm.names, given.frame_id)
-        return given.stamped(encoder, lambda: evaluate()[order])
+    if row.type == JOINT_STATE:
+        efforts = JointEncoder(engine.names, engine.state.first.frame_id, fields=('effort',))
+        return lambda stamp_ns: efforts.encode(stamp_ns, _finite(evaluate()[order]))
     labels = ('joint',) if len(axes) == 1 else ('row', 'column')
-    layout = [(label, names) for label, (names, _) in zip(labels, axes, strict=True)]
-    return _array(layout, lambda: evaluate()[order])
+    array = ArrayEncoder([(label, names) for label, (names, _) in zip(labels, axes, strict=True)])
+    return lambda stamp_ns: array.encode(_finite(evaluate()[order]))
 
 
-# By the name of the output; the others are quantities as they are.
-_WRITERS: dict[str, Callable[[ExtraOutputs, str], Writer]] = {
-    'true_states': _true_states,
-    'acceleration': _acceleration,
-    'tip_wrench': _tip_wrench,
-    'energy': _energy,
+# By role; the others are quantities as they are.
+_WRITERS: dict[str, Callable[[Outputs, str], Writer]] = {
+    TRUE_STATES: _true_states,
+    ACCELERATION: _acceleration,
+    TIP_WRENCH: _tip_wrench,
+    ENERGY: _energy,
 }
 
 
 def _finite(values: NDArray[Any]) -> NDArray[Any]:
     finite = np.isfinite(values)
     return values if finite.all() else np.where(finite, values, 0.0)
-
-
-def _power(powers: NDArray[Any]) -> float:
-    # One after the other: the order in which NumPy and newer Pythons sum is theirs.
-    total = 0.0
-    for power in powers.tolist():
-        total += power
-    return total
 
 
 def position_and_quaternion(pose: NDArray[Any]) -> NDArray[Any]:

@@ -1,77 +1,135 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The external wrench: the rules for its messages, and how long one acts."""
+"""The external wrench: its rule, how long it acts, and frames that the last link carries.
+
+In Python's own floats, in a fixed order: the same bits on every machine.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 import pfd_core as pfd
-from pfd_ros.arm.commands import Validation
-from pfd_ros.arm.events import Verdict, WrenchChange
-from pfd_ros.arm.settings import Settings, timeout_steps
-from pfd_ros.arm.state import WrenchState
-from pfd_ros.arm.tip_frames import tip_frame, wrench_at_tip
-from pfd_ros.messages.stamped import WrenchMessage
+from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.settings import timeout_steps
+from pfd_ros.arm.state import ACTED, NEXT, State
+from pfd_ros.messages.numbers import decode_numbers
+from pfd_ros.messages.types import WRENCH
+from pfd_ros.text import cut, listed
+
+if TYPE_CHECKING:
+    from pfd_ros.arm.engine import Engine, Ruling
 
 # Far more than any arm bears, N and N m; a simulation under more would not stay finite.
 LARGEST_WRENCH = 1e5
+Vector = tuple[float, ...]
 
 
-def validate_wrench(
-    message: WrenchMessage, robot: pfd.Robot, since_ns: int, *, taken: bool
-) -> Validation:
-    """Validate an external wrench.
+def rule(engine: Engine, data: bytes) -> Ruling:
+    """Check a wrench, expressed in the frame of its header and applied at its origin."""
+    stamp_ns, frame_id, numbers = decode_numbers(data, WRENCH)
+    if not engine.plant.scene.external_wrench:
+        return Verdict('refused', 'start the arm with external_wrench:=true')
+    if not all(map(math.isfinite, numbers)):
+        return Verdict('not_finite', 'contains a number that is not finite')
+    if max(map(abs, numbers)) > LARGEST_WRENCH:
+        return Verdict('refused', f'expected {LARGEST_WRENCH:g} N and N m at most')
+    since_ns = engine.state.reset_ns
+    if 0 != stamp_ns < since_ns:
+        return Verdict('stale', f'stamp {stamp_ns} ns, expected {since_ns} ns or later')
+    try:
+        frame = tip_frame(engine.robot, frame_id)
+    except ValueError as error:
+        return Verdict('unknown_names', str(error))
+    return put, (wrench_at_tip(frame, numbers[:3], numbers[3:]),)
+
+
+def put(engine: Engine, wrench: Vector) -> None:
+    """Let a wrench act for `external_wrench_timeout`, or until it is replaced, for 0."""
+    settings, state = engine.state.settings, engine.state
+    steps = timeout_steps(settings.external_wrench_timeout, settings.step_size)
+    state.wrench[NEXT] = wrench
+    state.wrench_left = None if math.isinf(steps) else int(steps)
+
+
+def clear(state: State) -> None:
+    """Let no wrench act from the next step on."""
+    state.wrench[NEXT], state.wrench_left = 0.0, None
+
+
+def advance(state: State) -> bool:
+    """Begin a step, perhaps without the wrench of the last one; return whether it is another."""
+    if state.wrench_left:
+        state.wrench_left -= 1
+    elif state.wrench_left is not None:
+        clear(state)
+    acted, following = state.wrench
+    if acted.tobytes() == following.tobytes():
+        return False
+    state.wrench[ACTED] = following
+    return True
+
+
+def tip_frame(robot: pfd.Robot, name: str) -> Any:
+    """Return a frame that is fixed to a robot's last link, such as the frame of the tip link.
+
+    Raises
+    ------
+    ValueError
+        If the frame is not fixed to the last link.
+    """
+    frame = robot.frames.get(name)
+    if frame is None or frame.link != robot.n:
+        why = 'is not a frame of the arm' if frame is None else 'does not move with the last link'
+        carried = [robot.tip, *(k for k, f in robot.frames.items() if f.link == robot.n)]
+        raise ValueError(
+            f'frame_id {cut(name)!r} {why}; expected one of {listed(list(dict.fromkeys(carried)))}'
+        )
+    return frame
+
+
+def _rotated(rotation: Sequence[Sequence[float]], vector: Sequence[float]) -> Vector:
+    x, y, z = vector
+    return tuple(row[0] * x + row[1] * y + row[2] * z for row in rotation)
+
+
+def wrench_at_tip(frame: Any, force: Sequence[float], torque: Sequence[float]) -> Vector:
+    """Return force and moment, (6,) in N and N m, in the last link's frame and about its origin.
 
     Parameters
     ----------
-    message
-        Force and torque, expressed in and applied at the origin of the frame of its header.
-    robot
-        The robot, on whose last link it acts.
-    since_ns
-        Simulated time of the last start or reset; messages stamped before it are stale.
-        Stamp 0 means now.
-    taken
-        Whether the arm's scene has an external wrench at all.
+    frame
+        The frame in which, and about whose origin, both are given.
+    force, torque
+        (3,) in N and N m.
     """
-    if not taken:
-        return Validation(Verdict.REFUSED, 'start the arm with external_wrench:=true')
-    if not all(map(math.isfinite, message.numbers)):
-        return Validation(Verdict.NOT_FINITE, 'contains a number that is not finite')
-    if max(map(abs, message.numbers)) > LARGEST_WRENCH:
-        return Validation(Verdict.REFUSED, f'expected {LARGEST_WRENCH:g} N and N m at most')
-    if 0 != message.stamp_ns < since_ns:
-        return Validation(
-            Verdict.STALE, f'stamp {message.stamp_ns} ns, expected {since_ns} ns or later'
-        )
-    try:
-        frame = tip_frame(robot, message.frame_id)
-    except ValueError as error:
-        return Validation(Verdict.UNKNOWN_NAMES, str(error))
-    wrench = wrench_at_tip(frame, message.force, message.torque)
-    return Validation(Verdict.ACCEPTED, effect=WrenchChange(wrench))
+    rotation, (x, y, z) = frame.rotation.tolist(), frame.translation.tolist()
+    fx, fy, fz = _rotated(rotation, force)
+    mx, my, mz = _rotated(rotation, torque)
+    return fx, fy, fz, mx + (y * fz - z * fy), my + (z * fx - x * fz), mz + (x * fy - y * fx)
 
 
-def put(state: WrenchState, change: WrenchChange, settings: Settings) -> None:
-    """Let a wrench act for `external_wrench_timeout`, or until it is replaced, for 0."""
-    steps = timeout_steps(settings.external_wrench_timeout, settings.step_size)
-    state.next = np.array(change.wrench)
-    state.left = None if math.isinf(steps) else int(steps)
+def body_at_tip(
+    frame: Any, center: Sequence[float], inertia: Sequence[float]
+) -> tuple[Vector, Vector]:
+    """Return centre of mass and inertia of a body in the last link's frame.
 
-
-def clear(state: WrenchState) -> None:
-    """Let no wrench act from the next step on."""
-    state.next, state.left = np.zeros(6), None
-
-
-def advance(state: WrenchState, steps: int = 1) -> None:
-    """Begin the last of `steps` steps; a wrench whose time has ended is removed."""
-    if state.left is not None:
-        if state.left < steps:
-            clear(state)
-        else:
-            state.left -= steps
-    state.acting = state.next
+    Parameters
+    ----------
+    frame
+        The frame in which both are given.
+    center
+        (3,) in m.
+    inertia
+        (xx, xy, xz, yy, yz, zz) in kg m^2, about the centre of mass.
+    """
+    rotation = frame.rotation.tolist()
+    xx, xy, xz, yy, yz, zz = inertia
+    # R J R^T, column by column: R J R^T = R (R J)^T, since J is symmetric.
+    half = [_rotated(rotation, row) for row in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))]
+    columns = [_rotated(rotation, row) for row in zip(*half, strict=True)]
+    upper = tuple(columns[i][j] for i in range(3) for j in range(i, 3))
+    moved = zip(_rotated(rotation, center), frame.translation.tolist(), strict=True)
+    return tuple(a + b for a, b in moved), upper

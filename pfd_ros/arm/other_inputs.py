@@ -1,0 +1,244 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The rules for all inputs but commands and wrenches.
+
+Requests come as JSON, {"request": "step", "count": 5}, and new values of settings as well,
+{"real_time_factor": 0.5}. A state to set is a JointState, a payload an inertia in a frame that
+the last link carries, and the clock that the arm may follow is the clock of another node: at its
+first tick, and at the first one after a pause, a reset or an activation, simulated time is set to
+the tick without a step. After that the arm steps up to the newest tick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfd_ros.arm import wrench
+from pfd_ros.arm.actuators import Actuators
+from pfd_ros.arm.commands import broken_rule, too_far
+from pfd_ros.arm.events import ALL_NAN, MOST_STEPS, Verdict
+from pfd_ros.arm.plant import Plant, with_own_effects
+from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
+from pfd_ros.arm.sensors import Sensors
+from pfd_ros.arm.settings import Settings, check_joint_counts, check_servo, typed_changes
+from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.joints import decode_joints
+from pfd_ros.messages.numbers import decode_clock, decode_numbers
+from pfd_ros.messages.text_and_arrays import decode_string, encode_string
+from pfd_ros.messages.types import INERTIA
+from pfd_ros.text import cut, listed
+
+if TYPE_CHECKING:
+    from pfd_ros.arm.engine import Engine, Ruling
+
+# pause, resume: stop or continue simulated time. step: a number of steps while paused. reset:
+# initial state, braked. deactivate: braked and no steps until activated. clear_wrench: no external
+# wrench.
+REQUEST_NAMES = ('pause', 'resume', 'step', 'reset', 'activate', 'deactivate', 'clear_wrench')
+# A request is far shorter.
+LONGEST_REQUEST = 1000
+# Largest number of steps for one tick: at 1 kHz a hundred seconds.
+MOST_STEPS_AHEAD = 100_000
+
+
+def encode_request(name: str, **more: int) -> bytes:
+    """Return the message of a request; `more` is the count of steps."""
+    return encode_string(json.dumps({'request': name, **more}))
+
+
+def encode_changes(values: Mapping[str, Any]) -> bytes:
+    """Return the message of new values of settings, by field."""
+    return encode_string(json.dumps(dict(values)))
+
+
+def request(engine: Engine, data: bytes) -> Ruling:
+    """Check a request in JSON."""
+    text, state = decode_string(data), engine.state
+    if len(text) > LONGEST_REQUEST:
+        raise ValueError(f'{len(text)} characters, expected {LONGEST_REQUEST} at most')
+    values = json.loads(text)
+    if not isinstance(values, dict) or values.get('request') not in REQUEST_NAMES:
+        raise ValueError(f'request is {cut(text)!r}, expected one of {list(REQUEST_NAMES)}')
+    name = values.pop('request')
+    count = values.pop('count', 1) if name == 'step' else 1
+    if values:
+        raise ValueError(f'request {name!r} does not take {listed(list(values))}')
+    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_STEPS:
+        raise ValueError(f'count is {cut(repr(count))}, expected 1 to {MOST_STEPS}')
+    if name in ('step', 'reset') and not state.active:
+        return Verdict('refused', f'{name}: the arm is inactive')
+    if name == 'step' and not state.paused:
+        return Verdict('refused', 'step: the arm is not paused')
+    return _requested, (name, count)
+
+
+def _requested(engine: Engine, name: str, count: int) -> None:
+    state = engine.state
+    if name == 'step':
+        state.left += count
+    elif name in ('pause', 'resume'):
+        state.paused, state.left = name == 'pause', 0
+    elif name == 'clear_wrench':
+        wrench.clear(state)
+    elif name == 'reset':
+        _reset(engine)
+    else:
+        if name == 'deactivate':
+            engine.discard_commands(brake=True)
+        state.active = name == 'activate'
+        state.waits = state.commanded = engine.lockstep and state.first.wait_for_controller
+    if name in ('resume', 'activate', 'reset'):
+        # The arm continues at the time of the followed clock, without steps.
+        state.until_ns = None
+
+
+def _reset(engine: Engine) -> None:
+    """Let the next step end in the initial state, without anything from before; time goes on."""
+    state = engine.state
+    # The time of a failed arm stood still.
+    state.failure, state.step = '', state.cycle
+    state.jump = np.array([engine.start, np.zeros_like(engine.start)])
+    state.epoch, state.sent = state.cycle + 1, 0
+    engine.discard_commands(brake=True)
+    state.reset_ns = state.since_ns
+    wrench.clear(state)
+
+
+def set_state(engine: Engine, data: bytes) -> Ruling:
+    """Check a state to jump to.
+
+    With NaN or an empty array a position is unchanged and a velocity is zero. Locked joints stay
+    where they are. Efforts and stamp are ignored, so a message of joint_states can be sent back
+    unchanged.
+    """
+    joints = decode_joints(data)
+    names, place, state = joints.names, engine.place, engine.state
+    if not names:
+        return Verdict('no_names', 'no joint names')
+    broken = broken_rule(joints)
+    if broken is not None:
+        return broken
+    if not len(joints.position):
+        raise ValueError('no positions; expected a position for each joint that is named')
+    velocity = joints.velocity if len(joints.velocity) else np.zeros(len(names))
+    strange = [name for name in names if name not in place and name not in engine.locked]
+    if strange:
+        # Unlike a command, a state must not name unknown joints.
+        return Verdict('unknown_names', f'unknown joints {listed(strange)}')
+    far = too_far(joints.position, velocity)
+    if far is not None:
+        return far
+    given = [k for k, q in enumerate(joints.position.tolist()) if q == q and names[k] in place]
+    if not given:
+        return Verdict(ALL_NAN.label, 'no position for any moving joint')
+    target = (state.rows[state.now, :2] if state.jump is None else state.jump).copy()
+    velocity = np.where(velocity == velocity, velocity, 0.0)
+    target[:, [place[names[k]] for k in given]] = joints.position[given], velocity[given]
+    try:
+        # The joints that are not named may have run away.
+        engine.plant.simulator.new_state(*target)
+    except ValueError as error:
+        return Verdict('refused', str(error))
+    return _jump, (target,)
+
+
+def _jump(engine: Engine, target: NDArray[Any]) -> None:
+    """Let the next step end in these positions and velocities, (2, n)."""
+    engine.state.jump = target
+    engine.discard_commands()
+
+
+def parameters(engine: Engine, data: bytes) -> Ruling:
+    """Check new values of dynamic settings in JSON, all or none."""
+    return _changed(engine, typed_changes(json.loads(decode_string(data))))
+
+
+def payload(engine: Engine, data: bytes) -> Ruling:
+    """Check a payload; a mass of 0 removes it."""
+    _, frame_id, (mass, *body) = decode_numbers(data, INERTIA)
+    try:
+        frame = wrench.tip_frame(engine.robot, frame_id)
+    except ValueError as error:
+        return Verdict('unknown_names', str(error))
+    values = mass, *wrench.body_at_tip(frame, body[:3], body[3:])
+    return _changed(engine, dict(zip(PAYLOAD, values, strict=True)))
+
+
+def changed(engine: Engine, values: Mapping[str, Any]) -> Settings:
+    """Return the settings with new values of some fields; nothing is compiled.
+
+    Raises
+    ------
+    ValueError
+        If a value is invalid, by itself or together with the others.
+    """
+    settings = replace(with_own_effects(engine.state.settings, values), **values)
+    check_joint_counts(settings, len(engine.names))
+    check_servo(settings)
+    return settings
+
+
+def _changed(engine: Engine, values: Mapping[str, Any]) -> Ruling:
+    """Check new values, by field, and make all that the change needs: here it may fail."""
+    compiled = not COMPILED.isdisjoint(values)
+    if compiled and engine.state.failure:
+        return Verdict('refused', 'the simulation has stopped')
+    try:
+        settings = changed(engine, values)
+        plant = engine.plants.prepare(settings) if compiled else engine.plant
+        driven = Actuators(settings, engine.robot, engine.order, plant.scene)
+        return _change, (settings, plant, driven, Sensors(settings, engine.order))
+    except ValueError as error:
+        return Verdict('refused', str(error))
+
+
+def _change(
+    engine: Engine, settings: Settings, plant: Plant, driven: Actuators, sensors: Sensors
+) -> None:
+    """Take over other settings; the state goes into another plant, if there is one."""
+    state = engine.state
+    if plant.simulator is not engine.plant.simulator:
+        state.simulation = plant.simulator.converted(state.simulation)
+    if np.isinf(engine.actuators.largest_jump):
+        # A reflex looks at efforts from the next one on.
+        state.motors.before[:] = np.nan
+    state.settings = settings
+    engine.derive(plant, driven, sensors)
+
+
+def tick(engine: Engine, data: bytes) -> Ruling:
+    """Check a tick of the followed clock: simulated time never goes back, nor far ahead."""
+    tick_ns, state = decode_clock(data), engine.state
+    if not state.first.follows_clock:
+        raise ValueError('time_source is not clock')
+    stamp_ns, seconds = engine.stamp_ns, tick_ns / NANOSECONDS
+    last = stamp_ns if state.until_ns is None else state.until_ns
+    if tick_ns < last:
+        return Verdict(
+            'stale',
+            f'the clock is at {seconds} s and was at {last / NANOSECONDS} s: '
+            'simulated time never goes back',
+        )
+    ahead = tick_ns - stamp_ns > MOST_STEPS_AHEAD * state.first.step_ns
+    if state.until_ns is not None and ahead:
+        return Verdict(
+            'refused',
+            f'the clock is at {seconds} s and the arm at {stamp_ns / NANOSECONDS} s, '
+            f'more than {MOST_STEPS_AHEAD} steps behind: call ~/reset to set its time',
+        )
+    return _follow, (tick_ns,)
+
+
+def _follow(engine: Engine, tick_ns: int) -> None:
+    state = engine.state
+    if state.until_ns is None:
+        # Simulated time continues there, without a step.
+        state.origin_ns = tick_ns - state.step * state.first.step_ns
+        state.since_ns = tick_ns
+    state.until_ns = tick_ns

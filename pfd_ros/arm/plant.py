@@ -1,0 +1,252 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The plant of settings: the scene, and the native code that simulates the robot in it.
+
+The payload at the start is a constant of native code; another one is an input of a second program,
+compiled once, where the method permits it. So the plant is a function of the settings alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+import hashlib
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pfd_core as pfd
+from pfd_ros.arm.events import OPTIONAL, ROLES
+from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD, given_effects, payload_numbers
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.text import cut
+
+# With the payload at the start or another one, with gravity compensation or without. A plant is
+# freed while another one is compiled, not in a step.
+MOST_COMPILED = 4
+# The payload of a scene whose native code takes one with each step.
+INPUT = 'input'
+
+
+class Compiled(NamedTuple):
+    """Native code: the simulator, and the kernels of the outputs by role."""
+
+    simulator: pfd.MotorSimulator
+    kernels: Mapping[str, Any]
+
+
+class Plant(NamedTuple):
+    """A scene, and the native code that simulates the robot in it.
+
+    Attributes
+    ----------
+    scene
+        The effects that act on the robot, with its payload.
+    simulator, kernels
+        As of Compiled.
+    inputs
+        The payload as an argument of native code that takes it as an input, else nothing.
+    payload
+        Mass, center and inertia (xx, xy, xz, yy, yz, zz) of the payload, () without one.
+    """
+
+    scene: pfd.Scene
+    simulator: pfd.MotorSimulator
+    kernels: Mapping[str, Any]
+    inputs: Mapping[str, pfd.Payload | None]
+    payload: tuple[float, ...]
+
+    @property
+    def program(self) -> str:
+        """Digest of the compiled programs, the same everywhere."""
+        kernels = (f'{name} {code.code_digest}' for name, code in self.kernels.items())
+        lines = [self.simulator.code_digest, *kernels]
+        return hashlib.sha256('\n'.join(lines).encode()).hexdigest()
+
+
+class Plants:
+    """The plants of a robot under the settings of a run, and those that change while it runs.
+
+    A cache, which any thread may ask: who asks late only waits longer.
+
+    Parameters
+    ----------
+    settings
+        At the start.
+    robot
+        The robot.
+    order
+        Index in the model of each joint, in published order.
+
+    Raises
+    ------
+    ValueError
+        If the settings do not go with the robot.
+    """
+
+    def __init__(self, settings: Settings, robot: pfd.Robot, order: NDArray[Any]) -> None:
+        self._robot, self._order = robot, order
+        # By the digest of the scene.
+        self._compiled: dict[str, Compiled] = {}
+        self._first = scene_of(settings, order).payload
+        self._varies = False
+        self._varies = self.prepare(settings).simulator.method in pfd.PAYLOAD_METHODS
+
+    def prepare(self, settings: Settings) -> Plant:
+        """Return the plant of settings, which may be compiled now: that takes up to a second.
+
+        A payload that is an input takes a tenth of a millisecond, but for the first.
+        """
+        scene = scene_of(settings, self._order)
+        payload = _payload_of(scene)
+        compiled_scene = self._of_code(scene)
+        compiled = self._native(settings, compiled_scene)
+        inputs = {'payload': payload} if compiled_scene.payload == INPUT else {}
+        if inputs:
+            compiled.simulator.prepare_payload(payload)
+        numbers = () if payload is None else payload_numbers(payload)
+        return Plant(scene, *compiled, inputs, numbers)
+
+    def ready(self, settings: Settings) -> bool:
+        """Return whether nothing has to be compiled for settings."""
+        return self._of_code(scene_of(settings, self._order)).digest in self._compiled
+
+    def _of_code(self, scene: pfd.Scene) -> pfd.Scene:
+        """Return a scene as native code has it, perhaps with its payload as an input."""
+        varied = self._varies and scene.payload != self._first
+        return replace(scene, payload=INPUT) if varied else scene
+
+    def _native(self, settings: Settings, scene: pfd.Scene) -> Compiled:
+        found = self._compiled.get(scene.digest)
+        if found is None:
+            simulator = pfd.MotorSimulator(self._robot, scene, **simulator_settings(settings))
+            found = Compiled(simulator, _kernels(settings, self._robot, scene))
+            while len(self._compiled) >= MOST_COMPILED:
+                self._compiled.pop(next(iter(self._compiled)), None)
+            self._compiled[scene.digest] = found
+        return found
+
+
+def _kernels(settings: Settings, robot: pfd.Robot, scene: pfd.Scene) -> dict[str, Any]:
+    """Return the kernel of each enabled output that is a quantity of the model.
+
+    The wrench on the tip and the gravity torques of the drives are not in the scene, since the
+    outputs describe the model of the arm.
+    """
+    alone = replace(scene, external_wrench=False, gravity_compensation=False)
+    return {
+        role: pfd.compile_kernel(robot, scene=alone, quantity=ROLES[role].quantity)
+        for role in OPTIONAL
+        if role in settings.outputs and ROLES[role].quantity
+    }
+
+
+def acceleration_kernel(robot: pfd.Robot, scene: pfd.Scene, method: str, refine: int = 0) -> Any:
+    """Return the kernel of the accelerations, without brakes and the external wrench.
+
+    Effects that act over a step, such as friction, are left out too: they have no accelerations.
+    """
+    over_a_step = {effect.name for effect in pfd.EFFECTS if effect.acts == 'step'}
+    smooth = scene.without(over_a_step | {'brakes', 'external wrench'})
+    return pfd.compile_kernel(robot, method=method, scene=smooth, refine=refine)
+
+
+def simulator_settings(settings: Settings) -> dict[str, Any]:
+    """Return the arguments of the simulator that the settings describe."""
+    return {
+        'step_size': settings.step_ns / NANOSECONDS,
+        'substeps': settings.substeps,
+        'integrator': settings.integrator,
+        'method': settings.method,
+        'compensated': settings.compensated,
+    }
+
+
+def in_model_order(values: Sequence[float], order: NDArray[Any]) -> NDArray[Any]:
+    """Return a setting with a number for each joint in model order, (n,); zeros if it is empty."""
+    numbers = np.zeros(len(order))
+    if len(values):
+        numbers[order] = values
+    return numbers
+
+
+def with_scene_text(settings: Settings) -> Settings:
+    """Return settings with the text of the scene file that they name: the file may change.
+
+    Raises
+    ------
+    ValueError
+        If the file does not exist, or is not a scene.
+    """
+    if not settings.scene:
+        return settings
+    return replace(settings, scene=pfd.scene_to_yaml(pfd.load_scene(settings.scene)))
+
+
+def scene_of(settings: Settings, order: NDArray[Any]) -> pfd.Scene:
+    """Return the scene of an arm, with brakes, since joints are held until they are commanded.
+
+    No file is read: the settings may come from a recording.
+
+    Parameters
+    ----------
+    settings
+        Of the arm.
+    order
+        Index in the model of each joint, in published order.
+
+    Raises
+    ------
+    ValueError
+        If the text is not a scene.
+    """
+    if settings.scene:
+        scene = _from_text(settings.scene)
+    else:
+        gravity = settings.gravity if any(settings.gravity) else None
+        scene = pfd.Scene(gravity=gravity, **given_effects(settings, order.tolist()))
+    compensated = settings.gravity_compensation or settings.convention == 'franka'
+    return replace(
+        scene,
+        brakes=True,
+        external_wrench=scene.external_wrench or settings.external_wrench,
+        gravity_compensation=scene.gravity_compensation or compensated,
+        payload=settings.payload or scene.payload,
+    )
+
+
+def _from_text(text: str) -> pfd.Scene:
+    if '\n' not in text:
+        raise ValueError(f'scene is {cut(repr(text))}, expected the YAML of a scene')
+    scene = pfd.load_scene(text)
+    if scene.payload == INPUT:
+        raise ValueError(
+            f'payload of the scene is {INPUT!r}, expected a table of mass, center and inertia: '
+            'a payload at run time comes from ~/payload or the parameters payload.*'
+        )
+    return scene
+
+
+def with_own_effects(settings: Settings, changed: Collection[str]) -> Settings:
+    """Return settings whose own fields hold the effects of the scene text that are to change."""
+    if not settings.scene or COMPILED.isdisjoint(changed):
+        return settings
+    scene = _from_text(settings.scene)
+    own: dict[str, Any] = {}
+    if 'gravity_compensation' in changed:
+        scene = replace(scene, gravity_compensation=False)
+    if not set(PAYLOAD).isdisjoint(changed):
+        payload = _payload_of(scene)
+        if payload is not None and settings.payload is None:
+            mass, *body = payload_numbers(payload)
+            own |= zip(PAYLOAD, (mass, tuple(body[:3]), tuple(body[3:])), strict=True)
+        scene = replace(scene, payload=None)
+    return replace(settings, **own, scene=pfd.scene_to_yaml(scene))
+
+
+def _payload_of(scene: pfd.Scene) -> pfd.Payload | None:
+    """Return the payload of an arm's scene, which is never an input."""
+    assert not isinstance(scene.payload, str)
+    return scene.payload

@@ -28,11 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.events import DESCRIPTION, TF, TF_STATIC, Output
-from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import encode_string
-from pfd_ros.messages.transforms import TransformEncoder
-from pfd_ros.text import cut
+from pfd_ros.arm.events import DESCRIPTION, TF, TF_STATIC, Message
+from pfd_ros.messages.numbers import TransformEncoder
+from pfd_ros.messages.text_and_arrays import encode_string
 
 # A link that turns about z of the base.
 TURN = """<robot name="turn"><link name="base"/><link name="turned"><inertial><mass value="1"/>
@@ -63,11 +61,20 @@ class LinkFrames:
         The roles of all messages.
     every
         As given.
+
+    Raises
+    ------
+    ValueError
+        If the URDF is no tree.
     """
 
     def __init__(
         self, urdf: pfd.Urdf, moving: Sequence[str], locked: Mapping[str, float], every: int
     ) -> None:
+        if len(urdf.joints) >= len(urdf.links):
+            raise ValueError(
+                f'{DESCRIPTION} has {len(urdf.joints)} joints and {len(urdf.links)} links: no tree'
+            )
         self._text = urdf.text
         self.every = every
         rules = joint_rules(urdf, moving, locked)
@@ -87,37 +94,18 @@ class LinkFrames:
         present = {DESCRIPTION: True, TF_STATIC: every and fixed, TF: every and moved}
         self.roles = frozenset(role for role, there in present.items() if there)
 
-    def opening(self, stamp_ns: int) -> list[Output]:
+    def opening(self, stamp_ns: int) -> list[Message]:
         """Return the first messages of a recording: the URDF, and the frames that never move."""
-        found = [Output(DESCRIPTION, 1, encode_string(self._text))]
+        found = [Message(DESCRIPTION, encode_string(self._text))]
         if TF_STATIC in self.roles:
             data = self._fixed_encoder.encode(stamp_ns, self._fixed_numbers)
-            found.append(Output(TF_STATIC, 1, data))
+            found.append(Message(TF_STATIC, data))
         return found
 
     def encode(self, stamp_ns: int, q: NDArray[Any]) -> bytes:
         """Return the message of the other frames at positions (n,), model order."""
         positions = self._factors * q[self._sources] + self._offsets
         return self._encoder.encode(stamp_ns, self._transforms.at(positions))
-
-
-def parsed_urdf(text: str, label: str) -> pfd.Urdf:
-    """Return the model of a URDF's text; ValueError, with the label, for another text."""
-    # Other text would be taken for the name of a robot or a file.
-    urdf = pfd.read_urdf(text) if text.lstrip().startswith('<') else None
-    if urdf is None:
-        raise ValueError(f'{label} is not a URDF: it starts with {cut(text[:20])!r}')
-    return urdf
-
-
-def link_frames(text: str, settings: Settings, robot: pfd.Robot) -> LinkFrames:
-    """Return the frames of a URDF for an arm; ValueError if the text is not a URDF of a tree."""
-    urdf = parsed_urdf(text, DESCRIPTION)
-    if len(urdf.joints) >= len(urdf.links):
-        raise ValueError(
-            f'{DESCRIPTION} has {len(urdf.joints)} joints and {len(urdf.links)} links: no tree'
-        )
-    return LinkFrames(urdf, robot.joint_names, settings.locks, settings.tf_every)
 
 
 def joint_rules(

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The `<ros2_control>` blocks and the mimic joints of a URDF, as settings of the arm.
+"""The robot that settings name, and what its URDF adds to them: `<ros2_control>`, mimic joints.
 
 One file then configures both ends: the hardware of ros2_control that talks to the arm over topics,
 and the arm.
@@ -8,16 +8,20 @@ and the arm.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 import re
+from typing import Any
 import xml.etree.ElementTree as ElementTree
 
 import pfd_core as pfd
-from pfd_ros.arm.events import STATES, Source
+from pfd_ros.arm.events import DESCRIPTION, NAMED, STATES
+from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.arm.settings import Settings
 from pfd_ros.text import cut, listed
 
+# Joints in the cure for a tree.
+MOST_TO_LOCK = 16
 # Hardware that talks over topics, and the values that its source code has for parameters that
 # the URDF leaves out. Its documentation names another topic of commands.
 TOPIC_HARDWARE = (
@@ -36,30 +40,16 @@ UNREAD = 'ros2_control:=false leaves the block unread'
 
 
 @dataclass(frozen=True)
-class Hardware:
-    """The hardware of ros2_control that talks over topics.
-
-    Attributes
-    ----------
-    commands_topic, states_topic
-        Topics as the URDF names them.
-    threshold
-        It sends no commands that differ less from its states; negative: it sends all.
-    """
-
-    commands_topic: str
-    states_topic: str
-    threshold: float
-
-
-@dataclass(frozen=True)
 class Ros2Control:
-    """The contents of the `<ros2_control>` blocks.
+    """The contents of the `<ros2_control>` blocks of a URDF.
 
     Attributes
     ----------
-    hardware
-        The hardware of the arm that talks over topics, if there is any.
+    topics
+        Role -> topic at which hardware that talks over topics has its other end.
+    threshold
+        The hardware sends no commands that differ less from its states; negative: it sends all.
+        None without such hardware.
     takes_effort
         The joints that have a command interface for effort.
     positions
@@ -69,17 +59,111 @@ class Ros2Control:
         names of all joints and shorter arrays.
     """
 
-    hardware: Hardware | None = None
+    topics: Mapping[str, str] = field(default_factory=dict)
+    threshold: float | None = None
     takes_effort: frozenset[str] = frozenset()
     positions: Mapping[str, float] = field(default_factory=dict)
     ragged: frozenset[str] = frozenset()
 
+
+@dataclass(frozen=True)
+class DescribedRobot:
+    """A robot, and what its URDF configures.
+
+    Attributes
+    ----------
+    robot
+        As `load_robot` returns it.
+    settings
+        Those given, with initial values and followers of its URDF.
+    control
+        The `<ros2_control>` blocks of its URDF, if they are to be read.
+    urdf
+        The URDF; None for a robot from another file.
+    """
+
+    robot: pfd.Robot
+    settings: Settings
+    control: Ros2Control = field(default_factory=Ros2Control)
+    urdf: pfd.Urdf | None = None
+
     @property
-    def topics(self) -> dict[Source | str, str]:
-        """The topics of the hardware, by the source or output of the arm at the other end."""
-        if self.hardware is None:
-            return {}
-        return {Source.NAMED: self.hardware.commands_topic, STATES: self.hardware.states_topic}
+    def text(self) -> str:
+        """The URDF to publish: as it was read, or written of the robot."""
+        return pfd.robot_to_urdf(self.robot) if self.urdf is None else self.urdf.text
+
+    def recorded_frames(
+        self, settings: Settings, report: Callable[[str], None]
+    ) -> LinkFrames | None:
+        """Return what makes the arm visible in a recording; None if the settings name no file.
+
+        None also, with a line to `report`, for a robot that cannot be written as URDF.
+        """
+        if not settings.recording:
+            return None
+        try:
+            urdf = parsed_urdf(self.text, DESCRIPTION)
+            return LinkFrames(urdf, self.robot.joint_names, settings.locks, settings.tf_every)
+        except ValueError as error:
+            report(f'no robot_description and no /tf in the recording: {error}')
+            return None
+
+
+def parsed_urdf(text: str, label: str) -> pfd.Urdf:
+    """Return the model of a URDF's text; ValueError, with the label, for another text."""
+    # Other text would be taken for the name of a robot or a file.
+    urdf = pfd.read_urdf(text) if text.lstrip().startswith('<') else None
+    if urdf is None:
+        raise ValueError(f'{label} is not a URDF: it starts with {cut(text[:20])!r}')
+    return urdf
+
+
+def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobot:
+    """Return the robot of a source: a name, a path, the text of a URDF, or a URDF.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be loaded, or a `<ros2_control>` block breaks a rule.
+    """
+    urdf = source if isinstance(source, pfd.Urdf) else pfd.read_urdf(source)
+    if urdf is None:
+        return DescribedRobot(load_robot(settings, source), settings)
+    robot = load_robot(settings, urdf)
+    control = Ros2Control()
+    if settings.ros2_control:
+        control = read_ros2_control(urdf, robot.joint_names)
+    filled = with_initial_values(settings, robot.joint_names, control)
+    if filled.locks != settings.locks:
+        robot = load_robot(filled, urdf)
+    # Joints that mimic locked ones are locked too, and so published.
+    locks = urdf.with_followers(filled.locks)
+    if locks != filled.locks:
+        filled = replace(filled, locked=tuple(locks), locked_positions=tuple(locks.values()))
+    return DescribedRobot(robot, filled, control, urdf)
+
+
+def load_robot(settings: Settings, source: str | pfd.Urdf) -> pfd.Robot:
+    """Return the robot of a source with the ends and the locked joints that the settings name.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be loaded; for a tree the text says which parameter makes it a chain.
+    """
+    try:
+        return pfd.load_robot(
+            source,
+            base=settings.base_link or None,
+            tip=settings.tip_link or None,
+            locked=settings.locks or None,
+        )
+    except pfd.TreeError as error:
+        positions = dict([*settings.locks.items(), *error.positions.items()][:MOST_TO_LOCK])
+        written = f'-p locked:=[{",".join(positions)}]'
+        if any(positions.values()):
+            written += f' -p locked_positions:=[{",".join(map(str, positions.values()))}]'
+        raise ValueError(f'{error}; of the node: write {written}') from error
 
 
 def read_ros2_control(urdf: pfd.Urdf, moving: Collection[str]) -> Ros2Control:
@@ -97,7 +181,7 @@ def read_ros2_control(urdf: pfd.Urdf, moving: Collection[str]) -> Ros2Control:
     ValueError
         If a block breaks its format, or two of them disagree.
     """
-    hardware: set[Hardware] = set()
+    hardware: set[tuple[str, str, float]] = set()
     ragged: set[str] = set()
     takes_effort: set[str] = set()
     positions: dict[str, float] = {}
@@ -126,22 +210,25 @@ def read_ros2_control(urdf: pfd.Urdf, moving: Collection[str]) -> Ros2Control:
         raise ValueError(
             f'two <ros2_control> blocks for joints of the arm have different topics; {UNREAD}'
         )
-    one = next(iter(hardware), None)
-    return Ros2Control(one, frozenset(takes_effort), positions, frozenset(ragged))
+    rest = frozenset(takes_effort), positions, frozenset(ragged)
+    if not hardware:
+        return Ros2Control({}, None, *rest)
+    ((commands_topic, states_topic, threshold),) = hardware
+    return Ros2Control({NAMED: commands_topic, STATES: states_topic}, threshold, *rest)
 
 
 def _text(element: ElementTree.Element | None) -> str:
     return ((element is not None and element.text) or '').strip()
 
 
-def _hardware(element: ElementTree.Element) -> Hardware | None:
-    """Return hardware that talks over topics, None for other hardware."""
+def _hardware(element: ElementTree.Element) -> tuple[str, str, float] | None:
+    """Return topics and threshold of hardware that talks over topics, None for other hardware."""
     plugin = _text(element.find('plugin'))
     given = {param.get('name', ''): _text(param) for param in element.findall('param')}
     if plugin not in TOPIC_HARDWARE and given.keys().isdisjoint(CODE_DEFAULTS):
         return None
     commands, states, threshold = ({**CODE_DEFAULTS, **given}[key] for key in CODE_DEFAULTS)
-    return Hardware(commands, states, _number('trigger_joint_command_threshold', threshold))
+    return commands, states, _number('trigger_joint_command_threshold', threshold)
 
 
 def _number(label: str, text: str) -> float:
@@ -167,21 +254,13 @@ def with_initial_values(
         The blocks of its URDF.
     """
     at = control.positions
-    chosen: dict[str, tuple[float, ...]] = {}
+    chosen: dict[str, Any] = {}
     if not settings.initial_positions and not at.keys().isdisjoint(moving):
         order = settings.joints or moving
         chosen['initial_positions'] = tuple(at.get(name, 0.0) for name in order)
     if not settings.locked_positions and not at.keys().isdisjoint(settings.locked):
         chosen['locked_positions'] = tuple(at.get(name, 0.0) for name in settings.locked)
-    return replace(settings, **chosen)  # type: ignore[arg-type]
-
-
-def with_followers(settings: Settings, urdf: pfd.Urdf) -> Settings:
-    """Return settings that lock the joints that mimic locked ones too, and so publish them."""
-    found = urdf.with_followers(settings.locks)
-    if found == settings.locks:
-        return settings
-    return replace(settings, locked=tuple(found), locked_positions=tuple(found.values()))
+    return replace(settings, **chosen)
 
 
 def differences(settings: Settings, moving: Collection[str], control: Ros2Control) -> str:
@@ -214,11 +293,11 @@ def ragged_trap(control: Ros2Control) -> str:
 
 def silence_trap(moving: Collection[str], control: Ros2Control) -> str:
     """Return a warning about hardware that falls silent at a steady effort, '' without any."""
-    hardware = control.hardware
-    if hardware is None or hardware.threshold < 0 or control.takes_effort.isdisjoint(moving):
+    threshold = control.threshold
+    if threshold is None or threshold < 0 or control.takes_effort.isdisjoint(moving):
         return ''
     return (
-        f'trigger_joint_command_threshold is {hardware.threshold:g}: the hardware compares its '
+        f'trigger_joint_command_threshold is {threshold:g}: the hardware compares its '
         'commands with joint_states, whose effort is the command, and sends none while an effort '
         'is steady; set <param name="trigger_joint_command_threshold">-1</param> in <hardware>'
     )

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 import json
 import math
@@ -146,6 +146,11 @@ class TopicArrays(Fields):
         if self.stamped:
             assert self.stamp_ns is not None
             return self.stamp_ns / _NANOSECONDS
+        return self.simulated_time
+
+    @property
+    def simulated_time(self) -> NDArray[np.float64]:
+        """The simulated time [s], (N,), or else the log time, whatever the stamp."""
         return (self.log_ns if self.simulated_ns is None else self.simulated_ns) / _NANOSECONDS
 
     @property
@@ -195,16 +200,16 @@ class LogArrays:
     end: Mapping[str, Any] = field(repr=False)
     bag: Bag = field(repr=False)
     _span_ns: tuple[float, float] = field(repr=False)
-    _read: Mapping[str, TopicArrays | LogError] = field(repr=False)
+    read: Mapping[str, TopicArrays | LogError] = field(repr=False)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._read)
+        return iter(self.read)
 
     def __len__(self) -> int:
-        return len(self._read)
+        return len(self.read)
 
     def __contains__(self, topic: object) -> bool:
-        return topic in self._read
+        return topic in self.read
 
     def __getitem__(self, topic: str) -> TopicArrays:
         """Return the messages of a topic.
@@ -216,16 +221,16 @@ class LogArrays:
         LogError
             If its type is unknown, or a message cannot be decoded and none was to be counted.
         """
-        if topic not in self._read:
-            raise KeyError(f'no topic {topic!r}; topics are {listed(list(self._read))}')
-        found = self._read[topic]
+        if topic not in self.read:
+            raise KeyError(f'no topic {topic!r}; topics are {listed(list(self.read))}')
+        found = self.read[topic]
         if isinstance(found, LogError):
             raise found
         return found
 
     def obstacle(self, topic: str) -> str:
         """Return why a topic cannot be read, '' if it can."""
-        found = self._read.get(topic)
+        found = self.read.get(topic)
         return str(found) if isinstance(found, LogError) else ''
 
     def messages(self, topic: str) -> list[bytes]:
@@ -330,6 +335,32 @@ def read_log(
         found.setdefault(name, _Topic(about, wanted))
     with damage_named(bag.path):
         return _arrays(bag, found, span, unreadable)
+
+
+def renamed(log: LogArrays, rename: Mapping[str, str]) -> LogArrays:
+    """Return a log whose joints have other names: each beginning OLD of a name becomes NEW.
+
+    Raises
+    ------
+    ValueError
+        If two joints of a topic get one name.
+    """
+
+    def new(name: str) -> str:
+        for old, begin in rename.items():
+            if name.startswith(old):
+                return begin + name[len(old) :]
+        return name
+
+    read = dict(log.read)
+    for topic, found in log.read.items():
+        if isinstance(found, TopicArrays) and found.names:
+            names = tuple(map(new, found.names))
+            if len(set(names)) < len(names):
+                raise ValueError(f'two joints of {topic!r} would have one name: {listed(names)}')
+            lists = tuple(tuple(map(new, one)) for one in found.lists)
+            read[topic] = replace(found, names=names, lists=lists)
+    return replace(log, read=read)
 
 
 def _arrays(

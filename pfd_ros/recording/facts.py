@@ -17,8 +17,8 @@ from pfd_ros.recording.arrays import COUNT, LogArrays, decoder_of, read_log
 def facts(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Return what a log contains, ready for JSON; times in ns.
 
-    Intervals of JointStates are those of a joint, the longest of all joints: several publishers may
-    share a topic. `obstacle` says why a topic cannot be read, and `unreadable`
+    Intervals of JointStates are those of a joint, the longest of all joints: several publishers
+    may share a topic. `obstacle` says why a topic cannot be read, and `unreadable`
     counts JointStates that cannot be decoded.
 
     Raises

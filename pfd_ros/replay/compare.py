@@ -1,33 +1,38 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-Differences between two logs, of simulated or real arms: clocks aligned, joints matched by name.
+"""Differences between the JointStates of two logs, of simulated or real arms, joint by joint.
+
+Joints are matched by name, topics of two recordings of ours by role. Both series of a joint are
+interpolated linearly at the times of either; two series with the same times are compared value by
+value. Simulated clocks have no lag; of others it is estimated:
 
     lag    the shift of the second log's time at which the positions differ least, by mean square
 
 Positions are compared on a grid at the coarser of the two rates, for all shifts at once by FFT:
     sum (a - b)^2 = sum a^2 + sum b^2 - 2 sum a b, each over the overlap.
-The best shift is refined by a parabola through its neighbours. Both logs are then interpolated
-linearly at the times of either.
+The best shift is refined by a parabola through its neighbours.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.messages.convert import JOINT_FIELDS, JOINT_STATE
+from pfd_ros.messages.joints import JOINT_FIELDS
+from pfd_ros.messages.types import CLOCK, JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays, TopicArrays
 from pfd_ros.text import listed
 
 Array = NDArray[Any]
 # Part of the shorter log that two logs overlap at least at any lag.
 OVERLAP = 0.5
+# Correlation of positions below which an estimated lag means nothing.
+WEAK = 0.5
 # Intervals between samples, as multiples of the median one, that are gaps.
 GAP = 5.0
 # Samples of the grid on which the lag is estimated: an hour at 250 Hz.
@@ -36,8 +41,7 @@ GRID = 1_000_000
 
 @dataclass(frozen=True)
 class Difference:
-    """
-    The difference a - b of one joint in one field of a topic, in the field's unit.
+    """The difference a - b of one joint in one field of a topic, in the field's unit.
 
     `largest` is its largest size, at the time `largest_at` [s] of the first log; `first_at` is the
     first time at which it exceeds the tolerance, None if it never does.
@@ -54,40 +58,35 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """
-    Two logs compared.
+    """Two logs compared.
 
     Attributes
     ----------
     lag : float
         Time that was added to the first log's to get the second's [s], beyond `shift`.
+    correlation : float or None
+        Of the positions at an estimated lag; None where the lag is known or nothing moves.
     shift : float
         Difference of the starts [s] where the clocks have nothing in common, else 0.
-    overlap : float
-        Seconds that were compared.
+    overlap, uncovered : float
+        Seconds that were compared, and those that only the longer log covers, beyond the lag.
     differences : tuple of Difference
         By topic, field and joint.
     only_in_a, only_in_b : tuple of str
         Missing in the other log: topics; joints, fields of a joint and values after their topic.
-    unordered : tuple of str
-        Topics whose stamps do not increase, such as commands without a stamp, and which are not
-        equal message by message: they have no times at which they could be compared.
-    uncovered : float
-        Seconds of the longer log that the other one does not cover, beyond the lag.
     curves : dict
         Both logs at the compared times, for plots: time, a and b, (N,), by topic, field, joint.
-
     """
 
     lag: float
+    correlation: float | None
     shift: float
     overlap: float
+    uncovered: float
     tolerance: float
     differences: tuple[Difference, ...]
     only_in_a: tuple[str, ...]
     only_in_b: tuple[str, ...]
-    unordered: tuple[str, ...]
-    uncovered: float
     curves: dict[tuple[str, str, str], tuple[Array, Array, Array]] = field(
         repr=False, compare=False
     )
@@ -95,8 +94,14 @@ class Comparison:
     @property
     def within(self) -> bool:
         """Whether all of both logs was compared, and no difference exceeds the tolerance."""
-        missing = self.only_in_a or self.only_in_b or self.unordered or self.uncovered
+        missing = self.only_in_a or self.only_in_b or self.uncovered
         return not missing and all(item.first_at is None for item in self.differences)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return all but the curves, ready for JSON."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != 'curves'}
+        differences = [asdict(item) for item in self.differences]
+        return {'within': self.within, **values, 'differences': differences}
 
 
 def compare(
@@ -104,163 +109,196 @@ def compare(
     b: LogArrays,
     *,
     tolerance: float = 0.0,
-    fields: Sequence[str] = JOINT_FIELDS,
     topics: tuple[str, str] | None = None,
     lag: float | None = None,
 ) -> Comparison:
-    """
-    Compare the JointStates of two logs.
+    """Compare the JointStates of two logs.
 
     Parameters
     ----------
     a, b : LogArrays
-        From read_log.
+        From read_log, perhaps with `renamed` joints.
     tolerance : float
         Largest allowed difference, in the unit of each field.
-    fields : sequence of str
-        Of 'position', 'velocity' and 'effort'.
     topics : (str, str), optional
-        One topic of each log; default all topics of JointStates that both have, or the only one of
-        each.
+        One topic of each log; default all topics of JointStates that both have, by role or name,
+        or the only one of each.
     lag : float, optional
-        Time added to stamps of a to get stamps of b [s]; by default estimated from the first
-        topic's positions, after a shift if the stamps do not overlap.
+        Time added to times of a to get times of b [s]; default 0 for two recordings of ours and
+        two logs with a /clock, else estimated from the positions of the first topic, after a shift
+        if the times do not overlap.
 
     Raises
     ------
     ValueError
-        If there is nothing to compare: no topic, no joint, or no common time.
-
+        If there is nothing to compare: no topic, joint or common time, or no clear lag.
     """
     if not 0 <= tolerance < math.inf:
         raise ValueError(f'tolerance must be 0 or more and finite, got {tolerance}')
-    unknown = sorted(set(fields) - set(JOINT_FIELDS))
-    if unknown or not fields:
-        raise ValueError(f'fields must be some of {list(JOINT_FIELDS)}, got {list(fields)}')
-    pairs, unordered = ([topics], ()) if topics else _pairs(a, b)
-    first = a[pairs[0][0]], b[pairs[0][1]]
-    for log, states, topic in zip((a, b), first, pairs[0], strict=True):
-        if states.type != JOINT_STATE:
-            raise ValueError(f'{log.path}: topic {topic!r} is {states.type}, not {JOINT_STATE}')
-        if not _increases(states):
+    pairs = [topics] if topics else _pairs(a, b)
+    for log, topic in zip((a, b), pairs[0], strict=True):
+        if log[topic].type != JOINT_STATE:
             raise ValueError(
-                f'{log.path}: the {len(states)} stamps of topic {topic!r} do not increase'
+                f'{log.path}: topic {topic!r} is {log[topic].type}, not {JOINT_STATE}'
             )
-    shift = 0.0
+    found = [_Pair.of(topic, other, a[topic], b[other]) for topic, other in pairs]
+    first = max(found, key=lambda pair: np.isfinite(a[pair.topic].position).sum())
+    shift, correlation = 0.0, None
     if lag is None:
-        shift = _shift(*first)
-        lag = _estimated_lag(*first, shift)
+        shift = _shift(first)
+        simulated = all(log.roles or CLOCK in log.topics.values() for log in (a, b))
+        lag, correlation = (0.0, None) if simulated else _estimated_lag(first, shift)
+    if correlation is not None and correlation < WEAK:
+        raise ValueError(
+            f'no clear lag between {a.path} and {b.path}: at {lag:.6g} s the positions have a '
+            f'correlation of {correlation:.2f}, expected at least {WEAK}: state it, as in --lag 0'
+        )
     rows: list[Difference] = []
     curves = {}
+    only = _without_partner(a, b, pairs, 0), _without_partner(b, a, pairs, 1)
     overlap = 0.0
-    only_in_a, only_in_b = _without_partner(a, b, pairs, 0), _without_partner(b, a, pairs, 1)
-    for topic, other in pairs:
-        for found in _aligned(a[topic], b[other], shift + lag, fields):
-            name = f'{found.field} of {found.joint}'
-            if found.only_a:
-                only_in_a.append(f'{topic}: {found.only_a} values, {name}')
-            if found.only_b:
-                only_in_b.append(f'{other}: {found.only_b} values, {name}')
-            if len(found.time):
-                time, left, right = found.time, found.left, found.right
-                place = topic, found.field, found.joint
-                rows.append(_difference(*place, time, left - right, tolerance))
-                curves[place] = time, left, right
-                overlap = max(overlap, float(time[-1] - time[0]))
+    for pair in found:
+        for aligned in _aligned(pair, shift + lag):
+            for texts, topic, count in zip(only, pair[:2], aligned.only, strict=True):
+                if count:
+                    texts.append(f'{topic}: {count} values, {aligned.field} of {aligned.joint}')
+            if len(aligned.time):
+                rows.append(_difference(pair.topic, aligned, tolerance))
+                key = pair.topic, aligned.field, aligned.joint
+                curves[key] = aligned.time, aligned.left, aligned.right
+                overlap = max(overlap, float(np.ptp(aligned.time)))
     if not rows:
         raise ValueError(
             f'{a.path} and {b.path} have no joint with values at common times: joints are '
-            f'{listed(first[0].names)} and {listed(first[1].names)}, lag {lag:.6g} s'
+            f'{listed(first.a.names)} and {listed(first.b.names)}, lag {lag:.6g} s'
         )
-    spans = [float(states.time[-1] - states.time[0]) for states in first]
-    edges = abs(lag) + 2 * max(float(np.median(np.diff(states.time))) for states in first)
-    uncovered = max(0.0, max(spans) - overlap - edges)
+    sides = (first.a, first.time_a), (first.b, first.time_b)
+    edges = abs(lag) + 2 * max(_period(*side) for side in sides)
+    uncovered = max(float(np.ptp(time)) for _, time in sides) - overlap - edges
     return Comparison(
         lag,
+        correlation,
         shift,
         overlap,
+        max(0.0, uncovered),
         tolerance,
         tuple(rows),
-        tuple(only_in_a),
-        tuple(only_in_b),
-        unordered,
-        uncovered,
+        tuple(only[0]),
+        tuple(only[1]),
         curves,
     )
 
 
-def _pairs(a: LogArrays, b: LogArrays) -> tuple[list[tuple[str, str]], tuple[str, ...]]:
-    """Return the topics to compare, and those whose stamps do not increase."""
-    of_a, of_b = ([t for t in log if log.topics[t] == JOINT_STATE] for log in (a, b))
-    both = [topic for topic in of_a if topic in of_b]
-    without_times = [t for t in both if not (_increases(a[t]) and _increases(b[t]))]
-    unordered = tuple(topic for topic in without_times if not _equal(a[topic], b[topic]))
-    common = [(topic, topic) for topic in both if topic not in without_times]
-    # Positions decide the lag, so the topic with most of them comes first.
-    common.sort(key=lambda pair: -np.isfinite(a[pair[0]].position).sum())
-    if common:
-        return common, unordered
-    if len(of_a) == len(of_b) == 1:
-        return [(of_a[0], of_b[0])], ()
-    raise ValueError(
-        f'no topic of {JOINT_STATE} in both, name one of each: {a.path} has {listed(of_a)}, '
-        f'{b.path} {listed(of_b)}'
-    )
+def _pairs(a: LogArrays, b: LogArrays) -> list[tuple[str, str]]:
+    """Return the topics to compare: of two recordings of ours by role, else by name."""
+    of_a, of_b = (_topics(log, by_role=bool(a.roles and b.roles)) for log in (a, b))
+    common = [(of_a[key], of_b[key]) for key in of_a if key in of_b]
+    if not common and len(of_a) == len(of_b) == 1:
+        common = list(zip(of_a.values(), of_b.values(), strict=True))
+    if not common:
+        raise ValueError(
+            f'no topic of {JOINT_STATE} in both, name one of each: {a.path} has '
+            f'{listed(list(of_a.values()))}, {b.path} {listed(list(of_b.values()))}'
+        )
+    return common
 
 
-def _increases(states: TopicArrays) -> bool:
-    return len(states) > 1 and bool((np.diff(states.time) > 0).all())
-
-
-def _equal(a: TopicArrays, b: TopicArrays) -> bool:
-    """Return whether two topics have the same messages, but for their stamps."""
-    return (
-        a.names == b.names
-        and len(a) == len(b)
-        and all(np.array_equal(a[item], b[item], equal_nan=True) for item in JOINT_FIELDS)
-    )
+def _topics(log: LogArrays, *, by_role: bool) -> dict[str, str]:
+    """Return the topics of JointStates with messages by role or name."""
+    found = [topic for topic in log if log.topics[topic] == JOINT_STATE]
+    return {
+        log.roles.get(topic, topic) if by_role else topic: topic
+        for topic in found
+        if len(log.received_ns[topic])
+    }
 
 
 def _without_partner(
     log: LogArrays, other: LogArrays, pairs: Sequence[tuple[str, str]], side: int
 ) -> list[str]:
-    found = []
-    if len(pairs) > 1 or pairs[0][0] == pairs[0][1]:
-        states = (topic for topic in log if log.topics[topic] == JOINT_STATE)
-        found += [topic for topic in states if len(log[topic]) and topic not in other]
+    """Return the topics, unless some were named or have other names, and joints of one log."""
+    taken = {pair[side] for pair in pairs}
+    by_role = bool(log.roles and other.roles)
+    every = len(pairs) > 1 or by_role or pairs[0][0] == pairs[0][1]
+    found = [t for t in _topics(log, by_role=by_role).values() if every and t not in taken]
     for pair in pairs:
         joints = set(other[pair[1 - side]].names)
         found += [f'{pair[side]}: {name}' for name in log[pair[side]].names if name not in joints]
     return found
 
 
-def _shift(a: TopicArrays, b: TopicArrays) -> float:
-    """Return the difference of the starts, or 0 where the stamps of both logs overlap."""
-    common = min(a.time[-1], b.time[-1]) - max(a.time[0], b.time[0])
-    return 0.0 if common > 0 else float(b.time[0] - a.time[0])
+class _Pair(NamedTuple):
+    """A topic of each log with the times of its messages [s], (N,), on one kind of clock."""
+
+    topic: str
+    other: str
+    a: TopicArrays
+    b: TopicArrays
+    time_a: Array
+    time_b: Array
+
+    @classmethod
+    def of(cls, topic: str, other: str, a: TopicArrays, b: TopicArrays) -> _Pair:
+        """Return a pair by stamps where both have them, in order for each joint."""
+        times = a.time, b.time
+        if not all(map(_increases, (a, b), times)):
+            times = a.simulated_time, b.simulated_time
+        return cls(topic, other, a, b, *times)
+
+    def common(self) -> list[str]:
+        """Return the joints of both."""
+        return [name for name in self.a.names if name in self.b.names]
 
 
-def _estimated_lag(a: TopicArrays, b: TopicArrays, shift: float = 0.0) -> float:
+def _increases(states: TopicArrays, time: Array) -> bool:
+    """Return whether the times of each joint do not decrease."""
+    return all((np.diff(time[states.rows(joint)]) >= 0).all() for joint in states.names)
+
+
+def _period(states: TopicArrays, time: Array) -> float:
+    """Return the median interval of the messages of the first joint [s]."""
+    intervals = np.diff(time[states.rows(states.names[0])]) if states.names else time[:0]
+    return float(np.median(intervals)) if len(intervals) else 0.0
+
+
+def _values(states: TopicArrays, time: Array, item: str, joint: str) -> tuple[Array, Array]:
+    """Return the times and values of a joint in the messages that name it, (k,)."""
+    rows = states.rows(joint)
+    return time[rows], states[item][rows, states.names.index(joint)]
+
+
+def _shift(pair: _Pair) -> float:
+    """Return the difference of the starts, or 0 where the times of both logs overlap."""
+    if not len(pair.time_a) or not len(pair.time_b):
+        return 0.0
+    (begin_a, begin_b), (end_a, end_b) = (
+        (float(edge(pair.time_a)), float(edge(pair.time_b))) for edge in (np.min, np.max)
+    )
+    return 0.0 if min(end_a, end_b) > max(begin_a, begin_b) else begin_b - begin_a
+
+
+def _estimated_lag(pair: _Pair, shift: float = 0.0) -> tuple[float, float | None]:
+    """Return the lag of b [s], and the correlation of all moving joints at this lag.
+
+    a at a time t resembles b at t + shift + lag the most. The lag is 0 where nothing moves, and
+    where both logs are equal without one.
     """
-    Return the lag of b [s]: a at a time t resembles b at t + shift + lag the most.
-
-    It is 0 where nothing moves, and where both logs are equal without one.
-    """
-    joints = [name for name in a.names if name in b.names]
-    one, other = (_by_name(log, 'position', joints) for log in (a, b))
-    moving = [k for k in range(len(joints)) if _moves(one[:, k]) and _moves(other[:, k])]
+    moving = []
+    for joint in pair.common():
+        one = _known(*_values(pair.a, pair.time_a, 'position', joint))
+        two = _known(*_values(pair.b, pair.time_b - shift, 'position', joint))
+        if all(len(values) > 1 and np.ptp(values) > 0 for _, values in (one, two)):
+            moving.append((one, two))
     if not moving:
-        return 0.0
-    begin = min(a.time[0], b.time[0] - shift)
-    end = max(a.time[-1], b.time[-1] - shift)
-    step = max(np.median(np.diff(a.time)), np.median(np.diff(b.time)), (end - begin) / GRID)
-    if not step > 0:
-        return 0.0
+        return 0.0, None
+    begin = min(time[0] for both in moving for time, _ in both)
+    end = max(time[-1] for both in moving for time, _ in both)
+    step = max(float(np.median(np.diff(time))) for both in moving for time, _ in both)
+    step = max(step, (end - begin) / GRID)
     grid = np.arange(begin, end + step, step)
-    total, count = np.zeros((2, 2 * len(grid) - 1))
-    norm = 0.0
-    for k in moving:
-        x, y = _on_grid(grid, a.time, one[:, k]), _on_grid(grid, b.time - shift, other[:, k])
+    total, count, norm = np.zeros(2 * len(grid) - 1), np.zeros(2 * len(grid) - 1), 0.0
+    for one, two in moving:
+        x, y = _on_grid(grid, *one), _on_grid(grid, *two)
         known, seen = np.isfinite(x), np.isfinite(y)
         middle = float(np.mean(x[known]))
         x, y = np.where(known, x - middle, 0.0), np.where(seen, y - middle, 0.0)
@@ -273,36 +311,50 @@ def _estimated_lag(a: TopicArrays, b: TopicArrays, shift: float = 0.0) -> float:
     zero = len(grid) - 1  # of the lags from -(len - 1) to len - 1
     # Below the rounding of the FFT differences are none.
     rounding = 1e-12 * norm / np.max(count)
-    if mean[zero] <= rounding:
-        return 0.0
     if mean[zero] <= mean[best] + rounding:
         best = zero
     vertex = 0.0
-    if 0 < best < len(mean) - 1 and np.isfinite(mean[best - 1 : best + 2]).all():
+    if mean[best] > rounding and 0 < best < len(mean) - 1:
         left, low, right = mean[best - 1 : best + 2]
         curvature = left - 2 * low + right
-        vertex = 0.5 * (left - right) / curvature if curvature > rounding else 0.0
-    return float((best - zero + vertex) * step)
+        if np.isfinite(curvature) and curvature > rounding:
+            vertex = 0.5 * (left - right) / curvature
+    lag = float((best - zero + vertex) * step)
+    return lag, _correlation(moving, grid, lag)
+
+
+def _known(time: Array, values: Array) -> tuple[Array, Array]:
+    """Return finite values at increasing times; of several at one time the last."""
+    known = np.isfinite(values)
+    time, values = time[known], values[known]
+    last = np.append(np.diff(time) > 0, True)[: len(time)]
+    return time[last], values[last]
+
+
+def _correlation(
+    moving: Sequence[tuple[tuple[Array, Array], tuple[Array, Array]]], grid: Array, lag: float
+) -> float:
+    """Return the correlation of all joints, each from its mean, at a lag."""
+    sums = np.zeros(3)
+    for one, two in moving:
+        x, y = _on_grid(grid, *one), _on_grid(grid + lag, *two)
+        both = np.isfinite(x) & np.isfinite(y)
+        if both.any():
+            x, y = x[both] - np.mean(x[both]), y[both] - np.mean(y[both])
+            sums += [np.sum(x * y), np.sum(x * x), np.sum(y * y)]
+    return float(sums[0] / math.sqrt(sums[1] * sums[2])) if sums[1] * sums[2] > 0 else 0.0
 
 
 def _sums(x: Array, y: Array) -> Array:
     """Return sum_t x(t) y(t + k) for all k from -(N - 1) to N - 1, by FFT."""
     n = len(x)
     size = 1 << (2 * n - 1).bit_length()
-    product = np.conj(np.fft.rfft(x, size)) * np.fft.rfft(y, size)
-    found = np.fft.irfft(product, size)
+    found = np.fft.irfft(np.conj(np.fft.rfft(x, size)) * np.fft.rfft(y, size), size)
     return np.concatenate([found[size - n + 1 :], found[:n]])
-
-
-def _moves(values: Array) -> bool:
-    known = values[np.isfinite(values)]
-    return len(known) > 1 and bool(np.ptp(known) > 0)
 
 
 def _on_grid(grid: Array, time: Array, values: Array) -> Array:
     """Return values on a grid, NaN outside their times and in gaps between them."""
-    known = np.isfinite(values)
-    time, values = time[known], values[known]
     found: Array = np.interp(grid, time, values, np.nan, np.nan)
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
     longest = GAP * max(float(np.median(np.diff(time))), float(grid[1] - grid[0]))
@@ -310,71 +362,68 @@ def _on_grid(grid: Array, time: Array, values: Array) -> Array:
     return found
 
 
-def _by_name(states: TopicArrays, item: str, joints: Sequence[str]) -> Array:
-    columns = [states.names.index(name) for name in joints]
-    values: Array = states[item][:, columns]
-    return values
-
-
 class _Aligned(NamedTuple):
-    """Values of both logs, (N,), at the times of either, and values that only one of them has."""
+    """Values of both logs, (N,), at the times of either, and how many only one of them has."""
 
     field: str
     joint: str
     time: Array
     left: Array
     right: Array
-    only_a: int
-    only_b: int
+    only: tuple[int, int]
 
 
-def _aligned(
-    a: TopicArrays, b: TopicArrays, offset: float, fields: Sequence[str]
-) -> Iterator[_Aligned]:
+def _aligned(pair: _Pair, offset: float) -> Iterator[_Aligned]:
     """Yield each field of each joint, at the times of a and of b where both have values."""
-    own, others = a.time, b.time - offset
+    for item in JOINT_FIELDS:
+        for joint in pair.common():
+            own, one = _values(pair.a, pair.time_a, item, joint)
+            others, two = _values(pair.b, pair.time_b - offset, item, joint)
+            known, seen = np.isfinite(one), np.isfinite(two)
+            if len(own) == len(others) and np.array_equal(own, others):
+                both = known & seen
+                only = int((known & ~seen).sum()), int((seen & ~known).sum())
+                found = own[both], one[both], two[both]
+            elif not known.any() or not seen.any():
+                found, only = (own[:0],) * 3, (int(known.sum()), int(seen.sum()))
+            else:
+                found, only = _interpolated(own, one, others, two)
+            if len(found[0]) or any(only):
+                yield _Aligned(item, joint, *found, only)
+
+
+def _interpolated(
+    own: Array, one: Array, others: Array, two: Array
+) -> tuple[tuple[Array, Array, Array], tuple[int, int]]:
+    """Return times, values of a and of b, and how many only one of them has."""
     begin, end = max(own[0], others[0]), min(own[-1], others[-1])
-    inside, inside_other = (own >= begin) & (own <= end), (others >= begin) & (others <= end)
-    for item in fields:
-        for joint in (name for name in a.names if name in b.names):
-            one, other = (_by_name(log, item, [joint])[:, 0] for log in (a, b))
-            known, seen = np.isfinite(one), np.isfinite(other)
-            if not known.any() or not seen.any():
-                only_a, only_b = int(known.sum()), int(seen.sum())
-                if only_a or only_b:
-                    nothing = np.empty(0)
-                    yield _Aligned(item, joint, nothing, nothing, nothing, only_a, only_b)
-                continue
-            # A value of one log next to a lost one of the other has no partner.
-            lost, missed = inside & ~known, inside_other & ~seen
-            time = np.union1d(own[inside & known], others[inside_other & seen])
-            time = time[~np.isin(time, own[lost]) & ~np.isin(time, others[missed])]
-            left = np.interp(time, own[known], one[known], np.nan, np.nan)
-            right = np.interp(time, others[seen], other[seen], np.nan, np.nan)
-            common = np.isfinite(left) & np.isfinite(right)
-            yield _Aligned(
-                item,
-                joint,
-                time[common],
-                left[common],
-                right[common],
-                only_a=int(missed.sum()),
-                only_b=int(lost.sum()),
-            )
+    # A value of one log next to a lost one of the other has no partner.
+    lost, missed = (
+        time[(time >= begin) & (time <= end) & ~np.isfinite(values)]
+        for time, values in ((own, one), (others, two))
+    )
+    own, one = _known(own, one)
+    others, two = _known(others, two)
+    time = np.union1d(own, others)
+    time = time[(time >= begin) & (time <= end) & ~np.isin(time, lost) & ~np.isin(time, missed)]
+    left, right = (
+        np.interp(time, *series, np.nan, np.nan) for series in ((own, one), (others, two))
+    )
+    common = np.isfinite(left) & np.isfinite(right)
+    return (time[common], left[common], right[common]), (len(missed), len(lost))
 
 
-def _difference(
-    topic: str, item: str, joint: str, time: Array, difference: Array, tolerance: float
-) -> Difference:
+def _difference(topic: str, aligned: _Aligned, tolerance: float) -> Difference:
+    difference = aligned.left - aligned.right
     sizes = np.abs(difference)
     worst = int(np.argmax(sizes))
     beyond = np.flatnonzero(sizes > tolerance)
     return Difference(
         topic,
-        item,
-        joint,
+        aligned.field,
+        aligned.joint,
         rms=math.sqrt(float(np.mean(difference**2))),
         largest=float(sizes[worst]),
-        largest_at=float(time[worst]),
-        first_at=float(time[beyond[0]]) if len(beyond) else None,
+        largest_at=float(aligned.time[worst]),
+        first_at=float(aligned.time[beyond[0]]) if len(beyond) else None,
     )

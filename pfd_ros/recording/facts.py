@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 import os
 from pathlib import Path
 from typing import Any
@@ -14,58 +16,85 @@ from pfd_ros.messages.types import JOINT_STATE
 from pfd_ros.recording.arrays import COUNT, LogArrays, decoder_of, read_log
 
 
-def facts(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return what a log contains, ready for JSON; times in ns.
+@dataclass(frozen=True)
+class TopicFacts:
+    """A topic of a log: its messages, and the intervals between them by log time.
 
     Intervals of JointStates are those of a joint, the longest of all joints: several publishers
-    may share a topic. `obstacle` says why a topic cannot be read, and `unreadable`
-    counts JointStates that cannot be decoded.
-
-    Raises
-    ------
-    LogError, OSError
-        As `read_log`.
+    may share a topic. `obstacle` says why the topic cannot be decoded, and `unreadable` how many
+    JointStates cannot; both are '' otherwise.
     """
+
+    type: str
+    encoding: str
+    qos: str
+    messages: int
+    bytes: int
+    median_interval_ns: float | None
+    longest_gap_ns: int | None
+    unreadable: str
+    obstacle: str
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What a log contains; `settings` and `end` are of a recording of ours, else None and {}."""
+
+    path: str
+    files: list[str]
+    bytes: int
+    complete: bool
+    begin_ns: int | None
+    end_ns: int | None
+    messages: int
+    topics: dict[str, TopicFacts]
+    settings: Mapping[str, Any] | None
+    end: Mapping[str, Any]
+
+
+def facts(path: str | os.PathLike[str]) -> Facts:
+    """Return what a log contains; LogError and OSError as `read_log`."""
     log = read_log(path, types=[JOINT_STATE], unreadable=COUNT)
     times = [received for received in log.received_ns.values() if len(received)]
     files = log.bag.files()
     # The description of a folder is a part of it.
     parts = list(Path(path).iterdir()) if Path(path).is_dir() else files
-    return {
-        'path': str(path),
-        'files': [str(file) for file in files],
-        'bytes': sum(file.stat().st_size for file in parts),
-        'complete': log.complete,
-        'begin_ns': min((int(t[0]) for t in times), default=None),
-        'end_ns': max((int(t[-1]) for t in times), default=None),
-        'messages': sum(map(len, times)),
-        'topics': {name: _topic(log, name) for name in sorted(log.topics)},
-        'settings': log.settings,
-        'end': log.end,
-    }
+    return Facts(
+        str(path),
+        [str(file) for file in files],
+        sum(file.stat().st_size for file in parts),
+        log.complete,
+        min((int(received[0]) for received in times), default=None),
+        max((int(received[-1]) for received in times), default=None),
+        sum(map(len, times)),
+        {name: _topic(log, name) for name in sorted(log.topics)},
+        log.settings,
+        log.end,
+    )
 
 
-def _topic(log: LogArrays, name: str) -> dict[str, Any]:
-    topic, received, obstacle, unreadable = log.bag.topics[name], log.received_ns[name], '', 0
+def _topic(log: LogArrays, name: str) -> TopicFacts:
+    topic, received, obstacle, unreadable = log.bag.topics[name], log.received_ns[name], '', ''
     trains = [received]
     try:
         if name in log:
             states = log[name]
-            unreadable = states.unreadable
             trains = [states.log_ns[states.rows(joint)] for joint in states.names] or trains
+            if states.unreadable:
+                unreadable = f'{states.unreadable} of {len(received)} messages cannot be read'
         elif len(received):
             decoder_of(topic)
     except ValueError as error:
         obstacle = str(error)
     intervals = [np.diff(train) for train in trains if len(train) > 1]
-    return {
-        'type': topic.type,
-        'encoding': topic.encoding,
-        'qos': topic.qos,
-        'messages': len(received),
-        'bytes': log.sizes[name],
-        'median_interval_ns': max((float(np.median(x)) for x in intervals), default=None),
-        'longest_gap_ns': max((int(x.max()) for x in intervals), default=None),
-        'unreadable': unreadable,
-        'obstacle': obstacle,
-    }
+    return TopicFacts(
+        topic.type,
+        topic.encoding,
+        topic.qos,
+        len(received),
+        log.sizes[name],
+        max((float(np.median(x)) for x in intervals), default=None),
+        max((int(x.max()) for x in intervals), default=None),
+        unreadable,
+        obstacle,
+    )

@@ -97,12 +97,6 @@ class Comparison:
         missing = self.only_in_a or self.only_in_b or self.uncovered
         return not missing and all(item.first_at is None for item in self.differences)
 
-    def as_json(self) -> dict[str, Any]:
-        """Return all but the curves, ready for JSON."""
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != 'curves'}
-        differences = [asdict(item) for item in self.differences]
-        return {'within': self.within, **values, 'differences': differences}
-
 
 def compare(
     a: LogArrays,
@@ -427,3 +421,35 @@ def _difference(topic: str, aligned: _Aligned, tolerance: float) -> Difference:
         largest_at=float(aligned.time[worst]),
         first_at=float(aligned.time[beyond[0]]) if len(beyond) else None,
     )
+
+
+def as_json(found: Comparison) -> dict[str, Any]:
+    """Return a comparison without its curves, ready for JSON."""
+    values = {f.name: getattr(found, f.name) for f in fields(found) if f.name != 'curves'}
+    differences = [asdict(item) for item in found.differences]
+    return {'within': found.within, **values, 'differences': differences}
+
+
+def lines(found: Comparison) -> Iterator[str]:
+    """Yield a comparison as lines."""
+    shift = f', after a shift of {found.shift:.6f} s between their starts' if found.shift else ''
+    if found.correlation is not None:
+        shift += f', estimated with a correlation of {found.correlation:.3f}'
+    yield f'lag of B {found.lag * 1e3:.3f} ms{shift}; {found.overlap:.3f} s compared'
+    for name, missing in (('A', found.only_in_a), ('B', found.only_in_b)):
+        yield from (f'only in {name}: {item}' for item in missing)
+    if found.uncovered:
+        yield f'not compared: {found.uncovered:.3f} s, which only one of the logs covers'
+    width = max(len(item.joint) for item in found.differences)
+    topic = ''
+    for item in found.differences:
+        if item.topic != topic:
+            topic = item.topic
+            yield topic
+        where = 'equal' if item.largest == 0 else f'within {found.tolerance:g}'
+        if item.first_at is not None:
+            where = f'first beyond {found.tolerance:g} at {item.first_at:.6f} s'
+        yield (
+            f'  {item.field:9}{item.joint:{width}}  rms {item.rms:.3e}  largest '
+            f'{item.largest:.3e} at {item.largest_at:.6f} s  {where}'
+        )

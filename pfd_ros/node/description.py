@@ -8,56 +8,36 @@ parameters override them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 import time
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import String
 
 import pfd_core as pfd
-from pfd_ros.arm.described_robot import DescribedRobot, described_robot
-from pfd_ros.arm.events import DESCRIPTION, Source
-from pfd_ros.arm.link_frames import parsed_urdf
-from pfd_ros.arm.ros2_control import (
-    Ros2Control,
+from pfd_ros.arm.description import (
+    DescribedRobot,
+    described_robot,
     differences,
+    parsed_urdf,
     ragged_trap,
     silence_trap,
     with_initial_values,
 )
+from pfd_ros.arm.events import DESCRIPTION, ROLES
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import decode_string
+from pfd_ros.messages.text_and_arrays import decode_string
 from pfd_ros.messages.topics import remapped
-from pfd_ros.recording.format import channel_of_end
+from pfd_ros.node.endpoints import OVERRIDABLE, profile
 from pfd_ros.text import one_line
 
 # As `load_robot` takes it; a larger message is not decoded.
 LARGEST_DESCRIPTION = 1 << 24
 LOOK_SECONDS = 0.1
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-@dataclass(frozen=True)
-class Model:
-    """The model of an arm.
-
-    Attributes
-    ----------
-    described
-        The robot and its settings.
-    topics
-        Topic of each source and output that differs from the default.
-    """
-
-    described: DescribedRobot
-    topics: Mapping[Source | str, str]
-
-
-def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> Model:
+def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> DescribedRobot:
     """Load the model that the settings name, and log settings taken from its URDF.
 
     Parameters
@@ -74,9 +54,6 @@ def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> M
     ValueError
         If no model is received, or it cannot be used.
     """
-    topics: dict[Source | str, str] = {}
-    if settings.command_topic:
-        topics[Source.ARRAY] = settings.command_topic
     source: str | pfd.Urdf = settings.robot
     if source == DESCRIPTION:
         if settings.publish_description:
@@ -86,38 +63,29 @@ def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> M
             )
         source = wait_for_description(node, settings.description_timeout, stopped)
     found = described_robot(settings, source)
-    _log_description(node, settings, found)
-    topics |= _topics(node, found.control)
-    return Model(found, topics)
-
-
-def _log_description(node: Node, given: Settings, found: DescribedRobot) -> None:
-    """Log positions taken from the description, and conflicts with parameters."""
-    moving, control = found.robot.joint_names, found.control
-    filled = with_initial_values(given, moving, control)
+    moving, control, log = found.robot.joint_names, found.control, node.get_logger()
+    filled = with_initial_values(settings, moving, control)
     for name in ('initial_positions', 'locked_positions'):
         positions = getattr(filled, name)
-        if positions != getattr(given, name):
-            node.get_logger().info(f'{name} from <ros2_control>: {list(positions)}')
-    for warning in (
-        differences(filled, moving, control),
-        silence_trap(moving, control),
-        ragged_trap(control),
-    ):
+        if positions != getattr(settings, name):
+            log.info(f'{name} from <ros2_control>: {list(positions)}')
+    traps = silence_trap(moving, control), ragged_trap(control)
+    for warning in (differences(filled, moving, control), *traps):
         if warning:
-            node.get_logger().warning(one_line(warning))
+            log.warning(one_line(warning))
+    return found
 
 
-def _topics(node: Node, control: Ros2Control) -> dict[Source | str, str]:
-    """Return the topics of the hardware component, except remapped ones."""
-    chosen: dict[Source | str, str] = {}
-    for end, theirs in control.topics.items():
-        own = channel_of_end(end).topic
+def topics_of(node: Node, settings: Settings, found: DescribedRobot) -> dict[str, str]:
+    """Return the topics by role that differ from the defaults, and log those of the URDF."""
+    chosen = {'commands': settings.command_topic} if settings.command_topic else {}
+    for role, theirs in found.control.topics.items():
+        own = ROLES[role].topic
         name = remapped(node, own)
         if name:
             text = f'{own} is remapped to {name}, ignoring {theirs} of <ros2_control>'
         else:
-            chosen[end] = theirs
+            chosen[role] = theirs
             text = f'{own} is {theirs}, from <ros2_control>'
         node.get_logger().info(one_line(text))
     return chosen
@@ -145,7 +113,9 @@ def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]
     )
     executor = SingleThreadedExecutor(context=node.context)
     try:
-        listener.create_subscription(String, topic, received.append, _LATCHED, raw=True)
+        listener.create_subscription(
+            String, topic, received.append, profile(DESCRIPTION), raw=True
+        )
         executor.add_node(listener)
         deadline = time.monotonic() + seconds
         while not received and not stopped() and time.monotonic() < deadline:
@@ -166,18 +136,9 @@ def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]
     return parsed_urdf(decode_string(received[0]), topic)
 
 
-def publish_description(node: Node, described: DescribedRobot) -> None:
-    """Publish the URDF of a robot once, latched.
-
-    Raises
-    ------
-    ValueError
-        If the robot cannot be written as URDF.
-    """
+def publish_description(node: Node, text: str) -> None:
+    """Publish a URDF once, latched."""
     publisher = node.create_publisher(
-        String,
-        DESCRIPTION,
-        _LATCHED,
-        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        String, DESCRIPTION, profile(DESCRIPTION), qos_overriding_options=OVERRIDABLE
     )
-    publisher.publish(String(data=described.text))
+    publisher.publish(String(data=text))

@@ -5,44 +5,46 @@
 One status for each task, as REP 107 has it:
 
     lifecycle      the state of the node
-    stepping       real-time factor, time of a step, overruns
-    commands       rate, age, rejections by cause, mismatched publishers, watchdog, reflex
+    stepping       real-time factor, duration of a step, missed periods
+    commands       rate, age, rejections by cause, publishers of each input, watchdog, reflex
     simulation     joints beyond their velocity limits, integrator, method, its error, energy, the
                    largest stable gains of a PD loop
-    recording      open, failed, waiting, dropped
+    recording      open, waiting, recorded, error
 
-To add a value, append a pair (name, text) in the function of its task.
+To add a value, append a pair (name, value) in the function of its task.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 import time
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import serialize_message
 
-from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.commands import QUIET
+import pfd_core as pfd
+from pfd_ros.arm.advice import gain_limits, speeding
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import COMMANDS, Verdict
-from pfd_ros.arm.model_kernels import acceleration_kernel, model_kernels
-from pfd_ros.arm.speeding import speeding
-from pfd_ros.arm.stable_gains import gain_limits
-from pfd_ros.messages.convert import NANOSECONDS
-from pfd_ros.messages.node_reports import Status, encode_diagnostics
-from pfd_ros.node.graph_check import GraphCheck
+from pfd_ros.arm.events import COMMANDS, DIAGNOSTICS, ROLES
+from pfd_ros.arm.plant import acceleration_kernel
+from pfd_ros.node.endpoints import OVERRIDABLE
+from pfd_ros.node.graph import GraphCheck
+from pfd_ros.node.report import QUIET, Report
+from pfd_ros.node.services import NANOSECONDS
 from pfd_ros.node.stepping import Stepper
-from pfd_ros.recording.format import ROLE_OF_SOURCE
 from pfd_ros.text import one_line
 
-OK, WARN, ERROR = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
+if TYPE_CHECKING:
+    from pfd_ros.recording.recorder import Recorder
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 # Longest text of a value; a robot may have hundreds of joints.
 TEXT_LENGTH = 200
 MICROSECONDS = 1e3  # ns
@@ -57,6 +59,31 @@ class Task(NamedTuple):
     values: Sequence[tuple[str, object]] = ()
 
 
+class MassKernels:
+    """Inertia matrix, energy and error of the accelerations of an arm in one scene, compiled.
+
+    As for the outputs, the wrench on the tip and the gravity torques of the motors are left out.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self.scene, robot = engine.plant.scene, engine.robot
+        alone = replace(self.scene, external_wrench=False, gravity_compensation=False)
+        self.inertia, self.energy = (
+            pfd.compile_kernel(robot, scene=alone, quantity=quantity)
+            for quantity in ('inertia_matrix', 'energy')
+        )
+        method = engine.state.settings.method
+        self._accelerations = acceleration_kernel(robot, self.scene, method)
+        # Compiled before the stepping thread starts.
+        self.error_estimate(*np.zeros((3, robot.n)), engine.plant.inputs)
+
+    def error_estimate(
+        self, q: NDArray[Any], qd: NDArray[Any], tau: NDArray[Any], payload: Mapping[str, Any]
+    ) -> float:
+        """Return the relative error of accelerations by the method in use."""
+        return float(self._accelerations.error_estimate(q, qd, tau, **payload)[1])
+
+
 class _Seen(NamedTuple):
     """The counts of an arm at one time, s."""
 
@@ -68,130 +95,90 @@ class _Seen(NamedTuple):
     accepted: int
     rejected: int
     fast: int
-    not_recorded: int
 
 
-class MassKernels:
-    """Inertia matrix, energy and accelerations of an arm in one scene, compiled."""
-
-    def __init__(self, arm: Arm) -> None:
-        self.scene = arm.plant.compiled.scene
-        asked = replace(arm.settings, outputs=('inertia_matrix', 'energy'))
-        # As on the topics of these names.
-        kernels = model_kernels(asked, arm.robot, self.scene)
-        self.inertia, self.energy = kernels['inertia_matrix'], kernels['energy']
-        self.accelerations = acceleration_kernel(arm.robot, self.scene, arm.settings.method)
-        # Compiled before the stepping thread starts.
-        zero = np.zeros(arm.robot.n)
-        self.error_estimate(zero, zero, zero, {})
-
-    def error_estimate(
-        self, q: NDArray[Any], qd: NDArray[Any], tau: NDArray[Any], payload: Mapping[str, Any]
-    ) -> float:
-        """Return the relative error of accelerations by the method in use."""
-        return float(self.accelerations.error_estimate(q, qd, tau, **payload)[1])
-
-
-@dataclass
 class ArmDiagnostics:
     """The tasks of one arm."""
 
-    stepper: Stepper
-    graph: GraphCheck
-    kernels: MassKernels
-
-    def __post_init__(self) -> None:
-        """Begin to count."""
+    def __init__(
+        self, stepper: Stepper, graph: GraphCheck, report: Report, kernels: MassKernels
+    ) -> None:
+        self._stepper, self._graph, self._report = stepper, graph, report
+        self._engine, self._kernels = stepper.engine, kernels
         self._last = self._seen()
 
     def _seen(self) -> _Seen:
-        stepper, engine = self.stepper, self.stepper.engine
-        verdicts = self.stepper.receiver.counts.verdicts()
-        commands = {key: count for key, (count, _) in verdicts.items() if key[0] in COMMANDS}
-        accepted = sum(n for (_, verdict), n in commands.items() if verdict is Verdict.ACCEPTED)
+        engine, stepper = self._engine, self._stepper
+        inputs = self._report.inputs()
         return _Seen(
-            time.monotonic(),
-            engine.arm.stamp_ns,
-            engine.cycles,
-            stepper.timer.late,
-            stepper.timer.missed,
-            accepted,
-            sum(n for (_, verdict), (n, _) in verdicts.items() if verdict not in QUIET),
-            engine.state.actuators.fast_cycles,
-            stepper.session.dropped,
+            seconds=time.monotonic(),
+            stamp_ns=engine.stamp_ns,
+            cycles=engine.state.cycle,
+            late=stepper.late,
+            missed=stepper.missed,
+            accepted=sum(n for (r, l), (n, _) in inputs.items() if r in COMMANDS and l == 'accepted'),
+            rejected=sum(n for (_, label), (n, _) in inputs.items() if label not in QUIET),
+            fast=engine.state.fast_steps,
         )
 
     def tasks(self) -> list[Task]:
         """Return the status of each task since the last call."""
         last, now = self._last, self._seen()
         self._last = now
-        return [
-            self._stepping(last, now),
-            self._commands(last, now),
-            self._simulation(last, now),
-            self._recording(last, now),
-        ]
+        tasks = (self._stepping, self._commands, self._simulation)
+        return [*(task(last, now) for task in tasks), _recording(self._stepper.recorder)]
 
     def _stepping(self, last: _Seen, now: _Seen) -> Task:
-        engine = self.stepper.engine
+        engine, state = self._engine, self._engine.state
         factor = (now.stamp_ns - last.stamp_ns) / NANOSECONDS / (now.seconds - last.seconds)
         values: list[tuple[str, object]] = [
             ('real_time_factor', f'{factor:.4f}'),
-            ('requested_real_time_factor', engine.settings.real_time_factor),
+            ('requested_real_time_factor', state.settings.real_time_factor),
             ('simulated_time_s', now.stamp_ns / NANOSECONDS),
             ('cycles', now.cycles),
         ]
-        lengths = self.stepper.lengths.newest(last.cycles, now.cycles)
+        lengths = self._stepper.lengths(last.cycles, now.cycles)
         if len(lengths):
-            half, most, longest = np.percentile(lengths, (50, 99, 100)) / MICROSECONDS
-            values += [
-                ('step_p50_us', f'{half:.1f}'),
-                ('step_p99_us', f'{most:.1f}'),
-                ('step_max_us', f'{longest:.1f}'),
-            ]
+            shares = np.percentile(lengths, (50, 99, 100)) / MICROSECONDS
+            names = ('step_p50_us', 'step_p99_us', 'step_max_us')
+            values += [(name, f'{share:.1f}') for name, share in zip(names, shares, strict=True)]
         values += [
             ('late_steps', now.late - last.late),
             ('missed_periods', now.missed - last.missed),
             ('missed_periods_total', now.missed),
-            ('states_sent_again', self.stepper.resent),
+            ('states_sent_again', self._stepper.resent),
         ]
-        if engine.arm.failure:
-            return Task('stepping', ERROR, engine.arm.failure, values)
+        if state.failure:
+            return Task('stepping', ERROR, state.failure, values)
         if now.missed > last.missed:
-            return Task(
-                'stepping', WARN, 'periods missed (busy machine or blocked subscriber)', values
-            )
-        if engine.waiting:
-            return Task('stepping', OK, _reason_to_wait(engine), values)
-        return Task('stepping', OK, 'running', values)
+            return Task('stepping', WARN, 'periods missed (busy machine)', values)
+        return Task('stepping', OK, _reason_to_wait(engine) or 'running', values)
 
     def _commands(self, last: _Seen, now: _Seen) -> Task:
-        seconds = now.seconds - last.seconds
-        counts = self.stepper.receiver.counts
-        age = f'{now.seconds - counts.newest:.3f}' if now.accepted else 'none'
-        mismatched = self.graph.mismatched
+        state, mismatched = self._engine.state, self._graph.mismatched
+        newest = max((self._report.newest.get(role, 0.0) for role in COMMANDS))
         values: list[tuple[str, object]] = [
-            ('accepted_per_s', f'{(now.accepted - last.accepted) / seconds:.1f}'),
+            ('accepted_per_s', f'{(now.accepted - last.accepted) / (now.seconds - last.seconds):.1f}'),
             ('accepted', now.accepted),
-            ('age_of_newest_s', age),
+            ('age_of_newest_s', f'{now.seconds - newest:.3f}' if newest else 'none'),
             ('endpoints_with_qos_or_type_mismatch', mismatched),
         ]
-        for (source, verdict), (count, _) in sorted(counts.verdicts().items()):
-            if verdict is not Verdict.ACCEPTED:
-                values.append((f'{ROLE_OF_SOURCE[source]}.{verdict.label}', count))
-        state = self.stepper.engine.state
-        link, actuators = state.link, state.actuators
+        for (role, label), (count, _) in sorted(self._report.inputs().items()):
+            if label != 'accepted':
+                values.append((f'{role}.{label}', count))
+        for role, nodes in self._graph.publishers.items():
+            if nodes:
+                values.append((f'{role}.publishers', ' '.join(nodes)))
         values += [
-            ('unknown_names', counts.unknown()[0]),
-            ('watchdog_trips', link.timeouts),
-            ('lost_commands', link.lost),
-            ('saturated_steps', actuators.saturated),
-            ('reflex_trips', actuators.trips),
+            ('watchdog_trips', state.timeouts),
+            ('lost_commands', state.lost),
+            ('saturated_steps', state.saturated),
+            ('reflex_trips', state.trips),
         ]
-        if actuators.tripped:
-            text = f'protective stop, all joints braked until ~/reset: {actuators.reflex}'
+        if state.tripped:
+            text = f'protective stop, all joints braked until ~/reset: {state.tripped}'
             return Task('commands', ERROR, text, values)
-        if link.timed_out:
+        if state.timed_out:
             return Task('commands', WARN, 'no command for command_timeout', values)
         if now.rejected > last.rejected:
             return Task('commands', WARN, 'messages rejected', values)
@@ -200,84 +187,72 @@ class ArmDiagnostics:
         return Task('commands', OK, 'received' if now.accepted else 'no commands yet', values)
 
     def _simulation(self, last: _Seen, now: _Seen) -> Task:
-        engine = self.stepper.engine
-        settings, arm = engine.settings, engine.arm
-        q, qd, tau = arm.q.copy(), arm.qd.copy(), arm.tau.copy()
-        plant = arm.plant
-        if self.kernels.scene is not plant.compiled.scene:
+        engine, plant = self._engine, self._engine.plant
+        state, settings = engine.state, engine.state.settings
+        q, qd, tau = state.rows[state.now].copy()
+        if self._kernels.scene is not plant.scene:
             # The scene has changed.
-            self.kernels = MassKernels(arm)
-        payload = plant.payload_input
-        kinetic, potential = self.kernels.energy(q, qd, **payload)
+            self._kernels = MassKernels(engine)
+        kernels, payload = self._kernels, plant.inputs
+        kinetic, potential = kernels.energy(q, qd, **payload)
         # A controller acts on each published state.
         period = settings.publish_every * settings.step_ns / NANOSECONDS
-        level, message = (ERROR, arm.failure) if arm.failure else (OK, 'running')
-        speed = speeding(arm)
-        if speed is not None and now.fast > last.fast and not arm.failure:
+        level, message = (ERROR, state.failure) if state.failure else (OK, 'running')
+        speed = speeding(engine)
+        if speed is not None and now.fast > last.fast and not state.failure:
             level, message = WARN, f'beyond the velocity limit: {speed.text}'
-        return Task(
-            'simulation',
-            level,
-            message,
-            [
-                ('robot', settings.robot),
-                ('integrator', settings.integrator),
-                ('method', settings.method),
-                ('position_sums', settings.position_sums),
-                ('error_estimate', f'{self.kernels.error_estimate(q, qd, tau, payload):.2g}'),
-                ('kinetic_energy_J', f'{kinetic:.6g}'),
-                ('potential_energy_J', f'{potential:.6g}'),
-                ('largest_speed_over_limit', 0.0 if speed is None else f'{speed.ratio:.4g}'),
-                ('cycles_beyond_velocity_limits', now.fast),
-                ('control_period_s', period),
-                *_external_wrench(engine),
-                *_largest_gains(self.kernels.inertia(q, **payload), period, list(arm.order)),
-            ],
-        )
-
-    def _recording(self, last: _Seen, now: _Seen) -> Task:
-        session = self.stepper.session
-        recorder = session.recorder
-        if recorder is None:
-            return Task('recording', OK, 'not requested', [('open', False)])
-        values: list[tuple[str, object]] = [
-            ('open', not recorder.failed),
-            ('file', str(recorder.path)),
-            ('waiting_share', f'{recorder.waiting_share:.4f}'),
-            ('recorded', sum(recorder.recorded)),
-            ('dropped', sum(recorder.dropped)),
-            ('failed', recorder.failed),
+        values = [
+            ('robot', settings.robot),
+            ('integrator', settings.integrator),
+            ('method', settings.method),
+            ('position_sums', settings.position_sums),
+            ('error_estimate', f'{kernels.error_estimate(q, qd, tau, payload):.2g}'),
+            ('kinetic_energy_J', f'{kinetic:.6g}'),
+            ('potential_energy_J', f'{potential:.6g}'),
+            ('largest_speed_over_limit', 0.0 if speed is None else f'{speed.ratio:.4g}'),
+            ('cycles_beyond_velocity_limits', now.fast),
+            ('control_period_s', period),
         ]
-        if recorder.failed:
-            return Task('recording', ERROR, recorder.error, values)
-        if now.not_recorded > last.not_recorded:
-            return Task('recording', WARN, 'the disk is too slow', values)
-        return Task('recording', OK, 'running', values)
+        if settings.external_wrench:
+            values += [
+                ('external_wrench', _numbers(state.wrench, '.6g')),
+                ('external_wrench_frame', engine.robot.tip),
+                ('external_wrench_timeout_s', settings.external_wrench_timeout),
+            ]
+        values += _largest_gains(kernels.inertia(q, **payload), period, engine.order)
+        return Task('simulation', level, message, values)
+
+
+def _recording(recorder: Recorder | None) -> Task:
+    if recorder is None:
+        return Task('recording', OK, 'not requested', [('open', False)])
+    values: list[tuple[str, object]] = [
+        ('open', not recorder.error),
+        ('file', str(recorder.path)),
+        ('waiting_share', f'{recorder.waiting_share:.4f}'),
+        ('recorded', sum(recorder.recorded.values())),
+    ]
+    if recorder.error:
+        return Task('recording', ERROR, recorder.error, values)
+    return Task('recording', OK, 'running', values)
 
 
 def _reason_to_wait(engine: Engine) -> str:
-    pace = engine.state.pace
-    if not pace.active:
+    """Return what the next cycle waits for, '' for nothing."""
+    state = engine.state
+    if not engine.waiting:
+        return ''
+    if not state.active:
         return 'inactive'
-    if engine.pace.follows_clock and not pace.paused:
+    if state.paused:
+        return 'paused'
+    if state.settings.follows_clock:
         return 'waiting for the followed /clock'
-    return 'paused' if pace.paused else 'waiting for a command (lockstep)'
-
-
-def _external_wrench(engine: Engine) -> list[tuple[str, object]]:
-    """Return the wrench on the tip link from the next step on, for an arm that takes one."""
-    wrench = engine.state.wrench
-    if wrench is None:
-        return []
-    return [
-        ('external_wrench', ' '.join(f'{value:.6g}' for value in wrench.next.tolist())),
-        ('external_wrench_frame', engine.arm.robot.tip),
-        ('external_wrench_timeout_s', engine.settings.external_wrench_timeout),
-    ]
+    return 'waiting for a command (lockstep)'
 
 
 def _largest_gains(
-    inertia: NDArray[Any], period: float, order: Sequence[int]
+    inertia: NDArray[Any], period: float, order: NDArray[Any]
 ) -> list[tuple[str, object]]:
     """Return bounds of stable gains, without delay, in one proportion for all joints."""
     try:
@@ -293,8 +268,8 @@ def _largest_gains(
     ]
 
 
-def _numbers(values: Iterable[float]) -> str:
-    return ' '.join(f'{value:.4g}' for value in values)
+def _numbers(values: Iterable[float], form: str = '.4g') -> str:
+    return ' '.join(format(value, form) for value in values)
 
 
 class DiagnosticsPublisher:
@@ -304,23 +279,29 @@ class DiagnosticsPublisher:
         self._name = node.get_fully_qualified_name().lstrip('/')
         self._publisher = node.create_publisher(
             DiagnosticArray,
-            '/diagnostics',
+            ROLES[DIAGNOSTICS].topic,
             QoSProfile(depth=1),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            qos_overriding_options=OVERRIDABLE,
         )
 
-    def publish(self, tasks: Iterable[Task], record: Callable[[bytes], None]) -> None:
-        """Record and publish the status of each task."""
-        statuses = [
-            Status(
-                level=task.level[0],
+    def publish(self, tasks: Iterable[Task]) -> bytes:
+        """Publish the status of each task; return the message."""
+        message = DiagnosticArray()
+        seconds, nanoseconds = divmod(time.time_ns(), NANOSECONDS)
+        message.header.stamp = Time(sec=seconds, nanosec=nanoseconds)
+        message.status = [
+            DiagnosticStatus(
+                level=task.level,
                 name=f'{self._name}: {task.name}',
                 message=one_line(task.message, TEXT_LENGTH),
                 hardware_id=self._name,
-                values=[(key, one_line(value, TEXT_LENGTH)) for key, value in task.values],
+                values=[
+                    KeyValue(key=key, value=one_line(value, TEXT_LENGTH))
+                    for key, value in task.values
+                ],
             )
             for task in tasks
         ]
-        data = encode_diagnostics(time.time_ns(), statuses)
-        record(data)
+        data = bytes(serialize_message(message))
         self._publisher.publish(data)
+        return data

@@ -28,7 +28,7 @@ executor's thread, one at a time; they raise no exceptions there.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 import gc
@@ -37,23 +37,23 @@ import time
 from typing import Any
 import warnings
 
-from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.msg import State, Transition, TransitionEvent
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.serialization import serialize_message
 
-from pfd_ros.messages.node_reports import encode_transition
+from pfd_ros.arm.events import DIAGNOSTICS, TRANSITIONS
 from pfd_ros.node import parameters
 from pfd_ros.node.diagnostics import ERROR, OK, DiagnosticsPublisher, Task
+from pfd_ros.node.report import Report, introduce, report_arm
 from pfd_ros.node.sim_arm import SimArm
-from pfd_ros.node.throttled_log import ThrottledLog
-from pfd_ros.node.workers import Workers, described
-from pfd_ros.recording.format import DIAGNOSTICS, TRANSITIONS
+from pfd_ros.node.threads import END_SECONDS, Threads, described
 from pfd_ros.text import cut, one_line
 
 NAME = 'sim_arm'
 UNCONFIGURED, INACTIVE, ACTIVE = (
-    (State.PRIMARY_STATE_UNCONFIGURED, 'unconfigured'),
-    (State.PRIMARY_STATE_INACTIVE, 'inactive'),
-    (State.PRIMARY_STATE_ACTIVE, 'active'),
+    State(id=State.PRIMARY_STATE_UNCONFIGURED, label='unconfigured'),
+    State(id=State.PRIMARY_STATE_INACTIVE, label='inactive'),
+    State(id=State.PRIMARY_STATE_ACTIVE, label='active'),
 )
 # Number, start and goal of each transition that an arm outlives, and so of those recorded.
 TRANSITIONS_OF_ARM = {
@@ -61,8 +61,6 @@ TRANSITIONS_OF_ARM = {
     'activate': (Transition.TRANSITION_ACTIVATE, INACTIVE, ACTIVE),
     'deactivate': (Transition.TRANSITION_DEACTIVATE, ACTIVE, INACTIVE),
 }
-# For each thread to end, and for ROS and the interpreter to go down.
-END_SECONDS = 10
 
 
 class SimArmNode(LifecycleNode):
@@ -70,19 +68,17 @@ class SimArmNode(LifecycleNode):
 
     Parameters
     ----------
-    workers
+    threads
         The threads of the process.
     mistakes
         Exceptions for a wrong parameter or file, which fail a transition; others are faults.
+    args
+        The command line, whose parameter files are checked.
 
     Attributes
     ----------
     arm
         The configured arm, or None.
-    callback_failures
-        Number of callbacks that raised; the executor continues.
-    rejected_transitions
-        Number of requests for a transition that is not possible in the state.
     hung
         Whether a thread of an arm did not end, and may still use ROS.
 
@@ -92,15 +88,13 @@ class SimArmNode(LifecycleNode):
         If a parameter has an invalid value.
     """
 
-    def __init__(self, workers: Workers, mistakes: tuple[type[Exception], ...]) -> None:
-        super().__init__(NAME, start_parameter_services=False)
-        parameters.StrictParameterService(self)
+    def __init__(
+        self, threads: Threads, mistakes: tuple[type[Exception], ...], args: Sequence[str]
+    ) -> None:
+        super().__init__(NAME)
         self.arm: SimArm | None = None
-        self.callback_failures = self.rejected_transitions = 0
         self.hung = False
-        self._newest_failure = self._newest_rejection = ''
-        self._workers = workers
-        self._mistakes = mistakes
+        self._threads, self._mistakes = threads, mistakes
         # Locked by transitions, and by the main thread while it reports or closes.
         self._lock = threading.Lock()
         self._closed = False
@@ -108,7 +102,9 @@ class SimArmNode(LifecycleNode):
         self._reached_ns = 0
         self._error: Exception | None = None
         self._problems: list[str] = []
-        self._log = ThrottledLog(self.get_logger())
+        self._report = Report(self.get_logger())
+        for line in parameters.unused_files(args, self.get_fully_qualified_name()):
+            self._report.log(line)
         self._diagnostics = DiagnosticsPublisher(self)
         self._autostart = self._starting = parameters.declare(self)
         self._guard_services()
@@ -139,11 +135,11 @@ class SimArmNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start the steps of the arm."""
-        return self._transition('activate', self._activate)
+        return self._transition('activate', partial(self._request, 'activate'))
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Brake all joints and stop simulated time."""
-        return self._transition('deactivate', self._deactivate)
+        return self._transition('deactivate', partial(self._request, 'deactivate'))
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Close the recording and delete the arm."""
@@ -151,14 +147,14 @@ class SimArmNode(LifecycleNode):
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End the process; its main thread closes the recording."""
-        self._workers.stop.set()
+        self._threads.stop.set()
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Clean up after a fault; the process ends if that fails too."""
         result = self._transition('cleanup', self._clean_up)
         if result != TransitionCallbackReturn.SUCCESS:
-            self._workers.stop.set()
+            self._threads.stop.set()
         return result
 
     def _transition(self, name: str, work: Callable[[], None]) -> TransitionCallbackReturn:
@@ -171,77 +167,62 @@ class SimArmNode(LifecycleNode):
             except self._mistakes as error:
                 self._error = error
                 if not self._starting:
-                    self.get_logger().error(f'{name} failed: {one_line(error)}')
+                    self._report.log(f'{name} failed: {one_line(error)}', error=True)
                 return TransitionCallbackReturn.FAILURE
             except Exception as error:
                 self._error = error
                 self._problems.append(f'{name} failed: {described(error)}')
                 return TransitionCallbackReturn.ERROR
-            if name in TRANSITIONS_OF_ARM:
-                self._record(TRANSITIONS, _transition_event(name))
+            if self.arm is not None and name in TRANSITIONS_OF_ARM:
+                self.arm.record(TRANSITIONS, _transition_event(name))
         return TransitionCallbackReturn.SUCCESS
-
-    def _record(self, role: str, data: bytes) -> None:
-        """Record a message of the node itself, while an arm is configured."""
-        if self.arm is not None:
-            self.arm.stepper.session.record_next(role, data)
 
     def _configure(self) -> None:
         settings = replace(parameters.read(self), autostart=self._starting)
         with warnings.catch_warnings(record=True) as found:
             warnings.simplefilter('always')
             try:
-                stopped = self._workers.stop.is_set
-                self.arm = SimArm(self, settings, self._log, stopped, self._reached_ns)
+                self.arm = SimArm(self, settings, self._report, self._threads, self._reached_ns)
             finally:
                 for text in dict.fromkeys(str(warning.message) for warning in found):
-                    self.get_logger().warning(one_line(text))
+                    self._report.log(text)
         try:
-            # Only now the parameters of joints are known.
-            misspelt = parameters.misspelt(self)
-            if misspelt:
-                self._log.once('misspelt', f'unknown parameters ignored: {misspelt}')
             self._guard_services()
             # Objects of the start are excluded from later garbage collections.
             gc.unfreeze()
             gc.collect()
             gc.freeze()
-            self.arm.start(self._workers)
-            self.arm.reporter.introduce()
+            self.arm.start()
+            introduce(self.arm, self.get_logger().info)
         except BaseException:
             # Unconfigured, the node has no arm: the next one would have the same topics.
             self._clean_up()
             raise
 
-    def _activate(self) -> None:
+    def _request(self, name: str) -> None:
+        # An arm that starts with the node is active from its first step on.
         if self.arm is not None and not self._starting:
-            self.arm.request('activate')
-
-    def _deactivate(self) -> None:
-        if self.arm is not None:
-            self.arm.request('deactivate')
+            self.arm.request(name)
 
     def _clean_up(self) -> None:
         arm, self.arm = self.arm, None
         if arm is not None:
             self._end(arm)
             if not self.hung:
-                arm.destroy_entities()
+                arm.destroy_endpoints()
 
     def _end(self, arm: SimArm) -> None:
         """Stop an arm, close its recording and keep its problems."""
-        workers = self._workers
-        arm.stop_stepping()
-        ended = arm.thread is None or workers.join(arm.thread, END_SECONDS)
-        self._reached_ns = max(self._reached_ns, arm.stepper.engine.arm.stamp_ns)
-        workers.guard('closing the recording', arm.close_recording, always)
-        workers.guard('reporting', lambda: arm.reporter.report(last=True), always)
-        self._problems += arm.reporter.problems()
-        self.get_logger().info(one_line(arm.reporter.summary()))
+        ended = arm.stop()
+        self._reached_ns = max(self._reached_ns, arm.engine.stamp_ns)
+        self._threads.guard('closing the recording', arm.close_recording, lambda: True)
+        self._threads.guard('reporting', partial(report_arm, self._report, arm, last=True), lambda: True)
+        self._problems += arm.problems()
+        self.get_logger().info(one_line(arm.summary()))
         if not ended:
             # The thread may still use the entities.
             self.hung = True
-            workers.stop.set()
+            self._threads.stop.set()
 
     def _guard_services(self) -> None:
         """Answer each request even if its callback raises, as some callbacks of rclpy do."""
@@ -263,17 +244,17 @@ class SimArmNode(LifecycleNode):
         if asked.label in possible or (not asked.label and asked.id in possible.values()):
             return change(request, response)
         name = repr(cut(asked.label)) if asked.label else asked.id
-        state = machine.current_state[1]
         choices = ', '.join(f'{label} ({number})' for label, number in possible.items())
-        self.rejected_transitions += 1
-        self._newest_rejection = f'{name} is not possible when {state}; possible: {choices}'
+        state = machine.current_state[1]
+        self._report.add(
+            'transitions', f'{name} is not possible when {state}; possible: {choices}'
+        )
         response.success = False
         return response
 
     def callback_failed(self, error: Exception) -> None:
-        """Count a callback that raised."""
-        self.callback_failures += 1
-        self._newest_failure = f'{type(error).__name__}: {error}'
+        """Count a callback that raised; the executor continues."""
+        self._report.add('callbacks', f'{type(error).__name__}: {error}')
 
     def report(self) -> None:
         """Log the problems since the last call, unless a transition is running."""
@@ -285,18 +266,24 @@ class SimArmNode(LifecycleNode):
             level = ERROR if self._problems else OK
             tasks = [Task('lifecycle', level, label, [('problems', len(self._problems))])]
             if self.arm is not None:
-                self.arm.reporter.report()
+                report_arm(self._report, self.arm)
+                self.arm.graph.check()
                 tasks += self.arm.diagnostics.tasks()
             self._report_callbacks()
-            self._diagnostics.publish(tasks, partial(self._record, DIAGNOSTICS))
+            data = self._diagnostics.publish(tasks)
+            if self.arm is not None:
+                self.arm.record(DIAGNOSTICS, data)
         finally:
             self._lock.release()
 
     def _report_callbacks(self, *, last: bool = False) -> None:
-        text = f'callbacks failed, most recently by {self._newest_failure}'
-        self._log.count('callbacks', self.callback_failures, text, error=True, last=last)
-        text = f'transitions rejected, most recently: {self._newest_rejection}'
-        self._log.count('transitions', self.rejected_transitions, text, last=last)
+        counts = self._report.counts()
+        for key, text, error in (
+            ('callbacks', 'callbacks failed, most recently by', True),
+            ('transitions', 'transitions rejected, most recently:', False),
+        ):
+            count, detail = counts.get(key, (0, ''))
+            self._report.line(key, count, f'{text} {detail}', error=error, last=last)
 
     def close(self) -> None:
         """End the arm, after the transition that may be on its way; none follows."""
@@ -314,7 +301,7 @@ class SimArmNode(LifecycleNode):
 
     def problems(self) -> list[str]:
         """Return why the run failed."""
-        return [*self._workers.failures, *self._problems]
+        return [*self._threads.failures, *self._problems]
 
 
 @dataclass(frozen=True)
@@ -335,10 +322,11 @@ class _Guarded:
 
 def _transition_event(name: str) -> bytes:
     """Return the event of a completed transition, from and to the states that last."""
-    transition, start, goal = TRANSITIONS_OF_ARM[name]
-    return encode_transition(time.time_ns(), (transition, name), start, goal)
-
-
-def always() -> bool:
-    """Return True."""
-    return True
+    number, start, goal = TRANSITIONS_OF_ARM[name]
+    event = TransitionEvent(
+        timestamp=time.time_ns(),
+        transition=Transition(id=number, label=name),
+        start_state=start,
+        goal_state=goal,
+    )
+    return bytes(serialize_message(event))

@@ -43,15 +43,18 @@ class Stop(threading.Event):
 def stop_on_signals() -> Stop:
     """Return an event that the first signal sets; the third ends the process.
 
-    Signals are counted on a separate thread: a main thread that hangs in C runs no handler.
+    SIGHUP stays ignored where it was, as under nohup. SIGINT does not: a shell starts a process
+    in the background with SIGINT ignored, and such a node must end, too. Signals are counted on a
+    separate thread: a main thread that hangs in C runs no handler.
     """
     stop = Stop()
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
     for number in SIGNALS:
-        # The interpreter writes to the pipe only where a signal has a handler.
-        signal.signal(number, lambda *_: None)
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            # The interpreter writes to the pipe only where a signal has a handler.
+            signal.signal(number, lambda *_: None)
 
     def count() -> None:
         received = 0

@@ -3,16 +3,19 @@
 """The settings as parameters of the node: declared, read back, and set while the arm runs.
 
 A setting with a number for each joint is a group of parameters, `damping.<joint>`, which is
-declared once the robot is known. Setting a dynamic parameter is an event of the arm, which accepts
+declared once the robot is known. Setting a dynamic parameter is an input of the arm, which accepts
 or rejects it; other parameters cannot change while there is an arm.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import TimeoutError as LateError
 from contextlib import suppress
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import replace
+import json
+from pathlib import Path
+import re
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -24,14 +27,18 @@ from rcl_interfaces.msg import (
 from rclpy.exceptions import ParameterUninitializedException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.parameter_service import ParameterService
+import yaml
 
 import pfd_core as pfd
-from pfd_ros.arm.arm import joint_order
-from pfd_ros.arm.setting_fields import joint_values, parameter_name, typed
-from pfd_ros.arm.settings import Settings, from_values
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import PARAMETERS
+from pfd_ros.arm.plant import joint_order
+from pfd_ros.arm.setting_fields import Row, typed
+from pfd_ros.arm.settings import FIELDS, REMOVED, Settings, from_values, joint_values
+from pfd_ros.messages.text_and_arrays import encode_string
 from pfd_ros.node.changing import Changes
-from pfd_ros.text import NAME_COUNT, cut, listed, one_line, similar
+from pfd_ros.node.services import ANSWER_SECONDS
+from pfd_ros.text import NAME_COUNT, listed, one_line, similar
 
 # By the annotation of the field: an empty tuple does not have the type of its elements.
 _KINDS = {
@@ -43,25 +50,23 @@ _KINDS = {
     'tuple[str, ...]': Parameter.Type.STRING_ARRAY,
     'tuple[float, ...]': Parameter.Type.DOUBLE_ARRAY,
 }
-_PER_JOINT = tuple(f for f in dataclasses.fields(Settings) if f.metadata['per_joint'])
+_SINGLE = tuple(row for row in FIELDS if not row.per_joint)
+_PER_JOINT = tuple(row for row in FIELDS if row.per_joint)
 
 
-def _descriptor(field: dataclasses.Field[Any], *, fixed: bool = True) -> ParameterDescriptor:
-    values = field.metadata['values']
+def _descriptor(row: Row, *, fixed: bool) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
-        description=field.metadata['text'],
-        additional_constraints=f'one of {list(values)}' if values else '',
-        read_only=fixed and not field.metadata['dynamic'],
-        dynamic_typing=_KINDS[str(field.type)] is Parameter.Type.NOT_SET,
+        description=row.description,
+        additional_constraints=f'one of {list(row.values)}' if row.values else '',
+        read_only=fixed and not row.dynamic,
+        dynamic_typing=_KINDS[row.type] is Parameter.Type.NOT_SET,
     )
-    if field.metadata['range'] is not None:
-        least, most = field.metadata['range']
-        if field.type == 'int':
+    if row.range is not None:
+        least, most = row.range
+        if row.type == 'int':
             descriptor.integer_range = [IntegerRange(from_value=least, to_value=most, step=1)]
         else:
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=least, to_value=most, step=0.0)
-            ]
+            descriptor.floating_point_range = [FloatingPointRange(from_value=least, to_value=most)]
     return descriptor
 
 
@@ -76,21 +81,14 @@ def declare(node: Node) -> bool:
     ValueError, rclpy.exceptions.ParameterException
         If a value has the wrong type or lies outside its range.
     """
-    fields = {f.name: f for f in dataclasses.fields(Settings) if f not in _PER_JOINT}
-    first = fields.pop('autostart')
-    node.declare_parameter(first.name, first.default, _descriptor(first))
-    autostart = bool(node.get_parameter(first.name).value)
-    for field in fields.values():
-        kind = _KINDS[str(field.type)]
+    autostart = True
+    for row in sorted(_SINGLE, key=lambda row: row.field != 'autostart'):
         # Without a default value an empty array has no type; the type alone has no default.
-        given = kind if isinstance(field.default, tuple) and not field.default else field.default
-        _declare(
-            node,
-            parameter_name(field),
-            list(given) if isinstance(given, tuple) else given,
-            kind,
-            _descriptor(field, fixed=autostart),
-        )
+        array = isinstance(row.default, tuple)
+        given = (list(row.default) or _KINDS[row.type]) if array else row.default
+        node.declare_parameter(row.name, given, _descriptor(row, fixed=autostart))
+        if row.field == 'autostart':
+            autostart = bool(node.get_parameter(row.name).value)
     return autostart
 
 
@@ -103,10 +101,9 @@ def read(node: Node) -> Settings:
         If the values are inconsistent.
     """
     values: dict[str, Any] = {}
-    for field in dataclasses.fields(Settings):
-        if field not in _PER_JOINT:
-            with suppress(ParameterUninitializedException):
-                values[field.name] = _plain(node.get_parameter(parameter_name(field)).value)
+    for row in _SINGLE:
+        with suppress(ParameterUninitializedException):
+            values[row.field] = _plain(node.get_parameter(row.name).value)
     return from_values(values)
 
 
@@ -123,18 +120,16 @@ def declare_joints(node: Node, settings: Settings, robot: pfd.Robot) -> Settings
     """
     fixed = bool(node.get_parameter('autostart').value)
     order = joint_order(settings.joints, robot)
-    for field in _PER_JOINT:
-        _undeclare_group(node, parameter_name(field))
-        defaults = joint_values(field, settings, robot, order)
-        names = [joint_parameter(field, robot.joint_names[i]) for i in order]
+    for row in _PER_JOINT:
+        _undeclare_group(node, row.name)
+        defaults = joint_values(row, settings, robot, order)
+        names = [f'{row.name}.{robot.joint_names[k]}' for k in order]
         for name, default in zip(names, defaults, strict=True):
             if not node.has_parameter(name):
-                kind = Parameter.Type.DOUBLE
-                _declare(node, name, default, kind, _descriptor(field, fixed=fixed))
+                node.declare_parameter(name, default, _descriptor(row, fixed=fixed))
         values = tuple(node.get_parameter(name).value for name in names)
         if values != defaults:
-            changed: dict[str, Any] = {field.name: values}
-            settings = dataclasses.replace(settings, **changed)
+            settings = replace(settings, **{row.field: values})
     return settings
 
 
@@ -144,11 +139,6 @@ def _undeclare_group(node: Node, group: str) -> None:
         name = f'{group}.{joint}'
         if not node.describe_parameter(name).read_only:
             node.undeclare_parameter(name)
-
-
-def joint_parameter(field: dataclasses.Field[Any], joint: str) -> str:
-    """Return the name of a setting's parameter for one joint."""
-    return f'{parameter_name(field)}.{joint}'
 
 
 def _plain(value: Any) -> Any:
@@ -162,140 +152,113 @@ def given_parameters(node: Node) -> Mapping[str, Parameter]:
     return found
 
 
-def misspelt(node: Node) -> str:
-    """Return the parameters set by the user that the node does not have, for a log line."""
+def refuse_unknown(node: Node) -> str:
+    """Return a line about unknown parameters, '' without any, unless one seems to be misspelt.
+
+    A file for all nodes (`/**`) may hold parameters of others.
+
+    Raises
+    ------
+    ValueError
+        If the name of a parameter resembles a known one, or is one of an earlier version.
+    """
     unknown = sorted(name for name in given_parameters(node) if not node.has_parameter(name))
+    for name in unknown:
+        if name in REMOVED:
+            raise ValueError(f'parameter {name!r}: {REMOVED[name]}')
     known = sorted(node.get_parameters_by_prefix(''))
-    meant = sorted({match for name in unknown[:NAME_COUNT] for match in similar(name, known)})
-    hint = f'; similar names: {listed(meant)}' if meant else ''
-    return f'{listed(unknown)}{hint}' if unknown else ''
+    meant = {name: similar(name, known) for name in unknown[:NAME_COUNT]}
+    misspelt = [name for name in meant if meant[name]]
+    if misspelt:
+        near = sorted({match for name in misspelt for match in meant[name]})
+        raise ValueError(f'unknown parameters {listed(misspelt)}; similar names: {listed(near)}')
+    return f'unknown parameters ignored: {listed(unknown)}' if unknown else ''
 
 
-@dataclass
-class ParameterChanges:
-    """The callback that validates parameters before rclpy sets them, from any thread."""
+def unused_files(args: Sequence[str], full_name: str) -> Iterator[str]:
+    """Yield a line for each parameter file on a command line without a section for a node."""
+    for option, path in zip(args, args[1:], strict=False):
+        if option != '--params-file':
+            continue
+        with suppress(OSError, UnicodeDecodeError, yaml.YAMLError):
+            text = Path(path).read_text(encoding='utf-8')
+            sections = list(_sections(yaml.load(text, yaml.CSafeLoader)))
+            if sections and not any(_matches(section, full_name) for section in sections):
+                yield (
+                    f'{path} has no parameters for {full_name}, only for {listed(sections)}: '
+                    f"write {full_name.rpartition('/')[2]!r} or '/**' in it"
+                )
 
-    changes: Changes
-    # Parameter -> its field, and the index of its joint or -1.
-    _places: dict[str, tuple[Any, int]] = dataclasses.field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        """List the parameters by name."""
-        for field in dataclasses.fields(Settings):
-            if field in _PER_JOINT:
-                for place, joint in enumerate(self.changes.engine.arm.names):
-                    self._places[joint_parameter(field, joint)] = field, place
-            else:
-                self._places[parameter_name(field)] = field, -1
+def _sections(tree: Any, name: str = '') -> Iterator[str]:
+    """Yield the names of nodes in a parameter file, perhaps with wildcards."""
+    for key, value in tree.items() if isinstance(tree, dict) else ():
+        if key == 'ros__parameters':
+            yield name or '/'
+        else:
+            yield from _sections(value, f'{name}/{str(key).strip("/")}')
 
-    def set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        """Apply new values, all or none; return success or the reason.
 
-        Parameters of rclpy, such as use_sim_time, are accepted.
-        """
-        ours = [parameter for parameter in parameters if parameter.name in self._places]
-        reason = ''
-        if ours:
-            try:
-                self.changes.set(lambda settings: self._values(ours, settings))
-            except ValueError as error:
-                reason = one_line(error)
+def _matches(section: str, full_name: str) -> bool:
+    pattern = re.escape(section).replace(r'/\*\*', '(/.*)?').replace(r'\*', '[^/]*')
+    return re.fullmatch(pattern, full_name) is not None
+
+
+def setter(
+    engine: Engine, changes: Changes
+) -> Callable[[Sequence[Parameter]], SetParametersResult]:
+    """Return the callback that passes new values to the arm before rclpy sets them.
+
+    It returns success or the reason, and accepts parameters of rclpy, such as use_sim_time.
+    """
+    places = {row.name: (row, -1) for row in _SINGLE}
+    for row in _PER_JOINT:
+        places |= {f'{row.name}.{joint}': (row, k) for k, joint in enumerate(engine.names)}
+    # Settings after the changes that are on their way.
+    latest = engine.state.settings
+
+    def set_parameters(parameters: Sequence[Parameter]) -> SetParametersResult:
+        given = [(one, *places[one.name]) for one in parameters if one.name in places]
+        try:
+            reason = _passed_on(given) if given else ''
+        except ValueError as error:
+            reason = one_line(error)
         return SetParametersResult(successful=not reason, reason=reason)
 
-    def _values(self, parameters: Sequence[Parameter], settings: Settings) -> dict[str, Any]:
+    def _passed_on(given: Sequence[tuple[Parameter, Row, int]]) -> str:
+        """Pass values on, and return why the arm refuses them, '' if it does not."""
+        nonlocal latest
+        idle = changes.idle
+        values = _values(given, engine.state.settings if idle else latest)
+        settings = with_changes(engine.state.settings if idle else latest, values, engine.order)
+        latest = settings
+        verdict = changes.put(PARAMETERS, encode_string(json.dumps(values)))
+        if not (idle and engine.plants.ready(settings)):
+            # The executor does not wait for the compiler; a late refusal is logged.
+            return ''
+        try:
+            found = verdict.result(ANSWER_SECONDS)
+        except LateError:
+            # A very slow arm applies them later.
+            return ''
+        return '' if found.accepted else f'{found.label}: {found.detail}'
+
+    def _values(
+        given: Sequence[tuple[Parameter, Row, int]], settings: Settings
+    ) -> dict[str, Any]:
         """Return the new values by field."""
-        arm = self.changes.engine.arm
         values: dict[str, Any] = {}
-        for parameter in parameters:
-            field, place = self._places[parameter.name]
-            if not field.metadata['dynamic']:
+        for parameter, row, place in given:
+            if not row.dynamic:
                 raise ValueError(f'{listed([parameter.name])} cannot change until cleanup')
             if place < 0:
-                value = typed(parameter.name, _plain(parameter.value), str(field.type))
+                values[row.field] = typed(row.name, _plain(parameter.value), row.type)
             else:
-                before = values.get(field.name) or joint_values(
-                    field, settings, arm.robot, arm.order
+                joints = values.get(row.field) or joint_values(
+                    row, settings, engine.robot, engine.order
                 )
                 number = typed(parameter.name, parameter.value, 'float')
-                value = (*before[:place], number, *before[place + 1 :])
-            values[field.name] = value
+                values[row.field] = (*joints[:place], number, *joints[place + 1 :])
         return values
 
-
-class StrictParameterService(ParameterService):
-    """The parameter services; reject a value of unknown type, for which rclpy raises.
-
-    The reason for rejecting an integer shows how to write it as a floating-point number.
-    It overrides callbacks of rclpy (Jazzy) that have no public name.
-    """
-
-    def __init__(self, node: Node) -> None:
-        super().__init__(node)
-        self._own_node = node
-
-    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
-        refused = _untyped(request.parameters)
-        if refused is None:
-            response = super()._set_parameters_callback(request, response)
-            for message, result in zip(request.parameters, response.results, strict=True):
-                self._explain(result, [message])
-            return response
-        response.results = [refused] * len(request.parameters)
-        return response
-
-    def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
-        refused = _untyped(request.parameters)
-        if refused is None:
-            response = super()._set_parameters_atomically_callback(request, response)
-            self._explain(response.result, request.parameters)
-            return response
-        response.result = refused
-        return response
-
-    def _explain(self, result: SetParametersResult, messages: Sequence[Any]) -> None:
-        """Replace the reason if an integer is the cause, and a number would be accepted."""
-        if result.successful:
-            return
-        for message in messages:
-            if self._own_node.has_parameter(message.name):
-                descriptor = self._own_node.describe_parameter(message.name)
-                if descriptor.read_only:
-                    return
-                declared = Parameter.Type(descriptor.type)
-                result.reason = (
-                    _integer_trouble(Parameter.from_parameter_msg(message), declared)
-                    or result.reason
-                )
-
-
-def _integer_trouble(given: Parameter, declared: Parameter.Type) -> str:
-    """Return how to write integers of a floating-point parameter, or ''."""
-    kinds = given.type_, declared
-    if kinds == (Parameter.Type.INTEGER, Parameter.Type.DOUBLE):
-        written = f'{given.value}.0'
-    elif kinds == (Parameter.Type.INTEGER_ARRAY, Parameter.Type.DOUBLE_ARRAY):
-        written = f'[{", ".join(f"{value}.0" for value in given.value)}]'
-    else:
-        return ''
-    return one_line(f'{cut(given.name)} takes floating-point numbers: write {cut(written)}')
-
-
-def _declare(
-    node: Node, name: str, given: Any, kind: Parameter.Type, descriptor: ParameterDescriptor
-) -> None:
-    """Declare a parameter with a default value, or with its type alone."""
-    chosen = given_parameters(node).get(name)
-    trouble = '' if chosen is None else _integer_trouble(chosen, kind)
-    if trouble:
-        raise ValueError(trouble)
-    node.declare_parameter(name, given, descriptor)
-
-
-def _untyped(parameters: Sequence[Any]) -> SetParametersResult | None:
-    """Return the rejection of parameters with a value of unknown type, or None."""
-    types = {int(kind.value) for kind in Parameter.Type}
-    strange = [parameter.name for parameter in parameters if parameter.value.type not in types]
-    if not strange:
-        return None
-    reason = f'{listed(strange)} has a value of unknown type'
-    return SetParametersResult(successful=False, reason=one_line(reason))
+    return set_parameters

@@ -3,12 +3,14 @@
 """Start ROS, the node and its threads, and shut them down: stepping, then the file, then ROS.
 
 The signal handlers of rclpy shut the context down before anything can be closed. So `main.py` sets
-an event instead, and the main thread waits for it here.
+an event instead, and the main thread waits for it here. If one thread ends unexpectedly, all of
+them are stopped: an arm that receives nothing or does not step must not look like one that works.
 See docs/decisions/0003-executor-and-stepping-thread.md and 0009-faults-and-exit-status.md.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import gc
 import os
 import re
@@ -26,8 +28,8 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args, try_shutdown
 
-from pfd_ros.node.lifecycle import END_SECONDS, NAME, SimArmNode
-from pfd_ros.node.workers import Workers
+from pfd_ros.node.lifecycle import NAME, SimArmNode
+from pfd_ros.node.threads import END_SECONDS, Threads
 from pfd_ros.text import cut, listed, one_line
 
 REPORT_SECONDS = 1.0
@@ -98,8 +100,8 @@ def _limit_the_rest() -> None:
 def _run(args: list[str], stop: threading.Event, companion: Companion | None) -> int:
     _check_arguments(args)
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    workers = Workers(stop)
-    node = SimArmNode(workers, MISTAKES)
+    threads = Threads(stop)
+    node = SimArmNode(threads, MISTAKES, args)
     node.start()
     if companion is not None:
         companion.start(node.get_fully_qualified_name())
@@ -108,12 +110,12 @@ def _run(args: list[str], stop: threading.Event, companion: Companion | None) ->
     ended: Future = Future()
     executor: Any = EventsExecutor()
     executor.add_node(node)
-    spinning = workers.start('the executor', lambda: _spin(executor, ended, node))
-    workers.guard('reporting', lambda: _report(node, stop, companion))
+    spinning = threads.start('the executor', lambda: _spin(executor, ended, node.callback_failed))
+    threads.guard('reporting', lambda: _report(node, stop, companion))
     node.close()
     ended.set_result(None)
     executor.wake()
-    spun = workers.join(spinning, END_SECONDS)
+    spun = threads.join(spinning)
     problems = node.problems()
     for problem in problems:
         node.get_logger().error(problem)
@@ -149,7 +151,7 @@ def _report(node: SimArmNode, stop: threading.Event, companion: Companion | None
             node.get_logger().warning(f'{companion.ended()}; the arm continues')
 
 
-def _spin(executor: Any, ended: Future, node: SimArmNode) -> None:
+def _spin(executor: Any, ended: Future, failed: Callable[[Exception], None]) -> None:
     """Run callbacks until `ended` is done; count failed callbacks and continue."""
     failures = 0
     while not ended.done():
@@ -157,7 +159,7 @@ def _spin(executor: Any, ended: Future, node: SimArmNode) -> None:
             executor.spin_until_future_complete(ended, FOREVER_SECONDS)
             return
         except Exception as error:
-            node.callback_failed(error)
+            failed(error)
             failures += 1
             if failures >= MOST_FAILURES:
                 raise RuntimeError(f'{MOST_FAILURES} callbacks failed') from error

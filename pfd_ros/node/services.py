@@ -1,70 +1,51 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The services of the node: each is a request to the arm, answered by its validation result.
-
-~/pause    std_srvs/SetBool    pause or resume simulated time
-~/step     std_srvs/Trigger    while paused: as many steps as the parameter `step_count`
-~/reset    std_srvs/Trigger    initial state, braked; simulated time continues, noise restarts, and
-                               the failure of an arm whose state overflowed is cleared
-~/clear_external_wrench    std_srvs/Trigger    no external wrench from the next step on
-"""
+"""The services of the node: each is a request to the arm, answered by its verdict."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from concurrent.futures import TimeoutError as LateError
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Request, Source, Verdict
-from pfd_ros.arm.requests import encode_request
-from pfd_ros.messages.convert import NANOSECONDS
-from pfd_ros.node.receiving import Receiver
+from pfd_ros.arm.events import REQUESTS
+from pfd_ros.arm.other_inputs import encode_request
+from pfd_ros.node.inbox import Inbox
 from pfd_ros.text import one_line
 
+# The executor's thread waits for the arm, which takes inputs at least twenty times a second.
+ANSWER_SECONDS = 0.5
+NANOSECONDS = 1_000_000_000
 
-@dataclass(frozen=True)
-class Services:
-    """The callbacks of the services, on the executor's thread."""
+# Name, type, and the request of a service, from the settings and the message of a caller.
+SERVICES: tuple[tuple[str, Any, Callable[[Any, Any], dict[str, Any]]], ...] = (
+    ('~/pause', SetBool, lambda _, asked: {'name': 'pause' if asked.data else 'resume'}),
+    ('~/step', Trigger, lambda settings, _: {'name': 'step', 'count': settings.step_count}),
+    ('~/reset', Trigger, lambda *_: {'name': 'reset'}),
+    ('~/clear_external_wrench', Trigger, lambda *_: {'name': 'clear_wrench'}),
+)
 
-    receiver: Receiver
-    engine: Engine
 
-    def request(self, request: Request, response: Any) -> Any:
-        """Pass a request to the arm and wait for its result."""
-        validation = self.receiver.validation_of(Source.REQUEST, encode_request(request))
-        if validation is None:
-            response.success, response.message = True, f'{request.name}: queued for the next step'
+def create_services(node: Node, engine: Engine, inbox: Inbox) -> None:
+    """Create the services of a node."""
+
+    def answer(request_of: Callable[[Any, Any], dict[str, Any]], asked: Any, response: Any) -> Any:
+        request = request_of(engine.state.settings, asked)
+        try:
+            verdict = inbox.put(REQUESTS, encode_request(**request)).result(ANSWER_SECONDS)
+        except LateError:
+            response.success = True
+            response.message = f'{request["name"]}: queued for the next step'
             return response
-        response.success = validation.verdict is Verdict.ACCEPTED
-        seconds = self.engine.arm.stamp_ns / NANOSECONDS
-        result = validation.verdict.label
-        response.message = one_line(f'{result}: {validation.detail}; simulated time {seconds} s')
+        seconds = engine.stamp_ns / NANOSECONDS
+        text = f'{verdict.label}: {verdict.detail or request["name"]}; simulated time {seconds} s'
+        response.success, response.message = verdict.accepted, one_line(text)
         return response
 
-    def pause(self, asked: Any, response: Any) -> Any:
-        """Answer `~/pause`."""
-        return self.request(Request('pause' if asked.data else 'resume'), response)
-
-    def step(self, asked: Any, response: Any) -> Any:
-        """Answer `~/step`."""
-        return self.request(Request('step', self.engine.settings.step_count), response)
-
-    def reset(self, asked: Any, response: Any) -> Any:
-        """Answer `~/reset`."""
-        return self.request(Request('reset'), response)
-
-    def clear_wrench(self, asked: Any, response: Any) -> Any:
-        """Answer `~/clear_external_wrench`."""
-        return self.request(Request('clear_wrench'), response)
-
-
-def create_services(node: Node, receiver: Receiver, engine: Engine) -> None:
-    """Create the services of a node."""
-    services = Services(receiver, engine)
-    node.create_service(SetBool, '~/pause', services.pause)
-    node.create_service(Trigger, '~/step', services.step)
-    node.create_service(Trigger, '~/reset', services.reset)
-    node.create_service(Trigger, '~/clear_external_wrench', services.clear_wrench)
+    for name, kind, request_of in SERVICES:
+        node.create_service(kind, name, partial(answer, request_of))

@@ -1,192 +1,164 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The stepping thread: one cycle of the engine per period, its outputs recorded and published.
+"""The stepping thread: one cycle of the engine per period, recorded, then published.
 
-An arm that waits and has no period (in lockstep as fast as possible, or with a followed clock) is
-stepped by the executor's thread, in the callback of the message that ends the wait. To wake
-another thread would take longer than the step. A lock determines which thread steps; the stepping
-thread holds it except while it waits for an event.
+Short delays are made up for, so that the mean rate is exact. After a longer stall the periods that
+passed are skipped and counted. The thread uses the steady clock alone.
 
 See docs/decisions/0003-executor-and-stepping-thread.md.
 """
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-import threading
+from concurrent.futures import Future
 import time
+from typing import TYPE_CHECKING, Any
 
-from pfd_ros.arm.driver import Driver
+import numpy as np
+from numpy.typing import NDArray
+
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import NUMBERED_AS_STATES, Output
+from pfd_ros.arm.events import STATES, Message, Verdict
 from pfd_ros.arm.settings import Settings
-from pfd_ros.node.endpoints import NonblockingPublisher
-from pfd_ros.node.log_session import LogSession
-from pfd_ros.node.receiving import Receiver
-from pfd_ros.node.step_timer import StepLengths, StepTimer
+from pfd_ros.node.inbox import Inbox
 
-# At unlimited speed the arm waits for the disk from this backlog on.
-BACKLOG_LIMIT = 0.25
-DISK_POLL_SECONDS = 0.001
-# While the arm waits: period of checks for a stop, and, in lockstep, time until the state is sent
-# again, since a reader may miss a clock tick.
-LOOK_SECONDS = 0.05
+if TYPE_CHECKING:
+    from pfd_ros.recording.recorder import Recorder
+
+# Longest delay that is made up for, ns.
+CATCH_UP_NS = 50_000_000
+# Longest sleep, s: a slow or waiting arm still answers requests, and notices its end.
+LONGEST_SLEEP = 0.05
+# In lockstep, time until a state without an answer is sent again: a reader may miss a clock tick.
 RESEND_SECONDS = 0.2
-# Steps on the executor's thread for one message; a message may let the arm do many more.
-MOST_CYCLES_AT_ONCE = 100
+# At unlimited speed the arm waits for the disk from this share of the recorder's queue on.
+MOST_BACKLOG, DISK_SECONDS = 0.25, 0.001
+# Number of steps whose duration is kept.
+LENGTHS = 1 << 13
 
 
-@dataclass
 class Stepper:
-    """Runs an engine in real time, or as fast as possible.
+    """Steps an engine in real time, at a multiple of it, or as fast as possible.
 
-    An output whose role has no publisher is only recorded.
+    Parameters
+    ----------
+    engine, inbox
+        The arm and its inputs.
+    recorder
+        None without a recording.
+    publishers
+        By role; an output without a publisher is only recorded.
+    count
+        Called with role and verdict of each input that the engine has taken.
 
     Attributes
     ----------
     states
-        Number of the last state.
+        Number of published states.
+    late, missed
+        Number of steps more than a period late, and of periods that were skipped.
     resent
         How often a state was sent again, because no command answered it.
-    lengths
-        How long the newest cycles took.
     """
 
-    engine: Engine
-    receiver: Receiver
-    session: LogSession
-    publishers: Mapping[str, NonblockingPublisher]
-    timer: StepTimer = field(init=False)
-    _driver: Driver = field(init=False)
-    states: int = 0
-    resent: int = 0
-    lengths: StepLengths = field(default_factory=StepLengths)
-    _turn: threading.Lock = field(default_factory=threading.Lock)
-    _runs: bool = False
-    _error: Exception | None = None
-
-    def __post_init__(self) -> None:
-        """Set the period."""
-        self._settings = self.engine.settings
-        self.timer = StepTimer(_period_ns(self._settings))
-        self._driver = Driver(self.engine, self._put_out)
-        self._recorder = self.session.recorder
-        self.receiver.at_once = self.step_at_once
+    def __init__(
+        self,
+        engine: Engine,
+        inbox: Inbox,
+        recorder: Recorder | None,
+        publishers: Mapping[str, Any],
+        count: Callable[[str, Verdict], None],
+    ) -> None:
+        self.engine, self.recorder = engine, recorder
+        self.states = self.late = self.missed = self.resent = 0
+        self._inbox, self._publishers, self._count = inbox, publishers, count
+        self._settings: Settings | None = None
+        self._period = 0.0
+        self._due = 0.0
+        # Written by this thread, read by another, without a lock: faster than a NumPy array.
+        self._lengths = array('q', bytes(8 * LENGTHS))
 
     def run(self, stopped: Callable[[], bool]) -> None:
-        """Run cycles until `stopped` returns True."""
-        with self._turn:
-            self._runs = True
-            try:
-                self._run(stopped)
-            finally:
-                self._runs = False
-
-    def step_at_once(self) -> bool:
-        """Run the cycles that the events in the queue let a waiting arm do, on any thread.
-
-        Returns whether that is all: if not, the stepping thread has to go on.
-        """
-        if self.timer.period_ns or not self._turn.acquire(blocking=False):
-            return False
-        try:
-            return self._runs and self._error is None and self._step_while_it_may()
-        except Exception as error:
-            self._error = error
-            return False
-        finally:
-            self._turn.release()
-
-    def _step_while_it_may(self) -> bool:
-        if self.session.waiting_share > BACKLOG_LIMIT:
-            return False
-        self._take_events()
-        for _ in range(MOST_CYCLES_AT_ONCE):
-            if self.engine.waiting:
-                return True
-            self.run_cycle()
-        return self.engine.waiting
-
-    def _run(self, stopped: Callable[[], bool]) -> None:
-        self.timer.start()
+        """Step until `stopped` returns True."""
+        engine = self.engine
         while not stopped():
-            self._keep_to_settings()
-            if self.engine.waiting:
+            if engine.state.settings is not self._settings:
+                self._keep_to(engine.state.settings)
+            if engine.waiting:
                 self._wait(stopped)
-            elif self.timer.period_ns == 0 and self.session.backlog > BACKLOG_LIMIT:
-                time.sleep(DISK_POLL_SECONDS)
-            elif self.timer.wait():
-                self.run_cycle()
+            elif self._period:
+                self._step_when_due()
+            elif self.recorder is not None and self.recorder.waiting_share > MOST_BACKLOG:
+                time.sleep(DISK_SECONDS)
             else:
-                # A slow arm answers requests long before its next step.
-                self._take_events()
+                self._take(self._inbox.take(), run=True)
+                # Yields to other threads.
+                time.sleep(0)
 
-    def _keep_to_settings(self) -> None:
+    def _keep_to(self, settings: Settings) -> None:
         """Take over another real-time factor, which is pacing only."""
-        if self.engine.settings is not self._settings:
-            self._settings = self.engine.settings
-            self.timer.set_period(_period_ns(self._settings))
+        self._settings = settings
+        paced = not settings.follows_clock and settings.real_time_factor
+        period = settings.step_ns / settings.real_time_factor if paced else 0.0
+        if period != self._period:
+            self._period = period
+            self._due = time.monotonic_ns() + period
+
+    def _step_when_due(self) -> None:
+        behind = time.monotonic_ns() - self._due
+        if behind < -1e9 * LONGEST_SLEEP:
+            # Requests are answered long before the next step of a slow arm.
+            self._take(self._inbox.take(LONGEST_SLEEP), run=False)
+            return
+        if behind > self._period:
+            self.late += 1
+        if behind > max(CATCH_UP_NS, self._period):
+            skipped = int(behind / self._period)
+            self.missed += skipped
+            self._due += skipped * self._period
+        while behind < 0.0:
+            time.sleep(-behind / 1e9)
+            behind = time.monotonic_ns() - self._due
+        self._due += self._period
+        self._take(self._inbox.take(), run=True)
 
     def _wait(self, stopped: Callable[[], bool]) -> None:
-        """Take events until one lets the arm go on."""
-        shown, sent = self.states, time.monotonic()
-        while self.engine.waiting and not stopped():
-            self._wait_for_events()
-            self._take_events()
-            self._keep_to_settings()
-            if self.states != shown:
-                shown, sent = self.states, time.monotonic()
-            elif self.engine.state.pace.waits and time.monotonic() - sent > RESEND_SECONDS:
+        """Take inputs until one lets the arm go on; in lockstep, send its state again."""
+        engine, sent = self.engine, time.monotonic()
+        while engine.waiting and not stopped():
+            # Without a period, the answer is followed by its step at once.
+            self._take(self._inbox.take(LONGEST_SLEEP), run=not self._period)
+            if engine.state.waits and time.monotonic() - sent > RESEND_SECONDS:
                 sent = time.monotonic()
                 self.resent += 1
-                for role, _, data in self.engine.present():
-                    self._publish(role, data)
-        self.timer.rebase()
+                self._publish(engine.present())
+        # A step that had to wait is due at once.
+        self._due = max(self._due, time.monotonic_ns())
 
-    def _wait_for_events(self) -> None:
-        self._turn.release()
-        try:
-            self.receiver.queue.wait(LOOK_SECONDS)
-        finally:
-            self._turn.acquire()
-        if self._error is not None:
-            raise self._error
+    def _take(self, taken: Sequence[tuple[Message, Future[Verdict]]], *, run: bool) -> None:
+        """Pass inputs to the engine; record its messages before anybody can answer them."""
+        engine = self.engine
+        before, begun = engine.state.cycle, time.perf_counter_ns()
+        messages, verdicts = engine.step([message for message, _ in taken], run)
+        if messages and self.recorder is not None:
+            self.recorder.put(messages, engine.stamp_ns)
+        for (message, future), verdict in zip(taken, verdicts, strict=True):
+            self._count(message.role, verdict)
+            future.set_result(verdict)
+        self._publish(messages)
+        if engine.state.cycle != before:
+            self._lengths[engine.state.cycle % LENGTHS] = time.perf_counter_ns() - begun
 
-    def run_cycle(self) -> None:
-        """Run one cycle; every output is recorded first, so that no answer precedes it."""
-        begun = time.perf_counter_ns()
-        self._take_events()
-        if not self.engine.waiting:
-            self._driver.step()
-            self.lengths.add(self.engine.cycles, time.perf_counter_ns() - begun)
-            if self._recorder is not None:
-                self._recorder.between_steps()
+    def _publish(self, messages: Sequence[Message]) -> None:
+        for role, data, _ in messages:
+            if role in self._publishers:
+                self._publishers[role].publish(data)
+                self.states += role == STATES
 
-    def _take_events(self) -> None:
-        events = self.receiver.queue.take()
-        if not events:
-            return
-        validations = self._driver.take(events)
-        for source, validation, count in validations:
-            self.receiver.counts.add(source, validation, count)
-        self.receiver.answer(events, [validation for _, validation, _ in validations])
-
-    def _put_out(self, outputs: Sequence[Output]) -> None:
-        if self._recorder is not None:
-            self._recorder.record_all(outputs, self.engine.arm.stamp_ns)
-        for role, number, data in outputs:
-            if role in NUMBERED_AS_STATES:
-                self.states = number
-            self._publish(role, data)
-
-    def _publish(self, role: str, data: bytes) -> None:
-        if role in self.publishers:
-            self.publishers[role].publish(data)
-
-
-def _period_ns(settings: Settings) -> float:
-    """Return the wall time of a step, ns; 0 where the arm steps as fast as it may."""
-    if settings.follows_clock or settings.real_time_factor == 0.0:
-        return 0.0
-    return settings.step_ns / settings.real_time_factor
+    def lengths(self, after: int, last: int) -> NDArray[Any]:
+        """Return the durations of cycles `after` + 1 to `last`, ns, the newest LENGTHS at most."""
+        first = max(after + 1, last + 1 - LENGTHS)
+        lengths: NDArray[Any] = np.frombuffer(self._lengths, np.int64)
+        return lengths[np.arange(first, last + 1) % LENGTHS]

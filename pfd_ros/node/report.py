@@ -1,0 +1,213 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Counts of what other threads see, and the log lines about them, once a second.
+
+One table: key -> how often, the newest detail, how much of it has been logged. While a problem
+lasts its line is repeated at growing intervals, with complete counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+from pfd_ros.arm.advice import speeding
+from pfd_ros.arm.events import (
+    ACCEPTED,
+    ALL_NAN,
+    ARRAY,
+    CLOCK_TICKS,
+    INPUTS,
+    LOCKED_JOINTS,
+    NAMED,
+    Verdict,
+)
+from pfd_ros.arm.link import timeout_text
+from pfd_ros.node.endpoints import type_name
+from pfd_ros.node.services import NANOSECONDS
+from pfd_ros.node.stepping import RESEND_SECONDS
+from pfd_ros.text import cut, listed, one_line
+
+if TYPE_CHECKING:
+    from pfd_ros.node.sim_arm import SimArm
+
+# Time between two lines of one key, s: doubled with every line, reset after a quiet interval.
+SHORTEST, LONGEST = 1.0, 60.0
+# Most keys that are logged once; nodes of other people are among them.
+MOST_FINDINGS = 64
+# A followed clock may be slow, and discovery takes up to three seconds.
+LOST_CLOCK_SECONDS = 5
+# No command, no error: a driver sends NaN until a controller has claimed the joint.
+QUIET = frozenset({ACCEPTED.label, ALL_NAN.label})
+# What a controller must never send.
+ERRORS = frozenset({'infinite', 'not_finite'})
+# End of the labels of remarks about accepted inputs.
+REMARK = '_of_accepted'
+
+
+@dataclass
+class _Entry:
+    count: int = 0
+    detail: str = ''
+    logged: int = 0
+    interval: float = SHORTEST
+    due: float = 0.0
+
+
+class Report:
+    """The table of counts; any thread adds, one thread logs.
+
+    Attributes
+    ----------
+    newest
+        Role -> steady time of the newest accepted input, s.
+    """
+
+    def __init__(self, logger: Any) -> None:
+        self.newest: dict[str, float] = {}
+        self._logger = logger
+        self._lock = threading.Lock()
+        self._table: dict[Hashable, _Entry] = {}
+        self._findings = 0
+
+    def add(self, key: Hashable, detail: str = '') -> None:
+        """Count an event. The set of keys must be bounded."""
+        with self._lock:
+            entry = self._table.setdefault(key, _Entry())
+            entry.count, entry.detail = entry.count + 1, detail
+
+    def count(self, role: str, verdict: Verdict) -> None:
+        """Count the verdict about an input, and its remarks."""
+        self.add((role, verdict.label), verdict.detail)
+        for remark in verdict.remarks:
+            self.add((role, f'{remark.label}{REMARK}'), remark.detail)
+        if verdict.accepted:
+            self.newest[role] = time.monotonic()
+
+    def inputs(self) -> dict[tuple[str, str], tuple[int, str]]:
+        """Return the counts of inputs, by role and label."""
+        return {key: value for key, value in self.counts().items() if key[0] in INPUTS}
+
+    def counts(self) -> dict[Any, tuple[int, str]]:
+        """Return the count and the newest detail of each key."""
+        with self._lock:
+            return {key: (entry.count, entry.detail) for key, entry in self._table.items()}
+
+    def grown(self, key: Hashable, count: int, *, last: bool = False) -> int:
+        """Return the increase of a count since its last line; 0 if no line is due."""
+        with self._lock:
+            entry = self._table.setdefault(key, _Entry())
+        entry.count = max(count, entry.count)
+        new, now = count - entry.logged, time.monotonic()
+        if new <= 0 or (now < entry.due and not last):
+            return 0
+        quiet = now - entry.due > entry.interval
+        entry.interval = SHORTEST if quiet else min(2 * entry.interval, LONGEST)
+        entry.due, entry.logged = now + entry.interval, count
+        return new
+
+    def line(
+        self, key: Hashable, count: int, text: str, *, error: bool = False, last: bool = False
+    ) -> None:
+        """Log the increase of a count, followed by a text."""
+        new = self.grown(key, count, last=last)
+        if new:
+            self.log(f'{new} {text}', error=error)
+
+    def event(
+        self, key: Hashable, count: int, text: str, *, error: bool = False, last: bool = False
+    ) -> None:
+        """Log a text when a count has grown, with the increase behind it if it exceeds 1."""
+        new = self.grown(key, count, last=last)
+        if new:
+            self.log(text if new == 1 else f'{text} ({new} times)', error=error)
+
+    def once(self, key: Hashable, text: str) -> None:
+        """Log a finding once."""
+        if self._findings <= MOST_FINDINGS and self.grown(('once', key), 1):
+            self._findings += 1
+            self.log(text)
+            if self._findings > MOST_FINDINGS:
+                self.log('further warnings of this kind are not logged')
+
+    def log(self, text: str, *, error: bool = False) -> None:
+        """Log one line."""
+        # Two statements, since rclpy requires one severity per line of code.
+        if error:
+            self._logger.error(one_line(text))
+        else:
+            self._logger.warning(one_line(text))
+
+
+def introduce(arm: SimArm, log: Callable[[str], object]) -> None:
+    """Log the topics of an arm by their resolved names, and the robot."""
+    engine, endpoints = arm.engine, arm.endpoints
+    named, plain = (endpoints.subscriptions[role] for role in (NAMED, ARRAY))
+    order = ', '.join(cut(name) for name in engine.names)
+    kinds = 'effort, position, velocity' if engine.actuators.servo else 'effort'
+    published = ' and '.join(
+        f'{end.topic_name} ({type_name(end)})' for end in endpoints.publishers.values()
+    )
+    log(
+        f'subscribed to {named.topic_name} ({type_name(named)}: name and {kinds}) and '
+        f'{plain.topic_name} ({type_name(plain)}: efforts in the order {order})'
+    )
+    log(f'publishing {published}')
+    log(
+        f'{cut(engine.state.settings.robot)}: each of the {len(engine.names)} joints is braked '
+        'until its first command; simulated time starts at '
+        f'{engine.stamp_ns / NANOSECONDS:g} s'
+    )
+
+
+def report_arm(report: Report, arm: SimArm, *, last: bool = False) -> None:
+    """Log what is new about an arm since the last call."""
+    engine, state = arm.engine, arm.engine.state
+    _report_inputs(report, arm, last)
+    text = (
+        'periods missed (busy machine): lower real_time_factor or publish_rate, or raise step_size'
+    )
+    report.line('missed', arm.stepper.missed, text, last=last)
+    report.event('timeouts', state.timeouts, timeout_text(state.settings), last=last)
+    text = f'protective stop, all joints braked: {state.tripped}; call ~/reset to end it'
+    report.event('reflex', state.trips, text, error=True, last=last)
+    reason = f': {state.failure}' if state.failure else ''
+    text = f'simulation stopped{reason}; call ~/reset to restart'
+    report.event('failure', state.failures, text, error=True, last=last)
+    waited = int(arm.stepper.resent * RESEND_SECONDS)
+    text = (
+        f's of waiting for commands in lockstep, now for the state at t = '
+        f'{engine.stamp_ns / NANOSECONDS:.9g} s; check that the controller answers each state '
+        'and uses this /clock'
+    )
+    report.line('lockstep', waited, text, last=last)
+    since = max(arm.started, report.newest.get(CLOCK_TICKS, 0.0))
+    silent = int(time.monotonic() - since) if state.settings.follows_clock else 0
+    if silent >= LOST_CLOCK_SECONDS and not last:
+        # Each look is counted, so the line is repeated at growing intervals.
+        report.add('lost clock')
+        topic = arm.endpoints.topic(CLOCK_TICKS)
+        text = f'no {topic} for {silent} s: simulation paused until it is received again'
+        if report.grown('lost clock', report.counts()['lost clock'][0]):
+            report.log(text)
+    speed = speeding(engine)
+    if speed is not None:
+        report.once(('speed', speed.runaway), speed.text)
+
+
+def _report_inputs(report: Report, arm: SimArm, last: bool) -> None:
+    for (role, label), (count, detail) in report.inputs().items():
+        topic, key = arm.endpoints.topic(role), (role, label)
+        if label == f'unknown_names{REMARK}':
+            text = f'messages on {topic} with unknown joints, which are ignored: {detail}'
+            report.line(key, count, f'{text}; known joints: {listed(arm.engine.names)}', last=last)
+        elif label == f'{LOCKED_JOINTS}{REMARK}':
+            report.once(key, f'commands for locked joints have no effect: {detail}')
+        elif label == f'future{REMARK}':
+            report.once(key, f'commands on {topic} have stamps of another clock: {detail}')
+        elif label not in QUIET and not label.endswith(REMARK):
+            text = f'messages on {topic} rejected: {label} ({detail})'
+            report.line(key, count, text, error=label in ERRORS, last=last)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from concurrent.futures import TimeoutError as LateError
 from contextlib import suppress
 
 from pfd_ros.arm.engine import Engine
@@ -46,16 +47,15 @@ class Changes:
         self._last = self._waiting.put(role, data)
         return self._last
 
-    @property
-    def idle(self) -> bool:
-        """Whether the arm has taken all changes so far."""
-        return self._last is None or self._last.done()
+    def settle(self, seconds: float) -> None:
+        """Wait for the verdict about the newest change, some seconds at most."""
+        if self._last is not None:
+            with suppress(LateError):
+                self._last.result(seconds)
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Prepare changes until `stopped` returns True."""
         while not stopped():
             for (role, data, _), verdict in self._waiting.take(LOOK_SECONDS):
-                # The engine finds the same error, and reports it.
-                with suppress(Exception):
-                    self._engine.prepare(role, data)
+                self._engine.prepare(role, data)
                 self._inbox.put(role, data, verdict)

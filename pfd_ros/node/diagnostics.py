@@ -30,13 +30,13 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
 import pfd_core as pfd
-from pfd_ros.arm.advice import gain_limits, speeding
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import COMMANDS, DIAGNOSTICS, ROLES
+from pfd_ros.arm.events import ACCEPTED, COMMANDS, DIAGNOSTICS, ROLES
 from pfd_ros.arm.plant import acceleration_kernel
+from pfd_ros.node.advice import gain_limits, speeding
 from pfd_ros.node.endpoints import OVERRIDABLE
 from pfd_ros.node.graph import GraphCheck
-from pfd_ros.node.report import QUIET, Report
+from pfd_ros.node.report import Report, is_rejection
 from pfd_ros.node.services import NANOSECONDS
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.text import one_line
@@ -116,8 +116,10 @@ class ArmDiagnostics:
             cycles=engine.state.cycle,
             late=stepper.late,
             missed=stepper.missed,
-            accepted=sum(n for (r, l), (n, _) in inputs.items() if r in COMMANDS and l == 'accepted'),
-            rejected=sum(n for (_, label), (n, _) in inputs.items() if label not in QUIET),
+            accepted=sum(
+                n for (r, l), (n, _) in inputs.items() if r in COMMANDS and l == 'accepted'
+            ),
+            rejected=sum(n for (_, label), (n, _) in inputs.items() if is_rejection(label)),
             fast=engine.state.fast_steps,
         )
 
@@ -126,7 +128,9 @@ class ArmDiagnostics:
         last, now = self._last, self._seen()
         self._last = now
         tasks = (self._stepping, self._commands, self._simulation)
-        return [*(task(last, now) for task in tasks), _recording(self._stepper.recorder)]
+        path = self._engine.state.settings.recording
+        recording = _recording(self._stepper.recorder, path)
+        return [*(task(last, now) for task in tasks), recording]
 
     def _stepping(self, last: _Seen, now: _Seen) -> Task:
         engine, state = self._engine, self._engine.state
@@ -156,15 +160,18 @@ class ArmDiagnostics:
 
     def _commands(self, last: _Seen, now: _Seen) -> Task:
         state, mismatched = self._engine.state, self._graph.mismatched
-        newest = max((self._report.newest.get(role, 0.0) for role in COMMANDS))
+        newest = max(self._report.newest.get(role, 0.0) for role in COMMANDS)
         values: list[tuple[str, object]] = [
-            ('accepted_per_s', f'{(now.accepted - last.accepted) / (now.seconds - last.seconds):.1f}'),
+            (
+                'accepted_per_s',
+                f'{(now.accepted - last.accepted) / (now.seconds - last.seconds):.1f}',
+            ),
             ('accepted', now.accepted),
             ('age_of_newest_s', f'{now.seconds - newest:.3f}' if newest else 'none'),
             ('endpoints_with_qos_or_type_mismatch', mismatched),
         ]
         for (role, label), (count, _) in sorted(self._report.inputs().items()):
-            if label != 'accepted':
+            if label != ACCEPTED.label:
                 values.append((f'{role}.{label}', count))
         for role, nodes in self._graph.publishers.items():
             if nodes:
@@ -223,12 +230,12 @@ class ArmDiagnostics:
         return Task('simulation', level, message, values)
 
 
-def _recording(recorder: Recorder | None) -> Task:
+def _recording(recorder: Recorder | None, path: str) -> Task:
     if recorder is None:
         return Task('recording', OK, 'not requested', [('open', False)])
     values: list[tuple[str, object]] = [
         ('open', not recorder.error),
-        ('file', str(recorder.path)),
+        ('file', path),
         ('waiting_share', f'{recorder.waiting_share:.4f}'),
         ('recorded', sum(recorder.recorded.values())),
     ]

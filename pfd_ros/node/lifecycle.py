@@ -216,7 +216,9 @@ class SimArmNode(LifecycleNode):
         ended = arm.stop()
         self._reached_ns = max(self._reached_ns, arm.engine.stamp_ns)
         self._threads.guard('closing the recording', arm.close_recording, lambda: True)
-        self._threads.guard('reporting', partial(report_arm, self._report, arm, last=True), lambda: True)
+        self._threads.guard(
+            'reporting', partial(report_arm, self._report, arm, last=True), lambda: True
+        )
         self._problems += arm.problems()
         self.get_logger().info(one_line(arm.summary()))
         if not ended:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import TimeoutError as LateError
 from contextlib import suppress
 from dataclasses import replace
+import itertools
 import json
 from pathlib import Path
 import re
@@ -32,9 +33,16 @@ import yaml
 import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import PARAMETERS
-from pfd_ros.arm.plant import joint_order
+from pfd_ros.arm.other_inputs import changed
 from pfd_ros.arm.setting_fields import Row, typed
-from pfd_ros.arm.settings import FIELDS, REMOVED, Settings, from_values, joint_values
+from pfd_ros.arm.settings import (
+    FIELDS,
+    PER_JOINT,
+    REMOVED,
+    Settings,
+    joint_order,
+    joint_values,
+)
 from pfd_ros.messages.text_and_arrays import encode_string
 from pfd_ros.node.changing import Changes
 from pfd_ros.node.services import ANSWER_SECONDS
@@ -51,7 +59,6 @@ _KINDS = {
     'tuple[float, ...]': Parameter.Type.DOUBLE_ARRAY,
 }
 _SINGLE = tuple(row for row in FIELDS if not row.per_joint)
-_PER_JOINT = tuple(row for row in FIELDS if row.per_joint)
 
 
 def _descriptor(row: Row, *, fixed: bool) -> ParameterDescriptor:
@@ -104,7 +111,7 @@ def read(node: Node) -> Settings:
     for row in _SINGLE:
         with suppress(ParameterUninitializedException):
             values[row.field] = _plain(node.get_parameter(row.name).value)
-    return from_values(values)
+    return Settings.from_values(values)
 
 
 def declare_joints(node: Node, settings: Settings, robot: pfd.Robot) -> Settings:
@@ -120,7 +127,7 @@ def declare_joints(node: Node, settings: Settings, robot: pfd.Robot) -> Settings
     """
     fixed = bool(node.get_parameter('autostart').value)
     order = joint_order(settings.joints, robot)
-    for row in _PER_JOINT:
+    for row in PER_JOINT:
         _undeclare_group(node, row.name)
         defaults = joint_values(row, settings, robot, order)
         names = [f'{row.name}.{robot.joint_names[k]}' for k in order]
@@ -165,7 +172,7 @@ def refuse_unknown(node: Node) -> str:
     unknown = sorted(name for name in given_parameters(node) if not node.has_parameter(name))
     for name in unknown:
         if name in REMOVED:
-            raise ValueError(f'parameter {name!r}: {REMOVED[name]}')
+            raise ValueError(f'there is no parameter {name!r} any more: {REMOVED[name]}')
     known = sorted(node.get_parameters_by_prefix(''))
     meant = {name: similar(name, known) for name in unknown[:NAME_COUNT]}
     misspelt = [name for name in meant if meant[name]]
@@ -177,7 +184,7 @@ def refuse_unknown(node: Node) -> str:
 
 def unused_files(args: Sequence[str], full_name: str) -> Iterator[str]:
     """Yield a line for each parameter file on a command line without a section for a node."""
-    for option, path in zip(args, args[1:], strict=False):
+    for option, path in itertools.pairwise(args):
         if option != '--params-file':
             continue
         with suppress(OSError, UnicodeDecodeError, yaml.YAMLError):
@@ -212,28 +219,24 @@ def setter(
     It returns success or the reason, and accepts parameters of rclpy, such as use_sim_time.
     """
     places = {row.name: (row, -1) for row in _SINGLE}
-    for row in _PER_JOINT:
+    for row in PER_JOINT:
         places |= {f'{row.name}.{joint}': (row, k) for k, joint in enumerate(engine.names)}
-    # Settings after the changes that are on their way.
-    latest = engine.state.settings
 
     def set_parameters(parameters: Sequence[Parameter]) -> SetParametersResult:
         given = [(one, *places[one.name]) for one in parameters if one.name in places]
         try:
-            reason = _passed_on(given) if given else ''
+            reason = passed_on(given) if given else ''
         except ValueError as error:
             reason = one_line(error)
         return SetParametersResult(successful=not reason, reason=reason)
 
-    def _passed_on(given: Sequence[tuple[Parameter, Row, int]]) -> str:
+    def passed_on(given: Sequence[tuple[Parameter, Row, int]]) -> str:
         """Pass values on, and return why the arm refuses them, '' if it does not."""
-        nonlocal latest
-        idle = changes.idle
-        values = _values(given, engine.state.settings if idle else latest)
-        settings = with_changes(engine.state.settings if idle else latest, values, engine.order)
-        latest = settings
+        changes.settle(ANSWER_SECONDS)
+        values = values_of(given)
+        settings = changed(engine, values)
         verdict = changes.put(PARAMETERS, encode_string(json.dumps(values)))
-        if not (idle and engine.plants.ready(settings)):
+        if not engine.plants.ready(settings):
             # The executor does not wait for the compiler; a late refusal is logged.
             return ''
         try:
@@ -243,20 +246,17 @@ def setter(
             return ''
         return '' if found.accepted else f'{found.label}: {found.detail}'
 
-    def _values(
-        given: Sequence[tuple[Parameter, Row, int]], settings: Settings
-    ) -> dict[str, Any]:
+    def values_of(given: Sequence[tuple[Parameter, Row, int]]) -> dict[str, Any]:
         """Return the new values by field."""
-        values: dict[str, Any] = {}
+        settings, values = engine.state.settings, dict[str, Any]()
         for parameter, row, place in given:
             if not row.dynamic:
                 raise ValueError(f'{listed([parameter.name])} cannot change until cleanup')
             if place < 0:
                 values[row.field] = typed(row.name, _plain(parameter.value), row.type)
             else:
-                joints = values.get(row.field) or joint_values(
-                    row, settings, engine.robot, engine.order
-                )
+                before = joint_values(row, settings, engine.robot, engine.order)
+                joints = values.get(row.field, before)
                 number = typed(parameter.name, parameter.value, 'float')
                 values[row.field] = (*joints[:place], number, *joints[place + 1 :])
         return values

@@ -14,7 +14,6 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
-from pfd_ros.arm.advice import speeding
 from pfd_ros.arm.events import (
     ACCEPTED,
     ALL_NAN,
@@ -26,6 +25,7 @@ from pfd_ros.arm.events import (
     Verdict,
 )
 from pfd_ros.arm.link import timeout_text
+from pfd_ros.node.advice import speeding
 from pfd_ros.node.endpoints import type_name
 from pfd_ros.node.services import NANOSECONDS
 from pfd_ros.node.stepping import RESEND_SECONDS
@@ -46,6 +46,11 @@ QUIET = frozenset({ACCEPTED.label, ALL_NAN.label})
 ERRORS = frozenset({'infinite', 'not_finite'})
 # End of the labels of remarks about accepted inputs.
 REMARK = '_of_accepted'
+
+
+def is_rejection(label: str) -> bool:
+    """Return whether inputs with a label are reported as rejected."""
+    return label not in QUIET and not label.endswith(REMARK)
 
 
 @dataclass
@@ -208,6 +213,6 @@ def _report_inputs(report: Report, arm: SimArm, last: bool) -> None:
             report.once(key, f'commands for locked joints have no effect: {detail}')
         elif label == f'future{REMARK}':
             report.once(key, f'commands on {topic} have stamps of another clock: {detail}')
-        elif label not in QUIET and not label.endswith(REMARK):
+        elif is_rejection(label):
             text = f'messages on {topic} rejected: {label} ({detail})'
             report.line(key, count, text, error=label in ERRORS, last=last)

@@ -19,11 +19,12 @@ from rclpy.node import Node
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
+    ACCEPTED,
     ASIDES,
     CLOCK,
     CLOCK_TICKS,
-    DESCRIPTION,
     INPUTS,
+    PARAMETERS,
     PAYLOAD,
     PAYLOAD_IN_USE,
     REJECTED,
@@ -31,20 +32,22 @@ from pfd_ros.arm.events import (
     ROLES,
     STATES,
     TF,
-    TF_STATIC,
     Message,
 )
 from pfd_ros.arm.other_inputs import encode_request
+from pfd_ros.arm.plant import with_scene_text
+from pfd_ros.arm.plant_settings import ESTIMATED
 from pfd_ros.arm.settings import Settings
 from pfd_ros.node import parameters
+from pfd_ros.node.advice import estimate_text
 from pfd_ros.node.changing import Changes
-from pfd_ros.node.description import load_model, publish_description
+from pfd_ros.node.description import load_model, publish_description, topics_of
 from pfd_ros.node.diagnostics import ArmDiagnostics, MassKernels
 from pfd_ros.node.endpoints import create_endpoints
 from pfd_ros.node.graph import GraphCheck
 from pfd_ros.node.inbox import Inbox
-from pfd_ros.node.report import Report
-from pfd_ros.node.services import create_services
+from pfd_ros.node.report import Report, is_rejection
+from pfd_ros.node.services import NANOSECONDS, create_services
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.node.threads import Threads
 from pfd_ros.text import cut
@@ -107,53 +110,57 @@ class SimArm:
                 self.destroy_endpoints()
 
     def _build(self, settings: Settings) -> None:
-        node, report = self._node, self._report
+        node, report, log = self._node, self._report, self._node.get_logger()
         model = load_model(node, settings, self._threads.stop.is_set)
         settings = parameters.declare_joints(node, model.settings, model.robot)
-        followed = {CLOCK_TICKS} if settings.follows_clock else set()
-        received = {role for role in INPUTS if not ROLES[role].service} - {CLOCK_TICKS} | followed
-        published = {REJECTED, PAYLOAD_IN_USE, STATES, *settings.outputs}
-        if settings.publish_clock:
-            published.add(CLOCK)
-        recorded = {*INPUTS, *ASIDES, TF} if settings.recording else set()
-        with compile_report(node.get_logger().info, model.robot.name):
-            self.engine = Engine(settings, model.robot, published | recorded, model.text)
+        settings = with_scene_text(settings)
+        with compile_report(log.info, model.robot.name):
+            frames = model.recorded_frames(settings, log.warning)
+            self.engine = Engine(settings, model.robot, roles_of(settings), frames)
             kernels = MassKernels(self.engine)
-        self.inbox = Inbox(report.count)
-        changes = Changes(self.engine, self.inbox, report.count)
+        inbox = self.inbox = Inbox(report.count)
+        changes = self._changes = Changes(self.engine, inbox, report.count)
 
         def receive(role: str, data: bytes) -> None:
-            (changes if role == PAYLOAD else self.inbox).put(role, data)
+            if role == PAYLOAD:
+                changes.put(role, data)
+            else:
+                inbox.put(role, data)
 
-        self.endpoints = create_endpoints(node, received | published, model.topics, receive)
-        create_services(node, self.engine, self.inbox)
+        topics = topics_of(node, settings, model)
+        self.endpoints = create_endpoints(node, topic_roles(settings), topics, receive)
+        create_services(node, self.engine, inbox)
         if settings.publish_description:
             publish_description(node, model.text)
-        parameters.refuse_unknown(node)
+        if settings.armature == ESTIMATED:
+            log.info(estimate_text(model.robot))
+        ignored = parameters.refuse_unknown(node)
+        if ignored:
+            report.log(ignored)
         # Last, so that a rejected parameter leaves no file.
-        self._recorder = self._opened(settings)
+        self._recorder = self._opened()
         self.stepper = Stepper(
-            self.engine, self.inbox, self._recorder, self.endpoints.publishers, report.count
+            self.engine, inbox, self._recorder, self.endpoints.publishers, report.count
         )
         self.graph = GraphCheck(node, self.endpoints, report)
         self.diagnostics = ArmDiagnostics(self.stepper, self.graph, report, kernels)
-        self._changes = changes
         self._set_parameters = parameters.setter(self.engine, changes)
         node.add_on_set_parameters_callback(self._set_parameters)
 
-    def _opened(self, settings: Settings) -> Recorder | None:
+    def _opened(self) -> Recorder | None:
         """Return the recording, with a topic for each role of the run."""
-        if not settings.recording:
+        path = self.engine.state.settings.recording
+        if not path:
             return None
         # Imported here: a node without a recording starts faster.
         from pfd_ros.recording.recorder import Recorder
 
-        ends = {**self.endpoints.subscriptions, **self.endpoints.publishers}
-        topics = {role: end.topic_name for role, end in ends.items()}
-        for role in self.engine.roles - ends.keys() - {CLOCK_TICKS, *(OPTIONAL)}:
-            topics[role] = self._node.resolve_topic_name(ROLES[role].topic)
-        log = self._node.get_logger().error
-        return Recorder(settings.recording, self.engine, topics, log)
+        topics = {
+            role: self._node.resolve_topic_name(ROLES[role].topic) for role in self.engine.roles
+        }
+        for ends in self.endpoints:
+            topics |= {role: end.topic_name for role, end in ends.items()}
+        return Recorder(path, self.engine, topics, self._node.get_logger().error)
 
     def start(self) -> None:
         """Start the threads that step, and that prepare changes."""
@@ -211,17 +218,14 @@ class SimArm:
 
     def totals(self) -> dict[str, Any]:
         """Return the totals of the run, for the log and the end of the recording."""
-        state, stepper = self.engine.state, self.stepper
-        counts = self._report.counts()
-        inputs = {key: count for key, (count, _) in counts.items() if key[0] in INPUTS}
-        accepted = sum(count for (_, label), count in inputs.items() if label == ACCEPTED.label)
-        rejected = sum(count for (_, label), count in inputs.items() if label not in UNCOUNTED)
+        state, stepper, inputs = self.engine.state, self.stepper, self._report.inputs()
         return {
             'cycles': state.cycle,
             'steps': state.step,
+            'simulated_seconds': state.step * state.settings.step_ns / NANOSECONDS,
             'states': stepper.states,
-            'accepted': accepted,
-            'rejected': rejected,
+            'accepted': sum(n for (_, label), (n, _) in inputs.items() if label == ACCEPTED.label),
+            'rejected': sum(n for (_, label), (n, _) in inputs.items() if is_rejection(label)),
             'late_steps': stepper.late,
             'missed_periods': stepper.missed,
             'failure': state.failure,
@@ -229,6 +233,17 @@ class SimArm:
             'trips': state.trips,
             'timeouts': state.timeouts,
         }
+
+    def summary(self) -> str:
+        """Return the totals of the run as a sentence."""
+        found = self.totals()
+        failure = f'; failure: {found["failure"]}' if found['failure'] else ''
+        return (
+            f'stopped after {found["simulated_seconds"]:.9g} s of simulated time: '
+            f'{found["states"]} states published, {found["accepted"]} messages accepted, '
+            f'{found["rejected"]} rejected, {found["late_steps"]} of {found["steps"]} steps late, '
+            f'{found["missed_periods"]} periods missed{failure}'
+        )
 
     def destroy_endpoints(self) -> None:
         """Remove its topics, services and callback from the node."""
@@ -241,6 +256,22 @@ class SimArm:
         }
         for kind, entity in self._entities:
             destroy[kind](entity)
+
+
+def topic_roles(settings: Settings) -> set[str]:
+    """Return the roles that have a topic of the node."""
+    roles = {role for role in INPUTS if not ROLES[role].service}
+    roles |= {REJECTED, PAYLOAD_IN_USE, STATES, *settings.outputs}
+    if settings.publish_clock:
+        roles.add(CLOCK)
+    return roles if settings.follows_clock else roles - {CLOCK_TICKS}
+
+
+def roles_of(settings: Settings) -> set[str]:
+    """Return the roles that anybody needs: of topics, and of a recording."""
+    topics = topic_roles(settings)
+    recorded = {REQUESTS, PARAMETERS, TF, *ASIDES} if settings.recording else set()
+    return topics | recorded
 
 
 def _entities(node: Node) -> Iterator[tuple[str, Any]]:

@@ -26,7 +26,7 @@ Around it:
     dds_check      one message from a process to another, for `pfd doctor`
 
 Threads: main (reporting), signals, the executor (started by process), stepping and changing
-(started with each arm), recording (recording.recorder), and the middleware's. The engine is used by
+(started with each arm), recording (recording.recorder), and the middleware's. The engine belongs to
 the stepping thread; others only read its state, and prepare what it will need. A new input or
 output is a row of arm.events, and a new parameter a field of arm.settings.
 """

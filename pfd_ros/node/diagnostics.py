@@ -116,9 +116,7 @@ class ArmDiagnostics:
             cycles=engine.state.cycle,
             late=stepper.late,
             missed=stepper.missed,
-            accepted=sum(
-                n for (r, l), (n, _) in inputs.items() if r in COMMANDS and l == 'accepted'
-            ),
+            accepted=sum(inputs.get((role, ACCEPTED.label), (0, ''))[0] for role in COMMANDS),
             rejected=sum(n for (_, label), (n, _) in inputs.items() if is_rejection(label)),
             fast=engine.state.fast_steps,
         )

@@ -21,7 +21,6 @@ from dataclasses import replace
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +67,8 @@ class MassKernels:
     def __init__(self, engine: Engine) -> None:
         self.scene, robot = engine.plant.scene, engine.robot
         alone = replace(self.scene, external_wrench=False, gravity_compensation=False)
+        self.inertia: Any
+        self.energy: Any
         self.inertia, self.energy = (
             pfd.compile_kernel(robot, scene=alone, quantity=quantity)
             for quantity in ('inertia_matrix', 'energy')
@@ -75,7 +76,8 @@ class MassKernels:
         method = engine.state.settings.method
         self._accelerations = acceleration_kernel(robot, self.scene, method)
         # Compiled before the stepping thread starts.
-        self.error_estimate(*np.zeros((3, robot.n)), engine.plant.inputs)
+        zero = np.zeros(robot.n)
+        self.error_estimate(zero, zero, zero, engine.plant.inputs)
 
     def error_estimate(
         self, q: NDArray[Any], qd: NDArray[Any], tau: NDArray[Any], payload: Mapping[str, Any]
@@ -118,7 +120,7 @@ class ArmDiagnostics:
             missed=stepper.missed,
             accepted=sum(inputs.get((role, ACCEPTED.label), (0, ''))[0] for role in COMMANDS),
             rejected=sum(n for (_, label), (n, _) in inputs.items() if is_rejection(label)),
-            fast=engine.state.fast_steps,
+            fast=engine.state.fast,
         )
 
     def tasks(self) -> list[Task]:
@@ -206,7 +208,7 @@ class ArmDiagnostics:
         speed = speeding(engine)
         if speed is not None and now.fast > last.fast and not state.failure:
             level, message = WARN, f'beyond the velocity limit: {speed.text}'
-        values = [
+        values: list[tuple[str, object]] = [
             ('robot', settings.robot),
             ('integrator', settings.integrator),
             ('method', settings.method),
@@ -292,8 +294,8 @@ class DiagnosticsPublisher:
     def publish(self, tasks: Iterable[Task]) -> bytes:
         """Publish the status of each task; return the message."""
         message = DiagnosticArray()
-        seconds, nanoseconds = divmod(time.time_ns(), NANOSECONDS)
-        message.header.stamp = Time(sec=seconds, nanosec=nanoseconds)
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(time.time_ns(), NANOSECONDS)
         message.status = [
             DiagnosticStatus(
                 level=task.level,

@@ -64,8 +64,9 @@ def create_endpoints(
     """
     publishers, subscriptions = {}, {}
     # No events of the middleware: graph.py logs the same with the names of nodes and a remedy.
-    for role in roles:
-        row = ROLES[role]
+    for role, row in ROLES.items():
+        if role not in roles:
+            continue
         kind, topic = message_class(row.type), topics.get(role, row.topic)
         if row.kind == INPUT:
             subscriptions[role] = node.create_subscription(

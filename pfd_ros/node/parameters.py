@@ -136,7 +136,8 @@ def declare_joints(node: Node, settings: Settings, robot: pfd.Robot) -> Settings
                 node.declare_parameter(name, default, _descriptor(row, fixed=fixed))
         values = tuple(node.get_parameter(name).value for name in names)
         if values != defaults:
-            settings = replace(settings, **{row.field: values})
+            changes: dict[str, Any] = {row.field: values}
+            settings = replace(settings, **changes)
     return settings
 
 
@@ -255,7 +256,7 @@ def setter(
             if place < 0:
                 values[row.field] = typed(row.name, _plain(parameter.value), row.type)
             else:
-                before = joint_values(row, settings, engine.robot, engine.order)
+                before = joint_values(row, settings, engine.robot, engine.order.tolist())
                 joints = values.get(row.field, before)
                 number = typed(parameter.name, parameter.value, 'float')
                 values[row.field] = (*joints[:place], number, *joints[place + 1 :])

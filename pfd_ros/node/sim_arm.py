@@ -132,7 +132,7 @@ class SimArm:
         create_services(node, self.engine, inbox)
         if settings.publish_description:
             publish_description(node, model.text)
-        if settings.armature == ESTIMATED:
+        if vars(settings)['armature'] == ESTIMATED:
             log.info(estimate_text(model.robot))
         ignored = parameters.refuse_unknown(node)
         if ignored:

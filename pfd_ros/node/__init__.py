@@ -16,7 +16,6 @@ Around it:
     services       pause, step, reset: requests to the arm and their verdicts
     report         counts of all threads in one table, and the log lines about them
     graph          other nodes on the topics: wrong types, QoS, second publishers
-    advice         joints beyond their velocity limits, and the largest stable gains
     diagnostics    main thread: /diagnostics once a second, recorded and published
     sim_arm        one configured arm: connects these parts
     lifecycle      the rclpy node: parameters, transitions, the arm from configure to cleanup
@@ -26,7 +25,7 @@ Around it:
     dds_check      one message from a process to another, for `pfd doctor`
 
 Threads: main (reporting), signals, the executor (started by process), stepping and changing
-(started with each arm), recording (recording.recorder), and the middleware's. The engine belongs to
-the stepping thread; others only read its state, and prepare what it will need. A new input or
+(started with each arm), recording (recording.recorder), and the middleware's. Only the stepping
+thread steps the engine; others read its state, and prepare what it will need. A new input or
 output is a row of arm.events, and a new parameter a field of arm.settings.
 """

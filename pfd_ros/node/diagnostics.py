@@ -29,13 +29,13 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
 import pfd_core as pfd
+from pfd_ros.arm.advice import gain_limits
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ACCEPTED, COMMANDS, DIAGNOSTICS, ROLES
 from pfd_ros.arm.plant import acceleration_kernel
-from pfd_ros.node.advice import gain_limits, speeding
 from pfd_ros.node.endpoints import OVERRIDABLE
 from pfd_ros.node.graph import GraphCheck
-from pfd_ros.node.report import Report, is_rejection
+from pfd_ros.node.report import Report, is_rejection, speed_of
 from pfd_ros.node.services import NANOSECONDS
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.text import one_line
@@ -205,7 +205,7 @@ class ArmDiagnostics:
         # A controller acts on each published state.
         period = settings.publish_every * settings.step_ns / NANOSECONDS
         level, message = (ERROR, state.failure) if state.failure else (OK, 'running')
-        speed = speeding(engine)
+        speed = speed_of(engine)
         if speed is not None and now.fast > last.fast and not state.failure:
             level, message = WARN, f'beyond the velocity limit: {speed.text}'
         values: list[tuple[str, object]] = [

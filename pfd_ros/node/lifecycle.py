@@ -192,8 +192,8 @@ class SimArmNode(LifecycleNode):
             gc.unfreeze()
             gc.collect()
             gc.freeze()
-            self.arm.start()
             introduce(self.arm, self.get_logger().info)
+            self.arm.start()
         except BaseException:
             # Unconfigured, the node has no arm: the next one would have the same topics.
             self._clean_up()

@@ -14,6 +14,8 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
+from pfd_ros.arm.advice import Speeding, speeding
+from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
     ACCEPTED,
     ALL_NAN,
@@ -25,7 +27,6 @@ from pfd_ros.arm.events import (
     Verdict,
 )
 from pfd_ros.arm.link import timeout_text
-from pfd_ros.node.advice import speeding
 from pfd_ros.node.endpoints import type_name
 from pfd_ros.node.services import NANOSECONDS
 from pfd_ros.node.stepping import RESEND_SECONDS
@@ -168,6 +169,12 @@ def introduce(arm: SimArm, log: Callable[[str], object]) -> None:
     )
 
 
+def speed_of(engine: Engine) -> Speeding | None:
+    """Return the joint that was farthest beyond its velocity limit so far, if one was."""
+    state, peaks = engine.state, engine.state.peaks.tolist()
+    return speeding(engine.robot, engine.plant.scene, peaks, from_file=bool(state.settings.scene))
+
+
 def report_arm(report: Report, arm: SimArm, *, last: bool = False) -> None:
     """Log what is new about an arm since the last call."""
     engine, state = arm.engine, arm.engine.state
@@ -198,7 +205,7 @@ def report_arm(report: Report, arm: SimArm, *, last: bool = False) -> None:
         text = f'no {topic} for {silent} s: simulation paused until it is received again'
         if report.grown('lost clock', report.counts()['lost clock'][0]):
             report.log(text)
-    speed = speeding(engine)
+    speed = speed_of(engine)
     if speed is not None:
         report.once(('speed', speed.runaway), speed.text)
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.node import Node
 
+from pfd_ros.arm.advice import estimate_text
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
     ACCEPTED,
@@ -39,7 +40,6 @@ from pfd_ros.arm.plant import with_scene_text
 from pfd_ros.arm.plant_settings import ESTIMATED
 from pfd_ros.arm.settings import Settings
 from pfd_ros.node import parameters
-from pfd_ros.node.advice import estimate_text
 from pfd_ros.node.changing import Changes
 from pfd_ros.node.description import load_model, publish_description, topics_of
 from pfd_ros.node.diagnostics import ArmDiagnostics, MassKernels

@@ -23,7 +23,7 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 
-from pfd_ros.arm.events import CLOCK, COMMANDS, STATES
+from pfd_ros.arm.events import ARRAY, CLOCK, COMMANDS, NAMED, STATES
 from pfd_ros.messages.topics import UNKNOWN_NODE, node_of
 from pfd_ros.node.endpoints import Endpoints, reliability_parameter, type_name
 from pfd_ros.node.report import Report
@@ -105,7 +105,7 @@ class GraphCheck:
         # A message proves that there was a publisher, though it may have left.
         self._commanded |= any(key[0] in COMMANDS for key in self._report.counts())
         if not self._commanded and time.monotonic() - self._since > PATIENCE_SECONDS:
-            ends = [self._endpoints.subscriptions[role] for role in COMMANDS]
+            ends = [self._endpoints.subscriptions[role] for role in (NAMED, ARRAY)]
             topics = ' or '.join(f'{end.topic_name} ({type_name(end)})' for end in ends)
             self._report.once(
                 'nobody',

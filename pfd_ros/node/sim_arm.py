@@ -21,18 +21,19 @@ from pfd_ros.arm.advice import estimate_text
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
     ACCEPTED,
-    ASIDES,
     CLOCK,
     CLOCK_TICKS,
+    DIAGNOSTICS,
     INPUTS,
     PARAMETERS,
     PAYLOAD,
     PAYLOAD_IN_USE,
     REJECTED,
+    REJECTED_COUNTS,
     REQUESTS,
     ROLES,
     STATES,
-    TF,
+    TRANSITIONS,
     Message,
 )
 from pfd_ros.arm.other_inputs import encode_request
@@ -57,6 +58,8 @@ if TYPE_CHECKING:
 
 # Longest wait for a transition; the arm takes inputs at least twenty times a second.
 TRANSITION_SECONDS = 5.0
+# What a recording has besides the inputs and outputs of the arm.
+NODE_ASIDES = (REJECTED_COUNTS, DIAGNOSTICS, TRANSITIONS)
 
 
 COMPILE_LOG = logging.getLogger('pfd_core.compile')
@@ -116,7 +119,10 @@ class SimArm:
         settings = with_scene_text(settings)
         with compile_report(log.info, model.robot.name):
             frames = model.recorded_frames(settings, log.warning)
-            self.engine = Engine(settings, model.robot, roles_of(settings), frames)
+            recorded = {REQUESTS, PARAMETERS, *NODE_ASIDES} if settings.recording else set()
+            visible = frames.roles if frames is not None else ()
+            roles = topic_roles(settings) | recorded | {*visible}
+            self.engine = Engine(settings, model.robot, roles, frames)
             kernels = MassKernels(self.engine)
         inbox = self.inbox = Inbox(report.count)
         changes = self._changes = Changes(self.engine, inbox, report.count)
@@ -160,7 +166,11 @@ class SimArm:
         }
         for ends in self.endpoints:
             topics |= {role: end.topic_name for role, end in ends.items()}
-        return Recorder(path, self.engine, topics, self._node.get_logger().error)
+        recorder = Recorder(path, self.engine, topics, self._node.get_logger().error)
+        if self.engine.frames is not None:
+            stamp_ns = self.engine.stamp_ns
+            recorder.put(self.engine.frames.opening(stamp_ns), stamp_ns)
+        return recorder
 
     def start(self) -> None:
         """Start the threads that step, and that prepare changes."""
@@ -265,13 +275,6 @@ def topic_roles(settings: Settings) -> set[str]:
     if settings.publish_clock:
         roles.add(CLOCK)
     return roles if settings.follows_clock else roles - {CLOCK_TICKS}
-
-
-def roles_of(settings: Settings) -> set[str]:
-    """Return the roles that anybody needs: of topics, and of a recording."""
-    topics = topic_roles(settings)
-    recorded = {REQUESTS, PARAMETERS, TF, *ASIDES} if settings.recording else set()
-    return topics | recorded
 
 
 def _entities(node: Node) -> Iterator[tuple[str, Any]]:

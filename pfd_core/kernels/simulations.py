@@ -94,6 +94,7 @@ class Plan:
         every: int = 1,
     ) -> None:
         self._simulate, self._accelerations = native.simulate, native.accelerations
+        self._names = native.arrays
         count = TABLE + 4 * len(native.arrays)
         self._numbers, self._finite = array('q', bytes(8 * (count + 1 + arms))), count + 1
         self._at, _ = self._numbers.buffer_info()
@@ -108,9 +109,9 @@ class Plan:
         """Number of steps of the last run after which each arm's state was finite, (arms,)."""
         return np.frombuffer(self._numbers, np.int64)[self._finite :]
 
-    def move(self, k: int, place: int) -> None:
-        """Set the address of an array."""
-        self._numbers[TABLE + 4 * k] = place
+    def addresses(self, *names: str) -> tuple[array[int], list[int]]:
+        """Return the numbers of the plan, and where the address of each of these arrays is."""
+        return self._numbers, [TABLE + 4 * self._names.index(name) for name in names]
 
     def run(self, steps: int) -> int:
         """Take some steps, at least one, of one arm; return after how many it was finite."""

@@ -210,7 +210,7 @@ class Cycles:
         rows = state.rows | native_rows(own) | {'efforts': (0, 0, size, n * size)}
         rows |= dict.fromkeys(OUT, (0, 0, size, 3 * n * size))
         self._plan = Plan(native, rows, simulator.substeps)
-        self._indices = [native.arrays.index(name) for name in ('efforts', *OUT)]
+        self._numbers, self._at = self._plan.addresses('efforts', *OUT)
         self._row, self._places = n * size, (0, 0)
 
     def run(self, efforts: Array, out: Array) -> int:
@@ -237,9 +237,10 @@ class Cycles:
         state, motors = self.state, self._motors
         if self._places != (efforts, out):
             self._places = efforts, out
-            places = efforts, *range(out, out + 3 * self._row, self._row)
-            for index, place in zip(self._indices, places, strict=True):
-                self._plan.move(index, place)
+            # Written out: this may come with each step, of a microsecond.
+            numbers, row, (tau, q, qd, acting) = self._numbers, self._row, self._at
+            numbers[tau], numbers[q] = efforts, out
+            numbers[qd], numbers[acting] = out + row, out + 2 * row
         motors.counts[JUMPED] = 0
         finite = self._plan.run(steps)
         state.steps += finite

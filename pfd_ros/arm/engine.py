@@ -167,6 +167,7 @@ class Engine:
             recording_time=settings.log_time,
         )
         self.lockstep, self._step_ns = settings.lockstep, settings.step_ns
+        self._follows = settings.follows_clock
         self._encoder = JointEncoder(self.names, settings.frame_id, self.locked)
         self._inputs = self.roles.intersection(INPUTS)
         self._every, self._delay = settings.publish_every, settings.state_delay_steps
@@ -213,6 +214,7 @@ class Engine:
         enabled = {*state.settings.outputs, *(TIP_WRENCH,) * self._wrenched}
         further = [role for role in OPTIONAL if role in enabled and role in self.roles]
         self._further = Outputs(self, further) if further else None
+        self._shows = bool(further) or STATES in self.roles
         self._bind()
 
     def _bind(self) -> None:
@@ -246,12 +248,19 @@ class Engine:
         state = self.state
         if not state.active:
             return True
-        if state.first.follows_clock:
+        if self._follows:
             # Simulated time of a failed arm is stopped; its cycles continue.
             following_ns = state.origin_ns + (state.cycle + 1) * self._step_ns
             if state.until_ns is None or following_ns > state.until_ns:
                 return True
         return (state.waits or (state.paused and not state.left)) and state.jump is None
+
+    @property
+    def published(self) -> bool:
+        """Whether the last cycle ended in a state that is published."""
+        state = self.state
+        due = state.cycle > 0 and state.cycle % self._every == 0
+        return due and not (self.sensors is not None and self.sensors.drops(state))
 
     @property
     def program(self) -> str:
@@ -476,16 +485,17 @@ class Engine:
                 messages.append(Message(PAYLOAD_IN_USE, data, cycle))
         if cycle % self._every == 0:
             shown = self.sensors is None or not self.sensors.drops(state)
-            self._show(messages, shown)
-            if shown:
-                state.waits = self.lockstep and state.commanded
+            if self._shows:
+                self._show(messages, shown)
+            if shown and self.lockstep:
+                state.waits = state.commanded
         if self._clock_every and cycle % self._clock_every == 0:
             messages.append(Message(CLOCK, encode_clock(self.stamp_ns), cycle))
         if self._tf_every and cycle % self._tf_every == 0 and self.frames is not None:
             data = self.frames.encode(self.stamp_ns, state.rows[state.now, 0])
             messages.append(Message(TF, data, cycle))
         if state.waits:
-            state.since_ns = self.stamp_ns
+            state.since_ns = state.origin_ns + state.step * self._step_ns
 
     def _show(self, messages: list[Message], shown: bool = True) -> None:
         """Add the state of this cycle, if it is shown at all, and its further outputs."""

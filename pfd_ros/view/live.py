@@ -1,92 +1,73 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The arm of a running node in the page: the only module of this package that imports rclpy.
+"""The arm of a running node in the page; the only module of this package that imports rclpy.
 
-The arm is the node that publishes the joint states, or a node by its name. Its other topics are
-found in the graph by their types, so that namespaces and remappings do not matter.
+Topics have the names of the node's roles, resolved in its namespace: joint states, the wrench in
+effect (`outputs` with `tip_wrench`), the payload in use and the model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+import math
 import os
+from pathlib import Path
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import InertiaStamped, WrenchStamped
+import numpy as np
 from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node, NodeNameNonExistentError
-from rclpy.qos import (
-    DurabilityPolicy,
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_profile_sensor_data,
-)
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from rclpy.validate_node_name import validate_node_name
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 import pfd_core as pfd
-from pfd_ros.arm.events import DESCRIPTION
-from pfd_ros.arm.settings import OUTPUTS
-from pfd_ros.messages.convert import INERTIA, JOINT_STATE, WRENCH
-from pfd_ros.messages.stamped import WrenchMessage, wrench_message
-from pfd_ros.messages.topics import UNKNOWN_NODE
-from pfd_ros.node.description import wait_for_description
-from pfd_ros.text import cut
-from pfd_ros.view.live_arm import LiveArm
+from pfd_ros.arm.events import ROLES
+from pfd_ros.text import cut, listed, one_line
+from pfd_ros.view.arm import Stage
+from pfd_ros.view.forms import named_model, parsed_urdf
+from pfd_ros.view.loads import Payload, Wrench
 
-TOPIC = 'joint_states'
-# Time [s] for a model to come, for a parameter to be answered, and without joint states until a
-# line says so.
-MODEL_SECONDS, ANSWER_SECONDS, QUIET_SECONDS = 20.0, 5.0, 5.0
-# Updates of the page a second, and the time [s] between two looks at the graph.
-RATE, LOOK_SECONDS = 30.0, 0.5
-# Callbacks between two updates, at most: a state, wrenches, a payload, a report.
-CALLBACKS = 6
+NODE = '/sim_arm'
+STATES, WRENCH, PAYLOAD = 'joint_states', 'tip_wrench', 'payload_in_use'
+DESCRIPTION = 'robot_description'
+# Time [s] for a model to come, and without joint states until a line reports it.
+MODEL_SECONDS, QUIET_SECONDS = 20.0, 5.0
+# Updates of the page a second, and callbacks between two of them at most.
+RATE, CALLBACKS = 30.0, 6
+# Positions beyond this [rad, m] are not drawn.
+LARGEST_POSITION = 1e6
+# Of states only the last one counts, whatever the publisher's reliability is.
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-class ArmNode(NamedTuple):
-    """The name and the namespace of the node of an arm."""
-
-    name: str
-    namespace: str
-
-    @property
-    def full(self) -> str:
-        """The full name."""
-        return f'{self.namespace.rstrip("/")}/{self.name}'
-
-
-def arm_node(full: str) -> ArmNode:
-    """Return a node by its full name, such as /left/sim_arm."""
-    namespace, _, name = full.rpartition('/')
-    return ArmNode(name, f'/{namespace.strip("/")}')
-
-
 @contextmanager
-def view_node(namespace: str = '/') -> Iterator[Node]:
+def view_node(arm: str) -> Iterator[Node]:
     """
-    Make the node of the view, which leaves signals to this program.
+    Make the node of the view in the namespace of an arm, such as `/left/sim_arm`.
 
-    Raises
-    ------
-    ValueError
-        If the namespace is invalid, or ROS cannot start, such as in an invalid domain.
-
+    Signals are left to this program. ValueError if the name is invalid, or ROS cannot start, such
+    as in an invalid domain.
     """
+    namespace, _, name = arm.rpartition('/')
+    namespace = f'/{namespace.strip("/")}'
     try:
+        try:
+            validate_node_name(name)
+        except NameValidationException as error:
+            raise ValueError(f'{cut(name)!r} is not a valid node name') from error
         try:
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
             node = rclpy.create_node(
@@ -104,21 +85,18 @@ def view_node(namespace: str = '/') -> Iterator[Node]:
         try_shutdown()
 
 
-@dataclass
-class LiveTopics:
+class Topics:
     """
-    The topics of an arm, as far as the graph has them.
+    The topics of an arm.
 
     Parameters
     ----------
     node : Node
         The node of the view, in the namespace of the arm.
-    topic : str or None
-        The topic of joint states; default: the one of the named arm, or `joint_states`.
-    named : ArmNode or None
-        The arm; default: the publisher of the joint states.
-    wrench_topic : str or None
-        A topic of wrenches that replaces the arm's.
+    arm : str
+        The full name of the arm's node.
+    states, wrench : str, optional
+        Topics in place of the arm's.
 
     Raises
     ------
@@ -127,219 +105,218 @@ class LiveTopics:
 
     """
 
-    node: Node
-    topic: str | None = None
-    named: ArmNode | None = None
-    wrench_topic: str | None = None
+    def __init__(
+        self, node: Node, arm: str, states: str | None = None, wrench: str | None = None
+    ) -> None:
+        self.node, self.arm = node, arm
+        given = {STATES: states, WRENCH: wrench}
+        self._names = {
+            role: self._resolved(ROLES[role].topic if given.get(role) is None else given[role])
+            for role in (STATES, WRENCH, PAYLOAD, DESCRIPTION)
+        }
 
-    def __post_init__(self) -> None:
-        """Check the names here: rclpy would raise errors of other types later."""
-        for topic in (self.topic, self.wrench_topic):
-            if topic is not None:
-                try:
-                    validate_full_topic_name(self.node.resolve_topic_name(topic))
-                except (NameValidationException, RCLError) as error:
-                    raise ValueError(f'{cut(topic)!r} is not a valid topic name') from error
-        if self.named is not None:
-            try:
-                validate_node_name(self.named.name)
-            except NameValidationException as error:
-                raise ValueError(f'{cut(self.named.name)!r} is not a valid node name') from error
+    def __getitem__(self, role: str) -> str:
+        """Return the name of a role's topic."""
+        return self._names[role]
 
-    @property
-    def states(self) -> str:
-        """The topic of joint states, '' if it is not known yet."""
-        if self.topic is None and self.named is not None:
-            names = self._of_arm(self.named, 'publisher', JOINT_STATE)
-            own = [name for name in names if name.rpartition('/')[2] not in OUTPUTS]
-            return min(own, key=lambda name: name.rpartition('/')[2] != TOPIC, default='')
-        return self.node.resolve_topic_name(self.topic or TOPIC)
-
-    @property
-    def arm(self) -> ArmNode | None:
-        """The node of the arm, None if it is not known yet."""
-        if self.named is not None:
-            return self.named if self._of_arm(self.named, 'publisher', JOINT_STATE) else None
-        for end in self.node.get_publishers_info_by_topic(self.states):
-            if end.node_name != UNKNOWN_NODE:
-                return ArmNode(end.node_name, end.node_namespace)
-        return None
-
-    def found(self) -> Iterator[tuple[str, str]]:
-        """Yield purpose and name of each topic that the arm has."""
-        if self.states:
-            yield 'states', self.states
-        arm = self.arm
-        if arm is not None:
-            ends = [('payload', 'publisher', INERTIA)]
-            if self.wrench_topic is None:
-                ends += [('acting', 'publisher', WRENCH), ('sent', 'subscriber', WRENCH)]
-            for purpose, kind, message in ends:
-                for name in self._of_arm(arm, kind, message):
-                    yield purpose, name
-        if self.wrench_topic is not None:
-            yield 'acting', self.node.resolve_topic_name(self.wrench_topic)
-
-    def _of_arm(self, arm: ArmNode, kind: str, message: str) -> list[str]:
-        """Return the topics of a type of which the arm has a publisher or a subscriber."""
-        look = getattr(self.node, f'get_{kind}_names_and_types_by_node')
+    def _resolved(self, topic: str | None) -> str:
+        name = str(topic)
+        name = self.node.resolve_topic_name(
+            f'{self.arm}{name[1:]}' if name.startswith('~/') else name or ' '
+        )
         try:
-            return [name for name, kinds in look(*arm) if message in kinds]
-        except NodeNameNonExistentError:
-            return []
+            validate_full_topic_name(name)
+        except NameValidationException as error:
+            raise ValueError(f'{cut(str(topic))!r} is not a valid topic name') from error
+        return name
 
-    def model(self) -> pfd.Urdf | str:
+    def model(self) -> tuple[pfd.Urdf, Path | None]:
         """
-        Return the model on robot_description, or the name or path in the arm's parameter `robot`.
+        Return the model on the topic of the description, or of the arm's parameter `robot`.
+
+        Returns
+        -------
+        Urdf, Path or None
+            The model, and the folder of its file if it is known.
 
         Raises
         ------
         ValueError
-            If neither is found within MODEL_SECONDS, or the text is not a URDF.
+            If neither comes within MODEL_SECONDS, or the text is no URDF.
 
         """
-        end = time.monotonic() + MODEL_SECONDS
-        topic = self.node.resolve_topic_name(DESCRIPTION)
-        cure = 'or name the robot with --robot'
-        while time.monotonic() < end:
-            if self.node.count_publishers(topic):
-                try:
-                    return wait_for_description(self.node, MODEL_SECONDS, lambda: False)
-                except ValueError as error:
-                    raise ValueError(f'{error}; {cure}') from error
-            arm = self.arm
-            robot = '' if arm is None else self._robot_of(arm)
-            if robot and robot != DESCRIPTION:
-                return robot
-            time.sleep(LOOK_SECONDS)
-        raise ValueError(
-            f'no model within {MODEL_SECONDS:g} s: nothing on {topic}, and no arm with the '
-            f'parameter `robot` on {self.states or TOPIC} in ROS_DOMAIN_ID {_domain()}: is the '
-            f'arm running? {cure[3:].capitalize()}'
-        )
+        texts: list[str] = []
 
-    def _robot_of(self, arm: ArmNode) -> str:
-        """Return the parameter `robot` of an arm, '' if it has none or does not answer."""
-        client = self.node.create_client(GetParameters, f'{arm.full}/get_parameters')
+        def take(message: Any) -> None:
+            texts.append(message.data)
+
+        topic = self[DESCRIPTION]
+        end = self.node.create_subscription(String, topic, take, LATCHED)
+        client = self.node.create_client(GetParameters, f'{self.arm}/get_parameters')
         executor = SingleThreadedExecutor(context=self.node.context)
+        executor.add_node(self.node)
+        answer = None
+        deadline = time.monotonic() + MODEL_SECONDS
         try:
-            if not client.wait_for_service(ANSWER_SECONDS):
-                return ''
-            executor.add_node(self.node)
-            answer = client.call_async(GetParameters.Request(names=['robot']))
-            executor.spin_until_future_complete(answer, ANSWER_SECONDS)
-            values = answer.result().values if answer.done() else []
-            return str(values[0].string_value) if values else ''
+            while time.monotonic() < deadline:
+                executor.spin_once(timeout_sec=0.1)
+                if texts:
+                    return parsed_urdf(texts[-1], topic), None
+                if answer is None and client.service_is_ready():
+                    answer = client.call_async(GetParameters.Request(names=['robot']))
+                if answer is not None and answer.done() and not self.node.count_publishers(topic):
+                    robot = ''.join(value.string_value for value in answer.result().values)
+                    if robot and robot != DESCRIPTION:
+                        return named_model(robot)
         finally:
             executor.shutdown()
             self.node.destroy_client(client)
+            self.node.destroy_subscription(end)
+        raise ValueError(
+            f'no model within {MODEL_SECONDS:g} s: nothing on {topic}, and no node {self.arm} '
+            f'with the parameter `robot` in ROS_DOMAIN_ID {_domain()}{self.others()}; start the arm, '
+            'or name the robot with --robot'
+        )
+
+    def others(self) -> str:
+        """Return a hint at other topics of joint states, '' without any."""
+        found = [
+            name
+            for name, kinds in self.node.get_topic_names_and_types()
+            if 'sensor_msgs/msg/JointState' in kinds
+            and name.endswith(f'/{STATES}')
+            and name != self[STATES]
+            and self.node.count_publishers(name)
+        ]
+        return f' (joint states are on {listed(found)}: --node names an arm)' if found else ''
 
 
-def follow(topics: LiveTopics, arm: LiveArm, report: Callable[[str], None]) -> None:
+def follow(topics: Topics, stage: Stage, report: Callable[[str], None]) -> None:
     """
     Show the messages of an arm until an exception, such as KeyboardInterrupt, ends it.
 
     Parameters
     ----------
-    topics : LiveTopics
+    topics : Topics
         Its topics.
-    arm : LiveArm
+    stage : Stage
         The arm in the page.
     report : callable
         Takes lines for the user.
 
     """
-    node = topics.node
+    node, shown = topics.node, Shown(stage, report)
+    for role, kind, take, qos in (
+        (STATES, JointState, shown.state, NEWEST),
+        (WRENCH, WrenchStamped, shown.wrench, NEWEST),
+        (PAYLOAD, InertiaStamped, shown.payload, LATCHED),
+    ):
+        node.create_subscription(kind, topics[role], take, qos)
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
-    ends = _Ends(topics, arm)
     start = time.monotonic()
-    looked = -LOOK_SECONDS
-    receiving = quiet = malformed = False
+    receiving = quiet = False
     try:
         while True:
             # A state that nobody will see costs no Python: the reader keeps the last one.
             time.sleep(1.0 / RATE)
             for _ in range(CALLBACKS):
                 executor.spin_once(timeout_sec=0.0)
-            arm.draw()
-            now = time.monotonic()
-            if now - looked >= LOOK_SECONDS:
-                looked = now
-                ends.look()
-            if arm.received and not receiving:
+            shown.draw()
+            if shown.received and not receiving:
                 receiving = True
-                report(f'receiving {topics.states}')
-            elif not receiving and not quiet and now - start > QUIET_SECONDS:
+                report(f'receiving {topics[STATES]}')
+            elif not receiving and not quiet and time.monotonic() - start > QUIET_SECONDS:
                 quiet = True
-                what = topics.states or f'the joint states of {getattr(topics.named, "full", "")}'
                 report(
-                    f'no message on {what} for {QUIET_SECONDS:g} s: is the arm running, and in '
-                    f'ROS_DOMAIN_ID {_domain()}? --topic or --node name others'
+                    f'no message on {topics[STATES]} for {QUIET_SECONDS:g} s: is the arm running, '
+                    f'and in ROS_DOMAIN_ID {_domain()}?{topics.others()}'
                 )
-            if arm.malformed and not malformed:
-                malformed = True
-                report(f'{topics.states} has invalid joint states; they are not shown')
     finally:
         executor.shutdown()
 
 
+class Shown:
+    """
+    The last state, wrench and payload that came.
+
+    Parameters
+    ----------
+    stage : Stage
+        Shows them.
+    report : callable
+        Takes a line about what is not shown, once for each.
+
+    """
+
+    def __init__(self, stage: Stage, report: Callable[[str], None]) -> None:
+        self._stage, self._report = stage, report
+        self._place = {name: k for k, name in enumerate(stage.joints)}
+        self._position = np.zeros(len(stage.joints))
+        self._effort = np.full(len(stage.joints), np.nan)
+        self._wrench: Wrench | None = None
+        self._payload: Payload | None = None
+        self._reported: set[str] = set()
+        self._changed = True
+        self.received = 0
+
+    def state(self, message: Any) -> None:
+        """Take a JointState; joints that it does not name stay where they are."""
+        self.received += 1
+        unknown = [name for name in message.name if name not in self._place]
+        if len(unknown) == len(message.name):
+            self._say(f'no joint of the model in joint states of {listed(unknown)}')
+        for target, values in (
+            (self._position, message.position),
+            (self._effort, message.effort),
+        ):
+            # A field may be empty, or shorter than the names.
+            for name, value in zip(message.name, values, strict=False):
+                place = self._place.get(name)
+                if place is not None and abs(value) <= LARGEST_POSITION:
+                    target[place] = value
+        self._changed = True
+
+    def wrench(self, message: Any) -> None:
+        """Take a WrenchStamped of the wrench in effect."""
+        force, torque = message.wrench.force, message.wrench.torque
+        taken = Wrench(message.header.frame_id, _xyz(force), _xyz(torque))
+        shows = self._shows('wrench', taken.frame, (*taken.force, *taken.torque))
+        self._wrench = taken if shows and any((*taken.force, *taken.torque)) else None
+        self._changed = True
+
+    def payload(self, message: Any) -> None:
+        """Take an InertiaStamped of the payload in use."""
+        body = message.inertia
+        inertia = (body.ixx, body.ixy, body.ixz, body.iyy, body.iyz, body.izz)
+        taken = Payload(message.header.frame_id, body.m, _xyz(body.com), inertia)
+        numbers = (body.m, *taken.center, *inertia)
+        there = body.m > 0 and self._shows('payload', taken.frame, numbers)
+        self._payload = taken if there else None
+        self._changed = True
+
+    def draw(self) -> None:
+        """Show what has come, if it is new."""
+        if self._changed:
+            self._changed = False
+            self._stage.show(self._position, self._effort, self._wrench, self._payload)
+
+    def _shows(self, what: str, frame: str, numbers: Iterable[float]) -> bool:
+        if not all(map(math.isfinite, numbers)):
+            return False
+        if frame not in self._stage.poses.links:
+            self._say(f'a {what} is not shown: its frame {cut(frame)!r} is no link of the model')
+        return frame in self._stage.poses.links
+
+    def _say(self, line: str) -> None:
+        if line not in self._reported and len(self._reported) < CALLBACKS:
+            self._reported.add(line)
+            self._report(one_line(line))
+
+
+def _xyz(vector: Any) -> tuple[float, float, float]:
+    return vector.x, vector.y, vector.z
+
+
 def _domain() -> str:
     return os.environ.get('ROS_DOMAIN_ID', '0')
-
-
-@dataclass
-class _Ends:
-    """The subscriptions of the view; each is made when the graph has the topic."""
-
-    topics: LiveTopics
-    arm: LiveArm
-    _made: set[tuple[str, str]] = field(default_factory=set)
-
-    def look(self) -> None:
-        """Subscribe to the topics that were found since."""
-        for end in self.topics.found():
-            if end not in self._made:
-                self._made.add(end)
-                self._subscribe(*end)
-
-    def _subscribe(self, purpose: str, name: str) -> None:
-        node, arm = self.topics.node, self.arm
-        # Whatever the publisher's reliability is, and of states only the last one counts.
-        plain = qos_profile_sensor_data
-        if purpose == 'states':
-            node.create_subscription(JointState, name, arm.take, NEWEST, raw=True)
-        elif purpose == 'payload':
-            node.create_subscription(InertiaStamped, name, arm.take_payload, LATCHED, raw=True)
-        elif purpose == 'acting':
-            take = arm.take_acting_wrench
-            node.create_subscription(WrenchStamped, name, take, NEWEST, raw=True)
-        else:
-            node.create_subscription(WrenchStamped, name, self._take_sent, plain, raw=True)
-            node.create_subscription(DiagnosticArray, '/diagnostics', self._take_report, plain)
-
-    def _take_sent(self, data: bytes) -> None:
-        self.arm.take_sent_wrench(data, time.monotonic())
-
-    def _take_report(self, message: Any) -> None:
-        arm = self.topics.arm
-        if arm is None:
-            return
-        for status in message.status:
-            if status.name != f'{arm.full.lstrip("/")}: simulation':
-                continue
-            values = {item.key: item.value for item in status.values}
-            found = _reported(values)
-            if found is not None:
-                self.arm.take_reported_wrench(*found, time.monotonic())
-
-
-def _reported(values: dict[str, str]) -> tuple[WrenchMessage, float] | None:
-    """Return the wrench and the timeout in values of diagnostics, None without."""
-    try:
-        numbers = [*map(float, values['external_wrench'].split())]
-        timeout = float(values['external_wrench_timeout_s'])
-        frame = values['external_wrench_frame']
-    except (KeyError, ValueError):
-        return None
-    return wrench_message(0, frame, numbers), timeout

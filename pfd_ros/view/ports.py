@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The port of a page, and what a page needs to be installed; without importing it."""
+"""What a page needs: its port, and installed packages. Nothing of them is imported here."""
 
 from __future__ import annotations
 
@@ -8,20 +8,13 @@ import importlib.util
 import socket
 
 HOST, PORT = '127.0.0.1', 8080
-# What a view of a running arm prints once a browser shows it.
-OPENED = 'a browser has opened the page'
 NEEDED = ('viser', 'trimesh', 'collada')
 
 
-def check_installed() -> None:
-    """Raise ValueError, with the cure, if a page cannot be served here."""
+def check_page(port: int) -> None:
+    """Raise ValueError, with the cure, if a page cannot be served here, or not on a port."""
     if any(importlib.util.find_spec(name) is None for name in NEEDED):
         raise ValueError("the 3D view needs viser and trimesh: pip install 'pfd_ros[view]'")
-
-
-def check_page(port: int) -> None:
-    """Raise ValueError if a page cannot be served here, or not on a port."""
-    check_installed()
     check_port(port)
 
 

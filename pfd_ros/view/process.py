@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The view of a running arm as a separate process, which ends with the arm."""
+"""The view of a running arm as a child process, which ends with the arm."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ END_SECONDS = 5.0
 
 class ViewProcess:
     """
-    `pfd view --live` of one node.
+    `pfd view` of one node.
 
     Parameters
     ----------
     port : int
         Of its page; 0 takes a free one.
     robot : str, optional
-        The model; default: the one of the node.
+        The model; default: the model of the node.
     output : Path, optional
         A file for what it prints; default: where this process prints.
     env : mapping, optional
-        Its environment; default: the one of this process.
+        Its environment; default: the environment of this process.
 
     """
 
@@ -50,11 +50,10 @@ class ViewProcess:
 
     def start(self, node: str) -> None:
         """Start it for the node of a full name."""
-        command = [sys.executable, '-u', '-m', 'pfd_ros.cli.main', 'view', '--live']
+        command = [sys.executable, '-u', '-m', 'pfd_ros.cli.main', 'view', '--node', node]
         # Fast DDS of the arm would not survive its being killed with shared memory in use.
         env = environment_to_kill(self._env)
-        options = ['--node', node, *self._options]
-        self._child = ChildProcess([*command, *options], self.output, env, niceness=NICENESS)
+        self._child = ChildProcess([*command, *self._options], self.output, env, niceness=NICENESS)
 
     def ended(self) -> str:
         """Return how it ended, '' before its start and while it runs."""

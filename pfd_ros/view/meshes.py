@@ -1,10 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Files of meshes: where a URI of a URDF leads, and their triangles, within bounds.
+"""Meshes of a URDF: from the URI to triangles, within bounds.
 
 A URDF of a recording comes from outside. Only regular files with the suffix of a mesh are opened,
-nothing is fetched from a network, and a mesh's own references to other files (textures, .mtl) are
-not followed.
+and only below the folder of the description, an installed package or a folder that the user
+names. Nothing is fetched from a network, and references of a mesh to other files (textures, .mtl)
+are not followed.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import os
 from pathlib import Path
 import re
 import stat
+from typing import NamedTuple
 from urllib.parse import unquote, urlsplit
 import warnings
 from xml.parsers import expat
@@ -25,20 +27,26 @@ from numpy.typing import NDArray
 import trimesh
 
 from pfd_ros.text import cut, one_line
-from pfd_ros.view.visuals import LARGEST, Colour
 
 SUFFIXES = ('.stl', '.dae', '.obj')
-# Of one file. Meshes of published robots have up to 20 MB and 200 000 triangles.
-MOST_BYTES = 32 * 2**20
-MOST_TRIANGLES = 1_000_000
-# A node of a COLLADA file may hold another one twice, and so on: so many nodes have at most
+# Of one file, and of all together. Meshes of published robots have up to 20 MB and 200 000
+# triangles; a browser draws 3 million triangles at a few frames a second.
+MOST_BYTES, MOST_BYTES_TOGETHER = 32 * 2**20, 256 * 2**20
+MOST_TRIANGLES, MOST_TRIANGLES_TOGETHER = 1_000_000, 3_000_000
+# A node of a COLLADA file may contain another one twice, and so on: this many nodes have at most
 # 2^8 copies.
 MOST_INSTANCES = 16
+# Largest coordinate [m].
+FARTHEST = 1e6
+OUTSIDE = (
+    'it is not below the folder of the description, an installed package or a folder of '
+    '--package-path'
+)
+Colour = tuple[int, int, int]
 
 
-@dataclass(frozen=True, eq=False)
-class Triangles:
-    """Vertices (V, 3) [m], faces (F, 3), and the colour that the file gives them, or None."""
+class Triangles(NamedTuple):
+    """Vertices (V, 3) [m], faces (F, 3), and the colour in the file, or None."""
 
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
@@ -55,8 +63,8 @@ class MeshFolders:
     folder : Path or None
         Folder of the URDF, from which relative paths start; None for a URDF without a file.
     packages : tuple of Path
-        Folders of packages, or folders that contain them, before those of the environment
-        (AMENT_PREFIX_PATH, ROS_PACKAGE_PATH) and those around the URDF.
+        Folders of packages, or folders that contain packages. They precede the packages of the
+        environment (AMENT_PREFIX_PATH, ROS_PACKAGE_PATH) and those around the URDF.
 
     """
 
@@ -65,12 +73,12 @@ class MeshFolders:
 
     def find(self, uri: str) -> Path:
         """
-        Return the file of a URI: package://NAME/PATH, file:///PATH, or a path.
+        Return the file of a URI: package://NAME/PATH, a path, or file:///PATH.
 
         Raises
         ------
         ValueError
-            If it is another URI, leaves its package, is no mesh, or there is no such file.
+            If it is another URI, lies outside of the folders, is no mesh, or does not exist.
 
         """
         path = self._path(uri)
@@ -89,18 +97,23 @@ class MeshFolders:
             raise ValueError('it has no filename')
         # A letter and a colon is a drive, not a scheme.
         scheme = re.match(r'([A-Za-z][A-Za-z0-9+.-]+):', uri)
-        if scheme is None:
-            return self._relative(uri)
-        if scheme[1] == 'package':
+        if scheme is not None and scheme[1] == 'package':
             return self._of_package(uri.removeprefix('package:').lstrip('/'))
-        if scheme[1] == 'file':
-            return self._relative(unquote(urlsplit(uri).path))
-        raise ValueError(f'{scheme[1]}: is not read; use package://, file:// or a path')
-
-    def _relative(self, path: str) -> Path:
-        if self.folder is None and not os.path.isabs(path):
+        if scheme is not None and scheme[1] != 'file':
+            raise ValueError(f'{scheme[1]}: is not read; use package:// or a path')
+        path = uri if scheme is None else unquote(urlsplit(uri).path)
+        if not os.path.isabs(path) and self.folder is None:
             raise ValueError('the path is relative, and the URDF has no folder: use --robot FILE')
-        return (self.folder or Path()) / path
+        found = Path(os.path.abspath((self.folder or Path()) / path))
+        if not any(found.is_relative_to(folder.absolute()) for folder in self._allowed()):
+            raise ValueError(OUTSIDE)
+        return found
+
+    def _allowed(self) -> Iterator[Path]:
+        yield from self.packages
+        yield from self._installed()
+        if self.folder is not None:
+            yield self.folder
 
     def _of_package(self, path: str) -> Path:
         name, _, inner = path.partition('/')
@@ -120,30 +133,64 @@ class MeshFolders:
             yield from ([folder] if folder.name == name else [])
             yield folder / name
             yield folder / 'share' / name
-        for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
-            yield Path(prefix, 'share', name)
-        for root in filter(None, os.environ.get('ROS_PACKAGE_PATH', '').split(os.pathsep)):
-            yield Path(root, name)
+        yield from (folder / name for folder in self._installed())
         if self.folder is not None:
             around = self.folder.absolute()
             for folder in (around, *around.parents):
                 yield from ([folder] if folder.name == name else [])
                 yield folder / name
 
+    @staticmethod
+    def _installed() -> Iterator[Path]:
+        """Yield the folders that contain installed packages."""
+        for variable, inner in (('AMENT_PREFIX_PATH', 'share'), ('ROS_PACKAGE_PATH', '')):
+            for prefix in filter(None, os.environ.get(variable, '').split(os.pathsep)):
+                yield Path(prefix, inner)
+
+
+class Meshes:
+    """
+    The meshes of a URDF, each file read once, within bounds for all of them together.
+
+    Parameters
+    ----------
+    folders : MeshFolders
+        Where they are.
+
+    """
+
+    def __init__(self, folders: MeshFolders) -> None:
+        self._folders = folders
+        self._read: dict[str, list[Triangles] | str] = {}
+        self._triangles = self._bytes = 0
+
+    def read(self, uri: str) -> list[Triangles]:
+        """Return the triangles of a URI, by colour; ValueError if it cannot be read."""
+        if uri not in self._read:
+            try:
+                path = self._folders.find(uri)
+                self._bytes += path.stat().st_size
+                if self._bytes > MOST_BYTES_TOGETHER:
+                    size = MOST_BYTES_TOGETHER >> 20
+                    raise ValueError(f'the meshes have more than {size} MiB together')
+                self._read[uri] = read_mesh(path)
+            except (ValueError, OSError) as error:
+                self._read[uri] = str(error)
+        found = self._read[uri]
+        if isinstance(found, str):
+            raise ValueError(found)
+        self._triangles += sum(len(part.faces) for part in found)
+        if self._triangles > MOST_TRIANGLES_TOGETHER:
+            raise ValueError(f'the meshes have more than {MOST_TRIANGLES_TOGETHER} triangles')
+        return found
+
 
 def read_mesh(path: Path) -> list[Triangles]:
     """
     Return the triangles of a file, by colour; lengths of COLLADA in metres.
 
-    The up axis of COLLADA is ignored, as rviz and Gazebo do.
-
-    Raises
-    ------
-    ValueError
-        If it is too large, or not a mesh.
-    OSError
-        If it cannot be read.
-
+    The up axis of COLLADA is ignored, as rviz and Gazebo do. ValueError if it is too large or not
+    a mesh, OSError if it cannot be read.
     """
     with path.open('rb') as stream:
         data = stream.read(MOST_BYTES + 1)
@@ -155,7 +202,7 @@ def read_mesh(path: Path) -> list[Triangles]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
-            return list(_triangles(trimesh.load_scene(io.BytesIO(data), file_type=kind), kind))
+            return list(_by_colour(trimesh.load_scene(io.BytesIO(data), file_type=kind), kind))
     except Exception as error:  # the parsers raise whatever a file provokes
         reason = one_line(f'{type(error).__name__}: {error}', 160)
         raise ValueError(f'it cannot be read: {reason}') from error
@@ -186,7 +233,7 @@ def _check_collada(data: bytes) -> None:
         raise ValueError(f'it cannot be read: {error}') from error
 
 
-def _triangles(scene: trimesh.Scene, kind: str) -> Iterator[Triangles]:
+def _by_colour(scene: trimesh.Scene, kind: str) -> Iterator[Triangles]:
     by_colour: dict[Colour | None, list[trimesh.Trimesh]] = {}
     count = 0
     for node in scene.graph.nodes_geometry:
@@ -208,14 +255,11 @@ def _triangles(scene: trimesh.Scene, kind: str) -> Iterator[Triangles]:
     for colour, meshes in by_colour.items():
         offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
         vertices = np.concatenate([np.array(mesh.vertices) for mesh in meshes])
-        if not np.all(np.abs(vertices) <= LARGEST / 1e-3):
+        if not np.all(np.abs(vertices) <= FARTHEST):
             raise ValueError('a vertex is not finite, or too far away')
-        faces = [
-            np.array(mesh.faces) + offset for mesh, offset in zip(meshes, offsets, strict=False)
-        ]
-        yield Triangles(
-            vertices.astype(np.float32), np.array(np.concatenate(faces), np.int32), colour
-        )
+        faces = [np.array(m.faces) + offset for m, offset in zip(meshes, offsets, strict=False)]
+        joined = np.array(np.concatenate(faces), np.int32)
+        yield Triangles(vertices.astype(np.float32), joined, colour)
 
 
 def _colour(mesh: trimesh.Trimesh) -> Colour | None:

@@ -3,21 +3,15 @@
 """The command `pfd`.
 
     main      the commands, `--ros-args`, errors as one line and an exit status
-    demo      pfd demo
-    sim       pfd sim: the node
-    replay    pfd replay: summary and verification of a recording
-    replay_publish    pfd replay --publish: any log on its topics
-    what_if   pfd replay --what-if: its inputs on a changed arm
-    info      pfd info: topics, times and settings of a log
-    compare   pfd compare: differences of two logs
-    view      pfd view: the arm of a log or of a running node in 3D, in a browser
-    recover   pfd recover: a whole file from one that was cut off or damaged
-    report    pfd report: the HTML page of a log, advice on a scene
-    robots    pfd robots
-    urdf      pfd urdf: the URDF of a robot
-    doctor    pfd doctor: installed packages, tests of them, speed of this machine
-    terminal  for several commands: printed lines, JSON, progress on a terminal
+    terminal  a command as a record; printed lines, JSON, progress, signals
+    logs      replay (summary, --verify, --what-if), info, compare, recover
+    publish   replay --publish: any log on its topics
+    report    report log, report scene
+    view      view: the arm of a log or of a running node in 3D, in a browser
+    doctor    doctor: installed packages, tests of them, speed of this machine
+    small     demo, sim, robots, urdf
+    send      send: one message to a topic; imports rclpy
 
-A new command is a module with `HELP`, `EXAMPLE`, `add_arguments` and `run`, and a name in
-`main.COMMANDS`.
+The commands parse and print; the work is elsewhere. A new command is a `Command` in a module, and
+a row of `main.COMMANDS`.
 """

@@ -23,23 +23,22 @@ import timeit
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_core.kernels import cache as disk_cache
 from pfd_core.kernels import native, threads
-from pfd_ros.demo.bare_timer import bare_timer
+from pfd_ros.cli.terminal import Command
 from pfd_ros.text import one_line
 
-HELP = 'check the installation, and measure the speed of this machine'
-EXAMPLE = 'pfd doctor'
 PACKAGE = 'pfd_ros'
 # The purpose of an extra of setup.py whose name does not say it.
 EXTRAS = {
     'ros': 'the node (pfd sim, pfd demo) and tests over topics',
-    'report': 'the plots of pfd demo and pfd compare, and python -m benchmarks',
+    'report': 'pfd compare --plot, and python -m benchmarks',
     'peers': 'CasADi and MuJoCo in python -m benchmarks',
     'view': 'pfd view: the arm of a log or of a running node in 3D',
-    'completion': 'completion of pfd in bash and zsh, see docs/guides/node.md',
+    'completion': 'completion of pfd in bash and zsh',
 }
 # Period [s] and length [s] of the test of the clock, and the share of periods it may miss.
 PERIOD, LENGTH, MISSED = 1e-3, 1.0, 0.02
@@ -59,11 +58,7 @@ class Finding(NamedTuple):
     failed: bool = False
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare nothing."""
-
-
-def run(given: argparse.Namespace) -> int:
+def _run(_: argparse.Namespace) -> int:
     """Print the findings as they come; 1 if something that is installed does not work."""
     failed = False
     for check in CHECKS:
@@ -98,11 +93,10 @@ def extras() -> Iterator[Finding]:
             except metadata.PackageNotFoundError:
                 names.append(found[1])
     for extra, names in missing.items():
-        if not names:
-            text = 'installed'
-        elif extra == 'ros' and importlib.util.find_spec('rclpy'):
+        text = 'installed'
+        if names and extra == 'ros' and importlib.util.find_spec('rclpy'):
             text = 'the ROS 2 of this machine'
-        else:
+        elif names:
             use, cure = EXTRAS.get(extra, extra), f"pip install '{PACKAGE}[{extra}]'"
             text = f'{", ".join(names)} not installed; needed for {use}: {cure}'
         yield Finding('extra', f'{extra}: {text}')
@@ -137,19 +131,28 @@ def cache() -> Iterator[Finding]:
     yield Finding('cache', f'{folder} {text}', failed=not works)
 
 
+def bare_timer(period: float, length: float) -> NDArray[np.float64]:
+    """Return the periods [s] of a loop that skips those that have passed at a wake-up."""
+    woke = [time.monotonic()]
+    end = due = woke[0]
+    end += length
+    while woke[-1] < end:
+        due += period * max(1.0, np.ceil((woke[-1] - due) / period))
+        time.sleep(max(due - time.monotonic(), 0.0))
+        woke.append(time.monotonic())
+    return np.diff(woke)
+
+
 def clock() -> Iterator[Finding]:
     """Yield how punctual a loop of 1 kHz is, which bounds the real-time rate of the node."""
-    begun = time.time_ns()
-    with bare_timer(PERIOD) as woke:
-        time.sleep(LENGTH)
-    periods = np.diff([begun, *woke, time.time_ns()]) * 1e-6
+    periods = bare_timer(PERIOD, LENGTH) * 1e3
     due = round(LENGTH / PERIOD)
     text = (
-        f'a loop of {1 / PERIOD:.0f} Hz woke {len(woke)} times in {LENGTH:g} s, expected {due}; '
-        f'periods of {np.median(periods):.3f} ms, 99 % up to {np.quantile(periods, 0.99):.3f} ms, '
-        f'longest {np.max(periods):.3f} ms'
+        f'a loop of {1 / PERIOD:.0f} Hz woke {len(periods)} times in {LENGTH:g} s, expected {due};'
+        f' periods of {np.median(periods):.3f} ms, 99 % up to {np.quantile(periods, 0.99):.3f} ms,'
+        f' longest {np.max(periods):.3f} ms'
     )
-    if len(woke) < (1 - MISSED) * due:
+    if len(periods) < (1 - MISSED) * due:
         text += ': a busy machine; lockstep runs are not affected'
     yield Finding('clock', text)
 
@@ -172,9 +175,8 @@ def dds() -> Iterator[Finding]:
     text = why or f'no message within {DISCOVERY:g} s; is a firewall on?'
     if works:
         text = f'message received by another process after {float(why.split()[-1]):.2f} s'
-    yield Finding(
-        'dds', f'domain {os.environ.get("ROS_DOMAIN_ID", "0")}: {text}', failed=not works
-    )
+    domain = os.environ.get('ROS_DOMAIN_ID', '0')
+    yield Finding('dds', f'domain {domain}: {text}', failed=not works)
 
 
 def speed() -> Iterator[Finding]:
@@ -199,3 +201,11 @@ def _least(call: Callable[[], object], count: int) -> float:
 
 
 CHECKS = (installation, extras, compiler, cache, clock, dds, speed)
+COMMANDS = {
+    'doctor': Command(
+        'check the installation, and measure the speed of this machine',
+        'pfd doctor',
+        lambda _: None,
+        _run,
+    )
+}

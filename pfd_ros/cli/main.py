@@ -18,62 +18,67 @@ import importlib.util
 import io
 import os
 import sys
-from typing import Any
+from typing import NoReturn
 
+from pfd_ros.cli.terminal import Command
 from pfd_ros.node.main import Stop, stop_on_signals
 from pfd_ros.text import one_line
 
-# Exit status after Ctrl-C, as in shells.
-INTERRUPTED = 130
-# Exit status if the reader of the output closed the pipe, as after SIGPIPE.
-CLOSED_PIPE = 141
+# Exit status after Ctrl-C, as in shells; and if the reader of the output closed the pipe, as after
+# SIGPIPE.
+INTERRUPTED, CLOSED_PIPE = 130, 141
 NO_ROS = (
     'this command needs ROS 2 (rclpy), which is not installed; '
     "install it with: pip install 'pfd_ros[ros]'"
 )
+# The module of each command, in the order of `pfd --help`. A module has the mapping COMMANDS.
+COMMANDS = {
+    'demo': 'small',
+    'sim': 'small',
+    'replay': 'logs',
+    'info': 'logs',
+    'compare': 'logs',
+    'view': 'view',
+    'recover': 'logs',
+    'report': 'report',
+    'send': 'send',
+    'robots': 'small',
+    'urdf': 'small',
+    'doctor': 'doctor',
+}
 
 
-# The modules of this package that are commands, in the order of `pfd --help`.
-COMMANDS = (
-    *('demo', 'sim', 'replay', 'info', 'compare', 'view', 'recover'),
-    *('report', 'robots', 'urdf', 'doctor'),
-)
-NEED_ROS = {'demo', 'sim'}
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, with control characters escaped."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print what is wrong and end with status 2."""
+        self.exit(2, one_line(f'{self.prog}: {message}; see {self.prog} --help') + '\n')
 
 
-def commands_of(words: Sequence[str]) -> dict[str, Any]:
+def commands_of(words: Sequence[str]) -> dict[str, Command]:
     """Import the command of the first word, or all; none imports rclpy before it runs."""
-    names = words[:1] if words and words[0] in COMMANDS else COMMANDS
-    return {name: import_module(f'pfd_ros.cli.{name}') for name in names}
+    names = words[:1] if words and words[0] in COMMANDS else [*COMMANDS]
+    modules = {name: import_module(f'pfd_ros.cli.{COMMANDS[name]}') for name in names}
+    return {name: module.COMMANDS[name] for name, module in modules.items()}
 
 
-def parser(commands: Mapping[str, Any]) -> argparse.ArgumentParser:
-    """Return the parser of some commands, given as modules by name."""
-    found = argparse.ArgumentParser(
-        prog='pfd', description='A simulated robot arm: torques in, joint states out.'
-    )
-    subparsers = found.add_subparsers(dest='command', required=True, metavar='COMMAND')
+def parser(commands: Mapping[str, Command]) -> argparse.ArgumentParser:
+    """Return the parser of some commands, by name."""
+    found = Parser(prog='pfd', description='A simulated robot arm: torques in, joint states out.')
+    found.add_argument('--version', action='store_true', help='print the version')
+    subparsers = found.add_subparsers(dest='command', metavar='COMMAND')
     for name, command in commands.items():
-        command.add_arguments(
+        command.arguments(
             subparsers.add_parser(
                 name,
-                help=command.HELP,
-                description=command.HELP,
-                epilog=f'example: {command.EXAMPLE}',
+                help=command.help,
+                description=command.help,
+                epilog=f'example: {command.example}',
                 formatter_class=argparse.RawDescriptionHelpFormatter,
             )
         )
     return found
-
-
-def _complete(line: str) -> int:
-    """Answer the shell that completes a line; it has been set up by argcomplete."""
-    try:
-        import argcomplete
-    except ImportError:
-        return 1
-    argcomplete.autocomplete(parser(commands_of(line.split()[1:])))
-    return 0
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -100,8 +105,16 @@ def _run(words: list[str], stop: Stop | None) -> int:
     commands = commands_of(words)
     # Arguments for ROS, which argparse would reject.
     cut = words.index('--ros-args') if '--ros-args' in words else len(words)
+    parse = parser(commands)
     try:
-        given = parser(commands).parse_args(words[:cut])
+        given = parse.parse_args(words[:cut])
+        if given.version:
+            import pfd_core as pfd
+
+            print(f'pfd {pfd.__version__}')
+            return 0
+        if given.command is None:
+            parse.error(f'no COMMAND, expected one of {", ".join(COMMANDS)}')
     finally:
         # The text of --help, while a closed pipe can still be reported.
         if sys.stdout is not None:
@@ -110,13 +123,12 @@ def _run(words: list[str], stop: Stop | None) -> int:
     if given.ros_args and given.command != 'sim':
         print(f'pfd: {given.command} takes no --ros-args', file=sys.stderr)
         return 2
-    asked = getattr(given, 'publish', False) or getattr(given, 'live', False)
-    needs_ros = given.command in NEED_ROS or asked
-    if needs_ros and importlib.util.find_spec('rclpy') is None:
+    command = commands[given.command]
+    if command.needs_ros(given) and importlib.util.find_spec('rclpy') is None:
         print(f'pfd: {NO_ROS}', file=sys.stderr)
         return 1
     try:
-        status: int = commands[given.command].run(given)
+        status = command.run(given)
         # While a full disk or a closed pipe can still be reported.
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -128,6 +140,16 @@ def _run(words: list[str], stop: Stop | None) -> int:
             print(one_line(f'pfd {given.command}: {error}'), file=sys.stderr)
         return 1
     return status
+
+
+def _complete(line: str) -> int:
+    """Answer the shell that completes a line; it has been set up by argcomplete."""
+    try:
+        import argcomplete
+    except ImportError:
+        return 1
+    argcomplete.autocomplete(parser(commands_of(line.split()[1:])))
+    return 0
 
 
 def _close_output() -> None:

@@ -8,37 +8,25 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 import sys
-from typing import NoReturn
 
 import pfd_core as pfd
-from pfd_ros.advice import advise, full_scene, read_motion, sine
-from pfd_ros.advice.motions import SETTINGS
-from pfd_ros.advice.scene import lines
-from pfd_ros.cli.terminal import add_logs, print_lines, progress_on
-from pfd_ros.page.html import write_page
-from pfd_ros.page.reading import read_contents
+from pfd_ros.cli.terminal import Command, print_lines, progress_on, reads_logs
 from pfd_ros.text import one_line
 
-HELP = 'the HTML page of a log, or advice on the effects that a simulated motion needs'
-EXAMPLE = 'pfd report log run.mcap'
 LOG = 'one HTML page of a log: what went wrong first, and its curves; opens without network'
 SCENE = 'which effects of a scene a motion needs within a tolerance, and the error without each'
 SINE = 'sine'
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the two reports, and the arguments of each."""
-
-    def refuse(message: str) -> NoReturn:
-        hint = 'pages of measurements: python -m benchmarks, in a checkout'
-        parser.exit(2, one_line(f'{parser.prog}: {message}; {hint}') + '\n')
-
-    # argparse would print the usage as well.
-    parser.error = refuse  # type: ignore[method-assign]
-    kinds = parser.add_subparsers(dest='what', metavar='WHAT', required=True)
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    kinds = parser.add_subparsers(
+        dest='what', metavar='WHAT', required=True, title='reports', description=(
+            'Pages of measurements (speed, errors, counts) are in a checkout: python -m benchmarks'
+        )
+    )
     example = 'example: pfd report log run.mcap --out run.html'
     log = kinds.add_parser('log', help=LOG, description=LOG, epilog=example)
-    add_logs(log, 'MCAP or .db3 file, rosbag2 folder; or all files of one run, or their folder')
+    log.add_argument('log', type=Path, metavar='LOG', help='MCAP or .db3 file, folder of rosbag2')
     log.add_argument(
         '--out',
         type=Path,
@@ -50,6 +38,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='the robot of a log that holds none, for its limits: a name that `pfd robots` lists, '
         'or a file',
     )
+    for name, what in (('--start', 'begin'), ('--end', 'end')):
+        log.add_argument(
+            name, type=float, metavar='S', help=f'{what} S seconds after the first message'
+        )
     example = 'example: pfd report scene --robot puma560 --trajectory sine --tolerance 1e-3'
     scene = kinds.add_parser('scene', help=SCENE, description=SCENE, epilog=example)
     scene.add_argument(
@@ -85,17 +77,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(given: argparse.Namespace) -> int:
-    """Read the log, or simulate the scenes; print the result and the path of the file.
-
-    Raises
-    ------
-    ValueError
-        If the log, the robot or an argument is not one of those described above.
-    OSError
-        If the file exists, or a file cannot be read or written.
-    """
-    return _run_log(given) if given.what == 'log' else _run_scene(given)
+@reads_logs
+def _report(given: argparse.Namespace, unread: list[str]) -> int:
+    """Read the log, or simulate the scenes; print the result and the path of the file."""
+    return _log(given, unread) if given.what == 'log' else _scene(given)
 
 
 def _new(path: Path) -> Path:
@@ -104,24 +89,26 @@ def _new(path: Path) -> Path:
     return path
 
 
-def _run_log(given: argparse.Namespace) -> int:
-    name = given.logs[0].absolute().name.removesuffix('.mcap')
+def _log(given: argparse.Namespace, unread: list[str]) -> int:
+    from pfd_ros import read_log
+    from pfd_ros.page.page import page
+
+    name = given.log.absolute().name.removesuffix('.mcap')
     path = _new(given.out or Path(f'{name}.html'))
     robot = None if given.robot is None else pfd.load_robot(given.robot)
-    contents = read_contents(given.logs, robot=robot, progress=progress_on(sys.stderr))
-    write_page(contents, path)
-    first = contents.first
-    if first is None:
-        print('nothing went wrong')
-    else:
-        joint = f'{first.joint}: ' if first.joint else ''
-        print(one_line(f'first: t = {first.time:.3f} s, {first.kind}: {joint}{first.text}'))
-    print_lines(f'note: {note}' for note in contents.notes)
-    print(path)
+    log = read_log(given.log, unreadable='count', start=given.start, end=given.end)
+    found = page(log, robot=robot)
+    found.write(path)
+    print_lines([found.said, *(f'note: {note}' for note in found.notes), path])
+    unread += found.unreadable
     return 0
 
 
-def _run_scene(given: argparse.Namespace) -> int:
+def _scene(given: argparse.Namespace) -> int:
+    from pfd_ros.advice import advise, full_scene, read_motion, sine
+    from pfd_ros.advice.motions import SETTINGS
+    from pfd_ros.advice.scene import lines
+
     path, progress = _new(given.out), progress_on(sys.stderr)
     scene = None if given.scene is None else pfd.load_scene(given.scene)
     refused: dict[str, str] = {}
@@ -155,5 +142,15 @@ def _run_scene(given: argparse.Namespace) -> int:
     with path.open('x', encoding='utf-8') as file:
         file.writelines(f'# {one_line(line)}\n' for line in ('smallest scene found of', *text))
         file.write(pfd.scene_to_yaml(advice.scene))
-    print(path)
+    print_lines([path])
     return 0
+
+
+COMMANDS = {
+    'report': Command(
+        'the HTML page of a log, or advice on the effects that a simulated motion needs',
+        'pfd report log run.mcap',
+        _arguments,
+        _report,
+    )
+}

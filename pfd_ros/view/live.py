@@ -174,8 +174,8 @@ class Topics:
             self.node.destroy_subscription(end)
         raise ValueError(
             f'no model within {MODEL_SECONDS:g} s: nothing on {topic}, and no node {self.arm} '
-            f'with the parameter `robot` in ROS_DOMAIN_ID {_domain()}{self.others()}; start the arm, '
-            'or name the robot with --robot'
+            f'with the parameter `robot` in ROS_DOMAIN_ID {_domain()}{self.others()}; start '
+            'the arm, or name the robot with --robot'
         )
 
     def others(self) -> str:

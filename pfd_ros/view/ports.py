@@ -8,6 +8,8 @@ import importlib.util
 import socket
 
 HOST, PORT = '127.0.0.1', 8080
+# What a view of a running arm prints once a browser shows it.
+OPENED = 'a browser has opened the page'
 NEEDED = ('viser', 'trimesh', 'collada')
 
 

@@ -5,17 +5,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 import math
 from typing import Any
 
+from pfd_ros.cli.terminal import number, pair
 from pfd_ros.node.main import ignore_signals, stop_on_signals
-from pfd_ros.recording.bags import bag_of
 from pfd_ros.replay.schedule import RATES
 
 # Without a number, like `ros2 bag play --clock`.
-CLOCK_HZ = 40.0
-CLOCK_RATES = (1e-3, 1e4)
+CLOCK_HZ, CLOCK_RATES = 40.0, (1e-3, 1e4)
 # Longest offset and duration, s: a century.
 LONGEST_SECONDS = 3.2e9
 # Options without effect on other commands than --publish, with their defaults.
@@ -41,19 +39,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument('--publish', action='store_true', help='publish the messages of the log')
     group.add_argument(
-        '--rate', type=_number('rate', *RATES), metavar='X', help='speed (default 1)'
+        '--rate', type=number('rate', *RATES), metavar='X', help='speed (default 1)'
     )
     group.add_argument('--loop', action='store_true', help='begin again at the end')
     group.add_argument(
         '--start-offset',
-        type=_number('start offset', 0.0, LONGEST_SECONDS),
+        type=number('start offset', 0.0, LONGEST_SECONDS),
         metavar='S',
         help='start S seconds after the first message; transient local messages from before it '
         'are sent first',
     )
     group.add_argument(
         '--duration',
-        type=_number('duration', 1e-9, LONGEST_SECONDS),
+        type=number('duration', 1e-9, LONGEST_SECONDS),
         metavar='S',
         help='stop after S seconds of log time',
     )
@@ -62,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         '--remap',
-        type=_remap,
+        type=pair(':='),
         action='append',
         metavar='A:=B',
         help='publish topic A of the log on B; may be repeated',
@@ -71,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--clock',
         nargs='?',
         const=CLOCK_HZ,
-        type=_number('clock', *CLOCK_RATES),
+        type=number('clock', *CLOCK_RATES),
         metavar='HZ',
         help=f'publish the log time on /clock (default {CLOCK_HZ:g} Hz), unless the log has it',
     )
@@ -81,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Publish a log; see `play` for the exit status and the errors."""
-    from pfd_ros.node.log_player import PlayOptions, play  # needs rclpy
+    from pfd_ros.replay.publish import PlayOptions, play
 
     options = PlayOptions(
         rate=given.rate,
@@ -94,44 +92,6 @@ def run(given: argparse.Namespace) -> int:
         start_paused=given.start_paused,
     )
     try:
-        return play(bag_of(given.logs), options, given.stop or stop_on_signals())
+        return play(given.log, options, given.stop or stop_on_signals())
     finally:
         ignore_signals()
-
-
-def conflict(given: argparse.Namespace) -> str:
-    """Return why these options exclude each other, '' if they do not."""
-    if given.publish:
-        others = [name for name in ('verify', 'allow_incomplete') if getattr(given, name)]
-        others += [] if given.what_if is None else ['what_if']
-        return f'--publish and {_option(others[0])} exclude each other' if others else ''
-    unused = [name for name, value in DEFAULTS.items() if getattr(given, name) != value]
-    return f'{_option(unused[0])} requires --publish' if unused else ''
-
-
-def _option(name: str) -> str:
-    return f'--{name.replace("_", "-")}'
-
-
-def _number(name: str, least: float, most: float) -> Callable[[str], float]:
-    """Return a parser of a number within bounds."""
-
-    def parse(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not least <= value <= most:
-            raise argparse.ArgumentTypeError(
-                f'{name} is {text!r}, expected a number from {least:g} to {most:g}'
-            )
-        return value
-
-    return parse
-
-
-def _remap(text: str) -> tuple[str, str]:
-    name, sign, published = text.partition(':=')
-    if not (name and sign and published):
-        raise argparse.ArgumentTypeError(f'{text!r} is not a remapping, expected A:=B')
-    return name, published

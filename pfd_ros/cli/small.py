@@ -1,0 +1,105 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd sim`, `pfd demo`, `pfd robots` and `pfd urdf`."""
+
+from __future__ import annotations
+
+import argparse
+import io
+from pathlib import Path
+import sys
+
+import pfd_core as pfd
+from pfd_ros.cli.terminal import Command, add_view, ended_by_signals
+from pfd_ros.view.ports import check_page
+
+
+def _sim_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--robot', help='robot to simulate, the same as -p robot:=...')
+    add_view(parser)
+    # The node reports errors in these.
+    parser.add_argument('words', nargs='*', help=argparse.SUPPRESS)
+
+
+def _sim(given: argparse.Namespace) -> int:
+    """Run the node until it is stopped; return its exit status."""
+    from pfd_ros.node import main as node
+
+    view = None
+    if given.view:
+        from pfd_ros.view.process import ViewProcess
+
+        check_page(given.port)
+        view = ViewProcess(given.port)
+    robot = [] if given.robot is None else ['--ros-args', '-p', f'robot:={given.robot}', '--']
+    return node.main([*given.words, *robot, *given.ros_args], given.stop, view)
+
+
+def _demo_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--seconds', type=float, default=5.0, help='length of the motion, s')
+    parser.add_argument('--robot', default='puma560', help='a robot that `pfd robots` lists')
+    parser.add_argument(
+        '--out', type=Path, default=Path('pfd_demo'), help='folder for the results'
+    )
+    add_view(parser)
+
+
+def _demo(given: argparse.Namespace) -> int:
+    """Run the demo; 0 only if all of it worked."""
+    from pfd_ros.demo.run import run_demo
+
+    with ended_by_signals():
+        return run_demo(given.robot, given.seconds, given.out, given.port if given.view else None)
+
+
+def _robots(_: argparse.Namespace) -> int:
+    for name in pfd.known_robots():
+        robot = pfd.load_robot(name)
+        print(f'{name:20s} {robot.n} joints: {", ".join(robot.joint_names)}')
+    return 0
+
+
+def _urdf_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        'robot', help='a robot that `pfd robots` lists, or a .urdf, .xacro or .yaml file'
+    )
+    parser.add_argument('--out', type=Path, metavar='FILE', help='file to write instead of stdout')
+
+
+def _urdf(given: argparse.Namespace) -> int:
+    text = pfd.urdf_of(given.robot)
+    if given.out is None:
+        if sys.stdout is None:
+            raise OSError('no standard output; use --out')
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            # In any locale, as a file.
+            sys.stdout.reconfigure(encoding='utf-8')
+        print(text, end='')
+    else:
+        given.out.write_text(text, encoding='utf-8')
+    return 0
+
+
+COMMANDS = {
+    'sim': Command(
+        'run the simulated arm; accepts --ros-args like every ROS 2 node',
+        'pfd sim --robot ur5 --view --ros-args -p recording:=run.mcap',
+        _sim_arguments,
+        _sim,
+        lambda _: True,
+    ),
+    'demo': Command(
+        'run the arm and a controller as two ROS 2 processes for a few seconds',
+        'pfd demo --robot panda --seconds 20 --view',
+        _demo_arguments,
+        _demo,
+        lambda _: True,
+    ),
+    'robots': Command('list the included robots', 'pfd robots', lambda _: None, _robots),
+    'urdf': Command(
+        'write the URDF of a robot',
+        'pfd urdf puma560 --out puma560.urdf',
+        _urdf_arguments,
+        _urdf,
+    ),
+}

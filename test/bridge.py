@@ -406,16 +406,20 @@ NAMES = {
     'RunLimits': 'pfd_ros.testing.trajectory:Limits',
     'RunTrajectory': 'pfd_ros.testing.trajectory:Trajectory',
     # pfd_ros.view: the arm in 3D
-    'export_view': 'pfd_ros.view.export:export',
-    'LiveArm': 'pfd_ros.view.live_arm:LiveArm',
-    'ViewContent': 'pfd_ros.view.logged_arm:Content',
-    'view_content': 'pfd_ros.view.logged_arm:content_of',
-    'fill_view': 'pfd_ros.view.logged_arm:fill',
-    'MeshFolders': 'pfd_ros.view.mesh_files:MeshFolders',
-    'ViewPlayer': 'pfd_ros.view.player:Player',
-    'LinkPoses': 'pfd_ros.view.poses:LinkPoses',
-    'view_address': 'pfd_ros.view.server:address',
-    'view_page': 'pfd_ros.view.server:page',
+    'LinkPoses': 'pfd_ros.view.arm:LinkPoses',
+    'Stage': 'pfd_ros.view.arm:Stage',
+    'load_colour': 'pfd_ros.view.arm:load_colour',
+    'draw': 'pfd_ros.view.forms:draw',
+    'LiveShown': 'pfd_ros.view.live:Shown',
+    'ViewPayload': 'pfd_ros.view.loads:Payload',
+    'ViewWrench': 'pfd_ros.view.loads:Wrench',
+    'MeshFolders': 'pfd_ros.view.meshes:MeshFolders',
+    'ViewPlayer': 'pfd_ros.view.page:Player',
+    'export_view': 'pfd_ros.view.page:export',
+    'frame_times': 'pfd_ros.view.page:frame_times',
+    'view_address': 'pfd_ros.view.page:address',
+    'view_page': 'pfd_ros.view.page:page',
+    'ShownLog': 'pfd_ros.view.shown_log:ShownLog',
     # pfd_ros.advice: advice on a scene
     'Advice': 'pfd_ros.advice:Advice',
     'Motion': 'pfd_ros.advice:Motion',
@@ -436,9 +440,11 @@ NAMES = {
     'pfd_commands_of': 'pfd_ros.cli.main:commands_of',
     'pfd_main': 'pfd_ros.cli.main:main',
     'pfd_parser': 'pfd_ros.cli.main:parser',
-    'REPLAY_INCOMPLETE': 'pfd_ros.cli.replay:INCOMPLETE',
+    'REPLAY_INCOMPLETE': 'pfd_ros.cli.logs:INCOMPLETE',
+    'SMALL_COMMANDS': 'pfd_ros.cli.small:COMMANDS',
+    'Command': 'pfd_ros.cli.terminal:Command',
     'progress_on': 'pfd_ros.cli.terminal:progress_on',
-    'what_if_lines': 'pfd_ros.cli.what_if:lines_of',
+    'message_of': 'pfd_ros.cli.send:message_of',
 }
 
 # Functions and constants that tests replace: monkeypatch.setattr(*bridge.target(name), value).
@@ -500,11 +506,17 @@ PATCHED = {
     'SimArm_start': 'pfd_ros.node.sim_arm:SimArm.start',
     'Stepper_run': 'pfd_ros.node.stepping:Stepper.run',
     'Stepper_run_cycle': 'pfd_ros.node.stepping:Stepper.run_cycle',
+    # pfd_ros.view: the arm in 3D
+    'MOST_VISUALS': 'pfd_ros.view.forms:MOST_VISUALS',
+    'MESH_MOST_BYTES': 'pfd_ros.view.meshes:MOST_BYTES',
+    'MESH_MOST_TRIANGLES': 'pfd_ros.view.meshes:MOST_TRIANGLES',
+    'MESHES_MOST_BYTES': 'pfd_ros.view.meshes:MOST_BYTES_TOGETHER',
+    'MESHES_MOST_TRIANGLES': 'pfd_ros.view.meshes:MOST_TRIANGLES_TOGETHER',
+    'VIEW_NEEDED': 'pfd_ros.view.ports:NEEDED',
     # pfd_ros.advice: advice on a scene
     'MOTION_MOST_STEPS': 'pfd_ros.advice.motions:MOST_STEPS',
     # pfd_ros.cli: the command pfd
     'doctor_bare_timer': 'pfd_ros.cli.doctor:bare_timer',
-    'pfd_replay_run': 'pfd_ros.cli.replay:run',
 }
 
 # The names above that are objects with behaviour, or functions that return one: tests call their
@@ -541,7 +553,7 @@ OBJECTS = (
     'KernelSpec',
     'Lanes',
     'LinkPoses',
-    'LiveArm',
+    'LiveShown',
     'LockstepArm',
     'LogRecorder',
     'LogSession',
@@ -582,7 +594,7 @@ OBJECTS = (
 )
 
 # What the server of forked processes imports before it forks them; see forked_process.
-PRELOADED = ('pfd_ros.node.process', 'pfd_ros.node.log_player', 'pfd_ros.cli.replay')
+PRELOADED = ('pfd_ros.node.process', 'pfd_ros.node.log_player', 'pfd_ros.cli.logs')
 
 
 def target(name: str) -> tuple[Any, str]:

@@ -60,7 +60,9 @@ PFD_ROS = {
     'node': {'text', 'messages', 'arm', 'recording', 'replay'},
     'testing': {'text', 'messages', 'arm', 'recording', 'replay', 'motion', 'page'},
     'view': {'text', 'messages', 'arm', 'recording', 'node', 'testing'},
-    'demo': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'testing', 'view'},
+    'demo': {
+        *('text', 'messages', 'arm', 'recording', 'replay', 'page', 'node', 'testing', 'view'),
+    },
     'cli': {
         *('text', 'messages', 'arm', 'recording', 'replay', 'page', 'advice', 'node', 'view'),
         'demo',
@@ -80,13 +82,18 @@ RESERVED = {
     'benchmarks': set(),
     'viser': {'pfd_ros.view'},
     'trimesh': {'pfd_ros.view'},
-    'rclpy': {'pfd_ros.node', 'pfd_ros.testing', 'pfd_ros.demo', 'pfd_ros.view.live'},
+    'rclpy': {
+        'pfd_ros.node',
+        'pfd_ros.testing',
+        'pfd_ros.demo',
+        'pfd_ros.view.live',
+        'pfd_ros.cli.send',
+    },
 }
 
 # Test files that import internals, and go with the subpackage that they pin. No file joins them.
 PINNED = (
     'test_arm_state',
-    'test_demo',
     'test_format',
     'test_log_page',
     'test_receiving',
@@ -97,10 +104,6 @@ PINNED = (
     'test_step_timer',
     'test_stepping',
     'test_throttled_log',
-    'test_view',
-    'test_view_geometry',
-    'test_view_page',
-    'test_view_process',
 )
 
 

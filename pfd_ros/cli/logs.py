@@ -10,8 +10,7 @@ that is incomplete.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping
 from datetime import datetime, timezone
 from pathlib import Path
 import sys
@@ -45,7 +44,10 @@ WHAT_IF: dict[str, Any] = {
 
 def _replay_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        'log', type=Path, metavar='LOG', help=f'a recording; with --publish or --commands any {ANY_LOG}'
+        'log',
+        type=Path,
+        metavar='LOG',
+        help=f'a recording; with --publish or --commands any {ANY_LOG}',
     )
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument(
@@ -70,9 +72,7 @@ def _replay_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='TOPIC',
         help='topic with efforts of any bag (JointState or Float64MultiArray); requires robot=',
     )
-    group.add_argument(
-        '--states', metavar='TOPIC', help="with --commands: the bag's JointStates"
-    )
+    group.add_argument('--states', metavar='TOPIC', help="with --commands: the bag's JointStates")
     add_rename(group)
     group.add_argument(
         '--out', type=Path, metavar='FILE', help='log of the new run (default: ./LOG_what_if.mcap)'
@@ -167,32 +167,38 @@ def _info(given: argparse.Namespace, unread: list[str]) -> int:
 
     found = facts(given.log)
     if given.json:
-        print_json(asdict(found))
+        print_json(found)
     else:
         print_lines(_info_lines(found))
-    unread += [f'{name}: {topic.unreadable}' for name, topic in found.topics.items() if topic.unreadable]
+    for name, topic in found['topics'].items():
+        if topic['unreadable']:
+            unread.append(f'{name}: {topic["unreadable"]} of {topic["messages"]} messages')
+        if topic['obstacle']:
+            unread.append(f'{name}: {topic["obstacle"]}')
     return 0
 
 
-def _info_lines(found: Any) -> Iterator[str]:
+def _info_lines(found: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines about any log, as `ros2 bag info` has them."""
-    yield f'log        {found.path}'
-    yield f'size       {found.bytes / 1e6:.3f} MB{"" if found.complete else ", cut off"}'
-    yield f'messages   {found.messages}'
-    if found.messages:
-        yield f'begin      {_date(found.begin_ns)}'
-        yield f'end        {_date(found.end_ns)}'
-        yield f'length     {(found.end_ns - found.begin_ns) / NANOSECONDS:.6f} s'
-    names = max(map(len, found.topics), default=0)
-    kinds = max((len(topic.type) for topic in found.topics.values()), default=0)
-    for name, topic in sorted(found.topics.items()):
-        line = f'topic      {name:{names}}  {topic.type:{kinds}}  {topic.messages:8}'
-        if topic.median_interval_ns is not None:
-            median, gap = topic.median_interval_ns * 1e-6, topic.longest_gap_ns * 1e-6
+    yield f'log        {found["path"]}'
+    yield f'size       {found["bytes"] / 1e6:.3f} MB{"" if found["complete"] else ", cut off"}'
+    yield f'messages   {found["messages"]}'
+    begin, end = found['begin_ns'], found['end_ns']
+    if begin is not None:
+        yield f'begin      {_date(begin)}'
+        yield f'end        {_date(end)}'
+        yield f'length     {(end - begin) / NANOSECONDS:.6f} s'
+    topics = found['topics']
+    names = max(map(len, topics), default=0)
+    kinds = max((len(topic['type']) for topic in topics.values()), default=0)
+    for name, topic in topics.items():
+        line = f'topic      {name:{names}}  {topic["type"]:{kinds}}  {topic["messages"]:8}'
+        if topic['median_interval_ns'] is not None:
+            median, gap = topic['median_interval_ns'] * 1e-6, topic['longest_gap_ns'] * 1e-6
             line += f'  every {median:.3f} ms, longest gap {gap:.3f} ms'
         yield line
-    if found.settings:
-        values = ', '.join(f'{name}={value}' for name, value in found.settings.items())
+    if found['settings']:
+        values = ', '.join(f'{name}={value}' for name, value in found['settings'].items())
         yield f'settings   {values}'
 
 

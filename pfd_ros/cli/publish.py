@@ -10,10 +10,9 @@ from typing import Any
 
 from pfd_ros.cli.terminal import number, pair
 from pfd_ros.node.main import ignore_signals, stop_on_signals
-from pfd_ros.replay.schedule import RATES
 
-# Without a number, like `ros2 bag play --clock`.
-CLOCK_HZ, CLOCK_RATES = 40.0, (1e-3, 1e4)
+# Of the player; and of its clock, without a number like `ros2 bag play --clock`.
+RATES, CLOCK_HZ, CLOCK_RATES = (1e-3, 1e3), 40.0, (1e-3, 1e4)
 # Longest offset and duration, s: a century.
 LONGEST_SECONDS = 3.2e9
 # Options without effect on other commands than --publish, with their defaults.

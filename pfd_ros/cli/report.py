@@ -20,9 +20,13 @@ SINE = 'sine'
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
     kinds = parser.add_subparsers(
-        dest='what', metavar='WHAT', required=True, title='reports', description=(
+        dest='what',
+        metavar='WHAT',
+        required=True,
+        title='reports',
+        description=(
             'Pages of measurements (speed, errors, counts) are in a checkout: python -m benchmarks'
-        )
+        ),
     )
     example = 'example: pfd report log run.mcap --out run.html'
     log = kinds.add_parser('log', help=LOG, description=LOG, epilog=example)

@@ -110,9 +110,7 @@ def _log(given: argparse.Namespace) -> int:
     times = shown.log.time
     if given.export:
         size = export(given.export, float(times[-1]), fill, progress_on(sys.stderr))
-        print_lines(
-            [f'{given.export} plays {given.log.name} in a browser ({size / 1e6:.1f} MB)']
-        )
+        print_lines([f'{given.export} plays {given.log.name} in a browser ({size / 1e6:.1f} MB)'])
         return 0
     with page(given.port, given.log.name) as server:
         player = Player(server.gui, times, fill(server))

@@ -90,7 +90,7 @@ class LinkPoses:
             self._origins[k] = pose_of(*joint.origin)
             axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
             if joint.kind in TURNING:
-                self._turns[k, :3, :3] = np.cross(np.eye(3), -axis)
+                self._turns[k, :3, :3] = np.cross(np.eye(3), axis)
             elif joint.kind == SLIDING:
                 self._slides[k, :3, 3] = axis
             depth[joint.child] = depth[joint.parent] + (joint.name in joints)

@@ -1,282 +1,697 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd view` shows the states of a log at their times, on this computer only."""
+"""`pfd view` draws an arm where Pinocchio says, and serves pages of this computer only.
+
+The first part needs no page, the second a page without a browser, the third logs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from functools import partial
+import http.client
 import os
 from pathlib import Path
-import signal
 import socket
-import subprocess
-import sys
+import struct
+from types import SimpleNamespace
 from typing import Any
-import urllib.request
+import warnings
 
+import bridge
+from bridge import (
+    LinkPoses,
+    MeshFolders,
+    Stage,
+    ViewPayload,
+    ViewPlayer,
+    ViewWrench,
+    draw,
+    export_view,
+    frame_times,
+    load_colour,
+    pfd_main,
+    view_address,
+)
 import numpy as np
+import pinocchio as pin
 import pytest
-from rewriting import GOLDEN, STATES, load
-from ros_processes import example_robot
+from sampling import one_fast
 from view_models import (
-    STATE,
+    PANDA,
+    SO100,
     UR5,
+    Exported,
     Nodes,
-    joint_state,
-    recorded,
-    swinging,
-    text_message,
-    ur5_poses,
+    example_urdf,
+    frames_by_pinocchio,
+    parsed,
+    pendulum_end,
     urdf,
-    write_bag,
+    visual,
 )
 from waiting import PATIENCE
 
-from pfd_ros import read_log
-from pfd_ros.cli.main import main
-from pfd_ros.view.logged_arm import Content, content_of
-from pfd_ros.view.player import Player
-from pfd_ros.view.server import HOST, address
+import pfd_core as pfd
 
-TIMES = (0.0, 0.1, 0.2, 0.35, 0.5)
+STATES = 3
 
 
-def content(path: Path, robot: str | None = None, topic: str | None = None) -> Content:
-    return content_of(path, robot, topic)
+def box_stl(edge: float) -> bytes:
+    """Return a tetrahedron with three edges along the axes, as binary STL."""
+    o, x, y, z = np.zeros(3), *(edge * np.eye(3))
+    faces = [(o, y, x), (o, x, z), (o, z, y), (x, y, z)]
+    body = b''.join(struct.pack('<12fH', 0, 0, 0, *np.ravel(face).tolist(), 0) for face in faces)
+    return bytes(80) + struct.pack('<I', len(faces)) + body
 
 
-@pytest.fixture(scope='module')
-def ur5_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return recorded(tmp_path_factory.mktemp('view') / 'ur5.mcap', example_robot(UR5))
+def dae(unit: float, up_axis: str = 'Z_UP', nodes: str = '') -> str:
+    """Return a COLLADA file with a triangle of corners 0, x and y."""
+    return f"""<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>
+<unit name="unit" meter="{unit}"/><up_axis>{up_axis}</up_axis></asset>
+<library_geometries><geometry id="g"><mesh><source id="p"><float_array id="a" count="9">
+0 0 0 1 0 0 0 1 0</float_array><technique_common><accessor source="#a" count="3" stride="3">
+<param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/>
+</accessor></technique_common></source><vertices id="v"><input semantic="POSITION" source="#p"/>
+</vertices><triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p>
+</triangles></mesh></geometry></library_geometries>{nodes}<library_visual_scenes>
+<visual_scene id="s"><node><instance_geometry url="#g"/></node></visual_scene>
+</library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
 
 
-def test_a_recording_of_a_urdf_with_meshes_is_drawn_at_the_poses_of_pinocchio(
-    ur5_log: Path, empty: Any
+def drawn(text: str, folder: Path | None = None, *packages: Path) -> Any:
+    return draw(parsed(text), MeshFolders(folder, packages))
+
+
+def edges(drawing: Any, link: str = 'arm') -> list[float]:
+    """Return the extents of what is drawn of a link, in its frame."""
+    points = np.concatenate([s.vertices for s in drawing.shapes if s.link == link])
+    return [float(x) for x in np.ptp(points, axis=0)]
+
+
+def mesh(uri: str, scale: str = '') -> str:
+    return visual(f'<mesh filename="{uri}" {scale}/>')
+
+
+@pytest.mark.parametrize('robot', [UR5, PANDA, SO100, 'puma560'])
+def test_the_tip_and_all_links_are_at_the_poses_of_pinocchio(robot: str) -> None:
+    model_urdf = parsed(pfd.urdf_of(robot)) if robot == 'puma560' else example_urdf(robot)[0]
+    model = pin.buildModelFromXML(model_urdf.text)
+    names = [name for name in model.names[1:] if model.joints[model.getJointId(name)].nq == 1]
+    poses = LinkPoses(model_urdf, names)
+    data = model.createData()
+    rng = np.random.default_rng(5)
+    for _ in range(STATES):
+        q = rng.uniform(-1.5, 1.5, len(names))
+        full = pin.neutral(model)
+        for name, value in zip(names, q, strict=True):
+            full[model.joints[model.getJointId(name)].idx_q] = value
+        pin.framesForwardKinematics(model, data, full)
+        frames = poses.at(q)
+        assert poses.tip in poses.links
+        for link, frame in zip(poses.links, frames, strict=True):
+            expected = data.oMf[model.getFrameId(link, pin.FrameType.BODY)].homogeneous
+            np.testing.assert_allclose(frame, expected, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize('robot', one_fast([UR5, PANDA, SO100], SO100))
+def test_the_meshes_of_each_link_fill_the_space_that_pinocchio_reads_from_them(
+    robot: str,
 ) -> None:
-    found = content(ur5_log)
-    assert found.lines == ()
-    assert not any(shape.stands_in for shape in found.drawing.shapes)
-    nodes = Nodes(empty, found)
-    pose, states = ur5_poses(ur5_log), read_log(ur5_log)['/joint_states']
-    for place in (0, len(states) // 2, len(states) - 1):
-        nodes.show(states.time[place] - states.time[0])
-        for link in ('base_link', 'forearm_link', 'wrist_3_link'):
-            shown = nodes.pose(f'/arm/link_{found.poses.index(link)}')
-            np.testing.assert_allclose(
-                shown.homogeneous, pose(place, link).homogeneous, atol=1e-12
-            )
+    model_urdf, folder = example_urdf(robot)
+    drawing = draw(model_urdf, MeshFolders(folder))
+    assert drawing.problems == ()
+    assert not any(shape.stands_in for shape in drawing.shapes)
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')  # of its bindings, about their arguments
+        model = pin.buildModelFromXML(model_urdf.text)
+        geometry = pin.buildGeomFromUrdfString(
+            model, model_urdf.text, pin.GeometryType.VISUAL, str(folder.parents[3])
+        )
+    expected: dict[str, list[np.ndarray]] = {}
+    for item in geometry.geometryObjects:
+        frame = model.frames[item.parentFrame]
+        pose = frame.placement.inverse() * item.placement
+        points = np.array(item.geometry.vertices()) @ pose.rotation.T + pose.translation
+        expected.setdefault(frame.name, []).append(points)
+    assert {shape.link for shape in drawing.shapes} == set(expected)
+    for link, parts in expected.items():
+        points = np.concatenate(parts)
+        found = np.concatenate([s.vertices for s in drawing.shapes if s.link == link])
+        for end in (np.min, np.max):
+            np.testing.assert_allclose(end(found, axis=0), end(points, axis=0), atol=1e-7)
 
 
-def test_a_recording_without_a_description_is_drawn_from_its_robot(tmp_path: Path) -> None:
-    recorded = load(GOLDEN)
-    recorded.keep(lambda sent: sent.topic != '/robot_description')
-    found = content(recorded.save(tmp_path / 'bare.mcap'))
-    assert found.seen.urdf.name == 'puma560'
-    assert len(found.motion.joints) == 6
-    times = [sent.log_ns for sent in recorded.on(STATES)]
-    assert found.motion.duration == pytest.approx((times[-1] - times[0]) / 1e9)
+def test_primitives_are_drawn_with_their_sizes_places_and_colours() -> None:
+    red = '<material name="red"><color rgba="1 0 0.5 1"/></material>'
+    drawing = drawn(
+        urdf(
+            visual('<box size="0.1 0.2 0.3"/>', '<origin xyz="1 0 0"/>', '<material name="red"/>'),
+            visual(
+                '<cylinder radius="0.1" length="0.6"/>', '<origin rpy="0 1.5707963267948966 0"/>'
+            ),
+            visual('<sphere radius="0.25"/>'),
+            robot=red,
+        )
+    )
+    box, cylinder, sphere = drawing.shapes
+    np.testing.assert_allclose(box.vertices.min(axis=0), [0.95, -0.1, -0.15], atol=1e-7)
+    np.testing.assert_allclose(box.vertices.max(axis=0), [1.05, 0.1, 0.15], atol=1e-7)
+    assert box.colour == (255, 0, 128)
+    np.testing.assert_allclose(np.ptp(cylinder.vertices, axis=0), [0.6, 0.2, 0.2], rtol=1e-2)
+    radii = np.linalg.norm(sphere.vertices, axis=1)
+    np.testing.assert_allclose(radii, 0.25, rtol=1e-6)
+    assert drawing.problems == ()
 
 
-def test_a_bag_needs_a_description_or_a_named_robot(tmp_path: Path) -> None:
-    bag = swinging(tmp_path / 'bag', TIMES)
-    with pytest.raises(ValueError, match=r'has no robot_description: name the robot with --robot'):
-        content(bag)
-    (tmp_path / 'arm.urdf').write_text(urdf())
-    named = content(bag, str(tmp_path / 'arm.urdf'))
-    assert named.motion.joints == ('swing',)
-    described = content(swinging(tmp_path / 'described', TIMES, text=urdf()))
-    np.testing.assert_allclose(described.motion.time, TIMES, atol=1e-9)
-    np.testing.assert_allclose(described.motion.position[:, 0], TIMES)
-    assert content(bag, 'ur5').lines[0].startswith('/joint_states: 1 joints are not in the model')
+def test_a_urdf_without_visuals_is_drawn_from_frames_and_inertias() -> None:
+    drawing = drawn(urdf())
+    assert {shape.link for shape in drawing.shapes} == {'base', 'arm', 'end'}
+    assert all(shape.stands_in for shape in drawing.shapes)
+    assert drawing.problems == ('the URDF has no visuals: the arm is drawn as a skeleton',)
+    # The rod to the end, and the box of the inertia: m (b^2 + c^2) / 12 about each axis.
+    rod, box = (shape for shape in drawing.shapes if shape.link == 'arm')
+    assert rod.vertices[:, 2].min() == pytest.approx(-0.4)
+    a, b, c = np.ptp(box.vertices, axis=0)
+    moments = 2.0 / 12 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
+    edge_limit = 0.6 * 0.9
+    assert (a, b) == pytest.approx((np.sqrt(0.06), np.sqrt(0.06)))
+    assert moments[2] == pytest.approx(0.02)
+    assert c == pytest.approx(edge_limit)  # longer ones are cut
 
 
-def test_the_state_shown_is_the_last_one_at_or_before_the_time(tmp_path: Path) -> None:
-    motion = content(swinging(tmp_path / 'bag', TIMES, text=urdf())).motion
-    for seconds, place in ((-1.0, 0), (0.0, 0), (0.099, 0), (0.1, 1), (0.34, 2), (9.0, 4)):
-        assert motion.at(seconds) == place
+def test_meshes_are_found_by_path_and_package_and_scaled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / 'share' / 'some_arm'
+    (package / 'meshes').mkdir(parents=True)
+    (package / 'meshes' / 'part.stl').write_bytes(box_stl(0.5))
+    inside = 'package://some_arm/meshes/part.stl'
+    found = {
+        'beside the URDF': drawn(urdf(mesh('meshes/part.stl')), package),
+        'absolute': drawn(urdf(mesh(f'{package}/meshes/part.stl')), package),
+        'file': drawn(urdf(mesh(f'file://{package}/meshes/part.stl')), None, package),
+        'package of the URDF': drawn(urdf(mesh(inside)), package / 'urdf'),
+        'given package': drawn(urdf(mesh(inside)), None, package),
+        'given folder': drawn(urdf(mesh(inside)), None, tmp_path / 'share'),
+        'given prefix': drawn(urdf(mesh(inside)), None, tmp_path),
+    }
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere{os.pathsep}{tmp_path}')
+    found['AMENT_PREFIX_PATH'] = drawn(urdf(mesh(inside)))
+    monkeypatch.delenv('AMENT_PREFIX_PATH')
+    monkeypatch.setenv('ROS_PACKAGE_PATH', str(tmp_path / 'share'))
+    found['ROS_PACKAGE_PATH'] = drawn(urdf(mesh(inside)))
+    for where, drawing in found.items():
+        assert drawing.problems == (), where
+        assert edges(drawing) == pytest.approx([0.5, 0.5, 0.5]), where
+    scaled = drawn(urdf(mesh(inside, 'scale="2 -1 0.5"')))
+    assert edges(scaled) == pytest.approx([1.0, 0.5, 0.25])
+    (mirrored,) = scaled.shapes
+    # Seen from outside, the corners of a face still turn counter-clockwise.
+    corners = mirrored.vertices[mirrored.faces]
+    volume = np.einsum('ij,ij->i', corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+    assert volume == pytest.approx(0.5**3 / 6)
 
 
-def test_values_that_a_message_lacks_are_those_before(tmp_path: Path) -> None:
-    def states() -> Iterator[Any]:
-        for k, position in enumerate(([0.5], [np.nan], [np.inf], [1e300], [0.7])):
-            yield '/joint_states', STATE, k, joint_state(k, ['swing'], position)
-
-    described = ('/robot_description', 'std_msgs/msg/String', 0, text_message(urdf()))
-    motion = content(write_bag(tmp_path / 'bag', [described, *states()])).motion
-    assert motion.position[:, 0].tolist() == [0.5, 0.5, 0.5, 0.5, 0.7]
-
-
-def test_stamps_that_decrease_are_replaced_by_log_times(tmp_path: Path) -> None:
-    described = ('/robot_description', 'std_msgs/msg/String', 0, text_message(urdf()))
-    states = [
-        ('/joint_states', STATE, 10**9 * k, joint_state(stamp, ['swing'], [float(k)]))
-        for k, stamp in enumerate((5.0, 6.0, 2.0))
-    ]
-    found = content(write_bag(tmp_path / 'bag', [described, *states]))
-    assert found.lines[0] == '/joint_states: the stamps do not increase: times are log times'
-    assert found.motion.time.tolist() == [0.0, 1.0, 2.0]
+def test_collada_has_its_own_unit_and_its_up_axis_is_ignored_as_in_rviz(tmp_path: Path) -> None:
+    for axis in ('Z_UP', 'Y_UP'):
+        (tmp_path / 'part.dae').write_text(dae(0.01, axis))
+        assert edges(drawn(urdf(mesh('part.dae')), tmp_path)) == pytest.approx([0.01, 0.01, 0.0])
 
 
 @pytest.mark.parametrize(
-    ('names', 'position', 'line'),
+    ('uri', 'reason'),
     [
-        ((), (), 'no joint of the model'),
-        (('swing',), (), 'no positions'),
-        (('other',), (1.0,), "1 joints are not in the model: ['other']"),
+        ('package://some_arm/../secret.stl', 'leaves its package'),
+        ('package://some_arm/meshes/../../secret.stl', 'leaves its package'),
+        ('package://../secret.stl', 'leaves its package'),
+        ('package://some_arm//etc/part.stl', 'leaves its package'),
+        ('http://localhost/part.stl', 'http: is not read'),
+        ('https://localhost/part.stl', 'https: is not read'),
+        ('ftp://localhost/part.stl', 'ftp: is not read'),
+        ('package://other_arm/part.stl', "package 'other_arm' is not found: use --package-path"),
+        ('package://some_arm/none.stl', 'there is no file'),
+        ('notes.txt', 'its suffix must be one of'),
+        ('/dev/zero', 'it is not below the folder of the description'),
+        ('/etc/part.stl', 'it is not below the folder of the description'),
+        ('file:///etc/part.stl', 'it is not below the folder of the description'),
+        ('../secret.stl', 'it is not below the folder of the description'),
+        ('meshes/../../secret.stl', 'it is not below the folder of the description'),
+        ('SECRET', 'it is not below the folder of the description'),
+        ('pipe.stl', 'is not a regular file'),
+        ('folder.stl', 'is not a regular file'),
+        ('x' * 5000 + '.stl', 'there is no file'),
+        ('part\0.stl', 'not well-formed'),
+        ('', 'it has no filename'),
+        ('empty.stl', 'cannot be read'),
+        ('noise.dae', 'cannot be read'),
+        ('coded.dae', 'cannot be read: unknown encoding: foo'),
+        ('hex.dae', 'cannot be read'),
+        ('large.stl', 'has more than'),
+        ('triangles.stl', 'more than 3 triangles'),
+        ('entities.dae', 'it has a <!DOCTYPE>'),
+        ('wide_entities.dae', 'it has a <!DOCTYPE>'),
+        ('nodes.dae', 'it has more than 16 <instance_node>'),
+        ('wide_nodes.dae', 'it has more than 16 <instance_node>'),
+        ('named_nodes.dae', 'it has more than 16 <instance_node>'),
+        ('far.stl', 'a vertex is not finite, or too far away'),
     ],
 )
-def test_a_log_without_positions_of_the_model_shows_the_arm_at_zero(
-    names: tuple[str, ...], position: tuple[float, ...], line: str, tmp_path: Path, empty: Any
+def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
+    uri: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    described = ('/robot_description', 'std_msgs/msg/String', 0, text_message(urdf()))
-    state = ('/joint_states', STATE, 0, joint_state(0.0, names, position))
-    found = content(write_bag(tmp_path / 'bag', [described, state]))
-    assert any(line in problem for problem in found.lines)
-    Nodes(empty, found).show(0.0)
+    package = tmp_path / 'some_arm'
+    package.mkdir()
+    (tmp_path / 'secret.stl').write_bytes(box_stl(1.0))
+    os.mkfifo(package / 'pipe.stl')
+    (package / 'folder.stl').mkdir()
+    entities = '<!DOCTYPE x [<!ENTITY a "aaaa">]><x>&a;</x>'
+    nodes = f'<x>{17 * "<instance_node/>"}</x>'
+    named = f'<a:x xmlns:a="b">{17 * "<a:instance_node/>"}</a:x>'
+    files = {
+        'empty.stl': b'',
+        'noise.dae': bytes(range(256)),
+        'coded.dae': b'<?xml version="1.0" encoding="foo"?><x/>',
+        'hex.dae': b'<?xml version="1.0" encoding="hex"?><x/>',
+        'large.stl': bytes(2048),
+        'triangles.stl': box_stl(1.0),
+        'far.stl': box_stl(1e30),
+        'entities.dae': entities.encode(),
+        'wide_entities.dae': entities.encode('utf-16'),
+        'nodes.dae': nodes.encode(),
+        'wide_nodes.dae': nodes.encode('utf-16'),
+        'named_nodes.dae': named.encode(),
+    }
+    for name, data in files.items():
+        (package / name).write_bytes(data)
+    monkeypatch.setattr(*bridge.target('MESH_MOST_BYTES'), 1024)
+    if uri == 'triangles.stl':
+        monkeypatch.setattr(*bridge.target('MESH_MOST_TRIANGLES'), 3)
+    text = urdf(mesh(uri.replace('SECRET', f'{tmp_path}/secret.stl')))
+    if '\0' in uri:
+        with pytest.raises(ValueError, match=reason):
+            drawn(text, package)
+        return
+    drawing = drawn(text, package)
+    (line,) = drawing.problems
+    assert line.startswith('1 of 1 meshes are not read, their links are drawn as a skeleton')
+    assert reason in line
+    assert len(line) < 500
+    assert {shape.link for shape in drawing.shapes} == {'arm'}
+    assert all(shape.stands_in for shape in drawing.shapes)
 
 
-def test_a_log_without_joint_states_shows_the_arm_at_zero(tmp_path: Path, empty: Any) -> None:
-    described = ('/robot_description', 'std_msgs/msg/String', 0, text_message(urdf()))
-    found = content(write_bag(tmp_path / 'bag', [described]))
-    assert 'has no sensor_msgs/msg/JointState: the arm is shown at zero' in found.lines[0]
-    Nodes(empty, found).show(0.0)
-    Player(empty.gui, found.motion, lambda _: None).advance(1.0)
+def test_missing_meshes_are_counted_and_the_others_drawn(tmp_path: Path) -> None:
+    (tmp_path / 'part.stl').write_bytes(box_stl(0.5))
+    text = urdf(mesh('part.stl'), mesh('none.stl'), mesh('none.stl'), mesh('gone.stl'))
+    drawing = drawn(text, tmp_path)
+    assert drawing.problems[0].startswith('2 of 3 meshes are not read')
+    assert [shape.stands_in for shape in drawing.shapes] == [False]
 
 
-def test_a_cut_log_is_shown_up_to_the_cut(tmp_path: Path) -> None:
-    cut = load(GOLDEN).save(tmp_path / 'cut.mcap', chunk_size=2000)
-    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
-    found = content(cut)
-    assert 'was cut off or not closed' in found.lines[0]
-    assert 0 < found.motion.duration < content(GOLDEN).motion.duration
+@pytest.mark.parametrize(
+    ('bound', 'value', 'reason'),
+    [
+        ('MESHES_MOST_BYTES', 600, 'the meshes have more than 0 MiB together'),
+        ('MESHES_MOST_TRIANGLES', 8, 'the meshes have more than 8 triangles'),
+    ],
+)
+def test_meshes_have_bounds_together(
+    bound: str, value: int, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = [f'{k}.stl' for k in range(4)]
+    for name in names:
+        (tmp_path / name).write_bytes(box_stl(0.5))
+    monkeypatch.setattr(*bridge.target(bound), value)
+    drawing = drawn(urdf(*map(mesh, names)), tmp_path)
+    assert drawing.problems[0].startswith('2 of 4 meshes are not read')
+    assert drawing.problems[0].endswith(reason)
+    assert len(drawing.shapes) == 2
 
 
-def test_the_topic_is_joint_states_or_the_named_one(tmp_path: Path) -> None:
-    described = ('/robot_description', 'std_msgs/msg/String', 0, text_message(urdf()))
-    states = [
-        (topic, STATE, 0, joint_state(0.0, ['swing'], [value]))
-        for topic, value in (('/a', 1.0), ('/joint_states', 2.0), ('/z', 3.0))
+@pytest.mark.parametrize(
+    'element',
+    [
+        '<box size="0.1 0.2"/>',
+        '<box size="0.1 0.2 nan"/>',
+        '<box size="0.1 0.2 1e9"/>',
+        '<box size="0.1 0.2 -1"/>',
+        '<sphere radius="0"/>',
+        '<cylinder radius="1"/>',
+        '<capsule radius="1" length="1"/>',
+        '',
+    ],
+)
+def test_a_malformed_visual_is_one_line_and_the_others_are_drawn(element: str) -> None:
+    drawing = drawn(urdf(visual(element), visual('<sphere radius="0.25"/>')))
+    (line,) = drawing.problems
+    assert line.startswith("visual of link 'arm': ")
+    assert len(drawing.shapes) == 1
+
+
+def test_visuals_beyond_the_bound_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(*bridge.target('MOST_VISUALS'), 2)
+    drawing = drawn(urdf(*(3 * [visual('<sphere radius="0.25"/>')])))
+    assert drawing.problems == ('only the first 2 of 3 visuals are drawn',)
+    assert len(drawing.shapes) == 2
+
+
+def test_a_urdf_that_is_no_tree_is_an_error_that_names_the_links() -> None:
+    loop = parsed(urdf().replace('<parent link="base"/>', '<parent link="end"/>'))
+    with pytest.raises(ValueError, match=r"\['arm', 'end'\] of the URDF are no tree"):
+        LinkPoses(loop, ['swing'])
+    twice = urdf().replace('child link="end"', 'child link="arm"')
+    with pytest.raises(ValueError, match="link 'arm' of the URDF has two parents"):
+        LinkPoses(parsed(twice), ['swing'])
+
+
+# A page without a browser.
+
+# The page has float32 vertices.
+SINGLE = 1e-6
+NONE, FULL, VIOLET, GREY = (70, 120, 200), (225, 60, 45), (190, 40, 200), (150, 150, 150)
+
+
+def pendulum(server: Any, text: str = '', largest: float = 0.0) -> Stage:
+    model = parsed(text or urdf())
+    return Stage(server, model, draw(model, MeshFolders()), largest=np.array([largest]))
+
+
+@pytest.mark.parametrize(
+    ('q', 'effort', 'colour'),
+    [
+        (0.0, 0.0, NONE),
+        (0.0, -10.0, FULL),
+        (0.0, 70.0, FULL),
+        (0.0, np.nan, GREY),
+        (-3.0, 0.0, VIOLET),
+        (3.1, 5.0, VIOLET),
+        (2.9, 0.0, NONE),
+    ],
+)
+def test_a_ring_has_the_colour_of_the_torque_and_violet_at_the_end_of_the_range(
+    q: float, effort: float, colour: tuple[int, int, int], empty: Any
+) -> None:
+    pendulum(empty).show([q], [effort])
+    assert tuple(Nodes(empty)['/joints/0/ring'].color) == colour
+
+
+@pytest.mark.parametrize(('largest', 'colour'), [(4.0, FULL), (0.0, GREY)])
+def test_without_an_effort_limit_the_scale_ends_at_the_largest_torque(
+    largest: float, colour: tuple[int, int, int], empty: Any
+) -> None:
+    free = urdf().replace('effort="10"', 'effort="0"').replace('"revolute"', '"continuous"')
+    pendulum(empty, free, largest).show([99.0], [-4.0])
+    assert tuple(Nodes(empty)['/joints/0/ring'].color) == colour
+
+
+def test_colours_between_none_and_the_limit_differ() -> None:
+    found = [load_colour(part) for part in (0.0, 0.3, 0.6, 1.0)]
+    assert len(set(found)) == 4
+    assert (found[0], found[-1]) == (NONE, FULL)
+
+
+WRENCHES = {
+    'tool0': ((12.0, -7.0, 20.0), (0.8, -1.5, 0.6)),
+    'wrist_3_link': ((-30.0, 5.0, 1.0), (0.0, 0.0, -2.0)),
+    'forearm_link': ((0.0, 0.0, 0.5), (0.0, 0.1, 0.0)),
+}
+PAYLOADS = [
+    (1.0, (0.0, 0.05, 0.02), (0.0,) * 6),
+    (2.5, (0.1, -0.02, 0.05), (0.02, 0.001, -0.002, 0.03, 0.003, 0.025)),
+]
+
+
+@pytest.mark.parametrize('frame', WRENCHES)
+@pytest.mark.parametrize('payload', PAYLOADS)
+def test_links_arrows_and_payload_are_at_the_poses_of_pinocchio(
+    frame: str, payload: Any, empty: Any
+) -> None:
+    model_urdf, folder = example_urdf(UR5)
+    stage, nodes = Stage(empty, model_urdf, draw(model_urdf, MeshFolders(folder))), Nodes(empty)
+    force, torque = WRENCHES[frame]
+    model = pin.buildModelFromXML(model_urdf.text)
+    for q in np.random.default_rng(3).uniform(-2.0, 2.0, (2, 6)):
+        wrench = ViewWrench(frame, force, torque)
+        stage.show(q, None, wrench, ViewPayload('wrist_3_link', *payload))
+        data = frames_by_pinocchio(model, stage.joints, q)
+
+        def at(link: str, data: Any = data) -> pin.SE3:
+            return data.oMf[model.getFrameId(link, pin.FrameType.BODY)]
+
+        for link in ('base_link', 'forearm_link', 'wrist_3_link'):
+            shown = nodes.pose(f'/arm/link_{stage.poses.index(link)}')
+            np.testing.assert_allclose(shown.homogeneous, at(link).homogeneous, atol=1e-12)
+        assert visible(nodes) == ['/wrench/force', '/wrench/torque', '/payload']
+        check_wrench(nodes, at(frame), force, torque, stage.scale)
+        centre = at('wrist_3_link').act(np.array(payload[1]))
+        for name in ('/payload/body', '/payload/centre'):
+            points = nodes.points(name)
+            np.testing.assert_allclose(points.mean(axis=0), centre, atol=10 * SINGLE)
+        stage.show(q)
+        assert visible(nodes) == []
+
+
+def visible(nodes: Nodes) -> list[str]:
+    names = ('/wrench/force', '/wrench/torque', '/payload')
+    return [name for name in names if nodes[name].visible]
+
+
+def check_wrench(nodes: Nodes, frame: pin.SE3, force: Any, torque: Any, scale: Any) -> None:
+    along = frame.rotation @ np.array(force) / scale.force
+    head = nodes.points('/wrench/force/head')
+    tip = head[np.argmax((head - frame.translation) @ along)]
+    np.testing.assert_allclose(tip, frame.translation + along, atol=SINGLE)
+    if nodes['/wrench/force/shaft'].visible:
+        # It begins at the point of application.
+        shaft = nodes.points('/wrench/force/shaft')
+        begin = (shaft - frame.translation) @ along / np.linalg.norm(along)
+        middle = shaft[begin < SINGLE].mean(axis=0)
+        np.testing.assert_allclose(middle, frame.translation, atol=SINGLE)
+    turn = nodes.points('/wrench/torque/turn') - frame.translation
+    axis = frame.rotation @ np.array(torque) / np.linalg.norm(torque)
+    radius = np.linalg.norm(torque) / scale.torque
+    distances = np.linalg.norm(np.cross(turn, axis), axis=1)
+    assert np.abs(turn @ axis).max() < 0.15 * radius
+    assert np.median(distances) == pytest.approx(radius, rel=0.05)
+    # From its begin to its head it turns as the right hand's fingers do.
+    assert np.sum(np.cross(turn[:-1], turn[1:]) @ axis) > 0
+
+
+def message(**values: Any) -> Any:
+    return SimpleNamespace(**values)
+
+
+def test_a_running_arm_is_shown_by_joint_names_and_invalid_numbers_move_nothing(
+    empty: Any,
+) -> None:
+    pytest.importorskip('rclpy')
+    stage, lines = pendulum(empty), []
+    shown = bridge.LiveShown(stage, lines.append)
+    node = Nodes(empty)[f'/arm/link_{stage.poses.index("end")}']
+
+    def check(q: float) -> None:
+        shown.draw()
+        np.testing.assert_allclose(node.position, pendulum_end(q).translation, atol=1e-12)
+
+    check(0.0)
+    shown.state(message(name=['other', 'swing'], position=[9.0, 0.7], effort=[1.0, 2.0]))
+    check(0.7)
+    for names, position in (
+        (['other', 'swing'], [3.0]),
+        (['swing'], []),
+        (['swing'], [np.nan]),
+        (['swing'], [np.inf]),
+        (['swing'], [1e300]),
+        ([], []),
+    ):
+        shown.state(message(name=names, position=position, effort=[]))
+        check(0.7)
+    assert lines == ['no joint of the model in joint states of []']
+    shown.state(message(name=['swing'], position=[-1.2], effort=[]))
+    check(-1.2)
+    assert shown.received == 8
+
+
+def test_the_wrench_and_the_payload_of_a_running_arm_are_shown_on_links_of_the_model(
+    empty: Any,
+) -> None:
+    pytest.importorskip('rclpy')
+    lines: list[str] = []
+    shown, nodes = bridge.LiveShown(pendulum(empty), lines.append), Nodes(empty)
+
+    def vector(x: float) -> Any:
+        return message(x=x, y=0.0, z=0.0)
+
+    def push(frame: str, x: float) -> None:
+        wrench = message(force=vector(x), torque=vector(0.0))
+        shown.wrench(message(header=message(frame_id=frame), wrench=wrench))
+        shown.draw()
+
+    def carry(frame: str, mass: float) -> None:
+        zero = dict.fromkeys(('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'), 0.0)
+        body = message(m=mass, com=vector(0.1), **zero)
+        shown.payload(message(header=message(frame_id=frame), inertia=body))
+        shown.draw()
+
+    steps = [
+        (partial(push, 'end', 4.0), ['/wrench/force']),
+        (partial(push, 'end', 0.0), []),
+        (partial(push, 'nowhere', 4.0), []),
+        (partial(push, 'end', np.nan), []),
+        (partial(carry, 'arm', 1.5), ['/payload']),
+        (partial(carry, 'arm', 0.0), []),
+        (partial(carry, 'nowhere', 1.5), []),
     ]
-    bag = write_bag(tmp_path / 'bag', [described, *states])
-    assert content(bag).motion.position[0, 0] == 2.0
-    assert content(bag, topic='/z').motion.position[0, 0] == 3.0
-    with pytest.raises(ValueError, match=r"has no topic '/y' of .*; it has \['/a', "):
-        content(bag, topic='/y')
+    for step, there in steps:
+        step()
+        assert visible(nodes) == there
+    assert [line.partition(':')[0] for line in lines] == [
+        'a wrench is not shown',
+        'a payload is not shown',
+    ]
 
 
-def test_the_player_plays_pauses_steps_and_ends(tmp_path: Path, empty: Any) -> None:
-    motion = content(swinging(tmp_path / 'bag', TIMES, text=urdf())).motion
+TIMES = np.array([0.0, 0.1, 0.2, 0.35, 0.5])
+
+
+def test_the_player_plays_pauses_steps_and_ends(empty: Any) -> None:
     shown: list[float] = []
-    player = Player(empty.gui, motion, shown.append)
+    player = ViewPlayer(empty.gui, TIMES, shown.append)
     player.advance(1.0)
     player.advance(1.0)
     assert shown == [0.0]  # only changes
-    player.step(1)
-    player.step(1)
-    player.advance(0.0)
-    assert shown[-1] == pytest.approx(0.2)
-    player.toggle()
-    player.advance(0.05)
-    assert player.playing
-    assert shown[-1] == pytest.approx(0.25)
-    player.step(-1)
-    player.advance(5.0)
-    assert not player.playing
-    assert shown[-1] == pytest.approx(0.1)
-    player.toggle()
-    player.advance(9.0)
-    assert shown[-1] == pytest.approx(0.5)
-    assert not player.playing
-    player.toggle()
-    player.advance(0.0)
-    assert shown[-1] == 0.0
-    player.seek(0.3)
-    player.advance(0.0)
-    assert shown[-1] == pytest.approx(0.3)
+    steps = [
+        (lambda: [player.step(1), player.step(1)], 0.0, 0.2),
+        (player.toggle, 0.05, 0.25),
+        (lambda: player.step(-1), 5.0, 0.1),
+        (player.toggle, 9.0, 0.5),
+        (player.toggle, 0.0, 0.0),
+        (lambda: player.seek(0.3), 0.0, 0.3),
+        (lambda: player.seek(-7.0), 0.0, 0.0),
+        (lambda: player.step(-1), 0.0, 0.0),
+    ]
+    for do, seconds, time in steps:
+        do()
+        player.advance(seconds)
+        assert shown[-1] == pytest.approx(time)
 
 
-def test_the_page_is_served_on_this_computer_only(empty: Any) -> None:
-    url = address(empty)
-    assert url.startswith('http://127.0.0.1:')
-    with urllib.request.urlopen(url, timeout=PATIENCE) as answer:
-        assert b'<html' in answer.read()
+def test_a_log_of_one_state_has_no_controls(empty: Any) -> None:
+    shown: list[float] = []
+    ViewPlayer(empty.gui, np.zeros(1), shown.append).advance(1.0)
+    assert shown == [0.0]
+
+
+@pytest.mark.parametrize(('duration', 'count'), [(0.0, 3), (1.0, 33), (1e4, 3002)])
+def test_frames_of_a_page_are_30_a_second_and_bounded(duration: float, count: int) -> None:
+    times = frame_times(duration)
+    assert len(times) == count
+    assert times[0] == 0.0
+    assert times[-2] == duration
+    assert np.all(np.diff(times)[duration > 0 :] >= 0)
+
+
+def test_an_exported_page_has_the_arm_at_its_times_and_loads_nothing(tmp_path: Path) -> None:
+    target = tmp_path / 'arm.html'
+    index = {}
+
+    def fill(server: Any) -> Any:
+        stage = pendulum(server)
+        index['end'] = stage.poses.index('end')
+        return lambda time: stage.show([2.0 * time])
+
+    assert export_view(target, 1.0, fill) == target.stat().st_size
+    exported = Exported(target)
+    assert exported.duration == pytest.approx(1.0, abs=0.05)
+    positions = exported.positions(f'/arm/link_{index["end"]}')
+    assert len(positions) >= 30
+    for time, position in positions[:: len(positions) // 4]:
+        expected = pendulum_end(2.0 * min(time, 1.0)).translation
+        np.testing.assert_allclose(position, expected, atol=1e-6)
+    text = target.read_text(encoding='utf-8')
+    assert 'src="http' not in text
+    assert 'href="http' not in text
+
+
+def test_an_export_replaces_no_file_and_leaves_none_behind(tmp_path: Path) -> None:
+    def fill(_: Any) -> Any:
+        raise KeyboardInterrupt
+
+    there, new = tmp_path / 'there.html', tmp_path / 'new.html'
+    there.write_text('mine')
+    with pytest.raises(FileExistsError):
+        export_view(there, 1.0, fill)
+    assert there.read_text() == 'mine'
+    with pytest.raises(KeyboardInterrupt):
+        export_view(new, 1.0, fill)
+    assert not new.exists()
+
+
+# The server.
+
+
+@pytest.mark.parametrize(
+    ('host', 'origin', 'upgrade', 'status'),
+    [
+        ('127.0.0.1:PORT', None, False, 200),
+        ('localhost:PORT', None, False, 200),
+        ('127.0.0.1:PORT', 'http://127.0.0.1:PORT', False, 200),
+        # Another port: a tunnel of ssh.
+        ('localhost:9', 'http://localhost:9', False, 200),
+        ('127.0.0.1:PORT', 'http://127.0.0.1:PORT', True, 101),
+        ('evil.example:PORT', None, False, 403),
+        ('evil.example:PORT', None, True, 403),
+        ('127.0.0.1:PORT', 'http://evil.example', False, 403),
+        ('127.0.0.1:PORT', 'http://evil.example', True, 403),
+        ('127.0.0.1:PORT', 'http://localhost:PORT', True, 403),
+        ('127.0.0.1:PORT', 'null', True, 403),
+        ('127.0.0.1.evil.example:PORT', None, False, 403),
+        ('', None, False, 403),
+    ],
+)
+def test_only_pages_of_this_computer_are_answered(
+    host: str, origin: str | None, upgrade: bool, status: int, empty: Any
+) -> None:
     port = empty.get_port()
+    headers = {'Host': host.replace('PORT', str(port))}
+    if origin is not None:
+        headers['Origin'] = origin.replace('PORT', str(port))
+    if upgrade:
+        headers |= {'Upgrade': 'websocket', 'Connection': 'Upgrade', 'Sec-WebSocket-Version': '13'}
+        headers |= {'Sec-WebSocket-Key': 'dGhlIHNhbXBsZSBub25jZQ=='}
+        headers |= {'Sec-WebSocket-Protocol': 'viser-v0'}
+    connection = http.client.HTTPConnection('127.0.0.1', port, timeout=PATIENCE)
+    connection.request('GET', '/', headers=headers)
+    assert connection.getresponse().status == status
+    connection.close()
+
+
+def test_the_server_listens_on_this_computer_only_and_shares_nothing(empty: Any) -> None:
+    assert view_address(empty).startswith('http://127.0.0.1:')
     listening = [
         line.split()[1]
         for line in Path('/proc/net/tcp').read_text().splitlines()[1:]
-        if line.split()[1].endswith(f':{port:04X}') and line.split()[3] == '0A'
+        if line.split()[1].endswith(f':{empty.get_port():04X}') and line.split()[3] == '0A'
     ]
-    assert listening == [f'0100007F:{port:04X}']
+    assert listening == [f'0100007F:{empty.get_port():04X}']
+    assert empty.request_share_url() is None
 
 
-def test_a_port_in_use_is_one_line_with_the_cure(
-    ur5_log: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_port_in_use_is_one_line_with_the_cure(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket() as other:
-        other.bind((HOST, 0))
+        other.bind(('127.0.0.1', 0))
         other.listen()
         port = other.getsockname()[1]
-        assert main(['view', str(ur5_log), '--port', str(port)]) == 1
+        assert pfd_main(['view', 'run.mcap', '--port', str(port)]) == 1
     assert capsys.readouterr().err == (
         f'pfd view: port {port} is in use: --port 0 takes a free one\n'
     )
 
 
 def test_without_the_extra_the_error_names_it(
-    ur5_log: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr('pfd_ros.view.ports.NEEDED', ('viser_which_nobody_has',))
-    assert main(['view', str(ur5_log)]) == 1
+    monkeypatch.setattr(*bridge.target('VIEW_NEEDED'), ('viser_which_nobody_has',))
+    assert pfd_main(['view', 'run.mcap']) == 1
     assert "pip install 'pfd_ros[view]'" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize('port', ['-1', '65536', 'x', '٣'])
-def test_a_port_that_is_none_is_an_error(port: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(['view', 'run.mcap', f'--port={port}'])
-    assert 'port must be in [0, 65535]' in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ('number', 'browser', 'line'),
-    [
-        (signal.SIGINT, {'BROWSER': '/nowhere/browser'}, 'no browser was found for --open'),
-        pytest.param(signal.SIGTERM, {}, 'no display for --open', marks=pytest.mark.long),
-    ],
-)
-def test_the_command_prints_the_address_without_rclpy_and_ends_by_signals(
-    ur5_log: Path, number: signal.Signals, browser: dict[str, str], line: str
-) -> None:
-    program = (
-        'import signal, sys, threading\n'
-        # A shell that runs the tests in the background ignores the signal.
-        'signal.signal(signal.SIGINT, signal.default_int_handler)\n'
-        'from pfd_ros.cli.main import main\n'
-        'status = main(sys.argv[1:])\n'
-        "print('rclpy' in sys.modules, threading.active_count())\n"
-        'raise SystemExit(status)\n'
-    )
-    command = [sys.executable, '-c', program, 'view', str(ur5_log), '--port=0', '--open']
-    displays = ('DISPLAY', 'WAYLAND_DISPLAY', 'BROWSER')
-    others = {name: value for name, value in os.environ.items() if name not in displays}
-    environment = {**others, 'PATH': '', **browser}
-    viewer = subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env=environment,
-    )
-    try:
-        assert viewer.stdout is not None
-        first, second = viewer.stdout.readline(), viewer.stdout.readline()
-        assert first.startswith('http://127.0.0.1:')
-        assert first.endswith('shows ur5.mcap; Ctrl-C ends it\n')
-        assert second.startswith(f'{line}: open http://127.0.0.1:')
-        viewer.send_signal(number)
-        rest, _ = viewer.communicate(timeout=PATIENCE)
-        assert rest == 'False 1\n'
-        assert viewer.returncode == 0
-    finally:
-        viewer.kill()
-        viewer.communicate()

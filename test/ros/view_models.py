@@ -1,17 +1,16 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Models and logs that the tests of `pfd view` show."""
+"""Models and logs that the tests of `pfd view` show, and the nodes of a page."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 import re
 from typing import Any
 
 from bags import STORE, rosbag2
-from bridge import LockstepArm, ViewContent, fill_view
 import msgspec
 import numpy as np
 import pinocchio as pin
@@ -19,13 +18,13 @@ from ros_processes import example_robot
 import zstandard
 
 import pfd_core as pfd
-from pfd_ros import read_log
 
 UR5 = 'ur_description/urdf/ur5_robot.urdf'
 PANDA = 'panda_description/urdf/panda.urdf'
 SO100 = 'so_arm_description/urdf/so100.urdf'
 STATE, STRING = 'sensor_msgs/msg/JointState', 'std_msgs/msg/String'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
+Message = tuple[str, str, int, Any]
 
 
 def urdf(*visuals: str, robot: str = '') -> str:
@@ -57,14 +56,6 @@ def parsed(text: str) -> pfd.Urdf:
     return found
 
 
-def recorded(path: Path, robot: Any, seconds: float = 0.5, **settings: Any) -> Path:
-    """Record an arm that swings."""
-    with LockstepArm(robot, recording=path, **settings) as arm:
-        swing = np.linspace(3.0, -2.0, len(arm.names))
-        arm.run(lambda t, q, qd: swing * np.cos(9.0 * t) - 0.3 * qd, seconds)
-    return path
-
-
 def example_urdf(path: str) -> tuple[pfd.Urdf, Path]:
     """Return a robot of example-robot-data and the folder of its file."""
     source = example_robot(path)
@@ -73,22 +64,15 @@ def example_urdf(path: str) -> tuple[pfd.Urdf, Path]:
     return found, source.parent
 
 
-Message = tuple[str, str, int, Any]
-
-
 def joint_state(
     seconds: float, names: Sequence[str], position: Sequence[float], effort: Sequence[float] = ()
 ) -> Any:
     """Return a JointState of rosbags."""
     types = STORE.types
     stamp = types['builtin_interfaces/msg/Time'](*divmod(round(seconds * 1e9), 10**9))
-    return types[STATE](
-        types['std_msgs/msg/Header'](stamp, ''),
-        list(names),
-        np.array(position, float),
-        np.array([]),
-        np.array(effort, float),
-    )
+    header = types['std_msgs/msg/Header'](stamp, '')
+    none, values = np.array([]), (np.array(position, float), np.array(effort, float))
+    return types[STATE](header, list(names), values[0], none, values[1])
 
 
 def write_bag(path: Path, messages: Iterable[Message]) -> Path:
@@ -98,29 +82,31 @@ def write_bag(path: Path, messages: Iterable[Message]) -> Path:
         for topic, kind, log_ns, message in messages:
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
-            data = STORE.serialize_cdr(message, kind)
-            writer.write(connections[topic], log_ns, data)
+            writer.write(connections[topic], log_ns, STORE.serialize_cdr(message, kind))
     return path
 
 
+def described(*visuals: str) -> Message:
+    """Return the message of the pendulum's model."""
+    return '/robot_description', STRING, 0, STORE.types[STRING](urdf(*visuals))
+
+
 def swinging(
-    path: Path, times: Sequence[float], *, text: str | None = None, topic: str = '/joint_states'
+    path: Path,
+    times: Sequence[float],
+    *extra: Message,
+    topic: str = '/joint_states',
+    joint: str = 'swing',
 ) -> Path:
-    """Write a bag of the pendulum of `urdf`, at position t at time t [s]; log times are later."""
-    described = [] if text is None else [('/robot_description', STRING, 0, text_message(text))]
+    """Write a bag of the pendulum, at position t and effort -10 t at time t [s]."""
     states = [
-        (topic, STATE, round((t + 0.5) * 1e9), joint_state(t + 100.0, ['swing'], [t], [-10.0 * t]))
+        (topic, STATE, round((t + 0.5) * 1e9), joint_state(t + 100.0, [joint], [t], [-10.0 * t]))
         for t in times
     ]
-    return write_bag(path, [*described, *states])
+    return write_bag(path, sorted([*extra, *states], key=lambda message: message[2]))
 
 
-def text_message(text: str) -> Any:
-    """Return a String of rosbags."""
-    return STORE.types[STRING](text)
-
-
-def wrench_message(frame: str, force: tuple[float, ...], torque: tuple[float, ...]) -> Any:
+def wrench_message(frame: str, force: Sequence[float], torque: Sequence[float] = (0, 0, 0)) -> Any:
     """Return a WrenchStamped of rosbags with the stamp 0."""
     types = STORE.types
     vector = types['geometry_msgs/msg/Vector3']
@@ -129,49 +115,27 @@ def wrench_message(frame: str, force: tuple[float, ...], torque: tuple[float, ..
     return types[WRENCH](header, body)
 
 
-def pushed_bag(path: Path, frame: str = 'end') -> Path:
-    """Write a bag of the pendulum with wrenches at 0.15 s and 0.35 s, log times from 10 s on."""
-    messages: list[Any] = [('/robot_description', STRING, 0, text_message(urdf()))]
-    for k in range(5):
-        state = joint_state(100.0 + 0.1 * k, ['swing'], [0.3 * k])
-        messages.append(('/joint_states', STATE, round((10 + 0.1 * k) * 1e9), state))
-        if k in (1, 3):
-            force = (4.0, 0.0, 0.0) if k == 1 else (0.0, 0.0, 0.0)
-            sent = wrench_message(frame, force, (0.0, 0.0, 0.0))
-            for topic in ('/arm/external_wrench', '/sensor/wrench'):
-                messages.append((topic, WRENCH, round((10.05 + 0.1 * k) * 1e9), sent))
-    return write_bag(path, messages)
-
-
-def ur5_poses(log: Path) -> Callable[[int, str], pin.SE3]:
-    """Return a function from a state of a log and a link of the UR5 to its pose, by Pinocchio."""
-    model = pin.buildModelFromUrdf(str(example_robot(UR5)))
-    data, states = model.createData(), read_log(log)['/joint_states']
-
-    def pose(place: int, link: str) -> pin.SE3:
-        q = pin.neutral(model)
-        for name, value in zip(states.names, states.position[place], strict=True):
-            q[model.joints[model.getJointId(name)].idx_q] = value
-        pin.framesForwardKinematics(model, data, q)
-        return data.oMf[model.getFrameId(link, pin.FrameType.BODY)].copy()
-
-    return pose
+def frames_by_pinocchio(model: pin.Model, names: Sequence[str], q: Sequence[float]) -> pin.Data:
+    """Return the data of a model with the frames at positions of named joints."""
+    data, full = model.createData(), pin.neutral(model)
+    for name, value in zip(names, q, strict=True):
+        full[model.joints[model.getJointId(name)].idx_q] = value
+    pin.framesForwardKinematics(model, data, full)
+    return data
 
 
 def pendulum_end(q: float) -> pin.SE3:
-    """Return the pose of the link `end` of the pendulum of `urdf`, by Pinocchio."""
+    """Return the pose of the link `end` of the pendulum, by Pinocchio."""
     model = pin.buildModelFromXML(urdf())
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, np.array([q]))
+    data = frames_by_pinocchio(model, ['swing'], [q])
     return data.oMf[model.getFrameId('end', pin.FrameType.BODY)].copy()
 
 
 class Nodes:
-    """The nodes of a page that shows a log."""
+    """The nodes of a page."""
 
-    def __init__(self, server: Any, content: ViewContent) -> None:
+    def __init__(self, server: Any) -> None:
         self._scene = server.scene
-        self.show = fill_view(server, content)
 
     def __getitem__(self, name: str) -> Any:
         return self._scene.get_handle_by_name(name)

@@ -10,11 +10,12 @@ that is incomplete.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from dataclasses import asdict
 from datetime import datetime, timezone
 from pathlib import Path
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pfd_ros.cli import publish
 from pfd_ros.cli.terminal import (
@@ -26,6 +27,9 @@ from pfd_ros.cli.terminal import (
     reads_logs,
 )
 from pfd_ros.text import one_line
+
+if TYPE_CHECKING:
+    from pfd_ros.recording.facts import Facts
 
 INCOMPLETE = 3
 ANY_LOG = 'MCAP file, .db3 file or folder of rosbag2'
@@ -167,38 +171,32 @@ def _info(given: argparse.Namespace, unread: list[str]) -> int:
 
     found = facts(given.log)
     if given.json:
-        print_json(found)
+        print_json(asdict(found))
     else:
         print_lines(_info_lines(found))
-    for name, topic in found['topics'].items():
-        if topic['unreadable']:
-            unread.append(f'{name}: {topic["unreadable"]} of {topic["messages"]} messages')
-        if topic['obstacle']:
-            unread.append(f'{name}: {topic["obstacle"]}')
+    unread += [f'{name}: {t.unreadable}' for name, t in found.topics.items() if t.unreadable]
     return 0
 
 
-def _info_lines(found: Mapping[str, Any]) -> Iterator[str]:
+def _info_lines(found: Facts) -> Iterator[str]:
     """Yield the lines about any log, as `ros2 bag info` has them."""
-    yield f'log        {found["path"]}'
-    yield f'size       {found["bytes"] / 1e6:.3f} MB{"" if found["complete"] else ", cut off"}'
-    yield f'messages   {found["messages"]}'
-    begin, end = found['begin_ns'], found['end_ns']
-    if begin is not None:
-        yield f'begin      {_date(begin)}'
-        yield f'end        {_date(end)}'
-        yield f'length     {(end - begin) / NANOSECONDS:.6f} s'
-    topics = found['topics']
-    names = max(map(len, topics), default=0)
-    kinds = max((len(topic['type']) for topic in topics.values()), default=0)
-    for name, topic in topics.items():
-        line = f'topic      {name:{names}}  {topic["type"]:{kinds}}  {topic["messages"]:8}'
-        if topic['median_interval_ns'] is not None:
-            median, gap = topic['median_interval_ns'] * 1e-6, topic['longest_gap_ns'] * 1e-6
+    yield f'log        {found.path}'
+    yield f'size       {found.bytes / 1e6:.3f} MB{"" if found.complete else ", cut off"}'
+    yield f'messages   {found.messages}'
+    if found.begin_ns is not None and found.end_ns is not None:
+        yield f'begin      {_date(found.begin_ns)}'
+        yield f'end        {_date(found.end_ns)}'
+        yield f'length     {(found.end_ns - found.begin_ns) / NANOSECONDS:.6f} s'
+    names = max(map(len, found.topics), default=0)
+    kinds = max((len(topic.type) for topic in found.topics.values()), default=0)
+    for name, topic in found.topics.items():
+        line = f'topic      {name:{names}}  {topic.type:{kinds}}  {topic.messages:8}'
+        if topic.median_interval_ns is not None and topic.longest_gap_ns is not None:
+            median, gap = topic.median_interval_ns * 1e-6, topic.longest_gap_ns * 1e-6
             line += f'  every {median:.3f} ms, longest gap {gap:.3f} ms'
-        yield line
-    if found['settings']:
-        values = ', '.join(f'{name}={value}' for name, value in found['settings'].items())
+        yield line + (f'  not decoded: {topic.obstacle}' if topic.obstacle else '')
+    if found.settings:
+        values = ', '.join(f'{name}={value}' for name, value in found.settings.items())
         yield f'settings   {values}'
 
 
@@ -230,19 +228,21 @@ def _compare_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--plot', type=Path, metavar='FILE', help='plot both logs (.png, .svg)')
 
 
-@reads_logs
-def _compare(given: argparse.Namespace, unread: list[str]) -> int:
+def _compare(given: argparse.Namespace) -> int:
     """Compare two logs; status 1 if a difference is beyond the tolerance."""
+    from pfd_ros.messages.types import JOINT_STATE
+    from pfd_ros.recording.arrays import read_log, renamed
     from pfd_ros.replay import compare
 
-    found = compare.compare(
-        given.a,
-        given.b,
-        tolerance=given.tolerance,
-        topics=given.topics,
-        lag=given.lag,
-        rename=dict(given.rename),
-    )
+    logs = [
+        renamed(
+            read_log(path, topics=given.topics and [given.topics[k]], types=[JOINT_STATE]),
+            dict(given.rename),
+        )
+        for k, path in enumerate((given.a, given.b))
+    ]
+    topics = tuple(given.topics) if given.topics else None
+    found = compare.compare(*logs, tolerance=given.tolerance, topics=topics, lag=given.lag)
     if given.json:
         print_json(compare.as_json(found))
     else:
@@ -251,7 +251,6 @@ def _compare(given: argparse.Namespace, unread: list[str]) -> int:
         from pfd_ros.replay.plots import plot_comparison
 
         plot_comparison(found, (str(given.a), str(given.b)), given.plot)
-    unread += found.problems
     return 0 if found.within else 1
 
 

@@ -56,6 +56,7 @@ def _run(given: argparse.Namespace) -> int:
     from rclpy.duration import Duration
     from rclpy.exceptions import NameValidationException
     from rclpy.signals import SignalHandlerOptions
+    from rclpy.utilities import try_shutdown
 
     deadline = time.monotonic() + given.patience
     try:
@@ -82,7 +83,7 @@ def _run(given: argparse.Namespace) -> int:
     except RCLError as error:
         raise ValueError(f'ROS: {error}') from error
     finally:
-        rclpy.try_shutdown()
+        try_shutdown()
     print_lines([f'sent {kind[0]} to {topic}'])
     return 0
 

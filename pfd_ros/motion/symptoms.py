@@ -48,7 +48,7 @@ STEADY = 0.1
 # An amplitude is steady if its logarithm changes by less than this, and irregular if the logarithm
 # is farther than this share of its change from a line.
 LEVEL = 1.0
-IRREGULAR = 0.3
+IRREGULAR = 0.1
 # Arms are seldom asked to turn more often than this [Hz].
 REFERENCE_RATE = 5.0
 
@@ -56,12 +56,14 @@ REFERENCE_RATE = 5.0
 class Oscillation(NamedTuple):
     """Frequency [Hz], amplitude at the end in the unit of the signal, and its growth [1/s].
 
-    `scatter` is the standard deviation of the logarithm of the amplitude about its growth.
+    `change` is that of the logarithm of the amplitude by its growth, `scatter` its standard
+    deviation about it.
     """
 
     frequency: float
     amplitude: float
     growth: float
+    change: float
     scatter: float
 
 
@@ -99,7 +101,10 @@ def oscillation(time: Array, values: Array) -> Oscillation | None:
     middle = (at[:-1] + at[1:]) / 2
     line = np.polyfit(middle - middle[0], np.log(halves), 1)
     scatter = float(np.std(np.log(halves) - np.polyval(line, middle - middle[0])))
-    return Oscillation(float(frequency), float(halves[-2:].mean()), float(line[0]), scatter)
+    growth, amplitude = float(line[0]), float(halves[-2:].mean())
+    return Oscillation(
+        float(frequency), amplitude, growth, growth * float(middle[-1] - middle[0]), scatter
+    )
 
 
 def divergence(time: Array, error: Array, qd: Array) -> float | None:
@@ -156,9 +161,10 @@ def symptoms(
     first_full = first_beyond(tau, lower, upper)
     # A saturated motion has lost the rates of the loop.
     free = slice(first_full)
-    moves = target is not None and float(np.ptp(target)) > 0.0
-    speed = np.gradient(target, time) if moves else np.zeros(len(qd))
-    error = None if target is None else q - target
+    reference = np.broadcast_to(0.0 if target is None else target, q.shape)
+    moves = float(np.ptp(reference)) > 0.0
+    speed: Array = np.gradient(reference, time) if moves else np.zeros(len(qd))
+    error = None if target is None else q - reference
     waves, early = oscillation(time, qd - speed), oscillation(time[free], (qd - speed)[free])
     if waves is not None and (target is None or moves) and _of_reference(waves, time, speed):
         waves = None
@@ -176,8 +182,8 @@ def symptoms(
             growth, seconds = early.growth, float(time[first_full] - time[0])
         phrases.append(_wave_text(waves, 1.0 / period, growth, seconds))
     elif error is not None and moves:
-        k = int(np.argmax(np.abs(error)))
-        far = f'{abs(error[k]):.4g}, farthest at t = {time[k]:.6g} s'
+        worst = int(np.argmax(np.abs(error)))
+        far = f'{abs(error[worst]):.4g}, farthest at t = {time[worst]:.6g} s'
         phrases.append(f'follows its reference within {far}')
     elif error is not None:
         way = 'away from' if error[-1] * qd[-1] > 0.0 else 'to'
@@ -199,12 +205,11 @@ def symptoms(
 
 def _of_reference(waves: Oscillation, time: Array, speed: Array) -> bool:
     """Return whether turns may be those of a reference; its speed (N,) is zero if not known."""
-    seconds = float(time[-1] - time[0])
     if speed.any():
-        turned = len(turns(speed)) / (2 * seconds)
-        return waves.frequency <= 2 * turned or waves.amplitude <= STEADY * np.abs(speed).max()
-    change = abs(waves.growth) * seconds
-    regular = change > LEVEL and waves.scatter < IRREGULAR * change
+        turned = len(turns(speed)) / (2 * float(time[-1] - time[0]))
+        small = waves.amplitude <= STEADY * float(np.abs(speed).max())
+        return small or waves.frequency <= 2 * turned
+    regular = abs(waves.change) > LEVEL and waves.scatter < IRREGULAR * abs(waves.change)
     return waves.frequency < REFERENCE_RATE and not regular
 
 

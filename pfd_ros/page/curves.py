@@ -1,140 +1,151 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-Curves of any length in bounded memory: every sample, or the minimum and maximum of each bin.
-
-A bin holds `stride` samples, a power of two that doubles whenever the bins become too many. No
-peak is lost: a bin keeps the smallest and the largest value of each column, and which came first.
-"""
+"""The plots of a log: states, commands, energy, and whatever numbers its topics hold."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
-# Typed as Any: the stubs of NumPy 2.5 lack the method `reduce` of these two.
-FMIN: Any = np.fmin
-FMAX: Any = np.fmax
-# Even. A log of one minute at 1 kHz is drawn sample by sample.
-MOST_BINS = 1 << 16
+from pfd_ros.arm.events import (
+    ARRAY,
+    ENERGY,
+    FLOAT_ARRAY,
+    JOINT_STATE,
+    NAMED,
+    SET_STATE,
+)
+from pfd_ros.messages.joints import JOINT_FIELDS
+from pfd_ros.page.recorded import Array, Joints, Recorded
+from pfd_ros.text import cut, one_line
+
+# Numbers of an array that are drawn at most.
+MOST_COLUMNS = 64
+ENERGIES = ('kinetic', 'potential', 'total')
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """Points to draw: `time` (N,) [s] increases, `values` (N, k) are NaN in gaps."""
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A motion that joints should follow: times (N,), positions (N, n), and its tolerance."""
 
+    names: tuple[str, ...]
+    time: Array
+    position: Array
+    within: float | None = None
+
+    def at(self, joint: str, time: Array) -> Array:
+        """Return the position that a joint should have at some times, NaN before and after it."""
+        column = self.position[:, self.names.index(joint)]
+        return np.interp(time, self.time, column, left=np.nan, right=np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """Curves over one axis of time.
+
+    Attributes
+    ----------
+    title, source
+        What it is, with its unit, and the topic it comes from.
+    labels
+        Of the k curves; with `joints`, of joints, which a page selects and colours alike.
+    time, values
+        (N,) and (N, k).
+    bounds
+        Lower and upper limits (2, k), infinite without one.
+    breaks
+        Places of samples before which some are missing.
+    stepped
+        Whether a value acts until the next one.
+    references
+        What the last columns of `values` are, after those of `labels`: a label, and 'reference',
+        or 'low' and 'high' for the ends of its tolerance.
+    """
+
+    title: str
+    source: str
+    labels: tuple[str, ...]
     time: Array
     values: Array
-    stride: int
+    joints: bool = True
+    bounds: Array | None = None
+    breaks: Array = field(default_factory=lambda: np.empty(0, int))
+    stepped: bool = False
+    references: tuple[tuple[str, str], ...] = ()
 
 
-@dataclass
-class _Bins:
-    """Bins in the order of time: (N,) first times, and (N, k) for each column."""
+def plots_of(run: Recorded, references: Sequence[Reference] = ()) -> Iterator[Plot]:
+    """Yield the plots of a log in the order of a page."""
+    for item in JOINT_FIELDS:
+        for joints in run.joints:
+            values = joints.values[item]
+            if np.isfinite(values).any():
+                bounds, title = joints.bounds.get(item), f'{item} [{joints.units[item]}]'
+                more = list(_wanted(joints, references)) if item == 'position' else []
+                values = np.column_stack([values, *(column for _, _, column in more)])
+                kinds = tuple((name, kind) for name, kind, _ in more)
+                yield Plot(
+                    title,
+                    run.topic,
+                    joints.names,
+                    joints.time,
+                    values,
+                    bounds=bounds,
+                    breaks=joints.gaps,
+                    references=kinds,
+                )
+    others = [plot for plot in _of_topics(run) if len(plot.time)]
+    yield from sorted(others, key=lambda plot: not plot.title.startswith('commanded'))
 
-    time: Array
-    low: Array
-    high: Array
-    # Whether the smallest value came before the largest.
-    rising: Array
 
-    def joined(self, other: _Bins) -> _Bins:
-        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
-        return _Bins(*(np.concatenate(pair) for pair in pairs))
+def _wanted(joints: Joints, references: Sequence[Reference]) -> Iterator[tuple[str, str, Array]]:
+    """Yield the references of joints and the ends of their tolerances, at their times."""
+    for reference in references:
+        for name in reference.names:
+            if name in joints.names:
+                column = reference.at(name, joints.time)
+                yield name, 'reference', column
+                if reference.within is not None:
+                    yield name, 'low', column - reference.within
+                    yield name, 'high', column + reference.within
 
-    def halved(self) -> _Bins:
-        """Return an even number of bins merged in pairs."""
-        first, second = (_Bins(*(values[k::2] for values in vars(self).values())) for k in (0, 1))
-        # NaN compares as false: a bin without values gives way to the other one.
-        low_first = ~(second.low < first.low) & ~np.isnan(first.low)
-        high_first = ~(second.high > first.high) & ~np.isnan(first.high)
-        within = np.where(low_first, first.rising, second.rising)
-        return _Bins(
-            first.time,
-            np.fmin(first.low, second.low),
-            np.fmax(first.high, second.high),
-            np.where(low_first == high_first, within, low_first),
+
+def _of_topics(run: Recorded) -> Iterator[Plot]:
+    roles, arm = run.log.roles, tuple(name for joints in run.joints for name in joints.names)
+    for topic, found in run.of_type(JOINT_STATE):
+        role = roles.get(topic, '')
+        if topic == run.topic or role == SET_STATE:
+            continue
+        command = role == NAMED or 'command' in topic
+        what = 'commanded {} [{}]' if command else f'{topic.rpartition("/")[2]}: {{}} [{{}}]'
+        for item in JOINT_FIELDS:
+            values = getattr(found, item)
+            if np.isfinite(values).any():
+                title = what.format(item, run.unit(item, found.names))
+                yield Plot(title, topic, found.names, run.times(found), values, stepped=command)
+    for topic, found in run.of_type(FLOAT_ARRAY):
+        values, role = found.arrays.get('data'), roles.get(topic, '')
+        if values is None or values.ndim != 2 or not values.shape[1]:
+            continue
+        width = values.shape[1]
+        if width > MOST_COLUMNS:
+            run.notes[one_line(f'{cut(topic)} has {width} numbers a message: not drawn')] = None
+            continue
+        title, command = topic.rpartition('/')[2], role == ARRAY or 'command' in topic
+        if role == ENERGY:
+            title, values = (
+                'energy [J]',
+                np.column_stack([values[:, :2], values[:, :2].sum(axis=1)]),
+            )
+        joints = width == len(arm)
+        labels = (
+            ENERGIES
+            if role == ENERGY
+            else arm
+            if joints
+            else tuple(f'[{k}]' for k in range(width))
         )
-
-
-class Curve:
-    """The values of `columns` over time, added part by part."""
-
-    def __init__(self, columns: int) -> None:
-        self.columns, self.samples, self.stride = columns, 0, 1
-        self._parts: list[_Bins] = []
-        self._bins = 0
-        self._rest_time, self._rest = np.empty(0), np.empty((0, columns))
-
-    def add(self, time: Array, values: Array) -> None:
-        """Add samples: times (N,) [s] and values (N, columns). A time before the last one is late.
-
-        A late sample is drawn at the latest time so far.
-        """
-        self.samples += len(time)
-        time = np.concatenate([self._rest_time, time])
-        values = np.concatenate([self._rest, values])
-        at = 0
-        while (len(time) - at) // self.stride:
-            count = min((len(time) - at) // self.stride, MOST_BINS - self._bins)
-            end = at + count * self.stride
-            self._parts.append(_binned(time[at:end], values[at:end], self.stride))
-            self._bins, at = self._bins + count, end
-            if self._bins == MOST_BINS:
-                self.coarsen()
-        self._rest_time, self._rest = time[at:], values[at:]
-
-    def _all(self) -> _Bins:
-        bins = self._parts[0] if self._parts else _binned(np.empty(0), self._rest[:0], 1)
-        for part in self._parts[1:]:
-            bins = bins.joined(part)
-        self._parts = [bins]
-        return bins
-
-    def coarsen(self) -> None:
-        """Join each two bins."""
-        bins = self._all()
-        if len(bins.time) % 2:
-            bins = bins.joined(_Bins(*(values[-1:] for values in vars(bins).values())))
-        self._parts, self.stride = [bins.halved()], 2 * self.stride
-        self._bins = len(self._parts[0].time)
-
-    def drawn(self) -> Drawn:
-        """Return the points to draw: each sample, or the extremes of each bin in their order."""
-        bins = self._all()
-        if len(self._rest_time):
-            rest = _binned(self._rest_time, self._rest, len(self._rest_time))
-            bins = bins.joined(rest)
-        if self.stride == 1:
-            return Drawn(np.maximum.accumulate(bins.time), bins.low, 1)
-        times = np.maximum.accumulate(bins.time)
-        middles = times + 0.5 * np.diff(times, append=times[-1:])
-        first = np.where(bins.rising, bins.low, bins.high)
-        second = np.where(bins.rising, bins.high, bins.low)
-        shape = (2 * len(times), self.columns)
-        return Drawn(
-            np.stack([times, middles], axis=1).ravel(),
-            np.stack([first, second], axis=1).reshape(shape),
-            self.stride,
-        )
-
-
-def _binned(time: Array, values: Array, stride: int) -> _Bins:
-    """Return whole bins of samples."""
-    # Nothing can be drawn at infinity.
-    finite = np.where(np.isfinite(values), values, np.nan)
-    if stride == 1:
-        return _Bins(time, finite, finite, np.ones(values.shape, bool))
-    shaped = finite.reshape(-1, stride, values.shape[1])
-    lowest = np.where(np.isnan(shaped), np.inf, shaped).argmin(axis=1)
-    highest = np.where(np.isnan(shaped), -np.inf, shaped).argmax(axis=1)
-    return _Bins(
-        time[::stride],
-        FMIN.reduce(shaped, axis=1),
-        FMAX.reduce(shaped, axis=1),
-        lowest <= highest,
-    )
+        title = f'commanded effort [{run.unit("effort", arm)}]' if command else title
+        yield Plot(title, topic, labels, run.times(found), values, joints, stepped=command)

@@ -1,233 +1,258 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-What went wrong in a run, and when: limits reached, rejected commands, gaps, reflexes, failures.
+"""What went wrong in a log, and when: one finding a kind and joint, with its spans of time.
 
-A finding covers all events of one kind at one joint: the first time, a text about it, the count,
-and the first spans of time, up to a bound.
+A check is a function of a `Recorded` that yields findings, and a function that returns why it
+cannot be made, '' if it can. CHECKS names all, for a page says what was checked. A new check is a
+function and its row in CHECKS.
+
+When a controller ends, the arm stops: what happens after its last command is a note.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from pfd_ros.arm.events import Source, ValidationRow, Verdict
-from pfd_ros.page.curves import Array
-from pfd_ros.recording.format import ROLE_OF_SOURCE
+from pfd_ros.arm.events import (
+    ARRAY,
+    COMMANDS,
+    DIAGNOSTIC_ARRAY,
+    INACTIVE,
+    NAMED,
+    PARAMETERS,
+    REJECTED,
+    REJECTED_COUNTS,
+    REQUESTS,
+    SET_STATE,
+    TRANSITION,
+)
+from pfd_ros.page.recorded import Array, Recorded
+from pfd_ros.text import one_line
 
 BAD, WARNING, NOTE = 'bad', 'warning', 'note'
-# Of a finding; neighbours are joined beyond it. And findings of a page.
-MOST_SPANS = 400
-MOST_FINDINGS = 200
-# Newer commands replace older ones; a driver sends NaN until a controller has claimed the joint.
-EXPECTED = frozenset({Verdict.ACCEPTED, Verdict.OVERFLOWED, Verdict.ALL_NAN})
-REASONS = {
-    Verdict.MALFORMED: 'bytes are not a message of this type',
-    Verdict.NO_NAMES: 'no joint names',
-    Verdict.RAGGED: 'names and numbers differ in length',
-    Verdict.INFINITE: 'an infinite number',
-    Verdict.STALE: 'its stamp is older than the state to answer, a reset or a jump',
-    Verdict.DUPLICATE_NAMES: 'a joint is named twice',
-    Verdict.NO_EFFORT: 'no effort',
-    Verdict.UNKNOWN_NAMES: 'no joint of this arm',
-    Verdict.ALL_NAN: 'NaN only',
-    Verdict.WRONG_SIZE: 'not one number for each joint',
-    Verdict.NOT_FINITE: 'NaN or infinity',
-    Verdict.OVERFLOWED: 'replaced by a newer message before the next step',
-    Verdict.REFUSED: 'the arm is inactive or braked by a reflex, or the request is not possible',
-}
+# A shorter time without commands at the end of a log is no end of the controller [s].
+SILENCE = 0.1
+TEXT_LENGTH = 200
+NOT_OURS = 'not a recording of pfd'
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Finding:
-    """Everything of one kind at one joint, times in s."""
+    """Everything of one kind at one joint; `spans` (k, 2) are first and last times [s]."""
 
     kind: str
     severity: str
-    text: str
-    time: float
-    joint: str = ''
-    count: int = 0
-    spans: list[tuple[float, float]] = field(default_factory=list)
-
-    def add(self, start: float, end: float) -> None:
-        """Add a span, after the last one."""
-        self.count += 1
-        self.spans.append((start, end))
-        if len(self.spans) > MOST_SPANS:
-            pairs = zip(self.spans[::2], self.spans[1::2], strict=False)
-            self.spans = [(first[0], second[1]) for first, second in pairs]
-
-
-class Findings:
-    """The findings of a run, by kind and joint."""
-
-    def __init__(self) -> None:
-        self._found: dict[tuple[str, str, str], Finding] = {}
-        self.left_out = 0
-
-    def add(
-        self,
-        kind: str,
-        severity: str,
-        text: str,
-        span: tuple[float, float],
-        joint: str = '',
-        key: str = '',
-    ) -> None:
-        """Add one occurrence; the first with this kind, joint and key is described by `text`."""
-        place = kind, joint, key
-        if place not in self._found:
-            if len(self._found) >= MOST_FINDINGS:
-                self.left_out += 1
-                return
-            self._found[place] = Finding(kind, severity, text, span[0], joint)
-        self._found[place].add(*span)
-
-    def extend(self, kind: str, joint: str, end: float) -> None:
-        """Move the end of the last span: the occurrence lasts."""
-        found = self._found.get((kind, joint, ''))
-        if found is not None:
-            found.spans[-1] = (found.spans[-1][0], end)
-
-    def sorted(self) -> list[Finding]:
-        """Return all findings in the order of time; at one time the worst first."""
-        rank = (BAD, WARNING, NOTE).index
-        return sorted(self._found.values(), key=lambda f: (f.time, rank(f.severity)))
-
-    def first(self) -> Finding | None:
-        """Return the first finding that is more than a note, or None."""
-        return next((found for found in self.sorted() if found.severity != NOTE), None)
-
-
-@dataclass
-class LimitCheck:
-    """Looks for samples of a joint at or beyond a limit, part by part."""
-
     joint: str
-    kind: str
-    unit: str
-    lower: float
-    upper: float
-    _outside: bool = False
+    text: str
+    spans: Array = field(repr=False)
 
-    def feed(self, time: Array, values: Array, findings: Findings) -> None:
-        """Look at samples (N,), after those before."""
-        outside = ~((values > self.lower) & (values < self.upper)) & np.isfinite(values)
-        kind = f'{self.kind} limit'
-        changes = np.flatnonzero(np.diff(outside, prepend=self._outside))
-        ends = [*changes[1:], len(time)]
-        for start, end in zip(changes, ends, strict=False):
-            if not outside[start]:
-                continue
-            last = float(time[end - 1])
-            bound = self.lower if values[start] <= self.lower else self.upper
-            findings.add(
-                kind,
-                # Motors saturate in good runs, too.
-                WARNING if self.kind == 'effort' else BAD,
-                f'{self.kind} {values[start]:.4g} {self.unit}, at or beyond its limit {bound:.4g}',
-                (float(time[start]), last),
-                self.joint,
+    @property
+    def time(self) -> float:
+        """When it began."""
+        return float(self.spans[0, 0])
+
+
+def _at(times: Array) -> Array:
+    return np.stack([times, times], axis=1)
+
+
+def _spans(time: Array, holds: Array) -> Array:
+    """Return first and last times (k, 2) of the runs in which something holds."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(int)))
+    return np.stack([time[edges[::2]], time[edges[1::2] - 1]], axis=1)
+
+
+def _limits(run: Recorded) -> Iterator[Finding]:
+    for joints in run.joints:
+        for item, (low, high) in joints.bounds.items():
+            values = joints.values[item]
+            out = np.isfinite(values) & ~((values > low) & (values < high))
+            for j in np.flatnonzero(out.any(axis=0)):
+                k = int(np.argmax(out[:, j]))
+                bound = low[j] if values[k, j] <= low[j] else high[j]
+                yield Finding(
+                    f'{item} limit',
+                    # Motors saturate in good runs, too.
+                    WARNING if item == 'effort' else BAD,
+                    joints.names[j],
+                    f'{item} {values[k, j]:.4g} {joints.units[item]}, at or beyond its limit '
+                    f'{bound:.4g}',
+                    _spans(joints.time, out[:, j]),
+                )
+
+
+def _without_limits(run: Recorded) -> str:
+    if any(np.isfinite(x).any() for joints in run.joints for x in joints.bounds.values()):
+        return ''
+    return (
+        'the log names no robot; --robot adds one' if run.robot is None else 'the robot has none'
+    )
+
+
+def _not_finite(run: Recorded) -> Iterator[Finding]:
+    for joints in run.joints:
+        for item, values in joints.values.items():
+            # Drivers leave out what they do not measure.
+            wrong = ~np.isfinite(values) & ~np.isnan(values).all(axis=0)
+            for j in np.flatnonzero(wrong.any(axis=0)):
+                first = values[int(np.argmax(wrong[:, j])), j]
+                spans = _spans(joints.time, wrong[:, j])
+                yield Finding('not finite', BAD, joints.names[j], f'{item} is {first}', spans)
+
+
+def _gaps(run: Recorded) -> Iterator[Finding]:
+    for joints in run.joints:
+        if not len(joints.gaps):
+            continue
+        spans = np.stack([joints.time[joints.gaps - 1], joints.time[joints.gaps]], axis=1)
+        length, of = 1e3 * (spans[0, 1] - spans[0, 0]), 1e3 * joints.period
+        named = f' of {joints.names[0]}' if len(run.joints) > 1 else ''
+        dropped = run.settings.get('drop_state')
+        text = f'no state{named} on {run.topic} for {length:.4g} ms (period {of:.4g} ms)'
+        yield Finding('gap', NOTE if dropped else WARNING, '', one_line(text), spans)
+
+
+def _rejected(run: Recorded) -> Iterator[Finding]:
+    """Rejected inputs by role and label, those of a reflex as the reflex."""
+    found, counts = run.of_role(REJECTED), run.of_role(REJECTED_COUNTS)
+    groups: dict[str, list[tuple[float, str]]] = {}
+    for messages, more in ((found, False), (counts, True)):
+        if messages is not None:
+            for time, text in zip(run.times(messages), messages.data, strict=True):
+                kind, _, detail = str(text).partition('\n')
+                groups.setdefault(f'{kind} more' if more else kind, []).append((time, detail))
+    for kind, rows in groups.items():
+        spans, (role, _, label) = _at(np.array([time for time, _ in rows])), kind.partition(' ')
+        by_reflex = run.settings.get('reflex_effort_rate') and rows[0][1] != INACTIVE.detail
+        if label == 'refused' and role in COMMANDS and by_reflex:
+            text = f'all joints braked: {rows[0][1]}; commands are refused until ~/reset'
+            yield Finding('reflex', BAD, '', one_line(text, TEXT_LENGTH), spans)
+        else:
+            text = one_line(f'{role} {label}: {rows[0][1]}', TEXT_LENGTH)
+            yield Finding('rejected input', BAD, '', text, spans)
+
+
+def accepted_commands(run: Recorded) -> Array:
+    """Return the times of accepted commands [s], sorted."""
+    rejected = run.of_role(REJECTED)
+    refused: dict[str, list[int]] = {}
+    if rejected is not None:
+        for text, at in zip(rejected.data, rejected.log_ns.tolist(), strict=True):
+            refused.setdefault(str(text).partition(' ')[0], []).append(at)
+    found = [np.empty(0)]
+    for role in (NAMED, ARRAY):
+        commands = run.of_role(role)
+        if commands is not None:
+            # What a step takes and what it rejects have one log time.
+            kept = ~np.isin(commands.log_ns, refused.get(role, []))
+            found.append(run.times(commands)[kept])
+    return np.sort(np.concatenate(found))
+
+
+def commands_end(run: Recorded) -> float | None:
+    """Return when the controller ended [s], None if it did not before the log."""
+    times, end = accepted_commands(run), run.span[1]
+    silence = max(SILENCE, float(run.settings.get('command_timeout') or 0.0))
+    return float(times[-1]) if len(times) and end - times[-1] > silence else None
+
+
+def _watchdog(run: Recorded) -> Iterator[Finding]:
+    limit = float(run.settings['command_timeout'])
+    sent = np.append(accepted_commands(run), run.span[1])
+    late = np.flatnonzero(np.diff(sent) > limit)
+    if len(late):
+        text = f'no command for command_timeout {limit:g} s: {run.settings.get("on_timeout", "")}'
+        spans = np.stack([sent[late] + limit, sent[late + 1]], axis=1)
+        yield Finding('watchdog', BAD, '', text, spans)
+
+
+def _totals(run: Recorded) -> dict[str, Any]:
+    totals = run.log.end.get('totals', {})
+    return dict(totals) if isinstance(totals, dict) else {}
+
+
+def _failure(run: Recorded) -> Iterator[Finding]:
+    """The end record: why the simulation stopped, and a reflex that refused no command."""
+    totals, end = _totals(run), _at(np.array([run.span[1]]))
+    for kind, text in (('failure', totals.get('failure')), ('reflex', totals.get('reflex'))):
+        if text:
+            what = (
+                'the simulation stopped' if kind == 'failure' else 'all joints braked at the end'
             )
-        if self._outside and len(time) and outside[0]:
-            stop = int(changes[0]) if len(changes) else len(time)
-            findings.extend(kind, self.joint, float(time[stop - 1]))
-        if len(outside):
-            self._outside = bool(outside[-1])
+            yield Finding(kind, BAD, '', one_line(f'{what}: {text}', TEXT_LENGTH), end)
 
 
-@dataclass
-class GapCheck:
-    """Looks for states that are missing: intervals much longer than the period [s]."""
-
-    topic: str
-    period: float = 0.0
-    # A note, if the settings let the sensors drop states.
-    severity: str = WARNING
-    _last: float | None = None
-
-    def feed(self, time: Array, findings: Findings) -> Array:
-        """Look at times (N,), after those before; return the places before which states miss."""
-        before = [] if self._last is None else [self._last]
-        intervals = np.diff(np.concatenate([before, time]))
-        if len(time):
-            self._last = float(time[-1])
-        if not self.period and len(intervals):
-            self.period = float(np.median(intervals))
-        if not self.period > 0.0:
-            return np.empty(0, np.intp)
-        late = np.flatnonzero(intervals > 1.5 * self.period)
-        places: Array = late + (1 - len(before))
-        for place, k in zip(places, late, strict=True):
-            end, length = float(time[place]), float(intervals[k])
-            findings.add(
-                'gap',
-                self.severity,
-                f'no state on {self.topic} for {1e3 * length:.4g} ms '
-                f'(period {1e3 * self.period:.4g} ms)',
-                (end - length, end),
-            )
-        return places
+def _diagnostics(run: Recorded) -> Iterator[Finding]:
+    groups: dict[tuple[bool, str], list[float]] = {}
+    for _, found in run.of_type(DIAGNOSTIC_ARRAY):
+        level, name, text = (found.arrays[f'status.{x}'] for x in ('level', 'name', 'message'))
+        times = run.times(found)
+        for k, j in np.argwhere(np.nan_to_num(level.astype(float)) >= 1):
+            line = one_line(f'{name[k, j]}: {text[k, j]}', TEXT_LENGTH)
+            groups.setdefault((level[k, j] >= 2, line), []).append(times[k])
+    for (bad, line), rows in groups.items():
+        severity = BAD if bad else WARNING
+        yield Finding('diagnostics', severity, '', line, _at(np.sort(np.array(rows))))
 
 
-@dataclass
-class InputCheck:
-    """Reads validation rows: rejected inputs, and the watchdog.
+def _events(run: Recorded) -> Iterator[Finding]:
+    """Requests, states that were set, changes of parameters, and transitions: no faults."""
+    lines: list[tuple[str, float]] = []
+    for role, what in ((REQUESTS, 'request'), (PARAMETERS, 'parameters'), (SET_STATE, SET_STATE)):
+        found = run.of_role(role)
+        if found is not None:
+            texts = [''] * len(found) if role == SET_STATE else found.data
+            lines += [(f'{what} {x}', t) for x, t in zip(texts, run.times(found), strict=True)]
+    for _, found in run.of_type(TRANSITION):
+        states = zip(found['start_state.label'], found['goal_state.label'], strict=True)
+        texts = [f'lifecycle: {start} to {goal}' for start, goal in states]
+        lines += zip(texts, run.times(found), strict=True)
+    for text in dict.fromkeys(text for text, _ in lines):
+        times = np.array([time for other, time in lines if other == text])
+        yield Finding('event', NOTE, '', one_line(text, TEXT_LENGTH), _at(times))
 
-    Parameters
-    ----------
-    timeout
-        Longest time without an accepted command [s], 0 for no limit.
-    on_timeout
-        Reaction of the arm to a timeout.
-    reflex_rate
-        Rate of an effort beyond which the reflex acts, N m/s or N/s, 0 for no reflex.
-    """
 
-    timeout: float = 0.0
-    on_timeout: str = ''
-    reflex_rate: float = 0.0
-    accepted: int = 0
-    rejected: int = 0
-    last_accepted: float | None = None
+Check = Callable[[Recorded], Iterator[Finding]]
+# Name -> check, and why it cannot be made.
+CHECKS: dict[str, tuple[Check, Callable[[Recorded], str]]] = {
+    'limits': (_limits, _without_limits),
+    'finite numbers': (_not_finite, lambda run: '' if run.joints else 'no joint states'),
+    'missing states': (_gaps, lambda run: '' if run.joints else 'no joint states'),
+    'rejected inputs and reflexes': (
+        _rejected,
+        lambda run: '' if REJECTED in run.log.roles.values() else NOT_OURS,
+    ),
+    'watchdog': (
+        _watchdog,
+        lambda run: '' if run.settings.get('command_timeout') else 'no command_timeout',
+    ),
+    'failure of the simulation': (
+        _failure,
+        lambda run: '' if _totals(run) else 'no end record' if run.settings else NOT_OURS,
+    ),
+    'diagnostics': (
+        _diagnostics,
+        lambda run: '' if next(run.of_type(DIAGNOSTIC_ARRAY), None) else 'none recorded',
+    ),
+    'events': (_events, lambda run: ''),
+}
 
-    def feed(self, time: float, row: ValidationRow, detail: str, findings: Findings) -> None:
-        """Take one row; `detail` names the wrong number, if it is known."""
-        command = row.source in (Source.NAMED, Source.ARRAY)
-        name = ROLE_OF_SOURCE[row.source]
-        if row.verdict is Verdict.ACCEPTED:
-            self.accepted += 1
-            if command:
-                self.check_timeout(time, findings)
-                self.last_accepted = time
-            return
-        self.rejected += 1
-        reason = row.verdict.label
-        if row.verdict is Verdict.REFUSED and command and self.reflex_rate:
-            findings.add(
-                'reflex',
-                BAD,
-                'the reflex braked all joints: an effort changed faster than reflex_effort_rate '
-                f'{self.reflex_rate:g} per second; commands are refused until ~/reset',
-                (time, time),
-            )
-            return
-        severity = NOTE if row.verdict in EXPECTED else BAD
-        why = detail or REASONS.get(row.verdict, '')
-        text = f'{name} {row.sequence} rejected as {reason}: {why}'
-        findings.add('rejected input', severity, text, (time, time), key=f'{name} {reason}')
 
-    def check_timeout(self, time: float, findings: Findings) -> None:
-        """Note the watchdog if it acted before this time."""
-        last = self.last_accepted
-        if not self.timeout or last is None or time - last <= self.timeout:
-            return
-        findings.add(
-            'watchdog',
-            BAD,
-            f'no command for command_timeout {self.timeout:g} s: {self.on_timeout}',
-            (last + self.timeout, time),
-        )
+def find(run: Recorded) -> tuple[list[Finding], list[str], dict[str, str]]:
+    """Return findings in the order of time, checks that were made, and why others were not."""
+    lacking = {name: why for name, (_, impossible) in CHECKS.items() if (why := impossible(run))}
+    made = [name for name in CHECKS if name not in lacking]
+    found = [each for name in made for each in CHECKS[name][0](run)]
+    end = commands_end(run)
+    if end is not None:
+        text = f'the last command: none in the {run.span[1] - end:.3g} s that follow'
+        found.append(Finding('event', NOTE, '', text, _at(np.array([end]))))
+        found = [
+            replace(x, severity=NOTE) if x.time > end and x.kind != 'failure' else x for x in found
+        ]
+    rank = (BAD, WARNING, NOTE).index
+    return sorted(found, key=lambda x: (x.time, rank(x.severity))), made, lacking

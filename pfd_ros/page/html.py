@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The page as one HTML file without references: it opens from a disk, without a network.
+A log as one HTML file without references: it opens from a disk, without a network.
 
 Every text of a log is escaped, in HTML and in the JSON that holds the curves. A content security
 policy lets the browser run only the scripts of this package, by their digests, and load nothing.
@@ -10,251 +10,422 @@ policy lets the browser run only the scripts of this package, by their digests, 
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime, timezone
 import hashlib
 from html import escape
 from importlib.resources import files
 import json
-import math
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, NamedTuple
+import zlib
 
-from pfd_ros.page.contents import Contents, Plot
-from pfd_ros.page.curves import Drawn
-from pfd_ros.page.findings import NOTE, Finding
-from pfd_ros.page.packing import packed_times, packed_values
-from pfd_ros.files import new_file
-from pfd_ros.text import cut
+import numpy as np
 
-# Of the curves of a page, characters: coarser curves are drawn beyond it.
-MOST_TEXT = 2_600_000
-MOST_ROWS = 60
-LEAST_POINTS = 1000
+import pfd_core as pfd
+from pfd_ros.messages.joints import JOINT_FIELDS, NANOSECONDS
+from pfd_ros.motion.symptoms import symptoms
+from pfd_ros.page.curves import Plot, Reference, plots_of
+from pfd_ros.page.findings import BAD, NOTE, Finding, commands_end, find
+from pfd_ros.page.recorded import Array, Joints, Recorded
+from pfd_ros.recording.arrays import LogArrays
+from pfd_ros.text import cut, one_line
 
-
-def page(contents: Contents) -> str:
-    """Return the page."""
-    styles = [_asset('uPlot.min.css'), _asset('page.css')]
-    scripts = [_asset('uPlot.iife.min.js'), _asset('page.js')]
-    first = contents.first
-    values = {
-        'TITLE': escape(contents.title),
-        'POLICY': escape(_policy(styles, scripts)),
-        'STYLES': ''.join(f'<style>{text}</style>' for text in styles),
-        'SCRIPTS': ''.join(f'<script>{text}</script>' for text in scripts),
-        'STATE': 'good' if first is None else first.severity,
-        'HEADLINE': _headline(contents),
-        'STORY': _story(contents),
-        'FACTS': _table(contents.facts),
-        'DIAGNOSIS': _list(f'Motion of each joint, {contents.diagnosis_of}', contents.diagnosis),
-        'NOTES': _list('On this log', contents.notes),
-        'SETTINGS': _settings(contents),
-        'DATA': _json(_data(contents)),
-    }
-    template = _asset('page.html')
-    return re.sub('@@([A-Z]+)@@', lambda found: values[found[1]], template)
+# Of one page: points of a curve, plots, spans of a kind, rows of the story.
+MOST_POINTS, MOST_PLOTS, MOST_SPANS, MOST_ROWS = 20_000, 40, 400, 60
+# Around the first finding, for the diagnosis of each joint [s], and samples of it.
+BEFORE, AFTER, MOST_DIAGNOSED = 20.0, 5.0, 1 << 16
 
 
-def write_page(contents: Contents, path: Path) -> None:
+class Moment(NamedTuple):
+    """A moment to mark [s], or a span up to `end`: a failed assertion, a push."""
+
+    time: float
+    label: str
+    text: str = ''
+    end: float | None = None
+    severity: str = BAD
+
+
+class Page(NamedTuple):
+    """A page, and what a command reports of it.
+
+    Attributes
+    ----------
+    html
+        The page.
+    said
+        Its headline on one line.
+    first
+        The first finding that is more than a note, None without one.
+    findings
+        All, in the order of time.
+    notes, unreadable
+        Lines on the log, and on what cannot be read of it: then the log is not known to be good.
     """
-    Write the page to a new file.
 
-    Raises
-    ------
-    OSError
-        If the file exists or cannot be written.
+    html: str
+    said: str
+    first: Finding | None
+    findings: list[Finding]
+    notes: list[str]
+    unreadable: list[str]
 
+    def write(self, path: Path) -> None:
+        """Write the page to a new file; OSError if it exists or cannot be written."""
+        with path.open('x', encoding='utf-8', newline='\n') as stream:
+            try:
+                stream.write(self.html)
+            except BaseException:
+                path.unlink()
+                raise
+
+
+def page(
+    log: LogArrays, marks: Iterable[Moment | Reference] = (), robot: pfd.Robot | None = None
+) -> Page:
     """
-    text = page(contents)
-    with new_file(path, 'x', encoding='utf-8', newline='\n') as stream:
-        stream.write(text)
+    Return the page of a log.
+
+    Parameters
+    ----------
+    log
+        From `read_log(path, unreadable='count')`.
+    marks
+        Moments and references to draw, in the times of the page.
+    robot
+        The robot of a log that holds none, for its limits.
+    """
+    run, marks = Recorded(log, robot), tuple(marks)
+    moments = [mark for mark in marks if isinstance(mark, Moment)]
+    references = [mark for mark in marks if isinstance(mark, Reference)]
+    found, made, lacking = find(run)
+    found += [_finding(moment) for moment in moments]
+    found.sort(key=lambda x: (x.time, x.severity == NOTE))
+    first = next((x for x in found if x.severity != NOTE), None)
+    unreadable = list(run.unreadable)
+    if not log.complete:
+        run.notes['the file is cut off: it was not closed, and the page is up to the cut'] = None
+    if not run.joints and not unreadable:
+        run.notes['the log has no joint states'] = None
+    said, severity = _said(run, first)
+    plots = list(plots_of(run, references))
+    if len(plots) > MOST_PLOTS:
+        run.notes[f'{len(plots) - MOST_PLOTS} more plots are not drawn'] = None
+    cards = [
+        _headline(run, said, severity, first, made, lacking),
+        *(_moment_card(moment) for moment in moments if moment.text),
+        _story(found),
+        _table('Summary', _facts(run)),
+        _list('Motion of each joint', _diagnosis(run, first, references)),
+        _list('On this log', run.notes),
+        _settings(run),
+    ]
+    html = _document(
+        log.path.name,
+        ''.join(cards),
+        _data(run, plots[:MOST_PLOTS], found, first, moments),
+    )
+    return Page(html, said, first, found, list(run.notes), unreadable)
 
 
-def _asset(name: str) -> str:
-    return (files('pfd_ros.page') / 'assets' / name).read_text(encoding='utf-8')
-
-
-def _policy(styles: Sequence[str], scripts: Sequence[str]) -> str:
-    def digests(texts: Sequence[str]) -> str:
-        found = (hashlib.sha256(text.encode()).digest() for text in texts)
-        return ' '.join(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in found)
-
-    return (
-        f"default-src 'none'; script-src {digests(scripts)}; style-src {digests(styles)}; "
-        "base-uri 'none'; form-action 'none'"
+def _finding(moment: Moment) -> Finding:
+    spans = np.array([[moment.time, moment.time if moment.end is None else moment.end]])
+    return Finding(
+        moment.label, moment.severity, '', one_line(moment.text.partition('\n')[0], 100), spans
     )
 
 
-def _headline(contents: Contents) -> str:
-    first = contents.first
-    if first is None:
-        said = ', '.join(contents.checked) or 'nothing could be checked'
-        body = (
-            f'<p class="what">Nothing went wrong.</p><p class="small">Checked: {escape(said)}.</p>'
-        )
-    else:
-        joint = f'<b class="joint">{escape(first.joint)}</b> ' if first.joint else ''
-        body = (
-            '<p class="small">What went wrong first</p>'
-            f'<p class="when"><button data-time="{first.time!r}">t = {first.time:.3f} s</button> '
-            f'{escape(first.kind)}</p><p class="what">{joint}{escape(first.text)}</p>'
-        )
-    if contents.unchecked:
-        body += f'<p class="small">Not checked: {escape("; ".join(contents.unchecked))}.</p>'
-    marks = ''.join(
-        f'<section class="card mark"><h2>{escape(mark.label)} '
-        f'<button data-time="{mark.time!r}">t = {mark.time:.3f} s</button></h2>'
-        f'<pre>{escape(mark.text)}</pre></section>'
-        for mark in contents.marks
-    )
-    return f'<section class="card headline">{body}</section>{marks}'
+def _said(run: Recorded, first: Finding | None) -> tuple[str, str]:
+    """Return the headline and its severity; a log that cannot be read is never good."""
+    if run.unreadable:
+        return '; '.join(run.unreadable), BAD
+    if first is not None:
+        joint = f'{first.joint}: ' if first.joint else ''
+        return f'first: t = {first.time:.3f} s, {first.kind}: {joint}{first.text}', first.severity
+    if not run.joints:
+        return 'no joint states: nothing is known about the motion', 'warning'
+    end = commands_end(run)
+    until = '' if end is None else f' up to the last command at t = {end:.3f} s'
+    return f'nothing went wrong{until}', 'good'
 
 
-def _story(contents: Contents) -> str:
-    """Return a row for the first finding of each kind, and the other joints in one line."""
+# The cards beside the plots.
+
+
+def _button(time: float, joint: str = '') -> str:
+    name = f' data-joint="{escape(joint)}"' if joint else ''
+    return f'<button data-time="{time!r}"{name}>{time:.3f} s</button>'
+
+
+def _card(title: str, body: str, css: str = '') -> str:
+    return f'<section class="card {css}"><h2>{escape(title)}</h2>{body}</section>' if body else ''
+
+
+def _headline(
+    run: Recorded,
+    said: str,
+    severity: str,
+    first: Finding | None,
+    made: Sequence[str],
+    lacking: dict[str, str],
+) -> str:
+    body = f'<p class="what">{escape(said[:1].upper() + said[1:])}</p>'
+    if first is not None:
+        when = f'{_button(first.time, first.joint)} {escape(first.kind)}'
+        joint = f'<b>{escape(first.joint)}</b> ' if first.joint else ''
+        first_text = f'<p class="when">{when}</p><p class="what">{joint}{escape(first.text)}</p>'
+        body = (body if run.unreadable else '') + first_text
+    body += f'<p class="small">Checked: {escape(", ".join(made))}.</p>'
+    if lacking:
+        reasons = '; '.join(f'{name} ({why})' for name, why in lacking.items())
+        body += f'<p class="small">Not checked: {escape(reasons)}.</p>'
+    return _card('What went wrong first' if first else 'Result', body, f'headline {severity}')
+
+
+def _moment_card(moment: Moment) -> str:
+    title = f'<h2>{escape(moment.label)} {_button(moment.time)}</h2>'
+    return f'<section class="card mark">{title}<pre>{escape(moment.text)}</pre></section>'
+
+
+def _story(found: Sequence[Finding]) -> str:
+    """Return a row for the first finding of each kind, with the other joints in one line."""
     kinds: dict[str, list[Finding]] = {}
-    for found in contents.findings:
+    for each in found:
         # Without a joint, texts differ in more than the time.
-        kinds.setdefault(found.kind if found.joint else found.text, []).append(found)
-    if not kinds:
-        return ''
-    rows = ''.join(_row(group) for group in list(kinds.values())[:MOST_ROWS])
-    more = len(kinds) - MOST_ROWS
-    tail = f'<p class="small">and {more} more</p>' if more > 0 else ''
-    return (
-        '<section class="card"><h2>In the order of time</h2><table class="story"><tbody>'
-        f'{rows}</tbody></table>{tail}</section>'
+        kinds.setdefault(each.kind if each.joint else f'{each.kind}\n{each.text}', []).append(each)
+    rows = [_story_row(*group) for group in list(kinds.values())[:MOST_ROWS]]
+    more = (
+        f'<p class="small">and {len(kinds) - MOST_ROWS} more</p>' if len(kinds) > MOST_ROWS else ''
     )
+    table = f'<table class="story">{"".join(rows)}</table>{more}' if rows else ''
+    return _card('In the order of time', table)
 
 
-def _row(group: Sequence[Finding]) -> str:
-    found, *others = group
-    joint = f'<b>{escape(found.joint)}</b> ' if found.joint else ''
-    text = f'{joint}{escape(found.text)}{_times(found)}'
+def _story_row(first: Finding, *others: Finding) -> str:
+    def times(finding: Finding) -> str:
+        return f' <small>&times;{len(finding.spans)}</small>' if len(finding.spans) > 1 else ''
+
+    joint = f'<b>{escape(first.joint)}</b> ' if first.joint else ''
+    kind = '' if first.text.startswith(first.kind.partition(' ')[0]) else f'{escape(first.kind)}: '
+    text = f'{joint}{kind}{escape(first.text)}{times(first)}'
     if others:
         then = ' '.join(
-            f'<span class="other">{_button(other)} {escape(other.joint)}{_times(other)}</span>'
+            f'<span>{_button(other.time, other.joint)} {escape(other.joint)}{times(other)}</span>'
             for other in others
         )
         text += f'<p class="small">then {then}</p>'
-    return f'<tr class="{found.severity}"><td>{_button(found)}</td><td>{text}</td></tr>'
+    cell = _button(first.time, first.joint)
+    return f'<tr class="{first.severity}"><td>{cell}</td><td>{text}</td></tr>'
 
 
-def _times(found: Finding) -> str:
-    return f' <span class="count">&times;{found.count}</span>' if found.count > 1 else ''
+def _table(title: str, rows: Iterable[tuple[str, str]]) -> str:
+    cells = (f'<tr><th>{escape(k)}</th><td>{escape(one_line(v))}</td></tr>' for k, v in rows)
+    return _card(title, f'<table>{"".join(cells)}</table>')
 
 
-def _button(found: Finding) -> str:
+def _list(title: str, lines: Iterable[str]) -> str:
+    items = ''.join(f'<li>{escape(one_line(line))}</li>' for line in lines)
+    return _card(title, f'<ul>{items}</ul>' if items else '')
+
+
+def _facts(run: Recorded) -> Iterator[tuple[str, str]]:
+    log, span = run.log, run.span
+    yield 'log', str(log.path)
+    if run.robot is not None:
+        yield 'robot', f'{run.robot.name}, {run.robot.n} joints'
+    yield 'time', f'{span[0]:.3f} s to {span[1]:.3f} s ({_origin(run)})'
+    for joints in run.joints:
+        named = f'states of {cut(joints.names[0])}' if len(run.joints) > 1 else 'states'
+        yield named, f'{len(joints.time)}, every {1e3 * joints.period:.4g} ms'
+    settings = run.settings
+    if settings:
+        model = [str(settings.get(x)) for x in ('integrator', 'method') if settings.get(x)]
+        yield 'simulation', ', '.join([*model, f'step {settings.get("step_size")} s'])
+    versions = json.loads(log.head.get('versions') or '{}')
+    if isinstance(versions, dict) and versions.get('pfd'):
+        yield 'recorded by', f'pfd {versions["pfd"]}'
+    yield 'whole', 'yes' if log.complete else 'no'
+
+
+def _origin(run: Recorded) -> str:
+    if not run.origin_ns:
+        return 'simulated time'
+    try:
+        day = datetime.fromtimestamp(run.origin_ns // NANOSECONDS, timezone.utc)
+    except (ValueError, OverflowError, OSError):
+        return f't = 0 is {run.origin_ns} ns'
+    return f't = 0 is {day:%Y-%m-%d %H:%M:%S} UTC'
+
+
+def _settings(run: Recorded) -> str:
+    rows = [(k, v) for k, v in sorted(run.settings.items()) if v not in ('', [], (), None)]
+    table = _table(
+        '',
+        [(k, ', '.join(map(str, v)) if isinstance(v, (list, tuple)) else str(v)) for k, v in rows],
+    )
+    return f'<details><summary>Settings</summary>{table}</details>' if rows else ''
+
+
+def _diagnosis(
+    run: Recorded, first: Finding | None, references: Sequence[Reference]
+) -> Iterator[str]:
+    """Yield a line for each joint, on its motion around what went wrong first."""
+    ended = commands_end(run)
+    end = np.inf if ended is None else ended
+    for joints in run.joints:
+        if joints.period <= 0.0 or len(joints.time) < 3:
+            continue
+        around = joints.time[-1] if first is None else first.time
+        # After its last command the motion is not the controller's.
+        last = min(around + AFTER, end)
+        near = (joints.time >= around - BEFORE) & (joints.time <= last)
+        near &= np.diff(joints.time, prepend=-np.inf) > 0.0
+        rows = np.flatnonzero(near)[-MOST_DIAGNOSED:]
+        for j, name in enumerate(joints.names):
+            yield f'{name}: {_of_joint(run, joints, rows, j, references)}'
+
+
+def _of_joint(
+    run: Recorded, joints: Joints, rows: Array, j: int, references: Sequence[Reference]
+) -> str:
+    columns = {item: values[rows, j] for item, values in joints.values.items()}
+    good = np.isfinite(columns['position'])
+    if np.isfinite(columns['velocity']).any():
+        good &= np.isfinite(columns['velocity'])
+    else:
+        columns['velocity'] = np.gradient(columns['position'], joints.time[rows])
+    time, columns = (
+        joints.time[rows][good],
+        {k: np.nan_to_num(x[good]) for k, x in columns.items()},
+    )
+    if len(time) < 3:
+        return 'too few states'
+    ends = {item: joints.bounds.get(item) for item in JOINT_FIELDS}
+    limits = [
+        (item, columns[item], *((-np.inf, np.inf) if x is None else x[:, j].tolist()))
+        for item, x in ends.items()
+    ]
+    target = next(
+        (r.at(joints.names[j], time) for r in references if joints.names[j] in r.names), None
+    )
+    with np.errstate(all='ignore'):
+        text = symptoms(
+            time,
+            *(columns[item] for item in JOINT_FIELDS),
+            target=target,
+            limits=limits,
+            period=joints.period,
+            commanded=not run.settings or joints.names[j] in run.commanded,
+        )
     return (
-        f'<button data-time="{found.time!r}" data-joint="{escape(found.joint)}">'
-        f'{found.time:.3f} s</button>'
+        text
+        if any(x is not None for x in ends.values())
+        else text.removesuffix(', no limit reached')
     )
 
 
-def _table(rows: Sequence[tuple[str, str]]) -> str:
-    cells = ''.join(f'<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>' for k, v in rows)
-    return f'<section class="card"><h2>Summary</h2><table>{cells}</table></section>'
+# The curves.
 
 
-def _list(title: str, lines: Sequence[str]) -> str:
-    if not lines:
-        return ''
-    items = ''.join(f'<li>{escape(line)}</li>' for line in lines)
-    return f'<section class="card"><h2>{escape(title)}</h2><ul>{items}</ul></section>'
+def _packed(array: Array, kind: str) -> str:
+    """Return numbers as base64 of deflated bytes, all first bytes before all second ones."""
+    planes = np.ascontiguousarray(array, kind).view(np.uint8).reshape(-1, np.dtype(kind).itemsize)
+    return base64.b64encode(zlib.compress(planes.T.tobytes(), 6)).decode()
 
 
-def _settings(contents: Contents) -> str:
-    if not contents.settings:
-        return ''
-    changed = sum(row[2] for row in contents.settings)
-    rows = ''.join(
-        f'<tr class="{"changed" if differs else "default"}"><th>{escape(name)}</th>'
-        f'<td>{escape(value)}</td></tr>'
-        for name, value, differs in contents.settings
-    )
-    return (
-        f'<details class="card" open><summary>Settings: {changed} differ from the defaults'
-        f'</summary><table>{rows}</table>'
-        '<button id="all-settings">show the defaults, too</button></details>'
-    )
+def _thinned(time: Array, values: Array) -> tuple[Array, Array]:
+    """Return all samples, or the least and the largest of equal bins: no peak is lost."""
+    stride = -(-2 * len(time) // MOST_POINTS)
+    if len(time) <= MOST_POINTS:
+        return time, values
+    fill = -len(time) % stride
+    parts = np.concatenate([values, np.repeat(values[-1:], fill, axis=0)])
+    parts = parts.reshape(-1, stride, values.shape[1])
+    low, high = (pick.reduce(parts, axis=1) for pick in (np.fmin, np.fmax))
+    both = np.stack([low, high], axis=1).reshape(-1, values.shape[1])
+    return np.repeat(time[::stride], 2), both
 
 
-def _json(value: Any) -> str:
-    """Return JSON that no parser of HTML ends early."""
-    text = json.dumps(value, allow_nan=False, separators=(',', ':'))
-    return text.replace('<', '\\u003c').replace('>', '\\u003e').replace('&', '\\u0026')
-
-
-def _data(contents: Contents) -> dict[str, Any]:
-    plots = list(contents.plots)
-    packed = [_packed(plot) for plot in plots]
-    while sum(size for _, _, size in packed) > MOST_TEXT:
-        largest = max(range(len(plots)), key=lambda k: packed[k][2])
-        if len(packed[largest][0].time) < LEAST_POINTS:
-            break
-        # Plots that share their times stay together.
-        drawn = packed[largest][0]
-        for k, (other, _, _) in enumerate(packed):
-            if _equal_times(other, drawn):
-                plots[k].curve.coarsen()
-                packed[k] = _packed(plots[k])
-    axes: list[dict[str, Any]] = []
-    drawn_axes: list[Drawn] = []
-    rows = []
-    for plot, (drawn, values, _) in zip(plots, packed, strict=True):
-        axis = next((k for k, d in enumerate(drawn_axes) if _equal_times(d, drawn)), None)
-        if axis is None:
-            axis = len(axes)
-            axes.append(packed_times(drawn.time))
-            drawn_axes.append(drawn)
-        rows.append(_plot(plot, drawn) | values | {'axis': axis})
-    first = contents.first
+def _curve(time: Array, values: Array) -> dict[str, Any]:
+    time, values = _thinned(time, values)
+    start = float(time[0]) if len(time) else 0.0
+    ticks = np.round((time - start) * 1e6)
     return {
-        'axes': axes,
-        'plots': rows,
-        'lanes': _lanes(contents.findings),
-        'marks': [{'time': mark.time, 'label': mark.label} for mark in contents.marks],
-        'first': None if first is None else {'time': first.time, 'label': first.kind},
-        'span': [*contents.span],
-        'origin': contents.origin,
+        'start': start,
+        'time': _packed(np.diff(ticks, prepend=0.0).clip(0, 2**32 - 1), '<u4'),
+        'values': _packed(np.where(np.isfinite(values), values, np.nan).T, '<f4'),
     }
 
 
-def _packed(plot: Plot) -> tuple[Drawn, dict[str, Any], int]:
-    drawn = plot.curve.drawn()
-    values = packed_values(drawn)
-    return drawn, values, len(values['data']) + 4 * len(drawn.time) // 8
-
-
-def _equal_times(one: Drawn, other: Drawn) -> bool:
-    return len(one.time) == len(other.time) and bool((one.time == other.time).all())
-
-
-def _plot(plot: Plot, drawn: Drawn) -> dict[str, Any]:
-    def finite(label: str) -> list[float | None]:
-        pair = plot.bounds.get(label, (-math.inf, math.inf))
-        return [bound if math.isfinite(bound) else None for bound in pair]
-
+def _plot(plot: Plot) -> dict[str, Any]:
+    # A line that crosses missing states would show what nobody saw.
+    time = np.insert(plot.time, plot.breaks, plot.time[plot.breaks - 1])
+    values = np.insert(np.asarray(plot.values, float), plot.breaks, np.nan, axis=0)
+    limits = (
+        None
+        if plot.bounds is None
+        else [[x if np.isfinite(x) else None for x in side] for side in plot.bounds.tolist()]
+    )
     return {
+        **_curve(time, values),
         'title': plot.title,
-        'unit': plot.unit,
         'source': plot.source,
-        'labels': [cut(label) for label in plot.labels],
+        'labels': [one_line(x, 64) for x in plot.labels],
         'joints': plot.joints,
         'stepped': plot.stepped,
-        'log': plot.logarithmic,
-        'stride': drawn.stride,
-        'samples': plot.curve.samples,
-        'bounds': [finite(label) for label in plot.labels],
+        'limits': limits,
+        'references': plot.references,
     }
 
 
-def _lanes(findings: Sequence[Finding]) -> list[dict[str, Any]]:
-    """Return the spans of each kind of finding, in the order of their first times."""
-    lanes: dict[str, dict[str, Any]] = {}
-    for found in findings:
-        severity = 'note' if found.severity == NOTE else found.severity
-        lane = lanes.setdefault(found.kind, {'kind': found.kind, 'spans': []})
-        lane['spans'] += [[start, end, severity] for start, end in found.spans]
-    return list(lanes.values())
+def _data(
+    run: Recorded,
+    plots: Sequence[Plot],
+    found: Sequence[Finding],
+    first: Finding | None,
+    moments: Sequence[Moment],
+) -> dict[str, Any]:
+    lanes: dict[str, list[Any]] = {}
+    for each in found:
+        lane = lanes.setdefault(each.kind, [])
+        lane += [[*pair, each.severity] for pair in each.spans[:MOST_SPANS].tolist()]
+    return {
+        'plots': [_plot(plot) for plot in plots],
+        'lanes': lanes,
+        'moments': [[m.time, m.end, m.label, m.severity] for m in moments],
+        'span': [*run.span],
+        'origin': _origin(run),
+        'first': None if first is None else first.time,
+    }
+
+
+def _document(title: str, cards: str, data: dict[str, Any]) -> str:
+    folder = files('pfd_ros.page') / 'assets'
+
+    def asset(name: str) -> str:
+        return (folder / name).read_text(encoding='utf-8')
+
+    def tagged(tag: str, *names: str) -> tuple[str, str]:
+        texts = [asset(name) for name in names]
+        digests = [hashlib.sha256(text.encode()).digest() for text in texts]
+        allowed = ' '.join(f"'sha256-{base64.b64encode(x).decode()}'" for x in digests)
+        return ''.join(f'<{tag}>{text}</{tag}>' for text in texts), allowed
+
+    styles, style_digests = tagged('style', 'uPlot.min.css', 'page.css')
+    scripts, script_digests = tagged('script', 'uPlot.iife.min.js', 'page.js')
+    text = json.dumps(data, allow_nan=False, separators=(',', ':'))
+    values = {
+        'TITLE': escape(title),
+        'POLICY': escape(
+            f"default-src 'none'; script-src {script_digests}; style-src {style_digests}; "
+            "base-uri 'none'; form-action 'none'"
+        ),
+        'STYLES': styles,
+        'CARDS': cards,
+        # No parser of HTML ends it early.
+        'DATA': text.replace('<', '\\u003c').replace('>', '\\u003e').replace('&', '\\u0026'),
+        'SCRIPTS': scripts,
+    }
+    return re.sub('@@([A-Z]+)@@', lambda found: values[found[1]], asset('page.html'))

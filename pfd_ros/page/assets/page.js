@@ -1,372 +1,207 @@
 // Copyright 2026 The pfd_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// Draws the curves of a page, see pfd_ros/page/packing.py for their encoding. `window.pfd` holds
-// what was drawn; opened with #check, the page also counts the painted pixels, for tests.
-(() => {
-  'use strict';
-  const GAP = 65535, BLOCK = 1024, COLOURS = 8, HEIGHT = 148, AXIS = 92;
-  const root = document.documentElement;
-  const place = (id) => document.getElementById(id);
-  const state = { ready: false, errors: [], plots: [], lanes: 0 };
-  window.pfd = state;
-  const fail = (text) => state.errors.push(String(text));
-  addEventListener('error', (event) => fail(event.message));
-  addEventListener('unhandledrejection', (event) => fail(event.reason));
-  addEventListener('securitypolicyviolation', (event) => fail(`policy: ${event.violatedDirective}`));
+// Draws the curves of a page; `_curve` in pfd_ros/page/html.py encodes them.
+'use strict';
+const place = (id) => document.getElementById(id);
+const root = document.documentElement, box = place('plots');
+const data = JSON.parse(place('data').textContent), plots = [];
 
-  const data = JSON.parse(place('data').textContent);
-  const uplots = [];
-  let chosen = null;
+// Colours: classes of page.css. A canvas takes no light-dark(), but the computed colour of a text.
+const computed = {};
+function colour(name) {
+  if (!computed[name]) {
+    const probe = document.createElement('i');
+    probe.className = name; probe.hidden = true;
+    document.body.append(probe);
+    computed[name] = getComputedStyle(probe).color;
+    probe.remove();
+  }
+  return computed[name];
+}
+const dark = matchMedia('(prefers-color-scheme: dark)');
+function repaint() {
+  for (const name of Object.keys(computed)) delete computed[name];
+  for (const u of plots) u.redraw(false, true);
+}
+dark.addEventListener('change', repaint);
+place('theme').onclick = () => {
+  const now = root.style.colorScheme || (dark.matches ? 'dark' : 'light');
+  root.style.colorScheme = now === 'dark' ? 'light' : 'dark';
+  repaint();
+};
 
-  // Theme: the choice of the reader, else of the system.
-  const dark = matchMedia('(prefers-color-scheme: dark)');
-  let theme = null;
-  try { theme = localStorage.getItem('pfd-theme'); } catch { /* no storage for files */ }
-  function paint() {
-    root.dataset.theme = theme || (dark.matches ? 'dark' : 'light');
-    const style = getComputedStyle(root);
-    css.cache = (name) => style.getPropertyValue(name).trim();
-    for (const plot of uplots) plot.redraw(false, true);
-    for (const mark of document.querySelectorAll('[data-colour]')) {
-      mark.style.background = css(mark.dataset.colour);
-    }
-  }
-  function css(name) { return css.cache(name); }
-  dark.addEventListener('change', paint);
-  place('theme').addEventListener('click', () => {
-    theme = root.dataset.theme === 'dark' ? 'light' : 'dark';
-    try { localStorage.setItem('pfd-theme', theme); } catch { /* no storage for files */ }
-    paint();
-  });
+async function numbers(text, kind) {
+  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0)), size = kind.BYTES_PER_ELEMENT;
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('deflate'));
+  const planes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const n = planes.length / size, out = new Uint8Array(planes.length);
+  for (let k = 0; k < size; k++) for (let i = 0; i < n; i++) out[i * size + k] = planes[k * n + i];
+  return new kind(out.buffer);
+}
 
-  // Decoding.
-  async function inflated(text, size) {
-    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('deflate'));
-    const planes = new Uint8Array(await new Response(stream).arrayBuffer());
-    const n = planes.length / size;
-    const out = new Uint8Array(planes.length);
-    for (let k = 0; k < size; k++) for (let i = 0; i < n; i++) out[i * size + k] = planes[k * n + i];
-    return out.buffer;
-  }
-  async function times(axis) {
-    const steps = new Uint32Array(await inflated(axis.data, 4));
-    const found = new Float64Array(axis.n);
-    let ticks = 0;
-    for (let i = 0; i < axis.n; i++) { ticks += steps[i]; found[i] = axis.first + axis.tick * ticks; }
-    return found;
-  }
-  async function values(plot, n) {
-    const codes = new Uint16Array(await inflated(plot.data, 2));
-    return plot.labels.map((_, column) => {
-      const found = new Array(n);
-      let code = 0;
-      for (let i = 0; i < n; i++) {
-        code = (code + codes[column * n + i]) & 0xffff;
-        const block = Math.floor(i / BLOCK);
-        const value = plot.low[column][block] + code * plot.step[column][block];
-        found[i] = code === GAP || (plot.log && value <= 0) ? null : value;
-      }
-      return found;
-    });
-  }
+// All plots show the same time.
+let zooming = false;
+function zoom(min, max) {
+  if (zooming) return;
+  zooming = true;
+  for (const u of plots) u.setScale('x', { min, max });
+  zooming = false;
+}
+const [start, end] = data.span, margin = Math.max(1e-3, 0.01 * (end - start));
+const all = () => zoom(start - margin, end + margin);
+function around(time) {
+  const half = Math.max(0.02 * (end - start), Math.min(0.5, end - start));
+  zoom(time - half, time + half);
+}
 
-  // Zoom and cursor in step.
-  let zooming = false;
-  function zoom(low, high) {
-    zooming = true;
-    for (const plot of uplots) plot.setScale('x', { min: low, max: high });
-    zooming = false;
+// A joint has one colour in all plots.
+const names = [...new Set(data.plots.filter((p) => p.joints).flatMap((p) => p.labels))], shown = new Set(names);
+const index = (p, label, k) => (p.joints ? names.indexOf(label) : k);
+function select(name, add) {
+  if (add) { if (!shown.delete(name)) shown.add(name); }
+  else if (shown.size === 1 && shown.has(name)) names.forEach((x) => shown.add(x));
+  else { shown.clear(); shown.add(name); }
+  for (const button of place('joints').children) button.classList.toggle('off', !shown.has(button.textContent));
+  for (const u of plots) {
+    if (u.pfd?.joints) u.batch(() => u.pfd.curves.forEach((c, i) => u.setSeries(i + 1, { show: shown.has(c.label) })));
   }
-  const margin = Math.max(1e-3, 0.01 * (data.span[1] - data.span[0]));
-  const all = () => zoom(data.span[0] - margin, data.span[1] + margin);
-  function around(time) {
-    const half = Math.max(0.02 * (data.span[1] - data.span[0]), Math.min(0.5, data.span[1] - data.span[0]));
-    chosen = time;
-    zoom(time - half, time + half);
-  }
+}
+names.forEach((name, k) => {
+  const button = document.createElement('button'), line = document.createElement('i');
+  line.className = `line k${k % 8}`;
+  button.append(line, name);
+  button.onclick = (event) => select(name, event.shiftKey || event.ctrlKey);
+  place('joints').append(button);
+});
 
-  // Joints: one colour in all plots.
-  const names = [];
-  for (const plot of data.plots) {
-    if (plot.joints) for (const name of plot.labels) if (!names.includes(name)) names.push(name);
-  }
-  const shown = new Set(names);
-  const colour = (plot, k) => `--c${(plot.joints ? names.indexOf(plot.labels[k]) : k) % COLOURS}`;
-  const dash = (plot, k) =>
-    Math.floor((plot.joints ? names.indexOf(plot.labels[k]) : k) / COLOURS) % 2 ? [5, 3] : [];
-  function select(name, add) {
-    if (add) { if (!shown.delete(name)) shown.add(name); }
-    else if (shown.size === 1 && shown.has(name)) names.forEach((each) => shown.add(each));
-    else { shown.clear(); shown.add(name); }
-    for (const button of place('joints').children) {
-      button.classList.toggle('off', !shown.has(button.dataset.name));
-    }
-    uplots.forEach((plot) => {
-      if (!plot.pfd || !plot.pfd.joints) return;
-      plot.batch(() => plot.pfd.labels.forEach((label, k) => plot.setSeries(k + 1, { show: shown.has(label) })));
-    });
-  }
-  const troubled = new Set([...document.querySelectorAll('.story tr.bad button')].map((b) => b.dataset.joint));
-  names.forEach((name, k) => {
-    const button = document.createElement('button');
-    const line = document.createElement('i');
-    line.dataset.colour = `--c${k % COLOURS}`;
-    button.className = troubled.has(name) ? 'joint trouble' : 'joint';
-    button.dataset.name = name;
-    button.append(line, name);
-    button.addEventListener('click', (event) => select(name, event.shiftKey || event.ctrlKey));
-    place('joints').append(button);
-  });
-
-  // Drawing.
-  function vertical(u, time, name, label, before) {
-    const x = u.valToPos(time, 'x', true);
-    if (!(x >= u.bbox.left - 1 && x <= u.bbox.left + u.bbox.width + 1)) return;
-    const c = u.ctx, r = devicePixelRatio;
-    c.save();
-    c.strokeStyle = c.fillStyle = css(name);
-    c.lineWidth = 1.5 * r;
-    c.setLineDash([4 * r, 3 * r]);
-    c.beginPath(); c.moveTo(x, u.bbox.top); c.lineTo(x, u.bbox.top + u.bbox.height); c.stroke();
-    if (label) {
-      c.font = `600 ${11 * r}px system-ui, sans-serif`;
-      const size = c.measureText(label).width + 6 * r;
-      const left = before ? x - size > 0 : x + size > u.bbox.left + u.bbox.width;
-      c.textAlign = left ? 'right' : 'left';
-      c.textBaseline = 'bottom';
-      c.fillText(label, x + (left ? -5 : -1) * r, u.bbox.top - 3 * r);
-    }
-    c.restore();
-  }
-  function moments(u) {
-    const named = u === uplots[0];
-    if (chosen !== null) vertical(u, chosen, '--note');
-    for (const mark of data.marks) vertical(u, mark.time, '--mark', named ? mark.label : '');
-    if (data.first) vertical(u, data.first.time, '--bad', named && data.marks.every((m) => m.label !== data.first.label) ? `first: ${data.first.label}` : '', data.marks.length);
-  }
-  function limits(u) {
-    const plot = u.pfd;
-    if (!plot || !plot.joints || shown.size !== 1) return;
-    plot.labels.forEach((label, k) => {
-      if (!shown.has(label)) return;
-      for (const bound of plot.bounds[k]) {
-        if (bound === null) continue;
-        const y = u.valToPos(bound, 'y', true), c = u.ctx;
-        if (!(y >= u.bbox.top && y <= u.bbox.top + u.bbox.height)) continue;
-        c.save();
-        c.strokeStyle = css('--bad'); c.lineWidth = devicePixelRatio; c.setLineDash([2, 4]);
-        c.beginPath(); c.moveTo(u.bbox.left, y); c.lineTo(u.bbox.left + u.bbox.width, y); c.stroke();
-        c.restore();
-      }
-    });
-  }
-  function lanes(u) {
-    const c = u.ctx, r = devicePixelRatio, h = u.bbox.height / data.lanes.length;
-    c.save();
-    c.beginPath(); c.rect(u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height); c.clip();
-    data.lanes.forEach((lane, k) => {
-      for (const [start, end, severity] of lane.spans) {
-        const x = u.valToPos(start, 'x', true);
-        const width = Math.max(2.5 * r, u.valToPos(end, 'x', true) - x);
-        c.fillStyle = css(lane.kind === data.marks[0]?.label ? '--mark' : `--${severity}`);
-        c.fillRect(x - r, u.bbox.top + k * h + 0.18 * h, width, 0.64 * h);
-      }
-    });
-    c.restore();
-  }
-
-  const axisOf = (extra) => ({
-    stroke: () => css('--soft'),
-    grid: { stroke: () => css('--grid'), width: 1 },
-    ticks: { stroke: () => css('--grid'), width: 1, size: 4 },
-    font: '11px system-ui, sans-serif',
-    ...extra,
-  });
-  const short = (value) => {
-    if (value === null || value === undefined) return '–';
-    const size = Math.abs(value);
-    if (value === 0) return '0';
-    return size >= 1e5 || size < 1e-4 ? value.toExponential(2) : String(+value.toPrecision(5));
+function line(u, x0, y0, x1, y1, name, dash) {
+  const c = u.ctx, r = devicePixelRatio;
+  c.save(); c.strokeStyle = colour(name); c.lineWidth = r; c.setLineDash(dash.map((x) => x * r));
+  c.beginPath(); c.moveTo(x0, y0); c.lineTo(x1, y1); c.stroke(); c.restore();
+}
+function moments(u) {
+  const { left, top, width, height } = u.bbox, c = u.ctx, r = devicePixelRatio;
+  const at = (time) => Math.min(Math.max(u.valToPos(time, 'x', true), left - 2), left + width + 2);
+  const draw = (time, name, label) => {
+    const x = at(time);
+    if (x < left || x > left + width) return;
+    line(u, x, top, x, top + height, name, [4, 3]);
+    if (u !== plots[0] || !label) return;
+    c.save(); c.fillStyle = colour(name); c.font = `600 ${11 * r}px system-ui, sans-serif`; c.textBaseline = 'bottom';
+    c.textAlign = x > left + width / 2 ? 'right' : 'left';
+    c.fillText(label, x, top - 2 * r); c.restore();
   };
-  function options(width, height, extra) {
-    return {
-      width, height, padding: [6, 14, 0, 0], scales: { x: { time: false } },
-      cursor: {
-        y: false, points: { size: 5 }, drag: { x: true, y: false, setScale: true },
-        sync: { key: 'pfd', setSeries: false, scales: ['x', null] },
-        bind: { dblclick: () => () => { all(); return null; } },
-      },
-      ...extra,
-      hooks: {
-        setScale: [(u, key) => {
-          if (key === 'x' && !zooming && state.ready) zoom(u.scales.x.min, u.scales.x.max);
-        }],
-        ...extra.hooks,
-      },
-    };
-  }
-  function frame(title, source) {
-    const section = document.createElement('section');
-    const head = document.createElement('h3');
-    const from = document.createElement('small');
-    section.className = 'plot';
-    from.textContent = source;
-    head.append(title, from);
-    section.append(head);
-    place('plots').append(section);
-    return [section, head];
-  }
-  const room = () => place('plots').clientWidth - 18;
-
-  function timeline() {
-    if (!data.lanes.length) return;
-    const [section] = frame('What happened, and when', data.origin);
-    const count = data.lanes.length;
-    uplots.push(new uPlot(options(room(), 48 + 19 * count, {
-      padding: [18, 14, 0, 0],
-      scales: { x: { time: false }, y: { range: [0, count] } },
-      legend: { show: false },
-      series: [{}, { stroke: 'transparent' }],
-      axes: [axisOf({ size: 26 }), axisOf({
-        size: AXIS, grid: { show: false }, ticks: { show: false },
-        splits: () => data.lanes.map((_, k) => count - 0.5 - k),
-        values: () => data.lanes.map((lane) => lane.kind),
-      })],
-      hooks: { draw: [lanes, moments] },
-    }), [[data.span[0], Math.max(data.span[1], data.span[0] + 1e-6)], [null, null]], section));
-  }
-
-  function chart(plot, time, columns) {
-    const every = plot.stride > 1 ? `, minimum and maximum of each ${plot.stride} samples` : '';
-    const unit = plot.unit && plot.unit !== '1' ? ` [${plot.unit}]` : '';
-    const [section, head] = frame(plot.title + unit, plot.source + every);
-    const line = plot.stepped && plot.stride === 1 ? uPlot.paths.stepped({ align: 1 }) : undefined;
-    const u = new uPlot(options(room(), HEIGHT, {
-      scales: { x: { time: false }, y: plot.log ? { distr: 3 } : {} },
-      legend: { show: false },
-      series: [{}, ...plot.labels.map((label, k) => ({
-        label, stroke: () => css(colour(plot, k)), width: 1.25, dash: dash(plot, k),
-        points: { show: time.length < 2 }, ...(line ? { paths: line } : {}),
-      }))],
-      axes: [axisOf({ size: 26 }), axisOf({
-        size: AXIS,
-        values: (_, ticks) => ticks.map((tick) => (tick === null ? '' : short(tick))),
-      })],
-      hooks: { draw: [moments, limits], setCursor: [readout(plot, head)] },
-    }), [time, ...columns], section);
-    u.pfd = plot;
-    uplots.push(u);
-    state.plots.push({
-      title: plot.title, source: plot.source, points: time.length,
-      time: time.length ? [time[0], time[time.length - 1]] : [],
-      series: plot.labels.map((label, k) => {
-        let low = Infinity, high = -Infinity, count = 0;
-        for (const value of columns[k]) {
-          if (value === null) continue;
-          count++; low = Math.min(low, value); high = Math.max(high, value);
-        }
-        return { label, count, low: count ? low : null, high: count ? high : null };
-      }),
-    });
-  }
-  // The values at the cursor, next to the title; names too where they are no joints.
-  function readout(plot, head) {
-    const box = document.createElement('span'), at = document.createElement('b');
-    box.className = 'readout';
-    const cells = plot.labels.map((label, k) => {
-      const cell = document.createElement('span'), line = document.createElement('i');
-      const value = document.createElement('b');
-      line.dataset.colour = colour(plot, k);
-      line.style.background = css(colour(plot, k));
-      cell.append(line, plot.joints ? '' : label, value);
-      cell.title = label;
-      cell.hidden = plot.joints || plot.labels.length > COLOURS;
-      box.append(cell);
-      return [cell, value];
-    });
-    box.prepend(at);
-    head.append(box);
-    return (u) => {
-      const i = u.cursor.left >= 0 ? u.cursor.idx : null;
-      const none = i === null || i === undefined;
-      at.textContent = none ? '' : `${u.data[0][i].toFixed(4)} s`;
-      cells.forEach(([cell, value], k) => {
-        value.textContent = none ? '' : short(u.data[k + 1][i]);
-        if (plot.joints) cell.hidden = none || !shown.has(plot.labels[k]) || shown.size > COLOURS;
-      });
-    };
-  }
-
-  // For tests: how many pixels of a plot have the colour of one of its curves.
-  function painted(u) {
-    const { left, top, width, height } = u.bbox;
-    const copy = document.createElement('canvas');
-    copy.width = left + width; copy.height = top + height;
-    const context = copy.getContext('2d', { willReadFrequently: true });
-    context.drawImage(u.ctx.canvas, 0, 0);
-    const pixels = context.getImageData(left, top, width, height).data;
-    const probe = document.createElement('canvas').getContext('2d', { willReadFrequently: true });
-    const wanted = u.pfd.labels.map((_, k) => {
-      probe.fillStyle = css(colour(u.pfd, k)); probe.fillRect(0, 0, 1, 1);
-      return probe.getImageData(0, 0, 1, 1).data;
-    });
-    let count = 0;
-    for (let i = 0; i < pixels.length; i += 4) {
-      if (pixels[i + 3] < 128) continue;
-      count += wanted.some((w) => Math.abs(pixels[i] - w[0]) + Math.abs(pixels[i + 1] - w[1]) + Math.abs(pixels[i + 2] - w[2]) < 24);
+  for (const [time, until, label, severity] of data.moments) {
+    const name = severity === 'bad' ? 'mark' : 'note';
+    if (until !== null) {
+      c.save(); c.globalAlpha = 0.15; c.fillStyle = colour(name);
+      c.fillRect(at(time), top, at(until) - at(time), height); c.restore();
     }
-    return count;
+    draw(time, name, label);
   }
+  if (data.first !== null && data.moments.every((m) => m[0] !== data.first)) draw(data.first, 'bad', 'first problem');
+}
+function limits(u) {
+  if (!u.pfd.limits || shown.size !== 1) return;
+  const { left, top, width, height } = u.bbox;
+  u.pfd.limits.forEach((side) => side.forEach((value, k) => {
+    if (value === null || !shown.has(u.pfd.labels[k])) return;
+    const y = u.valToPos(value, 'y', true);
+    if (y >= top && y <= top + height) line(u, left, y, left + width, y, 'bad', [2, 4]);
+  }));
+}
 
-  async function draw() {
-    if (typeof DecompressionStream === 'undefined') {
-      throw new Error('this browser cannot decompress: use one of 2023 or later');
-    }
-    const axes = await Promise.all(data.axes.map(times));
-    const columns = await Promise.all(data.plots.map((plot) => values(plot, data.axes[plot.axis].n)));
-    paint();
-    timeline();
-    data.plots.forEach((plot, k) => chart(plot, axes[plot.axis], columns[k]));
-    all();
-    for (const button of document.querySelectorAll('[data-time]')) {
-      button.addEventListener('click', () => around(+button.dataset.time));
-    }
-    place('to-all').addEventListener('click', () => { chosen = null; all(); });
-    place('to-first').hidden = !data.first;
-    place('to-first').addEventListener('click', () => around(data.first.time));
-    place('all-settings')?.addEventListener('click', (event) => {
-      event.target.closest('details').classList.toggle('everything');
+const short = (x) => (x === null || x === undefined ? '–' : x === 0 ? '0' : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-4 ? x.toExponential(2) : String(+x.toPrecision(5)));
+const axis = (extra) => ({
+  stroke: () => colour('soft'), grid: { stroke: () => colour('grid'), width: 1 }, ticks: { stroke: () => colour('grid'), size: 4 },
+  font: '11px system-ui, sans-serif', ...extra,
+});
+function options(height, top, extra) {
+  return {
+    width: box.clientWidth - 18, height, padding: [top, 14, 0, 0], legend: { show: false },
+    cursor: {
+      y: false, points: { size: 5 }, drag: { x: true, y: false }, sync: { key: 'pfd', setSeries: false, scales: ['x', null] },
+      bind: { dblclick: () => () => { all(); return null; } },
+    },
+    ...extra,
+    hooks: { ...extra.hooks, setScale: [(u, key) => { if (key === 'x') zoom(u.scales.x.min, u.scales.x.max); }] },
+  };
+}
+function frame(title, source) {
+  const section = document.createElement('section'), head = document.createElement('h3'), from = document.createElement('small');
+  section.className = 'plot';
+  from.textContent = source;
+  head.append(title, from);
+  section.append(head);
+  return [box.appendChild(section), head];
+}
+
+function timeline() {
+  const lanes = Object.entries(data.lanes), count = lanes.length;
+  if (!count) return;
+  const draw = (u) => lanes.forEach(([, spans], k) => spans.forEach(([from, to, severity]) => {
+    const x = u.valToPos(from, 'x', true), y = u.valToPos(count - k - 0.5, 'y', true), r = devicePixelRatio;
+    const stop = Math.min(u.valToPos(to, 'x', true), u.bbox.left + u.bbox.width), left = Math.max(x - r, u.bbox.left);
+    u.ctx.fillStyle = colour(severity);
+    if (stop >= left) u.ctx.fillRect(left, y - 6 * r, Math.max(2.5 * r, stop - left), 12 * r);
+  }));
+  plots.push(new uPlot(options(48 + 19 * count, 18, {
+    scales: { x: { time: false }, y: { range: [0, count] } }, series: [{}, {}],
+    axes: [axis({ size: 26 }), axis({ size: 110, grid: { show: false }, ticks: { show: false },
+      splits: () => lanes.map((_, k) => count - k - 0.5), values: () => lanes.map(([kind]) => kind) })],
+    hooks: { draw: [draw, moments] },
+  }), [[start, Math.max(end, start + 1e-6)], [null, null]], frame('What happened, and when', data.origin)[0]));
+}
+
+async function chart(p) {
+  const steps = await numbers(p.time, Uint32Array), flat = await numbers(p.values, Float32Array);
+  const n = steps.length, time = new Float64Array(n);
+  for (let i = 0, t = 0; i < n; i++) { t += steps[i]; time[i] = p.start + 1e-6 * t; }
+  // A reference and the ends of its tolerance follow the curves that were measured.
+  p.curves = [...p.labels.map((label) => ({ label })), ...p.references.map(([label, kind]) => ({ label, kind }))];
+  const columns = p.curves.map((_, k) => Array.from(flat.subarray(k * n, (k + 1) * n), (x) => (isFinite(x) ? x : null)));
+  const [section, head] = frame(p.title, p.source), readout = document.createElement('span');
+  readout.className = 'readout';
+  head.append(readout);
+  const paths = p.stepped ? uPlot.paths.stepped({ align: 1 }) : undefined;
+  const hue = (c, k) => `k${index(p, c.label, k) % 8}`;
+  const show = (u) => {
+    const i = u.cursor.left >= 0 ? u.cursor.idx : null;
+    readout.textContent = '';
+    if (i === null || i === undefined) return;
+    readout.append(`${time[i].toFixed(4)} s`);
+    p.labels.forEach((label, k) => {
+      if ((p.joints && !shown.has(label)) || readout.childElementCount > 8) return;
+      const cell = document.createElement('b');
+      cell.className = hue({ label }, k); cell.title = label;
+      cell.textContent = `${p.joints ? '' : `${label} `}${short(columns[k][i])}`;
+      readout.append(cell);
     });
-    addEventListener('resize', () => uplots.forEach((u) => u.setSize({ width: room(), height: u.height })));
-    state.lanes = data.lanes.length;
-    state.zoom = (low, high) => zoom(low, high);
-    state.ranges = () => uplots.map((u) => [u.scales.x.min, u.scales.x.max]);
-    // uPlot draws in a microtask; a short delay also lets a first resize settle.
-    await new Promise((done) => setTimeout(done, 50));
-    state.ready = true;
-  }
+  };
+  const band = (k) => ({ series: [k + 2, k + 1], fill: () => colour('band') });
+  const u = new uPlot(options(150, 6, {
+    scales: { x: { time: false } },
+    series: [{}, ...p.curves.map((c, k) => ({
+      label: c.label, stroke: () => colour(hue(c, k)), width: c.kind ? 0.8 : 1.25, dash: c.kind ? [6, 3] : [],
+      points: { show: n < 2 }, ...(paths && { paths }) }))],
+    bands: p.curves.flatMap((c, k) => (c.kind === 'low' ? [band(k)] : [])),
+    axes: [axis({ size: 26 }), axis({ size: 110, values: (_, ticks) => ticks.map((x) => (x === null ? '' : short(x))) })],
+    hooks: { draw: [moments, limits], setCursor: [show] },
+  }), [time, ...columns], section);
+  u.pfd = p;
+  plots.push(u);
+}
 
-  draw().catch((error) => {
-    fail(error.message);
-    const line = document.createElement('p');
-    line.className = 'card failed';
-    line.textContent = `The curves cannot be drawn: ${error.message}`;
-    place('plots').prepend(line);
-  }).finally(() => {
-    if (!location.hash.startsWith('#check')) return;
-    const drawn = uplots.filter((u) => u.pfd);
-    drawn.forEach((u, k) => { state.plots[k].painted = painted(u); });
-    if (location.hash === '#check-zoom' && state.ready) {
-      drawn[0].setScale('x', { min: 0.25 * data.span[1], max: 0.5 * data.span[1] });
-    }
-    setTimeout(() => {
-      const report = document.createElement('script');
-      report.type = 'application/json';
-      report.id = 'drawn';
-      const told = { ...state, ranges: uplots.map((u) => [u.scales.x.min, u.scales.x.max]) };
-      report.textContent = JSON.stringify(told).replaceAll('<', '\\u003c');
-      document.body.append(report);
-    }, 100);
-  });
-})();
+(async () => {
+  timeline();
+  for (const p of data.plots) await chart(p);
+  for (const b of document.querySelectorAll('[data-time]')) b.onclick = () => around(+b.dataset.time);
+  place('first').hidden = data.first === null;
+  place('first').onclick = () => around(data.first);
+  place('all').onclick = all;
+  addEventListener('resize', () => plots.forEach((u) => u.setSize({ width: box.clientWidth - 18, height: u.height })));
+  all();
+})().catch((error) => {
+  box.prepend(`The curves cannot be drawn: ${error.message}`);
+  root.dataset.error = error.message;
+}).finally(() => { root.dataset.drawn = plots.length; });

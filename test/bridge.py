@@ -354,7 +354,10 @@ NAMES = {
     'saturation': 'pfd_ros.motion.symptoms:saturation',
     'symptoms': 'pfd_ros.motion.symptoms:symptoms',
     # pfd_ros.page: a log as an HTML page
-    'read_contents': 'pfd_ros.page.reading:read_contents',
+    'PAGE_TYPES': 'pfd_ros.page.html:TYPES',
+    'PageMoment': 'pfd_ros.page.html:Moment',
+    'PageReference': 'pfd_ros.page.curves:Reference',
+    'page_of_log': 'pfd_ros.page.html:page',
     # pfd_ros.node: the arm on its topics
     'CommandCounts': 'pfd_ros.node.command_counts:CommandCounts',
     'load_model': 'pfd_ros.node.description:load_model',
@@ -565,7 +568,8 @@ OBJECTS = (
     'PlayerSchedule',
     'ProcessArm',
     'Qos',
-    'read_contents',
+    'PageMoment',
+    'PageReference',
     'read_recording',
     'read_recording_run',
     'read_ros2_control',

@@ -32,7 +32,7 @@ import random
 import struct
 from typing import Any
 
-from bridge import KernelSpec, kernel_recipe, read_contents, read_recording
+from bridge import PAGE_TYPES, KernelSpec, kernel_recipe, page_of_log, read_recording
 import numpy as np
 
 import pfd_core as pfd
@@ -481,8 +481,9 @@ def replayed(name: str) -> str:
 
 def findings(name: str) -> dict[str, Any]:
     """Return what the page of a log finds and draws, without sentences."""
-    contents = read_contents(DATA / f'{name}.mcap')
-    first = contents.first
+    log = read_log(DATA / f'{name}.mcap', types=PAGE_TYPES, unreadable='count')
+    shown = page_of_log(log)
+    first = shown.first
     return {
         'first': first and [first.kind, first.joint, round(first.time, 6)],
         'findings': [
@@ -490,23 +491,21 @@ def findings(name: str) -> dict[str, Any]:
                 'kind': found.kind,
                 'severity': found.severity,
                 'joint': found.joint,
-                'count': found.count,
-                'times': [[round(x, 6) for x in span] for span in found.spans[:5]],
+                'count': len(found.spans),
+                'times': [[round(x, 6) for x in span] for span in found.spans[:5].tolist()],
             }
-            for found in contents.findings
+            for found in shown.findings
         ],
         'plots': [
             {
                 'title': plot.title,
                 'topic': plot.source if plot.source.startswith('/') else None,
                 'labels': list(plot.labels),
-                'samples': plot.curve.samples,
+                'samples': len(plot.time),
             }
-            for plot in contents.plots
+            for plot in shown.plots
         ],
-        'checks': {'made': len(contents.checked), 'impossible': len(contents.unchecked)},
-        'notes': len(contents.notes),
-        'span': [round(x, 6) for x in contents.span],
+        'notes': len(shown.notes),
     }
 
 

@@ -95,7 +95,6 @@ RESERVED = {
 PINNED = (
     'test_arm_state',
     'test_format',
-    'test_log_page',
     'test_receiving',
     'test_recording_disk',
     'test_recording_races',

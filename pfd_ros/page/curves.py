@@ -5,20 +5,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
+import pfd_core as pfd
 from pfd_ros.arm.events import (
     ARRAY,
     ENERGY,
-    FLOAT_ARRAY,
-    JOINT_STATE,
     NAMED,
+    PAYLOAD_IN_USE,
     SET_STATE,
 )
+from pfd_ros.arm.plant import INPUT, scene_of
+from pfd_ros.arm.plant_settings import payload_from
+from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.joints import JOINT_FIELDS
+from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.page.recorded import Array, Joints, Recorded
+from pfd_ros.recording.format import HeadKey
 from pfd_ros.text import cut, one_line
 
 # Numbers of an array that are drawn at most.
@@ -96,7 +102,7 @@ def plots_of(run: Recorded, references: Sequence[Reference] = ()) -> Iterator[Pl
                     breaks=joints.gaps,
                     references=kinds,
                 )
-    others = [plot for plot in _of_topics(run) if len(plot.time)]
+    others = [*_energy(run), *_of_topics(run)]
     yield from sorted(others, key=lambda plot: not plot.title.startswith('commanded'))
 
 
@@ -149,3 +155,47 @@ def _of_topics(run: Recorded) -> Iterator[Plot]:
         )
         title = f'commanded effort [{run.unit("effort", arm)}]' if command else title
         yield Plot(title, topic, labels, run.times(found), values, joints, stepped=command)
+
+
+def _energy(run: Recorded) -> Iterator[Plot]:
+    """Yield the energy of the recorded states, unless it is recorded or no robot is known."""
+    robot, order = run.robot, run.order
+    if robot is None or order is None or run.of_role(ENERGY) is not None:
+        return
+    joints = run.joints[0]
+    q, qd = (joints.values[item][:, order] for item in ('position', 'velocity'))
+    good = np.isfinite(q).all(axis=1) & np.isfinite(qd).all(axis=1)
+    values = np.full((len(q), 3), np.nan)
+    try:
+        scene = pfd.Scene()
+        if run.settings:
+            settings = Settings.from_json(run.log.head[HeadKey.SETTINGS])
+            scene = scene_of(settings, np.argsort(order))
+        loads = _payloads(run)
+        alone = replace(scene, brakes=False, external_wrench=False, gravity_compensation=False)
+        kernel = pfd.compile_kernel(
+            robot, scene=replace(alone, payload=INPUT) if loads else alone, quantity='energy'
+        )
+        begins = [-np.inf, *(time for time, _ in loads), np.inf]
+        for k, payload in enumerate([None, *(payload for _, payload in loads)]):
+            rows = good & (joints.time >= begins[k]) & (joints.time < begins[k + 1])
+            if rows.any():
+                given: dict[str, Any] = {'payload': payload} if loads else {}
+                values[rows, :2] = kernel(q[rows], qd[rows], **given)
+    except (ValueError, RuntimeError) as error:
+        run.notes[one_line(f'no energy: {error}')] = None
+        return
+    values[:, 2] = values[:, :2].sum(axis=1)
+    source = 'computed from the recorded states'
+    yield Plot('energy [J]', source, ENERGIES, joints.time, values, False, breaks=joints.gaps)
+
+
+def _payloads(run: Recorded) -> list[tuple[float, pfd.Payload | None]]:
+    """Return the times from which the arm carries a payload, or none, and the payloads."""
+    found = run.of_role(PAYLOAD_IN_USE)
+    if found is None:
+        return []
+    paths = ('m', 'com.x', 'com.y', 'com.z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+    rows = np.stack([found.arrays[f'inertia.{path}'] for path in paths], axis=1)
+    payloads = [payload_from(row) if row[0] > 0.0 else None for row in rows.tolist()]
+    return list(zip(run.times(found).tolist(), payloads, strict=True))

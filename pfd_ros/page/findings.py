@@ -20,7 +20,6 @@ import numpy as np
 from pfd_ros.arm.events import (
     ARRAY,
     COMMANDS,
-    DIAGNOSTIC_ARRAY,
     INACTIVE,
     NAMED,
     PARAMETERS,
@@ -30,6 +29,7 @@ from pfd_ros.arm.events import (
     SET_STATE,
     TRANSITION,
 )
+from pfd_ros.messages.types import DIAGNOSTICS
 from pfd_ros.page.recorded import Array, Recorded
 from pfd_ros.text import one_line
 
@@ -138,18 +138,16 @@ def _rejected(run: Recorded) -> Iterator[Finding]:
 
 def accepted_commands(run: Recorded) -> Array:
     """Return the times of accepted commands [s], sorted."""
-    rejected = run.of_role(REJECTED)
+    rejected, found = run.of_role(REJECTED), [np.empty(0)]
     refused: dict[str, list[int]] = {}
-    if rejected is not None:
-        for text, at in zip(rejected.data, rejected.log_ns.tolist(), strict=True):
-            refused.setdefault(str(text).partition(' ')[0], []).append(at)
-    found = [np.empty(0)]
+    if rejected is not None and rejected.cycle is not None:
+        for text, cycle in zip(rejected.data, rejected.cycle.tolist(), strict=True):
+            refused.setdefault(str(text).partition(' ')[0], []).append(cycle)
     for role in (NAMED, ARRAY):
         commands = run.of_role(role)
         if commands is not None:
-            # What a step takes and what it rejects have one log time.
-            kept = ~np.isin(commands.log_ns, refused.get(role, []))
-            found.append(run.times(commands)[kept])
+            cycles = np.zeros(len(commands)) if commands.cycle is None else commands.cycle
+            found.append(run.times(commands)[~np.isin(cycles, refused.get(role, []))])
     return np.sort(np.concatenate(found))
 
 
@@ -188,7 +186,7 @@ def _failure(run: Recorded) -> Iterator[Finding]:
 
 def _diagnostics(run: Recorded) -> Iterator[Finding]:
     groups: dict[tuple[bool, str], list[float]] = {}
-    for _, found in run.of_type(DIAGNOSTIC_ARRAY):
+    for _, found in run.of_type(DIAGNOSTICS):
         level, name, text = (found.arrays[f'status.{x}'] for x in ('level', 'name', 'message'))
         times = run.times(found)
         for k, j in np.argwhere(np.nan_to_num(level.astype(float)) >= 1):
@@ -236,7 +234,7 @@ CHECKS: dict[str, tuple[Check, Callable[[Recorded], str]]] = {
     ),
     'diagnostics': (
         _diagnostics,
-        lambda run: '' if next(run.of_type(DIAGNOSTIC_ARRAY), None) else 'none recorded',
+        lambda run: '' if next(run.of_type(DIAGNOSTICS), None) else 'none recorded',
     ),
     'events': (_events, lambda run: ''),
 }

@@ -24,7 +24,11 @@ import zlib
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.messages.joints import JOINT_FIELDS, NANOSECONDS
+from pfd_ros.arm.events import TRANSITION
+from pfd_ros.files import new_file
+from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.joints import JOINT_FIELDS
+from pfd_ros.messages.types import DIAGNOSTICS, FLOAT_ARRAY, INERTIA, JOINT_STATE, STRING
 from pfd_ros.motion.symptoms import symptoms
 from pfd_ros.page.curves import Plot, Reference, plots_of
 from pfd_ros.page.findings import BAD, NOTE, Finding, commands_end, find
@@ -32,6 +36,8 @@ from pfd_ros.page.recorded import Array, Joints, Recorded
 from pfd_ros.recording.arrays import LogArrays
 from pfd_ros.text import cut, one_line
 
+# What a page reads of a log.
+TYPES = (JOINT_STATE, FLOAT_ARRAY, STRING, INERTIA, DIAGNOSTICS, TRANSITION)
 # Of one page: points of a curve, plots, spans of a kind, rows of the story.
 MOST_POINTS, MOST_PLOTS, MOST_SPANS, MOST_ROWS = 20_000, 40, 400, 60
 # Around the first finding, for the diagnosis of each joint [s], and samples of it.
@@ -59,8 +65,8 @@ class Page(NamedTuple):
         Its headline on one line.
     first
         The first finding that is more than a note, None without one.
-    findings
-        All, in the order of time.
+    findings, plots
+        All findings in the order of time, and the curves that are drawn.
     notes, unreadable
         Lines on the log, and on what cannot be read of it: then the log is not known to be good.
     """
@@ -69,17 +75,14 @@ class Page(NamedTuple):
     said: str
     first: Finding | None
     findings: list[Finding]
+    plots: list[Plot]
     notes: list[str]
     unreadable: list[str]
 
     def write(self, path: Path) -> None:
         """Write the page to a new file; OSError if it exists or cannot be written."""
-        with path.open('x', encoding='utf-8', newline='\n') as stream:
-            try:
-                stream.write(self.html)
-            except BaseException:
-                path.unlink()
-                raise
+        with new_file(path, 'x', encoding='utf-8', newline='\n') as stream:
+            stream.write(self.html)
 
 
 def page(
@@ -91,7 +94,7 @@ def page(
     Parameters
     ----------
     log
-        From `read_log(path, unreadable='count')`.
+        From `read_log(path, types=TYPES, unreadable='count')`.
     marks
         Moments and references to draw, in the times of the page.
     robot
@@ -115,7 +118,7 @@ def page(
         run.notes[f'{len(plots) - MOST_PLOTS} more plots are not drawn'] = None
     cards = [
         _headline(run, said, severity, first, made, lacking),
-        *(_moment_card(moment) for moment in moments if moment.text),
+        *(_moment_card(moment) for moment in moments if moment.severity == BAD),
         _story(found),
         _table('Summary', _facts(run)),
         _list('Motion of each joint', _diagnosis(run, first, references)),
@@ -127,7 +130,7 @@ def page(
         ''.join(cards),
         _data(run, plots[:MOST_PLOTS], found, first, moments),
     )
-    return Page(html, said, first, found, list(run.notes), unreadable)
+    return Page(html, said, first, found, plots[:MOST_PLOTS], list(run.notes), unreadable)
 
 
 def _finding(moment: Moment) -> Finding:

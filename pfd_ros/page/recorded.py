@@ -5,9 +5,9 @@
 Several nodes may publish on one topic of joint states, an arm and its gripper for example. Joints
 that come in the same messages are one `Joints`, with times and a period of their own.
 
-The time axis is that of the stamps of the joint states. A message of another topic has its own
-stamp if that is of the same clock. Otherwise it has the stamp of the last state that was logged
-before it; in logs of other programs plus the time since then.
+In a recording of the node all times are simulated time. Elsewhere the time axis is that of the
+stamps of the joint states. A message of another topic has its own stamp if that is of the same
+clock, or else the stamp of the last state that was logged before it, plus the time since then.
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.events import ARRAY, INPUTS, JOINT_STATE, NAMED, STATES
-from pfd_ros.messages.joints import JOINT_FIELDS, JOINT_UNITS, NANOSECONDS
+from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, STATES
+from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.joints import JOINT_FIELDS, JOINT_UNITS
+from pfd_ros.messages.types import JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays, TopicArrays
-from pfd_ros.recording.format import LogError
 from pfd_ros.text import cut, one_line
 
 Array: TypeAlias = NDArray[Any]
-# Joints that come in the same share of their messages are taken for those of one publisher.
-TOGETHER = 0.9
+# Publishers of joint states that are shown.
+MOST_PUBLISHERS = 8
 # Stamps so close to those of the states are of the same clock [s].
 SAME_CLOCK = 1.0
 # A first stamp before this time is a simulated one, and is shown as it is [s].
@@ -66,7 +67,7 @@ class Joints:
     @cached_property
     def gaps(self) -> Array:
         """Places of the states before which states are missing."""
-        late = np.diff(self.time) > 1.5 * self.period if self.period else []
+        late = np.diff(self.time) > (1.5 * self.period if self.period else np.inf)
         return np.flatnonzero(late) + 1
 
 
@@ -96,13 +97,14 @@ class Recorded:
         self.topics = {role: topic for topic, role in log.roles.items() if topic in log}
         self.unreadable: dict[str, None] = {}
         self.notes: dict[str, None] = {}
-        self._read: dict[str, TopicArrays | None] = {}
         self.topic = self._states_topic()
         states = self.read(self.topic)
         self._logged_ns, self._axis_ns = np.empty(0, np.int64), np.empty(0, np.int64)
         if states is not None and len(states):
-            self._logged_ns = np.maximum.accumulate(states.log_ns)
+            self._logged_ns = states.log_ns
             self._axis_ns = np.maximum.accumulate(self._stamps_of(states))
+        else:
+            self._note_other_types()
         every = [
             found.log_ns[0] for t in log if (found := self.read(t)) is not None and len(found)
         ]
@@ -111,25 +113,19 @@ class Recorded:
         self.joints = () if states is None else tuple(self._by_publisher(states))
 
     def read(self, topic: str) -> TopicArrays | None:
-        """Return the messages of a topic, None if there are none to read; notes what is lost."""
+        """Return the messages of a topic, None if it cannot be read; note what is lost."""
         if topic not in self.log:
             return None
-        if topic not in self._read:
-            found = None
-            try:
-                found = self.log[topic]
-            except LogError as error:
-                # Topics of other types, which no check looks at, are none of a page's business.
-                if 'JointState' in self.log.topics[topic]:
-                    self.unreadable[one_line(error)] = None
-            # A malformed input is in the log as it came, and was rejected.
-            ours = self.log.roles.get(topic) in INPUTS
-            if found is not None and len(found) < found.recorded and not ours:
-                lost = f'{found.recorded - len(found)} of {found.recorded}'
-                text = f'{lost} messages of {cut(topic)} cannot be read'
-                self.unreadable[one_line(text)] = None
-            self._read[topic] = found
-        return self._read[topic]
+        obstacle = self.log.obstacle(topic)
+        if obstacle:
+            self.unreadable[one_line(obstacle)] = None
+            return None
+        found = self.log[topic]
+        # A malformed input is in the log as it came, and was rejected.
+        if found.unreadable and self.log.roles.get(topic) not in INPUTS:
+            lost = f'{found.unreadable} of {len(found) + found.unreadable}'
+            self.unreadable[one_line(f'{lost} messages of {cut(topic)} cannot be read')] = None
+        return found
 
     def of_role(self, role: str) -> TopicArrays | None:
         """Return the messages of a role in a recording of ours, None without any."""
@@ -146,23 +142,22 @@ class Recorded:
 
     def times(self, found: TopicArrays) -> Array:
         """Return the times (N,) of messages on the page [s], not decreasing."""
-        axis, logged = self._axis_ns, self._logged_ns
-        if not len(axis):
-            return (found.log_ns - self.origin_ns) / NANOSECONDS
-        stamps, margin = found.stamp_ns, int(SAME_CLOCK * NANOSECONDS)
-        if (
-            stamps is None
-            or not len(stamps)
-            or stamps.min() < axis[0] - margin
-            or stamps.max() > axis[-1] + margin
-        ):
-            places = np.searchsorted(logged, found.log_ns, side='left') - 1
-            after = np.append(axis[1:], np.iinfo(np.int64).max)
-            stamps = axis[places.clip(0)]
-            if not self.settings:
+        axis, logged, ns = self._axis_ns, self._logged_ns, found.simulated_ns
+        if ns is None and len(axis):
+            stamps, margin = found.stamp_ns, int(SAME_CLOCK * NANOSECONDS)
+            places = np.searchsorted(logged, found.log_ns, side='right') - 1
+            if (
+                stamps is not None
+                and stamps.min(initial=axis[0]) >= axis[0] - margin
+                and stamps.max(initial=axis[-1]) <= axis[-1] + margin
+            ):
+                ns = stamps
+            else:
+                after = np.append(axis[1:], np.iinfo(np.int64).max)[places.clip(0)]
                 since = found.log_ns - logged[places.clip(0)]
-                stamps = np.minimum(stamps + since, after[places.clip(0)])
-        times: Array = np.maximum.accumulate((stamps - self.origin_ns) / NANOSECONDS)
+                ns = np.minimum(axis[places.clip(0)] + since, after)
+        ns = found.log_ns if ns is None else ns
+        times: Array = np.maximum.accumulate((ns - self.origin_ns) / NANOSECONDS)
         return times
 
     @cached_property
@@ -180,6 +175,14 @@ class Recorded:
         return found
 
     @property
+    def order(self) -> list[int] | None:
+        """Columns of the robot's joints in the first states, None if they lack one."""
+        names = self.joints[0].names if self.joints else ()
+        if self.robot is None or not set(self.robot.joint_names) <= set(names):
+            return None
+        return [names.index(name) for name in self.robot.joint_names]
+
+    @property
     def span(self) -> tuple[float, float]:
         """First and last time of the states [s]."""
         times = [joints.time[[0, -1]] for joints in self.joints]
@@ -189,42 +192,49 @@ class Recorded:
         """Return the topic of joint states: by role, by name, or the one with most messages."""
         if STATES in self.topics:
             return self.topics[STATES]
-        kinds = {t: self.log.topics[t] for t in self.log if 'JointState' in self.log.topics[t]}
-        found = {t: found for t in kinds if (found := self.read(t)) and kinds[t] == JOINT_STATE}
-        return max(found, key=lambda t: (t.endswith('joint_states'), len(found[t])), default='')
+        found = {topic: len(x) for topic, x in self.of_type(JOINT_STATE) if x.names}
+        return max(found, key=lambda t: (t.endswith('joint_states'), found[t]), default='')
+
+    def _note_other_types(self) -> None:
+        """Note joint states of other types in a log that has none to read."""
+        for topic, kind in self.log.topics.items():
+            named = topic.endswith('joint_states') or 'JointState' in kind
+            if named and kind != JOINT_STATE and len(self.log.received_ns[topic]):
+                text = f'{cut(topic)} has the type {cut(kind)}, expected {JOINT_STATE}'
+                self.unreadable[one_line(f'{text}: it cannot be read')] = None
 
     def _stamps_of(self, states: TopicArrays) -> Array:
         """Return the stamps of the states, or log times where stamps are no times."""
         stamps = states.stamp_ns
         assert stamps is not None  # a JointState has one
-        steps = np.diff(stamps)
         # Those of several publishers are ahead of each other by their delays.
-        if len(stamps) == 1 or (
-            stamps[-1] > stamps[0] and steps.min() > -SAME_CLOCK * NANOSECONDS
-        ):
+        back = np.diff(stamps).min(initial=0) < -SAME_CLOCK * NANOSECONDS
+        if len(stamps) == 1 or (stamps[-1] > stamps[0] and not back):
             return stamps
         self.notes[f'the stamps of {cut(self.topic)} do not increase: times are log times'] = None
         return states.log_ns
 
     def _by_publisher(self, states: TopicArrays) -> Iterator[Joints]:
-        values = {item: getattr(states, item) for item in JOINT_FIELDS}
-        there = ~np.all([np.isnan(x) for x in values.values()], axis=0)
-        left = [int(j) for j in np.flatnonzero(there.any(axis=0))]
-        while left:
-            same = (there[:, left] == there[:, left[:1]]).mean(axis=0) > TOGETHER
-            columns = [j for j, with_first in zip(left, same, strict=True) if with_first]
-            left = [j for j in left if j not in columns]
-            rows = there[:, columns].any(axis=1)
+        """Yield the joints that are named in the same messages."""
+        together: dict[tuple[bool, ...], list[int]] = {}
+        for j, name in enumerate(states.names):
+            together.setdefault(tuple(name in x for x in states.lists), []).append(j)
+        for columns in list(together.values())[:MOST_PUBLISHERS]:
+            rows = states.rows(states.names[columns[0]])
             time = (self._axis_ns[rows] - self.origin_ns) / NANOSECONDS
             names = tuple(states.names[j] for j in columns)
             yield Joints(
                 names,
                 time,
-                {item: x[rows][:, columns] for item, x in values.items()},
+                {item: getattr(states, item)[rows][:, columns] for item in JOINT_FIELDS},
                 self._bounds(names),
                 {item: self.unit(item, names) for item in JOINT_FIELDS},
                 self._period(time),
             )
+        if len(together) > MOST_PUBLISHERS:
+            self.notes[
+                f'{len(together)} publishers of joint states: {MOST_PUBLISHERS} are shown'
+            ] = None
 
     def _period(self, time: Array) -> float:
         rate = float(self.settings.get('publish_rate') or 0.0)

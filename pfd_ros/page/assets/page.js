@@ -166,18 +166,17 @@ async function chart(p) {
   const paths = p.stepped ? uPlot.paths.stepped({ align: 1 }) : undefined;
   const hue = (c, k) => `k${index(p, c.label, k) % 8}`;
   const show = (u) => {
-    const i = u.cursor.left >= 0 ? u.cursor.idx : null;
-    readout.textContent = '';
-    if (i === null || i === undefined) return;
-    readout.append(`${time[i].toFixed(4)} s`);
+    const i = u?.cursor.left >= 0 ? u.cursor.idx ?? -1 : -1;
+    readout.textContent = i < 0 ? '' : `${time[i].toFixed(4)} s`;
     p.labels.forEach((label, k) => {
-      if ((p.joints && !shown.has(label)) || readout.childElementCount > 8) return;
+      if ((p.joints && (i < 0 || !shown.has(label))) || readout.childElementCount > 8) return;
       const cell = document.createElement('b');
       cell.className = hue({ label }, k); cell.title = label;
-      cell.textContent = `${p.joints ? '' : `${label} `}${short(columns[k][i])}`;
+      cell.textContent = `${p.joints ? '' : label} ${i < 0 ? '' : short(columns[k][i])}`;
       readout.append(cell);
     });
   };
+  show();
   const band = (k) => ({ series: [k + 2, k + 1], fill: () => colour('band') });
   const u = new uPlot(options(150, 6, {
     scales: { x: { time: false } },

@@ -1,0 +1,130 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Inputs of the arm as they travel, and engines that take them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from bridge import (
+    INERTIA_TYPE,
+    WRENCH_TYPE,
+    ArmMessage,
+    Engine,
+    Joints,
+    Settings,
+    Verdict,
+    decode_joints,
+    encode_changes,
+    encode_clock,
+    encode_floats,
+    encode_joints,
+    encode_numbers,
+    encode_request,
+    load_arm_robot,
+)
+
+STEP_NS = 1_000_000
+NAN, INF = float('nan'), float('inf')
+# Efforts act as they are commanded, and a state may overflow.
+UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
+
+
+def made(**chosen: Any) -> Engine:
+    """Return the engine of an arm, planar2 unless the settings say otherwise."""
+    settings = Settings(**{'robot': 'planar2', **chosen})
+    return Engine(settings, load_arm_robot(settings, settings.robot))
+
+
+def failed(**chosen: Any) -> Engine:
+    """Return an engine whose arm has failed: a command made its state overflow."""
+    engine = made(**UNLIMITED, **chosen)
+    engine.step([efforts(*[1e300] * len(engine.names))])
+    while not engine.state.failure:
+        engine.step()
+    return engine
+
+
+def verdict(engine: Engine, *messages: ArmMessage) -> Verdict:
+    """Have an engine take messages, without a cycle; return its verdict on the last one."""
+    found: Verdict = engine.step(messages, run=False)[1][-1]
+    return found
+
+
+def state(engine: Engine, *messages: ArmMessage, cycles: int = 1) -> Joints:
+    """Run some cycles, the messages before the first of them; return the last published state."""
+    return states(engine, *messages, cycles=cycles)[-1]
+
+
+def states(engine: Engine, *messages: ArmMessage, cycles: int = 1) -> list[Joints]:
+    """Run some cycles, the messages before the first of them; return the published states."""
+    found = []
+    for k in range(cycles):
+        produced, _ = engine.step(messages if k == 0 else ())
+        found += [decode_joints(data) for role, data, _ in produced if role == 'joint_states']
+    return found
+
+
+def efforts(*values: float) -> ArmMessage:
+    """Return a command without names."""
+    return ArmMessage('commands', encode_floats(values))
+
+
+def named(
+    names: Sequence[str],
+    effort: Sequence[float] = (),
+    position: Sequence[float] = (),
+    velocity: Sequence[float] = (),
+    stamp_ns: int = 0,
+) -> ArmMessage:
+    """Return a command by joint name; its arrays may be ragged."""
+    data = encode_joints(names, position, velocity, effort, stamp_ns)
+    return ArmMessage('joint_commands', data)
+
+
+def placed(
+    names: Sequence[str],
+    position: Sequence[float] = (),
+    velocity: Sequence[float] = (),
+    effort: Sequence[float] = (),
+) -> ArmMessage:
+    """Return a state to jump to."""
+    return ArmMessage('set_state', encode_joints(names, position, velocity, effort))
+
+
+def request(name: str, **more: int) -> ArmMessage:
+    """Return a request; `more` is the count of steps."""
+    return ArmMessage('requests', encode_request(name, **more))
+
+
+def change(**values: Any) -> ArmMessage:
+    """Return new values of settings."""
+    return ArmMessage('parameters', encode_changes(values))
+
+
+def wrench(
+    frame: str,
+    force: Sequence[float] = (0.0, 0.0, 0.0),
+    torque: Sequence[float] = (0.0, 0.0, 0.0),
+    stamp_ns: int = 0,
+) -> ArmMessage:
+    """Return a wrench on the last link."""
+    data = encode_numbers(WRENCH_TYPE, stamp_ns, frame, [*force, *torque])
+    return ArmMessage('external_wrench', data)
+
+
+def payload(
+    frame: str,
+    mass: float,
+    center: Sequence[float] = (0.0, 0.0, 0.0),
+    inertia: Sequence[float] = (0.0,) * 6,
+) -> ArmMessage:
+    """Return a payload; its inertia is (xx, xy, xz, yy, yz, zz)."""
+    data = encode_numbers(INERTIA_TYPE, 0, frame, [mass, *center, *inertia])
+    return ArmMessage('payload', data)
+
+
+def tick(stamp_ns: int) -> ArmMessage:
+    """Return a tick of the clock that the arm may follow."""
+    return ArmMessage('clock_ticks', encode_clock(stamp_ns))

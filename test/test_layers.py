@@ -88,6 +88,7 @@ RESERVED = {
         'pfd_ros.demo',
         'pfd_ros.view.live',
         'pfd_ros.cli.send',
+        'pfd_ros.replay.publish',
     },
 }
 

@@ -372,7 +372,7 @@ def _arrays(
     simulated = ''
     if head:
         settings = _table(head, HeadKey.SETTINGS)
-        roles = {str(topic): role for role, topic in _table(head, HeadKey.TOPICS).items()}
+        roles = roles_of(bag)
         times = _table(head, HeadKey.TIMES)
         simulated = 'log_time' if times.get('simulated') else 'publish_time'
         end = {key: json.loads(text) for key, text in bag.end.items()}
@@ -399,6 +399,14 @@ def _arrays(
         span,
         read,
     )
+
+
+def roles_of(bag: Bag) -> dict[str, str]:
+    """Return the role of each topic of a recording of ours that was read, {} for other logs."""
+    if bag.head.get(HeadKey.FORMAT) != FORMAT:
+        return {}
+    with damage_named(bag.path):
+        return {str(topic): role for role, topic in _table(bag.head, HeadKey.TOPICS).items()}
 
 
 def _table(head: Mapping[str, str], key: str) -> dict[str, Any]:

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from pfd_ros.recording.bags import BagMessage
-from pfd_ros.replay.log_order import Kept
 
 SECOND = 1_000_000_000
 # Bounds of the speed.
@@ -48,14 +47,14 @@ class Jump(NamedTuple):
 
 @dataclass(frozen=True)
 class Window:
-    """Log times [ns]: the first of the log, and the window, `begin_ns` <= t < `end_ns`."""
+    """Log times [ns]: the zero of the log, and the window, `begin_ns` <= t < `end_ns`."""
 
     first_ns: int
     begin_ns: int
     end_ns: int
 
     def at(self, seconds: float) -> int:
-        """Return the log time [ns] at a number of seconds after the first message.
+        """Return the log time [ns] at a number of seconds after the zero of the log.
 
         Raises
         ------
@@ -75,7 +74,7 @@ class Schedule:
     Parameters
     ----------
     read
-        Return the messages from the beginning, by log time.
+        Return the messages from the beginning, in the order of their log times.
     kept
         By topic, how many of the last messages before a position are sent first.
     window
@@ -95,10 +94,6 @@ class Schedule:
         Whether the end was reached, without a loop.
     loops
         Number of times that the log began again.
-    unordered
-        Number of messages too late in the file to be sorted; they are sent when they are read.
-    left_out
-        Number of messages from before a position that exceed the memory for them.
 
     Raises
     ------
@@ -117,32 +112,23 @@ class Schedule:
         paused: bool = False,
         tick_ns: int | None = None,
     ) -> None:
-        if loop and window.end_ns - window.begin_ns < SHORTEST_LOOP_NS:
-            length = (window.end_ns - window.begin_ns) / SECOND
+        length = window.end_ns - window.begin_ns
+        if loop and length < SHORTEST_LOOP_NS:
             raise ValueError(
-                f'a loop over {length:g} s of the log would have no pause, expected at least '
-                f'{SHORTEST_LOOP_NS / SECOND:g} s'
+                f'a loop over {length / SECOND:g} s of the log would have no pause, expected at '
+                f'least {SHORTEST_LOOP_NS / SECOND:g} s'
             )
-        self.window = window
-        self.rate = rate
-        self.paused = paused
-        self.ended = False
-        self.loops = 0
-        self.unordered = 0
-        self.left_out = 0
-        self._read = read
-        self._depths = kept
-        self._loop = loop
-        self._tick_ns = tick_ns
-        self._tick_at = 0
-        self._steps = 0
+        self.window, self.rate, self.paused = window, rate, paused
+        self.ended, self.loops = False, 0
+        self._read, self._depths, self._loop = read, kept, loop
+        self._tick_ns, self._tick_at, self._steps = tick_ns, 0, 0
         # Whether the next call of `due` sets the anchor.
         self._starting = True
         self._jump: Jump | None = None
         self._before: deque[BagMessage] = deque()
         self._messages: Iterator[BagMessage] = iter(())
         self._next: BagMessage | None = None
-        # Latest log time of the messages that were sent or passed over.
+        # Log time of the last message that was sent or passed over.
         self._reached_ns = -1
         self._anchor = 0, window.begin_ns
         self._open(window.begin_ns)
@@ -180,7 +166,10 @@ class Schedule:
         if when == self._message_at() and not late:
             return self._take(when)
         if self._tick_ns is not None and (late or when == self._tick_at):
-            return self._newest_tick(self._tick_ns, now_ns)
+            # One tick for all that are due.
+            newest = self._tick_at + (now_ns - self._tick_at) // self._tick_ns * self._tick_ns
+            self._tick_at = newest + self._tick_ns
+            return Tick(self._unpassed_ns(self.position_ns(newest)))
         if not self._loop:
             self.ended = True
             return None
@@ -252,9 +241,7 @@ class Schedule:
     def _message_at(self) -> int | None:
         if self._next is None or (self.paused and not self._steps):
             return None
-        if self.paused:
-            return self._anchor[0]
-        return self._steady(max(self._next.log_ns, self._reached_ns))
+        return self._anchor[0] if self.paused else self._steady(self._next.log_ns)
 
     def _steady(self, log_ns: int) -> int:
         since, anchor_ns = self._anchor
@@ -263,26 +250,18 @@ class Schedule:
     def _take(self, when: int) -> Send:
         message = self._next
         assert message is not None
-        if message.log_ns < self._reached_ns:
-            self.unordered += 1
-        self._reached_ns = max(self._reached_ns, message.log_ns)
+        self._reached_ns = message.log_ns
         if self.paused:
             self._steps -= 1
             self._anchor = self._anchor[0], max(self._anchor[1], self._reached_ns)
         self._next = self._following()
         return Send(message, when)
 
-    def _newest_tick(self, period_ns: int, now_ns: int) -> Tick:
-        """Return one tick for all that are due, not ahead of a message that was not sent."""
-        newest = self._tick_at + (now_ns - self._tick_at) // period_ns * period_ns
-        self._tick_at = newest + period_ns
-        return Tick(self._unpassed_ns(self.position_ns(newest)))
-
     def _unpassed_ns(self, log_ns: int) -> int:
         """Return a log time, or the next message's if it is earlier."""
         if self._next is None or self.paused:
             return log_ns
-        return min(log_ns, max(self._next.log_ns, self._reached_ns))
+        return min(log_ns, self._next.log_ns)
 
     def _following(self) -> BagMessage | None:
         message = next(self._messages, None)
@@ -305,17 +284,23 @@ class Schedule:
 
     def _open(self, log_ns: int) -> None:
         """Make the first message at or after a log time the next one, and keep those before it."""
-        kept = Kept(self._depths)
+        passed = list(self._before)
         if self._next is None or log_ns <= self._reached_ns:
-            self._messages = self._read()
-            self._reached_ns = -1
+            self._messages, self._reached_ns, passed = self._read(), -1, []
             self._next = self._following()
-        else:
-            for message in self._before:
-                kept.add(message)
+        kept = {
+            topic: deque[tuple[int, BagMessage]](maxlen=k) for topic, k in self._depths.items()
+        }
+        for number, message in enumerate(self._passed(passed, log_ns)):
+            if message.topic in kept:
+                kept[message.topic].append((number, message))
+        rows = sorted(row for found in kept.values() for row in found)
+        self._before = deque(message for _, message in rows)
+
+    def _passed(self, before: list[BagMessage], log_ns: int) -> Iterator[BagMessage]:
+        """Yield messages that were not sent yet, and those up to a log time."""
+        yield from before
         while self._next is not None and self._next.log_ns < log_ns:
-            kept.add(self._next)
-            self._reached_ns = max(self._reached_ns, self._next.log_ns)
+            yield self._next
+            self._reached_ns = self._next.log_ns
             self._next = self._following()
-        self._before = deque(kept.messages())
-        self.left_out += kept.left_out

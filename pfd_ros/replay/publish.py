@@ -1,0 +1,459 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node `log_player`: the messages of a log on their topics, in real time.
+
+    ~/pause    std_srvs/SetBool    pause or resume
+    ~/step     std_srvs/Trigger    while paused: send the next message
+    seek_to    parameter           continue at this time [s] of the log
+    rate       parameter           speed, as a multiple of the log's
+
+The log is read once before anything is sent, so that damage is found first. Its time 0 is that of
+the first message that is not transient local; those before it are sent at once. One thread:
+callbacks run while the player waits for the next message. `schedule` determines when a message is
+sent. `seek_to` is a parameter, since no type of std_srvs has a time, and setting a parameter is
+answered with a reason.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+import math
+from pathlib import Path
+import sys
+import time
+from typing import Any, Protocol, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+import rclpy
+from rclpy._rclpy_pybind11 import RCLError, RMWError
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.exceptions import NameValidationException
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool, Trigger
+
+from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.numbers import encode_clock
+from pfd_ros.messages.qos import MOST_DEPTH, Qos
+from pfd_ros.messages.topics import message_class
+from pfd_ros.recording.arrays import roles_of
+from pfd_ros.recording.bags import Bag, BagMessage, in_order
+from pfd_ros.recording.format import LogError
+from pfd_ros.replay.schedule import RATES, Jump, Schedule, Send, Tick, Window
+from pfd_ros.replay.topic_choice import KNOWN_QOS, Played, choose
+from pfd_ros.text import cut, one_line
+
+NAME, CLOCK_TOPIC = 'log_player', '/clock'
+# Subscriptions that exist find the publishers within this time, before the first message.
+DISCOVERY_SECONDS = 1.0
+# Longest wait for the acknowledgement of the last messages, and between looks at signals.
+END_SECONDS, SLICE_SECONDS = 2.0, 0.1
+# While messages are late, callbacks run this often; a look for them takes 0.1 ms.
+SERVE_NS, PROGRESS_NS, LATE_NS = 10_000_000, 200_000_000, 10_000_000
+# A longer gap of the log is reported at the beginning.
+GAP_NS = 10 * NANOSECONDS
+# A Clock has 31 bits for the seconds. A shell adds the number of a signal to this status.
+CLOCK_SECONDS, STATUS_BASE = 1 << 31, 128
+# Of the middleware; other errors are of this program, and end it with their traceback.
+ERRORS = (RCLError, RMWError, NameValidationException)
+
+
+class Stop(Protocol):
+    """An event that a signal sets, and the number of the signal."""
+
+    number: int
+
+    def is_set(self) -> bool:
+        """Return whether a signal came."""
+
+
+@dataclass(frozen=True)
+class PlayOptions:
+    """The options of the player; times in s from the time 0 of the log."""
+
+    rate: float = 1.0
+    loop: bool = False
+    start_offset: float = 0.0
+    duration: float = math.inf
+    topics: Collection[str] | None = None
+    remaps: Sequence[tuple[str, str]] = ()
+    clock_hz: float | None = None
+    start_paused: bool = False
+
+
+def play(path: Path, options: PlayOptions, stop: Stop) -> int:
+    """Publish a log until its end or a signal; return the exit status.
+
+    0 if all of it was published, or a loop was ended by a signal; else 128 and the number of the
+    signal that ended it.
+
+    Raises
+    ------
+    LogError
+        If the log is damaged before its end.
+    ValueError
+        If nothing is to be published, or a topic or time is not in the log.
+    OSError
+        If the log cannot be read.
+    """
+    bag = Bag(path)
+    times: dict[str, array[int]] = {}
+    latest = late_ns = 0
+    for message in bag.messages():
+        if stop.is_set():
+            return STATUS_BASE + stop.number
+        if message.log_ns >= 1 << 63:
+            raise ValueError(f'{path}, topic {cut(message.topic)!r}: log time {message.log_ns} ns')
+        times.setdefault(message.topic, array('q')).append(message.log_ns)
+        latest = max(latest, message.log_ns)
+        late_ns = max(late_ns, latest - message.log_ns)
+    topics, notes = choose(bag, roles_of(bag), options.topics, options.remaps)
+    times = {name: times[name] for name in topics if name in times}
+    if not times:
+        raise ValueError(f'{path} has no messages of the topics to publish')
+    latched = {name for name, topic in topics.items() if topic.qos.transient_local}
+    timed = [found for name, found in times.items() if name not in latched]
+    ordered = np.sort(np.concatenate([np.array(x, np.int64) for x in timed or times.values()]))
+    last_ns = max(max(found) for found in times.values())
+    window = _window(path, options, int(ordered[0]), max(last_ns, int(ordered[-1])))
+    count = sum(map(len, times.values()))
+    for line in _introduction(bag, ordered, f'{count} messages of {len(topics)} topics', notes):
+        say(line)
+    ticks = options.clock_hz is not None
+    if ticks and any(topic.published == CLOCK_TOPIC for topic in topics.values()):
+        say(f'Ignoring --clock: the log contains {CLOCK_TOPIC}')
+        ticks = False
+    if ticks and window.end_ns > CLOCK_SECONDS * NANOSECONDS:
+        raise ValueError(f'log times up to {window.end_ns} ns exceed the range of {CLOCK_TOPIC}')
+    try:
+        try:
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            player = _Player(bag, options, window, topics, ticks, stop)
+        except ERRORS as error:
+            raise ValueError(f'ROS: {error}') from error
+        try:
+            return player.run(late_ns)
+        finally:
+            player.node.destroy_node()
+    finally:
+        try_shutdown()
+
+
+def say(line: str) -> None:
+    """Print a line, in place of the progress on a terminal."""
+    erase = '\r\033[K' if _is_terminal(sys.stdout) and _is_terminal(sys.stderr) else ''
+    print(f'{erase}{one_line(line)}', flush=True)
+
+
+def _is_terminal(stream: TextIO | None) -> bool:
+    return stream is not None and stream.isatty()
+
+
+def _window(path: Path, options: PlayOptions, first_ns: int, last_ns: int) -> Window:
+    """Return the log times from an offset [s] on; ValueError if there is nothing to play."""
+    length = (last_ns - first_ns) / NANOSECONDS
+    if options.start_offset > length:
+        raise ValueError(f'start offset {options.start_offset:g} s: {path} lasts {length:g} s')
+    begin = min(first_ns + round(options.start_offset * NANOSECONDS), last_ns)
+    end = last_ns + 1
+    if options.duration < length:
+        end = min(end, begin + max(1, round(options.duration * NANOSECONDS)))
+    return Window(first_ns, begin, end)
+
+
+def _introduction(
+    bag: Bag, times_ns: NDArray[np.int64], contents: str, notes: Sequence[str]
+) -> Iterator[str]:
+    yield f'{bag.path}: {(times_ns[-1] - times_ns[0]) / NANOSECONDS:.3f} s, {contents}'
+    yield from notes
+    if not bag.complete:
+        yield 'the log was cut off; it is published up to the cut'
+    gaps = np.diff(times_ns)
+    if len(gaps) and gaps.max() > GAP_NS:
+        at = (times_ns[gaps.argmax()] - times_ns[0]) / NANOSECONDS
+        yield f'longest gap of the log: {gaps.max() / NANOSECONDS:.3f} s after {at:.3f} s'
+
+
+class _Player:
+    """The node, its publishers and the schedule."""
+
+    def __init__(
+        self,
+        bag: Bag,
+        options: PlayOptions,
+        window: Window,
+        topics: dict[str, Played],
+        ticks: bool,
+        stop: Stop,
+    ) -> None:
+        self.node = Node(NAME)
+        self._bag, self._options, self._window, self._stop = bag, options, window, stop
+        self._executor: Any = EventsExecutor()
+        self._executor.add_node(self.node)
+        self._publishers: dict[str, Any] = {}
+        self._kept: dict[str, int] = {}
+        for name, played in topics.items():
+            kept = self._publish_on(played)
+            if kept:
+                self._kept[name] = kept
+        if not self._publishers:
+            raise ValueError(f'{bag.path} has no topic to publish; --topics names commands')
+        self._clock: Any = None
+        if ticks:
+            self._clock = self.node.create_publisher(
+                Clock, CLOCK_TOPIC, profile_of(KNOWN_QOS['clock'])
+            )
+        self.node.create_service(SetBool, '~/pause', self._watched(self._on_pause))
+        self.node.create_service(Trigger, '~/step', self._watched(self._on_step))
+        for name, value, meaning in (
+            ('rate', options.rate, "speed, as a multiple of the log's"),
+            ('seek_to', options.start_offset, 'continue at this time [s] of the log'),
+        ):
+            # ros2 param set takes 5 for an integer.
+            about = ParameterDescriptor(description=meaning, dynamic_typing=True)
+            self.node.declare_parameter(name, value, about)
+        self.node.add_on_set_parameters_callback(self._watched(self._on_parameters))
+        self._sent = 0
+        self._late: Counter[str] = Counter()
+        self._longest_late_ns = self._served_ns = self._shown_ns = self._looked_ns = 0
+        # Topics on which another node publishes, too.
+        self._shared: set[str] = set()
+        self._schedule: Schedule | None = None
+        # Whether a signal came while messages were read; why they could not be read, or an error
+        # of this program in a callback.
+        self._cut_short = False
+        self._failure: Exception | None = None
+
+    def _publish_on(self, played: Played) -> int:
+        """Create a publisher; return how many messages it keeps for later subscriptions."""
+        try:
+            self._publishers[played.name] = self.node.create_publisher(
+                message_class(played.type),
+                played.published,
+                profile_of(played.qos),
+                event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+            )
+        except (ImportError, AttributeError, *ERRORS) as error:
+            if played.published != played.name:
+                raise ValueError(f'--remap {cut(played.name)}: {error}') from error
+            say(f'not published: {cut(played.name)}: {error}')
+            return 0
+        return profile_of(played.qos).depth if played.qos.transient_local else 0
+
+    def _messages(self, late_ns: int) -> Iterator[BagMessage]:
+        """Yield the messages to publish, up to a signal."""
+        try:
+            for message in in_order(self._bag.messages(self._publishers), late_ns):
+                if self._stop.is_set():
+                    self._cut_short = True
+                    return
+                yield message
+        except (LogError, OSError) as error:
+            # Perhaps within a callback; the file has changed since it was read.
+            self._failure = error
+
+    def run(self, late_ns: int) -> int:
+        """Publish until the end or a signal; return the exit status."""
+        until = time.monotonic() + DISCOVERY_SECONDS
+        while not self._stop.is_set() and (left := until - time.monotonic()) > 0:
+            self._serve(min(left, SLICE_SECONDS))
+        clock_hz = self._options.clock_hz
+        self._schedule = schedule = Schedule(
+            partial(self._messages, late_ns),
+            self._kept,
+            self._window,
+            rate=self._options.rate,
+            loop=self._options.loop,
+            paused=self._options.start_paused,
+            tick_ns=round(NANOSECONDS / clock_hz) if self._clock and clock_hz else None,
+        )
+        begun = time.monotonic()
+        say(f'{"paused" if schedule.paused else "begin"} at {self._position()}')
+        while not (schedule.ended or self._stop.is_set() or self._cut_short or self._failure):
+            self._step(schedule)
+        if self._failure is not None:
+            raise self._failure
+        interrupted = self._stop.is_set() or self._cut_short
+        if not interrupted:
+            self._wait_for_readers()
+        say(
+            f'published {self._sent} messages in {time.monotonic() - begun:.3f} s, up to '
+            f'{self._position()}'
+        )
+        worst = self._longest_late_ns * 1e-6
+        count = self._late.total() or 'no'
+        say(f'{count} messages were more than {LATE_NS * 1e-6:g} ms late, at most {worst:.1f} ms')
+        if interrupted and not self._options.loop:
+            return STATUS_BASE + self._stop.number
+        return 0
+
+    def _report_others(self, now: int) -> None:
+        """Report once a topic on which another node publishes; discovery may take seconds."""
+        if now - self._looked_ns < NANOSECONDS:
+            return
+        self._looked_ns = now
+        ends = [*self._publishers.values(), *([self._clock] if self._clock else [])]
+        own = Counter(end.topic_name for end in ends)
+        for name in sorted(own.keys() - self._shared):
+            if self.node.count_publishers(name) > own[name]:
+                self._shared.add(name)
+                say(f'Another publisher on {name}: stop it, or use --remap')
+
+    def _step(self, schedule: Schedule) -> None:
+        """Publish the messages that are due, or wait for them and answer calls."""
+        now = time.monotonic_ns()
+        while (event := schedule.due(now)) is not None and not self._stop.is_set():
+            self._handle(event, now)
+            now = time.monotonic_ns()
+            if now - self._served_ns > SERVE_NS:
+                break
+        self._show(schedule, now)
+        self._report_others(now)
+        when = schedule.next_ns()
+        wait = SLICE_SECONDS if when is None else (when - time.monotonic_ns()) / NANOSECONDS
+        if not schedule.ended:
+            self._serve(max(0.0, min(wait, SLICE_SECONDS)))
+
+    def _serve(self, seconds: float) -> None:
+        """Run at most one callback, or wait for so long."""
+        try:
+            self._executor.spin_once(timeout_sec=seconds)
+        except Exception as error:
+            if self._failure is not None:
+                raise
+            # Of rclpy: any node may send its services requests that it does not expect.
+            say(f'ROS: a request failed: {type(error).__name__}: {error}')
+        self._served_ns = time.monotonic_ns()
+
+    def _watched(self, callback: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a callback whose errors end the player, unlike errors of rclpy's callbacks."""
+
+        def call(*args: Any) -> Any:
+            try:
+                return callback(*args)
+            except Exception as error:
+                self._failure = error
+                raise
+
+        return call
+
+    def _handle(self, event: Send | Tick | Jump, now: int) -> None:
+        if isinstance(event, Send):
+            self._publishers[event.message.topic].publish(event.message.data)
+            self._sent += 1
+            late = 0 if event.due_ns is None else now - event.due_ns
+            self._longest_late_ns = max(self._longest_late_ns, late)
+            if late > LATE_NS:
+                self._late[event.message.topic] += 1
+        elif isinstance(event, Tick):
+            if self._clock:
+                self._clock.publish(encode_clock(event.log_ns))
+        else:
+            back = 'back ' if event.to_ns < event.from_ns else ''
+            times = f'from {self._seconds(event.from_ns)} to {self._seconds(event.to_ns)}'
+            label = 'seek' if event.loop is None else f'loop {event.loop}'
+            say(f'{label}: jumped {back}{times}')
+
+    def _wait_for_readers(self) -> None:
+        """Wait until reliable subscriptions have the last messages."""
+        until = time.monotonic() + END_SECONDS
+        for end in self._publishers.values():
+            left = max(0.0, until - time.monotonic())
+            if end.qos_profile.reliability is ReliabilityPolicy.RELIABLE:
+                end.wait_for_all_acked(Duration(seconds=left))
+
+    def _position(self) -> str:
+        assert self._schedule is not None
+        return self._seconds(self._schedule.position_ns(time.monotonic_ns()))
+
+    def _seconds(self, log_ns: int) -> str:
+        return f'{(log_ns - self._window.first_ns) / NANOSECONDS:.3f} s'
+
+    def _show(self, schedule: Schedule, now: int) -> None:
+        """Show the progress on a terminal."""
+        if now - self._shown_ns < PROGRESS_NS or not _is_terminal(sys.stderr):
+            return
+        self._shown_ns = now
+        paused = ', paused' if schedule.paused else ''
+        end = self._seconds(self._window.end_ns)
+        line = f'{self._position()} of {end}, rate {schedule.rate:g}{paused}'
+        print(f'\r\033[K{line}', end='', file=sys.stderr, flush=True)
+
+    def _on_pause(self, asked: Any, response: Any) -> Any:
+        return self._answer(response, partial(self._pause, asked.data))
+
+    def _pause(self, paused: bool, schedule: Schedule) -> str:
+        (schedule.pause if paused else schedule.resume)(time.monotonic_ns())
+        line = f'{"paused" if paused else "resumed"} at {self._position()}'
+        say(line)
+        return line
+
+    def _on_step(self, asked: Any, response: Any) -> Any:
+        return self._answer(response, self._one_message)
+
+    def _one_message(self, schedule: Schedule) -> str:
+        now = time.monotonic_ns()
+        if not schedule.step(now):
+            raise ValueError('end of the log reached')
+        while (event := schedule.due(now)) is not None:
+            self._handle(event, now)
+            if isinstance(event, Send) and event.due_ns is not None:
+                topic = self._publishers[event.message.topic].topic_name
+                return f'{topic} at {self._seconds(event.message.log_ns)}'
+        raise ValueError('end of the log reached')
+
+    def _answer(self, response: Any, action: Callable[[Schedule], str]) -> Any:
+        try:
+            if self._schedule is None:
+                raise ValueError('playback has not started: try again')
+            response.success, response.message = True, action(self._schedule)
+        except ValueError as error:
+            response.success, response.message = False, one_line(f'refused: {error}')
+        return response
+
+    def _on_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
+        """Accept and apply `rate` and `seek_to`, or none of them."""
+        given = {item.name: item.value for item in parameters if item.name in ('rate', 'seek_to')}
+        try:
+            for name, value in given.items():
+                number = isinstance(value, int | float) and not isinstance(value, bool)
+                if not number or not math.isfinite(value):
+                    raise ValueError(f'{name} is {cut(repr(value))}, expected a finite number')
+            low, high = RATES
+            if not low <= given.get('rate', low) <= high:
+                raise ValueError(f'rate is {given["rate"]:g}, expected {low:g} to {high:g}')
+            schedule, now = self._schedule, time.monotonic_ns()
+            if given and schedule is None:
+                raise ValueError('playback has not started: try again')
+            if schedule is not None and 'seek_to' in given:
+                schedule.seek(now, self._window.at(given['seek_to']))
+            if schedule is not None and 'rate' in given:
+                schedule.set_rate(now, float(given['rate']))
+                say(f'rate {given["rate"]:g} from {self._position()} on')
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=one_line(error))
+        return SetParametersResult(successful=True)
+
+
+def profile_of(qos: Qos) -> QoSProfile:
+    """Return a QoS profile of rclpy; `keep_all` could block, so it is a large depth."""
+    return QoSProfile(
+        depth=MOST_DEPTH if qos.keep_all else qos.depth,
+        reliability=(
+            ReliabilityPolicy.RELIABLE if qos.reliable else ReliabilityPolicy.BEST_EFFORT
+        ),
+        durability=(
+            DurabilityPolicy.TRANSIENT_LOCAL if qos.transient_local else DurabilityPolicy.VOLATILE
+        ),
+    )

@@ -1,0 +1,215 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which topics of a log are published, under which names and QoS; commands are withheld.
+
+A recorded command must not reach a real arm by accident. In a recording of the node the commands
+are the topics of its inputs. In every log a topic is also a command if its last name is the name
+of an input of the node, if its name contains a word of COMMAND_PARTS or COMMAND_WORDS, or if its
+type is one of COMMAND_TYPES. Outputs of the node under their own names are not commands. A topic
+named by the caller is published.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+import re
+from typing import Any, NamedTuple
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import TypesysError, get_types_from_msg
+
+from pfd_ros.arm.events import CLOCK_TICKS, INPUTS, ROLES
+from pfd_ros.messages.qos import Qos, offered_qos
+from pfd_ros.messages.topics import message_class
+from pfd_ros.recording.bags import Bag, BagTopic
+from pfd_ros.recording.format import MESSAGE_ENCODING
+from pfd_ros.text import cut, listed
+
+# Last names of the topics that the node `sim_arm` subscribes to, but for the clock.
+INPUT_NAMES = frozenset(
+    ROLES[role].topic.rpartition('/')[2]
+    for role in INPUTS
+    if role != CLOCK_TICKS and not ROLES[role].service
+)
+COMMAND_PARTS = ('command', 'cmd', 'setpoint')
+COMMAND_WORDS = frozenset(
+    {
+        *('desired', 'equilibrium', 'goal', 'jog', 'move', 'reference', 'references', 'script'),
+        *('effort', 'efforts', 'set', 'target', 'targets', 'torque', 'torques'),
+    }
+)
+COMMAND_TYPES = frozenset(
+    {
+        'ackermann_msgs/msg/AckermannDrive',
+        'ackermann_msgs/msg/AckermannDriveStamped',
+        'control_msgs/msg/GripperCommand',
+        'control_msgs/msg/JointJog',
+        'control_msgs/msg/MultiDOFCommand',
+        'geometry_msgs/msg/Twist',
+        'geometry_msgs/msg/TwistStamped',
+        'trajectory_msgs/msg/JointTrajectory',
+        'trajectory_msgs/msg/MultiDOFJointTrajectory',
+    }
+)
+# QoS by the last name of a topic, where the log has none; others are reliable with depth 10.
+KNOWN_QOS = {
+    'clock': Qos(depth=1),
+    'diagnostics': Qos(depth=1),
+    'robot_description': Qos(depth=1, transient_local=True),
+    'tf_static': Qos(depth=1, transient_local=True),
+}
+_WORD = re.compile(r'[A-Z]?[a-z]+|[A-Z]+')
+# Names of rosidl for the types of `.msg`.
+_ROSIDL = {
+    **{'float64': 'double', 'float32': 'float', 'bool': 'boolean', 'byte': 'octet'},
+    'char': 'uint8',
+}
+
+
+class Played(NamedTuple):
+    """A topic of the log and the topic it is published on."""
+
+    name: str
+    published: str
+    type: str
+    qos: Qos
+
+
+def choose(
+    bag: Bag,
+    roles: Mapping[str, str],
+    wanted: Collection[str] | None = None,
+    remaps: Sequence[tuple[str, str]] = (),
+) -> tuple[dict[str, Played], list[str]]:
+    """Return the topics to publish of a bag that was read, and lines about the others.
+
+    Parameters
+    ----------
+    bag
+        Its topics are known.
+    roles
+        Role of each topic of a recording of ours.
+    wanted
+        Topics to publish, also commands; default all but commands.
+    remaps
+        A topic of the log and the name under which it is published.
+
+    Raises
+    ------
+    ValueError
+        If a topic is not in the log, is remapped twice or on a topic of another type, or nothing
+        is left.
+    """
+    known = sorted(bag.topics)
+    missing = sorted({*(wanted or ()), *(name for name, _ in remaps)} - set(known))
+    if missing:
+        raise ValueError(f'{bag.path} has no topic {listed(missing)}; topics are {listed(known)}')
+    names = dict(remaps)
+    if len(names) < len(remaps):
+        raise ValueError(f'a topic is remapped twice: {listed([name for name, _ in remaps])}')
+    chosen: dict[str, Played] = {}
+    notes, withheld = [], []
+    for name, topic in sorted(bag.topics.items()):
+        if wanted is not None and name not in wanted:
+            continue
+        if wanted is None and is_command(topic, roles.get(name, '')):
+            withheld.append(name)
+            continue
+        obstacle = obstacle_of(topic)
+        if obstacle:
+            notes.append(f'not published: {cut(name)}: {obstacle}')
+            continue
+        chosen[name] = Played(name, names.get(name, name), topic.type, _qos(topic, notes))
+    if withheld:
+        notes.append(
+            f'Not publishing {len(withheld)} command topics: {listed(withheld)}. Name them in '
+            '--topics to publish them'
+        )
+    if not chosen:
+        raise ValueError(f'{bag.path} has nothing to publish: {"; ".join(notes) or "no topics"}')
+    kinds: dict[str, str] = {}
+    for played in chosen.values():
+        if kinds.setdefault(played.published, played.type) != played.type:
+            raise ValueError(
+                f'{cut(played.name)!r} has type {played.type}, but {cut(played.published)!r} '
+                f'has type {kinds[played.published]}'
+            )
+    return chosen, notes
+
+
+def is_command(topic: BagTopic, role: str = '') -> bool:
+    """Return whether a topic holds commands, by its role in a recording of ours or by its name."""
+    if role in INPUTS:
+        return role != CLOCK_TICKS or topic.type != ROLES[CLOCK_TICKS].type
+    folder, _, last = topic.name.rpartition('/')
+    # Outputs of the node are called `bias_torques`; under another name, the name decides.
+    own = role == last and role in ROLES and topic.type == ROLES[role].type
+    words = {word.lower() for word in _WORD.findall(folder if own else topic.name)}
+    return (
+        last in INPUT_NAMES
+        or topic.type in COMMAND_TYPES
+        or not words.isdisjoint(COMMAND_WORDS)
+        or any(part in topic.name.lower() for part in COMMAND_PARTS)
+    )
+
+
+def obstacle_of(topic: BagTopic) -> str:
+    """Return why the messages of a topic cannot be published here, '' if they can."""
+    if topic.encoding != MESSAGE_ENCODING:
+        return f'its messages are encoded as {cut(topic.encoding)!r}, not {MESSAGE_ENCODING!r}'
+    if not re.fullmatch(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*', topic.type):
+        return f'{cut(topic.type)!r} is not a message type'
+    try:
+        message_class(topic.type)
+    except (ImportError, AttributeError):
+        return f'type {cut(topic.type)} is not installed'
+    try:
+        types = get_types_from_msg(topic.definition, topic.type) if topic.definition else {}
+        same = not types or _same_fields(topic.type, types)
+    except (
+        TypesysError,
+        ValueError,
+        KeyError,
+        RecursionError,
+        ImportError,
+        AttributeError,
+    ) as error:
+        return (
+            f'type {cut(topic.type)} cannot be compared with the installed one: {cut(str(error))}'
+        )
+    return '' if same else f'type {cut(topic.type)} has other fields than the installed one'
+
+
+def _same_fields(kind: str, types: Mapping[str, Any]) -> bool:
+    """Return whether a type of a bag has the fields of the installed type of its name."""
+    fields = types[kind][1]
+    own = {name: _rosidl(described) for name, described in fields}
+    installed = message_class(kind).get_fields_and_field_types()
+    if list(own.items()) != list(installed.items()):
+        return False
+    parts = (x[1][0] if x[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else x for _, x in fields)
+    return all(_same_fields(part[1], types) for part in parts if part[0] == Nodetype.NAME)
+
+
+def _rosidl(described: Any) -> str:
+    """Return the type of a field as rosidl writes it."""
+    node, detail = described
+    if node == Nodetype.BASE:
+        name, bound = detail
+        return f'{_ROSIDL.get(name, name)}<{bound}>' if bound else _ROSIDL.get(name, name)
+    if node == Nodetype.NAME:
+        return str(detail).replace('/msg/', '/')
+    inner, bound = _rosidl(detail[0]), detail[1]
+    if node == Nodetype.ARRAY:
+        return f'{inner}[{bound}]'
+    return f'sequence<{inner}, {bound}>' if bound else f'sequence<{inner}>'
+
+
+def _qos(topic: BagTopic, notes: list[str]) -> Qos:
+    """Return the recorded QoS, or the QoS for the name."""
+    default = KNOWN_QOS.get(topic.name.rpartition('/')[2], Qos())
+    try:
+        return offered_qos(topic.qos) or default
+    except ValueError as error:
+        notes.append(f'{cut(topic.name)} is published with the default QoS: {error}')
+        return default

@@ -13,6 +13,7 @@ Any bag as arrays, `pfd_ros.read_log`:
 
     bags            messages of MCAP files, of folders of rosbag2 and of SQLite files
     arrays          read_log: arrays by topic and field, in a window of time
+    facts           what `pfd info` prints
 
 A new channel is a row of `pfd_ros.arm.events.ROLES`. A new key of the metadata is one of
 format.HeadKey or format.EndKey; readers ignore unknown keys.

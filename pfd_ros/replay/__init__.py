@@ -12,15 +12,16 @@ From the file to the result:
     differences   the first difference between a recorded message and the replayed one
     verify        the engine fed from the recording, its outputs compared byte for byte: `read`
 
-Any log, published by node.log_player:
+Any log, published by the node `log_player`:
 
-    log_order       messages in the order of their log times; contents of a bag
-    played_topics   the published topics, their names and QoS, the window of time; no commands
+    topic_choice    the published topics, their names and QoS; no commands
     schedule        when each message is sent: rate, loop, pause, step, seek; without a clock
+    publish         the node, the only module here that imports rclpy
 
 Two logs, of simulated or real arms:
 
-    compare       differences by joint, with the lag between the clocks
+    compare         differences by joint, with the lag between the clocks
+    plots           their picture
 
 Inputs of a recording, or of any bag, for an arm with something changed:
 
@@ -31,6 +32,4 @@ Inputs of a recording, or of any bag, for an arm with something changed:
     changed_runs      the new run, and the same with one bit changed
     state_comparison  recorded states compared with the states of both runs, and curves for plots
     what_if           the whole: `what_if`
-
-    plots         pictures of two compared logs, and of a what-if run
 """

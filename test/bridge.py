@@ -334,10 +334,10 @@ NAMES = {
     'saturation': 'pfd_ros.motion.symptoms:saturation',
     'symptoms': 'pfd_ros.motion.symptoms:symptoms',
     # pfd_ros.page: a log as an HTML page
-    'PAGE_TYPES': 'pfd_ros.page.html:TYPES',
-    'PageMoment': 'pfd_ros.page.html:Moment',
+    'PAGE_TYPES': 'pfd_ros.page.page:TYPES',
+    'PageMoment': 'pfd_ros.page.page:Moment',
     'PageReference': 'pfd_ros.page.curves:Reference',
-    'page_of_log': 'pfd_ros.page.html:page',
+    'page_of_log': 'pfd_ros.page.page:page',
     # pfd_ros.node: the arm on its topics
     'CommandCounts': 'pfd_ros.node.command_counts:CommandCounts',
     'load_model': 'pfd_ros.node.description:load_model',

@@ -77,21 +77,46 @@ def without_ros(run) -> None:
 
 
 def step_after(count: int) -> None:
-    """Let the arm step once that many commands have come in."""
+    """Let the arm step once that many inputs have come in."""
     came, enough = itertools.count(1), threading.Event()
-    real_put, real_run = bridge.EventQueue_put, bridge.Stepper_run
+    real_put, real_run = bridge.Inbox_put, bridge.Stepper_run
 
-    def put(queue, arrival) -> None:
-        real_put(queue, arrival)
+    def put(inbox, role, data, verdict=None):
+        found = real_put(inbox, role, data, verdict)
         if next(came) == count:
             enough.set()
+        return found
 
     def run(stepper, stopped) -> None:
         enough.wait()
         real_run(stepper, stopped)
 
-    bridge.put('EventQueue_put', put)
+    bridge.put('Inbox_put', put)
     bridge.put('Stepper_run', run)
+
+
+def fail_first(name: str, error: str) -> None:
+    """Let the first call of a name of the bridge fail."""
+    real, calls = getattr(bridge, name), itertools.count()
+
+    def called(*args, **named):
+        if not next(calls):
+            raise RuntimeError(error)
+        return real(*args, **named)
+
+    bridge.put(name, called)
+
+
+def at_cycle(cycle: int, fault) -> None:
+    """Call a function in the step after a cycle."""
+    real_step = bridge.Engine_step
+
+    def step(engine, *args):
+        if engine.state.cycle == cycle:
+            fault()
+        return real_step(engine, *args)
+
+    bridge.put('Engine_step', step)
 
 
 def trace() -> None:
@@ -99,14 +124,14 @@ def trace() -> None:
 
     Traced from the beginning, a first start would compile for a minute on a busy machine.
     """
-    real_report = bridge.Reporter_report
+    real_report = bridge.lifecycle_report_arm
 
-    def report(reporter, **options) -> None:
-        real_report(reporter, **options)
+    def report(*args, **named) -> None:
+        real_report(*args, **named)
         tracemalloc.start()
         print(f'traced {tracemalloc.get_traced_memory()[0]}', flush=True)
 
-    bridge.put('Reporter_report', report)
+    bridge.put('lifecycle_report_arm', report)
 
 
 def put_in(fault: str) -> None:
@@ -117,105 +142,57 @@ def put_in(fault: str) -> None:
         # hangs uses all of it.
         bridge.put('GRACE_SECONDS', 30.0 if fault == 'stub_ends' else 0.1)
         return
-    if fault == 'traced':
-        trace()
-        return
-    if fault == 'reports_often':
-        bridge.put('REPORT_SECONDS', 0.1)
-        return
     if fault.startswith('executor_'):
         real = bridge.EventsExecutor
         bridge.put('EventsExecutor', lambda: FaultyExecutor(real(), fault))
         # As many as a real one may have before the node gives up.
         bridge.put('MOST_FAILURES', 3)
-    elif fault == 'stepping_fails':
-        real_cycle = bridge.Stepper_run_cycle
-
-        def run_cycle(stepper) -> None:
-            if stepper.engine.cycles == 200:
-                raise KeyError('{0}')
-            real_cycle(stepper)
-
-        bridge.put('Stepper_run_cycle', run_cycle)
-    elif fault == 'stepping_hangs':
-        bridge.put('LIFECYCLE_END_SECONDS', 1)
-        bridge.put('PROCESS_END_SECONDS', 1)
-        real_advance = bridge.Arm_advance
-
-        def advance(arm, *drive):
-            if arm.step == 200:
-                hang_in_c()
-            return real_advance(arm, *drive)
-
-        bridge.put('Arm_advance', advance)
-    elif fault == 'configuring_fails':
-        bridge.put('lifecycle_SimArm', lambda *_: {}['{}'])
-    elif fault == 'first_start_fails':
-        real_start, starts = bridge.SimArm_start, itertools.count()
-
-        def start(arm, workers) -> None:
-            if not next(starts):
-                raise RuntimeError("can't start new thread")
-            real_start(arm, workers)
-
-        bridge.put('SimArm_start', start)
-    elif fault == 'first_introduction_fails':
-        real_introduce, introductions = bridge.Reporter_introduce, itertools.count()
-
-        def introduce(reporter) -> None:
-            if not next(introductions):
-                raise RuntimeError('no introduction')
-            real_introduce(reporter)
-
-        bridge.put('Reporter_introduce', introduce)
-    elif fault == 'first_reading_fails':
-        real_misspelt, readings = bridge.misspelt_parameters, itertools.count()
-
-        def misspelt(node):
-            if not next(readings):
-                raise RuntimeError('no parameters')
-            return real_misspelt(node)
-
-        bridge.put('misspelt_parameters', misspelt)
-    elif fault == 'reporting_fails':
-        bridge.put('Reporter_report', lambda reporter, last=False: {}['{}'])
-    elif fault == 'requests_fail':
-        bridge.put('Services_request', lambda *_: {}['{}'])
-    elif fault == 'closing_hangs':
-        bridge.put('SimArm_close_recording', hang_in_python)
-    elif fault == 'closing_hangs_in_c':
-        bridge.put('SimArm_close_recording', hang_in_c)
-    elif fault == 'teardown_hangs':
-        bridge.put('PROCESS_END_SECONDS', 2)
-        bridge.put('SimArmNode_destroy_node', hang_in_c)
-    elif fault == 'exit_hangs':
-        bridge.put('PROCESS_END_SECONDS', 2)
-        threading.Thread(target=hang_in_c).start()
-    elif fault == 'slow_disk':
-        real_init, real_flush = bridge.LogRecorder_init, bridge.Sink_flush
-        recorders = []
-
-        def init(recorder, *args) -> None:
-            recorders.append(recorder)
-            real_init(recorder, *args, limit=100)
-
-        def flush(sink) -> None:
-            # Until it was too slow, however slowly a busy machine steps.
-            if threading.current_thread().name == 'recording':
-                while not sum(recorders[-1].dropped):
-                    time.sleep(0.01)
-            real_flush(sink)
-
-        bridge.put('LogRecorder_init', init)
-        bridge.put('Sink_flush', flush)
-    elif fault == 'recorder_failed':
-        failed = property(lambda recorder: True, lambda recorder, value: None)
-        bridge.put('LogRecorder_waiting_share', property(lambda recorder: 1.0))
-        bridge.put('LogRecorder_failed', failed)
     elif fault.startswith('first_step_after_'):
         step_after(int(fault.removeprefix('first_step_after_')))
     else:
-        raise ValueError(f'unknown fault {fault!r}')
+        FAULTS[fault]()
+
+
+def end_within(seconds: int) -> None:
+    bridge.put('THREADS_END_SECONDS', seconds)
+    bridge.put('PROCESS_END_SECONDS', seconds)
+
+
+def hang_at_exit() -> None:
+    end_within(2)
+    threading.Thread(target=hang_in_c).start()
+
+
+def hang_in_teardown() -> None:
+    end_within(2)
+    bridge.put('SimArmNode_destroy_node', hang_in_c)
+
+
+def hang_in_a_step() -> None:
+    end_within(1)
+    at_cycle(200, hang_in_c)
+
+
+def fail(*_: object, **__: object) -> None:
+    raise KeyError('{0}')
+
+
+FAULTS = {
+    'traced': trace,
+    'reports_often': lambda: bridge.put('REPORT_SECONDS', 0.1),
+    'stepping_fails': lambda: at_cycle(200, fail),
+    'stepping_hangs': hang_in_a_step,
+    'configuring_fails': lambda: bridge.put('lifecycle_SimArm', fail),
+    'first_start_fails': lambda: fail_first('SimArm_start', "can't start new thread"),
+    'first_reading_fails': lambda: fail_first('refuse_unknown_parameters', 'no parameters'),
+    'first_introduction_fails': lambda: fail_first('lifecycle_introduce', 'no introduction'),
+    'reporting_fails': lambda: bridge.put('lifecycle_report_arm', fail),
+    'requests_fail': lambda: bridge.put('services_encode_request', fail),
+    'closing_hangs': lambda: bridge.put('SimArm_close_recording', hang_in_python),
+    'closing_hangs_in_c': lambda: bridge.put('SimArm_close_recording', hang_in_c),
+    'teardown_hangs': hang_in_teardown,
+    'exit_hangs': hang_at_exit,
+}
 
 
 def main(args: list[str]) -> int:

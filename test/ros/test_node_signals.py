@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Signals: the first stops, the second changes nothing, the third ends whatever hangs."""
+"""Ends of the node: signals, threads that end, steps and clean-ups that hang; the exit status."""
 
 from __future__ import annotations
 
@@ -13,37 +13,29 @@ import subprocess
 import sys
 import time
 
+from bridge import verify_log
 import pytest
-from ros_processes import FAULTY, NODE, Process, Processes
+from ros_processes import FAULTY, JOINTS, NODE, Process, Processes, environment
 from sampling import one_fast
 from waiting import PATIENCE, wait_until
 
 INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 STATUS_BASE = 128  # of a shell, for a process that a signal ended
+HANGS = ['stub_hangs', 'stub_hangs_in_c']
 
 
-def hung(processes: Processes, fault: str, *, wait_for: str = 'hangs'):
-    """Start a process, send the first signal and wait until it hangs."""
+@pytest.mark.parametrize('fault', HANGS)
+def test_a_third_signal_ends_a_process_that_hangs(processes: Processes, fault: str) -> None:
     process = processes.python(FAULTY, fault)
     process.wait_for_text('steps')
     process.process.send_signal(INT)
-    process.wait_for_text(wait_for)
-    return process
-
-
-def check_third(processes: Processes, fault: str) -> None:
-    process = hung(processes, fault)
+    process.wait_for_text('hangs')
     process.process.send_signal(TERM)
     time.sleep(0.05)
     assert process.process.poll() is None
     # Signals that are pending together may come in another order.
     assert process.end(INT) in (STATUS_BASE + TERM, STATUS_BASE + INT)
     assert 'ended by a third signal' in process.text()
-
-
-@pytest.mark.parametrize('fault', ['stub_hangs', 'stub_hangs_in_c'])
-def test_a_third_signal_ends_a_process_that_hangs(processes: Processes, fault: str) -> None:
-    check_third(processes, fault)
 
 
 @pytest.mark.parametrize('reader', one_fast(['is gone', 'hangs'], 'hangs'))
@@ -71,17 +63,9 @@ def test_a_third_signal_ends_a_process_with_an_output_that_takes_no_line(reader:
             for number in (INT, TERM, HUP):
                 process.send_signal(number)
                 time.sleep(0.05)
-            # Signals that are pending together may come in another order.
             assert process.wait(PATIENCE) - STATUS_BASE in (INT, TERM, HUP)
         finally:
             process.kill()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('fault', ['stub_hangs', 'stub_hangs_in_c'])
-def test_a_third_signal_ends_every_one_of_many_processes(processes: Processes, fault: str) -> None:
-    for _ in range(5):
-        check_third(processes, fault)
 
 
 @pytest.mark.parametrize('apart', one_fast([0.0, 0.005, 0.1], 0.005))
@@ -107,6 +91,27 @@ def test_any_burst_of_signals_at_any_moment_ends_a_process_by_itself(
         assert process.end(*(INT, TERM, HUP, INT)[: 1 + k % 4], apart=0.001 * (k % 7)) == 0
 
 
+def test_an_ignored_hangup_stays_ignored_and_an_ignored_interrupt_does_not(
+    processes: Processes,
+) -> None:
+    # As under nohup, and as a shell starts a process in the background.
+    output = processes.folder / 'output.txt'
+    with output.open('wb') as stream:
+        started = subprocess.Popen(
+            ['sh', '-c', 'trap "" HUP INT; exec "$@"', '-', sys.executable, FAULTY, 'stub_ends'],
+            env=environment(processes.domain),
+            stdout=stream,
+            stderr=stream,
+        )
+    process = Process(started, output)
+    processes.started.append(process)
+    process.wait_for_text('steps')
+    started.send_signal(HUP)
+    time.sleep(0.2)
+    assert started.poll() is None
+    assert process.end(INT) == 0
+
+
 @pytest.mark.ros
 @pytest.mark.parametrize('fault', ['closing_hangs', 'closing_hangs_in_c'])
 @pytest.mark.slow
@@ -116,6 +121,17 @@ def test_a_third_signal_ends_a_node_whose_closing_hangs(processes: Processes, fa
     arm.wait_for_text('hangs')
     # Two of the same kind that are due at once are one.
     assert arm.end(TERM, INT) in (STATUS_BASE + TERM, STATUS_BASE + INT)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('fault', ['teardown_hangs', 'exit_hangs'])
+@pytest.mark.slow
+def test_a_hang_after_the_recording_is_closed_is_ended_by_an_alarm(
+    processes: Processes, fault: str
+) -> None:
+    arm = processes.faulty(fault)
+    assert arm.end(INT) in (-signal.SIGALRM, 1)
+    assert ' s of simulated time: ' in arm.text()
 
 
 @pytest.mark.ros
@@ -135,17 +151,6 @@ def test_a_node_ends_under_repeated_signals_at_any_moment_of_its_life(
         wait_until(ended, arm.text, pause=0.02)
         # Without a handler yet, the first one kills.
         assert arm.process.poll() in (0, 1, STATUS_BASE + INT, -INT), arm.text()
-
-
-@pytest.mark.ros
-@pytest.mark.parametrize('fault', ['teardown_hangs', 'exit_hangs'])
-@pytest.mark.slow
-def test_a_hang_after_the_recording_is_closed_is_ended_by_an_alarm(
-    processes: Processes, fault: str
-) -> None:
-    arm = processes.faulty(fault)
-    assert arm.end(INT) in (-signal.SIGALRM, 1)
-    assert ' s of simulated time: ' in arm.text()
 
 
 # Ways to start the node, without the arguments for ROS.
@@ -168,38 +173,27 @@ def wait_for_handlers(process: Process) -> None:
     wait_until(handled)
 
 
-def check_early_signals(processes: Processes, count: int) -> None:
-    """Start the node so often, with a signal after a delay of 0 to 3 s each."""
-
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize('count', [6, pytest.param(240, marks=pytest.mark.long)])
+def test_a_signal_while_the_node_starts_ends_it_like_a_later_one(
+    processes: Processes, count: int
+) -> None:
     def once(k: int) -> None:
         process = processes.python(*STARTS[k % len(STARTS)], '--ros-args', '-p', 'robot:=planar2')
         wait_for_handlers(process)
+        # Each time with another delay, up to three seconds.
         time.sleep(3.0 * k / count)
         assert process.end((INT, TERM, HUP)[k % 3]) == 0, process.text()
         text = process.text()
         assert 'Traceback' not in text
         # The nodes that run at the same time may find each other, and miss periods.
-        usual = ('[INFO]', 'another node of the same name', 'periods missed')
+        usual = ('[INFO]', 'of the same name', 'periods missed')
         assert all(any(part in line for part in usual) for line in text.splitlines()), text
 
     with ThreadPoolExecutor(AT_ONCE) as pool:
         list(pool.map(once, range(count)))
-
-
-@pytest.mark.ros
-@pytest.mark.slow
-def test_a_signal_while_the_node_starts_ends_it_like_a_later_one(processes: Processes) -> None:
-    check_early_signals(processes, 6)
-
-
-@pytest.mark.ros
-@pytest.mark.long
-@pytest.mark.slow
-@pytest.mark.timeout(1800)
-def test_hundreds_of_signals_at_any_moment_of_the_first_seconds_end_the_node_cleanly(
-    processes: Processes,
-) -> None:
-    check_early_signals(processes, 240)
 
 
 def test_the_handlers_of_signals_come_before_every_import_that_takes_long() -> None:
@@ -216,3 +210,53 @@ def test_the_handlers_of_signals_come_before_every_import_that_takes_long() -> N
         *('pfd_ros', 'pfd_ros.cli', 'pfd_ros.cli.main', 'pfd_ros.node', 'pfd_ros.node.main'),
         'pfd_ros.text',
     ]
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ('fault', 'text'),
+    [
+        ('executor_returns', 'the executor ended unexpectedly'),
+        ('executor_fails', 'the executor failed: RuntimeError: 3 callbacks failed'),
+        ('executor_exits', 'the executor failed: SystemExit: 0'),
+        ('stepping_fails', "stepping failed: KeyError: '{0}'"),
+        ('reporting_fails', "reporting failed: KeyError: '{0}'"),
+    ],
+)
+@pytest.mark.slow
+def test_a_thread_that_ends_ends_the_node_with_a_closed_file(
+    processes: Processes, fault: str, text: str
+) -> None:
+    arm = processes.faulty(fault, '-p', 'recording:=arm.mcap', ready=False)
+    assert arm.process.wait(PATIENCE) == 1, arm.text()
+    assert text in arm.text()
+    assert verify_log(processes.folder / 'arm.mcap').complete
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_a_step_that_never_ends_is_logged_and_the_file_is_closed(processes: Processes) -> None:
+    arm = processes.faulty('stepping_hangs', '-p', 'recording:=arm.mcap')
+    arm.wait_for_text('hangs')
+    assert arm.end(INT) == 1
+    assert 'stepping did not end within 1 s' in arm.text()
+    assert verify_log(processes.folder / 'arm.mcap').complete
+
+
+@pytest.mark.ros
+def test_a_callback_that_fails_is_counted_and_the_arm_still_receives(
+    processes: Processes, peer_of
+) -> None:
+    from std_srvs.srv import Trigger
+
+    arm = processes.faulty('requests_fail')
+    peer = peer_of(processes)
+    peer.connect()
+    client = peer.node.create_client(Trigger, '/sim_arm/reset')
+    peer.wait(client.service_is_ready)
+    for _ in range(3):
+        client.call_async(Trigger.Request())
+    arm.wait_for_text('callbacks failed, most recently by KeyError')
+    peer.command(JOINTS, [1.0] * 6)
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [1.0] * 6)
+    arm.stop()

@@ -163,7 +163,8 @@ def given_parameters(node: Node) -> Mapping[str, Parameter]:
 def refuse_unknown(node: Node) -> str:
     """Return a line about unknown parameters, '' without any, unless one seems to be misspelt.
 
-    A file for all nodes (`/**`) may hold parameters of others.
+    A file for all nodes (`/**`) may hold parameters of others, and a node without autostart may
+    have some for the joints of its next robot.
 
     Raises
     ------
@@ -176,11 +177,11 @@ def refuse_unknown(node: Node) -> str:
             raise ValueError(f'there is no parameter {name!r} any more: {REMOVED[name]}')
     known = sorted(node.get_parameters_by_prefix(''))
     meant = {name: similar(name, known) for name in unknown[:NAME_COUNT]}
-    misspelt = [name for name in meant if meant[name]]
-    if misspelt:
-        near = sorted({match for name in misspelt for match in meant[name]})
-        raise ValueError(f'unknown parameters {listed(misspelt)}; similar names: {listed(near)}')
-    return f'unknown parameters ignored: {listed(unknown)}' if unknown else ''
+    near = sorted({match for found in meant.values() for match in found})
+    hint = f'; similar names: {listed(near)}' if near else ''
+    if near and node.get_parameter('autostart').value:
+        raise ValueError(f'unknown parameters {listed([n for n in meant if meant[n]])}{hint}')
+    return f'unknown parameters ignored: {listed(unknown)}{hint}' if unknown else ''
 
 
 def unused_files(args: Sequence[str], full_name: str) -> Iterator[str]:

@@ -158,7 +158,7 @@ def test_each_configuration_has_the_parameters_of_its_robot_and_leaves_no_topic_
 ) -> None:
     from rcl_interfaces.srv import GetParameters
 
-    given = ('-p', 'friction:=true', '-p', 'friction.joint2:=0.25', '-p', 'bias.effort.elbow:=0.5')
+    given = ('-p', 'friction.joint2:=0.25', '-p', 'bias.effort.elbow:=0.5')
     node = waiting(processes, *given, '-p', 'robot:=planar2')
     peer = peer_of(processes)
 

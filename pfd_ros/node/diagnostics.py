@@ -33,6 +33,7 @@ from pfd_ros.arm.advice import gain_limits
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ACCEPTED, COMMANDS, DIAGNOSTICS, ROLES
 from pfd_ros.arm.plant import acceleration_kernel
+from pfd_ros.arm.state import NEXT
 from pfd_ros.node.endpoints import OVERRIDABLE
 from pfd_ros.node.graph import GraphCheck
 from pfd_ros.node.report import Report, is_rejection, speed_of
@@ -222,7 +223,7 @@ class ArmDiagnostics:
         ]
         if settings.external_wrench:
             values += [
-                ('external_wrench', _numbers(state.wrench, '.6g')),
+                ('external_wrench', _numbers(state.wrench[NEXT], '.6g')),
                 ('external_wrench_frame', engine.robot.tip),
                 ('external_wrench_timeout_s', settings.external_wrench_timeout),
             ]

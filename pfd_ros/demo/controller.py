@@ -26,7 +26,7 @@ from sensor_msgs.msg import JointState
 
 import pfd_core as pfd
 from pfd_ros.demo.scenario import PUSH_BEGIN, efforts, motion_of, push_force
-from pfd_ros.messages.convert import NANOSECONDS
+from pfd_ros.messages.cdr import NANOSECONDS
 
 # Simulated time between discovery of the arm and the motion.
 SETTLE_NS = NANOSECONDS // 2
@@ -68,8 +68,12 @@ class Controller(Node):
             self.push()
         place = [state.name.index(name) for name in self.robot.joint_names]
         q, qd = np.array(state.position)[place], np.array(state.velocity)[place]
-        effort = efforts(self.robot, self.motion, passed / NANOSECONDS, q, qd)
-        command = JointState(name=list(self.robot.joint_names), effort=effort.tolist())
+        t = passed / NANOSECONDS
+        effort = efforts(self.robot, self.motion, t, q, qd)
+        # Without servo gains the arm ignores positions; they are the reference, for the page.
+        wanted = self.motion.at(t)[0].tolist()
+        names = list(self.robot.joint_names)
+        command = JointState(name=names, position=wanted, effort=effort.tolist())
         command.header.stamp = state.header.stamp
         self.publisher.publish(command)
         self.sent += 1

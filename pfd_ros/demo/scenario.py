@@ -83,13 +83,15 @@ def push_force(robot: pfd.Robot) -> NDArray[Any]:
     return np.array([PUSH_FACTOR * GRAVITY * payload_mass(robot), 0.0, 0.0])
 
 
-def disturbances(robot: pfd.Robot, seconds: float) -> dict[str, Any]:
-    """Return the settings of these effects, and of rotors, which the controller knows."""
+def parameters(robot: pfd.Robot, seconds: float) -> dict[str, Any]:
+    """Return parameters of the node: the start, rotors, and what the controller does not know."""
     effects = ('armature', 'friction', 'damping')
-    stated = {key: len(robot.silent.get(key, ())) < robot.n for key in effects}
     return {
-        **stated,
-        'payload_mass': payload_mass(robot),
+        'initial_positions': motion_of(robot).start.tolist(),
+        **{key: len(robot.silent.get(key, ())) < robot.n for key in effects},
+        'payload.mass': payload_mass(robot),
         'external_wrench': True,
         'external_wrench_timeout': (PUSH_END - PUSH_BEGIN) * seconds,
+        # For the arrow in the 3D view.
+        'outputs': ['tip_wrench'],
     }

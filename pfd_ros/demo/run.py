@@ -27,7 +27,7 @@ import pfd_core as pfd
 from pfd_ros.arm.events import STATES
 from pfd_ros.demo import scenario
 from pfd_ros.messages.cdr import NANOSECONDS
-from pfd_ros.page.page import page
+from pfd_ros.page.html import TYPES, page
 from pfd_ros.recording.arrays import LogArrays, read_log
 from pfd_ros.recording.format import LogError
 from pfd_ros.replay.compare import compare
@@ -183,7 +183,7 @@ def _results(base: Path, robot: pfd.Robot, report: Mapping[str, int]) -> Iterato
     print(f'replay     {found.cycles} cycles simulated again: every bit equal')
     if not found.complete:
         yield 'the recording was not closed'
-    log = read_log(path)
+    log = read_log(path, types=TYPES)
     topics = {role: topic for topic, role in log.roles.items()}
     slow = _rate(log, topics[STATES])
     off = _tracking(log, (topics[STATES], topics[COMMANDS]))

@@ -396,6 +396,7 @@ NAMES = {
     'read_motion': 'pfd_ros.advice:read_motion',
     'sine_motion': 'pfd_ros.advice:sine',
     # pfd_ros.cli: the command pfd
+    'doctor_bare_timer': 'pfd_ros.cli.doctor:bare_timer',
     'doctor_cache': 'pfd_ros.cli.doctor:cache',
     'doctor_clock': 'pfd_ros.cli.doctor:clock',
     'doctor_compiler': 'pfd_ros.cli.doctor:compiler',
@@ -480,7 +481,6 @@ PATCHED = {
     # pfd_ros.advice: advice on a scene
     'MOTION_MOST_STEPS': 'pfd_ros.advice.motions:MOST_STEPS',
     # pfd_ros.cli: the command pfd
-    'doctor_bare_timer': 'pfd_ros.cli.doctor:bare_timer',
 }
 
 # The names above that are objects with behaviour, or functions that return one: tests call their

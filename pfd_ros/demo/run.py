@@ -27,7 +27,7 @@ import pfd_core as pfd
 from pfd_ros.arm.events import STATES
 from pfd_ros.demo import scenario
 from pfd_ros.messages.cdr import NANOSECONDS
-from pfd_ros.page.html import TYPES, page
+from pfd_ros.page.page import TYPES, page
 from pfd_ros.recording.arrays import LogArrays, read_log
 from pfd_ros.recording.format import LogError
 from pfd_ros.replay.compare import compare

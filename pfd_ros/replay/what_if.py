@@ -1,92 +1,89 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-What if: simulate the recorded inputs with a changed arm, and compare the motions.
+"""What if: simulate the inputs of a log with a changed arm, and compare the motions.
 
-    new run         the changed arm takes the recorded inputs at the recorded cycles; a new log
+    new run         the changed arm takes the inputs at the times of the log; a new recording
     rounding run    the new run again, with each position that the arm is set to changed by the
                     last bit of 1 rad (or m): how fast motions diverge by rounding alone
 
-Both runs follow the source in one pass. Measured states are compared at the times of the recorded
-states. States after a failure of the simulation are not compared.
+The new run does not wait for answers: the inputs are known.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
+import os
 from pathlib import Path
-from typing import Any
+import tempfile
+import time
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.driver import Driver
+from pfd_ros.arm.description import parsed_urdf
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.link_frames import link_frames
-from pfd_ros.arm.settings import WALL, Settings
-from pfd_ros.messages.convert import (
-    JOINT_FIELDS,
-    NANOSECONDS,
-    JointColumns,
-    decode_joint_state,
-    decode_joint_states,
-    decode_string,
+from pfd_ros.arm.events import (
+    ASIDES,
+    CLOCK,
+    CLOCK_TICKS,
+    DESCRIPTION,
+    INPUTS,
+    PAYLOAD_IN_USE,
+    REJECTED,
+    REJECTED_COUNTS,
+    STATES,
+    TIP_WRENCH,
+    Message,
 )
-from pfd_ros.recording.bags import DATABASES, DESCRIPTION
-from pfd_ros.recording.reader import Log, LogError, damage_named
-from pfd_ros.recording.run_parts import files_of, in_order
-from pfd_ros.replay.bag_inputs import BagInputs
-from pfd_ros.replay.changed_inputs import ChangedInputs, FedBlock, fed_blocks
-from pfd_ros.replay.changed_runs import NewRun, RoundingRun, one_bit
-from pfd_ros.replay.new_log import LogTimes, NewLog, free_path
-from pfd_ros.replay.ordering import Block, PlacedMessage, placed_blocks
-from pfd_ros.replay.state_comparison import StateComparison
-from pfd_ros.replay.verify import simulable
-from pfd_ros.replay.what_if_settings import (
-    Changes,
-    changed_arm,
-    described_arm,
-    published_names,
-    read_changes,
+from pfd_ros.arm.frames import LinkFrames
+from pfd_ros.arm.settings import (
+    SIMULATED,
+    Settings,
 )
+from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.joints import JOINT_FIELDS
+from pfd_ros.messages.text_and_arrays import decode_string
+from pfd_ros.recording.arrays import LogArrays, TopicArrays, read_log, renamed
+from pfd_ros.recording.format import damage_named
+from pfd_ros.recording.log import Log
+from pfd_ros.recording.recorder import Recorder, topic_names, totals_of
+from pfd_ros.replay.changed_settings import Changes, changed_arm, described_arm, read_changes
+from pfd_ros.replay.compare import Comparison, compare
+from pfd_ros.replay.inputs import BagInputs, Run, one_bit, run_inputs
+from pfd_ros.text import listed
 
-Array = NDArray[Any]
 # A run has diverged beyond these: positions [rad or m], velocities [rad/s or m/s], efforts [N m
 # or N].
 THRESHOLDS = (1e-3, 1e-2, 1e-1)
-# Most missing states that may have the same stamp, as the states of a failed arm.
-MOST_STOPPED = 10_000
-# Share of the progress that the inspection of a recording gets.
-INSPECTION_SHARE = 0.1
+# Filled share of the recorder's queue above which the run waits.
+FULL = 0.25
 
 
 @dataclass(frozen=True)
 class JointDivergence:
-    """
-    The divergence of one joint in one field, in the field's unit; times in s after the start.
+    """The divergence of one joint in one field, in its unit; times in s after the start.
 
-    `largest`, `rms` and `first_at` compare the new run with the recorded states, `rounding_...`
-    the rounding run with the new run. None: never beyond the threshold, or nothing compared.
+    `largest`, `rms` and `first_at` compare the new run with the log, `rounding_...` the rounding
+    run with the new run. None: never beyond the threshold, or no rounding run.
     """
 
     field: str
     joint: str
-    largest: float | None
-    largest_at: float | None
-    rms: float | None
+    largest: float
+    largest_at: float
+    rms: float
     first_at: float | None
-    rounding_largest: float | None
-    rounding_rms: float | None
-    rounding_first_at: float | None
+    rounding_largest: float | None = None
+    rounding_rms: float | None = None
+    rounding_first_at: float | None = None
 
 
 @dataclass(frozen=True)
 class WhatIf:
-    """
-    The result of a run with something changed.
+    """The result of a run with something changed.
 
     Attributes
     ----------
@@ -99,33 +96,28 @@ class WhatIf:
     seconds
         Simulated time of the new run, s.
     states
-        Number of compared states.
+        Number of states in the source.
     thresholds
         One for each field.
-    joints
-        Compared joints, in recorded order.
     divergences
         Divergences by field and joint.
     only_in_log, only_in_arm
         Joints that only the log, or only the arm has.
     failure, failed_at
         Why and when the simulation failed, '' and None without a failure.
-    rounding_failed_at
-        When the rounding run failed, or None.
-    rejected
-        Number of inputs whose validation result is not the recorded one, by result.
-    first_rejected
-        A line about the first of these inputs, or ''.
+    rejected, first_rejected
+        Number of inputs with another result than in the recording, by result; a line about the
+        first.
     skipped
         Number of unused messages of a bag, by reason.
     times
         Time base of a bag: 'stamps' or 'log times'; '' for a recording.
     complete
         Whether the source was closed properly.
-    curves
-        Times (k,), recorded and new positions (k, 2, m), absolute differences of the new run and
-        of the rounding run (k, 2, m).
-
+    problems
+        Lines about what could not be read.
+    comparison, rounding
+        The source and the new run, with curves; the new run and the rounding run, or None.
     """
 
     source: Path
@@ -136,329 +128,362 @@ class WhatIf:
     seconds: float
     states: int
     thresholds: tuple[float, ...]
-    joints: tuple[str, ...]
     divergences: tuple[JointDivergence, ...]
     only_in_log: tuple[str, ...]
     only_in_arm: tuple[str, ...]
     failure: str
     failed_at: float | None
-    rounding_failed_at: float | None
     rejected: Mapping[str, int]
     first_rejected: str
     skipped: Mapping[str, int]
     times: str
     complete: bool
-    curves: tuple[Array, Array, Array] = field(repr=False, compare=False)
+    problems: list[str]
+    comparison: Comparison = field(repr=False, compare=False)
+    rounding: Comparison | None = field(repr=False, compare=False)
 
 
-@dataclass
-class _Case:
-    """A changed arm, and the messages for it."""
+class _Case(NamedTuple):
+    """A changed arm, and the log whose inputs it takes."""
 
-    path: Path
+    source: Log | BagInputs
+    arrays: LogArrays
+    states: str
     settings: Settings
     robot: pfd.Robot
-    blocks: Iterator[FedBlock]
-    # Time from one state of a recording to the next.
-    state_ns: int = 0
-    # The cycle that ends at time 0, and the last one of the source, 0 where states determine it.
-    origin: int = 0
-    last: int = 0
-    started_ns: int = 0
-    topics: Mapping[str, str] = field(default_factory=dict)
-    # For the frames of the links; '' for no frames.
-    urdf: str = ''
-    rename: Callable[[str], str] = str
-    skipped: Mapping[str, int] = field(default_factory=dict)
-    times: str = ''
-    progress: Callable[[], float] = lambda: 0.0
-    complete: Callable[[], bool] = lambda: True
+    urdf: str
+    topics: Mapping[str, str]
 
 
 def what_if(
-    path: Path | Sequence[Path],
-    words: Sequence[str] = (),
+    path: Path | str,
+    changes: Sequence[str] = (),
     *,
     commands: str = '',
     states: str = '',
     rename: Mapping[str, str] | None = None,
     out: Path | None = None,
     thresholds: Sequence[float] = THRESHOLDS,
+    rounding: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> WhatIf:
-    """
-    Simulate the inputs of a log with a changed arm, and compare the motions.
+    """Simulate the inputs of a log with a changed arm, and compare the motions.
 
     Parameters
     ----------
-    path : Path or sequence of Path
-        A recording of the node, all files of its run or their folder; with `commands` any bag.
-    words : sequence of str
+    path
+        A recording of the node; with `commands` any bag.
+    changes
         KEY=VALUE, parameters of the node; without any the run is repeated.
-    commands : str
-        Topic of commands, for a bag: JointStates with efforts, or Float64MultiArrays.
-    states : str
+    commands
+        Topic of commands of a bag: JointStates with efforts, or Float64MultiArrays.
+    states
         Topic of the bag's states; default as BagInputs chooses it.
-    rename : mapping of str to str, optional
-        New prefix of joint names of the bag, by old prefix.
-    out : Path, optional
-        The log of the new run, by default next to the source.
-    thresholds : sequence of float
-        Thresholds of positions, velocities and efforts.
-    progress : callable, optional
+    rename
+        New beginning of joint names of the bag, by old beginning.
+    out
+        The log of the new run, by default NAME_what_if.mcap in the current folder.
+    thresholds
+        Of positions, velocities and efforts.
+    rounding
+        Whether to do the rounding run.
+    progress
         Called with the finished share, 0 to 1.
 
     Raises
     ------
     ValueError
-        If a setting is invalid, or the log (LogError) is damaged, holds too little to be
-        replayed, or has no joint of the arm. No log is written then.
+        If a setting is invalid, or the log (LogError) is damaged, no recording of this edition, or
+        has no joint of the arm. No log is written then.
     OSError
-        If a file cannot be read or written; the log exists.
-
+        If a file cannot be read or written.
     """
-    paths = [Path(path)] if isinstance(path, str | Path) else [*path]
-    path = paths[0]
+    path = Path(path)
     if len(thresholds) != len(JOINT_FIELDS) or not all(0 <= x < np.inf for x in thresholds):
         raise ValueError(f'thresholds must be 3 numbers, 0 or more, got {list(thresholds)}')
-    changes = read_changes(words)
+    read = read_changes(changes)
     if commands:
-        case = _of_bag(path, changes, BagInputs(path, commands, states, rename or {}))
+        case = _of_bag(path, read, commands, states, rename or {})
     elif states or rename:
         raise ValueError('--states and --rename are for bags: name a topic with --commands')
     else:
-        case = _of_recording(paths, changes, progress)
-    target = out or free_path(path)
-    frames = link_frames(case.urdf, case.settings, case.robot) if case.urdf else None
-    engine = Engine(case.settings, case.robot, frames=frames)
-    # Both engines share compiled code; only the start differs.
-    start = one_bit(np.array(engine.settings.initial_positions or (0.0,) * case.robot.n))
-    nudged = replace(engine.settings, initial_positions=tuple(start.tolist()))
-    others = Engine(nudged, case.robot, rows=False)
-    log = NewLog(target, engine, case.topics, case.started_ns)
-    try:
-        runs = (
-            NewRun(Driver(engine), log=log, times=LogTimes(case.started_ns)),
-            RoundingRun(Driver(others)),
-        )
-        with damage_named(path):
-            found = _follow(case, runs, tuple(thresholds), progress)
-        runs[0].finish()
-        return _result(case, changes, runs, found, target)
-    except BaseException:
-        log.discard()
-        raise
-
-
-def _of_recording(
-    paths: Sequence[Path], changes: Changes, progress: Callable[[float], None] | None
-) -> _Case:
-    path = paths[0]
-    if path.suffix in DATABASES or (path / DESCRIPTION).is_file():
-        raise LogError(f'{path} is not a recording of this node: name a topic with --commands')
-    part = None if progress is None else lambda done: progress(INSPECTION_SHARE * done)
-    files = files_of(paths)
-    logs = in_order([Log(file) for file in files]) if len(files) > 1 else [Log(files[0])]
+        case = _of_recording(path, read)
+    target = out or _free_path(path)
+    engine = _engine(case, case.settings)
+    result = _recorded_run(case, engine, target, progress)
+    begin = case.arrays[case.states].time[0]
+    lag = 0.0
+    if isinstance(case.source, BagInputs):
+        begin = case.source.start_ns / NANOSECONDS
+        first = engine.state.first
+        lag = (first.start_ns + first.step_ns) / NANOSECONDS - begin
+    elif not case.settings.follows_clock:
+        begin = case.source.settings.start_ns / NANOSECONDS
+        lag = (engine.state.first.start_ns - case.source.settings.start_ns) / NANOSECONDS
+    topic = case.topics.get(STATES) or topic_names([STATES])[STATES]
     with damage_named(path):
-        results, robot = simulable(logs, part)
-        found = results[0]
-        recorded = found.summary.settings
-        topics = {role: topic for topic, role in logs[0].roles.items()}
-        started_ns = logs[0].started_ns
-    settings, new, urdf = changed_arm(recorded, robot, changes)
-    if 'robot' not in changes.values and found.description:
-        urdf = decode_string(found.description)
-    names = published_names(recorded, robot), published_names(settings, new)
-    inputs = ChangedInputs(recorded, settings, *names)
-    last, ending = 0, results[-1].ending
-    if ending is not None and ending.totals is not None:
-        last = ending.totals.steps + bool(ending.totals.failure)
-    reading = _Files(logs)
-    return _Case(
-        path,
+        new = read_log(target, topics=[topic])
+        found = compare(case.arrays, new, topics=(case.states, topic), lag=lag)
+        alone = _rounding(case, engine, new, topic) if rounding else None
+    return _result(case, path, target, changes, engine, result, found, alone, thresholds, begin)
+
+
+def _free_path(source: Path) -> Path:
+    stem = source.name if source.is_dir() else source.stem
+    for number in range(1, 10_000):
+        path = Path(f'{stem}_what_if{"" if number == 1 else f"_{number}"}.mcap')
+        if not path.exists():
+            return path
+    raise FileExistsError(f'{path} exists and is not overwritten; name a file with --out')
+
+
+def _of_recording(path: Path, changes: Changes) -> _Case:
+    log = Log(path)
+    settings, robot, urdf = changed_arm(log, changes)
+    if 'robot' not in changes.values:
+        urdf = _description(log)
+    states = log.topics[STATES]
+    arrays = read_log(path, topics=[states], unreadable='count')
+    return _Case(log, arrays, states, _untied(settings), robot, urdf, log.topics)
+
+
+def _untied(settings: Settings) -> Settings:
+    """Return settings of an arm that waits for nobody, recorded in simulated time."""
+    return replace(
         settings,
-        new,
-        inputs.blocks(reading.blocks()),
-        state_ns=recorded.publish_every * recorded.step_ns,
-        # The last new cycle that ends by the last one of the recording.
-        last=last * recorded.step_ns // settings.step_ns,
-        started_ns=started_ns,
-        topics=topics,
-        urdf=urdf,
-        progress=reading.progress,
-        complete=lambda: all(log.complete for log in logs),
+        lockstep=False,
+        wait_for_controller=False,
+        recording='',
+        recording_time=SIMULATED,
     )
 
 
-@dataclass
-class _Files:
-    """The files of a recording, read one after the other."""
-
-    logs: Sequence[Log]
-    place: int = 0
-
-    def blocks(self) -> Iterator[Block]:
-        for place, log in enumerate(self.logs):
-            self.place = place
-            yield from placed_blocks(log)
-
-    def progress(self) -> float:
-        log = self.logs[self.place]
-        return (self.place + log.position / log.size) / len(self.logs)
+def _description(log: Log) -> str:
+    """Return the URDF in a recording, '' without one; it comes before all that is simulated."""
+    for message in log.messages():
+        if message.role == DESCRIPTION:
+            return decode_string(message.data)
+        if message.role not in ASIDES:
+            break
+    return ''
 
 
-def _of_bag(path: Path, changes: Changes, inputs: BagInputs) -> _Case:
+def _of_bag(
+    path: Path, changes: Changes, commands: str, states: str, rename: Mapping[str, str]
+) -> _Case:
     settings, robot, urdf = described_arm(changes)
-    settings = inputs.settled(settings, given='start_time' in changes.values)
-    if 'recording_time' not in changes.values:
-        # The times of the bag, which need not be simulated time.
-        settings = replace(settings, recording_time=WALL)
-    return _Case(
-        path,
-        settings,
-        robot,
-        fed_blocks(inputs.messages(settings, robot)),
-        origin=1,
-        started_ns=max(0, inputs.start_ns - settings.step_ns),
-        urdf=urdf,
-        rename=inputs.renamed,
-        skipped=inputs.skipped,
-        times=inputs.times,
-    )
+    arrays = renamed(read_log(path, unreadable='count'), rename)
+    inputs = BagInputs(arrays, commands, states)
+    given = 'start_time' in changes.values
+    settings = inputs.settled(_untied(settings), robot.joint_names, given=given)
+    return _Case(inputs, arrays, inputs.states, settings, robot, urdf, {})
 
 
-def _follow(
+def _engine(case: _Case, settings: Settings) -> Engine:
+    frames = None
+    if case.urdf:
+        urdf = parsed_urdf(case.urdf, DESCRIPTION)
+        frames = LinkFrames(urdf, case.robot.joint_names, settings.locks, settings.tf_every)
+    roles = {*INPUTS, REJECTED, REJECTED_COUNTS, PAYLOAD_IN_USE, STATES, *settings.outputs}
+    roles |= {TIP_WRENCH} if settings.external_wrench else set()
+    roles |= {CLOCK} if settings.publish_clock else set()
+    roles |= frames.roles if frames is not None else set()
+    roles -= set() if settings.follows_clock else {CLOCK_TICKS}
+    return Engine(settings, case.robot, roles, frames)
+
+
+def _recorded_run(
     case: _Case,
-    runs: tuple[NewRun, RoundingRun],
-    thresholds: tuple[float, ...],
+    engine: Engine,
+    target: Path,
     progress: Callable[[float], None] | None,
-) -> StateComparison:
-    """Run both arms along the messages of a source, and compare their states."""
-    found: StateComparison | None = None
-    newest_ns: int | None = None
-    for block in case.blocks:
-        decoded = list(_decoded(block, case))
-        stamps_ns = [stamp for columns, *_ in decoded for stamp in columns.stamps_ns.tolist()]
-        for k, message in block.lost:
-            before_ns = stamps_ns[k - 1] if k else newest_ns
-            if before_ns is not None:
-                _check_gap(message, stamps_ns[k] - before_ns, case)
-        newest_ns = stamps_ns[-1] if stamps_ns else newest_ns
-        for run in runs:
-            run.follow(block.block)
-        for columns, places, times in decoded:
-            found = found or StateComparison(runs, columns.names, thresholds)
-            found.add(columns, places, times, of_bag=bool(case.origin))
-        if found is not None:
-            found.drain()
-        if progress is not None:
-            progress(INSPECTION_SHARE + (1 - INSPECTION_SHARE) * case.progress())
-    for run in runs:
-        run.flush()
-        run.run_to(case.last)
-    if found is None:
-        raise LogError(f'{case.path} holds no states, so there is nothing to compare')
-    found.drain(all_of_them=True)
-    if case.origin and runs[0].first_rejected.startswith('step 1:'):
-        raise LogError(f'{case.path}: {runs[0].first_rejected}')
+    *,
+    nudged: bool = False,
+) -> Run:
+    """Run an arm under the inputs of the log, and record it."""
+    source = case.source
+    if isinstance(source, BagInputs):
+        source.of(engine)  # what it lacks is found before there is a file
+    named = topic_names(engine.roles)
+    topics = named | {role: topic for role, topic in case.topics.items() if role in named}
+    recorder = Recorder(target, engine, topics, lambda line: None)
+    first, stamps = engine.stamp_ns, case.arrays[case.states].time
+    whole = max(1.0, (stamps[-1] - stamps[0]) * NANOSECONDS)
+
+    def put(messages: Sequence[Message], stamp_ns: int) -> None:
+        recorder.put(messages, stamp_ns)
+        while recorder.waiting_share > FULL:
+            time.sleep(0.01)
+        if recorder.error:
+            raise OSError(recorder.error)
+        if progress is not None and engine.state.cycle % 1024 == 0:
+            progress(min(1.0, (stamp_ns - first) / whole))
+
+    try:
+        if engine.frames is not None:
+            put(engine.frames.opening(engine.stamp_ns), engine.stamp_ns)
+        found = run_inputs(source, engine, put, nudged=nudged)
+        recorder.close(totals_of(engine))
+        if recorder.error:
+            raise OSError(recorder.error)
+    except BaseException:
+        recorder.close(totals_of(engine))
+        os.unlink(target)
+        raise
     return found
 
 
-def _decoded(block: FedBlock, case: _Case) -> Iterator[tuple[JointColumns, Array, Array]]:
-    """Yield recorded states with renamed joints, and their `at` and `time`.
-
-    In a bag, states that cannot be decoded are skipped.
-    """
-    columns = None
-    if block.states:
-        with suppress(ValueError):
-            columns = decode_joint_states(block.states)
-    if columns is not None:
-        yield _renamed(columns, case), block.at, block.time
-        return
-    for k, data in enumerate(block.states):
-        try:
-            state = decode_joint_state(data)
-        except ValueError:
-            if case.origin:
-                continue
-            raise
-        arrays = (x[None] for x in (state.position, state.velocity, state.effort))
-        columns = JointColumns(state.names, np.array([state.stamp_ns]), *arrays)
-        yield _renamed(columns, case), block.at[k : k + 1], block.time[k : k + 1]
-
-
-def _renamed(columns: JointColumns, case: _Case) -> JointColumns:
-    return columns._replace(names=tuple(map(case.rename, columns.names)))
-
-
-def _check_gap(message: PlacedMessage, after_ns: int, case: _Case) -> None:
-    """Raise ValueError if many states are missing and the next stamp is too early for that."""
-    if message.lost > MOST_STOPPED and after_ns < message.lost * case.state_ns:
-        raise ValueError(
-            f'step {message.cycle}: {message.lost} states are missing, but the stamp is '
-            f'{after_ns / NANOSECONDS:.6g} s after the last one'
-        )
+def _rounding(case: _Case, engine: Engine, new: LogArrays, topic: str) -> Comparison:
+    """Return the new run compared with its rounding run."""
+    first = engine.state.first
+    start = one_bit(np.array(first.initial_positions or (0.0,) * case.robot.n))
+    nudged = _engine(case, replace(first, initial_positions=tuple(start.tolist())))
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder, 'rounding.mcap')
+        _recorded_run(case, nudged, target, None, nudged=True)
+        return compare(new, read_log(target, topics=[topic]), topics=(topic, topic), lag=0.0)
 
 
 def _result(
     case: _Case,
-    changes: Changes,
-    runs: tuple[NewRun, RoundingRun],
-    found: StateComparison,
+    path: Path,
     target: Path,
+    changes: Sequence[str],
+    engine: Engine,
+    run: Run,
+    found: Comparison,
+    alone: Comparison | None,
+    thresholds: Sequence[float],
+    begin: float,
 ) -> WhatIf:
-    new, rounding = runs
-    engine = new.driver.engine
-    step = engine.settings.step_ns / NANOSECONDS
-    moving = engine.arm.robot.joint_names
-    locked = case.settings.published_locks
-
-    def when(cycle: int) -> float | None:
-        return (cycle - case.origin) * step if cycle else None
-
+    states, bag = case.arrays[case.states], isinstance(case.source, BagInputs)
+    limits = dict(zip(JOINT_FIELDS, map(float, thresholds), strict=True))
+    own = {*engine.names, *engine.locked}
+    problems = []
+    if states.unreadable:
+        problems.append(f'{states.unreadable} messages of {case.states} cannot be read')
     return WhatIf(
-        case.path,
+        path,
         target,
-        changes.words,
-        engine.arm.robot.name,
-        engine.settings,
-        (new.reached - case.origin) * step,
-        found.states,
-        tuple(float(x) for x in found.divergence.thresholds),
-        found.joints,
-        tuple(_divergences(found)),
-        tuple(x for x in found.recorded_names if x not in moving and x not in locked),
-        tuple(x for x in moving if x not in found.recorded_names),
-        new.failure,
-        when(new.failed_in),
-        when(rounding.failed_in),
-        dict(new.rejected),
-        new.first_rejected,
-        dict(case.skipped),
-        case.times,
-        case.complete(),
-        found.curves.arrays(),
+        tuple(changes),
+        case.robot.name,
+        engine.state.first,
+        (engine.stamp_ns - engine.state.origin_ns) / NANOSECONDS,
+        len(states),
+        tuple(limits.values()),
+        tuple(_divergences(found, alone, limits, begin, states)),
+        tuple(name for name in states.names if name not in own),
+        tuple(name for name in engine.names if name not in states.names),
+        run.failure,
+        run.failed_ns / NANOSECONDS if run.failure else None,
+        dict(run.rejected),
+        run.first_rejected,
+        dict(case.source.skipped) if isinstance(case.source, BagInputs) else {},
+        case.source.times if isinstance(case.source, BagInputs) else '',
+        case.arrays.complete,
+        problems if not bag else [],
+        found,
+        alone,
     )
 
 
-def _divergences(found: StateComparison) -> Iterator[JointDivergence]:
-    new, rounding = found.divergence, found.rounding
-    for k, kind in enumerate(JOINT_FIELDS):
-        for m, joint in enumerate(found.joints):
-            columns = (
-                new.largest,
-                new.largest_at,
-                new.rms,
-                new.first_at,
-                rounding.largest,
-                rounding.rms,
-                rounding.first_at,
-            )
-            if new.count[k, m]:
-                yield JointDivergence(kind, joint, *(_number(x[k, m]) for x in columns))
+def _divergences(
+    found: Comparison,
+    alone: Comparison | None,
+    limits: Mapping[str, float],
+    begin: float,
+    states: TopicArrays,
+) -> Iterator[JointDivergence]:
+    rounding = {} if alone is None else {key[1:]: curve for key, curve in alone.curves.items()}
+    recorded = np.union1d(states.time, states.simulated_time)
+    for (_, kind, joint), curve in found.curves.items():
+        # Between two recorded states efforts jump, and interpolated ones would differ.
+        times, one, other = (values[np.isin(curve[0], recorded)] for values in curve)
+        rms, largest, largest_at, first_at = _sizes((times, one, other), limits[kind], begin)
+        last: tuple[float | None, ...] = None, None, None
+        if (kind, joint) in rounding:
+            its_rms, its_largest, _, its_first = _sizes(rounding[kind, joint], limits[kind], begin)
+            last = its_largest, its_rms, its_first
+        yield JointDivergence(kind, joint, largest, largest_at, rms, first_at, *last)
 
 
-def _number(value: Any) -> float | None:
-    """Return a number, None for NaN, and the largest float for an infinity (an overflow)."""
-    return None if np.isnan(value) else float(np.nan_to_num(value))
+def _sizes(
+    curve: tuple[NDArray[Any], NDArray[Any], NDArray[Any]], limit: float, begin: float
+) -> tuple[float, float, float, float | None]:
+    """Return rms and largest difference, when, and when it first exceeds a limit."""
+    times, one, other = curve
+    with np.errstate(over='ignore'):
+        sizes = np.nan_to_num(np.abs(one - other))
+        rms = float(np.nan_to_num(np.sqrt(np.mean(sizes**2))))
+    worst, beyond = int(np.argmax(sizes)), np.flatnonzero(sizes > limit)
+    first = float(times[beyond[0]] - begin) if len(beyond) else None
+    return rms, float(sizes[worst]), float(times[worst] - begin), first
+
+
+def as_json(found: WhatIf) -> dict[str, Any]:
+    """Return a result without settings and curves, ready for JSON."""
+    left_out = {'settings', 'comparison', 'rounding'}
+    values = {f.name: getattr(found, f.name) for f in fields(found) if f.name not in left_out}
+    return values | {
+        'source': str(found.source),
+        'log': str(found.log),
+        'thresholds': dict(zip(JOINT_FIELDS, found.thresholds, strict=True)),
+        'divergences': [asdict(item) for item in found.divergences],
+    }
+
+
+def lines(found: WhatIf) -> list[str]:
+    """Return a result as lines for people."""
+    position, velocity, effort = found.thresholds
+    rows = [
+        f'{found.source}: {found.robot}, {" ".join(found.changes) or "nothing changed"}',
+        f'new run    {found.log}, {found.seconds:.3f} s, compared with {found.states} states',
+    ]
+    if found.times:
+        rows.append(f'times      {found.times} of the messages')
+    if found.failed_at is not None:
+        rows.append(
+            f'FAILED     simulation stopped at {found.failed_at:.6f} s: {found.failure}; nothing '
+            'is compared from there on'
+        )
+    if found.rejected:
+        counts = ', '.join(f'{count} {name}' for name, count in sorted(found.rejected.items()))
+        rows.append(
+            f'inputs     accepted or rejected differently: {counts}; {found.first_rejected}'
+        )
+    rows += [
+        f'skipped    {count} messages: {reason}' for reason, count in sorted(found.skipped.items())
+    ]
+    for text, joints in (('log', found.only_in_log), ('arm', found.only_in_arm)):
+        if joints:
+            rows.append(f'joints     only in the {text}: {listed(joints)}')
+    rows += [f'unread     {problem}' for problem in found.problems]
+    if not found.complete:
+        rows.append('cut off    the log was not closed; compared up to the cut')
+    rows.append(
+        f'diverged   beyond {position:g} rad or m, {velocity:g} rad/s or m/s, {effort:g} N m or '
+        'N; times in s after the start'
+    )
+    width = max((len(item.joint) for item in found.divergences), default=0)
+    head = f'{"":9}  {"":{width}}  {"new run - log":49}'
+    if found.rounding is not None:
+        rows.append(
+            'rounding   the new run again, with 2.2e-16 added to each position that the arm is '
+            'set to'
+        )
+        head += '  rounding alone'
+    rows.append(head.rstrip())
+    for item in found.divergences:
+        row = (
+            f'{item.field:9}  {item.joint:{width}}  max {item.largest:.2e} at '
+            f'{item.largest_at:.3f} s rms {item.rms:.2e} {_from(item.largest, item.first_at):16}'
+        )
+        if item.rounding_largest is not None:
+            since = _from(item.rounding_largest, item.rounding_first_at)
+            row += f'  max {item.rounding_largest:.2e} rms {item.rounding_rms:.2e} {since}'
+        rows.append(row.rstrip())
+    return rows
+
+
+def _from(largest: float, first: float | None) -> str:
+    return 'equal' if largest == 0 else 'never' if first is None else f'from {first:.3f} s'

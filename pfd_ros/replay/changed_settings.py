@@ -1,0 +1,220 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of a run with something changed: KEY=VALUE, keys by the parameters of the node.
+
+Settings that are not named stay as they were recorded. Settings about parts of the model (`MODEL`)
+begin anew with `robot=`; numbers of each joint are carried over by name. A scene file takes the
+place of all effects of the recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+import json
+from typing import Any, NamedTuple
+
+import pfd_core as pfd
+from pfd_ros.arm.description import described_robot
+from pfd_ros.arm.plant import with_scene_text
+from pfd_ros.arm.plant_settings import effect_fields, joint_settings
+from pfd_ros.arm.setting_fields import Row, typed
+from pfd_ros.arm.settings import (
+    FIELDS,
+    PER_JOINT,
+    Settings,
+    split_joints,
+    with_joint_numbers,
+)
+from pfd_ros.recording.log import Log
+from pfd_ros.replay.inputs import published_names
+from pfd_ros.text import cut, did_you_mean, listed
+
+# Settings that only a robot read from a file or a name has.
+MODEL = ('base_link', 'tip_link', 'locked', 'locked_positions', 'ros2_control')
+
+
+class Changes(NamedTuple):
+    """New values by field of Settings, and numbers of single joints by field and joint."""
+
+    values: dict[str, Any]
+    of_joints: dict[str, dict[str, float]]
+
+
+class ChangedArm(NamedTuple):
+    """Settings and robot after changes, and its URDF if it is another robot, else ''."""
+
+    settings: Settings
+    robot: pfd.Robot
+    urdf: str = ''
+
+
+def read_changes(words: Sequence[str]) -> Changes:
+    """Return the changes of words such as 'payload.mass=2' or 'friction=[1, 2]'.
+
+    Numbers, lists, true and false are JSON; names need no quotes. Numbers of single joints are
+    'friction.elbow=2' or 'friction={"elbow": 2}'.
+
+    Raises
+    ------
+    ValueError
+        If a setting is unknown or given twice, or a value has another type.
+    """
+    values: dict[str, Any] = {}
+    of_joints: dict[str, dict[str, float]] = {}
+    for word in words:
+        key, equals, text = word.partition('=')
+        if not equals or not key:
+            raise ValueError(f'--what-if takes KEY=VALUE, got {cut(word)!r}')
+        row = _row(key, text)
+        if row is not None and not text.lstrip().startswith('{'):
+            if row.field == 'recording':
+                raise ValueError('recording cannot be changed: --out names the log of the new run')
+            if row.field in values:
+                raise ValueError(f'{cut(key)} is given twice')
+            values[row.field] = _value(key, text, row.type)
+            continue
+        plain, single = split_joints({key: _json(key, text, 'expected a number')})
+        if plain:
+            known = sorted({row.name for row in FIELDS})
+            hint = did_you_mean(key, known, '`pfd info LOG` lists all')
+            raise ValueError(f'unknown setting {cut(key)!r}: {hint}')
+        for name, numbers in single.items():
+            table = of_joints.setdefault(name, {})
+            if not table.keys().isdisjoint(numbers):
+                raise ValueError(f'{cut(key)} is given twice')
+            table.update(numbers)
+    both = sorted(values.keys() & of_joints.keys())
+    if both:
+        raise ValueError(f'{both[0]} is given for all joints and for one: use one of them')
+    return Changes(values, of_joints)
+
+
+def _row(key: str, text: str) -> Row | None:
+    """Return the setting of a key, None if it is none of all joints."""
+    rows = [row for row in FIELDS if row.name == key]
+    if len(rows) > 1:
+        # A switch, and a group of numbers of each joint.
+        listing = text.lstrip().startswith('[')
+        rows = [row for row in rows if row.per_joint == listing]
+    return rows[0] if rows else None
+
+
+def _value(key: str, text: str, kind: str) -> Any:
+    value: Any = text
+    if kind == 'tuple[str, ...]':
+        inner = text.strip().removeprefix('[').removesuffix(']')
+        value = [name.strip(' \'"') for name in inner.split(',')] if inner.strip() else []
+    elif kind.startswith('tuple'):
+        value = _json(key, text, 'expected numbers as [0.1, 0.2]')
+    elif kind != 'str':
+        with suppress(ValueError):
+            value = json.loads(text)
+    return typed(key, value, kind)
+
+
+def _json(key: str, text: str, expected: str) -> Any:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        raise ValueError(f'{cut(key)} is {cut(text)!r}, {expected}') from None
+
+
+def changed_arm(log: Log, changes: Changes) -> ChangedArm:
+    """Return the arm of a recording after changes.
+
+    Raises
+    ------
+    ValueError
+        If a value is refused, or the changes do not go with the recording.
+    """
+    values, of_joints = changes
+    settings, robot, urdf = ChangedArm(log.settings, log.robot)
+    if 'robot' in values:
+        settings, robot, urdf = _other_robot(log, values)
+    else:
+        unbound = sorted(values.keys() & set(MODEL))
+        if unbound:
+            raise ValueError(
+                f'{unbound[0]} needs robot=: a recording holds its robot as one chain of joints'
+            )
+    settings = _with_scene(settings, changes)
+    settings = replace(settings, **{k: v for k, v in values.items() if k not in MODEL})
+    if values.get('scene'):
+        settings = with_scene_text(settings)
+    return ChangedArm(with_joint_numbers(settings, robot, of_joints), robot, urdf)
+
+
+def described_arm(changes: Changes) -> ChangedArm:
+    """Return the arm of changes alone, as fast as possible.
+
+    Raises
+    ------
+    ValueError
+        If they name no robot, or a value is refused.
+    """
+    if 'robot' not in changes.values:
+        raise ValueError('--commands needs robot=: a bag does not hold the robot of its commands')
+    settings = Settings(**{'real_time_factor': 0.0, **changes.values})
+    found = described_robot(settings, settings.robot)
+    settings = with_scene_text(found.settings)
+    settings = with_joint_numbers(settings, found.robot, changes.of_joints)
+    return ChangedArm(settings, found.robot, _text(lambda: found.text))
+
+
+def _other_robot(log: Log, values: Mapping[str, Any]) -> ChangedArm:
+    """Return settings with the numbers of each joint by name, another robot, and its URDF."""
+    settings, default = log.settings, Settings()
+    names = published_names(settings, log)
+    per_joint = [row.field for row in PER_JOINT]
+    anew = [*MODEL, *per_joint, 'joints', 'initial_positions']
+    fresh = {name: getattr(default, name) for name in anew}
+    given = {name: values[name] for name in ('robot', *MODEL) if name in values}
+    bare = replace(settings, **(fresh | given))
+    found = described_robot(bare, bare.robot)
+    new, moving = found.robot, found.robot.joint_names
+    if set(names).isdisjoint(moving):
+        raise ValueError(
+            f'{cut(new.name)!r} has none of the joints {listed(names)} of the log: its joints '
+            f'are {listed(moving)}'
+        )
+    if settings.scene and 'scene' not in values and moving != log.robot.joint_names:
+        raise ValueError(
+            f'the scene of the log is for the joints {listed(log.robot.joint_names)}: add '
+            f'scene=FILE for {listed(moving)}, or scene= for none'
+        )
+    same = sorted(names) == sorted(moving)
+    order = names if same and settings.joints else moving
+    carried: dict[str, Any] = {'joints': names if same and settings.joints else ()}
+    for name in per_joint:
+        old = dict(zip(names, getattr(settings, name), strict=False))
+        carried[name] = tuple(old.get(joint, 0.0) for joint in order) if old else ()
+    start = dict(zip(names, settings.initial_positions or (0.0,) * len(names), strict=True))
+    its = dict(zip(moving, found.settings.initial_positions, strict=False))
+    at = tuple(start.get(joint, its.get(joint, 0.0)) for joint in order)
+    carried['initial_positions'] = at if any(at) or settings.initial_positions else ()
+    return ChangedArm(replace(found.settings, **carried), new, _text(lambda: found.text))
+
+
+def _text(urdf: Callable[[], str]) -> str:
+    with suppress(ValueError):  # a robot that cannot be written as URDF has no frames
+        return urdf()
+    return ''
+
+
+def _with_scene(settings: Settings, changes: Changes) -> Settings:
+    """Return settings in which a scene and the effects that change do not conflict."""
+    effects = {'gravity'}
+    for item in effect_fields():
+        effects.update({item.name} & {row.field for row in FIELDS}, joint_settings(item))
+    if 'scene' in changes.values:
+        default = Settings()
+        return replace(settings, **{name: getattr(default, name) for name in effects}, scene='')
+    changed = sorted(effects & {*changes.values, *changes.of_joints})
+    if settings.scene and changed:
+        raise ValueError(
+            f'{changed[0]} cannot be changed by itself: the effects of the log come from a scene '
+            'file; give scene=FILE'
+        )
+    return settings

@@ -6,7 +6,7 @@ A check is a function of a `Recorded` that yields findings, and a function that 
 cannot be made, '' if it can. CHECKS names all, for a page says what was checked. A new check is a
 function and its row in CHECKS.
 
-When a controller ends, the arm stops: what happens after its last command is a note.
+When a controller ends, a watchdog stops the arm: what happens after the last command is a note.
 """
 
 from __future__ import annotations
@@ -152,10 +152,10 @@ def accepted_commands(run: Recorded) -> Array:
 
 
 def commands_end(run: Recorded) -> float | None:
-    """Return when the controller ended [s], None if it did not before the log."""
-    times, end = accepted_commands(run), run.span[1]
-    silence = max(SILENCE, float(run.settings.get('command_timeout') or 0.0))
-    return float(times[-1]) if len(times) and end - times[-1] > silence else None
+    """Return when the controller of an arm with a watchdog ended [s], None if it did not."""
+    times, timeout = accepted_commands(run), float(run.settings.get('command_timeout') or 0.0)
+    ended = timeout and len(times) and run.span[1] - times[-1] > max(SILENCE, timeout)
+    return float(times[-1]) if ended else None
 
 
 def _watchdog(run: Recorded) -> Iterator[Finding]:
@@ -245,12 +245,12 @@ def find(run: Recorded) -> tuple[list[Finding], list[str], dict[str, str]]:
     lacking = {name: why for name, (_, impossible) in CHECKS.items() if (why := impossible(run))}
     made = [name for name in CHECKS if name not in lacking]
     found = [each for name in made for each in CHECKS[name][0](run)]
-    end = commands_end(run)
+    last, end = accepted_commands(run)[-1:], commands_end(run)
+    if len(last) and run.span[1] - last[0] > SILENCE:
+        text = f'the last command: none in the {run.span[1] - last[0]:.3g} s that follow'
+        found.append(Finding('event', NOTE, '', text, _at(last)))
     if end is not None:
-        text = f'the last command: none in the {run.span[1] - end:.3g} s that follow'
-        found.append(Finding('event', NOTE, '', text, _at(np.array([end]))))
-        found = [
-            replace(x, severity=NOTE) if x.time > end and x.kind != 'failure' else x for x in found
-        ]
+        rest = [x for x in found if x.time > end and x.kind != 'failure']
+        found = [replace(x, severity=NOTE) if x in rest else x for x in found]
     rank = (BAD, WARNING, NOTE).index
     return sorted(found, key=lambda x: (x.time, rank(x.severity))), made, lacking

@@ -1,0 +1,677 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a log: what it finds by a table of faults, its curves, and a browser's view of it."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Mapping
+import hashlib
+from html.parser import HTMLParser
+import json
+from pathlib import Path
+import re
+from typing import Any
+import zlib
+
+from bridge import (
+    PAGE_TYPES,
+    PageMoment,
+    PageReference,
+    definition_text,
+    encode_joints,
+    page_of_log,
+    pfd_main,
+)
+from browser import needs_browser
+from devtools import opened
+from mcap.writer import Writer
+import numpy as np
+import pytest
+from recordings import array, changed, named, request, set_state, simulate
+from waiting import wait_until
+
+import pfd_core as pfd
+from pfd_ros import read_log
+
+HOSTILE = '</script><img src=x onerror=alert(1)>&"\'{{}}\u2028'
+JOINT_STATE, STRING = 'sensor_msgs/msg/JointState', 'std_msgs/msg/String'
+DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
+UR5 = (
+    'shoulder_pan_joint',
+    'shoulder_lift_joint',
+    'elbow_joint',
+    *(f'wrist_{k}_joint' for k in (1, 2, 3)),
+)
+# A joint of planar2 turns freely, and reaches its limit of 20 rad/s.
+FREE: dict[str, Any] = {'gravity': [0.0, 0.0, 0.0]}
+DAY = 1_700_000_000.0
+
+
+def shown(path: Path, *marks: Any, **more: Any) -> Any:
+    """Return the page of a log."""
+    return page_of_log(read_log(path, types=PAGE_TYPES, unreadable='count'), marks, **more)
+
+
+def data_of(page: Any) -> dict[str, Any]:
+    """Return what the script of a page draws."""
+    found = re.search('id="data">(.*?)</script>', page.html, re.DOTALL)
+    assert found is not None
+    return dict(json.loads(found[1]))
+
+
+def decoded(text: str, kind: str) -> Any:
+    """Return numbers as the script of a page decodes them."""
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(text)), np.uint8)
+    return np.ascontiguousarray(planes.reshape(np.dtype(kind).itemsize, -1).T).view(kind).ravel()
+
+
+def write_bag(path: Path, messages: Iterable[tuple[str, float, Any]], **more: Any) -> Path:
+    """Write a log of another program: topic, log time [s], and a JointState's fields or bytes.
+
+    `more` are type, encoding and definition of all topics, where they are not those of JointState.
+    """
+    kind = more.get('kind', JOINT_STATE)
+    text = more.get('definition', definition_text(kind) if '/msg/' in kind else '')
+    with path.open('xb') as stream:
+        writer = Writer(stream)
+        writer.start(profile='ros2')
+        schema = writer.register_schema(kind, 'ros2msg', text.encode())
+        channels: dict[str, int] = {}
+        for topic, time, given in messages:
+            if topic not in channels:
+                encoding = more.get('encoding', 'cdr')
+                channels[topic] = writer.register_channel(topic, encoding, schema)
+            ns = round(time * 1e9)
+            data = given
+            if isinstance(given, Mapping):
+                data = encode_joints(**{'stamp_ns': ns, **given})
+            writer.add_message(channels[topic], ns, data, ns)
+        writer.finish()
+    return path
+
+
+def states(
+    names: Iterable[str], times: Iterable[float], topic: str = '/joint_states', shift: float = 0.0
+) -> list[tuple[str, float, Any]]:
+    """Return messages of joints that turn."""
+    names = list(names)
+    found = []
+    for time in times:
+        angle = np.sin(time - DAY + np.arange(len(names)))
+        given = {'names': names, 'position': angle, 'velocity': angle, 'effort': angle}
+        found.append((topic, time + shift, given))
+    return found
+
+
+TIMES = DAY + 0.01 * np.arange(200)
+
+
+# What went wrong: cycles, inputs by cycle, settings -> kind, severity, joint, time, number of
+# spans, and words of the text.
+
+PUSH = {1: [array(0.5, 0.2)]}
+STEADY = {k: [array(0.0, 0.0)] for k in range(1, 201)}
+FAULTS: dict[str, tuple[int, Any, dict[str, Any], tuple[Any, ...]]] = {
+    'effort at its limit': (
+        *(100, {1: [array(0.0, 0.0)], 50: [array(25.0, 0.0)], 60: [array(0.0, 0.0)]}, FREE),
+        ('effort limit', 'warning', 'shoulder', 0.051, 1, 'effort 20 N m'),
+    ),
+    'wrong size': (
+        *(100, {**STEADY, 40: [array(1.0)]}, FREE),
+        ('rejected input', 'bad', '', 0.041, 1, 'commands wrong_size'),
+    ),
+    'NaN of one joint': (
+        *(100, {**STEADY, 40: [array(1.0, np.nan)], 41: [array(1.0, np.nan)]}, FREE),
+        ('rejected input', 'bad', '', 0.041, 2, 'commands not_finite'),
+    ),
+    'unknown joints': (
+        *(100, {30: [named(['nobody'], effort=(1.0,))]}, FREE),
+        ('rejected input', 'bad', '', 0.031, 1, 'joint_commands unknown_names'),
+    ),
+    'silence': (
+        *(
+            200,
+            {**PUSH, 150: [array(0.0, 0.0)], 190: [array(0.0, 0.0)]},
+            {'command_timeout': 0.05, **FREE},
+        ),
+        ('watchdog', 'bad', '', 0.052, 1, 'command_timeout 0.05 s: brake'),
+    ),
+    'jump of an effort': (
+        *(100, {**STEADY, 40: [array(15.0, 0.0)]}, {'reflex_effort_rate': 1000.0, **FREE}),
+        ('reflex', 'bad', '', 0.042, 60, 'commands are refused until ~/reset'),
+    ),
+    'jump of the last effort': (
+        *(
+            100,
+            {1: [array(0.0, 0.0)], 100: [array(15.0, 0.0)]},
+            {'reflex_effort_rate': 1000.0, **FREE},
+        ),
+        ('reflex', 'bad', '', 0.101, 1, 'braked at the end'),
+    ),
+    'run away': (
+        *(100, {40: [array(1e300, 0.0)]}, {'effort_limits': False, 'torque_speed': False, **FREE}),
+        ('failure', 'bad', '', None, 1, 'the simulation stopped'),
+    ),
+    'states are lost': (
+        *(100, {}, {'drop_state': 0.2, 'seed': 3}),
+        ('gap', 'note', '', None, None, 'no state on /joint_states for'),
+    ),
+    'parameters': (
+        *(100, {20: [changed(noise_position=1e-4)]}, {}),
+        ('event', 'note', '', 0.021, 1, 'parameters {"noise_position"'),
+    ),
+    'reset': (*(100, {20: [request('reset')]}, {}), ('event', 'note', '', 0.021, 1, 'reset')),
+    'state is set': (
+        *(100, {20: [set_state(position=(0.1, 0.2))]}, {}),
+        ('event', 'note', '', 0.021, 1, 'set_state'),
+    ),
+}
+
+
+@pytest.mark.parametrize('name', FAULTS)
+def test_each_fault_is_found_with_its_kind_joint_time_and_count(name: str, tmp_path: Path) -> None:
+    cycles, events, given, (kind, severity, joint, time, count, words) = FAULTS[name]
+    simulate(tmp_path / 'a.mcap', cycles, events, **given)
+    page = shown(tmp_path / 'a.mcap')
+    found = [x for x in page.findings if x.kind == kind and words in x.text]
+    assert [(x.severity, x.joint) for x in found] == [(severity, joint)]
+    if time is not None:
+        assert found[0].time == pytest.approx(time, abs=1.5e-3)
+    if count is not None:
+        assert len(found[0].spans) == count
+    worse = [x for x in page.findings if x.severity != 'note']
+    assert (page.first is not None) == (severity != 'note') == bool(worse)
+    assert ('nothing went wrong' in page.said) == (severity == 'note')
+
+
+def test_a_limit_is_found_at_the_first_sample_at_or_beyond_it(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    simulate(path, 600, {1: [array(15.0, -3.0)]}, **FREE)
+    log = read_log(path)
+    assert log.robot is not None
+    velocity = np.abs(log['/joint_states'].velocity) >= log.robot.velocity_limit
+    assert velocity.any()
+    first = shown(path).first
+    k = int(np.argmax(velocity.any(axis=1)))
+    assert first.kind == 'velocity limit'
+    assert first.time == pytest.approx(log['/joint_states'].time[k], abs=1e-9)
+    assert first.joint in np.array(log['/joint_states'].names)[velocity[k]]
+
+
+def test_a_run_without_faults_says_so_and_lists_the_checks(tmp_path: Path) -> None:
+    simulate(tmp_path / 'a.mcap', 200, STEADY, **FREE)
+    page = shown(tmp_path / 'a.mcap')
+    assert (page.said, page.first, page.findings, page.unreadable) == (
+        'nothing went wrong',
+        None,
+        [],
+        [],
+    )
+    for check in ('limits', 'finite numbers', 'missing states', 'rejected inputs', 'failure'):
+        assert re.search(f'Checked: [^.]*{check}', page.html), check
+
+
+def test_the_end_of_a_controller_is_no_fault(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    # The arm swings under gravity with its last efforts, until the watchdog brakes it.
+    events = {k: [array(2.0, 1.0)] for k in range(1, 300)}
+    simulate(path, 1500, events, command_timeout=1.0, effort_limits=False)
+    page = shown(path)
+    assert page.first is None
+    assert page.said == 'nothing went wrong up to the last command at t = 0.300 s'
+    late = {x.kind: x.severity for x in page.findings if x.time > 0.3}
+    assert late['watchdog'] == 'note'
+    assert 'headline good' in page.html
+
+
+def test_a_joint_without_a_command_is_braked_in_the_diagnosis(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    simulate(path, 100, {5: [named(['elbow'], effort=(0.1,))]})
+    lines = re.findall('<li>(.*?)</li>', shown(path).html)
+    assert 'shoulder: never commanded: braked' in lines
+    assert not any(line.startswith('elbow: never') for line in lines)
+
+
+# Logs of other programs.
+
+
+def test_joints_of_several_publishers_are_apart_and_have_no_gaps(tmp_path: Path) -> None:
+    sources = {
+        'arms': (
+            states([f'left_{x}' for x in UR5], TIMES),
+            states([f'right_{x}' for x in UR5], TIMES, shift=4e-4),
+        ),
+        'gripper': (states(['finger'], TIMES), states(UR5, TIMES, shift=1e-3)),
+        'one stamp': (states(UR5, TIMES), states(['finger'], TIMES)),
+    }
+    for name, (one, other) in sources.items():
+        both = [message for pair in zip(one, other, strict=True) for message in pair]
+        page = shown(write_bag(tmp_path / f'{name}.mcap', both))
+        assert page.said == 'nothing went wrong', name
+        assert [plot.labels for plot in page.plots[:2]] == [
+            tuple(one[0][2]['names']),
+            tuple(other[0][2]['names']),
+        ]
+        for plot in page.plots:
+            assert len(plot.time) == len(TIMES)
+            assert np.isfinite(plot.values).all()
+
+
+def test_missing_states_are_a_gap_and_no_line_crosses_it(tmp_path: Path) -> None:
+    times = [t for k, t in enumerate(TIMES) if not 40 <= k < 60]
+    page = shown(write_bag(tmp_path / 'a.mcap', states(['a', 'b'], times)))
+    (gap,) = page.findings
+    assert (gap.kind, gap.severity) == ('gap', 'warning')
+    assert gap.spans == pytest.approx(np.array([[0.39, 0.60]]), abs=1e-6)
+    drawn = data_of(page)['plots'][0]
+    values = decoded(drawn['values'], '<f4').reshape(2, -1)
+    assert np.isnan(values[:, 40]).all()
+    assert np.isfinite(np.delete(values, 40, axis=1)).all()
+
+
+def unreadable(path: Path, kind: str) -> Path:
+    """Write a log whose joint states cannot be read, or half of them."""
+
+    def cut(k: int, data: bytes) -> bytes:
+        if kind == 'half of them cut off':
+            return data[:60] if k % 2 else data
+        return b'\0\7\0\0' + data[4:]
+
+    data = [encode_joints(x['names'], x['position'], stamp_ns=0) for _, _, x in states(UR5, TIMES)]
+    if kind == 'JSON':
+        text = json.dumps({'joints': [{'name': 'a', 'position': 0.1}]}).encode()
+        rows = [('/joint_states', t, text) for t in TIMES]
+        return write_bag(path, rows, kind='foxglove.JointStates', encoding='json')
+    if kind == 'protobuf':
+        rows = [('/joint_states', t, b'\x0a\0') for t in TIMES]
+        return write_bag(path, rows, kind='sensor_msgs.JointState', encoding='protobuf')
+    return write_bag(
+        path,
+        [
+            ('/joint_states', t, cut(k, x))
+            for k, (t, x) in enumerate(zip(TIMES, data, strict=True))
+        ],
+    )
+
+
+@pytest.mark.parametrize(
+    'kind', ['JSON', 'protobuf', 'all of another encoding', 'half of them cut off']
+)
+def test_a_log_that_cannot_be_read_is_never_good(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = unreadable(tmp_path / 'a.mcap', kind)
+    page = shown(path)
+    assert page.unreadable
+    assert '/joint_states' in page.said
+    assert 'headline bad' in page.html
+    assert 'othing went wrong' not in page.html
+    assert pfd_main(['report', 'log', str(path), '--out', str(tmp_path / 'a.html')]) == 1
+    printed = capsys.readouterr()
+    assert '/joint_states' in printed.out + printed.err
+    assert 'nothing went wrong' not in printed.out
+
+
+def test_messages_without_a_stamp_are_placed_by_the_state_before_them(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    # Simulated time at a tenth of the wall clock, logged by the wall clock.
+    rows: list[tuple[str, float, Any]] = []
+    for k in range(100):
+        wall = DAY + 0.1 * k
+        given = {'names': ['a'], 'position': [0.0], 'stamp_ns': round(1e9 * (5.0 + 0.01 * k))}
+        rows.append(('/joint_states', wall, given))
+        if k == 50:
+            rows.append(('/arm_commands', wall + 0.001, {**given, 'stamp_ns': 0}))
+    page = shown(write_bag(path, rows))
+    commands = next(plot for plot in page.plots if plot.title.startswith('commanded'))
+    assert commands.time == pytest.approx([5.501])
+    assert [page.plots[0].time[0], page.plots[0].time[-1]] == pytest.approx([5.0, 5.99])
+
+
+@pytest.mark.parametrize('stamp', [0, 17])
+def test_stamps_that_are_no_times_are_replaced_by_log_times(stamp: int, tmp_path: Path) -> None:
+    rows = [(topic, t, {**given, 'stamp_ns': stamp}) for topic, t, given in states(['a'], TIMES)]
+    page = shown(write_bag(tmp_path / 'a.mcap', rows))
+    assert any('times are log times' in note for note in page.notes)
+    assert page.plots[0].time == pytest.approx(TIMES - DAY, abs=1e-6)
+
+
+def test_a_log_in_another_order_is_drawn_in_the_order_of_log_times(tmp_path: Path) -> None:
+    rows = states(['a'], TIMES)
+    page = shown(write_bag(tmp_path / 'a.mcap', rows[100:] + rows[:100]))
+    assert page.said == 'nothing went wrong'
+    assert page.plots[0].time == pytest.approx(TIMES - DAY, abs=1e-6)
+    assert '0.000 s to 1.990 s' in page.html
+
+
+def test_the_robot_of_another_log_gives_its_limits(tmp_path: Path) -> None:
+    path, robot = write_bag(tmp_path / 'a.mcap', states(UR5, TIMES)), pfd.load_robot('ur5')
+    assert 'limits (the log names no robot; --robot adds one)' in shown(path).html
+    page = shown(path, robot=robot)
+    assert re.search('Checked: limits', page.html)
+    assert page.plots[1].title == 'velocity [rad/s]'
+    bounds = page.plots[1].bounds
+    assert bounds.tolist() == [(-robot.velocity_limit).tolist(), robot.velocity_limit.tolist()]
+
+
+def test_infinite_states_are_found(tmp_path: Path) -> None:
+    rows = states(['a', 'b'], TIMES)
+    rows[70][2]['velocity'][1] = np.inf
+    page = shown(write_bag(tmp_path / 'a.mcap', rows))
+    (found,) = page.findings
+    assert (found.kind, found.severity, found.joint, found.text) == (
+        'not finite',
+        'bad',
+        'b',
+        'velocity is inf',
+    )
+    assert found.time == pytest.approx(0.7, abs=1e-6)
+
+
+def test_diagnostics_are_findings_by_their_level(tmp_path: Path) -> None:
+    rosbags = pytest.importorskip('rosbags.typesys')
+    store = rosbags.get_typestore(rosbags.Stores.ROS2_JAZZY)
+    types, rows = store.types, []
+    for k, level in enumerate((0, 1, 2, 2)):
+        stamp = types['builtin_interfaces/msg/Time'](sec=k + 1, nanosec=0)
+        header = types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
+        status = types['diagnostic_msgs/msg/DiagnosticStatus'](
+            level=level, name='drive', message=f'level {level}', hardware_id='', values=[]
+        )
+        data = store.serialize_cdr(types[DIAGNOSTICS](header=header, status=[status]), DIAGNOSTICS)
+        rows.append(('/diagnostics', k + 1.0, bytes(data)))
+    page = shown(write_bag(tmp_path / 'a.mcap', rows, kind=DIAGNOSTICS))
+    found = [(x.severity, x.text, len(x.spans)) for x in page.findings]
+    assert found == [('warning', 'drive: level 1', 1), ('bad', 'drive: level 2', 2)]
+    assert 'the log has no joint states' in page.notes
+
+
+# Curves, marks, energy.
+
+
+def test_curves_hold_the_values_of_the_log(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    simulate(path, 300, {1: [array(0.5, 0.2)]})
+    log, page = read_log(path)['/joint_states'], shown(path)
+    for item, plot in zip(
+        ('position', 'velocity', 'effort'), data_of(page)['plots'], strict=False
+    ):
+        assert plot['title'].startswith(item)
+        assert plot['labels'] == list(log.names)
+        time = plot['start'] + 1e-6 * np.cumsum(decoded(plot['time'], '<u4').astype(np.int64))
+        assert time == pytest.approx(log.time, abs=1e-6)
+        values = decoded(plot['values'], '<f4').reshape(len(log.names), -1)
+        np.testing.assert_array_equal(values, getattr(log, item).T.astype('f4'))
+
+
+def test_a_long_curve_keeps_its_peaks(tmp_path: Path) -> None:
+    names, count = ['a', 'b'], 50_001
+    rng = np.random.default_rng(1)
+    values = rng.standard_normal((count, 2))
+    values[[17, 33_333, -1], 0] = 40.0, -50.0, 60.0
+    rows = [
+        ('/joint_states', DAY + 1e-3 * k, {'names': names, 'position': x})
+        for k, x in enumerate(values)
+    ]
+    plot = data_of(shown(write_bag(tmp_path / 'a.mcap', rows)))['plots'][0]
+    drawn = decoded(plot['values'], '<f4').reshape(2, -1)
+    assert drawn.shape[1] <= 20_002
+    time = plot['start'] + 1e-6 * np.cumsum(decoded(plot['time'], '<u4').astype(np.int64))
+    for peak, at in ((40.0, 17), (-50.0, 33_333), (60.0, count - 1)):
+        (k,) = np.flatnonzero(drawn[0] == peak)
+        assert time[k] == pytest.approx(1e-3 * at, abs=6e-3)
+    assert drawn.min(axis=1) == pytest.approx(values.min(axis=0), rel=1e-6)
+    assert drawn.max(axis=1) == pytest.approx(values.max(axis=0), rel=1e-6)
+
+
+def test_reference_tolerance_push_and_failed_assertion_are_drawn(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    simulate(path, 100, STEADY, **FREE)
+    time = np.array([0.02, 0.08])
+    reference = PageReference(('elbow',), time, np.array([[0.2], [0.8]]), within=0.1)
+    push = PageMoment(0.03, 'push', '20 N', end=0.05, severity='note')
+    failed = PageMoment(0.06, 'failed assertion', 'AssertionError: far <away>\nsecond line')
+    page = shown(path, reference, push, failed)
+    assert (page.first.kind, page.first.time) == ('failed assertion', 0.06)
+    assert '<pre>AssertionError: far &lt;away&gt;\nsecond line</pre>' in page.html
+    drawn = data_of(page)
+    assert drawn['lanes']['push'] == [[0.03, 0.05, 'note']]
+    assert drawn['moments'][0][:3] == [0.03, 0.05, 'push']
+    position = drawn['plots'][0]
+    assert position['references'] == [['elbow', 'reference'], ['elbow', 'low'], ['elbow', 'high']]
+    values = decoded(position['values'], '<f4').reshape(5, -1)
+    k = int(np.flatnonzero(np.isclose(page.plots[0].time, 0.05))[0])
+    assert values[2:, k] == pytest.approx([0.5, 0.4, 0.6], abs=1e-5)
+    assert np.isnan(values[2:, [0, -1]]).all()
+
+
+def test_the_energy_follows_the_payload_of_the_run(tmp_path: Path) -> None:
+    pin = pytest.importorskip('pinocchio')
+    path = tmp_path / 'a.mcap'
+    events = {
+        1: [array(0.5, -0.2)],
+        100: [changed(payload_mass=2.5)],
+        200: [changed(payload_mass=0.0)],
+    }
+    simulate(path, 300, events, payload_mass=1.0, roles=['payload_in_use'])
+    plot = next(plot for plot in shown(path).plots if plot.title == 'energy [J]')
+    found = read_log(path)['/joint_states']
+    for mass, some in ((1.0, slice(0, 99)), (2.5, slice(99, 199)), (0.0, slice(199, 300))):
+        model = pin.buildModelFromXML(pfd.urdf_of('planar2'))
+        tip = model.frames[model.getFrameId(pfd.load_robot('planar2').tip)]
+        body = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
+        if mass:
+            model.appendBodyToJoint(tip.parentJoint, body, tip.placement)
+        data = model.createData()
+        for q, qd, values in zip(
+            found.position[some], found.velocity[some], plot.values[some], strict=True
+        ):
+            # Continuous joints have the cosine and the sine of their angle.
+            place = np.stack([np.cos(q), np.sin(q)], axis=1).ravel()
+            wanted = (
+                pin.computeKineticEnergy(model, data, place, qd),
+                pin.computePotentialEnergy(model, data, place),
+            )
+            # Energies of ten joules, summed in another order.
+            assert values[:2] == pytest.approx(wanted, rel=0, abs=1e-13)
+            assert values[2] == values[:2].sum()
+
+
+# The document.
+
+
+class Tags(HTMLParser):
+    """Collects the tags of a page and their attributes."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.attributes: dict[str, list[str]] = {}
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        for name, value in attrs:
+            self.attributes.setdefault(name, []).append(value or '')
+
+
+def test_hostile_names_stay_text(tmp_path: Path) -> None:
+    pages = []
+    for k, name in enumerate(('harmless', HOSTILE)):
+        rows = states([name, 'b'], [*TIMES, TIMES[-1] + 1.0], topic=f'/{name}/joint_states')
+        pages.append(shown(write_bag(tmp_path / f'{k}.mcap', rows)))
+    tags = [Tags(page.html) for page in pages]
+    assert tags[0].tags == tags[1].tags
+    assert 'onerror' not in tags[1].attributes
+    assert data_of(pages[1])['plots'][0]['labels'][0].startswith('</script><img')
+
+
+def test_a_page_refers_to_nothing_and_runs_only_its_own_scripts(tmp_path: Path) -> None:
+    page = shown(write_bag(tmp_path / 'a.mcap', states(['a'], TIMES)))
+    tags = Tags(page.html)
+    assert not {'src', 'href', 'style', 'onclick', 'onload'} & tags.attributes.keys()
+    assert 'link' not in tags.tags
+    policy = tags.attributes['content'][0]
+    assert policy.startswith("default-src 'none'; script-src 'sha256-")
+    assert 'unsafe' not in policy
+    scripts = re.findall('<script>(.*?)</script>', page.html, re.DOTALL)
+    assert len(scripts) == 2
+    for script in scripts:
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        assert f"'sha256-{digest}'" in policy
+
+
+def test_a_log_that_was_cut_off_is_shown_up_to_the_cut(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, path = tmp_path / 'a.mcap', tmp_path / 'cut.mcap'
+    write_bag(whole, states(UR5, DAY + 0.001 * np.arange(20_000)))
+    path.write_bytes(whole.read_bytes()[: 2 * whole.stat().st_size // 3])
+    page = shown(path)
+    assert any('cut off' in note for note in page.notes)
+    assert len(page.plots[0].time) > 5000
+    assert pfd_main(['report', 'log', str(path), '--out', str(tmp_path / 'cut.html')]) == 0
+    assert 'cut off' in capsys.readouterr().out
+
+
+def test_a_page_is_never_written_over_a_file(tmp_path: Path) -> None:
+    page, out = shown(write_bag(tmp_path / 'a.mcap', states(['a'], TIMES))), tmp_path / 'page.html'
+    out.write_text('mine')
+    with pytest.raises(FileExistsError):
+        page.write(out)
+    assert out.read_text() == 'mine'
+
+
+# In a browser.
+
+
+@pytest.fixture(scope='module')
+def faulty_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the page of an arm that reaches a limit, with a reference."""
+    folder = tmp_path_factory.mktemp('faulty')
+    path, out = folder / 'a.mcap', folder / 'a.html'
+    simulate(path, 900, {1: [array(15.0, -3.0)], 700: [array(0.0)]}, **FREE)
+    reference = PageReference(
+        ('elbow',), np.array([0.1, 0.8]), np.array([[0.0], [-2.0]]), within=0.5
+    )
+    shown(path, reference).write(out)
+    return out
+
+
+def drawn(page: Any) -> Any:
+    """Wait until a page has drawn its curves, and return their number."""
+    wait_until(lambda: page.value('document.documentElement.dataset.drawn') is not None)
+    assert page.value('document.documentElement.dataset.error') is None
+    return int(page.value('document.documentElement.dataset.drawn'))
+
+
+CURVES = """JSON.stringify(plots.filter((u) => u.pfd).map(
+    (u) => [u.pfd.title, u.data.map((x) => [x.length, x[0], x[x.length - 1]])]))"""
+SHIFT_CLICK = """document.querySelectorAll('#joints button')[0].dispatchEvent(
+    new MouseEvent('click', {shiftKey: true}))"""
+RANGES = 'JSON.stringify(plots.map((u) => [u.scales.x.min, u.scales.x.max]))'
+
+
+@needs_browser
+def test_a_browser_draws_all_curves_zooms_them_together_and_selects_joints(
+    faulty_page: Path, tmp_path: Path
+) -> None:
+    states = read_log(faulty_page.with_suffix('.mcap'))['/joint_states']
+    with opened(faulty_page.absolute().as_uri(), tmp_path) as page:
+        count = drawn(page)
+        curves = dict(json.loads(page.value(CURVES)))
+        assert count == len(curves) + 1  # and the timeline
+        assert curves.keys() >= {'position [rad]', 'commanded effort [N m]', 'energy [J]'}
+        for item, unit in (('velocity', 'rad/s'), ('effort', 'N m')):
+            for k, (length, first, last) in enumerate(curves[f'{item} [{unit}]'][1:]):
+                values = getattr(states, item)[:, k]
+                assert length == len(values)
+                assert [first, last] == pytest.approx(values[[0, -1]], rel=1e-6)
+        # A drag over the second plot.
+        box = json.loads(page.value('JSON.stringify(plots[1].over.getBoundingClientRect())'))
+        y = box['top'] + box['height'] / 2
+        for kind, part in (('mousePressed', 0.25), ('mouseMoved', 0.4), ('mouseReleased', 0.5)):
+            x = box['left'] + part * box['width']
+            page.call(
+                'Input.dispatchMouseEvent',
+                type=kind,
+                x=x,
+                y=y,
+                button='left',
+                buttons=1,
+                clickCount=1,
+            )
+        ranges = json.loads(page.value(RANGES))
+        assert all(found == ranges[0] for found in ranges)
+        assert 0.15 < ranges[0][0] < 0.3 < 0.4 < ranges[0][1] < 0.55
+        page.value("document.getElementById('all').click()")
+        assert json.loads(page.value(RANGES))[0][0] < 0.01
+        # One joint alone, then both.
+        shows = 'JSON.stringify(plots[2].series.slice(1).map((s) => s.show))'
+        page.value("document.querySelectorAll('#joints button')[1].click()")
+        assert json.loads(page.value(shows)) == [False, True]
+        page.value(SHIFT_CLICK)
+        assert json.loads(page.value(shows)) == [True, True]
+        assert page.console == []
+
+
+@needs_browser
+def test_a_page_is_light_or_dark_and_its_curves_are_seen_in_both(
+    faulty_page: Path, tmp_path: Path
+) -> None:
+    with opened(faulty_page.absolute().as_uri(), tmp_path) as page:
+        drawn(page)
+        colours = []
+        for dark in (False, True):
+            if dark:
+                page.value("document.getElementById('theme').click()")
+            pixels = page.pixels().astype(int)
+            # The corner is background; curves are the only saturated colours but red.
+            assert (pixels[-5, 5].mean() < 80) == dark
+            plots = pixels[60:, 400:]
+            vivid = (plots.max(axis=2) - plots.min(axis=2) > 90) & (
+                plots[..., 0] < plots[..., 1:].max(axis=2)
+            )
+            assert vivid.any(axis=0).mean() > 0.6
+            colours.append(np.median(plots[vivid], axis=0))
+        assert (colours[0] != colours[1]).any()
+        assert page.console == []
+
+
+@needs_browser
+def test_limits_of_a_joint_are_drawn_when_it_is_seen_alone(
+    faulty_page: Path, tmp_path: Path
+) -> None:
+    with opened(faulty_page.absolute().as_uri(), tmp_path) as page:
+        drawn(page)
+        page.value('box.querySelectorAll(".plot")[2].scrollIntoView()')
+
+        def red() -> int:
+            """Return the number of red pixels in the row of the shoulder's velocity limit."""
+            place = json.loads(
+                page.value(
+                    'JSON.stringify([plots[2].over.getBoundingClientRect().left, '
+                    'plots[2].over.getBoundingClientRect().top + plots[2].valToPos(20, "y")])'
+                )
+            )
+            x, y = round(place[0]), round(place[1])
+            rows = page.pixels().astype(int)[y - 2 : y + 3, x:-40]
+            return int(((rows[..., 0] - rows[..., 1:].max(axis=2)) > 60).any(axis=0).sum())
+
+        before = red()
+        page.value("document.querySelectorAll('#joints button')[0].click()")
+        wait_until(lambda: red() > before + 100)
+
+
+@needs_browser
+def test_hostile_names_draw_without_errors(tmp_path: Path) -> None:
+    rows = states([HOSTILE, 'b'], TIMES, topic=f'/{HOSTILE}/joint_states')
+    out = tmp_path / 'page.html'
+    shown(write_bag(tmp_path / 'a.mcap', rows)).write(out)
+    with opened(out.absolute().as_uri(), tmp_path / 'browser') as page:
+        assert drawn(page) == 3
+        assert page.value("document.querySelector('#joints button').textContent").startswith(
+            '</script>'
+        )
+        assert page.console == []

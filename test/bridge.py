@@ -217,7 +217,7 @@ NAMES = {
     'encode_state': 'pfd_ros.messages.convert:encode_state',
     'encode_string': 'pfd_ros.messages.text_and_arrays:encode_string',
     'KNOWN_DEFINITIONS': 'pfd_ros.messages.definitions:KNOWN',
-    'definition_text': 'pfd_ros.messages.definitions:full_text',
+    'definition_text': 'pfd_ros.messages.types:definition',
     'definition_shares': 'pfd_ros.messages.definitions:shares',
     'type_hash': 'pfd_ros.messages.definitions:type_hash',
     'Qos': 'pfd_ros.messages.old_qos:Qos',

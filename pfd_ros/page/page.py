@@ -40,6 +40,8 @@ from pfd_ros.text import cut, one_line
 TYPES = (JOINT_STATE, FLOAT_ARRAY, STRING, INERTIA, DIAGNOSTICS, TRANSITION)
 # Of one page: points of a curve, plots, spans of a kind, rows of the story.
 MOST_POINTS, MOST_PLOTS, MOST_SPANS, MOST_ROWS = 20_000, 40, 400, 60
+# Larger numbers are drawn there: float32 ends.
+LARGEST = 3e38
 # Around the first finding, for the diagnosis of each joint [s], and samples of it.
 BEFORE, AFTER, MOST_DIAGNOSED = 20.0, 5.0, 1 << 16
 
@@ -358,7 +360,9 @@ def _curve(time: Array, values: Array) -> dict[str, Any]:
     return {
         'start': start,
         'time': _packed(np.diff(ticks, prepend=0.0).clip(0, 2**32 - 1), '<u4'),
-        'values': _packed(np.where(np.isfinite(values), values, np.nan).T, '<f4'),
+        'values': _packed(
+            np.clip(np.where(np.isfinite(values), values, np.nan), -LARGEST, LARGEST).T, '<f4'
+        ),
     }
 
 

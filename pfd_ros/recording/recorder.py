@@ -294,7 +294,14 @@ class Recorder:
 def totals_of(engine: Engine) -> dict[str, Any]:
     """Return what the end of a recording states about the run."""
     state = engine.state
-    return {'cycles': state.cycle, 'steps': state.step, 'failure': state.failure}
+    return {
+        'cycles': state.cycle,
+        'steps': state.step,
+        'failure': state.failure,
+        'reflex': state.tripped,
+        'trips': state.trips,
+        'timeouts': state.timeouts,
+    }
 
 
 def topic_names(roles: Collection[str], node: str = 'sim_arm') -> dict[str, str]:

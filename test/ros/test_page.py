@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a log: what it finds by a table of faults, its curves, and a browser's view of it."""
+"""The page of a log: what it finds by a table of faults, its curves, and browsers that show it."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def states(
     found = []
     for time in times:
         angle = np.sin(time - DAY + np.arange(len(names)))
-        given = {'names': names, 'position': angle, 'velocity': angle, 'effort': angle}
+        given = {'names': names, 'position': angle, 'velocity': angle.copy(), 'effort': angle}
         found.append((topic, time + shift, given))
     return found
 
@@ -219,8 +219,8 @@ def test_the_end_of_a_controller_is_no_fault(tmp_path: Path) -> None:
     simulate(path, 1500, events, command_timeout=1.0, effort_limits=False)
     page = shown(path)
     assert page.first is None
-    assert page.said == 'nothing went wrong up to the last command at t = 0.300 s'
-    late = {x.kind: x.severity for x in page.findings if x.time > 0.3}
+    assert page.said == 'nothing went wrong up to the last command at t = 0.299 s'
+    late = {x.kind: x.severity for x in page.findings if x.time > 0.299}
     assert late['watchdog'] == 'note'
     assert 'headline good' in page.html
 
@@ -589,9 +589,10 @@ def test_a_browser_draws_all_curves_zooms_them_together_and_selects_joints(
                 assert length == len(values)
                 assert [first, last] == pytest.approx(values[[0, -1]], rel=1e-6)
         # A drag over the second plot.
+        drag = ('mousePressed', 0.25), ('mouseMoved', 0.5), ('mouseReleased', 0.5)
         box = json.loads(page.value('JSON.stringify(plots[1].over.getBoundingClientRect())'))
         y = box['top'] + box['height'] / 2
-        for kind, part in (('mousePressed', 0.25), ('mouseMoved', 0.4), ('mouseReleased', 0.5)):
+        for kind, part in drag:
             x = box['left'] + part * box['width']
             page.call(
                 'Input.dispatchMouseEvent',

@@ -1,139 +1,203 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of synthetic messages, their expected contents, and faults to record with."""
+"""Recordings of runs without ROS, and the same with something changed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import contextmanager
-import errno
-import hashlib
 import json
 from pathlib import Path
 import resource
-import struct
-import threading
 from typing import Any
+import zlib
 
 from bridge import (
-    JOINT_STATE_TYPE,
-    RECORDING_FORMAT,
-    ROBOT_ATTACHMENT,
-    FileHead,
-    JointStateEncoder,
-    LogEntry,
+    END_RECORD,
+    ArmMessage,
+    Engine,
     LogRecorder,
     RecordedLog,
-    RecordedTopic,
-    TimeBase,
-    definition_shares,
+    Settings,
+    encode_floats,
+    encode_joints,
+    encode_string,
+    load_arm_robot,
+    mcap_records,
+    topic_names,
+    totals_of,
 )
-from mcap.records import Attachment
+from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
+from mcap.writer import Writer
 import numpy as np
-from waiting import threads_named, wait_until
 
-# Not from `provenance`: processes that are started by the hundred need not import pfd_core.
-QOS = '- history: keep_last\n  depth: 10\n'
-STATES = RecordedTopic('/joint_states', JOINT_STATE_TYPE, QOS)
-COMMANDS = RecordedTopic('/joint_commands', JOINT_STATE_TYPE, QOS, vital=True)
-TOPICS = (STATES, COMMANDS)
-ROLES = {'joint_states': STATES.name, 'joint_commands': COMMANDS.name}
-NAMES = ('a', 'b')
-HAS_DEFINITIONS = any((share / 'sensor_msgs').is_dir() for share in definition_shares())
-
-
-def head(base: TimeBase | None = None) -> FileHead:
-    values = {'format': RECORDING_FORMAT, 'topics': json.dumps(ROLES)}
-    robot = Attachment(0, 0, ROBOT_ATTACHMENT, 'application/yaml', b'robot: 1')
-    return FileHead('test', values, [robot], base or TimeBase())
+# What every run has; a test adds others.
+ROLES = (
+    *('joint_commands', 'commands', 'set_state', 'requests', 'parameters'),
+    *('rejected', 'joint_states', 'clock', 'rejected_counts', 'diagnostics'),
+)
+NAMES = ('shoulder', 'elbow')
+NAN, INFINITY = float('nan'), float('inf')
+# A change of a recorded message: role and message -> the message, another one, several or none.
+Change = Callable[[str, Message], 'Message | Sequence[Message] | None']
 
 
-def state(k: int) -> bytes:
-    values = np.array([k, -k / 3])
-    return JointStateEncoder(NAMES).encode(k * 1_000_000, values, values, values)
+def array(*efforts: float) -> ArmMessage:
+    return ArmMessage('commands', encode_floats(np.array(efforts)))
 
 
-def start(
+def named(names: Sequence[str] = NAMES, **values: Any) -> ArmMessage:
+    return ArmMessage('joint_commands', encode_joints(names, **values))
+
+
+def set_state(names: Sequence[str] = NAMES, **values: Any) -> ArmMessage:
+    return ArmMessage('set_state', encode_joints(names, **values))
+
+
+def request(name: str, **values: Any) -> ArmMessage:
+    return ArmMessage('requests', encode_string(json.dumps({'request': name, **values})))
+
+
+def changed(**settings: Any) -> ArmMessage:
+    return ArmMessage('parameters', encode_string(json.dumps(settings)))
+
+
+def aside(text: str = 'all is well') -> ArmMessage:
+    return ArmMessage('diagnostics', encode_string(text))
+
+
+class Run:
+    """An engine and its recorder.
+
+    Parameters
+    ----------
+    path
+        The recording.
+    roles
+        Further roles, inputs or outputs.
+    settings
+        Of the arm; planar2 unless they say otherwise.
+    """
+
+    def __init__(self, path: Path, roles: Iterable[str] = (), **settings: Any) -> None:
+        chosen = Settings(**{'robot': 'planar2', 'recording': str(path), **settings})
+        self.topics = topic_names({*ROLES, *roles})
+        self.engine = Engine(chosen, load_arm_robot(chosen), self.topics)
+        self.reports: list[str] = []
+        self.recorder = LogRecorder(path, self.engine, self.topics, self.reports.append)
+        self.messages: list[ArmMessage] = []
+        self.verdicts: list[str] = []
+
+    def step(self, *events: ArmMessage, times: int = 1) -> None:
+        """Take events and do a cycle, and further cycles without events."""
+        for k in range(times):
+            messages, verdicts = self.engine.step(events if k == 0 else ())
+            self.record(messages)
+            self.verdicts += [verdict.label for verdict in verdicts]
+
+    def record(self, messages: Sequence[ArmMessage]) -> None:
+        self.recorder.put(messages, self.engine.stamp_ns)
+        self.messages += messages
+
+    def close(self) -> None:
+        self.record(self.engine.counts())
+        self.recorder.close(totals_of(self.engine))
+
+
+def simulate(
     path: Path,
-    topics: Sequence[RecordedTopic] = TOPICS,
-    base: TimeBase | None = None,
-    **options: Any,
-) -> tuple[LogRecorder, list[str]]:
-    """Start to record; return the recorder and the list of its reports."""
-    reports: list[str] = []
-    return LogRecorder(path, topics, head(base), reports.append, **options), reports
+    cycles: int,
+    events: Mapping[int, Sequence[ArmMessage]] | None = None,
+    roles: Iterable[str] = (),
+    **settings: Any,
+) -> Run:
+    """Record a run of so many cycles, with events by the cycle that takes them."""
+    run = Run(path, roles, **settings)
+    for cycle in range(1, cycles + 1):
+        run.step(*(events or {}).get(cycle, ()))
+    run.close()
+    assert not run.reports
+    return run
 
 
-def running(path: Path, **options: Any) -> tuple[LogRecorder, list[str]]:
-    """Return a recorder with 20 states in the file, and the list of its reports."""
-    recorder, reports = start(path, **options)
-    flushed(recorder, 20)
-    return recorder, reports
+def busy(path: Path, cycles: int = 60, **settings: Any) -> Run:
+    """Record a run with a command in each cycle, and some that are refused."""
+    events = {k: [array(3.0 - 0.1 * k, 0.05 * k)] for k in range(1, cycles + 1)}
+    events[7].append(array(1.0))
+    events[9].insert(0, named(effort=(1.0, INFINITY)))
+    events[20] = [named(effort=(2.0, NAN)), named(NAMES[1:], effort=(0.5,))]
+    return simulate(path, cycles, events, **settings)
 
 
-def write(path: Path, count: int, **options: Any) -> tuple[LogRecorder, list[str]]:
-    recorder, reports = start(path, **options)
-    for k in range(1, count + 1):
-        recorder.record(0, k, state(k))
-    recorder.close(lambda: {'said': 'goodbye'})
-    return recorder, reports
+def rewritten(
+    source: Path,
+    target: Path,
+    change: Change = lambda role, message: message,
+    metadata: Callable[[str, dict[str, str]], dict[str, str] | None] = lambda name, found: found,
+    *,
+    counted: bool = False,
+    chunk: int = 1 << 20,
+) -> Path:
+    """Write a recording anew, a valid file, with changes.
 
-
-def read(path: Path) -> tuple[RecordedLog, list[LogEntry]]:
-    found = RecordedLog(path)
-    return found, list(found.entries())
-
-
-def flushed(recorder: LogRecorder, count: int) -> None:
-    """Record states and wait until they are in the file."""
-    first = recorder.recorded[0]
-    for k in range(first + 1, first + count + 1):
-        recorder.record(0, k, state(k))
-    wait_until(lambda: recorder.recorded[0] == first + count)
-
-
-def digests(entries: Sequence[LogEntry]) -> dict[str, str]:
-    """Return the digests that the end record of a file with these messages must have."""
-    found = {}
-    for role, name in ROLES.items():
-        text = b''.join(
-            struct.pack('<IQQQ', entry.sequence, entry.log_ns, entry.published_ns, len(entry.data))
-            + entry.data
-            for entry in entries
-            if entry.role == role
-        )
-        found[name] = hashlib.sha256(text).hexdigest()
-    return found
-
-
-def counts(entries: Sequence[LogEntry]) -> list[int]:
-    """Return how many messages of each topic there are."""
-    return [sum(entry.role == role for entry in entries) for role in ROLES]
-
-
-def only_there(fake: Callable[..., Any], original: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function of the system that is a fake on the recording's thread alone."""
-
-    def call(*args: Any, **options: Any) -> Any:
-        there = threading.current_thread().name == 'recording'
-        return (fake if there else original)(*args, **options)
-
-    return call
-
-
-def refuse(*args: object) -> int:
-    raise OSError(errno.EIO, 'Input/output error')
-
-
-def raising(error: BaseException) -> Callable[..., None]:
-    def call(*args: object, **options: object) -> None:
-        raise error
-
-    return call
+    Parameters
+    ----------
+    change
+        Of messages.
+    metadata
+        Of metadata records; None leaves one out.
+    counted
+        Whether the end counts the changed messages, as if they were recorded so.
+    chunk
+        Size of a chunk, bytes.
+    """
+    roles = {topic: role for role, topic in RecordedLog(source).topics.items()}
+    channels: dict[int, tuple[str, int]] = {}
+    schemas: dict[int, int] = {}
+    counts: dict[str, int] = {}
+    crc = 0
+    with target.open('wb') as stream:
+        writer = Writer(stream, chunk, enable_data_crcs=True)
+        for record in mcap_records(source):
+            if isinstance(record, Header):
+                writer.start(record.profile, 'rewritten')
+            elif isinstance(record, Metadata):
+                writer.flush()
+                values = dict(record.metadata)
+                if counted and record.name == END_RECORD:
+                    values |= {'recorded': json.dumps(counts), 'crc': json.dumps(crc)}
+                values = metadata(record.name, values)
+                if values is not None:
+                    writer.add_metadata(record.name, values)
+            elif isinstance(record, Attachment):
+                writer.add_attachment(0, 0, record.name, record.media_type, record.data)
+            elif isinstance(record, Schema) and record.id not in schemas:
+                schemas[record.id] = writer.register_schema(
+                    record.name, record.encoding, record.data
+                )
+            elif isinstance(record, Channel) and record.id not in channels:
+                number = writer.register_channel(
+                    record.topic,
+                    record.message_encoding,
+                    schemas[record.schema_id],
+                    record.metadata,
+                )
+                channels[record.id] = roles[record.topic], number
+            elif isinstance(record, Message):
+                role, number = channels[record.channel_id]
+                found = change(role, record)
+                for each in [found] if isinstance(found, Message) else found or ():
+                    writer.add_message(
+                        number, each.log_time, each.data, each.publish_time, each.sequence
+                    )
+                    counts[role] = counts.get(role, 0) + 1
+                    crc = zlib.crc32(each.data, crc)
+        writer.finish()
+    return target
 
 
 @contextmanager
-def largest_file(size: int) -> Iterator[None]:
+def largest_file(size: int):
     """Let the kernel write files up to a size and then refuse, as a full disk does."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
@@ -141,40 +205,3 @@ def largest_file(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-
-
-def fail_after(recorder: LogRecorder, count: int) -> int:
-    """Record states until the recording has failed; return how many came in all."""
-    sent = count
-
-    def failed() -> bool:
-        nonlocal sent
-        for _ in range(5):
-            sent += 1
-            recorder.record(0, sent, state(sent))
-        return recorder.failed
-
-    wait_until(failed)
-    return sent
-
-
-def check_failed(
-    recorder: LogRecorder, reports: list[str], sent: int, path: Path, *, torn: bool = False
-) -> None:
-    """Check that a failure was said once, counts and frees everything, and spares the file."""
-    wait_until(lambda: not threads_named('recording'))
-    recorder.close()
-    assert recorder.failed
-    assert recorder.backlog == 0.0
-    assert reports == [recorder.error]
-    assert recorder.error.startswith('recording stopped: ')
-    assert recorder.error.isprintable()
-    assert len(recorder.error) < 500
-    assert recorder.waiting_share == 0.0
-    assert recorder.recorded[0] + recorder.dropped[0] == sent
-    found, entries = read(path)
-    assert not found.complete
-    # A torn flush that could not be taken back may hold more than is promised.
-    assert counts(entries)[0] >= recorder.recorded[0]
-    assert torn or counts(entries) == recorder.recorded
-    assert [entry.data for entry in entries] == [state(k + 1) for k in range(len(entries))]

@@ -16,8 +16,9 @@ from mcap.records import Attachment, Channel, Footer, Metadata
 from mcap.records import Message as Record
 
 import pfd_core as pfd
-from pfd_ros.arm.events import ASIDES, ROLES, Message
+from pfd_ros.arm.events import ASIDES, DESCRIPTION, ROLES, Message
 from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.text_and_arrays import decode_string
 from pfd_ros.recording.format import (
     END,
     HEAD,
@@ -95,6 +96,15 @@ class Log:
     def complete(self) -> bool:
         """Whether the file was closed after a run; known once `messages` has ended."""
         return self._closed and bool(self.end)
+
+    def description(self) -> str:
+        """Return the URDF of the arm, '' without one; it comes before all that is simulated."""
+        for message in self.messages():
+            if message.role == DESCRIPTION:
+                return decode_string(message.data)
+            if message.role not in ASIDES:
+                break
+        return ''
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages in their order; of a file that was cut off, up to the cut."""

@@ -27,6 +27,7 @@ from pfd_ros.recording.mcap_records import (
     FRAME,
     MAGIC,
     RECORD_BYTES,
+    foreign,
     opened,
     parsed,
     records,
@@ -66,8 +67,9 @@ def recover(source: Path, target: Path) -> Recovered:
     """
     lost: list[str] = []
     with damage_named(source), opened(source) as stream:
-        if stream.read(len(MAGIC)) != MAGIC:
-            raise LogError(f'{source} is not an MCAP file: nothing to recover')
+        begin = stream.read(64)
+        if not begin.startswith(MAGIC):
+            raise LogError(f'{source} {foreign(begin)}')
         with new_file(target) as written:
             messages = _copy(stream, written, lost)
     if not lost:  # outside the chunks only checksums of the whole file show damage

@@ -19,8 +19,10 @@ import zlib
 
 import numpy as np
 
+from pfd_ros.arm.description import parsed_urdf
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import ASIDES, INPUTS, REJECTED, ROLES, Message
+from pfd_ros.arm.events import ASIDES, DESCRIPTION, INPUTS, REJECTED, ROLES, Message
+from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.messages.types import known_types
 from pfd_ros.recording.format import EndKey, LogError, damage_named
 from pfd_ros.recording.log import Log
@@ -68,12 +70,21 @@ def verify(path: Path | str, expansion: float = EXPANSION) -> Verified:
     """
     log = Log(path, expansion)
     with damage_named(log.path):
-        engine = Engine(log.settings, log.robot, log.topics)
+        engine = recorded_engine(log)
         try:
             return _verified(log, engine)
         except DifferenceError as error:
             why = cause(log.versions, engine.program, altered=_altered(log))
             raise DifferenceError(one_line(f'{log.path}: {error}; {why}', 2000)) from None
+
+
+def recorded_engine(log: Log) -> Engine:
+    """Return the engine of a recording at the start of its run."""
+    text, settings, frames = log.description(), log.settings, None
+    if text:
+        urdf = parsed_urdf(text, DESCRIPTION)
+        frames = LinkFrames(urdf, log.robot.joint_names, settings.locks, settings.tf_every)
+    return Engine(settings, log.robot, log.topics, frames)
 
 
 def _verified(log: Log, engine: Engine) -> Verified:

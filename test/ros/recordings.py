@@ -12,6 +12,7 @@ import resource
 from typing import Any
 import zlib
 
+from arm_messages import INF, NAN, efforts, named
 from bridge import (
     END_RECORD,
     ArmMessage,
@@ -19,8 +20,6 @@ from bridge import (
     LogRecorder,
     RecordedLog,
     Settings,
-    encode_floats,
-    encode_joints,
     encode_string,
     load_arm_robot,
     mcap_records,
@@ -29,7 +28,6 @@ from bridge import (
 )
 from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
 from mcap.writer import Writer
-import numpy as np
 
 # What every run has; a test adds others.
 ROLES = (
@@ -37,29 +35,8 @@ ROLES = (
     *('rejected', 'joint_states', 'clock', 'rejected_counts', 'diagnostics'),
 )
 NAMES = ('shoulder', 'elbow')
-NAN, INFINITY = float('nan'), float('inf')
 # A change of a recorded message: role and message -> the message, another one, several or none.
 Change = Callable[[str, Message], 'Message | Sequence[Message] | None']
-
-
-def array(*efforts: float) -> ArmMessage:
-    return ArmMessage('commands', encode_floats(np.array(efforts)))
-
-
-def named(names: Sequence[str] = NAMES, **values: Any) -> ArmMessage:
-    return ArmMessage('joint_commands', encode_joints(names, **values))
-
-
-def set_state(names: Sequence[str] = NAMES, **values: Any) -> ArmMessage:
-    return ArmMessage('set_state', encode_joints(names, **values))
-
-
-def request(name: str, **values: Any) -> ArmMessage:
-    return ArmMessage('requests', encode_string(json.dumps({'request': name, **values})))
-
-
-def changed(**settings: Any) -> ArmMessage:
-    return ArmMessage('parameters', encode_string(json.dumps(settings)))
 
 
 def aside(text: str = 'all is well') -> ArmMessage:
@@ -82,7 +59,7 @@ class Run:
     def __init__(self, path: Path, roles: Iterable[str] = (), **settings: Any) -> None:
         chosen = Settings(**{'robot': 'planar2', 'recording': str(path), **settings})
         self.topics = topic_names({*ROLES, *roles})
-        self.engine = Engine(chosen, load_arm_robot(chosen), self.topics)
+        self.engine = Engine(chosen, load_arm_robot(chosen, chosen.robot), self.topics)
         self.reports: list[str] = []
         self.recorder = LogRecorder(path, self.engine, self.topics, self.reports.append)
         self.messages: list[ArmMessage] = []
@@ -122,10 +99,10 @@ def simulate(
 
 def busy(path: Path, cycles: int = 60, **settings: Any) -> Run:
     """Record a run with a command in each cycle, and some that are refused."""
-    events = {k: [array(3.0 - 0.1 * k, 0.05 * k)] for k in range(1, cycles + 1)}
-    events[7].append(array(1.0))
-    events[9].insert(0, named(effort=(1.0, INFINITY)))
-    events[20] = [named(effort=(2.0, NAN)), named(NAMES[1:], effort=(0.5,))]
+    events = {k: [efforts(3.0 - 0.1 * k, 0.05 * k)] for k in range(1, cycles + 1)}
+    events[7].append(efforts(1.0))
+    events[9].insert(0, named(NAMES, (1.0, INF)))
+    events[20] = [named(NAMES, (2.0, NAN)), named(NAMES[1:], (0.5,))]
     return simulate(path, cycles, events, **settings)
 
 

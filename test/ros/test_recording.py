@@ -16,6 +16,7 @@ import sys
 import threading
 import time
 
+from arm_messages import efforts
 import bridge
 from bridge import (
     ArmMessage,
@@ -31,7 +32,7 @@ from bridge import (
 from mcap.reader import make_reader
 from mcap.records import Message
 import pytest
-from recordings import NAMES, ROLES, Run, array, aside, busy, largest_file, simulate
+from recordings import NAMES, ROLES, Run, aside, busy, largest_file, simulate
 from waiting import PATIENCE, threads_named, wait_until
 
 import pfd_core as pfd
@@ -67,7 +68,7 @@ def test_log_times_never_decrease_and_a_step_has_one(base: str, tmp_path: Path) 
     path = tmp_path / 'run.mcap'
     run = Run(path, recording_time=base, start_time=12.5)
     before = time.time_ns()
-    run.step(array(1.0, 2.0), array(1.0))
+    run.step(efforts(1.0, 2.0), efforts(1.0))
     run.record([aside()])
     run.step()
     run.recorder.put([aside()], 0)  # of a thread that is late
@@ -169,7 +170,7 @@ def test_asides_may_come_from_other_threads_at_any_time(tmp_path: Path) -> None:
     for thread in threads:
         thread.start()
     while min(sent) < 20 or run.engine.state.cycle < 500:
-        run.step(array(1.0, 2.0))
+        run.step(efforts(1.0, 2.0))
     stop.set()
     for thread in threads:
         thread.join()
@@ -183,7 +184,7 @@ def test_a_message_is_in_the_file_while_the_run_continues(tmp_path: Path) -> Non
     path = tmp_path / 'run.mcap'
     run = Run(path)
     for k in (1, 2):
-        run.step(array(1.0, 2.0))
+        run.step(efforts(1.0, 2.0))
         wait_until(lambda k=k: len(written(path)) == 3 * k)
     assert verify_log(path) == ({'commands': 2, 'joint_states': 2, 'clock': 2}, 2, False)
     run.close()
@@ -253,7 +254,7 @@ def check_ended(run: Run, why: str) -> None:
     assert run.recorder.error.isprintable()
     assert run.recorder.waiting_share == 0.0
     cycle = run.engine.state.cycle
-    run.step(array(1.0, 1.0), times=10)
+    run.step(efforts(1.0, 1.0), times=10)
     assert run.engine.state.cycle == cycle + 10
     run.close()
     assert run.reports == [run.recorder.error]
@@ -267,11 +268,11 @@ def test_a_file_that_another_program_takes_ends_the_recording(
     monkeypatch.setattr(*bridge.target('SYNC_SECONDS'), 0.05)
     path = tmp_path / 'run.mcap'
     run = Run(path)
-    run.step(array(1.0, 2.0))
+    run.step(efforts(1.0, 2.0))
     flushed(run)
     take, why = FAULTS[fault]
     take(path)
-    wait_until(lambda: run.step(array(1.0, 2.0)) or run.recorder.error)
+    wait_until(lambda: run.step(efforts(1.0, 2.0)) or run.recorder.error)
     check_ended(run, why)
     if fault == 'moved':
         assert verify_log(f'{path}.old').cycles >= 1
@@ -286,7 +287,7 @@ def test_a_full_disk_ends_the_recording_and_the_file_verifies(tmp_path: Path) ->
     run.step()
     flushed(run)
     with largest_file(path.stat().st_size + 5000):
-        wait_until(lambda: run.step(array(rng.random(), 1.0)) or run.recorder.error)
+        wait_until(lambda: run.step(efforts(rng.random(), 1.0)) or run.recorder.error)
     check_ended(run, 'File too large; the part written so far is readable')
     found = verify_log(path)
     assert not found.complete
@@ -317,7 +318,7 @@ def test_a_slow_disk_ends_the_recording_when_the_queue_is_full(
     run.step()
     steps = 0
     while not run.recorder.error:
-        run.step(array(1.0, 2.0))
+        run.step(efforts(1.0, 2.0))
         steps += 1
     # By bytes: a state, a clock tick and a command have 800 with what Python needs for them.
     assert 50 < steps < 300
@@ -371,11 +372,12 @@ def test_what_comes_after_closing_is_not_recorded(tmp_path: Path) -> None:
 CHILD = """
 import os, sys, time
 from pathlib import Path
-from recordings import Run, array
+from arm_messages import efforts
+from recordings import Run
 run = Run(Path(sys.argv[1]))
 begun = time.monotonic_ns()
 for k in range(1, 1 << 40):
-    run.step(array(1.0, 0.1 * (k % 50)))
+    run.step(efforts(1.0, 0.1 * (k % 50)))
     run.messages.clear()
     os.write(1, k.to_bytes(8, 'little') + time.monotonic_ns().to_bytes(8, 'little'))
     time.sleep(max(0, begun + k * 1_000_000 - time.monotonic_ns()) * 1e-9)

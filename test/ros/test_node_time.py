@@ -1,0 +1,333 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Simulated time of a real node: services, jumps, lockstep, a followed clock, a restart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+import signal
+import time
+from typing import Any
+
+from bridge import RecordedLog, decode_joints, verify_log
+import numpy as np
+import pytest
+from ros_processes import MILLISECOND, Peer, Processes, call, stamp_ns
+
+pytestmark = pytest.mark.ros
+
+ANSWERING = str(Path(__file__).with_name('answering.py'))
+ARM = ('-p', 'robot:=planar2', '-p', 'recording:=arm.mcap', '-p', 'gravity:=[0.0, 0.0, 0.0]')
+START = ('-p', 'initial_positions:=[0.3, -0.2]')
+LOCKSTEP = ('-p', 'lockstep:=true', '-p', 'real_time_factor:=0.0')
+FOLLOWS = ('-p', 'time_source:=clock', '-p', 'publish_clock:=false')
+NAMES = ('shoulder', 'elbow')
+SECOND = 1000 * MILLISECOND
+# Looks of 0.1 s at most in which no state came.
+QUIET_LOOKS = 5
+
+
+def pause(peer: Peer, wanted: bool) -> Any:
+    from std_srvs.srv import SetBool
+
+    return call(peer, SetBool, 'pause', data=wanted)
+
+
+def trigger(peer: Peer, name: str) -> Any:
+    from std_srvs.srv import Trigger
+
+    return call(peer, Trigger, name)
+
+
+def stamps(messages: Sequence[Any]) -> list[int]:
+    return [stamp_ns(message) for message in messages]
+
+
+def recorded(path: Path, *roles: str) -> list[Any]:
+    """Return the recorded messages of some roles."""
+    return [message for message in RecordedLog(path).messages() if message.role in roles]
+
+
+def jump(peer: Peer, position: Sequence[float], arrived: Callable[[], bool]) -> None:
+    """Ask for a state once a second until it has arrived: a first message may come too early."""
+    from sensor_msgs.msg import JointState
+
+    publisher = peer.node.create_publisher(JointState, '/sim_arm/set_state', 1)
+    message = JointState(name=list(NAMES), position=list(position))
+    due = [0.0]
+
+    def asked() -> bool:
+        if time.monotonic() >= due[0]:
+            due[0] = time.monotonic() + 1.0
+            publisher.publish(message)
+        return arrived()
+
+    peer.wait(asked)
+
+
+def settled(peer: Peer) -> None:
+    """Wait until no state has come for a while."""
+    count, quiet = -1, 0
+    for _ in range(1000):
+        quiet = quiet + 1 if len(peer.states) == count else 0
+        count = len(peer.states)
+        if quiet == QUIET_LOOKS:
+            return
+        # One call may be over at once, for a tick or a service.
+        peer.executor.spin_once(timeout_sec=0.1)
+    raise AssertionError('states still come')
+
+
+def check_never_back(peer: Peer) -> None:
+    """No state and no tick is earlier than the one before it."""
+    assert (np.diff(stamps(peer.states)) >= 0).all()
+    assert (np.diff(stamps(peer.clocks)) >= 0).all()
+
+
+def test_pause_step_reset_and_jump_while_a_controller_runs(processes: Processes, peer_of) -> None:
+    arm = processes.arm(*ARM, *START, '-p', 'step_count:=7')
+    peer = peer_of(processes)
+    peer.connect()
+    # It pulls with all its might, and every command is stamped with the state it answers.
+    processes.python(ANSWERING).wait_for_text('answers')
+    peer.wait(lambda: any(peer.states[-1].velocity))
+
+    assert pause(peer, True).success
+    settled(peer)
+    before = stamp_ns(peer.states[-1])
+    told = trigger(peer, 'step')
+    assert (told.success, told.message.startswith('accepted: step')) == (True, True)
+    peer.wait(lambda: stamp_ns(peer.states[-1]) == before + 7 * MILLISECOND)
+    settled(peer)
+    assert stamp_ns(peer.states[-1]) == before + 7 * MILLISECOND
+    assert pause(peer, False).success
+    assert 'refused: step: the arm is not paused' in trigger(peer, 'step').message
+
+    assert trigger(peer, 'reset').success
+    peer.let_pass(20)
+    # Farther than the controller lets the arm go by itself.
+    jump(peer, [1.0, -1.5], lambda: peer.states[-1].position[0] > 0.6)
+    peer.let_pass(20)
+    check_never_back(peer)
+    arm.stop()
+    path = processes.folder / 'arm.mcap'
+    assert verify_log(path).complete
+    # The peer does not get every state; the recording has them.
+    states = [decode_joints(message.data) for message in recorded(path, 'joint_states')]
+    accepted = {message.role: message.cycle for message in recorded(path, 'set_state', 'requests')}
+    refused = recorded(path, 'rejected')
+    assert any(message.data[8:].startswith(b'requests refused') for message in refused)
+    resets = [m.cycle for m in recorded(path, 'requests') if b'reset' in m.data]
+    for cycle, place in ((resets[-1], [0.3, -0.2]), (accepted['set_state'], [1.0, -1.5])):
+        there, after = states[cycle - 1], states[cycle]
+        assert there.position.tolist() == place
+        assert not any(there.velocity)
+        # An effort that answered a state before the jump would show at once.
+        assert np.abs(after.position - place).max() < 1e-3
+
+
+def test_a_request_for_many_steps_is_done_to_its_end_and_services_answer_meanwhile(
+    processes: Processes, peer_of
+) -> None:
+    # A step lasts ten seconds of wall time, until another factor counts at once.
+    from rcl_interfaces.msg import Parameter, ParameterValue
+    from rcl_interfaces.srv import SetParameters
+
+    slow = ('step_size:=0.1', 'real_time_factor:=0.01', 'start_time:=5.0', 'step_count:=1234')
+    arm = processes.arm(*ARM, *(part for one in slow for part in ('-p', one)))
+    peer = peer_of(processes)
+    for _ in range(3):
+        assert trigger(peer, 'step').message.startswith('refused')
+        assert pause(peer, True).message == 'accepted: pause; simulated time 5.0 s'
+        assert pause(peer, False).success
+    assert pause(peer, True).success
+    value = ParameterValue(type=3, double_value=0.0)
+    chosen = [Parameter(name='real_time_factor', value=value)]
+    (result,) = call(peer, SetParameters, 'set_parameters', parameters=chosen).results
+    assert result.successful
+    assert trigger(peer, 'step').success
+    last = 5 * SECOND + 1234 * 100 * MILLISECOND
+    peer.wait(lambda: peer.states and stamp_ns(peer.states[-1]) == last)
+    settled(peer)
+    assert stamp_ns(peer.states[-1]) == last
+    arm.stop()
+    assert verify_log(processes.folder / 'arm.mcap').cycles == 1234
+
+
+@pytest.mark.slow
+def test_lockstep_repeats_a_state_that_an_ended_controller_left_unanswered(
+    processes: Processes, peer_of
+) -> None:
+    arm = processes.faulty('reports_often', *ARM, *START, *LOCKSTEP)
+    peer = peer_of(processes)
+    peer.connect()
+    controller = processes.python(ANSWERING)
+    controller.wait_for_text('answers')
+    peer.wait(lambda: any(peer.states[-1].velocity))
+    controller.process.kill()
+    controller.process.wait()
+    settled_at = 0
+    while settled_at != stamp_ns(peer.states[-1]):
+        settled_at = stamp_ns(peer.states[-1])
+        peer.let_pass(2)
+    # The same state again and again, never a step on an old command.
+    peer.let_pass(3)
+    assert stamp_ns(peer.states[-1]) == settled_at
+    arm.wait_for_text('s of waiting for commands in lockstep, now for the state at t = ')
+    # Services answer while nobody does, and a pause in lockstep ends with an answer only.
+    assert pause(peer, True).success
+    assert pause(peer, False).success
+    assert trigger(peer, 'reset').success
+    peer.wait(lambda: peer.states[-1].position.tolist() == [0.3, -0.2])
+    assert not any(peer.states[-1].velocity)
+    assert stamp_ns(peer.states[-1]) == settled_at + MILLISECOND
+    again = processes.python(ANSWERING)
+    again.wait_for_text('answers')
+    peer.wait(lambda: stamp_ns(peer.states[-1]) > settled_at + 100 * MILLISECOND)
+    check_never_back(peer)
+    arm.stop()
+    path = processes.folder / 'arm.mcap'
+    assert verify_log(path).complete
+    assert len(recorded(path, 'joint_commands')) > 100
+
+
+def test_a_lockstep_run_has_the_same_bits_each_time(processes: Processes, peer_of) -> None:
+    runs = []
+    for name in ('a.mcap', 'b.mcap'):
+        arm = processes.arm(
+            *('-p', 'robot:=planar2', '-p', f'recording:={name}', '-p', 'noise.position:=0.01'),
+            *(*START, *LOCKSTEP, '-p', 'wait_for_controller:=true'),
+        )
+        controller = processes.python(ANSWERING)
+        peer = peer_of(processes)
+        peer.wait(lambda peer=peer: peer.states and stamp_ns(peer.states[-1]) > SECOND // 5)
+        controller.process.kill()
+        controller.process.wait()
+        assert arm.end(signal.SIGINT) == 0, arm.text()
+        path = processes.folder / name
+        assert verify_log(path).complete
+        runs.append([m.data for m in recorded(path, 'joint_states')][:200])
+    assert len(runs[0]) == 200
+    assert runs[0] == runs[1]
+
+
+def test_commands_with_stamps_of_another_clock_are_rejected_with_the_remedy(
+    processes: Processes, peer_of
+) -> None:
+    arm = processes.faulty('reports_often', *ARM, *LOCKSTEP, '-p', 'start_time:=100.0')
+    peer = peer_of(processes)
+    peer.connect()
+    for stamp, label in ((99, 'stale'), (1_700_000_000, 'future')):
+        peer.command(NAMES, [1.0, 1.0], stamp=stamp)
+        arm.wait_for_text(f'messages on /joint_commands rejected: {label} (')
+    assert 'use_sim_time' in arm.text()
+    assert not any(peer.states[-1].effort)
+    arm.stop()
+
+
+class Leader:
+    """A publisher of `/clock` in the hands of the test."""
+
+    def __init__(self, peer: Peer) -> None:
+        from rosgraph_msgs.msg import Clock
+
+        self._kind = Clock
+        self._publisher = peer.node.create_publisher(Clock, '/clock', 10)
+        peer.wait(lambda: self._publisher.get_subscription_count() > 1)
+
+    def tick(self, stamp: int) -> None:
+        message = self._kind()
+        message.clock.sec, message.clock.nanosec = divmod(stamp, SECOND)
+        self._publisher.publish(message)
+
+
+@pytest.mark.slow
+def test_an_arm_follows_a_clock_forwards_only_and_logs_its_loss(
+    processes: Processes, peer_of
+) -> None:
+    settings = (*FOLLOWS, '-p', 'recording:=arm.mcap', '-p', 'step_size:=0.002')
+    arm = processes.faulty('reports_often', *settings)
+    peer = peer_of(processes)
+    leader = Leader(peer)
+    start = 490 * SECOND
+
+    def reaches(stamp: int) -> None:
+        def there() -> bool:
+            # Best effort: a tick may be lost.
+            leader.tick(stamp)
+            return bool(peer.states) and stamp_ns(peer.states[-1]) > stamp - 2 * MILLISECOND
+
+        peer.wait(there)
+
+    def begins() -> bool:
+        begun.append(start + len(begun) * MILLISECOND)
+        leader.tick(begun[-1])
+        return bool(peer.states)
+
+    # The first tick that comes is where time begins; the next ones are stepped to.
+    begun: list[int] = []
+    peer.wait(begins)
+    assert start < stamp_ns(peer.states[0]) <= begun[-1]
+    start += 100 * SECOND // 10
+    reaches(start + 100 * MILLISECOND)
+    for wrong, text in (
+        (start, 'messages on /clock rejected: stale (the clock is at 500.0 s and was at'),
+        (start + 3600 * SECOND, 'more than 100000 steps behind: call ~/reset to set its time'),
+    ):
+        seen = len(peer.states)
+        leader.tick(wrong)
+        arm.wait_for_text(text)
+        assert len(peer.states) == seen
+    reaches(start + 200 * MILLISECOND)
+    assert (np.diff(stamps(peer.states)) > 0).all()
+    assert set(np.diff(stamps(peer.states)) % (2 * MILLISECOND)) == {0}
+    # The number of seconds in front of it depends on when the arm looks.
+    arm.wait_for_text(' s: simulation paused until it is received again')
+    arm.stop()
+    path = processes.folder / 'arm.mcap'
+    assert verify_log(path).complete
+    found = [message.data[8:] for message in recorded(path, 'rejected')]
+    for label in (b'stale', b'refused'):
+        assert any(text.startswith(b'clock_ticks ' + label) for text in found)
+
+
+@pytest.mark.slow
+def test_two_arms_on_one_clock_have_the_same_stamps(processes: Processes, peer_of) -> None:
+    follower = processes.faulty(
+        'reports_often', *FOLLOWS, '-r', '__ns:=/right', '-p', 'recording:=right.mcap', ready=False
+    )
+    leader = processes.arm('-r', '__ns:=/left', '-p', 'recording:=left.mcap')
+    peers = [peer_of(processes, name) for name in ('left', 'right')]
+    for peer in peers:
+        peer.connect()
+    peers[1].let_pass(200)
+    # Its clock ends, and it stands at a time that the leader has reached.
+    assert leader.end(signal.SIGINT) == 0, leader.text()
+    follower.wait_for_text('simulation paused until it is received again')
+    assert follower.end(signal.SIGINT) == 0, follower.text()
+    found = {}
+    for name in ('left', 'right'):
+        path = processes.folder / f'{name}.mcap'
+        assert verify_log(path).complete
+        found[name] = [decode_joints(m.data).stamp_ns for m in recorded(path, 'joint_states')]
+    assert len(found['right']) > 200
+    assert set(found['right']) <= set(found['left'])
+    assert set(np.diff(found['right'])) == {MILLISECOND}
+
+
+@pytest.mark.slow
+def test_the_time_of_day_continues_across_a_restart_with_a_live_reader(
+    processes: Processes, peer_of
+) -> None:
+    peer = peer_of(processes)
+    for name in ('a.mcap', 'b.mcap'):
+        before = time.time_ns()
+        arm = processes.arm('-p', 'start_time:=-1.0', '-p', f'recording:={name}')
+        seen = len(peer.clocks)
+        peer.wait(lambda seen=seen: len(peer.clocks) > seen + 10)
+        arm.stop()
+        path = processes.folder / name
+        assert verify_log(path).complete
+        assert before - SECOND < RecordedLog(path).settings.start_ns < time.time_ns()
+    assert (np.diff(stamps(peer.clocks)) > 0).all()

@@ -1,16 +1,18 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of a real node: from a file, out of range, out of this world."""
+"""The parameters of a real node: from files and the command line, wrong, set while it runs."""
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
+from typing import Any
 
-from bridge import read_recording
+from bridge import RecordedLog, decode_string, verify_log
 import numpy as np
 import pytest
-from ros_processes import MILLISECOND, Processes, call, example_robot, stamp_ns
+from ros_processes import MILLISECOND, Peer, Processes, call, example_robot, stamp_ns
 from waiting import PATIENCE
 
 pytestmark = pytest.mark.ros
@@ -24,7 +26,8 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
         '    initial_positions: [0.5, -0.25]\n    step_size: 0.002\n    publish_rate: 100.0\n'
         '    colour: red\n'
     )
-    arm = processes.arm('--params-file', 'given.yaml')
+    (processes.folder / 'other.yaml').write_text('arm:\n  ros__parameters: {robot: ur5}\n')
+    arm = processes.arm('--params-file', 'given.yaml', '--params-file', 'other.yaml')
     peer = peer_of(processes)
     peer.connect()
     peer.let_pass(5)
@@ -33,29 +36,32 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
     steps = np.diff([stamp_ns(state) for state in peer.states])
     assert all(step % (10 * MILLISECOND) == 0 and step > 0 for step in steps)
     arm.stop()
+    # A file for all nodes may hold parameters of others; one for another node is a mistake.
     assert "unknown parameters ignored: ['colour']" in arm.text()
+    assert "other.yaml has no parameters for /sim_arm, only for ['/arm']" in arm.text()
+    assert 'given.yaml has' not in arm.text()
 
 
 # Arguments of a node that does not start, and a part of its one line.
 BAD = [
     (('-p', 'step_size:=5.0'), 'step_size out of range'),
-    (('-p', 'step_size:=1'), 'step_size takes floating-point numbers: write 1.0'),
-    (('-p', 'gravity:=[0, 0, -9]'), 'gravity takes floating-point numbers: write [0.0, 0.0, '),
-    (('-p', 'damping.joint1:=1'), 'damping.joint1 takes floating-point numbers: write 1.0'),
+    (('-p', 'step_size:=1'), "'step_size' to '1' of type 'INTEGER'"),
+    (('-p', 'damping.joint1:=1'), "'damping.joint1' to '1' of type 'INTEGER'"),
     (('-p', 'locked:=a'), "'locked' to 'a' of type 'STRING'"),
     (('robot:=ur5',), "'robot:=ur5' needs -p before it"),
-    (
-        ('-p', f'robot:={PANDA}'),
-        'of the node: write -p locked:=[panda_finger_joint1,panda_finger_joint2]',
-    ),
+    (('-p', f'robot:={PANDA}'), 'write -p locked:=[panda_finger_joint1,panda_finger_joint2]'),
     (('-p', 'robot:=r2d2'), 'r2d2'),
     (('-p', 'publish_rate:=300.0'), 'publish_rate is 300.0 Hz'),
-    (('-p', 'recording:=there.mcap'), 'there.mcap exists and is not overwritten'),
+    (('-p', 'gravty:=[0.0, 0.0, 0.0]'), "['gravty']; similar names: ['gravity']"),
+    (('-p', 'armature.jiont1:=1.0'), "similar names: ['armature.joint1']"),
+    (('-p', 'recording_max_size:=100'), "no parameter 'recording_max_size' any more"),
+    (('-p', 'qos_overrides./joint_states.publisher.history:=keep_all'), "history']; similar"),
+    (('-p', 'recording:=there.mcap'), 'the file exists and is not overwritten'),
     (('--params-file', 'nix.yaml'), 'nix.yaml'),
-    (('-p', 'recording:=folder'), 'folder exists and is not overwritten'),
-    (('-p', 'recording:=fifo'), 'fifo exists and is not overwritten'),
-    (('-p', 'recording:=/proc/nowhere/arm.mcap'), '/proc/nowhere/arm.mcap cannot be written'),
-    (('-p', 'recording:=nowhere/arm.mcap'), 'nowhere/arm.mcap cannot be written'),
+    (('-p', 'recording:=folder'), 'the file exists and is not overwritten'),
+    (('-p', 'recording:=fifo'), 'the file exists and is not overwritten'),
+    (('-p', 'recording:=/proc/nowhere/arm.mcap'), '/proc/nowhere/arm.mcap'),
+    (('-p', 'recording:=nowhere/arm.mcap'), 'nowhere/arm.mcap'),
     (('-p', f'recording:={"x" * 300}'), 'File name too long'),
     (('-p', 'robot:=fifo'), "'fifo' must end in .urdf"),
     (('-p', 'robot:=folder'), 'folder'),
@@ -120,52 +126,214 @@ def test_a_parameter_without_its_option_is_named_with_the_cure(
     assert process.text() == f'{text}\n'
 
 
-def test_an_integer_for_a_number_is_refused_with_the_way_to_write_it(
-    processes: Processes, peer_of
-) -> None:
+class Client:
+    """Calls the parameter services of `sim_arm`."""
+
+    def __init__(self, peer: Peer) -> None:
+        self._peer = peer
+
+    def call(self, kind: str, **fields: Any) -> Any:
+        from rcl_interfaces import srv
+
+        name = ''.join(f'_{c.lower()}' if c.isupper() else c for c in kind)[1:]
+        return call(self._peer, getattr(srv, kind), name, **fields)
+
+    def set(self, *parameters: Any) -> tuple[bool, str]:
+        """Set all of some parameters or none; return the success and the reason."""
+        result = self.call('SetParametersAtomically', parameters=list(parameters)).result
+        return result.successful, result.reason
+
+    def get(self, name: str) -> Any:
+        return self.call('GetParameters', names=[name]).values[0]
+
+    def describe(self, name: str) -> Any:
+        return self.call('DescribeParameters', names=[name]).descriptors[0]
+
+
+def parameter(name: str, value: Any, kind: int | None = None) -> Any:
+    """Return a parameter as it travels; `kind` is another type than its value has."""
     from rcl_interfaces.msg import Parameter, ParameterValue
-    from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 
-    some = ('-p', 'friction:=true', '-p', 'friction.elbow:=1.0')
-    arm = processes.arm('-p', 'robot:=planar2', *some)
-    # Warnings of Python are lines of the node's log.
-    silent = "friction is true, but the model of 'planar2' states none for ['shoulder']"
-    (line,) = [line for line in arm.text().splitlines() if silent in line]
-    assert line.startswith('[WARN]')
-    peer = peer_of(processes)
-    peer.connect()
-    integer = [Parameter(name='real_time_factor', value=ParameterValue(type=2, integer_value=500))]
-    integers = [
-        Parameter(name='payload.center', value=ParameterValue(type=7, integer_array_value=[0, -1]))
+    kinds = {bool: (1, 'bool_value'), int: (2, 'integer_value'), float: (3, 'double_value')}
+    kinds |= {str: (4, 'string_value'), list: (8, 'double_array_value')}
+    number, field = kinds[type(value)]
+    found = ParameterValue(**{'type': number if kind is None else kind, field: value})
+    return Parameter(name=name, value=found)
+
+
+def recorded_changes(path: Path) -> list[dict[str, Any]]:
+    """Return the changes of settings that a recording holds."""
+    return [
+        json.loads(decode_string(message.data))
+        for message in RecordedLog(path).messages()
+        if message.role == 'parameters'
     ]
-    wanted = 'real_time_factor takes floating-point numbers: write 500.0'
-    (result,) = call(peer, SetParameters, 'set_parameters', parameters=integer).results
-    assert (result.successful, result.reason) == (False, wanted)
-    (result,) = call(peer, SetParameters, 'set_parameters', parameters=integers).results
-    assert result.reason == 'payload.center takes floating-point numbers: write [0.0, -1.0]'
-    # A number would not be accepted either.
-    fixed = [Parameter(name='friction.elbow', value=ParameterValue(type=2, integer_value=3))]
-    (result,) = call(peer, SetParameters, 'set_parameters', parameters=fixed).results
-    assert (result.successful, 'read-only' in result.reason) == (False, True)
-    answer = call(peer, SetParametersAtomically, 'set_parameters_atomically', parameters=integer)
-    assert (answer.result.successful, answer.result.reason) == (False, wanted)
-    arm.stop()
 
 
-def test_a_node_with_load_friction_of_one_joint_moves_and_its_recording_verifies(
+def test_a_node_takes_dynamic_parameters_and_refuses_all_else_with_a_reason(
     processes: Processes, peer_of
 ) -> None:
-    given = ('-p', 'robot:=planar2', '-p', 'load_friction.elbow:=0.2', '-p', 'recording:=arm.mcap')
-    arm = processes.arm(*given)
+    arm = processes.arm('-p', 'robot:=planar2', '-p', 'recording:=arm.mcap')
     peer = peer_of(processes)
+    client = Client(peer)
+    told = client.describe('real_time_factor')
+    assert not told.read_only
+    assert told.floating_point_range[0].to_value == 1000.0
+    told = client.describe('integrator')
+    assert told.read_only
+    assert told.additional_constraints.startswith("one of ['auto', 'rk4'")
     peer.connect()
-    peer.command(['shoulder', 'elbow'], [5.0, 2.0])
-    peer.wait(lambda: peer.states[-1].effort.tolist() == [5.0, 2.0])
-    peer.wait(lambda: min(map(abs, peer.states[-1].velocity)) > 0.01)
+
+    assert client.set(parameter('real_time_factor', 0.5)) == (True, '')
+    assert client.get('real_time_factor').double_value == 0.5
+    reasons = {
+        'read-only': [parameter('step_size', 0.002)],
+        'out of range': [parameter('real_time_factor', float('nan'))],
+        'expected 0 or 1e-06 and more': [parameter('real_time_factor', 1e-9)],
+        'Wrong parameter type': [parameter('real_time_factor', 1)],
+        'cannot be undeclared': [parameter('real_time_factor', 1.0, kind=0)],
+        'Invalid access': [parameter('%s{0}\n\x01' + 'x' * 1000, 1.0)],
+        'read-only parameter: robot': [
+            parameter('real_time_factor', 2.0),
+            parameter('robot', 'ur5'),
+        ],
+        'read-only parameter: gravity': [parameter('gravity', [0.0] * 100_000)],
+    }
+    for reason, parameters in reasons.items():
+        successful, told = client.set(*parameters)
+        assert not successful
+        assert reason in told
+    assert client.get('real_time_factor').double_value == 0.5
+    assert client.set(parameter('use_sim_time', False)) == (True, '')
+    # Each one after the other, and all of them count.
+    for joint, value in (('shoulder', 0.5), ('elbow', 0.25)):
+        assert client.set(parameter(f'bias.effort.{joint}', value)) == (True, '')
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [0.5, 0.25])
+    # rclpy raises for a type that does not exist; the service answers without a result.
+    client.call('SetParameters', parameters=[parameter('real_time_factor', 1.0, 77)])
+    arm.wait_for_text('callbacks failed, most recently by ')
+    peer.let_pass()
+
     arm.stop()
-    summary = read_recording(processes.folder / 'arm.mcap', verify=True)
-    assert summary.settings is not None
-    assert summary.settings.load_friction == (0.0, 0.2)
+    path = processes.folder / 'arm.mcap'
+    assert recorded_changes(path) == [
+        {'real_time_factor': 0.5},
+        {'bias_effort': [0.5, 0.0]},
+        {'bias_effort': [0.5, 0.25]},
+    ]
+    assert verify_log(path).complete
+
+
+class Plant:
+    """Pushes the arm, loads it, and listens to its payload."""
+
+    def __init__(self, peer: Peer) -> None:
+        from geometry_msgs.msg import InertiaStamped, WrenchStamped
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        node = peer.node
+        self.payloads: list[Any] = []
+        self._peer, self._wrench, self._payload = peer, WrenchStamped, InertiaStamped
+        self._pushes = node.create_publisher(WrenchStamped, 'sim_arm/external_wrench', 1)
+        self._loads = node.create_publisher(InertiaStamped, 'sim_arm/payload', latched)
+        topic = 'sim_arm/payload_in_use'
+        node.create_subscription(InertiaStamped, topic, self.payloads.append, latched)
+
+    def push(self, frame: str, *force: float) -> None:
+        message = self._wrench()
+        message.header.frame_id = frame
+        message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = force
+        self._peer.wait(self._pushes.get_subscription_count)
+        self._pushes.publish(message)
+
+    def load(self, frame: str, mass: float) -> None:
+        message = self._payload()
+        message.header.frame_id = frame
+        message.inertia.m = mass
+        self._peer.wait(self._loads.get_subscription_count)
+        self._loads.publish(message)
+
+
+@pytest.mark.slow
+def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
+    processes: Processes, peer_of
+) -> None:
+    from std_srvs.srv import Trigger
+
+    (processes.folder / 'given.yaml').write_text(
+        '/**:\n  ros__parameters:\n    robot: planar2\n    joints: [elbow, shoulder]\n'
+        '    damping:\n      elbow: 0.5\n    friction.shoulder: 0.25\n'
+        '    payload: {mass: 0.5}\n    gravity: [0.0, 0.0, 0.0]\n    external_wrench: true\n'
+        '    load_friction.elbow: 0.2\n'
+    )
+    arm = processes.arm(
+        *('--params-file', 'given.yaml'),
+        *('-p', 'damping.shoulder:=0.125', '-p', 'motor_lag.elbow:=0.001'),
+        *('-p', 'recording:=arm.mcap'),
+    )
+    peer = peer_of(processes)
+    client = Client(peer)
+    for name, value in (
+        ('damping.shoulder', 0.125),
+        ('damping.elbow', 0.5),
+        ('friction.elbow', 0.0),
+        ('friction.shoulder', 0.25),
+        ('motor_lag.elbow', 0.001),
+        ('armature.elbow', 0.0),
+        ('payload.mass', 0.5),
+    ):
+        assert client.get(name).double_value == value
+    told = client.describe('damping.elbow')
+    assert (told.read_only, told.name) == (True, 'damping.elbow')
+    plant = Plant(peer)
+    peer.connect()
+    # Latched: its subscriber came late.
+    peer.wait(lambda: [body.inertia.m for body in plant.payloads] == [0.5])
+    peer.plain_command([0.0, 0.0])
+    peer.wait(lambda: list(peer.states[-1].effort) == [0.0, 0.0])
+    assert not any(peer.states[-1].velocity)
+    assert client.set(parameter('bias.effort.shoulder', 0.5)) == (True, '')
+    peer.wait(lambda: list(peer.states[-1].effort) == [0.0, 0.5])
+    assert client.get('bias.effort.shoulder').double_value == 0.5
+    plant.push('tip_link', 0.0, 20.0, 0.0)
+    peer.wait(lambda: all(peer.states[-1].velocity))
+    plant.push('nowhere', 0.0, 1e9, 0.0)
+    answer = call(peer, Trigger, 'clear_external_wrench')
+    assert answer.success
+    assert answer.message.startswith('accepted: clear_wrench')
+    plant.load('tip_link', 1.5)
+    peer.wait(lambda: plant.payloads[-1].inertia.m == 1.5)
+    assert client.set(
+        parameter('payload.mass', 2.5), parameter('payload.center', [0.1, 0.0, 0.0])
+    ) == (True, '')
+    peer.wait(lambda: plant.payloads[-1].inertia.m == 2.5)
+    assert plant.payloads[-1].inertia.com.x == 0.1
+    assert plant.payloads[-1].header.frame_id == 'tip_link'
+    successful, reason = client.set(parameter('payload.inertia', [1.0, 0.0, 0.0, 1.0, 0.0, 3.0]))
+    assert not successful
+    assert 'payload.inertia is not physically consistent' in reason
+    assert client.set(parameter('gravity_compensation', True))[0]
+    # A flood: the newest payload counts.
+    for mass in range(100):
+        plant.load('tip_link', 1.0 + mass)
+    peer.wait(lambda: plant.payloads[-1].inertia.m == 100.0)
+    plant.load('%s{0}\n', -1.0)
+    peer.let_pass()
+
+    arm.stop()
+    assert 'callback' not in arm.text()
+    assert 'unknown_names' in arm.text()
+    path = processes.folder / 'arm.mcap'
+    assert verify_log(path).complete
+    settings = RecordedLog(path).settings
+    assert settings.joint_damping == (0.5, 0.125)
+    assert settings.joint_friction == (0.0, 0.25)
+    assert settings.load_friction == (0.2, 0.0)
+    assert settings.joint_armature == ()
+    changes = recorded_changes(path)
+    assert {'payload_mass': 2.5, 'payload_center': [0.1, 0.0, 0.0]} in changes
+    assert {'bias_effort': [0.0, 0.5]} in changes
 
 
 @pytest.mark.slow
@@ -187,11 +355,21 @@ def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
     assert list(peer.states[-1].name) == [*arm_joints, *fingers]
     assert peer.states[-1].position[7:].tolist() == [0.01, 0.02]
     peer.command(fingers, [1.0] * 2)
-    arm.wait_for_text(f'commands for locked joints have no effect: {fingers}')
+    arm.wait_for_text('commands for locked joints have no effect: ')
     arm.wait_for_text('1 messages on /joint_commands rejected: refused (locked: ')
     arm.stop()
-    summary = read_recording(processes.folder / 'arm.mcap', verify=True)
-    assert summary.settings is not None
-    assert summary.settings.locks == {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}
+    path = processes.folder / 'arm.mcap'
+    assert verify_log(path).complete
+    assert RecordedLog(path).settings.locks == dict(zip(fingers, (0.01, 0.02), strict=True))
     assert arm.text().count('for locked joints have no effect') == 1
     assert 'unknown' not in arm.text()
+
+
+def test_a_start_says_once_what_warnings_of_the_model_say(processes: Processes) -> None:
+    some = ('-p', 'friction:=true', '-p', 'friction.elbow:=1.0')
+    arm = processes.arm('-p', 'robot:=planar2', *some)
+    # Warnings of Python are lines of the node's log.
+    silent = "friction is true, but the model of 'planar2' states none for ['shoulder']"
+    (line,) = [line for line in arm.text().splitlines() if silent in line]
+    assert line.startswith('[WARN]')
+    arm.stop()

@@ -211,13 +211,16 @@ def report_arm(report: Report, arm: SimArm, *, last: bool = False) -> None:
 
 
 def _report_inputs(report: Report, arm: SimArm, last: bool) -> None:
+    engine = arm.engine
     for (role, label), (count, detail) in report.inputs().items():
         topic, key = arm.endpoints.topic(role), (role, label)
         if label == f'unknown_names{REMARK}':
-            text = f'messages on {topic} with unknown joints, which are ignored: {detail}'
-            report.line(key, count, f'{text}; known joints: {listed(arm.engine.names)}', last=last)
+            names = detail.removeprefix('unknown joints ')
+            text = f'unknown joints in messages ignored on {topic}: {names}'
+            report.event(key, count, f'{text}; known joints: {listed(engine.names)}', last=last)
         elif label == f'{LOCKED_JOINTS}{REMARK}':
-            report.once(key, f'commands for locked joints have no effect: {detail}')
+            names = detail.removeprefix('locked: ')
+            report.once(key, f'commands for locked joints have no effect: {names}')
         elif label == f'future{REMARK}':
             report.once(key, f'commands on {topic} have stamps of another clock: {detail}')
         elif is_rejection(label):

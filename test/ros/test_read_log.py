@@ -1,31 +1,47 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""read_log: the arrays of a log are what other readers find in it, message by message."""
+"""read_log: the arrays of a log are what other readers find in it, in the order of log times."""
 
 from __future__ import annotations
 
 from contextlib import closing
-from copy import deepcopy
 from itertools import chain
+import os
 from pathlib import Path
 import random
+import shutil
 import sqlite3
+import tracemalloc
 from typing import Any
 
-from bags import STORE, random_message, rosbag2, write_bag
-from bridge import LogError
+from bags import write_bag
+from bridge import Bag, LogError, in_order, log_facts, renamed_joints
 from damage import damaged_bytes
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
+from logs import (
+    ARM,
+    JOINT_STATE,
+    STATES,
+    STORE,
+    STRING,
+    Row,
+    joint_state,
+    motion,
+    rosbag2,
+    states,
+    string,
+    write_mcap,
+    write_sqlite,
+)
 import numpy as np
 import pytest
-from read_hostile import bounded
-from rewriting import GOLDEN, STATES, Recording, Sent, load, ros_topic
 
-import pfd_core as pfd
 from pfd_ros import read_log
 
-NUMBERS = {'float64': float, 'float32': np.float32, 'bool': bool}
+NAN = np.nan
+HAND = ('finger_1', 'finger_2')
+FIELDS = ('position', 'velocity', 'effort')
 
 
 def flat(kind: str, message: Any) -> dict[str, Any]:
@@ -55,6 +71,9 @@ def assert_holds(values: Any, wanted: Any) -> None:
         assert values == wanted
 
 
+# --- the contents of all kinds of logs
+
+
 @pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])
 def test_each_message_type_of_jazzy_is_read_as_rosbags_wrote_it(
     tmp_path: Path, storage: str
@@ -67,303 +86,111 @@ def test_each_message_type_of_jazzy_is_read_as_rosbags_wrote_it(
     assert len(log.topics) == len(kinds)
     for topic, messages in written.items():
         found = log[topic]
-        assert len(found) == found.recorded == len(messages)
+        assert len(found) == len(messages)
         for k, message in enumerate(messages):
             for path, wanted in flat(found.type, message).items():
                 if path.endswith('structure_needs_at_least_one_member'):
                     continue  # of a type without fields
-                if path not in ('position', 'velocity', 'effort') or not found.names:
+                if not (found.names and path in ('name', *FIELDS)):
                     assert_holds(found[path][k], wanted)
 
 
-def test_a_recording_of_ours_has_arrays_joints_settings_and_its_robot() -> None:
-    log = read_log(GOLDEN)
-    states, recorded = log['/joint_states'], load(GOLDEN)
-    raw = [sent.data for sent in recorded.messages if sent.topic == STATES]
-    decoded = [STORE.deserialize_cdr(data, 'sensor_msgs/msg/JointState') for data in raw]
-    assert states.names == tuple(decoded[0].name)
-    for name in ('position', 'velocity', 'effort'):
-        np.testing.assert_array_equal(states[name], [getattr(m, name) for m in decoded])
-    stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in decoded]
-    np.testing.assert_allclose(states.time, stamps, rtol=0, atol=1e-9)
-    assert states.header.frame_id[0] == 'base'
-    assert log.settings is not None
-    assert log.settings['robot'] == 'puma560'
-    assert log.robot is not None
-    assert log.robot.joint_names == pfd.load_robot('puma560').joint_names
-    # Commands that are no message are left out.
-    commands = log['/joint_commands']
-    assert (len(commands), commands.recorded) == (21, 22)
-    assert commands.effort.shape == (21, len(commands.names))
-
-
 def test_joints_are_found_by_name_whatever_order_a_message_has(tmp_path: Path) -> None:
-    kind = 'sensor_msgs/msg/JointState'
-    make, header = STORE.types[kind], random_message('std_msgs/msg/Header', random.Random(0))
     rows = [(['a', 'b'], [1.0, 2.0], []), (['b', 'a'], [4.0, 3.0], [5.0, 6.0]), (['b'], [7.0], [])]
-    with rosbag2.Writer(tmp_path / 'bag', version=9) as writer:
-        connection = writer.add_connection('/states', kind, typestore=STORE)
-        for k, (names, q, qd) in enumerate(rows):
-            message = make(deepcopy(header), names, np.array(q), np.array(qd), np.array([]))
-            writer.write(connection, k, bytes(STORE.serialize_cdr(message, kind)))
-    states = read_log(tmp_path / 'bag')['/states']
-    nan = np.nan
-    assert states.names == ('a', 'b')
-    np.testing.assert_array_equal(states.position, [[1.0, 2.0], [3.0, 4.0], [nan, 7.0]])
-    np.testing.assert_array_equal(states.velocity, [[nan, nan], [6.0, 5.0], [nan, nan]])
-    assert states.effort.shape == (3, 2)
+    sent = [Row(STATES, k, joint_state(names, q, qd)) for k, (names, q, qd) in enumerate(rows)]
+    found = read_log(write_mcap(tmp_path / 'a.mcap', sent))[STATES]
+    assert found.names == ('a', 'b')
+    np.testing.assert_array_equal(found.position, [[1.0, 2.0], [3.0, 4.0], [NAN, 7.0]])
+    np.testing.assert_array_equal(found.velocity, [[NAN, NAN], [6.0, 5.0], [NAN, NAN]])
+    np.testing.assert_array_equal(found.effort, np.full((3, 2), NAN))
+    assert [list(found.rows(joint)) for joint in 'ab'] == [[0, 1], [0, 1, 2]]
 
 
-def test_only_the_requested_window_and_topics_are_read() -> None:
-    whole = read_log(GOLDEN)['/joint_states']
-    log = read_log(GOLDEN, topics=['/joint_states'], start=0.201, end=0.401)
-    assert list(log) == ['/joint_states']
-    everything = read_log(GOLDEN)
-    begin = min(everything[topic].log_time[0] for topic in log.topics if len(everything[topic]))
-    inside = (whole.log_time - begin > 0.201) & (whole.log_time - begin < 0.401)
-    assert 0 < inside.sum() < len(whole)
-    np.testing.assert_array_equal(log['/joint_states'].position, whole.position[inside])
-    empty = read_log(GOLDEN, start=1e6)['/joint_states']
+def test_two_publishers_of_one_topic_are_joined_by_joint(tmp_path: Path) -> None:
+    rows = sorted([*states(30), *states(30, HAND, start=0.0004)], key=lambda row: row.at)
+    path = write_mcap(tmp_path / 'a.mcap', rows)
+    found = read_log(path)[STATES]
+    assert found.names == ARM + HAND
+    for names, start in ((ARM, 0.0), (HAND, 0.0004)):
+        for joint in names:
+            chosen = found.rows(joint)
+            column = found.names.index(joint)
+            wanted = [
+                [values[names.index(joint)] for values in motion(start + 0.01 * k, names)]
+                for k in range(30)
+            ]
+            got = np.stack([found[item][chosen, column] for item in FIELDS], axis=1)
+            np.testing.assert_array_equal(got, wanted)
+            np.testing.assert_allclose(np.diff(found.time[chosen]), 0.01, atol=1e-6)
+        others = np.setdiff1d(np.arange(60), found.rows(names[0]))
+        assert np.isnan(found.position[np.ix_(others, [found.names.index(names[0])])]).all()
+    (topic,) = log_facts(path).topics.values()
+    assert topic.median_interval_ns == pytest.approx(10_000_000, abs=2)
+
+
+@pytest.mark.parametrize('kind', ['mcap', 'sqlite'])
+def test_messages_are_read_in_the_order_of_their_log_times(tmp_path: Path, kind: str) -> None:
+    rows = [*states(50, start=0.5), *states(50)]
+    path = write_mcap(tmp_path / 'a.mcap', rows) if kind == 'mcap' else tmp_path / 'bag'
+    if kind == 'sqlite':
+        write_sqlite(path, rows)
+    log = read_log(path, end=0.75)
+    found = log[STATES]
+    times = [*(0.01 * k for k in range(50)), *(0.5 + 0.01 * k for k in range(25))]
+    np.testing.assert_array_equal(found.position, [motion(t)[0] for t in times])
+    assert (np.diff(found.log_ns) > 0).all()
+    np.testing.assert_array_equal(found.log_ns, found.stamp_ns)
+    assert log.messages(STATES) == [row.data for row in (*rows[50:], *rows[:25])]
+    facts = log_facts(path)
+    assert facts.end_ns - facts.begin_ns == 990_000_000
+
+
+def test_equal_log_times_keep_the_order_of_the_file(tmp_path: Path) -> None:
+    rows = [Row('/text', at, string(str(k))) for k, at in enumerate([2, 1, 1, 2, 1])]
+    log = read_log(write_mcap(tmp_path / 'a.mcap', rows, {'/text': STRING}))
+    assert list(log['/text'].data) == ['1', '2', '4', '0', '3']
+
+
+@given(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 20)), max_size=40))
+def test_any_order_is_put_in_order_with_the_least_waiting(rows: list[tuple[int, int]]) -> None:
+    from bridge import BagMessage
+
+    messages = [BagMessage('/t', at, at, bytes(size), k) for k, (at, size) in enumerate(rows)]
+    late = max((a - b for k, (a, _) in enumerate(rows) for b, _ in rows[k:]), default=0)
+    found = list(in_order(iter(messages), late))
+    assert found == sorted(messages, key=lambda m: m.log_ns)
+
+
+def test_the_window_begins_with_the_first_message_of_the_log(tmp_path: Path) -> None:
+    rows = [Row('/text', 1000.0, string('first')), *states(100, start=0.5)]
+    path = write_mcap(tmp_path / 'a.mcap', rows, {'/text': STRING})
+    log = read_log(path, topics=[STATES], start=0.7, end=1.0)
+    assert list(log) == [STATES]
+    np.testing.assert_array_equal(
+        log[STATES].position[:, 0], np.sin(0.5 + 0.01 * np.arange(20, 50))
+    )
+    assert set(log.topics) == {'/text', STATES}
+    empty = read_log(path, start=1e6)[STATES]
     assert (len(empty), empty.names) == (0, ())
 
 
-def test_only_topics_of_the_requested_types_are_read() -> None:
-    kind = 'sensor_msgs/msg/JointState'
-    log = read_log(GOLDEN, types=[kind])
-    assert {log.topics[topic] for topic in log} == {kind}
-    assert set(log.topics) == set(read_log(GOLDEN))
-    assert len(log[STATES]) == len(load(GOLDEN).on(STATES))
+def test_only_topics_of_the_requested_types_are_read(tmp_path: Path) -> None:
+    rows = [Row('/text', 1000.0, string('a')), *states(3)]
+    path = write_mcap(tmp_path / 'a.mcap', rows, {'/text': STRING})
+    assert list(read_log(path, types=[JOINT_STATE])) == [STATES]
     with pytest.raises(ValueError, match=r"types must be a list of names, got '.*': write \['"):
-        read_log(GOLDEN, types=kind)
+        read_log(path, types=JOINT_STATE)
 
 
-def test_a_log_that_was_cut_off_is_read_up_to_the_cut(tmp_path: Path) -> None:
-    path = tmp_path / 'cut.mcap'
-    data = GOLDEN.read_bytes()
-    path.write_bytes(data[: int(0.6 * len(data))])
-    log, whole = read_log(path), read_log(GOLDEN)
-    assert not log.complete
-    found, wanted = log['/joint_states'].position, whole['/joint_states'].position
-    assert 0 < len(found) < len(wanted)
-    np.testing.assert_array_equal(found, wanted[: len(found)])
-
-
-def test_pandas_has_a_column_for_each_joint() -> None:
-    pytest.importorskip('pandas')
-    log = read_log(GOLDEN)
-    states, frame = log['/joint_states'], log.to_pandas('/joint_states')
-    np.testing.assert_array_equal(frame['position.joint2'], states.position[:, 1])
-    np.testing.assert_array_equal(frame.index, states.time)
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'message'),
-    [
-        ({'topics': ['/nothing']}, r"has no topic \['/nothing'\]; topics are \['/clock'"),
-        ({'topics': '/clock'}, r"write \['/clock'\]"),
-        ({'start': 2.0, 'end': 1.0}, 'start must be before end'),
-        ({'start': float('nan')}, 'start must be before end'),
-    ],
-)
-def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        read_log(GOLDEN, **arguments)
-
-
-def test_unknown_topics_and_fields_are_named() -> None:
-    log = read_log(GOLDEN)
-    with pytest.raises(KeyError, match="no topic '/nothing'"):
-        log['/nothing']
-    with pytest.raises(AttributeError, match="no field 'positions'"):
-        _ = log['/joint_states'].positions
-    with pytest.raises(KeyError, match=r"no field 'header\.seq'"):
-        log['/joint_states']['header.seq']
-
-
-def bag_of(path: Path, **changes: Any) -> Path:
-    """Write a folder of rosbag2 with one message, and change its SQLite file or description."""
-    write_bag(path, ['std_msgs/msg/String'], random.Random(0), rosbag2.StoragePlugin.SQLITE3)
-    description = path / 'metadata.yaml'
-    for old, new in changes.get('replace', {}).items():
-        text = description.read_text()
-        assert old in text
-        description.write_text(text.replace(old, new))
-    for statement in changes.get('sql', ()):
-        with closing(sqlite3.connect(next(path.glob('*.db3')))) as database, database:
-            database.execute(statement)
-    return path
-
-
-ENDLESS = (
-    'CREATE VIEW messages AS WITH RECURSIVE x(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM x) '
-    "SELECT n AS id, 1 AS topic_id, n AS timestamp, x'00' AS data FROM x"
-)
-
-LONG_DEFINITION = (
-    "UPDATE message_definitions SET encoded_message_definition = printf('%65537s', 'string data')"
-)
-
-# SQLite's length() of it is 0.
-LONG_AFTER_NUL = "char(0) || printf('%70000s', '')"
-
-
-@pytest.mark.parametrize(
-    ('changes', 'message'),
-    [
-        ({'replace': {'bag.db3': '../../etc/passwd'}}, 'not in the folder of the bag'),
-        ({'replace': {"compression_format: ''": 'compression_format: zstd'}}, 'compressed'),
-        ({'sql': ['DROP TABLE topics']}, 'no tables `topics` and `messages`'),
-        ({'sql': ['DROP TABLE messages', ENDLESS]}, 'no tables `topics` and `messages`'),
-        ({'sql': ['UPDATE messages SET topic_id = 77']}, 'unknown topic 77'),
-        ({'sql': ['ALTER TABLE messages ADD b BLOB AS (zeroblob(9))']}, 'generated columns'),
-        (
-            {'sql': ['ALTER TABLE message_definitions ADD b BLOB AS (zeroblob(9))']},
-            'message_definitions has generated columns',
-        ),
-        ({'sql': ["UPDATE topics SET type = x'00'"]}, 'a field that is not a string of at most'),
-        ({'sql': [f'UPDATE topics SET name = {LONG_AFTER_NUL}']}, 'topic 1 has a field that is'),
-        ({'sql': ["UPDATE messages SET data = 'text'"]}, 'a message of 4 bytes'),
-        (
-            {'sql': [LONG_DEFINITION]},
-            'the definition of std_msgs/msg/String has 65537 bytes, expected a text of at most',
-        ),
-        (
-            {
-                'sql': [
-                    f'UPDATE message_definitions SET encoded_message_definition = {LONG_AFTER_NUL}'
-                ]
-            },
-            'the definition of std_msgs/msg/String has 70001 bytes',
-        ),
-        (
-            {'sql': [f'UPDATE messages SET data = {LONG_AFTER_NUL}']},
-            'a message of 70001 bytes',
-        ),
-    ],
-)
-def test_hostile_bags_are_refused_with_a_line(
-    tmp_path: Path, changes: dict[str, Any], message: str
-) -> None:
-    with pytest.raises(LogError, match=message):
-        read_log(bag_of(tmp_path / 'bag', **changes))
-
-
-@pytest.mark.parametrize(
-    ('text', 'message'),
-    [
-        ('a: ' + '[' * 50_000, 'RecursionError'),
-        ('x' * 300_000, 'more than 262144 bytes'),
-        ('rosbag2_bagfile_information: {compression_format: [a]}', 'not a name'),
-    ],
-)
-def test_hostile_descriptions_are_refused(tmp_path: Path, text: str, message: str) -> None:
-    (tmp_path / 'metadata.yaml').write_text(text)
-    with pytest.raises(LogError, match=message):
-        read_log(tmp_path)
-
-
-def test_a_database_that_is_being_written_is_refused_and_left_alone(tmp_path: Path) -> None:
-    bag = bag_of(tmp_path / 'bag')
-    (file,) = bag.glob('*.db3')
-    file.with_name(f'{file.name}-wal').write_bytes(b'')
-    before = sorted(bag.iterdir())
-    with pytest.raises(LogError, match='is being written, or was not closed'):
-        read_log(bag)
-    assert sorted(bag.iterdir()) == before
-
-
-@pytest.mark.parametrize('content', [b'', b'x' * 100, b'SQLite format 3\0' + bytes(100)])
-@pytest.mark.parametrize('name', ['a.mcap', 'a.db3'])
-def test_files_that_are_no_bag_are_refused(tmp_path: Path, name: str, content: bytes) -> None:
-    path = tmp_path / name
-    path.write_bytes(content)
-    with pytest.raises(LogError, match=str(path)):
-        read_log(path)
-
-
-def mcap_of(path: Path, kind: str, definition: str, messages: list[bytes]) -> Path:
-    """Write an MCAP file with one topic."""
-    sent = [Sent('/topic', k, k, data) for k, data in enumerate(messages)]
-    bag = Recording(channels=[ros_topic('/topic', kind, definition)], messages=sent)
-    return bag.save(path)
-
-
-TEN = ''.join(
-    f'\n{"=" * 80}\nMSG: pkg/T{k}\n' + '\n'.join(f'{"T" + str(k + 1)} a{j}' for j in range(10))
-    for k in range(9)
-)
-# A hundred fields of a type each, eight deep, the last without fields.
-EMPTY = ''.join(
-    f'\n{"=" * 80}\nMSG: pkg/E{k}\n' + '\n'.join(f'E{k + 1} a{j}' for j in range(100))
-    for k in range(8)
-)
-SELF = (
-    'Other a\n' + '=' * 80 + '\nMSG: pkg/Other\nThing b\n' + '=' * 80 + '\nMSG: pkg/Thing\nOther c'
-)
-
-
-@pytest.mark.parametrize(
-    ('definition', 'message'),
-    [
-        (SELF, 'nested deeper than'),
-        (f'E0 a{EMPTY}\n{"=" * 80}\nMSG: pkg/E8\n', 'more than 4096 fields'),
-        ('Missing a', 'definition of type pkg/Missing is missing'),
-        ('float64', "'float64' is not a field"),
-        (f'T0 a{TEN}\n{"=" * 80}\nMSG: pkg/T9\nfloat64 a', 'more than 4096 fields'),
-    ],
-)
-def test_hostile_definitions_are_refused(tmp_path: Path, definition: str, message: str) -> None:
-    log = read_log(mcap_of(tmp_path / 'a.mcap', 'pkg/msg/Hostile', definition, [bytes(8)]))
-    with pytest.raises(LogError, match=message):
-        log['/topic']
-
-
-def test_lengths_that_a_message_does_not_have_cost_nothing(tmp_path: Path) -> None:
-    header, long = b'\0\1\0\0', (2**31).to_bytes(4, 'little')
-    lists = (k.to_bytes(4, 'little') + bytes(4 + 8 * k) for k in (1, 200_000, *range(2, 900)))
-    messages = [header + long, header + long + bytes(8), *(header + data for data in lists)]
-    log = read_log(mcap_of(tmp_path / 'a.mcap', 'pkg/msg/List', 'float64[] a', messages))
-    # Reading them would take hours.
-    with bounded(60.0), pytest.raises(LogError, match='read a shorter window'):
-        log['/topic']
-
-
-def test_lists_of_lists_of_nothing_end(tmp_path: Path) -> None:
-    nested = f'A[65536] a\n{"=" * 80}\nMSG: pkg/A\nB[65536] b\n{"=" * 80}\nMSG: pkg/B\nstring[0] s'
-    path = mcap_of(tmp_path / 'a.mcap', 'pkg/msg/Top', nested, [b'\0\1\0\0' + bytes(8)])
-    assert len(read_log(path)['/topic']) == 0
-
-
-def test_another_joint_in_each_message_is_rejected(tmp_path: Path) -> None:
-    kind = 'sensor_msgs/msg/JointState'
-    make, header = STORE.types[kind], random_message('std_msgs/msg/Header', random.Random(0))
-    none = np.array([])
-    with rosbag2.Writer(tmp_path / 'bag', version=9) as writer:
-        connection = writer.add_connection('/states', kind, typestore=STORE)
-        for k in range(2000):
-            message = make(header, [f'joint{k:05}'], np.array([1.0]), none, none)
-            writer.write(connection, k, bytes(STORE.serialize_cdr(message, kind)))
-    log = read_log(tmp_path / 'bag')
-    with pytest.raises(LogError, match='2000 messages name 2000 joints'):
-        log['/states']
-
-
-def test_messages_of_other_lengths_each_are_read_without_comparing_all_with_all(
-    tmp_path: Path,
-) -> None:
-    # Two strings of 500 letters together: 500 layouts of one size.
-    def data(k: int) -> bytes:
-        def text(letters: int) -> bytes:
-            return (letters + 1).to_bytes(4, 'little') + b'x' * letters + b'\0'
-
-        first = text(k)
-        return b'\0\1\0\0' + first + bytes(-len(first) % 4) + text(500 - k)
-
-    rows = [k - k % 4 + 3 for k in range(480)]
-    path = mcap_of(tmp_path / 'a.mcap', 'pkg/msg/Pair', 'string a\nstring b', [*map(data, rows)])
-    found = read_log(path)['/topic']
-    assert [len(x) for x in found.a] == rows
-    assert [len(x) for x in found.b] == [500 - k for k in rows]
+def test_times_are_stamps_or_where_all_are_zero_log_times(tmp_path: Path) -> None:
+    stamped = states(5)
+    plain = [Row('/plain', row.at, joint_state(ARM, *motion(row.at))) for row in stamped]
+    log = read_log(write_mcap(tmp_path / 'a.mcap', [*stamped, *plain]))
+    assert (log[STATES].stamped, log['/plain'].stamped) == (True, False)
+    np.testing.assert_array_equal(log['/plain'].time, log['/plain'].log_time)
+    np.testing.assert_array_equal(log[STATES].time, log['/plain'].time)
+    assert log['/plain'].cycle is None
+    assert (log.settings, log.robot, log.roles, log.head, log.end) == (None, None, {}, {}, {})
 
 
 @pytest.mark.parametrize(
@@ -377,19 +204,175 @@ def test_messages_of_other_lengths_each_are_read_without_comparing_all_with_all(
 def test_a_type_whose_stamp_is_no_time_has_no_stamps(
     tmp_path: Path, fields: str, content: bytes
 ) -> None:
-    bar = 80 * '='
-    definition = f'Time clock\n{bar}\nMSG: pkg/Time\nint32 sec\n{fields}\n'
-    data = bytes((0, 1, 0, 0)) + bytes(4) + content
-    log = read_log(mcap_of(tmp_path / 'a.mcap', 'pkg/msg/Odd', definition, [data]))
-    assert len(log['/topic']) == 1
-    assert log['/topic'].stamp_ns is None
-    assert len(log['/topic'].time) == 1
+    text = f'Time clock\n{80 * "="}\nMSG: pkg/Time\nint32 sec\n{fields}\n'
+    path = mcap_of(tmp_path, 'pkg/msg/Odd', text, [bytes((0, 1, 0, 0)) + bytes(4) + content])
+    found = read_log(path)['/topic']
+    assert (len(found), found.stamp_ns) == (1, None)
+    assert len(found.time) == 1
+
+
+def test_joints_get_other_names_by_the_beginning_of_theirs(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', states(3, ('left_a', 'left_b', 'c')))
+    log = read_log(path)
+    assert renamed_joints(log, {'left_': ''})[STATES].names == ('a', 'b', 'c')
+    assert list(renamed_joints(log, {'left_': 'x'})[STATES].rows('xa')) == [0, 1, 2]
+    with pytest.raises(ValueError, match=r'two joints of .* would have one name'):
+        renamed_joints(log, {'left_a': 'c'})
+
+
+def test_pandas_has_a_column_for_each_joint(tmp_path: Path) -> None:
+    pytest.importorskip('pandas')
+    log = read_log(write_mcap(tmp_path / 'a.mcap', states(4)))
+    frame = log.to_pandas(STATES)
+    np.testing.assert_array_equal(frame['position.arm_1'], log[STATES].position[:, 1])
+    np.testing.assert_array_equal(frame.index, log[STATES].time)
+
+
+def test_unknown_topics_fields_and_arguments_are_named(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', states(2))
+    log = read_log(path)
+    with pytest.raises(KeyError, match="no topic '/nothing'"):
+        log['/nothing']
+    with pytest.raises(AttributeError, match="no field 'positions'"):
+        _ = log[STATES].positions
+    with pytest.raises(KeyError, match=r"no field 'header\.seq'"):
+        log[STATES]['header.seq']
+    for arguments, line in (
+        ({'topics': ['/nothing']}, r"has no topic \['/nothing'\]; topics are \['/joint_states'"),
+        ({'topics': '/clock'}, r"write \['/clock'\]"),
+        ({'start': 2.0, 'end': 1.0}, 'start must be before end, got 2.0 and 1.0'),
+        ({'start': NAN}, 'start must be before end'),
+        ({'unreadable': 'skip'}, "unreadable must be 'raise' or 'count', got 'skip'"),
+    ):
+        with pytest.raises(ValueError, match=line):
+            read_log(path, **arguments)
+
+
+# --- what cannot be read
+
+
+def mcap_of(folder: Path, kind: str, definition: str, messages: list[bytes]) -> Path:
+    """Write an MCAP file with one topic."""
+    rows = [Row('/topic', k, data) for k, data in enumerate(messages)]
+    schemas = {kind: ('ros2msg', definition.encode(), 'cdr')}
+    return write_mcap(folder / 'a.mcap', rows, {'/topic': kind}, schemas=schemas)
+
+
+def test_a_message_that_cannot_be_decoded_is_an_error_unless_it_is_counted(tmp_path: Path) -> None:
+    rows = [
+        Row(t, at, data[:60] if k % 4 == 1 else data) for k, (t, at, data) in enumerate(states(20))
+    ]
+    path = write_mcap(tmp_path / 'a.mcap', [*rows, *states(3, topic='/good')])
+    log = read_log(path)
+    assert len(log['/good']) == 3
+    with pytest.raises(LogError, match=r"5 of 20 messages cannot be read.*unreadable='count'"):
+        log[STATES]
+    assert '5 of 20' in log.obstacle(STATES)
+    counted = read_log(path, unreadable='count')
+    found = counted[STATES]
+    assert (len(found), found.unreadable, counted.obstacle(STATES)) == (15, 5, '')
+    kept = [k for k in range(20) if k % 4 != 1]
+    np.testing.assert_array_equal(found.position, [motion(0.01 * k)[0] for k in kept])
+    assert len(counted.messages(STATES)) == len(counted.received_ns[STATES]) == 20
+    assert log_facts(path).topics[STATES].unreadable == '5 of 20 messages cannot be read'
+
+
+XCDR2 = [Row(t, at, b'\0\7\0\0' + data[4:]) for t, at, data in states(20)]
+
+
+def test_a_topic_without_a_readable_message_is_an_error_or_empty(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', XCDR2)
+    with pytest.raises(LogError, match='20 of 20 messages cannot be read'):
+        read_log(path)[STATES]
+    found = read_log(path, unreadable='count')[STATES]
+    assert (len(found), found.unreadable, found.names) == (0, 20, ())
+
+
+SERVICE = 'std_srvs/srv/Trigger_Event'
+OTHERS = {
+    'foxglove.JointStates': ('jsonschema', b'{}', 'json'),
+    'sensor_msgs.JointState': ('protobuf', b'x', 'protobuf'),
+    'nobody/msg/Thing': ('ros2msg', b'', 'cdr'),
+    SERVICE: ('ros2msg', 80 * b'=' + b'\nSRV: std_srvs/srv/Trigger\n---\nbool success\n', 'cdr'),
+}
+
+
+@pytest.mark.parametrize(
+    ('kind', 'line'),
+    [
+        ('foxglove.JointStates', "encoded as 'json', expected 'cdr'"),
+        ('sensor_msgs.JointState', "encoded as 'protobuf'"),
+        ('nobody/msg/Thing', "message type 'nobody/msg/Thing' is unknown"),
+        (SERVICE, 'is an event of a service, and these are not read'),
+    ],
+)
+def test_a_topic_that_nobody_decodes_is_named_and_the_others_are_read(
+    tmp_path: Path, kind: str, line: str
+) -> None:
+    rows = [Row('/odd', 1000.0, b'\0\1\0\0'), *states(3)]
+    path = write_mcap(tmp_path / 'a.mcap', rows, {'/odd': kind}, schemas=OTHERS)
+    log = read_log(path, unreadable='count')
+    assert len(log[STATES]) == 3
+    assert log.topics['/odd'] == kind
+    assert len(log.received_ns['/odd']) == 1
+    with pytest.raises(LogError, match=line):
+        log['/odd']
+    assert line in log.obstacle('/odd')
+    facts = log_facts(path).topics['/odd']
+    assert (facts.messages, facts.unreadable) == (1, '')
+    assert line in facts.obstacle
+
+
+TEN = ''.join(
+    f'\n{"=" * 80}\nMSG: pkg/T{k}\n' + '\n'.join(f'{"T" + str(k + 1)} a{j}' for j in range(10))
+    for k in range(9)
+)
+SELF = (
+    'Other a\n' + '=' * 80 + '\nMSG: pkg/Other\nThing b\n' + '=' * 80 + '\nMSG: pkg/Thing\nOther c'
+)
+
+
+@pytest.mark.parametrize(
+    'definition',
+    [
+        SELF,
+        'Missing a',
+        'float64',
+        f'T0 a{TEN}\n{"=" * 80}\nMSG: pkg/T9\nfloat64 a',
+        'a' * 300_000,
+    ],
+)
+def test_hostile_definitions_are_refused(tmp_path: Path, definition: str) -> None:
+    log = read_log(mcap_of(tmp_path, 'pkg/msg/Hostile', definition, [bytes(8)]))
+    with pytest.raises(
+        LogError, match=r"topic '/topic': .*(definition|type) .*pkg/msg/"
+    ) as raised:
+        log['/topic']
+    assert len(str(raised.value)) < 800
+
+
+def test_lengths_that_a_message_does_not_have_cost_nothing(tmp_path: Path) -> None:
+    begin, long = b'\0\1\0\0', (2**31).to_bytes(4, 'little')
+    messages = [begin + long, begin + long + bytes(8), begin + bytes(4)]
+    path = mcap_of(tmp_path, 'pkg/msg/List', 'float64[] a', messages)
+    found = read_log(path, unreadable='count')['/topic']
+    assert (len(found), found.unreadable) == (1, 2)
+
+
+def test_arrays_that_would_be_nearly_empty_are_refused(tmp_path: Path) -> None:
+    rows = [Row(STATES, k, joint_state([f'joint{k:05}'], [1.0])) for k in range(2000)]
+    with pytest.raises(LogError, match='2000 messages name 2000 joints'):
+        read_log(write_mcap(tmp_path / 'a.mcap', rows))[STATES]
+    lists = [b'\0\1\0\0' + k.to_bytes(4, 'little') + bytes(4 + 8 * k) for k in (1, 200_000)]
+    path = mcap_of(tmp_path, 'pkg/msg/List', 'float64[] a', [*lists, *20 * lists[:1]])
+    with pytest.raises(LogError, match='read a shorter window'):
+        read_log(path)['/topic']
 
 
 @pytest.fixture(scope='module', params=['MCAP', 'SQLITE3'])
 def whole_bag(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of a good bag; examples are written next to it."""
-    kinds = ['sensor_msgs/msg/JointState', 'tf2_msgs/msg/TFMessage', 'std_msgs/msg/String']
+    kinds = [JOINT_STATE, 'tf2_msgs/msg/TFMessage', STRING]
     bag = tmp_path_factory.mktemp('damaged') / 'bag'
     write_bag(bag, kinds, random.Random(7), rosbag2.StoragePlugin[request.param])
     (file,) = chain(bag.glob('*.mcap'), bag.glob('*.db3'))
@@ -411,14 +394,186 @@ def test_damaged_bags_are_read_or_refused_as_logs(whole_bag: Path, data: st.Data
         event('read')
 
 
+def test_a_message_costs_the_memory_of_its_numbers(tmp_path: Path) -> None:
+    count, joints = 40_000, tuple(f'joint{k}' for k in range(6))
+    row = joint_state(joints, *[range(6)] * 3, stamp=1.0)
+    path = write_mcap(tmp_path / 'a.mcap', (Row(STATES, 1e-3 * k, row) for k in range(count)))
+    read_log(path)  # what is compiled and cached
+    tracemalloc.start()
+    log = read_log(path)
+    held, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(log[STATES]) == count
+    # 144 bytes of position, velocity and effort; stamps, log times and places of frame names.
+    assert held < 215 * count
+    assert most < 400 * count
+
+
+# --- folders and databases
+
+
+def test_folders_without_metadata_are_read_by_the_names_of_their_files(tmp_path: Path) -> None:
+    rows = states(12)
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    # The tenth file comes after the ninth.
+    for k, row in enumerate(rows):
+        write_mcap(folder / f'run_{k}.mcap', [row])
+    found = read_log(folder)[STATES]
+    np.testing.assert_array_equal(found.position, [motion(0.01 * k)[0] for k in range(12)])
+    assert [Path(file).name for file in log_facts(folder).files][9:] == [
+        f'run_{k}.mcap' for k in (9, 10, 11)
+    ]
+    bag = write_sqlite(tmp_path / 'bag', rows)
+    (bag / 'metadata.yaml').unlink()
+    assert len(read_log(bag)[STATES]) == 12
+
+
+@pytest.mark.parametrize(
+    ('names', 'line'),
+    [
+        (('a.mcap', 'b.mcap'), r"is not one log; it has \['a.mcap', 'b.mcap'\]: name a file"),
+        (('run_0.mcap', 'other_1.mcap'), 'is not one log'),
+        (('run_0.db3.zstd',), 'only compressed files.*unzstd.*ros2 bag reindex'),
+        (('notes.txt',), r'no MCAP or \.db3 file.*ros2 bag reindex'),
+    ],
+)
+def test_folders_that_are_no_log_are_named(
+    tmp_path: Path, names: tuple[str, ...], line: str
+) -> None:
+    for name in names:
+        (tmp_path / name).write_bytes(b'')
+    with pytest.raises(LogError, match=line):
+        read_log(tmp_path)
+
+
+@pytest.mark.parametrize('waiting', [0, 10])
+def test_rows_in_the_log_of_writes_of_a_database_are_read_and_nothing_is_changed(
+    tmp_path: Path, waiting: int
+) -> None:
+    rows = states(20 + waiting)
+    bag = write_sqlite(tmp_path / 'bag', rows[:20])
+    (file,) = bag.glob('*.db3')
+    killed = tmp_path / 'killed'
+    with closing(sqlite3.connect(file)) as database:
+        database.execute('PRAGMA journal_mode=WAL')
+        for row in rows[20:]:
+            values = round(row.at * 1e9), row.data
+            database.execute(
+                'INSERT INTO messages (topic_id, timestamp, data) VALUES (1, ?, ?)', values
+            )
+        database.commit()
+        if not waiting:
+            database.execute('PRAGMA wal_checkpoint(TRUNCATE)')
+        shutil.copytree(bag, killed)
+    for shared in killed.glob('*-shm'):
+        shared.unlink()
+    # An empty log of writes, whether SQLite or somebody else has left it.
+    (killed / f'{file.name}-wal').touch()
+    before = {path: path.read_bytes() for path in sorted(killed.iterdir())}
+    assert len(read_log(killed)[STATES]) == 20 + waiting
+    assert {path: path.read_bytes() for path in sorted(killed.iterdir())} == before
+
+
+ENDLESS = (
+    'CREATE VIEW messages AS WITH RECURSIVE x(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM x) '
+    "SELECT n AS id, 1 AS topic_id, n AS timestamp, x'00' AS data FROM x"
+)
+HUGE = 'UPDATE messages SET data = zeroblob(300000000)'
+
+
+@pytest.mark.parametrize(
+    ('statements', 'line'),
+    [
+        (['DROP TABLE topics'], 'no tables `topics` and `messages`'),
+        (['DROP TABLE messages', ENDLESS], 'no tables `topics` and `messages`'),
+        (['UPDATE messages SET topic_id = 77'], 'unknown topic 77'),
+        (["UPDATE topics SET type = x'00'"], 'a field that is not a text'),
+        (["UPDATE messages SET data = 'text'"], 'holds no bytes'),
+        (["UPDATE messages SET timestamp = 'noon'"], 'unknown topic 1 at noon'),
+        pytest.param([HUGE], 'too big', marks=pytest.mark.skipif('sys.version_info < (3, 11)')),
+    ],
+)
+def test_hostile_databases_are_refused_with_a_line(
+    tmp_path: Path, statements: list[str], line: str
+) -> None:
+    bag = write_sqlite(tmp_path / 'bag', [Row('/text', 1.0, string('a'))], {'/text': STRING})
+    with closing(sqlite3.connect(next(bag.glob('*.db3')))) as database, database:
+        for statement in statements:
+            database.execute(statement)
+    with pytest.raises(LogError, match=line) as raised:
+        read_log(bag)
+    assert '.db3' in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ('text', 'line'),
+    [
+        ('a: ' + '[' * 50_000, 'RecursionError'),
+        ('x' * 300_000, 'more than 262144 bytes'),
+        (
+            'rosbag2_bagfile_information: {compression_format: zstd}',
+            r'compressed by rosbag2 \(zstd',
+        ),
+        ('rosbag2_bagfile_information: {}', 'relative_file_paths is not a list'),
+        (
+            'rosbag2_bagfile_information: {relative_file_paths: [../../etc/passwd]}',
+            'is not in the folder of the bag',
+        ),
+    ],
+)
+def test_hostile_descriptions_are_refused(tmp_path: Path, text: str, line: str) -> None:
+    (tmp_path / 'metadata.yaml').write_text(text)
+    with pytest.raises(LogError, match=line):
+        read_log(tmp_path)
+
+
+@pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])
+def test_facts_are_those_of_another_reader(tmp_path: Path, storage: str) -> None:
+    kinds = [STRING, 'sensor_msgs/msg/Imu']
+    write_bag(tmp_path / 'bag', kinds, random.Random(3), rosbag2.StoragePlugin[storage])
+    found = log_facts(tmp_path / 'bag')
+    with rosbag2.Reader(tmp_path / 'bag') as reader:
+        assert (found.messages, found.begin_ns) == (reader.message_count, reader.start_time)
+        assert found.end_ns == reader.end_time - 1
+    assert {topic.type: topic.messages for topic in found.topics.values()} == dict.fromkeys(
+        kinds, 6
+    )
+    assert {topic.longest_gap_ns for topic in found.topics.values()} == {1}
+    assert found.bytes == sum(os.stat(path).st_size for path in (tmp_path / 'bag').iterdir())
+
+
+def test_facts_of_a_cut_log_say_so(tmp_path: Path) -> None:
+    whole = write_mcap(tmp_path / 'a.mcap', states(100), chunk_size=1000)
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    facts, log = log_facts(cut), read_log(cut)
+    assert not facts.complete
+    assert not log.complete
+    assert 0 < len(log[STATES]) < 100
+    assert facts.messages == len(log[STATES])
+
+
+def test_a_bag_knows_its_topics_qos_and_definitions(tmp_path: Path) -> None:
+    bag = Bag(write_mcap(tmp_path / 'a.mcap', states(2), qos={STATES: '- depth: 3\n'}))
+    assert [message.log_ns for message in bag.messages()] == [10**12, 10**12 + 10**7]
+    (topic,) = bag.topics.values()
+    assert (topic.name, topic.type, topic.encoding) == (STATES, JOINT_STATE, 'cdr')
+    assert (topic.qos, topic.definition.splitlines()[0]) == (
+        '- depth: 3\n',
+        'std_msgs/Header header',
+    )
+    assert not list(bag.messages(['/other']))
+
+
 def test_logs_of_real_arms_are_read_as_sqlite_and_rosbags_have_them(real_arms: Path) -> None:
     bags = [path.parent for path in real_arms.glob('*/metadata.yaml')]
     assert bags
     for bag in bags:
-        states = read_log(bag)['/joint_states']
+        found = read_log(bag)[STATES]
         with closing(sqlite3.connect(next(bag.glob('*.db3')))) as database, database:
             data = [row[0] for row in database.execute('SELECT data FROM messages ORDER BY id')]
-        decoded = [STORE.deserialize_cdr(x, states.type) for x in data]
-        for name in ('position', 'velocity', 'effort'):
-            np.testing.assert_array_equal(states[name], [getattr(m, name) for m in decoded])
-        assert states.names == tuple(decoded[0].name)
+        decoded = [STORE.deserialize_cdr(x, found.type) for x in data]
+        for name in FIELDS:
+            np.testing.assert_array_equal(found[name], [getattr(m, name) for m in decoded])
+        assert found.names == tuple(decoded[0].name)

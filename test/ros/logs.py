@@ -1,0 +1,201 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Logs of other programs: written by the packages mcap and rosbags, or record by record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+import math
+from pathlib import Path
+import struct
+from typing import Any, NamedTuple
+import zlib
+
+from mcap.writer import CompressionType, Writer
+import numpy as np
+import pytest
+
+rosbag2 = pytest.importorskip('rosbags.rosbag2')
+typesys = pytest.importorskip('rosbags.typesys')
+STORE = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+JOINT_STATE, STRING = 'sensor_msgs/msg/JointState', 'std_msgs/msg/String'
+STATES = '/joint_states'
+ARM = tuple(f'arm_{k}' for k in range(3))
+SECOND = 1_000_000_000
+QOS = """- history: keep_last
+  depth: 1
+  reliability: reliable
+  durability: {durability}
+"""
+LATCHED = QOS.format(durability='transient_local')
+
+
+class Row(NamedTuple):
+    """A message: its topic, log time [s] and bytes."""
+
+    topic: str
+    at: float
+    data: bytes
+
+
+def joint_state(
+    names: Sequence[str], q: Any, qd: Any = (), tau: Any = (), stamp: float = 0.0
+) -> bytes:
+    """Return a JointState as rosbags encodes it."""
+    ns = round(stamp * 1e9)
+    time = STORE.types['builtin_interfaces/msg/Time'](ns // SECOND, ns % SECOND)
+    header = STORE.types['std_msgs/msg/Header'](time, '')
+    numbers = (np.array(values, float) for values in (q, qd, tau))
+    message = STORE.types[JOINT_STATE](header, list(names), *numbers)
+    return bytes(STORE.serialize_cdr(message, JOINT_STATE))
+
+
+def string(text: str) -> bytes:
+    """Return a String as rosbags encodes it."""
+    return bytes(STORE.serialize_cdr(STORE.types[STRING](text), STRING))
+
+
+def definition(kind: str) -> str:
+    """Return the definition of a type, as bags hold it."""
+    return str(STORE.generate_msgdef(kind, ros_version=2)[0])
+
+
+def motion(t: float, names: Sequence[str] = ARM) -> tuple[list[float], list[float], list[float]]:
+    """Return position, velocity and effort of joints at a time."""
+    phases = [t + k for k in range(len(names))]
+    return [math.sin(x) for x in phases], [math.cos(x) for x in phases], [-x for x in phases]
+
+
+def states(
+    count: int,
+    names: Sequence[str] = ARM,
+    period: float = 0.01,
+    start: float = 0.0,
+    epoch: float = 1000.0,
+    topic: str = STATES,
+) -> list[Row]:
+    """Return messages of a moving arm, stamped with their log times."""
+    times = [start + k * period for k in range(count)]
+    return [
+        Row(topic, epoch + t, joint_state(names, *motion(t, names), stamp=epoch + t))
+        for t in times
+    ]
+
+
+def write_mcap(
+    path: Path,
+    rows: Iterable[Row],
+    kinds: Mapping[str, str] | None = None,
+    qos: Mapping[str, str] | None = None,
+    compression: CompressionType = CompressionType.NONE,
+    schemas: Mapping[str, tuple[str, bytes, str]] | None = None,
+    **options: Any,
+) -> Path:
+    """Write an MCAP file by the package mcap; topics are JointStates unless `kinds` has others.
+
+    `schemas` has encoding and text of a schema and the encoding of the messages, by type.
+    """
+    channels: dict[str, int] = {}
+    with path.open('wb') as stream:
+        writer = Writer(stream, compression=compression, **options)
+        writer.start('ros2', 'test')
+        for topic, at, data in rows:
+            if topic not in channels:
+                kind = (kinds or {}).get(topic, JOINT_STATE)
+                known = (schemas or {}).get(kind)
+                schema = known or ('ros2msg', definition(kind).encode(), 'cdr')
+                number = writer.register_schema(kind, schema[0], schema[1])
+                offered = {'offered_qos_profiles': (qos or {}).get(topic, '')}
+                channels[topic] = writer.register_channel(topic, schema[2], number, offered)
+            ns = round(at * 1e9)
+            writer.add_message(channels[topic], ns, data, ns)
+        writer.finish()
+    return path
+
+
+def write_sqlite(
+    folder: Path, rows: Iterable[Row], kinds: Mapping[str, str] | None = None
+) -> Path:
+    """Write a folder of rosbag2 with an SQLite file by rosbags; return the folder."""
+    connections: dict[str, Any] = {}
+    plugin = rosbag2.StoragePlugin.SQLITE3
+    with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
+        for topic, at, data in rows:
+            if topic not in connections:
+                kind = (kinds or {}).get(topic, JOINT_STATE)
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
+            writer.write(connections[topic], round(at * 1e9), data)
+    return folder
+
+
+# --- MCAP, record by record
+
+MAGIC = b'\x89MCAP0\r\n'
+# What a later version of the format may add to the end of a record.
+PADDING = b'\x01\xff\xff'
+
+
+def text(value: str | bytes) -> bytes:
+    """Return a string of MCAP."""
+    data = value.encode() if isinstance(value, str) else value
+    return struct.pack('<I', len(data)) + data
+
+
+def record(opcode: int, body: bytes, padding: bytes = b'') -> bytes:
+    """Return a record."""
+    return struct.pack('<BQ', opcode, len(body) + len(padding)) + body + padding
+
+
+def header(padding: bytes = b'', library: str | bytes = 'test') -> bytes:
+    """Return the begin of a file."""
+    return MAGIC + record(1, text('ros2') + text(library), padding)
+
+
+def schema(padding: bytes = b'', number: int = 1) -> bytes:
+    """Return the schema of JointState."""
+    data = definition(JOINT_STATE).encode()
+    body = struct.pack('<H', number) + text(JOINT_STATE) + text('ros2msg') + text(data)
+    return record(3, body, padding)
+
+
+def channel(padding: bytes = b'', number: int = 1) -> bytes:
+    """Return a channel with JointStates."""
+    topic = STATES if number == 1 else f'/other_{number}'
+    body = struct.pack('<HH', number, 1) + text(topic) + text('cdr') + struct.pack('<I', 0)
+    return record(4, body, padding)
+
+
+def message(row: Row, number: int = 1) -> bytes:
+    """Return a message."""
+    ns = round(row.at * 1e9)
+    return record(5, struct.pack('<HIQQ', number, 0, ns, ns) + row.data)
+
+
+def chunk(
+    raw: bytes,
+    packed: bytes | None = None,
+    compression: str = '',
+    size: int | None = None,
+    crc: int | None = None,
+    padding: bytes = b'',
+) -> bytes:
+    """Return a chunk; `packed` are the same bytes compressed, size and checksum as stated."""
+    data = raw if packed is None else packed
+    stated = len(raw) if size is None else size
+    body = struct.pack('<QQQI', 0, 0, stated, zlib.crc32(raw) if crc is None else crc)
+    body += text(compression) + struct.pack('<Q', len(data)) + data
+    return record(6, body, padding)
+
+
+def attachment(crc: int | None = None, padding: bytes = b'') -> bytes:
+    """Return an attachment."""
+    body = struct.pack('<QQ', 0, 0) + text('a.yaml') + text('text/yaml') + struct.pack('<Q', 1)
+    body += b'x'
+    return record(9, body + struct.pack('<I', zlib.crc32(body) if crc is None else crc), padding)
+
+
+def ending(crc: int = 0, summary: bytes = b'') -> bytes:
+    """Return the end of a file: data end, summary, footer."""
+    start = 1 if summary else 0
+    footer = record(2, struct.pack('<QQI', start, 0, 0))
+    return record(15, struct.pack('<I', crc)) + summary + footer + MAGIC

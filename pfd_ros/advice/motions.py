@@ -8,9 +8,8 @@ state, and recorded states may have errors of sensors.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.arm import load_robot, simulator_settings
+from pfd_ros.arm.description import load_robot
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import TAKEN
-from pfd_ros.recording.format import SOURCE_OF_ROLE
-from pfd_ros.recording.reader import Log, LogError, damage_named
-from pfd_ros.replay.ordering import Inbox, messages_of, placed_blocks
-from pfd_ros.replay.verify import simulable
+from pfd_ros.arm.events import ASIDES, INPUTS
+from pfd_ros.arm.plant import simulator_settings
+from pfd_ros.arm.state import BRAKE
+from pfd_ros.recording.format import EndKey, LogError, damage_named
+from pfd_ros.recording.log import Log
 from pfd_ros.text import cut, listed
 
 # Steps that a motion has at most: a hundred seconds at 1 kHz.
@@ -114,11 +113,7 @@ class RecordedMotion(NamedTuple):
     motion: Motion
 
 
-def read_motion(
-    path: Path,
-    robot_source: str | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> RecordedMotion:
+def read_motion(path: Path, robot_source: str | None = None) -> RecordedMotion:
     """Return the motion of a recording, of its first MOST_STEPS steps at most.
 
     Parameters
@@ -128,63 +123,60 @@ def read_motion(
     robot_source
         A robot to use in place of the recorded one, with the same joints, as `load_robot` takes
         it; base, tip and locked joints come from the settings of the recording.
-    progress
-        Called now and then with the finished part, 0 to 1.
 
     Raises
     ------
     ValueError
-        If the file is not a recording, is damaged, lacks commands or their records, its payload
-        changes, or its robot has other joints than `robot_source`.
+        If the file is not a recording, is damaged, or has no commands; if a wrench acts, the
+        payload changes or the state is set; or if its robot has other joints than `robot_source`.
     OSError
         If it cannot be read.
     """
-    log, inbox = Log(Path(path)), Inbox()
+    log = Log(path)
     states: list[NDArray[Any]] = []
     brakes: list[NDArray[Any]] = []
     with damage_named(log.path):
-        (found,), recorded = simulable([log], progress)
-        settings, simulated = found.summary.settings, found.summary.simulated
-        steps = min(simulated, MOST_STEPS)
-        engine = Engine(settings, recorded, rows=False)
-        scene = engine.arm.scene
-        if engine.state.wrench is not None:
-            raise ValueError('its arm has an external wrench: torques alone do not determine it')
+        engine = Engine(log.settings, log.robot, ())
+        scene, cut_short = engine.plant.scene, False
 
         def run_to(cycle: int) -> None:
-            while engine.cycles < cycle:
-                q, qd = engine.arm.q, engine.arm.qd
-                engine.advance()
-                states.append(np.stack([q, qd, engine.state.tau]))
-                brakes.append(engine.state.braked)
+            state = engine.state
+            while state.cycle < cycle and not engine.waiting and len(states) < MOST_STEPS:
+                before, step = state.rows[state.now].copy(), state.step
+                engine.step()
+                if state.step > step:
+                    before[2] = state.rows[state.now, 2]
+                    states.append(before)
+                    brakes.append(state.acting[BRAKE] > 0.0)
 
-        for message in chain.from_iterable(map(messages_of, placed_blocks(log))):
-            if message.role in SOURCE_OF_ROLE:
-                inbox.put(message)
-            elif message.role == TAKEN:
-                if message.cycle > steps:
-                    break
-                run_to(message.cycle - 1)
-                engine.take(inbox.take(message))
-                jumped = bool(engine.state.jumps)
-                if jumped or engine.arm.scene is not scene:
-                    what = 'state is set' if jumped else 'payload or gravity compensation changes'
-                    raise ValueError(f'its {what} before step {message.cycle}: not one motion')
-        run_to(steps)
-    braked = np.array(brakes)
-    if braked.all():
+        for message in log.messages():
+            if message.role in ASIDES:
+                continue
+            taken = message.role in INPUTS
+            run_to(message.cycle - taken)
+            cut_short = len(states) == MOST_STEPS
+            if cut_short:
+                break
+            if taken:
+                engine.step([message], run=False)
+                jumps = engine.state.jump is not None
+                if jumps or engine.plant.scene != scene or engine.state.wrench.any():
+                    what = 'the state is set' if jumps else 'payload, scene or wrench change'
+                    raise ValueError(f'{what} in cycle {message.cycle}: not one motion')
+        run_to(int(log.end[EndKey.TOTALS]['cycles']) if log.end else 0)
+    if not states or np.all(brakes):
         raise LogError(
-            f'{path} holds no torques: no command was accepted in its {steps} steps, and brakes '
-            'hold every joint'
+            f'{path} holds no torques: no command was accepted in its {len(states)} steps, and '
+            'brakes hold every joint'
         )
-    robot = recorded if robot_source is None else load_robot(settings, robot_source)
-    if robot.joint_names != recorded.joint_names:
+    source = log.robot if robot_source is None else load_robot(log.settings, robot_source)
+    if source.joint_names != log.robot.joint_names:
         raise ValueError(
-            f'{path}: it has the joints {listed(recorded.joint_names)}, but {cut(robot.name)!r} '
-            f'has {listed(robot.joint_names)}'
+            f'{path}: it has the joints {listed(log.robot.joint_names)}, but {cut(source.name)!r} '
+            f'has {listed(source.joint_names)}'
         )
     q, qd, taus = np.array(states).transpose(1, 0, 2)
-    part = f'the first {steps} steps of ' if steps < simulated else ''
+    part = f'the first {len(states)} steps of ' if cut_short else ''
     name = f'{part}the recording {log.path.name}'
-    motion = Motion(name, simulator_settings(settings), taus, braked, q, qd)
-    return RecordedMotion(robot, scene, motion)
+    motion = Motion(name, simulator_settings(engine.state.settings), taus, np.array(brakes), q, qd)
+    return RecordedMotion(source, scene, motion)

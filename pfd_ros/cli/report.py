@@ -130,7 +130,7 @@ def _scene(given: argparse.Namespace) -> int:
             raise ValueError(
                 f'--trajectory must be a recording (LOG.mcap) or {SINE}, got {given.trajectory!r}'
             )
-        robot, recorded, motion = read_motion(given.trajectory, given.robot, progress)
+        robot, recorded, motion = read_motion(given.trajectory, given.robot)
         if scene is None:
             scene, refused = full_scene(robot, recorded, motion.settings)
         else:

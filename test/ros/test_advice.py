@@ -9,6 +9,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from arm_messages import efforts
 import bridge
 from bridge import (
     SINE_SETTINGS,
@@ -22,13 +23,12 @@ from bridge import (
 )
 from effect_cases import everything
 import numpy as np
-from plant_messages import UNLIMITED, efforts
 import pytest
-from rewriting import GOLDEN
-from simulating import simulate, states_of
+from recordings import simulate
 from zoo import joint, link, urdf
 
 import pfd_core as pfd
+from pfd_ros import read_log
 
 # Rounding of some hundred steps of a motion of about a radian, and of differences of it; and the
 # error of RK4 with steps of 0.5 ms on exp(-d t / I), d / I up to 10: (h d / I)^4 and less.
@@ -248,35 +248,43 @@ def test_limits_of_zero_are_none() -> None:
 def test_the_states_of_a_motion_are_those_recorded(
     settings: dict[str, Any], tmp_path: Path
 ) -> None:
-    path = simulate(STEPS, MOVE, **settings).save(tmp_path / 'a.mcap')
+    path = tmp_path / 'a.mcap'
+    simulate(path, STEPS, MOVE, **settings)
     robot, scene, motion = read_motion(path)
     assert (scene.gravity is None) == ('gravity' in settings)
-    recorded = states_of(path)
+    recorded = read_log(path)['/joint_states']
     every = STEPS // len(recorded)
-    order = [recorded[0].names.index(name) for name in robot.joint_names]
+    order = [recorded.names.index(name) for name in robot.joint_names]
     for field, found in (('position', motion.q), ('velocity', motion.qd)):
-        wanted = [getattr(state, field)[order] for state in recorded[: (STEPS - 1) // every]]
+        wanted = getattr(recorded, field)[: (STEPS - 1) // every, order]
         np.testing.assert_array_equal(found[every::every], wanted)
 
 
 def test_a_motion_has_the_torques_and_brakes_of_each_step_up_to_a_cut_or_failure(
     tmp_path: Path,
 ) -> None:
-    path = simulate(STEPS, MOVE).save(tmp_path / 'a.mcap', closed=False)
+    path, cut = tmp_path / 'a.mcap', tmp_path / 'cut.mcap'
+    simulate(path, STEPS, MOVE)
     robot, scene, motion = read_motion(path)
     assert (robot.name, scene) == ('planar2', pfd.Scene(brakes=True))
     wanted = [[0.0, 0.0]] * 2 + [[1.0, 2.0]] * 87 + [[2.0, 0.0]] * (STEPS - 89)
     np.testing.assert_array_equal(motion.taus, wanted)
     np.testing.assert_array_equal(motion.braked.T, [np.arange(STEPS) < 2] * 2)
+    # Without its index and the end of its run.
+    cut.write_bytes(path.read_bytes()[: path.read_bytes().index(b'pfd_ros_end') - 20])
+    found = read_motion(cut).motion.taus
+    np.testing.assert_array_equal(found, wanted[: len(found)])
+    assert len(found) > 90
     blow_up = {5: [efforts(1.0, 2.0)], 12: [efforts(1e308, -1e308)]}
-    path = simulate(30, blow_up, **UNLIMITED).save(tmp_path / 'b.mcap')
-    assert len(read_motion(path).motion.taus) == 11
+    simulate(tmp_path / 'b.mcap', 30, blow_up, effort_limits=False, torque_speed=False)
+    assert len(read_motion(tmp_path / 'b.mcap').motion.taus) == 11
 
 
 def test_a_long_recording_is_shortened_and_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = simulate(STEPS, MOVE).save(tmp_path / 'a.mcap')
+    path = tmp_path / 'a.mcap'
+    simulate(path, STEPS, MOVE)
     whole = read_motion(path).motion
     monkeypatch.setattr(*bridge.target('MOTION_MOST_STEPS'), 40)
     motion = read_motion(path).motion
@@ -286,7 +294,8 @@ def test_a_long_recording_is_shortened_and_says_so(
 
 
 def test_the_robot_of_a_recording_is_taken_with_its_locked_joints(tmp_path: Path) -> None:
-    path = simulate(30, {3: [efforts(1.0)]}, locked=('elbow',)).save(tmp_path / 'a.mcap')
+    path = tmp_path / 'a.mcap'
+    simulate(path, 30, {3: [efforts(1.0)]}, locked=('elbow',))
     for source in (None, 'planar2'):
         robot, _, motion = read_motion(path, source)
         assert (robot.joint_names, motion.taus.shape) == (('shoulder',), (30, 1))
@@ -304,12 +313,14 @@ def test_the_command_writes_the_scene_that_a_recording_needs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pfd.Scene(armature='model').save(tmp_path / 'scene.yaml')
-    given = ('--trajectory', GOLDEN, '--robot', 'puma560', '--tolerance', 0.04)
+    path = tmp_path / 'a.mcap'
+    simulate(path, 300, {1: [efforts(*[5.0] * 6)]}, robot='puma560')
+    given = ('--trajectory', path, '--robot', 'puma560', '--tolerance', 1e-3)
     assert report(tmp_path, *given, '--scene', tmp_path / 'scene.yaml') == 0
     printed = capsys.readouterr().out.splitlines()
     assert printed[-1] == str(tmp_path / 'small.yaml')
-    robot, _, motion = read_motion(GOLDEN, 'puma560')
-    advice = advise(robot, pfd.Scene(armature='model', brakes=True), motion, 0.04)
+    robot, _, motion = read_motion(path, 'puma560')
+    advice = advise(robot, pfd.Scene(armature='model', brakes=True), motion, 1e-3)
     names = ['gravity', 'armature', 'brakes']
     assert [*advice.rows][:-2] == names == [line.split()[0] for line in printed[3:6]]
     assert pfd.load_scene(tmp_path / 'small.yaml') == advice.scene
@@ -331,8 +342,8 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('logs')
     kinds = {'moved': MOVE, 'resting': {}, 'refused': {3: [efforts(1.0)]}}
     for name, events in kinds.items():
-        simulate(30, events).save(folder / f'{name}.mcap')
-    simulate(0).save(folder / 'empty.mcap')
+        simulate(folder / f'{name}.mcap', 30, events)
+    simulate(folder / 'empty.mcap', 0)
     (folder / 'text.mcap').write_text('no recording')
     return folder
 

@@ -14,6 +14,7 @@ import re
 from typing import Any
 import zlib
 
+from arm_messages import change, efforts, named, placed, request
 from bridge import (
     PAGE_TYPES,
     PageMoment,
@@ -28,7 +29,7 @@ from devtools import opened
 from mcap.writer import Writer
 import numpy as np
 import pytest
-from recordings import array, changed, named, request, set_state, simulate
+from recordings import simulate
 from waiting import wait_until
 
 import pfd_core as pfd
@@ -110,19 +111,19 @@ TIMES = DAY + 0.01 * np.arange(200)
 # What went wrong: cycles, inputs by cycle, settings -> kind, severity, joint, time, number of
 # spans, and words of the text.
 
-PUSH = {1: [array(0.5, 0.2)]}
-STEADY = {k: [array(0.0, 0.0)] for k in range(1, 201)}
+PUSH = {1: [efforts(0.5, 0.2)]}
+STEADY = {k: [efforts(0.0, 0.0)] for k in range(1, 201)}
 FAULTS: dict[str, tuple[int, Any, dict[str, Any], tuple[Any, ...]]] = {
     'effort at its limit': (
-        *(100, {1: [array(0.0, 0.0)], 50: [array(25.0, 0.0)], 60: [array(0.0, 0.0)]}, FREE),
+        *(100, {1: [efforts(0.0, 0.0)], 50: [efforts(25.0, 0.0)], 60: [efforts(0.0, 0.0)]}, FREE),
         ('effort limit', 'warning', 'shoulder', 0.051, 1, 'effort 20 N m'),
     ),
     'wrong size': (
-        *(100, {**STEADY, 40: [array(1.0)]}, FREE),
+        *(100, {**STEADY, 40: [efforts(1.0)]}, FREE),
         ('rejected input', 'bad', '', 0.041, 1, 'commands wrong_size'),
     ),
     'NaN of one joint': (
-        *(100, {**STEADY, 40: [array(1.0, np.nan)], 41: [array(1.0, np.nan)]}, FREE),
+        *(100, {**STEADY, 40: [efforts(1.0, np.nan)], 41: [efforts(1.0, np.nan)]}, FREE),
         ('rejected input', 'bad', '', 0.041, 2, 'commands not_finite'),
     ),
     'unknown joints': (
@@ -132,25 +133,29 @@ FAULTS: dict[str, tuple[int, Any, dict[str, Any], tuple[Any, ...]]] = {
     'silence': (
         *(
             200,
-            {**PUSH, 150: [array(0.0, 0.0)], 190: [array(0.0, 0.0)]},
+            {**PUSH, 150: [efforts(0.0, 0.0)], 190: [efforts(0.0, 0.0)]},
             {'command_timeout': 0.05, **FREE},
         ),
         ('watchdog', 'bad', '', 0.052, 1, 'command_timeout 0.05 s: brake'),
     ),
     'jump of an effort': (
-        *(100, {**STEADY, 40: [array(15.0, 0.0)]}, {'reflex_effort_rate': 1000.0, **FREE}),
+        *(100, {**STEADY, 40: [efforts(15.0, 0.0)]}, {'reflex_effort_rate': 1000.0, **FREE}),
         ('reflex', 'bad', '', 0.042, 60, 'commands are refused until ~/reset'),
     ),
     'jump of the last effort': (
         *(
             100,
-            {1: [array(0.0, 0.0)], 100: [array(15.0, 0.0)]},
+            {1: [efforts(0.0, 0.0)], 100: [efforts(15.0, 0.0)]},
             {'reflex_effort_rate': 1000.0, **FREE},
         ),
         ('reflex', 'bad', '', 0.101, 1, 'braked at the end'),
     ),
     'run away': (
-        *(100, {40: [array(1e300, 0.0)]}, {'effort_limits': False, 'torque_speed': False, **FREE}),
+        *(
+            100,
+            {40: [efforts(1e300, 0.0)]},
+            {'effort_limits': False, 'torque_speed': False, **FREE},
+        ),
         ('failure', 'bad', '', None, 1, 'the simulation stopped'),
     ),
     'states are lost': (
@@ -158,12 +163,12 @@ FAULTS: dict[str, tuple[int, Any, dict[str, Any], tuple[Any, ...]]] = {
         ('gap', 'note', '', None, None, 'no state on /joint_states for'),
     ),
     'parameters': (
-        *(100, {20: [changed(noise_position=1e-4)]}, {}),
+        *(100, {20: [change(noise_position=1e-4)]}, {}),
         ('event', 'note', '', 0.021, 1, 'parameters {"noise_position"'),
     ),
     'reset': (*(100, {20: [request('reset')]}, {}), ('event', 'note', '', 0.021, 1, 'reset')),
     'state is set': (
-        *(100, {20: [set_state(position=(0.1, 0.2))]}, {}),
+        *(100, {20: [placed(('shoulder', 'elbow'), (0.1, 0.2))]}, {}),
         ('event', 'note', '', 0.021, 1, 'set_state'),
     ),
 }
@@ -187,7 +192,7 @@ def test_each_fault_is_found_with_its_kind_joint_time_and_count(name: str, tmp_p
 
 def test_a_limit_is_found_at_the_first_sample_at_or_beyond_it(tmp_path: Path) -> None:
     path = tmp_path / 'a.mcap'
-    simulate(path, 600, {1: [array(15.0, -3.0)]}, **FREE)
+    simulate(path, 600, {1: [efforts(15.0, -3.0)]}, **FREE)
     log = read_log(path)
     assert log.robot is not None
     velocity = np.abs(log['/joint_states'].velocity) >= log.robot.velocity_limit
@@ -215,7 +220,7 @@ def test_a_run_without_faults_says_so_and_lists_the_checks(tmp_path: Path) -> No
 def test_the_end_of_a_controller_is_no_fault(tmp_path: Path) -> None:
     path = tmp_path / 'a.mcap'
     # The arm swings under gravity with its last efforts, until the watchdog brakes it.
-    events = {k: [array(2.0, 1.0)] for k in range(1, 300)}
+    events = {k: [efforts(2.0, 1.0)] for k in range(1, 300)}
     simulate(path, 1500, events, command_timeout=1.0, effort_limits=False)
     page = shown(path)
     assert page.first is None
@@ -392,7 +397,7 @@ def test_diagnostics_are_findings_by_their_level(tmp_path: Path) -> None:
 
 def test_curves_hold_the_values_of_the_log(tmp_path: Path) -> None:
     path = tmp_path / 'a.mcap'
-    simulate(path, 300, {1: [array(0.5, 0.2)]})
+    simulate(path, 300, {1: [efforts(0.5, 0.2)]})
     log, page = read_log(path)['/joint_states'], shown(path)
     for item, plot in zip(
         ('position', 'velocity', 'effort'), data_of(page)['plots'], strict=False
@@ -450,9 +455,9 @@ def test_the_energy_follows_the_payload_of_the_run(tmp_path: Path) -> None:
     pin = pytest.importorskip('pinocchio')
     path = tmp_path / 'a.mcap'
     events = {
-        1: [array(0.5, -0.2)],
-        100: [changed(payload_mass=2.5)],
-        200: [changed(payload_mass=0.0)],
+        1: [efforts(0.5, -0.2)],
+        100: [change(payload_mass=2.5)],
+        200: [change(payload_mass=0.0)],
     }
     simulate(path, 300, events, payload_mass=1.0, roles=['payload_in_use'])
     plot = next(plot for plot in shown(path).plots if plot.title == 'energy [J]')
@@ -551,7 +556,7 @@ def faulty_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the page of an arm that reaches a limit, with a reference."""
     folder = tmp_path_factory.mktemp('faulty')
     path, out = folder / 'a.mcap', folder / 'a.html'
-    simulate(path, 900, {1: [array(15.0, -3.0)], 700: [array(0.0)]}, **FREE)
+    simulate(path, 900, {1: [efforts(15.0, -3.0)], 700: [efforts(0.0)]}, **FREE)
     reference = PageReference(
         ('elbow',), np.array([0.1, 0.8]), np.array([[0.0], [-2.0]]), within=0.5
     )

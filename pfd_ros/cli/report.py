@@ -100,9 +100,7 @@ def _log(given: argparse.Namespace, unread: list[str]) -> int:
     name = given.log.absolute().name.removesuffix('.mcap')
     path = _new(given.out or Path(f'{name}.html'))
     robot = None if given.robot is None else pfd.load_robot(given.robot)
-    log = read_log(
-        given.log, types=TYPES, unreadable='count', start=given.start, end=given.end
-    )
+    log = read_log(given.log, types=TYPES, unreadable='count', start=given.start, end=given.end)
     found = page(log, robot=robot)
     found.write(path)
     print_lines([found.said, *(f'note: {note}' for note in found.notes), path])

@@ -144,7 +144,7 @@ def _live(given: argparse.Namespace) -> None:
         drawing = draw(urdf, MeshFolders(folder, tuple(given.package_path)))
         print_lines(drawing.problems)
         stage = Stage(server, urdf, drawing)
-        stage.look([[0.0] * len(stage.joints)])
+        stage.look()
         stage.show([0.0] * len(stage.joints))
         _announce(address(server), given.topic or arm, given.open)
         live.follow(topics, stage, lambda line: print(one_line(line), flush=True))

@@ -35,10 +35,13 @@ NEAR = 2e-3
 DISTANCE, DIRECTION = 0.9, np.array([0.75, -0.85, 0.4]) / np.linalg.norm([0.75, -0.85, 0.4])
 TURNING, SLIDING = ('revolute', 'continuous'), 'prismatic'
 MOVING = (*TURNING, SLIDING)
-LEGEND = (
-    'Rings: joint torque, from blue (none) to red (at its limit); violet: the joint is at the end '
-    'of its range; grey: no torque known. Line: path of the tip. Translucent: the ghost.'
-)
+LEGEND = """Rings: joint torque, from blue (none) to red (at its limit); violet: the joint is at the
+end of its range; grey: no torque known. Line: path of the tip. Translucent: the ghost.
+
+Red arrow: external force on the last link; yellow: external torque. Scale: {}.
+
+Turquoise body: the payload, a box with its mass and inertia, or a ball without inertia; black: its
+centre of mass."""
 
 
 class LinkPoses:
@@ -228,7 +231,7 @@ class Stage:
         # Lines cost a browser less than a grid.
         floor = np.array(lines, np.float32)
         scene.add_line_segments('/floor', floor, FLOOR_COLOUR, thickness=reach / 400)
-        server.gui.add_markdown(LEGEND)
+        server.gui.add_markdown(LEGEND.format(self.scale))
 
     def show(
         self,
@@ -278,10 +281,11 @@ class Stage:
         thickness = self._reach / 250
         self._server.scene.add_line_segments('/path', segments, colours, thickness=thickness)
 
-    def look(self, positions: ArrayLike) -> None:
-        """Place the camera so that the arm at positions (N, joints) is in view."""
-        corners = []
-        for row in np.asarray(positions, float):
+    def look(self, positions: ArrayLike = ()) -> None:
+        """Place the camera so that the arm at positions (N, joints) is in view, or its reach."""
+        rows, size = np.asarray(positions, float), self._reach / 2
+        corners = [] if len(rows) else [np.array([[-size, -size, 0.0], [size, size, 2 * size]])]
+        for row in rows:
             frames = self.poses.at(row)
             corners.append(frames[:, :3, 3])
             for shape in self._drawing.shapes:

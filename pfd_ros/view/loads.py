@@ -32,11 +32,6 @@ SIDES, CIRCLES = 20, 40
 ANGLE, TURNING_SHAFT = 1.55 * np.pi, 0.045
 # Width and length of heads, in radii of the shaft.
 HEAD_WIDTH, HEAD_LENGTH = 2.6, 6.5
-WRENCH_LEGEND = 'Red arrow: external force on the last link; yellow: external torque. Scale: {}.'
-PAYLOAD_LEGEND = (
-    'Turquoise body: the payload, a box with its mass and inertia, or a ball without inertia; '
-    'black: its centre of mass.'
-)
 Mesh = tuple[NDArray[np.float32], NDArray[np.int32]]
 
 

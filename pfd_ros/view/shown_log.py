@@ -13,7 +13,6 @@ import numpy as np
 import pfd_core as pfd
 from pfd_ros.view.arm import LinkPoses, Stage
 from pfd_ros.view.forms import draw
-from pfd_ros.view.loads import PAYLOAD_LEGEND, WRENCH_LEGEND
 from pfd_ros.view.logged import logged
 from pfd_ros.view.meshes import MeshFolders
 
@@ -73,10 +72,6 @@ class ShownLog:
         rows = np.unique(np.linspace(0, len(log.time) - 1, POINTS).astype(int))
         stage.path(np.array([self.poses.at(q)[tip, :3, 3] for q in log.position[rows]]))
         stage.look(log.position[rows[:: max(len(rows) // SAMPLES, 1)]])
-        if log.wrench:
-            server.gui.add_markdown(WRENCH_LEGEND.format(stage.scale))
-        if log.payload:
-            server.gui.add_markdown(PAYLOAD_LEGEND)
 
         def show(time: float) -> None:
             with server.atomic():

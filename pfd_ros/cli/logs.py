@@ -140,16 +140,20 @@ def _verify(given: argparse.Namespace) -> int:
     counts = ', '.join(f'{count} {role}' for role, count in sorted(found.compared.items()))
     equal = f'every bit equal in {found.cycles} cycles ({counts})'
     if found.complete:
-        print_lines([f'verified: {equal}'])
+        print_lines([f'verified: {given.log}: {equal}'])
         return 0
-    print_lines([f'equal as far as it goes, the log is incomplete: {equal}'])
+    print_lines([f'incomplete: {given.log}: equal as far as it goes: {equal}'])
     return 0 if given.allow_incomplete else INCOMPLETE
 
 
 def _what_if(given: argparse.Namespace, unread: list[str]) -> int:
     from pfd_ros.replay import what_if
 
-    options = {name: getattr(given, name) for name in WHAT_IF if name != 'json'}
+    options = {
+        name: getattr(given, name)
+        for name, unset in WHAT_IF.items()
+        if name != 'json' and getattr(given, name) != unset
+    }
     options['rename'] = dict(given.rename)
     found = what_if.what_if(given.log, given.what_if, **options, progress=progress_on(sys.stderr))
     if given.json:

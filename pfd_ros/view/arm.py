@@ -35,8 +35,8 @@ NEAR = 2e-3
 DISTANCE, DIRECTION = 0.9, np.array([0.75, -0.85, 0.4]) / np.linalg.norm([0.75, -0.85, 0.4])
 TURNING, SLIDING = ('revolute', 'continuous'), 'prismatic'
 MOVING = (*TURNING, SLIDING)
-LEGEND = """Rings: joint torque, from blue (none) to red (at its limit); violet: the joint is at the
-end of its range; grey: no torque known. Line: path of the tip. Translucent: the ghost.
+LEGEND = """Rings: joint torque, from blue (none) to red (at its limit); violet: the joint is at
+the end of its range; grey: no torque known. Line: path of the tip. Translucent: the ghost.
 
 Red arrow: external force on the last link; yellow: external torque. Scale: {}.
 

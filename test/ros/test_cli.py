@@ -1,0 +1,592 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command `pfd`: what each command says of good, wrong and cut logs, and its exit status."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import io
+import json
+import os
+from pathlib import Path
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+from typing import Any
+
+from bridge import (
+    CLOSED_PIPE,
+    PFD_COMMANDS,
+    SMALL_COMMANDS,
+    message_of,
+    pfd_commands_of,
+    pfd_main,
+    pfd_parser,
+    progress_on,
+)
+import pytest
+from recordings import busy, rewritten
+from ros_processes import Peer, Processes, environment
+from waiting import PATIENCE
+
+import pfd_core as pfd
+
+CYCLES = 60
+
+
+def command(*words: str) -> tuple[int, str, str]:
+    """Run a command in this process; return its status and what it printed."""
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, 'stdout', out)
+        patch.setattr(sys, 'stderr', err)
+        try:
+            status = pfd_main(words)
+        except SystemExit as ended:
+            status = int(ended.code or 0)
+    return status, out.getvalue(), err.getvalue()
+
+
+def process(*words: str, cwd: Path | None = None, **variables: str) -> Any:
+    """Run a command in another process."""
+    return subprocess.run(
+        [sys.executable, '-m', 'pfd_ros.cli.main', *words],
+        env=environment(1) | variables,
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=PATIENCE,
+    )
+
+
+@pytest.fixture(scope='module')
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a recording and what may become of it."""
+    folder = tmp_path_factory.mktemp('logs')
+    whole = folder / 'whole.mcap'
+    busy(whole, CYCLES)
+    busy(folder / 'other.mcap', CYCLES, payload_mass=1.0)
+    chunks = rewritten(whole, folder / 'chunks.mcap', chunk=2000)
+    (folder / 'cut.mcap').write_bytes(chunks.read_bytes()[: chunks.stat().st_size // 2])
+    (folder / 'text.mcap').write_text('no log')
+    (folder / 'empty.mcap').write_bytes(b'')
+    damaged = bytearray(chunks.read_bytes())
+    damaged[len(damaged) // 2] ^= 1
+    (folder / 'damaged.mcap').write_bytes(damaged)
+
+    def altered(role: str, message: Any) -> Any:
+        if role == 'joint_states' and message.sequence == CYCLES // 2:
+            # The last bit of an effort.
+            message.data = message.data[:-8] + bytes([message.data[-8] ^ 1]) + message.data[-7:]
+        return message
+
+    def ragged(role: str, message: Any) -> Any:
+        if role == 'joint_states' and message.sequence == CYCLES // 2:
+            message.data = message.data[:20]
+        return message
+
+    def first(name: str, values: dict[str, str]) -> dict[str, str]:
+        return values | ({'format': '2'} if name == 'pfd_ros' else {})
+
+    rewritten(whole, folder / 'altered.mcap', altered, counted=True)
+    rewritten(whole, folder / 'ragged.mcap', ragged, counted=True)
+    rewritten(whole, folder / 'first.mcap', metadata=first)
+    return folder
+
+
+# Words, status, and what is in the standard output and in the only line of the error output.
+LOGS: dict[str, tuple[int, str, str]] = {
+    'info whole.mcap': (0, r'/joint_states +sensor_msgs/msg/JointState +60 +every [\d.]+ ms', ''),
+    'info cut.mcap': (0, r'size .*, cut off', ''),
+    'info first.mcap': (0, r'messages +\d+', ''),
+    'info ragged.mcap': (1, r'messages +\d+', r'^pfd info: not read: /joint_states: '),
+    'info damaged.mcap': (1, '', '^pfd info: .*damaged.mcap'),
+    'info text.mcap': (1, '', '^pfd info: .*text.mcap'),
+    'info empty.mcap': (1, '', '^pfd info: .*empty.mcap'),
+    'info none.mcap': (1, '', r'^pfd info: .*none\.mcap'),
+    'replay whole.mcap': (0, r'cycles +60 of 0\.001 s(?s:.*)rejected +1 commands wrong_size', ''),
+    'replay cut.mcap': (0, 'cut off', ''),
+    'replay first.mcap': (1, '', 'first edition of pfd_ros'),
+    'replay text.mcap': (1, '', '^pfd replay: .*text.mcap'),
+    'replay damaged.mcap': (1, '', '^pfd replay: .*damaged.mcap'),
+    'replay whole.mcap --verify': (0, r'verified: whole.mcap: every bit equal in 60 cycles', ''),
+    'replay cut.mcap --verify': (3, r'incomplete: cut.mcap: equal as far as it goes', ''),
+    'replay cut.mcap --verify --allow-incomplete': (0, r'equal as far as it goes', ''),
+    'replay altered.mcap --verify': (1, '', r'cycle 30, joint_states: effort\['),
+    'replay damaged.mcap --verify': (1, '', '^pfd replay: .*damaged.mcap'),
+    'replay first.mcap --verify': (1, '', 'first edition of pfd_ros'),
+    'replay whole.mcap --what-if payload.mass=1': (0, r'whole_what_if\.mcap', ''),
+    'replay whole.mcap --what-if payload.mass=1 --rounding': (0, 'rounding', ''),
+    'replay cut.mcap --what-if payload.mass=1': (0, r'cut_what_if\.mcap', ''),
+    'replay whole.mcap --what-if nonsense=1': (1, '', r'^pfd replay: .*nonsense'),
+    'replay first.mcap --what-if payload.mass=1': (1, '', 'first edition of pfd_ros'),
+    'replay damaged.mcap --what-if payload.mass=1': (1, '', '^pfd replay: .*damaged.mcap'),
+    'compare whole.mcap whole.mcap': (0, 'equal', ''),
+    'compare whole.mcap other.mcap': (1, 'first beyond 0', ''),
+    'compare whole.mcap other.mcap --tolerance 1e9': (0, 'within 1e', ''),
+    'compare whole.mcap ragged.mcap': (1, '', '^pfd compare: .*ragged.mcap'),
+    'compare whole.mcap text.mcap': (1, '', '^pfd compare: .*text.mcap'),
+    'compare whole.mcap whole.mcap --rename shoulder=hip': (0, 'hip', ''),
+    'compare whole.mcap whole.mcap --topics /joint_states /none': (1, '', "'/none'"),
+    'recover cut.mcap': (0, r'lost (?s:.*)\d+ messages in cut\.recovered\.mcap; .*incomplete', ''),
+    'recover whole.mcap': (0, r'messages in whole\.recovered\.mcap; the log was whole', ''),
+    'recover damaged.mcap': (0, 'lost ', ''),
+    'recover text.mcap': (1, '', '^pfd recover: .*text.mcap'),
+    'report log whole.mcap': (0, r'whole\.html', ''),
+    'report log cut.mcap': (0, r'cut\.html', ''),
+    'report log ragged.mcap': (1, r'ragged\.html', '^pfd report: not read: '),
+    'report log text.mcap': (1, '', '^pfd report: .*text.mcap'),
+    'view whole.mcap --export a.html': (0, r'a\.html plays whole\.mcap in a browser', ''),
+    'view cut.mcap --export a.html': (0, r'cut\.mcap .*cut', ''),
+    'view text.mcap --export a.html': (1, '', '^pfd view: .*text.mcap'),
+    'view whole.mcap --export a.html --topic /none': (1, '', "'/none'"),
+    'view whole.mcap --export a.html --rename shoulder=hip': (
+        0,
+        r"not in the model: \['hip'\]",
+        '',
+    ),
+    'view whole.mcap --export a.html --rename shoulder=a elbow=b': (1, '', r"\['a', 'b'\]"),
+    'view whole.mcap --node /sim_arm': (1, '', r"takes no \['--node'\]"),
+}
+
+
+@pytest.mark.parametrize('words', LOGS)
+def test_a_command_says_what_it_read_and_its_status_is_true(
+    words: str, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    status, printed, error = LOGS[words]
+    for path in logs.iterdir():
+        shutil.copy(path, tmp_path / path.name)
+    monkeypatch.chdir(tmp_path)
+    found = command(*words.split())
+    assert found[0] == status, found
+    assert re.search(printed, found[1]), found
+    assert bool(found[2]) == bool(error), found
+    if error:
+        (line,) = found[2].splitlines()
+        assert re.search(error, line), found
+
+
+@pytest.mark.parametrize(
+    ('words', 'keys'),
+    [
+        ('info whole.mcap --json', {'path', 'complete', 'begin_ns', 'topics', 'settings'}),
+        ('compare whole.mcap other.mcap --json', {'within', 'lag', 'differences'}),
+        ('replay whole.mcap --what-if payload.mass=1 --json', {'log', 'source'}),
+    ],
+)
+def test_json_is_one_object_and_the_new_log_lies_in_the_current_folder(
+    words: str, keys: set[str], logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = command(
+        *words.replace('whole', f'{logs}/whole').replace('other', f'{logs}/other').split()
+    )
+    assert {*json.loads(found[1])} >= keys
+    written = [path.name for path in tmp_path.iterdir()]
+    assert written == (['whole_what_if.mcap'] if 'what-if' in words else [])
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        'recover LOG --out here',
+        'report log LOG --out here',
+        'view LOG --export here',
+        'replay LOG --what-if payload.mass=1 --out here',
+    ],
+)
+def test_no_command_writes_over_a_file(words: str, logs: Path, tmp_path: Path) -> None:
+    here = tmp_path / 'here'
+    here.write_text('mine')
+    done = command(*words.replace('LOG', f'{logs}/whole.mcap').replace('here', str(here)).split())
+    assert done[0] == 1
+    assert len(done[2].splitlines()) == 1
+    assert here.read_text() == 'mine'
+
+
+ESCAPE = '\x1b]0;title\x07\x1b[2J'
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        'info LOG',
+        'info LOG --LOG',
+        'replay LOG',
+        'replay LOG --verify',
+        'replay LOG --what-if payload.mass=1',
+        'replay LOG --what-if LOG=1',
+        'compare LOG LOG --topics LOG LOG',
+        'recover LOG',
+        'report log LOG',
+        'report LOG',
+        'view LOG --export a.html',
+        'view LOG --export a.html --robot LOG',
+        'view a --port LOG',
+        'urdf LOG',
+        'LOG',
+    ],
+)
+def test_escapes_of_a_terminal_in_names_are_printed_as_text(
+    words: str, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = f'{ESCAPE}.mcap'
+    shutil.copy(logs / 'whole.mcap', tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    found = command(
+        *(name if word == 'LOG' else word.replace('LOG', name) for word in words.split())
+    )
+    text = found[1] + found[2]
+    assert '\\x1b' in text
+    assert not set(text) & {'\x1b', '\x07'}
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        '',
+        'dance',
+        'replay',
+        'replay a --ros-args',
+        'replay a --loop',
+        'replay a --rounding',
+        'replay a --json',
+        'replay a --allow-incomplete',
+        'replay a --publish --verify',
+        'replay a --publish --what-if',
+        'replay a --publish --rate 0',
+        'replay a --publish --remap b',
+        'replay a --verify --what-if',
+        'compare a',
+        'compare a b --rename c',
+        'report',
+        'report counts',
+        'view a --port -1',
+        'view a --port 65536',
+        'view a --port ٣',
+        'send',
+        'send topic',
+        'robots more',
+        'info a --ros-args -p b:=c',
+    ],
+)
+def test_a_command_that_makes_no_sense_is_one_line_and_status_2(words: str) -> None:
+    status, printed, error = command(*words.split())
+    assert (status, printed) == (2, '')
+    assert re.fullmatch(r'pfd\b.*\n', error)
+
+
+def test_an_error_of_several_lines_is_printed_in_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: object) -> int:
+        raise ValueError('not YAML:\n  line 1\n\x1b[2Jand ' + 'x' * 10_000)
+
+    monkeypatch.setitem(SMALL_COMMANDS, 'robots', SMALL_COMMANDS['robots']._replace(run=refuse))
+    status, _, error = command('robots')
+    assert status == 1
+    assert error.startswith(r'pfd robots: not YAML: line 1 \x1b[2Jand xxx')
+    assert error.count('\n') == 1
+    assert len(error) < 1000
+
+
+def test_ctrl_c_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(_: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(SMALL_COMMANDS, 'robots', SMALL_COMMANDS['robots']._replace(run=interrupt))
+    assert command('robots') == (130, '', '')
+
+
+@pytest.mark.parametrize('words', ['robots', '--help', 'info --help'])
+def test_a_reader_that_ends_first_ends_a_command_quietly(words: str) -> None:
+    # argparse ignores errors of output that is not buffered.
+    of_shell = {k: v for k, v in environment(1).items() if k != 'PYTHONUNBUFFERED'}
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        done = subprocess.run(
+            [sys.executable, '-m', 'pfd_ros.cli.main', *words.split()],
+            env=of_shell,
+            stdout=writing,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            timeout=PATIENCE,
+        )
+    finally:
+        os.close(writing)
+    assert (done.returncode, done.stderr) == (CLOSED_PIPE, '')
+
+
+@pytest.mark.parametrize(
+    ('name', 'shown'), [('é☃.mcap', r'\xe9\u2603'), (os.fsdecode(b'\xff.mcap'), r'\udcff')]
+)
+def test_names_that_a_terminal_cannot_show_are_escaped(
+    name: str, shown: str, logs: Path, tmp_path: Path
+) -> None:
+    shutil.copy(logs / 'whole.mcap', tmp_path / name)
+    done = process('info', name, cwd=tmp_path, PYTHONIOENCODING='ascii')
+    assert (done.returncode, done.stderr) == (0, '')
+    assert shown in done.stdout
+
+
+def test_a_full_disk_is_one_line(logs: Path) -> None:
+    if not Path('/dev/full').exists():
+        pytest.skip('no /dev/full')
+    with open('/dev/full', 'w') as full:
+        done = subprocess.run(
+            [sys.executable, '-m', 'pfd_ros.cli.main', 'info', str(logs / 'whole.mcap')],
+            env=environment(1),
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            timeout=PATIENCE,
+        )
+    assert done.returncode == 1
+    assert re.fullmatch('pfd info: .*No space left on device\n', done.stderr)
+
+
+# What is imported, and help.
+
+
+WITHOUT_ROS = (
+    'import importlib.util, sys\n'
+    'find = importlib.util.find_spec\n'
+    "importlib.util.find_spec = lambda name, *a: None if name == 'rclpy' else find(name, *a)\n"
+    "sys.modules['rclpy'] = None\n"
+    'from pfd_ros.cli.main import main\n'
+    'raise SystemExit(main(sys.argv[1:]))\n'
+)
+
+
+@pytest.mark.parametrize(
+    ('words', 'status'),
+    [
+        ('demo', 1),
+        ('sim', 1),
+        ('send a 1', 1),
+        ('view', 1),
+        ('replay a.mcap --publish', 1),
+        ('--help', 0),
+        ('--version', 0),
+        ('robots', 0),
+        ('send --help', 0),
+    ],
+)
+def test_without_ros_the_commands_that_need_it_say_how_to_get_it(
+    words: str, status: int, tmp_path: Path
+) -> None:
+    done = subprocess.run(
+        [sys.executable, '-c', WITHOUT_ROS, *words.split()],
+        cwd=tmp_path,
+        env=environment(1),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=PATIENCE,
+    )
+    assert done.returncode == status
+    assert ("pip install 'pfd_ros[ros]'" in done.stderr) == (status == 1)
+    assert 'Traceback' not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ('words', 'absent'),
+    [
+        ('sim --help', ['rclpy', 'viser', 'matplotlib', 'pfd_ros.cli.logs', 'pfd_ros.cli.view']),
+        ('view --help', ['rclpy', 'viser', 'trimesh', 'pfd_ros.cli.logs']),
+        ('--help', ['rclpy', 'viser', 'trimesh', 'matplotlib', 'mcap']),
+        ('--version', ['rclpy', 'viser']),
+    ],
+)
+def test_a_command_imports_what_it_needs(words: str, absent: list[str]) -> None:
+    program = (
+        'import sys\nfrom pfd_ros.cli.main import main\n'
+        'try:\n    main(sys.argv[1:])\nexcept SystemExit:\n    pass\n'
+        "print('MODULES', *sys.modules)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', program, *words.split()],
+        env=environment(1),
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=PATIENCE,
+    )
+    modules = done.stdout.rpartition('MODULES')[2].split()
+    assert 'pfd_ros.cli.main' in modules
+    assert not {*absent} & {*modules}
+
+
+def test_the_version_is_the_version_of_the_library() -> None:
+    assert command('--version') == (0, f'pfd {pfd.__version__}\n', '')
+
+
+@pytest.mark.parametrize('name', PFD_COMMANDS)
+def test_the_help_of_a_command_has_an_example_that_its_parser_accepts(name: str) -> None:
+    status, printed, _ = command(name, '--help')
+    assert status == 0
+    last = printed.rstrip().splitlines()[-1]
+    assert last.startswith('example: pfd ')
+    words = shlex.split(last.removeprefix('example: pfd '))
+    words = words[: words.index('--ros-args')] if '--ros-args' in words else words
+    assert pfd_parser(pfd_commands_of(words)).parse_args(words).command == name
+
+
+# What bash does at the key TAB, with the function that argcomplete registers for pfd.
+SCRIPT = """
+eval "$(register-python-argcomplete pfd)"
+COMP_LINE=$1 COMP_POINT=${#1} COMP_TYPE=9 COMP_WORDS=($1) COMP_CWORD=1
+_python_argcomplete pfd
+printf '%s\\n' "${COMPREPLY[@]}"
+"""
+
+
+@pytest.mark.parametrize(
+    ('line', 'words'),
+    [
+        ('pfd re', {'replay', 'recover', 'report'}),
+        ('pfd replay --wh', {'--what-if'}),
+        ('pfd sim --v', {'--view'}),
+    ],
+)
+def test_bash_completes_commands_and_options(line: str, words: set[str], tmp_path: Path) -> None:
+    program = tmp_path / 'pfd'
+    program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m pfd_ros.cli.main "$@"\n')
+    program.chmod(0o755)
+    path = os.pathsep.join([str(tmp_path), sysconfig.get_path('scripts'), os.environ['PATH']])
+    done = subprocess.run(
+        ['bash', '-c', SCRIPT, 'bash', line],
+        env=os.environ | {'PATH': path},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=True,
+    )
+    assert {word.strip() for word in done.stdout.splitlines()} == words
+
+
+def test_progress_is_printed_on_a_terminal_alone() -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    assert progress_on(io.StringIO()) is None
+    assert progress_on(None) is None
+    terminal = Terminal()
+    draw = progress_on(terminal)
+    assert draw is not None
+    for part in (0.0, 0.001, 0.5, 1.0):
+        draw(part)
+    assert terminal.getvalue().split('\r') == ['', '  0 %', '', ' 50 %', '', '100 %', '']
+
+
+# The small commands.
+
+
+def test_robots_lists_each_robot_with_its_joints() -> None:
+    status, printed, _ = command('robots')
+    assert status == 0
+    lines = printed.splitlines()
+    assert [line.split()[0] for line in lines] == list(pfd.known_robots())
+    assert any('6 joints: joint1, joint2' in line for line in lines)
+
+
+def test_urdf_prints_the_bytes_that_it_writes_also_where_stdout_is_ascii(tmp_path: Path) -> None:
+    assert command('urdf', 'planar2', '--out', f'{tmp_path}/arm.urdf') == (0, '', '')
+    text = (tmp_path / 'arm.urdf').read_text(encoding='utf-8')
+    assert pfd.load_robot(text).joint_names == pfd.load_robot('planar2').joint_names
+    assert command('urdf', 'planar2') == (0, text, '')
+    named = re.sub('<robot name="[^"]*"', '<robot name="é"', text)
+    (tmp_path / 'arm.urdf').write_text(named, encoding='utf-8')
+    assert command('urdf', f'{tmp_path}/arm.urdf', '--out', f'{tmp_path}/written')[0] == 0
+    program = [sys.executable, '-m', 'pfd_ros.cli.main', 'urdf', f'{tmp_path}/arm.urdf']
+    of_shell = os.environ | {'PYTHONIOENCODING': 'ascii'}
+    done = subprocess.run(program, capture_output=True, env=of_shell, check=True)
+    assert 'name="é"'.encode() in done.stdout
+    assert done.stdout == (tmp_path / 'written').read_bytes()
+
+
+@pytest.mark.parametrize('robot', ['ur55', '/nowhere/arm.urdf'])
+def test_urdf_of_an_unknown_robot_is_one_line(robot: str) -> None:
+    status, _, error = command('urdf', robot)
+    assert status == 1
+    assert re.fullmatch(f'pfd urdf: .*{robot}.*\n', error)
+
+
+def test_urdf_without_an_output_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, 'stdout', None)
+    assert pfd_main(['urdf', 'ur5']) == 1
+    assert capsys.readouterr().err == 'pfd urdf: no standard output; use --out\n'
+
+
+ARRAY, NUMBER, JOINTS = (
+    'std_msgs/msg/Float64MultiArray',
+    'std_msgs/msg/Float64',
+    'sensor_msgs/msg/JointState',
+)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ('kind', 'values', 'field', 'expected'),
+    [
+        (ARRAY, ['1', '-2.5e3', 'nan'], 'effort', {'data': [1.0, -2500.0, float('nan')]}),
+        (NUMBER, ['0.5'], 'effort', {'data': 0.5}),
+        (JOINTS, ['a=1', 'b/c=-2'], 'effort', {'name': ['a', 'b/c'], 'effort': [1.0, -2.0]}),
+        (JOINTS, ['a=b=1'], 'position', {'name': ['a=b'], 'position': [1.0], 'effort': []}),
+        (NUMBER, ['1', '2'], 'effort', 'cannot make a std_msgs/msg/Float64 of 2 values'),
+        ('std_msgs/msg/Bool', ['1'], 'effort', 'cannot make a std_msgs/msg/Bool'),
+        (ARRAY, ['x'], 'effort', "a value must be a number, got 'x'"),
+        (JOINTS, ['1'], 'effort', 'needs JOINT=NUMBER'),
+        (JOINTS, ['a=1', 'a=2'], 'effort', 'each once'),
+        (JOINTS, ['a='], 'effort', "a value must be a number, got ''"),
+    ],
+)
+def test_values_become_a_message_of_the_type_or_an_error_that_names_them(
+    kind: str, values: list[str], field: str, expected: Any
+) -> None:
+    if isinstance(expected, str):
+        with pytest.raises(ValueError, match=expected):
+            message_of(kind, values, field)
+        return
+    message = message_of(kind, values, field)
+    for name, value in expected.items():
+        found = getattr(message, name)
+        assert str(found if isinstance(value, float) else [*found]) == str(value)
+
+
+@pytest.mark.ros
+def test_send_reaches_an_arm_and_names_a_topic_without_subscribers(
+    processes: Processes, peer_of: Callable[..., Peer]
+) -> None:
+    arm, peer = processes.arm('-p', 'robot:=planar2'), peer_of(processes)
+    domain = {'ROS_DOMAIN_ID': str(processes.domain)}
+    done = process('send', '/joint_commands', 'shoulder=3.5', **domain)
+    assert (done.returncode, done.stderr) == (0, '')
+    assert done.stdout == 'sent sensor_msgs/msg/JointState to /joint_commands\n'
+    peer.wait(lambda: any(abs(state.velocity[0]) > 0.01 for state in peer.states))
+    done = process('send', '/sim_arm/commands', '0', '0', **domain)
+    assert done.stdout == 'sent std_msgs/msg/Float64MultiArray to /sim_arm/commands\n'
+    done = process('send', '/nobody', '1', '--patience', '0.5', **domain)
+    assert done.returncode == 1
+    assert re.fullmatch('pfd send: no subscriber to /nobody within 0.5 s in .*\n', done.stderr)
+    done = process('send', 'a b', '1', **domain)
+    assert done.stderr == "pfd send: 'a b' is not a valid topic name\n"
+    arm.stop()
+
+
+@pytest.mark.ros
+def test_pfd_sim_is_the_node(processes: Processes) -> None:
+    arm = processes.python(
+        '-m', 'pfd_ros.cli.main', 'sim', '--robot', 'planar2', '--ros-args', '-r', '__ns:=/x'
+    )
+    arm.wait_for_text('planar2: each of the 2 joints is braked until its first command')
+    arm.stop()

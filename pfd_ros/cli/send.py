@@ -54,7 +54,6 @@ def _run(given: argparse.Namespace) -> int:
     import rclpy
     from rclpy._rclpy_pybind11 import RCLError
     from rclpy.duration import Duration
-    from rclpy.exceptions import NameValidationException
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import try_shutdown
 
@@ -62,7 +61,7 @@ def _run(given: argparse.Namespace) -> int:
     try:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         node = rclpy.create_node('pfd_send', start_parameter_services=False, enable_rosout=False)
-        topic = node.resolve_topic_name(given.topic or ' ')
+        topic = _resolved(node, given.topic)
         kind = _first(lambda: _kinds(node, topic), deadline)
         if not kind:
             domain = os.environ.get('ROS_DOMAIN_ID', '0')
@@ -78,14 +77,25 @@ def _run(given: argparse.Namespace) -> int:
         publisher.publish(message)
         if not publisher.wait_for_all_acked(Duration(seconds=max(given.patience, 1.0))):
             raise ValueError(f'{topic}: no subscriber acknowledged the message')
-    except NameValidationException as error:
-        raise ValueError(f'{cut(given.topic)!r} is not a valid topic name') from error
     except RCLError as error:
         raise ValueError(f'ROS: {error}') from error
     finally:
         try_shutdown()
     print_lines([f'sent {kind[0]} to {topic}'])
     return 0
+
+
+def _resolved(node: Any, topic: str) -> str:
+    from rclpy._rclpy_pybind11 import RCLError
+    from rclpy.exceptions import NameValidationException
+    from rclpy.validate_full_topic_name import validate_full_topic_name
+
+    try:
+        name = str(node.resolve_topic_name(topic or ' '))
+        validate_full_topic_name(name)
+    except (NameValidationException, RCLError) as error:
+        raise ValueError(f'{cut(topic)!r} is not a valid topic name') from error
+    return name
 
 
 def _kinds(node: Any, topic: str) -> list[str]:

@@ -120,14 +120,13 @@ class Topics:
         return self._names[role]
 
     def _resolved(self, topic: str | None) -> str:
-        name = str(topic)
-        name = self.node.resolve_topic_name(
-            f'{self.arm}{name[1:]}' if name.startswith('~/') else name or ' '
-        )
+        text = str(topic)
+        own = f'{self.arm}{text[1:]}' if text.startswith('~/') else text or ' '
         try:
+            name = self.node.resolve_topic_name(own)
             validate_full_topic_name(name)
-        except NameValidationException as error:
-            raise ValueError(f'{cut(str(topic))!r} is not a valid topic name') from error
+        except (NameValidationException, RCLError) as error:
+            raise ValueError(f'{cut(text)!r} is not a valid topic name') from error
         return name
 
     def model(self) -> tuple[pfd.Urdf, Path | None]:

@@ -463,18 +463,18 @@ SIMULATIONS: Mapping[str, Callable[[], str]] = {
 
 # Recordings.
 
-LOGS = ('golden_2_puma560', 'golden_2_ur5', 'faulty', 'demo', 'rejected')
+LOGS = ('golden_3_puma560', 'golden_3_ur5', 'faulty', 'demo', 'rejected')
 
 
 def replayed(name: str) -> str:
     """Simulate a recording again to the same bytes; return the digest of its states."""
     path = DATA / f'{name}.mcap'
-    summary = read_recording(path, verify=True)
-    assert summary.complete
+    verified = verify_log(path)
+    assert verified.complete
     log = read_log(path)
     (topic,) = (topic for topic in log.topics if topic.endswith('/joint_states'))
     states = log[topic]
-    assert len(states) == summary.states
+    assert len(states) == verified.compared['joint_states']
     names = np.array(states.names, 'S')
     return bits(names, states.stamp_ns, states.position, states.velocity, states.effort)
 

@@ -32,7 +32,7 @@ import random
 import struct
 from typing import Any
 
-from bridge import PAGE_TYPES, KernelSpec, kernel_recipe, page_of_log, read_recording
+from bridge import PAGE_TYPES, KernelSpec, kernel_recipe, page_of_log, verify_log
 import numpy as np
 
 import pfd_core as pfd

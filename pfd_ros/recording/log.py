@@ -56,6 +56,8 @@ class Log:
         The texts of the record HEAD, see HeadKey.
     topics
         Topic of each recorded role.
+    description
+        The URDF of the arm, '' without one; it comes before all that is simulated.
     end
         The values of the record END, see EndKey; {} until `messages` has reached it, and in a
         file that was cut off.
@@ -91,20 +93,17 @@ class Log:
             if not robot:
                 raise LogError(f'{path} is a recording without its robot: it ends in its head')
             self.robot = _robot(robot)
+        self.description = ''
+        for message in self.messages():
+            if message.role == DESCRIPTION:
+                self.description = decode_string(message.data)
+            if message.role not in ASIDES:
+                break
 
     @property
     def complete(self) -> bool:
         """Whether the file was closed after a run; known once `messages` has ended."""
         return self._closed and bool(self.end)
-
-    def description(self) -> str:
-        """Return the URDF of the arm, '' without one; it comes before all that is simulated."""
-        for message in self.messages():
-            if message.role == DESCRIPTION:
-                return decode_string(message.data)
-            if message.role not in ASIDES:
-                break
-        return ''
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages in their order; of a file that was cut off, up to the cut."""

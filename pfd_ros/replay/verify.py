@@ -80,9 +80,9 @@ def verify(path: Path | str, expansion: float = EXPANSION) -> Verified:
 
 def recorded_engine(log: Log) -> Engine:
     """Return the engine of a recording at the start of its run."""
-    text, settings, frames = log.description(), log.settings, None
-    if text:
-        urdf = parsed_urdf(text, DESCRIPTION)
+    settings, frames = log.settings, None
+    if log.description:
+        urdf = parsed_urdf(log.description, DESCRIPTION)
         frames = LinkFrames(urdf, log.robot.joint_names, settings.locks, settings.tf_every)
     return Engine(settings, log.robot, log.topics, frames)
 

@@ -52,13 +52,21 @@ class Run:
         The recording.
     roles
         Further roles, inputs or outputs.
+    topics
+        Other names of topics, by role.
     settings
         Of the arm; planar2 unless they say otherwise.
     """
 
-    def __init__(self, path: Path, roles: Iterable[str] = (), **settings: Any) -> None:
+    def __init__(
+        self,
+        path: Path,
+        roles: Iterable[str] = (),
+        topics: Mapping[str, str] | None = None,
+        **settings: Any,
+    ) -> None:
         chosen = Settings(**{'robot': 'planar2', 'recording': str(path), **settings})
-        self.topics = topic_names({*ROLES, *roles})
+        self.topics = topic_names({*ROLES, *roles}) | (topics or {})
         self.engine = Engine(chosen, load_arm_robot(chosen, chosen.robot), self.topics)
         self.reports: list[str] = []
         self.recorder = LogRecorder(path, self.engine, self.topics, self.reports.append)

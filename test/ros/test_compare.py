@@ -5,84 +5,208 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import chain
 import json
 from pathlib import Path
 from typing import Any
 
+from arm_messages import named
 from bridge import compare_logs, pfd_main
+from logs import JOINT_STATE, STATES, STRING, Row, joint_state, states, string, write_mcap
 import numpy as np
 import pytest
-from rewriting import GOLDEN
+from recordings import NAMES as ARM_NAMES
+from recordings import busy, simulate
 
 from pfd_ros import read_log
 
-rosbag2 = pytest.importorskip('rosbags.rosbag2')
-typesys = pytest.importorskip('rosbags.typesys')
-STORE = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
-KIND = 'sensor_msgs/msg/JointState'
 NAMES = ('shoulder', 'elbow')
-Motion = Callable[[float], tuple[list[float], list[float]]]
+HAND = ('finger',)
+TIMES = np.arange(0, 4, 0.008)
 # Linear interpolation of a sine of 2 rad/s between samples 8 ms apart, and what is left of a lag.
 INTERPOLATED = 0.5 * (2 * 0.008 / 2) ** 2 + 1e-4
+Motion = Callable[[float], tuple[list[float], list[float]]]
 
 
 def sines(t: float) -> tuple[list[float], list[float]]:
-    return [np.sin(2 * t), 0.5 * np.sin(1.3 * t + 1)], [
-        2 * np.cos(2 * t),
-        0.65 * np.cos(1.3 * t + 1),
-    ]
+    return (
+        [np.sin(2 * t), 0.5 * np.sin(1.3 * t + 1)],
+        [2 * np.cos(2 * t), 0.65 * np.cos(1.3 * t + 1)],
+    )
 
 
-def write(
-    path: Path,
+def rows_of(
     motion: Motion,
-    *,
-    times: Any,
+    times: Any = TIMES,
     names: tuple[str, ...] = NAMES,
     start: float = 0.0,
-    topic: str = '/joint_states',
-) -> Path:
-    """Write a bag whose states at `times` have the stamps start + time."""
-    header, stamp = STORE.types['std_msgs/msg/Header'], STORE.types['builtin_interfaces/msg/Time']
+    topic: str = STATES,
+) -> list[Row]:
+    """Return states at `times`, with the stamps start + time; joints beyond NAMES move as one."""
     order = [NAMES.index(name) if name in NAMES else 0 for name in names]
-    with rosbag2.Writer(path, version=9) as writer:
-        connection = writer.add_connection(topic, KIND, typestore=STORE)
-        for t in times:
-            at = round((t + start) * 1e9)
-            q, qd = (np.array(x)[order] for x in motion(t))
-            message = STORE.types[KIND](
-                header(stamp(at // 10**9, at % 10**9), ''), list(names), q, qd, np.zeros(0)
-            )
-            writer.write(connection, at, bytes(STORE.serialize_cdr(message, KIND)))
-    return path
+    found = []
+    for t in times:
+        q, qd = (np.array(x)[order] for x in motion(t))
+        found.append(Row(topic, t + start, joint_state(names, q, qd, stamp=t + start)))
+    return found
 
 
-TIMES = np.arange(0, 4, 0.008)
+def log_of(path: Path, *rows: list[Row]) -> Any:
+    """Write a log with messages in the order of their times, and read it."""
+    return read_log(write_mcap(path, sorted(chain(*rows), key=lambda row: row.at)))
 
 
-def test_a_log_is_equal_to_itself(capsys: pytest.CaptureFixture[str]) -> None:
-    assert pfd_main(['compare', str(GOLDEN), str(GOLDEN), '--json']) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found['within']
-    assert found['lag'] == 0
-    assert {item['largest'] for item in found['differences']} == {0.0}
-    # Its commands have no stamps; they are equal message by message.
-    assert found['unordered'] == []
-    assert not any(item['topic'] == '/joint_commands' for item in found['differences'])
+def pair(tmp_path: Path, a: list[Row], b: list[Row], **options: Any) -> Any:
+    return compare_logs(log_of(tmp_path / 'a', a), log_of(tmp_path / 'b', b), **options)
+
+
+# --- a log is equal to itself, whatever it holds
+
+SAME = {
+    'one publisher': states(30),
+    'two publishers': [*states(30), *states(30, HAND, start=0.0004)],
+    'two publishers with equal stamps': [*states(30), *states(30, HAND)],
+    'one message': states(1),
+    'zero stamps': [Row(STATES, 0.1 * k, joint_state(NAMES, [k, -k])) for k in range(20)],
+    'some stamps': [
+        Row(STATES, 0.1 * k, joint_state(NAMES, [k, -k], stamp=5.0 * (k % 3))) for k in range(20)
+    ],
+    'equal stamps': [Row(STATES, 1 + k, joint_state(NAMES, [k, -k], stamp=3.0)) for k in range(9)],
+    'stamps that go back': [
+        Row(STATES, k, joint_state(NAMES, [k, -k], stamp=20.0 - k)) for k in range(9)
+    ],
+    'times of the log that go back': [*states(20, start=1.0), *states(20)],
+    'not a number': [
+        Row(STATES, k, joint_state(NAMES, [k, np.nan], [np.nan] * 2, stamp=k + 1))
+        for k in range(9)
+    ],
+    'positions of some messages': [
+        Row(STATES, k, joint_state(NAMES, [k, 1.0] if k % 3 else [], stamp=k + 1))
+        for k in range(9)
+    ],
+    'parts of the joints': [
+        Row(STATES, k, joint_state(NAMES[: 1 + k % 2], [k, 1.0][: 1 + k % 2], stamp=k + 1))
+        for k in range(9)
+    ],
+    'several topics': [*states(30), *states(9, HAND, topic='/hand')],
+}
+
+
+@pytest.mark.parametrize('name', SAME)
+def test_a_log_is_equal_to_itself(tmp_path: Path, name: str) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', SAME[name])
+    assert pfd_main(['compare', str(path), str(path)]) == 0
+    log = read_log(path)
+    found = compare_logs(log, log)
+    assert found.within
+    assert (found.lag, found.shift) == (0.0, 0.0)
+    counts = {
+        (topic, item, joint): np.isfinite(
+            log[topic][item][log[topic].rows(joint), log[topic].names.index(joint)]
+        ).sum()
+        for topic in log
+        for item in ('position', 'velocity', 'effort')
+        for joint in log[topic].names
+    }
+    # Each value is compared, not only those at times that differ.
+    compared = {key: len(curve[0]) for key, curve in found.curves.items()}
+    assert compared == {key: count for key, count in counts.items() if count}
+
+
+def test_a_log_in_another_order_is_equal(tmp_path: Path) -> None:
+    rows = states(40)
+    a = read_log(write_mcap(tmp_path / 'a.mcap', [*rows[20:], *rows[:20]]))
+    assert compare_logs(a, log_of(tmp_path / 'b', rows)).within
+
+
+def test_a_difference_between_messages_without_times_is_found(tmp_path: Path) -> None:
+    rows = SAME['zero stamps']
+    other = [*rows[:7], Row(STATES, rows[7].at, joint_state(NAMES, [9.0, -7])), *rows[8:]]
+    found = pair(tmp_path, rows, other, lag=0.0)
+    (worst,) = (item for item in found.differences if item.largest)
+    assert (worst.joint, worst.largest, worst.first_at) == ('shoulder', 2.0, pytest.approx(0.7))
+
+
+def test_unreadable_messages_are_an_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [Row(t, at, d[:60] if k % 2 else d) for k, (t, at, d) in enumerate(states(20))]
+    path = write_mcap(tmp_path / 'a.mcap', rows)
+    assert pfd_main(['compare', str(path), str(path)]) == 1
+    assert '10 of 20 messages cannot be read' in capsys.readouterr().err
+
+
+# --- clocks
 
 
 @pytest.mark.sweep
 @pytest.mark.parametrize('lag', [-0.3004, -0.008, 0.0013, 0.25])
 @pytest.mark.parametrize('start', [0.0, 1.7e9])
 def test_a_lag_between_the_clocks_is_found(tmp_path: Path, lag: float, start: float) -> None:
-    a = read_log(write(tmp_path / 'a', sines, times=TIMES))
-    later = write(tmp_path / 'b', lambda t: sines(t - lag), times=TIMES, start=start)
-    found = compare_logs(a, read_log(later))
+    later = rows_of(lambda t: sines(t - lag), start=start)
+    found = pair(tmp_path, rows_of(sines), later)
     assert found.lag == pytest.approx(lag, abs=2e-4)
     assert found.shift == pytest.approx(start, abs=1e-6)
+    assert found.correlation > 0.999
     positions = [item for item in found.differences if item.field == 'position']
     assert [item.joint for item in positions] == list(NAMES)
     assert max(item.largest for item in positions) < INTERPOLATED + 2 * 2e-4
+
+
+def test_logs_with_a_simulated_clock_have_no_lag(tmp_path: Path) -> None:
+    tick = bytes(4) + bytes(8)
+    for name, begin in (('a', 0.0), ('b', 0.2)):
+        rows = [
+            Row('/clock', begin, b'\0\1' + tick[2:]),
+            *rows_of(lambda t, late=begin: sines(t - late)),
+        ]
+        kinds = {'/clock': 'rosgraph_msgs/msg/Clock'}
+        write_mcap(tmp_path / name, sorted(rows, key=lambda row: row.at), kinds)
+    found = compare_logs(*(read_log(tmp_path / name) for name in 'ab'))
+    assert (found.lag, found.shift, found.correlation) == (0.0, 0.0, None)
+    assert not found.within
+
+
+def test_a_weak_correlation_is_no_lag(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    noise = {name: rng.standard_normal((len(TIMES), 2)) for name in 'ab'}
+    rows = [
+        rows_of(lambda t, one=one: (one[round(t / 0.008)], [0.0, 0.0])) for one in noise.values()
+    ]
+    with pytest.raises(ValueError, match=r'no clear lag .* correlation of -?0\.\d+.*--lag 0'):
+        pair(tmp_path, *rows)
+    assert pair(tmp_path, *rows, lag=0.0).lag == 0
+
+
+def test_logs_of_different_rates_are_interpolated(tmp_path: Path) -> None:
+    logs = (
+        log_of(tmp_path / 'a', rows_of(sines)),
+        log_of(tmp_path / 'b', rows_of(sines, np.arange(0, 4, 0.005))),
+    )
+    found = compare_logs(*logs, tolerance=2 * INTERPOLATED)
+    assert found.within
+    assert not compare_logs(*logs, tolerance=1e-9).within
+
+
+def test_logs_of_one_clock_that_overlap_in_part_have_no_shift(tmp_path: Path) -> None:
+    found = pair(tmp_path, rows_of(sines), rows_of(sines, TIMES[350:]))
+    assert (found.shift, found.lag) == (0.0, 0.0)
+
+
+def test_a_gap_in_the_messages_does_not_move_the_lag(tmp_path: Path) -> None:
+    times = np.r_[TIMES[TIMES < 1.0], TIMES[TIMES >= 2.0]]
+    found = pair(tmp_path, rows_of(sines), rows_of(lambda t: sines(t - 0.02), times))
+    assert found.lag == pytest.approx(0.02, abs=2e-4)
+
+
+def test_arms_at_rest_have_no_lag(tmp_path: Path) -> None:
+    still, other = (rows_of(lambda t, q=q: ([1.0, q], [0.0, 0.0])) for q in (2.0, 2.5))
+    found = pair(tmp_path, still, other)
+    assert (found.lag, found.correlation) == (0.0, None)
+    assert [item.largest for item in found.differences][:2] == [0.0, 0.5]
+
+
+# --- joints, topics and missing values
 
 
 def test_joints_are_matched_by_name_and_a_difference_has_its_place(tmp_path: Path) -> None:
@@ -90,26 +214,16 @@ def test_joints_are_matched_by_name_and_a_difference_has_its_place(tmp_path: Pat
         q, qd = sines(t)
         return [q[0] + 0.25 * (t >= 1.0), q[1]], qd
 
-    a = read_log(write(tmp_path / 'a', sines, times=TIMES))
-    other = write(tmp_path / 'b', shifted, times=TIMES, names=('elbow', 'shoulder', 'wrist'))
-    found = compare_logs(a, read_log(other), tolerance=1e-9, lag=0.0)
+    other = rows_of(shifted, names=('elbow', 'shoulder', 'wrist'))
+    found = pair(tmp_path, rows_of(sines), other, tolerance=1e-9, lag=0.0)
     by_joint = {(item.field, item.joint): item for item in found.differences}
     elbow, shoulder = by_joint['position', 'elbow'], by_joint['position', 'shoulder']
     assert (elbow.largest, elbow.first_at) == (0.0, None)
     assert shoulder.largest == pytest.approx(0.25, abs=1e-12)
     assert shoulder.first_at == pytest.approx(1.0, abs=1e-9)
-    share = np.mean(TIMES >= 1.0)
-    assert shoulder.rms == pytest.approx(0.25 * np.sqrt(share), rel=1e-9)
+    assert shoulder.rms == pytest.approx(0.25 * np.sqrt(np.mean(TIMES >= 1.0)), rel=1e-9)
     assert found.only_in_b == ('/joint_states: wrist',)
     assert not found.within
-
-
-def test_logs_of_different_rates_are_interpolated(tmp_path: Path) -> None:
-    a = read_log(write(tmp_path / 'a', sines, times=TIMES))
-    b = read_log(write(tmp_path / 'b', sines, times=np.arange(0, 4, 0.005)))
-    found = compare_logs(a, b, tolerance=INTERPOLATED, fields=['position'])
-    assert found.within
-    assert not compare_logs(a, b, tolerance=1e-9, fields=['position']).within
 
 
 def lost_from(start: float) -> Motion:
@@ -126,101 +240,89 @@ def spiked(t: float) -> tuple[list[float], list[float]]:
 
 
 @pytest.mark.parametrize(
-    ('motion', 'times', 'missing'),
-    [
-        (lost_from(3.0), TIMES, ('values', 'position of shoulder')),
-        (sines, TIMES[:50], ('uncovered', '')),
-        (lost_from(-1.0), TIMES, ('values', 'position of shoulder')),
-    ],
+    ('motion', 'times'),
+    [(lost_from(3.0), TIMES), (lost_from(3.0), TIMES[::2]), (lost_from(-1.0), TIMES)],
 )
-def test_a_log_that_lacks_values_or_time_is_not_equal(
-    tmp_path: Path, motion: Motion, times: Any, missing: tuple[str, str]
-) -> None:
-    a = read_log(write(tmp_path / 'a', sines, times=TIMES))
-    b = read_log(write(tmp_path / 'b', motion, times=times))
-    found = compare_logs(a, b, lag=0.0)
+def test_a_log_that_lacks_values_is_not_equal(tmp_path: Path, motion: Motion, times: Any) -> None:
+    found = pair(tmp_path, rows_of(sines), rows_of(motion, times), lag=0.0, tolerance=0.01)
     assert not found.within
-    if missing[0] == 'values':
-        assert any(missing[1] in text for text in found.only_in_a)
-    else:
-        assert found.uncovered == pytest.approx(TIMES[-1] - TIMES[49] - 2 * 0.008, abs=1e-9)
+    assert any('values, position of shoulder' in line for line in found.only_in_a)
     assert all(item.first_at is None for item in found.differences)
 
 
+def test_time_that_only_one_log_covers_is_stated(tmp_path: Path) -> None:
+    found = pair(tmp_path, rows_of(sines), rows_of(sines, TIMES[:50]), lag=0.0)
+    assert not found.within
+    assert found.uncovered == pytest.approx(TIMES[-1] - TIMES[49] - 2 * 0.008, abs=1e-9)
+
+
 def test_a_spike_between_the_samples_of_the_other_log_is_a_difference(tmp_path: Path) -> None:
-    a = read_log(write(tmp_path / 'a', sines, times=TIMES))
-    b = read_log(write(tmp_path / 'b', spiked, times=np.arange(0, 3.99, 0.004)))
-    found = compare_logs(a, b, tolerance=0.1, lag=0.0, fields=['position'])
+    found = pair(tmp_path, rows_of(sines), rows_of(spiked, np.arange(0, 3.99, 0.004)), lag=0.0)
     assert found.differences[0].largest == pytest.approx(5.0, abs=1e-3)
 
 
 def test_a_topic_that_only_one_log_has_is_named(tmp_path: Path) -> None:
-    a = read_log(GOLDEN)
-    b = read_log(GOLDEN, topics=['/joint_states'])
-    assert compare_logs(a, b).only_in_a == ('/joint_commands',)
+    more = [*states(30), *states(9, HAND, topic='/hand')]
+    assert pair(tmp_path, more, states(30)).only_in_a == ('/hand',)
 
 
-def test_logs_of_one_clock_that_overlap_in_part_have_no_shift(tmp_path: Path) -> None:
-    a = read_log(write(tmp_path / 'a', sines, times=TIMES))
-    b = read_log(write(tmp_path / 'b', sines, times=TIMES[350:] + 0.0))
-    found = compare_logs(a, b)
-    assert (found.shift, found.lag) == (0.0, 0.0)
+def test_recordings_are_compared_by_role_whatever_their_topics_are_called(tmp_path: Path) -> None:
+    first, same, other = (tmp_path / f'{name}.mcap' for name in ('first', 'same', 'other'))
+    busy(first)
+    run = busy(same, topics={'joint_states': '/arm_7/states', 'joint_commands': '/arm_7/commands'})
+    assert run.topics['joint_states'] == '/arm_7/states'
+    found = compare_logs(read_log(first), read_log(same))
+    assert found.within
+    assert {item.topic for item in found.differences} == {STATES, '/joint_commands'}
+    simulate(other, 60, {3: [named(ARM_NAMES, (1.0, 2.0))]})
+    found = compare_logs(read_log(first), read_log(other))
+    assert (found.lag, found.shift, found.correlation, found.within) == (0.0, 0.0, None, False)
 
 
-def test_a_gap_in_the_messages_does_not_move_the_lag(tmp_path: Path) -> None:
-    a = read_log(write(tmp_path / 'a', sines, times=TIMES))
-    times = np.r_[TIMES[TIMES < 1.0], TIMES[TIMES >= 2.0]]
-    b = read_log(write(tmp_path / 'b', lambda t: sines(t - 0.02), times=times))
-    assert compare_logs(a, b).lag == pytest.approx(0.02, abs=2e-4)
+@pytest.mark.parametrize(
+    ('arguments', 'line'),
+    [
+        ({'tolerance': -1.0}, 'tolerance must be 0 or more and finite, got -1.0'),
+        ({'tolerance': np.nan}, 'tolerance must be 0 or more and finite, got nan'),
+        ({'topics': ('/text', '/text')}, "topic '/text' is std_msgs/msg/String"),
+        ({'lag': 1e9}, 'have no joint with values at common times'),
+    ],
+)
+def test_bad_arguments_are_named(tmp_path: Path, arguments: dict[str, Any], line: str) -> None:
+    rows = [Row('/text', 1000.0, string('a')), *states(3)]
+    log = read_log(write_mcap(tmp_path / 'a.mcap', rows, {'/text': STRING}))
+    with pytest.raises(ValueError, match=line):
+        compare_logs(log, log, **arguments)
 
 
-def test_arms_at_rest_have_no_lag(tmp_path: Path) -> None:
-    still = write(tmp_path / 'a', lambda t: ([1.0, 2.0], [0.0, 0.0]), times=TIMES)
-    other = write(tmp_path / 'b', lambda t: ([1.0, 2.5], [0.0, 0.0]), times=TIMES)
-    found = compare_logs(read_log(still), read_log(other))
-    assert found.lag == 0
-    assert [item.largest for item in found.differences][:2] == [0.0, 0.5]
+def test_logs_without_a_common_joint_or_topic_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"joints are \['shoulder', 'elbow'\] and \['x', 'y'\]"):
+        pair(tmp_path, rows_of(sines), rows_of(sines, names=('x', 'y')))
+    two = [*states(3, topic='/a'), *states(3, topic='/b')]
+    with pytest.raises(ValueError, match=rf'no topic of {JOINT_STATE} in both, name one of each'):
+        pair(tmp_path, two, states(3))
+
+
+# --- the command
 
 
 def test_the_command_prints_a_line_for_each_joint_and_draws_both_logs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    a = write(tmp_path / 'a', sines, times=TIMES)
-    b = write(tmp_path / 'b', lambda t: ([0.0, 0.0], [0.0, 0.0]), times=TIMES, topic='/arm')
+    a = write_mcap(tmp_path / 'a.mcap', rows_of(sines))
+    still = rows_of(
+        lambda t: ([0.0, 0.0], [0.0, 0.0]), names=('r_shoulder', 'r_elbow'), topic='/arm'
+    )
+    b = write_mcap(tmp_path / 'b.mcap', still)
     picture = tmp_path / 'both.png'
     # The only topic of JointStates of each log, whatever its name.
-    arguments = ['compare', str(a), str(b), '--lag', '0', '--plot', str(picture)]
-    assert pfd_main([*arguments, '--tolerance', '0.1', '--fields', 'position']) == 1
+    words = ['compare', str(a), str(b), '--lag', '0', '--rename', 'r_=']
+    assert pfd_main([*words, '--tolerance', '0.1', '--plot', str(picture)]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith('lag of B 0.000 ms; 3.992 s compared')
-    assert sum('first beyond 0.1 at' in line for line in lines) == len(NAMES)
+    assert sum('first beyond 0.1 at' in line for line in lines) == 2 * len(NAMES)
     assert picture.read_bytes().startswith(b'\x89PNG')
-    assert pfd_main([*arguments[:3], '--tolerance', '9']) == 0
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'message'),
-    [
-        ({'tolerance': -1.0}, 'tolerance must be 0 or more and finite, got -1.0'),
-        ({'tolerance': float('nan')}, 'tolerance must be 0 or more and finite, got nan'),
-        ({'tolerance': float('inf')}, 'tolerance must be 0 or more and finite, got inf'),
-        ({'fields': ['torque']}, r"fields must be some of .*, got \['torque'\]"),
-        ({'topics': ('/clock', '/clock')}, "topic '/clock' is rosgraph_msgs/msg/Clock"),
-        (
-            {'topics': ('/joint_commands',) * 2},
-            "stamps of topic '/joint_commands' do not increase",
-        ),
-        ({'lag': 1e9}, 'have no joint with values at common times'),
-    ],
-)
-def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> None:
-    log = read_log(GOLDEN)
-    with pytest.raises(ValueError, match=message):
-        compare_logs(log, log, **arguments)
-
-
-def test_logs_without_a_common_joint_are_refused(tmp_path: Path) -> None:
-    a = read_log(write(tmp_path / 'a', sines, times=TIMES))
-    b = read_log(write(tmp_path / 'b', sines, times=TIMES, names=('x', 'y')))
-    with pytest.raises(ValueError, match=r"joints are \['shoulder', 'elbow'\] and \['x', 'y'\]"):
-        compare_logs(a, b)
+    assert pfd_main([*words, '--topics', STATES, '/arm', '--tolerance', '9', '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found['within'], found['lag'], found['tolerance']) == (True, 0.0, 9.0)
+    assert {item['joint'] for item in found['differences']} == set(NAMES)

@@ -62,7 +62,7 @@ from pfd_ros.arm.outputs import Outputs
 from pfd_ros.arm.plant import Plant, Plants, in_model_order
 from pfd_ros.arm.plant_settings import check_joints_without_values
 from pfd_ros.arm.sensors import Sensors
-from pfd_ros.arm.settings import Settings, check_joint_counts, joint_order
+from pfd_ros.arm.settings import Settings, check_joint_counts, check_servo, joint_order
 from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, State
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JointEncoder
@@ -142,6 +142,7 @@ class Engine:
         frames: LinkFrames | None = None,
     ) -> None:
         check_joint_counts(settings, robot.n)
+        check_servo(settings)
         self.robot, self.frames, self.roles = robot, frames, frozenset(roles)
         self.order = np.array(joint_order(settings.joints, robot))
         self.names = tuple(robot.joint_names[k] for k in self.order)

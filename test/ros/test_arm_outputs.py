@@ -1,0 +1,329 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Outputs other than joint_states: their values against Pinocchio; and the noise of sensors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from arm_messages import UNLIMITED, change, efforts, made, verdict, wrench
+from bridge import (
+    ARM_ROLES,
+    FLOAT_ARRAY_TYPE,
+    JOINT_STATE_TYPE,
+    NOISE_BLOCK,
+    NOISE_LARGEST_SEED,
+    OPTIONAL_OUTPUTS,
+    ArmMessage,
+    Engine,
+    NoiseChannel,
+    Settings,
+    decode_array,
+    decode_joints,
+    decode_numbers,
+    inverse_normal,
+    noise_normal,
+    noise_uniform,
+    philox,
+    position_and_quaternion,
+)
+import mpmath
+import numpy as np
+from oracle import Oracle
+import pinocchio as pin
+import pytest
+
+import pfd_core as pfd
+
+# Not that of the model.
+_FIRST = ('wrist_1_joint', 'shoulder_pan_joint', 'elbow_joint')
+ORDER = (*_FIRST, 'wrist_3_joint', 'shoulder_lift_joint', 'wrist_2_joint')
+TORQUES = efforts(1.0, 2.0, -3.0, 0.5, -4.0, 0.25)
+UR5: dict[str, Any] = {
+    'robot': 'ur5',
+    'joints': ORDER,
+    'initial_positions': (0.3, -1.2, 1.4, -0.6, 1.2, 0.3),
+    'outputs': OPTIONAL_OUTPUTS,
+    'armature': True,
+}
+
+
+def moved(engine: Engine, *messages: ArmMessage, cycles: int = 100) -> dict[str, bytes]:
+    """Return the last outputs by role of an arm under torques, from its first step on."""
+    engine.step([TORQUES, *messages], run=False)
+    for _ in range(cycles):
+        produced, _ = engine.step()
+    return {m.role: m.data for m in produced}
+
+
+def decoded(role: str, data: bytes) -> np.ndarray:
+    """Return the numbers of an output."""
+    kind = ARM_ROLES[role].type
+    if kind == FLOAT_ARRAY_TYPE:
+        array = decode_array(data)
+        return array.values.reshape(array.sizes)
+    if kind == JOINT_STATE_TYPE:
+        return decode_joints(data).effort
+    return np.array(decode_numbers(data, kind).values)
+
+
+class Expected:
+    """Pinocchio's numbers for the state of an engine, in model order."""
+
+    def __init__(self, engine: Engine) -> None:
+        self.order = engine.order.tolist()
+        self.q, self.qd, self.tau = engine.state.rows[engine.state.now]
+        self.oracle = Oracle(engine.robot, engine.robot.armature)
+
+    def jacobian(self) -> np.ndarray:
+        model, data = self.oracle.model, self.oracle.data
+        tip = model.nframes - 1
+        return pin.computeFrameJacobian(model, data, self.q, tip, pin.LOCAL_WORLD_ALIGNED)
+
+    def pose(self) -> pin.SE3:
+        model, data = self.oracle.model, self.oracle.data
+        pin.framesForwardKinematics(model, data, self.q)
+        return data.oMf[model.nframes - 1]
+
+
+def test_the_model_quantities_of_the_true_state_equal_pinocchio() -> None:
+    engine = made(**UR5)
+    found = moved(engine)
+    expected = Expected(engine)
+    oracle, q, qd, order = expected.oracle, expected.q, expected.qd, expected.order
+    zero = np.zeros(6)
+    wanted = {
+        'inertia_matrix': oracle.H(q)[np.ix_(order, order)],
+        'bias_torques': oracle.tau(q, qd, zero)[order],
+        'gravity_torques': oracle.tau(q, zero, zero)[order],
+        'acceleration': oracle.qdd(q, qd, expected.tau)[order],
+        'tip_jacobian': expected.jacobian()[:, order],
+        'external_torques': zero,
+        'tip_wrench': zero,
+        'energy': [
+            pin.computeKineticEnergy(oracle.model, oracle.data, q, qd),
+            pin.computePotentialEnergy(oracle.model, oracle.data, q),
+            expected.tau @ qd,
+        ],
+    }
+    for role, numbers in wanted.items():
+        np.testing.assert_allclose(
+            decoded(role, found[role]), numbers, rtol=1e-9, atol=1e-9, err_msg=role
+        )
+    placement, pose = expected.pose(), decoded('tip_pose', found['tip_pose'])
+    np.testing.assert_allclose(pose[:3], placement.translation, atol=1e-12)
+    np.testing.assert_allclose(pin.Quaternion(pose[3:]).matrix(), placement.rotation, atol=1e-12)
+
+
+def test_the_outputs_fulfil_the_equation_of_motion_with_a_wrench_on_the_tip() -> None:
+    engine = made(**UR5, joint_damping=(0.1,) * 6, external_wrench=True)
+    k = [3.0, -2.0, 10.0, 0.1, 0.2, -0.3]
+    found = moved(engine, wrench('tool0', k[:3], k[3:]))
+    expected = Expected(engine)
+    base = np.concatenate([expected.pose().rotation @ half for half in np.split(np.array(k), 2)])
+    torques = decoded('external_torques', found['external_torques'])
+    np.testing.assert_allclose(torques, expected.jacobian()[:, expected.order].T @ base)
+    assert decoded('tip_wrench', found['tip_wrench']).tolist() == k
+    inertia, qdd, bias = (
+        decoded(role, found[role]) for role in ('inertia_matrix', 'acceleration', 'bias_torques')
+    )
+    np.testing.assert_allclose(
+        inertia @ qdd + bias, expected.tau[expected.order] + torques, atol=1e-9
+    )
+    for role in ('external_torques', 'bias_torques', 'gravity_torques'):
+        plain = decode_array(found[f'{role}_array'])
+        assert (plain.sizes, plain.values.tolist()) == ((6,), decoded(role, found[role]).tolist())
+        assert plain.values.any()
+
+
+def test_the_wrench_on_the_tip_is_told_wherever_there_may_be_one() -> None:
+    for external_wrench in (True, False):
+        produced, _ = made(external_wrench=external_wrench).step()
+        assert ('tip_wrench' in [m.role for m in produced]) == external_wrench
+
+
+@pytest.mark.parametrize('method', ['auto', 'pcrbm'])
+def test_a_payload_that_comes_while_the_arm_runs_is_in_the_model_from_the_next_cycle_on(
+    method: str,
+) -> None:
+    engine = made(**UR5, method=method)
+    before = moved(engine)
+    assert verdict(engine, change(payload_mass=2.0, payload_center=[0.0, 0.0, 0.1])).accepted
+    after = {m.role: m.data for m in engine.step()[0]}
+    order, q = engine.order, engine.state.rows[engine.state.now, 0]
+    scene = pfd.Scene(armature='model', payload=engine.plant.scene.payload)
+    for role, turned in (('inertia_matrix', np.ix_(order, order)), ('gravity_torques', order)):
+        wanted = pfd.compile_kernel(engine.robot, quantity=role, scene=scene)(q)[turned]
+        # A payload that comes later may be an input of the compiled code.
+        np.testing.assert_allclose(decoded(role, after[role]), wanted, rtol=0, atol=1e-13)
+        assert np.abs(decoded(role, after[role]) - decoded(role, before[role])).max() > 0.1
+
+
+def test_compensated_gravity_is_no_part_of_the_model_and_dry_friction_is_left_out() -> None:
+    numbers = []
+    for compensated in (False, True):
+        dry = {'joint_friction': (0.1,) * 6, 'motor_lag': (0.01,) * 6}
+        produced, _ = made(**UR5, gravity_compensation=compensated, **dry).step()
+        numbers.append([m for m in produced if m.role != 'acceleration'])
+    assert numbers[0] == numbers[1]
+
+
+def test_layouts_and_headers_name_joints_axes_and_frames() -> None:
+    found, joints = moved(made(**UR5, frame_id='room'), cycles=1), ','.join(ORDER)
+    layouts = {
+        'acceleration': (f'joint: {joints}',),
+        'inertia_matrix': (f'row: {joints}', f'column: {joints}'),
+        'tip_jacobian': ('row: vx,vy,vz,wx,wy,wz', f'column: {joints}'),
+        'energy': ('item: kinetic,potential,power',),
+    }
+    for role, labels in layouts.items():
+        assert decode_array(found[role]).labels == labels
+    for role in ('joint_states', 'true_states', 'external_torques', 'bias_torques'):
+        message = decode_joints(found[role])
+        assert message.stamp_ns == 1_000_000
+        assert (message.frame_id, message.names) == ('room', ORDER)
+    for role, frame in (('tip_pose', 'base_link'), ('tip_wrench', 'tool0')):
+        stamped = decode_numbers(found[role], ARM_ROLES[role].type)
+        assert (stamped.stamp_ns, stamped.frame_id) == (1_000_000, frame)
+
+
+def test_outputs_describe_the_true_state_and_come_for_states_that_are_dropped_too() -> None:
+    exact, measured = (
+        made(**UR5),
+        made(**UR5, noise_position=1.0, delay_state=0.01, drop_state=0.5),
+    )
+    one, other = moved(exact), moved(measured)
+    assert [role for role in OPTIONAL_OUTPUTS if one[role] != other[role]] == []
+    assert one['true_states'] == one['joint_states']
+    found = [[m.role for m in measured.step()[0]] for _ in range(50)]
+    shown = ['joint_states' in roles for roles in found]
+    assert set(shown) == {True, False}
+    assert all('true_states' in roles for roles in found)
+
+
+def test_true_states_have_the_locked_joints_that_joint_states_have() -> None:
+    locked = {'robot': 'puma560', 'locked': ('joint6',), 'locked_positions': (0.25,)}
+    for published in (True, False):
+        engine = made(**locked, publish_locked=published, outputs=('true_states',))
+        found = {m.role: m.data for m in engine.step()[0]}
+        assert found['true_states'] == found['joint_states']
+
+
+def test_a_jump_and_a_failed_arm_have_no_acceleration_and_every_number_is_finite() -> None:
+    engine = made(outputs=OPTIONAL_OUTPUTS, **UNLIMITED)
+    engine.step([efforts(1e300, -1e300)])
+    for _ in range(20):
+        produced, _ = engine.step()
+    assert engine.state.failure
+    found = {m.role: m.data for m in produced}
+    assert not decoded('acceleration', found['acceleration']).any()
+    for role in OPTIONAL_OUTPUTS:
+        assert np.isfinite(decoded(role, found[role])).all()
+
+
+@pytest.mark.parametrize('turn', [0.0, 0.5, 2.0, 3.0, np.pi, 4.0])
+@pytest.mark.parametrize('axis', [(1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 2, 3), (1, -1, 0)])
+def test_quaternions_have_unit_length_a_positive_w_and_turn_as_the_matrix(turn, axis) -> None:
+    pose = np.eye(4)
+    pose[:3, :3] = pin.AngleAxis(turn, np.array(axis) / np.linalg.norm(axis)).matrix()
+    x, y, z, w = position_and_quaternion(pose)[3:]
+    assert w >= 0
+    assert abs(x * x + y * y + z * z + w * w - 1) < 1e-15
+    np.testing.assert_allclose(pin.Quaternion(w, x, y, z).matrix(), pose[:3, :3], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'text'),
+    [
+        (('colour',), r"outputs is 'colour', expected one of \['true_states'"),
+        (('energy', 'energy'), 'outputs has duplicates'),
+    ],
+)
+def test_outputs_that_there_are_not_are_refused(wrong: tuple[str, ...], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        Settings(outputs=wrong)
+
+
+# Noise, by counters.
+
+
+# From the file kat_vectors of Random123, the authors' own implementation.
+@pytest.mark.parametrize(
+    ('counter', 'key', 'words'),
+    [
+        ([0] * 4, [0, 0], [0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8]),
+        (
+            [0xFFFFFFFF] * 4,
+            [0xFFFFFFFF] * 2,
+            [0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD],
+        ),
+        (
+            [0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344],
+            [0xA4093822, 0x299F31D0],
+            [0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1],
+        ),
+    ],
+)
+def test_the_bits_equal_the_published_vectors(counter, key, words) -> None:
+    got = philox(np.array(counter, np.uint64)[:, None], key[0] | key[1] << 32)
+    assert got[:, 0].tolist() == words
+
+
+def test_the_inverse_of_the_normal_distribution_is_right_to_1e_14_and_ends_at_8_2() -> None:
+    near, tails = np.linspace(0.0004, 0.9996, 301), 2.0 ** -np.arange(4, 54)
+    p = np.concatenate([near, tails, 1.0 - tails])
+    with mpmath.workdps(40):
+        exact = [mpmath.sqrt(2) * mpmath.erfinv(2 * mpmath.mpf(float(x)) - 1) for x in p]
+        pairs = zip(inverse_normal(p).tolist(), exact, strict=True)
+        errors = [abs(x / y - 1) for x, y in pairs if y]
+    assert max(errors) < 1e-14
+    ends = inverse_normal(np.array([2.0**-53, 1.0 - 2.0**-53]))
+    assert ends[0] == -ends[1]
+    assert 8.2 < ends[1] < 8.21
+
+
+def samples(draw, seed: int, channel: NoiseChannel, cycles: int = 4000, n: int = 6) -> np.ndarray:
+    return np.array([draw(seed, channel, cycle, n) for cycle in range(cycles)])
+
+
+# The deviates are fixed numbers: a p-value is one too, and a limit of 1e-3 is no game of chance.
+def test_deviates_have_their_distributions() -> None:
+    # Not in every worker that collects this file: it takes 0.7 s.
+    from scipy import stats
+
+    for seed in (0, 1, NOISE_LARGEST_SEED):
+        flat = samples(noise_uniform, seed, NoiseChannel.POSITION).ravel()
+        assert ((flat >= 0) & (flat < 1)).all()
+        assert stats.kstest(flat, 'uniform').pvalue > 1e-3
+        bell = samples(noise_normal, seed, NoiseChannel.VELOCITY).ravel()
+        assert stats.kstest(bell, 'norm').pvalue > 1e-3
+        share = (np.abs(bell) > 3).mean()
+        assert abs(share - 2 * stats.norm.sf(3)) < 5 * np.sqrt(0.0027 / bell.size)
+
+
+@pytest.mark.parametrize(
+    ('seed', 'channel', 'cycle', 'element'),
+    [
+        (7, NoiseChannel.VELOCITY, 0, 0),
+        (8, NoiseChannel.POSITION, 0, 0),
+        (7 + 2**32, NoiseChannel.POSITION, 0, 0),
+        (7, NoiseChannel.POSITION, 1, 0),
+        (7, NoiseChannel.POSITION, 0, 1),
+    ],
+)
+def test_neighbours_are_independent(seed: int, channel: NoiseChannel, cycle, element) -> None:
+    one = samples(noise_normal, 7, NoiseChannel.POSITION)
+    other = samples(noise_normal, seed, channel, 4000 + cycle, 6 + element)[cycle:, element:]
+    for a, b in ((one, other), (one**2, other**2)):
+        assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 4 / np.sqrt(one.size)
+
+
+def test_an_element_depends_neither_on_the_number_of_elements_nor_on_earlier_requests() -> None:
+    cycle, far = 5 * NOISE_BLOCK + 3, 2**40 + 1
+    few, many = (noise_normal(3, NoiseChannel.EFFORT, cycle, n) for n in (4, 7))
+    assert many[:4].tolist() == few.tolist()
+    assert set(noise_normal(3, NoiseChannel.EFFORT, far, 4)).isdisjoint(
+        noise_normal(3, NoiseChannel.EFFORT, 1, 4)
+    )
+    with pytest.raises(ValueError, match='read-only'):
+        few[0] = 0.0

@@ -1,29 +1,36 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The parts of a URDF that configure both ends: ros2_control and the arm."""
+"""The robot of settings, what its URDF configures, locked joints, and frames of links."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 import re
+from typing import Any
 
+from arm_messages import NAN, made, named, placed, state, states, verdict
 from bridge import (
+    TRANSFORMS_TYPE,
+    Decoder,
+    Engine,
+    LinkFrames,
     Ros2Control,
-    Ros2ControlHardware,
     Settings,
-    Source,
+    decode_string,
     described_robot,
+    parsed_urdf,
     ragged_trap,
     read_ros2_control,
     ros2_control_differences,
     silence_trap,
-    with_followers,
     with_initial_values,
 )
 import gripper_arm
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
+import numpy as np
 import pytest
+from zoo import joint as zoo_joint
+from zoo import link, urdf
 
 import pfd_core as pfd
 
@@ -67,22 +74,27 @@ def test_topics_threshold_initial_values_and_efforts_are_read() -> None:
             trigger_joint_command_threshold='-1',
         )
     )
-    assert found.hardware == Ros2ControlHardware('/left/commands', 'states', -1.0)
+    assert found.topics == {'joint_commands': '/left/commands', 'joint_states': 'states'}
+    assert found.threshold == -1.0
     assert found.positions == {'shoulder': -0.15}
     assert found.takes_effort == {'shoulder'}
 
 
 def test_hardware_without_parameters_has_the_values_of_its_source_code() -> None:
-    expected = Ros2ControlHardware('/robot_joint_commands', '/robot_joint_states', 1e-5)
     for plugin in (STOCK, 'topic_based_ros2_control/TopicBasedSystem'):
-        assert described(block(joint('elbow'), plugin)).hardware == expected
+        found = described(block(joint('elbow'), plugin))
+        assert found.topics == {
+            'joint_commands': '/robot_joint_commands',
+            'joint_states': '/robot_joint_states',
+        }
+        assert found.threshold == 1e-5
 
 
 def test_other_hardware_and_hardware_of_other_joints_have_no_topics() -> None:
     mock = block(joint('elbow', '0.5'), 'mock_components/GenericSystem')
     gripper = block(joint('finger', '0.04'))
     found = described(mock, gripper)
-    assert found.hardware is None
+    assert (found.topics, found.threshold) == ({}, None)
     assert found.positions == {'elbow': 0.5, 'finger': 0.04}
 
 
@@ -141,20 +153,39 @@ def test_given_positions_override_the_description_with_a_log_line() -> None:
 
 
 def follower(name: str, leader: str, rule: str) -> str:
-    return f'<joint name="{name}" type="revolute"><mimic joint="{leader}" {rule}/></joint>'
+    return zoo_joint(
+        name, 'revolute', 'tip', f'{name}_link', extra=f'<mimic joint="{leader}" {rule}/>{LIMIT}'
+    )
+
+
+LIMIT = '<limit lower="-9" upper="9" velocity="3" effort="40"/>'
+BODY = '0.02 0.03 0.025 0 0 0'
+
+
+def hand(*followers: str) -> str:
+    """Return an arm of one joint with a leading joint `a` on its tip, and followers."""
+    links = [link(f'{name}_link', 0.1, J=BODY) for name in 'abcd']
+    return urdf(
+        'hand',
+        *(link('base'), link('tip', 1.0, J=BODY), *links),
+        zoo_joint('elbow', 'revolute', 'base', 'tip', extra=LIMIT),
+        zoo_joint('a', 'revolute', 'tip', 'a_link', extra=LIMIT),
+        *followers,
+    )
 
 
 def test_joints_that_follow_locked_ones_are_locked_where_they_follow_them() -> None:
-    found = parsed(
+    text = hand(
         follower('b', 'a', 'multiplier="-2" offset="0.1"'),
         follower('c', 'b', ''),
-        follower('d', 'elbow', ''),
+        follower('d', 'c', 'multiplier="0"'),
     )
-    settings = Settings(locked=('a',), locked_positions=(0.5,))
-    assert with_followers(settings, found).locks == {'a': 0.5, 'b': -0.9, 'c': -0.9}
-    alone = replace(settings, locked=('a', 'b'), locked_positions=(0.5, 0.5))
-    assert with_followers(alone, found).locks == {'a': 0.5, 'b': 0.5, 'c': 0.5}
-    assert with_followers(Settings(), found) == Settings()
+    locked = Settings(locked=('a',), locked_positions=(0.5,))
+    found = described_robot(locked, text)
+    assert found.settings.locks == {'a': 0.5, 'b': -0.9, 'c': -0.9, 'd': 0.0}
+    assert found.robot.joint_names == ('elbow',)
+    alone = Settings(locked=('a', 'b'), locked_positions=(0.5, 0.5))
+    assert described_robot(alone, text).settings.locks['c'] == 0.5
 
 
 def test_robot_blocks_and_followers_come_from_one_record_of_the_urdf() -> None:
@@ -162,7 +193,10 @@ def test_robot_blocks_and_followers_come_from_one_record_of_the_urdf() -> None:
     found = described_robot(Settings(locked=('finger',)), text)
     assert found.urdf == pfd.read_urdf(text)
     assert found.text == text
-    assert found.control.topics == {'joint_states': 'seen', Source.NAMED: '/robot_joint_commands'}
+    assert found.control.topics == {
+        'joint_states': 'seen',
+        'joint_commands': '/robot_joint_commands',
+    }
     assert found.settings.locks == {'finger': 0.04, 'thumb': -0.04}
     assert found.robot == pfd.load_robot(text, locked={'finger': 0.04})
 
@@ -255,3 +289,173 @@ def test_altered_descriptions_are_read_or_refused_with_a_reason(text: str) -> No
         reason = 'ros2_control:=false'
         assert all(isinstance(value, float) for value in found.positions.values())
     assert 'ros2_control:=false' in reason
+
+
+@pytest.mark.parametrize('text', ['puma560', '', 'a.urdf', 'name: x\n', '<robot'])
+def test_a_text_that_is_no_urdf_is_refused_with_its_label(text: str) -> None:
+    with pytest.raises(ValueError, match=r'/robot_description is not a URDF|unclosed|XML'):
+        parsed_urdf(text, '/robot_description')
+
+
+# ---- locked joints are seen like others and obey nobody
+
+# The wrist of a puma, welded.
+WRIST: dict[str, Any] = {
+    'robot': 'puma560',
+    'locked': ('joint6', 'joint5'),
+    'locked_positions': (0.25, -0.5),
+}
+ONE = [1.0, 2.0, 3.0, 4.0]
+
+
+def test_locked_joints_are_published_after_the_others_at_rest_where_they_are_locked() -> None:
+    order = ('joint4', 'joint1', 'joint2', 'joint3')
+    engine = made(joints=order, **WRIST)
+    shown = state(engine, named(order, ONE), cycles=5)
+    assert shown.names == (*order, 'joint6', 'joint5')
+    assert shown.position[4:].tolist() == [0.25, -0.5]
+    assert shown.velocity[4:].tolist() == shown.effort[4:].tolist() == [0.0, 0.0]
+    assert shown.effort[:4].tolist() == ONE
+    assert shown.velocity[:4].all()
+
+
+def test_locked_joints_can_be_left_out_of_the_states() -> None:
+    shown = state(made(publish_locked=False, **WRIST))
+    assert shown.names == ('joint1', 'joint2', 'joint3', 'joint4')
+
+
+def test_sensors_add_nothing_to_locked_joints() -> None:
+    noise = {f'noise_{kind}': 1e-3 for kind in ('position', 'velocity', 'effort')}
+    for shown in states(made(**noise, **WRIST), cycles=5):
+        assert shown.position[4:].tolist() == [0.25, -0.5]
+        assert shown.velocity[4:].tolist() == shown.effort[4:].tolist() == [0.0, 0.0]
+        assert shown.position[:4].all()
+
+
+@pytest.mark.parametrize(
+    ('names', 'effort', 'label', 'remarks'),
+    [
+        (['joint5', 'joint1', 'nobody'], [9.0, 1.0, 9.0], 'accepted', {'joint5', 'nobody'}),
+        (['joint5'], [1.0], 'refused', set()),
+        (['joint6', 'joint5'], [1.0, 1.0], 'refused', set()),
+        (['joint5', 'nobody'], [1.0, 1.0], 'refused', set()),
+        # Hardware sends NaN for a gripper that no controller has claimed.
+        (['joint1', 'joint5'], [1.0, NAN], 'accepted', set()),
+        (['joint1', 'joint5'], [NAN, 1.0], 'all_nan', set()),
+        (['joint5'], [NAN], 'all_nan', set()),
+        (['joint1', 'joint5'], [NAN, NAN], 'all_nan', set()),
+    ],
+)
+def test_commands_for_locked_joints_move_the_others_alone(
+    names: list[str], effort: list[float], label: str, remarks: set[str]
+) -> None:
+    engine = made(**WRIST)
+    found = verdict(engine, named(names, effort))
+    assert found.label == label
+    assert all(any(name in one.detail for one in found.remarks) for name in remarks)
+    assert len(found.remarks) == len(remarks)
+    if label == 'refused':
+        assert 'joint5' in found.detail
+    expected = [1.0 if label == 'accepted' else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    assert state(engine).effort.tolist() == expected
+
+
+def test_names_of_locked_joints_that_are_not_published_are_unknown() -> None:
+    engine = made(publish_locked=False, **WRIST)
+    assert verdict(engine, named(['joint5'], [1.0])).label == 'unknown_names'
+
+
+def test_a_state_of_the_arm_can_be_sent_back_with_its_locked_joints() -> None:
+    names = ('joint1', 'joint2', 'joint3', 'joint4', 'joint6', 'joint5')
+    shown = state(made(**WRIST), placed(names, np.arange(1.0, 7.0), np.zeros(6)))
+    assert shown.position.tolist() == [1.0, 2.0, 3.0, 4.0, 0.25, -0.5]
+
+
+def test_the_cure_for_a_tree_locks_joints_within_their_limits() -> None:
+    far = '<limit lower="0.5" upper="1" velocity="3" effort="40"/>'
+    tree = urdf(
+        'tree',
+        *(link('base'), link('a', 1.0, J=BODY), link('b', 1.0, J=BODY), link('c', 1.0, J=BODY)),
+        zoo_joint('turn', 'revolute', 'base', 'a'),
+        zoo_joint('left', 'revolute', 'a', 'b', extra=far),
+        zoo_joint('right', 'revolute', 'a', 'c', extra=far),
+    )
+    with pytest.raises(ValueError, match='is a tree') as refused:
+        described_robot(Settings(), tree)
+    cure = '-p locked:=[left,right] -p locked_positions:=[0.5,0.5]'
+    assert str(refused.value).endswith(cure)
+    locked = Settings(locked=('left', 'right'), locked_positions=(0.5, 0.5))
+    assert described_robot(locked, tree).robot.joint_names == ('turn',)
+
+
+# ---- frames of links in recordings
+
+
+def transforms(data: bytes) -> dict[str, np.ndarray]:
+    """Return translation and quaternion of each child frame."""
+    found = Decoder(TRANSFORMS_TYPE).decode(data)
+    numbers = [
+        found[f'transforms.transform.{part}.{axis}']
+        for part, axes in (('translation', 'xyz'), ('rotation', 'xyzw'))
+        for axis in axes
+    ]
+    return dict(zip(found['transforms.child_frame_id'], np.array(numbers).T, strict=True))
+
+
+def matrix(numbers: np.ndarray) -> np.ndarray:
+    """Return the pose of a transform."""
+    x, y, z, w = numbers[3:]
+    pose = np.eye(4)
+    pose[:3, 3] = numbers[:3]
+    pose[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return pose
+
+
+@pytest.mark.parametrize('name', ['puma560', 'ur5', 'planar2'])
+def test_the_frames_of_the_links_lead_to_the_pose_of_the_tip(name: str) -> None:
+    robot = pfd.load_robot(name)
+    urdf_of_robot = parsed_urdf(pfd.robot_to_urdf(robot), 'it')
+    frames = LinkFrames(urdf_of_robot, robot.joint_names, {}, 1)
+    assert 'tf' in frames.roles
+    q = np.random.default_rng(3).uniform(-2.0, 2.0, robot.n)
+    found = transforms(frames.encode(5, q))
+    opening = {message.role: message.data for message in frames.opening(5)}
+    assert decode_string(opening['robot_description']) == urdf_of_robot.text
+    if 'tf_static' in opening:
+        found |= transforms(opening['tf_static'])
+    parents = {joint.child: joint.parent for joint in urdf_of_robot.joints.values()}
+    pose, child = np.eye(4), robot.tip
+    while child in parents:
+        pose = matrix(found[child]) @ pose
+        child = parents[child]
+    expected = pfd.compile_kernel(robot, quantity='tip_pose')(q)
+    np.testing.assert_allclose(pose, expected, rtol=0, atol=1e-12)
+
+
+def test_locked_joints_and_their_followers_have_fixed_frames() -> None:
+    text = gripper_arm.urdf()
+    found = described_robot(Settings(locked=('finger',), recording='x.mcap'), text)
+    frames = found.recorded_frames(found.settings, pytest.fail)
+    moving = transforms(frames.encode(0, np.array([0.5, 0.25])))
+    fixed = transforms({m.role: m.data for m in frames.opening(0)}['tf_static'])
+    assert (set(moving), set(fixed)) == ({'upper', 'lower'}, {'left', 'right'})
+    assert fixed['left'][:3].tolist() == [0.0, 0.04, 0.3]
+    assert fixed['right'][:3].tolist() == [0.0, -0.04, 0.3]
+    np.testing.assert_allclose(moving['upper'][3:], [0, np.sin(0.25), 0, np.cos(0.25)], atol=1e-16)
+
+
+def test_an_arm_with_frames_puts_them_out_at_their_rate_with_the_true_positions() -> None:
+    given_settings = Settings(robot='planar2', recording='x.mcap', recording_tf_rate=500.0)
+    found = described_robot(given_settings, 'planar2')
+    frames = found.recorded_frames(found.settings, pytest.fail)
+    engine = Engine(found.settings, found.robot, frames=frames)
+    seen = [[m.role for m in engine.step()[0] if m.role == 'tf'] for _ in range(6)]
+    assert seen == [[], ['tf']] * 3
+    none = Settings(robot='planar2', recording='x.mcap', recording_tf_rate=0.0)
+    still = described_robot(none, 'planar2').recorded_frames(none, pytest.fail)
+    assert still.roles == {'robot_description'}
+    assert described_robot(none, 'planar2').recorded_frames(Settings(), pytest.fail) is None

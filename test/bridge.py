@@ -378,6 +378,13 @@ NAMES = {
     'full_scene': 'pfd_ros.advice:full_scene',
     'read_motion': 'pfd_ros.advice:read_motion',
     'sine_motion': 'pfd_ros.advice:sine',
+    # pfd_ros.demo: the demo
+    'demo_motion': 'pfd_ros.demo.scenario:motion_of',
+    'demo_efforts': 'pfd_ros.demo.scenario:efforts',
+    'demo_push': 'pfd_ros.demo.scenario:push_force',
+    'demo_parameters': 'pfd_ros.demo.scenario:parameters',
+    'run_demo': 'pfd_ros.demo.run:run_demo',
+    'demo_rate': 'pfd_ros.demo.run:_rate',
     # pfd_ros.cli: the command pfd
     'doctor_bare_timer': 'pfd_ros.cli.doctor:bare_timer',
     'doctor_cache': 'pfd_ros.cli.doctor:cache',
@@ -460,6 +467,8 @@ PATCHED = {
     'MESH_MOST_TRIANGLES': 'pfd_ros.view.meshes:MOST_TRIANGLES',
     'MESHES_MOST_BYTES': 'pfd_ros.view.meshes:MOST_BYTES_TOGETHER',
     'MESHES_MOST_TRIANGLES': 'pfd_ros.view.meshes:MOST_TRIANGLES_TOGETHER',
+    'demo_ChildProcess': 'pfd_ros.demo.run:ChildProcess',
+    'DEMO_PAGE_SECONDS': 'pfd_ros.demo.run:PAGE_SECONDS',
     'VIEW_NEEDED': 'pfd_ros.view.ports:NEEDED',
     # pfd_ros.advice: advice on a scene
     'MOTION_MOST_STEPS': 'pfd_ros.advice.motions:MOST_STEPS',

@@ -1,0 +1,268 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd demo`: its motion and disturbances, what it writes, and that it disturbs nobody."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+import re
+import subprocess
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+from arm_messages import efforts as commanded
+from arm_messages import made, wrench
+import bridge
+from bridge import decode_joints
+import numpy as np
+import pytest
+from ros_processes import Peer, Processes, environment
+from sampling import one_fast
+from waiting import PATIENCE
+
+import pfd_core as pfd
+from pfd_ros import read_log
+
+# Central differences with step h err by h^2 / 6 times a derivative of third or fourth order,
+# which stays below 1000 for this motion; rounding over h is a hundred times less.
+STEP = 1e-5
+DIFFERENCE_TOLERANCE = STEP**2 / 6 * 1000
+# Friction, payload and push move a joint off its motion by some hundredths of a radian.
+VISIBLE, LIMIT = 1e-3, 0.1
+
+
+@pytest.mark.parametrize('name', pfd.known_robots())
+def test_the_motion_starts_at_rest_and_stays_within_the_limits(name: str) -> None:
+    robot = pfd.load_robot(name)
+    motion = bridge.demo_motion(robot)
+    q, qd, qdd = motion.at(0.0)
+    np.testing.assert_array_equal(q, motion.start)
+    assert not qd.any()
+    assert not qdd.any()
+    q = motion.at(np.linspace(0, 20, 20001))[0]
+    assert (q >= robot.position_lower).all()
+    assert (q <= robot.position_upper).all()
+    assert (np.ptp(q, axis=0) > 0).all()
+
+
+def test_the_motion_has_the_derivatives_it_states() -> None:
+    motion = bridge.demo_motion(pfd.load_robot('puma560'))
+    t = np.linspace(0.1, 5, 50)
+    (q0, v0, _), (_, v, a), (q1, v1, _) = (motion.at(t + k * STEP) for k in (-1, 0, 1))
+    np.testing.assert_allclose((q1 - q0) / (2 * STEP), v, rtol=0, atol=DIFFERENCE_TOLERANCE)
+    np.testing.assert_allclose((v1 - v0) / (2 * STEP), a, rtol=0, atol=DIFFERENCE_TOLERANCE)
+
+
+@pytest.mark.parametrize('name', one_fast(pfd.known_robots(), 'planar2'))
+def test_the_disturbances_are_visible_and_the_controller_rejects_them(name: str) -> None:
+    robot, seconds, push = pfd.load_robot(name), 2.0, 0.5
+    motion = bridge.demo_motion(robot)
+    parameters = bridge.demo_parameters(robot, seconds)
+    settings = {key.replace('.', '_'): value for key, value in parameters.items()}
+    settings = {k: tuple(v) if isinstance(v, list) else v for k, v in settings.items()}
+    engine = made(robot=name, **{**settings, 'outputs': ()})
+    cycles = round(seconds / 1e-3)
+    off, messages = np.zeros(cycles), [commanded(*np.zeros(robot.n))]
+    for k in range(cycles):
+        (data,) = (m.data for m in engine.step(messages)[0] if m.role == 'joint_states')
+        state, t = decode_joints(data), (k + 1) * 1e-3
+        q, qd = np.array(state.position), np.array(state.velocity)
+        off[k] = np.abs(q - motion.at(t)[0]).max()
+        messages = [commanded(*bridge.demo_efforts(robot, motion, t, q, qd))]
+        if k == round(push * cycles):
+            messages.append(wrench(robot.tip, bridge.demo_push(robot)))
+    before, after = off[: round(push * cycles)], off[round(push * cycles) :]
+    assert VISIBLE < before.max() < LIMIT
+    assert VISIBLE < after.max() < LIMIT
+
+
+@pytest.mark.parametrize(
+    ('words', 'error'),
+    [
+        (('--seconds', '0'), '--seconds must be above 0, got 0.0'),
+        (('--seconds', '-1'), '--seconds must be above 0, got -1.0'),
+        (('--seconds', 'nan'), '--seconds must be above 0, got nan'),
+        (('--seconds', 'inf'), '--seconds must be above 0, got inf'),
+        (('--robot', 'r2d2'), "unknown robot 'r2d2'"),
+    ],
+)
+@pytest.mark.ros
+def test_wrong_options_are_one_line_before_anything_starts(
+    words: tuple[str, ...], error: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert bridge.pfd_main(['demo', '--out', str(tmp_path / 'out'), *words]) == 1
+    printed = capsys.readouterr()
+    assert printed.out == ''
+    assert printed.err.startswith(f'pfd demo: {error}')
+    assert printed.err.count('\n') == 1
+    assert not (tmp_path / 'out').exists()
+
+
+def states(periods_ms: list[float]) -> Any:
+    """Return the states of a log at 1 kHz, by the times [ms] between its messages."""
+    stamps = np.arange(len(periods_ms) + 1) * 1_000_000
+    times = np.cumsum([0, *(round(1e6 * period) for period in periods_ms)])
+    return {'/states': SimpleNamespace(stamp_ns=stamps, log_ns=times)}
+
+
+@pytest.mark.parametrize(
+    ('periods', 'slow'),
+    [
+        (100 * [1.0], False),
+        (50 * [0.5, 1.5], False),
+        (100 * [1.005], False),
+        (100 * [1.02], True),
+        (99 * [1.0] + [10.0], True),
+    ],
+)
+def test_a_rate_below_the_one_of_the_stamps_is_a_machine_that_is_too_slow(
+    periods: list[float], slow: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert bridge.demo_rate(states(periods), '/states') == slow
+    printed = capsys.readouterr().out
+    assert 'of 1000 Hz' in printed
+    assert ('this machine is too slow' in printed) == slow
+
+
+@pytest.mark.ros
+def test_even_on_one_domain_two_demos_are_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A domain that looked free to both: their names and clocks still differ.
+    started: list[list[str]] = []
+    monkeypatch.setattr(
+        *bridge.target('demo_ChildProcess'), lambda command, *_: started.append(command)
+    )
+    for _ in range(2):
+        with suppress(AttributeError):
+            bridge.run_demo('planar2', 1.0, tmp_path)
+    names = [[part for part in command if part.startswith('__ns:=')] for command in started]
+    assert len(names) >= 2
+    assert all(len(name) == 1 for name in names)
+    assert len({name[0] for name in names}) == 2
+    assert all('/clock:=clock' in command for command in started)
+
+
+# Variables that lead to other systems.
+HOSTILE = {
+    'ROS_LOCALHOST_ONLY': '0',
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+    'ROS_STATIC_PEERS': '127.0.0.1;192.0.2.1',
+    'ROS_DISCOVERY_SERVER': '127.0.0.1:11811',
+    'ROS_SUPER_CLIENT': 'TRUE',
+    'ROS_SECURITY_ENABLE': 'true',
+    'ROS_SECURITY_STRATEGY': 'Enforce',
+    'FASTRTPS_DEFAULT_PROFILES_FILE': '/nowhere/profiles.xml',
+    'FASTDDS_DEFAULT_PROFILES_FILE': '/nowhere/profiles.xml',
+    'RMW_FASTRTPS_USE_QOS_FROM_XML': '1',
+    'CYCLONEDDS_URI': '<CycloneDDS/>',
+    'ZENOH_ROUTER_CONFIG_URI': '/nowhere',
+}
+
+
+def start_demo(folder: Path, domain: int, *words: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [
+            sys.executable,
+            '-m',
+            'pfd_ros.cli.main',
+            'demo',
+            '--seconds',
+            '1',
+            '--out',
+            'here',
+            *words,
+        ],
+        cwd=folder,
+        env=environment(domain) | HOSTILE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def check_demo(folder: Path, process: subprocess.Popen[str]) -> str:
+    printed = process.communicate(timeout=3 * PATIENCE)[0]
+    # On a busy machine commands may be lost and the arm leave its motion, and nothing else.
+    failures = re.findall('FAILED: (.*)', printed)
+    assert all(failure.startswith('the arm was') for failure in failures), printed
+    assert process.returncode == (1 if failures else 0), printed
+    base = folder / 'here' / 'arm_0'
+    assert re.search(r'replay +\d+ cycles simulated again: every bit equal', printed)
+    assert re.search(r'commands +sent \d+, recorded \d+, lost \d+', printed)
+    assert re.search(r'rate +[\d.]+ Hz of 1000 Hz', printed)
+    assert re.search(r'joint6 +\d\.\d+e-\d+ +\d\.\d+e-\d+', printed)
+    assert '<html' in base.with_suffix('.html').read_text(encoding='utf-8')
+    assert bridge.verify_log(base.with_suffix('.mcap')).complete
+    if not failures:
+        assert re.search('^page +here/arm_0.html: nothing went wrong', printed, re.MULTILINE)
+        assert printed.endswith('everything worked\n')
+    return printed
+
+
+@pytest.mark.slow
+@pytest.mark.ros
+def test_the_demo_verifies_itself_and_sends_nothing_to_a_live_arm(
+    processes: Processes, peer_of: Callable[..., Peer], tmp_path: Path
+) -> None:
+    from sensor_msgs.msg import JointState
+
+    (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').write_text('<no profile')
+    # An arm on the domain, and by the names, that the demo's environment would lead to.
+    peer = peer_of(processes)
+    commands: list[Any] = []
+    seen: set[str] = set()
+    peer.node.create_subscription(JointState, '/joint_commands', commands.append, 10)
+    process = start_demo(tmp_path, processes.domain)
+    try:
+        while process.poll() is None:
+            peer.executor.spin_once(timeout_sec=0.05)
+            seen |= set(peer.node.get_node_names())
+        check_demo(tmp_path, process)
+    finally:
+        process.kill()
+    assert commands == peer.states == peer.clocks == []
+    assert seen == {'peer'}
+    printed = (tmp_path / 'here' / 'arm_0.sim_arm.txt').read_text()
+    assert re.search(r'subscribed to /pfd_demo_[0-9a-f]{8}/joint_commands', printed)
+    log = read_log(tmp_path / 'here' / 'arm_0.mcap')
+    assert all(
+        topic.startswith('/pfd_demo_') for topic, role in log.roles.items() if role == 'clock'
+    )
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.long
+def test_demos_side_by_side_do_not_disturb_each_other(tmp_path: Path) -> None:
+    folders = [tmp_path / str(k) for k in range(3)]
+    for folder in folders:
+        folder.mkdir()
+    running = [start_demo(folder, 1) for folder in folders]
+    try:
+        for folder, process in zip(folders, running, strict=True):
+            check_demo(folder, process)
+    finally:
+        for process in running:
+            process.kill()
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.long
+def test_the_demo_shows_the_arm_while_it_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Nobody opens the page.
+    monkeypatch.setattr(*bridge.target('DEMO_PAGE_SECONDS'), 0.5)
+    assert bridge.run_demo('planar2', 1.0, tmp_path, 0) == 0, capsys.readouterr()
+    printed = capsys.readouterr().out
+    assert re.search(
+        r'^view +http://127\.0\.0\.1:\d+: the arm starts when a browser', printed, re.MULTILINE
+    )
+    seen = (tmp_path / 'arm_0.view.txt').read_text()
+    assert re.search(r'^receiving /pfd_demo_[0-9a-f]{8}/joint_states$', seen, re.MULTILINE)
+    assert 'Traceback' not in seen

@@ -1,12 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The plots of a log: states, commands, energy, and whatever numbers its topics hold."""
+"""The plots of a log: states, commands, energy, and numbers of its topics; and their encoding."""
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
+import zlib
 
 import numpy as np
 
@@ -27,8 +29,10 @@ from pfd_ros.page.recorded import Array, Joints, Recorded
 from pfd_ros.recording.format import HeadKey
 from pfd_ros.text import cut, one_line
 
-# Numbers of an array that are drawn at most.
-MOST_COLUMNS = 64
+# Numbers of an array and points of a curve that are drawn at most.
+MOST_COLUMNS, MOST_POINTS = 64, 20_000
+# Larger numbers are drawn there: float32 ends.
+LARGEST = 3e38
 ENERGIES = ('kinetic', 'potential', 'total')
 
 
@@ -199,3 +203,57 @@ def _payloads(run: Recorded) -> list[tuple[float, pfd.Payload | None]]:
     rows = np.stack([found.arrays[f'inertia.{path}'] for path in paths], axis=1)
     payloads = [payload_from(row) if row[0] > 0.0 else None for row in rows.tolist()]
     return list(zip(run.times(found).tolist(), payloads, strict=True))
+
+
+def _packed(array: Array, kind: str) -> str:
+    """Return numbers as base64 of deflated bytes, all first bytes before all second ones."""
+    planes = np.ascontiguousarray(array, kind).view(np.uint8).reshape(-1, np.dtype(kind).itemsize)
+    return base64.b64encode(zlib.compress(planes.T.tobytes(), 6)).decode()
+
+
+def _thinned(time: Array, values: Array) -> tuple[Array, Array]:
+    """Return all samples, or the least and the largest of equal bins: no peak is lost."""
+    stride = -(-2 * len(time) // MOST_POINTS)
+    if len(time) <= MOST_POINTS:
+        return time, values
+    fill = -len(time) % stride
+    parts = np.concatenate([values, np.repeat(values[-1:], fill, axis=0)])
+    parts = parts.reshape(-1, stride, values.shape[1])
+    low, high = (pick.reduce(parts, axis=1) for pick in (np.fmin, np.fmax))
+    both = np.stack([low, high], axis=1).reshape(-1, values.shape[1])
+    return np.repeat(time[::stride], 2), both
+
+
+def _curve(time: Array, values: Array) -> dict[str, Any]:
+    time, values = _thinned(time, values)
+    start = float(time[0]) if len(time) else 0.0
+    ticks = np.round((time - start) * 1e6)
+    return {
+        'start': start,
+        'time': _packed(np.diff(ticks, prepend=0.0).clip(0, 2**32 - 1), '<u4'),
+        'values': _packed(
+            np.clip(np.where(np.isfinite(values), values, np.nan), -LARGEST, LARGEST).T, '<f4'
+        ),
+    }
+
+
+def encoded(plot: Plot) -> dict[str, Any]:
+    """Return a plot as the script of a page decodes it."""
+    # A line that crosses missing states would show what nobody saw.
+    time = np.insert(plot.time, plot.breaks, plot.time[plot.breaks - 1])
+    values = np.insert(np.asarray(plot.values, float), plot.breaks, np.nan, axis=0)
+    limits = (
+        None
+        if plot.bounds is None
+        else [[x if np.isfinite(x) else None for x in side] for side in plot.bounds.tolist()]
+    )
+    return {
+        **_curve(time, values),
+        'title': plot.title,
+        'source': plot.source,
+        'labels': [one_line(x, 64) for x in plot.labels],
+        'joints': plot.joints,
+        'stepped': plot.stepped,
+        'limits': limits,
+        'references': plot.references,
+    }

@@ -19,18 +19,18 @@ import json
 from pathlib import Path
 import re
 from typing import Any, NamedTuple
-import zlib
 
 import numpy as np
 
 import pfd_core as pfd
 from pfd_ros.arm.events import TRANSITION
+from pfd_ros.arm.settings import Settings
 from pfd_ros.files import new_file
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import DIAGNOSTICS, FLOAT_ARRAY, INERTIA, JOINT_STATE, STRING
 from pfd_ros.motion.symptoms import symptoms
-from pfd_ros.page.curves import Plot, Reference, plots_of
+from pfd_ros.page.curves import Plot, Reference, encoded, plots_of
 from pfd_ros.page.findings import BAD, NOTE, Finding, commands_end, find
 from pfd_ros.page.recorded import Array, Joints, Recorded
 from pfd_ros.recording.arrays import LogArrays
@@ -38,10 +38,8 @@ from pfd_ros.text import cut, one_line
 
 # What a page reads of a log.
 TYPES = (JOINT_STATE, FLOAT_ARRAY, STRING, INERTIA, DIAGNOSTICS, TRANSITION)
-# Of one page: points of a curve, plots, spans of a kind, rows of the story.
-MOST_POINTS, MOST_PLOTS, MOST_SPANS, MOST_ROWS = 20_000, 40, 400, 60
-# Larger numbers are drawn there: float32 ends.
-LARGEST = 3e38
+# Of one page: plots, spans of a kind, rows of the story.
+MOST_PLOTS, MOST_SPANS, MOST_ROWS = 40, 400, 60
 # Around the first finding, for the diagnosis of each joint [s], and samples of it.
 BEFORE, AFTER, MOST_DIAGNOSED = 20.0, 5.0, 1 << 16
 
@@ -106,7 +104,9 @@ def page(
     moments = [mark for mark in marks if isinstance(mark, Moment)]
     references = [mark for mark in marks if isinstance(mark, Reference)]
     found, made, lacking = find(run)
-    found += [_finding(moment) for moment in moments]
+    for time, label, text, end, severity in moments:
+        spans = np.array([[time, time if end is None else end]])
+        found.append(Finding(label, severity, '', one_line(text.partition('\n')[0], 100), spans))
     found.sort(key=lambda x: (x.time, x.severity == NOTE))
     first = next((x for x in found if x.severity != NOTE), None)
     unreadable = list(run.unreadable)
@@ -133,13 +133,6 @@ def page(
         _data(run, plots[:MOST_PLOTS], found, first, moments),
     )
     return Page(html, said, first, found, plots[:MOST_PLOTS], list(run.notes), unreadable)
-
-
-def _finding(moment: Moment) -> Finding:
-    spans = np.array([[moment.time, moment.time if moment.end is None else moment.end]])
-    return Finding(
-        moment.label, moment.severity, '', one_line(moment.text.partition('\n')[0], 100), spans
-    )
 
 
 def _said(run: Recorded, first: Finding | None) -> tuple[str, str]:
@@ -265,12 +258,17 @@ def _origin(run: Recorded) -> str:
 
 
 def _settings(run: Recorded) -> str:
-    rows = [(k, v) for k, v in sorted(run.settings.items()) if v not in ('', [], (), None)]
-    table = _table(
-        '',
-        [(k, ', '.join(map(str, v)) if isinstance(v, (list, tuple)) else str(v)) for k, v in rows],
+    """Return all settings, those first that differ from the defaults."""
+    defaults = json.loads(Settings().to_json())
+    changed = {k: v for k, v in run.settings.items() if v != defaults.get(k)}
+    rows = (
+        f'<tr><th>{escape(k)}</th><td>{f"<b>{text}</b>" if k in changed else text}</td></tr>'
+        for k, v in sorted(run.settings.items(), key=lambda row: (row[0] not in changed, row[0]))
+        for text in [escape(one_line(', '.join(map(str, v)) if isinstance(v, list) else v, 2000))]
     )
-    return f'<details><summary>Settings</summary>{table}</details>' if rows else ''
+    summary = f'<summary>Settings: {len(changed)} differ from the defaults</summary>'
+    table = f'<details class="card">{summary}<table>{"".join(rows)}</table></details>'
+    return table if run.settings else ''
 
 
 def _diagnosis(
@@ -295,96 +293,37 @@ def _diagnosis(
 def _of_joint(
     run: Recorded, joints: Joints, rows: Array, j: int, references: Sequence[Reference]
 ) -> str:
-    columns = {item: values[rows, j] for item, values in joints.values.items()}
-    good = np.isfinite(columns['position'])
-    if np.isfinite(columns['velocity']).any():
-        good &= np.isfinite(columns['velocity'])
-    else:
-        columns['velocity'] = np.gradient(columns['position'], joints.time[rows])
-    time, columns = (
-        joints.time[rows][good],
-        {k: np.nan_to_num(x[good]) for k, x in columns.items()},
-    )
-    if len(time) < 3:
+    name, position, velocity = joints.names[j], *(joints.values[x] for x in JOINT_FIELDS[:2])
+    reference = next((x for x in references if name in x.names), None)
+    target = None if reference is None else reference.at(name, joints.time)
+    good = np.isfinite(position[rows, j])
+    good &= True if target is None else np.isfinite(target[rows])
+    if np.isfinite(velocity[rows, j]).any():
+        good &= np.isfinite(velocity[rows, j])
+    rows = rows[good]
+    if len(rows) < 3:
         return 'too few states'
-    ends = {item: joints.bounds.get(item) for item in JOINT_FIELDS}
+    time, columns = joints.time[rows], [np.nan_to_num(x[rows, j]) for x in joints.values.values()]
+    if not np.isfinite(velocity[rows, j]).any():
+        columns[1] = np.gradient(columns[0], time)
+    none = np.array([[-np.inf], [np.inf]]).repeat(len(joints.names), axis=1)
     limits = [
-        (item, columns[item], *((-np.inf, np.inf) if x is None else x[:, j].tolist()))
-        for item, x in ends.items()
+        (item, column, *joints.bounds.get(item, none)[:, j].tolist())
+        for item, column in zip(JOINT_FIELDS, columns, strict=True)
     ]
-    target = next(
-        (r.at(joints.names[j], time) for r in references if joints.names[j] in r.names), None
-    )
     with np.errstate(all='ignore'):
         text = symptoms(
             time,
-            *(columns[item] for item in JOINT_FIELDS),
-            target=target,
+            *columns,
+            target=None if target is None else target[rows],
             limits=limits,
             period=joints.period,
-            commanded=not run.settings or joints.names[j] in run.commanded,
+            commanded=not run.settings or name in run.commanded,
         )
-    return (
-        text
-        if any(x is not None for x in ends.values())
-        else text.removesuffix(', no limit reached')
-    )
+    return text if joints.bounds else text.removesuffix(', no limit reached')
 
 
-# The curves.
-
-
-def _packed(array: Array, kind: str) -> str:
-    """Return numbers as base64 of deflated bytes, all first bytes before all second ones."""
-    planes = np.ascontiguousarray(array, kind).view(np.uint8).reshape(-1, np.dtype(kind).itemsize)
-    return base64.b64encode(zlib.compress(planes.T.tobytes(), 6)).decode()
-
-
-def _thinned(time: Array, values: Array) -> tuple[Array, Array]:
-    """Return all samples, or the least and the largest of equal bins: no peak is lost."""
-    stride = -(-2 * len(time) // MOST_POINTS)
-    if len(time) <= MOST_POINTS:
-        return time, values
-    fill = -len(time) % stride
-    parts = np.concatenate([values, np.repeat(values[-1:], fill, axis=0)])
-    parts = parts.reshape(-1, stride, values.shape[1])
-    low, high = (pick.reduce(parts, axis=1) for pick in (np.fmin, np.fmax))
-    both = np.stack([low, high], axis=1).reshape(-1, values.shape[1])
-    return np.repeat(time[::stride], 2), both
-
-
-def _curve(time: Array, values: Array) -> dict[str, Any]:
-    time, values = _thinned(time, values)
-    start = float(time[0]) if len(time) else 0.0
-    ticks = np.round((time - start) * 1e6)
-    return {
-        'start': start,
-        'time': _packed(np.diff(ticks, prepend=0.0).clip(0, 2**32 - 1), '<u4'),
-        'values': _packed(
-            np.clip(np.where(np.isfinite(values), values, np.nan), -LARGEST, LARGEST).T, '<f4'
-        ),
-    }
-
-
-def _plot(plot: Plot) -> dict[str, Any]:
-    # A line that crosses missing states would show what nobody saw.
-    time = np.insert(plot.time, plot.breaks, plot.time[plot.breaks - 1])
-    values = np.insert(np.asarray(plot.values, float), plot.breaks, np.nan, axis=0)
-    limits = (
-        None
-        if plot.bounds is None
-        else [[x if np.isfinite(x) else None for x in side] for side in plot.bounds.tolist()]
-    )
-    return {
-        **_curve(time, values),
-        'title': plot.title,
-        'source': plot.source,
-        'labels': [one_line(x, 64) for x in plot.labels],
-        'joints': plot.joints,
-        'stepped': plot.stepped,
-        'limits': limits,
-        'references': plot.references,
-    }
+# What the script draws.
 
 
 def _data(
@@ -399,7 +338,7 @@ def _data(
         lane = lanes.setdefault(each.kind, [])
         lane += [[*pair, each.severity] for pair in each.spans[:MOST_SPANS].tolist()]
     return {
-        'plots': [_plot(plot) for plot in plots],
+        'plots': [encoded(plot) for plot in plots],
         'lanes': lanes,
         'moments': [[m.time, m.end, m.label, m.severity] for m in moments],
         'span': [*run.span],

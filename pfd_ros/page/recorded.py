@@ -145,17 +145,19 @@ class Recorded:
         axis, logged, ns = self._axis_ns, self._logged_ns, found.simulated_ns
         if ns is None and len(axis):
             stamps, margin = found.stamp_ns, int(SAME_CLOCK * NANOSECONDS)
-            places = np.searchsorted(logged, found.log_ns, side='right') - 1
+            places = (np.searchsorted(logged, found.log_ns, side='right') - 1).clip(0)
+            # Numbers of Python: differences of times in hostile logs overflow.
+            first, last = int(axis[0]), int(axis[-1])
             if (
                 stamps is not None
-                and stamps.min(initial=axis[0]) >= axis[0] - margin
-                and stamps.max(initial=axis[-1]) <= axis[-1] + margin
+                and int(stamps.min(initial=first)) >= first - margin
+                and int(stamps.max(initial=last)) <= last + margin
             ):
                 ns = stamps
             else:
-                after = np.append(axis[1:], np.iinfo(np.int64).max)[places.clip(0)]
-                since = found.log_ns - logged[places.clip(0)]
-                ns = np.minimum(axis[places.clip(0)] + since, after)
+                after = np.append(axis[1:], np.iinfo(np.int64).max)[places]
+                since = found.log_ns - logged[places]
+                ns = np.minimum(axis[places] + since, after)
         ns = found.log_ns if ns is None else ns
         times: Array = np.maximum.accumulate((ns - self.origin_ns) / NANOSECONDS)
         return times

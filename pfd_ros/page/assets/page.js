@@ -1,6 +1,6 @@
 // Copyright 2026 The pfd_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// Draws the curves of a page; `_curve` in pfd_ros/page/page.py encodes them.
+// Draws the curves of a page; pfd_ros/page/curves.py encodes them.
 'use strict';
 const place = (id) => document.getElementById(id);
 const root = document.documentElement, box = place('plots');

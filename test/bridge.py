@@ -324,6 +324,7 @@ NAMES = {
     'PageReference': 'pfd_ros.page.curves:Reference',
     'page_of_log': 'pfd_ros.page.page:page',
     # pfd_ros.node: the arm on its topics
+    'Inbox': 'pfd_ros.node.inbox:Inbox',
     'MOST_WAITING_INPUTS': 'pfd_ros.node.inbox:MOST_WAITING',
     'MassKernels': 'pfd_ros.node.diagnostics:MassKernels',
     'node_main': 'pfd_ros.node.main:main',

@@ -1,0 +1,517 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Verify: what is equal, and that nothing else is; the summary of a recording."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+import json
+import os
+from pathlib import Path
+import random
+import struct
+import threading
+from typing import Any
+
+from arm_messages import (
+    INF,
+    NAN,
+    UNLIMITED,
+    change,
+    efforts,
+    named,
+    payload,
+    placed,
+    request,
+    tick,
+    wrench,
+)
+from bridge import (
+    END_RECORD,
+    HEAD_RECORD,
+    ArmMessage,
+    DifferenceError,
+    Inbox,
+    LogError,
+    RecordedLog,
+    decode_string,
+    encode_string,
+    mcap_records,
+    summarize_log,
+    summary_lines,
+    verify_log,
+)
+from mcap.records import Message, Metadata
+from mcap.writer import Writer
+import pytest
+from recordings import NAMES, Run, aside, busy, rewritten, simulate
+
+FRAME = 'tool0'
+# Settings with which each input and each rule has an effect.
+EVERYTHING: dict[str, Any] = {
+    'external_wrench': True,
+    'servo_p': (100.0, 50.0),
+    'servo_d': (5.0, 2.0),
+    'noise_position': 1e-3,
+    'noise_velocity': 1e-2,
+    'delay_commands': 0.003,
+    'delay_state': 0.002,
+    'drop_commands': 0.1,
+    'drop_state': 0.1,
+    'command_timeout': 0.02,
+    'reflex_effort_rate': 5e4,
+    'joint_limits': True,
+    'seed': 5,
+    'outputs': ('tip_pose', 'energy', 'inertia_matrix', 'true_states'),
+}
+FURTHER = ('external_wrench', 'payload', 'payload_in_use', 'tip_pose', 'tip_wrench', 'energy')
+SCENES: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
+    'default': ({}, ()),
+    'everything': (EVERYTHING, (*FURTHER, 'inertia_matrix', 'true_states')),
+    'lockstep': ({'lockstep': True, 'wait_for_controller': True, 'seed': 1}, ()),
+    'sparse': ({'publish_rate': 250.0, 'clock_rate': 500.0, 'start_time': 12.5}, ()),
+    'followed clock': (
+        {'time_source': 'clock', 'publish_clock': False},
+        ('clock_ticks',),
+    ),
+    'overflow': (UNLIMITED, ()),
+    'inactive': ({'autostart': False}, ()),
+}
+
+
+def events(rng: random.Random, run: Run) -> list[ArmMessage]:
+    """Return some inputs, good and bad."""
+    numbers = [rng.gauss(0, 20) for _ in NAMES]
+    one = rng.choice(NAMES)
+    choices: list[Callable[[], ArmMessage]] = [
+        lambda: efforts(*numbers),
+        lambda: named(NAMES, numbers),
+        lambda: named((one,), (rng.gauss(0, 5),), stamp_ns=rng.randrange(10**9)),
+        lambda: named(NAMES, (), [rng.random() for _ in NAMES]),
+        lambda: named(NAMES, [NAN, 1.0]),
+        lambda: named(NAMES, [NAN, NAN]),
+        lambda: named((), ()),
+        lambda: named((one, one), (1.0, 2.0)),
+        lambda: named(('nobody', one), (1.0, 2.0)),
+        lambda: efforts(*numbers, 1.0),
+        lambda: efforts(INF, 0.0),
+        lambda: placed((one,), (rng.random(),)),
+        lambda: request(rng.choice(['pause', 'resume', 'resume', 'reset', 'activate'])),
+        lambda: request('step', count=rng.randrange(1, 4)),
+        lambda: change(gravity=[0.0, rng.random(), -9.8]),
+        lambda: change(servo_p=[-1.0, 2.0]),
+        lambda: wrench(FRAME, [rng.gauss(0, 5) for _ in range(3)]),
+        lambda: wrench('moon', (1.0, 0.0, 0.0)),
+        lambda: payload(FRAME, rng.random()),
+        lambda: tick(run.engine.stamp_ns + rng.randrange(-1, 5) * 1_000_000),
+        lambda: ArmMessage(
+            rng.choice([role for role in run.topics if role in INPUTS]),
+            rng.randbytes(rng.randrange(60)),
+        ),
+    ]
+    found = [rng.choice(choices)() for _ in range(rng.choice([0, 1, 1, 1, 3]))]
+    return [message for message in found if message.role in run.topics]
+
+
+INPUTS = frozenset(
+    {'joint_commands', 'commands', 'set_state', 'requests', 'parameters'}
+    | {'external_wrench', 'payload', 'clock_ticks'}
+)
+
+
+@pytest.mark.parametrize('scene', SCENES)
+def test_random_inputs_recorded_in_their_order_verify(scene: str, tmp_path: Path) -> None:
+    path, rng = tmp_path / 'run.mcap', random.Random(scene)
+    settings, roles = SCENES[scene]
+    run = Run(path, roles, **settings)
+    for k in range(600):
+        run.step(*events(rng, run))
+        if k % 50 == 0:
+            run.record([aside()])
+    if scene == 'overflow':
+        run.step(efforts(1e300, 1e300), times=20)
+    run.close()
+    found = verify_log(path)
+    assert found == (Counter(m.role for m in run.messages), run.engine.state.cycle, True)
+    assert len(set(run.verdicts)) > 5
+    assert found.cycles > {'inactive': 0, 'followed clock': 10}.get(scene, 100)
+    taken = {role for role in run.topics if role in INPUTS}
+    assert taken <= found.compared.keys()
+    assert bool(run.engine.state.failure) == (scene == 'overflow')
+
+
+def test_a_storm_of_threads_verifies(tmp_path: Path) -> None:
+    path, stop = tmp_path / 'run.mcap', threading.Event()
+    run = Run(path, FURTHER, **EVERYTHING)
+    box, sent = Inbox(lambda role, verdict: None), [0] * 8
+
+    def talk(place: int) -> None:
+        rng = random.Random(place)
+        while not stop.is_set():
+            for message in events(rng, run):
+                box.put(message.role, message.data)
+                sent[place] += 1
+
+    threads = [threading.Thread(target=talk, args=(k,)) for k in range(len(sent))]
+    for thread in threads:
+        thread.start()
+    while min(sent) < 300 or run.engine.state.cycle < 300:
+        run.step(*[message for message, _ in box.take(0.01)], request('resume'))
+    stop.set()
+    for thread in threads:
+        thread.join()
+    run.close()
+    assert run.recorder.error == ''
+    assert len(set(run.verdicts)) > 8
+    counts = Counter(message.role for message in run.messages)
+    assert verify_log(path) == (counts, run.engine.state.cycle, True)
+
+
+# One thing altered.
+
+
+@pytest.fixture(scope='module')
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a recording with commands, refused ones, and further outputs."""
+    path = tmp_path_factory.mktemp('source') / 'run.mcap'
+    busy(path, roles=FURTHER, **{**EVERYTHING, 'drop_state': 0.0, 'command_timeout': 0.0})
+    assert verify_log(path).complete
+    return path
+
+
+def bit(role: str, place: int, cycle: int = 30) -> Callable[[str, Message], Message]:
+    """Return the change of one bit of a message."""
+
+    def change_bit(found: str, message: Message) -> Message:
+        if (found, message.sequence) != (role, cycle):
+            return message
+        data = bytearray(message.data)
+        data[place] ^= 1
+        return replace(message, data=bytes(data))
+
+    return change_bit
+
+
+# Bytes from the end of a state of two joints: efforts, velocities and positions are 8 bytes each.
+PLACES = {
+    'effort of the last joint': ('joint_states', -8, "effort['elbow']: recorded"),
+    'effort of the first joint': ('joint_states', -16, "effort['shoulder']"),
+    'velocity': ('joint_states', -32, "velocity['elbow']"),
+    'position': ('joint_states', -64, "position['shoulder']"),
+    'stamp': ('joint_states', 8, 'header.stamp.nanosec: recorded'),
+    'name of a joint': ('joint_states', 29, 'name['),
+    'length of a name': ('joint_states', 25, 'cannot be decoded'),
+    'clock': ('clock', 8, 'clock.nanosec'),
+    'tip_pose': ('tip_pose', -8, 'pose.orientation.w'),
+    'tip_wrench': ('tip_wrench', -8, 'wrench.torque.z'),
+    'energy': ('energy', -8, 'data[2]'),
+}
+
+
+@pytest.mark.parametrize('counted', [False, True])
+@pytest.mark.parametrize('place', PLACES)
+def test_one_bit_of_an_output_is_named(
+    place: str, counted: bool, source: Path, tmp_path: Path
+) -> None:
+    role, at, named_so = PLACES[place]
+    path = rewritten(source, tmp_path / 'new.mcap', bit(role, at), counted=counted)
+    with pytest.raises(DifferenceError) as caught:
+        verify_log(path)
+    text = str(caught.value)
+    assert f'cycle 30, {role}: {named_so}' in text or (named_so in text and 'cycle 30' in text)
+    # An end that counts the changed bytes cannot know of a change.
+    assert ('cause: other data' in text) != counted
+    assert ('cause: not the program' in text) == counted
+
+
+def sent_in(role: str, cycle: int, alter: Callable[[Message], Any]) -> Any:
+    return lambda found, m: alter(m) if (found, m.sequence) == (role, cycle) else m
+
+
+def later(message: Message) -> Message:
+    return replace(message, sequence=message.sequence + 1)
+
+
+ALTERED: dict[str, tuple[Any, str]] = {
+    'a state is left out': (sent_in('joint_states', 30, lambda m: None), 'recorded'),
+    # It is delayed by three cycles.
+    'a command is left out': (sent_in('commands', 30, lambda m: None), 'cycle 33, tip_pose'),
+    'a tick comes twice': (sent_in('clock', 30, lambda m: [m, m]), 'recorded clock'),
+    'a command comes twice': (sent_in('commands', 30, lambda m: [m, m]), 'altered|counts|cycle'),
+    'a command of another cycle': (sent_in('commands', 30, later), 'cycle 3'),
+    'a state of another cycle': (sent_in('joint_states', 30, later), 'cycle 31'),
+    'the last message is left out': (sent_in('tip_pose', 60, lambda m: None), 'cycle 60|counts'),
+    'a rejection is altered': (bit('rejected', 10, 7), 'rejected'),
+    'cycles far ahead': (
+        lambda role, m: replace(m, sequence=m.sequence + 10**9) if m.sequence > 29 else m,
+        'cycle 1000000030',
+    ),
+    'cycles that go back': (
+        lambda role, m: replace(m, sequence=m.sequence - 9) if m.sequence > 29 else m,
+        'cycle 429496',
+    ),
+}
+
+
+@pytest.mark.parametrize('counted', [False, True])
+@pytest.mark.parametrize('name', ALTERED)
+def test_an_altered_recording_is_not_equal(
+    name: str, counted: bool, source: Path, tmp_path: Path
+) -> None:
+    alter, expected = ALTERED[name]
+    path = rewritten(source, tmp_path / 'new.mcap', alter, counted=counted)
+    with pytest.raises(LogError, match=expected):
+        verify_log(path)
+
+
+@pytest.mark.parametrize('numbers', [(1e6, 0.0), (INF, 0.0)], ids=['beyond a limit', 'refused'])
+def test_an_altered_input_without_effect_is_found(
+    numbers: tuple[float, float], tmp_path: Path
+) -> None:
+    paths = tmp_path / 'run.mcap', tmp_path / 'new.mcap'
+    simulate(paths[0], 20, {5: [efforts(*numbers)]}, torque_speed=False)
+    rewritten(*paths, bit('commands', 22, 5))
+    old, new = (set(RecordedLog(path).messages()) for path in paths)
+    assert [{m.role for m in some} for some in (old - new, new - old)] == [{'commands'}] * 2
+    with pytest.raises(LogError, match='altered'):
+        verify_log(paths[1])
+
+
+def test_an_explanation_may_differ_and_a_rule_may_not(source: Path, tmp_path: Path) -> None:
+    def explained(text: str) -> Callable[[str, Message], Message]:
+        def alter(role: str, message: Message) -> Message:
+            if role != 'rejected':
+                return message
+            rule, _, _ = decode_string(message.data).partition('\n')
+            return replace(message, data=encode_string(text.format(rule=rule)))
+
+        return alter
+
+    path = tmp_path / 'new.mcap'
+    rewritten(source, path, explained('{rule}\nin the words of another version'), counted=True)
+    assert verify_log(path) == verify_log(source)
+    rewritten(source, path, explained('{rule} x\n'), counted=True)
+    with pytest.raises(DifferenceError, match="data: recorded 'commands wrong_size x', replayed"):
+        verify_log(path)
+
+
+@pytest.mark.parametrize('key', ['cycles', 'recorded', 'crc', 'totals'])
+def test_an_altered_end_is_found(key: str, source: Path, tmp_path: Path) -> None:
+    def alter(name: str, values: dict[str, str]) -> dict[str, str]:
+        if name != END_RECORD:
+            return values
+        found = {k: json.loads(text) for k, text in values.items()}
+        if key == 'cycles':
+            found['totals']['cycles'] += 1
+        elif key == 'recorded':
+            found['recorded']['clock'] -= 1
+        elif key == 'crc':
+            found['crc'] ^= 1
+        else:
+            del found['totals']
+        return {k: json.dumps(value) for k, value in found.items()}
+
+    path = rewritten(source, tmp_path / 'new.mcap', metadata=alter)
+    with pytest.raises(LogError):
+        verify_log(path)
+
+
+def test_the_cause_of_a_difference_is_data_program_or_processor(
+    source: Path, tmp_path: Path
+) -> None:
+    def with_versions(**values: str) -> Callable[[str, dict[str, str]], dict[str, str]]:
+        def alter(name: str, found: dict[str, str]) -> dict[str, str]:
+            if name != HEAD_RECORD:
+                return found
+            return {
+                **found,
+                'versions': json.dumps({**json.loads(found['versions']), **values}),
+            }
+
+        return alter
+
+    path = tmp_path / 'new.mcap'
+    for versions, cause in (
+        ({'program': 'abc', 'pfd': '9.9'}, 'cause: another program, program abc, here .*pfd 9.9'),
+        ({'cpu': 'abacus'}, 'cause: not the program, the settings or the data; cpu abacus, here'),
+    ):
+        alter = bit('joint_states', -8)
+        rewritten(source, path, alter, with_versions(**versions), counted=True)
+        with pytest.raises(DifferenceError, match=cause):
+            verify_log(path)
+        # Another program with the same bits is equal.
+        rewritten(source, path, metadata=with_versions(**versions))
+        assert verify_log(path).complete
+
+
+def test_other_settings_or_another_robot_differ(source: Path, tmp_path: Path) -> None:
+    def heavier(name: str, found: dict[str, str]) -> dict[str, str]:
+        settings = {**json.loads(found.get('settings', '{}')), 'seed': 6}
+        return {**found, 'settings': json.dumps(settings)} if name == HEAD_RECORD else found
+
+    path = rewritten(source, tmp_path / 'new.mcap', metadata=heavier)
+    with pytest.raises(DifferenceError, match='cycle 1, joint_states: position'):
+        verify_log(path)
+
+
+# Cut and damaged files.
+
+
+def test_every_cut_is_incomplete_and_equal_up_to_it(tmp_path: Path) -> None:
+    path = tmp_path / 'run.mcap'
+    busy(path)
+    # In chunks of one step, so that a cut has something before it.
+    data = rewritten(path, tmp_path / 'small.mcap', chunk=200).read_bytes()
+    rng, results = random.Random(1), Counter[str]()
+    for at in {*range(12), *range(len(data) - 30, len(data)), *rng.sample(range(len(data)), 80)}:
+        path.write_bytes(data[:at])
+        try:
+            found = verify_log(path)
+        except LogError:
+            results['no recording'] += 1
+        else:
+            assert not found.complete
+            results['some' if 0 < found.cycles < 60 else 'none or all'] += 1
+    assert min(results['no recording'], results['some']) > 10
+
+
+@pytest.mark.parametrize('many', [150, pytest.param(1500, marks=[pytest.mark.long])])
+def test_a_flipped_bit_is_found_wherever_a_message_or_the_head_is(
+    many: int, tmp_path: Path
+) -> None:
+    path = tmp_path / 'run.mcap'
+    busy(path)
+    data, rng, missed = path.read_bytes(), random.Random(2), []
+    for _ in range(many):
+        at = rng.randrange(len(data))
+        flipped = bytearray(data)
+        flipped[at] ^= 1 << rng.randrange(8)
+        path.write_bytes(flipped)
+        try:
+            missed += [at] if verify_log(path).complete else []
+        except LogError:
+            continue
+    # The index at the end is for other readers; nobody parses it here.
+    (index,) = struct.unpack('<Q', data[-28:-20])
+    assert [at for at in missed if at < index] == []
+    assert len(missed) < many / 2
+
+
+def test_what_is_no_recording_is_named(source: Path, tmp_path: Path) -> None:
+    def of_format(text: str) -> Callable[[str, dict[str, str]], dict[str, str] | None]:
+        return lambda name, found: {**found, 'format': text} if name == HEAD_RECORD else found
+
+    path = tmp_path / 'new.mcap'
+    for text, why in (('2', 'first edition of pfd_ros .format 2.'), ('9', "format '9'")):
+        rewritten(source, path, metadata=of_format(text))
+        with pytest.raises(LogError, match=why):
+            verify_log(path)
+    rewritten(source, path, metadata=lambda name, found: None)
+    with pytest.raises(LogError, match='not a recording of pfd_ros'):
+        verify_log(path)
+    path.write_bytes(b'hello')
+    with pytest.raises(LogError, match=str(path)):
+        verify_log(path)
+    with pytest.raises(OSError, match='missing'):
+        verify_log(tmp_path / 'missing.mcap')
+
+
+def with_head(path: Path, **values: Any) -> None:
+    """Write a recording that has only a head with these values."""
+    with path.open('wb') as stream:
+        writer = Writer(stream)
+        writer.start('ros2', 'test')
+        texts = {k: v if isinstance(v, str) else json.dumps(v) for k, v in values.items()}
+        writer.add_metadata(HEAD_RECORD, texts)
+        writer.finish()
+
+
+def head_of(path: Path) -> dict[str, str]:
+    for record in mcap_records(path):
+        if isinstance(record, Metadata):
+            return dict(record.metadata)
+    raise AssertionError
+
+
+@pytest.mark.parametrize(
+    ('key', 'value'),
+    [
+        *(('settings', text) for text in ('', '[' * 100_000, '{"robot": 5}', '[1]', '{}x')),
+        *(('topics', text) for text in ('5', '{"joint_states": 5}', '{"clock": "/a"', '[[1]]')),
+        *(('versions', text) for text in ('', 'null')),
+    ],
+)
+def test_a_hostile_head_is_an_error_that_names_the_file(
+    key: str, value: str, source: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / 'new.mcap'
+    with_head(path, **{**head_of(source), key: value})
+    with pytest.raises(LogError, match=str(path)):
+        verify_log(path)
+
+
+def test_a_recording_without_cycles_is_equal(tmp_path: Path) -> None:
+    simulate(tmp_path / 'run.mcap', 0)
+    assert verify_log(tmp_path / 'run.mcap') == ({}, 0, True)
+
+
+def test_without_the_end_of_the_run_a_whole_file_is_incomplete(
+    source: Path, tmp_path: Path
+) -> None:
+    def without_end(name: str, found: dict[str, str]) -> dict[str, str] | None:
+        return None if name == END_RECORD else found
+
+    path = rewritten(source, tmp_path / 'new.mcap', metadata=without_end)
+    found, whole = verify_log(path), verify_log(source)
+    assert found == (whole.compared, whole.cycles, False)
+
+
+# The summary.
+
+
+def test_the_summary_counts_messages_rejections_and_times(tmp_path: Path) -> None:
+    path = tmp_path / 'run.mcap'
+    run = busy(path, cycles=60, start_time=3.0)
+    found = summarize_log(path)
+    assert found.counts == Counter(m.role for m in run.messages)
+    assert found.rejected == {'commands wrong_size': 1, 'joint_commands not_finite': 1} or (
+        found.rejected == {'commands wrong_size': 1, 'joint_commands infinite': 1}
+    )
+    assert (found.cycles, found.failure, found.complete) == (60, '', True)
+    lines = summary_lines(found)
+    assert lines[0].endswith('run.mcap: planar2')
+    assert any(line.split()[:3] == ['cycles', '60', 'of'] for line in lines)
+    assert sum(line.startswith('rejected ') for line in lines) == 2
+    path.write_bytes(path.read_bytes()[:-200])
+    assert any(line.startswith('cut off') for line in summary_lines(summarize_log(path)))
+
+
+def test_the_summary_counts_floods_and_names_a_failure(tmp_path: Path) -> None:
+    path = tmp_path / 'run.mcap'
+    run = Run(path, **UNLIMITED)
+    flood = [ArmMessage('commands', bytes(9000))] * 20
+    run.step(*flood)
+    run.step(efforts(1e300, 1e300), times=20)
+    run.close()
+    assert verify_log(path).complete
+    found = summarize_log(path)
+    assert found.counts['commands'] < 20
+    assert sum(found.rejected.values()) == 20
+    assert found.failure == run.engine.state.failure != ''
+    assert any(line.startswith('FAILED') for line in summary_lines(found))
+
+
+def test_a_flood_of_refused_inputs_is_bounded_on_the_disk_and_verifies(tmp_path: Path) -> None:
+    path = tmp_path / 'run.mcap'
+    run = Run(path)
+    for cycle in range(1, 1201):
+        run.step(*[ArmMessage('joint_commands', os.urandom(3000))] * 5, efforts(1.0, cycle % 7))
+    run.close()
+    recorded = sum(len(m.data) for m in run.messages if m.role == 'joint_commands')
+    # 64 kB in each of two simulated seconds, of 18 MB.
+    assert recorded < 2 * (1 << 16) + 2 * 3000
+    found = verify_log(path)
+    assert found.complete
+    assert sum(summarize_log(path).rejected.values()) == 6000

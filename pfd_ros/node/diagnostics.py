@@ -32,7 +32,7 @@ import pfd_core as pfd
 from pfd_ros.arm.advice import gain_limits
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ACCEPTED, COMMANDS, DIAGNOSTICS, ROLES
-from pfd_ros.arm.plant import acceleration_kernel
+from pfd_ros.arm.plant import INPUT, Plant, acceleration_kernel
 from pfd_ros.arm.state import NEXT
 from pfd_ros.node.endpoints import OVERRIDABLE
 from pfd_ros.node.graph import GraphCheck
@@ -59,6 +59,11 @@ class Task(NamedTuple):
     values: Sequence[tuple[str, object]] = ()
 
 
+def compiled_scene(plant: Plant) -> pfd.Scene:
+    """Return the scene that native code is compiled for: it may take the payload as an input."""
+    return replace(plant.scene, payload=INPUT) if plant.inputs else plant.scene
+
+
 class MassKernels:
     """Inertia matrix, energy and error of the accelerations of an arm in one scene, compiled.
 
@@ -66,8 +71,9 @@ class MassKernels:
     """
 
     def __init__(self, engine: Engine) -> None:
-        self.scene, robot = engine.plant.scene, engine.robot
-        alone = replace(self.scene, external_wrench=False, gravity_compensation=False)
+        robot, scene = engine.robot, compiled_scene(engine.plant)
+        self.digest = scene.digest
+        alone = replace(scene, external_wrench=False, gravity_compensation=False)
         self.inertia: Any
         self.energy: Any
         self.inertia, self.energy = (
@@ -75,7 +81,7 @@ class MassKernels:
             for quantity in ('inertia_matrix', 'energy')
         )
         method = engine.state.settings.method
-        self._accelerations = acceleration_kernel(robot, self.scene, method)
+        self._accelerations = acceleration_kernel(robot, scene, method)
         # Compiled before the stepping thread starts.
         zero = np.zeros(robot.n)
         self.error_estimate(zero, zero, zero, engine.plant.inputs)
@@ -198,7 +204,7 @@ class ArmDiagnostics:
         engine, plant = self._engine, self._engine.plant
         state, settings = engine.state, engine.state.settings
         q, qd, tau = state.rows[state.now].copy()
-        if self._kernels.scene is not plant.scene:
+        if self._kernels.digest != compiled_scene(plant).digest:
             # The scene has changed.
             self._kernels = MassKernels(engine)
         kernels, payload = self._kernels, plant.inputs

@@ -5,19 +5,17 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
 from bridge import (
     BagMessage,
-    KeptMessages,
     PlayerJump,
     PlayerSchedule,
     PlayerSend,
     PlayerTick,
     PlayerWindow,
-    in_time_order,
 )
 from hypothesis import given
 from hypothesis import strategies as st
@@ -316,54 +314,3 @@ class Playing(RuleBasedStateMachine):
 
 def test_any_sequence_of_calls_plays_as_the_model_does() -> None:
     run_state_machine_as_test(Playing)
-
-
-@given(
-    st.lists(st.tuples(st.integers(0, 30), st.integers(0, 20)), max_size=40), st.integers(1, 40)
-)
-def test_messages_are_brought_into_order_within_a_bounded_window(
-    rows: list[tuple[int, int]], most: int
-) -> None:
-    # As by a heap of so many messages: each is the earliest of those that were read.
-    messages = [message(at, size) for at, size in rows]
-    found = list(in_time_order(messages, most))
-    waiting: list[BagMessage] = []
-    wanted: list[BagMessage] = []
-    for one in messages:
-        waiting.append(one)
-        if len(waiting) > most:
-            wanted.append(min(waiting, key=lambda m: m.log_ns))
-            waiting.remove(wanted[-1])
-    assert found == wanted + sorted(waiting, key=lambda m: m.log_ns)
-
-
-def test_order_takes_a_bounded_number_of_bytes() -> None:
-    taken = 0
-
-    def messages() -> Iterator[BagMessage]:
-        nonlocal taken
-        for at in range(100):
-            taken += 1
-            yield BagMessage(STATES, at, at, bytes(1000))
-
-    found = in_time_order(messages(), most=50, most_bytes=9_500)
-    next(found)
-    assert taken == 10
-
-
-def test_messages_far_behind_are_sent_when_they_are_read_and_counted() -> None:
-    messages = [message(UNIT * at, k) for k, at in enumerate([0, 5, 2, 6])]
-    schedule = schedule_of(messages)
-    assert sends(drain(schedule, 0)) == messages[:1]
-    assert sends(drain(schedule, 5 * UNIT)) == messages[1:3]
-    assert schedule.unordered == 1
-    assert sends(drain(schedule, 7 * UNIT)) == messages[3:]
-
-
-def test_kept_messages_are_bounded_and_the_oldest_are_left_out() -> None:
-    kept = KeptMessages({MAP: 3, STATES: 1}, most_bytes=9)
-    for k, topic in enumerate([STATES, MAP, MAP, '/other', STATES, MAP, MAP]):
-        kept.add(message(k, k, topic))
-    # Of 4 bytes each: the last three maps and the last state would be 16.
-    assert [m.log_ns for m in kept.messages()] == [5, 6]
-    assert kept.left_out > 0

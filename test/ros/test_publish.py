@@ -1,0 +1,724 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd replay --publish`: which topics are published, and what another process receives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from importlib import import_module
+import os
+from pathlib import Path
+import pty
+import re
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from bridge import (
+    ARM_ROLES,
+    INPUT_NAMES,
+    Bag,
+    BagTopic,
+    Qos,
+    choose_topics,
+    claimed_domain,
+    decode_clock,
+    is_command,
+    pfd_main,
+    qos_text,
+)
+from forked_process import failing
+from logs import (
+    JOINT_STATE,
+    LATCHED,
+    QOS,
+    STATES,
+    STRING,
+    Row,
+    definition,
+    rosbag2,
+    states,
+    string,
+    write_mcap,
+)
+import pytest
+from recordings import busy
+from ros_processes import Peer, Process, Processes, call, environment
+from sampling import one_fast
+
+pytestmark = pytest.mark.ros
+
+CLOCK, MAP, WORDS = '/clock', '/map', '/words'
+FLOATS = 'std_msgs/msg/Float64MultiArray'
+PFD = ('-m', 'pfd_ros.cli.main')
+PeerOf = Callable[..., Peer]
+
+
+# --- the topics
+
+
+def read(path: Path) -> Bag:
+    bag = Bag(path)
+    list(bag.messages())
+    return bag
+
+
+def test_inputs_of_a_recording_are_withheld_under_every_name(tmp_path: Path) -> None:
+    topics = {'joint_commands': '/harmless', 'commands': '/joint_states_2'}
+    run = busy(tmp_path / 'a.mcap', topics=topics)
+    bag = read(tmp_path / 'a.mcap')
+    roles = {topic: role for role, topic in run.topics.items()}
+    found, notes = choose_topics(bag, roles)
+    inputs = {topic for topic, role in roles.items() if ARM_ROLES[role].kind == 'input'}
+    assert {'/harmless', '/joint_states_2'} < inputs
+    assert set(found) == set(bag.topics) - inputs
+    assert notes[-1].startswith(f'Not publishing {len(inputs)} command topics: ')
+    (only,) = choose_topics(bag, roles, ['/harmless'], [('/harmless', '/x')])[0].values()
+    assert (only.name, only.published) == ('/harmless', '/x')
+
+
+@pytest.mark.parametrize('role', ['clock_ticks', 'bias_torques', 'joint_states', 'rejected', ''])
+def test_no_role_makes_joint_commands_harmless(role: str) -> None:
+    assert is_command(BagTopic('/joint_commands', JOINT_STATE, 'cdr', ''), role)
+
+
+def test_outputs_of_the_node_are_published_under_their_own_names_only() -> None:
+    outputs = {role: row for role, row in ARM_ROLES.items() if row.kind == 'output'}
+    for role, row in outputs.items():
+        assert not is_command(BagTopic(f'/sim_arm/{role}', row.type, 'cdr', ''), role), role
+    for name, kind in (
+        ('/effort_controller/effort', JOINT_STATE),
+        ('/torques/bias_torques', JOINT_STATE),
+        ('/sim_arm/bias_torques', FLOATS),
+    ):
+        assert is_command(BagTopic(name, kind, 'cdr', ''), 'bias_torques')
+
+
+@pytest.mark.parametrize(
+    ('name', 'kind', 'command'),
+    [
+        ('/joint_states', JOINT_STATE, False),
+        ('/arm/joint_commands', JOINT_STATE, True),
+        ('/effort_controller/commands', FLOATS, True),
+        ('/sim_arm/set_state', JOINT_STATE, True),
+        ('/sim_arm/external_wrench', 'geometry_msgs/msg/WrenchStamped', True),
+        ('/sim_arm/payload', 'geometry_msgs/msg/InertiaStamped', True),
+        ('/sim_arm/payload_in_use', 'geometry_msgs/msg/InertiaStamped', False),
+        ('/force_sensor/wrench', 'geometry_msgs/msg/WrenchStamped', False),
+        ('/cmd_vel', 'geometry_msgs/msg/Twist', True),
+        ('/arm/velocity', 'geometry_msgs/msg/Twist', True),
+        ('/arm_controller/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory', True),
+        ('/gripper/GoalPose', 'geometry_msgs/msg/PoseStamped', True),
+        ('/arm/targetPose', 'geometry_msgs/msg/PoseStamped', True),
+        ('/controller/reference', FLOATS, True),
+        ('/desired_joint_states', JOINT_STATE, True),
+        ('/joint_efforts', FLOATS, True),
+        ('/arm/jointTorques', FLOATS, True),
+        ('/ur_driver/script', STRING, True),
+        ('/move_j', FLOATS, True),
+        ('/equilibrium_pose', 'geometry_msgs/msg/PoseStamped', True),
+        ('/removed', FLOATS, False),
+        ('/description', STRING, False),
+        ('/offset', FLOATS, False),
+        ('/robot_description', STRING, False),
+        ('/tf', 'tf2_msgs/msg/TFMessage', False),
+        ('/clock', 'rosgraph_msgs/msg/Clock', False),
+        ('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', False),
+    ],
+)
+def test_commands_of_other_logs_are_known_by_name_or_type(
+    name: str, kind: str, command: bool
+) -> None:
+    assert is_command(BagTopic(name, kind, 'cdr', '')) is command
+
+
+def test_every_topic_that_the_node_takes_as_an_input_is_a_command() -> None:
+    taken = {
+        row.topic.rpartition('/')[2]
+        for row in ARM_ROLES.values()
+        if row.kind == 'input' and not row.service
+    }
+    assert taken - INPUT_NAMES == {'clock'}
+
+
+def test_topics_that_cannot_be_published_are_named_and_the_others_are(tmp_path: Path) -> None:
+    rows = {
+        '/good': (STRING, 'cdr', 'string data'),
+        '/json': (STRING, 'json', 'string data'),
+        '/module': ('antigravity/msg/Fly', 'cdr', 'int32 a'),
+        '/other': (JOINT_STATE, 'cdr', 'float64[] position'),
+        '/path': ('../../etc/msg/Passwd', 'cdr', 'int32 a'),
+        '/service': ('std_srvs/srv/SetBool_Event', 'cdr', 'int32 a'),
+        '/undefined': (STRING + 'x', 'cdr', '?'),
+        '/unknown': ('nobody_msgs/msg/Thing', 'cdr', 'int32 a'),
+        '/without': (STRING, 'cdr', ''),
+        '/wrong': (STRING, 'cdr', 'string'),
+    }
+    bag = Bag(tmp_path)
+    bag.topics |= {name: BagTopic(name, *row) for name, row in rows.items()}
+    found, notes = choose_topics(bag, {})
+    assert list(found) == ['/good', '/without']
+    lines = {note.split(': ')[1]: note for note in notes}
+    for name, line in {
+        '/json': "its messages are encoded as 'json', not 'cdr'",
+        '/module': 'type antigravity/msg/Fly is not installed',
+        '/other': f'type {JOINT_STATE} has other fields than the installed one',
+        '/path': "'../../etc/msg/Passwd' is not a message type",
+        '/service': "'std_srvs/srv/SetBool_Event' is not a message type",
+        '/undefined': f'type {STRING}x is not installed',
+        '/unknown': 'type nobody_msgs/msg/Thing is not installed',
+        '/wrong': f'type {STRING} cannot be compared with the installed one: ',
+    }.items():
+        assert line in lines[name]
+
+
+def test_a_nested_type_with_other_fields_is_not_published(tmp_path: Path) -> None:
+    text = definition(JOINT_STATE)
+    bag = Bag(tmp_path)
+    bag.topics['/good'] = BagTopic('/good', JOINT_STATE, 'cdr', text)
+    bag.topics['/bad'] = BagTopic(
+        '/bad', JOINT_STATE, 'cdr', text.replace('uint32 nanosec', 'uint64 nanosec')
+    )
+    found, notes = choose_topics(bag, {})
+    assert list(found) == ['/good']
+    assert 'has other fields than the installed one' in notes[0]
+
+
+@pytest.mark.parametrize(
+    ('wanted', 'remaps', 'line'),
+    [
+        (['/nix'], [], r"has no topic \['/nix'\]; topics are \['/a/commands'"),
+        (None, [('/nix', '/x')], r"has no topic \['/nix'\]"),
+        (None, [(STATES, '/x'), (STATES, '/y')], 'remapped twice'),
+        (None, [(STATES, WORDS)], "but '/words' has type"),
+        (['/a/commands'], [], ''),
+    ],
+)
+def test_wrong_topics_and_remappings_are_named(
+    tmp_path: Path, wanted: list[str] | None, remaps: list[tuple[str, str]], line: str
+) -> None:
+    rows = [*states(2), Row(WORDS, 1.0, string('a')), *states(2, topic='/a/commands')]
+    bag = read(write_mcap(tmp_path / 'a.mcap', rows, {WORDS: STRING}))
+    if not line:
+        assert list(choose_topics(bag, {}, wanted, remaps)[0]) == wanted
+        return
+    with pytest.raises(ValueError, match=line):
+        choose_topics(bag, {}, wanted, remaps)
+
+
+def test_a_log_of_commands_alone_has_nothing_to_publish(tmp_path: Path) -> None:
+    bag = read(write_mcap(tmp_path / 'a.mcap', states(2, topic='/a/commands')))
+    with pytest.raises(
+        ValueError, match=r"nothing to publish: .*\['/a/commands'\]\. Name them in"
+    ):
+        choose_topics(bag, {})
+
+
+def test_a_topic_has_the_strongest_recorded_qos_else_the_default_of_its_name(
+    tmp_path: Path,
+) -> None:
+    def qos_of(offer: str, *topics: str) -> list[Qos]:
+        rows = [Row(topic, 1.0, string('a')) for topic in topics]
+        kinds = dict.fromkeys(topics, STRING)
+        path = write_mcap(tmp_path / 'a.mcap', rows, kinds, dict.fromkeys(topics, offer))
+        found, notes = choose_topics(read(path), {})
+        assert bool(notes) is (offer == '- 1')
+        return [found[topic].qos for topic in topics]
+
+    latched = Qos(depth=1, transient_local=True)
+    assert qos_of('', '/robot_description', '/x') == [latched, Qos()]
+    weak = qos_text(Qos(depth=3, reliable=False))
+    assert qos_of(weak, '/x') == [Qos(depth=3, reliable=False)]
+    assert qos_of(weak + LATCHED, '/x') == [Qos(depth=3, reliable=True, transient_local=True)]
+    assert qos_of('- 1', '/x') == [Qos()]
+
+
+# --- the player
+
+
+class Listener:
+    """Raw subscriptions of a peer, and their messages in the order in which they came."""
+
+    def __init__(self, peer: Peer, *topics: tuple[str, str], latched: bool = False) -> None:
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        self.peer = peer
+        self.messages: list[tuple[str, bytes]] = []
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        self.ends = [
+            peer.node.create_subscription(
+                getattr(import_module(f'{kind.split("/")[0]}.msg'), kind.split('/')[2]),
+                topic,
+                lambda data, topic=topic: self.messages.append((topic, bytes(data))),
+                QoSProfile(depth=5000, durability=durability),
+                raw=True,
+            )
+            for topic, kind in topics
+        ]
+
+    def on(self, topic: str) -> list[bytes]:
+        return [data for name, data in self.messages if name == topic]
+
+    def connect(self, *topics: str) -> None:
+        """Wait until every subscription, or that of each topic, has a publisher."""
+        ends = [end for end in self.ends if not topics or end.topic_name in topics]
+        self.peer.wait(lambda: all(end.get_publisher_count() for end in ends))
+
+    def wait_for(self, topic: str, count: int) -> None:
+        self.peer.wait(lambda: len(self.on(topic)) >= count)
+
+    def end_of(self, player: Process) -> int:
+        """Listen until the player ends, and return its exit status."""
+        self.peer.wait(lambda: player.process.poll() is not None)
+        # The player waited for the last acknowledgement; callbacks may still wait.
+        # One turn may run another callback, or none on a busy machine.
+        idle = 0
+        while idle < 3:
+            count = len(self.messages)
+            self.peer.executor.spin_once(timeout_sec=0.1)
+            idle = idle + 1 if len(self.messages) == count else 0
+        return int(player.process.returncode)
+
+
+def start(processes: Processes, log: Path, *options: str, **replaced: Any) -> Process:
+    """Start a player, perhaps with other values of bridge.PATCHED.
+
+    It waits for no subscriptions: where some are to be there, `begin` waits.
+    """
+    faults = {'PLAYER_DISCOVERY_SECONDS': 0.0, **replaced}
+    args = ('replay', str(log), '--publish', *options)
+    return processes.forked('pfd_ros.cli.main', *args, replaced=faults)
+
+
+def begin(player: Process, listener: Listener, *topics: str) -> None:
+    """Wait until a paused player and the subscriptions know each other."""
+    player.wait_for_text('paused at')
+    listener.connect(*topics)
+
+
+def paused(peer: Peer, value: bool) -> str:
+    from std_srvs.srv import SetBool
+
+    answer = call(peer, SetBool, '/log_player/pause', data=value)
+    assert answer.success, answer.message
+    return str(answer.message)
+
+
+def step(peer: Peer) -> tuple[bool, str]:
+    from std_srvs.srv import Trigger
+
+    answer = call(peer, Trigger, '/log_player/step')
+    return bool(answer.success), str(answer.message)
+
+
+def set_parameter(peer: Peer, name: str, value: object) -> str:
+    """Set a parameter of the player; return why it was refused, '' if it was not."""
+    from rcl_interfaces.srv import SetParameters
+    from rclpy.parameter import Parameter
+
+    wanted = [Parameter(name, value=value).to_parameter_msg()]
+    answer = call(peer, SetParameters, '/log_player/set_parameters', parameters=wanted)
+    assert answer.results[0].successful is not bool(answer.results[0].reason)
+    return str(answer.results[0].reason)
+
+
+def word(k: int) -> bytes:
+    # A multiple of 4 bytes, to which DDS pads every message.
+    return string(f'word {k:02d}')
+
+
+def map_(k: int) -> bytes:
+    return string(f'map {k:03d}')
+
+
+def write_words(path: Path, count: int, apart: float = 1.0, maps: Sequence[int] = (0, 3)) -> Path:
+    """Write an MCAP file with a word every so many s, and transient local maps before some."""
+    rows = []
+    for k in range(count):
+        at = 1.0 + k * apart
+        rows += [Row(MAP, at, map_(k))] if k in maps else []
+        rows.append(Row(WORDS, at, word(k)))
+    qos = {WORDS: QOS.format(durability='volatile'), MAP: LATCHED}
+    return write_mcap(path, rows, {WORDS: STRING, MAP: STRING}, qos)
+
+
+def test_each_message_of_a_recording_comes_bit_for_bit_and_no_command(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    run = busy(tmp_path / 'a.mcap', cycles=200)
+    sent: dict[str, list[bytes]] = {role: [] for role in run.topics}
+    for message in run.messages:
+        # DDS pads every message to a multiple of 4 bytes.
+        sent[message.role].append(message.data + bytes(-len(message.data) % 4))
+    peer = peer_of(processes)
+    listener = Listener(peer, *((run.topics[role], ARM_ROLES[role].type) for role in run.topics))
+    player = start(processes, tmp_path / 'a.mcap', '--start-paused', '--clock')
+    begin(player, listener, STATES, CLOCK)
+    paused(peer, False)
+    assert listener.end_of(player) == 0, player.text()
+    for role, topic in run.topics.items():
+        withheld = ARM_ROLES[role].kind == 'input'
+        assert listener.on(topic) == ([] if withheld else sent[role])
+    assert sent['commands']
+    assert 'Ignoring --clock: the log contains /clock' in player.text()
+    count = sum(len(sent[r]) for r in run.topics if ARM_ROLES[r].kind != 'input')
+    assert f'published {count} messages' in player.text()
+
+
+def test_a_message_long_before_the_others_is_not_waited_for(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    rows = [Row(MAP, 1000.0, map_(1)), *states(20, epoch=6000.0)]
+    path = write_mcap(tmp_path / 'a.mcap', rows, {MAP: STRING}, {MAP: LATCHED})
+    peer = peer_of(processes)
+    latched, plain = (
+        Listener(peer, (MAP, STRING), latched=True),
+        Listener(peer, (STATES, JOINT_STATE)),
+    )
+    player = start(processes, path, '--start-paused')
+    begin(player, plain)
+    assert 'a.mcap: 0.190 s, 21 messages of 2 topics' in player.text()
+    latched.wait_for(MAP, 1)
+    paused(peer, False)
+    assert plain.end_of(player) == 0
+    assert plain.on(STATES) == [row.data for row in rows[1:]]
+
+
+def test_messages_out_of_order_are_published_in_the_order_of_their_log_times(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    rows = states(6000, period=1e-4)
+    path = write_mcap(tmp_path / 'a.mcap', [*rows[5000:], *rows[:5000]])
+    peer = peer_of(processes)
+    listener = Listener(peer, (STATES, JOINT_STATE))
+    player = start(processes, path, '--start-paused', '--rate', '0.5')
+    begin(player, listener)
+    paused(peer, False)
+    assert listener.end_of(player) == 0
+    assert listener.on(STATES) == [row.data for row in rows]
+
+
+def test_named_commands_are_published_under_another_name(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', states(30, topic='/joint_commands'))
+    peer = peer_of(processes)
+    listener = Listener(peer, ('/other', JOINT_STATE), ('/joint_commands', JOINT_STATE))
+    options = '--topics', '/joint_commands', '--remap', '/joint_commands:=/other'
+    player = start(processes, path, *options, '--start-paused', '--rate', '5')
+    begin(player, listener, '/other')
+    paused(peer, False)
+    assert listener.end_of(player) == 0
+    assert listener.on('/other') == [row.data for row in states(30)]
+    assert listener.on('/joint_commands') == []
+
+
+def test_a_paused_log_steps_seeks_and_resumes(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    peer = peer_of(processes)
+    listener, plain = Listener(peer, (MAP, STRING), latched=True), Listener(peer, (WORDS, STRING))
+    log = write_words(tmp_path / 'words.mcap', 6)
+    player = start(processes, log, '--start-offset', '2', '--start-paused')
+    begin(player, plain)
+    assert 'paused at 2.000 s' in player.text()
+    # The map from before the offset comes first, though it is paused.
+    listener.wait_for(MAP, 1)
+    assert listener.on(MAP) == [map_(0)]
+    assert step(peer) == (True, '/words at 2.000 s')
+    assert step(peer) == (True, '/map at 3.000 s')
+    plain.wait_for(WORDS, 1)
+    assert plain.on(WORDS) == [word(2)]
+    assert set_parameter(peer, 'seek_to', 0.5) == ''
+    listener.wait_for(MAP, 3)
+    assert listener.on(MAP) == [map_(k) for k in (0, 3, 0)]
+    assert 'seek: jumped back from 3.000 s to 0.500 s' in player.text()
+    assert step(peer) == (True, '/words at 1.000 s')
+    for outside in (5.5, 1e300, -1e300, 2**62):
+        assert 'outside of the log, expected 0 to 5 s' in set_parameter(peer, 'seek_to', outside)
+    for wrong in ('soon', True, float('nan')):
+        assert 'expected a finite number' in set_parameter(peer, 'seek_to', wrong)
+    assert set_parameter(peer, 'seek_to', 4) == ''
+    assert 'rate is 0, expected' in set_parameter(peer, 'rate', 0)
+    assert set_parameter(peer, 'rate', 100.0) == ''
+    assert paused(peer, False).startswith('resumed at 4.')
+    assert listener.end_of(player) == 0
+    assert plain.on(WORDS) == [word(k) for k in (2, 1, 4, 5)]
+
+
+def test_a_step_is_refused_while_it_plays_and_behind_the_last_message(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    peer = peer_of(processes)
+    player = start(processes, write_words(tmp_path / 'a.mcap', 2, apart=200.0, maps=()))
+    player.wait_for_text('begin at')
+    assert step(peer) == (False, 'refused: player is not paused: call ~/pause first')
+    assert paused(peer, True).startswith('paused at')
+    assert step(peer) == (True, '/words at 200.000 s')
+    assert step(peer) == (False, 'refused: end of the log reached')
+    paused(peer, False)
+    assert player.process.wait(60) == 0
+
+
+def test_an_offset_a_duration_and_a_rate_choose_what_comes_and_how_fast(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    peer = peer_of(processes)
+    listener = Listener(peer, (WORDS, STRING))
+    log = write_words(tmp_path / 'words.mcap', 20, apart=0.1)
+    options = '--start-offset', '0.5', '--duration', '0.8', '--rate', '0.5', '--start-paused'
+    player = start(processes, log, *options)
+    begin(player, listener)
+    begun = time.monotonic()
+    paused(peer, False)
+    assert listener.end_of(player) == 0
+    assert listener.on(WORDS) == [word(k) for k in range(5, 13)]
+    # Never faster than asked; how late a message is depends on the machine.
+    assert time.monotonic() - begun >= 0.8 / 0.5
+    assert re.search(r'messages were more than 10 ms late, at most \d+\.\d ms', player.text())
+
+
+def test_a_clock_ticks_through_the_log_and_never_back(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    peer = peer_of(processes)
+    listener = Listener(peer, (CLOCK, 'rosgraph_msgs/msg/Clock'), (WORDS, STRING))
+    log = write_words(tmp_path / 'words.mcap', 11, apart=0.1)
+    # Ticks that are due together are one: far more than are counted below.
+    player = start(processes, log, '--clock', '1000', '--start-paused')
+    begin(player, listener)
+    paused(peer, False)
+    assert listener.end_of(player) == 0
+    ticks = [decode_clock(data) for data in listener.on(CLOCK)]
+    assert ticks == sorted(ticks)
+    assert len(set(ticks)) > 50
+    assert ticks[0] == 10**9
+    assert ticks[-1] <= 2 * 10**9 + 1
+    assert len(listener.on(WORDS)) == 11
+
+
+def test_a_loop_says_that_time_goes_back_and_a_signal_ends_it_with_status_0(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    peer = peer_of(processes)
+    listener = Listener(peer, (WORDS, STRING))
+    log = write_words(tmp_path / 'words.mcap', 4, apart=0.05)
+    player = start(processes, log, '--loop', '--start-paused')
+    begin(player, listener)
+    paused(peer, False)
+    listener.wait_for(WORDS, 9)
+    assert listener.on(WORDS)[:9] == [word(k % 4) for k in range(9)]
+    assert 'loop 1: jumped back from 0.150 s to 0.000 s' in player.text()
+    assert 'loop 2: jumped back' in player.text()
+    assert player.end(signal.SIGTERM) == 0
+
+
+@pytest.mark.parametrize('number', one_fast([signal.SIGINT, signal.SIGTERM]))
+@pytest.mark.parametrize('options', [(), ('--start-paused',)])
+def test_a_signal_before_the_end_has_the_status_of_a_shell(
+    processes: Processes, tmp_path: Path, number: signal.Signals, options: tuple[str, ...]
+) -> None:
+    player = start(processes, write_words(tmp_path / 'words.mcap', 100), *options)
+    player.wait_for_text(' at 0.000 s')
+    assert player.end(number) == 128 + number
+    assert 'published' in player.text()
+    assert 'Traceback' not in player.text()
+
+
+@pytest.mark.parametrize('error', one_fast([NotImplementedError, RecursionError, OverflowError]))
+def test_an_error_of_the_player_itself_is_a_traceback_and_not_called_ros(
+    processes: Processes, tmp_path: Path, error: type[Exception]
+) -> None:
+    log = write_words(tmp_path / 'words.mcap', 2)
+    player = start(processes, log, PlayerSchedule_next_ns=partial(failing, error))
+    assert player.process.wait(60) == 1
+    assert f'{error.__name__}: a bug' in player.text()
+    assert 'ROS:' not in player.text()
+
+
+def test_a_callback_that_fails_ends_the_player(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    from std_srvs.srv import SetBool
+
+    peer = peer_of(processes)
+    log = write_words(tmp_path / 'words.mcap', 200)
+    player = start(processes, log, PlayerSchedule_pause=partial(failing, KeyError))
+    player.wait_for_text('begin at')
+    client = peer.node.create_client(SetBool, '/log_player/pause')
+    peer.wait(client.service_is_ready)
+    client.call_async(SetBool.Request(data=True))
+    peer.wait(lambda: player.process.poll() is not None)
+    assert player.process.returncode == 1
+    assert "KeyError: 'a bug'" in player.text()
+    peer.node.destroy_client(client)
+
+
+def test_a_request_that_rclpy_cannot_answer_does_not_end_the_player(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    from rcl_interfaces.msg import Parameter, ParameterValue
+    from rcl_interfaces.srv import SetParameters
+
+    peer = peer_of(processes)
+    log = write_words(tmp_path / 'words.mcap', 200)
+    player = start(processes, log)
+    player.wait_for_text('begin at')
+    client = peer.node.create_client(SetParameters, '/log_player/set_parameters')
+    peer.wait(client.service_is_ready)
+    unknown = Parameter(name='rate', value=ParameterValue(type=200))
+    client.call_async(SetParameters.Request(parameters=[unknown]))
+    player.wait_for_text('ROS: a request failed: ')
+    assert set_parameter(peer, 'rate', 2.0) == ''
+    peer.node.destroy_client(client)
+    assert player.end(signal.SIGINT) == 128 + signal.SIGINT
+
+
+@pytest.mark.slow
+def test_an_output_that_is_closed_ends_the_player(processes: Processes, tmp_path: Path) -> None:
+    log = write_words(tmp_path / 'words.mcap', 4, apart=0.05)
+    with subprocess.Popen(
+        [sys.executable, *PFD, 'replay', str(log), '--publish', '--loop'],
+        env=environment(processes.domain),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as player:
+        assert player.stdout is not None
+        assert player.stdout.readline().startswith(str(log))
+        player.stdout.close()
+        # As of a process that SIGPIPE ended, in a shell.
+        assert player.wait(60) == 128 + signal.SIGPIPE
+        assert player.stderr is not None
+        assert player.stderr.read() == ''
+
+
+@pytest.mark.slow
+def test_a_terminal_shows_the_position_on_one_line(processes: Processes, tmp_path: Path) -> None:
+    log = write_words(tmp_path / 'words.mcap', 5, apart=0.2)
+    ours, theirs = pty.openpty()
+    player = subprocess.Popen(
+        [sys.executable, *PFD, 'replay', str(log), '--publish'],
+        env=environment(processes.domain),
+        stdout=theirs,
+        stderr=theirs,
+    )
+    os.close(theirs)
+    shown = b''
+    try:
+        # A terminal whose last process has ended raises an error in place of an end.
+        while block := os.read(ours, 4096):
+            shown += block
+    except OSError:
+        pass
+    finally:
+        assert player.wait(60) == 0
+        os.close(ours)
+    text = shown.decode()
+    assert re.search(r'\r\x1b\[K0\.\d{3} s of 0\.800 s, rate 1\r\x1b\[K', text), text
+    assert '\r\x1b[Kpublished 7 messages' in text
+
+
+def test_a_second_publisher_of_a_topic_is_reported(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    from std_msgs.msg import String
+
+    peer = peer_of(processes)
+    other = peer.node.create_publisher(String, WORDS, 1)
+    log = write_words(tmp_path / 'words.mcap', 2, apart=0.01)
+    player = start(processes, log, '--start-paused')
+    player.wait_for_text('Another publisher on /words: stop it, or use --remap')
+    paused(peer, False)
+    assert player.process.wait(60) == 0
+    assert player.text().count('Another publisher') == 1
+    peer.node.destroy_publisher(other)
+
+
+def test_a_log_that_was_cut_off_is_published_up_to_the_cut(
+    processes: Processes, peer_of: PeerOf, tmp_path: Path
+) -> None:
+    rows = states(200, period=0.002)
+    whole = write_mcap(tmp_path / 'whole.mcap', rows, chunk_size=1000)
+    path = tmp_path / 'cut.mcap'
+    path.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    peer = peer_of(processes)
+    listener = Listener(peer, (STATES, JOINT_STATE))
+    player = start(processes, path, '--start-paused')
+    begin(player, listener)
+    paused(peer, False)
+    assert listener.end_of(player) == 0
+    assert 'the log was cut off' in player.text()
+    came = listener.on(STATES)
+    assert 0 < len(came) < 200
+    assert came == [row.data for row in rows[: len(came)]]
+
+
+@pytest.mark.parametrize(
+    ('name', 'options', 'line'),
+    [
+        ('empty.mcap', (), 'is empty (0 bytes)'),
+        ('text.mcap', (), 'is a text'),
+        ('damaged.mcap', (), 'damaged.mcap is damaged'),
+        ('words.mcap', ('--topics', '/nix'), "has no topic ['/nix']"),
+        ('words.mcap', ('--start-offset', '9'), 'start offset 9 s'),
+        ('words.mcap', ('--remap', '/words:=/a b'), '--remap /words: Invalid topic name'),
+        ('words.mcap', ('--loop', '--duration', '1e-6'), 'a loop over 1e-06 s'),
+    ],
+)
+def test_a_log_that_cannot_be_published_is_one_line_and_status_1(
+    tmp_path: Path,
+    name: str,
+    options: tuple[str, ...],
+    line: str,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    whole = write_words(tmp_path / 'words.mcap', 3, maps=())
+    damaged = bytearray(whole.read_bytes())
+    damaged[len(damaged) // 4] ^= 1
+    (tmp_path / 'empty.mcap').write_bytes(b'')
+    (tmp_path / 'text.mcap').write_bytes(b'certainly no log')
+    (tmp_path / 'damaged.mcap').write_bytes(damaged)
+    with claimed_domain():
+        assert pfd_main(['replay', str(tmp_path / name), '--publish', *options]) == 1
+    (error,) = capfd.readouterr().err.splitlines()
+    assert error.startswith('pfd replay: ')
+    assert line in error
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        ('--verify',),
+        ('--rate', '0'),
+        ('--rate', 'nan'),
+        ('--clock', '1e9'),
+        ('--start-offset', '-1'),
+        ('--duration', '0'),
+        ('--remap', 'a'),
+    ],
+)
+def test_options_that_make_no_sense_have_status_2(
+    tmp_path: Path, options: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        raise SystemExit(pfd_main(['replay', str(tmp_path / 'a.mcap'), '--publish', *options]))
+    assert end.value.code == 2
+    assert options[0] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('name', ['panda_exciting_trajectory', 'ur10_exciting_trajectory'])
+def test_a_log_of_a_real_arm_comes_bit_for_bit(
+    processes: Processes, peer_of: PeerOf, real_arms: Path, name: str
+) -> None:
+    peer = peer_of(processes)
+    listener = Listener(peer, (STATES, JOINT_STATE))
+    player = start(processes, real_arms / name, '--rate', '10', '--start-paused')
+    begin(player, listener)
+    paused(peer, False)
+    assert listener.end_of(player) == 0, player.text()
+    with rosbag2.Reader(real_arms / name) as reader:
+        assert listener.on(STATES) == [bytes(data) for _, _, data in reader.messages()]

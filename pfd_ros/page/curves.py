@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 import zlib
@@ -15,6 +16,7 @@ import numpy as np
 import pfd_core as pfd
 from pfd_ros.arm.events import (
     ARRAY,
+    DIAGNOSTICS,
     ENERGY,
     NAMED,
     PAYLOAD_IN_USE,
@@ -22,7 +24,7 @@ from pfd_ros.arm.events import (
 )
 from pfd_ros.arm.plant import INPUT, scene_of
 from pfd_ros.arm.plant_settings import payload_from
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import SIMULATED, Settings
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.page.recorded import Array, Joints, Recorded
@@ -33,6 +35,12 @@ from pfd_ros.text import cut, one_line
 MOST_COLUMNS, MOST_POINTS = 64, 20_000
 # Larger numbers are drawn there: float32 ends.
 LARGEST = 3e38
+# Numbers of the node's diagnostics: title, task and keys.
+DIAGNOSTIC_PLOTS = (
+    ('time of a step [us]', 'stepping', ('step_p50_us', 'step_p99_us', 'step_max_us')),
+    ('real-time factor', 'stepping', ('real_time_factor',)),
+    ('share of the recording queue', 'recording', ('waiting_share',)),
+)
 ENERGIES = ('kinetic', 'potential', 'total')
 
 
@@ -106,7 +114,7 @@ def plots_of(run: Recorded, references: Sequence[Reference] = ()) -> Iterator[Pl
                     breaks=joints.gaps,
                     references=kinds,
                 )
-    others = [*_energy(run), *_of_topics(run)]
+    others = [*_energy(run), *_periods(run), *_of_topics(run), *_of_diagnostics(run)]
     yield from sorted(others, key=lambda plot: not plot.title.startswith('commanded'))
 
 
@@ -192,6 +200,34 @@ def _energy(run: Recorded) -> Iterator[Plot]:
     values[:, 2] = values[:, :2].sum(axis=1)
     source = 'computed from the recorded states'
     yield Plot('energy [J]', source, ENERGIES, joints.time, values, False, breaks=joints.gaps)
+
+
+def _periods(run: Recorded) -> Iterator[Plot]:
+    """Yield the wall-clock time between states, where log times are those of the wall clock."""
+    states = run.read(run.topic)
+    wall = run.settings.get('recording_time') != SIMULATED and len(run.joints) == 1
+    if states is not None and len(states) > 1 and wall:
+        values, source = 1e-6 * np.diff(states.log_ns)[:, np.newaxis], 'log times of states'
+        yield Plot('period [ms]', source, ('period',), run.joints[0].time[1:], values, False)
+
+
+def _of_diagnostics(run: Recorded) -> Iterator[Plot]:
+    """Yield numbers of the diagnostics of the node."""
+    found = run.of_role(DIAGNOSTICS)
+    if found is None or found.arrays['status.values.key'].ndim != 3:
+        return
+    names, keys, texts = (
+        found.arrays[f'status.{x}'] for x in ('name', 'values.key', 'values.value')
+    )
+    for title, task, wanted in DIAGNOSTIC_PLOTS:
+        values = np.full((len(found), len(wanted)), np.nan)
+        for k, j in np.argwhere(np.char.endswith(names.astype(str), f': {task}')):
+            row = dict(zip(keys[k, j].tolist(), texts[k, j].tolist(), strict=True))
+            for column, key in enumerate(wanted):
+                with suppress(ValueError, KeyError):
+                    values[k, column] = float(row[key])
+        if np.isfinite(values).any():
+            yield Plot(title, run.topics[DIAGNOSTICS], wanted, run.times(found), values, False)
 
 
 def _payloads(run: Recorded) -> list[tuple[float, pfd.Payload | None]]:

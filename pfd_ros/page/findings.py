@@ -136,11 +136,11 @@ def _rejected(run: Recorded) -> Iterator[Finding]:
             yield Finding('rejected input', BAD, '', text, spans)
 
 
-def accepted_commands(run: Recorded) -> Array:
-    """Return the times of accepted commands [s], sorted."""
+def _commands(run: Recorded, *, accepted: bool) -> Array:
+    """Return the times of commands [s], sorted: of all, or of those that were accepted."""
     rejected, found = run.of_role(REJECTED), [np.empty(0)]
     refused: dict[str, list[int]] = {}
-    if rejected is not None and rejected.cycle is not None:
+    if accepted and rejected is not None and rejected.cycle is not None:
         for text, cycle in zip(rejected.data, rejected.cycle.tolist(), strict=True):
             refused.setdefault(str(text).partition(' ')[0], []).append(cycle)
     for role in (NAMED, ARRAY):
@@ -153,14 +153,15 @@ def accepted_commands(run: Recorded) -> Array:
 
 def commands_end(run: Recorded) -> float | None:
     """Return when the controller of an arm with a watchdog ended [s], None if it did not."""
-    times, timeout = accepted_commands(run), float(run.settings.get('command_timeout') or 0.0)
+    times = _commands(run, accepted=False)
+    timeout = float(run.settings.get('command_timeout') or 0.0)
     ended = timeout and len(times) and run.span[1] - times[-1] > max(SILENCE, timeout)
     return float(times[-1]) if ended else None
 
 
 def _watchdog(run: Recorded) -> Iterator[Finding]:
     limit = float(run.settings['command_timeout'])
-    sent = np.append(accepted_commands(run), run.span[1])
+    sent = np.append(_commands(run, accepted=True), run.span[1])
     late = np.flatnonzero(np.diff(sent) > limit)
     if len(late):
         text = f'no command for command_timeout {limit:g} s: {run.settings.get("on_timeout", "")}'
@@ -176,12 +177,12 @@ def _totals(run: Recorded) -> dict[str, Any]:
 def _failure(run: Recorded) -> Iterator[Finding]:
     """The end record: why the simulation stopped, and a reflex that refused no command."""
     totals, end = _totals(run), _at(np.array([run.span[1]]))
-    for kind, text in (('failure', totals.get('failure')), ('reflex', totals.get('reflex'))):
-        if text:
-            what = (
-                'the simulation stopped' if kind == 'failure' else 'all joints braked at the end'
-            )
-            yield Finding(kind, BAD, '', one_line(f'{what}: {text}', TEXT_LENGTH), end)
+    if totals.get('failure'):
+        text = f'the simulation stopped: {totals["failure"]}'
+        yield Finding('failure', BAD, '', one_line(text, TEXT_LENGTH), end)
+    if totals.get('reflex') and all(x.kind != 'reflex' for x in _rejected(run)):
+        text = f'all joints braked at the end: {totals["reflex"]}'
+        yield Finding('reflex', BAD, '', one_line(text, TEXT_LENGTH), end)
 
 
 def _diagnostics(run: Recorded) -> Iterator[Finding]:
@@ -245,7 +246,7 @@ def find(run: Recorded) -> tuple[list[Finding], list[str], dict[str, str]]:
     lacking = {name: why for name, (_, impossible) in CHECKS.items() if (why := impossible(run))}
     made = [name for name in CHECKS if name not in lacking]
     found = [each for name in made for each in CHECKS[name][0](run)]
-    last, end = accepted_commands(run)[-1:], commands_end(run)
+    last, end = _commands(run, accepted=False)[-1:], commands_end(run)
     if len(last) and run.span[1] - last[0] > SILENCE:
         text = f'the last command: none in the {run.span[1] - last[0]:.3g} s that follow'
         found.append(Finding('event', NOTE, '', text, _at(last)))

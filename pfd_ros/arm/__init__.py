@@ -18,8 +18,9 @@
     actuators       from commands to the efforts that act: servos, limits of the motors, reflex
     noise           random numbers as a function of seed, channel and cycle
     sensors         true state -> measured state, published as joint_states
+    refusals        what is recorded of refused inputs, and counts of floods
     frames          the frames of a URDF's links, for /tf of a recording
-    outputs         further outputs: model, tip, energy, true state
+    outputs         the messages of a cycle: state, clock, frames, model, tip, energy
     engine          events in, one cycle, messages out: the only mutator of the state
     advice          joints beyond their velocity limits, and the largest stable gains
 

@@ -26,37 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm import actuators, commands, other_inputs, wrench
+from pfd_ros.arm import actuators, commands, events, other_inputs, refusals, wrench
 from pfd_ros.arm.actuators import Actuators
-from pfd_ros.arm.events import (
-    ACCEPTED,
-    ALL,
-    ALL_NAN,
-    ANSWERS,
-    ARRAY,
-    CLOCK,
-    CLOCK_TICKS,
-    COMMANDS,
-    INACTIVE,
-    INPUTS,
-    MOVING,
-    NAMED,
-    OPTIONAL,
-    PARAMETERS,
-    PAYLOAD,
-    PAYLOAD_IN_USE,
-    REJECTED,
-    REJECTED_COUNTS,
-    REQUESTS,
-    SET_STATE,
-    STATES,
-    TF,
-    TIP_WRENCH,
-    WRENCH,
-    Message,
-    Verdict,
-    malformed,
-)
+from pfd_ros.arm.events import ACCEPTED, ALL, COMMANDS, INACTIVE, MOVING, Message, Verdict
 from pfd_ros.arm.link import Link, stop
 from pfd_ros.arm.outputs import Outputs
 from pfd_ros.arm.plant import Plant, Plants, in_model_order
@@ -65,10 +37,6 @@ from pfd_ros.arm.sensors import Sensors
 from pfd_ros.arm.settings import Settings, check_joint_counts, check_servo, joint_order
 from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, State
 from pfd_ros.messages.cdr import NANOSECONDS
-from pfd_ros.messages.joints import JointEncoder
-from pfd_ros.messages.numbers import encode_clock, encode_numbers
-from pfd_ros.messages.text_and_arrays import encode_string
-from pfd_ros.messages.types import INERTIA
 from pfd_ros.text import cut
 
 if TYPE_CHECKING:
@@ -77,20 +45,17 @@ if TYPE_CHECKING:
 # What a rule returns: a verdict, or a function of the engine and the arguments of its call.
 Ruling: TypeAlias = Verdict | tuple[Callable[..., tuple[Verdict, ...] | None], tuple[Any, ...]]
 RULES: dict[str, Callable[[Engine, bytes], Ruling]] = {
-    NAMED: commands.named,
-    ARRAY: commands.array,
-    SET_STATE: other_inputs.set_state,
-    REQUESTS: other_inputs.request,
-    PARAMETERS: other_inputs.parameters,
-    WRENCH: wrench.rule,
-    PAYLOAD: other_inputs.payload,
-    CLOCK_TICKS: other_inputs.tick,
+    events.NAMED: commands.named,
+    events.ARRAY: commands.array,
+    events.SET_STATE: other_inputs.set_state,
+    events.REQUESTS: other_inputs.request,
+    events.PARAMETERS: other_inputs.parameters,
+    events.WRENCH: wrench.rule,
+    events.PAYLOAD: other_inputs.payload,
+    events.CLOCK_TICKS: other_inputs.tick,
 }
 # No message that means something is longer.
 LARGEST = 1 << 16
-# What is refused is recorded up to so many bytes of a role and label in a simulated second, and
-# counted beyond that: a flood must not fill the disk. A message has some bytes of overhead.
-REFUSED_BYTES, OVERHEAD = 1 << 16, 100
 # The largest time of a stamp, ns: its seconds have 31 bits.
 LAST_NS = (1 << 31) * NANOSECONDS - 1
 # Settings that may differ between the run that saved a state and the run that continues from it.
@@ -169,13 +134,8 @@ class Engine:
         )
         self.lockstep, self._step_ns = settings.lockstep, settings.step_ns
         self._follows = settings.follows_clock
-        self._encoder = JointEncoder(self.names, settings.frame_id, self.locked)
-        self._inputs = self.roles.intersection(INPUTS)
+        self._inputs = self.roles.intersection(events.INPUTS)
         self._every, self._delay = settings.publish_every, settings.state_delay_steps
-        clock = settings.publish_clock and CLOCK in self.roles
-        self._clock_every = settings.clock_every if clock else 0
-        tf = frames is not None and TF in frames.roles and TF in self.roles
-        self._tf_every = frames.every if tf and frames is not None else 0
         self._second = max(1, round(1.0 / settings.step_size))
         waits = settings.lockstep and settings.wait_for_controller
         count, none = robot.n, np.full(robot.n, np.nan)
@@ -197,6 +157,7 @@ class Engine:
             commanded=waits,
         )
         self.state.rows[0, 0] = self.start
+        self.outputs = Outputs(self, frames)
         self._derive_all(plant)
 
     def _derive_all(self, plant: Plant) -> None:
@@ -212,10 +173,7 @@ class Engine:
         self._exact = sensors.exact and isinstance(self.all_joints, slice)
         self._watched, self._wrenched = not self.link.idle, plant.scene.external_wrench
         self._tells = plant.payload != state.told
-        enabled = {*state.settings.outputs, *(TIP_WRENCH,) * self._wrenched}
-        further = [role for role in OPTIONAL if role in enabled and role in self.roles]
-        self._further = Outputs(self, further) if further else None
-        self._shows = bool(further) or STATES in self.roles
+        self.outputs.bind()
         self._bind()
 
     def _bind(self) -> None:
@@ -270,10 +228,11 @@ class Engine:
 
     def measured(self) -> NDArray[Any]:
         """Return measured positions, velocities and efforts, (3, n), published order."""
-        found: NDArray[Any] = self._measured().copy()
+        found: NDArray[Any] = self.shown().copy()
         return found
 
-    def _measured(self) -> NDArray[Any]:
+    def shown(self) -> NDArray[Any]:
+        """Return the same, which may be a row that is overwritten."""
         state = self.state
         row: NDArray[Any] = state.rows[state.now]
         if self._exact:
@@ -356,19 +315,20 @@ class Engine:
             except MemoryError:
                 raise
             except Exception as error:  # a rule has changed nothing
-                ruling = malformed(error)
+                ruling = events.malformed(error)
         if isinstance(ruling, Verdict):
             verdict = ruling
         else:
             change, arguments = ruling
             remarks = change(self, *arguments)
             verdict = self._remarked(role, remarks) if remarks else ACCEPTED
-        if self.lockstep and role in COMMANDS and verdict.label in ANSWERS:
+        if self.lockstep and role in COMMANDS and verdict.label in events.ANSWERS:
             state.commanded |= verdict.accepted
             state.waits = False
         if not verdict.accepted:
-            event = Message(role, data, state.cycle + 1)
-            self._add_refused(messages, event, verdict, state.waits != waited)
+            event, changed = Message(role, data, state.cycle + 1), state.waits != waited
+            found = refusals.refusal(state, event, verdict, changed=changed)
+            messages += [m for m in found if m.role in self.roles]
         elif role in self._inputs:
             messages.append(Message(role, data, state.cycle + 1))
         return verdict
@@ -380,23 +340,6 @@ class Engine:
             kind = f'{role} {remark.label}'
             noted[kind] = noted.get(kind, 0) + 1
         return Verdict(ACCEPTED.label, '; '.join(remark.detail for remark in remarks), remarks)
-
-    def _add_refused(
-        self, messages: list[Message], event: Message, verdict: Verdict, changed: bool
-    ) -> None:
-        """Add an event and its rejection; floods that change nothing are counted."""
-        state, kind = self.state, f'{event.role} {verdict.label}'
-        used, more = state.refused.get(kind, (0, 0))
-        if used > REFUSED_BYTES and not changed:
-            state.refused[kind] = used, more + 1
-            return
-        state.refused[kind] = used + len(event.data) + OVERHEAD, more
-        if event.role in self._inputs:
-            messages.append(event)
-        if REJECTED in self.roles and verdict.label != ALL_NAN.label:
-            # The first line is verified; the rest has words of libraries, which change.
-            rejection = encode_string(f'{kind}\n{verdict.detail}')
-            messages.append(Message(REJECTED, rejection, event.cycle))
 
     def _cycle(self, state: State) -> None:
         state.cycle += 1
@@ -475,37 +418,22 @@ class Engine:
         self.note_inputs()
 
     def _add_outputs(self, state: State, messages: list[Message]) -> None:
-        cycle = state.cycle
-        if state.refused and cycle % self._second == 0:
-            messages.extend(self.counts())
+        outputs = self.outputs
+        if state.refused and state.cycle % self._second == 0:
+            messages += self.counts()
         if self._tells and not state.failure:
             state.told, self._tells = self.plant.payload, False
-            if PAYLOAD_IN_USE in self.roles:
-                numbers = state.told or (0.0,) * 10
-                data = encode_numbers(INERTIA, self.stamp_ns, self.robot.tip, numbers)
-                messages.append(Message(PAYLOAD_IN_USE, data, cycle))
-        if cycle % self._every == 0:
-            shown = self.sensors is None or not self.sensors.drops(state)
-            if self._shows:
-                self._show(messages, shown)
-            if shown and self.lockstep:
+            outputs.add_payload(messages)
+        if state.cycle % self._every == 0:
+            published = self.sensors is None or not self.sensors.drops(state)
+            if outputs.shows:
+                outputs.add_state(messages, published=published)
+            if published and self.lockstep:
                 state.waits = state.commanded
-        if self._clock_every and cycle % self._clock_every == 0:
-            messages.append(Message(CLOCK, encode_clock(self.stamp_ns), cycle))
-        if self._tf_every and cycle % self._tf_every == 0 and self.frames is not None:
-            data = self.frames.encode(self.stamp_ns, state.rows[state.now, 0])
-            messages.append(Message(TF, data, cycle))
+        if outputs.ticks:
+            outputs.add_clock(messages)
         if state.waits:
             state.since_ns = state.origin_ns + state.step * self._step_ns
-
-    def _show(self, messages: list[Message], shown: bool = True) -> None:
-        """Add the state of this cycle, if it is shown at all, and its further outputs."""
-        cycle = self.state.cycle
-        if shown and STATES in self.roles:
-            data = self._encoder.encode(self.stamp_ns, self._measured())
-            messages.append(Message(STATES, data, cycle))
-        if self._further is not None:
-            messages.extend(Message(role, x, cycle) for role, x in self._further.messages())
 
     def present(self) -> list[Message]:
         """Return the state, its other outputs and the tick again, for readers that missed them.
@@ -513,9 +441,8 @@ class Engine:
         They are not part of the run: no cycle, and nothing to record.
         """
         messages: list[Message] = []
-        self._show(messages)
-        if self._clock_every:
-            messages.append(Message(CLOCK, encode_clock(self.stamp_ns), self.state.cycle))
+        self.outputs.add_state(messages, published=True)
+        self.outputs.add_clock(messages, again=True)
         return messages
 
     def counts(self) -> list[Message]:
@@ -523,10 +450,4 @@ class Engine:
 
         The counts begin anew.
         """
-        found = [
-            Message(REJECTED_COUNTS, encode_string(f'{kind}\n{more} more in this second'))
-            for kind, (_, more) in self.state.refused.items()
-            if more and REJECTED_COUNTS in self.roles
-        ]
-        self.state.refused.clear()
-        return found
+        return [m for m in refusals.counts(self.state) if m.role in self.roles]

@@ -1,8 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Outputs in addition to joint_states: quantities of the model, of the tip, and the true state.
+"""The outputs of a cycle: the measured state, the clock, quantities of the model and of the tip.
 
-All outputs describe the true state of the cycle, not the measured one. With the joints in
+Those in addition to joint_states, the clock and the frames of the links describe the true state
+of the cycle, not the measured one. With the joints in
 published order, H qdd + b = tau + tau_ext, where b are the bias_torques, tau_ext the
 external_torques, and
 
@@ -22,7 +23,7 @@ Kernels are compiled before the first step.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -30,15 +31,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.events import ACCELERATION, ENERGY, ROLES, TIP_WRENCH, TRUE_STATES
+from pfd_ros.arm.events import (
+    ACCELERATION,
+    CLOCK,
+    ENERGY,
+    OPTIONAL,
+    PAYLOAD_IN_USE,
+    ROLES,
+    STATES,
+    TF,
+    TIP_WRENCH,
+    TRUE_STATES,
+    Message,
+)
 from pfd_ros.arm.state import ACTED
 from pfd_ros.messages.joints import JointEncoder
-from pfd_ros.messages.numbers import NumbersEncoder
+from pfd_ros.messages.numbers import NumbersEncoder, encode_clock, encode_numbers
 from pfd_ros.messages.text_and_arrays import ArrayEncoder
-from pfd_ros.messages.types import JOINT_STATE, POSE, WRENCH
+from pfd_ros.messages.types import INERTIA, JOINT_STATE, POSE, WRENCH
 
 if TYPE_CHECKING:
     from pfd_ros.arm.engine import Engine
+    from pfd_ros.arm.frames import LinkFrames
 
 TWIST_AXES = ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')
 ENERGIES = ('kinetic', 'potential', 'power')
@@ -48,28 +62,79 @@ Writer = Callable[[int], bytes]
 
 
 class Outputs:
-    """Writes some outputs of an arm, whose plant is as it is now.
+    """Writes the outputs of an arm that anybody needs.
 
     Parameters
     ----------
     engine
         The engine of the arm.
-    roles
-        The outputs, in their order.
+    frames
+        The frames of its links, for recordings; None for none.
     """
 
-    def __init__(self, engine: Engine, roles: Iterable[str]) -> None:
-        self.engine = engine
+    def __init__(self, engine: Engine, frames: LinkFrames | None) -> None:
+        settings, roles = engine.state.first, engine.roles
+        self.engine, self.frames = engine, frames
+        self.states = STATES in roles
+        self._encoder = JointEncoder(engine.names, settings.frame_id, engine.locked)
+        clock = settings.publish_clock and CLOCK in roles
+        self._clock_every = settings.clock_every if clock else 0
+        tf = frames is not None and TF in frames.roles and TF in roles
+        self._tf_every = frames.every if tf and frames is not None else 0
+        # Whether some cycles have a tick or frames.
+        self.ticks = bool(self._clock_every or self._tf_every)
         # In model order, as kernels are bound to them.
-        self.q, self.qd, self.tau = self._row = np.zeros((3, engine.robot.n))
+        self.q, self.qd, self.tau = self.row = np.zeros((3, engine.robot.n))
         self.wrench = np.zeros(6)
-        self._writers = [(role, _WRITERS.get(role, _quantity)(self, role)) for role in roles]
 
-    def messages(self) -> list[tuple[str, bytes]]:
-        """Return the messages about the state as it is now, by role."""
-        state, stamp_ns = self.engine.state, self.engine.stamp_ns
-        self._row[:], self.wrench[:] = state.rows[state.now], state.wrench[ACTED]
-        return [(role, write(stamp_ns)) for role, write in self._writers]
+    def bind(self) -> None:
+        """Bind kernels to the plant of the arm, which is another one now."""
+        engine = self.engine
+        enabled = {*engine.state.settings.outputs}
+        if engine.plant.scene.external_wrench:
+            enabled.add(TIP_WRENCH)
+        self._writers = [
+            (role, _WRITERS.get(role, _quantity)(self, role))
+            for role in OPTIONAL
+            if role in enabled and role in engine.roles
+        ]
+        # Whether a cycle with a state has any message.
+        self.shows = self.states or bool(self._writers)
+
+    def add_payload(self, messages: list[Message]) -> None:
+        """Add the message about the payload, which acts for the first time in this cycle."""
+        engine = self.engine
+        if PAYLOAD_IN_USE in engine.roles:
+            numbers = engine.plant.payload or (0.0,) * 10
+            data = encode_numbers(INERTIA, engine.stamp_ns, engine.robot.tip, numbers)
+            messages.append(Message(PAYLOAD_IN_USE, data, engine.state.cycle))
+
+    def add_state(self, messages: list[Message], *, published: bool) -> None:
+        """Add the state of this cycle, if it is published, and what is told beside it."""
+        engine, state = self.engine, self.engine.state
+        stamp_ns = engine.stamp_ns
+        if published and self.states:
+            data = self._encoder.encode(stamp_ns, engine.shown())
+            messages.append(Message(STATES, data, state.cycle))
+        if self._writers:
+            self.row[:], self.wrench[:] = state.rows[state.now], state.wrench[ACTED]
+            for role, write in self._writers:
+                messages.append(Message(role, write(stamp_ns), state.cycle))
+
+    def add_clock(self, messages: list[Message], *, again: bool = False) -> None:
+        """Add the tick and the frames of this cycle; with `again` the tick alone, at any cycle."""
+        cycle, every = self.engine.state.cycle, self._clock_every
+        if every and (again or cycle % every == 0):
+            messages.append(Message(CLOCK, encode_clock(self.engine.stamp_ns), cycle))
+        if (
+            self._tf_every
+            and self.frames is not None
+            and not again
+            and cycle % self._tf_every == 0
+        ):
+            state = self.engine.state
+            data = self.frames.encode(self.engine.stamp_ns, state.rows[state.now, 0])
+            messages.append(Message(TF, data, cycle))
 
     def bound(self, role: str) -> Values:
         """Return a function without arguments that evaluates the kernel of an output."""
@@ -88,7 +153,7 @@ class Outputs:
 def _true_states(given: Outputs, role: str) -> Writer:
     engine, settings = given.engine, given.engine.state.first
     encoder = JointEncoder(engine.names, settings.frame_id, settings.published_locks)
-    return lambda stamp_ns: encoder.encode(stamp_ns, given._row[:, engine.order])
+    return lambda stamp_ns: encoder.encode(stamp_ns, given.row[:, engine.order])
 
 
 def _acceleration(given: Outputs, role: str) -> Writer:

@@ -26,118 +26,79 @@ ACTED, NEXT = range(2)
 
 @dataclass
 class State:
-    """The state of an arm: a copy of it, restored, continues with the same bits.
+    """The state of an arm: a copy of it, restored, continues with the same bits."""
 
-    Attributes
-    ----------
-    robot
-        Digest of the robot.
-    first, settings
-        The settings at the start, with 'auto' resolved, and now.
-    simulation, motors
-        The states of the simulator and of the motors' counters, which native code advances.
-    acting
-        What reaches the actuators, (4, n), see EFFORT; native code reads it where it is.
-    newest
-        The same after the newest command; the same array unless commands are delayed.
-    rows
-        Positions, velocities and efforts after the last steps, (delay + 2, 3, n), a ring: delay
-        of the state, and one row for a step that is not finite. Rows are overwritten.
-    now
-        The row of the last finite state; the effort of a braked joint is 0.
-    age
-        How many rows before it a delayed sensor may show.
-    wrench
-        On the last link, in its axes and about its origin, (2, 6) in N and N m, see ACTED.
-    wrench_left
-        Steps for which the next wrench acts, None without end.
-    cycle
-        Number of the last cycle, 0 before the first; cycles never restart.
-    epoch
-        Cycle of the start or the last reset, from which noise counts.
-    origin_ns, step
-        Simulated time of step 0, ns, and the steps that ended in a finite state; the step is the
-        cycle unless the arm has failed.
-    since_ns
-        Simulated time before which stamped commands are stale: of the start, the last reset or
-        jump, or the state that a command in lockstep must answer.
-    reset_ns
-        Simulated time of the start or the last reset, before which wrenches are stale.
-    failure, failures
-        Why the simulation stopped, '' while it runs, and how often it has.
-    active
-        Whether there are cycles at all; an inactive arm is braked and refuses commands.
-    paused, left
-        Whether only requested steps run, and how many of them are left.
-    waits, commanded
-        In lockstep: whether the last published state has no answer yet, and whether states wait
-        for one, from the first command on.
-    until_ns
-        Time of the newest tick of a followed clock, ns; None before the first one.
-    jump
-        The positions and velocities in which the next step ends, (2, n); None for a usual step.
-    line
-        Delayed commands: the cycle in which each acts, and `newest` as it was then.
-    heard
-        Cycle of the newest command that acted, None if nothing has since the last stop.
-    silenced
-        Whether the watchdog was the last that stopped the arm.
-    timeouts
-        How often the watchdog has acted.
-    sent, lost
-        Commands since the start or the last reset, which chance counts by; commands that chance
-        has lost in all.
-    period, touched
-        The cycle of the newest command, and the joints that commands named for it.
-    tripped, trips
-        Why a reflex has braked all joints, '' if none has, and how often one has.
-    told
-        The payload of the last message about it (mass, centre, inertia), () for none.
-    refused
-        What was refused in this simulated second, by role and label: bytes recorded, and inputs
-        that were only counted.
-    noted
-        How many inputs were accepted with each remark, by role and label.
-    """
-
+    # Digest of the robot.
     robot: str
+    # The settings at the start, with 'auto' resolved, and now.
     first: Settings
     settings: Settings
+    # Of the simulator, and of the motors: native code advances both.
     simulation: pfd.SimulationState
     motors: pfd.MotorState
+    # What reaches the actuators, (4, n), see EFFORT; native code reads it where it is.
     acting: NDArray[Any]
+    # The same after the newest command; the same array unless commands are delayed.
     newest: NDArray[Any]
+    # Positions, velocities and efforts after the last steps, (delay + 2, 3, n), a ring: the delay
+    # of the state, and one row for a step that is not finite. Rows are overwritten.
     rows: NDArray[Any]
+    # Simulated time of step 0, ns.
     origin_ns: int
+    # Stamps of commands before this time are stale: of the start, the last reset or jump, or the
+    # state that a command in lockstep must answer.
     since_ns: int
+    # And those of wrenches: of the start or the last reset.
     reset_ns: int
+    # Whether there are cycles at all; an inactive arm is braked and refuses commands.
     active: bool = True
+    # In lockstep: whether the last published state has no answer yet, and whether states wait for
+    # one, from the first command on.
     waits: bool = False
     commanded: bool = False
+    # On the last link, in its axes and about its origin, (2, 6) in N and N m, see ACTED; and the
+    # steps for which the next one acts, None without end.
     wrench: NDArray[Any] = field(default_factory=lambda: np.zeros((2, 6)))
     wrench_left: int | None = None
+    # The row of the last finite state, and how many rows before it a delayed sensor may show.
     now: int = 0
     age: int = 0
+    # Number of the last cycle; cycles never restart. Noise counts from the cycle `epoch`, of the
+    # start or the last reset.
     cycle: int = 0
     epoch: int = 0
+    # Steps that ended in a finite state: the cycle, unless the arm has failed.
     step: int = 0
+    # Why the simulation stopped, '' while it runs, and how often it has.
     failure: str = ''
     failures: int = 0
+    # Whether only requested steps run, and how many of them are left.
     paused: bool = False
     left: int = 0
+    # Time of the newest tick of a followed clock, ns; None before the first one.
     until_ns: int | None = None
+    # The positions and velocities in which the next step ends, (2, n); None for a usual step.
     jump: NDArray[Any] | None = None
+    # Delayed commands: the cycle in which each acts, and `newest` as it was then.
     line: list[tuple[int, NDArray[Any]]] = field(default_factory=list)
+    # Cycle of the newest command that acted, None if nothing has since the last stop; whether the
+    # watchdog was what stopped the arm last, and how often it has acted.
     heard: int | None = None
     silenced: bool = False
     timeouts: int = 0
+    # Commands since the start or the last reset, which chance counts by; those it has lost.
     sent: int = 0
     lost: int = 0
+    # The cycle of the newest command, and the joints that commands named for it.
     period: int = 0
     touched: Any = ()
+    # Why a reflex has braked all joints, '' if none has, and how often one has.
     tripped: str = ''
     trips: int = 0
+    # The payload of the last message about it (mass, centre, inertia), () for none.
     told: tuple[float, ...] = ()
+    # By role and label: what was refused in this simulated second, in bytes recorded, and in
+    # inputs that were only counted; and how many inputs were accepted with a remark.
     refused: dict[str, tuple[int, int]] = field(default_factory=dict)
     noted: dict[str, int] = field(default_factory=dict)
 

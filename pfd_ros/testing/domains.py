@@ -1,20 +1,23 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS domain that no other process of this kind uses: one lock file for each domain.
+"""A ROS domain that no other process of this kind uses, and rclpy in it for a test.
 
-The kernel releases a lock when its process ends. Domains above 101 would need
-ports of the range that the system gives to outgoing connections.
+A claim is an abstract Unix socket with the number of the domain, which the kernel releases when
+its process ends: the claims of one network namespace see each other, as its nodes do. Domains
+above 101 would need ports of the range that the system gives to outgoing connections.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager, suppress
-import fcntl
+from contextlib import closing, contextmanager
+import errno
+import importlib
 import os
 from pathlib import Path
 import socket
-import tempfile
+from typing import Any
+import warnings
 
 FIRST, LAST = 1, 101
 # Port of the discovery of a domain's first participant (DDSI-RTPS 2.3, 9.6.1).
@@ -24,14 +27,8 @@ MIDDLEWARE = ('ROS_', 'RMW_', 'FASTRTPS_', 'FASTDDS_', 'CYCLONEDDS_', 'ZENOH_')
 # Variables of those names that say where the installation is and how it logs and checks.
 HARMLESS = frozenset(
     {
-        'ROS_DISTRO',
-        'ROS_VERSION',
-        'ROS_PYTHON_VERSION',
-        'ROS_PYTHON_CHECK_FIELDS',
-        'ROS_ETC_DIR',
-        'ROS_HOME',
-        'ROS_LOG_DIR',
-        'RMW_IMPLEMENTATION',
+        *('ROS_DISTRO', 'ROS_VERSION', 'ROS_PYTHON_VERSION', 'ROS_PYTHON_CHECK_FIELDS'),
+        *('ROS_ETC_DIR', 'ROS_HOME', 'ROS_LOG_DIR', 'RMW_IMPLEMENTATION'),
     }
 )
 # Of a process that uses UDP on this host, and no shared memory; see the profile why.
@@ -42,6 +39,8 @@ LOOPBACK = {
 # Values of RMW_IMPLEMENTATION for which that profile holds; '' is the default of ROS 2.
 FAST_DDS = frozenset({'', 'rmw_fastrtps_cpp', 'rmw_fastrtps_dynamic_cpp'})
 PROFILES = frozenset({'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'})
+# The last one otherwise comes with a user's first publisher.
+MODULES = ('rclpy', 'rclpy.signals', 'rosidl_generator_py')
 
 
 def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
@@ -70,11 +69,8 @@ def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
 def environment_to_kill(inherited: Mapping[str, str]) -> dict[str, str]:
     """Return the environment of a process that may be killed while it publishes to this one.
 
-    Parameters
-    ----------
-    inherited
-        The environment of this process. It is unchanged for middleware other than Fast DDS, for
-        a range other than this host, and with a profile of the user.
+    It is the inherited one for middleware other than Fast DDS, for a range other than this host,
+    and with a profile of the user.
     """
     here = inherited.get('ROS_AUTOMATIC_DISCOVERY_RANGE') == 'LOCALHOST'
     fast_dds = inherited.get('RMW_IMPLEMENTATION', '') in FAST_DDS
@@ -83,17 +79,13 @@ def environment_to_kill(inherited: Mapping[str, str]) -> dict[str, str]:
 
 
 @contextmanager
-def own_domain(
-    folder: Path | None = None, start: int | None = None, avoided: str = ''
-) -> Iterator[int]:
+def own_domain(start: int | None = None, avoided: str = '') -> Iterator[int]:
     """Claim a domain in a context.
 
     A domain in which a participant already runs, such as the user's own nodes, is skipped.
 
     Parameters
     ----------
-    folder
-        Of the lock files; default: the one for temporary files.
     start
         Where the search starts, any number; default: the process id, so that domains are not used
         again at once.
@@ -103,43 +95,23 @@ def own_domain(
     Raises
     ------
     OSError
-        If every domain is taken, or no lock can be had.
+        If every domain is taken, or this system has no abstract sockets.
     """
-    where = Path(tempfile.gettempdir()) if folder is None else folder
     begin, count = os.getpid() if start is None else start, LAST - FIRST + 1
     for step in range(count):
         domain = FIRST + (begin + step) % count
-        if str(domain) == avoided:
+        if str(domain) == avoided or inhabited(domain):
             continue
-        lock = _locked(where / f'pfd_ros_domain_{domain}.lock')
-        if lock is None:
-            continue
-        try:
-            if not inhabited(domain):
-                yield domain
-                return
-        finally:
-            os.close(lock)
-    raise OSError(f'all ROS domains from {FIRST} to {LAST} are taken, by locks in {where}')
-
-
-def _locked(path: Path) -> int | None:
-    """Return the descriptor of a file that this process has locked, None if another one has."""
-    # In a folder that all users share, the system refuses O_CREAT for a file of another user.
-    flags = os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
-    descriptor = None
-    for creating in (0, os.O_CREAT | os.O_EXCL, 0):
-        with suppress(OSError):
-            descriptor = os.open(path, flags | creating, 0o644)
-            break
-    if descriptor is None:
-        return None
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(descriptor)
-        return None
-    return descriptor
+        with closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)) as claim:
+            try:
+                claim.bind(f'\0pfd_ros_domain_{domain}')
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE:
+                    raise
+                continue
+            yield domain
+            return
+    raise OSError(f'all ROS domains from {FIRST} to {LAST} are taken')
 
 
 def inhabited(domain: int) -> bool:
@@ -150,3 +122,58 @@ def inhabited(domain: int) -> bool:
         except OSError:
             return True
     return False
+
+
+@contextmanager
+def claimed_domain() -> Iterator[int]:
+    """Claim a domain, and set it in the environment of child processes."""
+    with own_domain() as domain:
+        before, chosen = dict(os.environ), environment(os.environ, domain)
+        changed = {name for name, _ in before.items() ^ chosen.items()}
+        _take_over(chosen, changed)
+        try:
+            yield domain
+        finally:
+            _take_over(before, changed)
+
+
+def _take_over(variables: Mapping[str, str], names: set[str]) -> None:
+    """Give some variables of the environment the values that they have among others, or none."""
+    for name in names:
+        if name in variables:
+            os.environ[name] = variables[name]
+        else:
+            os.environ.pop(name, None)
+
+
+def import_rclpy() -> Any:
+    """Return the module rclpy; the parser of its messages warns of a module that Python renamed.
+
+    Raises
+    ------
+    ImportError
+        If ROS 2 is not installed.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', DeprecationWarning)
+        modules = [importlib.import_module(name) for name in MODULES]
+    return modules[0]
+
+
+def current_domain() -> int | None:
+    """Return the domain of rclpy's default context, None if it is not initialised."""
+    rclpy = import_rclpy()
+    return int(rclpy.get_default_context().get_domain_id()) if rclpy.ok() else None
+
+
+@contextmanager
+def initialised(domain: int) -> Iterator[None]:
+    """Initialise rclpy's default context, in which the nodes of users are, and shut it down."""
+    rclpy = import_rclpy()
+    # Signals are the test runner's.
+    options = rclpy.signals.SignalHandlerOptions.NO
+    rclpy.init(args=[], signal_handler_options=options, domain_id=domain)
+    try:
+        yield
+    finally:
+        rclpy.try_shutdown()

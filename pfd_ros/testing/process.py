@@ -1,11 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Processes that end with their parent, however it ends; controllers as such processes."""
+"""Processes that end with their parent, however it ends: controllers, and the node itself."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext, suppress
 import os
 from pathlib import Path
 import shlex
@@ -14,8 +14,13 @@ import signal
 import subprocess
 import sys
 import tempfile
+from typing import Any
 
+import yaml
+
+from pfd_ros.arm.settings import FIELDS
 from pfd_ros.testing.domains import environment_to_kill
+from pfd_ros.text import did_you_mean
 
 # On Linux the kernel ends the process if the thread that started it is gone (PR_SET_PDEATHSIG), so
 # that a killed test runner leaves nothing behind; exec keeps that (prctl(2)).
@@ -28,12 +33,12 @@ os.execvp(sys.argv[2], sys.argv[2:])
 """
 # Of the output, in the text of an error.
 LAST_LINES = 15
-# Of a controller, from SIGINT, which ends a node, to SIGKILL.
-END_SECONDS = 5.0
+# From SIGINT, which ends a node, to SIGKILL: of a controller, and of the node with its recording.
+END_SECONDS, NODE_END_SECONDS = 5.0, 20.0
 
 
 class ChildProcess:
-    """A running process and its output.
+    """A running process with its own process group, and its output.
 
     Parameters
     ----------
@@ -72,7 +77,7 @@ class ChildProcess:
 
     @property
     def pid(self) -> int:
-        """The process id."""
+        """The process id, which is the id of its group too."""
         return self.process.pid
 
     def text(self) -> str:
@@ -98,14 +103,26 @@ class ChildProcess:
         return f'ended by {names.get(-status, f"signal {-status}")}'
 
     def stop(self, seconds: float, number: signal.Signals = signal.SIGINT) -> int:
-        """End the process by a signal, after so many seconds by force; return its status."""
+        """End the process and all of its group by a signal, after so many seconds by force.
+
+        Returns
+        -------
+        int
+            The status of the process.
+        """
         if self.process.poll() is None:
-            self.process.send_signal(number)
+            self._signal(number)
         try:
-            return self.process.wait(seconds)
+            self.process.wait(seconds)
         except subprocess.TimeoutExpired:
-            self.process.kill()
-            return self.process.wait()
+            pass
+        # What it started may still run.
+        self._signal(signal.SIGKILL)
+        return self.process.wait()
+
+    def _signal(self, number: signal.Signals) -> None:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.pid, number)
 
 
 class ControllerProcess(ChildProcess):
@@ -137,3 +154,69 @@ class ControllerProcess(ChildProcess):
         """End the process, as Ctrl-C does or else by force."""
         self.stop(END_SECONDS)
         shutil.rmtree(self._folder, ignore_errors=True)
+
+
+class NodeProcessError(Exception):
+    """The node failed; the message has the end of its output."""
+
+
+class NodeProcess(ControllerProcess):
+    """The node `sim_arm` as a running process, which is to end with status 0.
+
+    Parameters
+    ----------
+    parameters
+        By name, or by the field of the settings: `noise.velocity` or `noise_velocity`. Numbers of
+        single joints may be a mapping.
+    ros_args
+        More arguments, as on a command line after --ros-args.
+
+    Raises
+    ------
+    ValueError
+        If a name is not one of a parameter.
+    """
+
+    def __init__(self, parameters: Mapping[str, Any], ros_args: Sequence[str] = ()) -> None:
+        chosen = dict(_named(parameters))
+        text = yaml.safe_dump({'/**': {'ros__parameters': chosen}})
+        command = [sys.executable, '-m', 'pfd_ros.node.main', '--ros-args', *ros_args]
+        with tempfile.NamedTemporaryFile('w', suffix='.yaml', delete=False) as file:
+            file.write(text)
+        self._file = file.name
+        super().__init__([*command, '--params-file', file.name])
+
+    def close(self) -> None:
+        """End the node as Ctrl-C does.
+
+        Raises
+        ------
+        NodeProcessError
+            If it had ended before, did not end, or failed.
+        """
+        try:
+            ended, status = self.end(), self.stop(NODE_END_SECONDS)
+            if status == -signal.SIGKILL and not ended:
+                ended = f'did not end within {NODE_END_SECONDS:g} s'
+            elif status != 0:
+                ended = self.end()
+            if ended:
+                raise NodeProcessError(f'the node {ended}{self.tail()}')
+        finally:
+            os.unlink(self._file)
+            super().close()
+
+
+def _named(parameters: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield parameters as the node names them, each number of a single joint by itself."""
+    names = {row.field: row.name for row in FIELDS} | {row.name: row.name for row in FIELDS}
+    for given, value in parameters.items():
+        group = max((name for name in names if f'{given}.'.startswith(f'{name}.')), key=len, default='')
+        if not group:
+            hint = did_you_mean(given, list(names), 'config/sim_arm.yaml has them all')
+            raise ValueError(f'unknown parameter {given!r}: {hint}')
+        name = names[group] + given.removeprefix(group)
+        if isinstance(value, Mapping):
+            yield from ((f'{name}.{joint}', number) for joint, number in value.items())
+        else:
+            yield name, value

@@ -4,22 +4,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 import math
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+import pfd_core as pfd
 from pfd_ros.motion import metrics
 from pfd_ros.motion.metrics import Array
 from pfd_ros.motion.symptoms import symptoms
 
 # One joint by name, several, or all.
 Joints: TypeAlias = str | Sequence[str] | None
-# Attribute of a failed assertion: its time [s].
-MOMENT = 'motion_time'
+# Values in each row (N, k), one row for all (k,), or a function of the time [s] that returns one.
+Reference: TypeAlias = ArrayLike | Callable[[float], ArrayLike]
 # More limits are not listed in a failed assertion.
 MOST_LISTED = 5
 
@@ -68,17 +69,25 @@ class ComputationTime(NamedTuple):
         return f'{", ".join(told)} of the control period of {1e3 * self.period:.4g} ms'
 
 
-def failure(text: str, time: float) -> AssertionError:
-    """Return the error of a failed assertion, with the time in the motion at which it fails."""
-    error = AssertionError(text)
-    # No subclass: pytest would print its full name in front of the text.
-    error.__dict__[MOMENT] = float(time)
-    return error
+class Failure(NamedTuple):
+    """What a failed assertion is about, as attribute `motion` of its error, for the page.
+
+    Attributes
+    ----------
+    time
+        Where it fails, s.
+    reference
+        What the joints should have done (N, n) at the times of the motion, and within which
+        distance; None for an assertion without reference.
+    """
+
+    time: float
+    reference: tuple[Sequence[str], Array, Array, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A run: in row k the state that the controller was given, and its answer.
+    """A run: in row k the state that the controller was given, and the effort that followed.
 
     Units are rad, rad/s and N m, or m, m/s and N. `metrics` defines the measures by formulas.
 
@@ -90,19 +99,21 @@ class Trajectory:
     q, qd
         Positions and velocities of `joint_states`, (N, n).
     tau
-        Commanded efforts, (N, n). After a run over topics: the efforts in the next state.
+        Efforts of the next state, (N, n): what acted, with all limits of the arm.
     names
         Joints of the columns, in published order.
-    limits
-        Limits of the robot's model.
+    robot, limits
+        The robot, and the limits of its model.
     compute_time
-        Wall time that the controller took for each command (N,), s. Of a callback: the call alone.
-        Over topics: from the publication of the state to the reception of the command, which
-        includes the transport of both messages and the executor. Of an arm in another process
-        with nodes: from one state to the next, which includes the step of the arm too.
-        Empty if nothing was measured.
+        Wall time that the controller took for a command (N,), s; NaN for states without command.
+        Of a callback: the call alone. Over topics: from the publication of the state or the clock
+        tick to the publication of the command that followed.
     period
         The control period, s of simulated time.
+    commanded
+        Whether each joint was commanded at all (n,); the others stay braked.
+    notes
+        Why the run may differ another time; empty: it has the same bits each time.
     """
 
     time: Array
@@ -111,14 +122,25 @@ class Trajectory:
     tau: Array
     names: tuple[str, ...]
     limits: Limits = field(repr=False)
+    robot: pfd.Robot | None = field(default=None, repr=False)
     compute_time: Array = field(default_factory=lambda: np.empty(0), repr=False)
     period: float = math.nan
+    commanded: Sequence[bool] = field(default=(), repr=False)
+    notes: list[str] = field(default_factory=list)
 
     def index(self, joint: str) -> int:
         """Return the column of a joint."""
         if joint not in self.names:
             raise ValueError(f'joint is {joint!r}, expected one of {list(self.names)}')
         return self.names.index(joint)
+
+    def tip(self) -> Array:
+        """Return the positions of the tip in the base frame, (N, 3) in m."""
+        if self.robot is None:
+            raise ValueError('the motion has no robot')
+        order = [self.names.index(name) for name in self.robot.joint_names]
+        poses: Array = pfd.compile_kernel(self.robot, quantity='tip_pose')(self.q[:, order])
+        return poses[:, :3, 3]
 
     def settling_time(self, target: ArrayLike, within: float) -> Array:
         """Return the settling time of each joint (n,), s from the first row; inf if none.
@@ -151,9 +173,10 @@ class Trajectory:
 
     def computation_time(self) -> ComputationTime:
         """Return median, 99th percentile and maximum of `compute_time`; ValueError without one."""
-        if not len(self.compute_time):
+        measured = self.compute_time[np.isfinite(self.compute_time)]
+        if not len(measured):
             raise ValueError('compute_time is empty: nothing was measured')
-        median, p99, longest = np.percentile(self.compute_time, (50, 99, 100)).tolist()
+        median, p99, longest = np.percentile(measured, (50, 99, 100)).tolist()
         return ComputationTime(median, p99, longest, self.period)
 
     def limits_hit(self) -> list[LimitHit]:
@@ -178,32 +201,50 @@ class Trajectory:
             ('effort', self.tau[:, j], -effort, effort),
         ]
 
-    def symptoms(self, target: ArrayLike | None = None, joint: Joints = None) -> list[str]:
+    def symptoms(self, target: Reference | None = None, joint: Joints = None) -> list[str]:
         """Return a diagnosis of each joint, one line each, as in failed assertions.
 
         Oscillation with frequency and growth, divergence, or a steady offset from the target; the
-        share of the time at the torque limit; the first sample beyond a limit. `target` is as for
-        settling_time. pfd_ros.motion.symptoms defines the measures.
+        share of the time at the torque limit; the first sample beyond a limit. `target` is a
+        position as for settling_time, or a reference as for assert_tracks.
+        pfd_ros.motion.symptoms defines the measures.
         """
-        goals = None if target is None else self._per_joint('target', target)
+        goals = None if target is None else self._rows('target', target, len(self.names))
+        if goals is not None and (goals == goals[0]).all():
+            goals = goals[:1]
         return [
             f'{self.names[j]}: '
             + symptoms(
                 self.time,
-                self.q[:, j],
-                self.qd[:, j],
-                self.tau[:, j],
-                target=None if goals is None else float(goals[j]),
+                *(x[:, j] for x in (self.q, self.qd, self.tau)),
+                target=None if goals is None else goals[:, j] if len(goals) > 1 else goals[0, j],
                 limits=self._bounds(j),
                 period=self.period,
+                commanded=bool(self.commanded[j]) if len(self.commanded) else True,
             )
             for j in self._columns(joint)
         ]
 
-    def _diagnosis(self, target: ArrayLike | None, columns: Sequence[int]) -> str:
-        """Return the symptoms of some joints, for a failed assertion."""
-        lines = self.symptoms(target, [self.names[j] for j in columns])
-        return ''.join(f'\n  {line}' for line in lines)
+    def _fail(
+        self,
+        text: str,
+        k: int,
+        joints: Sequence[int] = (),
+        reference: Array | None = None,
+        within: float = math.inf,
+    ) -> AssertionError:
+        """Return the error of an assertion that fails in row k, with a diagnosis of some joints.
+
+        `reference` is what the joints should have done, (N, n) or (n,).
+        """
+        lines = self.symptoms(reference, [self.names[j] for j in joints]) if joints else []
+        error = AssertionError('\n  '.join([text, *lines]))
+        shown = None
+        if reference is not None:
+            shown = self.names, self.time, np.broadcast_to(reference, self.q.shape), within
+        # No subclass: pytest would print its full name in front of the text.
+        error.__dict__['motion'] = Failure(float(self.time[k]), shown)
+        return error
 
     def assert_settles(
         self, target: ArrayLike, *, within: float, by: float, joint: Joints = None
@@ -213,24 +254,103 @@ class Trajectory:
         `by` counts from the first row; `target` is as for settling_time.
         """
         __tracebackhide__ = True
-        goals = self._per_joint('target', target)
-        late = self.time - self.time[0] >= by
-        if not late.any():
-            raise ValueError(
-                f'by is {by:.6g} s, expected at most the {self.time[-1] - self.time[0]:.6g} s '
-                'of the trajectory'
+        goals, first = self._per_joint('target', target), self._first('by', by)
+        outside = ~(np.abs(self.q - goals) <= within)
+        outside[:first] = False
+        late = [j for j in self._columns(joint) if outside[:, j].any()]
+        if late:
+            j, k = late[0], int(np.argmax(outside[:, late[0]]))
+            raise self._fail(
+                f'joint {self.names[j]!r} is {abs(self.q[k, j] - goals[j]):.6g} from its target '
+                f'{goals[j]:.6g} at t = {self.time[k]:.6g} s, expected within {within:.6g} from '
+                f't = {self.time[0] + by:.6g} s on',
+                *(k, late, goals, within),
             )
-        errors = np.where(late[:, np.newaxis], np.abs(self.q - goals), 0.0)
-        outside = [j for j in self._columns(joint) if not (errors[:, j] <= within).all()]
-        if outside:
-            j = outside[0]
-            k = int(np.argmax(~(errors[:, j] <= within)))
-            raise failure(
-                f'joint {self.names[j]!r} is {errors[k, j]:.6g} from its target {goals[j]:.6g} at '
-                f't = {self.time[k]:.6g} s, expected within {within:.6g} from '
-                f't = {self.time[0] + by:.6g} s on{self._diagnosis(target, outside)}',
-                self.time[k],
-            )
+
+    def assert_tracks(
+        self,
+        reference: Reference,
+        *,
+        within: float = math.inf,
+        rms: float = math.inf,
+        after: float = 0.0,
+        joint: Joints = None,
+    ) -> None:
+        """Assert that joints follow a reference.
+
+        Parameters
+        ----------
+        reference
+            Positions of the joints, rad or m: (N, n) at the times of the motion, or a function of
+            the time [s] that returns (n,).
+        within, rms
+            Largest error of each joint in any row, and of its root mean square, rad or m.
+        after
+            Time from the first row before which errors do not count, s.
+        joint
+            The joints that are to follow it.
+        """
+        __tracebackhide__ = True
+        goals, first = self._rows('reference', reference, len(self.names)), self._first('after', after)
+        errors = np.abs(self.q - goals)[first:]
+        columns = self._columns(joint)
+        names = [f'joint {name!r}' for name in self.names]
+        found = self._beyond(errors, names, columns, within, rms, first)
+        if found is not None:
+            text, k, j = found
+            raise self._fail(text, k, [j], goals, min(within, rms))
+
+    def assert_tip_tracks(
+        self,
+        reference: Reference,
+        *,
+        within: float = math.inf,
+        rms: float = math.inf,
+        after: float = 0.0,
+    ) -> None:
+        """Assert that the tip follows a reference: its positions (N, 3), one, or a function.
+
+        `within` and `rms` bound the distance in m; `after` is as for assert_tracks. With one
+        position, it asserts that the tip stays there.
+        """
+        __tracebackhide__ = True
+        goals, first = self._rows('reference', reference, 3), self._first('after', after)
+        errors = np.linalg.norm(self.tip() - goals, axis=1)[first:, np.newaxis]
+        found = self._beyond(errors, ['the tip'], [0], within, rms, first)
+        if found is not None:
+            raise self._fail(*found[:2])
+
+    def _beyond(
+        self,
+        errors: Array,
+        names: Sequence[str],
+        columns: Sequence[int],
+        within: float,
+        rms: float,
+        first: int,
+    ) -> tuple[str, int, int] | None:
+        """Return the text about errors (N, k) beyond a bound, its row and column; None if within."""
+        if within == rms == math.inf:
+            raise ValueError('expected within=..., rms=... or both')
+        for j in columns:
+            k = int(np.argmax(np.where(np.isfinite(errors[:, j]), errors[:, j], math.inf)))
+            at = f't = {self.time[first + k]:.6g} s'
+            if not errors[k, j] <= within:
+                out = first + int(np.argmax(~(errors[:, j] <= within)))
+                text = (
+                    f'{names[j]} is {errors[out - first, j]:.6g} from its reference at '
+                    f't = {self.time[out]:.6g} s, expected within {within:.6g}; at most '
+                    f'{errors[k, j]:.6g} at {at}'
+                )
+                return text, out, j
+            mean = math.sqrt(float(np.mean(errors[:, j] ** 2)))
+            if not mean <= rms:
+                text = (
+                    f'the error of {names[j]} has an rms of {mean:.6g}, expected at most '
+                    f'{rms:.6g}; at most {errors[k, j]:.6g} at {at}'
+                )
+                return text, first + k, j
+        return None
 
     def assert_overshoot_below(
         self, bound: float, target: ArrayLike, *, joint: Joints = None
@@ -249,12 +369,11 @@ class Trajectory:
                 )
             k = int(np.argmax((self.q[:, j] - goals[j]) / (goals[j] - self.q[0, j])))
             if not shares[j] < bound:
-                raise failure(
+                raise self._fail(
                     f'joint {self.names[j]!r} is at {self.q[k, j]:.6g} at '
                     f't = {self.time[k]:.6g} s, {100 * shares[j]:.4g} % of its step beyond the '
-                    f'target {goals[j]:.6g}, expected below {100 * bound:.4g} %'
-                    f'{self._diagnosis(target, [j])}',
-                    self.time[k],
+                    f'target {goals[j]:.6g}, expected below {100 * bound:.4g} %',
+                    *(k, [j], goals),
                 )
 
     def assert_torque_rate_below(self, bound: ArrayLike, *, joint: Joints = None) -> None:
@@ -265,12 +384,11 @@ class Trajectory:
             found = metrics.rates(self.time, self.tau[:, j])
             if len(found) and not found.max() < bounds[j]:
                 k = int(np.argmax(found))
-                raise failure(
+                raise self._fail(
                     f'effort of joint {self.names[j]!r} changes by {found[k]:.6g} per second at '
                     f't = {self.time[k + 1]:.6g} s, from {self.tau[k, j]:.6g} to '
-                    f'{self.tau[k + 1, j]:.6g}, expected below {bounds[j]:.6g} per second'
-                    f'{self._diagnosis(None, [j])}',
-                    self.time[k + 1],
+                    f'{self.tau[k + 1, j]:.6g}, expected below {bounds[j]:.6g} per second',
+                    *(k + 1, [j]),
                 )
 
     def assert_computes_within(self, seconds: float, *, quantile: float = 0.99) -> None:
@@ -282,25 +400,35 @@ class Trajectory:
         __tracebackhide__ = True
         if not 0.0 <= quantile <= 1.0:
             raise ValueError(f'quantile is {quantile!r}, expected 0 to 1')
-        told, found = self.computation_time(), float(np.quantile(self.compute_time, quantile))
+        told, found = self.computation_time(), float(np.nanquantile(self.compute_time, quantile))
         if not found <= seconds:
-            k = int(np.argmax(self.compute_time))
-            raise failure(
+            k = int(np.nanargmax(self.compute_time))
+            raise self._fail(
                 f'the controller takes {1e3 * found:.4g} ms for a command (quantile '
                 f'{quantile:g}), expected at most {1e3 * seconds:.4g} ms; {told}; longest at '
                 f't = {self.time[k]:.6g} s',
-                self.time[k],
+                k,
             )
 
     def assert_no_limit_hit(self) -> None:
         """Assert that no position, velocity or effort reaches a limit of the robot's model."""
         __tracebackhide__ = True
         hits = self.limits_hit()
-        shown = '; '.join(str(hit) for hit in hits[:MOST_LISTED])
+        shown = [str(hit) for hit in hits[:MOST_LISTED]]
         if hits:
+            text = '; '.join([*shown, '...'] if len(hits) > MOST_LISTED else shown)
             joints = sorted({self.index(hit.joint) for hit in hits[:MOST_LISTED]})
-            more = '; ...' if len(hits) > MOST_LISTED else ''
-            raise failure(f'{shown}{more}{self._diagnosis(None, joints)}', hits[0].time)
+            raise self._fail(text, int(np.searchsorted(self.time, hits[0].time)), joints)
+
+    def _first(self, name: str, seconds: float) -> int:
+        """Return the first row so many seconds after the start."""
+        late = self.time - self.time[0] >= seconds
+        if not late.any():
+            raise ValueError(
+                f'{name} is {seconds:.6g} s, expected at most the '
+                f'{self.time[-1] - self.time[0]:.6g} s of the trajectory'
+            )
+        return int(np.argmax(late))
 
     def _columns(self, joint: Joints) -> list[int]:
         if joint is None:
@@ -318,24 +446,32 @@ class Trajectory:
             )
         return np.broadcast_to(array, (count,))
 
+    def _rows(self, name: str, value: Reference, columns: int) -> Array:
+        """Return finite values in each row, (N, columns)."""
+        if callable(value):
+            value = [value(t) for t in self.time.tolist()]
+        array, shape = np.asarray(value, np.float64), (len(self.time), columns)
+        if array.shape not in ((), (columns,), shape) or not np.isfinite(array).all():
+            raise ValueError(
+                f'{name} has shape {array.shape}, expected finite numbers in {shape}, ({columns},) '
+                'or a function of the time that returns them'
+            )
+        return np.broadcast_to(array, shape)
+
 
 class Rows:
     """The rows of a trajectory while it grows."""
 
     def __init__(self, count: int, joints: int, period: float) -> None:
         self.count, self.period = 0, period
-        self.time, self.compute_time = np.empty(count), np.empty(count)
-        self.q, self.qd, self.tau = (np.empty((count, joints)) for _ in range(3))
+        self.time, self.compute_time = np.empty(count), np.full(count, math.nan)
+        # Position, velocity and effort; the effort of a row is in the next state.
+        self.states = np.empty((count + 1, 3, joints))
 
-    @property
-    def size(self) -> int:
-        """Bytes of all rows."""
-        return sum(x.nbytes for x in (self.time, self.compute_time, self.q, self.qd, self.tau))
-
-    def trajectory(self, names: tuple[str, ...], limits: Limits) -> Trajectory:
-        """Return the rows so far."""
-        rows = slice(self.count)
-        time, q, qd, tau, spent = (
-            np.array(x[rows]) for x in (self.time, self.q, self.qd, self.tau, self.compute_time)
+    def trajectory(self, **more: Any) -> Trajectory:
+        """Return the rows, all of them full; `more` are the other fields."""
+        q, qd, _ = (np.array(x) for x in np.moveaxis(self.states[:-1], 1, 0))
+        tau = np.array(self.states[1:, 2])
+        return Trajectory(
+            self.time, q, qd, tau, compute_time=self.compute_time, period=self.period, **more
         )
-        return Trajectory(time, q, qd, tau, names, limits, spent, self.period)

@@ -1,0 +1,163 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The arm in lockstep with a controller: one loop over a link.
+
+    run(arm, link, rows, allowed)     publish messages, take what is commanded, step
+
+The arm never waits for a command. A link gives each message to the controllers, waits until they
+have finished what follows from it, and returns what they commanded: nothing, one or several
+commands. So the same commands come before the same cycles, however long a controller computes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+import math
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from pfd_ros.arm.events import ALL_NAN, LABELS, NAMED, Message, Verdict
+from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints
+from pfd_ros.motion.metrics import Array
+from pfd_ros.testing.trajectory import Rows
+from pfd_ros.text import did_you_mean, listed
+
+if TYPE_CHECKING:
+    from pfd_ros.testing.arm import LockstepArm
+
+# The names that `allow_rejected` takes.
+REASONS = LABELS[1:]
+
+
+class ArmError(Exception):
+    """The simulation stopped, because its state is not finite."""
+
+
+class ControllerError(Exception):
+    """A controller raised, blocks, or its command was rejected."""
+
+
+class RejectedError(ControllerError):
+    """The arm rejected a command for a reason that the test does not allow."""
+
+
+class NoAnswerError(Exception):
+    """No controller answered."""
+
+
+class Link(Protocol):
+    """What the loop needs of a link.
+
+    Attributes
+    ----------
+    silent
+        Whether nobody reads the messages; such a link gets the published states alone.
+    seconds
+        Wall time that the controller took for the last command, NaN without one.
+    """
+
+    silent: bool
+    seconds: float
+
+    def answer(
+        self, messages: Sequence[Message], time: float, measured: Array
+    ) -> Sequence[tuple[str, bytes]]:
+        """Return the commands, role and bytes, that follow messages of the arm.
+
+        `measured` are positions, velocities and efforts (3, n) of the state at `time` [s], the
+        link's own.
+        """
+
+    def rejected(self, time: float, verdict: Verdict) -> Exception:
+        """Return the error about a command that the arm rejected at `time`."""
+
+
+def run(arm: LockstepArm, link: Link, rows: Rows, allowed: Collection[str] = ()) -> None:
+    """Fill rows with published states and the efforts that follow them.
+
+    Raises
+    ------
+    ArmError
+        If the state does not stay finite.
+    Exception
+        Of the link: a controller failed, did not answer, or its command was rejected.
+    """
+    engine, send, advance = arm.engine, arm.send, arm.advance
+    settings = engine.state.settings
+    every = settings.publish_every
+    if not link.silent:
+        # States and clock ticks may have periods of their own.
+        every = math.gcd(every, settings.clock_every) if settings.publish_clock else every
+    messages = [] if link.silent else engine.present()
+    published, k, count = True, 0, len(rows.time)
+    while True:
+        time, measured = engine.stamp_ns / NANOSECONDS, engine.measured()
+        if published:
+            # The effort of a row is in the next state, with which the next run begins.
+            rows.states[k] = measured
+            if k == count:
+                return
+            rows.time[k] = time
+            k += 1
+        commands = link.answer(messages, time, measured)
+        for role, data in commands:
+            verdict = send(role, data)
+            if not verdict.accepted or verdict.remarks or role == NAMED:
+                found = rejection(role, data, verdict, engine.names)
+                if found is not None and found.label not in allowed:
+                    raise link.rejected(time, found)
+        if commands:
+            rows.compute_time[k - 1] = link.seconds
+        messages = advance(every)
+        published = engine.published
+
+
+def rejection(role: str, data: bytes, verdict: Verdict, names: Sequence[str]) -> Verdict | None:
+    """Return why the arm rejected a command or a part of it, None if it accepted all.
+
+    The arm accepts a message by name that holds a number for one of its joints. Names that it does
+    not have and joints that get NaN stay without a command: a part is rejected.
+    """
+    if not verdict.accepted:
+        if verdict.label in ('infinite', 'not_finite'):
+            return Verdict(verdict.label, _not_finite(role, data, names))
+        return verdict
+    for remark in verdict.remarks:
+        if remark.label in REASONS:
+            return remark
+    if role != NAMED:
+        return None
+    joints = decode_joints(data)
+    kinds = [x for x in (getattr(joints, kind) for kind in JOINT_FIELDS) if len(x)]
+    without = np.isnan(kinds).all(axis=0)
+    left = [name for name, none in zip(joints.names, without, strict=True) if none]
+    left = [name for name in left if name in names]
+    return Verdict(ALL_NAN.label, f'NaN for {listed(left)}') if left else None
+
+
+def _not_finite(role: str, data: bytes, names: Sequence[str]) -> str:
+    """Return the numbers of a command that are not finite, with their joints."""
+    from pfd_ros.messages.text_and_arrays import decode_floats
+
+    if role == NAMED:
+        joints = decode_joints(data)
+        names, kinds = joints.names, {kind: getattr(joints, kind) for kind in JOINT_FIELDS}
+    else:
+        kinds = {'effort': decode_floats(data)}
+    wrong = [
+        f'{kind} of joint {names[j]!r} is {values[j]}'
+        for kind, values in kinds.items()
+        for j in np.flatnonzero(~np.isfinite(values)).tolist()
+    ]
+    return f'{", ".join(wrong[:3])}{", ..." if len(wrong) > 3 else ""}'
+
+
+def checked_reasons(given: Collection[str]) -> frozenset[str]:
+    """Return the reasons that a test allows; ValueError if one is not known."""
+    names = {given} if isinstance(given, str) else set(given)
+    for name in sorted(names - set(REASONS)):
+        hint = did_you_mean(str(name), REASONS, f'expected some of {list(REASONS)}')
+        raise ValueError(f'allow_rejected has {name!r}: {hint}')
+    return frozenset(names)

@@ -17,10 +17,12 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from pfd_ros.arm.events import ALL_NAN, LABELS, NAMED, Message, Verdict
+from pfd_ros.arm.events import ACCEPTED, ALL_NAN, LABELS, NAMED, Message, Verdict
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints
+from pfd_ros.messages.text_and_arrays import decode_floats
 from pfd_ros.motion.metrics import Array
+from pfd_ros.testing.patience import Watch
 from pfd_ros.testing.trajectory import Rows
 from pfd_ros.text import did_you_mean, listed
 
@@ -47,6 +49,14 @@ class NoAnswerError(Exception):
     """No controller answered."""
 
 
+def blocked(watch: Watch, patience: float, time: float, answers: int) -> ControllerError:
+    """Return the error about a controller that blocks at a state; `answers` came before."""
+    return ControllerError(
+        f'the controller blocks: no answer for {patience:g} s to the state at t = {time:.6g} s, '
+        f'after {answers} answers; it is here:\n{watch.stack}'
+    )
+
+
 class Link(Protocol):
     """What the loop needs of a link.
 
@@ -55,11 +65,14 @@ class Link(Protocol):
     silent
         Whether nobody reads the messages; such a link gets the published states alone.
     seconds
-        Wall time that the controller took for the last command, NaN without one.
+        Wall time that the controller took for the last command.
+    notes
+        Why the run may differ another time.
     """
 
     silent: bool
     seconds: float
+    notes: list[str]
 
     def answer(
         self, messages: Sequence[Message], time: float, measured: Array
@@ -74,6 +87,12 @@ class Link(Protocol):
         """Return the error about a command that the arm rejected at `time`."""
 
 
+def seconds_of(stamp_ns: int) -> float:
+    """Return a stamp in seconds, as most nodes compute it: stamp.sec + 1e-9 * stamp.nanosec."""
+    seconds, rest = divmod(stamp_ns, NANOSECONDS)
+    return seconds + 1e-9 * rest
+
+
 def run(arm: LockstepArm, link: Link, rows: Rows, allowed: Collection[str] = ()) -> None:
     """Fill rows with published states and the efforts that follow them.
 
@@ -84,7 +103,7 @@ def run(arm: LockstepArm, link: Link, rows: Rows, allowed: Collection[str] = ())
     Exception
         Of the link: a controller failed, did not answer, or its command was rejected.
     """
-    engine, send, advance = arm.engine, arm.send, arm.advance
+    engine, step = arm.engine, arm.step
     settings = engine.state.settings
     every = settings.publish_every
     if not link.silent:
@@ -93,7 +112,7 @@ def run(arm: LockstepArm, link: Link, rows: Rows, allowed: Collection[str] = ())
     messages = [] if link.silent else engine.present()
     published, k, count = True, 0, len(rows.time)
     while True:
-        time, measured = engine.stamp_ns / NANOSECONDS, engine.measured()
+        time, measured = seconds_of(engine.stamp_ns), engine.measured()
         if published:
             # The effort of a row is in the next state, with which the next run begins.
             rows.states[k] = measured
@@ -102,15 +121,14 @@ def run(arm: LockstepArm, link: Link, rows: Rows, allowed: Collection[str] = ())
             rows.time[k] = time
             k += 1
         commands = link.answer(messages, time, measured)
-        for role, data in commands:
-            verdict = send(role, data)
-            if not verdict.accepted or verdict.remarks or role == NAMED:
+        if commands:
+            rows.compute_time[k - 1] = link.seconds
+        messages, verdicts = step(commands, every)
+        for (role, data), verdict in zip(commands, verdicts, strict=True):
+            if verdict is not ACCEPTED or role == NAMED:
                 found = rejection(role, data, verdict, engine.names)
                 if found is not None and found.label not in allowed:
                     raise link.rejected(time, found)
-        if commands:
-            rows.compute_time[k - 1] = link.seconds
-        messages = advance(every)
         published = engine.published
 
 
@@ -139,8 +157,6 @@ def rejection(role: str, data: bytes, verdict: Verdict, names: Sequence[str]) ->
 
 def _not_finite(role: str, data: bytes, names: Sequence[str]) -> str:
     """Return the numbers of a command that are not finite, with their joints."""
-    from pfd_ros.messages.text_and_arrays import decode_floats
-
     if role == NAMED:
         joints = decode_joints(data)
         names, kinds = joints.names, {kind: getattr(joints, kind) for kind in JOINT_FIELDS}

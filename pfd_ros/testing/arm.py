@@ -1,0 +1,508 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The arm in this process, in lockstep with a controller.
+
+    arm = LockstepArm(robot='ur5', publish_rate=500)
+    motion = arm.run(controller, 2.0)          controller(t, q, qd) -> tau
+    motion = arm.spin(2.0, node)               nodes over topics
+
+It is the arm of the node with validation, recording and outputs, but without ROS, clock and
+threads. The same settings and controller give the same bits, here and over topics, in each run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+import math
+import os
+from pathlib import Path
+import time
+from typing import Any, TypeAlias
+import warnings
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import pfd_core as pfd
+from pfd_ros.arm.description import DescribedRobot, described_robot
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import ALL, ASIDES, PARAMETERS, REQUESTS, SET_STATE, WRENCH, Message, Verdict
+from pfd_ros.arm.frames import LinkFrames
+from pfd_ros.arm.other_inputs import encode_changes, encode_request
+from pfd_ros.arm.plant import with_scene_text
+from pfd_ros.arm.settings import FIELDS, Settings, split_joints, with_joint_numbers
+from pfd_ros.arm.state import BRAKE, State
+from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.joints import encode_joints
+from pfd_ros.messages.numbers import encode_numbers
+from pfd_ros.messages.types import WRENCH as WRENCH_STAMPED
+from pfd_ros.motion.metrics import Array
+from pfd_ros.recording.recorder import Recorder, topic_names, totals_of
+from pfd_ros.testing.callback import CallbackLink, Controller
+from pfd_ros.testing.loop import ArmError, Link, checked_reasons, run, seconds_of
+from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
+from pfd_ros.testing.trajectory import Limits, Rows, Trajectory
+from pfd_ros.text import cut, did_you_mean
+
+# Numbers in published order, or by joint name.
+JointValues: TypeAlias = ArrayLike | Mapping[str, float]
+# The settings that make a run the same each time: the loop holds the arm, not the engine.
+FIXED: Mapping[str, Any] = {
+    'lockstep': False,
+    'real_time_factor': 0.0,
+    'autostart': True,
+    'time_source': 'own',
+}
+# Share of a control period by which a time may miss the end of the last one.
+SLACK = 1e-6
+# Inputs that are kept to run again after a failure, in parts: 400 000, some hundred bytes each.
+MOST_INPUTS = 3 * 400_000
+# The loop is faster than a disk: how full the recorder's queue may be, and how long to wait, s.
+BACKLOG_LIMIT, DISK_SECONDS = 0.25, 0.002
+
+
+class RecordingError(Exception):
+    """The recording is incomplete."""
+
+
+class LockstepArm:
+    """The simulated arm in lockstep with controllers.
+
+    Parameters
+    ----------
+    robot
+        As for the node: a name, a path, a URDF; or a pfd_core.Robot.
+    ros_args
+        Arguments of the node for `spin`, such as remappings, as on a command line.
+    **settings
+        Fields of pfd_ros.arm.settings.Settings; numbers of joints may also be a mapping,
+        ``friction={'elbow_joint': 3.0}``, or given as ``**{'friction.elbow_joint': 3.0}``. A
+        control period is the time from one state to the next: one step, or 1 / publish_rate. With
+        `recording` the run is written to an MCAP file that `pfd replay --verify` checks.
+
+    Attributes
+    ----------
+    settings, robot, names
+        Settings, robot, and joints in published order, the order of all arrays.
+    period
+        The control period, s of simulated time.
+    engine
+        The arm itself.
+
+    Raises
+    ------
+    ValueError
+        If a setting is not known or refused, or has another value in tests.
+    OSError
+        If the recording exists or cannot be written.
+    """
+
+    def __init__(
+        self,
+        robot: str | os.PathLike[str] | pfd.Robot,
+        *,
+        ros_args: Sequence[str] = (),
+        **settings: Any,
+    ) -> None:
+        self._given, self._ros_args = (robot, settings), ros_args
+        self._described = described = _described(robot, settings)
+        self.settings, self.robot = described.settings, described.robot
+        self._log: Recorder | None = None
+        self._frames: LinkFrames | None = None
+        # Nothing is encoded until anybody reads it.
+        self.engine = self._new_engine(ALL if self.settings.recording else ())
+        self.names, self._order = self.engine.names, self.engine.order
+        self.period = self.settings.publish_every * self.settings.step_ns / NANOSECONDS
+        # The inputs since `start`, None for the start of the arm: the cycles before, role, bytes,
+        # one after the other, as many tuples would keep the garbage collector busy.
+        self.inputs: list[Any] = []
+        self.start: State | None = None
+        if self.settings.recording:
+            self._open_log(self.settings.recording)
+
+    def _new_engine(self, roles: Collection[str]) -> Engine:
+        if self.settings.recording:
+            self._frames = self._described.recorded_frames(self.settings, warnings.warn)
+        return Engine(self.settings, self.robot, roles, self._frames)
+
+    def _open_log(self, path: str) -> None:
+        asides = frozenset() if self._frames is None else self._frames.roles
+        roles = (ALL - ASIDES) | asides
+        self._log = Recorder(path, self.engine, topic_names(roles), lambda line: None)
+        if self._frames is not None:
+            self._log.put(self._frames.opening(self.engine.stamp_ns), self.engine.stamp_ns)
+
+    def __enter__(self) -> LockstepArm:
+        """Return the arm."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Close the recording."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the recording, if there is one; later messages are not recorded.
+
+        Raises
+        ------
+        RecordingError
+            If the file does not hold everything.
+        """
+        log, self._log = self._log, None
+        if log is not None:
+            log.put(self.engine.counts(), self.engine.stamp_ns)
+            log.close(totals_of(self.engine))
+            if log.error:
+                raise RecordingError(log.error)
+
+    @property
+    def time(self) -> float:
+        """The stamp of the last state, s of simulated time."""
+        return seconds_of(self.engine.stamp_ns)
+
+    @property
+    def q(self) -> Array:
+        """Positions in the last state, (n,), rad or m; a copy."""
+        return self.engine.measured()[0]
+
+    @property
+    def qd(self) -> Array:
+        """Velocities in the last state, (n,), rad/s or m/s; a copy."""
+        return self.engine.measured()[1]
+
+    def run(
+        self, controller: Controller, seconds: float, *, patience: float = PATIENCE_SECONDS
+    ) -> Trajectory:
+        """Run a controller for some simulated seconds; return the motion.
+
+        Parameters
+        ----------
+        controller
+            Called as controller(t, q, qd) at the start of each control period, with the stamp [s]
+            and the values (n,) of the last state; returns efforts (n,), constant over the
+            period.
+        seconds
+            Simulated time. The last row of the motion is one control period before its end, where
+            another run begins.
+        patience
+            Longest wall time of one call, s; infinite for a debugger. It works in the main thread,
+            and interrupts Python code that waits.
+
+        Raises
+        ------
+        ControllerError
+            If the controller raises, blocks, or returns anything but a finite effort for each
+            joint. The arm keeps the state passed to the controller.
+        ArmError
+            If the state does not stay finite.
+        ValueError
+            If `seconds` is not above zero and finite.
+        """
+        with CallbackLink(controller, self.names, patience) as link:
+            return self._run(link, seconds)
+
+    def spin(
+        self,
+        seconds: float,
+        *controllers: Any,
+        controller_period: float | None = None,
+        patience: float = PATIENCE_SECONDS,
+        start_patience: float = START_PATIENCE_SECONDS,
+        allow_rejected: Collection[str] = (),
+    ) -> Trajectory:
+        """Run controllers over topics for some simulated seconds; return the motion.
+
+        The arm publishes a state, then its clock tick. After each message it waits until all nodes
+        have finished what follows from it: their callbacks, and timers on the node's clock. Nodes
+        in other processes say so through their parameter services. rclpy must be initialised, as
+        by the fixture `ros_domain`.
+
+        Parameters
+        ----------
+        seconds
+            As for `run`.
+        controllers
+            rclpy nodes of this process, which are run meanwhile, and processes that the fixture
+            `controller_process` started, whose end ends the run. Nodes elsewhere in the domain are
+            found.
+        controller_period
+            Longest simulated time between commands that is accepted, s; None for any.
+        patience
+            Longest wall time that the nodes may need for a message, s; infinite for a debugger.
+        start_patience
+            Longest wait until a controller in another process has started, s of wall time.
+        allow_rejected
+            Reasons for which the arm may reject commands, of pfd_ros.testing.REASONS. 'all_nan'
+            includes NaN by name for some joints, 'unknown_names' some unknown names.
+
+        Raises
+        ------
+        ControllerError
+            If a node of this process raises or blocks; RejectedError if the arm rejects a command
+            for another reason.
+        NoAnswerError
+            If nodes do not finish, command nothing, or end.
+        ArmError
+            If the state does not stay finite.
+        """
+        from pfd_ros.testing.nodes import NodeLink
+
+        allowed = checked_reasons(allow_rejected)
+        if not self.engine.roles:
+            silent, self.engine = self.engine, self._new_engine(ALL)
+            self.engine.restore(silent.save())
+        with NodeLink(self._described, self.engine, self._ros_args, controllers) as link:
+            link.begin(controller_period, patience, start_patience)
+            motion = self._run(link, seconds, allowed)
+            link.check_end(seconds)
+            return motion
+
+    def _run(self, link: Link, seconds: float, allowed: Collection[str] = ()) -> Trajectory:
+        if not 0.0 < seconds < math.inf:
+            raise ValueError(f'seconds is {seconds!r}, expected above zero and finite')
+        count = max(1, math.ceil(seconds / self.period - SLACK))
+        rows = Rows(count, len(self.names), self.period)
+        run(self, link, rows, allowed)
+        braked = self.engine.state.acting[BRAKE][self._order] > 0.0
+        moved = rows.states[1:, 2].any(axis=0)
+        return rows.trajectory(
+            names=self.names,
+            limits=_limits_of(self.robot, self._order),
+            robot=self.robot,
+            commanded=(moved | ~braked).tolist(),
+            notes=link.notes,
+        )
+
+    def step(
+        self, events: Sequence[tuple[str, bytes]] = (), every: int = 1
+    ) -> tuple[list[Message], list[Verdict]]:
+        """Send serialized messages to the arm, and run to the next cycle that `every` divides.
+
+        Returns
+        -------
+        list of Message
+            The events and outputs, as far as anybody needs them.
+        list of Verdict
+            One for each event.
+
+        Raises
+        ------
+        ArmError
+            If the state does not stay finite.
+        """
+        engine = self.engine
+        state = engine.state
+        self._keep(events, state.cycle)
+        messages, verdicts = engine.step(events)
+        while state.cycle % every:
+            messages += engine.step()[0]
+        if self._log is not None:
+            self._record(messages)
+        if state.failure:
+            raise ArmError(f't = {self.time:.6g} s: {state.failure}')
+        return messages, verdicts
+
+    def _keep(self, events: Sequence[tuple[str, bytes]], cycle: int) -> None:
+        inputs = self.inputs
+        if len(inputs) < MOST_INPUTS:
+            for role, data in events:
+                inputs += (cycle, role, data)
+
+    def _record(self, messages: list[Message]) -> None:
+        log = self._log
+        if log is not None:
+            log.put(messages, self.engine.stamp_ns)
+            while log.waiting_share > BACKLOG_LIMIT:
+                time.sleep(DISK_SECONDS)
+
+    def reset(self) -> None:
+        """Restore the initial state, braked until the next command; simulated time continues."""
+        self._demand(REQUESTS, encode_request('reset'))
+        self.step()
+
+    def set_state(self, q: JointValues, qd: JointValues | None = None) -> None:
+        """Set the state; it takes one step.
+
+        Parameters
+        ----------
+        q, qd
+            Positions and velocities (n,), or by joint name; joints without a position keep
+            theirs, and joints without a velocity are at rest.
+
+        Raises
+        ------
+        ValueError
+            If the state is invalid.
+        """
+        positions = _by_joint(self.names, 'q', q)
+        velocities = _by_joint(self.names, 'qd', {} if qd is None else qd)
+        self._demand(SET_STATE, encode_joints(self.names, positions, velocities))
+        self.step()
+
+    def push(self, force: Sequence[float], torque: Sequence[float], frame: str = '') -> None:
+        """Apply a force and a torque to the last link until the next push or a reset.
+
+        They are expressed in a frame on the last link, by default the link's frame, and act at its
+        origin, N and N m. The arm needs the setting external_wrench=True; external_wrench_timeout
+        ends them.
+        """
+        wrench = np.array([force, torque], np.float64).ravel()
+        self._demand(WRENCH, encode_numbers(WRENCH_STAMPED, 0, frame or self.robot.tip, wrench))
+
+    def set(self, **values: Any) -> None:
+        """Change dynamic settings from the next step on; ValueError if one is invalid."""
+        _check_names(values)
+        self._demand(PARAMETERS, encode_changes(_plain_values(values)))
+        self.settings = self.engine.state.settings
+
+    def _demand(self, role: str, data: bytes) -> None:
+        """Send a message that the next cycle takes; ValueError if the arm does not accept it."""
+        event = (role, data)
+        self._keep([event], self.engine.state.cycle)
+        messages, (verdict,) = self.engine.step([event], run=False)
+        self._record(messages)
+        if not verdict.accepted:
+            raise ValueError(f'{verdict.label}: {verdict.detail}')
+
+    def save(self) -> State:
+        """Return a copy of the state of the arm, from which `restore` continues with equal bits.
+
+        It can be copied, compared and pickled, within one version of this package.
+        """
+        return self.engine.save()
+
+    def restore(self, state: State) -> None:
+        """Continue from a saved state, of this arm or another one with the same settings.
+
+        Raises
+        ------
+        ValueError
+            If the state is of another robot, or of an arm with other settings at its start; or if
+            the run is recorded, as a recording holds one run.
+        """
+        if self._log is not None:
+            raise ValueError(
+                f'this run is recorded in {self.settings.recording!r}, and a recording holds one '
+                'run from its start: restore a state in an arm without recording'
+            )
+        self.engine.restore(state)
+        self.settings = self.engine.state.settings
+        self.start = self.engine.save()
+        self.inputs.clear()
+
+    def record_again(self, path: Path) -> str:
+        """Run an unrecorded arm again with the same inputs, hence with the same bits, recorded.
+
+        Return a line about what is wrong with the recording, or ''.
+
+        Raises
+        ------
+        ValueError
+            If there were too many inputs to keep.
+        OSError
+            If the file exists or cannot be written.
+        """
+        if len(self.inputs) >= MOST_INPUTS:
+            raise ValueError('the inputs of this run are too many: record it with recording=...')
+        robot, settings = self._given
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore')  # the first arm has warned
+            again = LockstepArm(robot, **{**settings, 'recording': str(path)})
+        with again:
+            if self.start is not None:
+                again.engine.restore(self.start)
+            # It may end in a failure, as the first arm did.
+            with suppress(ArmError):
+                inputs = iter(self.inputs)
+                for cycles, role, data in zip(inputs, inputs, inputs, strict=True):
+                    again._run_to(cycles)
+                    _, (verdict,) = again.engine.step([(role, data)], run=False)
+                again._run_to(self.engine.state.cycle)
+        if again.q.tobytes() != self.q.tobytes():
+            return 'the arm was run again, and its last state differs'
+        if self.start is not None:
+            return 'the arm was restored from a saved state: the log begins there, not verifiable'
+        return ''
+
+    def _run_to(self, cycles: int) -> None:
+        while self.engine.state.cycle < cycles:
+            self.step()
+
+
+def _described(robot: Any, given: Mapping[str, Any]) -> DescribedRobot:
+    """Return robot and settings of an arm in tests: the first stamp is one step above zero.
+
+    Raises
+    ------
+    ValueError
+        If a value is refused, or a test has another one.
+    """
+    plain, numbers = split_joints(given)
+    _check_names({**plain, **numbers})
+    for name, value in FIXED.items():
+        if plain.get(name, value) != value:
+            raise ValueError(f'{name} is {plain[name]!r}, expected {value!r} in tests')
+    name = robot.name if isinstance(robot, pfd.Robot) else os.fspath(robot)
+    settings = Settings.from_values({**_plain_values(plain), **FIXED, 'robot': name})
+    if 'start_time' not in plain:
+        # Zero means 'no time' to ROS.
+        settings = replace(settings, start_time=settings.step_size)
+    settings = with_scene_text(settings)
+    if not isinstance(robot, pfd.Robot):
+        found = described_robot(settings, settings.robot)
+    elif settings.base_link or settings.tip_link or settings.locked:
+        raise ValueError(
+            'base_link, tip_link and locked cannot be given with a pfd.Robot: name its file'
+        )
+    else:
+        found = DescribedRobot(robot, settings)
+    return replace(found, settings=with_joint_numbers(found.settings, found.robot, numbers))
+
+
+def _check_names(names: Collection[str]) -> None:
+    """Raise ValueError for the first unknown setting, with the most similar one."""
+    known = [row.field for row in FIELDS]
+    for name in names:
+        if name not in known:
+            hint = did_you_mean(name.replace('.', '_'), known, 'config/sim_arm.yaml has them all')
+            raise ValueError(f'unknown setting {cut(name)!r}: {hint}')
+
+
+def _plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values of settings as JSON has them: paths and scenes as text, arrays as lists."""
+    return {name: _plain(value) for name, value in values.items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, pfd.Scene):
+        return pfd.scene_to_yaml(value)
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def _limits_of(robot: pfd.Robot, rows: Any) -> Limits:
+    """Return the limits of a robot in published order."""
+    lower, upper = robot.position_lower[rows], robot.position_upper[rows]
+    return Limits(lower, upper, robot.velocity_limit[rows], robot.effort_limit[rows])
+
+
+def _by_joint(names: Sequence[str], label: str, values: JointValues) -> Array:
+    """Return a number for each joint (n,), NaN for joints without one.
+
+    Raises
+    ------
+    ValueError
+        If there are more or fewer, or a name is not one of `names`.
+    """
+    if not isinstance(values, Mapping):
+        array = np.asarray(values, np.float64)
+        if array.shape != (len(names),):
+            raise ValueError(f'{label} has shape {array.shape}, expected ({len(names)},)')
+        return array
+    unknown = sorted(set(values) - set(names))
+    if unknown:
+        raise ValueError(f'{label} names {unknown}, expected joints of {list(names)}')
+    return np.array([float(values.get(joint, math.nan)) for joint in names])

@@ -1,0 +1,120 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The link of the arm to a callback of the test, controller(t, q, qd) -> tau."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import isfinite, nan
+from time import perf_counter
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pfd_ros.arm.events import ARRAY, Message, Verdict
+from pfd_ros.messages.text_and_arrays import encode_floats
+from pfd_ros.motion.metrics import Array
+from pfd_ros.testing.loop import ControllerError, RejectedError, blocked
+from pfd_ros.testing.patience import BlockedError, Watch
+from pfd_ros.text import one_line
+
+FLOAT = np.dtype(np.float64)
+# controller(t, q, qd) -> tau, with q, qd and tau (n,) in published order; SI units, t in s.
+Controller: TypeAlias = Callable[[float, Array, Array], ArrayLike]
+
+
+class CallbackLink:
+    """A controller that is called with each state.
+
+    Parameters
+    ----------
+    controller
+        Called as controller(t, q, qd); the arrays are its own.
+    names
+        Joints in published order.
+    patience
+        Longest wall time of one call, s.
+    """
+
+    silent = True
+
+    def __init__(self, controller: Controller, names: Sequence[str], patience: float) -> None:
+        self._controller, self._names, self._patience = controller, names, patience
+        self._watch = Watch(patience)
+        self._answers, self.seconds, self.notes = 0, nan, list[str]()
+
+    def __enter__(self) -> CallbackLink:
+        """Begin to watch the controller."""
+        self._watch.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Watch no longer."""
+        self._watch.__exit__()
+
+    def answer(
+        self, messages: Sequence[Message], time: float, measured: Array
+    ) -> Sequence[tuple[str, bytes]]:
+        """Return the command with which the controller answers a state.
+
+        Raises
+        ------
+        ControllerError
+            If it raised or blocked, or its answer is not one number for each joint.
+        """
+        watch = self._watch
+        begun = watch.since = perf_counter()
+        try:
+            efforts: Any = self._controller(time, measured[0], measured[1])
+            watch.since = 0.0
+        except BlockedError:
+            raise self._blocked(time) from None
+        except Exception as error:
+            text = one_line(f'{type(error).__name__}: {error}')
+            raise ControllerError(f'the controller raised at t = {time:.6g} s: {text}') from error
+        self.seconds = perf_counter() - begun
+        if watch.stack:
+            # It caught what interrupted it.
+            raise self._blocked(time)
+        if (
+            type(efforts) is not np.ndarray
+            or efforts.dtype is not FLOAT
+            or efforts.shape != measured[0].shape
+        ):
+            efforts = self._converted(efforts, time)
+        # The terms of a finite sum are finite; for a few joints faster than NumPy.
+        if not isfinite(sum(efforts.tolist())) and not np.isfinite(efforts).all():
+            raise self._not_finite(efforts, time)
+        self._answers += 1
+        return ((ARRAY, encode_floats(efforts)),)
+
+    def _blocked(self, time: float) -> ControllerError:
+        return blocked(self._watch, self._patience, time, self._answers)
+
+    def _converted(self, answer: Any, time: float) -> Array:
+        names = list(self._names)
+        try:
+            efforts = np.asarray(answer)
+            if efforts.dtype.kind not in 'iuf' or efforts.shape != (len(names),):
+                raise ValueError
+            return efforts.astype(np.float64)
+        except (TypeError, ValueError):
+            shape = f', of shape {answer.shape}' if isinstance(answer, np.ndarray) else ''
+            raise ControllerError(
+                f'the controller returned {one_line(repr(answer), 200)}{shape} at '
+                f't = {time:.6g} s, expected {len(names)} numbers, an effort for each of {names}'
+            ) from None
+
+    def _not_finite(self, efforts: Array, time: float) -> ControllerError:
+        wrong = np.flatnonzero(~np.isfinite(efforts)).tolist()
+        told = ', '.join(f'{efforts[j]} for joint {self._names[j]!r}' for j in wrong)
+        return ControllerError(
+            f'the controller returned {told} at t = {time:.6g} s, expected finite efforts'
+        )
+
+    def rejected(self, time: float, verdict: Verdict) -> Exception:
+        """Return the error about efforts that the arm did not accept."""
+        return RejectedError(
+            f'the arm rejected the efforts at t = {time:.6g} s: {verdict.label}: {verdict.detail}'
+        )

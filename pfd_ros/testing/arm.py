@@ -292,9 +292,11 @@ class LockstepArm:
         ArmError
             If the state does not stay finite.
         """
-        engine = self.engine
+        engine, inputs = self.engine, self.inputs
         state = engine.state
-        self._keep(events, state.cycle)
+        if len(inputs) < MOST_INPUTS:
+            for role, data in events:
+                inputs += (state.cycle, role, data)
         messages, verdicts = engine.step(events)
         while state.cycle % every:
             messages += engine.step()[0]
@@ -303,12 +305,6 @@ class LockstepArm:
         if state.failure:
             raise ArmError(f't = {self.time:.6g} s: {state.failure}')
         return messages, verdicts
-
-    def _keep(self, events: Sequence[tuple[str, bytes]], cycle: int) -> None:
-        inputs = self.inputs
-        if len(inputs) < MOST_INPUTS:
-            for role, data in events:
-                inputs += (cycle, role, data)
 
     def _record(self, messages: list[Message]) -> None:
         log = self._log
@@ -359,9 +355,8 @@ class LockstepArm:
 
     def _demand(self, role: str, data: bytes) -> None:
         """Send a message that the next cycle takes; ValueError if the arm does not accept it."""
-        event = (role, data)
-        self._keep([event], self.engine.state.cycle)
-        messages, (verdict,) = self.engine.step([event], run=False)
+        self.inputs += (self.engine.state.cycle, role, data)
+        messages, (verdict,) = self.engine.step([(role, data)], run=False)
         self._record(messages)
         if not verdict.accepted:
             raise ValueError(f'{verdict.label}: {verdict.detail}')
@@ -418,7 +413,8 @@ class LockstepArm:
                 inputs = iter(self.inputs)
                 for cycles, role, data in zip(inputs, inputs, inputs, strict=True):
                     again._run_to(cycles)
-                    _, (verdict,) = again.engine.step([(role, data)], run=False)
+                    with suppress(ValueError):  # refused, as by the first arm
+                        again._demand(role, data)
                 again._run_to(self.engine.state.cycle)
         if again.q.tobytes() != self.q.tobytes():
             return 'the arm was run again, and its last state differs'

@@ -124,9 +124,9 @@ def run(arm: LockstepArm, link: Link, rows: Rows, allowed: Collection[str] = ())
         if commands:
             rows.compute_time[k - 1] = link.seconds
         messages, verdicts = step(commands, every)
-        for (role, data), verdict in zip(commands, verdicts, strict=True):
-            if verdict is not ACCEPTED or role == NAMED:
-                found = rejection(role, data, verdict, engine.names)
+        for i, verdict in enumerate(verdicts):
+            if verdict is not ACCEPTED or commands[i][0] == NAMED:
+                found = rejection(*commands[i], verdict, engine.names)
                 if found is not None and found.label not in allowed:
                     raise link.rejected(time, found)
         published = engine.published

@@ -1,0 +1,611 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The link to ROS nodes under test, in this process and in others, with timers or without.
+
+Each message of the arm is followed by a barrier: the next one is published only when every node
+has finished what follows from it. Nodes of this process are run until nothing is ready. A node
+elsewhere, a peer, says so itself: an executor of one thread serves the parameter services of its
+node after its subscriptions and timers, so a reply is a barrier. Nothing is installed in a node.
+
+This rests on a property of the middleware: what one participant sends to another arrives in the
+order in which it was sent, over all topics. Fast DDS has it, with one port a participant; DDS does
+not promise it. `notes` reports what is seen of nodes that are not repeatable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+import math
+from time import perf_counter, time_ns
+from typing import Any
+
+from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, SetParameters
+import rclpy
+from rclpy.clock import ClockType
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.executors import SingleThreadedExecutor, TimeoutException
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter as NodeParameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+from rclpy.utilities import get_rmw_implementation_identifier
+
+from pfd_ros.arm.description import DescribedRobot
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import (
+    ARRAY,
+    CLOCK,
+    DESCRIPTION,
+    NAMED,
+    PAYLOAD_IN_USE,
+    ROLES,
+    STATES,
+    TIP_WRENCH,
+    Message,
+    Verdict,
+)
+from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.text_and_arrays import encode_string
+from pfd_ros.messages.topics import UNKNOWN_NODE, message_class, node_of, topic_of
+from pfd_ros.motion.metrics import Array
+from pfd_ros.testing.loop import ControllerError, NoAnswerError, RejectedError, blocked
+from pfd_ros.testing.patience import BlockedError, Watch
+from pfd_ros.testing.process import ControllerProcess
+from pfd_ros.text import listed, one_line
+
+COMMANDS = (NAMED, ARRAY)
+# Requests that make a barrier after a state and after a tick. One may be taken in a wait that did
+# not see the message before it; the second one is taken after the message's callback, the third
+# after timers which that callback, the clock's, made due.
+AFTER_STATE, AFTER_TICK = 2, 3
+# The graph has to stay the same for so long before the first state, s; a first request without
+# reply is repeated after AGAIN; a wait is at most LOOK long, and the graph is read as often.
+QUIET_SECONDS, AGAIN_SECONDS, LOOK_SECONDS = 0.2, 0.5, 0.05
+STATE_DEPTH, COMMAND_DEPTH = 10, 100
+THREADS = 'several threads or a timer on wall time'
+# These deliver to readers of the same process within publish(); with others, nodes of this process
+# would have to be peers.
+DELIVER_AT_ONCE = ('rmw_fastrtps', 'rmw_cyclonedds')
+
+
+class _Peer:
+    """A node that this process does not run: its parameter services and what they said.
+
+    Attributes
+    ----------
+    sim_time
+        Whether it has use_sim_time, None before its first reply.
+    threaded
+        Whether its clock may have a thread of its own, as the clock of rclcpp has.
+    stamp_ns, reads
+        Its clock when last read, and whether it is being read.
+    pending
+        Replies to wait for.
+    """
+
+    def __init__(self, node: Node, name: str) -> None:
+        self.name, self.sim_time, self.threaded = name, None, False
+        self.stamp_ns, self.reads, self.asked = 0, False, 0.0
+        self.pending: list[Future] = []
+        self._get = node.create_client(GetParameters, f'{name}/get_parameters')
+        self._set = node.create_client(SetParameters, f'{name}/set_parameters')
+
+    def greet(self, now: float) -> None:
+        """Ask for use_sim_time until there is a reply; this has no effect on the node."""
+        if self.pending and self.pending[0].done():
+            values = self.pending[0].result().values
+            self.sim_time = bool(values and values[0].bool_value)
+        elif now - self.asked > AGAIN_SECONDS and self._get.service_is_ready():
+            self.asked = now
+            self.pending = [self._get.call_async(GetParameters.Request(names=['use_sim_time']))]
+
+    def ask(self, count: int, role: str) -> None:
+        """Send so many requests of a barrier, or one that reads the clock first."""
+        self.reads = role == CLOCK and self.threaded
+        if self.reads:
+            # The event of this change, which changes nothing, is stamped with the node's time.
+            value = ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=True)
+            same = SetParameters.Request(parameters=[Parameter(name='use_sim_time', value=value)])
+            self.pending = [self._set.call_async(same)]
+        else:
+            self.pending = [self._get.call_async(GetParameters.Request()) for _ in range(count)]
+
+    def awaited(self, stamp_ns: int) -> Future | None:
+        """Return a reply to wait for, None if the barrier is complete; send what else it needs."""
+        for future in self.pending:
+            if not future.done():
+                return future
+        if self.reads and self.stamp_ns == stamp_ns:
+            # Taken in a later wait than the change, after the timers that the time made due.
+            self.ask(1, STATES)
+        elif self.reads:
+            self.ask(1, CLOCK)
+        else:
+            return None
+        return self.pending[0]
+
+
+class _Timers(SingleThreadedExecutor):
+    """Runs timers of nodes whose other callbacks a faster executor runs."""
+
+    def __init__(self, others: Any) -> None:
+        self._others = others
+        super().__init__()
+
+    def wake(self) -> None:
+        """Take in new callbacks."""
+        super().wake()
+        self._others.wake()
+
+
+class _WithoutTimers:
+    """A node as the faster executor sees it: that one runs timers in an order by chance."""
+
+    timers = ()
+
+    def __init__(self, node: Node, polled: Sequence[Any] = ()) -> None:
+        self._node, self._polled, self.executor = node, polled, None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._node, name)
+
+    @property
+    def subscriptions(self) -> list[Any]:
+        return [one for one in self._node.subscriptions if one not in self._polled]
+
+
+class NodeLink:
+    """The topics of the arm, and the nodes at their other ends.
+
+    Parameters
+    ----------
+    described
+        The robot and the topics that its description names.
+    engine
+        The arm.
+    ros_args
+        Arguments of its node: remappings, its namespace.
+    controllers
+        Nodes of this process, which are run here, and controllers as processes.
+
+    Raises
+    ------
+    RuntimeError
+        If rclpy is not initialised.
+    ControllerError
+        If a node is in another executor.
+    """
+
+    silent = False
+
+    def __init__(
+        self,
+        described: DescribedRobot,
+        engine: Engine,
+        ros_args: Sequence[str],
+        controllers: Sequence[Any],
+    ) -> None:
+        if not rclpy.ok():
+            raise RuntimeError('rclpy is not initialised: let the test take the fixture ros_domain')
+        self._processes = [one for one in controllers if isinstance(one, ControllerProcess)]
+        self._nodes = [one for one in controllers if not isinstance(one, ControllerProcess)]
+        for node in self._nodes:
+            if node.executor is not None and node in node.executor.get_nodes():
+                raise ControllerError(f'node {node.get_name()!r} is in an executor already')
+        settings = engine.state.settings
+        self._tick_ns = settings.clock_every * settings.step_ns
+        # No services, log topic and event handlers: each makes every wait longer.
+        self._node = Node(
+            'sim_arm',
+            cli_args=['--ros-args', *ros_args],
+            enable_rosout=False,
+            start_parameter_services=False,
+            parameter_overrides=[NodeParameter('start_type_description_service', value=False)],
+        )
+        topics = dict(described.control.topics)
+        if settings.command_topic:
+            topics[ARRAY] = settings.command_topic
+        # Made before the clients of peers: discovery keeps the order, so a peer that replies knows
+        # these ends.
+        wrench = {TIP_WRENCH} if engine.plant.scene.external_wrench else set()
+        roles = {STATES, PAYLOAD_IN_USE, *settings.outputs, *wrench}
+        roles |= {CLOCK} if settings.publish_clock else set()
+        roles |= {DESCRIPTION} if settings.publish_description else set()
+        self._publishers = {
+            role: self._publisher(role, topics.get(role, '')) for role in ROLES if role in roles
+        }
+        if settings.publish_description:
+            self._publishers[DESCRIPTION].publish(encode_string(described.text))
+        self._commands = {role: self._reader(role, topics.get(role, '')) for role in COMMANDS}
+        self._events = EventsExecutor()
+        self._events.add_node(_WithoutTimers(self._node, list(self._commands.values())))
+        self._executor = _Timers(self._events)
+        for node in self._nodes:
+            self._executor.add_node(node)
+            self._events.add_node(_WithoutTimers(node))
+        self._peers: dict[str, _Peer] = {}
+        self._timers: list[Any] = []
+        # Commands that came: role, bytes, time of publication [ns].
+        self._came: list[tuple[str, bytes, int]] = []
+        self._after: set[str] = set()  # roles of the messages that commands followed
+        self._time, self._commanded, self._looked = 0.0, math.nan, 0.0
+        self._answers, self._watch = 0, Watch(math.inf)
+        self.seconds, self.notes, self._noted = math.nan, list[str](), set[str]()
+
+    def _publisher(self, role: str, theirs: str) -> Any:
+        latched = ROLES[role].latched
+        qos = QoSProfile(
+            depth=1 if latched or role == CLOCK else STATE_DEPTH,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+        return self._node.create_publisher(
+            message_class(ROLES[role].type),
+            topic_of(self._node, ROLES[role].topic, theirs),
+            qos,
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+        )
+
+    def _reader(self, role: str, theirs: str) -> Any:
+        # Compatible with best-effort and with reliable publishers.
+        qos = QoSProfile(depth=COMMAND_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        return self._node.create_subscription(
+            message_class(ROLES[role].type),
+            topic_of(self._node, ROLES[role].topic, theirs),
+            lambda data: None,  # taken by _collect
+            qos,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+
+    def __enter__(self) -> NodeLink:
+        """Return the link."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Take the node of the arm down; the other nodes may be in another run."""
+        self._watch.__exit__()
+        for node in self._nodes:
+            node.executor = None
+        self._executor.shutdown()
+        self._events.shutdown()
+        self._node.destroy_node()
+
+    def begin(self, period: float | None, patience: float, start_patience: float) -> None:
+        """Wait until all nodes and the ends of their topics know each other.
+
+        No message is published before, so timers on simulated time all begin at time 0.
+
+        Parameters
+        ----------
+        period
+            Longest simulated time between two commands, s; None for any.
+        patience
+            Longest wall time for what follows from a message, s.
+        start_patience
+            Longest wall time until the nodes are there, s.
+
+        Raises
+        ------
+        NoAnswerError
+            If they are not.
+        """
+        self._period, self._patience = period, patience
+        self._watch = Watch(patience)
+        self._watch.__enter__()
+        here = {self._node.get_fully_qualified_name()}
+        if get_rmw_implementation_identifier().startswith(DELIVER_AT_ONCE):
+            here |= {node.get_fully_qualified_name() for node in self._nodes}
+        begun, seen, since = perf_counter(), None, 0.0
+        while True:
+            self._spin(Future(), LOOK_SECONDS / 5)
+            now = perf_counter()
+            self._find_peers(here, now)
+            ends, matched = self._ends(), self._matched()
+            missing = '; '.join(self._missing(ends, matched))
+            if missing or (ends, matched) != seen:
+                seen, since = (ends, matched), now
+            elif now - since > QUIET_SECONDS:
+                break
+            self._check_processes()
+            if now - begun > start_patience:
+                raise NoAnswerError(
+                    f'no controller within {start_patience:g} s: {missing or "they change"}'
+                    f'{self._outputs()}'
+                )
+        self._counts, roles = matched, [role for role, _ in ends]
+        self._read = [role for role in self._publishers if role in roles]
+        self._ticks, self._several = CLOCK in roles, roles.count('commands') > 1
+        for peer in self._peers.values():
+            peer.pending = []
+            peer.threaded = bool(peer.sim_time) and ('events', peer.name) in ends
+        if any(peer.threaded for peer in self._peers.values()):
+            topic = '/parameter_events'
+            self._node.create_subscription(ParameterEvent, topic, self._on_event, COMMAND_DEPTH)
+            self._events.wake()
+        self._drain()
+        self._came.clear()
+
+    def _find_peers(self, here: set[str], now: float) -> None:
+        """Make a peer of each node that is not hidden and not run here."""
+        pairs = self._node.get_node_names_and_namespaces()
+        names = {
+            f'{space.rstrip("/")}/{name}' for name, space in pairs if not name.startswith('_')
+        }
+        for name in sorted(names - here - self._peers.keys()):
+            self._peers[name] = _Peer(self._node, name)
+            self._events.wake()
+        self._peers = {name: self._peers[name] for name in sorted(self._peers.keys() & names)}
+        for peer in self._peers.values():
+            if peer.sim_time is None:
+                peer.greet(now)
+
+    def _ends(self) -> list[tuple[str, str]]:
+        """Return role and node of each end of the arm's topics and each reader of events."""
+        node = self._node
+        read, written = node.get_subscriptions_info_by_topic, node.get_publishers_info_by_topic
+        found = [('events', x) for x in read('/parameter_events')]
+        for role, end in self._publishers.items():
+            found += [(role, x) for x in read(end.topic_name)]
+            if role in (STATES, CLOCK):
+                found += [('arm', x) for x in written(end.topic_name)]
+        for end in self._commands.values():
+            found += [('commands', x) for x in written(end.topic_name)]
+        return sorted((role, node_of(x)) for role, x in found)
+
+    def _matched(self) -> tuple[int, ...]:
+        """Return the numbers of ends with which those of the arm are connected."""
+        ends = self._publishers.items()
+        return (
+            *(end.get_subscription_count() for _, end in ends),
+            *(end.get_publisher_count() for end in self._commands.values()),
+            *(
+                self._node.count_publishers(end.topic_name)
+                for role, end in ends
+                if role in (STATES, CLOCK)
+            ),
+        )
+
+    def _missing(
+        self, ends: Sequence[tuple[str, str]], matched: Sequence[int]
+    ) -> Iterator[str]:
+        """Yield what the run still needs."""
+        roles = [role for role, _ in ends]
+        if roles.count('arm') > 2:
+            yield 'another node publishes states or the clock'
+        if 'commands' not in roles:
+            topics = [end.topic_name for end in self._commands.values()]
+            yield f'nobody publishes commands on {" or ".join(topics)}'
+        if STATES not in roles and CLOCK not in roles:
+            yield f'nobody subscribes to {self._publishers[STATES].topic_name} or /clock'
+        if len(self._peers) < len(self._processes):
+            yield f'{len(self._peers)} of {len(self._processes)} nodes in other processes'
+        for name, peer in self._peers.items():
+            if peer.sim_time is None:
+                yield f'{name} does not reply on {name}/get_parameters'
+            elif peer.sim_time and CLOCK in self._publishers and (CLOCK, name) not in ends:
+                yield f'{name} has use_sim_time and does not read /clock'
+        if sum(matched) != len(roles) - roles.count('events') or UNKNOWN_NODE in str(ends):
+            yield 'topics are not connected'
+
+    def _on_event(self, event: ParameterEvent) -> None:
+        if event.node in self._peers:
+            stamp = event.stamp
+            self._peers[event.node].stamp_ns = stamp.sec * NANOSECONDS + stamp.nanosec
+
+    def answer(
+        self, messages: Sequence[Message], time: float, measured: Array
+    ) -> Sequence[tuple[str, bytes]]:
+        """Publish messages one by one, each with what follows from it; return the commands.
+
+        Raises
+        ------
+        ControllerError
+            If a node of this process raises or blocks.
+        NoAnswerError
+            If nodes do not finish, do not answer a state, or end.
+        """
+        self._time, sent = time, dict[str, int]()
+        for role, data, _ in messages:
+            if role in self._read:
+                sent[role] = time_ns()
+                self._publishers[role].publish(data)
+                self._settle(role, round(time * NANOSECONDS))
+        if STATES in sent and not self._ticks:
+            self._wait_for_answer()
+        now = perf_counter()
+        if now - self._looked > LOOK_SECONDS:
+            self._looked = now
+            if self._matched() != self._counts:
+                self._note('a node joined or left the topics of the arm')
+            self._check_processes()
+        if self._came:
+            self._commanded = time
+        elif self._period and not time - self._commanded <= self._period * (1 + 1e-6):
+            if not math.isnan(self._commanded):
+                raise NoAnswerError(
+                    f'no command since t = {self._commanded:.6g} s {self._where()}: the nodes have '
+                    f'finished their callbacks; one is expected every {self._period:g} s'
+                )
+        return self._commands_of(sent)
+
+    def _commands_of(self, sent: dict[str, int]) -> list[tuple[str, bytes]]:
+        """Return the commands that came, and note those that no message of the arm explains."""
+        came, self._came = self._came, []
+        first = min(sent.values(), default=0)
+        for _, _, when in came if self._peers else ():
+            if when < first:
+                self._note(f'a command came after its node had said that it was done: it has {THREADS}')
+            self._after.add(CLOCK if when >= sent.get(CLOCK, math.inf) else STATES)
+        if len(self._after) == 2 and not self._several:
+            self._note(f'commands follow states as well as ticks: if that is not meant, there are {THREADS}')
+        if self._several and len(came) > 1 and self._peers:
+            self._note('several nodes commanded at once: their order is chance')
+        if came:
+            begun = max((when for when in sent.values() if when <= came[0][2]), default=first)
+            self.seconds = (came[0][2] - begun) / NANOSECONDS
+        self._answers += len(came)
+        # The order between topics is chance: by topic, and in the order of each.
+        came.sort(key=lambda command: COMMANDS.index(command[0]))
+        return [(role, data) for role, data, _ in came]
+
+    def _wait_for_answer(self) -> None:
+        """Wait for a command to a state; without a clock nothing else can make a node command."""
+        deadline = perf_counter() + self._patience
+        # The nodes said that they were done: a command that comes now is late.
+        late = not self._came
+        while not self._came:
+            self._spin(Future(), LOOK_SECONDS / 50)
+            self._collect()
+            self._check_processes()
+            if perf_counter() > deadline:
+                names = listed(sorted({name for role, name in self._ends() if role == 'commands'}))
+                said = f'commands stopped after {self._answers} answers' if self._answers else (
+                    f'{names} never published a command'
+                )
+                raise NoAnswerError(
+                    f'no answer for {self._patience:g} s to the state at t = {self._time:.6g} s: '
+                    f'{said}, and the nodes have finished their callbacks{self._outputs()}'
+                )
+        if late and self._peers:
+            self._note(f'a command came after its node had said that it was done: it has {THREADS}')
+
+    def _settle(self, role: str, stamp_ns: int) -> None:
+        """Return when every node has done all that follows from the last message."""
+        self._drain()
+        count = AFTER_TICK if role == CLOCK else AFTER_STATE
+        # The longest chain from node to node; between two peers there may be nodes of this process.
+        rounds = len(self._peers) * (2 if self._nodes else 1)
+        peers, deadline = list(self._peers.values()), perf_counter() + self._patience
+        for _ in range(rounds):
+            for peer in peers:
+                peer.ask(count, role)
+            for peer in peers:
+                while (future := peer.awaited(stamp_ns)) is not None:
+                    self._spin(future, LOOK_SECONDS)
+                    if perf_counter() > deadline:
+                        raise self._unfinished(peer, role)
+            self._drain()
+
+    def _unfinished(self, peer: _Peer, role: str) -> NoAnswerError:
+        self._check_processes()
+        why = 'its clock does not follow /clock' if peer.reads else 'it blocks or is gone'
+        return NoAnswerError(
+            f'node {peer.name!r} does not finish what follows the {role} message within '
+            f'{self._patience:g} s {self._where()}: {why}{self._outputs()}'
+        )
+
+    def _drain(self) -> None:
+        """Run nodes of this process until nothing is ready, and take the commands."""
+        deadline = perf_counter() + self._patience
+        while True:
+            # With a deadline that is over, until the queue of events is empty.
+            self._spin(Future(), 0.0)
+            timers = [timer for node in self._nodes for timer in node.timers]
+            if timers != self._timers:
+                self._timers = timers
+                self._check_timers()
+            if not any(timer.is_ready() for timer in timers):
+                break
+            self._run_timers()
+            if perf_counter() > deadline:
+                raise NoAnswerError(
+                    f'timers are due without end {self._where()}: {self._patience:g} s'
+                )
+        self._collect()
+
+    def _spin(self, future: Future, seconds: float) -> None:
+        """Run callbacks until a future is done, for so long at most."""
+        watch = self._watch
+        watch.since = perf_counter()
+        try:
+            self._events.spin_until_future_complete(future, seconds)
+            watch.since = 0.0
+        except BlockedError:
+            pass
+        except Exception as error:
+            raise self._raised(error) from error
+        if watch.stack:
+            raise blocked(watch, self._patience, self._time, self._answers)
+
+    def _run_timers(self) -> None:
+        """Run the timers that are due, in the order in which they were made."""
+        count = sum(timer.is_ready() for timer in self._timers)
+        for _ in range(count):
+            try:
+                task, _, _ = self._executor.wait_for_ready_callbacks(0.0)
+            except TimeoutException:
+                return
+            self._watch.since = perf_counter()
+            try:
+                task()
+                self._watch.since = 0.0
+            except BlockedError:
+                pass
+            if self._watch.stack:
+                raise blocked(self._watch, self._patience, self._time, self._answers)
+            error = task.exception() if task.done() else None
+            if error is not None:
+                raise self._raised(error) from error
+
+    def _collect(self) -> None:
+        for role, end in self._commands.items():
+            while (taken := end.handle.take_message(end.msg_type, True)) is not None:
+                self._came.append((role, taken[0], taken[1]['source_timestamp']))
+
+    def _check_timers(self) -> None:
+        """Note timers of nodes of this process that do not follow the clock of the arm."""
+        for node in self._nodes:
+            for timer in node.timers:
+                period = f'timer of {timer.timer_period_ns / 1e6:g} ms of node {node.get_name()!r}'
+                if timer.clock.clock_type != ClockType.ROS_TIME:
+                    self._note(f'the {period} runs on wall time (give it the clock of the node)')
+                elif not timer.clock.ros_time_is_active:
+                    self._note(f'the {period} runs on wall time (set use_sim_time)')
+                elif timer.timer_period_ns % self._tick_ns:
+                    tick = f'{self._tick_ns / 1e6:g} ms'
+                    self._note(
+                        f'the {period} is no multiple of the tick of {tick} (set clock_rate)',
+                        'uneven',
+                    )
+
+    def _note(self, text: str, kind: str = 'not repeatable') -> None:
+        """Note it once, with the time at which it was first seen."""
+        if text not in self._noted:
+            self._noted.add(text)
+            self.notes.append(f'{kind}: {text}, at t = {self._time:.6g} s')
+
+    def _where(self) -> str:
+        return f'at t = {self._time:.6g} s, after {self._answers} answers'
+
+    def _raised(self, error: BaseException) -> ControllerError:
+        text = one_line(f'{type(error).__name__}: {error}')
+        return ControllerError(f'a node raised {self._where()}: {text}')
+
+    def _check_processes(self) -> None:
+        """Raise NoAnswerError if a process has ended."""
+        for process in self._processes:
+            end = process.end()
+            if end:
+                raise NoAnswerError(f'{process} {end} {self._where()}{process.tail()}')
+
+    def _outputs(self) -> str:
+        return ''.join(f'; {process} runs{process.tail()}' for process in self._processes)
+
+    def rejected(self, time: float, verdict: Verdict) -> Exception:
+        """Return the error about a command that the arm rejected."""
+        ends = self._ends()
+        names = listed(sorted({name for role, name in ends if role == 'commands'}))
+        return RejectedError(
+            f'the arm rejected a command of {names} {self._where()}: {verdict.label}: '
+            f'{verdict.detail}'
+        )
+
+    def check_end(self, seconds: float) -> None:
+        """Raise NoAnswerError if there was no command in the whole run, of so many seconds."""
+        if not self._answers:
+            raise NoAnswerError(
+                f'no command in {seconds:g} s, though the nodes have finished their callbacks'
+                f'{self._outputs()}'
+            )

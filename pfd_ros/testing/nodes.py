@@ -457,7 +457,7 @@ class NodeLink:
         late = not self._came
         while not self._came:
             self._spin(Future(), LOOK_SECONDS / 50)
-            self._collect()
+            self._drain()
             self._check_processes()
             if perf_counter() > deadline:
                 names = listed(sorted({name for role, name in self._ends() if role == 'commands'}))

@@ -32,7 +32,7 @@ from pfd_ros.recording.arrays import LogArrays, read_log
 from pfd_ros.recording.format import LogError
 from pfd_ros.replay.compare import compare
 from pfd_ros.replay.verify import verify
-from pfd_ros.testing.child_process import ChildProcess
+from pfd_ros.testing.process import ChildProcess
 from pfd_ros.testing.domains import FIRST, LAST, environment, own_domain
 from pfd_ros.text import one_line
 from pfd_ros.view.ports import OPENED, check_page

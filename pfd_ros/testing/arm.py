@@ -28,7 +28,16 @@ from numpy.typing import ArrayLike
 import pfd_core as pfd
 from pfd_ros.arm.description import DescribedRobot, described_robot
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import ALL, ASIDES, PARAMETERS, REQUESTS, SET_STATE, WRENCH, Message, Verdict
+from pfd_ros.arm.events import (
+    ALL,
+    ASIDES,
+    PARAMETERS,
+    REQUESTS,
+    SET_STATE,
+    WRENCH,
+    Message,
+    Verdict,
+)
 from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.arm.other_inputs import encode_changes, encode_request
 from pfd_ros.arm.plant import with_scene_text

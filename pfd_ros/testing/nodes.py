@@ -188,7 +188,9 @@ class NodeLink:
         controllers: Sequence[Any],
     ) -> None:
         if not rclpy.ok():
-            raise RuntimeError('rclpy is not initialised: let the test take the fixture ros_domain')
+            raise RuntimeError(
+                'rclpy is not initialised: let the test take the fixture ros_domain'
+            )
         self._processes = [one for one in controllers if isinstance(one, ControllerProcess)]
         self._nodes = [one for one in controllers if not isinstance(one, ControllerProcess)]
         for node in self._nodes:
@@ -367,9 +369,7 @@ class NodeLink:
             ),
         )
 
-    def _missing(
-        self, ends: Sequence[tuple[str, str]], matched: Sequence[int]
-    ) -> Iterator[str]:
+    def _missing(self, ends: Sequence[tuple[str, str]], matched: Sequence[int]) -> Iterator[str]:
         """Yield what the run still needs."""
         roles = [role for role, _ in ends]
         if roles.count('arm') > 2:
@@ -436,10 +436,14 @@ class NodeLink:
         first = min(sent.values(), default=0)
         for _, _, when in came if self._peers else ():
             if when < first:
-                self._note(f'a command came after its node had said that it was done: it has {THREADS}')
+                self._note(
+                    f'a command came after its node had said that it was done: it has {THREADS}'
+                )
             self._after.add(CLOCK if when >= sent.get(CLOCK, math.inf) else STATES)
         if len(self._after) == 2 and not self._several:
-            self._note(f'commands follow states as well as ticks: if that is not meant, there are {THREADS}')
+            self._note(
+                f'commands follow states as well as ticks: if that is not meant, there are {THREADS}'
+            )
         if self._several and len(came) > 1 and self._peers:
             self._note('several nodes commanded at once: their order is chance')
         if came:
@@ -461,15 +465,19 @@ class NodeLink:
             self._check_processes()
             if perf_counter() > deadline:
                 names = listed(sorted({name for role, name in self._ends() if role == 'commands'}))
-                said = f'commands stopped after {self._answers} answers' if self._answers else (
-                    f'{names} never published a command'
+                said = (
+                    f'commands stopped after {self._answers} answers'
+                    if self._answers
+                    else (f'{names} never published a command')
                 )
                 raise NoAnswerError(
                     f'no answer for {self._patience:g} s to the state at t = {self._time:.6g} s: '
                     f'{said}, and the nodes have finished their callbacks{self._outputs()}'
                 )
         if late and self._peers:
-            self._note(f'a command came after its node had said that it was done: it has {THREADS}')
+            self._note(
+                f'a command came after its node had said that it was done: it has {THREADS}'
+            )
 
     def _settle(self, role: str, stamp_ns: int) -> None:
         """Return when every node has done all that follows from the last message."""

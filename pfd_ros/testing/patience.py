@@ -89,7 +89,11 @@ class Watch:
             looks = looks + 1 if since == looked else 0
             looked = since
             waited = time.perf_counter() - since
-            if since and waited > self._patience and looks * LOOK_SECONDS > WATCHED * self._patience:
+            if (
+                since
+                and waited > self._patience
+                and looks * LOOK_SECONDS > WATCHED * self._patience
+            ):
                 self._end_turn(since)
 
     def _end_turn(self, since: float) -> None:

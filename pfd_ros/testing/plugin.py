@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The pytest plugin: the fixtures `sim_arm`, `ros_domain` and `controller_process`.
+"""The pytest plugin: fixtures sim_arm, sim_node, controller_process and ros_domain.
 
 pytest loads it in every session of an environment in which this package is installed, so nothing
 but pytest is imported before a test uses a fixture. Each worker of pytest-xdist is a process with
@@ -9,7 +9,7 @@ a separate domain.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -55,24 +55,16 @@ def sim_arm(
 ) -> Iterator[Callable[..., Any]]:
     """Return a function that creates simulated arms: sim_arm(robot='ur5', publish_rate=500).
 
-    It takes the arguments of pfd_ros.testing.lockstep_arm.LockstepArm; with process=True, of
-    pfd_ros.testing.process_arm.ProcessArm. At the end of the test the arms are closed. A failed
-    test writes a recording and an HTML page of each arm, see --sim-arm-artifacts.
+    It takes the arguments of pfd_ros.testing.LockstepArm. At the end of the test the arms are
+    closed. A failed test writes a recording and an HTML page of each, see --sim-arm-artifacts.
     """
     made = request.node.stash.setdefault(ARMS, [])
     with ExitStack() as arms:
 
-        def make(robot: Any, *, process: bool = False, **settings: Any) -> Any:
-            if process:
-                request.getfixturevalue('ros_domain')
-                from pfd_ros.testing.process_arm import ProcessArm
+        def make(robot: Any, **settings: Any) -> Any:
+            from pfd_ros.testing.arm import LockstepArm
 
-                made.append(arms.enter_context(ProcessArm(robot, **settings)))
-            else:
-                from pfd_ros.testing.lockstep_arm import LockstepArm
-
-                made.append(arms.enter_context(LockstepArm(robot, **settings)))
-                made[-1].keep_inputs()
+            made.append(arms.enter_context(LockstepArm(robot, **settings)))
             return made[-1]
 
         yield make
@@ -81,13 +73,30 @@ def sim_arm(
 
 
 @pytest.fixture
+def sim_node(ros_domain: int) -> Iterator[Callable[..., Any]]:
+    """Return a function that starts the node itself: sim_node(robot='ur5', ros_args=[...]).
+
+    It takes parameters of the node. The process runs in real time, in the domain of the test, and
+    is ended with it; the test fails if the node did.
+    """
+    from pfd_ros.testing.process import NodeProcess
+
+    with ExitStack() as processes:
+
+        def start(*, ros_args: Sequence[str] = (), **parameters: Any) -> Any:
+            return processes.enter_context(NodeProcess(parameters, ros_args))
+
+        yield start
+
+
+@pytest.fixture
 def controller_process(ros_domain: int) -> Iterator[Callable[..., Any]]:
     """Return a function that starts a controller: controller_process([sys.executable, 'node.py']).
 
     Pass the result to `spin`, which reports how the process ended and the end of its output. The
-    process runs in the domain of the test, and ends with it.
+    process runs in the domain of the test, and it and all that it started end with the test.
     """
-    from pfd_ros.testing.child_process import ControllerProcess
+    from pfd_ros.testing.process import ControllerProcess
 
     with ExitStack() as processes:
         yield lambda command: processes.enter_context(ControllerProcess(command))
@@ -99,7 +108,7 @@ def ros_domain(request: pytest.FixtureRequest) -> Iterator[int]:
 
     If rclpy is initialised already, its context and domain are used.
     """
-    from pfd_ros.testing.session import current_domain, initialised
+    from pfd_ros.testing.domains import current_domain, initialised
 
     domain = current_domain()
     if domain is not None:
@@ -113,7 +122,7 @@ def ros_domain(request: pytest.FixtureRequest) -> Iterator[int]:
 @pytest.fixture(scope='session')
 def _own_ros_domain() -> Iterator[int]:
     """Claim a domain for this process and the processes that its tests start."""
-    from pfd_ros.testing.session import claimed_domain
+    from pfd_ros.testing.domains import claimed_domain
 
     with claimed_domain() as domain:
         yield domain

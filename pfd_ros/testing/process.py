@@ -211,7 +211,9 @@ def _named(parameters: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Yield parameters as the node names them, each number of a single joint by itself."""
     names = {row.field: row.name for row in FIELDS} | {row.name: row.name for row in FIELDS}
     for given, value in parameters.items():
-        group = max((name for name in names if f'{given}.'.startswith(f'{name}.')), key=len, default='')
+        group = max(
+            (name for name in names if f'{given}.'.startswith(f'{name}.')), key=len, default=''
+        )
         if not group:
             hint = did_you_mean(given, list(names), 'config/sim_arm.yaml has them all')
             raise ValueError(f'unknown parameter {given!r}: {hint}')

@@ -291,7 +291,10 @@ class Trajectory:
             The joints that are to follow it.
         """
         __tracebackhide__ = True
-        goals, first = self._rows('reference', reference, len(self.names)), self._first('after', after)
+        goals, first = (
+            self._rows('reference', reference, len(self.names)),
+            self._first('after', after),
+        )
         errors = np.abs(self.q - goals)[first:]
         columns = self._columns(joint)
         names = [f'joint {name!r}' for name in self.names]

@@ -10,7 +10,7 @@ from pathlib import Path
 import signal
 import sys
 
-from pfd_ros.testing.child_process import ChildProcess
+from pfd_ros.testing.process import ChildProcess
 from pfd_ros.testing.domains import environment_to_kill
 
 # The arm comes first where processors are few.

@@ -1,0 +1,110 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a failed test leaves: a recording of each arm, and its page with the moment of the failure.
+
+An unrecorded arm is run again with the inputs that it kept, with the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+import os
+from pathlib import Path
+import re
+import shutil
+from typing import Any
+
+from pfd_ros.arm.events import WRENCH
+from pfd_ros.messages.numbers import decode_numbers
+from pfd_ros.messages.types import WRENCH as WRENCH_STAMPED
+from pfd_ros.page.curves import Reference
+from pfd_ros.page.page import TYPES, Moment, page
+from pfd_ros.recording.arrays import read_log
+from pfd_ros.testing.arm import LockstepArm, RecordingError
+from pfd_ros.testing.loop import seconds_of
+from pfd_ros.text import one_line
+
+# Of the name of a folder, and of the text of an error on a page.
+NAME_LENGTH, TEXT_LENGTH = 100, 4000
+MOST_FOLDERS = 10_000
+
+
+def folder_of(item: Any) -> Path:
+    """Return a new folder for a test, a pytest.Item; one that exists is kept, with a number."""
+    chosen = item.config.getoption('sim_arm_artifacts')
+    name = re.sub(r'[^\w.-]+', '_', item.nodeid if chosen else item.name)[-NAME_LENGTH:]
+    if chosen:
+        parent = item.config.invocation_params.dir / chosen
+    elif 'tmp_path' in item.funcargs:
+        own = item.funcargs['tmp_path']
+        parent, name = own.parent, f'{own.name}-sim_arm'
+    else:
+        parent, name = item.funcargs['tmp_path_factory'].getbasetemp(), f'{name}-sim_arm'
+    for number in range(MOST_FOLDERS):
+        folder = Path(parent, f'{name}-{number + 1}' if number else name)
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        return folder
+    raise FileExistsError(f'{parent} has {MOST_FOLDERS} folders {name}')
+
+
+def write_artifacts(arms: Sequence[Any], folder: Path, error: BaseException) -> list[str]:
+    """Write recording and page of each arm; return lines that name them, or say what failed."""
+    lines = []
+    for number, arm in enumerate(arms, 1):
+        name = 'arm' if len(arms) == 1 else f'arm{number}'
+        log = folder / f'{name}.mcap'
+        try:
+            said = _write_log(arm, log)
+            lines += [*filter(None, [one_line(said)]), f'recording  {log}']
+            found = page(read_log(log, types=TYPES, unreadable='count'), _marks(arm, error))
+            found.write(log.with_suffix('.html'))
+            lines.append(f'page       {log.with_suffix(".html")}')
+            first = found.first
+            if first is not None:
+                text = f'{first.kind}: {first.joint} {first.text}'
+                lines.append(one_line(f'first      t = {first.time:.3f} s, {text}'))
+        # Nothing may hide the failure of the test.
+        except Exception as failed:
+            lines.append(one_line(f'{name} not written: {type(failed).__name__}: {failed}'))
+    return lines
+
+
+def _write_log(arm: LockstepArm, log: Path) -> str:
+    """Write the recording of an arm; return what there is to say about it, or ''."""
+    if not arm.settings.recording:
+        return arm.record_again(log)
+    said = ''
+    try:
+        arm.close()
+    except RecordingError as failed:
+        said = f'the recording is incomplete: {failed}'
+    try:
+        os.link(arm.settings.recording, log)
+    except OSError:
+        shutil.copyfile(arm.settings.recording, log)
+    return said
+
+
+def _marks(arm: LockstepArm, error: BaseException) -> Iterator[Moment | Reference]:
+    """Yield the moment of a failure, what the joints should have done, and the pushes."""
+    label = 'failed assertion' if isinstance(error, AssertionError) else 'failed test'
+    failure, text = getattr(error, 'motion', None), f'{type(error).__name__}: {error}'
+    yield Moment(arm.time if failure is None else failure.time, label, text[:TEXT_LENGTH])
+    if failure is not None and failure.reference is not None:
+        names, time, position, within = failure.reference
+        yield Reference(tuple(names), time, position, within)
+    origin, step = arm.settings.start_ns, arm.settings.step_ns
+    inputs = iter(arm.inputs)
+    pushes = [
+        (seconds_of(origin + cycles * step), decode_numbers(data, WRENCH_STAMPED).values)
+        for cycles, role, data in zip(inputs, inputs, inputs, strict=True)
+        if role == WRENCH
+    ]
+    ends = [time for time, _ in pushes[1:]] + [arm.time]
+    for (time, numbers), end in zip(pushes, ends, strict=False):
+        if any(numbers):
+            force, torque = [list(numbers[:3]), list(numbers[3:])]
+            yield Moment(time, 'push', f'{force} N, {torque} N m', end, 'note')

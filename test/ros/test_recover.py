@@ -1,0 +1,213 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""recover keeps what can be read of a cut off or damaged file, and names what it loses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import random
+import struct
+
+from bridge import MCAP_MAGIC, LogError, mcap_records, recover_log, verify_log
+from mcap.reader import make_reader
+from mcap.records import ChunkIndex, Message
+from mcap.writer import CompressionType, IndexType, Writer
+import pytest
+from recordings import busy, largest_file, rewritten
+
+Found = tuple[str, int, int, bytes]
+
+
+def messages(path: Path) -> list[Found]:
+    """Return topic, number, time and bytes of the messages, by the reader of the package mcap."""
+    with path.open('rb') as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        return [
+            (channel.topic, message.sequence, message.log_time, message.data)
+            for _, channel, message in reader.iter_messages(log_time_order=False)
+        ]
+
+
+def chunks(path: Path) -> list[ChunkIndex]:
+    with path.open('rb') as stream:
+        return list(make_reader(stream).get_summary().chunk_indexes)
+
+
+@pytest.fixture(scope='module')
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a recording of 60 steps in some twenty chunks."""
+    folder = tmp_path_factory.mktemp('source')
+    busy(folder / 'run.mcap')
+    path = rewritten(folder / 'run.mcap', folder / 'chunks.mcap', chunk=1000)
+    assert len(chunks(path)) > 10
+    return path
+
+
+def recovered(data: bytes, folder: Path) -> tuple[list[Found], list[str]]:
+    """Return what is recovered of a file, and what is lost."""
+    damaged, whole = folder / 'damaged.mcap', folder / 'whole.mcap'
+    damaged.write_bytes(data)
+    whole.unlink(missing_ok=True)
+    found = recover_log(damaged, whole)
+    kept = messages(whole)
+    assert found.messages == len(kept)
+    return kept, found.lost
+
+
+def test_of_a_whole_file_nothing_is_lost(source: Path, tmp_path: Path) -> None:
+    kept, lost = recovered(source.read_bytes(), tmp_path)
+    assert (kept, lost) == (messages(source), [])
+    assert verify_log(tmp_path / 'whole.mcap') == verify_log(source)
+    assert verify_log(source).complete
+
+
+def test_a_cut_costs_the_chunk_that_it_is_in(source: Path, tmp_path: Path) -> None:
+    data, every = source.read_bytes(), messages(source)
+    some = 0
+    for at in random.Random(3).sample(range(len(MCAP_MAGIC), len(data)), 60):
+        kept, lost = recovered(data[:at], tmp_path)
+        before = [c for c in chunks(source) if c.chunk_start_offset + c.chunk_length <= at]
+        assert len(lost) == 1
+        assert kept == every[: len(kept)]
+        assert bool(kept) == bool(before)
+        if kept:
+            some += len(kept) < len(every)
+            verified = verify_log(tmp_path / 'damaged.mcap')
+            assert verified.compared.total() == len(kept)
+            # A file that lacks nothing but its index is whole again.
+            assert verify_log(tmp_path / 'whole.mcap')[:2] == verified[:2]
+    assert some > 20
+
+
+def test_a_damaged_chunk_costs_that_chunk_alone(source: Path, tmp_path: Path) -> None:
+    data, every = source.read_bytes(), messages(source)
+    sizes = []
+    for chunk in chunks(source):
+        damaged = bytearray(data)
+        damaged[chunk.chunk_start_offset + chunk.chunk_length - 5] ^= 8
+        kept, lost = recovered(bytes(damaged), tmp_path)
+        assert len(lost) == 1
+        # With the topics of the first chunk, from the index.
+        assert set(kept) < set(every)
+        sizes.append(len(every) - len(kept))
+    assert sum(sizes) == len(every)
+
+
+@pytest.mark.parametrize('length', [0, 5, 1 << 20, 1 << 62])
+def test_a_damaged_length_costs_one_chunk_with_an_index_and_the_rest_without(
+    length: int, source: Path, tmp_path: Path
+) -> None:
+    data, every = source.read_bytes(), messages(source)
+    chunk = chunks(source)[4]
+    at = chunk.chunk_start_offset
+    damaged = data[: at + 1] + struct.pack('<Q', length) + data[at + 9 :]
+    kept, lost = recovered(damaged, tmp_path)
+    after = [row for row in every if row[2] > chunk.message_end_time]
+    assert len(lost) >= 1
+    assert set(after) <= set(kept) < set(every)
+    end = chunks(source)[-1]
+    cut = damaged[: end.chunk_start_offset + end.chunk_length]
+    kept, lost = recovered(cut, tmp_path)
+    assert len(lost) >= 1
+    assert kept
+    assert set(kept) <= set(every) - set(after)
+
+
+def test_a_damaged_index_costs_no_message(source: Path, tmp_path: Path) -> None:
+    data, every = source.read_bytes(), messages(source)
+    (begin,) = struct.unpack('<Q', data[-28:-20])
+    rng = random.Random(4)
+    for _ in range(40):
+        damaged = bytearray(data)
+        damaged[rng.randrange(begin, len(data) - 8)] ^= 1 << rng.randrange(8)
+        assert recovered(bytes(damaged), tmp_path)[0] == every
+
+
+def test_damage_outside_the_chunks_is_reported(source: Path, tmp_path: Path) -> None:
+    data = bytearray(source.read_bytes())
+    data[data.index(b'"seed"') + 1] ^= 1
+    kept, lost = recovered(bytes(data), tmp_path)
+    assert kept == messages(source)
+    assert ['cannot be checked' in part for part in lost] == [True]
+
+
+def test_zeros_after_a_power_cut_are_reported(source: Path, tmp_path: Path) -> None:
+    chunk = chunks(source)[6]
+    end = chunk.chunk_start_offset + chunk.chunk_length
+    begin = source.read_bytes()[:end]
+    kept, lost = recovered(begin + bytes(100_000), tmp_path)
+    assert kept == recovered(begin, tmp_path)[0]
+    assert len(lost) == 1
+
+
+@pytest.mark.parametrize('compression', CompressionType)
+@pytest.mark.parametrize('chunked', [False, True])
+def test_logs_of_others_are_copied(
+    compression: CompressionType, chunked: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / 'other.mcap'
+    with path.open('wb') as stream:
+        writer = Writer(
+            stream, 500, compression, IndexType.NONE, use_chunking=chunked, use_statistics=False
+        )
+        writer.start('', 'other')
+        writer.add_attachment(3, 4, 'a.txt', 'text/plain', b'hello')
+        bare = writer.register_channel('/bare', 'json', 0, {'who': 'me'})
+        schema = writer.register_schema('X', 'jsonschema', b'{}')
+        typed = writer.register_channel('/typed', 'json', schema)
+        for k in range(40):
+            writer.add_message([bare, typed][k % 2], 100 - k, b'{}' * k, k, k)
+        writer.add_metadata('note', {'a': 'b'})
+        writer.finish()
+    kept, lost = recovered(path.read_bytes(), tmp_path)
+    assert lost == []
+    assert kept == messages(path)
+    with (tmp_path / 'whole.mcap').open('rb') as stream:
+        reader = make_reader(stream)
+        assert [(a.create_time, a.name, a.data) for a in reader.iter_attachments()] == [
+            (3, 'a.txt', b'hello')
+        ]
+        assert [(m.name, m.metadata) for m in reader.iter_metadata()] == [('note', {'a': 'b'})]
+        found = {c.topic: c.metadata for c in reader.get_summary().channels.values()}
+    assert found == {'/bare': {'who': 'me'}, '/typed': {}}
+
+
+def test_any_damage_leaves_a_readable_file(source: Path, tmp_path: Path) -> None:
+    data, every, rng = source.read_bytes(), set(messages(source)), random.Random(5)
+    for _ in range(150):
+        damaged = bytearray(data)
+        for _ in range(rng.choice([1, 1, 3])):
+            at, many = rng.randrange(8, len(data)), rng.choice([1, 1, 8, 500])
+            damaged[at : at + many] = rng.choice([b'', bytes(many), rng.randbytes(many)])
+        kept, lost = recovered(bytes(damaged), tmp_path)
+        assert set(kept) <= every
+        assert len(kept) > 0 or lost
+        assert lost or len(kept) == len(every)
+
+
+def test_what_cannot_be_recovered_leaves_no_file(source: Path, tmp_path: Path) -> None:
+    target = tmp_path / 'whole.mcap'
+    for data in (b'', b'hello, world', b'version https://git-lfs.github.com/spec/v1\n'):
+        (tmp_path / 'other').write_bytes(data)
+        with pytest.raises(LogError, match='other'):
+            recover_log(tmp_path / 'other', target)
+    with largest_file(2000), pytest.raises(OSError, match='too large'):
+        recover_log(source, target)
+    with pytest.raises(FileNotFoundError):
+        recover_log(tmp_path / 'missing', target)
+    assert not target.exists()
+    target.write_bytes(b'mine')
+    with pytest.raises(FileExistsError):
+        recover_log(source, target)
+    assert target.read_bytes() == b'mine'
+
+
+def test_a_chunk_that_unpacks_to_too_much_is_lost_alone(source: Path, tmp_path: Path) -> None:
+    data, chunk = source.read_bytes(), chunks(source)[3]
+    # Its size when unpacked comes after two times.
+    at = chunk.chunk_start_offset + 9 + 16
+    damaged = data[:at] + struct.pack('<Q', 1 << 40) + data[at + 8 :]
+    kept, lost = recovered(damaged, tmp_path)
+    assert len(lost) == 1
+    count = sum(isinstance(record, Message) for record in mcap_records(source))
+    assert 0 < count - len(kept) < 30

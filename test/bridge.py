@@ -361,6 +361,7 @@ NAMES = {
     'frame_times': 'pfd_ros.view.page:frame_times',
     'view_address': 'pfd_ros.view.page:address',
     'view_page': 'pfd_ros.view.page:page',
+    'logged': 'pfd_ros.view.logged:logged',
     'ShownLog': 'pfd_ros.view.shown_log:ShownLog',
     # pfd_ros.advice: advice on a scene
     'Advice': 'pfd_ros.advice:Advice',

@@ -142,7 +142,7 @@ def logged(
     if not np.isfinite(position).any():
         problems['no positions: the arm is shown at zero'] = None
     poses = LinkPoses(urdf, joints)
-    tip = str((log.settings or {}).get('tip_link', ''))
+    tip = '' if log.robot is None else log.robot.tip
     axis_ns, logged_ns = ns - ns[0], states.log_ns[order]
     wrench, payload = (
         _timeline(log, load, wanted, axis_ns, logged_ns, int(ns[0]), poses.links, problems)

@@ -15,19 +15,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from pfd_ros.messages.types import CLOCK as TICK
-from pfd_ros.messages.types import (
-    DIAGNOSTICS as DIAGNOSTIC_ARRAY,
-)
-from pfd_ros.messages.types import (
-    FLOAT_ARRAY,
-    INERTIA,
-    JOINT_STATE,
-    POSE,
-    STRING,
-    TRANSFORMS,
-)
-from pfd_ros.messages.types import WRENCH as WRENCH_STAMPED
+from pfd_ros.messages import types
 
 # Most steps of one request; a request that lasts for ever is `resume`.
 MOST_STEPS = 1_000_000
@@ -151,39 +139,39 @@ def _shown(role: str, kind: str, quantity: str = '') -> dict[str, Role]:
 
 
 ROLES: dict[str, Role] = {
-    NAMED: Role(JOINT_STATE, 'joint_commands', INPUT),
-    ARRAY: Role(FLOAT_ARRAY, '~/commands', INPUT),
-    SET_STATE: Role(JOINT_STATE, '~/set_state', INPUT),
-    REQUESTS: Role(STRING, '~/requests', INPUT, service=True),
-    PARAMETERS: Role(STRING, '~/parameter_changes', INPUT, service=True),
-    WRENCH: Role(WRENCH_STAMPED, '~/external_wrench', INPUT),
-    PAYLOAD: Role(INERTIA, '~/payload', INPUT, latched=True),
-    CLOCK_TICKS: Role(TICK, '/clock', INPUT),
+    NAMED: Role(types.JOINT_STATE, 'joint_commands', INPUT),
+    ARRAY: Role(types.FLOAT_ARRAY, '~/commands', INPUT),
+    SET_STATE: Role(types.JOINT_STATE, '~/set_state', INPUT),
+    REQUESTS: Role(types.STRING, '~/requests', INPUT, service=True),
+    PARAMETERS: Role(types.STRING, '~/parameter_changes', INPUT, service=True),
+    WRENCH: Role(types.WRENCH, '~/external_wrench', INPUT),
+    PAYLOAD: Role(types.INERTIA, '~/payload', INPUT, latched=True),
+    CLOCK_TICKS: Role(types.CLOCK, '/clock', INPUT),
     # In the order in which a cycle puts them out.
-    REJECTED: Role(STRING, '~/rejected', OUTPUT),
-    PAYLOAD_IN_USE: Role(INERTIA, '~/payload_in_use', OUTPUT, latched=True),
-    STATES: Role(JOINT_STATE, 'joint_states', OUTPUT),
-    **_shown(TRUE_STATES, JOINT_STATE),
-    **_shown(ACCELERATION, FLOAT_ARRAY),
-    **_shown('external_torques', JOINT_STATE, 'wrench_torques'),
-    **_shown('inertia_matrix', FLOAT_ARRAY, 'inertia_matrix'),
-    **_shown('bias_torques', JOINT_STATE, 'bias_torques'),
-    **_shown('gravity_torques', JOINT_STATE, 'gravity_torques'),
+    REJECTED: Role(types.STRING, '~/rejected', OUTPUT),
+    PAYLOAD_IN_USE: Role(types.INERTIA, '~/payload_in_use', OUTPUT, latched=True),
+    STATES: Role(types.JOINT_STATE, 'joint_states', OUTPUT),
+    **_shown(TRUE_STATES, types.JOINT_STATE),
+    **_shown(ACCELERATION, types.FLOAT_ARRAY),
+    **_shown('external_torques', types.JOINT_STATE, 'wrench_torques'),
+    **_shown('inertia_matrix', types.FLOAT_ARRAY, 'inertia_matrix'),
+    **_shown('bias_torques', types.JOINT_STATE, 'bias_torques'),
+    **_shown('gravity_torques', types.JOINT_STATE, 'gravity_torques'),
     # A topic of ROS 2 has one type.
-    **_shown('external_torques_array', FLOAT_ARRAY, 'wrench_torques'),
-    **_shown('bias_torques_array', FLOAT_ARRAY, 'bias_torques'),
-    **_shown('gravity_torques_array', FLOAT_ARRAY, 'gravity_torques'),
-    **_shown('tip_jacobian', FLOAT_ARRAY, 'tip_jacobian'),
-    **_shown(TIP_POSE, POSE, 'tip_pose'),
-    **_shown(TIP_WRENCH, WRENCH_STAMPED),
-    **_shown(ENERGY, FLOAT_ARRAY, 'energy'),
-    CLOCK: Role(TICK, '/clock', OUTPUT),
-    TF: Role(TRANSFORMS, '/tf', OUTPUT),
-    TF_STATIC: Role(TRANSFORMS, '/tf_static', ASIDE, latched=True),
-    DESCRIPTION: Role(STRING, 'robot_description', ASIDE, latched=True),
+    **_shown('external_torques_array', types.FLOAT_ARRAY, 'wrench_torques'),
+    **_shown('bias_torques_array', types.FLOAT_ARRAY, 'bias_torques'),
+    **_shown('gravity_torques_array', types.FLOAT_ARRAY, 'gravity_torques'),
+    **_shown('tip_jacobian', types.FLOAT_ARRAY, 'tip_jacobian'),
+    **_shown(TIP_POSE, types.POSE, 'tip_pose'),
+    **_shown(TIP_WRENCH, types.WRENCH),
+    **_shown(ENERGY, types.FLOAT_ARRAY, 'energy'),
+    CLOCK: Role(types.CLOCK, '/clock', OUTPUT),
+    TF: Role(types.TRANSFORMS, '/tf', OUTPUT),
+    TF_STATIC: Role(types.TRANSFORMS, '/tf_static', ASIDE, latched=True),
+    DESCRIPTION: Role(types.STRING, 'robot_description', ASIDE, latched=True),
     # How many refused inputs of a flood were not recorded.
-    REJECTED_COUNTS: Role(STRING, '~/rejected_counts', ASIDE),
-    DIAGNOSTICS: Role(DIAGNOSTIC_ARRAY, '/diagnostics', ASIDE),
+    REJECTED_COUNTS: Role(types.STRING, '~/rejected_counts', ASIDE),
+    DIAGNOSTICS: Role(types.DIAGNOSTICS, '/diagnostics', ASIDE),
     TRANSITIONS: Role(TRANSITION, '~/transition_event', ASIDE),
 }
 ALL = frozenset(ROLES)

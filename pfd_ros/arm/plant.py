@@ -123,8 +123,9 @@ class Plants:
         if found is None:
             simulator = pfd.MotorSimulator(self._robot, scene, **simulator_settings(settings))
             found = Compiled(simulator, _kernels(settings, self._robot, scene))
-            while len(self._compiled) >= MOST_COMPILED:
-                self._compiled.pop(next(iter(self._compiled)), None)
+            # The oldest go; a list, since other threads may ask meanwhile.
+            for digest in list(self._compiled)[: 1 - MOST_COMPILED]:
+                self._compiled.pop(digest, None)
             self._compiled[scene.digest] = found
         return found
 

@@ -24,15 +24,14 @@ Only `node`, `testing`, `demo` and `view.live` import rclpy.
 
 To change or add
 
-    an input                arm.events.Source, a rule in arm.validation, its role and channel in
-                            recording.format
-    a published topic       arm.settings.OUTPUTS and a writer in arm.outputs. A topic that is not
+    an input                a row of arm.events.ROLES, a rule in arm.engine.RULES
+    a published topic       a row of arm.events.ROLES and a writer in arm.outputs. A topic that is not
                             published with each state has a separate publisher, as in
                             node.diagnostics
-    frames of the links     arm.link_frames: /tf of recordings
+    frames of the links     arm.frames: /tf of recordings
     a parameter             a field of arm.settings, a line of config/sim_arm.yaml
-    NaN in a command        arm.commands: validate_named (keeps the last value), validate_array
-                            (the message is rejected)
+    NaN in a command        arm.commands: named (keeps the last value), array (the message is
+                            refused)
     log lines, diagnostics  node.reporting, node.diagnostics
     metadata of recordings  recording.format.HeadKey, EndKey; built in provenance.file_head and
                             recorder.LogRecorder.close_run, written by mcap_file

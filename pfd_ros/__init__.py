@@ -25,8 +25,8 @@ Only `node`, `testing`, `demo` and `view.live` import rclpy.
 To change or add
 
     an input                a row of arm.events.ROLES, a rule in arm.engine.RULES
-    a published topic       a row of arm.events.ROLES and a writer in arm.outputs. A topic that is not
-                            published with each state has a separate publisher, as in
+    a published topic       a row of arm.events.ROLES and a writer in arm.outputs. A topic that
+                            is not published with each state has a separate publisher, as in
                             node.diagnostics
     frames of the links     arm.frames: /tf of recordings
     a parameter             a field of arm.settings, a line of config/sim_arm.yaml

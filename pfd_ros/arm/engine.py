@@ -35,7 +35,7 @@ from pfd_ros.arm.plant import Plant, Plants, in_model_order
 from pfd_ros.arm.plant_settings import check_joints_without_values
 from pfd_ros.arm.sensors import Sensors
 from pfd_ros.arm.settings import Settings, check_joint_counts, check_servo, joint_order
-from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, State
+from pfd_ros.arm.state import ACTED, BRAKE, EFFORT, POSITION, State
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.text import cut
 
@@ -386,7 +386,7 @@ class Engine:
     def _set_inputs(self, state: State) -> None:
         self.plant.simulator.set_inputs(
             state.simulation,
-            wrench=state.wrench[0] if self._wrenched else None,
+            wrench=state.wrench[ACTED] if self._wrenched else None,
             brakes=state.acting[BRAKE] > 0.0,
             **self.plant.inputs,
         )

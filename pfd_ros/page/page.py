@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.events import TRANSITION
+from pfd_ros.arm.events import INPUTS, REJECTED, TRANSITION
 from pfd_ros.arm.settings import Settings
 from pfd_ros.files import new_file
 from pfd_ros.messages.cdr import NANOSECONDS
@@ -239,6 +239,9 @@ def _facts(run: Recorded) -> Iterator[tuple[str, str]]:
         yield named, f'{len(joints.time)}, every {1e3 * joints.period:.4g} ms'
     settings = run.settings
     if settings:
+        taken = sum(len(x) for role in INPUTS if (x := run.of_role(role)) is not None)
+        rejected = run.of_role(REJECTED)
+        yield 'inputs', f'{taken}, {0 if rejected is None else len(rejected)} rejected'
         model = [str(settings.get(x)) for x in ('integrator', 'method') if settings.get(x)]
         yield 'simulation', ', '.join([*model, f'step {settings.get("step_size")} s'])
     versions = json.loads(log.head.get('versions') or '{}')

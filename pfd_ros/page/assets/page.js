@@ -182,7 +182,7 @@ async function chart(p) {
     scales: { x: { time: false } },
     series: [{}, ...p.curves.map((c, k) => ({
       label: c.label, stroke: () => colour(hue(c, k)), width: c.kind ? 0.8 : 1.25, dash: c.kind ? [6, 3] : [],
-      points: { show: n < 2 }, ...(paths && { paths }) }))],
+      points: { show: n < 60 }, ...(paths && { paths }) }))],
     bands: p.curves.flatMap((c, k) => (c.kind === 'low' ? [band(k)] : [])),
     axes: [axis({ size: 26 }), axis({ size: 110, values: (_, ticks) => ticks.map((x) => (x === null ? '' : short(x))) })],
     hooks: { draw: [moments, limits], setCursor: [show] },

@@ -19,6 +19,7 @@ import pfd_core as pfd
 from pfd_core.dynamics.methods import FORWARD
 import pfd_ros
 from pfd_ros import testing
+from pfd_ros.arm.events import ROLES
 from pfd_ros.arm.setting_fields import Row
 from pfd_ros.arm.settings import FIELDS, Settings
 from pfd_ros.cli.doctor import EXTRAS
@@ -132,7 +133,7 @@ def _type(kind: Any) -> str:
 
 def _qos(end: Any, depth: int) -> str:
     words = 'best effort' if end in endpoints.UNRELIABLE else 'reliable'
-    latched = recording.channel_of_end(end).latched
+    latched = end in ROLES and ROLES[end].latched
     return f'{words}, {"transient local, " if latched else ""}depth {depth}'
 
 
@@ -220,27 +221,9 @@ def _methods() -> str:
 # The file of a recording.
 
 
-def _notes(role: str, channel: recording.Channel) -> Iterator[str]:
-    """Yield what a replay does with the messages of a channel, and whether each file has it."""
-    if role in recording.SOURCE_OF_ROLE:
-        yield 'input'
-    yield 'not replayed' if role in recording.ASIDE else 'needed' if channel.vital else 'compared'
-    if channel.always:
-        yield 'in each file'
-
-
 def _channels() -> str:
-    rows = [
-        (
-            code(role),
-            code(channel.topic),
-            code(channel.type),
-            ', '.join(_notes(role, channel)),
-        )
-        for role, channel in recording.CHANNELS.items()
-    ]
-    head = ('role', 'topic', 'type', 'messages')
-    return table(head, rows)
+    rows = [(code(role), code(row.topic), code(row.type), row.kind) for role, row in ROLES.items()]
+    return table(('role', 'topic', 'type', 'kind'), rows)
 
 
 def _keys() -> str:
@@ -252,11 +235,6 @@ def _keys() -> str:
         heading = f'### Record `{record}`\n\n{inspect.getdoc(keys)}'
         parts.append(f'{heading}\n\n{table(("key", "value"), rows)}')
     return '\n'.join(parts)
-
-
-def _bounds() -> str:
-    names = [name for name in vars(recording) if re.fullmatch(r'[A-Z]+_(BYTES|LIMIT)', name)]
-    return table(('bound', 'value'), [(code(x), f'{getattr(recording, x):,}') for x in names])
 
 
 # Python.
@@ -333,7 +311,6 @@ TABLES = {
     'methods': _methods,
     'channels': _channels,
     'keys': _keys,
-    'bounds': _bounds,
     'core': _core,
     'log': _ros,
     'fixtures': _fixtures,

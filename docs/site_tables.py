@@ -46,6 +46,8 @@ SETTINGS = {
     'SensorSettings': 'Sensors',
     'OutputSettings': 'Outputs',
 }
+# Roles that are in recordings alone.
+RECORDED = ('tf', 'tf_static', 'rejected_counts')
 TESTING = (
     'lockstep_arm.LockstepArm',
     'trajectory.Trajectory',
@@ -127,14 +129,10 @@ def _parameters() -> str:
 # Topics.
 
 
-def _type(kind: Any) -> str:
-    return code(f'{kind.__module__.split(".")[0]}/{kind.__name__}')
-
-
-def _qos(end: Any, depth: int) -> str:
-    words = 'best effort' if end in endpoints.UNRELIABLE else 'reliable'
-    latched = end in ROLES and ROLES[end].latched
-    return f'{words}, {"transient local, " if latched else ""}depth {depth}'
+def _qos(role: str) -> str:
+    found = endpoints.profile(role)
+    words = 'best effort' if role in endpoints.BEST_EFFORT else 'reliable'
+    return f'{words}, {"transient local, " if ROLES[role].latched else ""}depth {found.depth}'
 
 
 def _topics() -> str:
@@ -144,14 +142,12 @@ def _topics() -> str:
         + table(
             head,
             [
-                (code(topic), _type(kind), _qos(end, depth))
-                for end, (kind, topic, depth) in ends.items()
+                (code(row.topic), code(row.type.replace('/msg/', '/')), _qos(role))
+                for role, row in ROLES.items()
+                if (row.kind == 'input') == inputs and not row.service and role not in RECORDED
             ],
         )
-        for title, ends in (
-            ('Subscribed', endpoints.SUBSCRIBED),
-            ('Published', endpoints.PUBLISHED),
-        )
+        for title, inputs in (('Subscribed', True), ('Published', False))
     ]
     _, _, listed = inspect.getdoc(services).partition('\n\n')  # type: ignore[union-attr]
     return '\n'.join([*parts, f'## Services\n\n{block(listed)}'])

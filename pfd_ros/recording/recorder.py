@@ -208,7 +208,7 @@ class Recorder:
                 names.MESSAGE_ENCODING,
                 schemas[kind],
                 {
-                    names.QOS_KEY: qos_text(Qos(1, transient_local=latched)),
+                    names.QOS_KEY: qos_text(Qos(1 if latched else 10, transient_local=latched)),
                     names.TYPE_HASH_KEY: type_hash(kind),
                 },
             )

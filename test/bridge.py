@@ -306,6 +306,8 @@ NAMES = {
     'JointDivergence': 'pfd_ros.replay.what_if:JointDivergence',
     'WhatIf': 'pfd_ros.replay.what_if:WhatIf',
     'what_if': 'pfd_ros.replay.what_if:what_if',
+    'what_if_json': 'pfd_ros.replay.what_if:as_json',
+    'what_if_lines': 'pfd_ros.replay.what_if:lines',
     # pfd_ros.motion: measures of the motion of a joint
     'overshoot': 'pfd_ros.motion.metrics:overshoot',
     'settling_time': 'pfd_ros.motion.metrics:settling_time',

@@ -33,6 +33,14 @@ from pfd_ros.text import cut, did_you_mean, listed
 
 # Settings that only a robot read from a file or a name has.
 MODEL = ('base_link', 'tip_link', 'locked', 'locked_positions', 'ros2_control')
+# Settings of a new run that follow from its purpose.
+_KNOWN = 'the inputs of the log are known, and the new run waits for none'
+GIVEN = {
+    'recording': '--out names the log of the new run',
+    'recording_time': 'the log of the new run is in simulated time',
+    'lockstep': _KNOWN,
+    'wait_for_controller': _KNOWN,
+}
 
 
 class Changes(NamedTuple):
@@ -63,23 +71,25 @@ def read_changes(words: Sequence[str]) -> Changes:
     """
     values: dict[str, Any] = {}
     of_joints: dict[str, dict[str, float]] = {}
+    groups = {row.name for row in PER_JOINT}
     for word in words:
         key, equals, text = word.partition('=')
         if not equals or not key:
             raise ValueError(f'--what-if takes KEY=VALUE, got {cut(word)!r}')
         row = _row(key, text)
-        if row is not None and not text.lstrip().startswith('{'):
-            if row.field == 'recording':
-                raise ValueError('recording cannot be changed: --out names the log of the new run')
+        table_given = key in groups and text.lstrip().startswith('{')
+        if row is not None and not table_given:
+            if row.field in GIVEN:
+                raise ValueError(f'{cut(key)} cannot be changed: {GIVEN[row.field]}')
             if row.field in values:
                 raise ValueError(f'{cut(key)} is given twice')
             values[row.field] = _value(key, text, row.type)
             continue
-        plain, single = split_joints({key: _json(key, text, 'expected a number')})
-        if plain:
+        if not table_given and split_joints({key: 0.0})[0]:
             known = sorted({row.name for row in FIELDS})
             hint = did_you_mean(key, known, '`pfd info LOG` lists all')
             raise ValueError(f'unknown setting {cut(key)!r}: {hint}')
+        single = split_joints({key: _json(key, text, 'expected a number')})[1]
         for name, numbers in single.items():
             table = of_joints.setdefault(name, {})
             if not table.keys().isdisjoint(numbers):

@@ -14,7 +14,7 @@ each cycle begins under the newest effort of each joint: zero-order hold.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import json
 from typing import Any, NamedTuple
@@ -40,7 +40,7 @@ from pfd_ros.messages.cdr import NANOSECONDS, STAMP, TIME
 from pfd_ros.messages.joints import decode_joints, encode_joints
 from pfd_ros.messages.text_and_arrays import decode_floats, decode_string, encode_floats
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
-from pfd_ros.recording.arrays import LogArrays, TopicArrays
+from pfd_ros.recording.arrays import LogArrays, TopicArrays, renamed
 from pfd_ros.recording.format import EndKey, LogError
 from pfd_ros.recording.log import Log
 from pfd_ros.text import cut, listed
@@ -249,15 +249,19 @@ class BagInputs:
     Parameters
     ----------
     log
-        The bag, with renamed joints.
+        The bag.
     commands
         Topic of JointStates with efforts, or of Float64MultiArrays in published order.
     states
         Topic of JointStates; '' is the topic of the commands if it has positions, else
         /joint_states, or the only topic with positions.
+    rename
+        New beginning of joint names, by old beginning.
 
     Attributes
     ----------
+    log
+        The bag with renamed joints.
     states
         The topic of the states.
     times
@@ -273,7 +277,15 @@ class BagInputs:
         If the bag has no such topic, or messages of another type.
     """
 
-    def __init__(self, log: LogArrays, commands: str, states: str = '') -> None:
+    def __init__(
+        self,
+        log: LogArrays,
+        commands: str,
+        states: str = '',
+        rename: Mapping[str, str] | None = None,
+    ) -> None:
+        self._rename = rename or {}
+        log = renamed(log, self._rename)
         self.log, self._commands = log, commands
         self.skipped: Counter[str] = Counter()
         present = sorted(name for name, times in log.received_ns.items() if len(times))
@@ -297,9 +309,6 @@ class BagInputs:
         topics = log[commands], log[self.states]
         self.times = 'stamps' if all(topic.stamped for topic in topics) else 'log times'
         self.start_ns = 0
-        for topic, found in zip((commands, self.states), topics, strict=True):
-            if found.unreadable:
-                self.skipped[f'{topic}: not a message of its type'] = found.unreadable
 
     def _with_positions(self) -> list[str]:
         found = [t for t, kind in self.log.topics.items() if kind == JOINT_STATE and t in self.log]
@@ -315,7 +324,8 @@ class BagInputs:
             )
         return (usual or found)[0]
 
-    def _times_of(self, topic: TopicArrays) -> NDArray[np.int64]:
+    def times_of(self, topic: TopicArrays) -> NDArray[np.int64]:
+        """Return the times of messages, see `times`, (N,), ns."""
         if self.times == 'log times':
             return topic.log_ns
         assert topic.stamp_ns is not None
@@ -358,7 +368,7 @@ class BagInputs:
         rows = [int(np.flatnonzero(held[: last + 1, k])[-1]) for k in range(len(known))]
         q, qd = states.position[rows, columns], states.velocity[rows, columns]
         data = encode_joints(known, q, np.where(np.isfinite(qd), qd, 0.0))
-        return int(self._times_of(states)[last]), data
+        return int(self.times_of(states)[last]), data
 
     def of(self, engine: Engine) -> _BagRun:
         """Return the inputs for an arm whose settings were `settled`.
@@ -369,7 +379,7 @@ class BagInputs:
             If no command has an effort for a joint of the arm, or the clock was changed.
         """
         times, efforts = self._efforts(engine.names)
-        ends = self._times_of(self.log[self.states])
+        ends = self.times_of(self.log[self.states])
         every = np.sort(np.concatenate([times, ends]))
         gaps = np.diff(every[every >= self.start_ns]) / NANOSECONDS
         if len(gaps) and gaps.max() > LONGEST_GAP:
@@ -394,40 +404,52 @@ class BagInputs:
 
     def _efforts(self, names: tuple[str, ...]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the times of commands by time, (k,), and efforts of these joints, (k, n)."""
-        topic = self.log[self._commands]
-        if topic.type == JOINT_STATE:
-            times = self._times_of(topic)
-            efforts = np.full((len(times), len(names)), np.nan)
-            for k, name in enumerate(names):
-                if name in topic.names:
-                    efforts[:, k] = topic.effort[:, topic.names.index(name)]
-        else:
-            arrays = [_floats(data) for data in self.log.messages(self._commands)]
-            good = [k for k, one in enumerate(arrays) if len(one) == len(names)]
-            if len(good) < len(arrays):
-                self.skipped[f'not {len(names)} efforts'] = len(arrays) - len(good)
-            times = self.log.received_ns[self._commands][good]
-            efforts = np.array([arrays[k] for k in good]).reshape(len(good), len(names))
-        infinite = np.isinf(efforts).any(axis=1)
-        empty = np.isnan(efforts).all(axis=1) if efforts.size else np.ones(len(times), bool)
-        for reason, rows in (('infinite efforts', infinite), ('no efforts of the arm', empty)):
-            if rows.any():
-                self.skipped[reason] = int(rows.sum())
-        used = ~infinite & ~empty
-        if not used.any():
+        self.skipped.clear()
+        times, rows = list[int](), list[NDArray[Any]]()
+        place = {name: k for k, name in enumerate(names)}
+        received = self.log.received_ns[self._commands].tolist()
+        joints_named = self.log.topics[self._commands] == JOINT_STATE
+        for at, data in zip(received, self.log.messages(self._commands), strict=True):
+            efforts = np.full(len(names), np.nan)
+            try:
+                if not joints_named:
+                    efforts = decode_floats(data)
+                    if len(efforts) != len(names):
+                        self.skipped[f'not {len(names)} efforts'] += 1
+                        continue
+                else:
+                    joints = decode_joints(data)
+                    if len(joints.effort) != len(joints.names):
+                        self.skipped['efforts and names differ in number'] += 1
+                        continue
+                    for name, effort in zip(joints.names, joints.effort.tolist(), strict=True):
+                        known = place.get(self._renamed(name))
+                        if known is not None:
+                            efforts[known] = effort
+                    at = joints.stamp_ns if self.times == 'stamps' else at
+            except ValueError:
+                self.skipped['not a message of its type'] += 1
+                continue
+            if np.isinf(efforts).any():
+                self.skipped['infinite efforts'] += 1
+            elif np.isnan(efforts).all():
+                self.skipped['no efforts of the arm'] += 1
+            else:
+                times.append(at)
+                rows.append(efforts)
+        if not rows:
             raise LogError(
                 f'{self.log.path}: no message on {cut(self._commands)!r} has efforts for joints '
                 f'{listed(names)}: {dict(self.skipped)}'
             )
-        order = np.argsort(times[used], kind='stable')
-        return times[used][order], efforts[used][order]
+        order = np.argsort(times, kind='stable')
+        return np.array(times, np.int64)[order], np.array(rows)[order]
 
-
-def _floats(data: bytes) -> NDArray[Any]:
-    try:
-        return decode_floats(data)
-    except ValueError:  # of a length that no arm has
-        return np.zeros(0)
+    def _renamed(self, name: str) -> str:
+        for old, new in self._rename.items():
+            if name.startswith(old):
+                return new + name.removeprefix(old)
+        return name
 
 
 @dataclass

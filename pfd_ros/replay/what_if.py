@@ -46,8 +46,8 @@ from pfd_ros.arm.settings import (
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.text_and_arrays import decode_string
-from pfd_ros.recording.arrays import LogArrays, TopicArrays, read_log, renamed
-from pfd_ros.recording.format import damage_named
+from pfd_ros.recording.arrays import LogArrays, read_log
+from pfd_ros.recording.format import LogError, damage_named
 from pfd_ros.recording.log import Log
 from pfd_ros.recording.recorder import Recorder, topic_names, totals_of
 from pfd_ros.replay.changed_settings import Changes, changed_arm, described_arm, read_changes
@@ -211,21 +211,56 @@ def what_if(
     target = out or _free_path(path)
     engine = _engine(case, case.settings)
     result = _recorded_run(case, engine, target, progress)
-    begin = case.arrays[case.states].time[0]
-    lag = 0.0
-    if isinstance(case.source, BagInputs):
-        begin = case.source.start_ns / NANOSECONDS
-        first = engine.state.first
-        lag = (first.start_ns + first.step_ns) / NANOSECONDS - begin
-    elif not case.settings.follows_clock:
-        begin = case.source.settings.start_ns / NANOSECONDS
-        lag = (engine.state.first.start_ns - case.source.settings.start_ns) / NANOSECONDS
     topic = case.topics.get(STATES) or topic_names([STATES])[STATES]
+    begins = _begins(case, engine)
     with damage_named(path):
-        new = read_log(target, topics=[topic])
-        found = compare(case.arrays, new, topics=(case.states, topic), lag=lag)
-        alone = _rounding(case, engine, new, topic) if rounding else None
-    return _result(case, path, target, changes, engine, result, found, alone, thresholds, begin)
+        old = _from_start(case.arrays, case.states, _times_ns(case), begins[0])
+        new = _recorded_states(target, topic, begins[1])
+        found = compare(old, new, topics=(case.states, topic), lag=0.0)
+        alone = _rounding(case, engine, new, topic, begins[1]) if rounding else None
+        limits = dict(zip(JOINT_FIELDS, map(float, thresholds), strict=True))
+        divergences = tuple(_divergences(found, alone, limits, old[case.states].time))
+    return _result(case, path, target, changes, engine, result, found, alone, divergences, limits)
+
+
+def _begins(case: _Case, engine: Engine) -> tuple[int, int]:
+    """Return the time that counts as the start in the log and in the new run, ns."""
+    first = engine.state.first
+    if isinstance(case.source, BagInputs):
+        return case.source.start_ns, first.start_ns + first.step_ns
+    if first.follows_clock:
+        # The ticks say the time of both.
+        begin = int(_times_ns(case)[0])
+        return begin, begin
+    return case.source.settings.start_ns, first.start_ns
+
+
+def _times_ns(case: _Case) -> NDArray[np.int64]:
+    states = case.arrays[case.states]
+    if isinstance(case.source, BagInputs):
+        return case.source.times_of(states)
+    assert states.stamp_ns is not None
+    return states.stamp_ns
+
+
+def _recorded_states(path: Path, topic: str, begin_ns: int) -> LogArrays:
+    log = read_log(path, topics=[topic])
+    stamps = log[topic].stamp_ns
+    assert stamps is not None
+    return _from_start(log, topic, stamps, begin_ns)
+
+
+def _from_start(
+    log: LogArrays, topic: str, times_ns: NDArray[np.int64], begin_ns: int
+) -> LogArrays:
+    """Return a log whose states have the time since a start as their stamps.
+
+    Seconds since 1970 as floats would differ by up to 0.2 us.
+    """
+    seconds, rest = np.divmod(times_ns - begin_ns, NANOSECONDS)
+    stamps = {'header.stamp.sec': seconds, 'header.stamp.nanosec': rest}
+    found = replace(log[topic], arrays={**log[topic].arrays, **stamps})
+    return replace(log, read={topic: found})
 
 
 def _free_path(source: Path) -> Path:
@@ -238,7 +273,12 @@ def _free_path(source: Path) -> Path:
 
 
 def _of_recording(path: Path, changes: Changes) -> _Case:
-    log = Log(path)
+    try:
+        log = Log(path)
+    except (LogError, IsADirectoryError) as error:
+        raise LogError(
+            f'{error}; for the commands of a bag name their topic with --commands'
+        ) from None
     settings, robot, urdf = changed_arm(log, changes)
     if 'robot' not in changes.values:
         urdf = _description(log)
@@ -272,11 +312,10 @@ def _of_bag(
     path: Path, changes: Changes, commands: str, states: str, rename: Mapping[str, str]
 ) -> _Case:
     settings, robot, urdf = described_arm(changes)
-    arrays = renamed(read_log(path, unreadable='count'), rename)
-    inputs = BagInputs(arrays, commands, states)
+    inputs = BagInputs(read_log(path, unreadable='count'), commands, states, rename)
     given = 'start_time' in changes.values
     settings = inputs.settled(_untied(settings), robot.joint_names, given=given)
-    return _Case(inputs, arrays, inputs.states, settings, robot, urdf, {})
+    return _Case(inputs, inputs.log, inputs.states, settings, robot, urdf, {})
 
 
 def _engine(case: _Case, settings: Settings) -> Engine:
@@ -323,6 +362,9 @@ def _recorded_run(
         if engine.frames is not None:
             put(engine.frames.opening(engine.stamp_ns), engine.stamp_ns)
         found = run_inputs(source, engine, put, nudged=nudged)
+        if isinstance(source, BagInputs) and found.first_rejected.startswith('cycle 1:'):
+            why = found.first_rejected.removeprefix('cycle 1: ')
+            raise LogError(f'{source.log.path}: its first state cannot be set: {why}')
         recorder.close(totals_of(engine))
         if recorder.error:
             raise OSError(recorder.error)
@@ -333,7 +375,9 @@ def _recorded_run(
     return found
 
 
-def _rounding(case: _Case, engine: Engine, new: LogArrays, topic: str) -> Comparison:
+def _rounding(
+    case: _Case, engine: Engine, new: LogArrays, topic: str, begin_ns: int
+) -> Comparison:
     """Return the new run compared with its rounding run."""
     first = engine.state.first
     start = one_bit(np.array(first.initial_positions or (0.0,) * case.robot.n))
@@ -341,7 +385,8 @@ def _rounding(case: _Case, engine: Engine, new: LogArrays, topic: str) -> Compar
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder, 'rounding.mcap')
         _recorded_run(case, nudged, target, None, nudged=True)
-        return compare(new, read_log(target, topics=[topic]), topics=(topic, topic), lag=0.0)
+        other = _recorded_states(target, topic, begin_ns)
+        return compare(new, other, topics=(topic, topic), lag=0.0)
 
 
 def _result(
@@ -353,11 +398,10 @@ def _result(
     run: Run,
     found: Comparison,
     alone: Comparison | None,
-    thresholds: Sequence[float],
-    begin: float,
+    divergences: tuple[JointDivergence, ...],
+    limits: Mapping[str, float],
 ) -> WhatIf:
-    states, bag = case.arrays[case.states], isinstance(case.source, BagInputs)
-    limits = dict(zip(JOINT_FIELDS, map(float, thresholds), strict=True))
+    states = case.arrays[case.states]
     own = {*engine.names, *engine.locked}
     problems = []
     if states.unreadable:
@@ -371,7 +415,7 @@ def _result(
         (engine.stamp_ns - engine.state.origin_ns) / NANOSECONDS,
         len(states),
         tuple(limits.values()),
-        tuple(_divergences(found, alone, limits, begin, states)),
+        divergences,
         tuple(name for name in states.names if name not in own),
         tuple(name for name in engine.names if name not in states.names),
         run.failure,
@@ -381,7 +425,7 @@ def _result(
         dict(case.source.skipped) if isinstance(case.source, BagInputs) else {},
         case.source.times if isinstance(case.source, BagInputs) else '',
         case.arrays.complete,
-        problems if not bag else [],
+        problems,
         found,
         alone,
     )
@@ -391,24 +435,22 @@ def _divergences(
     found: Comparison,
     alone: Comparison | None,
     limits: Mapping[str, float],
-    begin: float,
-    states: TopicArrays,
+    recorded: NDArray[Any],
 ) -> Iterator[JointDivergence]:
     rounding = {} if alone is None else {key[1:]: curve for key, curve in alone.curves.items()}
-    recorded = np.union1d(states.time, states.simulated_time)
     for (_, kind, joint), curve in found.curves.items():
         # Between two recorded states efforts jump, and interpolated ones would differ.
         times, one, other = (values[np.isin(curve[0], recorded)] for values in curve)
-        rms, largest, largest_at, first_at = _sizes((times, one, other), limits[kind], begin)
+        rms, largest, largest_at, first_at = _sizes((times, one, other), limits[kind])
         last: tuple[float | None, ...] = None, None, None
         if (kind, joint) in rounding:
-            its_rms, its_largest, _, its_first = _sizes(rounding[kind, joint], limits[kind], begin)
+            its_rms, its_largest, _, its_first = _sizes(rounding[kind, joint], limits[kind])
             last = its_largest, its_rms, its_first
         yield JointDivergence(kind, joint, largest, largest_at, rms, first_at, *last)
 
 
 def _sizes(
-    curve: tuple[NDArray[Any], NDArray[Any], NDArray[Any]], limit: float, begin: float
+    curve: tuple[NDArray[Any], NDArray[Any], NDArray[Any]], limit: float
 ) -> tuple[float, float, float, float | None]:
     """Return rms and largest difference, when, and when it first exceeds a limit."""
     times, one, other = curve
@@ -416,8 +458,8 @@ def _sizes(
         sizes = np.nan_to_num(np.abs(one - other))
         rms = float(np.nan_to_num(np.sqrt(np.mean(sizes**2))))
     worst, beyond = int(np.argmax(sizes)), np.flatnonzero(sizes > limit)
-    first = float(times[beyond[0]] - begin) if len(beyond) else None
-    return rms, float(sizes[worst]), float(times[worst] - begin), first
+    first = float(times[beyond[0]]) if len(beyond) else None
+    return rms, float(sizes[worst]), float(times[worst]), first
 
 
 def as_json(found: WhatIf) -> dict[str, Any]:

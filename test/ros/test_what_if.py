@@ -1,284 +1,325 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd replay --what-if` of recordings: equal bits without a change, else what others compute."""
+"""What-if of recordings and bags: equal bits without a change, else what others compute."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import json
 import math
 from pathlib import Path
 import re
-import sys
 from typing import Any
 
+from arm_messages import change, efforts, named, payload, placed, request, tick, wrench
 from bridge import (
     JointDivergence,
-    LockstepArm,
     LogError,
-    Source,
-    TopicArrays,
+    RecordedLog,
     WhatIf,
-    pfd_main,
+    encode_floats,
+    verify_log,
     what_if,
+    what_if_json,
+    what_if_lines,
 )
+from logs import Row, joint_state, string, write_mcap
 import numpy as np
 from oracle import Oracle
 import pinocchio as pin
-from plant_messages import efforts, joint_state
 import pytest
-from rewriting import GOLDEN, load
+from recordings import rewritten, simulate
 from ros_processes import example_robot
 from sampling import one_fast
-from simulating import simulate
 
 import pfd_core as pfd
 from pfd_ros import read_log
 
 STATES, ARRAY = '/joint_states', '/sim_arm/commands'
+NAMES = ('shoulder', 'elbow')
+H = 1e-3
 BIT = 2.0**-52
 # Of a trajectory of a second by Pinocchio and this test's Runge-Kutta: rounding, grown by motion.
 PINOCCHIO = 1e-9
+# Rounding of a run of half a second; kernels with brakes and limits have other operations.
+ROUNDING = 1e-11
 # Efforts are the commanded ones.
 UNCUT: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
 
 
-def swung(path: Path, robot: str = 'planar2', seconds: float = 1.0, **settings: Any) -> Path:
-    """Record an arm in lockstep that is driven by efforts without names."""
-    with LockstepArm(robot, recording=path, **settings) as arm:
-        arm.run(lambda t, q, qd: 5.0 * np.sin(3 * t + np.arange(len(q))) - 8.0 * q - qd, seconds)
+def taus(count: int, joints: int = 2) -> np.ndarray:
+    return np.random.default_rng(4).uniform(-5.0, 5.0, (count, joints))
+
+
+def swung(path: Path, robot: str = 'planar2', cycles: int = 400, **settings: Any) -> Path:
+    """Record an arm that gets efforts without names in each cycle."""
+    joints = pfd.load_robot(robot).n
+    events = {k + 1: [efforts(*tau)] for k, tau in enumerate(taus(cycles, joints))}
+    simulate(path, cycles, events, robot=robot, **UNCUT, **settings)
     return path
 
 
 @pytest.fixture(scope='module')
 def swing(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return swung(tmp_path_factory.mktemp('swings') / 'swing.mcap', **UNCUT)
+    return swung(tmp_path_factory.mktemp('swings') / 'swing.mcap')
 
 
-def eventful(path: Path) -> Path:
-    """Record states that were set, requests, parameters and commands that were rejected."""
-    with LockstepArm('planar2', recording=path, joints=('elbow', 'shoulder')) as arm:
-        arm.run(lambda t, q, qd: 60.0 * (0.5 - q) - 6.0 * qd, 0.2)
-        arm.set(servo_p=[1.0, 2.0])
-        arm.set_state({'elbow': 0.3})
-        arm.run(lambda t, q, qd: 30.0 * (0.2 - q) - 6.0 * qd, 0.2)
-        arm.reset()
-        arm.set(**{'payload_mass': 0.5})
-        arm.run(lambda t, q, qd: 20.0 * np.sin(9 * t) - qd, 0.2)
-    return path
+@pytest.fixture(autouse=True)
+def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The new log is written into the current folder."""
+    folder = tmp_path / 'current'
+    folder.mkdir()
+    monkeypatch.chdir(folder)
 
 
-def saving(path: Path) -> Path:
-    """Record states of the whole arm, within cycles that have commands alone."""
-    return swung(path, recording_state_period=0.15)
-
-
-def noisy(path: Path) -> Path:
-    """Record measured states, some of them dropped, with further outputs, and named commands."""
-    commands = {
-        3: [efforts(1.0, 2.0)],
-        50: [(Source.SET_STATE, joint_state(['elbow'], [0.3]))],
-        60: [efforts(1.0, 2.0, 3.0)],
-        200: [(Source.NAMED, joint_state(['elbow', 'nobody'], effort=[1.0, 2.0]))],
-    }
-    settings = {
-        'noise_position': 1e-3,
-        'drop_state': 0.2,
-        'outputs': ('energy', 'true_states'),
-        'delay_state': 0.005,
-        'publish_rate': 500.0,
-    }
-    return simulate(400, commands, **settings).save(path)
-
-
-def failing(path: Path) -> Path:
-    """Record a simulation that does not stay finite, and is reset."""
-    reset = Source.REQUEST, b'\0\1\0\0\x15\0\0\0{"request": "reset"}\0'
-    settings = {'joint_damping': (1e6, 1e6), 'integrator': 'rk4'}
-    return simulate(300, {5: [efforts(1.0, 2.0)], 100: [reset]}, **settings).save(path)
-
-
-def golden(path: Path) -> Path:
-    path.write_bytes(GOLDEN.read_bytes())
-    return path
-
-
-def contents(path: Path) -> dict[str, list[tuple[int, bytes]]]:
-    """Return number and bytes of the messages of each topic that has some."""
-    found: dict[str, list[tuple[int, bytes]]] = {}
-    for message in load(path).messages:
-        # Reports of the node about itself are not outputs of the arm.
-        if message.topic in ('/diagnostics', '/sim_arm/transition_event'):
-            continue
-        found.setdefault(message.topic, []).append((message.sequence, message.data))
-    return found
-
-
-def times_of(path: Path) -> list[tuple[str, int, int]]:
-    """Return topic, number and log time of the messages."""
-    return [(m.topic, m.sequence, m.log_ns) for m in load(path).messages]
+def states_of(path: Path) -> list[bytes]:
+    return [m.data for m in RecordedLog(path).messages() if m.role == 'joint_states']
 
 
 def of(found: WhatIf, field: str) -> list[JointDivergence]:
     return [item for item in found.divergences if item.field == field]
 
 
-def numbers(found: WhatIf, field: str, name: str) -> list[float]:
-    return [getattr(item, name) for item in of(found, field)]
+def numbers(found: WhatIf, field: str, name: str = 'largest') -> list[float]:
+    values = [getattr(item, name) for item in of(found, field)]
+    assert values
+    return values
 
 
-@pytest.mark.parametrize('record', [golden, swung, eventful, saving, noisy, failing])
-def test_a_run_without_a_change_has_the_bits_of_the_log(
+# ---- recordings
+
+
+def lockstep(path: Path) -> Path:
+    """Record an arm that waits for answers: stamped ones, late ones, with a reset."""
+    events = {}
+    for k, tau in enumerate(taus(200), 1):
+        stamp = 1_000_000_000 + (k - 1) * 1_000_000
+        events[k] = [named(NAMES, effort=tau, stamp_ns=stamp if k > 1 else 0)]
+        if k % 40 == 0:
+            events[k].insert(0, named(NAMES, effort=(9.0, 9.0), stamp_ns=stamp - 5_000_000))
+    events[100].append(request('reset'))
+    simulate(path, 200, events, start_time=1.0, lockstep=True, wait_for_controller=True)
+    return path
+
+
+def eventful(path: Path) -> Path:
+    """Record states that are set, requests, parameters, a payload, wrenches and refusals."""
+    events = {k: [efforts(*tau)] for k, tau in enumerate(taus(300), 1) if k % 3}
+    events[40] = [placed(['elbow'], [0.3]), named(['nobody'], [1.0])]
+    events[60] = [change(servo_p=[3.0, 4.0]), named(NAMES, position=(0.5, 0.4))]
+    events[90] = [request('reset'), efforts(1.0)]
+    events[120] = [payload('tip_link', 0.4, (0.05, 0.0, 0.0)), change(noise_position=1e-3)]
+    events[150] = [wrench('tip_link', (3.0, 0.0, 1.0)), change(drop_commands=0.3)]
+    events[200] = [request('clear_wrench')]
+    settings = {'external_wrench': True, 'external_wrench_timeout': 0.02, 'seed': 5}
+    simulate(path, 300, events, roles=('external_wrench', 'payload'), **settings)
+    return path
+
+
+def paused(path: Path) -> Path:
+    """Record steps on request."""
+    events = {k: [efforts(*tau)] for k, tau in enumerate(taus(100), 1)}
+    events[30] = [request('pause'), request('step', count=3), efforts(4.0, -4.0)]
+    events |= {k: [request('step')] for k in range(36, 60, 2)}
+    events[70] = [request('resume')]
+    simulate(path, 100, events)
+    return path
+
+
+def following(path: Path) -> Path:
+    """Record an arm that follows the clock of another node."""
+    events = {}
+    for k, tau in enumerate(taus(200), 1):
+        events[k] = [tick(5_000_000_000 + k * 1_500_000), efforts(*tau)]
+    settings = {'time_source': 'clock', 'publish_clock': False}
+    simulate(path, 200, events, roles=('clock_ticks',), **settings)
+    return path
+
+
+def sensed(path: Path) -> Path:
+    """Record measured states, some of them dropped or late, of joints in another order."""
+    events = {k: [efforts(*tau)] for k, tau in enumerate(taus(400), 1) if k % 5 == 1}
+    settings = {
+        'noise_position': 1e-3,
+        'drop_state': 0.2,
+        'delay_state': 0.005,
+        'publish_rate': 500.0,
+        'joints': NAMES[::-1],
+        'delay_commands': 0.003,
+    }
+    simulate(path, 400, events, **settings)
+    return path
+
+
+def failing(path: Path) -> Path:
+    """Record a simulation that does not stay finite, and is reset."""
+    settings = {'joint_damping': (1e6, 1e6), 'integrator': 'rk4'}
+    events = {5: [efforts(1.0, 2.0)], 100: [request('reset')], 150: [efforts(2.0, 1.0)]}
+    simulate(path, 200, events, **settings)
+    return path
+
+
+def inactive(path: Path) -> Path:
+    """Record an arm that is activated later."""
+    events = {3: [efforts(1.0, 2.0)], 5: [request('activate')], 9: [efforts(1.0, 2.0)]}
+    events[50] = [request('deactivate')]
+    events[60] = [request('activate'), efforts(3.0, 1.0)]
+    simulate(path, 100, events, autostart=False)
+    return path
+
+
+@pytest.mark.parametrize(
+    'record', [swung, lockstep, eventful, paused, following, sensed, failing, inactive]
+)
+def test_a_run_without_a_change_has_the_states_of_the_log(
     record: Callable[[Path], Path], tmp_path: Path
 ) -> None:
     log = record(tmp_path / 'a.mcap')
+    assert verify_log(log).complete
     found = what_if(log)
-    assert found.log == tmp_path / 'a_what_if.mcap'
-    assert contents(found.log) == contents(log)
-    if record in (swung, eventful, saving, failing):
-        before, after = (sorted(times_of(path)) for path in (log, found.log))
-        assert len({log_ns for *_, log_ns in before}) > 100
-        assert after == before
-    assert found.states > 0
+    assert found.log == Path('a_what_if.mcap')
+    assert len(states_of(log)) > 50
+    assert states_of(found.log) == states_of(log)
+    assert found.states == len(states_of(log))
     assert {item.largest for item in found.divergences} == {0.0}
     assert {item.first_at for item in found.divergences} == {None}
     assert not found.rejected
-    assert pfd_main(['replay', str(found.log), '--verify']) == 0
-
-
-@pytest.mark.ros
-def test_a_run_of_the_node_without_a_change_has_its_bits(recorded: Path, tmp_path: Path) -> None:
-    found = what_if(recorded, out=tmp_path / 'b.mcap')
-    assert contents(found.log) == contents(recorded)
-    changed = what_if(recorded, ['payload.mass=1.5'], out=tmp_path / 'c.mcap')
-    assert min(numbers(changed, 'velocity', 'largest')) > 0
-    assert pfd_main(['replay', str(changed.log), '--verify']) == 0
+    assert found.complete
+    assert verify_log(found.log).complete
 
 
 def by_pinocchio(
-    robot: pfd.Robot, payload: pfd.Payload, taus: np.ndarray, h: float, substeps: int
+    robot: pfd.Robot, body: pfd.Payload, rows: np.ndarray, substeps: int
 ) -> np.ndarray:
     """Return positions and velocities after each step, (k, 2, n), by aba and Runge-Kutta 4."""
     oracle = Oracle(robot)
-    body = pin.Inertia(payload.mass, np.array(payload.center), np.array(payload.inertia))
-    oracle.model.appendBodyToJoint(robot.n, body, oracle.tip)
+    inertia = pin.Inertia(body.mass, np.array(body.center), np.array(body.inertia))
+    oracle.model.appendBodyToJoint(robot.n, inertia, oracle.tip)
     oracle.data = oracle.model.createData()
-    state, rows, dt = np.zeros((2, robot.n)), [], h / substeps
+    state, found, dt = np.zeros((2, robot.n)), [], H / substeps
 
     def rate(x: np.ndarray, tau: np.ndarray) -> np.ndarray:
         return np.array([x[1], oracle.qdd(x[0], x[1], tau)])
 
-    for tau in taus:
+    for tau in rows:
         for _ in range(substeps):
             k1 = rate(state, tau)
             k2 = rate(state + dt / 2 * k1, tau)
             k3 = rate(state + dt / 2 * k2, tau)
             k4 = rate(state + dt * k3, tau)
             state = state + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        rows.append(state)
-    return np.array(rows)
+        found.append(state)
+    return np.array(found)
 
 
 @pytest.mark.parametrize('robot', one_fast(['planar2', 'ur5']))
 def test_a_payload_diverges_as_pinocchio_says(robot: str, tmp_path: Path) -> None:
-    log = swung(tmp_path / 'a.mcap', robot, 0.4, armature=robot == 'ur5', **UNCUT)
+    log = swung(tmp_path / 'a.mcap', robot, armature=robot == 'ur5')
     words = ['payload.mass=0.7', 'payload.center=[0.05, -0.02, 0.1]', 'armature=false']
     found = what_if(log, [*words, 'substeps=3', 'integrator=rk4'])
-    body = pfd.Payload(0.7, (0.05, -0.02, 0.1))
-    recorded = read_log(log)
-    states: TopicArrays = recorded[STATES]
-    motion = by_pinocchio(pfd.load_robot(robot), body, recorded[ARRAY].data, 1e-3, 3)
+    model = pfd.load_robot(robot)
+    motion = by_pinocchio(model, pfd.Payload(0.7, (0.05, -0.02, 0.1)), taus(400, model.n), 3)
+    states = read_log(log)[STATES]
     for k, field in enumerate(('position', 'velocity')):
         sizes = np.abs(motion[:, k] - states[field])
-        np.testing.assert_allclose(numbers(found, field, 'largest'), sizes.max(0), atol=PINOCCHIO)
+        np.testing.assert_allclose(numbers(found, field), sizes.max(0), atol=PINOCCHIO)
         rms = np.sqrt(np.mean(sizes**2, axis=0))
         np.testing.assert_allclose(numbers(found, field, 'rms'), rms, atol=PINOCCHIO)
         at = (1 + sizes.argmax(0)) * 1e-3
         np.testing.assert_allclose(numbers(found, field, 'largest_at'), at, atol=1e-12)
         first = [1e-3 * (1 + int(np.argmax(column > found.thresholds[k]))) for column in sizes.T]
         np.testing.assert_allclose(numbers(found, field, 'first_at'), first, atol=1e-12)
-    assert numbers(found, 'effort', 'largest') == [0.0] * motion.shape[2]
+    assert numbers(found, 'effort') == [0.0] * model.n
     new = read_log(found.log)[STATES]
     np.testing.assert_allclose(new.position, motion[:, 0], atol=PINOCCHIO)
 
 
-def test_the_rounding_run_starts_one_bit_away(swing: Path, tmp_path: Path) -> None:
-    found = what_if(swing, ['payload.mass=0.5'], out=tmp_path / 'b.mcap')
-    taus = read_log(swing)[ARRAY].data
-    motions = []
-    for start in ((), (BIT, BIT)):
-        with LockstepArm('planar2', payload_mass=0.5, initial_positions=start, **UNCUT) as arm:
-            rows = iter(taus)
-            arm.run(lambda t, q, qd: next(rows), 1.0)  # noqa: B023
-            motions.append(arm.save())
-    last = np.abs(motions[1].q - motions[0].q)
-    assert 0 < last.max() < 1e-12
+def test_the_rounding_run_starts_one_bit_away(swing: Path) -> None:
+    found = what_if(swing, ['payload.mass=0.5'], rounding=True)
     largest = np.array(numbers(found, 'position', 'rounding_largest'))
-    assert (largest >= last).all()
+    assert (largest >= BIT).all()
     assert (largest < 1e-12).all()
-    _, _, sizes = found.curves
-    np.testing.assert_array_equal(sizes[-1, 1], last)
+    assert numbers(found, 'position', 'rounding_first_at') == [None, None]
+    assert found.rounding is not None
+    alone = what_if(swing, ['payload.mass=0.5'])
+    assert (alone.rounding, numbers(alone, 'position', 'rounding_rms')) == (None, [None, None])
 
 
 def test_a_state_that_is_set_is_one_bit_away_too(tmp_path: Path) -> None:
-    path = eventful(tmp_path / 'a.mcap')
-    found = what_if(path)
-    time, _, sizes = found.curves
-    # After the state that was set in step 201, and after the reset.
-    assert (sizes[time > 0.21, 1] > 0).mean() > 0.9
+    events = {50: [placed(NAMES, (0.3, 0.2))], 51: [efforts(1.0, 1.0)]}
+    simulate(tmp_path / 'a.mcap', 100, events)
+    found = what_if(tmp_path / 'a.mcap', rounding=True)
+    for joint, q in zip(NAMES, (0.3, 0.2), strict=True):
+        times, one, other = found.rounding.curves[STATES, 'position', joint]
+        before, after = np.flatnonzero(np.isclose(times, 0.049) | np.isclose(times, 0.050))
+        assert (one[after], other[after]) == (q, q + BIT)
+        assert other[before] - one[before] == BIT
 
 
 def test_sensors_of_another_seed_change_what_is_measured_alone(tmp_path: Path) -> None:
-    path = noisy(tmp_path / 'a.mcap')
-    found = what_if(path, ['seed=3', 'drop.state=0', 'outputs=[]'])
-    # Dropped states are recorded, and compared.
-    assert found.states == 200
-    assert numbers(found, 'position', 'rms') == pytest.approx([math.sqrt(2) * 1e-3] * 2, rel=0.2)
-    assert numbers(found, 'velocity', 'largest') == [0.0, 0.0]
+    path = sensed(tmp_path / 'a.mcap')
+    found = what_if(path, ['seed=3', 'drop.state=0'])
+    assert numbers(found, 'position', 'rms') == pytest.approx([math.sqrt(2) * 1e-3] * 2, rel=0.3)
+    # Where the log lacks a state nothing is compared.
+    assert numbers(found, 'velocity') == [0.0, 0.0]
+    assert verify_log(found.log).complete
+
+
+def test_further_outputs_are_recorded(swing: Path) -> None:
+    found = what_if(swing, ['outputs=[energy, true_states]'])
     new = read_log(found.log)
-    assert '/sim_arm/energy' not in new
-    assert pfd_main(['replay', str(found.log), '--verify']) == 0
+    assert len(new['/sim_arm/energy']) == len(new['/sim_arm/true_states']) == 400
+    assert verify_log(found.log).complete
 
 
-@pytest.mark.parametrize(
-    ('word', 'share'), one_fast([('step_size=0.0005', 2), ('step_size=0.00025', 4)])
-)
-def test_other_steps_take_the_commands_at_their_times(
-    word: str, share: int, swing: Path, tmp_path: Path
-) -> None:
-    found = what_if(swing, [word, 'payload.mass=0.5'], out=tmp_path / 'b.mcap')
-    recorded = read_log(swing)
-    scene = pfd.Scene(payload=pfd.Payload(0.5), armature=None)
-    sim = pfd.Simulator(pfd.load_robot('planar2'), scene, step_size=1e-3 / share)
-    motion = sim.rollout(np.repeat(recorded[ARRAY].data, share, axis=0))
-    sizes = np.abs(motion.q[share - 1 :: share] - recorded[STATES].position)
+@pytest.mark.parametrize('share', one_fast([2, 4]))
+def test_other_steps_take_the_commands_at_their_times(share: int, swing: Path) -> None:
+    found = what_if(swing, [f'step_size={H / share}', 'payload.mass=0.5'])
+    scene = pfd.Scene(payload=pfd.Payload(0.5))
+    sim = pfd.Simulator(pfd.load_robot('planar2'), scene, step_size=H / share)
+    motion = sim.rollout(np.repeat(taus(400), share, axis=0))
+    sizes = np.abs(motion.q[share - 1 :: share] - read_log(swing)[STATES].position)
     # The kernels have brakes as inputs or not: other rounding.
-    expected = sizes.max(axis=0)
-    np.testing.assert_allclose(numbers(found, 'position', 'largest'), expected, rtol=1e-9)
+    np.testing.assert_allclose(numbers(found, 'position'), sizes.max(axis=0), rtol=1e-9)
+    assert numbers(found, 'effort') == [0.0, 0.0]
     assert not found.rejected
-    assert pfd_main(['replay', str(found.log), '--verify']) == 0
+    assert verify_log(found.log).complete
 
 
-def test_steps_that_are_longer_end_between_recorded_states(swing: Path, tmp_path: Path) -> None:
-    found = what_if(swing, ['step_size=0.004'], out=tmp_path / 'b.mcap')
+def test_steps_that_are_longer_end_between_recorded_states(tmp_path: Path) -> None:
+    slow = {k: [efforts(math.sin(0.02 * k), 0.0)] for k in range(1, 401)}
+    simulate(tmp_path / 'a.mcap', 400, slow)
+    found = what_if(tmp_path / 'a.mcap', ['step_size=0.004'])
     # At most a step late, and interpolated between steps.
-    assert max(numbers(found, 'position', 'largest')) < 0.1
-    assert found.seconds == pytest.approx(1.0)
-    assert found.states == 1000
+    assert 0 < max(numbers(found, 'position')) < 0.01
+    assert found.seconds == pytest.approx(0.4)
+    assert found.states == 400
 
 
-def test_stamped_commands_act_in_other_steps(tmp_path: Path) -> None:
-    def command(step: int, late: int = 0) -> tuple[Source, bytes]:
-        stamp = (step - 1 - late) * 1_000_000 + 1_000_000_000
-        return Source.NAMED, joint_state(['shoulder', 'elbow'], effort=[1, 2], stamp_ns=stamp)
-
-    commands = {1: [command(1)], 3: [command(3, late=1)], 5: [command(5, late=3000)]}
-    log = simulate(20, commands, start_time=1.0).save(tmp_path / 'a.mcap')
-    assert not what_if(log, ['start_time=7']).rejected
-    found = what_if(log, ['step_size=0.0005'])
+@pytest.mark.parametrize('words', [['start_time=7'], ['step_size=0.0005'], ['step_size=0.002']])
+def test_stamped_answers_act_in_other_steps_and_at_other_times(
+    words: list[str], tmp_path: Path
+) -> None:
+    log = lockstep(tmp_path / 'a.mcap')
+    found = what_if(log, words)
     assert not found.rejected
-    # The stale one is omitted.
-    assert len(read_log(found.log)['/joint_commands']) == 2
+    # Late answers were refused for their time, and are left out.
+    before = [m for m in RecordedLog(log).messages() if m.role == 'joint_commands']
+    after = [m for m in RecordedLog(found.log).messages() if m.role == 'joint_commands']
+    assert (len(before), len(after)) == (205, 200)
+    # Steps of 2 ms take every other one of these efforts.
+    assert '0.002' in words[0] or max(numbers(found, 'position')) < 1e-9
+
+
+def test_steps_on_request_take_the_time_that_they_took(tmp_path: Path) -> None:
+    log = paused(tmp_path / 'a.mcap')
+    seconds = read_log(log)[STATES].time[-1]
+    for size in ('0.0005', '0.002'):
+        found = what_if(log, [f'step_size={size}'])
+        assert found.seconds == pytest.approx(seconds, abs=0.002)
+        assert not found.rejected
+        # The commands are taken at their times: half as long steps have the same efforts.
+        if size == '0.0005':
+            assert numbers(found, 'effort') == [0.0, 0.0]
 
 
 def with_wrist(path: Path) -> Path:
@@ -299,167 +340,156 @@ def test_efforts_without_names_reach_the_joints_of_another_robot_by_name(
     swing: Path, tmp_path: Path
 ) -> None:
     robot = with_wrist(tmp_path / 'three.urdf')
-    found = what_if(swing, [f'robot={robot}'], out=tmp_path / 'b.mcap')
-    assert found.only_in_arm == ('wrist',)
-    assert found.joints == ('shoulder', 'elbow')
+    found = what_if(swing, [f'robot={robot}'])
+    assert (found.only_in_arm, found.only_in_log) == (('wrist',), ())
+    assert {item.joint for item in found.divergences} == set(NAMES)
     assert not found.rejected
-    commands = {
-        step: [(Source.NAMED, joint_state(['shoulder', 'elbow'], effort=tau))]
-        for step, tau in enumerate(read_log(swing)[ARRAY].data.tolist(), 1)
-    }
-    settings = {'start_time': 1e-3, 'lockstep': True, 'real_time_factor': 0.0, **UNCUT}
-    alone = simulate(len(commands), commands, robot=str(robot), **settings)
-    assert contents(found.log)[STATES] == [
-        (sent.sequence, sent.data) for sent in alone.messages if sent.topic == STATES
-    ]
-    assert pfd_main(['replay', str(found.log), '--verify']) == 0
+    events = {k: [named(NAMES, effort=tau)] for k, tau in enumerate(taus(400), 1)}
+    simulate(tmp_path / 'alone.mcap', 400, events, robot=str(robot), **UNCUT)
+    assert states_of(found.log) == states_of(tmp_path / 'alone.mcap')
+    assert '/tf' in read_log(found.log).topics
+    assert verify_log(found.log).complete
 
 
-def test_the_order_of_the_joints_permutes_efforts_without_names(
-    swing: Path, tmp_path: Path
-) -> None:
-    found = what_if(swing, ['joints=[elbow, shoulder]'], out=tmp_path / 'b.mcap')
+def test_the_order_of_the_joints_permutes_efforts_without_names(swing: Path) -> None:
+    found = what_if(swing, ['joints=[elbow, shoulder]'])
     assert {item.largest for item in found.divergences} == {0.0}
-    np.testing.assert_array_equal(
-        read_log(found.log)[ARRAY].data, read_log(swing)[ARRAY].data[:, ::-1]
-    )
+    np.testing.assert_array_equal(read_log(found.log)[ARRAY].data, taus(400)[:, ::-1])
 
 
-def test_start_and_numbers_for_each_joint_follow_their_joints(tmp_path: Path) -> None:
+def test_start_and_numbers_of_each_joint_follow_their_joints(tmp_path: Path) -> None:
     settings = {'initial_positions': (0.1, 0.2), 'joint_friction': (0.3, 0.4)}
-    log = simulate(50, {3: [efforts(1.0, 2.0)]}, **settings).save(tmp_path / 'a.mcap')
+    simulate(tmp_path / 'a.mcap', 50, {3: [efforts(1.0, 2.0)]}, **settings)
     robot = with_wrist(tmp_path / 'three.urdf')
-    found = what_if(log, [f'robot={robot}', 'friction.wrist=0.5']).settings
+    found = what_if(tmp_path / 'a.mcap', [f'robot={robot}', 'friction.wrist=0.5']).settings
     assert found.initial_positions == (0.1, 0.2, 0.0)
     assert found.joint_friction == (0.3, 0.4, 0.5)
 
 
+@pytest.mark.parametrize(
+    ('words', 'friction', 'static'),
+    [
+        (['friction.elbow=3'], (1.0, 3.0), (1.0, 9.0)),
+        (['friction={"elbow": 3.0}'], (1.0, 3.0), (1.0, 9.0)),
+        (['friction=[0.5, 3]'], (0.5, 3.0), (1.0, 9.0)),
+        (['friction.shoulder=2', 'static_friction.elbow=8'], (2.0, 2.0), (2.0, 8.0)),
+    ],
+)
+def test_numbers_of_joints_are_changed_in_each_spelling(
+    words: list[str], friction: tuple, static: tuple, tmp_path: Path
+) -> None:
+    settings = {'joint_friction': (1.0, 2.0), 'static_friction': (1.0, 9.0)}
+    simulate(tmp_path / 'a.mcap', 20, {3: [efforts(1.0, 2.0)]}, **settings)
+    found = what_if(tmp_path / 'a.mcap', words).settings
+    assert (found.joint_friction, found.static_friction) == (friction, static)
+
+
 def test_a_real_robot_takes_the_place_of_another_one_with_its_joints(tmp_path: Path) -> None:
-    log = swung(tmp_path / 'a.mcap', 'ur5', 0.1)
+    log = swung(tmp_path / 'a.mcap', 'ur5', 100)
     urdf = example_robot('ur_description/urdf/ur10_robot.urdf')
     found = what_if(log, [f'robot={urdf}'])
-    assert (found.robot, len(found.joints)) == ('ur10', 6)
-    assert min(numbers(found, 'velocity', 'largest')) > 0
-    assert pfd_main(['replay', str(found.log), '--verify']) == 0
+    assert (found.robot, len(of(found, 'position'))) == ('ur10', 6)
+    assert min(numbers(found, 'velocity')) > 0
+    assert verify_log(found.log).complete
 
 
 def test_a_scene_file_takes_the_place_of_all_effects(tmp_path: Path) -> None:
-    log = simulate(80, {3: [efforts(1.0, 2.0)]}, joint_friction=(0.3, 0.4), gravity=(0, 0, -1))
-    path = log.save(tmp_path / 'a.mcap')
+    settings = {'joint_friction': (0.3, 0.4), 'gravity': (0.0, 0.0, -1.0)}
+    events = {3: [efforts(1.0, 2.0)]}
+    simulate(tmp_path / 'a.mcap', 80, events, **settings)
     scene = pfd.Scene(friction=(0.1, 0.2))
     scene.save(tmp_path / 'scene.yaml')
-    found = what_if(path, [f'scene={tmp_path / "scene.yaml"}'])
-    other = simulate(80, {3: [efforts(1.0, 2.0)]}, scene=pfd.scene_to_yaml(scene))
-    assert contents(found.log)[STATES] == [
-        (sent.sequence, sent.data) for sent in other.messages if sent.topic == STATES
-    ]
+    found = what_if(tmp_path / 'a.mcap', [f'scene={tmp_path / "scene.yaml"}'])
+    simulate(tmp_path / 'b.mcap', 80, events, scene=pfd.scene_to_yaml(scene))
+    assert states_of(found.log) == states_of(tmp_path / 'b.mcap')
     with pytest.raises(ValueError, match=r'friction cannot be changed by itself.*scene=FILE'):
         what_if(found.log, ['friction=[1, 2]'])
+    # None of them.
+    bare = what_if(found.log, ['scene=']).settings
+    assert (bare.scene, bare.joint_friction, bare.gravity) == ('', (), (0.0, 0.0, -9.81))
 
 
 def test_inputs_that_are_validated_otherwise_are_counted(tmp_path: Path) -> None:
-    position = {2: [(Source.NAMED, joint_state(['elbow'], position=[1.0]))]}
-    servo = simulate(20, position, servo_p=(9.0, 9.0)).save(tmp_path / 'b.mcap')
-    found = what_if(servo, ['servo_p=[]'])
+    events = {2: [named(['elbow'], position=[1.0]), named(['nobody'], effort=[1.0])]}
+    simulate(tmp_path / 'a.mcap', 20, events, servo_p=(9.0, 9.0))
+    found = what_if(tmp_path / 'a.mcap', ['servo_p=[]'])
     assert found.rejected == {'no_effort': 1}
-    assert found.first_rejected.startswith('step 2: joint_commands 1 is no_effort')
+    assert found.first_rejected.startswith('cycle 2: joint_commands is no_effort')
+    assert any('no_effort' in line for line in what_if_lines(found))
+    back = what_if(found.log, ['servo_p=[9, 9]'])
+    assert back.rejected == {'accepted': 1}
 
 
-def test_a_run_that_overflows_says_when(
-    swing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / 'b.mcap'
-    words = ['damping=[1e6, 1e6]', 'integrator=rk4']
-    arguments = ['replay', str(swing), '--what-if', *words, '--out', str(out)]
-    assert pfd_main([*arguments, '--json']) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found['failed_at'] == pytest.approx(0.002)
-    assert found['failure'] == 'the state after step 2 is not finite'
-    assert found['states'] == 1
-    assert pfd_main(['replay', str(out), '--verify']) == 0
-    assert 'FAILED     simulation stopped after step 1' in capsys.readouterr().out
+def test_a_run_that_overflows_says_when(swing: Path) -> None:
+    found = what_if(swing, ['damping=[1e6, 1e6]', 'integrator=rk4'])
+    assert found.failure == 'the state after step 2 is not finite'
+    assert found.failed_at == pytest.approx(0.001)
+    assert any(line.startswith('FAILED') and '0.001' in line for line in what_if_lines(found))
+    for joint in NAMES:
+        times, _, _ = found.comparison.curves[STATES, 'position', joint]
+        assert times[-1] <= 0.001
     # The other way round: the states of the failed arm are there, and the new run continues.
-    back = what_if(out, ['damping=[0, 0]'], out=tmp_path / 'c.mcap')
-    assert (back.failure, back.states) == ('', 1000)
+    back = what_if(found.log, ['damping=[0, 0]'])
+    assert back.failure == ''
+    assert back.seconds == pytest.approx(0.4)
 
 
 def test_a_log_that_was_cut_off_is_compared_up_to_the_cut(swing: Path, tmp_path: Path) -> None:
-    path = load(swing).save(tmp_path / 'a.mcap', closed=False)
+    path = tmp_path / 'a.mcap'
+    path.write_bytes(swing.read_bytes()[: swing.stat().st_size * 2 // 3])
     found = what_if(path)
     assert not found.complete
-    assert contents(found.log) == contents(swing)
+    count = found.states
+    assert 0 < count <= 400
+    assert states_of(found.log)[:count] == states_of(swing)[:count]
+    assert any(line.startswith('cut off') for line in what_if_lines(found))
 
 
-def test_a_log_that_lacks_commands_is_refused(swing: Path, tmp_path: Path) -> None:
-    lacking = load(swing)
-    lacking.lose([lacking.on(ARRAY)[7]])
-    path = lacking.save(tmp_path / 'a.mcap', closed=False)
-    with pytest.raises(LogError, match='lacks command 8 of commands'):
-        what_if(path)
-    assert [file.name for file in tmp_path.iterdir()] == ['a.mcap']
-
-
-def test_the_command_prints_a_row_for_each_joint_and_draws_both_runs(
-    swing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_states_that_cannot_be_read_are_a_problem_that_is_reported(
+    swing: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / 'b.mcap'
+    def cut(role: str, record: Any) -> Any:
+        if role == 'joint_states' and record.sequence == 9:
+            record.data = record.data[:-4]
+        return record
+
+    found = what_if(rewritten(swing, tmp_path / 'a.mcap', cut))
+    assert found.problems == [f'1 messages of {STATES} cannot be read']
+    assert found.states == 399
+
+
+def test_the_result_is_rows_for_people_and_json(swing: Path) -> None:
     words = ['payload.mass=0.5', 'payload.center=[0.1, 0, 0]']
-    assert pfd_main(['replay', str(swing), '--what-if', *words, '--out', str(out)]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    found = what_if(swing, words, rounding=True, thresholds=(1e-3, 1e-2, 1e-1))
+    lines = what_if_lines(found)
     assert lines[0].endswith('planar2, payload.mass=0.5 payload.center=[0.1, 0, 0]')
-    assert '1000 recorded states compared' in lines[1]
+    assert str(found.log) in lines[1]
     rows = [line for line in lines if line.startswith(('position', 'velocity', 'effort'))]
     assert len(rows) == 6
     assert all(' from 0.' in line and line.endswith(' never') for line in rows[:4])
     assert all(line.count('equal') == 2 for line in rows[4:])
-    assert (tmp_path / 'b.png').read_bytes().startswith(b'\x89PNG')
+    json = what_if_json(found)
+    assert (json['changes'], json['robot']) == (tuple(words), 'planar2')
+    assert [row['joint'] for row in json['divergences']] == [*NAMES] * 3
+    assert json['thresholds'] == {'position': 1e-3, 'velocity': 1e-2, 'effort': 1e-1}
 
 
-def test_without_matplotlib_there_is_a_line_and_no_picture(
-    swing: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, 'matplotlib.figure', None)
-    arguments = ['replay', str(swing), '--what-if', '--out']
-    assert pfd_main([*arguments, str(tmp_path / 'b.mcap')]) == 0
-    (line,) = (x for x in capsys.readouterr().out.splitlines() if x.startswith('no plot'))
-    assert "a plot needs matplotlib: pip install 'pfd_ros[report]'" in line
-    # Before the run, if a picture was requested.
-    assert pfd_main([*arguments, str(tmp_path / 'c.mcap'), '--plot', str(tmp_path / 'c.png')]) == 1
-    assert [path.name for path in tmp_path.iterdir()] == ['b.mcap']
+def test_progress_is_a_share_that_grows(tmp_path: Path) -> None:
+    seen: list[float] = []
+    what_if(swung(tmp_path / 'a.mcap', cycles=3000), progress=seen.append)
+    assert seen == sorted(seen)
+    assert len(seen) > 1
+    assert 0.0 <= seen[0] < seen[-1] <= 1.0
 
 
-def test_a_picture_of_an_unknown_format_is_refused_before_the_run(
-    swing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    arguments = ['replay', str(swing), '--what-if', '--out', str(tmp_path / 'b.mcap')]
-    assert pfd_main([*arguments, '--plot', str(tmp_path / 'b.xyz')]) == 1
-    assert 'b.xyz has no suffix of a picture' in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_wall_times_of_a_source_without_them_are_interpolated(swing: Path, tmp_path: Path) -> None:
-    found = what_if(swing, ['recording_time=wall'], out=tmp_path / 'b.mcap')
-    wall = [message.log_ns for message in load(found.log).on(STATES)]
-    source = [message.published_ns for message in load(swing).on(STATES)]
-    assert wall == pytest.approx(source, abs=1)
-    stamps = read_log(found.log)['/joint_states'].time
-    assert stamps[-1] - stamps[0] == pytest.approx(0.999)
-
-
-def test_nothing_is_overwritten(
-    swing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = tmp_path / 'a.mcap'
-    log.write_bytes(swing.read_bytes())
-    assert [what_if(log).log.name for _ in range(2)] == ['a_what_if.mcap', 'a_what_if_2.mcap']
-    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    for option, name in (('--out', 'a.mcap'), ('--plot', 'a_what_if.mcap')):
-        assert pfd_main(['replay', str(log), '--what-if', option, str(tmp_path / name)]) == 1
-        assert 'exists and is not overwritten' in capsys.readouterr().err
-    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+def test_nothing_is_overwritten(swing: Path, tmp_path: Path) -> None:
+    names = [what_if(swing).log.name for _ in range(2)]
+    assert names == ['swing_what_if.mcap', 'swing_what_if_2.mcap']
+    taken = tmp_path / 'a.mcap'
+    taken.write_bytes(b'mine')
+    with pytest.raises(FileExistsError, match='not overwritten'):
+        what_if(swing, out=taken)
+    assert taken.read_bytes() == b'mine'
 
 
 @pytest.mark.parametrize(
@@ -468,11 +498,14 @@ def test_nothing_is_overwritten(
         (['payload.mas=2'], "unknown setting 'payload.mas': did you mean 'payload.mass'?"),
         (['payload_mass=2'], "unknown setting 'payload_mass': did you mean 'payload.mass'?"),
         (['zzzzzzzz=2'], "unknown setting 'zzzzzzzz': `pfd info LOG` lists all"),
+        (['zzzzzzzz=text'], "unknown setting 'zzzzzzzz': `pfd info LOG` lists all"),
         (['payload.mass'], "--what-if takes KEY=VALUE, got 'payload.mass'"),
         (['=2'], "--what-if takes KEY=VALUE, got '=2'"),
         (['substeps=1', 'substeps=2'], 'substeps is given twice'),
+        (['friction.elbow=1', 'friction={"elbow": 2}'], 'is given twice'),
         (['friction=[1,2]', 'friction.elbow=2'], 'is given for all joints and for one'),
-        (['payload.mass=NaN'], "payload.mass is 'NaN', expected a number"),
+        (['payload.mass=NaN'], 'payload.mass holds nan, expected finite numbers'),
+        (['payload.mass=x'], "payload.mass is 'x', expected a number"),
         (['payload.mass=1e999'], 'payload.mass holds inf, expected finite numbers'),
         (['payload.mass=-1'], 'payload.mass is -1.0, expected 0.0 to 100000.0'),
         (['substeps=1.5'], 'substeps is 1.5, expected a whole number'),
@@ -480,10 +513,10 @@ def test_nothing_is_overwritten(
         (['damping=1'], 'damping is 1, expected true or false'),
         (['damping=[a]'], "damping is '[a]', expected numbers as [0.1, 0.2]"),
         (['damping=' + '[' * 100_000], 'expected numbers as [0.1, 0.2]'),
+        (['damping={"elbow": "a"}'], "damping.elbow is 'a', expected a number"),
         (['damping=[1, 2, 3]'], 'damping holds 3 numbers, expected 2, one for each joint'),
         (['damping.wrist=2'], "damping.wrist: no such joint; joints are ['shoulder', 'elbow']"),
         (['integrator=euler'], "integrator is 'euler', expected one of ['auto', 'rk4'"),
-        (['method=newton'], "method is 'newton', expected one of"),
         (['step_size=1'], 'step_size is 1.0, expected 1e-05 to 0.1'),
         (['publish_rate=300'], 'expected a whole number of steps'),
         (['robot=ur6'], "unknown robot 'ur6'"),
@@ -491,57 +524,320 @@ def test_nothing_is_overwritten(
         (['tip_link=hand'], 'tip_link needs robot='),
         (['scene=/nowhere.yaml'], "no scene file '/nowhere.yaml'"),
         (['recording=b.mcap'], 'recording cannot be changed: --out names the log'),
-        (['seed=-1'], 'seed is -1, expected 0 to'),
+        (['lockstep=false'], 'lockstep cannot be changed'),
+        (['recording_time=wall'], 'recording_time cannot be changed'),
         (['on_timeout=hold'], "on_timeout is 'hold', expected servo_p above 0"),
-        (['substeps=2', '--states', '/a'], '--states and --rename are for bags'),
-        (['substeps=2', '--commands', '/a'], "has no messages on '/a'; its topics are"),
-        (['substeps=2', '--commands', ARRAY], '--commands needs robot='),
-        (['substeps=2', '--thresholds', '1', '-1', '1'], 'thresholds must be 3 numbers'),
-        (['substeps=2', '--rename', 'a'], "--rename takes OLD=NEW, got 'a'"),
-        (['substeps=2', '--out', '/nowhere/b.mcap'], '/nowhere/b.mcap cannot be written'),
     ],
-    ids=lambda value: value[:40] if isinstance(value, str) else None,
+    ids=lambda value: value[:40] if isinstance(value, str) else str(value)[:40],
 )
 def test_a_wrong_word_is_one_line_and_writes_nothing(
-    words: Sequence[str],
-    message: str,
-    swing: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    words: Sequence[str], message: str, swing: Path
 ) -> None:
-    log = tmp_path / 'a.mcap'
-    log.write_bytes(swing.read_bytes())
-    assert pfd_main(['replay', str(log), '--what-if', *words]) == 1
-    said = capsys.readouterr()
-    assert said.out == ''
-    assert len(said.err.splitlines()) == 1
-    assert message in said.err
-    assert len(said.err) < 800
-    assert [path.name for path in tmp_path.iterdir()] == ['a.mcap']
+    with pytest.raises(ValueError, match=re.escape(message)) as refused:
+        what_if(swing, words)
+    assert len(str(refused.value)) < 800
+    assert list(Path().iterdir()) == []
 
 
-@pytest.mark.parametrize('option', ['--out', '--commands', '--plot'])
-def test_options_of_what_if_need_it(
-    option: str, swing: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ('given', 'message'),
+    [
+        ({'states': '/a'}, '--states and --rename are for bags'),
+        ({'rename': {'a': 'b'}}, '--states and --rename are for bags'),
+        ({'commands': '/a', 'changes': ['robot=planar2']}, "has no messages on '/a'"),
+        ({'commands': ARRAY}, '--commands needs robot='),
+        ({'thresholds': (1.0, -1.0, 1.0)}, 'thresholds must be 3 numbers'),
+        ({'thresholds': (1.0, 1.0)}, 'thresholds must be 3 numbers'),
+        ({'thresholds': (1.0, math.nan, 1.0)}, 'thresholds must be 3 numbers'),
+    ],
+)
+def test_wrong_arguments_are_refused_and_write_nothing(
+    given: dict[str, Any], message: str, swing: Path
 ) -> None:
-    assert pfd_main(['replay', str(swing), option, 'a']) == 2
-    assert capsys.readouterr().err == f'pfd replay: {option} requires --what-if\n'
+    with pytest.raises(ValueError, match=message):
+        what_if(swing, **given)
+    assert list(Path().iterdir()) == []
 
 
-def test_a_log_is_published_or_run_with_a_change(
-    swing: Path, capsys: pytest.CaptureFixture[str]
+def test_a_file_that_cannot_be_written_is_an_error(swing: Path) -> None:
+    with pytest.raises(OSError, match='nowhere'):
+        what_if(swing, out=Path('/nowhere/b.mcap'))
+
+
+@pytest.mark.parametrize('kind', ['folder', 'foreign', 'text'])
+def test_other_files_are_refused_with_the_option_for_bags(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    if kind == 'folder':
+        path.mkdir()
+    elif kind == 'foreign':
+        write_mcap(path, [Row('/s', 1.0, joint_state(NAMES, (0.0, 0.0)))])
+    else:
+        path.write_text('a text')
+    with pytest.raises(LogError, match=r'a\.mcap.*--commands'):
+        what_if(path, ['payload.mass=1'])
+    assert list(Path().iterdir()) == []
+
+
+# ---- bags of any arm
+
+Q0, QD0 = np.array([0.3, -0.4]), np.array([0.5, 1.5])
+FLOATS = 'std_msgs/msg/Float64MultiArray'
+
+
+def floats(topic: str, at: float, *values: float) -> Row:
+    return Row(topic, at, encode_floats(values))
+
+
+def shown(at: float, names: Sequence[str] = NAMES, q: Any = Q0, qd: Any = QD0) -> Row:
+    """Return a state with its time as its stamp."""
+    return Row('/s', at, joint_state(names, q, qd, stamp=at))
+
+
+def told(at: float, tau: Any, names: Sequence[str] = NAMES) -> Row:
+    """Return a command with its time as its stamp."""
+    return Row('/c', at, joint_state(names, (), tau=tau, stamp=at))
+
+
+def motion(rows: np.ndarray, mass: float = 0.0) -> pfd.Trajectory:
+    """Return the motion of planar2 under efforts for each step."""
+    scene = pfd.Scene(payload=pfd.Payload(mass)) if mass else None
+    sim = pfd.Simulator(pfd.load_robot('planar2'), scene, step_size=H)
+    sim.reset(Q0, QD0)
+    return sim.rollout(rows)
+
+
+def bag_of(path: Path, start: float = 100.0, prefix: str = '') -> Path:
+    """Write a bag of planar2 with states and efforts in one topic, 4 steps apart."""
+    names = [f'{prefix}{name}' for name in NAMES]
+    found = motion(np.repeat(taus(120), 4, axis=0))
+    q, qd = np.vstack([[Q0], found.q[3:-1:4]]), np.vstack([[QD0], found.qd[3:-1:4]])
+    rows = [
+        Row(STATES, start + 4 * k * H, joint_state(names, *state, stamp=start + 4 * k * H))
+        for k, state in enumerate(zip(q, qd, taus(120), strict=True))
+    ]
+    return write_mcap(path, rows)
+
+
+def run(path: Path, commands: str = STATES, *words: str, **given: Any) -> WhatIf:
+    found = what_if(path, ['robot=planar2', *words], commands=commands, **given)
+    assert verify_log(found.log).complete
+    return found
+
+
+@pytest.mark.parametrize('start', [0.0, 100.0, 1.7e9])
+def test_an_arm_that_is_the_recorded_one_follows_its_bag(tmp_path: Path, start: float) -> None:
+    found = run(bag_of(tmp_path / 'bag.mcap', start))
+    assert found.states == 120
+    assert max(numbers(found, 'position')) < ROUNDING
+    assert max(numbers(found, 'velocity')) < 100 * ROUNDING
+    assert numbers(found, 'effort', 'first_at') == [0.0, 0.0]
+    assert not found.rejected
+    assert not found.skipped
+    assert found.log == Path('bag_what_if.mcap')
+    # Its stamps continue the clock of the bag, as far as a float of seconds has it.
+    new = read_log(found.log)[STATES]
+    assert new.time[0] == pytest.approx(max(start, H), abs=1e-6)
+    np.testing.assert_array_equal(new.position[0], Q0)
+
+
+def test_another_payload_diverges_as_in_a_simulation(tmp_path: Path) -> None:
+    bag = bag_of(tmp_path / 'bag.mcap')
+    found = run(bag, STATES, 'payload.mass=0.5', rounding=True)
+    new = motion(np.repeat(taus(120), 4, axis=0), 0.5).q[3:-1:4]
+    sizes = np.abs(new - read_log(bag)[STATES].position[1:])
+    np.testing.assert_allclose(numbers(found, 'position'), sizes.max(axis=0), atol=1e-9)
+    assert 0 < max(numbers(found, 'position', 'rounding_largest')) < 1e-12
+
+
+def test_efforts_without_names_act_in_the_order_of_the_joints(tmp_path: Path) -> None:
+    start, rows = 5.0, []
+    found = motion(np.repeat(taus(120), 4, axis=0))
+    q, qd = np.vstack([[Q0], found.q[3:-1:4]]), np.vstack([[QD0], found.qd[3:-1:4]])
+    for k, tau in enumerate(taus(120)):
+        at = start + 4 * k * H
+        # Their stamps have another clock.
+        state = joint_state(NAMES[::-1], q[k][::-1], qd[k][::-1], stamp=at + 77.0)
+        rows += [Row('/states', at, state), floats('/efforts', at, *tau[::-1])]
+    bag = write_mcap(tmp_path / 'bag.mcap', rows, {'/efforts': FLOATS})
+    result = run(bag, '/efforts', 'joints=[elbow, shoulder]')
+    # Without stamps of the commands the times are the log's.
+    assert result.times == 'log times'
+    assert max(numbers(result, 'position')) < ROUNDING
+
+
+def test_efforts_between_two_steps_act_from_the_next_one_on(tmp_path: Path) -> None:
+    # In steps 1, 3 (two of them, of which the newer one acts) and 8.
+    times = ((0.2, 1.0), (1.0011, 2.0), (1.0015, 3.0), (1.0062, -4.0))
+    rows = [shown(1.0), *(told(at, (tau, -tau)) for at, tau in times)]
+    rows += [shown(1.0052), shown(1.012)]
+    found = run(write_mcap(tmp_path / 'bag.mcap', rows), '/c')
+    acting = np.array([1.0, 1.0, 3.0, 3.0, 3.0, 3.0, 3.0, -4.0, -4.0, -4.0, -4.0, -4.0])
+    wanted = motion(np.stack([acting, -acting], axis=1)).q
+    new = read_log(found.log)[STATES]
+    np.testing.assert_allclose(new.position[1:13], wanted, atol=ROUNDING)
+    np.testing.assert_array_equal(new.effort[1:13, 0], acting)
+    # At 5.2 ms the new run is between two steps.
+    between = 0.8 * wanted[4] + 0.2 * wanted[5]
+    times_of, _, other = found.comparison.curves['/s', 'position', 'shoulder']
+    (place,) = np.flatnonzero(np.isclose(times_of, 0.0052, atol=1e-9))
+    assert other[place] == pytest.approx(between[0], abs=ROUNDING)
+
+
+def test_messages_are_put_in_the_order_of_their_stamps(tmp_path: Path) -> None:
+    rows = [shown(1.0)]
+    rows += [told(at, tau) for at, tau in zip((1.0, 1.004), taus(2), strict=True)]
+    # States come late in the log.
+    rows += [shown(at)._replace(at=1.02 + at) for at in (1.002, 1.008)]
+    found = run(write_mcap(tmp_path / 'bag.mcap', rows), '/c')
+    assert found.times == 'stamps'
+    new = read_log(found.log)[STATES]
+    wanted = motion(np.repeat(taus(2), 4, axis=0)).q
+    np.testing.assert_allclose(new.position[1:9], wanted, atol=ROUNDING)
+
+
+def test_the_file_may_have_any_order(tmp_path: Path) -> None:
+    rows = [shown(1.0 + 4 * k * H) for k in range(9)]
+    rows += [told(1.0 + 4 * k * H, tau) for k, tau in enumerate(taus(9))]
+    logs = []
+    for order in (1, -1):
+        bag = write_mcap(tmp_path / f'bag{order}.mcap', rows[::order])
+        logs.append(states_of(run(bag, '/c').log))
+    assert logs[0] == logs[1]
+
+
+def test_several_publishers_of_one_topic_are_joined_by_joint(tmp_path: Path) -> None:
+    rows = []
+    for k, tau in enumerate(taus(60)):
+        at = 1.0 + 4 * k * H
+        if k:
+            rows.append(shown(at, ['finger'], [0.01], [0.0]))
+        rows.append(shown(at + 1e-4, ['elbow'], Q0[1:], QD0[1:]))
+        rows.append(shown(at + 2e-4, ['shoulder'], Q0[:1], QD0[:1]))
+        rows += [told(at + 2e-4, tau[:1], ['shoulder']), told(at + 2e-4, tau[1:], ['elbow'])]
+    found = run(write_mcap(tmp_path / 'bag.mcap', rows), '/c')
+    assert found.only_in_log == ('finger',)
+    assert {item.joint for item in found.divergences} == set(NAMES)
+    new = read_log(found.log)[STATES]
+    wanted = motion(np.repeat(taus(60), 4, axis=0)).q
+    np.testing.assert_allclose(new.position[1:200], wanted[:199], atol=1e-9)
+
+
+def test_joints_without_a_command_stay_braked(tmp_path: Path) -> None:
+    known = [*NAMES, 'finger']
+    rows = [shown(1.0, known, [*Q0, 9.0], [0.0] * 3)]
+    rows += [told(1 + k * H, (2.0, 5.0), ['elbow', 'finger']) for k in range(9)]
+    rows += [shown(1.009, known, [*Q0, 9.0], [0.0] * 3)]
+    found = run(write_mcap(tmp_path / 'bag.mcap', rows), '/c')
+    assert found.only_in_log == ('finger',)
+    new = read_log(found.log)[STATES]
+    assert (new.position[:, 0] == Q0[0]).all()
+    assert new.position[-1, 1] != Q0[1]
+
+
+def test_messages_that_cannot_be_used_are_counted(tmp_path: Path) -> None:
+    given = ([1.0, 2.0], [1.0], [np.inf, 1.0], [np.nan, 3.0], [4.0, 5.0])
+    rows = [shown(1.0), *(told(1 + k * H, tau) for k, tau in enumerate(given)), shown(1.008)]
+    found = run(write_mcap(tmp_path / 'bag.mcap', rows), '/c')
+    assert found.skipped == {'efforts and names differ in number': 1, 'infinite efforts': 1}
+    new = read_log(found.log)[STATES]
+    assert new.effort[1:7].tolist() == [[1, 2]] * 3 + [[1, 3], [4, 5], [4, 5]]
+    arrays = [shown(1.0), floats('/f', 1.0, 1.0), floats('/f', 1.002, 1.0, np.nan), shown(1.008)]
+    bag = write_mcap(tmp_path / 'floats.mcap', arrays, {'/f': FLOATS})
+    found = run(bag, '/f')
+    assert found.skipped == {'not 2 efforts': 1}
+    assert read_log(found.log)[STATES].effort[-1].tolist() == [1.0, 0.0]
+
+
+def test_names_of_joints_are_replaced_from_their_beginning(tmp_path: Path) -> None:
+    bag = bag_of(tmp_path / 'bag.mcap', prefix='left_')
+    with pytest.raises(LogError, match=r"none of its joints \['left_shoulder', 'left_elbow'\]"):
+        what_if(bag, ['robot=planar2'], commands=STATES)
+    assert list(Path().iterdir()) == []
+    found = run(bag, rename={'left_': ''})
+    assert max(numbers(found, 'position')) < ROUNDING
+
+
+@pytest.mark.parametrize(
+    ('rows', 'message'),
+    [
+        ([told(1.0, (1, 2))], r'name the topic .* topics with positions are \[\]'),
+        ([Row('/c', 1.0, string('x'))], 'is std_msgs/msg/String, expected'),
+        (
+            [shown(1.0, q=(1e12, 0.0)), told(1.0, (1, 2)), shown(1.01, q=(0.0, 0.0))],
+            'its first state cannot be set: set_state is refused',
+        ),
+        ([shown(1.0), told(2.0, (1, 2), ['a', 'b'])], 'has efforts for joints'),
+        ([shown(1.0), told(1.0, (1, 2)), told(1.7e9, (1, 2))], 'its clock was changed'),
+        (
+            [shown(1.0), shown(1.0)._replace(topic='/t'), told(1.0, (1, 2))],
+            r"name the topic of the recorded states with --states; .*\['/s', '/t'\]",
+        ),
+    ],
+    ids=range(6),
+)
+def test_a_bag_that_cannot_be_used_is_refused_by_name(
+    tmp_path: Path, rows: list[Row], message: str
 ) -> None:
-    assert pfd_main(['replay', str(swing), '--publish', '--what-if']) == 2
-    assert 'pfd replay: --publish and --what-if exclude each other' in capsys.readouterr().err
+    kinds = {'/c': 'std_msgs/msg/String'} if rows[0].data == string('x') else {}
+    bag = write_mcap(tmp_path / 'bag.mcap', rows, kinds)
+    with pytest.raises(LogError, match=message) as refused:
+        what_if(bag, ['robot=planar2'], commands='/c')
+    assert str(bag) in str(refused.value)
+    assert list(Path().iterdir()) == []
 
 
-def test_a_hole_in_the_states_is_not_simulated_through(swing: Path, tmp_path: Path) -> None:
-    hostile = load(swing)
-    last = hostile.on(STATES)[-1]
-    # Without frames, whose times would be below the last state's.
-    hostile.keep(lambda m: m is last or (m.sequence < 900 and m.topic != '/tf'))
-    last.sequence += 1 << 30
-    last.log_ns += 10_000 * 10**9
-    path = hostile.save(tmp_path / 'a.mcap', closed=False)
-    with pytest.raises(LogError, match='states are missing, but the stamp is'):
-        what_if(path)
+def test_the_named_topic_of_states_is_taken(tmp_path: Path) -> None:
+    rows = [shown(1.0), shown(1.0, q=(0.1, 0.2))._replace(topic='/t'), told(1.0, (1, 2))]
+    rows += [shown(1.01), shown(1.01)._replace(topic='/t')]
+    bag = write_mcap(tmp_path / 'bag.mcap', rows)
+    found = run(bag, '/c', states='/t')
+    np.testing.assert_array_equal(read_log(found.log)[STATES].position[0], (0.1, 0.2))
+    with pytest.raises(LogError, match=r"topic '/u' has no .* with positions"):
+        what_if(bag, ['robot=planar2'], commands='/c', states='/u')
+
+
+def test_a_recording_of_the_node_is_a_bag_too(tmp_path: Path) -> None:
+    events = {
+        k: [named(NAMES, effort=tau, stamp_ns=(k - 1) * 1_000_000)]
+        for k, tau in enumerate(taus(100), 1)
+        if k % 4 == 2
+    }
+    simulate(tmp_path / 'a.mcap', 100, events, **UNCUT)
+    words = ['robot=planar2', 'effort_limits=false', 'torque_speed=false']
+    found = what_if(tmp_path / 'a.mcap', words, commands='/joint_commands')
+    assert found.times == 'stamps'
+    assert {item.largest for item in found.divergences} == {0.0}
+
+
+@pytest.mark.parametrize(
+    ('name', 'robot', 'rename'),
+    [
+        ('panda_exciting_trajectory', 'panda', {'fer_': 'panda_'}),
+        ('ur10_exciting_trajectory', 'ur_description/urdf/ur10_robot.urdf', {}),
+    ],
+)
+def test_efforts_of_real_arms_act_at_their_times(
+    real_arms: Path, name: str, robot: str, rename: dict[str, str]
+) -> None:
+    bag = real_arms / name
+    source = robot if robot == 'panda' else str(example_robot(robot))
+    words = [f'robot={source}', 'effort_limits=false', 'torque_speed=false', 'integrator=rk4']
+    found = what_if(bag, words, commands=STATES, rename=rename)
+    recorded = read_log(bag)[STATES]
+    assert found.states == len(recorded)
+    assert (found.rejected, found.skipped) == ({}, {})
+    assert (found.only_in_log, found.only_in_arm) == ((), ())
+    assert verify_log(found.log).complete
+    # The first tenth of a second, by a simulator whose efforts this test holds.
+    steps = np.arange(100)
+    times = recorded.time - recorded.time[0]
+    held = np.searchsorted(np.ceil(times / H - 1e-6), steps, 'right') - 1
+    model = pfd.load_robot(source)
+    new = read_log(found.log)[STATES]
+    old = [rename.get(n[:4], n[:4]) + n[4:] for n in recorded.names]
+    order = [old.index(joint) for joint in model.joint_names]
+    sim = pfd.Simulator(model, step_size=H, integrator='rk4')
+    sim.reset(recorded.position[0, order], recorded.velocity[0, order])
+    wanted = sim.rollout(recorded.effort[held][:, order])
+    back = [new.names.index(joint) for joint in model.joint_names]
+    np.testing.assert_allclose(new.position[1:101, back], wanted.q, atol=1e-9)

@@ -208,6 +208,8 @@ def what_if(
         raise ValueError('--states and --rename are for bags: name a topic with --commands')
     else:
         case = _of_recording(path, read)
+    if not len(case.arrays[case.states]):
+        raise LogError(f'{path} holds no states, so there is nothing to compare')
     target = out or _free_path(path)
     engine = _engine(case, case.settings)
     result = _recorded_run(case, engine, target, progress)

@@ -458,6 +458,13 @@ def test_states_that_cannot_be_read_are_a_problem_that_is_reported(
     assert found.states == 399
 
 
+def test_a_log_without_states_is_refused(swing: Path, tmp_path: Path) -> None:
+    bare = rewritten(swing, tmp_path / 'a.mcap', lambda role, m: m if role == 'commands' else None)
+    with pytest.raises(LogError, match=r'a\.mcap holds no states'):
+        what_if(bare)
+    assert list(Path().iterdir()) == []
+
+
 def test_the_result_is_rows_for_people_and_json(swing: Path) -> None:
     words = ['payload.mass=0.5', 'payload.center=[0.1, 0, 0]']
     found = what_if(swing, words, rounding=True, thresholds=(1e-3, 1e-2, 1e-1))

@@ -41,8 +41,8 @@ from pfd_ros.text import cut, listed
 BLOCK_MESSAGES, BLOCK_BYTES = 4096, 1 << 22
 # Characters of a robot; more joints than an arm has need less.
 ROBOT_CHARACTERS = 1 << 20
-# Times are int64; later ones are damage.
-LAST_NS = (1 << 63) - 1
+# Lists of joint names of one topic.
+MOST_LISTS = 1 << 14
 _NANOSECONDS = 10**9
 RAISE, COUNT = 'raise', 'count'
 
@@ -86,8 +86,8 @@ class TopicArrays(Fields):
     ----------
     type : str
         ROS type, such as 'sensor_msgs/msg/JointState'.
-    log_ns, publish_ns : ndarray of int64, (N,)
-        Times of the log [ns]; log_ns does not decrease.
+    log_ns : ndarray of int64, (N,)
+        Times of the log [ns], which do not decrease.
     cycle : ndarray of int64, (N,), or None
         In a recording of the node the cycle that took or computed the message.
     simulated_ns : ndarray of int64, (N,), or None
@@ -97,7 +97,7 @@ class TopicArrays(Fields):
     names : tuple of str
         Joints of a JointState, in the order of position, velocity and effort, which are
         (N, len(names)) and NaN where a message has no value of a joint; () for other types.
-    groups : ndarray of int32, (N,)
+    groups : ndarray of int16, (N,)
         Of a JointState: number of the list of names of each message in `lists`.
     lists : tuple of tuples of str
         Each list of names once: several publishers of one topic may name different joints.
@@ -105,12 +105,11 @@ class TopicArrays(Fields):
 
     type: str
     log_ns: NDArray[np.int64] = field(repr=False)
-    publish_ns: NDArray[np.int64] = field(repr=False)
     cycle: NDArray[np.int64] | None = field(default=None, repr=False)
     simulated_ns: NDArray[np.int64] | None = field(default=None, repr=False)
     unreadable: int = 0
     names: tuple[str, ...] = ()
-    groups: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32), repr=False)
+    groups: NDArray[np.int16] = field(default_factory=lambda: np.zeros(0, np.int16), repr=False)
     lists: tuple[tuple[str, ...], ...] = field(default=(), repr=False)
 
     def __len__(self) -> int:
@@ -316,23 +315,24 @@ def read_log(
         begin = min((message.log_ns for message in bag.messages()), default=0)
         span = begin + first * _NANOSECONDS, begin + last * _NANOSECONDS
     found: dict[str, _Topic] = {}
-    for message in bag.messages():
-        topic = found.get(message.topic)
-        if topic is None:
-            about = bag.topics[message.topic]
-            wanted = topics is None or about.name in topics
-            topic = _Topic(about, wanted and (types is None or about.type in types))
-            found[message.topic] = topic
-        if span[0] <= message.log_ns < span[1]:
-            topic.add(message)
+
+    def topic_of(about: BagTopic) -> _Topic:
+        wanted = topics is None or about.name in topics
+        wanted = wanted and (types is None or about.type in types)
+        return found.setdefault(about.name, _Topic(about, wanted, _is_ours(bag)))
+
+    with damage_named(bag.path):
+        for message in bag.messages():
+            topic = found.get(message.topic) or topic_of(bag.topics[message.topic])
+            if span[0] <= message.log_ns < span[1]:
+                topic.add(message)
     missing = sorted(set(topics or ()) - set(bag.topics))
     if missing:
         raise ValueError(
             f'{bag.path} has no topic {listed(missing)}; topics are {listed(sorted(bag.topics))}'
         )
-    for name, about in bag.topics.items():
-        wanted = (topics is None or name in topics) and (types is None or about.type in types)
-        found.setdefault(name, _Topic(about, wanted))
+    for about in bag.topics.values():
+        topic_of(about)
     with damage_named(bag.path):
         return _arrays(bag, found, span, unreadable)
 
@@ -367,33 +367,34 @@ def _arrays(
     bag: Bag, found: Mapping[str, _Topic], span: tuple[float, float], unreadable: str
 ) -> LogArrays:
     settings = robot = None
-    roles, end = dict[str, str](), dict[str, Any]()
-    head = bag.head if bag.head.get(HeadKey.FORMAT) == FORMAT else {}
+    end = dict[str, Any]()
     simulated = ''
-    if head:
-        settings = _table(head, HeadKey.SETTINGS)
-        roles = roles_of(bag)
-        times = _table(head, HeadKey.TIMES)
-        simulated = 'log_time' if times.get('simulated') else 'publish_time'
+    if _is_ours(bag):
+        settings = _table(bag, HeadKey.SETTINGS)
+        simulated = 'log' if _table(bag, HeadKey.TIMES).get('simulated') else 'publish'
         end = {key: json.loads(text) for key, text in bag.end.items()}
         robot = _robot(bag)
     read: dict[str, TopicArrays | LogError] = {}
+    received = {}
     for name, topic in found.items():
-        if topic.wanted:
-            try:
-                read[name] = topic.arrays(simulated, ours=bool(head), unreadable=unreadable)
-            except ValueError as error:
-                read[name] = LogError(f'{bag.path}, topic {cut(name)!r}: {error}')
+        try:
+            arrays = topic.arrays(simulated, unreadable)
+        except ValueError as error:
+            read[name] = LogError(f'{bag.path}, topic {cut(name)!r}: {error}')
+        else:
+            if arrays is not None:
+                read[name] = arrays
+        received[name] = np.sort(topic.log_ns)
     return LogArrays(
         bag.path,
         {name: topic.type for name, topic in bag.topics.items()},
-        {name: np.sort(topic.times()) for name, topic in found.items()},
+        received,
         {name: topic.size for name, topic in found.items()},
         settings,
         robot,
-        roles,
+        roles_of(bag),
         bag.complete,
-        head,
+        bag.head if _is_ours(bag) else {},
         end,
         bag,
         span,
@@ -401,16 +402,20 @@ def _arrays(
     )
 
 
+def _is_ours(bag: Bag) -> bool:
+    return bag.head.get(HeadKey.FORMAT) == FORMAT
+
+
 def roles_of(bag: Bag) -> dict[str, str]:
     """Return the role of each topic of a recording of ours that was read, {} for other logs."""
-    if bag.head.get(HeadKey.FORMAT) != FORMAT:
+    if not _is_ours(bag):
         return {}
     with damage_named(bag.path):
-        return {str(topic): role for role, topic in _table(bag.head, HeadKey.TOPICS).items()}
+        return {str(topic): role for role, topic in _table(bag, HeadKey.TOPICS).items()}
 
 
-def _table(head: Mapping[str, str], key: str) -> dict[str, Any]:
-    found = json.loads(head.get(key, '{}'))
+def _table(bag: Bag, key: str) -> dict[str, Any]:
+    found = json.loads(bag.head.get(key, '{}'))
     if not isinstance(found, dict):
         raise ValueError(f'{key} in its head is {cut(repr(found))}, expected a table')
     return found
@@ -436,95 +441,112 @@ def decoder_of(topic: BagTopic) -> Decoder:
 
 
 class _Topic:
-    """The messages of a topic, decoded in blocks."""
+    """The messages of a topic, decoded in blocks.
 
-    def __init__(self, topic: BagTopic, wanted: bool) -> None:
-        self.wanted, self.size = wanted, 0
-        self._topic = topic
-        self._log_ns, self._publish_ns, self._numbers = array('q'), array('q'), array('q')
-        self._block: list[bytes] = []
-        self._block_bytes = self._decoded = 0
-        self._pieces: list[dict[str, NDArray[Any]]] = []
-        self._places: list[NDArray[np.int64]] = []
-        self._groups: list[NDArray[np.int32]] = []
-        self._lists: dict[tuple[str, ...], int] = {}
+    Attributes
+    ----------
+    log_ns
+        Log times of all messages in the order of the file, known after `arrays` [ns].
+    size
+        Their bytes.
+    """
+
+    def __init__(self, topic: BagTopic, wanted: bool, ours: bool) -> None:
+        self.size = 0
+        self._topic, self._wanted, self._ours = topic, wanted, ours
+        self._times, self._publish_ns, self._numbers = array('q'), array('q'), array('q')
+        self._block: list[BagMessage] = []
+        self._block_end = BLOCK_BYTES
         self._decoder: Decoder | None = None
         self._error: ValueError | None = None
+        # Of each block: arrays, places of its readable messages, and their list of names.
+        self._pieces: list[dict[str, NDArray[Any]]] = []
+        self._places: list[NDArray[np.int64]] = []
+        self._groups: list[NDArray[np.int16]] = []
+        self._lists: dict[tuple[str, ...], int] = {}
+
+    @property
+    def log_ns(self) -> NDArray[np.int64]:
+        return np.frombuffer(self._times, np.int64)
 
     def add(self, message: BagMessage) -> None:
         """Take a message of the window."""
-        self._log_ns.append(min(message.log_ns, LAST_NS))
+        self._block.append(message)
         self.size += len(message.data)
-        if not self.wanted:
-            return
-        self._publish_ns.append(min(message.publish_ns, LAST_NS))
-        self._numbers.append(message.number)
-        if self._error is None:
-            self._block.append(message.data)
-            self._block_bytes += len(message.data)
-            if len(self._block) >= BLOCK_MESSAGES or self._block_bytes >= BLOCK_BYTES:
-                self._decode()
-
-    def times(self) -> NDArray[np.int64]:
-        """Return the log times of all messages in the order of the file [ns]."""
-        return np.array(self._log_ns, np.int64)
+        if len(self._block) >= BLOCK_MESSAGES or self.size >= self._block_end:
+            self._decode()
 
     def _decode(self) -> None:
         """Decode the block and drop its bytes."""
+        block, self._block, self._block_end = self._block, [], self.size + BLOCK_BYTES
+        before = len(self._times)
         try:
+            self._times.extend(message.log_ns for message in block)
+            if not self._wanted or self._error:
+                return
+            if self._ours:
+                self._publish_ns.extend(message.publish_ns for message in block)
+                self._numbers.extend(message.number for message in block)
             self._decoder = self._decoder or decoder_of(self._topic)
-            piece, places = self._decoder.read(self._block)
+            piece, places = self._decoder.read([message.data for message in block])
+        except OverflowError:
+            name = cut(self._topic.name)
+            raise ValueError(f'topic {name!r} has a time beyond 2^63 ns') from None
         except ValueError as error:
             self._error, self._pieces = error, []
             return
-        finally:
-            decoded, self._decoded = self._decoded, self._decoded + len(self._block)
-            self._block, self._block_bytes = [], 0
         if self._topic.type == JOINT_STATE and {'name', *JOINT_FIELDS} <= piece.keys():
-            rows = [tuple(row) for row in piece.pop('name')]
-            groups = [self._lists.setdefault(row, len(self._lists)) for row in rows]
-            self._groups.append(np.array(groups, np.int32))
+            self._groups.append(self._groups_of(piece.pop('name')))
         self._pieces.append(piece)
-        self._places.append(places + decoded)
+        self._places.append(places + before)
 
-    def arrays(self, simulated: str, *, ours: bool, unreadable: str) -> TopicArrays:
-        """Return all messages in the order of their log times; ValueError if they cannot be read.
+    def _groups_of(self, names: NDArray[Any]) -> NDArray[np.int16]:
+        """Return the number of each row of names in `_lists`."""
+        rows = names[:1] if (names == names[:1]).all() else names
+        known = [self._lists.setdefault(tuple(row), len(self._lists)) for row in rows]
+        if len(self._lists) > MOST_LISTS:
+            raise ValueError(f'more than {MOST_LISTS} lists of joints: read a shorter window')
+        return np.full(len(names), known or 0, np.int16)
 
-        `simulated` is the name of the time of a message that is simulated time, '' for none.
+    def arrays(self, simulated: str, unreadable: str) -> TopicArrays | None:
+        """Return all messages in the order of their log times, None if they were not wanted.
+
+        `simulated` says which time of a message is simulated time, '' for none. ValueError if
+        they cannot be read.
         """
-        if self._block or not self._decoded:
+        if self._block or not self._times:
             self._decode()
         if self._error is not None:
             raise self._error
-        total, places = self._decoded, np.concatenate(self._places)
+        if not self._wanted:
+            return None
+        places = np.concatenate(self._places)
+        total, log_ns = len(self._times), self.log_ns
         if len(places) < total and unreadable == RAISE:
             raise ValueError(
                 f'{total - len(places)} of {total} messages cannot be read as {self._topic.type}; '
                 "read_log(..., unreadable='count') leaves them out"
             )
         names, found = self._joined()
-        log_ns, publish_ns, numbers = (
-            np.array(values, np.int64)[places]
-            for values in (self._log_ns, self._publish_ns, self._numbers)
-        )
-        cycle = None
-        if ours and len(numbers):
-            steps = np.diff(numbers) & SEQUENCE_MASK
-            cycle = np.concatenate([numbers[:1], numbers[0] + np.cumsum(steps)])
-        groups = np.concatenate(self._groups) if self._groups else np.zeros(0, np.int32)
-        order = np.argsort(log_ns, kind='stable')
-        if (order[1:] < order[:-1]).any():
+        # From the readable messages in the order of the file to those in the order of log times.
+        order = np.argsort(log_ns[places], kind='stable')
+        if (np.diff(order) < 0).any():
             found = {path: values[order] for path, values in found.items()}
-            log_ns, publish_ns = log_ns[order], publish_ns[order]
-            groups = groups[order] if len(groups) else groups
-            cycle = None if cycle is None else cycle[order]
+        groups = np.concatenate(self._groups)[order] if self._groups else np.zeros(0, np.int16)
+        places, cycle, simulated_ns = places[order], None, None
+        if self._ours:
+            publish_ns, numbers = (
+                np.frombuffer(x, np.int64) for x in (self._publish_ns, self._numbers)
+            )
+            steps = np.diff(numbers, prepend=numbers[:1]) & SEQUENCE_MASK
+            cycle = (numbers[:1] + np.cumsum(steps))[places] if total else numbers
+            simulated_ns = (log_ns if simulated == 'log' else publish_ns)[places]
         return TopicArrays(
             found,
             self._topic.type,
-            log_ns,
-            publish_ns,
+            log_ns[places],
             cycle,
-            {'log_time': log_ns, 'publish_time': publish_ns}.get(simulated),
+            simulated_ns,
             total - len(places),
             names,
             groups,
@@ -534,32 +556,28 @@ class _Topic:
     def _joined(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
         """Return the joints, and the arrays of all blocks, with a column for each joint."""
         pieces, self._pieces = self._pieces, []
-        found: dict[str, NDArray[Any]] = {}
-        if not self._groups:
-            return (), joined(pieces)
         names = tuple(dict.fromkeys(name for row in self._lists for name in row if name))
         count = sum(map(len, self._groups))
+        found: dict[str, NDArray[Any]] = {}
         for path in list(pieces[0]):
             parts = [piece.pop(path) for piece in pieces]
-            if path not in JOINT_FIELDS:
+            if not self._groups or path not in JOINT_FIELDS:
                 found |= joined([{path: part} for part in parts])
                 continue
-            filled = sum(part.size for part in parts)
-            if count * len(names) > PADDED + MOST_PADDING * max(filled, count):
+            filled = max(count, sum(part.size for part in parts))
+            if count * len(names) > PADDED + MOST_PADDING * filled:
                 raise ValueError(
                     f'{count} messages name {len(names)} joints, most of them in few messages: '
                     'read a shorter window'
                 )
-            found[path] = np.full((count, len(names)), np.nan)
-            self._fill(found[path], parts, names)
+            found[path] = self._by_joint(parts, names)
         return names, found
 
-    def _fill(
-        self, values: NDArray[Any], parts: list[NDArray[Any]], names: tuple[str, ...]
-    ) -> None:
-        """Put the values of blocks into the columns of their joints."""
-        place = {name: k for k, name in enumerate(names)}
-        lists, at = list(self._lists), 0
+    def _by_joint(self, parts: list[NDArray[Any]], names: tuple[str, ...]) -> NDArray[Any]:
+        """Return the values of all blocks in the columns of their joints, NaN elsewhere."""
+        values = np.full((sum(map(len, parts)), len(names)), np.nan)
+        place, at = {name: k for k, name in enumerate(names)}, 0
+        lists = list(self._lists)
         for part, groups in zip(parts, self._groups, strict=True):
             rows = values[at : at + len(part)]
             for group in np.unique(groups):
@@ -568,3 +586,4 @@ class _Topic:
                 chosen = np.flatnonzero(groups == group)[:, None]
                 rows[chosen, columns] = part[chosen, source]
             at += len(part)
+        return values

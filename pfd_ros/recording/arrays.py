@@ -490,8 +490,8 @@ class _Topic:
             self._decoder = self._decoder or decoder_of(self._topic)
             piece, places = self._decoder.read([message.data for message in block])
         except OverflowError:
-            name = cut(self._topic.name)
-            raise ValueError(f'topic {name!r} has a time beyond 2^63 ns') from None
+            self._error = ValueError('a time is beyond 2^63 ns')
+            return
         except ValueError as error:
             self._error, self._pieces = error, []
             return

@@ -100,8 +100,6 @@ PINNED = (
     'test_receiving',
     'test_recording_disk',
     'test_recording_races',
-    'test_speeding',
-    'test_stable_gains',
     'test_step_timer',
     'test_stepping',
     'test_throttled_log',

@@ -26,7 +26,6 @@ import pfd_core as pfd
 from pfd_ros.arm.description import parsed_urdf
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
-    ASIDES,
     CLOCK,
     CLOCK_TICKS,
     DESCRIPTION,
@@ -45,7 +44,6 @@ from pfd_ros.arm.settings import (
 )
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
-from pfd_ros.messages.text_and_arrays import decode_string
 from pfd_ros.recording.arrays import LogArrays, read_log
 from pfd_ros.recording.format import LogError, damage_named
 from pfd_ros.recording.log import Log
@@ -283,7 +281,7 @@ def _of_recording(path: Path, changes: Changes) -> _Case:
         ) from None
     settings, robot, urdf = changed_arm(log, changes)
     if 'robot' not in changes.values:
-        urdf = _description(log)
+        urdf = log.description
     states = log.topics[STATES]
     arrays = read_log(path, topics=[states], unreadable='count')
     return _Case(log, arrays, states, _untied(settings), robot, urdf, log.topics)
@@ -298,16 +296,6 @@ def _untied(settings: Settings) -> Settings:
         recording='',
         recording_time=SIMULATED,
     )
-
-
-def _description(log: Log) -> str:
-    """Return the URDF in a recording, '' without one; it comes before all that is simulated."""
-    for message in log.messages():
-        if message.role == DESCRIPTION:
-            return decode_string(message.data)
-        if message.role not in ASIDES:
-            break
-    return ''
 
 
 def _of_bag(

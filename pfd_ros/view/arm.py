@@ -60,7 +60,7 @@ class LinkPoses:
     links : tuple of str
         Names of the links, a parent before its children.
     tip : str
-        The first link at the end of the longest chain of the given joints.
+        The link at the end of the longest chain of the given joints, and of links fixed to it.
 
     Raises
     ------
@@ -88,7 +88,7 @@ class LinkPoses:
         # Transform of a joint: origin (1 + sin(x) turn + (1 - cos(x)) turn^2 + x slide).
         count = len(self._ordered)
         self._origins, self._turns, self._slides = np.zeros((3, count, 4, 4))
-        depth = dict.fromkeys(names, 0)
+        depth = dict.fromkeys(names, (0, 0))
         for k, joint in enumerate(self._ordered):
             self._origins[k] = pose_of(*joint.origin)
             axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
@@ -96,8 +96,9 @@ class LinkPoses:
                 self._turns[k, :3, :3] = np.cross(np.eye(3), axis)
             elif joint.kind == SLIDING:
                 self._slides[k, :3, 3] = axis
-            depth[joint.child] = depth[joint.parent] + (joint.name in joints)
-        self.tip = max(names, key=lambda name: (depth[name], -self._index[name]))
+            moving, links = depth[joint.parent]
+            depth[joint.child] = moving + (joint.name in joints), links + 1
+        self.tip = max(names, key=depth.__getitem__)
 
     def at(self, positions: ArrayLike) -> Array:
         """Return the frames (links, 4, 4) at positions (joints,) [rad, m]."""

@@ -11,16 +11,24 @@ from functools import partial
 import http.client
 import os
 from pathlib import Path
+import re
+import signal
 import socket
 import struct
+import subprocess
+import sys
+from time import sleep
 from types import SimpleNamespace
 from typing import Any
+import urllib.request
 import warnings
 
+from arm_messages import payload, wrench
 import bridge
 from bridge import (
     LinkPoses,
     MeshFolders,
+    ShownLog,
     Stage,
     ViewPayload,
     ViewPlayer,
@@ -29,12 +37,16 @@ from bridge import (
     export_view,
     frame_times,
     load_colour,
+    pfd_commands_of,
     pfd_main,
+    pfd_parser,
     view_address,
 )
 import numpy as np
 import pinocchio as pin
 import pytest
+from recordings import simulate
+from ros_processes import Process, Processes
 from sampling import one_fast
 from view_models import (
     PANDA,
@@ -42,14 +54,18 @@ from view_models import (
     UR5,
     Exported,
     Nodes,
+    described,
     example_urdf,
     frames_by_pinocchio,
+    joint_state,
     parsed,
     pendulum_end,
+    swinging,
     urdf,
     visual,
+    write_bag,
 )
-from waiting import PATIENCE
+from waiting import PATIENCE, wait_until
 
 import pfd_core as pfd
 
@@ -695,3 +711,268 @@ def test_without_the_extra_the_error_names_it(
     monkeypatch.setattr(*bridge.target('VIEW_NEEDED'), ('viser_which_nobody_has',))
     assert pfd_main(['view', 'run.mcap']) == 1
     assert "pip install 'pfd_ros[view]'" in capsys.readouterr().err
+
+
+# Logs.
+
+STATES_AT = (0.0, 0.1, 0.2, 0.35, 0.5)
+
+
+def test_a_log_is_shown_at_its_states_with_the_path_of_its_tip(tmp_path: Path, empty: Any) -> None:
+    log = ShownLog(swinging(tmp_path / 'bag', STATES_AT, described()))
+    assert log.problems == ('the URDF has no visuals: the arm is drawn as a skeleton',)
+    show, nodes = log.fill(empty), Nodes(empty)
+    node = nodes[f'/arm/link_{log.poses.index("end")}']
+    for time, q in ((0.0, 0.0), (0.099, 0.0), (0.1, 0.1), (0.34, 0.2), (0.35, 0.35), (9.0, 0.5)):
+        show(time)
+        np.testing.assert_allclose(node.position, pendulum_end(q).translation, atol=1e-12)
+    points = np.concatenate([nodes['/path'].points[:, 0], nodes['/path'].points[-1:, 1]])
+    expected = [pendulum_end(q).translation for q in STATES_AT]
+    np.testing.assert_allclose(points, expected, atol=SINGLE)
+
+
+def test_a_recorded_push_and_payload_are_shown_while_they_act(tmp_path: Path, empty: Any) -> None:
+    path = tmp_path / 'run.mcap'
+    events = {
+        20: [wrench('tip_link', (4.0, 0.0, 0.0), (0.0, 0.0, 1.0))],
+        40: [wrench('tip_link'), payload('tip_link', 0.5, (0.1, 0.0, 0.0))],
+        60: [payload('tip_link', 0.0)],
+    }
+    roles = ('external_wrench', 'payload', 'payload_in_use', 'tip_wrench')
+    simulate(path, 80, events, roles, external_wrench=True, outputs=('tip_wrench',))
+    log = ShownLog(path)
+    show, nodes = log.fill(empty), Nodes(empty)
+    shown = []
+    for time in log.log.time:
+        show(time)
+        shown.append(tuple(visible(nodes)))
+    found = dict.fromkeys(shown)
+    assert list(found) == [(), ('/wrench/force', '/wrench/torque'), ('/payload',)]
+    assert 19 <= shown.count(('/wrench/force', '/wrench/torque')) <= 21
+    assert 19 <= shown.count(('/payload',)) <= 21
+
+
+def test_a_ghost_is_shown_at_the_same_stamps_and_another_topic_may_be_one(
+    tmp_path: Path, empty: Any
+) -> None:
+    references = [
+        (
+            '/wanted',
+            'sensor_msgs/msg/JointState',
+            k,
+            joint_state(100.2 + 0.1 * k, ['swing'], [1 + k]),
+        )
+        for k in range(3)
+    ]
+    bag = swinging(tmp_path / 'bag', STATES_AT, described(), *references)
+    arm, ghost = ShownLog(bag), ShownLog(bag, topic='/wanted')
+    assert arm.offset(ghost) == pytest.approx(0.2)
+    show, nodes = arm.fill(empty, ghost), Nodes(empty)
+    for time, q in ((0.0, 1.0), (0.25, 1.0), (0.35, 2.0), (0.5, 3.0)):
+        show(time)
+        node = nodes[f'/ghost/link_{ghost.poses.index("end")}']
+        np.testing.assert_allclose(node.position, pendulum_end(q).translation, atol=1e-12)
+    # A log without a model has the model of the arm.
+    other = ShownLog(write_bag(tmp_path / 'other', references), other=arm.log.urdf)
+    assert other.log.joints == ('swing',)
+    late = ShownLog(
+        write_bag(
+            tmp_path / 'late',
+            [
+                (
+                    '/joint_states',
+                    'sensor_msgs/msg/JointState',
+                    0,
+                    joint_state(7.0, ['swing'], [1.0]),
+                )
+            ],
+        ),
+        other=arm.log.urdf,
+    )
+    assert arm.offset(late) is None
+
+
+def test_a_log_with_other_joint_names_is_an_error_and_rename_cures_it(tmp_path: Path) -> None:
+    bag = swinging(tmp_path / 'bag', STATES_AT, described(), joint='left_swing')
+    with pytest.raises(ValueError, match=r"'left_swing'.*--rename"):
+        ShownLog(bag)
+    found = ShownLog(bag, rename={'left_': ''})
+    assert found.log.joints == ('swing',)
+    np.testing.assert_allclose(found.log.position[:, 0], STATES_AT)
+
+
+# The command.
+
+
+@pytest.mark.parametrize(
+    ('number', 'browser', 'line'),
+    [
+        (signal.SIGINT, {'BROWSER': '/nowhere/browser'}, 'no browser was found for --open'),
+        pytest.param(signal.SIGTERM, {}, 'no display for --open', marks=pytest.mark.long),
+    ],
+)
+def test_the_command_prints_the_address_without_rclpy_and_ends_by_signals(
+    number: signal.Signals, browser: dict[str, str], line: str, tmp_path: Path
+) -> None:
+    bag = swinging(tmp_path / 'bag', STATES_AT, described(visual('<sphere radius="0.1"/>')))
+    program = (
+        'import signal, sys, threading\n'
+        # A shell that runs the tests in the background ignores the signal.
+        'signal.signal(signal.SIGINT, signal.default_int_handler)\n'
+        'from pfd_ros.cli.main import main\n'
+        'status = main(sys.argv[1:])\n'
+        "print('rclpy' in sys.modules, threading.active_count())\n"
+        'raise SystemExit(status)\n'
+    )
+    displays = ('DISPLAY', 'WAYLAND_DISPLAY', 'BROWSER')
+    others = {name: value for name, value in os.environ.items() if name not in displays}
+    viewer = subprocess.Popen(
+        [sys.executable, '-c', program, 'view', str(bag), '--port=0', '--open'],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**others, 'PATH': '', **browser},
+    )
+    try:
+        assert viewer.stdout is not None
+        first, second = viewer.stdout.readline(), viewer.stdout.readline()
+        assert re.fullmatch(r'http://127\.0\.0\.1:\d+ shows bag; Ctrl-C ends it\n', first)
+        assert second.startswith(f'{line}: open http://127.0.0.1:')
+        viewer.send_signal(number)
+        assert viewer.communicate(timeout=PATIENCE)[0] == 'False 1\n'
+        assert viewer.returncode == 0
+    finally:
+        viewer.kill()
+        viewer.communicate()
+
+
+@pytest.mark.parametrize(
+    ('words', 'error'),
+    [
+        ('--ghost b.mcap', "the view of a running arm takes no ['--ghost']"),
+        ('--live --export a.html', "the view of a running arm takes no ['--export']"),
+        ('run.mcap --live', "the view of a log takes no ['--live']"),
+        ('run.mcap --node /sim_arm', "the view of a log takes no ['--node']"),
+    ],
+)
+@pytest.mark.ros
+def test_options_of_a_log_and_of_a_running_arm_exclude_each_other(
+    words: str, error: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert pfd_main(['view', *words.split()]) == 1
+    assert error in capsys.readouterr().err
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ('words', 'domain', 'error'),
+    [
+        ((), 'many', 'ROS_DOMAIN_ID is not an integral number'),
+        (('--topic', 'a b'), '0', "'a b' is not a valid topic name"),
+        (('--topic', ''), '0', "'' is not a valid topic name"),
+        (('--wrench-topic', 'a//b'), '0', "'a//b' is not a valid topic name"),
+        (('--node', 'x y'), '0', "'x y' is not a valid node name"),
+        (('--node', '/'), '0', "'' is not a valid node name"),
+        (('--node', '/x y/arm'), '0', "'/x y' is not a valid node namespace"),
+    ],
+)
+def test_an_invalid_domain_or_name_is_one_line(
+    words: tuple[str, ...],
+    domain: str,
+    error: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv('ROS_DOMAIN_ID', domain)
+    assert pfd_main(['view', '--port', '0', *words]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert error in line
+
+
+@pytest.mark.parametrize('command', ['sim', 'demo'])
+@pytest.mark.ros
+def test_a_view_that_cannot_start_is_one_line_before_the_arm(
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError('the arm was started')
+
+    monkeypatch.chdir(tmp_path)
+    for name in ('node_main', 'demo_ChildProcess'):
+        monkeypatch.setattr(*bridge.target(name), never)
+    monkeypatch.setattr(*bridge.target('VIEW_NEEDED'), ('viser_which_nobody_has',))
+    words = pfd_commands_of([command])[command], [command, '--view']
+    given = pfd_parser({command: words[0]}).parse_args(words[1])
+    given.ros_args, given.stop = [], None
+    with pytest.raises(ValueError, match=r"pip install 'pfd_ros\[view\]'"):
+        words[0].run(given)
+    assert not any(tmp_path.iterdir())
+
+
+class Viewed:
+    """A node with a view, and the processes that belong to it."""
+
+    def __init__(self, processes: Processes, *ros_args: str) -> None:
+        self.arm = processes.python(
+            *('-m', 'pfd_ros.cli.main', 'sim', '--robot', 'ur5', '--view', '--port', '0'),
+            *(['--ros-args', *ros_args] if ros_args else []),
+        )
+        self.arm.wait_for_text('; Ctrl-C ends it')
+        self.arm.wait_for_text('receiving ')
+        (self.url,) = re.findall(r'^(http://\S+) shows ', self.arm.text(), re.MULTILINE)
+        self.view = child_of(self.arm)
+
+    def wait_for_the_end(self) -> None:
+        """Wait until the view is gone, and its port."""
+        wait_until(lambda: not Path(f'/proc/{self.view}').exists())
+        with socket.socket() as probe:
+            assert probe.connect_ex(('127.0.0.1', int(self.url.rpartition(':')[2]))) != 0
+
+
+def child_of(process: Process) -> int:
+    """Return the only child of a process."""
+    found = []
+    for stat in Path('/proc').glob('[0-9]*/stat'):
+        try:
+            fields = stat.read_text().rpartition(')')[2].split()
+        except OSError:  # which has ended meanwhile
+            continue
+        if int(fields[1]) == process.process.pid:
+            found.append(int(stat.parent.name))
+    (child,) = found
+    return child
+
+
+@pytest.mark.ros
+def test_an_arm_continues_without_its_view_and_logs_it_once(processes: Processes) -> None:
+    viewed = Viewed(processes, '-r', '__ns:=/left')
+    assert 'receiving /left/joint_states' in viewed.arm.text()
+    with urllib.request.urlopen(viewed.url, timeout=PATIENCE) as answer:
+        assert b'<html' in answer.read()
+    nicer = min(os.getpriority(os.PRIO_PROCESS, 0) + 10, 19)
+    assert os.getpriority(os.PRIO_PROCESS, viewed.view) == nicer
+    os.kill(viewed.view, signal.SIGKILL)
+    viewed.arm.wait_for_text('the 3D view ended by SIGKILL; the arm continues')
+    # It logs once a second.
+    sleep(2.5)
+    assert viewed.arm.end(signal.SIGINT) == 0
+    assert viewed.arm.text().count('the 3D view') == 1
+    viewed.wait_for_the_end()
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_the_view_ends_with_the_arm_however_that_ends(
+    processes: Processes, number: signal.Signals
+) -> None:
+    viewed = Viewed(processes)
+    status = viewed.arm.end(number)
+    assert status == (-number if number is signal.SIGKILL else 0)
+    viewed.wait_for_the_end()
+    assert 'Traceback' not in viewed.arm.text()
+    assert 'the 3D view' not in viewed.arm.text()

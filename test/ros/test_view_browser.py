@@ -120,7 +120,7 @@ def test_the_page_of_a_running_arm_shows_a_force_until_it_is_cleared(
         wait_until(lambda: 'Scale: 1 m = ' in (shown.value('document.body.innerText') or ''))
         assert red(shown) < ARROW
         message = WrenchStamped()
-        message.header.frame_id = 'wrist_3_link'
+        message.header.frame_id = 'tool0'
         message.wrench.force.z = 60.0
         hand.publish(message)
         wait_until(lambda: red(shown) > ARROW)

@@ -51,6 +51,8 @@ def _stated(limits: NDArray[Any], wide: float) -> NDArray[Any]:
 class Actuators:
     """What the settings decide about the actuators; arrays in model order.
 
+    Limits of the scene act within the step, in the place of those here.
+
     Attributes
     ----------
     p, d, servo
@@ -59,15 +61,6 @@ class Actuators:
         Largest change of an effort in a step, N m or N, beyond which a reflex acts; inf for none.
     limits
         Limits of the motors and gains, (7, n), as pfd_core.MotorSimulator.bind takes them.
-
-    Parameters
-    ----------
-    settings, robot
-        Of the arm, as they are now.
-    order
-        Index in the model of each joint, in published order.
-    scene
-        Of the arm. Its limits act within the step, in the place of the limits here.
     """
 
     def __init__(

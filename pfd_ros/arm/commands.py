@@ -116,18 +116,9 @@ def _commanded(joints: Joints, among: Collection[str], servo: bool) -> list[str]
 def _numbers(engine: Engine, joints: Joints, known: list[int], index: list[int]) -> Any:
     """Check the numbers of a command for the joints that the arm has.
 
-    Parameters
-    ----------
-    engine, joints
-        The arm, and the command.
-    known, index
-        The places of these joints in the command and in the model, (k,).
-
-    Returns
-    -------
-    tuple or Verdict
-        Of the joints with a number: their places in the model, and effort, position and velocity,
-        with NaN for no number, or None if the command has none of its kind.
+    `known` and `index` are the places of these joints in the command and in the model. Returns the
+    verdict on broken rules, or of the joints with a number their places in the model, and effort,
+    position and velocity, with NaN for no number, or None if the command has none of its kind.
     """
     servo, gains = engine.actuators.servo, engine.actuators
     if not servo and math.isfinite(sum(joints.effort.tolist())):  # as almost always

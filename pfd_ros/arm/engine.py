@@ -67,10 +67,8 @@ class Engine:
 
     Parameters
     ----------
-    settings
-        Settings of the run.
-    robot
-        From `load_robot` or out of a recording.
+    settings, robot
+        Of the run.
     roles
         What anybody needs: nothing else is encoded, and the arm moves with the same bits.
     frames
@@ -80,18 +78,14 @@ class Engine:
     ----------
     state
         Everything that changes while the arm runs.
-    robot, names, order
-        The robot; the name and the index in the model of each joint, in published order.
-    place
-        The index in the model of each joint by name.
+    names, order, place
+        The name and the index in the model of each joint, in published order; index by name.
     locked
         The position of each joint that is published though it is welded, by name.
     start
         Positions (n,) in model order, rad or m, before the first step and after a reset.
-    plants, plant
-        The plants of the settings, and the one of the settings now.
-    actuators, sensors, link
-        What the settings now decide about them; no sensors where states are measured exactly.
+    plant, actuators, sensors, link
+        What follows from the settings now; no sensors where states are measured exactly.
 
     Raises
     ------

@@ -22,40 +22,22 @@ MOST_STEPS = 1_000_000
 
 
 class Message(NamedTuple):
-    """A message, in and out, live and recorded.
-
-    Attributes
-    ----------
-    role
-        A name in ROLES.
-    data
-        The bytes as they travel (CDR).
-    cycle
-        The cycle that took an input, or that an output shows; 0 for asides. It is the number of
-        the message in a recording.
-    """
+    """A message, in and out, live and recorded: a name in ROLES, and the bytes as they travel."""
 
     role: str
     data: bytes
+    # The cycle that took an input, or that an output shows; 0 for asides. It is the number of the
+    # message in a recording.
     cycle: int = 0
 
 
 class Verdict(NamedTuple):
-    """The result of the rules for an input; true if it was accepted.
+    """The result of the rules for an input; true if it was accepted."""
 
-    Attributes
-    ----------
-    label
-        'accepted', or the rule that it broke, one of LABELS.
-    detail
-        For people, on one line.
-    remarks
-        What an accepted input has besides, such as unknown names beside known ones: verdicts
-        that did not refuse it.
-    """
-
+    # 'accepted', or the rule that it broke, one of LABELS; and for people, on one line, why.
     label: str
     detail: str = ''
+    # What an accepted input has besides, such as unknown names beside known ones.
     remarks: tuple[Verdict, ...] = ()
 
     @property
@@ -92,32 +74,22 @@ INPUT, OUTPUT, ASIDE = 'input', 'output', 'aside'
 
 
 class Role(NamedTuple):
-    """What the messages of a role have in common.
+    """What the messages of a role have in common: their ROS type and topic, and what they are.
 
-    Attributes
-    ----------
-    type
-        Their ROS type.
-    topic
-        As the node names it, before remapping; `~` is the node's name.
-    kind
-        INPUT, OUTPUT or ASIDE.
-    quantity
-        The row of pfd.QUANTITIES that it holds, '' for none.
-    optional
-        Whether the parameter `outputs` enables it.
-    latched
-        Whether the last message reaches subscribers that come later.
-    service
-        Whether it is an input that comes from services; its topic is in recordings only.
+    The topic is as the node names it, before remapping; `~` is the node's name.
     """
 
     type: str
     topic: str
+    # INPUT, OUTPUT or ASIDE.
     kind: str
+    # The row of pfd.QUANTITIES that it holds, '' for none.
     quantity: str = ''
+    # Whether the parameter `outputs` enables it.
     optional: bool = False
+    # Whether the last message reaches subscribers that come later.
     latched: bool = False
+    # Whether it is an input that comes from services; its topic is in recordings only.
     service: bool = False
 
 

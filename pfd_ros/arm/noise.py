@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Counter-based noise: the same bits for the same seed, channel, cycle and element, for ever.
 
-There is no generator with a state to save or reset, so a replay may begin anywhere. The bits come
-from Philox 4x32-10 (Salmon, Moraes, Dror, Shaw: Parallel random numbers: as easy as 1, 2, 3,
-2011), with the seed as its key. All further operations are rounded as IEEE 754 defines, one at a
-time. So every machine and version of NumPy gives the same numbers, which NumPy's distributions and
-the system's logarithm do not guarantee.
+There is no generator with a state to save. The bits come from Philox 4x32-10 (Salmon, Moraes,
+Dror, Shaw: Parallel random numbers: as easy as 1, 2, 3, 2011), with the seed as its key. All
+further operations are rounded as IEEE 754 defines, one at a time, so every machine and version of
+NumPy gives the same numbers: NumPy's distributions and the system's logarithm may not.
 
 Normal deviates are the inverse of the normal distribution at a uniform deviate of 52 bits
 (Wichura, Algorithm AS 241, Applied Statistics 37, 1988; relative error below 1e-14). They end
@@ -52,8 +51,7 @@ def uniform(seed: int, channel: Channel, cycle: int, n: int) -> NDArray[Any]:
     An element does not depend on `n`. Seeds are 0 to LARGEST_SEED, cycles below 2^62.
     """
     block, row = divmod(cycle + _STAGGER * channel, BLOCK)
-    found: NDArray[Any] = _uniforms(seed, channel, block, n)[row]
-    return found
+    return _uniforms(seed, channel, block, n)[row]
 
 
 def normal(seed: int, channel: Channel, cycle: int, n: int) -> NDArray[Any]:
@@ -62,8 +60,7 @@ def normal(seed: int, channel: Channel, cycle: int, n: int) -> NDArray[Any]:
     They are made of the bits of `uniform`: one channel should not be used for both.
     """
     block, row = divmod(cycle + _STAGGER * channel, BLOCK)
-    found: NDArray[Any] = _normals(seed, channel, block, n)[row]
-    return found
+    return _normals(seed, channel, block, n)[row]
 
 
 def philox(counters: NDArray[Any], seed: int) -> NDArray[Any]:
@@ -93,21 +90,21 @@ def _bits(seed: int, channel: Channel, block: int, n: int) -> NDArray[Any]:
 
 
 @lru_cache(_KEPT_BLOCKS)
-def _uniforms(seed: int, channel: Channel, block: int, n: int) -> NDArray[Any]:
+def _uniforms(seed: int, channel: Channel, block: int, n: int) -> list[NDArray[Any]]:
     return _kept((_bits(seed, channel, block, n) >> 11).astype(float) * 2.0**-53)
 
 
 @lru_cache(_KEPT_BLOCKS)
-def _normals(seed: int, channel: Channel, block: int, n: int) -> NDArray[Any]:
+def _normals(seed: int, channel: Channel, block: int, n: int) -> list[NDArray[Any]]:
     # In the middle of their intervals: symmetric, never 0 or 1, and exact in float64.
     p = ((_bits(seed, channel, block, n) >> 12).astype(float) + 0.5) * 2.0**-52
     return _kept(inverse_normal(p))
 
 
-def _kept(values: NDArray[Any]) -> NDArray[Any]:
-    """Return an array that callers share."""
+def _kept(values: NDArray[Any]) -> list[NDArray[Any]]:
+    """Return the rows of an array, which callers share."""
     values.flags.writeable = False
-    return values
+    return list(values)
 
 
 # Coefficients of AS 241 (PPND16), the highest power first: |p - 1/2| <= 0.425, the tails up to

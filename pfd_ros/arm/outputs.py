@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The outputs of a cycle: the measured state, the clock, quantities of the model and of the tip.
 
-Those in addition to joint_states, the clock and the frames of the links describe the true state
-of the cycle, not the measured one. With the joints in
+All but joint_states describe the true state of the cycle, not the measured one. With the joints in
 published order, H qdd + b = tau + tau_ext, where b are the bias_torques, tau_ext the
 external_torques, and
 
@@ -31,19 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.events import (
-    ACCELERATION,
-    CLOCK,
-    ENERGY,
-    OPTIONAL,
-    PAYLOAD_IN_USE,
-    ROLES,
-    STATES,
-    TF,
-    TIP_WRENCH,
-    TRUE_STATES,
-    Message,
-)
+from pfd_ros.arm import events
+from pfd_ros.arm.events import OPTIONAL, ROLES, Message
 from pfd_ros.arm.state import ACTED
 from pfd_ros.messages.joints import JointEncoder
 from pfd_ros.messages.numbers import NumbersEncoder, encode_clock, encode_numbers
@@ -62,24 +50,16 @@ Writer = Callable[[int], bytes]
 
 
 class Outputs:
-    """Writes the outputs of an arm that anybody needs.
-
-    Parameters
-    ----------
-    engine
-        The engine of the arm.
-    frames
-        The frames of its links, for recordings; None for none.
-    """
+    """Writes the outputs of an arm that anybody needs."""
 
     def __init__(self, engine: Engine, frames: LinkFrames | None) -> None:
         settings, roles = engine.state.first, engine.roles
         self.engine, self.frames = engine, frames
-        self.states = STATES in roles
+        self.states = events.STATES in roles
         self._encoder = JointEncoder(engine.names, settings.frame_id, engine.locked)
-        clock = settings.publish_clock and CLOCK in roles
+        clock = settings.publish_clock and events.CLOCK in roles
         self._clock_every = settings.clock_every if clock else 0
-        tf = frames is not None and TF in frames.roles and TF in roles
+        tf = frames is not None and events.TF in frames.roles and events.TF in roles
         self._tf_every = frames.every if tf and frames is not None else 0
         # Whether some cycles have a tick or frames.
         self.ticks = bool(self._clock_every or self._tf_every)
@@ -92,7 +72,7 @@ class Outputs:
         engine = self.engine
         enabled = {*engine.state.settings.outputs}
         if engine.plant.scene.external_wrench:
-            enabled.add(TIP_WRENCH)
+            enabled.add(events.TIP_WRENCH)
         self._writers = [
             (role, _WRITERS.get(role, _quantity)(self, role))
             for role in OPTIONAL
@@ -104,10 +84,10 @@ class Outputs:
     def add_payload(self, messages: list[Message]) -> None:
         """Add the message about the payload, which acts for the first time in this cycle."""
         engine = self.engine
-        if PAYLOAD_IN_USE in engine.roles:
+        if events.PAYLOAD_IN_USE in engine.roles:
             numbers = engine.plant.payload or (0.0,) * 10
             data = encode_numbers(INERTIA, engine.stamp_ns, engine.robot.tip, numbers)
-            messages.append(Message(PAYLOAD_IN_USE, data, engine.state.cycle))
+            messages.append(Message(events.PAYLOAD_IN_USE, data, engine.state.cycle))
 
     def add_state(self, messages: list[Message], *, published: bool) -> None:
         """Add the state of this cycle, if it is published, and what is told beside it."""
@@ -115,7 +95,7 @@ class Outputs:
         stamp_ns = engine.stamp_ns
         if published and self.states:
             data = self._encoder.encode(stamp_ns, engine.shown())
-            messages.append(Message(STATES, data, state.cycle))
+            messages.append(Message(events.STATES, data, state.cycle))
         if self._writers:
             self.row[:], self.wrench[:] = state.rows[state.now], state.wrench[ACTED]
             for role, write in self._writers:
@@ -125,16 +105,13 @@ class Outputs:
         """Add the tick and the frames of this cycle; with `again` the tick alone, at any cycle."""
         cycle, every = self.engine.state.cycle, self._clock_every
         if every and (again or cycle % every == 0):
-            messages.append(Message(CLOCK, encode_clock(self.engine.stamp_ns), cycle))
-        if (
-            self._tf_every
-            and self.frames is not None
-            and not again
-            and cycle % self._tf_every == 0
-        ):
-            state = self.engine.state
-            data = self.frames.encode(self.engine.stamp_ns, state.rows[state.now, 0])
-            messages.append(Message(TF, data, cycle))
+            messages.append(Message(events.CLOCK, encode_clock(self.engine.stamp_ns), cycle))
+        if again or not self._tf_every or cycle % self._tf_every:
+            return
+        state, frames = self.engine.state, self.frames
+        assert frames is not None
+        data = frames.encode(self.engine.stamp_ns, state.rows[state.now, 0])
+        messages.append(Message(events.TF, data, cycle))
 
     def bound(self, role: str) -> Values:
         """Return a function without arguments that evaluates the kernel of an output."""
@@ -210,10 +187,10 @@ def _quantity(given: Outputs, role: str) -> Writer:
 
 # By role; the others are quantities as they are.
 _WRITERS: dict[str, Callable[[Outputs, str], Writer]] = {
-    TRUE_STATES: _true_states,
-    ACCELERATION: _acceleration,
-    TIP_WRENCH: _tip_wrench,
-    ENERGY: _energy,
+    events.TRUE_STATES: _true_states,
+    events.ACCELERATION: _acceleration,
+    events.TIP_WRENCH: _tip_wrench,
+    events.ENERGY: _energy,
 }
 
 

@@ -30,32 +30,16 @@ MOST_COMPILED = 4
 INPUT = 'input'
 
 
-class Compiled(NamedTuple):
-    """Native code: the simulator, and the kernels of the outputs by role."""
-
-    simulator: pfd.MotorSimulator
-    kernels: Mapping[str, Any]
-
-
 class Plant(NamedTuple):
-    """A scene, and the native code that simulates the robot in it.
-
-    Attributes
-    ----------
-    scene
-        The effects that act on the robot, with its payload.
-    simulator, kernels
-        As of Compiled.
-    inputs
-        The payload as an argument of native code that takes it as an input, else nothing.
-    payload
-        Mass, center and inertia (xx, xy, xz, yy, yz, zz) of the payload, () without one.
-    """
+    """A scene with its payload, and the native code that simulates the robot in it."""
 
     scene: pfd.Scene
     simulator: pfd.MotorSimulator
+    # Of the outputs that are quantities of the model, by role.
     kernels: Mapping[str, Any]
+    # The payload as an argument of native code that takes it as an input, else nothing.
     inputs: Mapping[str, pfd.Payload | None]
+    # Mass, center and inertia (xx, xy, xz, yy, yz, zz) of the payload, () without one.
     payload: tuple[float, ...]
 
     @property
@@ -69,27 +53,14 @@ class Plant(NamedTuple):
 class Plants:
     """The plants of a robot under the settings of a run, and those that change while it runs.
 
-    A cache, which any thread may ask: who asks late only waits longer.
-
-    Parameters
-    ----------
-    settings
-        At the start.
-    robot
-        The robot.
-    order
-        Index in the model of each joint, in published order.
-
-    Raises
-    ------
-    ValueError
-        If the settings do not go with the robot.
+    A cache, which any thread may ask: who asks late only waits longer. ValueError for settings
+    that do not go with the robot. `order` is the index in the model of each published joint.
     """
 
     def __init__(self, settings: Settings, robot: pfd.Robot, order: NDArray[Any]) -> None:
         self._robot, self._order = robot, order
-        # By the digest of the scene.
-        self._compiled: dict[str, Compiled] = {}
+        # Simulator and kernels by the digest of the scene.
+        self._compiled: dict[str, tuple[pfd.MotorSimulator, dict[str, Any]]] = {}
         self._first = scene_of(settings, order).payload
         self._varies = False
         self._varies = self.prepare(settings).simulator.method in pfd.PAYLOAD_METHODS
@@ -101,13 +72,13 @@ class Plants:
         """
         scene = scene_of(settings, self._order)
         payload = _payload_of(scene)
-        compiled_scene = self._of_code(scene)
-        compiled = self._native(settings, compiled_scene)
-        inputs = {'payload': payload} if compiled_scene.payload == INPUT else {}
+        compiled = self._of_code(scene)
+        simulator, kernels = self._native(settings, compiled)
+        inputs = {'payload': payload} if compiled.payload == INPUT else {}
         if inputs:
-            compiled.simulator.prepare_payload(payload)
+            simulator.prepare_payload(payload)
         numbers = () if payload is None else payload_numbers(payload)
-        return Plant(scene, *compiled, inputs, numbers)
+        return Plant(scene, simulator, kernels, inputs, numbers)
 
     def ready(self, settings: Settings) -> bool:
         """Return whether nothing has to be compiled for settings."""
@@ -118,11 +89,13 @@ class Plants:
         varied = self._varies and scene.payload != self._first
         return replace(scene, payload=INPUT) if varied else scene
 
-    def _native(self, settings: Settings, scene: pfd.Scene) -> Compiled:
+    def _native(
+        self, settings: Settings, scene: pfd.Scene
+    ) -> tuple[pfd.MotorSimulator, dict[str, Any]]:
         found = self._compiled.get(scene.digest)
         if found is None:
             simulator = pfd.MotorSimulator(self._robot, scene, **simulator_settings(settings))
-            found = Compiled(simulator, _kernels(settings, self._robot, scene))
+            found = simulator, _kernels(settings, self._robot, scene)
             # The oldest go; a list, since other threads may ask meanwhile.
             for digest in list(self._compiled)[: 1 - MOST_COMPILED]:
                 self._compiled.pop(digest, None)
@@ -174,13 +147,7 @@ def in_model_order(values: Sequence[float], order: NDArray[Any]) -> NDArray[Any]
 
 
 def with_scene_text(settings: Settings) -> Settings:
-    """Return settings with the text of the scene file that they name: the file may change.
-
-    Raises
-    ------
-    ValueError
-        If the file does not exist, or is not a scene.
-    """
+    """Return settings with the text of the scene file that they name: the file may change."""
     if not settings.scene:
         return settings
     return replace(settings, scene=pfd.scene_to_yaml(pfd.load_scene(settings.scene)))
@@ -189,19 +156,7 @@ def with_scene_text(settings: Settings) -> Settings:
 def scene_of(settings: Settings, order: NDArray[Any]) -> pfd.Scene:
     """Return the scene of an arm, with brakes, since joints are held until they are commanded.
 
-    No file is read: the settings may come from a recording.
-
-    Parameters
-    ----------
-    settings
-        Of the arm.
-    order
-        Index in the model of each joint, in published order.
-
-    Raises
-    ------
-    ValueError
-        If the text is not a scene.
+    No file is read: the settings may come from a recording. ValueError if their text is no scene.
     """
     if settings.scene:
         scene = _from_text(settings.scene)

@@ -34,20 +34,7 @@ _MOST_COUNTS = 2.0**52
 
 
 class Sensors:
-    """What the settings decide about the sensors.
-
-    Attributes
-    ----------
-    exact
-        Whether states are measured as they are.
-
-    Parameters
-    ----------
-    settings
-        Of the arm, as they are now.
-    order
-        Index in the model of each joint, in published order.
-    """
+    """What the settings decide about the sensors; `exact` if states are measured as they are."""
 
     def __init__(self, settings: Settings, order: NDArray[Any]) -> None:
         self._seed, self._drop = settings.seed, settings.drop_state

@@ -98,12 +98,7 @@ def _rotated(rotation: Sequence[Sequence[float]], vector: Sequence[float]) -> Ve
 def wrench_at_tip(frame: Any, force: Sequence[float], torque: Sequence[float]) -> Vector:
     """Return force and moment, (6,) in N and N m, in the last link's frame and about its origin.
 
-    Parameters
-    ----------
-    frame
-        The frame in which, and about whose origin, both are given.
-    force, torque
-        (3,) in N and N m.
+    `force` and `torque`, (3,), are given in a frame and about its origin.
     """
     rotation, (x, y, z) = frame.rotation.tolist(), frame.translation.tolist()
     fx, fy, fz = _rotated(rotation, force)
@@ -114,16 +109,9 @@ def wrench_at_tip(frame: Any, force: Sequence[float], torque: Sequence[float]) -
 def body_at_tip(
     frame: Any, center: Sequence[float], inertia: Sequence[float]
 ) -> tuple[Vector, Vector]:
-    """Return centre of mass and inertia of a body in the last link's frame.
+    """Return centre of mass, m, and inertia of a body in the last link's frame.
 
-    Parameters
-    ----------
-    frame
-        The frame in which both are given.
-    center
-        (3,) in m.
-    inertia
-        (xx, xy, xz, yy, yz, zz) in kg m^2, about the centre of mass.
+    They are given in a frame; the inertia is (xx, xy, xz, yy, yz, zz) in kg m^2, about the centre.
     """
     rotation = frame.rotation.tolist()
     xx, xy, xz, yy, yz, zz = inertia

@@ -33,6 +33,8 @@ from pfd_ros.text import cut, one_line
 
 # Numbers of an array and points of a curve that are drawn at most.
 MOST_COLUMNS, MOST_POINTS = 64, 20_000
+# A commanded position without another one for so long is held [s].
+HELD = 0.1
 # Larger numbers are drawn there: float32 ends.
 LARGEST = 3e38
 # Numbers of the node's diagnostics: title, task and keys.
@@ -92,6 +94,23 @@ class Plot:
     breaks: Array = field(default_factory=lambda: np.empty(0, int))
     stepped: bool = False
     references: tuple[tuple[str, str], ...] = ()
+
+
+def commanded_positions(run: Recorded) -> Iterator[Reference]:
+    """Yield the reference of each joint whose positions are commanded, one after the other.
+
+    It moves between positions that come within HELD of each other; others are held.
+    """
+    found = run.of_role(NAMED)
+    for j, name in enumerate(() if found is None else found.names):
+        assert found is not None
+        there = np.isfinite(found.position[:, j])
+        if there.any():
+            time, values = run.times(found)[there], found.position[there, j]
+            ends = np.append(time[1:], max(run.span[1], time[-1]))
+            ends = np.where(ends - time > HELD, ends, time)
+            steps = np.stack([time, ends], axis=1).ravel()
+            yield Reference((name,), steps, values.repeat(2)[:, np.newaxis])
 
 
 def plots_of(run: Recorded, references: Sequence[Reference] = ()) -> Iterator[Plot]:

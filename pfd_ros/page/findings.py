@@ -151,12 +151,17 @@ def _commands(run: Recorded, *, accepted: bool) -> Array:
     return np.sort(np.concatenate(found))
 
 
+def _last_command(run: Recorded) -> float | None:
+    """Return when the commands ended [s], None if they come up to the end of the log."""
+    times = _commands(run, accepted=False)
+    usual = 3.0 * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    ended = len(times) and run.span[1] - times[-1] > max(SILENCE, usual)
+    return float(times[-1]) if ended else None
+
+
 def commands_end(run: Recorded) -> float | None:
     """Return when the controller of an arm with a watchdog ended [s], None if it did not."""
-    times = _commands(run, accepted=False)
-    timeout = float(run.settings.get('command_timeout') or 0.0)
-    ended = timeout and len(times) and run.span[1] - times[-1] > max(SILENCE, timeout)
-    return float(times[-1]) if ended else None
+    return _last_command(run) if run.settings.get('command_timeout') else None
 
 
 def _watchdog(run: Recorded) -> Iterator[Finding]:
@@ -246,10 +251,10 @@ def find(run: Recorded) -> tuple[list[Finding], list[str], dict[str, str]]:
     lacking = {name: why for name, (_, impossible) in CHECKS.items() if (why := impossible(run))}
     made = [name for name in CHECKS if name not in lacking]
     found = [each for name in made for each in CHECKS[name][0](run)]
-    last, end = _commands(run, accepted=False)[-1:], commands_end(run)
-    if len(last) and run.span[1] - last[0] > SILENCE:
-        text = f'the last command: none in the {run.span[1] - last[0]:.3g} s that follow'
-        found.append(Finding('event', NOTE, '', text, _at(last)))
+    last, end = _last_command(run), commands_end(run)
+    if last is not None:
+        text = f'the last command: none in the {run.span[1] - last:.3g} s that follow'
+        found.append(Finding('event', NOTE, '', text, _at(np.array([last]))))
     if end is not None:
         rest = [x for x in found if x.time > end and x.kind != 'failure']
         found = [replace(x, severity=NOTE) if x in rest else x for x in found]

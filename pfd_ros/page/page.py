@@ -30,7 +30,7 @@ from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import DIAGNOSTICS, FLOAT_ARRAY, INERTIA, JOINT_STATE, STRING
 from pfd_ros.motion.symptoms import symptoms
-from pfd_ros.page.curves import Plot, Reference, encoded, plots_of
+from pfd_ros.page.curves import Plot, Reference, commanded_positions, encoded, plots_of
 from pfd_ros.page.findings import BAD, NOTE, Finding, commands_end, find
 from pfd_ros.page.recorded import Array, Joints, Recorded
 from pfd_ros.recording.arrays import LogArrays
@@ -103,6 +103,7 @@ def page(
     run, marks = Recorded(log, robot), tuple(marks)
     moments = [mark for mark in marks if isinstance(mark, Moment)]
     references = [mark for mark in marks if isinstance(mark, Reference)]
+    references = references or list(commanded_positions(run))
     found, made, lacking = find(run)
     for time, label, text, end, severity in moments:
         spans = np.array([[time, time if end is None else end]])

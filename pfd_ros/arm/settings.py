@@ -57,93 +57,6 @@ def _gain(description: str) -> Any:
     return setting((), description, 0.0, LARGEST_GAIN, dynamic=True, per_joint=True)
 
 
-@dataclass(frozen=True)
-class CommandSettings:
-    """The settings of commands."""
-
-    lockstep: bool = setting(
-        False, 'After each published state wait for a command with its stamp, or without a stamp'
-    )
-    wait_for_controller: bool = setting(
-        False, 'In lockstep, let the first step wait for the first command too'
-    )
-    step_count: int = setting(1, 'Steps of one call of ~/step', 1, MOST_STEPS)
-    convention: str = setting(
-        'plain',
-        'Efforts with gravity (plain), or without it, compensated by the arm (franka)',
-        values=('plain', 'franka'),
-    )
-    effort_limits: bool = setting(
-        True,
-        "Limit efforts to the model's limits; a joint without one gets a wide one; limits of the "
-        'scene file replace these',
-        dynamic=True,
-    )
-    torque_speed: bool = setting(
-        True,
-        "Limit efforts to the model's torque-speed tables: the effort limit up to the velocity "
-        'limit, no driving effort from twice that on; tables of the scene file replace these',
-        dynamic=True,
-    )
-    servo_p: tuple[float, ...] = _gain(
-        'Gain of the servo that follows commanded positions, N m/rad or N/m; 0 is no servo'
-    )
-    servo_d: tuple[float, ...] = _gain(
-        'Gain of the servo on velocities, N m s/rad or N s/m; 0 follows no velocity'
-    )
-    command_timeout: float = setting(
-        0.0,
-        'Time without a command until on_timeout acts, s; 0 is never',
-        0.0,
-        1e6,
-        dynamic=True,
-    )
-    on_timeout: str = setting(
-        'brake',
-        'After command_timeout: brake, zero efforts, or hold by the servos',
-        values=('brake', 'zero', 'hold'),
-        dynamic=True,
-    )
-    delay_commands: float = setting(
-        0.0,
-        'From the reception of a command until it acts, s of simulated time, whole steps',
-        0.0,
-        LONGEST_DELAY,
-        name='delay.commands',
-    )
-    drop_commands: float = setting(
-        0.0, 'Share of the commands that are lost', 0.0, 1.0, name='drop.commands', dynamic=True
-    )
-    reflex_effort_rate: float = setting(
-        0.0,
-        'Rate of an effort, servo included, that brakes all joints, N m/s or N/s; 0 means off',
-        0.0,
-        1e9,
-        dynamic=True,
-    )
-
-
-@dataclass(frozen=True)
-class DescriptionSettings:
-    """The settings of the model outside of the arm."""
-
-    ros2_control: bool = setting(
-        True,
-        'Take topic names and initial positions from the <ros2_control> block of the URDF, where '
-        'neither a remapping nor a parameter gives them',
-    )
-    description_timeout: float = setting(
-        30.0, 'How long to wait for the topic of a model, s of real time', 0.1, 3600.0
-    )
-    publish_description: bool = setting(
-        False, 'Publish robot_description: the URDF of the arm; only one node of a system may'
-    )
-    command_topic: str = setting('', "Topic of commands without names; '' is ~/commands")
-    publish_locked: bool = setting(
-        True, 'Publish the locked joints in joint_states too, after the others, at rest'
-    )
-
-
 def _error(name: str, description: str) -> Any:
     return setting(0.0, description, 0.0, LARGEST_ERROR, name=name, dynamic=True)
 
@@ -154,20 +67,78 @@ def _bias(kind: str, unit: str) -> Any:
     return setting((), text, *span, name=f'bias.{kind}', dynamic=True, per_joint=True)
 
 
+def _delay(name: str, description: str) -> Any:
+    return setting(0.0, f'{description}, s, whole steps', 0.0, LONGEST_DELAY, name=name)
+
+
+def _word(default: str, description: str, *others: str, dynamic: bool = False) -> Any:
+    return setting(default, description, values=(default, *others), dynamic=dynamic)
+
+
+def _rate(description: str, default: float = 0.0) -> Any:
+    return setting(default, f'{description} per simulated second, Hz', 0.0, 1e5)
+
+
+@dataclass(frozen=True)
+class CommandSettings:
+    """The settings of commands."""
+
+    lockstep: bool = setting(False, 'Wait after each state for a command with its stamp, or none')
+    wait_for_controller: bool = setting(False, 'In lockstep, the first step waits for a command')
+    step_count: int = setting(1, 'Steps of one call of ~/step', 1, MOST_STEPS)
+    convention: str = _word('plain', 'Efforts with gravity, or without (franka)', 'franka')
+    effort_limits: bool = setting(
+        True, 'Limit efforts to the limits of the model or the scene', dynamic=True
+    )
+    torque_speed: bool = setting(
+        True, 'Limit efforts by torque-speed tables, of the model or the scene', dynamic=True
+    )
+    servo_p: tuple[float, ...] = _gain(
+        'Gain of the servo on positions, N m/rad or N/m; 0: no servo'
+    )
+    servo_d: tuple[float, ...] = _gain('Gain of the servo on velocities, N m s/rad or N s/m')
+    command_timeout: float = setting(
+        0.0, 'Time without a command until on_timeout acts, s; 0 is never', 0.0, 1e6, dynamic=True
+    )
+    on_timeout: str = _word(
+        'brake', 'What acts then: brakes, no effort, the servos', 'zero', 'hold', dynamic=True
+    )
+    delay_commands: float = _delay(
+        'delay.commands', 'From the reception of a command to its effect'
+    )
+    drop_commands: float = setting(
+        0.0, 'Share of the commands that are lost', 0.0, 1.0, name='drop.commands', dynamic=True
+    )
+    reflex_effort_rate: float = setting(
+        0.0,
+        'Rate of an effort that brakes all joints, N m/s or N/s; 0: off',
+        0.0,
+        1e9,
+        dynamic=True,
+    )
+
+
+@dataclass(frozen=True)
+class DescriptionSettings:
+    """The settings of the model outside of the arm."""
+
+    ros2_control: bool = setting(True, 'Take topics and positions from <ros2_control> of the URDF')
+    description_timeout: float = setting(30.0, 'How long to wait for a model, s', 0.1, 3600.0)
+    publish_description: bool = setting(False, 'Publish robot_description: the URDF of the arm')
+    command_topic: str = setting('', "Topic of commands without names; '' is ~/commands")
+    publish_locked: bool = setting(True, 'Publish the locked joints after the others, at rest')
+
+
 @dataclass(frozen=True)
 class SensorSettings:
     """The settings of measured states."""
 
     seed: int = setting(0, 'Seed of all noise', 0, LARGEST_SEED)
-    noise_position: float = _error(
-        'noise.position', 'Standard deviation of measured positions, rad or m'
-    )
+    noise_position: float = _error('noise.position', 'Standard deviation of positions, rad or m')
     noise_velocity: float = _error(
-        'noise.velocity', 'Standard deviation of measured velocities, rad/s or m/s'
+        'noise.velocity', 'Standard deviation of velocities, rad/s or m/s'
     )
-    noise_effort: float = _error(
-        'noise.effort', 'Standard deviation of measured efforts, N m or N'
-    )
+    noise_effort: float = _error('noise.effort', 'Standard deviation of efforts, N m or N')
     bias_position: tuple[float, ...] = _bias('position', 'rad or m')
     bias_velocity: tuple[float, ...] = _bias('velocity', 'rad/s or m/s')
     bias_effort: tuple[float, ...] = _bias('effort', 'N m or N')
@@ -175,20 +146,14 @@ class SensorSettings:
         'quantization.position', 'Step of the encoders, rad or m; 0 is none'
     )
     quantization_velocity: float = _error(
-        'quantization.velocity', 'Step of measured velocities, rad/s or m/s; 0 is none'
+        'quantization.velocity', 'Step of velocities, rad/s or m/s; 0 is none'
     )
     quantization_effort: float = _error(
-        'quantization.effort', 'Step of measured efforts, N m or N; 0 is none'
+        'quantization.effort', 'Step of efforts, N m or N; 0 is none'
     )
-    delay_state: float = setting(
-        0.0,
-        'Age of the measured state, s of simulated time, whole steps',
-        0.0,
-        LONGEST_DELAY,
-        name='delay.state',
-    )
+    delay_state: float = _delay('delay.state', 'Age of the measured state')
     drop_state: float = setting(
-        0.0, 'Share of the states that are not published, by chance', 0.0, 0.99, name='drop.state'
+        0.0, 'Share of the states that are not published', 0.0, 0.99, name='drop.state'
     )
 
 
@@ -196,9 +161,7 @@ class SensorSettings:
 class OutputSettings:
     """The settings of outputs in addition to joint_states."""
 
-    outputs: tuple[str, ...] = setting(
-        (), 'Published with each state, on ~/<name>; empty means nothing', values=OPTIONAL
-    )
+    outputs: tuple[str, ...] = setting((), 'Published with each state', values=OPTIONAL)
 
 
 @dataclass(frozen=True)
@@ -213,75 +176,37 @@ class Settings(
         If a value is not finite, outside its range, or does not go with the others.
     """
 
-    robot: str = setting(
-        'puma560',
-        'Robot: a name that `pfd robots` lists, a .urdf, .xacro or .yaml file, or the topic '
-        'robot_description',
-    )
-    base_link: str = setting('', "First link of the chain; '' takes the root of the model")
-    tip_link: str = setting('', "Last link of the chain; '' takes the only leaf of the model")
-    joints: tuple[str, ...] = setting(
-        (), 'Order of the moving joints in states and ~/commands; empty is the order of the model'
-    )
+    robot: str = setting('puma560', 'A name that `pfd robots` lists, a file, or robot_description')
+    base_link: str = setting('', "First link of the chain; '' is the root of the model")
+    tip_link: str = setting('', "Last link of the chain; '' is the only leaf of the model")
+    joints: tuple[str, ...] = setting((), 'Order of the joints; empty is the order of the model')
     locked: tuple[str, ...] = setting((), 'Joints to weld, such as the joints of a gripper')
     locked_positions: tuple[float, ...] = setting(
-        (),
-        'Where they are welded, rad or m, in the order of `locked`; empty is the initial_value of '
-        '<ros2_control>, or zero',
+        (), 'Where they are welded, rad or m; empty: initial_value of <ros2_control>, or 0'
     )
     step_size: float = setting(0.001, 'Simulated time per step, s', 1e-5, 0.1)
     substeps: int = setting(2, 'Steps of the integrator per step', 1, 100)
     integrator: str = setting('auto', 'Integrator', values=pfd.INTEGRATORS)
-    position_sums: str = setting(
-        'auto',
-        'Sums of positions: plain, compensated (right after any number of turns) or auto',
-        values=tuple(POSITION_SUMS),
-    )
+    position_sums: str = setting('auto', 'Sums of positions', values=tuple(POSITION_SUMS))
     method: str = setting('auto', 'Forward dynamics', values=('auto', *pfd.METHODS))
     initial_positions: tuple[float, ...] = setting(
-        (),
-        'Where the joints start, rad or m, in the order of `joints`; empty is the initial_value '
-        'of <ros2_control>, or zero',
+        (), 'Where the joints start, rad or m; empty: initial_value of <ros2_control>, or 0'
     )
-    autostart: bool = setting(
-        True, 'Be active from the start on, without the transitions of a lifecycle node'
-    )
-    time_source: str = setting(
-        'own',
-        'Clock of the arm: own, or clock, which follows the /clock of another node',
-        values=('own', 'clock'),
-    )
+    autostart: bool = setting(True, 'Be active from the start on, without lifecycle transitions')
+    time_source: str = _word('own', 'Clock: its own, or the /clock of another node', 'clock')
     start_time: float = setting(
-        0.0,
-        'Simulated time before the first step, s; -1 is the time of day at the start',
-        TIME_OF_DAY,
-        2e9,
+        0.0, 'Time before the first step, s; -1 is the time of day', TIME_OF_DAY, 2e9
     )
     real_time_factor: float = setting(
         1.0, 'Simulated seconds per second; 0 is as fast as possible', 0.0, 1000.0, dynamic=True
     )
-    publish_rate: float = setting(
-        0.0, 'joint_states per simulated second, Hz; 0 is every step', 0.0, 1e5
-    )
+    publish_rate: float = _rate('joint_states (0: one a step)')
     publish_clock: bool = setting(True, 'Publish /clock; only one node of a system may')
-    clock_rate: float = setting(
-        0.0, '/clock ticks per simulated second, Hz; 0 is every step', 0.0, 1e5
-    )
+    clock_rate: float = _rate('/clock ticks (0: one a step)')
     frame_id: str = setting('', 'header.frame_id of joint_states')
     recording: str = setting('', "MCAP file to write, never over another; '' records nothing")
-    recording_time: str = setting(
-        'auto',
-        'Time base of the recording, log_time: wall, simulated, or auto, which is wall for a run '
-        'in real time and simulated for one in lockstep, at another factor or by a clock',
-        values=('auto', WALL, SIMULATED),
-    )
-    recording_tf_rate: float = setting(
-        50.0,
-        'Frames of the links in the recording, /tf, per simulated second, Hz, in whole steps; 0 '
-        'records none',
-        0.0,
-        1e5,
-    )
+    recording_time: str = _word('auto', 'Time base of log_time in the recording', WALL, SIMULATED)
+    recording_tf_rate: float = _rate('/tf in the recording (0: none)', 50.0)
 
     def __post_init__(self) -> None:
         """Check every value, so that the users of settings need not."""

@@ -254,6 +254,7 @@ NAMES = {
     'Settings': 'pfd_ros.arm.settings:Settings',
     'SETTING_ROWS': 'pfd_ros.arm.settings:FIELDS',
     'REMOVED_SETTINGS': 'pfd_ros.arm.settings:REMOVED',
+    'joint_values': 'pfd_ros.arm.settings:joint_values',
     'split_joints': 'pfd_ros.arm.settings:split_joints',
     'with_joint_numbers': 'pfd_ros.arm.settings:with_joint_numbers',
     'gain_limits': 'pfd_ros.arm.advice:gain_limits',

@@ -20,6 +20,7 @@ from bridge import (
     effect_fields,
     encode_string,
     joint_settings,
+    joint_values,
     load_arm_robot,
     scene_of,
     split_joints,
@@ -429,6 +430,32 @@ def test_wrong_numbers_of_single_joints_are_refused_and_named(
 def test_an_arm_refuses_numbers_that_do_not_fit_its_joints(chosen: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         made(robot='ur5', **chosen)
+
+
+# ---- the scene of settings
+
+
+@pytest.mark.parametrize(
+    ('scene', 'message'),
+    [
+        ('/etc/passwd', "scene is '/etc/passwd', expected the YAML of a scene"),
+        ('damping: [1, 2, 3]\n', "damping of the scene has 3 numbers, but 'planar2' has 2 joints"),
+        ('damping: 5\n', 'damping must be None'),
+        ('payload: input\n', "payload of the scene is 'input', expected a table"),
+    ],
+)
+def test_an_arm_reads_no_file_and_refuses_a_wrong_scene(scene: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        made(scene=scene)
+
+
+@pytest.mark.parametrize('switch', [False, True])
+def test_the_default_of_a_number_for_each_joint_is_the_one_in_use(switch: bool) -> None:
+    robot = pfd.load_robot('puma560')
+    (row,) = (row for row in SETTING_ROWS if row.field == 'joint_damping')
+    found = joint_values(row, Settings(damping=switch), robot, range(6)[::-1])
+    assert found == tuple((robot.damping * switch)[::-1].tolist())
+    assert any(found) == switch
 
 
 def test_the_model_of_settings_has_the_ends_and_locks_that_they_name() -> None:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
+from pfd_ros.arm.events import INPUTS
 from pfd_ros.messages.columns import MOST_PADDING, PADDED, Decoder, joined
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import JOINT_STATE
@@ -93,7 +94,7 @@ class TopicArrays(Fields):
     simulated_ns : ndarray of int64, (N,), or None
         In a recording of the node the simulated time of that cycle [ns].
     unreadable : int
-        Number of messages that cannot be decoded and are left out, with `unreadable='count'`.
+        Number of messages that cannot be decoded and are left out.
     names : tuple of str
         Joints of a JointState, in the order of position, velocity and effort, which are
         (N, len(names)) and NaN where a message has no value of a joint; () for other types.
@@ -287,7 +288,8 @@ def read_log(
         Window [s], in log time after the first message of the log: start <= t < end.
     unreadable : 'raise' or 'count'
         What a message does that cannot be decoded: access to its topic raises LogError, or it is
-        left out and counted.
+        left out and counted. Inputs in a recording of ours are always counted: the node has
+        recorded and refused them.
     expansion : float
         Largest size of an MCAP file when it is unpacked, as a multiple of its own.
 
@@ -375,10 +377,11 @@ def _arrays(
         end = {key: json.loads(text) for key, text in bag.end.items()}
         robot = _robot(bag)
     read: dict[str, TopicArrays | LogError] = {}
-    received = {}
+    received, roles = {}, roles_of(bag)
     for name, topic in found.items():
         try:
-            arrays = topic.arrays(simulated, unreadable)
+            counted = unreadable == COUNT or roles.get(name) in INPUTS
+            arrays = topic.arrays(simulated, counted=counted)
         except ValueError as error:
             read[name] = LogError(f'{bag.path}, topic {cut(name)!r}: {error}')
         else:
@@ -392,7 +395,7 @@ def _arrays(
         {name: topic.size for name, topic in found.items()},
         settings,
         robot,
-        roles_of(bag),
+        roles,
         bag.complete,
         bag.head if _is_ours(bag) else {},
         end,
@@ -508,7 +511,7 @@ class _Topic:
             raise ValueError(f'more than {MOST_LISTS} lists of joints: read a shorter window')
         return np.full(len(names), known or 0, np.int16)
 
-    def arrays(self, simulated: str, unreadable: str) -> TopicArrays | None:
+    def arrays(self, simulated: str, *, counted: bool) -> TopicArrays | None:
         """Return all messages in the order of their log times, None if they were not wanted.
 
         `simulated` says which time of a message is simulated time, '' for none. ValueError if
@@ -522,7 +525,7 @@ class _Topic:
             return None
         places = np.concatenate(self._places)
         total, log_ns = len(self._times), self.log_ns
-        if len(places) < total and unreadable == RAISE:
+        if len(places) < total and not counted:
             raise ValueError(
                 f'{total - len(places)} of {total} messages cannot be read as {self._topic.type}; '
                 "read_log(..., unreadable='count') leaves them out"

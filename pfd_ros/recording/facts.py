@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from pfd_ros.arm.events import INPUTS
 from pfd_ros.messages.types import JOINT_STATE
 from pfd_ros.recording.arrays import COUNT, LogArrays, decoder_of, read_log
 
@@ -21,8 +22,8 @@ class TopicFacts:
     """A topic of a log: its messages, and the intervals between them by log time.
 
     Intervals of JointStates are those of a joint, the longest of all joints: several publishers
-    may share a topic. `obstacle` says why the topic cannot be decoded, and `unreadable` how many
-    JointStates cannot; both are '' otherwise.
+    may share a topic. `obstacle` says why the topic, or which inputs of ours, cannot be decoded,
+    and `unreadable` how many other JointStates cannot; both are '' otherwise.
     """
 
     type: str
@@ -80,7 +81,11 @@ def _topic(log: LogArrays, name: str) -> TopicFacts:
         if name in log:
             states = log[name]
             trains = [states.log_ns[states.rows(joint)] for joint in states.names] or trains
-            if states.unreadable:
+            if states.unreadable and log.roles.get(name) in INPUTS:
+                obstacle = (
+                    f'{states.unreadable} of {len(received)} messages, which the node refused'
+                )
+            elif states.unreadable:
                 unreadable = f'{states.unreadable} of {len(received)} messages cannot be read'
         elif len(received):
             decoder_of(topic)

@@ -216,8 +216,10 @@ def _without_partner(
     every = len(pairs) > 1 or by_role or pairs[0][0] == pairs[0][1]
     found = [t for t in _topics(log, by_role=by_role).values() if every and t not in taken]
     for pair in pairs:
-        joints = set(other[pair[1 - side]].names)
-        found += [f'{pair[side]}: {name}' for name in log[pair[side]].names if name not in joints]
+        states, joints = log[pair[side]], set(other[pair[1 - side]].names)
+        if states.unreadable > other[pair[1 - side]].unreadable:
+            found.append(f'{pair[side]}: {states.unreadable} messages that cannot be read')
+        found += [f'{pair[side]}: {name}' for name in states.names if name not in joints]
     return found
 
 

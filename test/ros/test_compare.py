@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from arm_messages import named
-from bridge import compare_logs, pfd_main
+from bridge import ArmMessage, compare_logs, log_facts, pfd_main
 from logs import JOINT_STATE, STATES, STRING, Row, joint_state, states, string, write_mcap
 import numpy as np
 import pytest
@@ -111,6 +111,21 @@ def test_a_log_is_equal_to_itself(tmp_path: Path, name: str) -> None:
     # Each value is compared, not only those at times that differ.
     compared = {key: len(curve[0]) for key, curve in found.curves.items()}
     assert compared == {key: count for key, count in counts.items() if count}
+
+
+def test_inputs_that_the_node_refused_are_no_obstacle(tmp_path: Path) -> None:
+    garbage = ArmMessage('joint_commands', bytes(7))
+    simulate(tmp_path / 'a.mcap', 9, {3: [garbage], 5: [named(ARM_NAMES, (1.0, 2.0))]})
+    simulate(tmp_path / 'b.mcap', 9, {5: [named(ARM_NAMES, (1.0, 2.0))]})
+    a, b = (read_log(tmp_path / f'{name}.mcap') for name in 'ab')
+    assert (a['/joint_commands'].unreadable, len(a['/joint_commands'])) == (1, 1)
+    assert compare_logs(a, a).within
+    found = compare_logs(a, b)
+    assert found.only_in_a == ('/joint_commands: 1 messages that cannot be read',)
+    assert not found.within
+    facts = log_facts(tmp_path / 'a.mcap').topics['/joint_commands']
+    assert (facts.messages, facts.unreadable) == (2, '')
+    assert facts.obstacle == '1 of 2 messages, which the node refused'
 
 
 def test_a_log_in_another_order_is_equal(tmp_path: Path) -> None:

@@ -192,7 +192,7 @@ class SimArmNode(LifecycleNode):
             gc.unfreeze()
             gc.collect()
             gc.freeze()
-            introduce(self.arm, self.get_logger().info)
+            introduce(self.arm.engine, self.arm.endpoints, self.get_logger().info)
             self.arm.start()
         except BaseException:
             # Unconfigured, the node has no arm: the next one would have the same topics.
@@ -217,7 +217,9 @@ class SimArmNode(LifecycleNode):
         self._reached_ns = max(self._reached_ns, arm.engine.stamp_ns)
         self._threads.guard('closing the recording', arm.close_recording, lambda: True)
         self._threads.guard(
-            'reporting', partial(report_arm, self._report, arm, last=True), lambda: True
+            'reporting',
+            partial(report_arm, self._report, arm.stepper, arm.endpoints, last=True),
+            lambda: True,
         )
         self._problems += arm.problems()
         self.get_logger().info(one_line(arm.summary()))
@@ -268,7 +270,7 @@ class SimArmNode(LifecycleNode):
             level = ERROR if self._problems else OK
             tasks = [Task('lifecycle', level, label, [('problems', len(self._problems))])]
             if self.arm is not None:
-                report_arm(self._report, self.arm)
+                report_arm(self._report, self.arm.stepper, self.arm.endpoints)
                 self.arm.graph.check()
                 tasks += self.arm.diagnostics.tasks()
             self._report_callbacks()

@@ -12,7 +12,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 import threading
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pfd_ros.arm.advice import Speeding, speeding
 from pfd_ros.arm.engine import Engine
@@ -27,13 +27,10 @@ from pfd_ros.arm.events import (
     Verdict,
 )
 from pfd_ros.arm.link import timeout_text
-from pfd_ros.node.endpoints import type_name
+from pfd_ros.node.endpoints import Endpoints, type_name
 from pfd_ros.node.services import NANOSECONDS
-from pfd_ros.node.stepping import RESEND_SECONDS
+from pfd_ros.node.stepping import RESEND_SECONDS, Stepper
 from pfd_ros.text import cut, listed, one_line
-
-if TYPE_CHECKING:
-    from pfd_ros.node.sim_arm import SimArm
 
 # Time between two lines of one key, s: doubled with every line, reset after a quiet interval.
 SHORTEST, LONGEST = 1.0, 60.0
@@ -148,9 +145,8 @@ class Report:
             self._logger.warning(one_line(text))
 
 
-def introduce(arm: SimArm, log: Callable[[str], object]) -> None:
+def introduce(engine: Engine, endpoints: Endpoints, log: Callable[[str], object]) -> None:
     """Log the topics of an arm by their resolved names, and the robot."""
-    engine, endpoints = arm.engine, arm.endpoints
     named, plain = (endpoints.subscriptions[role] for role in (NAMED, ARRAY))
     order = ', '.join(cut(name) for name in engine.names)
     kinds = 'effort, position, velocity' if engine.actuators.servo else 'effort'
@@ -175,33 +171,35 @@ def speed_of(engine: Engine) -> Speeding | None:
     return speeding(engine.robot, engine.plant.scene, peaks, from_file=bool(state.settings.scene))
 
 
-def report_arm(report: Report, arm: SimArm, *, last: bool = False) -> None:
+def report_arm(
+    report: Report, stepper: Stepper, endpoints: Endpoints, *, last: bool = False
+) -> None:
     """Log what is new about an arm since the last call."""
-    engine, state = arm.engine, arm.engine.state
-    _report_inputs(report, arm, last)
+    engine, state = stepper.engine, stepper.engine.state
+    _report_inputs(report, engine, endpoints, last)
     text = (
         'periods missed (busy machine): lower real_time_factor or publish_rate, or raise step_size'
     )
-    report.line('missed', arm.stepper.missed, text, last=last)
+    report.line('missed', stepper.missed, text, last=last)
     report.event('timeouts', state.timeouts, timeout_text(state.settings), last=last)
     text = f'protective stop, all joints braked: {state.tripped}; call ~/reset to end it'
     report.event('reflex', state.trips, text, error=True, last=last)
     reason = f': {state.failure}' if state.failure else ''
     text = f'simulation stopped{reason}; call ~/reset to restart'
     report.event('failure', state.failures, text, error=True, last=last)
-    waited = int(arm.stepper.resent * RESEND_SECONDS)
+    waited = int(stepper.resent * RESEND_SECONDS)
     text = (
         f's of waiting for commands in lockstep, now for the state at t = '
         f'{engine.stamp_ns / NANOSECONDS:.9g} s; check that the controller answers each state '
         'and uses this /clock'
     )
     report.line('lockstep', waited, text, last=last)
-    since = max(arm.started, report.newest.get(CLOCK_TICKS, 0.0))
+    since = max(stepper.started, report.newest.get(CLOCK_TICKS, 0.0))
     silent = int(time.monotonic() - since) if state.settings.follows_clock else 0
     if silent >= LOST_CLOCK_SECONDS and not last:
         # Each look is counted, so the line is repeated at growing intervals.
         report.add('lost clock')
-        topic = arm.endpoints.topic(CLOCK_TICKS)
+        topic = endpoints.topic(CLOCK_TICKS)
         text = f'no {topic} for {silent} s: simulation paused until it is received again'
         if report.grown('lost clock', report.counts()['lost clock'][0]):
             report.log(text)
@@ -210,10 +208,9 @@ def report_arm(report: Report, arm: SimArm, *, last: bool = False) -> None:
         report.once(('speed', speed.runaway), speed.text)
 
 
-def _report_inputs(report: Report, arm: SimArm, last: bool) -> None:
-    engine = arm.engine
+def _report_inputs(report: Report, engine: Engine, endpoints: Endpoints, last: bool) -> None:
     for (role, label), (count, detail) in report.inputs().items():
-        topic, key = arm.endpoints.topic(role), (role, label)
+        topic, key = endpoints.topic(role), (role, label)
         if label == f'unknown_names{REMARK}':
             names = detail.removeprefix('unknown joints ')
             text = f'unknown joints in messages ignored on {topic}: {names}'

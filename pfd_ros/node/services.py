@@ -1,6 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The services of the node: each is a request to the arm, answered by its verdict."""
+"""The services of the node: each is a request to the arm, answered by its verdict.
+
+~/pause    std_srvs/SetBool    pause or resume simulated time
+~/step     std_srvs/Trigger    while paused: as many steps as the parameter `step_count`
+~/reset    std_srvs/Trigger    initial state, braked; simulated time continues, noise restarts, and
+                               the failure of an arm whose state overflowed is cleared
+~/clear_external_wrench    std_srvs/Trigger    no external wrench from the next step on
+"""
 
 from __future__ import annotations
 

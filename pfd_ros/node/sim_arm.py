@@ -85,8 +85,6 @@ class SimArm:
     ----------
     engine, endpoints, stepper, diagnostics
         The parts that reports are about.
-    started
-        Steady time, s.
 
     Raises
     ------
@@ -98,7 +96,6 @@ class SimArm:
         self, node: Node, settings: Settings, report: Report, threads: Threads, reached_ns: int
     ) -> None:
         self._node, self._report, self._threads = node, report, threads
-        self.started = time.monotonic()
         self._ended = threading.Event()
         self._stepping: threading.Thread | None = None
         self._recorder: Recorder | None = None

@@ -55,6 +55,8 @@ class Stepper:
 
     Attributes
     ----------
+    started
+        Steady time at the start, s.
     states
         Number of published states.
     late, missed
@@ -72,6 +74,7 @@ class Stepper:
         count: Callable[[str, Verdict], None],
     ) -> None:
         self.engine, self.recorder = engine, recorder
+        self.started = time.monotonic()
         self.states = self.late = self.missed = self.resent = 0
         self._inbox, self._publishers, self._count = inbox, publishers, count
         self._settings: Settings | None = None

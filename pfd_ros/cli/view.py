@@ -124,7 +124,7 @@ def _live(given: argparse.Namespace) -> None:
     from pfd_ros.view import live
     from pfd_ros.view.arm import Stage
     from pfd_ros.view.forms import draw, named_model
-    from pfd_ros.view.meshes import MeshFolders
+    from pfd_ros.view.meshes import Meshes
     from pfd_ros.view.page import address, page
 
     arm = given.node or live.NODE
@@ -141,7 +141,7 @@ def _live(given: argparse.Namespace) -> None:
 
         server.on_client_connect(report_browser)
         urdf, folder = topics.model() if given.robot is None else named_model(given.robot)
-        drawing = draw(urdf, MeshFolders(folder, tuple(given.package_path)))
+        drawing = draw(urdf, Meshes(folder, tuple(given.package_path)))
         print_lines(drawing.problems)
         stage = Stage(server, urdf, drawing)
         stage.look()

@@ -46,14 +46,9 @@ centre of mass."""
 
 class LinkPoses:
     """
-    The frames of all links in the frame of the root, as functions of joint positions.
+    The frames of all links in the frame of the root, as functions of positions of some joints.
 
-    Parameters
-    ----------
-    urdf : Urdf
-        The model: a tree, or several.
-    joints : sequence of str
-        The joints whose positions are known. Joints that mimic them follow, others are at 0.
+    Joints that mimic these joints follow, others are at 0. ValueError if the joints are no tree.
 
     Attributes
     ----------
@@ -61,11 +56,6 @@ class LinkPoses:
         Names of the links, a parent before its children.
     tip : str
         The link at the end of the longest chain of the given joints, and of links fixed to it.
-
-    Raises
-    ------
-    ValueError
-        If a link has two parents, or the joints form a loop.
 
     """
 
@@ -118,23 +108,7 @@ class LinkPoses:
 
 
 class DrawnArm:
-    """
-    The links of an arm in a page.
-
-    Parameters
-    ----------
-    scene : viser.SceneApi
-        The page's scene.
-    root : str
-        Name of its node, such as '/arm'.
-    drawing : Drawing
-        Its shapes.
-    poses : LinkPoses
-        The frames of its links.
-    colour, opacity
-        For all of it; default as the URDF has them, opaque.
-
-    """
+    """The links of an arm in a page, below a node such as '/arm'; perhaps in one colour."""
 
     def __init__(
         self,
@@ -179,21 +153,12 @@ class Stage:
     ----------
     server : viser.ViserServer
         The page.
-    urdf : Urdf
-        The model.
-    drawing : Drawing
-        What is drawn of it.
+    urdf, drawing
+        The model, and what is drawn of it.
     joints : sequence of str, optional
         The joints whose positions will be shown; default all that move and mimic no other one.
     largest : ndarray, (joints,), optional
         Effort at which a joint without an effort limit has the colour of the limit.
-
-    Attributes
-    ----------
-    joints : tuple of str
-        The joints.
-    poses : LinkPoses
-        The frames of the links.
 
     """
 
@@ -242,15 +207,9 @@ class Stage:
         payload: Payload | None = None,
     ) -> None:
         """
-        Show a state.
+        Show positions and efforts (joints,), NaN for an unknown one, and the loads on a link.
 
-        Parameters
-        ----------
-        q, effort : array_like, (joints,)
-            Positions [rad, m] and efforts [N m, N]; NaN for an unknown effort.
-        wrench, payload
-            On links of the model; None for none.
-
+        Units are rad, m and N m, N.
         """
         position = np.asarray(q, float)
         unknown = np.full(len(self.joints), np.nan)

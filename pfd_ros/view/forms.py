@@ -22,7 +22,7 @@ import trimesh
 
 import pfd_core as pfd
 from pfd_ros.text import cut
-from pfd_ros.view.meshes import Colour, Meshes, MeshFolders, Triangles
+from pfd_ros.view.meshes import Colour, Meshes
 
 # Largest length [m] that is drawn, and most visuals; published robots have up to some 200.
 LARGEST, MOST_VISUALS, MOST_PROBLEMS = 1e3, 2000, 5
@@ -32,7 +32,7 @@ ROD, LEAST, LONGEST = 0.018, 0.01, 0.6
 # Reach [m] of an arm whose frames all coincide.
 NO_REACH = 1.0
 Array = NDArray[np.float64]
-NO_VISUALS = 'the URDF has no visuals: the arm is drawn as a skeleton'
+Mesh = tuple[NDArray[np.float32], NDArray[np.int32]]
 
 
 class Shape(NamedTuple):
@@ -58,59 +58,46 @@ class Drawing(NamedTuple):
     problems: tuple[str, ...]
 
 
-def draw(urdf: pfd.Urdf, folders: MeshFolders) -> Drawing:
-    """Return what is drawn of a URDF whose meshes are in some folders."""
+class UnreadMeshError(ValueError):
+    """A mesh that cannot be read: its URI and the reason."""
+
+
+def draw(urdf: pfd.Urdf, meshes: Meshes) -> Drawing:
+    """Return what is drawn of a URDF."""
     root = ElementTree.fromstring(urdf.text.strip())
     problems: list[str] = []
-    named = _materials(root, problems)
-    meshes = Meshes(folders)
+    named: dict[str, Colour | None] = {}
+    for material in root.findall('material'):
+        try:
+            named[material.get('name', '')] = _colour(material)
+        except ValueError as error:
+            problems.append(f'material {cut(material.get("name", ""))!r}: {error}')
     shapes: list[Shape] = []
-    uris: set[str] = set()
     missing: dict[str, str] = {}
     unread: set[str] = set()
-    elements = [(link, item) for link in root.findall('link') for item in link.findall('visual')]
-    for element, visual in elements[:MOST_VISUALS]:
+    visuals = [(link, item) for link in root.findall('link') for item in link.findall('visual')]
+    for element, visual in visuals[:MOST_VISUALS]:
         link = element.get('name', '')
         try:
-            geometry = _geometry(visual)
-            pose = origin_of(visual)
-            colour = _colour_of(visual, named)
-            if geometry.tag != 'mesh':
-                flat = geometry.tag != 'sphere'
-                found = _placed(_primitive(geometry), pose)
-                shapes.append(Shape(link, *found, colour or DEFAULT_COLOUR, flat))
-                continue
-            uri, scale = geometry.get('filename', ''), _triple(geometry, 'scale', (1.0, 1.0, 1.0))
+            shapes += list(_shapes(link, visual, named, meshes))
+        except UnreadMeshError as error:
+            unread.add(link)
+            missing.setdefault(*error.args)
         except ValueError as error:
             unread.add(link)
             problems.append(f'visual of link {cut(link)!r}: {error}')
-            continue
-        uris.add(uri)
-        try:
-            parts = meshes.read(uri)
-        except ValueError as error:
-            unread.add(link)
-            missing.setdefault(uri, str(error))
-            continue
-        flat = uri.lower().endswith('.stl')
-        for part in parts:
-            # The colour of a material counts only for meshes without colours, as in rviz.
-            painted = part.colour or colour or DEFAULT_COLOUR
-            shapes.append(Shape(link, *_scaled(part, scale, pose), painted, flat))
     if missing:
+        uris = {mesh.get('filename') for _, visual in visuals for mesh in visual.iter('mesh')}
         first, reason = next(iter(missing.items()))
-        problems.insert(
-            0,
-            f'{len(missing)} of {len(uris)} meshes are not read, their links are drawn as a '
-            f'skeleton; {cut(first, 120)!r}: {reason}',
-        )
-    if len(elements) > MOST_VISUALS:
-        problems.append(f'only the first {MOST_VISUALS} of {len(elements)} visuals are drawn')
+        line = f'{len(missing)} of {len(uris)} meshes are not read, their links are drawn as a'
+        problems.insert(0, f'{line} skeleton; {cut(first, 120)!r}: {reason}')
+    if len(visuals) > MOST_VISUALS:
+        problems.append(f'only the first {MOST_VISUALS} of {len(visuals)} visuals are drawn')
     drawn = {shape.link for shape in shapes}
     # A frame without a form among links with forms is drawn as its author wanted, not at all.
-    shapes += skeleton(urdf, (unread if drawn or unread else set(urdf.links)) - drawn)
-    if not elements and not problems:
-        problems.append(NO_VISUALS)
+    shapes += _skeleton(urdf, (unread if drawn or unread else set(urdf.links)) - drawn)
+    if not visuals and not problems:
+        problems.append('the URDF has no visuals: the arm is drawn as a skeleton')
     more = len(problems) - MOST_PROBLEMS
     also = [f'and {more} more lines like these'] if more > 0 else []
     return Drawing(tuple(shapes), (*problems[:MOST_PROBLEMS], *also))
@@ -131,12 +118,6 @@ def parsed_urdf(text: str, label: str) -> pfd.Urdf:
     return urdf
 
 
-def origin_of(element: ElementTree.Element) -> Array:
-    """Return the frame (4, 4) of the <origin> in an element."""
-    origin = element.find('origin')
-    return pose_of(_triple(origin, 'xyz'), _triple(origin, 'rpy'))
-
-
 def pose_of(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> Array:
     """Return a frame (4, 4) from x, y, z [m] and roll, pitch, yaw [rad]."""
     pose: Array = np.asarray(trimesh.transformations.euler_matrix(*rpy, 'sxyz'))
@@ -144,27 +125,45 @@ def pose_of(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) ->
     return pose
 
 
-def _geometry(visual: ElementTree.Element) -> ElementTree.Element:
-    element = visual.find('geometry')
-    shape = next(iter(element), None) if element is not None else None
-    if shape is None:
+def _shapes(
+    link: str, visual: ElementTree.Element, named: Mapping[str, Colour | None], meshes: Meshes
+) -> Iterator[Shape]:
+    origin, material, geometry = map(visual.find, ('origin', 'material', 'geometry'))
+    pose = pose_of(_triple(origin, 'xyz'), _triple(origin, 'rpy'))
+    colour = None
+    if material is not None:
+        colour = _colour(material) or named.get(material.get('name', ''))
+    form = next(iter(geometry), None) if geometry is not None else None
+    if form is None:
         raise ValueError('it has no <geometry>')
-    if shape.tag not in ('box', 'cylinder', 'sphere', 'mesh'):
-        raise ValueError(
-            '<geometry> must be <box>, <cylinder>, <sphere> or <mesh>, '
-            f'got <{cut(str(shape.tag))}>'
-        )
-    return shape
+    if form.tag != 'mesh':
+        placed = _placed(_primitive(form), pose)
+        yield Shape(link, *placed, colour or DEFAULT_COLOUR, flat=form.tag != 'sphere')
+        return
+    uri, scale = form.get('filename', ''), _triple(form, 'scale', (1.0, 1.0, 1.0))
+    try:
+        parts = meshes.read(uri)
+    except ValueError as error:
+        raise UnreadMeshError(uri, str(error)) from error
+    for part in parts:
+        vertices = part.vertices * np.array(scale) @ pose[:3, :3].T + pose[:3, 3]
+        # A mirrored mesh has its inside out.
+        faces = part.faces[:, ::-1] if np.prod(scale) < 0 else part.faces
+        # The colour of a material counts only for meshes without colours, as in rviz.
+        painted, flat = part.colour or colour or DEFAULT_COLOUR, uri.lower().endswith('.stl')
+        yield Shape(link, vertices.astype(np.float32), np.ascontiguousarray(faces), painted, flat)
 
 
-def _primitive(shape: ElementTree.Element) -> trimesh.Trimesh:
-    if shape.tag == 'box':
-        return trimesh.creation.box(_positive(shape, 'size', 3))
-    (radius,) = _positive(shape, 'radius', 1)
-    if shape.tag == 'sphere':
+def _primitive(form: ElementTree.Element) -> trimesh.Trimesh:
+    if form.tag == 'box':
+        return trimesh.creation.box(_positive(form, 'size', 3))
+    if form.tag not in ('cylinder', 'sphere'):
+        expected = '<box>, <cylinder>, <sphere> or <mesh>'
+        raise ValueError(f'<geometry> must be {expected}, got <{cut(str(form.tag))}>')
+    (radius,) = _positive(form, 'radius', 1)
+    if form.tag == 'sphere':
         return trimesh.creation.icosphere(subdivisions=3, radius=radius)
-    (length,) = _positive(shape, 'length', 1)
-    return trimesh.creation.cylinder(radius, length, sections=32)
+    return trimesh.creation.cylinder(radius, *_positive(form, 'length', 1), sections=32)
 
 
 def _positive(element: ElementTree.Element, key: str, count: int) -> tuple[float, ...]:
@@ -199,26 +198,6 @@ def _numbers(element: ElementTree.Element, key: str, count: int) -> tuple[float,
     return numbers
 
 
-def _materials(root: ElementTree.Element, problems: list[str]) -> dict[str, Colour]:
-    found = {}
-    for material in root.findall('material'):
-        try:
-            colour = _colour(material)
-        except ValueError as error:
-            problems.append(f'material {cut(material.get("name", ""))!r}: {error}')
-            continue
-        if colour is not None:
-            found[material.get('name', '')] = colour
-    return found
-
-
-def _colour_of(visual: ElementTree.Element, named: Mapping[str, Colour]) -> Colour | None:
-    material = visual.find('material')
-    if material is None:
-        return None
-    return _colour(material) or named.get(material.get('name', ''))
-
-
 def _colour(material: ElementTree.Element) -> Colour | None:
     element = material.find('color')
     if element is None:
@@ -228,23 +207,12 @@ def _colour(material: ElementTree.Element) -> Colour | None:
     return red, green, blue
 
 
-def _placed(mesh: trimesh.Trimesh, pose: Array) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+def _placed(mesh: trimesh.Trimesh, pose: Array) -> Mesh:
     mesh.apply_transform(pose)
     return np.array(mesh.vertices, np.float32), np.array(mesh.faces, np.int32)
 
 
-def _scaled(
-    part: Triangles, scale: tuple[float, float, float], pose: Array
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    vertices = part.vertices * np.array(scale) @ pose[:3, :3].T + pose[:3, 3]
-    # A mirrored mesh has its inside out.
-    mirrored = np.prod(scale) < 0
-    faces = np.ascontiguousarray(part.faces[:, ::-1]) if mirrored else part.faces
-    return vertices.astype(np.float32), faces
-
-
-def skeleton(urdf: pfd.Urdf, links: Collection[str]) -> Iterator[Shape]:
-    """Yield the shapes that are drawn in place of some links."""
+def _skeleton(urdf: pfd.Urdf, links: Collection[str]) -> Iterator[Shape]:
     reach = reach_of(urdf)
     for link, inertial in urdf.links.items():
         if link not in links:
@@ -279,7 +247,7 @@ def reach_of(urdf: pfd.Urdf) -> float:
     return min(longest, LARGEST) if longest > 0 else NO_REACH
 
 
-def _rod(end: Array, radius: float) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+def _rod(end: Array, radius: float) -> Mesh:
     length = float(np.linalg.norm(end))
     pose = np.asarray(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], end / length))
     pose[:3, 3] = end / 2
@@ -291,17 +259,10 @@ def equivalent_box(
     mass: float, inertia: Collection[float], reach: float
 ) -> tuple[trimesh.Trimesh, Array]:
     """
-    Return the solid box with a mass and an inertia, and its axes (3, 3) as columns.
+    Return the solid box with a mass [kg] above 0 and an inertia, and its axes (3, 3) as columns.
 
-    Parameters
-    ----------
-    mass : float
-        Above zero [kg].
-    inertia : collection of float
-        xx, xy, xz, yy, yz and zz about the centre of mass [kg m^2].
-    reach : float
-        Of the arm [m]; edges are LEAST to LONGEST of it.
-
+    The inertia is xx, xy, xz, yy, yz and zz about the centre of mass [kg m^2]; edges are LEAST to
+    LONGEST of the reach [m].
     """
     xx, xy, xz, yy, yz, zz = inertia
     moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -58,8 +58,7 @@ def view_node(arm: str) -> Iterator[Node]:
     """
     Make the node of the view in the namespace of an arm, such as `/left/sim_arm`.
 
-    Signals are left to this program. ValueError if the name is invalid, or ROS cannot start, such
-    as in an invalid domain.
+    Signals are left to this program. ValueError if the name is invalid or ROS cannot start.
     """
     namespace, _, name = arm.rpartition('/')
     namespace = f'/{namespace.strip("/")}'
@@ -87,22 +86,9 @@ def view_node(arm: str) -> Iterator[Node]:
 
 class Topics:
     """
-    The topics of an arm.
+    The topics of an arm by role, resolved as its node does; some may be given instead.
 
-    Parameters
-    ----------
-    node : Node
-        The node of the view, in the namespace of the arm.
-    arm : str
-        The full name of the arm's node.
-    states, wrench : str, optional
-        Topics in place of the arm's.
-
-    Raises
-    ------
-    ValueError
-        If a name is invalid.
-
+    ValueError if a name is invalid.
     """
 
     def __init__(
@@ -133,16 +119,8 @@ class Topics:
         """
         Return the model on the topic of the description, or of the arm's parameter `robot`.
 
-        Returns
-        -------
-        Urdf, Path or None
-            The model, and the folder of its file if it is known.
-
-        Raises
-        ------
-        ValueError
-            If neither comes within MODEL_SECONDS, or the text is no URDF.
-
+        With it the folder of its file, if it is known. ValueError if neither comes within
+        MODEL_SECONDS, or the text is no URDF.
         """
         texts: list[str] = []
 
@@ -191,19 +169,7 @@ class Topics:
 
 
 def follow(topics: Topics, stage: Stage, report: Callable[[str], None]) -> None:
-    """
-    Show the messages of an arm until an exception, such as KeyboardInterrupt, ends it.
-
-    Parameters
-    ----------
-    topics : Topics
-        Its topics.
-    stage : Stage
-        The arm in the page.
-    report : callable
-        Takes lines for the user.
-
-    """
+    """Show the messages of an arm until an exception ends it; `report` takes lines for people."""
     node, shown = topics.node, Shown(stage, report)
     for role, kind, take, qos in (
         (STATES, JointState, shown.state, NEWEST),
@@ -236,17 +202,7 @@ def follow(topics: Topics, stage: Stage, report: Callable[[str], None]) -> None:
 
 
 class Shown:
-    """
-    The last state, wrench and payload that came.
-
-    Parameters
-    ----------
-    stage : Stage
-        Shows them.
-    report : callable
-        Takes a line about what is not shown, once for each.
-
-    """
+    """The last state, wrench and payload that came; `report` takes each line once."""
 
     def __init__(self, stage: Stage, report: Callable[[str], None]) -> None:
         self._stage, self._report = stage, report

@@ -8,11 +8,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 import trimesh
 
 import pfd_core as pfd
-from pfd_ros.view.forms import LEAST, LONGEST, Array, equivalent_box, reach_of
+from pfd_ros.view.forms import LEAST, LONGEST, Array, Mesh, equivalent_box, reach_of
 
 # As rviz draws a WrenchStamped: force and torque.
 FORCE_COLOUR, TORQUE_COLOUR = (204, 51, 51), (204, 170, 20)
@@ -32,7 +31,6 @@ SIDES, CIRCLES = 20, 40
 ANGLE, TURNING_SHAFT = 1.55 * np.pi, 0.045
 # Width and length of heads, in radii of the shaft.
 HEAD_WIDTH, HEAD_LENGTH = 2.6, 6.5
-Mesh = tuple[NDArray[np.float32], NDArray[np.int32]]
 
 
 class Wrench(NamedTuple):
@@ -78,19 +76,7 @@ def _round(value: float) -> float:
 
 
 class DrawnWrench:
-    """
-    An external wrench: an arrow from its point of application, and an arrow that turns.
-
-    Parameters
-    ----------
-    scene : viser.SceneApi
-        The page's scene.
-    reach : float
-        Of the arm [m].
-    scale : Scale
-        Of the arrows.
-
-    """
+    """An external wrench: an arrow from its point of application, and an arrow that turns."""
 
     def __init__(self, scene: Any, reach: float, scale: Scale) -> None:
         self._scale = scale
@@ -155,17 +141,7 @@ class DrawnWrench:
 
 
 class DrawnPayload:
-    """
-    A payload: a box with its mass and inertia (a ball without inertia), its centre, a label.
-
-    Parameters
-    ----------
-    scene : viser.SceneApi
-        The page's scene.
-    reach : float
-        Of the arm [m].
-
-    """
+    """A payload: a box with its mass and inertia (a ball without inertia), its centre, a label."""
 
     def __init__(self, scene: Any, reach: float) -> None:
         self._scene, self._reach = scene, reach

@@ -11,7 +11,6 @@ are not followed.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 import io
 import os
 from pathlib import Path
@@ -53,12 +52,11 @@ class Triangles(NamedTuple):
     colour: Colour | None
 
 
-@dataclass(frozen=True)
-class MeshFolders:
+class Meshes:
     """
-    Where meshes are looked for.
+    The meshes of a URDF, each file read once, within bounds for all of them together.
 
-    Attributes
+    Parameters
     ----------
     folder : Path or None
         Folder of the URDF, from which relative paths start; None for a URDF without a file.
@@ -68,107 +66,16 @@ class MeshFolders:
 
     """
 
-    folder: Path | None = None
-    packages: tuple[Path, ...] = ()
-
-    def find(self, uri: str) -> Path:
-        """
-        Return the file of a URI: package://NAME/PATH, a path, or file:///PATH.
-
-        Raises
-        ------
-        ValueError
-            If it is another URI, lies outside of the folders, is no mesh, or does not exist.
-
-        """
-        path = self._path(uri)
-        if path.suffix.lower() not in SUFFIXES:
-            raise ValueError(f'its suffix must be one of {", ".join(SUFFIXES)}')
-        try:
-            mode = path.stat().st_mode
-        except (OSError, ValueError) as error:
-            raise ValueError(f'there is no file {cut(str(path), 200)}') from error
-        if not stat.S_ISREG(mode):
-            raise ValueError(f'{cut(str(path), 200)} is not a regular file')
-        return path
-
-    def _path(self, uri: str) -> Path:
-        if not uri:
-            raise ValueError('it has no filename')
-        # A letter and a colon is a drive, not a scheme.
-        scheme = re.match(r'([A-Za-z][A-Za-z0-9+.-]+):', uri)
-        if scheme is not None and scheme[1] == 'package':
-            return self._of_package(uri.removeprefix('package:').lstrip('/'))
-        if scheme is not None and scheme[1] != 'file':
-            raise ValueError(f'{scheme[1]}: is not read; use package:// or a path')
-        path = uri if scheme is None else unquote(urlsplit(uri).path)
-        if not os.path.isabs(path) and self.folder is None:
-            raise ValueError('the path is relative, and the URDF has no folder: use --robot FILE')
-        found = Path(os.path.abspath((self.folder or Path()) / path))
-        if not any(found.is_relative_to(folder.absolute()) for folder in self._allowed()):
-            raise ValueError(OUTSIDE)
-        return found
-
-    def _allowed(self) -> Iterator[Path]:
-        yield from self.packages
-        yield from self._installed()
-        if self.folder is not None:
-            yield self.folder
-
-    def _of_package(self, path: str) -> Path:
-        name, _, inner = path.partition('/')
-        inside = os.path.normpath(inner)
-        if name in ('', '.', '..') or inside.startswith('..') or os.path.isabs(inside):
-            raise ValueError('the path leaves its package')
-        folders = [folder for folder in self._folders_of(name) if folder.is_dir()]
-        for folder in folders:
-            if (folder / inside).exists():
-                return folder / inside
-        if folders:
-            raise ValueError(f'there is no file {cut(str(folders[0] / inside), 200)}')
-        raise ValueError(f'package {cut(name)!r} is not found: use --package-path FOLDER')
-
-    def _folders_of(self, name: str) -> Iterator[Path]:
-        for folder in self.packages:
-            yield from ([folder] if folder.name == name else [])
-            yield folder / name
-            yield folder / 'share' / name
-        yield from (folder / name for folder in self._installed())
-        if self.folder is not None:
-            around = self.folder.absolute()
-            for folder in (around, *around.parents):
-                yield from ([folder] if folder.name == name else [])
-                yield folder / name
-
-    @staticmethod
-    def _installed() -> Iterator[Path]:
-        """Yield the folders that contain installed packages."""
-        for variable, inner in (('AMENT_PREFIX_PATH', 'share'), ('ROS_PACKAGE_PATH', '')):
-            for prefix in filter(None, os.environ.get(variable, '').split(os.pathsep)):
-                yield Path(prefix, inner)
-
-
-class Meshes:
-    """
-    The meshes of a URDF, each file read once, within bounds for all of them together.
-
-    Parameters
-    ----------
-    folders : MeshFolders
-        Where they are.
-
-    """
-
-    def __init__(self, folders: MeshFolders) -> None:
-        self._folders = folders
+    def __init__(self, folder: Path | None = None, packages: tuple[Path, ...] = ()) -> None:
+        self._folder, self._packages = folder and folder.absolute(), packages
         self._read: dict[str, list[Triangles] | str] = {}
         self._triangles = self._bytes = 0
 
     def read(self, uri: str) -> list[Triangles]:
-        """Return the triangles of a URI, by colour; ValueError if it cannot be read."""
+        """Return the triangles of package://NAME/PATH or a path, by colour; ValueError if none."""
         if uri not in self._read:
             try:
-                path = self._folders.find(uri)
+                path = self._found(uri)
                 self._bytes += path.stat().st_size
                 if self._bytes > MOST_BYTES_TOGETHER:
                     size = MOST_BYTES_TOGETHER >> 20
@@ -183,6 +90,58 @@ class Meshes:
         if self._triangles > MOST_TRIANGLES_TOGETHER:
             raise ValueError(f'the meshes have more than {MOST_TRIANGLES_TOGETHER} triangles')
         return found
+
+    def _found(self, uri: str) -> Path:
+        # A letter and a colon is a drive, not a scheme.
+        scheme = re.match(r'([A-Za-z][A-Za-z0-9+.-]+):', uri)
+        if not uri:
+            raise ValueError('it has no filename')
+        if scheme is not None and scheme[1] == 'package':
+            path = self._of_package(uri.removeprefix('package:').lstrip('/'))
+        elif scheme is None or scheme[1] == 'file':
+            path = self._of_folder(uri if scheme is None else unquote(urlsplit(uri).path))
+        else:
+            raise ValueError(f'{scheme[1]}: is not read; use package:// or a path')
+        if path.suffix.lower() not in SUFFIXES:
+            raise ValueError(f'its suffix must be one of {", ".join(SUFFIXES)}')
+        try:
+            mode = path.stat().st_mode
+        except (OSError, ValueError) as error:
+            raise ValueError(f'there is no file {cut(str(path), 200)}') from error
+        if not stat.S_ISREG(mode):
+            raise ValueError(f'{cut(str(path), 200)} is not a regular file')
+        return path
+
+    def _of_folder(self, path: str) -> Path:
+        if not os.path.isabs(path) and self._folder is None:
+            raise ValueError('the path is relative, and the URDF has no folder: use --robot FILE')
+        found = Path(os.path.abspath((self._folder or Path()) / path))
+        known = (*self._packages, *self._installed(), *filter(None, [self._folder]))
+        if not any(found.is_relative_to(folder.absolute()) for folder in known):
+            raise ValueError(OUTSIDE)
+        return found
+
+    def _of_package(self, path: str) -> Path:
+        name, _, inner = path.partition('/')
+        inside = os.path.normpath(inner)
+        if name in ('', '.', '..') or inside.startswith('..') or os.path.isabs(inside):
+            raise ValueError('the path leaves its package')
+        around = () if self._folder is None else (self._folder, *self._folder.parents)
+        folders = [folder for folder in (*self._packages, *around) if folder.name == name]
+        folders += [folder / name for folder in self._packages]
+        folders += [folder / 'share' / name for folder in self._packages]
+        folders += [folder / name for folder in (*self._installed(), *around)]
+        there = [folder for folder in folders if folder.is_dir()]
+        if not there:
+            raise ValueError(f'package {cut(name)!r} is not found: use --package-path FOLDER')
+        return next((f / inside for f in there if (f / inside).exists()), there[0] / inside)
+
+    @staticmethod
+    def _installed() -> Iterator[Path]:
+        """Yield the folders that contain installed packages."""
+        for variable, inner in (('AMENT_PREFIX_PATH', 'share'), ('ROS_PACKAGE_PATH', '')):
+            for prefix in filter(None, os.environ.get(variable, '').split(os.pathsep)):
+                yield Path(prefix, inner)
 
 
 def read_mesh(path: Path) -> list[Triangles]:

@@ -41,23 +41,11 @@ class _Server(viser.ViserServer):  # type: ignore[misc]
 @contextmanager
 def page(port: int, title: str) -> Iterator[viser.ViserServer]:
     """
-    Serve an empty page until the block ends, to browsers on this computer alone.
+    Serve an empty page on a port, 0 for any, until the block ends; to this computer alone.
 
     Requests that name another host, or come from a page of another origin, are refused: a page of
-    the internet in the same browser could read the arm's otherwise.
-
-    Parameters
-    ----------
-    port : int
-        The port on 127.0.0.1; 0 takes a free one.
-    title : str
-        Shown on top of its controls.
-
-    Raises
-    ------
-    ValueError
-        If another program listens on the port.
-
+    the internet in the same browser could read the arm's otherwise. ValueError if another program
+    listens on the port.
     """
     # The server itself would take the next port.
     check_port(port)
@@ -120,15 +108,8 @@ class Player:
     """
     The time that a page shows of a log: slider, play, speed, one state forward or back.
 
-    Parameters
-    ----------
-    gui : viser.GuiApi
-        The page's controls.
-    times : ndarray, (N,)
-        Times of the states [s], from 0 on.
-    show : callable
-        Called with the time [s] when it changes, always in the thread of `run`.
-
+    `times` are the times of the states [s], from 0 on. `show` is called with the time when it
+    changes, always in the thread of `run`.
     """
 
     def __init__(
@@ -213,24 +194,10 @@ def export(
     progress: Callable[[float], None] | None = None,
 ) -> int:
     """
-    Write a page in one file, which plays a log without Python and without a network.
+    Write a page in one new file, which plays a log without Python and without a network.
 
-    Parameters
-    ----------
-    path : Path
-        The file, which must not exist.
-    duration : float
-        Of the log [s].
-    fill : callable
-        Draws the log in an empty page, and returns a function that shows a time [s].
-    progress : callable, optional
-        Called now and then with the finished part, 0 to 1.
-
-    Returns
-    -------
-    int
-        Bytes written. OSError if the file exists, or cannot be written.
-
+    `fill` draws the log in an empty page, and returns a function that shows a time [s];
+    `progress` is called with the finished part, 0 to 1. Return the number of bytes.
     """
     # Opened before the work, so that a wrong path is an error at once.
     with path.open('x', encoding='utf-8') as stream:

@@ -10,8 +10,8 @@ from pathlib import Path
 import signal
 import sys
 
-from pfd_ros.testing.process import ChildProcess
 from pfd_ros.testing.domains import environment_to_kill
+from pfd_ros.testing.process import ChildProcess
 
 # The arm comes first where processors are few.
 NICENESS = 10
@@ -21,19 +21,9 @@ END_SECONDS = 5.0
 
 class ViewProcess:
     """
-    `pfd view` of one node.
+    `pfd view` of one node, on a port (0: any), of a model (default: the model of the node).
 
-    Parameters
-    ----------
-    port : int
-        Of its page; 0 takes a free one.
-    robot : str, optional
-        The model; default: the model of the node.
-    output : Path, optional
-        A file for what it prints; default: where this process prints.
-    env : mapping, optional
-        Its environment; default: the environment of this process.
-
+    It prints to the file `output`, default where this process prints.
     """
 
     def __init__(

@@ -14,7 +14,7 @@ import pfd_core as pfd
 from pfd_ros.view.arm import LinkPoses, Stage
 from pfd_ros.view.forms import draw
 from pfd_ros.view.logged import logged
-from pfd_ros.view.meshes import MeshFolders
+from pfd_ros.view.meshes import Meshes
 
 # States of which the bounds of the motion are taken, and points of the path of the tip.
 SAMPLES, POINTS = 50, 2000
@@ -22,23 +22,12 @@ SAMPLES, POINTS = 50, 2000
 
 class ShownLog:
     """
-    A log that is shown: everything but the page.
-
-    Parameters
-    ----------
-    path, robot, topic, rename, wrench_topic, other
-        As `logged` takes them.
-    packages : tuple of Path
-        As `MeshFolders` has them.
+    A log that is shown: everything but the page. Parameters are as `logged` takes them.
 
     Attributes
     ----------
-    log : Logged
-        The motion.
-    drawing : Drawing
-        What is drawn of its model.
-    poses : LinkPoses
-        The frames of its links.
+    log, drawing, poses
+        Its motion, what is drawn of its model, and the frames of its links.
     problems : tuple of str
         What the log or its model lacks, a line each.
 
@@ -57,7 +46,7 @@ class ShownLog:
         self.log = logged(
             path, robot=robot, topic=topic, rename=rename, wrench_topic=wrench_topic, other=other
         )
-        self.drawing = draw(self.log.urdf, MeshFolders(self.log.folder, packages))
+        self.drawing = draw(self.log.urdf, Meshes(self.log.folder, packages))
         self.poses = LinkPoses(self.log.urdf, self.log.joints)
         self.problems = (*self.log.problems, *self.drawing.problems)
 

@@ -27,7 +27,7 @@ from arm_messages import payload, wrench
 import bridge
 from bridge import (
     LinkPoses,
-    MeshFolders,
+    Meshes,
     ShownLog,
     Stage,
     ViewPayload,
@@ -96,7 +96,7 @@ def dae(unit: float, up_axis: str = 'Z_UP', nodes: str = '') -> str:
 
 
 def drawn(text: str, folder: Path | None = None, *packages: Path) -> Any:
-    return draw(parsed(text), MeshFolders(folder, packages))
+    return draw(parsed(text), Meshes(folder, packages))
 
 
 def edges(drawing: Any, link: str = 'arm') -> list[float]:
@@ -135,7 +135,7 @@ def test_the_meshes_of_each_link_fill_the_space_that_pinocchio_reads_from_them(
     robot: str,
 ) -> None:
     model_urdf, folder = example_urdf(robot)
-    drawing = draw(model_urdf, MeshFolders(folder))
+    drawing = draw(model_urdf, Meshes(folder))
     assert drawing.problems == ()
     assert not any(shape.stands_in for shape in drawing.shapes)
     with warnings.catch_warnings():
@@ -390,7 +390,7 @@ NONE, FULL, VIOLET, GREY = (70, 120, 200), (225, 60, 45), (190, 40, 200), (150, 
 
 def pendulum(server: Any, text: str = '', largest: float = 0.0) -> Stage:
     model = parsed(text or urdf())
-    return Stage(server, model, draw(model, MeshFolders()), largest=np.array([largest]))
+    return Stage(server, model, draw(model, Meshes()), largest=np.array([largest]))
 
 
 @pytest.mark.parametrize(
@@ -444,7 +444,7 @@ def test_links_arrows_and_payload_are_at_the_poses_of_pinocchio(
     frame: str, payload: Any, empty: Any
 ) -> None:
     model_urdf, folder = example_urdf(UR5)
-    stage, nodes = Stage(empty, model_urdf, draw(model_urdf, MeshFolders(folder))), Nodes(empty)
+    stage, nodes = Stage(empty, model_urdf, draw(model_urdf, Meshes(folder))), Nodes(empty)
     force, torque = WRENCHES[frame]
     model = pin.buildModelFromXML(model_urdf.text)
     for q in np.random.default_rng(3).uniform(-2.0, 2.0, (2, 6)):

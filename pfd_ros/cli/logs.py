@@ -42,6 +42,7 @@ WHAT_IF: dict[str, Any] = {
     'out': None,
     'thresholds': None,
     'rounding': False,
+    'plot': None,
     'json': False,
 }
 
@@ -94,6 +95,7 @@ def _replay_arguments(parser: argparse.ArgumentParser) -> None:
         help='simulate a third time, with 2.2e-16 added to each position that the arm is set to: '
         'how far rounding alone leads',
     )
+    group.add_argument('--plot', type=Path, metavar='FILE', help='plot both runs (.png, .svg)')
     group.add_argument('--json', action='store_true', help='print JSON')
     publish.add_arguments(parser)
     parser.set_defaults(**WHAT_IF)
@@ -148,11 +150,14 @@ def _verify(given: argparse.Namespace) -> int:
 
 def _what_if(given: argparse.Namespace, unread: list[str]) -> int:
     from pfd_ros.replay import what_if
+    from pfd_ros.replay.plots import check_picture, plot_comparison
 
+    if given.plot:
+        check_picture(given.plot)
     options = {
         name: getattr(given, name)
         for name, unset in WHAT_IF.items()
-        if name != 'json' and getattr(given, name) != unset
+        if name not in ('plot', 'json') and getattr(given, name) != unset
     }
     options['rename'] = dict(given.rename)
     found = what_if.what_if(given.log, given.what_if, **options, progress=progress_on(sys.stderr))
@@ -160,6 +165,8 @@ def _what_if(given: argparse.Namespace, unread: list[str]) -> int:
         print_json(what_if.as_json(found))
     else:
         print_lines(what_if.lines(found))
+    if given.plot:
+        plot_comparison(found.comparison, (str(found.source), str(found.log)), given.plot)
     unread += found.problems
     return 0
 
@@ -237,7 +244,10 @@ def _compare(given: argparse.Namespace) -> int:
     from pfd_ros.messages.types import JOINT_STATE
     from pfd_ros.recording.arrays import read_log, renamed
     from pfd_ros.replay import compare
+    from pfd_ros.replay.plots import check_picture, plot_comparison
 
+    if given.plot:
+        check_picture(given.plot)
     logs = [
         renamed(
             read_log(path, topics=given.topics and [given.topics[k]], types=[JOINT_STATE]),
@@ -252,8 +262,6 @@ def _compare(given: argparse.Namespace) -> int:
     else:
         print_lines(compare.lines(found))
     if given.plot:
-        from pfd_ros.replay.plots import plot_comparison
-
         plot_comparison(found, (str(given.a), str(given.b)), given.plot)
     return 0 if found.within else 1
 

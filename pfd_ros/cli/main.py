@@ -20,7 +20,6 @@ import os
 import sys
 from typing import NoReturn
 
-import pfd_core as pfd
 from pfd_ros.cli.terminal import Command
 from pfd_ros.node.main import Stop, stop_on_signals
 from pfd_ros.text import one_line
@@ -110,6 +109,8 @@ def _run(words: list[str], stop: Stop | None) -> int:
     try:
         given = parse.parse_args(words[:cut])
         if given.version:
+            import pfd_core as pfd
+
             print(f'pfd {pfd.__version__}')
             return 0
         if given.command is None:

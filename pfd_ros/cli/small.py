@@ -1,6 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd sim`, `pfd demo`, `pfd robots` and `pfd urdf`."""
+"""`pfd sim`, `pfd demo`, `pfd robots` and `pfd urdf`.
+
+Imports nothing that takes long: the node starts with its handlers of signals.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,6 @@ import io
 from pathlib import Path
 import sys
 
-import pfd_core as pfd
 from pfd_ros.cli.terminal import Command, add_view, ended_by_signals
 from pfd_ros.view.ports import check_page
 
@@ -53,6 +55,8 @@ def _demo(given: argparse.Namespace) -> int:
 
 
 def _robots(_: argparse.Namespace) -> int:
+    import pfd_core as pfd
+
     for name in pfd.known_robots():
         robot = pfd.load_robot(name)
         print(f'{name:20s} {robot.n} joints: {", ".join(robot.joint_names)}')
@@ -67,6 +71,8 @@ def _urdf_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _urdf(given: argparse.Namespace) -> int:
+    import pfd_core as pfd
+
     text = pfd.urdf_of(given.robot)
     if given.out is None:
         if sys.stdout is None:

@@ -10,13 +10,12 @@ import re
 import shlex
 from xml.etree import ElementTree
 
-from bridge import Settings, Verdict, read_recording
+from bridge import VERDICT_LABELS, RecordedLog, Settings, verify_log
 import gripper_arm
 import numpy as np
 import pytest
 from replicas import ControllerManager, TopicHardware
 from ros_processes import ROOT, Process, Processes, description_publisher
-from simulating import rows_of
 from waiting import PATIENCE
 import yaml
 
@@ -75,16 +74,16 @@ def test_every_command_is_run_by_a_test_of_this_file() -> None:
 
 def test_lines_of_the_log_in_the_guide_are_logged_by_the_node() -> None:
     folder = ROOT / 'pfd_ros'
-    paths = [*folder.glob('node/*.py'), folder / 'arm' / 'speeding.py']
+    paths = [*folder.glob('node/*.py'), folder / 'arm' / 'advice.py']
     source = ' '.join(path.read_text(encoding='utf-8') for path in paths)
     # Texts go over several lines of the source.
     source = re.sub(r"'\n\s+f?'", '', source)
     found = re.findall(r'^\| `(.*?)` \|', TEXT.partition('## When nothing moves')[2], re.M)
-    assert len(found) == 10
+    assert len(found) == 13
     for line in found:
         dropped = line.partition('rejected: ')[2]
         if dropped:
-            assert dropped.upper() in Verdict.__members__
+            assert dropped in VERDICT_LABELS
         elif line.endswith(' too'):
             assert re.search(r'publishes \{end.topic_name\} \{', source)
             assert "'too: " in source
@@ -115,8 +114,9 @@ def test_ros2_control_needs_no_remapping(processes: Processes, peer_of) -> None:
     warnings = [line for line in arm.text().splitlines() if '[WARN]' in line]
     # On a busy machine steps are late, and publishers are discovered late.
     assert not [w for w in warnings if not re.search('periods missed|no publisher of commands', w)]
-    summary = read_recording(processes.folder / 'run.mcap', verify=True)
-    assert summary.settings.initial_positions == (0.5, 0.0)
+    path = processes.folder / 'run.mcap'
+    assert verify_log(path).complete
+    assert RecordedLog(path).settings.initial_positions == (0.5, 0.0)
 
 
 @pytest.mark.ros
@@ -141,9 +141,11 @@ def test_in_lockstep_every_state_has_the_command_of_its_cycle(
     # A controller manager that has ended answers no more.
     arm.wait_for_text('s of waiting for commands in lockstep, now for the state at t = ')
     arm.stop()
-    read_recording(processes.folder / 'arm.mcap', verify=True)
-    rows = rows_of(processes.folder / 'arm.mcap')
-    taken = [row.cycle for row in rows if row.verdict is Verdict.ACCEPTED]
+    path = processes.folder / 'arm.mcap'
+    assert verify_log(path).complete
+    messages = list(RecordedLog(path).messages())
+    assert not [message for message in messages if message.role == 'rejected']
+    taken = [message.cycle for message in messages if message.role == 'joint_commands']
     every = Settings(publish_rate=float(rate)).publish_every
     assert len(taken) >= 100
     assert set(np.diff(taken[-90:])) == {every}

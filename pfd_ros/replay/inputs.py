@@ -31,6 +31,7 @@ from pfd_ros.arm.events import (
     REJECTED,
     REQUESTS,
     SET_STATE,
+    STATES,
     WRENCH,
     Message,
 )
@@ -49,6 +50,8 @@ from pfd_ros.text import cut, listed
 LONGEST_GAP = 3600.0
 # Latest start time of an arm, s; see Settings.start_time.
 LATEST_START = 2e9
+# States that may be missing where a recording was cut, or by chance.
+MISSING = 10_000
 # Topic of the states where the topic of the commands has none.
 USUAL_STATES = '/joint_states'
 Put = Callable[[Sequence[Message], int], object]
@@ -137,7 +140,7 @@ def run_inputs(
                     f'({cut(verdict.detail, 200)}), was {broke or "accepted"}'
                 )
     advance(moved.last)
-    put(waiting, engine.stamp_ns)
+    put([*waiting, *engine.counts()], engine.stamp_ns)
     return found
 
 
@@ -169,7 +172,9 @@ class MovedInputs:
         self._old_ns, self._new_ns = old.step_ns, new.step_ns
         self._restamped = old.step_ns != new.step_ns or old.start_ns != new.start_ns
         self._names = published_names(old, log)
-        self.last, self._stepped = 0, 0
+        self.last = self._stepped = self._states = 0
+        # Cycles from one published state to the next, with those that the sensors drop.
+        self._each = 2.0 * old.publish_every / (1.0 - old.drop_state)
 
     def __iter__(self) -> Iterator[Input]:
         """Yield the inputs; the result of each is the message after it."""
@@ -179,12 +184,23 @@ class MovedInputs:
             if before is not None:
                 yield from self._moved(before, _broken(message, before))
             before = message if message.role in INPUTS else None
+            self._states += message.role == STATES
             last = max(last, message.cycle - (message.role in INPUTS))
+            self._check(last)
         if before is not None:
             yield from self._moved(before, '')
         if self._log.end:
             last = max(last, self._log.end[EndKey.TOTALS]['cycles'])
+            self._check(last)
         self.last = self._begin(last + 1) - 1
+
+    def _check(self, cycle: int) -> None:
+        """Raise LogError for a cycle far beyond the recorded states: no run would get there."""
+        if cycle > self._each * (self._states + MISSING):
+            raise LogError(
+                f'{self._log.path}: cycle {cycle} after {self._states} recorded states: it is '
+                'damaged'
+            )
 
     def _begin(self, cycle: int) -> int:
         """Return the first new cycle that begins with an old one, or later."""
@@ -199,7 +215,7 @@ class MovedInputs:
             role, data = self._renamed(data)
         if role in (NAMED, WRENCH) and self._restamped:
             data = data[:STAMP] + bytes(TIME.size) + data[STAMP + TIME.size :]
-        if role == REQUESTS and self._old_ns != self._new_ns:
+        if role == REQUESTS and not broke and self._old_ns != self._new_ns:
             data = self._rescaled(data, cycle)
         if data:
             yield Input(Message(role, data), self._begin(cycle), broke)
@@ -311,8 +327,9 @@ class BagInputs:
         self.start_ns = 0
 
     def _with_positions(self) -> list[str]:
-        found = [t for t, kind in self.log.topics.items() if kind == JOINT_STATE and t in self.log]
-        return sorted(t for t in found if np.isfinite(self.log[t].position).any())
+        read = [topic for topic in self.log if not self.log.obstacle(topic)]
+        found = [topic for topic in read if self.log.topics[topic] == JOINT_STATE]
+        return sorted(topic for topic in found if np.isfinite(self.log[topic].position).any())
 
     def _states_of(self, commands: str) -> str:
         found = self._with_positions()

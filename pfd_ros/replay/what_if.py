@@ -44,6 +44,7 @@ from pfd_ros.arm.settings import (
 )
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
+from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays, read_log
 from pfd_ros.recording.format import LogError, damage_named
 from pfd_ros.recording.log import Log
@@ -302,7 +303,8 @@ def _of_bag(
     path: Path, changes: Changes, commands: str, states: str, rename: Mapping[str, str]
 ) -> _Case:
     settings, robot, urdf = described_arm(changes)
-    inputs = BagInputs(read_log(path, unreadable='count'), commands, states, rename)
+    arrays = read_log(path, types=(JOINT_STATE, FLOAT_ARRAY), unreadable='count')
+    inputs = BagInputs(arrays, commands, states, rename)
     given = 'start_time' in changes.values
     settings = inputs.settled(_untied(settings), robot.joint_names, given=given)
     return _Case(inputs, inputs.log, inputs.states, settings, robot, urdf, {})
@@ -360,7 +362,9 @@ def _recorded_run(
             raise OSError(recorder.error)
     except BaseException:
         recorder.close(totals_of(engine))
-        os.unlink(target)
+        # After a fault of the disk the part that was written stays, as in a recording.
+        if not recorder.error:
+            os.unlink(target)
         raise
     return found
 

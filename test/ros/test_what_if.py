@@ -465,6 +465,18 @@ def test_a_log_without_states_is_refused(swing: Path, tmp_path: Path) -> None:
     assert list(Path().iterdir()) == []
 
 
+def test_numbers_that_no_run_reaches_are_damage(swing: Path, tmp_path: Path) -> None:
+    def late(role: str, record: Any) -> Any:
+        if record.sequence > 300:
+            record.sequence += 1 << 30
+        return record
+
+    hostile = rewritten(swing, tmp_path / 'a.mcap', late)
+    with pytest.raises(LogError, match=r'a\.mcap: cycle 1073742124 after 300 recorded states'):
+        what_if(hostile)
+    assert list(Path().iterdir()) == []
+
+
 def test_the_result_is_rows_for_people_and_json(swing: Path) -> None:
     words = ['payload.mass=0.5', 'payload.center=[0.1, 0, 0]']
     found = what_if(swing, words, rounding=True, thresholds=(1e-3, 1e-2, 1e-1))

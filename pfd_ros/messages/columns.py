@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import math
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,7 @@ class Decoder:
             raise ValueError(f'definition of {kind} cannot be read: {str(error)[:200]}') from error
         # Path of each primitive field -> its type, and the sequences it lies in.
         self.paths = dict(self._paths(self.kind))
+        self._access: dict[str, tuple[list[str], Callable[[Any], Any], list[Any]]] = {}
 
     def _paths(self, kind: str, prefix: str = '', rank: int = 0) -> Iterator[tuple[str, Any]]:
         for name, inner, many in self._fields(kind):
@@ -93,20 +95,36 @@ class Decoder:
         return self._values(self.kind, message)
 
     def _values(self, kind: str, message: Any) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for name, inner, many in self._fields(kind):
-            value = getattr(message, normalize_fieldname(name))
-            if inner[0] == Nodetype.BASE:
-                if name != _NOTHING:
-                    found[name] = value
-            elif many:
-                rows = [self._values(inner[1], one) for one in value]
-                for path, _ in self._paths(inner[1]):
-                    found[f'{name}.{path}'] = [row[path] for row in rows]
-            else:
-                for path, one in self._values(inner[1], value).items():
-                    found[f'{name}.{path}'] = one
+        if kind not in self._access:
+            self._access[kind] = self._accessors(kind)
+        paths, values_of, lists = self._access[kind]
+        found = dict(zip(paths, values_of(message), strict=True))
+        for path, list_of, inner, names in lists:
+            rows = [self._values(inner, one) for one in list_of(message)]
+            for name in names:
+                found[f'{path}.{name}'] = [row[name] for row in rows]
         return found
+
+    def _accessors(self, kind: str) -> tuple[list[str], Callable[[Any], Any], list[Any]]:
+        """Return the paths outside of lists, a function with their values, and the lists."""
+        paths: list[str] = []
+        lists = []
+
+        def visit(kind: str, prefix: str) -> None:
+            for name, inner, many in self._fields(kind):
+                path = prefix + name
+                if inner[0] == Nodetype.BASE:
+                    paths.extend([path] if name != _NOTHING else [])
+                elif many:
+                    names = [name for name, _ in self._paths(inner[1])]
+                    lists.append((path, _attribute(path), inner[1], names))
+                else:
+                    visit(inner[1], f'{path}.')
+
+        visit(kind, '')
+        if len(paths) > 1:
+            return paths, _attribute(*paths), lists
+        return paths, lambda message: [_attribute(path)(message) for path in paths], lists
 
     def read(self, messages: Sequence[bytes]) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
         """Return the fields of N messages as arrays by path, such as 'header.stamp.sec'.
@@ -139,6 +157,11 @@ class Decoder:
                 columns[path].append(value)
         arrays = {path: _stacked(values, *self.paths[path]) for path, values in columns.items()}
         return arrays, np.array(good, np.int64)
+
+
+def _attribute(*paths: str) -> Callable[[Any], Any]:
+    """Return a function with the values of some paths of a message of rosbags."""
+    return attrgetter(*('.'.join(map(normalize_fieldname, path.split('.'))) for path in paths))
 
 
 def _count_fields(kind: str, types: Mapping[str, Any], depth: int) -> int:

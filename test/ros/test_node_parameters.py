@@ -15,6 +15,8 @@ import pytest
 from ros_processes import MILLISECOND, Peer, Processes, call, example_robot, stamp_ns
 from waiting import PATIENCE
 
+import pfd_core as pfd
+
 pytestmark = pytest.mark.ros
 NODE, SIM = ('pfd_ros.node.main',), ('pfd_ros.cli.main', 'sim')
 PANDA = example_robot('panda_description/urdf/panda.urdf')
@@ -63,6 +65,7 @@ BAD = [
     (('-p', 'recording:=/proc/nowhere/arm.mcap'), '/proc/nowhere/arm.mcap'),
     (('-p', 'recording:=nowhere/arm.mcap'), 'nowhere/arm.mcap'),
     (('-p', f'recording:={"x" * 300}'), 'File name too long'),
+    (('-p', 'scene:=none.yaml'), "no scene file 'none.yaml'"),
     (('-p', 'robot:=fifo'), "'fifo' must end in .urdf"),
     (('-p', 'robot:=folder'), 'folder'),
     (('-p', "robot:='{0}{}%s'"), '{0}{}%s'),
@@ -334,6 +337,23 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     changes = recorded_changes(path)
     assert {'payload_mass': 2.5, 'payload_center': [0.1, 0.0, 0.0]} in changes
     assert {'bias_effort': [0.0, 0.5]} in changes
+
+
+def test_a_scene_file_is_read_once_and_recorded(processes: Processes, peer_of) -> None:
+    scene, path = pfd.Scene(damping=[0.5, 0.25], restitution=0.5), processes.folder / 'scene.yaml'
+    scene.save(path)
+    arm = processes.arm(
+        '-p', 'robot:=planar2', '-p', 'scene:=scene.yaml', '-p', 'recording:=a.mcap'
+    )
+    path.unlink()
+    peer = peer_of(processes)
+    peer.connect()
+    peer.plain_command([0.5] * 2)
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [0.5] * 2)
+    arm.stop()
+    assert verify_log(processes.folder / 'a.mcap').complete
+    text = RecordedLog(processes.folder / 'a.mcap').settings.scene
+    assert pfd.load_scene(text) == scene
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import Counter
 from importlib import import_module
 from pathlib import Path
+import random
 import signal
 from typing import Any
 
@@ -161,6 +162,42 @@ def test_names_of_any_kind_and_number_are_shown_short_and_change_nothing_else(
     }
 
 
+@pytest.mark.slow
+def test_bytes_of_any_kind_on_any_topic_do_not_stop_the_arm(processes: Processes, peer_of) -> None:
+    arm = processes.arm('-p', 'recording:=arm.mcap', '-p', 'external_wrench:=true')
+    peer = peer_of(processes)
+    peer.connect()
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+
+    topics = ('joint_commands', 'commands', 'set_state', 'external_wrench', 'payload')
+    ends = []
+    for role in topics:
+        package, _, kind = ARM_ROLES[role].type.split('/')
+        topic = ARM_ROLES[role].topic.replace('~', '/sim_arm')
+        latched = ARM_ROLES[role].latched
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        profile = QoSProfile(depth=10, durability=durability)
+        ends.append(peer.node.create_publisher(kind_of(package, kind), topic, profile))
+    peer.wait(lambda: all(end.get_subscription_count() for end in ends))
+    chance = random.Random(7)
+    for k in range(300):
+        # A header of plain CDR, and bytes of which many are lengths that no message has.
+        data = bytes(chance.choices((0, 1, 255, chance.randrange(256)), k=chance.randrange(200)))
+        ends[k % len(ends)].publish(b'\0\1\0\0' + data + bytes(-len(data) % 4))
+        peer.executor.spin_once(timeout_sec=0.01)
+    arm.wait_for_text('rejected: malformed (')
+    count = len(peer.states)
+    peer.wait(lambda: len(peer.states) > count + 10)
+    assert arm.end(signal.SIGINT) in (0, 1), arm.text()
+    assert 'Traceback' not in arm.text()
+    assert 'unexpectedly' not in arm.text()
+    assert verify_log(processes.folder / 'arm.mcap').complete
+
+
+def kind_of(package: str, name: str) -> Any:
+    return getattr(import_module(f'{package}.msg'), name)
+
+
 def test_a_state_that_overflows_is_logged_once_and_the_node_continues(
     processes: Processes, peer_of
 ) -> None:
@@ -273,9 +310,10 @@ def test_readers_get_every_output_and_the_recording_verifies(
     peer = peer_of(processes)
     got: dict[str, list[Any]] = {name: [] for name in OPTIONAL_OUTPUTS}
     for name in OPTIONAL_OUTPUTS:
-        package, _, kind_name = ARM_ROLES[name].type.split('/')
-        kind = getattr(import_module(f'{package}.msg'), kind_name)
-        peer.node.create_subscription(kind, f'sim_arm/{name}', got[name].append, 10)
+        package, _, kind = ARM_ROLES[name].type.split('/')
+        peer.node.create_subscription(
+            kind_of(package, kind), f'sim_arm/{name}', got[name].append, 10
+        )
     peer.connect()
     peer.wait(lambda: all(got.values()) and len(got['true_states']) > 40)
     arm.stop()

@@ -134,6 +134,7 @@ def plots_of(run: Recorded, references: Sequence[Reference] = ()) -> Iterator[Pl
                     references=kinds,
                 )
     others = [*_energy(run), *_periods(run), *_of_topics(run), *_of_diagnostics(run)]
+    others = [plot for plot in others if len(plot.time)]
     yield from sorted(others, key=lambda plot: not plot.title.startswith('commanded'))
 
 
@@ -163,37 +164,31 @@ def _of_topics(run: Recorded) -> Iterator[Plot]:
                 title = what.format(item, run.unit(item, found.names))
                 yield Plot(title, topic, found.names, run.times(found), values, stepped=command)
     for topic, found in run.of_type(FLOAT_ARRAY):
-        values, role = found.arrays.get('data'), roles.get(topic, '')
-        if values is None or values.ndim != 2 or not values.shape[1]:
-            continue
-        width = values.shape[1]
-        if width > MOST_COLUMNS:
+        values, role = found.arrays['data'], roles.get(topic, '')
+        width = values.shape[1] if values.ndim == 2 else 0
+        if not 0 < width <= MOST_COLUMNS:
             run.notes[one_line(f'{cut(topic)} has {width} numbers a message: not drawn')] = None
             continue
         title, command = topic.rpartition('/')[2], role == ARRAY or 'command' in topic
+        labels, joints = tuple(f'[{k}]' for k in range(width)), width == len(arm)
         if role == ENERGY:
-            title, values = (
-                'energy [J]',
-                np.column_stack([values[:, :2], values[:, :2].sum(axis=1)]),
-            )
-        joints = width == len(arm)
-        labels = (
-            ENERGIES
-            if role == ENERGY
-            else arm
-            if joints
-            else tuple(f'[{k}]' for k in range(width))
-        )
-        title = f'commanded effort [{run.unit("effort", arm)}]' if command else title
+            values = np.column_stack([values[:, :2], values[:, :2].sum(axis=1)])
+            title, labels, joints = 'energy [J]', ENERGIES, False
+        elif command:
+            title = f'commanded effort [{run.unit("effort", arm)}]'
+        labels = arm if joints else labels
         yield Plot(title, topic, labels, run.times(found), values, joints, stepped=command)
 
 
 def _energy(run: Recorded) -> Iterator[Plot]:
     """Yield the energy of the recorded states, unless it is recorded or no robot is known."""
-    robot, order = run.robot, run.order
-    if robot is None or order is None or run.of_role(ENERGY) is not None:
+    robot = run.robot
+    if robot is None or not run.joints or run.of_role(ENERGY) is not None:
         return
     joints = run.joints[0]
+    if not set(robot.joint_names) <= set(joints.names):
+        return
+    order = [joints.names.index(name) for name in robot.joint_names]
     q, qd = (joints.values[item][:, order] for item in ('position', 'velocity'))
     good = np.isfinite(q).all(axis=1) & np.isfinite(qd).all(axis=1)
     values = np.full((len(q), 3), np.nan)
@@ -224,10 +219,11 @@ def _energy(run: Recorded) -> Iterator[Plot]:
 def _periods(run: Recorded) -> Iterator[Plot]:
     """Yield the wall-clock time between states, where log times are those of the wall clock."""
     states = run.read(run.topic)
-    wall = run.settings.get('recording_time') != SIMULATED and len(run.joints) == 1
-    if states is not None and len(states) > 1 and wall:
-        values, source = 1e-6 * np.diff(states.log_ns)[:, np.newaxis], 'log times of states'
-        yield Plot('period [ms]', source, ('period',), run.joints[0].time[1:], values, False)
+    if states is None or len(run.joints) != 1 or run.settings.get('recording_time') == SIMULATED:
+        return
+    (joints,) = run.joints
+    wall = 1e-6 * np.diff(states.log_ns[states.rows(joints.names[0])])[:, np.newaxis]
+    yield Plot('period [ms]', 'log times of states', ('period',), joints.time[1:], wall, False)
 
 
 def _of_diagnostics(run: Recorded) -> Iterator[Plot]:
@@ -279,36 +275,23 @@ def _thinned(time: Array, values: Array) -> tuple[Array, Array]:
     return np.repeat(time[::stride], 2), both
 
 
-def _curve(time: Array, values: Array) -> dict[str, Any]:
-    time, values = _thinned(time, values)
-    start = float(time[0]) if len(time) else 0.0
-    ticks = np.round((time - start) * 1e6)
-    return {
-        'start': start,
-        'time': _packed(np.diff(ticks, prepend=0.0).clip(0, 2**32 - 1), '<u4'),
-        'values': _packed(
-            np.clip(np.where(np.isfinite(values), values, np.nan), -LARGEST, LARGEST).T, '<f4'
-        ),
-    }
-
-
 def encoded(plot: Plot) -> dict[str, Any]:
     """Return a plot as the script of a page decodes it."""
     # A line that crosses missing states would show what nobody saw.
     time = np.insert(plot.time, plot.breaks, plot.time[plot.breaks - 1])
     values = np.insert(np.asarray(plot.values, float), plot.breaks, np.nan, axis=0)
-    limits = (
-        None
-        if plot.bounds is None
-        else [[x if np.isfinite(x) else None for x in side] for side in plot.bounds.tolist()]
-    )
+    time, values = _thinned(time, np.where(np.isfinite(values), values, np.nan))
+    ticks = np.round((time - time[0]) * 1e6)
+    bounds = [] if plot.bounds is None else plot.bounds.tolist()
     return {
-        **_curve(time, values),
         'title': plot.title,
         'source': plot.source,
         'labels': [one_line(x, 64) for x in plot.labels],
         'joints': plot.joints,
         'stepped': plot.stepped,
-        'limits': limits,
+        'limits': [[x if np.isfinite(x) else None for x in side] for side in bounds],
         'references': plot.references,
+        'start': float(time[0]),
+        'time': _packed(np.diff(ticks, prepend=0.0).clip(0, 2**32 - 1), '<u4'),
+        'values': _packed(values.clip(-LARGEST, LARGEST).T, '<f4'),
     }

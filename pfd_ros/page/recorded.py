@@ -93,6 +93,8 @@ class Recorded:
 
     def __init__(self, log: LogArrays, robot: pfd.Robot | None = None) -> None:
         self.log, self.robot = log, log.robot or robot
+        known = () if self.robot is None else self.robot.joint_names
+        self._place = {name: k for k, name in enumerate(known)}
         self.settings: Mapping[str, Any] = log.settings or {}
         self.topics = {role: topic for topic, role in log.roles.items() if topic in log}
         self.unreadable: dict[str, None] = {}
@@ -105,9 +107,7 @@ class Recorded:
             self._axis_ns = np.maximum.accumulate(self._stamps_of(states))
         else:
             self._note_other_types()
-        every = [
-            found.log_ns[0] for t in log if (found := self.read(t)) is not None and len(found)
-        ]
+        every = [x.log_ns[0] for t in log if (x := self.read(t)) is not None and len(x)]
         first = int(self._axis_ns[0] if len(self._axis_ns) else min(every, default=0))
         self.origin_ns = first if first > LATEST_START * NANOSECONDS else 0
         self.joints = () if states is None else tuple(self._by_publisher(states))
@@ -165,24 +165,13 @@ class Recorded:
     @cached_property
     def commanded(self) -> set[str]:
         """Joints for which a command was logged."""
-        found: set[str] = set()
-        named, array = self.of_role(NAMED), self.of_role(ARRAY)
-        if named is not None:
-            there = [np.isfinite(getattr(named, item)).any(axis=0) for item in JOINT_FIELDS]
-            found.update(
-                n for n, any_ in zip(named.names, np.any(there, axis=0), strict=True) if any_
-            )
-        if array is not None:
-            found.update(name for joints in self.joints for name in joints.names)
-        return found
-
-    @property
-    def order(self) -> list[int] | None:
-        """Columns of the robot's joints in the first states, None if they lack one."""
-        names = self.joints[0].names if self.joints else ()
-        if self.robot is None or not set(self.robot.joint_names) <= set(names):
-            return None
-        return [names.index(name) for name in self.robot.joint_names]
+        if self.of_role(ARRAY) is not None:
+            return {name for joints in self.joints for name in joints.names}
+        named = self.of_role(NAMED)
+        if named is None:
+            return set()
+        there = [np.isfinite(getattr(named, item)).any(axis=0) for item in JOINT_FIELDS]
+        return {named.names[j] for j in np.flatnonzero(np.any(there, axis=0))}
 
     @property
     def span(self) -> tuple[float, float]:
@@ -245,30 +234,24 @@ class Recorded:
             return 1.0 / rate if rate else step
         return float(np.median(np.diff(time))) if len(time) > 1 else 0.0
 
-    def _places(self, names: tuple[str, ...]) -> list[int]:
-        known = [] if self.robot is None else list(self.robot.joint_names)
-        return [known.index(name) if name in known else -1 for name in names]
-
     def _bounds(self, names: tuple[str, ...]) -> dict[str, Array]:
-        if self.robot is None:
-            return {}
         robot = self.robot
+        if robot is None:
+            return {}
         # Many models hold 0 for a limit that nobody knew.
-        speed, effort = (
-            np.where(x > 0.0, x, np.inf) for x in (robot.velocity_limit, robot.effort_limit)
-        )
+        limits = robot.velocity_limit, robot.effort_limit
+        speed, effort = (np.where(x > 0.0, x, np.inf) for x in limits)
         pairs = (robot.position_lower, robot.position_upper), (-speed, speed), (-effort, effort)
-        none = np.array([[-np.inf], [np.inf]])
+        # The last column is of joints that the robot lacks.
+        places, none = [self._place.get(name, -1) for name in names], [[-np.inf], [np.inf]]
         return {
-            item: np.concatenate([np.array(pair), none], axis=1)[:, self._places(names)]
+            item: np.concatenate([pair, none], axis=1)[:, places]
             for item, pair in zip(JOINT_FIELDS, pairs, strict=True)
         }
 
     def unit(self, item: str, names: tuple[str, ...]) -> str:
         """Return the unit of the position, velocity or effort of joints."""
         turns, slides = JOINT_UNITS[item]
-        places = [k for k in self._places(names) if k >= 0]
-        kinds = {
-            self.robot is not None and self.robot.joint_types[k] == 'prismatic' for k in places
-        }
+        types = () if self.robot is None else self.robot.joint_types
+        kinds = {types[self._place[name]] == 'prismatic' for name in names if name in self._place}
         return f'{turns} or {slides}' if len(kinds) != 1 else slides if kinds.pop() else turns

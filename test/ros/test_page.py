@@ -10,11 +10,13 @@ import hashlib
 from html.parser import HTMLParser
 import json
 from pathlib import Path
+import random
 import re
 from typing import Any
 import zlib
 
 from arm_messages import change, efforts, named, placed, request
+from bags import STORE, random_message
 from bridge import (
     PAGE_TYPES,
     PageMoment,
@@ -67,24 +69,24 @@ def decoded(text: str, kind: str) -> Any:
     return np.ascontiguousarray(planes.reshape(np.dtype(kind).itemsize, -1).T).view(kind).ravel()
 
 
-def write_bag(path: Path, messages: Iterable[tuple[str, float, Any]], **more: Any) -> Path:
-    """Write a log of another program: topic, log time [s], and a JointState's fields or bytes.
+def write_bag(path: Path, messages: Iterable[tuple[Any, ...]], **more: Any) -> Path:
+    """Write a log of another program: topic, log time [s], a JointState's fields or bytes, type.
 
-    `more` are type, encoding and definition of all topics, where they are not those of JointState.
+    `more` are type and encoding, where they are not those of a JointState.
     """
-    kind = more.get('kind', JOINT_STATE)
-    text = more.get('definition', definition_text(kind) if '/msg/' in kind else '')
     with path.open('xb') as stream:
         writer = Writer(stream)
         writer.start(profile='ros2')
-        schema = writer.register_schema(kind, 'ros2msg', text.encode())
         channels: dict[str, int] = {}
-        for topic, time, given in messages:
+        for topic, time, given, *own in messages:
+            kind = own[0] if own else more.get('kind', JOINT_STATE)
             if topic not in channels:
-                encoding = more.get('encoding', 'cdr')
-                channels[topic] = writer.register_channel(topic, encoding, schema)
-            ns = round(time * 1e9)
-            data = given
+                text = definition_text(kind) if '/msg/' in kind else ''
+                schema = writer.register_schema(kind, 'ros2msg', text.encode())
+                channels[topic] = writer.register_channel(
+                    topic, more.get('encoding', 'cdr'), schema
+                )
+            ns, data = round(time * 1e9), given
             if isinstance(given, Mapping):
                 data = encode_joints(**{'stamp_ns': ns, **given})
             writer.add_message(channels[topic], ns, data, ns)
@@ -393,16 +395,14 @@ def test_infinite_states_are_found(tmp_path: Path) -> None:
 
 
 def test_diagnostics_are_findings_by_their_level(tmp_path: Path) -> None:
-    rosbags = pytest.importorskip('rosbags.typesys')
-    store = rosbags.get_typestore(rosbags.Stores.ROS2_JAZZY)
-    types, rows = store.types, []
+    types, rows = STORE.types, []
     for k, level in enumerate((0, 1, 2, 2)):
         stamp = types['builtin_interfaces/msg/Time'](sec=k + 1, nanosec=0)
         header = types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
         status = types['diagnostic_msgs/msg/DiagnosticStatus'](
             level=level, name='drive', message=f'level {level}', hardware_id='', values=[]
         )
-        data = store.serialize_cdr(types[DIAGNOSTICS](header=header, status=[status]), DIAGNOSTICS)
+        data = STORE.serialize_cdr(types[DIAGNOSTICS](header=header, status=[status]), DIAGNOSTICS)
         rows.append(('/diagnostics', k + 1.0, bytes(data)))
     page = shown(write_bag(tmp_path / 'a.mcap', rows, kind=DIAGNOSTICS))
     found = [(x.severity, x.text, len(x.spans)) for x in page.findings]
@@ -499,6 +499,31 @@ def test_the_energy_follows_the_payload_of_the_run(tmp_path: Path) -> None:
             # Energies of ten joules, summed in another order.
             assert values[:2] == pytest.approx(wanted, rel=0, abs=1e-13)
             assert values[2] == values[:2].sum()
+
+
+KINDS = (JOINT_STATE, DIAGNOSTICS, 'std_msgs/msg/Float64MultiArray', 'std_msgs/msg/String')
+NUMBERS = (0.0, 1.0, -2.5, np.nan, np.inf, 1e308)
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_random_and_damaged_messages_are_shown_or_named(seed: int, tmp_path: Path) -> None:
+    rng, rows = random.Random(seed), []
+    for k in range(60):
+        kind = rng.choice(KINDS)
+        data = bytes(STORE.serialize_cdr(random_message(kind, rng), kind))
+        if kind == JOINT_STATE and rng.random() < 0.8:
+            names = [rng.choice('abcd') for _ in range(rng.randrange(4))]
+            values = [[rng.choice(NUMBERS) for _ in names] for _ in range(3)]
+            stamp = rng.choice((0, 10**7 * k, 10**18, (2**31 - 1) * 10**9))
+            data = encode_joints(names, *values, stamp_ns=stamp)
+        if rng.random() < 0.05:
+            data = data[: rng.randrange(len(data))]
+        time = rng.choice((0.0, 1e9 + 0.01 * k, 9e9)) if rng.random() < 0.1 else 1e9 + 0.01 * k
+        rows.append((f'/{kind.rpartition("/")[2]}{rng.randrange(2)}', time, data, kind))
+    page = shown(write_bag(tmp_path / 'a.mcap', rows), robot=pfd.load_robot('planar2'))
+    assert page.plots
+    assert len(data_of(page)['plots']) == len(page.plots)
+    assert [x.time for x in page.findings] == sorted(x.time for x in page.findings)
 
 
 # The document.

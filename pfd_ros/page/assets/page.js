@@ -102,7 +102,7 @@ function moments(u) {
   if (data.first !== null && data.moments.every((m) => m[0] !== data.first)) draw(data.first, 'bad', 'first problem');
 }
 function limits(u) {
-  if (!u.pfd.limits || shown.size !== 1) return;
+  if (shown.size !== 1) return;
   const { left, top, width, height } = u.bbox;
   u.pfd.limits.forEach((side) => side.forEach((value, k) => {
     if (value === null || !shown.has(u.pfd.labels[k])) return;

@@ -20,7 +20,7 @@ Subpackages in the order of data flow; each imports only from those above it:
 
 `pfd_ros.read_log` returns the messages of a recording, or of any bag, as arrays.
 
-Only `node`, `testing`, `demo` and `view.live` import rclpy.
+Only `node`, `testing`, `demo`, `view.live` and `cli.send` import rclpy.
 
 To change or add
 
@@ -36,9 +36,9 @@ To change or add
     metadata of recordings  recording.format.HeadKey, EndKey; built in provenance.file_head and
                             recorder.LogRecorder.close_run, written by mcap_file
     a check of a page       page.findings, fed by page.reading
-    what `pfd view` draws   view.scene, view.tip_loads, in view.logged_arm and view.live_arm; from
-                            a new topic also view.motion or view.log_loads, and view.live
-    a `pfd` command         a module of cli, a name in cli.main.COMMANDS
+    what `pfd view` draws   view.arm.Stage and view.loads; from a new topic also view.logged and
+                            view.live
+    a `pfd` command         a Command in a module of cli, a row of cli.main.COMMANDS
 """
 
 from __future__ import annotations

@@ -282,7 +282,6 @@ NAMES = {
     'HEAD_RECORD': 'pfd_ros.recording.format:HEAD',
     'MCAP_MAGIC': 'pfd_ros.recording.mcap_records:MAGIC',
     'mcap_records': 'pfd_ros.recording.mcap_records:records',
-    'TopicArrays': 'pfd_ros.recording.arrays:TopicArrays',
     'RecordedLog': 'pfd_ros.recording.log:Log',
     'LogError': 'pfd_ros.recording.format:LogError',
     'LogRecorder': 'pfd_ros.recording.recorder:Recorder',

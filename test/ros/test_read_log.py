@@ -14,9 +14,7 @@ import sqlite3
 import tracemalloc
 from typing import Any
 
-from bags import write_bag
 from bridge import Bag, LogError, in_order, log_facts, renamed_joints
-from damage import damaged_bytes
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 from logs import (
@@ -31,6 +29,7 @@ from logs import (
     rosbag2,
     states,
     string,
+    write_bag,
     write_mcap,
     write_sqlite,
 )
@@ -383,6 +382,42 @@ def whole_bag(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     write_bag(bag, kinds, random.Random(7), rosbag2.StoragePlugin[request.param])
     (file,) = chain(bag.glob('*.mcap'), bag.glob('*.db3'))
     return file
+
+
+# Longest piece of a file that is removed, repeated or altered.
+DAMAGED_BYTES = 64
+
+
+@st.composite
+def damaged_bytes(draw: st.DrawFn, whole: bytes) -> bytes:
+    """Draw the content of a file with bytes flipped, removed, repeated, altered or added."""
+    data = bytearray(whole)
+    places = st.integers(0, len(data) - 1)
+    kind = draw(
+        st.sampled_from(
+            ('flip', 'flip', 'cut', 'cut_and_flip', 'remove', 'repeat', 'alter', 'grow')
+        )
+    )
+    at = draw(places)
+    some = draw(
+        st.binary(min_size=1, max_size=DAMAGED_BYTES) | st.integers(1, DAMAGED_BYTES).map(bytes)
+    )
+    if kind == 'cut':
+        del data[at:]
+    elif kind == 'remove':
+        del data[at : at + len(some)]
+    elif kind == 'repeat':
+        data[at:at] = data[at : at + len(some)]
+    elif kind == 'alter':
+        data[at : at + len(some)] = some[: len(data) - at]
+    elif kind == 'grow':
+        data += some
+    else:
+        for place in draw(st.lists(places, min_size=1, max_size=50)):
+            data[place] ^= 1 << draw(st.integers(0, 7))
+        if kind == 'cut_and_flip':
+            del data[at:]
+    return bytes(data)
 
 
 @settings(max_examples=3 * settings().max_examples)

@@ -10,7 +10,7 @@ from pathlib import Path
 import re
 from typing import Any
 
-from bags import STORE, rosbag2
+from logs import STORE, rosbag2
 import msgspec
 import numpy as np
 import pinocchio as pin

@@ -340,12 +340,11 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
 
 
 def test_a_scene_file_is_read_once_and_recorded(processes: Processes, peer_of) -> None:
-    scene, path = pfd.Scene(damping=[0.5, 0.25], restitution=0.5), processes.folder / 'scene.yaml'
-    scene.save(path)
-    arm = processes.arm(
-        '-p', 'robot:=planar2', '-p', 'scene:=scene.yaml', '-p', 'recording:=a.mcap'
-    )
-    path.unlink()
+    scene = pfd.Scene(damping=[0.5, 0.25], friction=[0.1, 0.2])
+    scene.save(processes.folder / 'scene.yaml')
+    given = ('robot:=planar2', 'scene:=scene.yaml', 'recording:=a.mcap')
+    arm = processes.arm(*(part for one in given for part in ('-p', one)))
+    (processes.folder / 'scene.yaml').unlink()
     peer = peer_of(processes)
     peer.connect()
     peer.plain_command([0.5] * 2)

@@ -107,7 +107,7 @@ def page(
     found, made, lacking = find(run)
     for time, label, text, end, severity in moments:
         spans = np.array([[time, time if end is None else end]])
-        found.append(Finding(label, severity, '', one_line(text.partition('\n')[0], 100), spans))
+        found.append(Finding(label, severity, '', one_line(text.partition('\n')[0], 200), spans))
     found.sort(key=lambda x: (x.time, x.severity == NOTE))
     first = next((x for x in found if x.severity != NOTE), None)
     unreadable = list(run.unreadable)
